@@ -15,7 +15,7 @@ from types import FrameType
 
 from mocap_id.errors import MocapIdError, NumericalError
 
-_LARGE = 4 << 20
+_LARGE = 16 << 20
 """Bytes: blocks of at least this size are returned to the system when they are freed."""
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # option numbers of glibc
 _EXIT_CODES = {signal.SIGINT: 130, signal.SIGTERM: 143}

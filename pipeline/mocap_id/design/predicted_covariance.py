@@ -191,15 +191,19 @@ class CovariancePredictor:
         """
         fitted = self.fitted(movement)
         seconds = float(fitted.sum()) / movement.rate if seconds is None else seconds
-        if not len(_thinned_samples(movement, fitted, samples)):
-            lost = np.full_like(self.now.covariance, np.inf)
-            return PredictedUncertainty(np.full(len(lost), np.inf), lost, np.inf, np.inf, 0.0, self.now.fixed)
-        parts = self._parts(movement, fitted, samples)
-        covariance = self._scaled(parts, seconds)
+        covariance = self.covariance(movement, seconds, samples)
+        sd = np.sqrt(np.diag(covariance))
+        if not np.isfinite(covariance).any():
+            return PredictedUncertainty(sd, covariance, np.inf, np.inf, 0.0, self.now.fixed)
         condition, scaled = self._filtered_conditions(movement, fitted) if exactly else self.conditions(movement)
-        return PredictedUncertainty(
-            np.sqrt(np.diag(covariance)), covariance, condition, scaled, seconds, self.now.fixed
-        )
+        return PredictedUncertainty(sd, covariance, condition, scaled, seconds, self.now.fixed)
+
+    def covariance(self, movement: Trajectory, seconds: float, samples: int = SAMPLES) -> FloatArray:
+        """Predict only the covariance (b, b); infinite if no sample can be fitted. Arguments as for `predict`."""
+        fitted = self.fitted(movement)
+        if not len(_thinned_samples(movement, fitted, samples)):
+            return np.full_like(self.now.covariance, np.inf)
+        return self._scaled(self._parts(movement, fitted, samples), seconds)
 
     def conditions(self, movement: Trajectory, samples: int = SAMPLES) -> tuple[float, float]:
         """Return condition numbers in SI units and with unit columns, from some samples and without the filter."""
@@ -218,9 +222,8 @@ class CovariancePredictor:
 
     def _parts(self, movement: Trajectory, fitted: BoolArray, samples: int) -> _UnscaledCovariance:
         body, chosen = self.body, _thinned_samples(movement, fitted, samples)
-        before, now, after = (
-            body.regressor(movement.q[at], movement.dq[at], movement.ddq[at]) for at in (chosen - 1, chosen, chosen + 1)
-        )
+        three = np.concatenate([chosen - 1, chosen, chosen + 1])
+        before, now, after = np.split(body.regressor(movement.q[three], movement.dq[three], movement.ddq[three]), 3)
         rows = body.weighted_rows(now, (after - before) * movement.rate / 2)
         states = np.stack([movement.q[chosen], movement.dq[chosen], movement.ddq[chosen]], axis=1)
         noise = unit_covariance(rows.reshape(-1, rows.shape[-1]))[: len(self.now.sd), : len(self.now.sd)]

@@ -129,8 +129,8 @@ def _capitalise(text: str) -> str:
 
 def _ratios(predictor: CovariancePredictor, movement: Trajectory, samples: int) -> FloatArray:
     """Return the predicted standard deviations (b,) divided by the trial's own, for recordings of the same length."""
-    after = predictor.predict(movement, seconds=predictor.now.samples, samples=samples, exactly=False).sd
-    return np.asarray(after / np.maximum(predictor.now.sd, 1e-300))
+    after = np.diag(predictor.covariance(movement, predictor.now.samples, samples))
+    return np.asarray(np.sqrt(after) / np.maximum(predictor.now.sd, 1e-300))
 
 
 def possible_changes(joints: int) -> list[tuple[Change, int | None]]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
@@ -67,7 +68,6 @@ class Trajectory:
         A joint that is faster than the others runs back and forth through its own recording. If all joints have the
         same speed, they pass through the recorded postures.
         """
-        middle = np.nanmedian(self.q if self.fitted is None else self.q[self.fitted], axis=0)
         time, length = self.time - self.time[0], float(self.time[-1] - self.time[0])
         if np.all(speed == speed[0]):
             time = time / speed[0]
@@ -76,11 +76,16 @@ class Trajectory:
         clock = np.where(forth, clock, 2 * length - clock)
         return Trajectory(
             time,
-            middle + size * (self._at(self.q, clock) - middle),
+            self._middle + size * (self._at(self.q, clock) - self._middle),
             np.where(forth, 1.0, -1.0) * size * speed * self._at(self.dq, clock),
             size * speed**2 * self._at(self.ddq, clock),
             self.fitted,
         )
+
+    @cached_property
+    def _middle(self) -> FloatArray:
+        """Median angles (n,), rad."""
+        return np.asarray(np.nanmedian(self.q if self.fitted is None else self.q[self.fitted], axis=0))
 
     def _at(self, values: FloatArray, clock: FloatArray) -> FloatArray:
         """Return values (T, n) interpolated at every joint's own times (R, n) from the beginning, s."""

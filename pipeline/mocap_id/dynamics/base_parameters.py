@@ -34,6 +34,10 @@ class BaseSet:
     kept: IntArray
     regrouping: FloatArray
 
+    def columns(self, regressor: FloatArray) -> FloatArray:
+        """Return the kept columns (..., b) of a regressor (..., p), without a copy if all are kept."""
+        return regressor if len(self.kept) == regressor.shape[-1] else regressor[..., self.kept]
+
 
 def every_parameter(count: int) -> BaseSet:
     """Return the set that keeps all ``count`` full parameters, for a fit in which a prior determines them."""

@@ -15,12 +15,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.arrays import FloatArray, IntArray, chunks
 from mocap_id.dynamics.fit import Fit
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regressor
 
 _SAMPLES = 300  # number of the fit's samples used: enough for errors that repeat with the movement
+_AT_ONCE = 300  # samples whose effect is computed at a time, to bound the memory
 _MOMENT = 1.0 / 30.0  # s: time step for derivatives of the posture's errors
 _RATE = 10.0  # Hz: rate at which torques are evaluated; a movement's frequencies are below 3 Hz
 _STEP = 1e-6  # rad, rad/s …, m: step of numerical derivatives
@@ -98,7 +99,7 @@ def wrench_effect(prepared: PreparedTrial, base: FloatArray, error: KinematicErr
     def wrench(states: FloatArray, centres: FloatArray) -> FloatArray:
         return np.asarray(_regressor(prepared, states, centres) @ full)
 
-    return _effect(wrench, prepared, samples, error)
+    return np.concatenate([_effect(wrench, prepared, samples[s], error) for s in chunks(len(samples), _AT_ONCE)])
 
 
 def torque_variance(
@@ -127,11 +128,11 @@ def torque_variance(
 
     def torques(states: FloatArray, centres: FloatArray) -> FloatArray:
         regressor = _regressor(prepared, states, centres)
-        return planar_torque_regressor(centres, states[:, : len(centres)], regressor) @ _full(prepared, base)
+        return planar_torque_regressor(centres, states[:, : recorded.q.shape[1]], regressor) @ _full(prepared, base)
 
     steps = known[:: max(1, round(recorded.rate / _RATE))]
     found = np.empty((len(steps), recorded.q.shape[1]))
-    for part in np.array_split(np.arange(len(steps)), -(-len(steps) // _SAMPLES)):  # to bound the memory
+    for part in chunks(len(steps), _AT_ONCE):
         own = steps[part]
         rows = planar_torque_regressor(recorded.centres, recorded.q[own], prepared.regressor[own])[:, :, kept]
         found[part] = np.sum((_effect(torques, prepared, own, error) + rows @ response) ** 2, axis=2)
@@ -146,18 +147,23 @@ def _effect(
     samples: IntArray,
     error: KinematicError,
 ) -> FloatArray:
-    """Return the changes (R, k, S) of a function of states (R, 3 n) and joint centres with every mode."""
-    recorded = prepared.recorded
+    """Return the changes (R, k, S) of a function with every mode.
+
+    The function takes states (R, 3 n) and joint centres (n, 2), or (R, n, 2) for centres of their own in every row.
+    """
+    recorded, centres = prepared.recorded, prepared.recorded.centres
     errors = error.states(recorded.q[samples], recorded.dq[samples], recorded.ddq[samples])
     states = np.concatenate([recorded.q[samples], recorded.dq[samples], recorded.ddq[samples]], axis=1)
-    centres = recorded.centres
-    undisturbed = function(states, centres)
-
-    units = np.eye(states.shape[1])[:, None]
-    moved = function((states + _STEP * units).reshape(-1, states.shape[1]), centres).reshape(-1, *undisturbed.shape)
-    by_centres = [function(states, centres + _STEP * unit.reshape(centres.shape)) for unit in np.eye(centres.size)]
-    of_states, of_centres = ((np.stack(list(f), axis=-1) - undisturbed[..., None]) / _STEP for f in (moved, by_centres))
-    return np.asarray(of_states @ errors + of_centres @ error.centre.reshape(centres.size, errors.shape[-1]))
+    count = states.shape[1]
+    steps = _STEP * np.eye(1 + count + centres.size, count + centres.size, k=-1)[:, None]  # the first row moves nothing
+    moved = states + steps[..., :count]
+    places = np.broadcast_to(
+        centres + steps[..., count:].reshape(-1, 1, *centres.shape), (*moved.shape[:2], *centres.shape)
+    )
+    values = function(moved.reshape(-1, count), places.reshape(-1, *centres.shape)).reshape(*moved.shape[:2], -1)
+    slopes = np.stack([*(values[1:] - values[0]) / _STEP], axis=-1)
+    of_centres = slopes[..., count:] @ error.centre.reshape(centres.size, errors.shape[-1])
+    return np.asarray(slopes[..., :count] @ errors + of_centres)
 
 
 def _regressor(prepared: PreparedTrial, states: FloatArray, centres: FloatArray) -> FloatArray:

@@ -36,8 +36,8 @@ class CompressedProblem:
     def of(cls, rows: FloatArray, target: FloatArray, rest: float = 0.0) -> CompressedProblem:
         """Compress any number of rows (r, b) and their right-hand side (r,); ``rest`` is added to the cost."""
         columns = rows.shape[1]
-        missing = max(columns + 1 - len(rows), 0)
-        filled = np.pad(np.column_stack([rows, target]), ((0, missing), (0, 0)))
+        filled = np.zeros((max(len(rows), columns + 1), columns + 1))
+        filled[: len(rows), :columns], filled[: len(rows), -1] = rows, target
         factor = triangular_factor(filled)
         return cls(factor[:columns, :columns], factor[:columns, -1], float(factor[columns, -1] ** 2) + rest)
 

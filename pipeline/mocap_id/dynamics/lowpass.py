@@ -12,10 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 
-from mocap_id.arrays import BoolArray, FloatArray, find_runs
+from mocap_id.arrays import BoolArray, FloatArray, chunks, find_runs
 
 _SHARE, _MARGIN, _LOWEST, _HIGHEST = 0.999, 2.0, 3.0, 10.0
 _OVERSAMPLED = 10
+_COLUMNS = 8  # filtered at a time, to bound the memory
 
 
 @dataclass(frozen=True)
@@ -72,7 +73,8 @@ class LowPass:
         for run in find_runs(known(flat)):
             if run.stop - run.start > 2 * self.reach_samples:
                 out[run] = 0.0
-                out[run, moving] = self._stretch(flat[run, moving])
+                for columns in (moving[c] for c in chunks(len(moving), _COLUMNS)):
+                    out[run, columns] = self._stretch(flat[run, columns])
         return out.reshape(signal.shape)
 
     def _stretch(self, signal: FloatArray) -> FloatArray:

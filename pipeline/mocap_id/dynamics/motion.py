@@ -79,7 +79,7 @@ def chain_motion(centres: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatA
 
     Parameters
     ----------
-    centres : (n, 2) array
+    centres : (n, 2) or (T, n, 2) array
         Centre of joint j in the frame of segment j - 1, m.
     q, dq, ddq : (T, n) arrays
         Joint angles, rad, and their time derivatives.
@@ -95,7 +95,7 @@ def chain_motion(centres: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatA
     acceleration = np.zeros_like(origin)
     steps = point_acceleration(np.diff(origin, axis=1), omega[:, :-1], alpha[:, :-1])
     acceleration[:, 1:] = np.cumsum(steps, axis=1)
-    joints = len(centres)
+    joints = q.shape[1]
     beyond: BoolArray = np.arange(joints + 1) > np.arange(joints)[:, None]
     return PlanarMotion(angle, omega, alpha, origin, acceleration, origin[:, 1:], beyond)
 

@@ -213,7 +213,7 @@ class PreparedTrial:
     @cached_property
     def rows(self) -> FloatArray:
         """Minimal regressor Y_b (T, 3, b), unfiltered (eq. 4.7)."""
-        return self.regressor[:, :, self.base.kept]
+        return self.base.columns(self.regressor)
 
     def measured(self, offset: float) -> FloatArray:
         """Return the total wrench (T, 3) at the markers' times, for a clock offset of the plates, s."""
@@ -276,7 +276,7 @@ def prepare(recorded: TrialData, settings: FitSettings, prior: BodyPrior | None 
         lowpass=lowpass,
         base=base,
         regressor=regressor,
-        filtered=lowpass(regressor[:, :, base.kept]),
+        filtered=lowpass(base.columns(regressor)),
         wrench=SampledWrench.of(recorded.time, wrench),
         filtered_wrench=SampledWrench.of(recorded.time, filtered_wrench),
         sensors=sensors,

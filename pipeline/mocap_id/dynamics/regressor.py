@@ -222,7 +222,7 @@ def planar_regressor(
 
     Parameters
     ----------
-    centres : (n, 2) array
+    centres : (n, 2) or (T, n, 2) array
         Centre of joint j in the frame of segment j - 1, m.
     q, dq, ddq : (T, n) arrays
         Joint angles, rad, and their time derivatives.
@@ -242,7 +242,7 @@ def planar_torque_regressor(centres: FloatArray, q: FloatArray, regressor: Float
 
     Parameters
     ----------
-    centres : (n, 2) array
+    centres : (n, 2) or (T, n, 2) array
     q : (T, n) array
     regressor : (T, 3, 4(n + 1)) array
         As :func:`planar_regressor` returns it.
@@ -253,9 +253,9 @@ def planar_torque_regressor(centres: FloatArray, q: FloatArray, regressor: Float
         For tau_j, the torque of segment j - 1 on segment j, N·m: the moment about joint j of the wrench on the segments
         beyond it.
     """
-    segment = np.repeat(np.arange(len(centres) + 1), len(PLANAR_PARAMETERS))
+    joints = np.arange(q.shape[1] + 1)
     jacobian = planar.spatial_jacobian(q, centres)
-    return through_joints(jacobian, np.arange(1, len(centres) + 1), regressor, segment)
+    return through_joints(jacobian, joints[1:], regressor, np.repeat(joints, len(PLANAR_PARAMETERS)))
 
 
 def _cross(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -15,7 +15,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks
 from mocap_id.estimation.inverse_kinematics import FrameAngles, MarkerChain
-from mocap_id.geometry.planar import marker_jacobian, marker_positions, rotate, segment_poses
+from mocap_id.geometry.planar import marker_jacobian, marker_positions, rotate
 
 SKIN_MEMORY = 0.9  # s; memory of the skin: its correlation is 0.57 after 0.5 s
 _BESIDE = 5  # frames on either side of a gap, in which the residual is averaged
@@ -81,7 +81,7 @@ class _GappedMarker:
         before, after = (self.displacement(angles, side) for side in self.sides)
         slid = bridge(before[self.gap], after[self.gap], self.since, self.until)
         at = angles[self.missing]
-        turned = segment_poses(at, self.chain.centres)[0][:, self.chain.segment[0]]
+        turned = at[:, : self.chain.segment[0]].sum(axis=1)
         jacobian = marker_jacobian(at, self.chain.centres, self.chain.segment, self.chain.local)[:, 0]
         push[self.missing] += np.einsum("fik,fi->fk", jacobian, rotate(turned, slid))
 
@@ -96,7 +96,7 @@ class _GappedMarker:
         """Return residuals (..., 2) at frames (...) in the segment's frame, m; NaN at frame -1 and where not used."""
         centres, segment, local = self.chain.centres, self.chain.segment, self.chain.local
         off = self.observed[at] - marker_positions(angles[at], centres, segment, local)[..., 0, :]
-        turned = segment_poses(angles[at], centres)[0][..., segment[0]]
+        turned = angles[at][..., : segment[0]].sum(axis=-1)
         return np.where(((at >= 0) & self.used[at])[..., None], rotate(-turned, off), np.nan)
 
 

@@ -31,7 +31,7 @@ def segment_poses(q: FloatArray, centres: FloatArray) -> tuple[FloatArray, Float
     ----------
     q : (..., n) array
         Joint angles, rad.
-    centres : (n, 2) array
+    centres : (..., n, 2) array
         Centre of each joint in the frame of the previous segment, m.
 
     Returns
@@ -109,7 +109,7 @@ def spatial_jacobian(q: FloatArray, centres: FloatArray) -> FloatArray:
     ----------
     q : (..., n) array
         Joint angles, rad.
-    centres : (n, 2) array
+    centres : (..., n, 2) array
         Centre of each joint in the frame of the previous segment, m.
 
     Returns

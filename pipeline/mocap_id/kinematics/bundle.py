@@ -97,17 +97,17 @@ def _solve(problem: ChainProblem, state: ChainState, pull: float) -> tuple[Chain
     """Run reweighted Gauss-Newton: a burst beyond a few scales of its segment's residual loses weight."""
     scale = np.where(problem.pinned, pull, 1.0)
     cost, weighings = np.inf, 0
-    limits, moved = np.zeros(problem.joints), np.zeros(problem.joints)
+    limits, moved, off = np.zeros(problem.joints), np.zeros(problem.joints), np.abs(residuals(problem, state))
     for iteration in range(1, _ITERATIONS + 1):
         if iteration <= _ADAPTED:
-            limits = _burst_limits(problem, state)
-        problem = _reweighted(problem, state, scale, limits)
-        before, state = state, _stepped(problem, state)
+            limits = _burst_limits(problem, off)
+        problem = _reweighted(problem, off, scale, limits)
+        before, (state, off) = state, _stepped(problem, state, off)
         moved = np.abs(state.centres - before.centres)
-        previous, cost = cost, _cost(problem, state)
+        previous, cost = cost, _cost(problem, off)
         fall = abs(previous - cost)
         if fall <= _NEARLY * cost and weighings < _WEIGHINGS:
-            scale[~problem.pinned] = _marker_weights(problem, state)
+            scale[~problem.pinned] = _marker_weights(problem, state, off)
             cost, weighings = np.inf, weighings + 1
         elif fall <= _CONVERGED * cost + 1e-18:
             return state, problem, iteration
@@ -121,26 +121,30 @@ def _solve(problem: ChainProblem, state: ChainState, pull: float) -> tuple[Chain
     )
 
 
-def _stepped(problem: ChainProblem, state: ChainState) -> ChainState:
-    """Return the state after a Gauss-Newton step, shortened where the whole step increases the cost."""
+def _stepped(problem: ChainProblem, state: ChainState, off: FloatArray) -> tuple[ChainState, FloatArray]:
+    """Return the state after a Gauss-Newton step and its distances, shortened where it would increase the cost.
+
+    ``off`` (T, K) are the distances of the measured from the predicted markers before the step, m.
+    """
     common, turns = eliminate_angles(problem, state).step()
-    before, tried = _cost(problem, state), apply_step(state, (common, turns))
+    before = _cost(problem, off)
     for _ in range(_SHORTENINGS):
-        if _cost(problem, tried) <= before * (1 + _CONVERGED):
-            break
-        common, turns = common / 2, turns / 2
         tried = apply_step(state, (common, turns))
-    return tried
+        off = np.abs(residuals(problem, tried))
+        if _cost(problem, off) <= before * (1 + _CONVERGED):
+            return tried, off
+        common, turns = common / 2, turns / 2
+    tried = apply_step(state, (common, turns))
+    return tried, np.abs(residuals(problem, tried))
 
 
-def _cost(problem: ChainProblem, state: ChainState) -> float:
-    off = residuals(problem, state)
-    return float(np.sum(problem.weights * np.abs(off) ** 2))
+def _cost(problem: ChainProblem, off: FloatArray) -> float:
+    return float(np.sum(problem.weights * off**2))
 
 
-def _burst_limits(problem: ChainProblem, state: ChainState) -> FloatArray:
+def _burst_limits(problem: ChainProblem, off: FloatArray) -> FloatArray:
     """Return for each segment (n,) the distance, m, from which a residual is a burst."""
-    seen, off = problem.weights > 0, np.abs(residuals(problem, state))
+    seen = problem.weights > 0
     limits = np.zeros(problem.joints)
     for k in range(1, problem.joints + 1):
         members = (problem.segment == k) & ~problem.pinned
@@ -151,19 +155,18 @@ def _burst_limits(problem: ChainProblem, state: ChainState) -> FloatArray:
     return limits
 
 
-def _reweighted(problem: ChainProblem, state: ChainState, scale: FloatArray, limits: FloatArray) -> ChainProblem:
+def _reweighted(problem: ChainProblem, off: FloatArray, scale: FloatArray, limits: FloatArray) -> ChainProblem:
     """Return the problem with Huber weights by the limit of each segment."""
-    off = np.abs(residuals(problem, state))
     limit = limits[problem.segment - 1]
     bursts = np.where(problem.pinned, 1.0, limit / np.maximum(off, limit))
     return replace(problem, weights=np.where(problem.weights > 0, scale * bursts, 0.0))
 
 
-def _marker_weights(problem: ChainProblem, state: ChainState) -> FloatArray:
+def _marker_weights(problem: ChainProblem, state: ChainState, off: FloatArray) -> FloatArray:
     """Return the inverse variance of each marker that is not pinned, 1 on average."""
     own = ~problem.pinned
     seen = (problem.weights > 0)[:, own]
-    off = np.where(seen, np.abs(residuals(problem, state))[:, own], 0)
+    off = np.where(seen, off[:, own], 0)
     square = np.minimum(off, _HUBER * np.sqrt(np.mean(off**2, axis=0))) ** 2
     variance = square.sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
     variance = shared_variance(variance, problem.weights[:, own].mean(axis=0), problem.segment[own], state.local[own])

@@ -122,31 +122,51 @@ class Normal:
 
 def normal_equations(problem: ChainProblem, state: ChainState) -> Normal:
     """Assemble without a dense Jacobian: a marker depends only on its own coordinates and the joints below it."""
-    joints, markers = problem.joints, len(problem.segment)
-    _, turn = joint_positions(state)
-    lever = np.concatenate([np.ones((len(turn), 1)), turn[:, :-1]], axis=1)  # (T, n): d z / d c_j
-    below = np.arange(joints) < problem.segment[:, None]  # (K, n): joint j carries the marker
-    own = turn[:, problem.segment - 1]  # (T, K): d z / d q
-    swing = angle_jacobian(problem, state)  # (T, K, n): d z / d a_j
+    derivatives = _derivatives(problem, state)
+    lever, below, own, _, pulled = derivatives
+    joints, markers, weights = problem.joints, len(problem.segment), problem.weights
     off = residuals(problem, state)
-    weights = problem.weights
-    pulled = np.conj(swing) * weights[..., None]  # (T, K, n)
     carried = weights @ (below[:, :, None] & below[:, None, :]).reshape(markers, -1).astype(np.float64)
     centres = np.einsum("ti,tj,tij->ij", np.conj(lever), lever, carried.reshape(-1, joints, joints))
-    border = np.einsum("ti,tk,ki->ik", np.conj(lever), weights * own, below.astype(np.float64))
+    border = (np.conj(lever).T @ (weights * own)) * below.T
     hermitian = np.block([[centres, border], [np.conj(border).T, np.diag(weights.sum(axis=0))]])
-    cross = np.concatenate(
-        [np.einsum("tki,kj->tij", pulled, below) * lever[:, None, :], np.swapaxes(pulled * own[..., None], 1, 2)],
-        axis=2,
-    )
     pull = np.concatenate([np.conj(lever) * ((weights * off) @ below), np.conj(own) * weights * off], axis=1)
     return Normal(
         _interleaved(hermitian),
-        np.stack([cross.real, -cross.imag], axis=3).reshape(len(turn), joints, -1),
-        (np.swapaxes(pulled, 1, 2) @ swing).real,
-        np.stack([pull.real, pull.imag], axis=2).reshape(len(turn), -1),
-        np.einsum("tkn,tk->tn", pulled, off).real,
+        *_angle_blocks(*derivatives),
+        np.stack([pull.real, pull.imag], axis=2).reshape(len(pull), -1),
+        (off[:, None] @ pulled)[:, 0].real,
     )
+
+
+def angle_blocks(problem: ChainProblem, state: ChainState) -> tuple[FloatArray, FloatArray]:
+    """Return only the blocks of a frame's angles: ``cross`` (T, n, P) and ``angles`` (T, n, n) of :class:`Normal`."""
+    return _angle_blocks(*_derivatives(problem, state))
+
+
+def _derivatives(
+    problem: ChainProblem, state: ChainState
+) -> tuple[ComplexArray, BoolArray, ComplexArray, ComplexArray, ComplexArray]:
+    """Return the derivatives of the markers.
+
+    They are: by the centres (T, n), for the joints below each marker (K, n); by the coordinates (T, K); by the angles
+    (T, K, n), and the last conjugated and weighted.
+    """
+    _, turn = joint_positions(state)
+    lever = np.concatenate([np.ones((len(turn), 1)), turn[:, :-1]], axis=1)
+    below: BoolArray = np.arange(problem.joints) < problem.segment[:, None]
+    swing = angle_jacobian(problem, state)
+    pulled: ComplexArray = np.conj(swing) * problem.weights[..., None]
+    return lever, below, turn[:, problem.segment - 1], swing, pulled
+
+
+def _angle_blocks(
+    lever: ComplexArray, below: BoolArray, own: ComplexArray, swing: ComplexArray, pulled: ComplexArray
+) -> tuple[FloatArray, FloatArray]:
+    turned = np.swapaxes(pulled, 1, 2)
+    cross = np.concatenate([turned @ below.astype(np.complex128) * lever[:, None, :], turned * own[:, None]], axis=2)
+    interleaved = np.stack([cross.real, -cross.imag], axis=3).reshape(*cross.shape[:2], -1)
+    return interleaved, (turned @ swing).real
 
 
 def _interleaved(hermitian: ComplexArray) -> FloatArray:
@@ -188,7 +208,8 @@ class Reduced:
 def eliminate_angles(problem: ChainProblem, state: ChainState) -> Reduced:
     """Eliminate the angles from the normal equations, frame by frame."""
     normal = normal_equations(problem, state)
-    solved = np.linalg.solve(normal.angles, np.concatenate([normal.cross, normal.turn[..., None]], axis=2))
+    # with as many right-hand sides as unknowns, the product with the inverse is twice as fast as solving
+    solved = np.linalg.inv(normal.angles) @ np.concatenate([normal.cross, normal.turn[..., None]], axis=2)
     flat = normal.cross.reshape(-1, problem.unknowns)
     hessian = normal.common - flat.T @ solved[..., :-1].reshape(flat.shape)
     scores = normal.pull - np.einsum("tnp,tn->tp", normal.cross, solved[..., -1])

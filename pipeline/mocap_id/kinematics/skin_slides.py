@@ -16,16 +16,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray
+from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray, as_complex, as_xy
 from mocap_id.kinematics.centre_covariance import slide_responses
 from mocap_id.kinematics.chain_equations import (
     ChainProblem,
     ChainState,
-    angle_jacobian,
+    angle_blocks,
     eliminate_angles,
     joint_positions,
     left_by_pose,
-    normal_equations,
     shared_variance,
 )
 from mocap_id.kinematics.frame_sampling import frames_along_motion
@@ -34,6 +33,7 @@ FRAMES = 400
 """Number of frames in which the joint fit is traced again."""
 EXACT = 1e-4
 """Residual, m, below which markers have equal weights, as in the joint fit."""
+_RIDGE = 1e-9  # share of a regression's squares, for shapes that do not move
 _SHAPES = 2  # one for the joint below, one for the joint above
 _MODES = 2 * _SHAPES  # slides of one marker: two shapes in two directions
 _MEAN_OF = 400  # postures of the mean error
@@ -95,23 +95,20 @@ class SkinModel:
         -------
         errors : (T, n, 4 K + P) array
             Errors that follow the posture, for one standard deviation of each independent mode, rad.
-        unshaped : (T, n) array
-            Variance of the errors that do not follow the posture, rad².
+        gain : (T, n, K, 2) array
+            Turn of each joint with the offset of each marker, in x and y of its segment, rad/m.
         """
         segment, n = self.segment, len(self.centres)
         state = ChainState(self.centres, self.local, np.cumsum(angles, axis=1))
         weights = np.broadcast_to(self.weight, (len(angles), len(segment)))
-        problem = ChainProblem.without_points(weights, segment, n)
-        normal = normal_equations(problem, state)
-        back = (np.eye(n) - np.eye(n, k=-1)) @ np.linalg.inv(normal.angles)  # (T, n, n); absolute to joint angles
-        _, turn = joint_positions(state)
-        pull = np.swapaxes(np.conj(angle_jacobian(problem, state)) * (weights * turn[:, segment - 1])[..., None], 1, 2)
-        gain = np.stack([back @ pull.real, back @ -pull.imag], axis=3)  # (T, n, K, 2)
+        cross, normal = angle_blocks(ChainProblem.without_points(weights, segment, n), state)
+        turns = (np.eye(n) - np.eye(n, k=-1)) @ np.linalg.inv(normal) @ cross  # (T, n, P); absolute to joint angles
+        gain = turns[..., 2 * n :].reshape(len(angles), n, len(segment), 2)
         shape = scaled_angles(angles - self.mean, self.spread, segment)
-        errors = -(back @ normal.cross) @ self.common
+        errors = turns @ -self.common
         slides = gain[:, :, :, None, :] * (shape * np.sqrt(self.size)[:, None])[:, None, :, :, None]
         errors[..., : _MODES * len(segment)] += slides.reshape(len(angles), n, -1)
-        return errors, np.einsum("tnkd,k->tn", gain**2, self.rest)
+        return errors, gain
 
     def frames_turned(self) -> tuple[FloatArray, FloatArray]:
         """Return the effect of every mode on the stored chain, in which +y of a segment points to its next joint.
@@ -260,10 +257,11 @@ def _own_sizes(off: ComplexArray, shape: FloatArray) -> tuple[float, float, floa
     """
     seen = np.isfinite(off)
     off = np.where(seen, off, 0)
-    basis, left = np.column_stack([np.ones(np.count_nonzero(seen)), shape[seen]]), off.copy()
-    left[seen] -= basis @ np.linalg.lstsq(basis, off[seen], rcond=None)[0]
-    square = np.sum(np.abs(off) ** 2) / max(np.count_nonzero(seen), 1) / 2
-    return _lasting(off, seen), _lasting(left, seen), float(square), float(np.mean(seen))
+    basis = np.column_stack([seen, shape * seen[:, None]])
+    square = basis.T @ basis + _RIDGE * len(basis) * np.eye(basis.shape[1])
+    left = off - as_complex(basis @ np.linalg.solve(square, basis.T @ as_xy(off)))
+    mean_square = np.sum(np.abs(off) ** 2) / max(np.count_nonzero(seen), 1) / 2
+    return _lasting(off, seen), _lasting(left, seen), float(mean_square), float(np.mean(seen))
 
 
 def _lasting(off: ComplexArray, seen: BoolArray) -> float:
@@ -298,13 +296,16 @@ def angle_errors(skin: SkinModel, angles: FloatArray, rate: float) -> tuple[IntA
 
 
 def _variance(skin: SkinModel, angles: FloatArray, mean: FloatArray, step: float) -> FloatArray:
-    """Return the summed squares (T, n, 4) of the errors and of their derivatives."""
-    errors, unshaped = skin.errors(angles)
+    """Return the summed squares (T, n, 4) of the errors and of their derivatives.
+
+    Errors that do not follow the posture add to the angle only.
+    """
+    errors, gain = skin.errors(angles)
     part, parts = errors - mean, []
     for _ in range(4):
         parts.append(np.sum(part**2, axis=2))
         part = np.gradient(part, step, axis=0) if len(part) > 1 else np.zeros_like(part)
-    parts[0] = parts[0] + unshaped
+    parts[0] = parts[0] + np.einsum("tnkd,k->tn", gain**2, skin.rest)
     return np.stack(parts, axis=2)
 
 

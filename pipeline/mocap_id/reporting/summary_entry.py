@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict
 class Entry(BaseModel):
     """Object of ``summary.json``: frozen and strict, without unknown keys, NaN or infinity."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, defer_build=True)
 
 
 def why_unknown(why: str, *values: object) -> str | None:

@@ -14,7 +14,7 @@ from mocap_id.dynamics.measured_motion import measured_motion
 from mocap_id.dynamics.motion import PlanarMotion
 from mocap_id.dynamics.parameter_transfer import BodyFrames
 from mocap_id.dynamics.regressor import torque_regressor, wrench_regressor
-from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, bridge_and_pin, read_bodies
+from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, bridge, pin, read_bodies
 from mocap_id.store import Table
 
 
@@ -65,7 +65,7 @@ def on_measured_poses(
     gravity : float
         m/s².
     """
-    ready = bridge_and_pin(read_bodies(poses, centres, used))
+    ready = pin(bridge(read_bodies(poses, centres, used)))
     return MovingBodies(_skeleton(ready), measured_motion(ready.poses, bands), gravity)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -81,8 +81,8 @@ class MeasuredBodies:
         return segment_grid(ends, body, local, points)
 
 
-def measured_bodies(context: Context, recorded: TrialData) -> tuple[MeasuredBodies, ...]:
-    """Return the bodies of poses.parquet for every way to divide the person; empty if a segment has no pose.
+def measured_bodies(context: Context, recorded: TrialData) -> Iterator[MeasuredBodies]:
+    """Yield the bridged bodies of poses.parquet for every way to divide the person; none if a segment has no pose.
 
     Pelvis and trunk may be two bodies or one.
     """
@@ -92,9 +92,9 @@ def measured_bodies(context: Context, recorded: TrialData) -> tuple[MeasuredBodi
     many = [k for k in every if len(table.facts["bodies"][k]["segments"]) > 1]
     single = [k for k in every if k not in many]
     ways = [single, *([k for k in every if not _part_of(table.facts["bodies"], k, whole)] for whole in many)]
-    return tuple(
-        bridge_and_pin(read_bodies(table, recorded.centres, way)) for way in ways if _complete(table, recorded, way)
-    )
+    for way in ways:
+        if _complete(table, recorded, way):
+            yield bridge(read_bodies(table, recorded.centres, way))
 
 
 def _often_visible(table: Table, body: int, recorded: TrialData) -> bool:
@@ -121,12 +121,18 @@ def _complete(table: Table, recorded: TrialData, used: Sequence[int]) -> bool:
     return segments == set(range(len(recorded.centres) + 1))
 
 
-def bridge_and_pin(bodies: MeasuredBodies) -> MeasuredBodies:
-    """Return the bodies with short gaps in time bridged, pinned at the joints that do not give way."""
+def bridge(bodies: MeasuredBodies) -> MeasuredBodies:
+    """Return the bodies with short gaps in time bridged, and the measured gaps of their joints."""
     poses, observed = fill_gaps(bodies.poses)
-    gap = measure_gaps(poses, np.ones(len(poses.time), dtype=bool))
-    pinned = [joint for joint, each in gap.items() if each.pinned]
-    return replace(bodies, poses=close_gaps(poses, pinned), observed=observed, gap=gap)
+    return replace(
+        bodies, poses=poses, observed=observed, gap=measure_gaps(poses, np.ones(len(poses.time), dtype=bool))
+    )
+
+
+def pin(bodies: MeasuredBodies) -> MeasuredBodies:
+    """Return bridged bodies pinned at the joints that do not give way."""
+    pinned = [joint for joint, each in bodies.gap.items() if each.pinned]
+    return replace(bodies, poses=close_gaps(bodies.poses, pinned))
 
 
 def read_bodies(table: Table, centres: FloatArray, used: Sequence[int]) -> MeasuredBodies:

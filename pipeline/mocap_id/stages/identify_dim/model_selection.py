@@ -67,14 +67,20 @@ class RepetitionPredictor:
         self._found: dict[Cutoffs, LeftOutPrediction | None] = {}
 
     def on_poses(self, cutoffs: Cutoffs) -> LeftOutPrediction | None:
-        """Predict with measured poses and some cut-offs; later calls use the clock offset and weights of the first."""
-        if cutoffs not in self._found:
-            moved = replace(self._recorded, measured=self._poses.motion(cutoffs), observed=self._observed)
-            ready = prepare(moved, self._settings, self._prior)
-            found = fit(ready, self._free, self._first)
-            self._first = self._first or found
-            self._found[cutoffs] = self._predict(ready, found)
-        return self._found[cutoffs]
+        """Predict with measured poses and some cut-offs; later calls use the clock offset and weights of the first.
+
+        Only that of the usual cut-offs is kept, which is needed twice: each takes as much memory as a trial.
+        """
+        if cutoffs in self._found:
+            return self._found[cutoffs]
+        moved = replace(self._recorded, measured=self._poses.motion(cutoffs), observed=self._observed)
+        ready = prepare(moved, self._settings, self._prior)
+        found = fit(ready, self._free, self._first)
+        self._first = self._first or found
+        predicted = self._predict(ready, found)
+        if cutoffs == USUAL:
+            self._found[cutoffs] = predicted
+        return predicted
 
     def on_chain(self) -> LeftOutPrediction | None:
         """Predict with the pinned chain, with the cut-off of measured poses."""

@@ -23,6 +23,7 @@ from mocap_id.stages.identify_dim.measured_bodies import (
     MeasuredBodies,
     make_body_prior,
     measured_bodies,
+    pin,
     prepare_bodies,
 )
 from mocap_id.stages.identify_dim.model_selection import RepetitionPredictor, poses_preferred
@@ -156,17 +157,23 @@ def _body_sets(context: Context, recorded: TrialData) -> tuple[tuple[MeasuredBod
     if context.trial.protocol == "robot-joint" and requested != "segments":
         return (), {"source": "chain", "why": ASKED_FOR if requested else "a robot's joint holds"}, centre_sd
     body_sets = measured_bodies(context, recorded)
-    for joint, each in body_sets[0].gap.items() if body_sets else ():
-        centre_sd[joint] = 0.0 if each.pinned else np.sqrt(each.centre_variance)
-    gap = gap_facts(body_sets[0], joint_names(context)) if body_sets else {}
+    first = next(body_sets, None)
+    if first is not None:
+        for joint, each in first.gap.items():
+            centre_sd[joint] = 0.0 if each.pinned else np.sqrt(each.centre_variance)
+    gap = {} if first is None else gap_facts(first, joint_names(context))
     if requested == "chain":
         return (), {"source": "chain", "why": ASKED_FOR, "joints": gap}, centre_sd
-    if not body_sets:
+    if first is None:
         why = "the markers of a segment do not show its own pose: they are too few, or visible too seldom"
         return (), {"source": "chain", "why": why}, centre_sd
-    if body_sets[0].loosest <= GIVES_WAY:
+    if first.loosest <= GIVES_WAY:
         return (), {"source": "chain", "why": "every joint's gap is at the noise", "joints": gap}, centre_sd
-    return body_sets, {"source": "segments", "why": "a joint gives way", "joints": gap}, centre_sd
+    return (
+        tuple(pin(each) for each in (first, *body_sets)),
+        {"source": "segments", "why": "a joint gives way", "joints": gap},
+        centre_sd,
+    )
 
 
 def gap_facts(bodies: MeasuredBodies, names: Sequence[str]) -> dict[str, Any]:

@@ -23,17 +23,18 @@ _MANY = 0.01  # share of repeated frames for a caution
 
 def find_repeated_frames(observed: FloatArray) -> BoolArray:
     """Return the frames (F,) in which all markers (F, M, 2) are exactly where they were in the frame before."""
-    same, equal = np.ones(len(observed) - 1, dtype=np.bool_), np.zeros(len(observed) - 1, dtype=np.int64)
-    for k in range(observed.shape[1]):
-        step = np.abs(np.diff(observed[:, k], axis=0)).max(axis=1)
-        same &= ~(step > _SAME)  # NaN where unseen
-        equal += step <= _SAME
-    repeated = np.concatenate([[False], same & (equal > 1)])
+    rows, equal = np.arange(1, len(observed)), np.zeros(len(observed) - 1, dtype=np.int64)
+    for k in range(observed.shape[1]):  # few frames remain after the first markers
+        step = np.abs(observed[rows, k] - observed[rows - 1, k]).max(axis=1)
+        kept = ~(step > _SAME)  # NaN where unseen
+        rows, equal = rows[kept], (equal + (step <= _SAME))[kept]
+    repeated = np.zeros(len(observed), dtype=np.bool_)
+    repeated[rows[equal > 1]] = True
     for run in find_runs(repeated):
         after = observed[run.stop : run.stop + 1] - observed[run.stop - 1]
         if not np.any(np.isfinite(after)) or np.nanmedian(np.abs(after)) < _MOVED:
             repeated[run] = False
-    return np.asarray(repeated)
+    return repeated
 
 
 def bridge_repeated(observed: BoolArray, repeated: BoolArray, rate: float) -> BoolArray:
