@@ -200,7 +200,8 @@ def test_a_joint_that_may_give_way_errs_by_the_force_through_it() -> None:
     prepared = prepare(recorded, FitSettings())
     found = identify(prepared, free, segment_grid(CENTRES, SEGMENT, LOCAL), reference, KinematicError.none(3))
     correlation, hip = independent(recorded), np.array([0.0, 0.0, 0.003])
-    more = chain_noise(prepared, found, correlation, hip).torque - chain_noise(prepared, found, correlation).torque
+    loose, pinned = (chain_noise(prepared, found, correlation, sd).torque_lasting for sd in (hip, None))
+    more = loose - pinned
     np.testing.assert_allclose(more[:, :2], 0.0, atol=1e-9)
     force = prepared.regressor[:, :2, 12:] @ found.full[12:]
     np.testing.assert_allclose(np.sqrt(more[:, 2]), 0.003 * np.hypot(*force.T), rtol=1e-6)

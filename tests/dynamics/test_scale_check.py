@@ -130,6 +130,25 @@ def test_a_mode_is_the_change_of_the_fit(mode: int, name: str, spoiled: TrialDat
     assert np.trace(rows.covariance) > np.trace(found.covariance)
 
 
+def test_a_prior_of_the_foot_leaves_a_displaced_plate_to_the_other_parameters() -> None:
+    """Without it, mx1 takes most of it."""
+    everything = np.ones(len(with_wrench().time), dtype=bool)
+    prepared = prepare(with_wrench(), FitSettings())
+    alone, held = (
+        identify(prepared, everything, GRID, BODY.ravel(), KinematicError.none(3), foot_sd=sd) for sd in (None, 1e-5)
+    )
+    size = {"position": 0.01}
+    free, fixed = (one.calibrated(calibration_effect(prepared, one.fit, one.base, size), None) for one in (alone, held))
+    assert free.calibration is not None
+    assert fixed.calibration is not None
+    first = prepared.base.kept.tolist().index(1)  # mx1
+    assert abs(fixed.calibration.parameters[first, 4]) < 0.05 * abs(free.calibration.parameters[first, 4])
+    moved = fit(prepare(with_wrench(position=0.01), prepared.settings), everything, like=held.fit)
+    change = (held.refit(moved.problem) - held.refit(held.fit.problem))[: len(held.base)]
+    expected = fixed.calibration.parameters[:, 4]
+    assert change == pytest.approx(expected, abs=0.15 * np.abs(expected).max())
+
+
 def test_a_gain_changes_every_torque_in_proportion() -> None:
     prepared, found = identified(with_wrench())
     effect = calibration_effect(prepared, found.fit, found.base, {"gain": 0.02})
@@ -144,6 +163,16 @@ def test_a_weighed_person_limits_the_gain() -> None:
     assert Calibration().gain_with(70.0, 0.5) == 0.01
     weighed = Calibration(mass=70.0, mass_sd=0.1).gain_with(70.0, 0.1)
     assert weighed == pytest.approx(0.002, rel=0.03)
+
+
+def test_the_gain_of_a_weighed_person_is_as_uncertain_as_its_errors_are_large() -> None:
+    """The forces are not corrected, so over many plates and scales the mean square is that of the plates."""
+    rng = np.random.default_rng(0)
+    gain, scale = rng.normal(0.0, 0.01, 4000), rng.normal(0.0, 1.0, 4000)
+    stated = [Calibration(mass=70 + s).gain_with(70 * (1 + g), 0.1) for g, s in zip(gain, scale, strict=True)]
+    assert np.mean(np.square(stated)) == pytest.approx(0.01**2, rel=0.05)
+    of_five_percent = Calibration(mass=70.0).gain_with(73.5, 0.1)
+    assert 2 * 1.96 * of_five_percent > 0.05
 
 
 @pytest.mark.parametrize(("faults", "code"), [(FaultOptions(), None), (FaultOptions(gain_fz=0.1), "scale-error")])

@@ -81,6 +81,27 @@ def test_the_foot_of_a_single_marker_chain_comes_from_the_reference(tmp_path: Pa
     assert np.sqrt(np.nanmean(error[off_seat] ** 2)) < 5.0
 
 
+@pytest.mark.parametrize(
+    ("options", "prior"),
+    [(Options(seed=998903), False), (Options(seed=1230023, marker_set="plug-in-gait", knee_on_shank=True), True)],
+)
+def test_few_places_of_markers_on_a_segment_need_the_prior_of_the_foot(
+    tmp_path: Path, options: Options, prior: bool
+) -> None:
+    run = done(tmp_path / "trial", options)
+    assert run.read("chain.h5").facts["single_markers"] is False
+    assert ("foot-prior" in codes(run.read("dynamics.h5"))) == prior
+
+
+def test_torques_are_uncertain_where_the_model_does_not_follow_the_plate(tmp_path: Path) -> None:
+    """Both shoulders are missing while the person sits down, and the pelvis alone hardly shows the trunk's angle."""
+    run = done(tmp_path / "trial", Options(seed=1230029, marker_set="joints"))
+    (reason,) = (reason for reason in run.read("dynamics.h5").reasons if reason.code == "torque-uncertain")
+    assert "does not follow the plate around 13.5 s" in reason.message
+    assert reason.value is not None
+    assert reason.value > 5.0
+
+
 def test_a_long_rest_does_not_change_the_process_noise(tmp_path: Path) -> None:
     noise = []
     for rest in (0.0, 60.0):

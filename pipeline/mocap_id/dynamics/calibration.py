@@ -54,7 +54,10 @@ class Calibration:
     mass_sd: float = 1.0
 
     def gain_with(self, mass: float, mass_sd: float) -> float:
-        """Return the standard deviation of the gain for a mass that the plates measure, kg; less for a weighed person.
+        """Return the rms error of the gain for a mass that the plates measure, kg; mostly less for a weighed person.
+
+        The person's mass estimates the gain, but the forces are not corrected by it. The difference between the two
+        masses therefore counts as far as it is an error of the gain.
 
         Parameters
         ----------
@@ -63,7 +66,9 @@ class Calibration:
         """
         if self.mass is None or self.gain == 0.0:
             return self.gain
-        return float(1.0 / np.sqrt(self.gain**-2 + mass**2 / (self.mass_sd**2 + mass_sd**2)))
+        share = self.gain**2 / (self.gain**2 + (self.mass_sd**2 + mass_sd**2) / mass**2)
+        shift = share * (mass / self.mass - 1.0)
+        return float(np.sqrt(self.gain**2 * (1.0 - share) + shift**2))
 
 
 @dataclass(frozen=True)

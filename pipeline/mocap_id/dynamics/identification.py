@@ -50,6 +50,8 @@ class Identification:
         Full parameters: one of many consistent solutions.
     uses_reference : bool
         Whether the reference is a prior of the base parameters.
+    gain : (b, b) array or None
+        Weight of the data in the base parameters, if the reference is a prior; None if they follow from the data alone.
     refit : callable
         Repeats the estimate with other data: from a compressed problem in the columns of ``fit.problem`` (b + k) to
         parameters (b + k,). A prior has the same weight as in the whole trial.
@@ -74,11 +76,14 @@ class Identification:
     full: FloatArray
     uses_reference: bool
     refit: Callable[[CompressedProblem], FloatArray]
+    gain: FloatArray | None = None
     calibration: CalibrationEffect | None = None
     scales: ScaleCheck | None = None
 
     def calibrated(self, effect: CalibrationEffect, scales: ScaleCheck | None) -> Identification:
-        """Return the identification with the effect of errors of scale in its covariance."""
+        """Return the identification with the effect of errors of scale on the fit to the data in its covariance."""
+        if self.gain is not None:
+            effect = replace(effect, parameters=self.gain @ effect.parameters)
         covariance = self.covariance + effect.covariance
         return replace(
             self, covariance=covariance, base_sd=np.sqrt(np.diag(covariance)), calibration=effect, scales=scales
@@ -200,6 +205,7 @@ def _with_reference(
         masses=solution.masses,
         full=solution.full,
         uses_reference=True,
+        gain=gain,
         refit=lambda data: data.completed(regrouping @ solution_of(data).parameters),
     )
 

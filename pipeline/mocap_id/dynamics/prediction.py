@@ -36,6 +36,9 @@ class Prediction:
         Centre of pressure, m; NaN where the body does not load the plate.
     torque, torque_sd : (T, n) arrays
         Joint torques, N·m.
+    torque_lasting_sd, torque_noise_sd : (T, n) arrays
+        Two parts of ``torque_sd``, N·m: that from parameters and geometry, which is nearly one error per trial, and
+        that from noise of the motion. Errors of scale are in neither.
     undetermined : tuple of str
         Columns (Fx, Fy, tauz, cop_x, tau_1 …) that are NaN, because they depend on parameters that the fitted
         components do not determine.
@@ -47,6 +50,8 @@ class Prediction:
     cop_sd: FloatArray
     torque: FloatArray
     torque_sd: FloatArray
+    torque_lasting_sd: FloatArray
+    torque_noise_sd: FloatArray
     undetermined: tuple[str, ...]
 
 
@@ -58,12 +63,13 @@ class PredictionNoise:
     ----------
     wrench : (T, 3, 3) array
         Covariance, N² and (N·m)².
-    torque : (T, n) array
-        Variance, (N·m)².
+    torque, torque_lasting : (T, n) arrays
+        Variances from noise of the motion, and from errors of the geometry that repeat with the movement, (N·m)².
     """
 
     wrench: FloatArray
     torque: FloatArray
+    torque_lasting: FloatArray
 
 
 def predict(prepared: PreparedTrial, found: Identification, noise: PredictionNoise, threshold: float) -> Prediction:
@@ -94,6 +100,7 @@ def predict(prepared: PreparedTrial, found: Identification, noise: PredictionNoi
     wrench, torque = rows @ base - elsewhere, torque_rows @ base - relieved
     cop_rows = centre_of_pressure_rows(rows, wrench, threshold)
     cop_own = centre_of_pressure_rows(np.broadcast_to(np.eye(3), (len(wrench), 3, 3)), wrench, threshold)
+    lasting = variance(torque_rows, own) + noise.torque_lasting
     of_scale = 0.0 if found.calibration is None else calibration_torque_variance(prepared, base, found.calibration)
     return Prediction(
         wrench=wrench,
@@ -101,7 +108,9 @@ def predict(prepared: PreparedTrial, found: Identification, noise: PredictionNoi
         cop=centre_of_pressure(wrench, threshold),
         cop_sd=np.sqrt(variance(cop_rows, own) + _variance_of(cop_own[:, None], noise.wrench)[:, 0]),
         torque=torque,
-        torque_sd=np.sqrt(variance(torque_rows, own) + noise.torque + of_scale),
+        torque_sd=np.sqrt(lasting + noise.torque + of_scale),
+        torque_lasting_sd=np.sqrt(lasting),
+        torque_noise_sd=np.sqrt(noise.torque),
         undetermined=_undetermined(determined, torque_determined),
     )
 
@@ -139,7 +148,8 @@ def chain_noise(
         geometry = geometry + _of_centres(prepared, found.full, centre_sd)
     return PredictionNoise(
         wrench=wrench_gain @ noise @ np.swapaxes(wrench_gain, 1, 2) + steady,
-        torque=geometry + _variance_of(torque_gain, noise),
+        torque=_variance_of(torque_gain, noise),
+        torque_lasting=geometry,
     )
 
 
@@ -186,7 +196,8 @@ def residual_noise(
     moment = np.einsum("tcj,cd,tdj->tj", jacobian, covariance, jacobian)
     return PredictionNoise(
         wrench=np.broadcast_to(covariance, (size, 3, 3)),
-        torque=moment + _of_centres(prepared, found.base, centre_sd) + of_poses,
+        torque=moment,
+        torque_lasting=_of_centres(prepared, found.base, centre_sd) + of_poses,
     )
 
 

@@ -131,22 +131,23 @@ PARAMETERS: Mapping[str, Explanation] = {
     "torque-uncertain": Explanation(
         ("caution",),
         "A joint torque is uncertain",
-        "A segment has a single marker, and the 95 % interval of a torque is wider than ± 5 N·m: errors of this size "
-        "are not rare. Its causes are the place of the joint, the masses beyond it, and noisy accelerations where "
-        "markers are missing. The interval of the torque contains all of these.",
+        "A segment has markers at one or two places only, and in more than one of 50 trials like this one a torque is "
+        "wrong by more than 5 N·m. The causes are the place of the joint, the masses beyond it, and wrong "
+        "accelerations where markers are missing. Errors of scale of plate and cameras do not count here, because "
+        "they are the same in all trials; the interval of the torque contains them.",
         "Use the torque with its interval. If the reason names a time, fill the markers there or leave it out with "
-        "`window:`; otherwise place more markers on the segments beside the joint.",
+        "`window:`; otherwise place three markers or more on the segments beside the joint.",
         "identify-dim",
-        "Half the width of the 95 % interval, rms while only the ground touches the body, N·m; limit 5. Only for "
-        "chains with single-marker segments on the pinned chain.",
+        "The rms error of a torque, while only the ground touches the body, that one of 50 such trials exceeds, N·m; "
+        "limit 5. Only for people on the pinned chain with fewer than three marker places on a segment.",
     ),
     "foot-prior": Explanation(
         ("ok",),
         "The foot's first moment comes from the reference body",
-        "With a single marker on a segment, the data hardly separate the foot's first moment from those of the other "
-        "segments, and the torque of the ankle would be uncertain by 5 N·m and more. The foot has only 3 % of the "
-        "mass, so the place of the ankle and the reference body give it to 1 mm times the body's mass. The deviation "
-        "of the ankle's place is included.",
+        "With one or two marker places on a segment, the data hardly separate the foot's first moment from those of "
+        "the other segments, and the torque of the ankle would be uncertain by 5 N·m and more. The foot has only 3 % "
+        "of the mass, so the place of the ankle and the reference body give it to 1 mm times the body's mass. The "
+        "deviation of the ankle's place is included.",
         "Nothing. To use the data alone, set `identify-dim: {reference_pulls: false}`.",
         "identify-dim",
         "A segment has a single marker and `identify-dim: {reference_pulls}` is not set, or is `foot`.",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mocap_id.arrays import NORMAL_95, FloatArray
+from mocap_id.arrays import FloatArray
 from mocap_id.design.recommendation import recommend_where_needed, recommendation_text
 from mocap_id.dynamics.acceleration_noise import acceleration_correlation
 from mocap_id.dynamics.built_in_sensors import with_sensors
@@ -20,6 +20,7 @@ from mocap_id.stages.identify_dim import IdentifyDimSettings, validation
 from mocap_id.stages.identify_dim import dynamics_artefacts as artefacts
 from mocap_id.stages.identify_dim.board_position import board_reasons
 from mocap_id.stages.identify_dim.encoder_torque import torque_facts
+from mocap_id.stages.identify_dim.few_markers import FOOT_PRIOR, foot_sd, torque_reasons
 from mocap_id.stages.identify_dim.identifiability import NotIdentifiable
 from mocap_id.stages.identify_dim.motion_comparison import motion_reasons, pinned_facts
 from mocap_id.stages.identify_dim.reference_bodies import ReferenceBodies, reference_bodies
@@ -33,16 +34,6 @@ from mocap_id.stages.identify_dim.wrench_checks import gain_facts, sensor_cautio
 from mocap_id.store import Table, Tree
 from mocap_id.store.schemas import DYNAMICS_TABLE, DYNAMICS_TREE
 from mocap_id.verdict import Reason
-
-_FOOT_SD = 0.001  # m; from people's feet, whose mass is 3 % of the body's
-_TORQUE = 5.0  # N·m: half the width of a torque's 95 % interval, rms, from which it is uncertain
-_FOOT_PRIOR = Reason(
-    "foot-prior",
-    "a segment has a single marker, so the foot's first moment is taken from the reference body and the place of the "
-    "ankle, not from the data alone: the torque of the ankle then follows from the centre of pressure. Set "
-    "`identify-dim: {reference_pulls: false}` to use the data alone",
-    level="ok",
-)
 
 
 def identify_dim(context: Context) -> Outputs:
@@ -87,20 +78,9 @@ def fit_chain(
         consistency=consistency,
         reference_sd=settings.reference_sd,
         reference_pulls=settings.reference_pulls is True,
-        foot_sd=_foot_sd(context),
+        foot_sd=foot_sd(context),
     )
     return with_sensors(found, prepared, movement.free, grid, reference, consistency=consistency)
-
-
-def _foot_sd(context: Context) -> float | None:
-    """Return the deviation of the foot's first moment in relation to the mass, m; None if the data determine it.
-
-    In a chain with single-marker segments it is known from the place of the ankle.
-    """
-    chosen, chain = context.settings.reference_pulls, context.tree("chain.h5")
-    if chosen != "foot" and (chosen is not None or not chain.facts.get("single_markers")):
-        return None
-    return float(np.hypot(_FOOT_SD, np.sqrt(chain.array("joints/covariance")[0, 0, 0])))
 
 
 def _fit(
@@ -155,12 +135,12 @@ def _with_identification(
         facts["pins"] = pinned_facts(prepared, found, movement, segments, threshold)
     cautions = (
         *_cautions(context, result),
-        *_loose_torques(context, result, movement),
+        *torque_reasons(context, result, movement.free),
         *validation.reasons(facts["held_out"]),
         *motion_reasons(facts),
         *board_reasons(context, facts),
     )
-    prior = () if not found.uses_reference or context.settings.reference_pulls is True else (_FOOT_PRIOR,)
+    prior = () if not found.uses_reference or context.settings.reference_pulls is True else (FOOT_PRIOR,)
     reasons = (*movement.reasons, *references.chosen.reasons, *prior, *cautions)
     tree = Tree(DYNAMICS_TREE, artefacts.dynamics_data(result), facts, reasons)
     return Table(DYNAMICS_TABLE, columns), tree, result.prepared
@@ -248,39 +228,6 @@ def _cautions(context: Context, result: artefacts.IdentifiedDynamics) -> tuple[R
         )
         reasons = (*reasons, unchecked)
     return reasons
-
-
-def _loose_torques(context: Context, result: artefacts.IdentifiedDynamics, movement: Movement) -> tuple[Reason, ...]:
-    """Return a caution about torques with wide 95 % intervals in a chain with single-marker segments.
-
-    With measured poses and with many markers, other reasons say so.
-    """
-    if result.measured_poses or not context.tree("chain.h5").facts.get("single_markers"):
-        return ()
-    half = NORMAL_95 * np.where(movement.free[:, None], result.model.torque_sd, np.nan)
-    half = half[np.isfinite(half).any(axis=1)]
-    rms = np.sqrt(np.nanmean(half**2, axis=0)) if len(half) else np.zeros(0)
-    loose = np.flatnonzero(rms > _TORQUE)
-    if not len(loose):
-        return ()
-    names = joint_names(context)
-    text = ", ".join(f"{names[j]} ± {rms[j]:.1f} N·m" for j in loose)
-    why = "joint centres, masses or accelerations are uncertain"
-    if np.nanmedian(half[:, loose], axis=0).max() <= _TORQUE:
-        worst = np.nanargmax(np.where(movement.free, result.model.torque_sd[:, loose[0]], np.nan))
-        why = (
-            f"markers are missing or noisy around {result.prepared.recorded.time[worst]:.1f} s. Leave this time out "
-            "with `window:`"
-        )
-    return (
-        Reason(
-            "torque-uncertain",
-            f"the torques have wide 95 % intervals, rms while only the ground touches the body: {text} (expected at "
-            f"most ± {_TORQUE:g} N·m): {why}",
-            float(np.nanmax(rms)),
-            _TORQUE,
-        ),
-    )
 
 
 def _cop_threshold(context: Context) -> float:

@@ -1,0 +1,93 @@
+"""What a chain with few markers on a segment needs: a prior of the foot, and a caution about uncertain torques.
+
+Conventional marker sets have one or two marker places on shank and thigh. They show the movement well, but hardly the
+small first moment of the foot, which the torque of the ankle needs.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, as_complex
+from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
+from mocap_id.kinematics.rigid_body import count_places
+from mocap_id.stages.base import Context
+from mocap_id.stages.identify_dim.dynamics_artefacts import IdentifiedDynamics
+from mocap_id.stages.identify_dim.trial_data import joint_names, read_skeleton
+from mocap_id.verdict import Reason
+
+FOOT_PRIOR = Reason(
+    "foot-prior",
+    "a segment has markers at one or two places only, so the foot's first moment is taken from the reference body and "
+    "the place of the ankle, not from the data alone: the torque of the ankle then follows from the centre of "
+    "pressure. Set `identify-dim: {reference_pulls: false}` to use the data alone",
+    level="ok",
+)
+_FEW = 3  # places of markers on a segment: clusters have as many or more
+_FOOT_SD = 0.001  # m; from people's feet, whose mass is 3 % of the body's
+_TORQUE = 5.0  # N·m, rms
+_ONE_IN_50 = 2.326  # standard deviations that a normal error exceeds in one of 50 cases
+
+
+def few_markers(context: Context) -> bool:
+    """Return whether a moving segment of a person has markers at one or two places only."""
+    chain = read_skeleton(context)
+    local = as_complex(chain.local)
+    places = [count_places(local[chain.marker_segment == k]) for k in range(1, len(chain.centres) + 1)]
+    return context.trial.protocol != "robot-joint" and min(places) < _FEW
+
+
+def foot_sd(context: Context) -> float | None:
+    """Return the deviation of the foot's first moment in relation to the mass, m; None if the data determine it.
+
+    In a chain with few markers it is known from the place of the ankle.
+    """
+    chosen = context.settings.reference_pulls
+    if chosen != "foot" and (chosen is not None or not few_markers(context)):
+        return None
+    return float(np.hypot(_FOOT_SD, np.sqrt(read_skeleton(context).covariance[0, 0, 0])))
+
+
+def torque_reasons(context: Context, result: IdentifiedDynamics, free: BoolArray) -> tuple[Reason, ...]:
+    """Return a caution about torques of the pinned chain that may be wrong by more than 5 N·m rms.
+
+    In a trial, parameters and geometry have one error, which is normal; errors of the motion add their mean square. The
+    caution is about torques whose error exceeds 5 N·m in more than one of 50 such trials. Errors of scale are the same
+    in all trials of a laboratory and do not count.
+
+    Parameters
+    ----------
+    context : Context
+    result : IdentifiedDynamics
+    free : (T,) bool array
+        Samples in which only the ground touches the body.
+    """
+    model = result.model
+    shown = free & np.isfinite(model.torque_sd).any(axis=1)
+    if result.measured_poses or not shown.any() or not few_markers(context):
+        return ()
+    lasting, noise = (np.nanmean(sd[shown] ** 2, axis=0) for sd in (model.torque_lasting_sd, model.torque_noise_sd))
+    off = _moment_residual(result)
+    beyond = max(float(np.nanmean(off[shown] ** 2) - np.mean(off[result.found.fit.in_fit] ** 2)), 0.0)
+    error = np.sqrt(_ONE_IN_50**2 * lasting + noise + beyond)
+    loose = np.flatnonzero(error > _TORQUE)
+    if not len(loose):
+        return ()
+    names = joint_names(context)
+    text = ", ".join(f"{names[j]} {error[j]:.1f} N·m" for j in loose)
+    worst = loose[np.argmax(error[loose])]
+    why = "The places of the joints and the masses beyond them are uncertain"
+    if beyond > _ONE_IN_50**2 * lasting[worst]:
+        at = result.prepared.recorded.time[shown][np.nanargmax(np.abs(off[shown]))]
+        why = f"The model does not follow the plate around {at:.1f} s: fill markers there, or leave it out by `window:`"
+    message = (
+        f"in one of 50 trials like this one, the rms error of a torque exceeds these values: {text} (expected at most "
+        f"{_TORQUE:g} N·m). {why}. Use the torques with their intervals"
+    )
+    return (Reason("torque-uncertain", message, float(error[worst]), _TORQUE),)
+
+
+def _moment_residual(result: IdentifiedDynamics) -> FloatArray:
+    """Return the measured minus the modelled moment (T,), N·m."""
+    measured = result.prepared.measured(result.found.fit.offset)
+    return np.asarray((measured - result.model.wrench)[:, WRENCH_COMPONENTS.index("tauz")])
