@@ -41,6 +41,7 @@ _FIRST_SD = 0.002  # m; first guess of the error of a marker
 _LASTING = 1.5  # frames that share one error; more is soft tissue
 _UP = (0.0, 1.0, 0.0)
 _BALL: JointKind = "ball"
+_SIMPLEST: tuple[JointKind, ...] = ("hinge", "two-axis", _BALL)
 _NO_AXES = JointAxes(np.array([0.0, 0.0, 1.0]), np.array([0.0, 0.0, 1.0]), 1.0)
 
 
@@ -87,7 +88,6 @@ def fit_spatial_chain(
     NumericalError
         Too few frames show all segments, or the iteration does not converge.
     """
-    kinds = kinds or {}
     used = usable_frames(points, segment, _FRAMES)
     clusters, used = fit_clusters_at(points, segment, used)
     few = np.unique(np.linspace(0, len(used) - 1, min(len(used), _FRAMES_OF_KINDS)).astype(np.int64))
@@ -97,9 +97,7 @@ def fit_spatial_chain(
     named = np.isin(np.arange(len(segment)), list(girdle))
     start = _Start(points[used], segment, tuple(parents), clusters, above, beside, slides, named, frozenset(firm))
     start, rough = _rough_bundle(start, few)
-    evidence = _weigh_joints(rough, clusters, kinds)
-    if any(each.kind != "hinge" for j, each in enumerate(evidence, start=1) if j not in kinds):
-        evidence = _simpler(evidence, _weigh_joints(_without_skin(start, few), clusters, kinds))
+    evidence = _weigh_joints(start, rough, few, kinds or {})
     chosen: tuple[JointKind, ...] = tuple(each.kind for each in evidence)
     if estimator != "bundle":
         problem, state, _ = start.at(np.arange(len(used)), chosen, rough, estimator=estimator)
@@ -119,29 +117,28 @@ def _rough_bundle(start: _Start, frames: IntArray) -> tuple[_Start, Bundle]:
     return start, rough
 
 
-def _without_skin(start: _Start, frames: IntArray) -> Bundle:
-    """Return the bundle over some frames with balls alone, and markers that all follow the bones."""
-    every = range(1, len(start.parents) + 1)
-    return solve_bundle(*replace(start, firm=frozenset(every)).at(frames, (_BALL,) * len(start.parents)))
+def _weigh_joints(
+    start: _Start, rough: Bundle, frames: IntArray, kinds: Mapping[int, JointKind]
+) -> tuple[JointEvidence, ...]:
+    """Return the evidence for the kind of each joint, with and without a twist of the skin for the simpler kind.
 
-
-def _simpler(evidence: tuple[JointEvidence, ...], without_skin: tuple[JointEvidence, ...]) -> tuple[JointEvidence, ...]:
-    """Return the evidence of each joint for the simpler kind.
-
-    A twist of the skin that all markers of a segment share is hardly seen, so that its error can tilt an axis. A kind
-    that explains the rotation without such a twist needs none.
+    A twist that all markers of a segment share is hardly seen, so that its error can tilt an axis. A kind that explains
+    the rotation without such a twist needs none.
     """
-    simplest: tuple[JointKind, ...] = ("hinge", "two-axis", _BALL)
-    return tuple(
-        min(pair, key=lambda each: simplest.index(each.kind)) for pair in zip(evidence, without_skin, strict=True)
-    )
+    found = _evidence(rough, start.clusters, kinds)
+    if all(each.kind == "hinge" for j, each in enumerate(found, start=1) if j not in kinds):
+        return found
+    every = frozenset(range(1, len(start.parents) + 1))
+    bare = solve_bundle(*replace(start, firm=every).at(frames, (_BALL,) * len(start.parents)))
+    pairs = zip(found, _evidence(bare, start.clusters, kinds), strict=True)
+    return tuple(min(pair, key=lambda each: _SIMPLEST.index(each.kind)) for pair in pairs)
 
 
-def _weigh_joints(rough: Bundle, clusters: Clusters, kinds: Mapping[int, JointKind]) -> tuple[JointEvidence, ...]:
-    turns = joint_rotations(rough.problem, rough.state)
+def _evidence(bundle: Bundle, clusters: Clusters, kinds: Mapping[int, JointKind]) -> tuple[JointEvidence, ...]:
+    turns = joint_rotations(bundle.problem, bundle.state)
     return tuple(
-        weigh_kinds(turns[:, j], rough.turn_noise(j), rotation_arc(clusters.turn(parent, j + 1)), kinds.get(j + 1))
-        for j, parent in enumerate(rough.problem.parents)
+        weigh_kinds(turns[:, j], bundle.turn_noise(j), rotation_arc(clusters.turn(parent, j + 1)), kinds.get(j + 1))
+        for j, parent in enumerate(bundle.problem.parents)
     )
 
 
