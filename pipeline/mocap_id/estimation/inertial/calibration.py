@@ -128,7 +128,6 @@ def calibrate_sensor(
     given = _at_frames(motion, some)
     follows = follows and bool(np.std(given.twist) > 0)
     prior, found = _prior(clock, follows), start or _start(signals, given, time[some], clock, frame)
-    weight = np.array([_GYRO_SD, _FORCE_SD])
     middle = float(time[len(time) // 2])
     for _ in range(_ROUNDS):
         rows, off, kept = _residuals(signals, given, time[some], frame, found, middle)

@@ -7,7 +7,7 @@ filter then runs again with both.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,6 +26,7 @@ from mocap_id.estimation.inertial import (
 from mocap_id.estimation.inertial.signals import GRAVITY
 from mocap_id.estimation.process_model import ORDER
 from mocap_id.estimation.space.chain_model import chain_model, group_columns
+from mocap_id.estimation.space.frame_poses import FramePoses
 from mocap_id.estimation.space.space_filter import SpatialTrack, scale_to_movement
 from mocap_id.estimation.space.space_kernels import ChainModel, Sensors
 from mocap_id.estimation.space.space_smoothing import (
@@ -83,38 +84,55 @@ def smooth_with_sensors(
     model, rate = chain_model(chain), 1.0 / float(time[1] - time[0])
     points = np.where(np.isfinite(points).all(axis=2, keepdims=True), points, np.nan)
     frames, steady, noise = estimate_noise(chain, model, points, rate, settings)
-
-    def smooth(ready: Mapping[int, Prepared]) -> SpatialStates:
-        fused, followed = (_as_arrays(chain, kept, ready), _followed(model, list(ready))) if ready else (None, None)
-        faster = noise if followed is None else _faster(noise, followed)
-        track = run_both_ways(model, steady, 1.0 / rate, frames, faster, settings.gate, fused)
-        _check_gate(track, fused)
-        lost = find_lost(chain, model, track, settings)
-        scale_to_movement(track, faster.errors)
-        if followed is not None:
-            _shrink_accelerations(track.covariance, followed)
-            _add_lasting_errors(track.covariance, model, frames.observed, ready, 1.0 / rate)
-        return collect_states(chain, model, frames, track, faster, lost)
+    trial = _Smoothing(chain, model, frames, steady, noise, rate, settings)
 
     def prepare(twists: Sequence[FloatArray | None]) -> dict[int, Prepared]:
         seen = frames.observed
         return {s: prepare_sensor(sensors[s], kept[s], motions[s], time, seen[:, s], twist=twists[s]) for s in kept}
 
-    kept: dict[int, Calibrated] = {}
-    alone = smooth({})
+    alone = trial.smooth({}, {})
     motions = segment_motions(chain, alone, rate, find_shown(frames.observed, rate))
     results = calibrate_all(sensors, motions, time)
-    kept |= {s: each.found for s, each in results.items() if each.found is not None and each.why is None}
+    kept = {s: each.found for s, each in results.items() if each.found is not None and each.why is None}
     if not kept:
         return alone, results
     try:
-        both = smooth(prepare([None] * len(motions)))
+        both = trial.smooth(kept, prepare([None] * len(motions)))
         _check_residual(both, alone, points)
         if _hidden_for_long(frames.observed, kept, rate):
-            both = smooth(prepare(_twists(chain, both)))
+            both = trial.smooth(kept, prepare(_twists(chain, both)))
     except NumericalError as error:
         return alone, {s: replace(each, why=each.why or str(error)) for s, each in results.items()}
     return replace(both, noise=noise), results
+
+
+@dataclass(frozen=True)
+class _Smoothing:
+    """Markers of a trial without lasting displacements (F, M, 3), their noise, and what smooths them."""
+
+    chain: SpatialChain
+    model: ChainModel
+    frames: FramePoses
+    steady: FloatArray
+    noise: SpatialNoise
+    rate: float
+    settings: SpatialSettings
+
+    def smooth(self, found: Mapping[int, Calibrated], ready: Mapping[int, Prepared]) -> SpatialStates:
+        """Return the states from the markers and from the sensors that are ready, if any."""
+        model, dt, noise = self.model, 1.0 / self.rate, self.noise
+        fused, followed = None, None
+        if ready:
+            fused, followed = _as_arrays(self.chain, found, ready), _followed(model, list(ready))
+            noise = _faster(noise, followed)
+        track = run_both_ways(model, self.steady, dt, self.frames, noise, self.settings.gate, fused)
+        _check_gate(track, fused)
+        lost = find_lost(self.chain, model, track, self.settings)
+        scale_to_movement(track, noise.errors)
+        if followed is not None:
+            _shrink_accelerations(track.covariance, followed)
+            _add_lasting_errors(track.covariance, model, self.frames.observed, ready, dt)
+        return collect_states(self.chain, model, self.frames, track, noise, lost)
 
 
 def _hidden_for_long(observed: BoolArray, found: Mapping[int, Calibrated], rate: float) -> bool:
