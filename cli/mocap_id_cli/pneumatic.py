@@ -100,7 +100,7 @@ def _pressures(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Find the two pressures whose spring is nearest to a prescribed one."""
+    """Find the two pressures of the nearest attainable spring."""
     found = workflow.spring_pressures(load_device(device), stiffness, rest_angle, span)
     if as_json:
         print_json(found)
@@ -131,7 +131,7 @@ def _identify(
     joint: Annotated[int, typer.Option(min=1, help="For a trial in the plane: the joint, from 1.")] = 1,
     as_json: AsJson = False,
 ) -> None:
-    """Estimate a cylinder's parameters from a log of torque and angle."""
+    """Estimate the parameters of a cylinder from a log."""
     found = workflow.identify_device(load_device(device), log, joint)
     if as_json:
         print_json(found)

@@ -42,12 +42,10 @@ _HELP = {
     "faults": "Faults of the recording: " + ", ".join(each.name for each in fields(FaultOptions)) + ".",
 }
 _TRIALS: dict[Kind, str] = {
-    kind: f"Simulate {what}.\n\nFOLDER then has the recording, its exact truth and a trial.yaml that is ready to run."
-    for kind, what in (
-        ("sit-to-stand", "a person who stands up and sits down"),
-        ("robot", "a robot that turns one joint in a vertical plane"),
-    )
+    "sit-to-stand": "Simulate a person who stands up and sits down.",
+    "robot": "Simulate a robot that turns one joint in a vertical plane.",
 }
+_READY = "FOLDER then has the recording, its exact truth and a trial.yaml that is ready to run."
 _ROBOT_SET = (
     *("seed", "repetitions", "rate", "analog_rate", "marker_noise", "occlusions", "plate_noise", "plate_bias"),
     "clock_offset",
@@ -67,7 +65,7 @@ def commands() -> typer.Typer:
     )
     every = tuple(name for name in _names(Options()) if name != "subject")
     for kind in get_args(Kind):
-        app.command(kind)(_with_options(partial(_trial, kind), _TRIALS[kind], Options(), every))
+        app.command(kind)(_with_options(partial(_trial, kind), f"{_TRIALS[kind]}\n\n{_READY}", Options(), every))
     in_space: tuple[tuple[str, Callable[..., Path], _AnyOptions], ...] = (
         ("arm", _arm, ArmOptions()),
         ("chain", _chain, ChainOptions()),

@@ -63,10 +63,12 @@ def complaints(browser: webdriver.Chrome) -> list[str]:
 
 
 def requests(browser: webdriver.Chrome) -> list[str]:
-    """Return the addresses requested since the last call, except for embedded data."""
+    """Return the addresses requested since the last call, except for embedded data and the browser's own first tab."""
     events: Iterator[dict[str, Any]] = (
         json.loads(entry["message"])["message"]
         for entry in browser.get_log("performance")  # type: ignore[no-untyped-call]
     )
     asked = [event["params"]["request"]["url"] for event in events if event["method"] == "Network.requestWillBeSent"]
-    return [address for address in asked if not address.startswith(("data:", "blob:"))]
+    return [
+        address for address in asked if not address.startswith(("data:", "blob:", "chrome://", "chrome-untrusted://"))
+    ]

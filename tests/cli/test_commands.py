@@ -36,6 +36,13 @@ def test_help_names_every_command_and_loads_none() -> None:
     assert modules & HEAVY == set()
 
 
+@pytest.mark.parametrize("command", [(), ("simulate",), ("pneumatic",)], ids=lambda names: " ".join(names) or "all")
+def test_the_list_of_commands_has_whole_sentences(cli, command: tuple[str, ...]) -> None:
+    """On 80 columns, longer ones would end with dots."""
+    _, _, listed = cli(*command, "--help").out.partition("Commands:\n")
+    assert listed and [line for line in listed.splitlines() if line.endswith("...")] == []
+
+
 def test_what_has_nothing_to_do_loads_no_library_of_the_stages(cli, trial) -> None:
     path = trial.trc(pendulum())
     cli("planarise", path)

@@ -11,6 +11,7 @@ import pytest
 from recording_cases import body, moved_corners, signals, standing_wrench
 
 from mocap_id import recording
+from mocap_id.recording.c3d_package import package_differences
 
 FRAMES, RATE, PER_FRAME = 50, 100.0, 5
 
@@ -35,7 +36,7 @@ def test_c3d_round_trip(tmp_path: Path, markers: int) -> None:
     path = tmp_path / "trial.c3d"
     recording.write_c3d(path, labels, positions, RATE, first_frame=91, plates=made)
     found = recording.read(path)
-    assert found.oddities == ()
+    assert found.oddities == () and package_differences(path) == []
     assert found.labels == tuple(labels)
     assert found.vertical == "Z"
     assert (found.frames[0], found.time[0]) == (91, pytest.approx(0.9))

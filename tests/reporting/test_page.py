@@ -20,6 +20,7 @@ from mocap_id.kinematics.confidence import Evidence
 from mocap_id.reporting.embedding import read_figures
 from mocap_id.reporting.report import documents
 from mocap_id.reporting.segment_tables import AGAINST
+from mocap_id.reporting.tables import facts
 from mocap_id.stages.report import STAGE
 from mocap_id.stages.report.function import report_data
 from mocap_id.store import Artefact, LongTable, Table, Tree
@@ -161,6 +162,11 @@ def test_segments_without_evidence_against_them_say_so() -> None:
 
 def test_every_kind_of_evidence_has_a_text() -> None:
     assert set(AGAINST) == set(get_args(Evidence))
+
+
+def test_matrices_are_left_out_of_tables() -> None:
+    given = {"together": [["LANK", "RANK"]], "window_s": [0.0, 2.5], "covariance": [[1.0, 0.5], [0.5, 2.0]]}
+    assert facts("Facts", given).rows == (("together", "LANK, RANK"), ("window (s)", "0.000, 2.500"))
 
 
 def test_a_caution_is_at_the_top_with_what_to_do() -> None:

@@ -17,6 +17,7 @@ from reporting_cases import LOST, Trial, context
 from mocap_id.errors import Refused
 from mocap_id.reporting.numbers import all_known, known
 from mocap_id.reporting.summary import summarise, to_json
+from mocap_id.reporting.summary_entry import join_sentences
 from mocap_id.reporting.summary_schema import Summary
 from mocap_id.stages.report.function import report_data
 from mocap_id.store import Artefact
@@ -179,6 +180,13 @@ def test_unknown_events_are_null_with_the_reason() -> None:
     assert [entry["seat_on_s"] for entry in repetitions] == [pytest.approx(4.8), pytest.approx(10.8), None]
     assert repetitions[2]["why"] == "no seat-on was found" and not repetitions[2]["complete"]
     assert repetitions[0]["why"] is None and repetitions[0]["complete"]
+
+
+def test_a_sentence_within_another_is_not_repeated() -> None:
+    assert (
+        join_sentences(["no plate", None, "no wrench: no plate", "no plate", "too short"])
+        == "no wrench: no plate; too short"
+    )
 
 
 def test_cautions_affect_the_verdict_and_notes_do_not() -> None:
