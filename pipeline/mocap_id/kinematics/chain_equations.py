@@ -156,7 +156,7 @@ def _derivatives(
     lever = np.concatenate([np.ones((len(turn), 1)), turn[:, :-1]], axis=1)
     below: BoolArray = np.arange(problem.joints) < problem.segment[:, None]
     swing = angle_jacobian(problem, state)
-    pulled: ComplexArray = np.conj(swing) * problem.weights[..., None]
+    pulled = np.asarray(np.conj(swing) * problem.weights[..., None], dtype=np.complex128)
     return lever, below, turn[:, problem.segment - 1], swing, pulled
 
 
