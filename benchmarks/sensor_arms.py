@@ -59,10 +59,11 @@ def measure(seed: int, preset: Preset, place: Path) -> tuple[tuple[str, ...], di
     text = configuration.read_text("utf-8")
     configuration.write_text(text.split("imus:")[0], "utf-8")
     alone = _run(configuration)
+    if alone is None:
+        return ("no arm found",), {}, {}
     configuration.write_text(text, "utf-8")
     both = _run(configuration)
-    if alone is None or both is None:
-        return ("not identified",), {}, {}
+    assert both is not None  # refused or not by its markers, as before
     hidden = _hide(configuration, options)
     gap = _run(configuration)
     size = {name: [_size(each.gain[:, k]) for each in (both, alone)] for k, name in enumerate(_ON)}
