@@ -39,6 +39,7 @@ _MOST = 100  # windows
 _MOSTLY = 0.5  # share of moving samples in a window
 _GAP_SHARE = 0.36  # s^½; with it, white snap and a constant snap err alike after 0.3 s
 _REACH = 1.9  # times the corner
+_CAUTION = 1.3  # times the best snap where the noise has a memory: fast movement needs more than the average
 _LEAST = 16  # frames of a window
 _FASTEST = 4.0  # Hz, of movement that is larger than noise with a memory
 _NEAR = 10.0  # ratio of the powers of measurement and noise below which the movement's is modelled
@@ -125,13 +126,14 @@ def process_noise(
         if colour is not None:
             frequency = np.asarray(np.fft.rfftfreq(size, dt), dtype=np.float64)
             spectra = [(power, _shaded(power, noise, frequency, colour), white) for power, noise, white in spectra]
-        spectra = [(_falling(power, noise), noise, white) for power, noise, white in spectra]
+        else:
+            spectra = [(_falling(power, noise), noise, white) for power, noise, white in spectra]
         trials = np.geomspace(*SNAP_BOUNDS, _TRIALS)[:, None]
         risk = np.zeros(_TRIALS)
         for power, noise, white in spectra:
             passed = 1 / (1 + turning ** (2 * ORDER) * white / trials**2)
             risk += np.sum(passed**2 * power - 2 * passed * (power - noise), axis=1)
-        snap = float(trials[np.argmin(risk), 0])
+        snap = float(trials[np.argmin(risk), 0]) * (1.0 if colour is None else _CAUTION)
         if group:
             snap = max(snap, (2 * math.pi * slowest) ** ORDER * math.sqrt(max(white for _, _, white in spectra)))
         snaps[columns], lasting = snap, 0.0
