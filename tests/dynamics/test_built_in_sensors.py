@@ -26,8 +26,8 @@ def test_a_sensor_makes_a_light_link_known(tmp_path: Path) -> None:
     alone, truth, _ = _wrist(tmp_path / "alone", sensor=False)
     both, _, out = _wrist(tmp_path / "both", sensor=True)
     inertia = truth[4]
-    assert both[4]["sd"] < 0.6 * alone[4]["sd"]
-    assert abs(both[4]["value"] - inertia) < 0.05 * inertia
+    assert both[4]["sd"] < 0.2 * alone[4]["sd"], "errors of scale of the plate hardly reach what the sensor determines"
+    assert abs(both[4]["value"] - inertia) < min(0.05 * inertia, 3 * both[4]["sd"])
     assert abs(both[0]["value"] - truth[0]) < 3 * both[0]["sd"]
     assert both[0]["value"] == pytest.approx(alone[0]["value"], rel=1e-3)
     wrench = Folder(out).read("wrench.parquet")

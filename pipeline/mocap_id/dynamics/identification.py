@@ -51,7 +51,8 @@ class Identification:
     uses_reference : bool
         Whether the reference is a prior of the base parameters.
     gain : (b, b) array or None
-        Weight of the data in the base parameters, if the reference is a prior; None if they follow from the data alone.
+        Weight of the ground's data in the base parameters, if the reference is a prior or if a joint has a sensor; None
+        if they follow from the ground's data alone.
     refit : callable
         Repeats the estimate with other data: from a compressed problem in the columns of ``fit.problem`` (b + k) to
         parameters (b + k,). A prior has the same weight as in the whole trial.
@@ -81,7 +82,7 @@ class Identification:
     scales: ScaleCheck | None = None
 
     def calibrated(self, effect: CalibrationEffect, scales: ScaleCheck | None) -> Identification:
-        """Return the identification with the effect of errors of scale on the fit to the data in its covariance."""
+        """Return the identification with the effect of errors of scale on the ground's data in its covariance."""
         if self.gain is not None:
             effect = replace(effect, parameters=self.gain @ effect.parameters)
         covariance = self.covariance + effect.covariance
