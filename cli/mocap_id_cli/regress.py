@@ -51,7 +51,7 @@ def regress(
                 typer.echo(
                     f"{trial}: failed, exit code {numbers['exit_code'].value}; the baseline holds only this code"
                 )
-        typer.echo(f"baseline: {short(baseline.absolute())}, {len(made.trials)} trials")
+        typer.echo(f"baseline: {short(baseline.absolute())}, {_trials(len(made.trials))}")
         return
     found = compare(named, Baseline.read(baseline), LocalBackend(jobs), tell)
     if as_json:
@@ -73,11 +73,15 @@ def _lines(found: Regression, baseline: Path) -> Iterator[str]:
     for trial, message in found.messages.items():
         if trial in moved:
             yield f"{trial}: {message}"
-    trials = f" in {len(moved)} trials" if moved else ""
+    trials = f" in {_trials(len(moved))}" if moved else ""
     yield f"{found.compared} numbers compared with {short(baseline.absolute())}: {len(found.moved)} moved{trials}"
     if found.nearest is not None and tolerance_used(found.nearest) > 0:
         near = found.nearest
         yield f"largest change within tolerance: {near.trial}, {near.name}, {100 * tolerance_used(near):.2g} % of it"
+
+
+def _trials(count: int) -> str:
+    return f"{count} trial{'s' * (count != 1)}"
 
 
 def _row(one: Change) -> list[str]:

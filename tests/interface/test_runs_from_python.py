@@ -122,6 +122,7 @@ def test_a_refusal_is_a_result(tmp_path: Path) -> None:
     run = mocap_id.run(recording, protocol="free", out=tmp_path / "out")
     assert run.refused
     assert run.verdict.reasons[0].code == "no-motion"
+    assert "space: 3d" not in run.verdict.reasons[0].message, "no other space gives a still recording joints"
     assert "No joint moves" in run._repr_html_()
     with pytest.raises(mocap_id.StoreError, match=r"refused \(no-motion\) before states.parquet was made"):
         _ = run.states

@@ -29,6 +29,8 @@ from mocap_id.store.schemas import SEGMENTS
 from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
+_NOT_OF_SPACE = ("no-motion", "too-few-frames")  # refusals that another space does not help
+
 
 def segment(context: Context) -> Outputs:
     """Return segments.parquet."""
@@ -53,7 +55,7 @@ def segment(context: Context) -> Outputs:
         done = segmented(settings.count)
     except Refused as refused:
         planarity = recorded.planar.facts["plane"]["planarity"]
-        if planarity <= settings.planarity_caution:
+        if planarity <= settings.planarity_caution or refused.code in _NOT_OF_SPACE:
             raise
         raise _with_hint_at_space(refused, planarity) from refused
     lift = lift_of_good_markers(recorded.planar.facts.get("heel_lift"), done.view.bad)
