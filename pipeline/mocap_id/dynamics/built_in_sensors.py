@@ -152,7 +152,7 @@ def with_sensors(
     return replace(
         alone,
         base=solution.parameters,
-        gain=gain if alone.gain is None else gain @ alone.gain,
+        gain=np.asarray(gain if alone.gain is None else gain @ alone.gain, dtype=np.float64),
         base_sd=np.sqrt(np.diag(covariance)),
         covariance=covariance,
         residual_covariance=gain @ alone.residual_covariance @ gain.T,
