@@ -140,9 +140,14 @@ class JointGap:
         return not self.acceleration > GIVES_WAY
 
     @property
+    def variance(self) -> float:
+        """Variance of the joint's centre from the gap, m² per coordinate; 0 if the gap is unknown."""
+        return self.size**2 / 2 if np.isfinite(self.size) else 0.0
+
+    @property
     def centre_variance(self) -> float:
         """Variance of the joint's centre from gap and bodies, m² per coordinate; 0 if the gap is unknown."""
-        return self.size**2 / 2 + self.place if np.isfinite(self.size) else 0.0
+        return self.variance + self.place if np.isfinite(self.size) else 0.0
 
 
 def fill_gaps(poses: BodyPoses) -> tuple[BodyPoses, BoolArray]:
