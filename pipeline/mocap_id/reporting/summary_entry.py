@@ -19,7 +19,7 @@ def why_unknown(why: str, *values: object) -> str | None:
 
 
 def join_sentences(sentences: Iterable[str | None]) -> str | None:
-    """Join sentences with semicolons, without those that another one contains; None if there are none."""
+    """Join sentences with semicolons and drop a sentence that is part of another one; None without sentences."""
     found = dict.fromkeys(sentence for sentence in sentences if sentence)
     whole = (one for one in found if not any(one != other and one in other for other in found))
     return "; ".join(whole) or None
