@@ -156,7 +156,7 @@ def smooth(
 
 @dataclass(frozen=True)
 class PreparedStates:
-    """Noise and markers of a trial, as often as they are smoothed.
+    """Noise and markers of a trial, prepared once to be smoothed once or several times.
 
     Parameters
     ----------

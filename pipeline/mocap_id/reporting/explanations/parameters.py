@@ -150,7 +150,8 @@ PARAMETERS: Mapping[str, Explanation] = {
         "deviation of the ankle's place is included.",
         "Nothing. To use the data alone, set `identify-dim: {reference_pulls: false}`.",
         "identify-dim",
-        "A segment has a single marker and `identify-dim: {reference_pulls}` is not set, or is `foot`.",
+        "A segment has fewer than three marker places and `identify-dim: {reference_pulls}` is not set; or it is "
+        "`foot`.",
     ),
     "scale-error": Explanation(
         ("caution",),
