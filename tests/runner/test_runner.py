@@ -13,6 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import pytest
 from toy_stages import STAGES, cut, read, tell
@@ -402,6 +403,39 @@ def test_outputs_in_memory_equal_those_in_the_files(bench: Bench) -> None:
     for file, artefact in handed.items():
         assert (artefact.facts, artefact.reasons) == (read[file].facts, read[file].reasons)
         pd.testing.assert_frame_equal(artefact.frame, read[file].frame)
+
+
+def test_a_large_output_leaves_memory_until_a_later_stage_reads_its_file(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("mocap_id.runner.execution._LARGE", 0)
+    store, writes, computed = Folder.store, threading.Event(), threading.Event()
+    folders: list[Folder] = []
+    seen: list[float] = []
+
+    def slowly(folder: Folder, outputs: Any, origin: Origin) -> None:
+        if origin.stage == "read":
+            folders.append(folder)
+            writes.set()
+            assert computed.wait(10)
+        store(folder, outputs, origin)
+
+    def alone(context: Context) -> Outputs:
+        assert writes.wait(10)
+        assert folders[0].size("events.parquet") is None
+        computed.set()
+        columns = {"marker": np.array(["M0"], dtype=object), "segment": np.ones(1, dtype=np.int64)}
+        beside = {"residual": np.zeros(1), "reason": np.full(1, "", dtype=object)}
+        return (Table(SEGMENTS, columns | beside),)
+
+    def look(context: Context) -> Outputs:
+        seen.extend(context.table("events.parquet")["start"])
+        return tell(context)
+
+    monkeypatch.setattr(Folder, "store", slowly)
+    last = instead("tell", look)
+    bench.run(tuple(dataclasses.replace(s, function=alone, inputs=()) if s.name == "cut" else s for s in last))
+    assert seen == [1.0, 2.0, 3.0]
 
 
 def test_a_run_computes_while_it_writes_and_ends_after_the_last_file(

@@ -24,6 +24,9 @@ _NEIGHBOUR_M = (0.2, 0.175, 0.15, 0.125)
 _MIN_MARKERS = 2
 """Minimum number of markers of a foot: one shows neither its length nor its direction."""
 
+_FRAMES = 20_000
+"""Largest number of frames that places of feet are averaged over: more only cost memory."""
+
 _DIRECTIONS = np.stack([np.cos(np.radians(np.arange(0, 360, 2))), np.sin(np.radians(np.arange(0, 360, 2)))])
 
 
@@ -48,7 +51,8 @@ def find_standing_feet(
     list of (K, 3) arrays
         Mean positions of the markers of each foot, m; empty if no foot stands still.
     """
-    considered = positions[samples]
+    chosen = np.flatnonzero(samples)
+    considered = positions[chosen[:: -(-len(chosen) // _FRAMES) or 1]]
     count = np.isfinite(considered).all(axis=2).sum(axis=0)
     often = count > len(considered) / 2
     if not often.any():

@@ -35,6 +35,9 @@ LOG_FILE = "failure.log"  # in the run folder: the traceback of an unexpected fa
 
 _log = logging.getLogger(__name__)
 
+_LARGE = 64 << 20
+"""Bytes of a table above which reading it again is better than keeping it in memory."""
+
 
 @dataclass(frozen=True)
 class Step:
@@ -158,12 +161,20 @@ class _Run:
                 refused = error
                 self.refuse(stage, refused)
                 break
-            wanted = {file for later in stages[number + 1 :] for file in later.inputs}
-            self.folder.release({file for earlier in self.stages for file in earlier.outputs} - wanted)
+            self.release(stages[number + 1 :])
         self.writer.wait()
         self.folder.remove([LOG_FILE])
         self.log.info(verdict_line(self.trial.out))
         return Outcome(self.trial.out, tuple(self._steps), refused)
+
+    def release(self, later: Sequence[Stage]) -> None:
+        """Drop artefacts from memory that no later stage reads, and large ones that the next stage does not read."""
+        wanted = {file for stage in later for file in stage.inputs}
+        soon = set(later[0].inputs) if later else set()
+        made = {file for stage in self.stages for file in stage.outputs}
+        self.folder.release(
+            {file for file in made - soon if file not in wanted or (self.folder.size(file) or 0) > _LARGE}
+        )
 
     def step(self, stage: Stage) -> None:
         """Compute one stage, unless its outputs are up to date."""
@@ -300,6 +311,8 @@ class _Run:
 
     def hashes(self, stage: Stage) -> dict[str, str]:
         """Return the hash of every user file and the key of every artefact that a stage reads."""
+        if any(self.folder.size(file) is None for file in stage.inputs):
+            self.writer.wait()  # until they are on the disk
         return self.files.of(stage) | {file: self.folder.key(file) for file in stage.inputs}
 
     def key(self, stage: Stage, hashes: Mapping[str, str], refused: Refused | None = None) -> str:

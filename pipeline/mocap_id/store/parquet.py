@@ -147,13 +147,15 @@ def _table(file: pq.ParquetFile, schema: TableSchema, provenance: Provenance) ->
         or (codes.reshape(count, markers) != codes[:markers]).any()
     ):
         raise ValueError("does not have the same markers in every frame")
+    frames, labels = frame[first].copy(), tuple(texts[codes[:markers]])
+    del frame, codes  # as large as a column
     values = {
         name: _array(_column(file, name), kinds.get(name)).reshape(count, markers)
         for name in names
         if name not in ("frame", "time", "marker")
     }
-    time, labels = _array(_column(file, "time"), "float64")[first].copy(), tuple(texts[codes[:markers]])
-    return LongTable(schema, frame[first].copy(), time, labels, values, provenance.facts, provenance.reasons)
+    time = _array(_column(file, "time"), "float64")[first].copy()
+    return LongTable(schema, frames, time, labels, values, provenance.facts, provenance.reasons)
 
 
 def _check_size(found: pq.FileMetaData, schema: pa.Schema, limit: int) -> None:
