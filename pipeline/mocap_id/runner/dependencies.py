@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +33,24 @@ def cache_key(
     refusal = None if refused is None else [refused.code, refused.message]
     return hash_bytes(dumps([stage.name, stage.version, settings, hashes, refusal]).encode())
 
+
+def unneeded(stages: Sequence[Stage], later: Sequence[Stage], size: Callable[[str], int | None]) -> set[str]:
+    """Return artefacts that no later stage reads, and large ones that the next stage does not read.
+
+    Parameters
+    ----------
+    stages, later : sequences of Stage
+        All stages, and those that still have to run, in order.
+    size : callable
+        Returns the bytes of an artefact in memory; None if it is not in memory.
+    """
+    wanted = {file for stage in later for file in stage.inputs}
+    made = {file for stage in stages for file in stage.outputs} - set(later[0].inputs if later else ())
+    return {file for file in made if file not in wanted or (size(file) or 0) > _LARGE}
+
+
+_LARGE = 64 << 20
+"""Bytes of a table above which reading it again is better than keeping it in memory."""
 
 _SETTLED_NS = 2 * 10**9
 """A file modified more recently than this may be modified again without a change of its time stamp."""

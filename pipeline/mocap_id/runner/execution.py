@@ -23,7 +23,7 @@ from mocap_id.config import Trial
 from mocap_id.errors import ConfigError, MocapIdError, NumericalError, Refused, StoreError
 from mocap_id.runner.background_writer import BackgroundWriter
 from mocap_id.runner.calibration import update_calibration
-from mocap_id.runner.dependencies import FileHashes, cache_key, parameters, user_files
+from mocap_id.runner.dependencies import FileHashes, cache_key, parameters, unneeded, user_files
 from mocap_id.runner.log import RUN_LOG, run_log, verdict_line
 from mocap_id.runner.refusals import store_refusal, stored_refusal
 from mocap_id.stages import STAGES, Stage
@@ -34,9 +34,6 @@ from mocap_id.store.atomic import replace_together
 LOG_FILE = "failure.log"  # in the run folder: the traceback of an unexpected failure
 
 _log = logging.getLogger(__name__)
-
-_LARGE = 64 << 20
-"""Bytes of a table above which reading it again is better than keeping it in memory."""
 
 
 @dataclass(frozen=True)
@@ -161,20 +158,11 @@ class _Run:
                 refused = error
                 self.refuse(stage, refused)
                 break
-            self.release(stages[number + 1 :])
+            self.folder.release(unneeded(self.stages, stages[number + 1 :], self.folder.size))
         self.writer.wait()
         self.folder.remove([LOG_FILE])
         self.log.info(verdict_line(self.trial.out))
         return Outcome(self.trial.out, tuple(self._steps), refused)
-
-    def release(self, later: Sequence[Stage]) -> None:
-        """Drop artefacts from memory that no later stage reads, and large ones that the next stage does not read."""
-        wanted = {file for stage in later for file in stage.inputs}
-        soon = set(later[0].inputs) if later else set()
-        made = {file for stage in self.stages for file in stage.outputs}
-        self.folder.release(
-            {file for file in made - soon if file not in wanted or (self.folder.size(file) or 0) > _LARGE}
-        )
 
     def step(self, stage: Stage) -> None:
         """Compute one stage, unless its outputs are up to date."""
@@ -211,9 +199,8 @@ class _Run:
     def compute(self, stage: Stage, hashes: Mapping[str, str], refused: Refused | None = None) -> Origin:
         """Run a stage's function and queue its outputs for writing."""
         inputs = {file: self.folder.read(file) for file in stage.inputs if file in hashes}
-        settings = self.trial.settings[stage.name]
+        settings, slice_ = self.trial.settings[stage.name], parameters(self.trial, stage)
         context = Context(self.trial.keys, settings, inputs, refused, self.seconds_before(stage))
-        slice_ = parameters(self.trial, stage)
         key = cache_key(stage, slice_, hashes, refused)
         start = time.perf_counter()
         try:

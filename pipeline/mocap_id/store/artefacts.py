@@ -54,6 +54,11 @@ class Table:
         return len(next(iter(self.columns.values()), ()))
 
     @property
+    def nbytes(self) -> int:
+        """Bytes of its arrays."""
+        return sum(values.nbytes for values in self.columns.values())
+
+    @property
     def names(self) -> list[str]:
         """Names of the columns."""
         return list(self.columns)
@@ -107,6 +112,11 @@ class LongTable:
     def length(self) -> int:
         """Number of rows."""
         return len(self.frames) * len(self.labels)
+
+    @property
+    def nbytes(self) -> int:
+        """Bytes of its arrays of frames and markers."""
+        return sum(values.nbytes for values in self.values.values())
 
     @property
     def names(self) -> list[str]:
@@ -182,6 +192,11 @@ class Tree:
     data: Mapping[str, Node]
     facts: Facts = field(default_factory=dict)
     reasons: tuple[Reason, ...] = ()
+
+    @property
+    def nbytes(self) -> int:
+        """Not counted: trees are small."""
+        return 0
 
     def array(self, path: str) -> Values:
         """Return the node at ``group/name`` as an array; KeyError where the tree does not have it."""

@@ -146,14 +146,8 @@ class Folder:
         return kept
 
     def size(self, file: str) -> int | None:
-        """Return the bytes of an artefact's arrays in memory, 0 for a tree; None if it is not in memory."""
-        if file not in self._read:
-            return None
-        artefact = self._read[file][0]
-        if isinstance(artefact, store.Tree):
-            return 0
-        columns = artefact.columns if isinstance(artefact, store.Table) else artefact.values
-        return sum(values.nbytes for values in columns.values())
+        """Return the bytes of an artefact in memory; None if it is not in memory."""
+        return self._read[file][0].nbytes if file in self._read else None
 
     def release(self, files: Iterable[str]) -> None:
         """Drop artefacts from memory; the next access reads them from the disk."""

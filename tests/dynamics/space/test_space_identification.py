@@ -10,8 +10,8 @@ from space_cases import SIX, identified, record, robot, true_base
 
 from mocap_id.dynamics.fit import determined
 from mocap_id.dynamics.space.calibration import no_errors
-from mocap_id.dynamics.space.identification import excitation_in_space, identify
-from mocap_id.dynamics.space.payload import identify_payload
+from mocap_id.dynamics.space.identification import SpatialIdentification, excitation_in_space, identify
+from mocap_id.dynamics.space.payload import BaseEstimate, identify_payload
 from mocap_id.dynamics.space.prediction import predict
 from mocap_id.dynamics.space.trial import moved_wrench, prepare
 from mocap_id.geometry import se3, so3
@@ -106,22 +106,31 @@ def test_a_turned_and_shifted_laboratory_changes_nothing() -> None:
     assert again.base[0] == pytest.approx(found.base[0], abs=1e-2)
 
 
+def estimate(found: SpatialIdentification) -> BaseEstimate:
+    modes = np.array([mode.parameters[: len(found.base)] for mode in found.modes])
+    return BaseEstimate(found.base, found.unit_covariance, found.residual_covariance, modes)
+
+
 def test_the_difference_of_two_trials_is_the_payload() -> None:
     empty, loaded = identified(4), identified(4, payload=2.0)
     trial = robot(4, payload=2.0)
-    found = identify_payload(loaded[0].structure, loaded[1], empty[1], segment=2)
+    found = identify_payload(loaded[0].structure.mapping, estimate(loaded[1]), estimate(empty[1]), segment=2)
     off = np.abs(found.value - trial.robot.payload) / found.sd
     assert np.mean(off < 3) >= 0.9
     assert found.value[0] == pytest.approx(2.0, abs=0.05)
     assert found.sd[0] < 0.05
+    place, sd = found.centre()
+    assert np.all(np.abs(place - trial.robot.payload[1:4] / 2.0) < 3 * sd)
+    assert sd.max() < 0.02
 
 
 def test_a_payload_of_another_chain_is_refused() -> None:
     with pytest.raises(ValueError, match="same chain"):
-        identify_payload(identified(4)[0].structure, identified(4)[1], identified(5, "clean", 3)[1], segment=2)
+        other = estimate(identified(5, "clean", 3)[1])
+        identify_payload(identified(4)[0].structure.mapping, estimate(identified(4)[1]), other, segment=2)
 
 
 def test_a_payload_on_one_hinge_is_only_known_in_part() -> None:
     empty, loaded = identified(6, joints=1), identified(6, joints=1, payload=2.0)
-    found = identify_payload(loaded[0].structure, loaded[1], empty[1], segment=1)
+    found = identify_payload(loaded[0].structure.mapping, estimate(loaded[1]), estimate(empty[1]), segment=1)
     assert 0 < np.isfinite(found.value).sum() < 10

@@ -12,6 +12,7 @@ from mocap_id.dynamics.fit import Fit, fit
 from mocap_id.dynamics.space.calibration import ErrorMode, SpatialCalibration, covariance_of, error_modes
 from mocap_id.dynamics.space.consistency import SemidefiniteSolution, fit_semidefinite
 from mocap_id.dynamics.space.trial import SpatialTrial
+from mocap_id.dynamics.uncertainty import unit_covariance
 
 _LEAST_LEVER = 0.05  # m: least size of the base's first moments, times the mass
 
@@ -52,6 +53,13 @@ class SpatialIdentification:
     def full(self) -> FloatArray:
         """Full parameters (10K,) in the segments' frames: one of many consistent solutions."""
         return self.solution.full
+
+    @property
+    def unit_covariance(self) -> FloatArray:
+        """Covariance (b, b) of the base parameters for independent residuals of unit size, after weighting."""
+        rows = self.fit.design.reshape(-1, self.fit.design.shape[-1])
+        own = slice(len(self.base))
+        return unit_covariance(rows)[own, own]
 
 
 def identify(trial: SpatialTrial, gate: BoolArray, calibration: SpatialCalibration) -> SpatialIdentification:

@@ -8,11 +8,28 @@ import numpy as np
 from scipy.linalg import null_space
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.space.base_parameters import SpatialBase
-from mocap_id.dynamics.space.identification import SpatialIdentification
-from mocap_id.dynamics.uncertainty import unit_covariance
 
 _UNKNOWN = 1e-6  # part of a unit vector in the null space from which a parameter is not determined
+
+
+@dataclass(frozen=True)
+class BaseEstimate:
+    """Base parameters of one trial.
+
+    Parameters
+    ----------
+    value : (b,) array
+        SI.
+    unit_covariance, residual_covariance : (b, b) arrays
+        As in :class:`mocap_id.dynamics.space.identification.SpatialIdentification`.
+    modes : (k, b) array
+        Change by one standard deviation of each error of the instruments, SI.
+    """
+
+    value: FloatArray
+    unit_covariance: FloatArray
+    residual_covariance: FloatArray
+    modes: FloatArray
 
 
 @dataclass(frozen=True)
@@ -31,20 +48,27 @@ class Payload:
     sd: FloatArray
     covariance: FloatArray
 
+    def centre(self) -> tuple[FloatArray, FloatArray]:
+        """Return the centre of mass (3,) in the frame of the segment and its standard deviation, m; NaN if unknown."""
+        mass, moments = self.value[0], self.value[1:4]
+        place = moments / mass
+        jacobian = np.column_stack([-place / mass, np.eye(3) / mass])
+        own = np.stack([self.covariance[np.ix_([0, k], [0, k])] for k in (1, 2, 3)])
+        rows = jacobian[np.arange(3)[:, None], np.array([[0, 1], [0, 2], [0, 3]])]
+        return place, np.sqrt(np.einsum("ki,kij,kj->k", rows, own, rows))
 
-def identify_payload(
-    structure: SpatialBase, loaded: SpatialIdentification, empty: SpatialIdentification, segment: int
-) -> Payload:
-    """Return the parameters of a payload fixed to one segment.
+
+def identify_payload(mapping: FloatArray, loaded: BaseEstimate, empty: BaseEstimate, segment: int) -> Payload:
+    """Return the parameters of a payload fixed to one segment, by weighted least squares on the change of eq. 4.24.
 
     Both trials must have the same chain and base, as with ``calibration:``, and the same instruments: their errors are
     common to both, so that they largely cancel.
 
     Parameters
     ----------
-    structure : SpatialBase
-        Base parameters of both trials.
-    loaded, empty : SpatialIdentification
+    mapping : (b, 10K) array
+        From the full parameters of all segments to the base parameters of both trials.
+    loaded, empty : BaseEstimate
         With and without the payload.
     segment : int
         Segment that carries the payload, 0 for the base.
@@ -54,28 +78,17 @@ def identify_payload(
     ValueError
         The two identifications have different parameters.
     """
-    if len(loaded.base) != len(empty.base) or len(loaded.modes) != len(empty.modes):
+    if loaded.modes.shape != empty.modes.shape or loaded.modes.shape[1] != len(mapping):
         raise ValueError(
-            f"the trials with and without payload have {len(loaded.base)} and {len(empty.base)} base parameters, "
+            f"the trials with and without payload have {len(loaded.value)} and {len(empty.value)} base parameters, "
             "expected the same chain: give `calibration:` in one of them"
         )
-    size = len(loaded.base)
-    columns = structure.mapping[:, 10 * segment : 10 * segment + 10]
-    spread = sum((_unit(each) for each in (loaded, empty)), np.zeros((size, size)))
-    half = np.linalg.cholesky(np.linalg.inv(spread)).T
+    columns = mapping[:, 10 * segment : 10 * segment + 10]
+    half = np.linalg.cholesky(np.linalg.inv(loaded.unit_covariance + empty.unit_covariance)).T
     gain = np.linalg.pinv(half @ columns, rcond=1e-9) @ half
-    covariance = gain @ (loaded.residual_covariance + empty.residual_covariance) @ gain.T
-    for one, other in zip(loaded.modes, empty.modes, strict=True):
-        change = gain @ (one.parameters - other.parameters)[:size]
-        covariance += np.outer(change, change)
+    change = (loaded.modes - empty.modes) @ gain.T
+    covariance = gain @ (loaded.residual_covariance + empty.residual_covariance) @ gain.T + change.T @ change
     unknown = np.linalg.norm(null_space(columns, rcond=1e-9), axis=1) > _UNKNOWN
-    value = np.where(unknown, np.nan, gain @ (loaded.base - empty.base))
+    value = np.where(unknown, np.nan, gain @ (loaded.value - empty.value))
     covariance[unknown], covariance[:, unknown] = np.nan, np.nan
     return Payload(value, np.sqrt(np.diag(covariance)), covariance)
-
-
-def _unit(found: SpatialIdentification) -> FloatArray:
-    """Return the covariance (b, b) of the base parameters for independent residuals."""
-    rows = found.fit.design.reshape(-1, found.fit.design.shape[-1])
-    size = len(found.base)
-    return unit_covariance(rows)[:size, :size]

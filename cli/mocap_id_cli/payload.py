@@ -1,0 +1,63 @@
+"""``mocap-id payload``: the inertial parameters of what a robot carries."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from mocap_id.workflows.payload import PARAMETERS, UNITS, FoundPayload, find_payload
+from mocap_id_cli import progress
+from mocap_id_cli.console import AsJson, Quiet, Verbose, aligned, log_to_stderr, print_json
+
+
+def payload(
+    loaded: Annotated[
+        Path,
+        typer.Argument(metavar="LOADED", help="Trial with the payload: YAML file or run folder.", show_default=False),
+    ],
+    empty: Annotated[
+        Path,
+        typer.Argument(metavar="EMPTY", help="Trial without it: YAML file or run folder.", show_default=False),
+    ],
+    *,
+    segment: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Segment that carries it; default: the last.")
+    ] = None,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+    verbose: Verbose = False,
+) -> None:
+    """Identify a payload from two trials in space, with and without it.
+
+    The trial with the payload must take its chain from the other one (`calibration:`), and the plate and the robot
+    must stay where they are. With a YAML file, missing or outdated results are computed first; a run folder is read
+    unchanged.
+    """
+    log_to_stderr(quiet, verbose)
+    found = find_payload(loaded, empty, segment, progress.of_stages(quiet))
+    if as_json:
+        print_json(found.as_json())
+        return
+    typer.echo("\n".join(_lines(found)))
+
+
+def _lines(found: FoundPayload) -> Iterator[str]:
+    yield f"payload of {found.segment}: {found.loaded} minus {found.empty}; value ± standard deviation"
+    yield "in the frame of the segment, moments of inertia about its origin (the joint)"
+    rows = zip(PARAMETERS, found.payload.value, found.payload.sd, UNITS, strict=True)
+    yield from aligned([[name, _value(value, sd), unit] for name, value, sd, unit in rows])
+    place, sd = found.payload.centre()
+    shown = ", ".join(_value(1e3 * a, 1e3 * b) for a, b in zip(place, sd, strict=True))
+    yield f"centre of mass: {shown} mm"
+
+
+def _value(value: float, sd: float) -> str:
+    """Return a value with its standard deviation, to the first two digits of the latter."""
+    if not math.isfinite(value):
+        return "not determined"
+    digits = max(0, 1 - math.floor(math.log10(max(sd, 1e-9))))
+    return f"{value:.{digits}f} ± {sd:.{digits}f}"
