@@ -13,6 +13,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.space import payload as dynamics
 from mocap_id.errors import ConfigError
 from mocap_id.store import Tree
+from mocap_id.store.spatial_views import SpatialSkeleton
 from mocap_id.workflows.run_folder import RunFolder, open_run
 
 PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
@@ -78,7 +79,8 @@ def find_payload(
     runs = [open_run(path, progress) for path in (loaded, empty)]
     trees = [_dynamics(run) for run in runs]
     mapping = _common_mapping(runs, trees)
-    segments = tuple(runs[0].summary["segments"]["names"])
+    chain = runs[0].tree("chain.h5")
+    segments = SpatialSkeleton.from_tree(chain).segments if chain else ()
     carrier = segments[-1] if segment is None else segment
     if carrier not in segments:
         raise ConfigError(f"{loaded}: there is no segment {carrier!r}; the segments are {', '.join(segments)}")

@@ -1,0 +1,138 @@
+"""Robots that move in space on a plate, with and without a payload: parameters against exact truth.
+
+About ten seconds per seed and core: two trials each.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import harness
+import numpy as np
+
+from mocap_id.arrays import FloatArray
+from mocap_id.dynamics.space.pseudo_inertia import change_of_frame
+from mocap_id.geometry import se3
+from mocap_id.kinematics.space.rigid_body import rigid_poses
+from mocap_id.simulation.space_robot.files import simulate_space_robot
+from mocap_id.simulation.space_robot.options import SpaceRobotOptions
+from mocap_id.store import Tree
+from mocap_id.store.spatial_views import SpatialSkeleton
+from mocap_id.workflows.payload import find_payload
+from mocap_id.workflows.run_folder import RunFolder, open_run
+
+PAYLOAD = 2.0  # kg
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Errors of one robot: of all base parameters, and of the payload; their share inside the 95 % intervals."""
+
+    kinds: bool
+    base: float
+    base_inside: float
+    mass: float
+    centre: float
+    payload: float
+    payload_inside: float
+
+
+def measure(task: tuple[Any, int]) -> Outcome:
+    """Simulate a robot with and without its payload, run both trials and compare."""
+    preset, seed = task
+    with tempfile.TemporaryDirectory() as folder:
+        empty, loaded = (
+            simulate_space_robot(Path(folder) / name, SpaceRobotOptions(seed=seed, preset=preset, payload=payload))
+            for name, payload in (("empty", 0.0), ("loaded", PAYLOAD))
+        )
+        loaded.write_text(loaded.read_text("utf-8") + "calibration: ../empty/trial.yaml\n", encoding="utf-8")
+        found = find_payload(loaded, empty).payload
+        runs, truths = ([open_run(file) for file in (empty, loaded)], [_truth(file) for file in (empty, loaded)])
+    tree = _tree(runs[0], "dynamics.h5")
+    value, sd = tree.numbers("base/value"), tree.numbers("base/sd")
+    frames = _frames(runs[0], truths[0])
+    own = [move @ part for move, part in zip(frames, _parameters(truths[0]), strict=True)]
+    base = np.asarray(tree.array("base/regrouping")) @ np.concatenate(own)
+    carried = _frames(runs[1], truths[1])[-1] @ np.array(truths[1]["payload"]["parameters"])
+    return Outcome(
+        all(joint.kind == "hinge" for joint in _skeleton(runs[0]).chain.joints),
+        float(np.linalg.norm(value - base) / np.linalg.norm(base)),
+        float(np.mean(np.abs(value - base) <= harness.QUANTILE * sd)),
+        float(abs(found.value[0] / carried[0] - 1)),
+        float(np.linalg.norm(found.centre()[0] - carried[1:4] / carried[0])),
+        float(np.linalg.norm(found.value - carried) / np.linalg.norm(carried)),
+        float(np.mean(np.abs(found.value - carried) <= harness.QUANTILE * found.sd)),
+    )
+
+
+def _truth(trial: Path) -> Mapping[str, Any]:
+    found: Mapping[str, Any] = json.loads(trial.with_name("truth.json").read_text("utf-8"))
+    return found
+
+
+def _tree(run: RunFolder, file: str) -> Tree:
+    tree = run.tree(file)
+    assert tree is not None
+    return tree
+
+
+def _skeleton(run: RunFolder) -> SpatialSkeleton:
+    return SpatialSkeleton.from_tree(_tree(run, "chain.h5"))
+
+
+def _parameters(truth: Mapping[str, Any]) -> FloatArray:
+    """Return the true parameters (K, 10) in the segments' true frames."""
+    return np.array(list(truth["parameters"].values())).reshape(-1, 10)
+
+
+def _frames(run: RunFolder, truth: Mapping[str, Any]) -> list[FloatArray]:
+    """Return matrices (10, 10) from the true frame of each segment to the found one, by their common markers."""
+    skeleton = _skeleton(run)
+    true = np.array([truth["local_xyz_m"][label] for label in skeleton.markers])
+    moves = []
+    for k in range(len(skeleton.segments)):
+        here = skeleton.chain.segment == k
+        rotation, origin, _ = rigid_poses(skeleton.chain.local[None, here], true[here])
+        moves.append(change_of_frame(se3.pose(rotation[0], origin[0])))
+    return moves
+
+
+def table(preset: str, outcomes: Sequence[Outcome], first: int) -> str:
+    """Return the table of a preset."""
+    rows = []
+    for quantity, name, factor in (
+        ("base parameters, % of their norm", "base", 100),
+        ("payload: mass, %", "mass", 100),
+        ("payload: centre of mass, mm", "centre", 1e3),
+        ("payload: all ten parameters, % of their norm", "payload", 100),
+    ):
+        values = factor * np.array([getattr(each, name) for each in outcomes])
+        rows.append([quantity, *(f"{value:.2g}" for value in np.quantile(values, (0.5, 0.8, 1.0), method="higher"))])
+    for quantity, name in (("base parameters", "base_inside"), ("payload", "payload_inside")):
+        share = np.array([getattr(each, name) for each in outcomes])
+        rows.append([f"inside 95 %: {quantity}", f"{100 * share.mean():.0f} %", "", f"{100 * share.min():.0f} %"])
+    kinds = sum(each.kinds for each in outcomes)
+    title = f"**{preset}**, {len(outcomes)} robots, seeds from {first}: all joints found as hinges in {kinds}."
+    head = ["error", "median (share: mean)", "80 % quantile", "largest (share: least)"]
+    return title + "\n\n" + harness.markdown(head, rows, numbers_from=1)
+
+
+def main() -> None:
+    """Measure both presets."""
+    given = harness.command_line(__doc__, parallel=True, trials=20, first=285_000).parse_args()
+    seeds = range(given.first, given.first + given.trials)
+    tables = []
+    for preset in ("clean", "default"):
+        outcomes = harness.run_all(measure, [(preset, seed) for seed in seeds], given.jobs)
+        tables.append(table(preset, outcomes, given.first))
+        harness.progress(tables[-1])
+    harness.publish({"robots-in-space": "\n\n".join(tables)}, write=given.write)
+
+
+if __name__ == "__main__":
+    main()
