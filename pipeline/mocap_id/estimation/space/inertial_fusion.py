@@ -138,9 +138,10 @@ class _Smoothing:
 
 def _counted_twists(chain: SpatialChain, own: Sequence[int]) -> BoolArray:
     """Return the segments (n + 1,) with a sensor whose shares of the twist are estimated, with their uncertainty."""
-    shared = np.unique(chain.segment[chain.skin != 0]) if len(chain.skin_sd) else []
     every = np.arange(len(chain.joints) + 1)
-    return np.isin(every, own) & np.isin(every, shared)
+    if not len(chain.skin_sd):
+        return every < 0
+    return np.isin(every, own) & np.isin(every, chain.segment[chain.skin != 0])
 
 
 def _hidden_for_long(observed: BoolArray, found: Mapping[int, Calibrated], rate: float) -> bool:
