@@ -17,6 +17,7 @@ import harness
 import numpy as np
 import sensor_arms
 import sensor_conditions
+import sensor_handle
 
 from mocap_id.arrays import FloatArray
 from mocap_id.config import load
@@ -28,7 +29,6 @@ from mocap_id.simulation.trial_files import c3d_bytes
 from mocap_id.store import Folder
 
 _MOVING = 0.5  # rad/s, sum of the joints
-
 STRATEGIES = ("normal", "dynamic", "stable")
 LIMITS = {
     "clock, ms": 5.0,
@@ -328,6 +328,7 @@ def conditions(first: int, trials: int, jobs: int | None) -> str:
 SECTIONS = {
     "boards": boards,
     "wrists": wrists,
+    "handles": sensor_handle.handles,
     "inertial": inertial,
     "arms": arms,
     "alone": alone,

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from dynamics_cases import BODY, CENTRES, independent, moving_body, waves
 
+from mocap_id.dynamics.built_in_sensors import fit_sensor
 from mocap_id.dynamics.external_wrenches import SEAT, ExternalWrench
 from mocap_id.dynamics.fit import fit
 from mocap_id.dynamics.identification import Identification, identify
@@ -61,6 +62,20 @@ def test_the_body_comes_back_whatever_else_carries_it(pushes: tuple[tuple[int, s
     assert np.abs((found.base - truth) / np.maximum(np.abs(truth), 1.0)).max() < 0.01
     blind = identified(replace(prepared.recorded, external=()))[1]
     assert abs(blind.base[0] / MASS - 1) > 0.1
+
+
+def test_a_sensor_in_a_joint_carries_less_by_what_a_handle_carries() -> None:
+    recorded, last = supported(HAND), 3
+    rows = planar_regressor(CENTRES, recorded.q, recorded.dq, recorded.ddq)[..., 4 * last :]
+    carried = rows @ BODY[last] - recorded.external[0].wrench
+    sensor = ExternalWrench("elbow", last, carried, by_plates=False)
+    everything = np.ones(len(recorded.time), dtype=bool)
+    found = fit_sensor(prepare(recorded, FitSettings()), everything, sensor)
+    assert found is not None
+    np.testing.assert_allclose(found.values, found.rows @ BODY.ravel(), rtol=1e-3, atol=1e-3)
+    blind = fit_sensor(prepare(replace(recorded, external=()), FitSettings()), everything, sensor)
+    assert blind is not None
+    assert np.abs(blind.values - found.values).max() > 1.0
 
 
 @pytest.mark.parametrize("late", [-0.04, 0.025])

@@ -1,8 +1,9 @@
 """Two-sensor identification (thesis 9.3): a wrench sensor built into a joint, beside the ground's.
 
 The ground's wrench is dominated by the heavy segments, so it determines the parameters of a light distal segment badly.
-A sensor in the joint before it carries that segment and everything beyond, and nothing else: W = Σ_{k ≥ s} Y_k φ_k. Its
-fit is combined with that of the ground by their covariances.
+A sensor in the joint before it carries that segment and everything beyond, less the measured external wrenches W_i that
+act there, such as that of a handle: W = Σ_{k ≥ s} Y_k φ_k - Σ_{i: s_i ≥ s} W_i. Its fit is combined with that of the
+ground by their covariances.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ _ZEROS = (0, 2)  # components whose constant error is fitted too; that of Fy is 
 _ROUNDS = 2  # weights from the residuals of the round before
 _LEAST_SAMPLES = 50
 _COMMON = 1e-6  # a parameter of the sensor that the ground's base parameters determine
-_GAIN_SD = 0.005  # relative error of the sensor's scale
+_GAIN_SD = 0.005  # relative error of a sensor's scale
 _SEED = 1  # of the noise of a sensor that is predicted
 
 
@@ -84,8 +85,10 @@ def fit_sensor(prepared: PreparedTrial, gate: BoolArray, sensor: ExternalWrench)
     """
     size, first = prepared.regressor.shape[-1], len(PLANAR_PARAMETERS) * sensor.segment
     to_joint = _to_joint(prepared, sensor.segment)
-    given = np.where(known(sensor.wrench)[:, None], sensor.wrench, np.nan)
-    wrench = prepared.lowpass(np.einsum("tij,tj->ti", to_joint, given))
+    parts = [sensor.wrench, *_held_beyond(prepared, sensor.segment)]
+    there = known(sum(parts[1:], parts[0]))[:, None]
+    filtered = [prepared.lowpass(np.einsum("tij,tj->ti", to_joint, np.where(there, each, np.nan))) for each in parts]
+    wrench = sum(filtered[1:], filtered[0])
     samples = np.flatnonzero(select(prepared, gate) & known(wrench))[:: prepared.step]
     if len(samples) < _LEAST_SAMPLES:
         return None
@@ -93,18 +96,31 @@ def fit_sensor(prepared: PreparedTrial, gate: BoolArray, sensor: ExternalWrench)
     base = base_set(rows.reshape(-1, size - first))
     zero = np.broadcast_to(np.eye(3)[:, list(_ZEROS)], (len(samples), 3, len(_ZEROS)))
     design, target, weights = np.concatenate([rows[..., base.kept], zero], axis=-1), wrench[samples], np.ones(3)
-    size_fitted, own = design.shape[-1], slice(len(base.kept))
-    values = np.zeros(size_fitted)
+    own, values = slice(len(base.kept)), np.zeros(design.shape[-1])
     for _ in range(_ROUNDS):
-        weighted, aim = design * weights[:, None], target * weights
-        values = CompressedProblem.of(weighted.reshape(-1, size_fitted), aim.reshape(-1)).free_solution()
+        fitted_with = weights
+        values = _solve(design, target, weights)
         weights = 1.0 / np.maximum((target - design @ values).std(axis=0), 1e-9)
     weighted, residual = design * weights[:, None], (target - design @ values) * weights
     blocks = time_blocks(prepared.recorded.time[samples], prepared.settings.block)
-    covariance = block_covariance(weighted, residual, blocks) + np.outer(values, values) * _GAIN_SD**2
+    by_scale = [_solve(design, each[samples], fitted_with) for each in filtered]  # each sensor has a scale of its own
+    covariance = block_covariance(weighted, residual, blocks)
+    covariance += sum(np.outer(each, each) for each in by_scale) * _GAIN_SD**2
     whole = np.zeros((len(base.kept), size))
     whole[:, first:] = base.regrouping
     return SensorFit(sensor.name, whole, values[own], covariance[own, own])
+
+
+def _solve(design: FloatArray, target: FloatArray, weights: FloatArray) -> FloatArray:
+    """Return the least squares of a design (R, 3, p) for wrenches (R, 3), with weights (3,) of the components."""
+    weighted = design * weights[:, None]
+    return CompressedProblem.of(weighted.reshape(-1, design.shape[-1]), (target * weights).reshape(-1)).free_solution()
+
+
+def _held_beyond(prepared: PreparedTrial, segment: int) -> list[FloatArray]:
+    """Return the external wrenches (T, 3) on a segment and beyond it."""
+    each = zip(prepared.recorded.external, prepared.external(0.0), strict=True)
+    return [wrench for external, wrench in each if external.segment >= segment]
 
 
 def _to_joint(prepared: PreparedTrial, segment: int) -> FloatArray:
@@ -202,7 +218,7 @@ def predict_with_sensor(
     first = len(PLANAR_PARAMETERS) * segment
     errors = rng.standard_normal((len(rows), 3)) * [noise.force, noise.force, noise.moment]
     about_origin = np.linalg.solve(_to_joint(prepared, segment), errors[..., None])[..., 0]
-    wrench = rows[:, :, first:] @ alone.full[first:] + about_origin
+    wrench = rows[:, :, first:] @ alone.full[first:] + about_origin - sum(_held_beyond(prepared, segment))
     found = fit_sensor(prepared, gate, ExternalWrench("predicted", segment, wrench, by_plates=False))
     if found is None:
         return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
@@ -91,11 +91,27 @@ _COMMON = 0.05
 """Share of the twist that the skin beside the next joint may miss after all."""
 
 
-def with_twist_errors(states: SpatialStates, chain: SpatialChain, *, common: float = _COMMON) -> SpatialStates:
+_ALL_MISS = 0.5
+"""Share of the twist that all skin may miss, relative to what the skin under the sensor misses; in simulated arms."""
+
+
+def with_twist_errors(
+    states: SpatialStates, chain: SpatialChain, *, common: float = _COMMON, missed: Mapping[int, float] | None = None
+) -> SpatialStates:
     """Return the states with the uncertainty of the twist that no marker of a segment follows.
 
     An error c of this share turns the segment by c τ about its long axis, in every frame. It is an error of the joint
-    above, and with the opposite sign of the joints below. ``common`` is the possible size of this share.
+    above, and with the opposite sign of the joints below.
+
+    Parameters
+    ----------
+    states : SpatialStates
+    chain : SpatialChain
+    common : float
+        Possible size of this share.
+    missed : mapping from int to float, optional
+        Share that the skin under the sensor of a segment misses against the markers. It shows how much there is to
+        miss, so the rates of these segments do not contain ``common`` and the share's deviation by the markers.
     """
     if not len(chain.skin_sd):
         return states
@@ -105,12 +121,13 @@ def with_twist_errors(states: SpatialStates, chain: SpatialChain, *, common: flo
         if not len(own) or not np.any(chain.skin[chain.segment == k]):
             continue
         sd = float(np.hypot(np.mean(own), common))
+        of_rate = sd if missed is None or k not in missed else float(np.hypot(_COMMON, _ALL_MISS * missed[k]))
         axis, twisting = joint.long_axis, joint.twist_axis(states.joint_rotations[:, k - 1])
-        size = sd * np.stack(
+        size = np.stack(
             [
-                joint.twist(states.joint_rotations[:, k - 1]),
-                np.sum(states.velocity[:, k - 1] * twisting, axis=1),
-                np.sum(states.acceleration[:, k - 1] * twisting, axis=1),
+                sd * joint.twist(states.joint_rotations[:, k - 1]),
+                of_rate * np.sum(states.velocity[:, k - 1] * twisting, axis=1),
+                of_rate * np.sum(states.acceleration[:, k - 1] * twisting, axis=1),
             ],
             axis=1,
         )

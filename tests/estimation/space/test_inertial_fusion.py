@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from spatial_cases import UP, mixed_chain, true_chain
@@ -16,6 +18,7 @@ from mocap_id.simulation.arm import SpatialTrial
 from mocap_id.simulation.arm.arm import generate_arm
 from mocap_id.simulation.arm.inertial_sensors import SimulatedSensor, simulate_sensors
 from mocap_id.simulation.arm.options import ArmOptions
+from mocap_id.stages.skin_twist import with_twist_errors
 
 ON = (0, 1, 2)
 GAP = slice(840, 960)  # one second
@@ -129,6 +132,22 @@ def test_accelerations_are_better_and_intervals_hold(case, both) -> None:
         assert acceleration_error(trial, states, s) < 0.6 * acceleration_error(trial, alone, s)
     off = np.abs(states.alpha[:, 2] - trial.alpha[:, 2] @ UP.T)
     assert np.mean(off < 1.96 * states.sd_alpha[:, 2, None]) > 0.88
+
+
+def test_the_share_that_skin_misses_under_a_sensor_sets_the_rates(case, both) -> None:
+    trial, _ = case
+    plain = true_chain(trial)
+    chain = replace(plain, skin=np.where(plain.segment == 1, 0.2, 0.0), skin_sd=np.full(len(plain.segment), 0.05))
+    known = np.isfinite(both[0].sd_alpha[:, 1])
+    wide, narrow, soft = (
+        with_twist_errors(both[0], chain, common=0.1, missed=missed) for missed in (None, {1: 0.05}, {1: 0.5})
+    )
+    for name in ("sd_omega", "sd_alpha"):
+        small, middle, large = (getattr(each, name)[known, 1] for each in (narrow, wide, soft))
+        assert np.all(small <= middle)
+        assert np.all(middle <= large)
+        assert np.all(large >= getattr(both[0], name)[known, 1])
+    np.testing.assert_array_equal(narrow.joint_covariance[:, 0, :3, :3], wide.joint_covariance[:, 0, :3, :3])
 
 
 def test_clocks_are_found_or_said_to_be_unknown(case, both) -> None:

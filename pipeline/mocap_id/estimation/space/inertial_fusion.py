@@ -42,7 +42,7 @@ from mocap_id.geometry.spatial_chain import SpatialChain
 
 _UP = (0.0, 1.0, 0.0)  # long axis of the base, which does not twist
 _SNAP = 2.0  # the sensors show faster movement than the markers
-_ACCELERATION_SHARE = 0.6  # of the filter's standard deviation, in simulated arms
+_ACCELERATION_SHARE = 0.35  # of the filter's standard deviation, in still simulated arms; skin is counted by its motion
 _LONG = 0.1  # s, without markers, after which the twist is not interpolated
 _LASTS = 0.3  # s, in which errors of a gyroscope keep their sign
 _WORSE = 1.5  # times the residual of the markers alone, at which the sensors contradict them
@@ -132,7 +132,16 @@ class _Smoothing:
         if followed is not None:
             _shrink_accelerations(track.covariance, followed)
             _add_lasting_errors(track.covariance, model, self.frames.observed, ready, dt)
-        return collect_states(self.chain, model, self.frames, track, noise, lost)
+        sensed = _counted_twists(self.chain, list(ready))
+        return collect_states(self.chain, model, self.frames, track, noise, lost, sensed=sensed)
+
+
+def _counted_twists(chain: SpatialChain, own: Sequence[int]) -> BoolArray:
+    """Return the segments (n + 1,) with a sensor whose shares of the twist are estimated, with their uncertainty."""
+    every = np.arange(len(chain.joints) + 1)
+    if not len(chain.skin_sd):
+        return every < 0
+    return np.isin(every, own) & np.isin(every, chain.segment[chain.skin != 0])
 
 
 def _hidden_for_long(observed: BoolArray, found: Mapping[int, Calibrated], rate: float) -> bool:
@@ -231,7 +240,7 @@ def _followed(model: ChainModel, own: Sequence[int]) -> BoolArray:
 
 
 def _shrink_accelerations(covariance: FloatArray, followed: BoolArray) -> None:
-    """Scale the accelerations of the covariance (F, 4 d, 4 d), in place: the filter takes lasting errors for white."""
+    """Scale the accelerations of the covariance (F, 4 d, 4 d), in place."""
     scale = np.ones(ORDER * len(followed))
     scale[2 * len(followed) : 3 * len(followed)][followed] = _ACCELERATION_SHARE
     for part in chunks(len(covariance)):

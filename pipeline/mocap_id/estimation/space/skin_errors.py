@@ -6,11 +6,11 @@ gain of the weighted fit, and rates and accelerations follow with those of the j
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.estimation.space.chain_model import degrees_of_freedom, group_columns
 from mocap_id.estimation.space.segment_rates import JointRates, SegmentRates
 from mocap_id.estimation.space.space_kernels import ChainModel, Pose, predict_markers
@@ -108,6 +108,13 @@ def skin_errors(
             moved = np.einsum("fmki,fmi,m->fk", gain[:, mine], around, np.sqrt(lasting[mine]))
             covariance[:, segments + s] = TWIST_SHARE**2 * moved[:, :, None] * moved[:, None, :]
     return SkinErrors(covariance, postures, _motion(chain, pose, joints, known, axes))
+
+
+def without_twist_rates(skin: SkinErrors, counted: BoolArray) -> SkinErrors:
+    """Return the variances without the rates of the common twist of segments (S,) where it is counted elsewhere."""
+    motion = skin.motion.copy()
+    motion[1:, :, len(counted) :][:, :, counted] = 0.0
+    return replace(skin, motion=motion)
 
 
 def cluster_variances(chain: SpatialChain) -> FloatArray:

@@ -26,6 +26,7 @@ from mocap_id.estimation.space.skin_errors import (
     joint_variances,
     segment_variances,
     skin_errors,
+    without_twist_rates,
 )
 from mocap_id.estimation.space.space_filter import SpatialTrack, filter_and_smooth, scale_to_movement
 from mocap_id.estimation.space.space_kernels import ChainModel, Pose, Sensors, predict_markers
@@ -205,8 +206,13 @@ def collect_states(  # noqa: PLR0917
     noise: SpatialNoise,
     lost: BoolArray,
     lasting: SkinErrors | None = None,
+    sensed: BoolArray | None = None,
 ) -> SpatialStates:
-    """Return the states; ``lasting`` are errors in place of those of the skin."""
+    """Return the states.
+
+    ``lasting`` are errors in place of those of the skin. Beside the sensors of the segments ``sensed`` (n + 1,), the
+    common twist of the skin does not count in the rates.
+    """
     pose = track.pose
     origins, rotations = chain.place(pose.origin, pose.turn[:, 0], pose.turn[:, 1:])
     joints = joint_rates(chain, model, pose)
@@ -221,6 +227,7 @@ def collect_states(  # noqa: PLR0917
         weight=1.0 / noise.marker_sd**2,
         known=known if known.size else np.arange(len(lost)),
     )
+    skin = skin if sensed is None else without_twist_rates(skin, sensed)
     deviations = _segment_deviations(chain, model, track, rotations, joints, rates, skin)
     joint_covariance, coordinates, sd_coordinates = _joint_deviations(chain, model, track, joints, skin)
     predicted = predicted_markers(model, pose)

@@ -70,7 +70,8 @@ def smooth_rotations(context: Context) -> Outputs:
         mirrored = view.planar.facts.get("side") == "left"
         files = context.trial.imus
         states, imus, sensed = smooth_with_imus(points, view.time, skeleton, files, given, mirrored=mirrored)
-        states = with_twist_errors(states, skeleton.chain, common=_COMMON_WITH_IMUS)
+        missed = {skeleton.segments.index(s): abs(each["skin_share"]) for s, each in imus.items() if each["used"]}
+        states = with_twist_errors(states, skeleton.chain, common=_COMMON_WITH_IMUS, missed=missed)
     else:
         states = with_twist_errors(smooth_in_space(points, view.rate, skeleton.chain, given), skeleton.chain)
     observed = bridge_repeated(states.observed, repeated, view.rate)
