@@ -7,6 +7,9 @@ deviations are half of a mass, 10 cm for a centre of mass, and the full size of 
 The standard deviation of the arms' mass is a quarter. Published tables (Winter; Plagenhoef and others 1983, men and
 women; de Leva 1996, men and women) give the thigh 10.0, 10.5, 11.8, 14.2 and 14.8 % of the body, and both arms 10.0,
 11.5, 9.9, 9.9 and 9.0 %: standard deviations of 18 and 9 % of the mean. Half and a quarter are 2.8 times these.
+
+The prior is loose so that the data decide wherever they can. Where they cannot, its mean is as accurate as the tables
+are: its error counts with the published spread, the prior's standard deviation divided by 2.8 (:data:`PUBLISHED`).
 """
 
 from __future__ import annotations
@@ -20,6 +23,8 @@ from mocap_id.arrays import FloatArray
 
 OTHERS_SHARE = 0.1
 """Mass of both arms, as a fraction of the body's mass; they carry most of the markers that are on no segment."""
+PUBLISHED = 1 / 2.8
+"""Spread of published tables, in standard deviations of the prior around one of them."""
 _MASS, _CENTRE, _INERTIA = 0.5, 0.10, 1.0
 _ARMS_MASS = 0.25
 _FOOT_MASS, _FOOT_CENTRE = 0.3, 0.05
@@ -41,12 +46,15 @@ class BodyPrior:
         Source of the mean.
     spans : (r, 2) array
         First and last time of every repetition, s; errors of the poses recur in each repetition.
+    spread : float
+        Standard deviation of the mean's error, in standard deviations of this distribution.
     """
 
     mean: FloatArray
     covariance: FloatArray
     source: str
     spans: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    spread: float = 1.0
 
     def rows(self, columns: int) -> tuple[FloatArray, FloatArray]:
         """Return the prior as least-squares rows (4K, columns) and right-hand side (4K,); free columns come last."""
@@ -71,7 +79,7 @@ def table_prior(mean: FloatArray, source: str, others: bool = False) -> BodyPrio
     if others:
         spread[-1] = (_ARMS_MASS, _CENTRE, _INERTIA)
     blocks = [_block(body, *sd) for body, sd in zip(mean.reshape(-1, 4), spread, strict=True)]
-    return BodyPrior(mean, block_diag(*blocks), source)
+    return BodyPrior(mean, block_diag(*blocks), source, spread=PUBLISHED)
 
 
 def even_prior(mass: float, centroid: FloatArray) -> BodyPrior:

@@ -18,7 +18,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.fit import Fit
-from mocap_id.dynamics.measured_motion import BodyPoses, joint_centres, measured_motion
+from mocap_id.dynamics.measured_motion import BodyPoses, measured_motion
 from mocap_id.dynamics.motion import PlanarMotion
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import wrench_regressor
@@ -159,12 +159,11 @@ class _Trace:
             else:
                 turned[:, 0] += _STEP * shape
             moved = measured_motion(replace(poses, position=position, angle=turned), self.bands)
-            after, angle, origin = self.wrenches.copy(), base.angle.copy(), base.origin.copy()
-            after[:, body] = _wrenches(moved, self.full[4 * body : 4 * body + 4], self.gravity)[:, 0]
-            angle[:, body], origin[:, body] = moved.angle[:, 0], moved.origin[:, 0]
-            there = replace(base, joint=joint_centres(self.poses, angle, origin))
-            wrench.append((after[:, body] - self.wrenches[:, body]) / _STEP)
-            torque.append((_torques(there, after) - _torques(base, self.wrenches)) / _STEP)
+            change = np.zeros_like(self.wrenches)
+            own = _wrenches(moved, self.full[4 * body : 4 * body + 4], self.gravity)[:, 0]
+            change[:, body] = (own - self.wrenches[:, body]) / _STEP
+            wrench.append(change[:, body])
+            torque.append(_torques(base, change))
         return np.stack(wrench, axis=-1), np.stack(torque, axis=-1)
 
 
