@@ -34,7 +34,7 @@ from mocap_id.stages.identify_dim.trial_data import read_skeleton
 _BENT = "hip"  # joint below a trunk that may bend
 _OWN = 0.25  # least share of a centre's variance that is not due to the previous joint
 _ORDERS = (1.0, 0.5)  # size of the first and the second order of a gap in the joint angle, relative to σ
-_LARGEST = 0.01  # m: largest σ; people's hips shift by about a centimetre
+_LARGEST = 0.01  # m/rad: largest σ over half the joint's arc; people's hips shift by about a centimetre in two radians
 _SHAPED = 1e-6  # least size of a shape, relative to the largest, that a joint fit leaves
 _STILL = 1e-9  # rad
 _SAMPLES = 500  # samples used
@@ -114,7 +114,8 @@ def _giving_way(gap: FloatArray, turned: FloatArray, angle: FloatArray) -> tuple
 
     Gap (T, 2) and R(θ) (T, 2, 2) are in the frame of the body before the joint; ``angle`` (T,) is θ.
     """
-    x = 2 * (angle - angle.min()) / max(float(np.ptp(angle)), _STILL) - 1
+    half = max(float(np.ptp(angle)) / 2, _STILL)
+    x = (angle - angle.min()) / half - 1
     orders = np.polynomial.chebyshev.chebvander(x, len(_ORDERS))[:, 1:] * _ORDERS
     shapes = (orders[:, None, None, :] * np.eye(2)[:, :, None]).reshape(len(angle), 2, -1)
     rows = np.concatenate([np.broadcast_to(-np.eye(2), turned.shape), turned], axis=-1).reshape(-1, 4)
@@ -125,7 +126,7 @@ def _giving_way(gap: FloatArray, turned: FloatArray, angle: FloatArray) -> tuple
     if share <= 0.0:
         return shapes, 0.0
     seen = basis[:, size > _SHAPED * size[0]].T @ left[:, -1]
-    return shapes, min(float(np.sqrt(np.sum(seen**2) / share)), _LARGEST)
+    return shapes, min(float(np.sqrt(np.sum(seen**2) / share)), _LARGEST * half)
 
 
 def _turns(angle: FloatArray) -> FloatArray:
