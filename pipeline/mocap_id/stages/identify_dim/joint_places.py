@@ -6,8 +6,8 @@ bodies, with errors dn and df, and leaves the gap
 
     g(t) = G(t) - dn + R(θ(t)) df .
 
-It minimises g, so it takes for a place what it can of a gap that follows the joint angle θ, nearly all of a gap in
-proportion to θ. What it leaves shows how much that was, if G is smooth:
+It minimises g, weighted with the information of the poses, so it takes for a place what it can of a gap that follows
+the joint angle θ, nearly all of a gap in proportion to θ. What it leaves shows how much that was, if G is smooth:
 
     G(t) = Σ_p a_p T_p(x(t)),   a_p ~ N(0, 4^(1-p) σ² I),   p = 1, 2,
 
