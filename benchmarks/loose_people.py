@@ -41,8 +41,8 @@ class Result:
 
     Parameters
     ----------
-    rms, inside : (7,) arrays
-        Errors of :data:`NAMES`, and share of the samples inside the interval.
+    rms, inside, relative : (7,) arrays
+        Errors of :data:`NAMES`, share of the samples inside the interval, and rms error in stated standard deviations.
     moments : (3,) array
         Relative errors of the first moments about :data:`JOINTS`.
     poses : bool
@@ -51,6 +51,7 @@ class Result:
 
     rms: FloatArray
     inside: FloatArray
+    relative: FloatArray
     moments: FloatArray
     poses: bool
 
@@ -89,6 +90,7 @@ def compare(configuration: Path, done: IdentifiedTrial) -> Result:
     return Result(
         rms=harness.rms(off) * SCALE,
         inside=np.nanmean(np.abs(off) <= harness.QUANTILE * sd, axis=0),
+        relative=harness.rms(off / sd),
         moments=np.linalg.norm(harness.rms((found - exact)[known]), axis=1) / size,
         poses=done.facts["motion"]["source"] == "segments",
     )
@@ -120,7 +122,7 @@ def people(row: str, seed: int) -> Options:
 
 
 def _names(cell: str) -> list[str]:
-    if cell == "inside":
+    if cell in {"inside", "relative"}:
         return list(NAMES)
     series = [f"{name}, {unit}" for name, unit in zip(NAMES, UNITS, strict=True)]
     return [*series, *(f"first moment about the {joint}, %" for joint in harness.JOINTS)]
@@ -130,6 +132,8 @@ def _cell(cell: str, k: int, pairs: Sequence[tuple[Result, Result]]) -> str:
     def values(which: int) -> str:
         if cell == "inside":
             return f"{100 * np.mean([pair[which].inside[k] for pair in pairs]):.0f}"
+        if cell == "relative":
+            return f"{harness.rms(np.array([pair[which].relative[k] for pair in pairs])):.2f}"
         every = [np.append(pair[which].rms, 100 * pair[which].moments)[k] for pair in pairs]
         return f"{np.median(every):.2g}"
 
@@ -159,6 +163,7 @@ def main() -> None:
         "loose-people-motion": f"The program chose measured poses in {chosen} of {len(every)} trials.",
         "loose-people-coverage": harness.measured_by(__file__, own),
         "loose-people-intervals": table("inside"),
+        "loose-people-relative": table("relative"),
     }
     harness.publish(sections, write=arguments.write)
 

@@ -139,15 +139,17 @@ def test_on_an_exact_chain_it_says_what_the_chain_s_fit_says(wide: bool) -> None
     np.testing.assert_allclose(value, expected, rtol=1e-3, atol=1e-3)
 
 
-def test_the_covariance_is_the_sandwich_with_the_prior_s_rows() -> None:
+@pytest.mark.parametrize("spread", [[1.0, 1.0, 1.0], [0.4, 0.4, 1.0]])
+def test_the_covariance_is_the_sandwich_with_the_prior_s_rows(spread: list[float]) -> None:
     rng = np.random.default_rng(0)
     design, residual = rng.normal(size=(400, 2, 4)), rng.normal(size=(400, 2))
     prior, block = rng.normal(size=(3, 4)), time_blocks(np.arange(400) / 20, 1.0)
     bread = np.linalg.inv(np.einsum("rca,rcb->ab", design, design) + prior.T @ prior)
     scores = [np.einsum("rcb,rc->b", design[block == g], residual[block == g]) for g in range(20)]
     few = 20 / 19 * 799 / 796
-    expected = bread @ (few * sum(np.outer(s, s) for s in scores) + prior.T @ prior) @ bread
-    np.testing.assert_allclose(block_covariance(design, residual, block, prior), expected, rtol=1e-9, atol=1e-15)
+    expected = bread @ (few * sum(np.outer(s, s) for s in scores) + prior.T @ np.diag(spread) ** 2 @ prior) @ bread
+    found = block_covariance(design, residual, block, prior, np.array(spread))
+    np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-15)
     none = block_covariance(design, residual, block, np.zeros((0, 4)))
     np.testing.assert_allclose(none, block_covariance(design, residual, block), rtol=1e-12)
 
@@ -159,7 +161,9 @@ def test_the_fit_s_covariance_holds_its_prior() -> None:
     rows = found.design.reshape(-1, 22)
     gained = np.linalg.inv(rows.T @ rows + found.prior_precision)
     sd, of_prior = np.sqrt(np.diag(found.covariance)), np.sqrt(np.diag(PRIOR.covariance))
-    rest = found.covariance - gained @ found.prior_precision @ gained
+    assert found.prior is not None
+    own = np.pad(found.prior[0], ((0, 0), (0, 1))) * PRIOR.spread[:, None]
+    rest = found.covariance - gained @ own.T @ own @ gained
     assert np.linalg.eigvalsh(rest / np.outer(sd, sd)).min() > -1e-6
     sd = sd[:20]
     assert (sd < of_prior).all()
@@ -167,11 +171,13 @@ def test_the_fit_s_covariance_holds_its_prior() -> None:
 
 
 def test_intervals_hold_bodies_drawn_from_the_prior() -> None:
-    """Truths from the prior itself, each with its own noise of the plate."""
+    """Truths from the prior itself, the foot with the spread of published tables, each with its own noise."""
     rng, inside = np.random.default_rng(5), []
     motion = moving(TIME)
     for k in range(12):
-        bodies = rng.multivariate_normal(PRIOR.mean, PRIOR.covariance).reshape(5, 4)
+        bodies = rng.multivariate_normal(PRIOR.mean, PRIOR.covariance * np.outer(PRIOR.spread, PRIOR.spread)).reshape(
+            5, 4
+        )
         recorded = recorded_of(TIME, motion, noise=NOISE, bodies=bodies)
         recorded = replace(recorded, wrench=recorded.wrench + rng.normal(size=(len(TIME), 3)) * (1 + k % 2))
         found = fit(prepare(recorded, FitSettings(offset_limit=0.02), PRIOR), EVERYTHING)

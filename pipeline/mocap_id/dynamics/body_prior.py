@@ -7,6 +7,11 @@ deviations are half of a mass, 10 cm for a centre of mass, and the full size of 
 The standard deviation of the arms' mass is a quarter. Published tables (Winter; Plagenhoef and others 1983, men and
 women; de Leva 1996, men and women) give the thigh 10.0, 10.5, 11.8, 14.2 and 14.8 % of the body, and both arms 10.0,
 11.5, 9.9, 9.9 and 9.0 %: standard deviations of 18 and 9 % of the mean. Half and a quarter are 2.8 times these.
+
+The prior is loose so that the data decide wherever they can. They say nothing about the foot, which rests: its errors
+are those of the table. They count with the spread of published tables, the prior's standard deviation divided by 2.8
+(11 % of its mass, 18 mm of its centre); the masses of the foot in the same tables have a standard deviation of 5 %. The
+other bodies move, and real trials contradict their tables by more than the tables differ: their prior counts as it is.
 """
 
 from __future__ import annotations
@@ -20,6 +25,7 @@ from mocap_id.arrays import FloatArray
 
 OTHERS_SHARE = 0.1
 """Mass of both arms, as a fraction of the body's mass; they carry most of the markers that are on no segment."""
+_FOOT_SPREAD = 1 / 2.8
 _MASS, _CENTRE, _INERTIA = 0.5, 0.10, 1.0
 _ARMS_MASS = 0.25
 _FOOT_MASS, _FOOT_CENTRE = 0.3, 0.05
@@ -41,12 +47,20 @@ class BodyPrior:
         Source of the mean.
     spans : (r, 2) array
         First and last time of every repetition, s; errors of the poses recur in each repetition.
+    foot_spread : float
+        Standard deviations of the errors of the first body's mean, in standard deviations of this distribution.
     """
 
     mean: FloatArray
     covariance: FloatArray
     source: str
     spans: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    foot_spread: float = 1.0
+
+    @property
+    def spread(self) -> FloatArray:
+        """Standard deviations (4K,) of the errors of the rows, in the order of :meth:`rows`."""
+        return np.concatenate([np.full(4, self.foot_spread), np.ones(len(self.mean) - 4)])
 
     def rows(self, columns: int) -> tuple[FloatArray, FloatArray]:
         """Return the prior as least-squares rows (4K, columns) and right-hand side (4K,); free columns come last."""
@@ -71,7 +85,7 @@ def table_prior(mean: FloatArray, source: str, others: bool = False) -> BodyPrio
     if others:
         spread[-1] = (_ARMS_MASS, _CENTRE, _INERTIA)
     blocks = [_block(body, *sd) for body, sd in zip(mean.reshape(-1, 4), spread, strict=True)]
-    return BodyPrior(mean, block_diag(*blocks), source)
+    return BodyPrior(mean, block_diag(*blocks), source, foot_spread=_FOOT_SPREAD)
 
 
 def even_prior(mass: float, centroid: FloatArray) -> BodyPrior:

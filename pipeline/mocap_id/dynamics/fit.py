@@ -277,7 +277,8 @@ def _covariance(
     residual = _residual(weighted, _measured(prepared, samples, time - offset) * weights, prior)
     blocks = time_blocks(time, prepared.settings.block)
     more = None if prior is None else np.pad(prior[0], ((0, 0), (0, 1)))
-    return extended, block_covariance(extended, residual, blocks, more)
+    loose = 1.0 if prepared.prior is None else prepared.prior.spread
+    return extended, block_covariance(extended, residual, blocks, more, loose)
 
 
 def conditions(rows: FloatArray) -> tuple[float, float]:

@@ -140,14 +140,9 @@ class JointGap:
         return not self.acceleration > GIVES_WAY
 
     @property
-    def variance(self) -> float:
-        """Variance of the joint's centre from the gap, m² per coordinate; 0 if the gap is unknown."""
-        return self.size**2 / 2 if np.isfinite(self.size) else 0.0
-
-    @property
-    def centre_variance(self) -> float:
-        """Variance of the joint's centre from gap and bodies, m² per coordinate; 0 if the gap is unknown."""
-        return self.variance + self.place if np.isfinite(self.size) else 0.0
+    def excess(self) -> float:
+        """Variance of the gap beyond ``place``, m² per coordinate: what sliding skin does not explain; 0 if unknown."""
+        return max(self.size**2 / 2 - self.place, 0.0) if np.isfinite(self.size) else 0.0
 
 
 def fill_gaps(poses: BodyPoses) -> tuple[BodyPoses, BoolArray]:
@@ -224,8 +219,12 @@ def close_gaps(poses: BodyPoses, joints: Sequence[int]) -> BodyPoses:
     return poses
 
 
-def _closing(poses: BodyPoses, joints: Sequence[int], angle: FloatArray, gap: FloatArray) -> FloatArray:
-    """Change (f, K, 3) of positions and angles that closes gaps (f, j, 2) at angles (f, K); 0 where one is unknown."""
+def gap_response(poses: BodyPoses, joints: Sequence[int], angle: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return derivatives of gaps by the poses of all bodies, J (f, 2j, 3K), and J W⁻¹ with the poses' information W.
+
+    Gaps of the joints are in order, x and y each; poses are x, y and angle of each body. ``angle`` (f, K) is that of
+    the bodies, rad; NaN where one is unknown.
+    """
     size, bodies = angle.shape
     weak = 1.0 / np.concatenate([np.repeat(poses.information[:, :1], 2, axis=1), poses.information[:, 1:]], axis=1)
     jacobian = np.zeros((size, len(joints), 2, bodies, 3))
@@ -238,11 +237,17 @@ def _closing(poses: BodyPoses, joints: Sequence[int], angle: FloatArray, gap: Fl
             jacobian[:, row, 0, body, 0] = jacobian[:, row, 1, body, 1] = sign
             jacobian[:, row, 0, body, 2], jacobian[:, row, 1, body, 2] = -sign * arm[:, 1], sign * arm[:, 0]
     flat = jacobian.reshape(size, 2 * len(joints), 3 * bodies)
+    return flat, flat * weak.reshape(-1)
+
+
+def _closing(poses: BodyPoses, joints: Sequence[int], angle: FloatArray, gap: FloatArray) -> FloatArray:
+    """Change (f, K, 3) of positions and angles that closes gaps (f, j, 2) at angles (f, K); 0 where one is unknown."""
+    flat, spread = gap_response(poses, joints, angle)
     good = np.isfinite(flat).all(axis=(1, 2)) & np.isfinite(gap).all(axis=(1, 2))
-    spread = flat[good] * weak.reshape(-1)  # J W⁻¹
-    solved = np.linalg.solve(spread @ np.swapaxes(flat[good], 1, 2), gap[good].reshape(-1, 2 * len(joints), 1))
-    step = np.zeros((size, bodies, 3))
-    step[good] = -(np.swapaxes(spread, 1, 2) @ solved).reshape(-1, bodies, 3)
+    flat, spread = flat[good], spread[good]
+    solved = np.linalg.solve(spread @ np.swapaxes(flat, 1, 2), gap[good].reshape(-1, 2 * len(joints), 1))
+    step = np.zeros((*angle.shape, 3))
+    step[good] = -(np.swapaxes(spread, 1, 2) @ solved).reshape(-1, angle.shape[1], 3)
     return step
 
 

@@ -7,7 +7,8 @@ show. A slide d of one of the m markers of a body changes the body's measured po
 
 where ρ is the marker's position relative to the centroid. Slides follow the angle of the joint below or above the body,
 as in :mod:`mocap_id.kinematics.skin_slides`. The markers of a body together give a (3, 3) covariance of the pose's
-error in x, y and angle, for one standard deviation of the joint's angle. Its modes are propagated through the fit.
+error in x, y and angle, for one standard deviation of the joint's angle. Its modes are propagated through the fit. The
+places of the joints in the torques have errors of their own, which contain the skin's.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.fit import Fit
-from mocap_id.dynamics.measured_motion import BodyPoses, joint_centres, measured_motion
+from mocap_id.dynamics.measured_motion import BodyPoses, measured_motion
 from mocap_id.dynamics.motion import PlanarMotion
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import wrench_regressor
@@ -53,7 +54,7 @@ class PoseEffect:
     parameters : (b + k + 1, S) array
         Changes of the fitted values with each mode, in the order of the fit's covariance.
     torque : (T, n) array
-        Variance of the joint torques, (N·m)².
+        Variance of the joint torques at fixed places of the joints, (N·m)².
     """
 
     parameters: FloatArray
@@ -147,7 +148,7 @@ class _Trace:
     wrenches: FloatArray
 
     def effects(self, body: int, shape: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return derivatives of wrench (t, 3, 3) and torques (t, n, 3) by one body's x, y and angle.
+        """Return derivatives of wrench (t, 3, 3) and torques (t, n, 3) by one body's x, y and angle, at fixed joints.
 
         The errors are in the body's frame and vary over time as ``shape`` (t,).
         """
@@ -159,12 +160,11 @@ class _Trace:
             else:
                 turned[:, 0] += _STEP * shape
             moved = measured_motion(replace(poses, position=position, angle=turned), self.bands)
-            after, angle, origin = self.wrenches.copy(), base.angle.copy(), base.origin.copy()
-            after[:, body] = _wrenches(moved, self.full[4 * body : 4 * body + 4], self.gravity)[:, 0]
-            angle[:, body], origin[:, body] = moved.angle[:, 0], moved.origin[:, 0]
-            there = replace(base, joint=joint_centres(self.poses, angle, origin))
-            wrench.append((after[:, body] - self.wrenches[:, body]) / _STEP)
-            torque.append((_torques(there, after) - _torques(base, self.wrenches)) / _STEP)
+            change = np.zeros_like(self.wrenches)
+            own = _wrenches(moved, self.full[4 * body : 4 * body + 4], self.gravity)[:, 0]
+            change[:, body] = (own - self.wrenches[:, body]) / _STEP
+            wrench.append(change[:, body])
+            torque.append(_torques(base, change))
         return np.stack(wrench, axis=-1), np.stack(torque, axis=-1)
 
 

@@ -16,7 +16,11 @@ def time_blocks(time: FloatArray, length: float) -> IntArray:
 
 
 def block_covariance(
-    design: FloatArray, residual: FloatArray, block: IntArray, prior: FloatArray | None = None
+    design: FloatArray,
+    residual: FloatArray,
+    block: IntArray,
+    prior: FloatArray | None = None,
+    spread: FloatArray | float = 1.0,
 ) -> FloatArray:
     """Return the covariance of least-squares parameters without assuming a model of the residuals within a block.
 
@@ -34,7 +38,9 @@ def block_covariance(
         Block of each sample, 0 … G - 1.
     prior : (p, b) array, optional
         Rows of a prior that took part in the fit, in standard deviations. With X and P the rows of data and prior, the
-        covariance is (XᵀX + PᵀP)⁻¹ (Σ_g X_gᵀ r_g r_gᵀ X_g + PᵀP) (XᵀX + PᵀP)⁻¹.
+        covariance is (XᵀX + PᵀP)⁻¹ (Σ_g X_gᵀ r_g r_gᵀ X_g + PᵀS²P) (XᵀX + PᵀP)⁻¹.
+    spread : (p,) array or float
+        Diagonal of S: standard deviations of the prior's errors in these units; below 1 if a prior is loose on purpose.
 
     Returns
     -------
@@ -52,7 +58,7 @@ def block_covariance(
     covariance: FloatArray = correction * (half @ half.T)
     if prior is None:
         return covariance
-    rest = solve_triangular(factor, solve_triangular(factor, prior.T, trans="T"))
+    rest = solve_triangular(factor, solve_triangular(factor, prior.T * spread, trans="T"))
     return np.asarray(covariance + rest @ rest.T)
 
 

@@ -160,7 +160,7 @@ def _body_sets(context: Context, recorded: TrialData) -> tuple[tuple[MeasuredBod
     first = next(body_sets, None)
     if first is not None:
         for joint, each in first.gap.items():
-            centre_sd[joint] = 0.0 if each.pinned else np.sqrt(each.variance)
+            centre_sd[joint] = 0.0 if each.pinned else np.sqrt(each.excess)
     gap = {} if first is None else gap_facts(first, joint_names(context))
     if requested == "chain":
         return (), {"source": "chain", "why": ASKED_FOR, "joints": gap}, centre_sd
