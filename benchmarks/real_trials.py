@@ -15,6 +15,7 @@ from harness import JOINTS, command_line, markdown, publish, recordings
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.config import load
 from mocap_id.dynamics.centre_of_pressure import centre_of_pressure
+from mocap_id.dynamics.lowpass import known
 from mocap_id.dynamics.measured_motion import close_gaps
 from mocap_id.geometry import planar
 from mocap_id.protocols.reference_body import no_reference
@@ -106,7 +107,7 @@ def on_chain(bodies: MeasuredBodies, q: FloatArray) -> MeasuredBodies:
     own = slice(angle.shape[1])
     position, turned = poses.position.copy(), poses.angle.copy()
     position[:, own], turned[:, own] = origin + planar.rotate(angle, poses.centroid[own]), angle
-    return replace(bodies, poses=replace(poses, position=position, angle=turned))
+    return replace(bodies, poses=replace(poses, position=position, angle=turned), observed=known(turned))
 
 
 def steps(trial: Trial) -> dict[str, list[str]]:
@@ -119,13 +120,14 @@ def steps(trial: Trial) -> dict[str, list[str]]:
     chain = fit_chain(context, prepared, movement, read.grid, tables)
     apart = read.body_sets[0]
     chosen = next(way for way in read.body_sets if list(way.used) == trial.done.facts["motion"]["used"])
-    bare = read_bodies(context.table("poses.parquet"), recorded.centres, apart.used[:-1])
+    table, segments = context.table("poses.parquet"), range(len(recorded.centres) + 1)
+    bare, with_others = (read_bodies(table, recorded.centres, [*segments, *more]) for more in ([], apart.used[-1:]))
     every = chosen.poses.joints
 
     def fitted(way: MeasuredBodies, rival: ReferenceBodies = tables) -> SegmentFit:
         return fit_segments(context, [way], prepared, movement, pinned=chain, tables=rival)
 
-    ways = [on_chain(bare, recorded.q), on_chain(apart, recorded.q)]
+    ways = [on_chain(bare, recorded.q), on_chain(with_others, recorded.q)]
     ways += [replace(chosen, poses=close_gaps(chosen.poses, joints)) for joints in (every, every[:2], [])]
     fits = [fitted(way) for way in ways]
     fits.append(fitted(chosen, ReferenceBodies(no_reference(len(recorded.centres), None), ())))
