@@ -9,6 +9,8 @@ import contextlib
 import logging
 import multiprocessing
 import os
+import shlex
+import shutil
 import signal
 import threading
 import time
@@ -120,6 +122,7 @@ class DaskBackend(Backend):
     def workers(self, most: int) -> Iterator[Workers]:
         distributed = _imported("distributed")
         with ExitStack() as stack:
+            stack.enter_context(_warnings_only("distributed"))
             address = self.scheduler or stack.enter_context(_deployed(self.cluster))
             try:
                 client = stack.enter_context(distributed.Client(address, set_as_default=False))
@@ -153,6 +156,13 @@ def _deployed(cluster: Mapping[str, Any]) -> Iterator[Any]:
     if kind not in _KINDS:
         raise ConfigError(f"a cluster's `kind` is {kind!r}, expected one of {', '.join(_KINDS)}")
     module, name = _KINDS[kind]
+    made_by = getattr(_imported(module), name)
+    submit = getattr(getattr(made_by, "job_cls", None), "submit_command", None)
+    if submit and not shutil.which(shlex.split(submit)[0]):
+        raise ConfigError(
+            f"`kind: {kind}` starts its workers with the program `{submit}`, which is not on this machine's path: "
+            f"type the command where you submit jobs to the cluster"
+        )
     if kind == "local":
         defaults = {"n_workers": count, "threads_per_worker": 1, "processes": True, "dashboard_address": ":0"}
         arguments = defaults | arguments
@@ -160,7 +170,7 @@ def _deployed(cluster: Mapping[str, Any]) -> Iterator[Any]:
     environment = {f"distributed.nanny.pre-spawn-environ.{key}": value for key, value in (_THREADS | _MEMORY).items()}
     try:
         with _imported("dask.config").set({**environment, "distributed.worker.profile.enabled": False}):
-            deployed = getattr(_imported(module), name)(**arguments)
+            deployed = made_by(**arguments)
     except (TypeError, ValueError, RuntimeError, OSError) as error:
         raise ConfigError(f"Dask's {name} cannot be made with {', '.join(arguments)}: {error}") from error
     with deployed as running:
@@ -209,6 +219,19 @@ def _check_versions(client: Any, workers: Sequence[str]) -> None:
 
 def _version() -> str:
     return __version__
+
+
+@contextmanager
+def _warnings_only(library: str) -> Iterator[None]:
+    """Drop what a library logs below WARNING, unless this program logs its own information as well (``--verbose``)."""
+    log = logging.getLogger(library)
+    before = log.level
+    if not logging.getLogger("mocap_id").isEnabledFor(logging.INFO):
+        log.setLevel(max(before, logging.WARNING))
+    try:
+        yield
+    finally:
+        log.setLevel(before)
 
 
 def _imported(module: str) -> Any:
