@@ -161,6 +161,34 @@ def test_a_queueing_system_that_is_not_here(tmp_path: Path, monkeypatch: pytest.
         run_batch([str(tmp_path)], tmp_path / "batch.parquet", backend=DaskBackend(cluster={"kind": "slurm"}))
 
 
+def test_a_queue_that_takes_no_job(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: Any) -> None:
+    """A queue's name may be wrong: the reason is told once, and nothing waits."""
+    spec = pytest.importorskip("distributed.deploy.spec")
+
+    class Job(spec.ProcessInterface):  # type: ignore[misc, name-defined]
+        submit_command = sys.executable
+
+        async def start(self) -> None:
+            raise RuntimeError("stderr:\ninvalid partition: short")
+
+        async def close(self) -> None:
+            """As dask_jobqueue's own: a job that was not submitted is left alone."""
+
+    class Slurm(spec.SpecCluster):  # type: ignore[misc, name-defined]
+        job_cls = Job
+
+        def __init__(self) -> None:
+            scheduler = {"cls": distributed.Scheduler, "options": {"dashboard_address": ":0"}}
+            super().__init__(scheduler=scheduler, worker={"cls": Job, "options": {}}, silence_logs=50)
+
+    monkeypatch.setitem(sys.modules, "dask_jobqueue", SimpleNamespace(SLURMCluster=Slurm))
+    trials(tmp_path, NAMES[:2])
+    with pytest.raises(ConfigError, match="does not take the job of a worker: stderr: invalid partition: short"):
+        run_batch([str(tmp_path)], tmp_path / "batch.parquet", backend=DaskBackend(cluster={"kind": "slurm"}))
+    assert not (tmp_path / "runs").exists()
+    assert not [one.name for one in caplog.records if one.name in ("asyncio", "tornado.application")]
+
+
 @pytest.mark.parametrize(("own", "kept"), [(logging.WARNING, logging.WARNING), (logging.INFO, logging.INFO)])
 def test_the_progress_of_dask_is_told_only_with_ours(cluster: Any, own: int, kept: int) -> None:
     theirs = logging.getLogger("distributed")

@@ -122,7 +122,7 @@ class DaskBackend(Backend):
     def workers(self, most: int) -> Iterator[Workers]:
         distributed = _imported("distributed")
         with ExitStack() as stack:
-            stack.enter_context(_warnings_only("distributed"))
+            stack.enter_context(_at_least(logging.WARNING, "distributed"))
             address = self.scheduler or stack.enter_context(_deployed(self.cluster))
             try:
                 client = stack.enter_context(distributed.Client(address, set_as_default=False))
@@ -175,8 +175,33 @@ def _deployed(cluster: Mapping[str, Any]) -> Iterator[Any]:
         raise ConfigError(f"Dask's {name} cannot be made with {', '.join(arguments)}: {error}") from error
     with deployed as running:
         if kind not in ("local", "ssh"):
+            _try_one_job(running)
             running.scale(count or 1)
         yield running
+
+
+def _try_one_job(running: Any) -> None:
+    """Raise ConfigError if the queueing system does not take the job of a worker; Dask itself would wait for ever."""
+    running.scale(1)
+    try:
+        with _at_least(logging.CRITICAL, "asyncio", "tornado.application"):  # Dask leaves the errors of its tasks there
+            running.sync(_accepted, running)
+    except (RuntimeError, ValueError, OSError) as error:
+        raise ConfigError(
+            f"the queueing system does not take the job of a worker: {' '.join(str(error).split())}"
+        ) from error
+
+
+async def _accepted(running: Any) -> None:
+    """Wait until the jobs are submitted; raise the error of one that is not."""
+    await running
+    for worker in running.workers.values():
+        if worker.status.name == "created":
+            try:
+                await worker  # submits it again: only this tells why
+            except Exception:
+                worker.status = type(worker.status).failed  # so that the cluster can be closed
+                raise
 
 
 class _WorkerCount:
@@ -222,16 +247,17 @@ def _version() -> str:
 
 
 @contextmanager
-def _warnings_only(library: str) -> Iterator[None]:
-    """Drop what a library logs below WARNING, unless this program logs its own information as well (``--verbose``)."""
-    log = logging.getLogger(library)
-    before = log.level
+def _at_least(level: int, *loggers: str) -> Iterator[None]:
+    """Drop what these loggers log below a level, unless this program logs its own information too (``--verbose``)."""
+    before = {logging.getLogger(name): logging.getLogger(name).level for name in loggers}
     if not logging.getLogger("mocap_id").isEnabledFor(logging.INFO):
-        log.setLevel(max(before, logging.WARNING))
+        for log, own in before.items():
+            log.setLevel(max(own, level))
     try:
         yield
     finally:
-        log.setLevel(before)
+        for log, own in before.items():
+            log.setLevel(own)
 
 
 def _imported(module: str) -> Any:
