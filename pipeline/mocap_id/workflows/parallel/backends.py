@@ -6,6 +6,7 @@ Both provide an `Executor` of the standard library, so that the same scheduling 
 from __future__ import annotations
 
 import contextlib
+import gc
 import logging
 import multiprocessing
 import os
@@ -183,13 +184,13 @@ def _deployed(cluster: Mapping[str, Any]) -> Iterator[Any]:
 def _try_one_job(running: Any) -> None:
     """Raise ConfigError if the queueing system does not take the job of a worker; Dask itself would wait for ever."""
     running.scale(1)
-    try:
-        with _at_least(logging.CRITICAL, "asyncio", "tornado.application"):  # Dask leaves the errors of its tasks there
+    with _at_least(logging.CRITICAL, "asyncio", "tornado.application"):  # Dask leaves the errors of its tasks there
+        try:
             running.sync(_accepted, running)
-    except (RuntimeError, ValueError, OSError) as error:
-        raise ConfigError(
-            f"the queueing system does not take the job of a worker: {' '.join(str(error).split())}"
-        ) from error
+        except (RuntimeError, ValueError, OSError) as error:
+            gc.collect()  # the error of a task that nobody awaits is logged when the task is collected
+            told = " ".join(str(error).split())
+            raise ConfigError(f"the queueing system does not take the job of a worker: {told}") from error
 
 
 async def _accepted(running: Any) -> None:
