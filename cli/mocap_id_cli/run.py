@@ -71,7 +71,7 @@ def run(
     found = mocap_id.run(trial, forces=forces, save=save, progress=progress.of_stages(quiet), **settings)
     _print_run(found, as_json)
     if open_report and not found.open_report():
-        typer.echo("no browser was found: open the report yourself", err=True)
+        typer.echo("no browser could be opened here: open the report yourself", err=True)
     if found.refused:
         raise typer.Exit(Refused.exit_code)
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import json
+import logging
 import os
 import signal
+import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pandas as pd
@@ -146,6 +149,60 @@ def test_an_engine_that_cannot_be_had(tmp_path: Path, backend: Backend, told: st
     with pytest.raises(ConfigError, match=told):
         run_batch([str(tmp_path)], tmp_path / "batch.parquet", backend=backend)
     assert not (tmp_path / "runs").exists()
+
+
+def test_a_queueing_system_that_is_not_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Dask would try again for ever, with a trace for every worker."""
+    queue = SimpleNamespace(SLURMCluster=SimpleNamespace(job_cls=SimpleNamespace(submit_command="sbatch")))
+    monkeypatch.setitem(sys.modules, "dask_jobqueue", queue)
+    monkeypatch.setenv("PATH", str(tmp_path))
+    trials(tmp_path, NAMES[:2])
+    with pytest.raises(ConfigError, match="with the program `sbatch`, which is not on this machine's path"):
+        run_batch([str(tmp_path)], tmp_path / "batch.parquet", backend=DaskBackend(cluster={"kind": "slurm"}))
+
+
+def test_a_queue_that_takes_no_job(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: Any) -> None:
+    """A queue's name may be wrong: the reason is told once, and nothing waits."""
+    spec = pytest.importorskip("distributed.deploy.spec")
+
+    class Job(spec.ProcessInterface):  # type: ignore[misc, name-defined]
+        submit_command = sys.executable
+
+        async def start(self) -> None:
+            raise RuntimeError("stderr:\ninvalid partition: short")
+
+        async def close(self) -> None:
+            """As dask_jobqueue's own: a job that was not submitted is left alone."""
+
+    class Slurm(spec.SpecCluster):  # type: ignore[misc, name-defined]
+        job_cls = Job
+
+        def __init__(self) -> None:
+            scheduler = {"cls": distributed.Scheduler, "options": {"dashboard_address": ":0"}}
+            super().__init__(scheduler=scheduler, worker={"cls": Job, "options": {}}, silence_logs=50)
+
+    monkeypatch.setitem(sys.modules, "dask_jobqueue", SimpleNamespace(SLURMCluster=Slurm))
+    trials(tmp_path, NAMES[:2])
+    with pytest.raises(ConfigError, match="does not take the job of a worker: stderr: invalid partition: short"):
+        run_batch([str(tmp_path)], tmp_path / "batch.parquet", backend=DaskBackend(cluster={"kind": "slurm"}))
+    assert not (tmp_path / "runs").exists()
+    assert not [one.name for one in caplog.records if one.name in ("asyncio", "tornado.application")]
+
+
+@pytest.mark.parametrize(("own", "kept"), [(logging.WARNING, logging.WARNING), (logging.INFO, logging.INFO)])
+def test_the_progress_of_dask_is_told_only_with_ours(cluster: Any, own: int, kept: int) -> None:
+    theirs = logging.getLogger("distributed")
+    ours = logging.getLogger("mocap_id")
+    before = ours.level, theirs.level
+    ours.setLevel(own)
+    theirs.setLevel(logging.INFO)
+    try:
+        with DaskBackend(cluster.scheduler_address).workers(1):
+            assert theirs.level == kept
+        assert theirs.level == logging.INFO
+    finally:
+        ours.setLevel(before[0])
+        theirs.setLevel(before[1])
 
 
 def test_the_command(cli: Callable[..., Any], here: tuple[Path, Batch], monkeypatch: pytest.MonkeyPatch) -> None:

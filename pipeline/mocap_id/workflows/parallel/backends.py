@@ -6,9 +6,12 @@ Both provide an `Executor` of the standard library, so that the same scheduling 
 from __future__ import annotations
 
 import contextlib
+import gc
 import logging
 import multiprocessing
 import os
+import shlex
+import shutil
 import signal
 import threading
 import time
@@ -120,6 +123,7 @@ class DaskBackend(Backend):
     def workers(self, most: int) -> Iterator[Workers]:
         distributed = _imported("distributed")
         with ExitStack() as stack:
+            stack.enter_context(_at_least(logging.WARNING, "distributed"))
             address = self.scheduler or stack.enter_context(_deployed(self.cluster))
             try:
                 client = stack.enter_context(distributed.Client(address, set_as_default=False))
@@ -153,6 +157,13 @@ def _deployed(cluster: Mapping[str, Any]) -> Iterator[Any]:
     if kind not in _KINDS:
         raise ConfigError(f"a cluster's `kind` is {kind!r}, expected one of {', '.join(_KINDS)}")
     module, name = _KINDS[kind]
+    made_by = getattr(_imported(module), name)
+    submit = getattr(getattr(made_by, "job_cls", None), "submit_command", None)
+    if submit and not shutil.which(shlex.split(submit)[0]):
+        raise ConfigError(
+            f"`kind: {kind}` starts its workers with the program `{submit}`, which is not on this machine's path: "
+            f"type the command where you submit jobs to the cluster"
+        )
     if kind == "local":
         defaults = {"n_workers": count, "threads_per_worker": 1, "processes": True, "dashboard_address": ":0"}
         arguments = defaults | arguments
@@ -160,13 +171,38 @@ def _deployed(cluster: Mapping[str, Any]) -> Iterator[Any]:
     environment = {f"distributed.nanny.pre-spawn-environ.{key}": value for key, value in (_THREADS | _MEMORY).items()}
     try:
         with _imported("dask.config").set({**environment, "distributed.worker.profile.enabled": False}):
-            deployed = getattr(_imported(module), name)(**arguments)
+            deployed = made_by(**arguments)
     except (TypeError, ValueError, RuntimeError, OSError) as error:
         raise ConfigError(f"Dask's {name} cannot be made with {', '.join(arguments)}: {error}") from error
     with deployed as running:
         if kind not in ("local", "ssh"):
+            _try_one_job(running)
             running.scale(count or 1)
         yield running
+
+
+def _try_one_job(running: Any) -> None:
+    """Raise ConfigError if the queueing system does not take the job of a worker; Dask itself would wait for ever."""
+    running.scale(1)
+    with _at_least(logging.CRITICAL, "asyncio", "tornado.application"):  # Dask leaves the errors of its tasks there
+        try:
+            running.sync(_accepted, running)
+        except (RuntimeError, ValueError, OSError) as error:
+            gc.collect()  # the error of a task that nobody awaits is logged when the task is collected
+            told = " ".join(str(error).split())
+            raise ConfigError(f"the queueing system does not take the job of a worker: {told}") from error
+
+
+async def _accepted(running: Any) -> None:
+    """Wait until the jobs are submitted; raise the error of one that is not."""
+    await running
+    for worker in running.workers.values():
+        if worker.status.name == "created":
+            try:
+                await worker  # submits it again: only this tells why
+            except Exception:
+                worker.status = type(worker.status).failed  # so that the cluster can be closed
+                raise
 
 
 class _WorkerCount:
@@ -209,6 +245,20 @@ def _check_versions(client: Any, workers: Sequence[str]) -> None:
 
 def _version() -> str:
     return __version__
+
+
+@contextmanager
+def _at_least(level: int, *loggers: str) -> Iterator[None]:
+    """Drop what these loggers log below a level, unless this program logs its own information too (``--verbose``)."""
+    before = {logging.getLogger(name): logging.getLogger(name).level for name in loggers}
+    if not logging.getLogger("mocap_id").isEnabledFor(logging.INFO):
+        for log, own in before.items():
+            log.setLevel(max(own, level))
+    try:
+        yield
+    finally:
+        for log, own in before.items():
+            log.setLevel(own)
 
 
 def _imported(module: str) -> Any:
