@@ -160,6 +160,7 @@ def with_sensors(
         solution=solution,
         masses=solution.masses,
         full=solution.full,
+        with_foot=None,
     )
 
 
