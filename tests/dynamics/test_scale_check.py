@@ -133,6 +133,7 @@ def test_a_mode_is_the_change_of_the_fit(mode: int, name: str, spoiled: TrialDat
 def test_a_prior_of_the_foot_for_the_torques_leaves_the_parameters_alone() -> None:
     """A displaced plate contradicts the prior, so the torques follow from the data alone too."""
     everything = np.ones(len(with_wrench().time), dtype=bool)
+    prepared = prepare(with_wrench(), FitSettings())
     found = [
         identify(
             prepare(with_wrench(position=moved), FitSettings()),
@@ -151,7 +152,10 @@ def test_a_prior_of_the_foot_for_the_torques_leaves_the_parameters_alone() -> No
     assert good.base == pytest.approx(alone.base)
     assert good.with_foot is not None
     assert good.with_foot.uses_reference
-    assert good.with_foot.base_sd[1] < good.base_sd[1]
+    assert good.with_foot.gain is not None
+    calibrated = good.calibrated(calibration_effect(prepared, good.fit, good.base, {"position": 0.005}), None)
+    assert calibrated.with_foot is not None
+    assert calibrated.with_foot.base_sd[1] < calibrated.base_sd[1]
     assert displaced.with_foot is None
 
 
