@@ -149,18 +149,29 @@ def identify(
     alone = _from_data(prepared, found, solve(found.problem, prepared.base.regrouping), error, refit)
     if not np.isfinite(reference).all() or (foot_sd is None and not reference_pulls):
         return alone
-    regrouping, nothing = prepared.base.regrouping, np.zeros_like(alone.covariance)
-    if reference_pulls or foot_sd is None:
-        whole = ReferencePrior(reference, reference_deviations(reference, reference_sd))
-        return _with_reference(alone, regrouping, whole, solve, nothing)
-    foot = ReferencePrior(reference, foot_deviations(reference, foot_sd * float(reference[::4].sum()), reference_sd))
+    if foot_sd is not None and not reference_pulls:
+        deviations = foot_deviations(reference, foot_sd * float(reference[::4].sum()), reference_sd)
+        return _with_foot(prepared, alone, ReferencePrior(reference, deviations), solve, plate_sd)
+    whole = ReferencePrior(reference, reference_deviations(reference, reference_sd))
+    return _with_reference(alone, prepared.base.regrouping, whole, solve)
+
+
+def _with_foot(
+    prepared: PreparedTrial,
+    alone: Identification,
+    foot: ReferencePrior,
+    solve: Callable[[CompressedProblem, FloatArray], ConsistentSolution],
+    plate_sd: float | None,
+) -> Identification:
+    """Identify the parameters from the data and a prior of the foot; with ``plate_sd``, m, for the torques alone."""
+    regrouping = prepared.base.regrouping
     if plate_sd is None:
-        return _with_reference(alone, regrouping, foot, solve, nothing)
-    apart = calibration_effect(prepared, found, alone.base, {"position": plate_sd}).covariance
+        return _with_reference(alone, regrouping, foot, solve)
+    of_plate = calibration_effect(prepared, alone.fit, alone.base, {"position": plate_sd}).covariance
     own = np.flatnonzero(prepared.base.kept == FOOT_MOMENT)
-    if any(foot.contradicts(alone.base, alone.covariance + apart, regrouping, int(one)) for one in own):
+    if any(foot.contradicts(alone.base, alone.covariance + of_plate, regrouping, int(one)) for one in own):
         return alone
-    return replace(alone, with_foot=_with_reference(alone, regrouping, foot, solve, apart))
+    return replace(alone, with_foot=_with_reference(alone, regrouping, foot, solve, of_plate))
 
 
 def _from_data(
@@ -201,17 +212,17 @@ def _with_reference(
     regrouping: FloatArray,
     prior: ReferencePrior,
     solve: Callable[[CompressedProblem, FloatArray], ConsistentSolution],
-    apart: FloatArray,
+    of_plate: FloatArray | float = 0.0,
 ) -> Identification:
     """Identify the parameters from the data and a prior of the full parameters.
 
-    ``apart`` (b, b) is the covariance of errors that count only for the weight of the data: the instruments' errors of
-    scale are added to the covariance later.
+    ``of_plate`` (b, b) is the covariance from errors of the plate that count for the weight of the data. They are not
+    in the covariance of the result, to which errors of scale are added later.
     """
     problem = alone.fit.problem.over(alone.fit.base)
     independent = np.linalg.inv(problem.factor.T @ problem.factor)
     # the first may be singular: there can be fewer blocks than parameters
-    known = alone.covariance + independent + apart
+    known = alone.covariance + independent + of_plate
 
     def solution_of(data: CompressedProblem) -> ConsistentSolution:
         small = data.over(alone.fit.base)
