@@ -378,7 +378,7 @@ def test_angles_that_are_never_known() -> None:
 
 def test_a_contradicting_mass_is_said() -> None:
     _, _, tree = run(moving_body(noise=(0.5, 0.5, 0.15)), subject=Subject(mass=60.0), standing=None)
-    assert codes(tree) == ["mass-contradiction"]
+    assert "mass-contradiction" in codes(tree)
 
 
 def test_a_clock_that_is_out_of_reach_is_said() -> None:

@@ -82,15 +82,19 @@ def test_the_foot_of_a_single_marker_chain_comes_from_the_reference(tmp_path: Pa
 
 
 @pytest.mark.parametrize(
-    ("options", "prior"),
+    ("options", "parameters"),
     [(Options(seed=998903), False), (Options(seed=1230023, marker_set="plug-in-gait", knee_on_shank=True), True)],
 )
 def test_few_places_of_markers_on_a_segment_need_the_prior_of_the_foot(
-    tmp_path: Path, options: Options, prior: bool
+    tmp_path: Path, options: Options, parameters: bool
 ) -> None:
+    """Otherwise only the torques use it."""
     run = done(tmp_path / "trial", options)
     assert run.read("chain.h5").facts["single_markers"] is False
-    assert ("foot-prior" in codes(run.read("dynamics.h5"))) == prior
+    tree = run.read("dynamics.h5")
+    (note,) = (reason for reason in tree.reasons if reason.code == "foot-prior")
+    assert ("the torques also use" in note.message) != parameters
+    assert tree.facts["reference_pulls"] == parameters
 
 
 def test_torques_are_uncertain_where_the_model_does_not_follow_the_plate(tmp_path: Path) -> None:

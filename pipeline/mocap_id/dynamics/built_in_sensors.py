@@ -176,6 +176,7 @@ def with_sensors(
         solution=solution,
         masses=solution.masses,
         full=solution.full,
+        with_foot=None,
     )
 
 

@@ -21,6 +21,8 @@ from mocap_id.dynamics.regressor import torque_regressor, wrench_regressor
 
 _RATE = 10.0  # Hz: rate at which torques are evaluated; a movement's frequencies are below 3 Hz
 _STEP = 1e-4  # relative, or rad: step of numerical derivatives
+_SURE, _MASS_APART = 2.58, 0.05  # standard deviations, 99 %; relative difference of two masses
+_WRONG_PLATES, _WRONG_GAIN = 0.05, 0.05  # share of plates with a wrong gain, and standard deviation of their gain
 
 
 @dataclass(frozen=True)
@@ -57,7 +59,8 @@ class Calibration:
         """Return the rms error of the gain for a mass that the plates measure, kg; mostly less for a weighed person.
 
         The person's mass estimates the gain, but the forces are not corrected by it. The difference between the two
-        masses therefore counts as far as it is an error of the gain.
+        masses therefore counts as far as it is an error of the gain. A large difference is more probably that of a
+        plate with a wrong gain, of which there are some, than an unusual error of a good plate.
 
         Parameters
         ----------
@@ -66,9 +69,21 @@ class Calibration:
         """
         if self.mass is None or self.gain == 0.0:
             return self.gain
-        share = self.gain**2 / (self.gain**2 + (self.mass_sd**2 + mass_sd**2) / mass**2)
-        shift = share * (mass / self.mass - 1.0)
-        return float(np.sqrt(self.gain**2 * (1.0 - share) + shift**2))
+        gain = np.array([self.gain, max(self.gain, _WRONG_GAIN)])
+        apart = mass / self.mass - 1.0
+        total = gain**2 + (self.mass_sd**2 + mass_sd**2) / mass**2
+        unlikely = apart**2 / (2 * total)
+        evidence = [1.0 - _WRONG_PLATES, _WRONG_PLATES] * np.exp(unlikely.min() - unlikely) / np.sqrt(total)
+        share = gain**2 / total
+        square = gain**2 * (1.0 - share) + (share * apart) ** 2
+        return float(np.sqrt(evidence @ square / evidence.sum()))
+
+    def mass_limit(self, mass: float) -> float:
+        """Return the relative difference from which the mass that the plates measure, kg, contradicts the person's.
+
+        It is 5 %, or less for a heavy person, where gain and scale allow less in 99 of 100 cases.
+        """
+        return float(min(_MASS_APART, _SURE * np.hypot(self.gain, self.mass_sd / mass)))
 
 
 @dataclass(frozen=True)

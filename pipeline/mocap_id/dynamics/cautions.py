@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from mocap_id.dynamics.calibration import Calibration
 from mocap_id.dynamics.excitation import LOST, Excitation
 from mocap_id.dynamics.filtered_trial import FilteredTrial
 from mocap_id.dynamics.fit import Fit
@@ -65,6 +66,7 @@ def find_cautions(
     *,
     given: float | None,
     standing: float | None,
+    calibration: Calibration | None = None,
 ) -> tuple[Reason, ...]:
     """Return the reasons for the verdict.
 
@@ -80,6 +82,8 @@ def find_cautions(
         The subject's mass as given by the user, kg.
     standing : float or None
         The mass that the plates measure while the person stands, kg.
+    calibration : Calibration, optional
+        Errors of plate and scale, which limit the difference of these masses; by default those of the stage.
     """
     reasons = (
         _clock(prepared, found),
@@ -88,7 +92,7 @@ def find_cautions(
         _bounded(found),
         _weakly_known(excited, recommendation),
         _load_shared(prepared, found, standing),
-        _mass(prepared, found, given, standing),
+        _mass(prepared, found, given, standing, calibration or Calibration()),
     )
     return tuple(reason for reason in reasons if reason is not None)
 
@@ -207,9 +211,15 @@ def _load_shared(prepared: PreparedTrial, found: Identification, standing: float
     )
 
 
-def _mass(prepared: PreparedTrial, found: Identification, given: float | None, standing: float | None) -> Reason | None:
+def _mass(
+    prepared: PreparedTrial,
+    found: Identification,
+    given: float | None,
+    standing: float | None,
+    calibration: Calibration,
+) -> Reason | None:
     shown = standing if standing is not None else identified_mass(prepared, found)
-    if given is None or shown is None or abs(shown / given - 1) <= _MASS_APART:
+    if given is None or shown is None or abs(shown / given - 1) <= calibration.mass_limit(shown):
         return None
     return Reason(
         "mass-contradiction",

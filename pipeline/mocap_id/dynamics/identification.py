@@ -9,14 +9,14 @@ from functools import partial
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.dynamics.calibration import CalibrationEffect, ScaleCheck
+from mocap_id.dynamics.calibration import CalibrationEffect, ScaleCheck, calibration_effect
 from mocap_id.dynamics.consistency import Consistency, ConsistentSolution, fit_consistent, fit_quickly
 from mocap_id.dynamics.fit import Fit, fit
 from mocap_id.dynamics.kinematic_error import KinematicError, kinematic_response
 from mocap_id.dynamics.least_squares import CompressedProblem
 from mocap_id.dynamics.point_grid import PointGrid
 from mocap_id.dynamics.preparation import PreparedTrial
-from mocap_id.dynamics.reference_prior import ReferencePrior, foot_deviations, reference_deviations
+from mocap_id.dynamics.reference_prior import FOOT_MOMENT, ReferencePrior, foot_deviations, reference_deviations
 
 
 @dataclass(frozen=True)
@@ -60,6 +60,8 @@ class Identification:
         Effect of the instruments' errors of scale, which ``covariance`` contains; None if it does not.
     scales : ScaleCheck or None
         Result of the absolute check (:mod:`mocap_id.dynamics.scale_check`); None if it was not possible.
+    with_foot : Identification or None
+        The same with a prior of the foot, for the torques alone.
     """
 
     fit: Fit
@@ -80,6 +82,7 @@ class Identification:
     gain: FloatArray | None = None
     calibration: CalibrationEffect | None = None
     scales: ScaleCheck | None = None
+    with_foot: Identification | None = None
 
     def calibrated(self, effect: CalibrationEffect, scales: ScaleCheck | None) -> Identification:
         """Return the identification with the effect of errors of scale on the ground's data in its covariance."""
@@ -87,7 +90,12 @@ class Identification:
             effect = replace(effect, parameters=self.gain @ effect.parameters)
         covariance = self.covariance + effect.covariance
         return replace(
-            self, covariance=covariance, base_sd=np.sqrt(np.diag(covariance)), calibration=effect, scales=scales
+            self,
+            covariance=covariance,
+            base_sd=np.sqrt(np.diag(covariance)),
+            calibration=effect,
+            scales=scales,
+            with_foot=None if self.with_foot is None else self.with_foot.calibrated(effect, scales),
         )
 
 
@@ -102,6 +110,7 @@ def identify(
     reference_sd: float = 0.15,
     reference_pulls: bool = False,
     foot_sd: float | None = None,
+    plate_sd: float | None = None,
 ) -> Identification:
     """Identify the parameters on the gated samples (eq. 4.24-4.26).
 
@@ -124,6 +133,10 @@ def identify(
     foot_sd : float, optional
         Standard deviation of the foot's first moment in relation to the body's mass, m: the reference is a prior of the
         foot alone.
+    plate_sd : float, optional
+        Standard deviation of the plate's place along the motion, m, by which the data may differ from the prior of the
+        foot. If it is given, the prior is used for the torques alone, and not if data and prior differ by more than
+        three standard deviations: the fit to the plate would lose what only helps the torques.
 
     Raises
     ------
@@ -136,10 +149,29 @@ def identify(
     alone = _from_data(prepared, found, solve(found.problem, prepared.base.regrouping), error, refit)
     if not np.isfinite(reference).all() or (foot_sd is None and not reference_pulls):
         return alone
-    deviations = reference_deviations(reference, reference_sd)
-    if not reference_pulls and foot_sd is not None:
+    if foot_sd is not None and not reference_pulls:
         deviations = foot_deviations(reference, foot_sd * float(reference[::4].sum()), reference_sd)
-    return _with_reference(alone, prepared.base.regrouping, ReferencePrior(reference, deviations), solve)
+        return _with_foot(prepared, alone, ReferencePrior(reference, deviations), solve, plate_sd)
+    whole = ReferencePrior(reference, reference_deviations(reference, reference_sd))
+    return _with_reference(alone, prepared.base.regrouping, whole, solve)
+
+
+def _with_foot(
+    prepared: PreparedTrial,
+    alone: Identification,
+    foot: ReferencePrior,
+    solve: Callable[[CompressedProblem, FloatArray], ConsistentSolution],
+    plate_sd: float | None,
+) -> Identification:
+    """Identify the parameters from the data and a prior of the foot; with ``plate_sd``, m, for the torques alone."""
+    regrouping = prepared.base.regrouping
+    if plate_sd is None:
+        return _with_reference(alone, regrouping, foot, solve)
+    of_plate = calibration_effect(prepared, alone.fit, alone.base, {"position": plate_sd}).covariance
+    own = np.flatnonzero(prepared.base.kept == FOOT_MOMENT)
+    if any(foot.contradicts(alone.base, alone.covariance + of_plate, regrouping, int(one)) for one in own):
+        return alone
+    return replace(alone, with_foot=_with_reference(alone, regrouping, foot, solve, of_plate))
 
 
 def _from_data(
@@ -180,11 +212,17 @@ def _with_reference(
     regrouping: FloatArray,
     prior: ReferencePrior,
     solve: Callable[[CompressedProblem, FloatArray], ConsistentSolution],
+    of_plate: FloatArray | float = 0.0,
 ) -> Identification:
-    """Identify the parameters from the data and a prior of the full parameters."""
+    """Identify the parameters from the data and a prior of the full parameters.
+
+    ``of_plate`` (b, b) is the covariance from errors of the plate that count for the weight of the data. They are not
+    in the covariance of the result, to which errors of scale are added later.
+    """
     problem = alone.fit.problem.over(alone.fit.base)
     independent = np.linalg.inv(problem.factor.T @ problem.factor)
-    known = alone.covariance + independent  # the first may be singular: there can be fewer blocks than parameters
+    # the first may be singular: there can be fewer blocks than parameters
+    known = alone.covariance + independent + of_plate
 
     def solution_of(data: CompressedProblem) -> ConsistentSolution:
         small = data.over(alone.fit.base)

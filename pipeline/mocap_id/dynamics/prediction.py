@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -53,6 +53,16 @@ class Prediction:
     torque_lasting_sd: FloatArray
     torque_noise_sd: FloatArray
     undetermined: tuple[str, ...]
+
+    def with_torques_of(self, other: Prediction) -> Prediction:
+        """Return the prediction with the torques of another body."""
+        return replace(
+            self,
+            torque=other.torque,
+            torque_sd=other.torque_sd,
+            torque_lasting_sd=other.torque_lasting_sd,
+            torque_noise_sd=other.torque_noise_sd,
+        )
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,10 @@ from scipy.linalg import solve_triangular
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.least_squares import CompressedProblem
 
+FOOT_MOMENT = 1
+"""Column of the foot's mx among the full parameters."""
 _LEAST = 1e-6  # SI: least standard deviation, also of parameters that are zero
+_APART = 3.0  # standard deviations
 _OPEN = 10.0  # relative standard deviation of parameters that are left to the data
 
 
@@ -99,6 +102,20 @@ class ReferencePrior:
         """Return the weight (b, b) of data with this covariance in the base parameters; the rest is the prior's."""
         spread = self._spread(regrouping)
         return np.asarray(np.linalg.solve(spread + covariance, spread).T)
+
+    def contradicts(self, base: FloatArray, covariance: FloatArray, regrouping: FloatArray, parameter: int) -> bool:
+        """Return whether the prior would move a base parameter by more than three standard deviations of such moves.
+
+        Parameters
+        ----------
+        base, covariance, regrouping
+            As for :meth:`added_to`.
+        parameter : int
+            Index of the base parameter.
+        """
+        rest = np.eye(len(base)) - self.gain(covariance, regrouping)
+        moved, variance = rest @ (base - regrouping @ self.mean), np.diag(rest @ covariance)
+        return bool(moved[parameter] ** 2 > _APART**2 * variance[parameter])
 
     def covariance(self, gain: FloatArray, regrouping: FloatArray, of_data: FloatArray) -> FloatArray:
         """Return the covariance (b, b) of base parameters that combine data of this covariance with the prior."""

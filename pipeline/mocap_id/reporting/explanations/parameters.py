@@ -131,26 +131,27 @@ PARAMETERS: Mapping[str, Explanation] = {
     "torque-uncertain": Explanation(
         ("caution",),
         "A joint torque is uncertain",
-        "A segment has markers at one or two places only, and in more than one of 50 trials like this one a torque is "
-        "wrong by more than 5 N·m. The causes are the place of the joint, the masses beyond it, and wrong "
-        "accelerations where markers are missing. Errors of scale of plate and cameras do not count here, because "
-        "they are the same in all trials; the interval of the torque contains them.",
+        "In more than one of 100 trials like this one a torque is wrong by more than 5 N·m. The causes are the place "
+        "of the joint, the masses beyond it, and wrong accelerations where markers are missing; most often a segment "
+        "has markers at one or two places only. Errors of scale of plate and cameras do not count here, because they "
+        "are the same in all trials; the interval of the torque contains them.",
         "Use the torque with its interval. If the reason names a time, fill the markers there or leave it out with "
         "`window:`; otherwise place three markers or more on the segments beside the joint.",
         "identify-dim",
-        "The rms error of a torque, while only the ground touches the body, that one of 50 such trials exceeds, N·m; "
-        "limit 5. Only for people on the pinned chain with fewer than three marker places on a segment.",
+        "The rms error of a torque, while only the ground touches the body, that one of 100 such trials exceeds, "
+        "N·m; limit 5. Only for people on the pinned chain.",
     ),
     "foot-prior": Explanation(
         ("ok",),
         "The foot's first moment comes from the reference body",
-        "With one or two marker places on a segment, the data hardly separate the foot's first moment from those of "
-        "the other segments, and the torque of the ankle would be uncertain by 5 N·m and more. The foot has only 3 % "
-        "of the mass, so the place of the ankle and the reference body give it to 1 mm times the body's mass. The "
-        "deviation of the ankle's place is included.",
+        "The data hardly separate the foot's first moment from those of the other segments, and with one or two marker "
+        "places on a segment the torque of the ankle would be uncertain by 5 N·m and more. The foot has only 3 % of "
+        "the mass, so the place of the ankle and the reference body give it to 1 mm times the body's mass. The "
+        "deviation of the ankle's place is included. With three marker places or more on every segment, only the "
+        "torques use this prior, and not if the data contradict it.",
         "Nothing. To use the data alone, set `identify-dim: {reference_pulls: false}`.",
         "identify-dim",
-        "A segment has fewer than three marker places and `identify-dim: {reference_pulls}` is not set; or it is "
+        "A person on the pinned chain with a reference body, if `identify-dim: {reference_pulls}` is not set or is "
         "`foot`.",
     ),
     "scale-error": Explanation(
@@ -194,7 +195,8 @@ PARAMETERS: Mapping[str, Explanation] = {
         "Check the calibration and zero of the plates, other loads on them, whether one carries the chair, and the "
         "mass in the trial file.",
         "identify-dim",
-        "Standing mass, kg; at most 5 % from `subject: {mass}`.",
+        "Standing mass, kg; at most 5 % from `subject: {mass}`, or 2.58 standard deviations of gain and scale if these "
+        "are less, as in a heavy person.",
     ),
     "mass-unchecked": Explanation(
         ("caution",),

@@ -76,7 +76,7 @@ class IdentifyDimSettings(Settings):
     reference_pulls: bool | Literal["foot"] | None = Field(
         None,
         description="use the reference as a prior of all parameters (4.13) or of the foot; default: foot for chains "
-        "with one or two marker places on a segment, else false",
+        "with one or two marker places on a segment, else of the foot for the torques alone",
     )
     consistency: Literal["grid", "cone", "bounded-cone"] | None = Field(
         None,

@@ -1,7 +1,7 @@
-"""What a chain with few markers on a segment needs: a prior of the foot, and a caution about uncertain torques.
+"""What the torque of an ankle needs: a prior of the foot. And a caution about torques that may be wrong.
 
-Conventional marker sets have one or two marker places on shank and thigh. They show the movement well, but hardly the
-small first moment of the foot, which the torque of the ankle needs.
+The data hardly separate the small first moment of the foot from the moments above it, least with one or two marker
+places on shank and thigh, as in conventional marker sets.
 """
 
 from __future__ import annotations
@@ -9,24 +9,33 @@ from __future__ import annotations
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, as_complex
+from mocap_id.dynamics.identification import Identification
+from mocap_id.dynamics.preparation import TrialData
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
 from mocap_id.kinematics.rigid_body import count_places
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim.dynamics_artefacts import IdentifiedDynamics
+from mocap_id.stages.identify_dim.scales import calibration
 from mocap_id.stages.identify_dim.trial_data import joint_names, read_skeleton
 from mocap_id.verdict import Reason
 
-FOOT_PRIOR = Reason(
+_FOOT_PRIOR = Reason(
     "foot-prior",
     "a segment has markers at one or two places only, so the foot's first moment is taken from the reference body and "
     "the place of the ankle, not from the data alone: the torque of the ankle then follows from the centre of "
     "pressure. Set `identify-dim: {reference_pulls: false}` to use the data alone",
     level="ok",
 )
+_FOOT_IN_TORQUES = Reason(
+    "foot-prior",
+    "the torques also use the foot's first moment of the reference body, which the data hardly show; parameters and "
+    "wrench depend on the data alone. Set `identify-dim: {reference_pulls: false}` to use the data alone for both",
+    level="ok",
+)
 _FEW = 3  # places of markers on a segment: clusters have as many or more
 _FOOT_SD = 0.001  # m; from people's feet, whose mass is 3 % of the body's
 _TORQUE = 5.0  # N·m, rms
-_ONE_IN_50 = 2.326  # standard deviations that a normal error exceeds in one of 50 cases
+_ONE_IN_100 = 2.576  # standard deviations that a normal error exceeds in one of 100 cases
 
 
 def few_markers(context: Context) -> bool:
@@ -38,21 +47,39 @@ def few_markers(context: Context) -> bool:
 
 
 def foot_sd(context: Context) -> float | None:
-    """Return the deviation of the foot's first moment in relation to the mass, m; None if the data determine it.
+    """Return the deviation of the foot's first moment in relation to the mass, m; None if the data alone determine it.
 
-    In a chain with few markers it is known from the place of the ankle.
+    It is known from the place of the ankle, if this has a standard deviation. A robot has no foot.
     """
-    chosen = context.settings.reference_pulls
-    if chosen != "foot" and (chosen is not None or not few_markers(context)):
+    chosen, covariance = context.settings.reference_pulls, read_skeleton(context).covariance
+    if chosen not in {None, "foot"} or context.trial.protocol == "robot-joint" or not np.isfinite(covariance[:1]).any():
         return None
-    return float(np.hypot(_FOOT_SD, np.sqrt(read_skeleton(context).covariance[0, 0, 0])))
+    return float(np.hypot(_FOOT_SD, np.sqrt(covariance[0, 0, 0])))
+
+
+def plate_sd(context: Context, recorded: TrialData) -> float | None:
+    """Return the error of the plate's place, m, if the prior of the foot is for the torques alone.
+
+    With few markers the data show the foot's first moment so badly that the parameters need the prior too.
+    """
+    if few_markers(context) or context.settings.reference_pulls == "foot":
+        return None
+    return recorded.position_sd or calibration(context).position
+
+
+def foot_notes(context: Context, found: Identification) -> tuple[Reason, ...]:
+    """Return a note if the foot has a prior."""
+    if found.with_foot is not None:
+        return (_FOOT_IN_TORQUES,)
+    foot_alone = found.uses_reference and context.settings.reference_pulls is not True
+    return (_FOOT_PRIOR,) if foot_alone else ()
 
 
 def torque_reasons(context: Context, result: IdentifiedDynamics, free: BoolArray) -> tuple[Reason, ...]:
     """Return a caution about torques of the pinned chain that may be wrong by more than 5 N·m rms.
 
     In a trial, parameters and geometry have one error, which is normal; errors of the motion add their mean square. The
-    caution is about torques whose error exceeds 5 N·m in more than one of 50 such trials. Errors of scale are the same
+    caution is about torques whose error exceeds 5 N·m in more than one of 100 such trials. Errors of scale are the same
     in all trials of a laboratory and do not count.
 
     Parameters
@@ -64,12 +91,12 @@ def torque_reasons(context: Context, result: IdentifiedDynamics, free: BoolArray
     """
     model = result.model
     shown = free & np.isfinite(model.torque_sd).any(axis=1)
-    if result.measured_poses or not shown.any() or not few_markers(context):
+    if context.trial.protocol == "robot-joint" or result.measured_poses or not shown.any():
         return ()
     lasting, noise = (np.nanmean(sd[shown] ** 2, axis=0) for sd in (model.torque_lasting_sd, model.torque_noise_sd))
     off = _moment_residual(result)
     beyond = max(float(np.nanmean(off[shown] ** 2) - np.mean(off[result.found.fit.in_fit] ** 2)), 0.0)
-    error = np.sqrt(_ONE_IN_50**2 * lasting + noise + beyond)
+    error = np.sqrt(_ONE_IN_100**2 * lasting + noise + beyond)
     loose = np.flatnonzero(error > _TORQUE)
     if not len(loose):
         return ()
@@ -77,11 +104,11 @@ def torque_reasons(context: Context, result: IdentifiedDynamics, free: BoolArray
     text = ", ".join(f"{names[j]} {error[j]:.1f} N·m" for j in loose)
     worst = loose[np.argmax(error[loose])]
     why = "The places of the joints and the masses beyond them are uncertain"
-    if beyond > _ONE_IN_50**2 * lasting[worst]:
+    if beyond > _ONE_IN_100**2 * lasting[worst]:
         at = result.prepared.recorded.time[shown][np.nanargmax(np.abs(off[shown]))]
         why = f"The model does not follow the plate around {at:.1f} s: fill markers there, or leave it out by `window:`"
     message = (
-        f"in one of 50 trials like this one, the rms error of a torque exceeds these values: {text} (expected at most "
+        f"in one of 100 trials like this one, the rms error of a torque exceeds these values: {text} (expected at most "
         f"{_TORQUE:g} N·m). {why}. Use the torques with their intervals"
     )
     return (Reason("torque-uncertain", message, float(error[worst]), _TORQUE),)

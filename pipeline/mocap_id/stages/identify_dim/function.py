@@ -12,7 +12,7 @@ from mocap_id.dynamics.cautions import find_cautions
 from mocap_id.dynamics.excitation import WEAK, WEAK_ROBOT, excitation
 from mocap_id.dynamics.identification import Identification, identify
 from mocap_id.dynamics.point_grid import PointGrid
-from mocap_id.dynamics.prediction import chain_noise, predict
+from mocap_id.dynamics.prediction import Prediction, chain_noise, predict
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.protocols.movement import Movement
 from mocap_id.stages.base import Context, Outputs
@@ -20,12 +20,18 @@ from mocap_id.stages.identify_dim import IdentifyDimSettings, validation
 from mocap_id.stages.identify_dim import dynamics_artefacts as artefacts
 from mocap_id.stages.identify_dim.board_position import board_reasons
 from mocap_id.stages.identify_dim.encoder_torque import torque_facts
-from mocap_id.stages.identify_dim.few_markers import FOOT_PRIOR, foot_sd, torque_reasons
+from mocap_id.stages.identify_dim.few_markers import foot_notes, foot_sd, plate_sd, torque_reasons
 from mocap_id.stages.identify_dim.identifiability import NotIdentifiable
 from mocap_id.stages.identify_dim.motion_comparison import motion_reasons, pinned_facts
 from mocap_id.stages.identify_dim.reference_bodies import ReferenceBodies, reference_bodies
 from mocap_id.stages.identify_dim.repetition_averages import averages
-from mocap_id.stages.identify_dim.scales import calibration_facts, check_and_calibrate, scale_facts, scale_reasons
+from mocap_id.stages.identify_dim.scales import (
+    calibration,
+    calibration_facts,
+    check_and_calibrate,
+    scale_facts,
+    scale_reasons,
+)
 from mocap_id.stages.identify_dim.segment_fit import SegmentFit, fit_segments
 from mocap_id.stages.identify_dim.sit_to_stand_events import events_table, missing_force, sit_to_stand_events
 from mocap_id.stages.identify_dim.trial_data import joint_names, read_kinematic_error
@@ -79,6 +85,7 @@ def fit_chain(
         reference_sd=settings.reference_sd,
         reference_pulls=settings.reference_pulls is True,
         foot_sd=foot_sd(context),
+        plate_sd=plate_sd(context, prepared.recorded),
     )
     return with_sensors(found, prepared, movement.free, grid, reference, consistency=consistency)
 
@@ -140,7 +147,7 @@ def _with_identification(
         *motion_reasons(facts),
         *board_reasons(context, facts),
     )
-    prior = () if not found.uses_reference or context.settings.reference_pulls is True else (FOOT_PRIOR,)
+    prior = foot_notes(context, result.found)
     reasons = (*movement.reasons, *references.chosen.reasons, *prior, *cautions)
     tree = Tree(DYNAMICS_TREE, artefacts.dynamics_data(result), facts, reasons)
     return Table(DYNAMICS_TABLE, columns), tree, result.prepared
@@ -152,7 +159,13 @@ def _of_chain(
     q, threshold, chain = prepared.recorded.q, _cop_threshold(context), inputs.chain
     snap = _snap(context, q.shape[1])
     correlation = acceleration_correlation(q, chain.centres, chain.marker_segment, chain.local, snap)
-    model = predict(prepared, found, chain_noise(prepared, found, correlation, inputs.centre_sd), threshold)
+
+    def model_of(each: Identification) -> Prediction:
+        return predict(prepared, each, chain_noise(prepared, each, correlation, inputs.centre_sd), threshold)
+
+    model = model_of(found)
+    if found.with_foot is not None:
+        model = model.with_torques_of(model_of(found.with_foot))
     excited = excitation(prepared, found, weak_share(context))
     return artefacts.IdentifiedDynamics(
         prepared=prepared,
@@ -208,7 +221,13 @@ def _cautions(context: Context, result: artefacts.IdentifiedDynamics) -> tuple[R
     standing, given = facts.get("mass_kg"), context.trial.subject.mass
     recommended = recommendation_text(result.excitation, result.recommendations, joint_names(context))
     reasons = find_cautions(
-        result.prepared, result.found, result.excitation, recommended, given=given, standing=standing
+        result.prepared,
+        result.found,
+        result.excitation,
+        recommended,
+        given=given,
+        standing=standing,
+        calibration=calibration(context),
     )
     reasons += sensor_cautions(result.chain, result.in_chain.fit)
     reasons += scale_reasons(result.found, given)
