@@ -13,6 +13,7 @@ from mocap_id.dynamics.optimality import SolverAnswer, check_optimality
 
 _ACCURACY, _ITERATIONS = 1e-12, 200
 _ROUNDS = 3
+_REGULARIZATION = 1e-6  # Clarabel's default is 1e-8
 _ENOUGH = 1e-9  # possible relative decrease of the cost that ends the rounds
 _NO_MASS = 1e-9  # of the total
 _TINY = 1e-200
@@ -24,7 +25,9 @@ def solve_links(problem: CompressedProblem, bodies: ConicBodies) -> SolverAnswer
     """Minimise ‖R · mapping · body - d‖² over possible links.
 
     Clarabel's accuracy is relative to the whole wrench, whereas the cost is the small remaining residual. As long as
-    the optimality conditions do not hold, Clarabel is run for a correction in the scale of the residual.
+    the optimality conditions do not hold, Clarabel is run for a correction in the scale of the residual. If they still
+    do not hold, because the least cost is attained only in a limit of ever larger links, it starts again with more
+    regularization.
 
     Parameters
     ----------
@@ -37,14 +40,25 @@ def solve_links(problem: CompressedProblem, bodies: ConicBodies) -> SolverAnswer
     SolverAnswer
         Full parameters: one of many solutions with the same base parameters.
     """
+    first = _corrected(problem, bodies, None)
+    if first.optimality.proven:
+        return first
+    second = _corrected(problem, bodies, _REGULARIZATION)
+    return second if second.optimality.excess < first.optimality.excess else first
+
+
+def _corrected(problem: CompressedProblem, bodies: ConicBodies, regularization: float | None) -> SolverAnswer:
+    """Return Clarabel's solution after corrections, while these decrease the cost."""
     mapped, body = problem.factor @ bodies.mapping, np.zeros(bodies.mapping.shape[1])
     answer, iterations = None, 0
     for _ in range(_ROUNDS):
-        step, status, used = conic_step(mapped, problem.target - mapped @ body, bodies, body)
+        target = problem.target - mapped @ body
+        step, status, used = conic_step(mapped, target, bodies, body, regularization=regularization)
         iterations += used
         body = bodies.settled(body + step)
         cost, optimality = problem.cost(bodies.mapping @ body), check_optimality(problem, bodies, body)
-        if answer is not None and not cost < answer.cost:
+        worse = answer is not None and answer.optimality.proven and not optimality.proven
+        if answer is not None and (worse or not cost < answer.cost):
             break
         answer = SolverAnswer("clarabel", body, cost, optimality, status, iterations)
         if optimality.excess <= _ENOUGH:
@@ -54,7 +68,12 @@ def solve_links(problem: CompressedProblem, bodies: ConicBodies) -> SolverAnswer
 
 
 def conic_step(
-    mapped: FloatArray, target: FloatArray, bodies: ConicBodies, body: FloatArray
+    mapped: FloatArray,
+    target: FloatArray,
+    bodies: ConicBodies,
+    body: FloatArray,
+    *,
+    regularization: float | None = None,
 ) -> tuple[FloatArray, str, int]:
     """Find the step that minimises ‖mapped · step - target‖² with body + step in the cone.
 
@@ -65,6 +84,8 @@ def conic_step(
     bodies : ConicBodies
     body : (v,) array
         Start, in the cone.
+    regularization : float, optional
+        As for :func:`solve_cones`.
 
     Returns
     -------
@@ -87,6 +108,7 @@ def conic_step(
         matrix=np.block([[rows, -np.eye(base)], [-sides * units, np.zeros((len(sides), base))]]),
         bound=np.concatenate([np.zeros(base), sides @ body * (size / length)]),
         cones=(("zero", base), *cones),
+        regularization=regularization,
     )
     return solution[: len(body)] * units * (length / size), status, iterations
 
