@@ -139,7 +139,8 @@ PARAMETERS: Mapping[str, Explanation] = {
         "`window:`; otherwise place three markers or more on the segments beside the joint.",
         "identify-dim",
         "The rms error of a torque, while only the ground touches the body, that one of 100 such trials exceeds, "
-        "N·m; limit 5. Only for people on the pinned chain.",
+        "N·m; limit 5. Only for people on the pinned chain; with a measured chair or hand, only with one or two marker "
+        "places on a segment.",
     ),
     "foot-prior": Explanation(
         ("ok",),

@@ -91,7 +91,8 @@ def torque_reasons(context: Context, result: IdentifiedDynamics, free: BoolArray
     """
     model = result.model
     shown = free & np.isfinite(model.torque_sd).any(axis=1)
-    if context.trial.protocol == "robot-joint" or result.measured_poses or not shown.any():
+    untried = bool(result.prepared.recorded.external) and not few_markers(context)  # no such trial was measured
+    if context.trial.protocol == "robot-joint" or untried or result.measured_poses or not shown.any():
         return ()
     lasting, noise = (np.nanmean(sd[shown] ** 2, axis=0) for sd in (model.torque_lasting_sd, model.torque_noise_sd))
     off = _moment_residual(result)
