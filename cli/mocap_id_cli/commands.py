@@ -53,7 +53,7 @@ _AFTER_STAGES = {
     "status": "Show what is done, what has to be computed, and what failed.",
     "clean": "Delete the results of runs.",
     "transfer": "Apply the body identified from one trial to other trials.",
-    "payload": "Identify a payload from two trials in space, with and without it.",
+    "payload": "Identify what a robot carries from two trials in space.",
     "compare": "Compare two runs: show what changed, and by how much.",
     "export": "Write a run as OpenSim files or as tables.",
     "figures": "Draw the figures of a page as SVG and PDF files.",

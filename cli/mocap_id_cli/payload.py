@@ -31,7 +31,7 @@ def payload(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Identify a payload from two trials in space, with and without it.
+    """Identify what a robot carries from two trials in space.
 
     The trial with the payload must take its chain from the other one (`calibration:`), and the plate and the robot
     must stay where they are. With a YAML file, missing or outdated results are computed first; a run folder is read

@@ -46,13 +46,16 @@ def few_markers(context: Context) -> bool:
     return context.trial.protocol != "robot-joint" and min(places) < _FEW
 
 
-def foot_sd(context: Context) -> float | None:
+def foot_sd(context: Context, recorded: TrialData) -> float | None:
     """Return the deviation of the foot's first moment in relation to the mass, m; None if the data alone determine it.
 
-    It is known from the place of the ankle, if this has a standard deviation. A robot has no foot.
+    It is known from the place of the ankle, if this has a standard deviation. A robot has no foot. With measured forces
+    of a chair or on a hand, the prior is for few markers only: others were not measured.
     """
     chosen, covariance = context.settings.reference_pulls, read_skeleton(context).covariance
     if chosen not in {None, "foot"} or context.trial.protocol == "robot-joint" or not np.isfinite(covariance[:1]).any():
+        return None
+    if chosen is None and recorded.external and not few_markers(context):
         return None
     return float(np.hypot(_FOOT_SD, np.sqrt(covariance[0, 0, 0])))
 

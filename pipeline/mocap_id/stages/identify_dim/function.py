@@ -84,7 +84,7 @@ def fit_chain(
         consistency=consistency,
         reference_sd=settings.reference_sd,
         reference_pulls=settings.reference_pulls is True,
-        foot_sd=foot_sd(context),
+        foot_sd=foot_sd(context, prepared.recorded),
         plate_sd=plate_sd(context, prepared.recorded),
     )
     return with_sensors(found, prepared, movement.free, grid, reference, consistency=consistency)
