@@ -149,7 +149,7 @@ PARAMETERS: Mapping[str, Explanation] = {
         "places on a segment the torque of the ankle would be uncertain by 5 N·m and more. The foot has only 3 % of "
         "the mass, so the place of the ankle and the reference body give it to 1 mm times the body's mass. The "
         "deviation of the ankle's place is included. With three marker places or more on every segment, only the "
-        "torques use this prior, and not if the data contradict it.",
+        "torques use this prior, and not if the data contradict it or if forces of a chair or on a hand are measured.",
         "Nothing. To use the data alone, set `identify-dim: {reference_pulls: false}`.",
         "identify-dim",
         "A person on the pinned chain with a reference body, if `identify-dim: {reference_pulls}` is not set or is "
