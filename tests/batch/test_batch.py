@@ -162,7 +162,7 @@ def test_a_queueing_system_that_is_not_here(tmp_path: Path, monkeypatch: pytest.
 
 
 def test_a_queue_that_takes_no_job(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: Any) -> None:
-    """A queue's name may be wrong: the reason is told once, and nothing waits."""
+    """If the name of a queue is wrong, the error gives the reason and the command ends at once."""
     spec = pytest.importorskip("distributed.deploy.spec")
 
     class Job(spec.ProcessInterface):  # type: ignore[misc, name-defined]

@@ -40,7 +40,7 @@ def unneeded(stages: Sequence[Stage], later: Sequence[Stage], size: Callable[[st
     Parameters
     ----------
     stages, later : sequences of Stage
-        All stages, and those that still have to run, in order.
+        All stages, and the ones that have not run yet, in order.
     size : callable
         Returns the bytes of an artefact in memory; None if it is not in memory.
     """
