@@ -53,6 +53,9 @@ def _lines(found: FoundPayload) -> Iterator[str]:
     place, sd = found.payload.centre()
     shown = ", ".join(_value(1e3 * a, 1e3 * b) for a, b in zip(place, sd, strict=True))
     yield f"centre of mass: {shown} mm"
+    if found.negative:
+        yield f"caution: the mass is negative: {found.loaded} must be the trial with the payload"
+    yield from (f"cautions of {trial}: {', '.join(codes)}" for trial, codes in found.cautions.items() if codes)
 
 
 def _value(value: float, sd: float) -> str:

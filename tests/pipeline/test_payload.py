@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -49,7 +50,21 @@ def test_the_command_gives_the_payload(trials: tuple[Path, Path]) -> None:
     )
     text = CliRunner().invoke(build(), ["payload", *(str(path.parent / "runs" / path.parent.name) for path in trials)])
     assert "centre of mass" in text.stdout
+    assert found["cautions"] == {"loaded": [], "empty": []}
+    assert "caution" not in text.stdout
     assert f"{value[0]:.2f}" in text.stdout
+
+
+def test_exchanged_trials_and_cautions_of_a_trial_are_reported(trials: tuple[Path, Path], tmp_path: Path) -> None:
+    folders = [path.parent / "runs" / path.parent.name for path in trials]
+    doubtful = tmp_path / "doubtful"
+    shutil.copytree(folders[1], doubtful)
+    summary = json.loads((doubtful / "summary.json").read_text())
+    summary["verdict"]["reasons"].append({"code": "wrench-unexplained", "level": "caution"})
+    (doubtful / "summary.json").write_text(json.dumps(summary))
+    said = CliRunner().invoke(build(), ["payload", str(doubtful), str(folders[0])]).stdout
+    assert "the mass is negative: empty must be the trial with the payload" in said
+    assert "cautions of empty: wrench-unexplained" in said
 
 
 def test_what_cannot_be_subtracted_is_refused(trials: tuple[Path, Path], tmp_path: Path) -> None:

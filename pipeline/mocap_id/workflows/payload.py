@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,7 @@ from mocap_id.workflows.run_folder import RunFolder, open_run
 
 PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 UNITS = ("kg", *["kg*m"] * 3, *["kg*m^2"] * 6)
+_SURE = 2.0  # standard deviations
 _SAME = 0.02  # largest difference of two trials in the axes of a frame, 1, or in the size of a joint's lever, m
 
 
@@ -33,12 +35,20 @@ class FoundPayload:
         The segment that carries it.
     payload : Payload
         In the frame of this segment in ``chain.h5`` of the loaded trial.
+    cautions : mapping of str to tuple of str
+        Codes of the cautions of each trial.
     """
 
     loaded: str
     empty: str
     segment: str
     payload: dynamics.Payload
+    cautions: Mapping[str, tuple[str, ...]]
+
+    @property
+    def negative(self) -> bool:
+        """Whether the mass is negative beyond its error: the trials are exchanged, or it is not a payload."""
+        return bool(self.payload.value[0] < -_SURE * self.payload.sd[0])
 
     def as_json(self) -> dict[str, Any]:
         """Return the result as JSON values; None for what the trials do not determine."""
@@ -48,6 +58,7 @@ class FoundPayload:
             "loaded": self.loaded,
             "empty": self.empty,
             "segment": self.segment,
+            "cautions": {name: list(codes) for name, codes in self.cautions.items()},
             "parameters": {
                 name: {"value": _number(value), "sd": _number(sd), "unit": unit} for name, unit, value, sd in found
             },
@@ -86,7 +97,12 @@ def find_payload(
         raise ConfigError(f"{loaded}: there is no segment {carrier!r}; the segments are {', '.join(segments)}")
     with_payload, without = map(_estimate, trees)
     found = dynamics.identify_payload(mapping, with_payload, without, segments.index(carrier))
-    return FoundPayload(runs[0].name, runs[1].name, carrier, found)
+    return FoundPayload(runs[0].name, runs[1].name, carrier, found, {run.name: _cautions(run) for run in runs})
+
+
+def _cautions(run: RunFolder) -> tuple[str, ...]:
+    reasons = run.summary.get("verdict", {}).get("reasons", ())
+    return tuple(reason["code"] for reason in reasons if reason["level"] != "ok")
 
 
 def _dynamics(run: RunFolder) -> Tree:
@@ -96,14 +112,17 @@ def _dynamics(run: RunFolder) -> Tree:
     tree = run.tree("dynamics.h5")
     if tree is None or "error_modes" not in tree.facts:
         raise ConfigError(f"{run.source}: no inertial parameters: {run.why_missing('dynamics.h5')}")
+    if "unit_covariance" not in tree.facts:
+        raise ConfigError(f"{run.source}: the run is by an earlier version: run the trial again by its YAML file")
     return tree
 
 
 def _common_mapping(runs: list[RunFolder], trees: list[Tree]) -> FloatArray:
     """Return the mapping (b, 10K) from full to base parameters; ConfigError if the chains differ."""
+    errors, of_other = ([name for name, _ in tree.facts["error_modes"]] for tree in trees)
     one, other = (np.asarray(tree.array("base/regrouping"), dtype=np.float64) for tree in trees)
     frames, others = (np.asarray(tree.facts["frames"]) for tree in trees)
-    same = one.shape == other.shape and frames.shape == others.shape
+    same = one.shape == other.shape and frames.shape == others.shape and errors == of_other
     if not same or max(np.abs(one - other).max(), np.abs(frames - others).max()) > _SAME:
         raise ConfigError(
             f"{runs[0].source} and {runs[1].source} have different chains, so their parameters cannot be subtracted: "

@@ -76,7 +76,8 @@ class IdentifyDimSettings(Settings):
     reference_pulls: bool | Literal["foot"] | None = Field(
         None,
         description="use the reference as a prior of all parameters (4.13) or of the foot; default: foot for chains "
-        "with one or two marker places on a segment, else of the foot for the torques alone",
+        "with one or two marker places on a segment; else, without measured forces of a chair or on a hand, of the foot "
+        "for the torques of a person alone",
     )
     consistency: Literal["grid", "cone", "bounded-cone"] | None = Field(
         None,

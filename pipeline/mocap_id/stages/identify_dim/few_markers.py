@@ -1,7 +1,7 @@
-"""What the torque of an ankle needs: a prior of the foot. And a caution about torques that may be wrong.
+"""The prior of the foot, which the torque of an ankle needs, and a caution about torques that may be wrong.
 
-The data hardly separate the small first moment of the foot from the moments above it, least with one or two marker
-places on shank and thigh, as in conventional marker sets.
+The data hardly separate the small first moment of the foot from the moments above it, least of all with one or two
+marker places on shank and thigh, as in conventional marker sets.
 """
 
 from __future__ import annotations

@@ -189,8 +189,8 @@ def _try_one_job(running: Any) -> None:
             running.sync(_accepted, running)
         except (RuntimeError, ValueError, OSError) as error:
             gc.collect()  # the error of a task that nobody awaits is logged when the task is collected
-            told = " ".join(str(error).split())
-            raise ConfigError(f"the queueing system does not take the job of a worker: {told}") from error
+            why = " ".join(str(error).split())
+            raise ConfigError(f"the queueing system does not take the job of a worker: {why}") from error
 
 
 async def _accepted(running: Any) -> None:
@@ -199,7 +199,7 @@ async def _accepted(running: Any) -> None:
     for worker in running.workers.values():
         if worker.status.name == "created":
             try:
-                await worker  # submits it again: only this tells why
+                await worker  # submits it again, which raises the reason
             except Exception:
                 worker.status = type(worker.status).failed  # so that the cluster can be closed
                 raise
