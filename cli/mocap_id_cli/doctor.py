@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+import mocap_id
+import mocap_id_cli
 from mocap_id_cli.console import AsJson, print_json
+
+if TYPE_CHECKING:
+    from mocap_id.workflows.doctor import Finding
 
 _WIDTH = 20
 
@@ -22,7 +28,7 @@ def doctor(
         bool,
         typer.Option(
             "--warm",
-            help="Check nothing; compile the filter, so that the first run does not have to. The first time this takes "
+            help="Check nothing; compile the filter and the modules, so that no run has to. The first time this takes "
             "about a minute of processor time.",
         ),
     ] = False,
@@ -37,7 +43,7 @@ def doctor(
     if warm:
         typer.echo("compiling the filter: the first time, about a minute of processor time", err=True)
     found = []
-    for check in [workflow.compile_filter()] if warm else workflow.check_installation(Path.cwd(), full=full):
+    for check in _compile() if warm else workflow.check_installation(Path.cwd(), full=full):
         found.append(check)
         if not as_json:
             typer.echo(f"{check.level:<5} {check.name:<{_WIDTH}} {check.found}")
@@ -50,3 +56,11 @@ def doctor(
         typer.echo(f"does not work: {', '.join(failed)}" if failed else "mocap-id works here")
     if failed:
         raise typer.Exit(1)
+
+
+def _compile() -> Iterator[Finding]:
+    """Compile the modules, then the filter."""
+    from mocap_id.workflows import doctor as workflow  # noqa: PLC0415  as above
+
+    yield workflow.compile_modules([Path(str(package.__file__)).parent for package in (mocap_id, mocap_id_cli)])
+    yield workflow.compile_filter()

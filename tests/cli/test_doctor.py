@@ -26,7 +26,8 @@ def test_this_installation_works(cli, tmp_path: Path, monkeypatch: pytest.Monkey
 def test_warming_up_says_where_the_compiled_code_is(cli) -> None:
     said = cli("doctor", "--warm")
     assert said.code == 0, said.out
-    assert said.out.startswith("ok    compiled code")
+    assert said.out.startswith("ok    modules")
+    assert "\nok    compiled code" in said.out
     assert "kept in" in said.out
     assert "about a minute" in said.err
     assert "about a minute" in cli("doctor", "--help").out
@@ -38,6 +39,18 @@ def test_the_line_before_compiling_is_printed_before_it(cli, monkeypatch: pytest
 
     monkeypatch.setattr("mocap_id.workflows.doctor.compile_filter", killed)
     assert "about a minute" in cli("doctor", "--warm").err
+
+
+def test_modules_are_compiled_although_python_writes_no_bytecode(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "module.py").write_text("ANSWER = 42\n")
+    monkeypatch.setattr("sys.dont_write_bytecode", True)
+    assert machine.compile_modules([tmp_path]).level == "ok"
+    assert len(list(tmp_path.glob("__pycache__/module.*.pyc"))) == 1
+    (tmp_path / "no_folder" / "module.py").parent.mkdir()
+    (tmp_path / "no_folder" / "module.py").write_text("ANSWER = 42\n")
+    (tmp_path / "no_folder" / "__pycache__").touch()
+    found = machine.compile_modules([tmp_path])
+    assert (found.level, str(tmp_path) in found.found) == ("warn", True)
 
 
 def test_the_json_holds_every_check(cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

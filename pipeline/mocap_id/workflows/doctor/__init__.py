@@ -2,6 +2,6 @@
 
 from mocap_id.workflows.doctor.checks import check_installation
 from mocap_id.workflows.doctor.finding import Finding
-from mocap_id.workflows.doctor.machine import compile_filter
+from mocap_id.workflows.doctor.machine import compile_filter, compile_modules
 
-__all__ = ["Finding", "check_installation", "compile_filter"]
+__all__ = ["Finding", "check_installation", "compile_filter", "compile_modules"]

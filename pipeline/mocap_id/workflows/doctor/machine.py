@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import compileall
 import os
 import shutil
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import h5py
@@ -142,6 +143,20 @@ def _round_trip(name: str, same: bool, package: str) -> Finding:
 def _broken(name: str, error: Exception, package: str) -> Finding:
     what = str(error).partition("\n")[0]
     return Finding(name, "fail", f"{type(error).__name__}: {what}", f"reinstall it: pip install {package}")
+
+
+def compile_modules(packages: Sequence[Path]) -> Finding:
+    """Write the bytecode of these packages' folders, where it is missing or outdated.
+
+    An editable installation with ``PYTHONDONTWRITEBYTECODE``, which many containers set, otherwise compiles 300 modules
+    in every run, which takes 0.3 s.
+    """
+    if all([compileall.compile_dir(folder, quiet=2) for folder in packages]):
+        return Finding("modules", "ok", "their bytecode is up to date")
+    where = " or ".join(str(folder) for folder in packages)
+    return Finding(
+        "modules", "warn", f"their bytecode cannot be written in {where}", "repeat as a user who may write there"
+    )
 
 
 def compile_filter() -> Finding:
