@@ -41,7 +41,9 @@ def test_the_line_before_compiling_is_printed_before_it(cli, monkeypatch: pytest
     assert "about a minute" in cli("doctor", "--warm").err
 
 
-def test_modules_are_compiled_although_python_writes_no_bytecode(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_modules_are_compiled_although_python_writes_no_bytecode(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     (tmp_path / "module.py").write_text("ANSWER = 42\n")
     monkeypatch.setattr("sys.dont_write_bytecode", True)
     assert machine.compile_modules([tmp_path]).level == "ok"

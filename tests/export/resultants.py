@@ -18,20 +18,24 @@ COMPONENTS = ("Fx", "Fy", "tauz")
 
 @dataclass(frozen=True)
 class JointPlaces:
-    """Joint centres of a run in the frames of the segments before them, and their shifts for the torques, (n, 2), m."""
+    """Joint centres of a run in the frames of the segments before and after them, and their shifts, (n, 2), m."""
 
     centre: np.ndarray
+    beyond: np.ndarray
     shift: np.ndarray
 
     @staticmethod
     def of(run: Path) -> JointPlaces:
         with h5py.File(run / "chain.h5") as chain:
             centre = np.asarray(chain["joints/centre"])
-        shift = np.zeros_like(centre)
+        shift, beyond = np.zeros_like(centre), np.zeros_like(centre)
         for body in Folder(run).read("poses.parquet").facts["bodies"]:
             if "joint_shift_m" in body:
                 shift[min(body["segments"]) - 1] = body["joint_shift_m"]
-        return JointPlaces(centre, shift)
+            if "joint_m" in body:
+                joint = min(body["segments"]) - 1
+                centre[joint], beyond[joint] = body["joint_m"]
+        return JointPlaces(centre, beyond, shift)
 
 
 @dataclass(frozen=True)
@@ -54,11 +58,13 @@ class Poses:
 
     def joint(self, joint: int, places: JointPlaces) -> np.ndarray:
         """Return the centre (T, 2) of joint j (from 0): the shifted mean of its positions in both bodies."""
-        c, s = np.cos(self.angle[:, joint]), np.sin(self.angle[:, joint])
-        near, shift = (
-            np.stack([c * x - s * y, s * x + c * y], axis=-1) for x, y in (places.centre[joint], places.shift[joint])
-        )
-        return (self.origin[:, joint] + near + self.origin[:, joint + 1]) / 2 + shift
+        near, far = self._turned(joint, places.centre[joint]), self._turned(joint + 1, places.beyond[joint])
+        sides = self.origin[:, joint] + near + self.origin[:, joint + 1] + far
+        return sides / 2 + self._turned(joint, places.shift[joint])
+
+    def _turned(self, body: int, place: np.ndarray) -> np.ndarray:
+        c, s = np.cos(self.angle[:, body]), np.sin(self.angle[:, body])
+        return np.stack([c * place[0] - s * place[1], s * place[0] + c * place[1]], axis=-1)
 
 
 @dataclass(frozen=True)

@@ -55,6 +55,8 @@ class BodyPoses:
     shift : (n, 2) array, optional
         What the body beyond joint j shows of an error of the joint fit: added to the place of the joint for the
         torques, in the frame of segment j - 1, m. Gaps and pins are those of the joint fit.
+    beyond : (n, 2) array, optional
+        Centre of joint j in the frame of segment j, m; its origin by default.
     """
 
     time: FloatArray
@@ -65,6 +67,7 @@ class BodyPoses:
     body: IntArray
     centres: FloatArray
     shift: FloatArray | None = None
+    beyond: FloatArray | None = None
 
     @property
     def rate(self) -> float:
@@ -94,13 +97,18 @@ class BodyPoses:
         """Origins (T, K, 2) of the bodies' frames, m."""
         return np.asarray(self.position - planar.rotate(self.angle, self.centroid))
 
+    def sides(self, joint: int) -> tuple[tuple[int, FloatArray], tuple[int, FloatArray]]:
+        """Return the bodies before and after a joint, and its centre (2,) in the frame of each, m."""
+        after = np.zeros(2) if self.beyond is None else self.beyond[joint]
+        return (int(self.body[joint]), self.centres[joint]), (int(self.body[joint + 1]), after)
+
     def gap(self, joint: int) -> FloatArray:
         """Return the vector (T, 2) from the joint's centre on the segment before it to that on the one after it, m."""
-        before, after = int(self.body[joint]), int(self.body[joint + 1])
         origin = self.origin
-        return np.asarray(
-            origin[:, after] - origin[:, before] - planar.rotate(self.angle[:, before], self.centres[joint])
+        before, after = (
+            origin[:, body] + planar.rotate(self.angle[:, body], point) for body, point in self.sides(joint)
         )
+        return np.asarray(after - before)
 
     def place_variance(self, joint: int) -> float:
         """Return the variance of a joint's position in the bodies on its two sides, m² per coordinate.
@@ -109,7 +117,7 @@ class BodyPoses:
         joint.
         """
         found = 0.0
-        for body, point in ((self.body[joint], self.centres[joint]), (self.body[joint + 1], np.zeros(2))):
+        for body, point in self.sides(joint):
             position, angle = self.information[body]
             arm = point - self.centroid[body]
             found += 0.5 / position + 0.25 * float(arm @ arm) / angle
@@ -229,10 +237,7 @@ def gap_response(poses: BodyPoses, joints: Sequence[int], angle: FloatArray) -> 
     weak = 1.0 / np.concatenate([np.repeat(poses.information[:, :1], 2, axis=1), poses.information[:, 1:]], axis=1)
     jacobian = np.zeros((size, len(joints), 2, bodies, 3))
     for row, joint in enumerate(joints):
-        for sign, body, point in (
-            (-1.0, int(poses.body[joint]), poses.centres[joint]),
-            (1.0, int(poses.body[joint + 1]), np.zeros(2)),
-        ):
+        for sign, (body, point) in zip((-1.0, 1.0), poses.sides(joint), strict=True):
             arm = planar.rotate(angle[:, body], point - poses.centroid[body])
             jacobian[:, row, 0, body, 0] = jacobian[:, row, 1, body, 1] = sign
             jacobian[:, row, 0, body, 2], jacobian[:, row, 1, body, 2] = -sign * arm[:, 1], sign * arm[:, 0]
@@ -306,11 +311,10 @@ def joint_centres(poses: BodyPoses, angle: FloatArray, origin: FloatArray) -> Fl
     """
     joint = np.full((len(angle), len(poses.centres), 2), np.nan)
     for j in poses.joints:
-        before, after = int(poses.body[j]), int(poses.body[j + 1])
-        near = origin[:, before] + planar.rotate(angle[:, before], poses.centres[j])
-        joint[:, j] = (near + origin[:, after]) / 2
+        sides = [origin[:, body] + planar.rotate(angle[:, body], point) for body, point in poses.sides(j)]
+        joint[:, j] = (sides[0] + sides[1]) / 2
         if poses.shift is not None:
-            joint[:, j] += planar.rotate(angle[:, before], poses.shift[j])
+            joint[:, j] += planar.rotate(angle[:, int(poses.body[j])], poses.shift[j])
     return joint
 
 

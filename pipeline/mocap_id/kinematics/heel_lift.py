@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, as_complex
 from mocap_id.kinematics.base_motion import block_means, find_standing
+from mocap_id.kinematics.rigid_body import count_places
 
 _BLOCK_S = 0.1
 _LASTING_S = 0.3  # a lift lasts at least as long
@@ -16,6 +17,11 @@ _FLAT = 0.4  # share of the body's motion in which feet are flat at least; shank
 _FOOT_M = (0.1, 0.35)  # distance of two markers on one foot that show its turn
 _RIGID_M = 0.003  # markers on one foot keep their distance
 _STILL_M = 0.001  # markers that move less are on the ground, not on a foot that turns
+_MOSTLY = 0.98  # quantile of a marker's distance from its usual place
+_LEAST_PLACES = 2  # of markers that show the pose of a foot
+_FEWEST = 10  # frames
+_INDEPENDENT = 3.0  # observations of the ankle that one trial counts as: gaps recur with the movement
+_ANKLE_SD = 0.01  # m, of an ankle that the joint fit places in a foot that moves
 
 LEAST_TURN = float(np.radians(3.0))
 """Least turn of a foot that is found, rad."""
@@ -42,6 +48,15 @@ class HeelLift:
     height: float
     turn: float
     time: float
+
+
+@dataclass(frozen=True)
+class AnklePlace:
+    """Place of the ankle in the frames of foot and shank, m, and its standard deviation in one direction, m."""
+
+    foot: complex
+    shank: complex
+    sd: float
 
 
 def find_heel_lift(positions: FloatArray, time: FloatArray, rate: float) -> HeelLift | None:
@@ -79,6 +94,57 @@ def find_heel_lift(positions: FloatArray, time: FloatArray, rate: float) -> Heel
                 first = int(np.argmax(blocks[:, up, 2] - usual[up, 2] > _LIFT_M))
                 found = HeelLift(int(low[up]), int(low[down]), float(height[up]), turn, float(time[size * first]))
     return found
+
+
+def markers_that_move(points: FloatArray, rate: float) -> BoolArray:
+    """Return which markers (m,) of the base are on feet that move; none if they show no pose.
+
+    Parameters
+    ----------
+    points : (F, m, 2) array
+        Markers of the base in the plane frame, m; NaN where not visible.
+    rate : float
+        Frames per second.
+    """
+    blocks = block_means(points, max(1, round(_BLOCK_S * rate)))
+    away = np.linalg.norm(blocks - np.nanmedian(blocks, axis=0), axis=2)
+    moving = np.nan_to_num(np.nanquantile(away, _MOSTLY, axis=0)) > _STILL_M
+    places = count_places(as_complex(np.nanmedian(blocks[:, moving], axis=0)))
+    return np.asarray(moving & (places >= _LEAST_PLACES))
+
+
+def place_ankle(
+    foot: tuple[ComplexArray, FloatArray], shank: tuple[ComplexArray, FloatArray], ankle: complex
+) -> AnklePlace | None:
+    """Return the place of the ankle between a foot that moves and the shank; None if unknown.
+
+    A joint fit holds the base still, and takes a part of the foot's motion for another place of the ankle. The measured
+    poses of foot (f) and shank (s), with origin p and angle a, show the ankle h in the foot and c in the shank:
+
+        p_f + e^{i a_f} h = p_s + e^{i a_s} c,
+
+    by least squares. A normal prior of h is around the place of the joint fit, so that an ankle that hardly turns stays
+    there.
+
+    Parameters
+    ----------
+    foot, shank : ((F,) complex array, (F,) array)
+        Origin in the plane frame, m, and angle, rad, of each body's frame; NaN where unknown.
+    ankle : complex
+        Place of the ankle in the foot's frame by the joint fit, m.
+    """
+    below, above = np.exp(1j * foot[1]), np.exp(1j * shank[1])
+    apart = shank[0] - foot[0] - below * ankle
+    known = np.isfinite(apart) & np.isfinite(above)
+    if np.count_nonzero(known) < _FEWEST:
+        return None
+    columns, apart = np.column_stack([below, -above])[known], apart[known]
+    normal, target = columns.conj().T @ columns / len(columns), columns.conj().T @ apart / len(columns)
+    gap = float(np.mean(np.abs(apart - columns @ np.linalg.lstsq(columns, apart)[0]) ** 2)) / 2
+    normal[0, 0] += gap / (_INDEPENDENT * _ANKLE_SD**2)
+    shift, beyond = np.linalg.solve(normal, target)
+    variance = gap / _INDEPENDENT * float(np.linalg.inv(normal)[0, 0].real)
+    return AnklePlace(ankle + complex(shift), complex(beyond), float(np.sqrt(variance)))
 
 
 def _turn(between: FloatArray, lasting: int) -> float:

@@ -76,8 +76,8 @@ class IdentifyDimSettings(Settings):
     reference_pulls: bool | Literal["foot"] | None = Field(
         None,
         description="use the reference as a prior of all parameters (4.13) or of the foot; default: foot for chains "
-        "with one or two marker places on a segment; else, without measured forces of a chair or on a hand, of the foot "
-        "for the torques of a person alone",
+        "with one or two marker places on a segment; else, without measured forces of a chair or on a hand, of the "
+        "foot for the torques of a person alone",
     )
     consistency: Literal["grid", "cone", "bounded-cone"] | None = Field(
         None,
@@ -111,7 +111,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="identify-dim",
-    version=24,
+    version=25,
     inputs=(
         *("wrench.parquet", "chain.h5", "states.parquet", "skin.h5", "encoder.parquet", "poses.parquet"),
         "angles.parquet",

@@ -55,6 +55,9 @@ class MeasuredBodies:
         rms distance of each body's markers from these places, m.
     used : tuple of int
         Indices of the bodies in poses.parquet, from 0.
+    placed : dict of int to float
+        Standard deviation in one direction, m, of each joint that the poses place instead of the joint fit: the ankle
+        of feet that move.
     """
 
     names: tuple[str, ...]
@@ -64,6 +67,7 @@ class MeasuredBodies:
     markers: tuple[dict[str, list[float]], ...]
     residual: tuple[float, ...]
     used: tuple[int, ...]
+    placed: dict[int, float]
 
     @property
     def loosest(self) -> float:
@@ -155,6 +159,11 @@ def read_bodies(table: Table, centres: FloatArray, used: Sequence[int]) -> Measu
     def series(name: str) -> FloatArray:
         return table.stack([f"{name}_{k + 1}" for k in used])
 
+    before, after, placed = centres.copy(), np.zeros_like(centres), {}
+    for body in bodies:
+        if "joint_m" in body:
+            joint = min(body["segments"]) - 1
+            (before[joint], after[joint]), placed[joint] = body["joint_m"], float(body["joint_sd_m"])
     poses = BodyPoses(
         time=table["time"],
         position=np.stack([series("x"), series("y")], axis=-1),
@@ -162,8 +171,9 @@ def read_bodies(table: Table, centres: FloatArray, used: Sequence[int]) -> Measu
         centroid=np.array([places.mean(axis=0) for places in local]),
         information=np.array([[len(p) / n, s / n] for p, s, n in zip(local, spread, noise, strict=True)]),
         body=np.array([owner[k] for k in range(len(centres) + 1)], dtype=np.int64),
-        centres=centres,
+        centres=before,
         shift=np.array([_shift(bodies[owner[k + 1]], k + 1) for k in range(len(centres))]),
+        beyond=after,
     )
     return MeasuredBodies(
         names=tuple(str(body["name"]) for body in bodies),
@@ -173,6 +183,7 @@ def read_bodies(table: Table, centres: FloatArray, used: Sequence[int]) -> Measu
         markers=tuple(body["markers"] for body in bodies),
         residual=tuple(float(body["residual_m"]) for body in bodies),
         used=tuple(used),
+        placed=placed,
     )
 
 

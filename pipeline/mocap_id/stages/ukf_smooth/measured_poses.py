@@ -11,6 +11,7 @@ from mocap_id.arrays import ComplexArray, FloatArray, IntArray, as_complex
 from mocap_id.estimation.inverse_kinematics import MarkerChain
 from mocap_id.kinematics.bending_trunk import hip_shift
 from mocap_id.kinematics.cluster_poses import ClusterPose, measure_cluster
+from mocap_id.kinematics.heel_lift import AnklePlace, markers_that_move, place_ankle
 from mocap_id.store import Table
 from mocap_id.store.schemas import POSES
 from mocap_id.store.views import Skeleton, Trajectories
@@ -53,13 +54,17 @@ def measured_poses(
     local = as_complex(chain.local)
     found: list[tuple[str, list[int], list[str], ClusterPose]] = []
     seen: list[ComplexArray] = []
+    feet_move = False
     for name, numbers in _bodies(skeleton.segments):
         own = np.flatnonzero(np.isin(chain.segment, numbers))
-        points = (
-            as_complex(view.without_bursts(of_chain[own]))
-            if numbers == [0]
-            else as_complex(observed[:, np.searchsorted(moves, own)])
-        )
+        if numbers == [0]:
+            base = view.without_bursts(of_chain[own])
+            on_feet = markers_that_move(base, view.rate)
+            feet_move = bool(on_feet.any())
+            used = on_feet if feet_move else np.ones_like(on_feet)
+            own, points = own[used], as_complex(base[:, used])
+        else:
+            points = as_complex(observed[:, np.searchsorted(moves, own)])
         pose = measure_cluster(points, _in_body_frame(chain, local, numbers, angles)[own])
         if pose is not None:
             found.append((name, numbers, [labels[k] for k in own[pose.markers]], pose))
@@ -68,10 +73,15 @@ def measured_poses(
     if others is not None:
         found.append((OTHERS, [], [view.labels[k] for k in free[others.markers]], others))
     facts = [_fact(*each) for each in found]
-    above, shift = _hip_shift(skeleton, [(each[1], each[3]) for each in found], seen)
+    bodies = [(each[1], each[3]) for each in found]
+    above, shift = _hip_shift(skeleton, bodies, seen)
+    ankle = _ankle_place(chain, bodies) if feet_move else None
     for fact in facts:
         if above in fact["segments"]:
             fact["joint_shift_m"] = [shift.real, shift.imag]
+        if ankle is not None and fact["segments"] == [1]:
+            fact["joint_m"] = [[place.real, place.imag] for place in (ankle.foot, ankle.shank)]
+            fact["joint_sd_m"] = ankle.sd
     return Table(POSES, _columns(view, [pose for *_, pose in found]), {"bodies": facts})
 
 
@@ -88,6 +98,14 @@ def _hip_shift(
     far = np.abs(trunk.local)
     near = points[:, far <= far.min() + _BESIDE]  # left and right
     return hip + 1, hip_shift(_frame(bodies[single[hip]][1]), _frame(trunk), near.mean(axis=1))
+
+
+def _ankle_place(chain: MarkerChain, bodies: Sequence[tuple[list[int], ClusterPose]]) -> AnklePlace | None:
+    """Return the place of the first joint between moving feet and the segment above; None if unknown."""
+    single = {numbers[0]: pose for numbers, pose in bodies if len(numbers) == 1}
+    if not {0, 1} <= single.keys():
+        return None
+    return place_ankle(_frame(single[0]), _frame(single[1]), complex(*chain.centres[0]))
 
 
 def _frame(pose: ClusterPose) -> tuple[ComplexArray, FloatArray]:

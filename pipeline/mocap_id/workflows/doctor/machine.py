@@ -151,7 +151,8 @@ def compile_modules(packages: Sequence[Path]) -> Finding:
     An editable installation with ``PYTHONDONTWRITEBYTECODE``, which many containers set, otherwise compiles 300 modules
     in every run, which takes 0.3 s.
     """
-    if all([compileall.compile_dir(folder, quiet=2) for folder in packages]):
+    written = [compileall.compile_dir(folder, quiet=2) for folder in packages]
+    if all(written):
         return Finding("modules", "ok", "their bytecode is up to date")
     where = " or ".join(str(folder) for folder in packages)
     return Finding(
