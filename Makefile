@@ -17,11 +17,12 @@ TRIALS = $(wildcard sample_trials/*/trial.yaml)
 RULES := $(VENV)/trials.mk
 OPENSIM := .venv-opensim
 
-.PHONY: help demo test fuzz trials docs docs-site release-check lock opensim clean
+.PHONY: help demo test test-slow fuzz trials docs docs-site release-check lock opensim clean
 
 help:
 	@echo 'make demo    install, run the pipeline on a sample trial and print the path of the report'
 	@echo 'make test    install the development tools, check and test everything, one process per core (WORKERS=1: one process)'
+	@echo 'make test-slow   run the sweeps, which make test leaves out; CI runs both'
 	@echo 'make fuzz    try damaged files (NUMBER=10000 SEED=1 JOBS=1); the same call continues where it stopped'
 	@echo 'make trials  run every trial under sample_trials/; -j runs several at a time'
 	@echo 'make docs    write the generated pages (commands, settings, examples of configurations)'
@@ -36,6 +37,7 @@ demo: $(VENV)/installed
 
 # Idle workers take tests from busy ones; what several tests share is made once (the fixture `once`).
 WORKERS := logical
+PYTEST = $(BIN)/python -m pytest -n $(patsubst 1,0,$(WORKERS)) --maxprocesses 8 --dist worksteal
 
 test: $(VENV)/installed-dev
 	$(BIN)/ruff check
@@ -43,8 +45,11 @@ test: $(VENV)/installed-dev
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/mocap-id doctor --warm
-	$(BIN)/python -m pytest -n $(patsubst 1,0,$(WORKERS)) --maxprocesses 8 --dist worksteal
+	$(PYTEST) -m 'not slow'
 	$(BIN)/mocap-id regress sample_trials --baseline sample_trials/baseline.json
+
+test-slow: $(VENV)/installed-dev
+	$(PYTEST) -m slow
 
 NUMBER := 10000
 SEED := 1

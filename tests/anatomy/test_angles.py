@@ -120,6 +120,7 @@ def test_standard_deviations_agree_with_monte_carlo(name: str) -> None:
     assert np.allclose(np.std(measured.acceleration, axis=0), predicted.sd.acceleration[0], rtol=0.05)
 
 
+@pytest.mark.slow
 def test_errors_of_frames_agree_with_monte_carlo_as_a_mean_and_changes() -> None:
     rng, draws = np.random.default_rng(6), 4000
     root = np.tril(rng.normal(size=(6, 6))) * 0.01

@@ -54,6 +54,7 @@ def settings(tmp_path: Path) -> Path:
     return file
 
 
+@pytest.mark.slow
 def test_the_same_bytes_however_many_processes_and_wherever_from(
     cli: Callable, robot: Path, settings: Path, tmp_path: Path
 ) -> None:

@@ -114,6 +114,7 @@ def test_every_proposal_keeps_the_limits(predictor: CovariancePredictor, designe
             assert usage(predictor, FEET, course) <= 1.0 + 1e-9
 
 
+@pytest.mark.slow
 def test_the_same_seed_gives_the_same_movement(predictor: CovariancePredictor, designed: ExperimentDesign) -> None:
     again = design_experiment(predictor, FEET, REST, JOINTS, seconds=20.0)
     assert [each.words for each in again.proposals] == [each.words for each in designed.proposals]
@@ -121,6 +122,7 @@ def test_the_same_seed_gives_the_same_movement(predictor: CovariancePredictor, d
     np.testing.assert_array_equal(again.designed.trajectory.q, designed.designed.trajectory.q)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("objective", [each for each in OBJECTIVES if each != "condition-scaled"])
 def test_the_search_reduces_its_objective(predictor: CovariancePredictor, objective) -> None:
     found = design_experiment(predictor, ROOM, REST, JOINTS, objective=objective, seconds=20.0)

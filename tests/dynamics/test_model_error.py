@@ -146,6 +146,7 @@ def scaled_errors(case: tuple[int, str, float]) -> dict[str, np.ndarray]:
     return {name: error[free & np.isfinite(error)] for name, error in errors.items()}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("case", TRIALS, ids=["normal", "dynamic", "stable", "no soft tissue", "much soft tissue"])
 def test_the_stated_deviations_of_every_trial_have_the_errors_size(case: tuple[int, str, float]) -> None:
     errors = scaled_errors(case)

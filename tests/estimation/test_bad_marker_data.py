@@ -87,6 +87,7 @@ def memory(moving: Moving, frames: int) -> int:
     return peak
 
 
+@pytest.mark.slow
 def test_twenty_minutes_of_40_markers_take_350_megabytes_above_the_input() -> None:
     moving = swinging(joints=4, per_segment=10, seconds=120.0, rate=100.0)
     gone = np.random.default_rng(0).random((len(moving.markers) // 50, 40)) < 0.05

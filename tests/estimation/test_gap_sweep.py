@@ -17,6 +17,9 @@ SEED = 970_000
 LENGTHS = (0.3, 3.0)
 
 
+pytestmark = pytest.mark.slow
+
+
 @pytest.fixture(scope="module")
 def gaps() -> Iterator[ModuleType]:
     """The benchmark as a module."""

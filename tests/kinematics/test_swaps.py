@@ -196,6 +196,7 @@ def test_many_swaps_at_once(trials) -> None:
     assert find_swaps(raw, 100.0) == tuple(true)
 
 
+@pytest.mark.slow
 def test_no_swaps_no_alarm() -> None:
     """A larger measurement found none in 60 trials of 25 to 200 Hz with up to 2 mm of noise."""
     for seed in range(500, 515):

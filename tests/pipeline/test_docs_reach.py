@@ -35,6 +35,7 @@ def fill_in() -> None:
     file.write_text(text, "utf-8")
 
 
+@pytest.mark.slow
 def test_the_page_leads_from_camera_logs_to_the_table(terminal: Terminal, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("mocap_id.simulation.arm.reach_volume.POINTS", 2**8)  # the true volumes are not needed
     record(terminal)

@@ -7,6 +7,7 @@ import re
 from pathlib import Path
 
 import pandas as pd
+import pytest
 from typed_commands import Terminal, blocks_of, run_page
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "sit-to-stand.md"
@@ -46,6 +47,7 @@ def fill_in() -> None:
     Path("study-trial.yaml").write_text(block("yaml", "# study-trial.yaml"), "utf-8")
 
 
+@pytest.mark.slow
 def test_the_page_holds(terminal: Terminal) -> None:
     record(terminal)
     said = run_page(PAGE, terminal, {"mocap-id init recordings": fill_in})

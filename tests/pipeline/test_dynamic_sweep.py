@@ -72,6 +72,7 @@ def test_parameters_are_transferred_to_a_turned_and_shifted_frame(modules, clean
     assert got[15] == pytest.approx(about_com + abs(expected) ** 2 / mass)
 
 
+@pytest.mark.slow
 def test_with_true_inputs_there_is_no_error(modules) -> None:
     sources, sweep = modules["dynamic_sources"], modules["dynamic_sweep"]
     found = sources.measure(replace(sweep.ROWS["ordinary"], seed=970_002))

@@ -28,6 +28,7 @@ def hard_arm(space, folder: Path, seed: int) -> Path:
     return write_arm(folder, ArmOptions(seed=seed, **space.ROWS["arm, hard"].arm))
 
 
+@pytest.mark.slow
 def test_the_joint_fit_does_not_end_in_the_wrong_minimum(space, tmp_path: Path) -> None:
     """Steps of the whole chain from frames that do not obey the first axes ended 27° from the elbow's axis."""
     configuration = hard_arm(space, tmp_path / "arm", 260_009)

@@ -106,6 +106,7 @@ def test_torques_are_uncertain_where_the_model_does_not_follow_the_plate(tmp_pat
     assert reason.value > 5.0
 
 
+@pytest.mark.slow
 def test_a_long_rest_does_not_change_the_process_noise(tmp_path: Path) -> None:
     noise = []
     for rest in (0.0, 60.0):

@@ -36,6 +36,7 @@ def codes(summary: dict[str, Any]) -> set[str]:
 UNUSUAL = {"attempt-failed", "rise-partial", "rise-paused", "support-unexplained", "repetition-cut"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["normal", "dynamic", "stable"])
 def test_aborted_rises_are_counted_as_attempts(tmp_path: Path, strategy: str) -> None:
     events, summary, truth = done(tmp_path / "trial", seed=5301001, strategy=strategy, attempts=2)

@@ -56,6 +56,7 @@ def test_the_example_is_held_by_its_device(tmp_path: Path) -> None:
     assert len(controller["nodes"]) == 2
 
 
+@pytest.mark.slow
 def test_the_controller_finds_what_fails(tmp_path: Path) -> None:
     tasks = "tasks:\n  - {name: down, angles_deg: [0, 10]}\n  - {name: up, angles_deg: [70, 130]}\ncontroller:\n"
     weak = ARM.replace("2.2", "1.2") + "springs: [{joints: [1], device: DEVICE}]\n" + tasks
@@ -87,6 +88,7 @@ def test_devices_on_a_chain_lose_an_area(tmp_path: Path) -> None:
     assert any("less than with linear springs" in line for line in device_lines(found))
 
 
+@pytest.mark.slow
 def test_the_controller_of_a_chain(tmp_path: Path) -> None:
     """Both tasks are held with pressures of their own; a stronger task without any is said."""
     tasks = "tasks:\n  - {name: lap, point_m: [0.2, 1.05]}\n  - {name: mouth, point_m: [0.3, 1.45]}\n"

@@ -60,6 +60,7 @@ def double_integrator_error(scheme: Scheme, nodes: int) -> float:
     return float(np.mean(np.abs(found.ravel()[near][ring] - (radius[ring] ** 2 - 0.25))))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("friedrichs", [False, True])
 @pytest.mark.parametrize(("second", "order"), [(True, 1.5), (False, 0.9)])
 def test_the_error_falls_at_the_order_of_the_scheme(second: bool, order: float, friedrichs: bool) -> None:

@@ -68,6 +68,7 @@ def test_what_the_thesis_prints_is_held_with_its_own_weight() -> None:
     assert np.degrees([parts[0][0], parts[-1][1]]) == pytest.approx([63.0, 178.0], abs=1.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("low", "high"), [(-0.1, 0.1), (-0.2, 0.2), (-0.5, 0.5), (-0.2, 0.6), (-0.6, 0.2)])
 def test_no_spring_of_a_grid_is_better(low: float, high: float) -> None:
     one = joint(low, high)

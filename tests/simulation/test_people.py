@@ -141,6 +141,7 @@ def test_a_weight_alone_leaves_the_chain_on_its_pins():
     assert scene.body.mass == pytest.approx(drawn(PersonOptions()).body.mass + 2)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strategy", ["normal", "dynamic", "stable"])
 @pytest.mark.parametrize("seed", range(3))
 def test_the_centre_of_pressure_stays_inside_the_foot(seed, strategy):
@@ -152,6 +153,7 @@ def test_the_centre_of_pressure_stays_inside_the_foot(seed, strategy):
     assert state.wrench[:, 1].min() > 0
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_ranges_are_about_what_was_asked_for(seed):
     scene = drawn(ALL, seed)

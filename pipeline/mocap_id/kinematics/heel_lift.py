@@ -107,10 +107,12 @@ def markers_that_move(points: FloatArray, rate: float) -> BoolArray:
         Frames per second.
     """
     blocks = block_means(points, max(1, round(_BLOCK_S * rate)))
-    away = np.linalg.norm(blocks - np.nanmedian(blocks, axis=0), axis=2)
-    moving = np.nan_to_num(np.nanquantile(away, _MOSTLY, axis=0)) > _STILL_M
-    places = count_places(as_complex(np.nanmedian(blocks[:, moving], axis=0)))
-    return np.asarray(moving & (places >= _LEAST_PLACES))
+    moving: BoolArray = np.asarray(np.isfinite(blocks).any(axis=(0, 2)))  # seen at all
+    usual = np.nanmedian(blocks[:, moving], axis=0)
+    away = np.linalg.norm(blocks[:, moving] - usual, axis=2)
+    moves = np.nanquantile(away, _MOSTLY, axis=0) > _STILL_M
+    moving[moving] = moves & (count_places(as_complex(usual[moves])) >= _LEAST_PLACES)
+    return moving
 
 
 def place_ankle(
