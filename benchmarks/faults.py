@@ -30,6 +30,7 @@ ANGLE = np.radians(2)  # rms about its mean
 ACCELERATION = 0.97  # r²
 CENTRE_OF_PRESSURE = 10.0  # mm rms
 PARAMETER = 0.15  # relative error of a known parameter
+LEVER = 0.05  # m: the first moment of the base is at least as large as this times the mass
 TORQUE = 5.0  # N·m rms
 INTERVAL = 2.0  # widths of a stated 95 % interval
 STAGES = (*harness.DYNAMIC, "report")
@@ -202,6 +203,7 @@ def _wrong_parameters(done: dynamic_truth.TrialWithTruth, summary: Mapping[str, 
     true_base = dynamic_truth.true_base(done)
     pairs = true_base[2:].reshape(-1, 3)[:, :2]  # (mx, my) of each moving segment, whose frame is a convention
     size = np.abs(true_base)
+    size[1] = max(size[1], LEVER * true_base[0])  # as in dynamics.excitation.parameter_sizes
     size[2:].reshape(-1, 3)[:, :2] = np.hypot(pairs[:, :1], pairs[:, 1:])
     for entry, true, scale in zip(summary["dynamics"]["base"], true_base, size, strict=True):
         off, interval = abs(entry["value"] - true), harness.QUANTILE * entry["sd"]
