@@ -148,11 +148,13 @@ def main() -> None:
         options = map(partial(people, row), range(arguments.first, arguments.first + arguments.trials))
         found[row] = [pair for pair in harness.run_all(measure, options, arguments.jobs) if pair is not None]
 
-    def table(cell: str) -> str:
-        rows = [[name, *(_cell(cell, k, pairs) for pairs in found.values())] for k, name in enumerate(_names(cell))]
-        return harness.markdown(["", *found], rows)
-
     every = [pair for pairs in found.values() for pair in pairs]
+
+    def table(cell: str) -> str:
+        columns = found if cell == "errors" else found | {"all": every}
+        rows = [[name, *(_cell(cell, k, pairs) for pairs in columns.values())] for k, name in enumerate(_names(cell))]
+        return harness.markdown(["", *columns], rows)
+
     chosen = sum(pair[0].poses for pair in every)
     own = (
         f"{arguments.trials} simulated sit-to-stands per column, seeds from {arguments.first}, with 5 repetitions each"
