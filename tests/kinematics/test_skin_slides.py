@@ -126,3 +126,12 @@ def test_chunks_make_no_difference(posed, monkeypatch) -> None:
     whole = run(posed, points, 5e-4)
     monkeypatch.setattr(skin_slides, "_CHUNK", 7)
     np.testing.assert_allclose(run(posed, points, 5e-4), whole, rtol=1e-9)
+
+
+def test_a_centre_of_unknown_covariance_has_no_error(posed) -> None:
+    """As the centres of `fit-joints: {estimator: circle}`."""
+    _, segment, state, relative = posed
+    unknown = np.full((len(state.centres), 2, 2), np.nan)
+    skin = skin_slides.skin_from_residuals(state, segment, np.full(len(segment), 1e-3), unknown)
+    assert not skin.noise.any()
+    assert np.isfinite(skin.errors(relative)[0]).all()

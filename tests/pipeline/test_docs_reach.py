@@ -19,8 +19,8 @@ def record(terminal: Terminal) -> None:
     for subject, name in (("s01", "anna"), ("s02", "bob")):
         shutil.copytree(Path("simulated") / subject, Path("camera") / name)
     terminal.type(f"mocap-id simulate reach-cohort filmed --subjects 1 {short}")
-    (Path("markers") / "anna").mkdir(parents=True)
-    shutil.copy("filmed/s01/session1/right.c3d", "markers/anna")
+    (Path("markers") / "anna" / "session1").mkdir(parents=True)
+    shutil.copy("filmed/s01/session1/right.c3d", "markers/anna/session1")
 
 
 def fill_in() -> None:

@@ -96,6 +96,14 @@ def test_the_interval_grows_with_the_errors() -> None:
     assert longer.sources["forearm"] > found.sources["forearm"]
 
 
+def test_ranges_without_a_volume_are_refused() -> None:
+    angles, poses, skeleton = views(SpatialTrial())
+    arm, ranges = measure_arm(angles, poses, skeleton), joint_ranges(angles, poses)
+    point = {name: replace(one, high=one.low) for name, one in ranges.items()}
+    with pytest.raises(UnknownReach, match="too small for a volume"):
+        workspace(arm, point, None)
+
+
 @pytest.mark.parametrize("lost", [*ANGLES, "forearm", "centre"])
 def test_a_trial_without_what_is_needed_says_what_is_missing(lost: str) -> None:
     angles, poses, skeleton = views(SpatialTrial(known=lost != "centre"))

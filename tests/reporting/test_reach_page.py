@@ -70,6 +70,18 @@ def test_a_trial_without_a_volume_says_why() -> None:
     assert "The reachable volume is unknown" in page
 
 
+def test_an_arm_taken_for_the_other_one_has_no_volume() -> None:
+    """In frames of the wrong side the elbow bends backwards."""
+    artefacts = SpatialTrial().artefacts()
+    angles = artefacts["angles.parquet"]
+    assert isinstance(angles, Table)
+    flexion = {"elbow_flexion": -np.asarray(angles.columns["elbow_flexion"])}
+    wrong = Table(angles.schema, dict(angles.columns) | flexion, angles.facts, angles.reasons)
+    _, events = with_reach(artefacts | {"angles.parquet": wrong})
+    assert [reason.code for reason in events.reasons] == ["no-reach"]
+    assert "give the right `side:`" in events.reasons[0].message
+
+
 def test_other_protocols_have_no_reach() -> None:
     summary, page = reported(SpatialTrial().artefacts())
     assert summary["workspace"]["volume_m3"] is None and "protocol: reach" in summary["workspace"]["why"]

@@ -195,14 +195,14 @@ def skin_from_residuals(
     residual : (K,) array
         rms distance of each marker from its place, m.
     centre_covariance : (n, 2, 2) array
-        Covariance of each centre, m².
+        Covariance of each centre, m²; NaN if it is unknown, as of ``estimator: circle``. The centre then has no error.
     """
     relative = np.diff(state.angles, axis=1, prepend=0.0)
     mean = relative.mean(axis=0)
     spread = slide_scales(relative - mean)[segment - 1]
     joints, markers = len(state.centres), len(segment)
     noise = np.zeros((2 * (joints + markers), 2 * (joints + markers)))
-    for joint, own in enumerate(centre_covariance):
+    for joint, own in enumerate(np.nan_to_num(centre_covariance)):
         values, vectors = np.linalg.eigh(own)
         rows = slice(2 * joint, 2 * joint + 2)
         noise[rows, rows] = vectors * np.sqrt(np.maximum(values, 0.0))

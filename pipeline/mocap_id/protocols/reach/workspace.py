@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mocap_id.arrays import NORMAL_95, FloatArray
-from mocap_id.protocols.reach.arm_geometry import ANGLES, RecordedArm
+from mocap_id.protocols.reach.arm_geometry import ANGLES, RecordedArm, UnknownReach
 from mocap_id.protocols.reach.ranges import AngleRange
 from mocap_id.protocols.reach.reachable_set import Grid, PlaneRange, ReachArm, reachable_set
 from mocap_id.protocols.reach.visited_region import VisitedRegion
@@ -73,9 +73,16 @@ def workspace(arm: RecordedArm, ranges: Mapping[str, AngleRange], region: Visite
     ranges : mapping
         Range of the four angles of :data:`~.arm_geometry.ANGLES`.
     region : VisitedRegion or None
+
+    Raises
+    ------
+    UnknownReach
+        The ranges are too small for a volume.
     """
     limits = np.array([(ranges[name].low, ranges[name].high) for name in ANGLES])
     volumes = _converged(arm.arm, limits)
+    if not volumes[-1]:
+        raise UnknownReach("the ranges of the angles are too small for a volume: record larger reaches")
     effects = _effects(arm, ranges, limits)
     total = float(np.sqrt(sum(effect**2 for effect in effects.values())))
     visited = None

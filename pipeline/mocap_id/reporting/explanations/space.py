@@ -132,7 +132,7 @@ SPACE: Mapping[str, Explanation] = {
         "of both joints and the wrist, and a motion that moves all four angles. The message names what is missing. "
         "Ranges of the other angles are given.",
         "Name the landmarks under `landmarks:`, record reaches to hip, shoulders, mouth and head, or use "
-        "`calibration:`.",
+        "`calibration:`. If the elbow seems to bend backwards, give the right `side:`.",
         "identify-dim",
         "Range of each of the four angles; limit 2°.",
     ),

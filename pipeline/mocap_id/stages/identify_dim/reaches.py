@@ -117,12 +117,18 @@ def _volumes(
     Raises
     ------
     UnknownReach
-        An angle has no range.
+        An angle has no range, or the elbow bends the wrong way.
     """
     still = [name for name in ANGLES if name not in ranges or ranges[name].high - ranges[name].low < _LEAST_RANGE]
     if still:
         names = " and ".join(name.replace("_", " ") for name in still)
         raise UnknownReach(f"{names} change by less than {np.degrees(_LEAST_RANGE):.0f}° where they have a meaning")
+    flexion = ranges["elbow_flexion"]
+    if flexion.low + flexion.high < 0:
+        raise UnknownReach(
+            f"the elbow bends backwards (flexion from {np.degrees(flexion.low):.0f}° to "
+            f"{np.degrees(flexion.high):.0f}°), as if the arm were the other one: give the right `side:`"
+        )
     usable = np.logical_and.reduce([usable_samples(angles, poses, name) for name in ANGLES])
     postures = np.stack([values(angles, name, usable) for name in ANGLES], axis=1)
     limits = np.array([(ranges[name].low, ranges[name].high) for name in ANGLES])
