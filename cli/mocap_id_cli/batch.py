@@ -93,7 +93,8 @@ def _lines(found: workflow.Batch) -> Iterator[str]:
         yield f"{one['trial']:<{width}}  {_verdict(one)}"
         yield from (f"{'':<{width}}    {line}" for line in found.messages.get(number, "").splitlines())
     counts = Counter(one["verdict"] for one in found.rows)
-    yield f"{len(found.rows)} trials: " + ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
+    total = len(found.rows)
+    yield f"{total} trial{'s' * (total != 1)}: " + ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
     yield f"table: {short(found.table)}"
 
 

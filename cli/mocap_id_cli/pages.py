@@ -26,6 +26,8 @@ SETTINGS_MARK = "# ---- every setting, with its default ----\n"
 COLUMNS_MARK = "## Columns\n"
 _STUDIES = {"": TABLES, " of reaches": reach_study.TABLES, " of curls": curl_study.TABLES}
 _OF_PROTOCOLS = {
+    "seat_off_72": "`protocol: sit-to-stand`",
+    "elbow_torque": "`protocol: curl`",
     "kind": "`protocol: reach` or `curl`",
     "target": "`protocol: reach`",
     "amplitude": "`protocol: curl`",
@@ -85,7 +87,7 @@ def _schema(schema: TableSchema | TreeSchema, title: str) -> Iterator[str]:
     yield "|---|---|---|---|"
     yield from map(_row, schema.columns if isinstance(schema, TableSchema) else schema.nodes)
     repeated = schema.repeated if isinstance(schema, TableSchema) else ()
-    kinds = "plate" if any(column.name.endswith("_p{k}") for column in repeated) else "joint"
+    kinds = {"Fx_p{k}": "plate", "x_{k}": "body"}.get(repeated[0].name, "joint") if repeated else ""
     groups = [(f"and for every {kinds} k:", repeated)] if repeated else []
     groups += [(_when(group), group) for group in schema.optional]
     for about, group in groups:
@@ -103,7 +105,9 @@ def _when(group: tuple[Column, ...]) -> str:
         return "and, in space:"
     if group[0].name in _OF_PROTOCOLS:
         return f"and, with {_OF_PROTOCOLS[group[0].name]}:"
-    return f"and, where there are such forces{', for every sensor k' if '{k}' in group[0].name else ''}:"
+    if "{k}" in group[0].name:
+        return "and, for every force sensor k of `external:`:"
+    return "and, where the forces of a chair or of sensors were measured:"
 
 
 def _row(column: Column) -> str:

@@ -24,6 +24,7 @@ def stages(
 ) -> None:
     """List the stages in order, with their inputs and outputs."""
     if make:
+        typer.echo("MOCAP_ID ?= mocap-id")
         typer.echo(make_rules([load(file) for file in make], "$(MOCAP_ID)"), nl=False)
     elif settings:
         typer.echo(settings_yaml(), nl=False)

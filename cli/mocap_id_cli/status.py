@@ -34,7 +34,8 @@ def status(named: TrialFiles, *, as_json: AsJson = False) -> None:
     for wrong in unreadable:
         typer.echo(str(wrong.error))
     counts = Counter("done" if one.done else "to do" for _, one in found) + Counter({"unreadable": len(unreadable)})
-    typer.echo(f"{len(found) + len(unreadable)} trials: " + ", ".join(f"{n} {what}" for what, n in counts.items()))
+    total = len(found) + len(unreadable)
+    typer.echo(f"{total} trial{'s' * (total != 1)}: " + ", ".join(f"{n} {what}" for what, n in counts.items()))
 
 
 def _lines(trial: Trial, one: runner.TrialStatus, width: int) -> Iterator[str]:

@@ -17,9 +17,9 @@ import pytest
 from batch_cases import Deadly, trials
 
 from mocap_id.config import load
-from mocap_id.errors import ConfigError
+from mocap_id.errors import ConfigError, NumericalError
 from mocap_id.workflows.batch import Batch, find_trials, run_batch
-from mocap_id.workflows.parallel import NOT_RUN, Backend, DaskBackend, LocalBackend, TrialRun, run_trials
+from mocap_id.workflows.parallel import NOT_RUN, Backend, DaskBackend, LocalBackend, TrialRun, backends, run_trials
 
 distributed = pytest.importorskip("distributed", reason="Dask is not installed: mocap-id[cluster]")
 NAMES = ("a", "b", "c")
@@ -149,6 +149,34 @@ def test_an_engine_that_cannot_be_had(tmp_path: Path, backend: Backend, told: st
     with pytest.raises(ConfigError, match=told):
         run_batch([str(tmp_path)], tmp_path / "batch.parquet", backend=backend)
     assert not (tmp_path / "runs").exists()
+
+
+def test_an_interruption_stays_one_on_dask(cluster: Any) -> None:
+    """Whatever ends a batch on Dask is reported as what it is."""
+    with pytest.raises(KeyboardInterrupt), DaskBackend(cluster.scheduler_address).workers(1):
+        raise KeyboardInterrupt
+
+
+def test_a_lost_scheduler_says_how_to_go_on(cluster: Any) -> None:
+    lost = distributed.comm.CommClosedError("closed")
+    with (
+        pytest.raises(NumericalError, match="was lost: finished trials are kept"),
+        DaskBackend(cluster.scheduler_address).workers(1),
+    ):
+        raise lost
+
+
+def test_a_scheduler_without_workers_says_so_once(monkeypatch: pytest.MonkeyPatch, caplog: Any) -> None:
+    monkeypatch.setattr(backends, "_COUNTED_EVERY", 0.0)
+    with (
+        distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=":0", silence_logs=50) as alone,
+        DaskBackend(alone.scheduler_address).workers(1) as workers,
+    ):
+        for _ in range(3):
+            workers.width()
+        told = [one.getMessage() for one in caplog.records if one.name.startswith("mocap_id.")]
+        assert len(told) == 1
+        assert f"`dask worker {alone.scheduler_address}" in told[0]
 
 
 def test_a_queueing_system_that_is_not_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, Future
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from queue import SimpleQueue
@@ -170,6 +170,35 @@ def test_a_worker_that_joins_with_another_version(monkeypatch: pytest.MonkeyPatc
     with pytest.raises(backends.ConfigError, match=r"two has mocap-id 0\.0\.1"):
         joining()
     assert asked == [["one"], ["two"]]
+
+
+def test_workers_are_looked_at_while_the_last_trials_run() -> None:
+    """A worker may join when all trials are submitted."""
+    looks: list[int] = []
+    release = threading.Event()
+
+    def width() -> int:
+        looks.append(1)
+        if len(looks) > 3:
+            release.set()
+        return 16
+
+    class Slow(backends.Backend):
+        @property
+        def parallel(self) -> bool:
+            return True
+
+        @contextmanager
+        def workers(self, most: int) -> Iterator[Workers]:
+            with ThreadPoolExecutor(1) as executor:
+                yield Workers(executor, width)
+
+    def run(trial: Any) -> TrialRun:
+        assert release.wait(30)
+        return at_once(trial)
+
+    asked: list[Any] = [Named(0), Named(1)]
+    assert [one.trial for one in run_trials(asked, Slow(), run=run)] == [one.name for one in asked]
 
 
 @pytest.mark.parametrize("how", ["folder", "pattern"])

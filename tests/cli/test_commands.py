@@ -155,6 +155,7 @@ def test_rules_are_printed_for_make(cli, trial, monkeypatch: pytest.MonkeyPatch)
     trial.say("trial.c3d")
     monkeypatch.chdir(trial.folder)
     rules = cli("stages", "--make", "trial.yaml").out
+    assert rules.startswith("MOCAP_ID ?= mocap-id\n")
     for stage in STAGES:
         assert f"\t$(MOCAP_ID) {stage.name} trial.yaml\n" in rules
 

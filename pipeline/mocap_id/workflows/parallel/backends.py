@@ -26,6 +26,8 @@ from mocap_id import __version__
 from mocap_id.errors import ConfigError, NumericalError
 from mocap_id.extras import optional
 
+_log = logging.getLogger(__name__)
+
 _LOGGERS = ("mocap_id", "py.warnings")
 _THREADS = {f"{library}_NUM_THREADS": "1" for library in ("OPENBLAS", "MKL", "OMP", "NUMBA")}
 _MEMORY = {
@@ -133,7 +135,7 @@ class DaskBackend(Backend):
                 ) from error
             try:
                 yield Workers(client.get_executor(pure=False), _WorkerCount(client))
-            except (CancelledError, distributed.CommClosedError) as error:
+            except (CancelledError, _imported("distributed.comm").CommClosedError) as error:
                 raise NumericalError(
                     f"the Dask scheduler at {address} was lost: finished trials are kept; run again for the rest"
                 ) from error
@@ -215,6 +217,7 @@ class _WorkerCount:
     def __init__(self, client: Any) -> None:
         self._client = client
         self._known: set[str] = set()
+        self._told = False
         self._width, self._again = _LEAST_WAITING, 0.0
         self()
 
@@ -231,6 +234,13 @@ class _WorkerCount:
         if new:
             _check_versions(self._client, new)
         self._known = set(threads)
+        if not threads and self._again and not self._told:  # at the first look, workers may still be starting
+            self._told = True
+            address = self._client.scheduler.address
+            _log.warning(
+                f"no worker has joined the Dask scheduler at {address}: the trials wait for one. "
+                f"Start it with `dask worker {address} --nthreads 1`, or wait for the queueing system"
+            )
         self._width = max(2 * sum(threads.values()), _LEAST_WAITING)
 
 

@@ -95,7 +95,8 @@ def _until_broken(queue: _Queue, workers: Workers, lost: list[_Numbered]) -> Ite
     # Futures report here when they finish: polling all of them would be expensive on a large cluster.
     finished: SimpleQueue[Future[TrialRun]] = SimpleQueue()
     while True:
-        while queue and not lost and len(submitted) < workers.width():
+        width = workers.width()  # even if nothing is left to submit: this also checks the workers that have joined
+        while queue and not lost and len(submitted) < width:
             numbered = queue.next()
             try:
                 future = workers.executor.submit(run_until_terminated, queue.run, numbered[1])
