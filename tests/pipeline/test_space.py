@@ -85,6 +85,19 @@ def test_a_left_arm_has_the_angles_of_a_right_one(space, tmp_path: Path) -> None
     assert found.right
     limits = space.ROWS["arm, default"].limits
     assert not {name: value for name, value in found.errors.items() if not value <= 1.5 * limits[name]}
+    assert "elbow-backwards" not in codes_of(outcome)
+
+
+def test_a_left_arm_that_is_taken_for_a_right_one_bends_backwards(tmp_path: Path) -> None:
+    configuration = write_arm(tmp_path / "left", ArmOptions(seed=301_002, side="left", **SHORT))
+    text = configuration.read_text("utf-8")
+    assert "side: left" in text
+    configuration.write_text(text.replace("side: left", "side: right"), "utf-8")
+    assert "elbow-backwards" in codes_of(run(load(configuration)))
+
+
+def codes_of(outcome: Outcome) -> set[str]:
+    return {reason["code"] for reason in summary_of(outcome)["verdict"]["reasons"]}
 
 
 def test_a_chain_without_names_is_recovered(space, tmp_path: Path) -> None:

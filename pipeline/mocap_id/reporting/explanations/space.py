@@ -125,6 +125,16 @@ SPACE: Mapping[str, Explanation] = {
         "identify-dim",
         "95 % quantile of the base's shift and rotation; limits 5 mm and 1°.",
     ),
+    "elbow-backwards": Explanation(
+        ("caution",),
+        "The elbow bends backwards",
+        "In the anatomical frames of the given side, the flexion of the elbow is negative. A left arm that is taken "
+        "for a right one shows this, and so do exchanged landmarks. All angles of shoulder and elbow are then wrong.",
+        "Set `side: left` or `side: right`. Without it the arm is taken for a right one. Check that EM is the medial "
+        "and EL the lateral epicondyle.",
+        "ukf-smooth",
+        "2 % quantile of the flexion, degrees; limit -20, and more negative than the 98 % quantile is positive.",
+    ),
     "no-reach": Explanation(
         ("caution",),
         "The reachable volume is unknown",

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from mocap_id.anatomy.angles import (
+    ELBOW,
     SHOULDER,
     JointAngles,
     elbow_angles,
@@ -36,6 +37,8 @@ from mocap_id.verdict import Reason
 
 _COMMON_WITH_IMUS = 0.1
 """Share of the twist that the skin under all markers and the sensor of a segment may miss together."""
+_HYPEREXTENDED = 20.0  # degrees: elbows extend by up to 15° beyond straight
+_MOSTLY = 0.98  # quantile of the flexion
 _ANATOMICAL = {
     "shoulder": ("thorax", "upper_arm", shoulder_angles),
     "elbow": ("upper_arm", "forearm", elbow_angles),
@@ -80,6 +83,7 @@ def smooth_rotations(context: Context) -> Outputs:
     segments = [name.replace("_", " ") for name in skeleton.segments]
     missing = np.isnan(states.omega[:, :, 0])
     reasons = gap_reasons(missing, view.time, segments, "pose", settings) + repeated_reason(repeated) + sensed
+    reasons += backward_elbow(angles)
     facts = _facts(states, points, settings) | ({"imus": imus} if imus else {})
     return (
         Table(STATES, _state_columns(states, skeleton, view.time, observed), facts, reasons),
@@ -111,6 +115,22 @@ def _angles(states: SpatialStates, skeleton: SpatialSkeleton, facts: Mapping[str
             names = tuple(f"joint_{k + 1}_{d}" for d in range(1, joint.dimension + 1))
             found.append(joint_coordinates(_relative(states, k), joint, names))
     return found
+
+
+def backward_elbow(angles: Sequence[JointAngles]) -> tuple[Reason, ...]:
+    """Return a caution if the elbow bends backwards, as in a trial whose ``side`` is that of the other arm."""
+    flexion = next((each.angle[:, 0] for each in angles if each.names == ELBOW), np.zeros(0))
+    flexion = np.degrees(flexion[np.isfinite(flexion)])
+    if not len(flexion):
+        return ()
+    low, high = np.quantile(flexion, [1 - _MOSTLY, _MOSTLY]).tolist()
+    if low > -_HYPEREXTENDED or low + high > 0:
+        return ()
+    text = (
+        f"the elbow bends backwards: its flexion is {low:.0f}° to {high:.0f}°. The arm is probably the other one: give "
+        "the right `side:`, or check the names of the landmarks"
+    )
+    return (Reason("elbow-backwards", text, low, -_HYPEREXTENDED),)
 
 
 def _path(skeleton: SpatialSkeleton, parent: int, child: int) -> list[int]:
