@@ -166,7 +166,7 @@ def test_continuous_integration_does_not_pass_by_skipping(tmp_path: Path, withou
         MOCAP_ID_WITHOUT_RECORDINGS=without,
     )
     assert said.returncode == code
-    assert said.stdout == ("make opensim\nmake test\n" if code == 0 else "")
+    assert said.stdout == ("make opensim\nmake test\nmake test-slow\n" if code == 0 else "")
     assert ("no recordings at" in said.stderr) is (code != 0)
 
 
