@@ -260,7 +260,7 @@ def _given_markers(labels: Sequence[str], given: Mapping[str, str]) -> dict[str,
             raise RecordingError(f"landmarks: {name} is not a landmark; possible are {', '.join(SEGMENTS)}")
         hits = [i for i, (full, part) in enumerate(zip(labels, plain, strict=True)) if label in (full, part)]
         if len(hits) != 1:
-            what = "no marker has" if not hits else "several markers have"
-            raise RecordingError(f"landmarks: {name}: {what} the name {label!r}; the markers are {', '.join(labels)}")
+            what = "several markers are called" if hits else "no marker is called"
+            raise RecordingError(f"landmarks: {name}: {what} {label!r}; there are {', '.join(labels)}")
         markers[name] = hits[0]
     return markers

@@ -25,6 +25,7 @@ _MAX_VALUES = 40_000  # take some seconds; a study of a thousand trials has abou
 _ADVICE = {
     "'\\t'": "indent with spaces, not with tabs",
     "unknown escape character": "write a path with / or without quotes",
+    "undefined alias": "put text that begins with * in quotes",
 }
 _YAML = "tag:yaml.org,2002:"
 _BROKEN = (ArithmeticError, AssertionError, AttributeError, LookupError, RecursionError, TypeError, ValueError)

@@ -22,6 +22,8 @@ from mocap_id.dynamics.excitation import parameter_sizes
 
 HELPS = 0.8
 """Factor on the objective from which a movement helps; a smaller gain is within the error of the prediction."""
+SMALLER = 0.95
+"""Factor on a standard deviation from which it is smaller; errors of plate and cameras may hide the gain."""
 _KEPT = 8  # simple changes that are evaluated exactly
 _STARTS_KNOWN = 3  # of them that the search starts from too
 
@@ -76,8 +78,10 @@ class ExperimentDesign:
 
     @property
     def helps(self) -> bool:
-        """Whether the best proposal reduces the objective by a fifth or more."""
-        return self.best is not None and self.best.value < HELPS * self.value
+        """Whether the best proposal reduces the objective by a fifth, and of parameters a standard deviation by 5 %."""
+        if self.best is None or self.best.value >= HELPS * self.value:
+            return False
+        return self.objective.startswith("condition") or bool(np.any(self.best.predicted.sd < SMALLER * self.now.sd))
 
 
 def design_experiment(

@@ -42,7 +42,7 @@ class PredictedUncertainty:
     samples : float
         Length of the fitted samples, s.
     fixed : (b,) array
-        Part of the variance that no movement changes: that of the plate's zero.
+        Part of the variance that no movement changes: that of the errors of plate and cameras.
     """
 
     sd: FloatArray

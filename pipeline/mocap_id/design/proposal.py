@@ -54,7 +54,7 @@ class Proposal:
 
 
 def objective_value(objective: Objective, predicted: PredictedUncertainty, size: FloatArray) -> float:
-    """Return the objective to minimise; the variance of the plate's zero, which no movement changes, is left out.
+    """Return the objective to minimise, without the variance that no movement changes: errors of plate and cameras.
 
     Parameters
     ----------

@@ -181,5 +181,8 @@ def _write(file: Path, text: str) -> None:
     if file.is_file() and file.read_text("utf-8", errors="replace") == text:
         return
     if file.exists() and not _is_ours(file):
-        raise StoreError(f"{file} exists already and was not made by `mocap-id run`: choose another name")
+        raise StoreError(
+            f"{file} exists already and was not made by `mocap-id run`: run it by `mocap-id run {file}`, or choose "
+            "another name"
+        )
     write_files(file.parent, {file.name: text.encode()})

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from mocap_id.design.experiment import SMALLER
 from mocap_id.design.predicted_covariance import PredictedUncertainty
 from mocap_id.design.proposal import OBJECTIVES, Proposal
 from mocap_id.design.trajectory import Trajectory
@@ -20,7 +21,6 @@ from mocap_id.reporting.results.columns import finite
 from mocap_id.reporting.results.result import Result
 from mocap_id.workflows.advice.advice import Advice
 
-_CLOSER = 0.95  # of a standard deviation: smaller changes are not mentioned
 _NAMED = 4  # parameters that are mentioned
 
 
@@ -33,7 +33,8 @@ def lines(advised: Advice) -> Iterator[str]:
     if found.best is None or not found.helps:
         yield (
             "nothing within these limits helps: no tried movement reduces the "
-            f"{OBJECTIVES[found.objective]} by a fifth. More markers, a zeroed plate or a longer recording would help"
+            f"{OBJECTIVES[found.objective]} by a fifth and a standard deviation by 5 %. More markers, a zeroed and "
+            "calibrated plate or a longer recording would help"
         )
     else:
         yield f"record this, {found.seconds:.0f} s: {found.best.words}"
@@ -70,7 +71,7 @@ def _worth(advised: Advice, proposal: Proposal) -> str:
     """Return the benefit of a movement in words: standard deviations that decrease, and the condition number."""
     found = advised.design
     before, after = found.now.sd / found.size, proposal.predicted.sd / found.size
-    gains = [i for i in np.argsort(-before) if after[i] < _CLOSER * before[i]]
+    gains = [i for i in np.argsort(-before) if after[i] < SMALLER * before[i]]
     named = [
         f"sd of {advised.names[i]} from {show(100 * before[i], 2, '%')} to {show(100 * after[i], 2, '%')}"
         for i in gains[:_NAMED]

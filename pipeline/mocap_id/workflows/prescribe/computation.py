@@ -152,7 +152,8 @@ def _hull(parts: list[tuple[float, float]]) -> tuple[float, float] | None:
 def _inertia(body: AssistedBody) -> float:
     if body.inertia is None or not np.isfinite(body.inertia) or body.inertia <= 0:
         raise ValueError(
-            "the inertia about the joint is not known: level sets and controllers need it (`arm: {inertia_kgm2: …}`)"
+            "the inertia about the joint is not known: level sets and controllers need the body as "
+            "`arm: {mass_kg: …, lever_m: …, inertia_kgm2: …}`"
         )
     return body.inertia
 
