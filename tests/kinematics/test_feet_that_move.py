@@ -72,6 +72,14 @@ def test_an_ankle_that_hardly_turns_stays_where_the_joint_fit_placed_it() -> Non
     assert place.sd == pytest.approx(0.01, rel=0.05)
 
 
+def test_an_ankle_that_does_not_turn_at_all_stays_too() -> None:
+    foot, shank = frames(np.radians(3), arc=0.0)
+    start = ANKLE + 0.005
+    place = place_ankle(foot, shank, start)
+    assert place is not None
+    assert abs(place.foot - start) < 1e-4
+
+
 def test_too_few_frames_place_nothing() -> None:
     foot, shank = frames(np.radians(3))
     unseen = np.full_like(shank[1], np.nan)
@@ -98,6 +106,8 @@ def test_feet_that_stand_still_and_single_markers_that_move_are_no_foot() -> Non
     loose = base_markers(0.0)
     loose[:, 0, 1] += 0.01 * np.sin(np.linspace(0, 10 * np.pi, 2000)) ** 2
     assert not markers_that_move(loose, RATE).any()
+    assert not markers_that_move(np.full((500, 3, 2), np.nan), RATE).any()
+    assert markers_that_move(np.zeros((500, 0, 2)), RATE).shape == (0,)
     hidden = base_markers(0.01)
     hidden[:, 3] = np.nan
     assert markers_that_move(hidden, RATE).tolist() == [True, True, False, False, False]

@@ -21,6 +21,7 @@ _MOSTLY = 0.98  # quantile of a marker's distance from its usual place
 _LEAST_PLACES = 2  # of markers that show the pose of a foot
 _FEWEST = 10  # frames
 _INDEPENDENT = 3.0  # observations of the ankle that one trial counts as: gaps recur with the movement
+_LEAST_GAP = 1e-5  # m, of recordings without noise: an ankle that does not turn at all stays where it is
 _ANKLE_SD = 0.01  # m, of an ankle that the joint fit places in a foot that moves
 
 LEAST_TURN = float(np.radians(3.0))
@@ -108,6 +109,8 @@ def markers_that_move(points: FloatArray, rate: float) -> BoolArray:
     """
     blocks = block_means(points, max(1, round(_BLOCK_S * rate)))
     moving: BoolArray = np.asarray(np.isfinite(blocks).any(axis=(0, 2)))  # seen at all
+    if not moving.any():
+        return moving
     usual = np.nanmedian(blocks[:, moving], axis=0)
     away = np.linalg.norm(blocks[:, moving] - usual, axis=2)
     moves = np.nanquantile(away, _MOSTLY, axis=0) > _STILL_M
@@ -143,6 +146,7 @@ def place_ankle(
     columns, apart = np.column_stack([below, -above])[known], apart[known]
     normal, target = columns.conj().T @ columns / len(columns), columns.conj().T @ apart / len(columns)
     gap = float(np.mean(np.abs(apart - columns @ np.linalg.lstsq(columns, apart)[0]) ** 2)) / 2
+    gap = max(gap, _LEAST_GAP**2)
     normal[0, 0] += gap / (_INDEPENDENT * _ANKLE_SD**2)
     shift, beyond = np.linalg.solve(normal, target)
     variance = gap / _INDEPENDENT * float(np.linalg.inv(normal)[0, 0].real)
