@@ -206,6 +206,19 @@ def test_settings_are_checked_and_files_of_others_kept(sample: Path) -> None:
         make_trial(Path("trial.c3d"), {})
 
 
+def test_edited_settings_are_not_replaced(sample: Path) -> None:
+    saved = sample / "saved.yaml"
+    make_trial(Path("trial.c3d"), {}, Path("saved.yaml"))
+    make_trial(Path("trial.c3d"), {"window": (1, 6)}, Path("saved.yaml"))
+    assert "window" in saved.read_text()
+    for edit in ("subject: {mass: 70}\n", "# a remark\n"):
+        edited = saved.read_text() + edit
+        saved.write_text(edited)
+        with pytest.raises(mocap_id.StoreError, match="was edited"):
+            make_trial(Path("trial.c3d"), {}, Path("saved.yaml"))
+        assert saved.read_text() == edited
+
+
 def test_settings_of_stages_and_numbers_of_numpy(sample: Path) -> None:
     given = {
         "window": np.array([1, 6]).tolist(),

@@ -6,6 +6,7 @@ import json
 import logging
 import os
 import re
+import zlib
 from collections.abc import Mapping
 from pathlib import Path, PurePath, PurePosixPath
 from typing import Any
@@ -23,6 +24,7 @@ from mocap_id.workflows.study.reaches import find_reach
 FILE = "trial.yaml"
 _ARRAYS, _ARRAYS_AS_TEXT = "recording.c3d", "recording.trc"
 _HEAD = "# Made by `mocap-id run` from a recording. Paths are relative to this file.\n"
+_CHECKSUM = "# Checksum {:08x}: mocap-id does not replace this file once you have edited it.\n"
 
 _log = logging.getLogger(__name__)
 
@@ -118,11 +120,23 @@ def _check_free(out: Path) -> None:
     """Raise StoreError if a run folder holds results or a file of another trial."""
     file = out / FILE
     if not _is_ours(file) and (file.exists() or (out / ".mocap-id").exists()):
-        raise StoreError(f"{out} belongs to another trial: choose another folder for the results (`out`), or its file")
+        raise StoreError(
+            f"{out} belongs to another trial, or its {FILE} was edited: choose another folder for the results (`out`), "
+            "or run its file"
+        )
+
+
+def _with_head(lines: str) -> str:
+    """Return the text of a file: who made it, a checksum that shows whether the user has edited it, and the lines."""
+    return f"{_HEAD}{_CHECKSUM.format(zlib.crc32(lines.encode()))}{lines}"
 
 
 def _is_ours(file: Path) -> bool:
-    return file.is_file() and file.read_text("utf-8", errors="replace").startswith(_HEAD)
+    """Return whether a file was made here and has not been edited."""
+    if not file.is_file():
+        return False
+    text = file.read_text("utf-8", errors="replace")
+    return text == _with_head("".join(text.splitlines(keepends=True)[2:]))
 
 
 def _write_arrays(recording: Recording, out: Path) -> Path:
@@ -158,7 +172,7 @@ def _text(trial: Trial, given: Mapping[str, Any], file: Path, usual: Path) -> st
         for name, value in {**keys, **stages}.items()
         if name in given or name in _FOUND
     ]
-    return _HEAD + "".join(lines)
+    return _with_head("".join(lines))
 
 
 _FOUND = ("trial", "recording", "space", "protocol", "side", "out")
@@ -177,12 +191,12 @@ def _relative(value: Any, folder: Path) -> Any:
 
 
 def _write(file: Path, text: str) -> None:
-    """Write the file unless it has this content; StoreError if it exists and was not made here."""
+    """Write the file unless it has this content; StoreError if it exists and was edited or not made here."""
     if file.is_file() and file.read_text("utf-8", errors="replace") == text:
         return
     if file.exists() and not _is_ours(file):
         raise StoreError(
-            f"{file} exists already and was not made by `mocap-id run`: run it by `mocap-id run {file}`, or choose "
-            "another name"
+            f"{file} exists already and was not made by `mocap-id run`, or was edited: run it by `mocap-id run {file}` "
+            "or choose another name"
         )
     write_files(file.parent, {file.name: text.encode()})
