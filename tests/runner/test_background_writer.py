@@ -54,3 +54,20 @@ def test_a_signal_on_leaving_does_not_leave_a_job_undone(monkeypatch: pytest.Mon
     with pytest.raises(KeyboardInterrupt), BackgroundWriter() as writer:
         writer.submit(job)
     assert done == ["written"]
+
+
+def test_no_thread_is_started_by_a_job(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A signal that interrupts the start of the thread would leave a thread that nobody waits for."""
+    start = threading.Thread.start
+
+    def interrupted(thread: threading.Thread) -> None:
+        start(thread)
+        raise KeyboardInterrupt
+
+    done = threading.Event()
+    with BackgroundWriter() as writer:
+        monkeypatch.setattr(threading.Thread, "start", interrupted)
+        writer.submit(done.set)
+    assert done.is_set()
+    with pytest.raises(KeyboardInterrupt):
+        BackgroundWriter()

@@ -20,6 +20,7 @@ class BackgroundWriter:
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="writer")
         self._jobs: list[Future[None]] = []
         self._failed = False
+        self._pool.submit(int)  # start the thread before any job: the pool forgets a thread whose start is interrupted
 
     def __enter__(self) -> BackgroundWriter:
         return self

@@ -97,6 +97,7 @@ class LocalBackend(Backend):
                 process.terminate()
             for process in children:
                 process.join(_PATIENCE)
+                process.kill()
             raise
         pool.shutdown()
 

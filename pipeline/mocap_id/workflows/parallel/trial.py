@@ -111,6 +111,7 @@ def run_until_terminated(run: RunTrial, trial: Trial) -> TrialRun:
 
 
 def _raise_terminated(number: int, frame: object) -> None:
+    signal.signal(number, signal.SIG_IGN)  # the pool sends it again, which must not interrupt the removal of files
     raise _Terminated
 
 
