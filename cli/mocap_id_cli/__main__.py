@@ -9,15 +9,20 @@ import gc
 import os
 import signal
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec, PathFinder
+from importlib.util import LazyLoader
 from pathlib import Path
-from types import FrameType
+from types import FrameType, ModuleType
 
 from mocap_id.errors import MocapIdError, NumericalError
 
 _LARGE = 16 << 20
 """Bytes: blocks of at least this size are returned to the system when they are freed."""
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # option numbers of glibc
+_UNUSED = frozenset({"numpy.f2py", "numpy.testing", "yaml"})
+"""Modules that scipy and numba import but do not use in a run."""
 _EXIT_CODES = {signal.SIGINT: 130, signal.SIGTERM: 143}
 
 
@@ -29,8 +34,20 @@ class Interrupted(BaseException):
         self.exit_code = _EXIT_CODES[signal.Signals(number)]
 
 
+class _Lazy(MetaPathFinder):
+    """Finds modules that are loaded when they are first used; importing them takes 0.08 s, a thirtieth of a run."""
+
+    def find_spec(self, name: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
+        spec = PathFinder.find_spec(name, path) if name in _UNUSED else None
+        if spec is not None and spec.loader is not None:
+            spec.loader = LazyLoader(spec.loader)
+        return spec
+
+
 def main() -> None:
     """Run ``mocap-id`` and exit."""
+    if not any(isinstance(finder, _Lazy) for finder in sys.meta_path):
+        sys.meta_path.insert(0, _Lazy())
     sys.exit(exit_code(_command_line))
 
 

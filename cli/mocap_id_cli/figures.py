@@ -15,7 +15,7 @@ def figures(
     run: Annotated[
         Path,
         typer.Argument(
-            metavar="RUN", help="Folder of a run, a study or a validation, or its page.", show_default=False
+            metavar="RUN", help="Folder of a trial or study, or its page.", show_default=False
         ),
     ],
     *,

@@ -58,6 +58,7 @@ def test_a_run_loads_no_library_that_it_does_not_need(sample: str, tmp_path: Pat
     _, modules = loading("run", str(tmp_path / sample / "trial.yaml"), "--json")
     unwanted = {"matplotlib", "pandas", "filterpy", "osqp", "c3d", "ezc3d", "scipy.stats", "scipy.signal"}
     assert modules & unwanted == set()
+    assert modules & {"numpy.f2py.f2py2e", "numpy.testing.overrides", "yaml.reader"} == set()  # imported, never used
     assert {"numpy", "pyarrow", "h5py", "scipy.optimize"} <= modules
     out, modules = loading("run", str(tmp_path / sample / "trial.yaml"), "--json")
     assert {step["action"] for step in json.loads(out)["steps"]} == {"reused"}

@@ -141,6 +141,7 @@ def test_a_relative_file_finds_its_recording_from_anywhere(
         ("subject: {height: 1,75}\n", 3, ["`subject.75`", "a decimal point, not a comma"]),
         ("protocol: [free\n", 4, ["not valid YAML"]),
         ("protocol: *there\n", 3, ["not valid YAML", "there"]),
+        ("segment: {ignore: [*]}\n", 3, ["begins with *", "in quotes"]),
         ("out: &x y\nencoder: *x\n", 3, ["alias"]),
         ("out: !!python/name:os.system\n", 3, ["tag"]),
         ("? [a, b]\n: c\n", 3, ["key must be a name"]),

@@ -26,6 +26,7 @@ _ADVICE = {
     "'\\t'": "indent with spaces, not with tabs",
     "unknown escape character": "write a path with / or without quotes",
     "undefined alias": "put text that begins with * in quotes",
+    "alphabetic or numeric": "put text that begins with * or & in quotes",
 }
 _YAML = "tag:yaml.org,2002:"
 _BROKEN = (ArithmeticError, AssertionError, AttributeError, LookupError, RecursionError, TypeError, ValueError)

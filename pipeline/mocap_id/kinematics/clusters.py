@@ -99,6 +99,7 @@ class Clusters:
     def __init__(self, points: ComplexArray, moving: IntArray, constraints: Constraints) -> None:
         self.points, self.moving, self.constraints = points, moving, constraints
         self._bodies: dict[bytes, RigidBody] = {}
+        self._off: dict[bytes, FloatArray] = {}
         self._joints: dict[tuple[bytes, bytes], PairJoint] = {}
         variance = constraints.constrained_variance(_distance_variance(points[:, moving]), moving)
         units = constraints.unit[moving]
@@ -119,7 +120,7 @@ class Clusters:
             bodies = self._rigid(groups)
             if len(bodies) < 2:
                 break
-            residuals = np.stack([marker_residuals(body, self.points[:, self.moving]) for body in bodies])
+            residuals = np.stack([self._residuals(body) for body in bodies])
             best = self.constraints.nearest_bodies(residuals**2, self.moving)
             foreign = _foreign(residuals[best, np.arange(len(best))], best) & self._alone
             if foreign.sum() <= _MOST_FOREIGN:  # more of them are bodies that this level does not separate
@@ -184,6 +185,13 @@ class Clusters:
         if key not in self._bodies:
             self._bodies[key] = fit_body(self.points, markers)
         return self._bodies[key]
+
+    def _residuals(self, body: RigidBody) -> FloatArray:
+        """Return the residuals (M,) of all moving markers on a body, m."""
+        key = body.markers.tobytes()
+        if key not in self._off:
+            self._off[key] = marker_residuals(body, self.points[:, self.moving])
+        return self._off[key]
 
 
 def _foreign(residual: FloatArray, body: IntArray) -> BoolArray:

@@ -123,7 +123,7 @@ def from_frame(frame: pd.DataFrame, plates: Sequence[Plate], *, units: str, vert
 
 def to_dataset(recording: Recording) -> xr.Dataset:
     """Return markers and plates as a dataset; see :meth:`mocap_id.recording.Recording.to_xarray`."""
-    xr = optional("xarray", "xarray", "Recording.to_xarray")
+    xarray = optional("xarray", "xarray", "Recording.to_xarray")
     found: dict[str, Any] = {"position": (("time", "marker", "axis"), recording.positions, {"units": "m"})}
     coordinates: dict[str, Any] = {
         "time": ("time", recording.time, {"units": "s"}),
@@ -138,7 +138,8 @@ def to_dataset(recording: Recording) -> xr.Dataset:
         found[f"ok_{k}"] = ((clock,), plate.ok, {})
         if plate.corners is not None:
             found[f"corners_{k}"] = (("corner", "axis"), plate.corners, {"units": "m"})
-    return xr.Dataset(found, coordinates, {"rate": recording.rate, "vertical": "Z"})
+    dataset: xr.Dataset = xarray.Dataset(found, coordinates, {"rate": recording.rate, "vertical": "Z"})
+    return dataset
 
 
 def from_dataset(dataset: xr.Dataset, *, units: str, vertical: str) -> Recording:

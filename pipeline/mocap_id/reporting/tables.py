@@ -15,7 +15,7 @@ from mocap_id.reporting.summary_schema import Summary
 _SUFFIXES = {"s": "s", "m": "m", "hz": "Hz", "deg": "deg", "kg": "kg", "N": "N"}
 """Units in the suffixes of fact keys."""
 _LABELS = {
-    "arc_deg": "arcs of the joints (deg)",
+    "arc_deg": "arcs of the joints in the fitted samples (deg)",
     "asked": "requested",
     "asymmetry_deg": "angle between left and right (deg)",
     "bridged_fraction": "share of bridged samples",

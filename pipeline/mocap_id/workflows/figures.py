@@ -83,7 +83,7 @@ def _page(source: Path) -> Path:
     page = next((source / name for name in PAGES if (source / name).is_file()), None)
     if page is None:
         raise ConfigError(
-            f"{source}: there is no page; expected the folder of a run, a study or a validation, which holds one of "
+            f"{source}: there is no page; expected the folder of a trial or study, which holds one of "
             f"{', '.join(PAGES)}"
         )
     return page

@@ -40,15 +40,16 @@ def lines(advised: Advice) -> Iterator[str]:
         yield f"record this, {found.seconds:.0f} s: {found.best.words}"
         yield f"  {_worth(advised, found.best)}"
     yield ""
-    yield "simple changes, best first:"
-    shown = [each for each in found.simple if each.value < found.value]
+    yield f"simple changes, best first{'' if found.helps else ', none recommended'}:"
+    shown = [each for each in found.simple if each.value < found.value or not found.helps]
     for place, each in enumerate(shown, start=1):
         yield f"  {place}. {each.words}: {_worth(advised, each)}"
     if not shown:
-        yield "  none helps"
+        yield "  none is within these limits"
     yield ""
     if found.designed is not None:
-        yield f"designed: {found.designed.words}: {_worth(advised, found.designed)}"
+        head = "designed" if found.helps else "designed, not recommended"
+        yield f"{head}: {found.designed.words}: {_worth(advised, found.designed)}"
     else:
         yield "designed: no movement of all joints together is within these limits"
     yield ""
@@ -84,7 +85,7 @@ def _table(advised: Advice) -> Iterator[str]:
     found = advised.design
     columns = [("now", found.now)]
     if found.simple:
-        columns.append(("simple", found.simple[0].predicted))
+        columns.append(("simple 1", found.simple[0].predicted))
     if found.designed is not None:
         columns.append(("designed", found.designed.predicted))
     width = max(map(len, advised.names))

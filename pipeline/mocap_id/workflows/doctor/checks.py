@@ -43,7 +43,7 @@ def check_installation(folder: Path, *, full: bool = False) -> Iterator[Finding]
 def browser() -> Finding:
     """Look for Chromium, with which the tests view a report."""
     found = next((path for path in map(shutil.which, _BROWSERS) if path), None)
-    return Finding("browser (optional)", "ok", found or "no Chromium found; only the report's own tests need one")
+    return Finding("Chromium (optional)", "ok", found or "no Chromium found; only the report's own tests need it")
 
 
 def opensim(folder: Path) -> Finding:
@@ -56,7 +56,7 @@ def opensim(folder: Path) -> Finding:
         return Finding(
             "OpenSim (optional)", "warn", f"{OPENSIM} names {named}, which is not a file", f"correct {OPENSIM}"
         )
-    return Finding("OpenSim (optional)", "ok", "not found; only the exports' own tests need it (`make opensim`)")
+    return Finding("OpenSim (optional)", "ok", "not found; only the exports' own tests need it")
 
 
 def small_trial() -> Finding:
