@@ -14,9 +14,7 @@ from mocap_id_cli.console import short
 def figures(
     run: Annotated[
         Path,
-        typer.Argument(
-            metavar="RUN", help="Folder of a trial or study, or its page.", show_default=False
-        ),
+        typer.Argument(metavar="RUN", help="Folder of a trial or study, or its page.", show_default=False),
     ],
     *,
     out: Annotated[

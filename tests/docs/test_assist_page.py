@@ -63,8 +63,10 @@ def test_the_commands_of_the_page(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
         assert abs(ours.stat().st_size - page.stat().st_size) < 0.1 * page.stat().st_size, f"draw {page} again"
 
 
-def test_the_file_of_the_page_is_the_example() -> None:
-    (text,) = [block.text for block in blocks(PAGE) if block.kind == "yaml" and "prescription:" in block.text]
+def test_the_files_of_the_page_are_the_examples() -> None:
+    texts = [block.text for block in blocks(PAGE) if block.kind == "yaml"]
+    device, prescription = (next(t for t in texts if f"{key}:" in t) for key in ("pulley_radius_m", "prescription"))
+    assert device.splitlines() == (ROOT / "configs" / "devices" / "elbow.yaml").read_text("utf-8").splitlines()
     example = (ROOT / "configs" / "prescriptions" / "elbow.yaml").read_text("utf-8")
     plain = [line.partition("#")[0].rstrip() for line in example.splitlines()]
-    assert text.splitlines() == [line for line in plain if line]
+    assert prescription.splitlines() == [line for line in plain if line]

@@ -155,6 +155,14 @@ def test_a_movement_in_space_is_refused_in_the_plane(arm: tuple[Path, Path], tmp
     assert "`space: 3d`" in " ".join(reason["message"] for reason in summary["verdict"]["reasons"])
 
 
+@pytest.mark.parametrize("command", [("sensitivity", "--only", "camera-noise"), ("advise",)], ids=lambda one: one[0])
+def test_commands_for_the_plane_say_so(cli, arm: tuple[Path, Path], tmp_path: Path, command: tuple[str, ...]) -> None:
+    said = cli(command[0], arm[1], *command[1:], "--out", tmp_path / "out")
+    assert said.code == 6
+    assert "needs one in the plane" in said.err
+    assert not (tmp_path / "out").exists()
+
+
 def test_a_movement_in_the_plane_is_noted_in_space(tmp_path: Path) -> None:
     configuration = simulate("sit-to-stand", tmp_path / "sts", Options(repetitions=2, analog_rate=100))
     text = configuration.read_text("utf-8").replace("protocol: sit-to-stand", "space: 3d")

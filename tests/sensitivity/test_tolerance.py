@@ -10,7 +10,7 @@ import pytest
 from mocap_id.workflows.sensitivity.plan import Perturbation
 from mocap_id.workflows.sensitivity.responses import Estimates, Parameter, SeriesChanges, tolerance_ratio
 from mocap_id.workflows.sensitivity.runs import PerturbationRun
-from mocap_id.workflows.sensitivity.sentences import sentence
+from mocap_id.workflows.sensitivity.sentences import failure_note, sentence
 from mocap_id.workflows.sensitivity.tolerance import Tolerance, find_tolerances
 
 MASS = Parameter("m1+m2", "kg", value=20.0, sd=0.1, size=20.0, verdict="known")
@@ -95,3 +95,11 @@ def test_all_that_was_tried_is_said_to_be_tolerated() -> None:
     found = only(tried("clock-offset", 0.1, 0.024))
     assert found.high == 0.1
     assert sentence(found) == "clock offset, estimated: up to 100 ms, all that was tried (m1+m2 moves most, by 0.12 %)."
+
+
+def test_perturbations_that_failed_are_noted_with_the_reason() -> None:
+    good = tried("soft-tissue", 0.001, 0.0)
+    refused = replace(lost("soft-tissue", 0.002), refused=True)
+    assert failure_note((good, refused)) == ""
+    note = failure_note((good, refused, lost("soft-tissue", 0.01)))
+    assert note == "1 of 3 perturbations failed and count as not tolerated (it broke)"

@@ -56,7 +56,7 @@ RECORDING: Mapping[str, Explanation] = {
         "Which way the board lies is found from the movement of the body and the centre of pressure, and then compared "
         "with a usual body. Here the opposite direction fits nearly as well, or better. If it is wrong, tauz, "
         "the centre of pressure and all parameters are wrong.",
-        "Say where the top of the board points: `top:` beside `balance_board:`.",
+        "Say where the top of the board points, or check what you said: `top:` beside `balance_board:`.",
         "identify-dim",
         "The first moments of the opposite direction disagree with those of a usual body less, or less than 3 times "
         "as much while r² of tauz is below 0.9. For other movements than a sit-to-stand: the body explains less than "

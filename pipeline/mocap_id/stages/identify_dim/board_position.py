@@ -87,8 +87,8 @@ def board_reasons(context: Context, facts: dict[str, Any]) -> tuple[Reason, ...]
             Reason(
                 "board-direction-unsure",
                 f"the balance board's top is taken to point {board['top']}, seen by the person, but this is not sure: "
-                f"if it points {_OPPOSITE[board['top']]}, tauz and all parameters are wrong. Say where it points: "
-                "`top:` beside `balance_board:`",
+                f"if it points {_OPPOSITE[board['top']]}, tauz and all parameters are wrong. Say where it points, or "
+                "check what you said: `top:` beside `balance_board:`",
                 value=worse,
                 limit=_CLEARLY,
             )

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 from mocap_id.reporting.numbers import show
 from mocap_id.workflows.sensitivity.kinds import ALL, Kind
+from mocap_id.workflows.sensitivity.runs import PerturbationRun
 from mocap_id.workflows.sensitivity.tolerance import Point, Tolerance
 
 _SHOWN = {"s": ("ms", 1e3), "m": ("mm", 1e3), "of samples": ("% of the samples", 1e2), "rad/s^4": ("rad/s⁴", 1.0)}
@@ -41,6 +43,12 @@ def sentence(one: Tolerance) -> str:
         most = max(one.points, key=lambda point: point.ratio)
         return f"{text}, all that was tried ({most.parameter} moves most, by {_percent(most)}){_torques(one)}."
     return f"{text}; {_breaks(one, broken)}, and {_notice(one)}{_torques(one)}."
+
+
+def failure_note(runs: Sequence[PerturbationRun]) -> str:
+    """Return a note on perturbations that failed without being refused; empty if there are none."""
+    whys = [run.why for run in runs if run.estimates is None and not run.refused]
+    return f"{len(whys)} of {len(runs)} perturbations failed and count as not tolerated ({whys[0]})" if whys else ""
 
 
 def _torques(one: Tolerance) -> str:

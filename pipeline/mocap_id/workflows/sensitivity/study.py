@@ -17,11 +17,13 @@ from mocap_id.reporting.results.result import Result
 from mocap_id.reporting.sensitivity.page_data import ParameterEntry, SensitivityData
 from mocap_id.stages.sensors_alone import without_markers
 from mocap_id.store import Folder
+from mocap_id.store.views import Skeleton
 from mocap_id.workflows.sensitivity.kinds import KINDS
 from mocap_id.workflows.sensitivity.options import SensitivityOptions
 from mocap_id.workflows.sensitivity.plan import KindSelection, plan
 from mocap_id.workflows.sensitivity.responses import Estimates, Parameter, read_estimates
 from mocap_id.workflows.sensitivity.runs import PerturbationRun, run_perturbations
+from mocap_id.workflows.sensitivity.sentences import failure_note
 from mocap_id.workflows.sensitivity.tables import make_tables
 from mocap_id.workflows.sensitivity.tolerance import Tolerance, find_tolerances
 from mocap_id.workflows.sensitivity.trial_inputs import TrialInputs, locate_trial, read_inputs
@@ -40,7 +42,7 @@ class SensitivityResult:
     options: SensitivityOptions
     own: Estimates  # estimates of the unperturbed trial
     runs: tuple[PerturbationRun, ...]
-    note: str  # what could not be studied on this trial; empty if nothing
+    note: str  # what could not be studied on this trial, and what failed; empty if nothing
 
     @property
     def judged_parameters(self) -> tuple[str, ...]:
@@ -93,6 +95,8 @@ def sensitivity(
     ------
     ConfigError
         No perturbation is possible on this trial, or the results would go into its run folder.
+    StoreError
+        The trial is in space.
     Refused, RecordingError, NumericalError, StoreError
         As for :func:`mocap_id.workflows.sensitivity.trial_inputs.locate_trial`.
     """
@@ -102,12 +106,14 @@ def sensitivity(
     if folder.resolve() == source.folder.resolve():
         raise ConfigError(f"--out {folder}: this is the trial's own run folder: choose another")
     trial = read_inputs(source)
+    Skeleton.from_tree(trial.tree("chain.h5"))  # a trial in space is an error
     selections, note = _possible(options.selections, trial)
     perturbations = plan(selections, trial.joints, options.seed)
     numbers = count(1)
     with Folder(folder).locked():
         runs = run_perturbations(source, perturbations, jobs, lambda run: tell(run, next(numbers), len(perturbations)))
-        result = SensitivityResult(source.name, options, read_estimates(trial), runs, note)
+        notes = "; ".join(filter(None, (note, failure_note(runs))))
+        result = SensitivityResult(source.name, options, read_estimates(trial), runs, notes)
         output = _output(result)
         output.write(folder)
     return SensitivityOutput(result, folder, output.document)
