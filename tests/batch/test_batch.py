@@ -102,7 +102,7 @@ def test_a_worker_killed_in_the_middle(cluster: Any, tmp_path: Path) -> None:
     assert [one["exit_code"] for one in done.rows] == [0, 0, 0]
 
 
-@pytest.mark.parametrize("where", ["processes", "cluster"])
+@pytest.mark.parametrize("where", ["processes", pytest.param("cluster", marks=pytest.mark.slow)])
 def test_a_trial_that_takes_its_process_along(cluster: Any, tmp_path: Path, where: str) -> None:
     well = [load(file) for file in trials(tmp_path, NAMES[:1])]
     backend: Backend = LocalBackend(2) if where == "processes" else DaskBackend(cluster.scheduler_address)

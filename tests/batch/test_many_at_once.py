@@ -17,7 +17,7 @@ from batch_cases import trials
 from mocap_id.config import Trial
 from mocap_id.config import source as source_module
 from mocap_id.workflows.batch import find_trials, named_trials
-from mocap_id.workflows.parallel import TrialRun, backends, run_trials
+from mocap_id.workflows.parallel import TrialRun, backends, pool, run_trials
 from mocap_id.workflows.parallel.backends import Backend, Workers
 
 distributed = pytest.importorskip("distributed", reason="Dask is not installed: mocap-id[cluster]")
@@ -172,8 +172,9 @@ def test_a_worker_that_joins_with_another_version(monkeypatch: pytest.MonkeyPatc
     assert asked == [["one"], ["two"]]
 
 
-def test_workers_are_looked_at_while_the_last_trials_run() -> None:
+def test_workers_are_looked_at_while_the_last_trials_run(monkeypatch: pytest.MonkeyPatch) -> None:
     """A worker may join when all trials are submitted."""
+    monkeypatch.setattr(pool, "_POLLING_INTERVAL", 0.1)
     looks: list[int] = []
     release = threading.Event()
 

@@ -32,7 +32,7 @@ from mocap_id.workflows.sensitivity.options import SensitivityOptions
 from mocap_id.workflows.sensitivity.study import sensitivity
 from mocap_id.workflows.study import run_study
 
-pytestmark = pytest.mark.external
+pytestmark = [pytest.mark.external, pytest.mark.slow]
 ROOT = Path(__file__).resolve().parents[2]
 SHORT = Options(seed=21, repetitions=2, analog_rate=100, occlusions=0)
 TRIALS = ("good", "doubtful", "refused", "robot")

@@ -18,7 +18,7 @@ from mocap_id.stages.report import STAGE
 from mocap_id.store import Document
 from spatial_trial import SpatialTrial, context
 
-pytestmark = pytest.mark.external
+pytestmark = [pytest.mark.external, pytest.mark.slow]
 
 
 @pytest.fixture(scope="module")

@@ -120,6 +120,7 @@ def test_the_study_has_every_rise(executed: dict[str, dict[str, Any]]) -> None:
     assert sum("srcdoc=" in html for html in executed["a-study"]["seen"]) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.external
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize("name", ORDER)
