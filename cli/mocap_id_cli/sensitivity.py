@@ -54,7 +54,7 @@ def sensitivity(
         spent = sum(one.seconds for one in found.result.runs)
         wall = time.perf_counter() - start
         typer.echo(
-            f"{len(found.result.runs)} perturbations, {spent:.1f} s of processor time, {wall:.1f} s in all", err=True
+            f"perturbations: {len(found.result.runs)}, {spent:.1f} s of processor time, {wall:.1f} s in all", err=True
         )
     if as_json:
         print_json(found.document)

@@ -34,7 +34,7 @@ _RESPONSE, _VARIATION = 0.06, 0.07  # standard deviations of the logarithm, of p
 _COMPENSATION: Mapping[CurlCondition, float] = {"C": 0.3, "AC": 0.3, "2": 0.6, "3": 0.3, "4": 0.3, "5": 0.3}
 _KEPT = ("t", "isb_shoulder", "isb_elbow", "tau_total", "tau_device", "tau_human")
 _STUDY = """\
-# {subjects} simulated people who curl in six conditions of a pneumatic device, {trials} trials of each.
+# {subjects} simulated people who curl in different conditions of a pneumatic device, {trials} trials of each.
 # Made by `mocap-id simulate curl-study` with seed {seed}. The exact truth of each trial is in truth/<trial>/.
 # Paths are relative to this file.
 study: simulated-curl-study

@@ -90,7 +90,7 @@ class ArmOptions:
         "Curls without the pneumatic device (C), with open chambers (AC), or in one of its modes.",
         choices=get_args(CurlCondition),
     )
-    calibration: str = option("", "YAML file of a trial of the same person; written to trial.yaml.")
+    calibration: str = option("", "YAML file of a trial of the same person, relative to the new folder.")
     glide_mm: float = option(15.0, "Shift of the shoulder at 180° of elevation in reaches, mm.", (0, 40), "mm")
     rate: float = option(120.0, "Frame rate, Hz.", (20, 2000), "Hz")
     soft_tissue: float = option(1.0, "Factor on the preset's soft tissue; 0 fixes the markers to the bones.", (0, 10))
