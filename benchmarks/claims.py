@@ -1,7 +1,7 @@
 """The thesis's claims of 5.5.2 on simulated trials and on two recordings of the shared set.
 
 The trials are perturbed as in the thesis and as ``mocap-id sensitivity`` does. The limit of each claim is in this file.
-About five minutes of processor time.
+About a quarter of an hour of processor time.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from harness import ROOT, command_line, measured_by, progress, publish, recordin
 
 from mocap_id.simulation import Options, simulate
 from mocap_id.simulation.ur5 import JointName, Speed
+from mocap_id.store.views import Skeleton
 from mocap_id.workflows.sensitivity.perturbed_trial import CHANGES, run_from
 from mocap_id.workflows.sensitivity.plan import Perturbation
 from mocap_id.workflows.sensitivity.responses import Estimates, SeriesChanges, compare_series, read_estimates
@@ -151,8 +152,8 @@ def tuned_angles(case: Case) -> Outcome:
     noise = 0.01
     facts = case.trial.table("states.parquet").facts
     sigma_v = float(np.exp(np.mean(np.log(facts["sigma_v"]))))
-    local, segment = (case.trial.node("chain.h5", "markers", name) for name in ("local", "segment"))
-    reach = float(np.sum(local[segment == segment.max()] ** 2))
+    chain = Skeleton.from_tree(case.trial.tree("chain.h5"))
+    reach = float(np.sum(chain.local[chain.marker_segment == chain.marker_segment.max()] ** 2))
     sd = math.hypot(facts["marker_sd_m"], noise * math.sqrt(reach))
     now, _ = case.run("angle-noise", _every(case), noise, sigma_v=sigma_v, marker_sd=sd)
     return case.largest(now)

@@ -28,6 +28,10 @@ def test_claims_that_are_laws_are_confirmed(claims, robot: TrialInputs, words: s
     assert said.value < 0.01
 
 
+def test_a_filter_that_is_tuned_to_the_noise_of_the_angles_is_tried(claims, robot: TrialInputs) -> None:
+    assert 0 < claims.tuned_angles(claims.Case(robot)).value < 5
+
+
 def test_one_trial_that_speaks_against_it_refutes_a_claim(claims) -> None:
     said = {"one": claims.Outcome(0.1), "two": claims.Outcome(0.7, "I2"), "three": claims.Outcome(0.6)}
     claim = claims.Claim("x", "", said.__getitem__, *claims._below(0.5))
