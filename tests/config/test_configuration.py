@@ -177,7 +177,7 @@ def test_a_trial_is_never_a_path(write, name: str) -> None:
         ("trial: café\n".encode("utf-16"), "not a text file in UTF-8"),
         (b"study: a\ntrials: []\n", "is a study, not a trial: `mocap-id study"),
         (b"\x02\x50\x00\xff\xfe" * 100, "not a text file"),
-        (b"a: b\n" * 300_000, "larger than"),
+        (b"a: b\n" * 300_000, "of at most 1048576 bytes"),
         (b"[" * 200, "not valid YAML"),
         (b"a: 1\n---\nb: 2\n", "not valid YAML"),
     ],

@@ -92,8 +92,8 @@ def _text(file: Path) -> str:
     except OSError as error:
         if error.errno == errno.EFBIG:
             message = (
-                f"{file}: larger than {_MAX_BYTES} bytes; expected a YAML file such as trial.yaml "
-                "(`mocap-id inspect` reads recordings)"
+                f"{file}: expected a YAML file such as trial.yaml, of at most {_MAX_BYTES} bytes; for a recording, "
+                "`mocap-id run RECORDING --save trial.yaml` writes one"
             )
         else:
             message = f"{file}: cannot be read ({error.strerror}); expected a YAML file such as trial.yaml"
