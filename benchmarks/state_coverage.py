@@ -15,6 +15,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.simulation import Options
+from mocap_id.simulation.options import FaultOptions
 from mocap_id.store import Folder
 
 ROWS: Mapping[str, Options] = {
@@ -22,6 +23,11 @@ ROWS: Mapping[str, Options] = {
     "hard": replace(harness.SHORT, soft_tissue=2, occlusions=2),
     "a third": replace(harness.SHORT, soft_tissue=0.33),
     "none": replace(harness.SHORT, soft_tissue=0),
+    "filtered at 6 Hz": replace(harness.SHORT, faults=FaultOptions(filter_hz=6)),
+    "filtered at 3 Hz": replace(harness.SHORT, faults=FaultOptions(filter_hz=3)),
+    "wander of 1 mm": replace(harness.SHORT, faults=FaultOptions(wander_mm=1)),
+    "wobble of 2 mm at 4 Hz": replace(harness.SHORT, faults=FaultOptions(wobble_mm=2)),
+    "30 % of the frames repeated": replace(harness.SHORT, faults=FaultOptions(repeated_share=0.3)),
 }
 STRIDE = 0.05  # s: interval of the change at the edge of a drop-out
 

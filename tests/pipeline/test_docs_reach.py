@@ -46,6 +46,6 @@ def test_the_page_leads_from_camera_logs_to_the_table(terminal: Terminal, monkey
     exec(compile(script, PAGE.name, "exec"), {})
     trials = pd.read_parquet("runs/study/trials.parquet")
     people = pd.read_parquet("runs/study/people.parquet")
-    assert people["score"].tolist()[1:] == [3.0]
+    assert people["score"].tolist()[1:] == [5.0]
     assert Path("runs/study/cohort.html").is_file()
     assert trials["volume"].notna().all(), trials["why"].tolist()

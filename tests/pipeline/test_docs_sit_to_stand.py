@@ -80,4 +80,4 @@ def test_defaults_of_the_page_are_valid(tmp_path: Path) -> None:
     file = tmp_path / "study.yaml"
     file.write_text("study: x\n" + block("yaml", "subjects:") + block("yaml", "defaults:"))
     (trial,) = load_study(file).trials
-    assert trial.trial.keys.window == (2.0, 31.5)
+    assert trial.trial.keys.window == (0.5, 31.5)
