@@ -34,7 +34,10 @@ STRIDE = 0.05  # s: interval of the change at the edge of a drop-out
 
 @dataclass(frozen=True)
 class Result:
-    """Shares (n, 3) of samples inside, and mean square change (2, n, 2) at edges and elsewhere, of one trial."""
+    """Of one trial: shares (n, 3) of samples inside, and mean square change (2, n, 2) at edges and elsewhere.
+
+    A share is NaN if the states have no intervals.
+    """
 
     inside: FloatArray
     change: FloatArray
@@ -53,7 +56,7 @@ def measure(options: Options) -> Result | None:
     error = harness.state_arrays(states) - np.stack([truth[name] for name in ("q", "qd", "qdd")], axis=2)
     sd = harness.state_arrays(states, "sd_")
     error[..., 0] -= np.nanmedian(error[..., 0], axis=0)
-    inside = np.where(np.isfinite(error), np.abs(error) <= harness.QUANTILE * sd, np.nan)
+    inside = np.where(np.isfinite(error + sd), np.abs(error) <= harness.QUANTILE * sd, np.nan)
     seen = np.isfinite(markers.values["residual"])
     return Result(np.nanmean(inside, axis=0), _change(error, seen, states["time"]))
 
@@ -75,7 +78,7 @@ def coverage_rows(row: str, results: Sequence[Result], refused: int) -> list[lis
     for name, share in zip(
         (*harness.JOINTS, "**all**"), [*np.moveaxis(inside, 1, 0), inside.mean(axis=1)], strict=True
     ):
-        cells = [f"{s.mean():.1f} / {np.quantile(s, 0.1):.0f}" for s in share.T]
+        cells = [f"{s.mean():.1f} / {np.quantile(s, 0.1):.0f}" if np.isfinite(s).all() else "–" for s in share.T]
         trials = f"{len(results)}" + (f" ({refused} refused)" if refused else "")
         rows.append([row, trials, name, *cells])
     return rows
