@@ -159,8 +159,6 @@ class Run:
     @cached_property
     def angles(self) -> pd.DataFrame:
         """Anatomical angles of a trial in space; StoreError in the plane, where the angles are in ``states``."""
-        if self.summary.get("space") == "plane":
-            raise StoreError(f"{self.name}: a trial in the plane has no anatomical angles: see its `states`")
         return self._frame("angles.parquet")
 
     @cached_property

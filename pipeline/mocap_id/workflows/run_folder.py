@@ -75,6 +75,8 @@ class RunFolder(ArtefactSet):
 
     def why_missing(self, file: str) -> str:
         """Return why an artefact, or the data in it, is missing."""
+        if file == "angles.parquet" and file in self.artefacts and not self.in_space:
+            return "a trial in the plane has no anatomical angles: see its `states`"
         if file in self.artefacts:
             return str(self.facts(file).get("why") or f"{file} gives no reason")
         refusals = [

@@ -43,10 +43,7 @@ def kinetics_toolkit(run: RunFolder) -> ExportFiles:
             content[name] = _columns(columns)
     if not content:
         return ExportFiles(notes=(f"ktk: nothing to write: {run.why_missing('planar.parquet')}",))
-    whys = {name: run.why_missing(file) for name, file in _TABLES.items() if name not in content}
-    if "Angles" in whys and not run.in_space:
-        whys["Angles"] = "a trial in the plane has no anatomical angles; see States"
-    missing = [f"ktk: no {name}: {why}" for name, why in whys.items()]
+    missing = [f"ktk: no {name}: {run.why_missing(file)}" for name, file in _TABLES.items() if name not in content]
     about = {"Software": "mocap-id", "Version": __version__, "FileFormat": 1.0}
     return ExportFiles({f"{run.name}.ktk.zip": _archive(about, content)}, tuple(missing))
 

@@ -97,7 +97,7 @@ class LocalBackend(Backend):
                 process.terminate()
             for process in children:
                 process.join(_PATIENCE)
-                process.kill()
+                process.kill()  # nothing if it has ended
             raise
         pool.shutdown()
 
