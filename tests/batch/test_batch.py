@@ -73,7 +73,7 @@ def test_again_all_is_reused(here: tuple[Path, Batch]) -> None:
     assert not any(one["computed"] for one in again.rows)
 
 
-@pytest.mark.parametrize("where", ["processes", "cluster"])
+@pytest.mark.parametrize("where", ["processes", pytest.param("cluster", marks=pytest.mark.slow)])
 def test_the_same_wherever_it_is_run(here: tuple[Path, Batch], cluster: Any, tmp_path: Path, where: str) -> None:
     trials(tmp_path, NAMES)
     backend: Backend = LocalBackend(2) if where == "processes" else DaskBackend(cluster.scheduler_address)

@@ -86,7 +86,10 @@ def test_init_warns_where_file_names_tell_who_it_is(cli, tmp_path: Path) -> None
 
 
 @pytest.mark.skipif(os.name == "nt", reason="signals and groups of POSIX")
-@pytest.mark.parametrize(("number", "code", "at"), [(signal.SIGTERM, 143, "work"), (signal.SIGINT, 130, "start")])
+@pytest.mark.parametrize(
+    ("number", "code", "at"),
+    [pytest.param(signal.SIGTERM, 143, "work", marks=pytest.mark.slow), (signal.SIGINT, 130, "start")],
+)
 def test_an_interrupted_study_leaves_no_process_behind(
     tmp_path: Path, number: signal.Signals, code: int, at: str
 ) -> None:

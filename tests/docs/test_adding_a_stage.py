@@ -70,6 +70,7 @@ print(json.dumps(said))
 """
 
 
+@pytest.mark.slow
 def test_the_page_leads_to_a_stage_that_runs(tree: Path) -> None:
     shown = [line for block in blocks(PAGE) if block.kind == "console" for line in block.text.splitlines()]
     commands = [line.removeprefix("$ mocap-id ") for line in shown]

@@ -19,6 +19,7 @@ import pytest
 from pages_of_docs import DOCS, ROOT, blocks
 
 pytest.importorskip("mkdocs", reason="the site needs `pip install mocap-id[docs]`")
+pytestmark = pytest.mark.slow
 
 
 class Links(HTMLParser):

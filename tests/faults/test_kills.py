@@ -11,6 +11,7 @@ from killing import Killing
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_trials" / "robot-joint" / "trial.yaml"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="SIGKILL")
 @pytest.mark.filterwarnings("ignore:This process.*is multi-threaded:DeprecationWarning")
 def test_killed_runs_resume_to_the_same(tmp_path: Path) -> None:

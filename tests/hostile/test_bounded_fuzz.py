@@ -68,6 +68,7 @@ def test_the_judge_can_tell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, bro
     assert oracles.Bench(tmp_path).judge(oracles.Case("c3d", "a.c3d", b"")).outcome == outcome
 
 
+@pytest.mark.slow
 def test_the_watch_sees_what_no_reader_can_tell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A reader that allocates a gigabyte, hangs or crashes is found, and a new process runs the next case."""
     script = tmp_path / "spoiled.py"

@@ -49,7 +49,9 @@ def text_columns(path: Path) -> bytes:
     return "\n".join(str(text) for column in texts for text in column).encode()
 
 
-@pytest.mark.parametrize("prefix", [f"{MARK}:", f"{MARK}_", f"{MARK} "])
+@pytest.mark.parametrize(
+    "prefix", [f"{MARK}:", *(pytest.param(f"{MARK}{sign}", marks=pytest.mark.slow) for sign in "_ ")]
+)
 def test_no_output_of_a_run_names_the_person(tmp_path: Path, prefix: str, capfd: pytest.CaptureFixture[str]) -> None:
     file = marked(tmp_path / "trial", prefix)
     assert holds((tmp_path / "trial" / "trial.c3d").read_bytes())

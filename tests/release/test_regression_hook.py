@@ -68,6 +68,7 @@ def repository(once: Callable[..., Any], tmp_path: Path) -> Repository:
     return Repository(folder, program)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="the hook is a shell script")
 def test_a_commit_that_moves_a_number_is_refused_and_the_number_is_named(repository: Repository) -> None:
     calls = repository.folder.parent / "calls"

@@ -70,6 +70,7 @@ def test_any_other_failure_is_reported(tmp_path: Path, monkeypatch: pytest.Monke
         pass
 
 
+@pytest.mark.slow
 def test_several_runs_at_the_same_time(tmp_path: Path) -> None:
     """Testing for locks does not break any: of several runs that start together, one gets the folder."""
     script = (

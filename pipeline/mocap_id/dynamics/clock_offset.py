@@ -16,7 +16,7 @@ from scipy.optimize import minimize_scalar
 from mocap_id.arrays import FloatArray, find_runs
 from mocap_id.dynamics.lowpass import known
 
-_COARSE = 5e-3  # s; the cost is smooth over a tenth of the movement's period, some 0.1 s
+_COARSE = 10e-3  # s; the cost is smooth over a tenth of the movement's period, some 0.1 s
 _FINE = 1e-6  # s
 _AT_ONCE = 8  # offsets evaluated together in the coarse search, to bound the memory
 _EDGE = 1e-5  # s: a minimum this close to the end of the search counts as beyond it

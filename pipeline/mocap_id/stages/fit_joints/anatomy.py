@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -111,7 +111,7 @@ def in_anatomical_frames(
         pointed, more = read_pointed_landmarks(context.trial, marked, segment, view.labels, settings.palpation_sd_m)
         return {**seen, **pointed}, (*notes, *more), poses
 
-    fit = _with_middles(fit, placed(fit)[0], numbers)
+    fit = _with_middles(fit, lambda fit: placed(fit)[0], numbers)
     places, reasons, poses = placed(fit)
     frames = _frames(fit, places, {**segment, **numbers}, poses, settings.humerus)
     turns = np.stack([frames.frames[name].rotation if name in frames.frames else np.eye(3) for name in names])
@@ -169,9 +169,15 @@ def points_near_joints(context: Context, view: Trajectories, names: Sequence[str
     return found
 
 
-def _with_middles(fit: SpatialFit, places: Mapping[str, LandmarkPlace], numbers: Mapping[str, int]) -> SpatialFit:
-    """Return the fit with the centres of shoulder, elbow and wrist also measured by their landmarks."""
+def _with_middles(
+    fit: SpatialFit, placed: Callable[[SpatialFit], Mapping[str, LandmarkPlace]], numbers: Mapping[str, int]
+) -> SpatialFit:
+    """Return the fit with the centres of shoulder, elbow and wrist also measured by their landmarks.
+
+    The landmarks are placed anew for each centre, because a centre that moves is the origin of its segment's frame.
+    """
     for child, pair in _MIDDLES.items():
+        places = placed(fit)
         if child not in numbers or not all(name in places for name in pair):
             continue
         middle = np.mean([places[name].local for name in pair], axis=0)
