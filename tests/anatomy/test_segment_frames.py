@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mocap_id.anatomy.frames import FOREARM, PALPATION, THORAX, UPPER_ARM, build_frame, frame_covariance
-from mocap_id.anatomy.segment_frames import SegmentPoses, fit_segment_frames, with_known_middle
+from mocap_id.anatomy.segment_frames import SegmentPoses, fit_segment_frames, turn_to_midline, with_known_middle
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
@@ -50,13 +50,48 @@ def test_frames_and_their_covariance_are_those_of_the_still_pose(
 ) -> None:
     found = fit_segment_frames(places, SEGMENT, still)
     standing = {name: np.array(at) for name, at in STANDING.items()}
-    direct = {"thorax": THORAX, "upper_arm": UPPER_ARM, "forearm": FOREARM, "hand": FOREARM}
+    direct = {"upper_arm": UPPER_ARM, "forearm": FOREARM, "hand": FOREARM}
     for name, definition in direct.items():
         k, expected = SEGMENT[name], build_frame(definition, standing)
         assert np.allclose(still.rotations[k] @ found.frames[name].rotation, expected.rotation)
     pair = frame_covariance((build_frame(UPPER_ARM, standing), build_frame(FOREARM, standing)))
     assert np.allclose(found.covariance("upper_arm", "forearm"), pair)
     assert [reason.code for reason in found.reasons] == ["wrist-at-rest"]
+
+
+MIDLINE = {name: np.array(STANDING[name]) * (1, 1, 0) for name in THORAX.up}
+
+
+def test_the_thorax_of_landmarks_in_one_plane_is_that_of_the_isb() -> None:
+    turn = so3.exp(np.array([0.3, -0.5, 0.2]))
+    places = {name: turn @ at for name, at in MIDLINE.items()}
+    expected = build_frame(THORAX, places)
+    assert np.allclose(turn_to_midline(expected, places).rotation, expected.rotation)
+
+
+def test_four_landmarks_halve_the_error_of_the_thorax_about_its_long_axis() -> None:
+    exact = build_frame(THORAX, MIDLINE)
+    rng = np.random.default_rng(5)
+    errors = []
+    for _ in range(1000):
+        palpated = {name: at + rng.normal(0, 6e-3, 3) for name, at in MIDLINE.items()}
+        isb = build_frame(THORAX, palpated)
+        errors.append([so3.log(exact.rotation.T @ each.rotation) for each in (isb, turn_to_midline(isb, palpated))])
+    of_isb, of_four = np.sqrt(np.mean(np.square(errors), axis=0))
+    assert of_four[1] < 0.6 * of_isb[1]
+    assert of_four[0] < of_isb[0]
+    assert of_four[2] == pytest.approx(of_isb[2], rel=0.02)
+    stated = frame_covariance((turn_to_midline(exact, MIDLINE),), dict.fromkeys(MIDLINE, 6e-3))
+    assert np.sqrt(np.diag(stated)) == pytest.approx(of_four, rel=0.07)
+
+
+def test_the_thorax_turns_with_its_landmarks_as_its_sensitivity_says() -> None:
+    frame = turn_to_midline(build_frame(THORAX, MIDLINE), MIDLINE)
+    for name, part in frame.sensitivity.items():
+        for axis in np.eye(3):
+            moved = MIDLINE | {name: MIDLINE[name] + 1e-6 * axis}
+            other = turn_to_midline(build_frame(THORAX, moved), moved)
+            assert np.allclose(so3.log(frame.rotation.T @ other.rotation) / 1e-6, part @ axis, atol=1e-4)
 
 
 def test_option_two_takes_the_bent_pose_and_falls_back_with_a_word(

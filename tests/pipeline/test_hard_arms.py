@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from mocap_id.config import load
@@ -36,6 +37,17 @@ def test_the_joint_fit_does_not_end_in_the_wrong_minimum(space, tmp_path: Path) 
     assert found.right
     assert found.errors["elbow axis, °"] < 8
     assert found.errors["shoulder_axial, °"] < 12
+
+
+def test_the_wrist_is_at_its_landmarks_although_they_move_the_elbow_too(tmp_path: Path) -> None:
+    """The elbow moves by 17 mm to its landmarks; the wrist was then 13 mm beside its own, in the elbow's former frame."""
+    configuration = write_arm(tmp_path / "arm", ArmOptions(seed=450_001, preset="hard", severity=0.1, rate=100.0))
+    for stage in ("planarise", "segment", "fit-joints"):
+        outcome = run_stage(load(configuration), stage)
+    chain = Folder(outcome.folder).tree("chain.h5")
+    beside = np.isin(chain.texts("landmarks/name"), ("RS", "US"))
+    middle = chain.numbers("landmarks/local", (-1, 3))[beside].mean(axis=0)
+    assert np.linalg.norm(chain.numbers("joints/centre", (-1, 3))[2] - middle) < 4e-3
 
 
 @pytest.fixture(scope="module")
