@@ -40,7 +40,7 @@ def test_the_joint_fit_does_not_end_in_the_wrong_minimum(space, tmp_path: Path) 
 
 
 def test_the_wrist_is_at_its_landmarks_although_they_move_the_elbow_too(tmp_path: Path) -> None:
-    """The elbow moves by 17 mm to its landmarks; the wrist was then 13 mm beside its own, in the elbow's former frame."""
+    """The elbow moves by 17 mm to its landmarks; the wrist was then 13 mm beside its own, which had not moved along."""
     configuration = write_arm(tmp_path / "arm", ArmOptions(seed=450_001, preset="hard", severity=0.1, rate=100.0))
     for stage in ("planarise", "segment", "fit-joints"):
         outcome = run_stage(load(configuration), stage)
