@@ -22,7 +22,7 @@ OPENSIM := .venv-opensim
 help:
 	@echo 'make demo    install, run the pipeline on a sample trial and print the path of the report'
 	@echo 'make test    install the development tools, check and test everything, one process per core (WORKERS=1: one process)'
-	@echo 'make test-slow   run the sweeps and the pages in Chromium, which make test leaves out; CI runs both'
+	@echo 'make test-slow   run the sweeps and other long tests, which make test leaves out; CI runs both'
 	@echo 'make fuzz    try damaged files (NUMBER=10000 SEED=1 JOBS=1); the same call continues where it stopped'
 	@echo 'make trials  run every trial under sample_trials/; -j runs several at a time'
 	@echo 'make docs    write the generated pages (commands, settings, examples of configurations)'
