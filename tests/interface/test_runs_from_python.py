@@ -185,7 +185,7 @@ def test_arrays_that_do_not_fit(tmp_path: Path) -> None:
 def test_markers_of_an_arm_are_a_reach(
     given: dict[str, str], expected: tuple[str, ...], once: Any, tmp_path: Path, caplog: pytest.LogCaptureFixture
 ) -> None:
-    arm = once("interface-arm", lambda folder: write_arm(folder / "arm", ArmOptions(seed=1, cycles=1)))
+    arm = once("interface-arm", lambda folder: write_arm(folder / "S1_l" / "arm", ArmOptions(seed=1, cycles=1)))
     trial = make_trial(arm.parent / "trial.c3d", {**given, "out": tmp_path / "run"})
     assert (trial.keys.space, trial.keys.protocol, trial.keys.side) == expected
     assert ("`protocol: reach`" in caplog.text) == (not given)

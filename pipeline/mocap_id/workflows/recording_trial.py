@@ -99,7 +99,8 @@ def _guess(recording: Path, forces: Path | None, given: Mapping[str, Any]) -> tu
         files["forces"] = str(forces)
     likely = {"space": "plane", "protocol": "sit-to-stand"}
     if reach is not None:
-        likely = {"space": "3d", "protocol": "reach", "side": reach.of(PurePosixPath(recording.as_posix()))[0]}
+        named = PurePosixPath(*recording.parts[-2:])  # a folder further up may be called L, too
+        likely = {"space": "3d", "protocol": "reach", "side": reach.of(named)[0]}
     protocol = given.get("protocol")
     if protocol in IN_PLANE or protocol in IN_SPACE:
         likely["space"] = "plane" if protocol in IN_PLANE else "3d"
