@@ -47,7 +47,7 @@ def test_the_wrist_is_at_its_landmarks_although_they_move_the_elbow_too(tmp_path
     chain = Folder(outcome.folder).tree("chain.h5")
     beside = np.isin(chain.texts("landmarks/name"), ("RS", "US"))
     middle = chain.numbers("landmarks/local", (-1, 3))[beside].mean(axis=0)
-    assert np.linalg.norm(chain.numbers("joints/centre", (-1, 3))[2] - middle) < 4e-3
+    assert np.linalg.norm(chain.numbers("joints/centre", (-1, 3))[2] - middle) < 2e-3
 
 
 @pytest.fixture(scope="module")

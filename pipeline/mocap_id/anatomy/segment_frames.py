@@ -117,9 +117,11 @@ def fit_segment_frames(
         missing = [each for each in definition.landmarks if each not in places]
         if not missing:
             frame = _in_segment(build_frame(definition, standing), name, segment, still)
-            if name == "upper_arm":
+            if name == "thorax":
+                frame = turn_to_midline(frame, places)
+            elif name == "upper_arm":
                 frame = _second_option(frame, places, segment, bent, reasons)
-            frames[name] = turn_to_midline(frame, places) if name == "thorax" else frame
+            frames[name] = frame
         elif name == "hand" and "forearm" in frames:
             frames[name] = _in_segment(hand_at_rest(build_frame(FOREARM, standing), standing), name, segment, still)
             message = f"the hand has no landmarks {', '.join(missing)}; its wrist counts as straight in the still pose"
@@ -135,11 +137,19 @@ def turn_to_midline(thorax: SegmentFrame, places: Mapping[str, FloatArray]) -> S
 
     The four landmarks lie in the sagittal plane. The ISB takes only the middle of PX and T8 for its normal, so that the
     direction depends on the palpation of IJ and C7, which are 0.1 m apart. With all four, its error about Y is half as
-    large; without errors, both are the same.
+    large; without errors, both are the same. Z is a x + b y + c in the ISB's frame, with least squares a and b; its
+    normal is (-a, -b, 1). See docs/concepts/isb-frames.md.
+
+    Parameters
+    ----------
+    thorax : SegmentFrame
+        The ISB's frame, in the axes of the thorax's cluster.
+    places : mapping
+        Landmark to its place (3,) in these axes, m.
     """
     names = tuple(THORAX.up)
     at = np.array([places[name] for name in names]) @ thorax.rotation
-    slopes = np.linalg.pinv(np.column_stack([at[:, :2], np.ones(len(at))]))[:2]  # of Z along X and Y, by Z
+    slopes = np.linalg.pinv(np.column_stack([at[:, :2], np.ones(len(at))]))[:2]  # (2, 4): of a and b by each z
     along_x, along_y = slopes @ at[:, 2]
     steep = float(np.hypot(along_x, along_y))
     turn = np.array([along_y, -along_x, 0.0]) * (np.arctan(steep) / steep if steep else 1.0)
