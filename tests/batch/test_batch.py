@@ -7,6 +7,7 @@ import logging
 import os
 import signal
 import sys
+import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
@@ -208,6 +209,10 @@ def test_a_queue_that_takes_no_job(tmp_path: Path, monkeypatch: pytest.MonkeyPat
         def __init__(self) -> None:
             scheduler = {"cls": distributed.Scheduler, "options": {"dashboard_address": ":0"}}
             super().__init__(scheduler=scheduler, worker={"cls": Job, "options": {}}, silence_logs=50)
+
+        def scale(self, n: int) -> None:
+            super().scale(n)
+            time.sleep(0.1)  # Dask's own thread submits the job meanwhile
 
     monkeypatch.setitem(sys.modules, "dask_jobqueue", SimpleNamespace(SLURMCluster=Slurm))
     trials(tmp_path, NAMES[:2])

@@ -186,8 +186,8 @@ def _deployed(cluster: Mapping[str, Any]) -> Iterator[Any]:
 
 def _try_one_job(running: Any) -> None:
     """Raise ConfigError if the queueing system does not take the job of a worker; Dask itself would wait for ever."""
-    running.scale(1)
     with _at_least(logging.CRITICAL, "asyncio", "tornado.application"):  # Dask leaves the errors of its tasks there
+        running.scale(1)
         try:
             running.sync(_accepted, running)
         except (RuntimeError, ValueError, OSError) as error:
