@@ -303,7 +303,8 @@ def _mismatches(found: pa.Schema, schema: TableSchema) -> Iterator[str]:
 
 
 def _column(file: pq.ParquetFile, name: str) -> pa.ChunkedArray:
-    return file.read(columns=[name]).column(name)
+    """Read a column in this thread; a thread of Arrow that still holds Python objects can abort an ending process."""
+    return file.reader.read_column(file.schema_arrow.names.index(name))
 
 
 def _coded(column: pa.ChunkedArray) -> tuple[Values, Values]:
