@@ -177,12 +177,13 @@ def _as_arrays(states: States, carried: Mapping[int, CarriedSensor]) -> Inertial
 def _with_drift(states: States, carried: Mapping[int, CarriedSensor], dt: float) -> FloatArray:
     """Return the standard deviations, increased in gaps by the integrated differences between sensors and markers."""
     sd = states.sd.copy()
-    for j in range(sd.shape[1]):
-        own = [carried[s] for s in (j, j + 1) if s in carried]
-        for run in find_runs(~states.observed[:, j]):
-            count = run.stop - run.start
-            drifts = [_drift(each.left, count, dt) ** 2 for each in own]
-            variance = np.sum(drifts, axis=0) if drifts else np.zeros(count + 1)
+    gaps = [find_runs(~states.observed[:, j]) for j in range(sd.shape[1])]
+    longest = max((run.stop - run.start for runs in gaps for run in runs), default=0)
+    drifts = {s: _drift(each.left, longest, dt) ** 2 for s, each in carried.items()} if longest else {}
+    for j, runs in enumerate(gaps):
+        own = [drifts[s] for s in (j, j + 1) if s in drifts]
+        for run in runs:
+            variance = np.sum(own, axis=0)[: run.stop - run.start + 1] if own else np.zeros(run.stop - run.start + 1)
             ends = [variance[1:]] * (run.start > 0) + [variance[:0:-1]] * (run.stop < len(sd))
             if ends:
                 sd[run, j, 0] = np.hypot(sd[run, j, 0], np.sum([1.0 / np.maximum(v, 1e-12) for v in ends], 0) ** -0.5)

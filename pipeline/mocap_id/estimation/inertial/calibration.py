@@ -16,13 +16,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.fft import irfft, next_fast_len, rfft
 
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.estimation.inertial.clock import OBSERVABLE_SD, Clock
 from mocap_id.estimation.inertial.signals import SegmentMotion, SensorSignals
 from mocap_id.geometry import so3
 
-_ROUNDS = 12
+_ROUNDS, _SETTLED = 12, 0.05  # largest step at which the search ends, in standard deviations
 _MOST, _FEW, _ENOUGH = 3000, 500, 25.0  # frames, and frames a second: residuals are correlated over 0.5 s or more
 _FAR = 5.0  # times the rms residual; farther samples do not count
 _GYRO_SD, _FORCE_SD = 0.05, 0.5  # rad/s and m/s², first weights
@@ -139,7 +140,7 @@ def calibrate_sensor(
         pull = rows.T @ off - _departure(found, clock, middle, _USUAL_LAG * follows) / prior**2
         step = np.linalg.solve(normal, pull)
         found = _moved(found, step, middle)
-        if np.max(np.abs(step) * np.sqrt(np.diagonal(normal))) < 1e-2:
+        if np.max(np.abs(step) * np.sqrt(np.diagonal(normal))) < _SETTLED:
             break
     sd = np.sqrt(np.diagonal(np.linalg.inv(normal)))
     spread = {name: sd[at] for name, at in _AT.items()}
@@ -224,11 +225,12 @@ def _residuals(  # noqa: PLR0917
 def _sizes(off: FloatArray, kept: FloatArray, thin: int) -> tuple[FloatArray, FloatArray]:
     """Return the rms (2,) of a component's residual, and the numbers (2,) of frames with correlated residuals."""
     left, together = np.empty(2), np.empty(2)
+    padded = next_fast_len(2 * len(off), real=True)
     for k in range(2):
         own = off[:, 3 * k : 3 * k + 3] * kept[:, k : k + 1]
         left[k] = np.sqrt(np.sum(own**2) / max(3 * kept[:, k].sum(), 1.0))
-        power = np.abs(np.fft.rfft(own - own.mean(axis=0), 2 * len(own), axis=0)) ** 2
-        lags = np.fft.irfft(power.sum(axis=1))[: len(own)]
+        power = np.abs(rfft(own - own.mean(axis=0), padded, axis=0)) ** 2
+        lags = irfft(power.sum(axis=1), padded)[: len(own)]
         ends = np.flatnonzero(lags <= 0)
         last = int(ends[0]) if len(ends) else len(lags)
         together[k] = 1.0 + 2.0 * float(np.sum(lags[1:last])) / max(float(lags[0]), 1e-30)
