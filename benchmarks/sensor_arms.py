@@ -13,6 +13,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.config import load
+from mocap_id.errors import ConfigError
 from mocap_id.geometry import so3
 from mocap_id.runner import run
 from mocap_id.simulation.arm import ArmOptions, write_arm
@@ -62,7 +63,10 @@ def measure(seed: int, preset: Preset, place: Path) -> tuple[tuple[str, ...], di
     if alone is None:
         return ("no arm found",), {}, {}
     configuration.write_text(text, "utf-8")
-    both = _run(configuration)
+    try:
+        both = _run(configuration)
+    except ConfigError:  # a segment that carries a sensor was not found
+        return ("segment of a sensor not found",), {}, {}
     assert both is not None  # refused or not by its markers, as before
     hidden = _hide(configuration, options)
     gap = _run(configuration)

@@ -79,11 +79,6 @@ class SpatialFit:
         at = np.concatenate([np.arange(place.start, place.stop) for place in columns_of(self.bundle.problem).centre])
         return np.asarray(self.covariance[np.ix_(at, at)])
 
-    @property
-    def local_covariance(self) -> FloatArray:
-        """Return the covariance (M, 3, 3) of the coordinates of every marker in its segment, m²."""
-        return np.stack([self.covariance[3 * m : 3 * m + 3, 3 * m : 3 * m + 3] for m in range(len(self.sd))])
-
     def centre_among_markers(self, joint: int, segment: int) -> FloatArray:
         """Return the covariance (3, 3) of the centre of joint 1 … n among the markers of one of its segments, m²."""
         about = _about_markers(self.bundle.problem, columns_of(self.bundle.problem), joint - 1, segment)

@@ -210,20 +210,6 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
     return np.array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
-def marker_distances(points: FloatArray, local: FloatArray, rotation: FloatArray, origin: FloatArray) -> FloatArray:
-    """Return the distance (F, k) of every sample from its place on a body, m; NaN where either is unknown.
-
-    Parameters
-    ----------
-    points, local : (F, k, 3) and (k, 3) arrays
-        As for :func:`rigid_poses`.
-    rotation, origin : (F, 3, 3) and (F, 3) arrays
-        Pose of the body in every frame.
-    """
-    placed = origin[:, None] + np.einsum("fij,kj->fki", rotation, local)
-    return np.asarray(np.linalg.norm(points - placed, axis=2))
-
-
 def _robust_weights(off: FloatArray, seen: BoolArray) -> FloatArray:
     """Return weights (F, k), near 1 for usual samples and small for outliers, from their offsets (F, k, 3), m."""
     distance = np.linalg.norm(off, axis=2)
