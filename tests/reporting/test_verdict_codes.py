@@ -7,16 +7,16 @@ from pathlib import Path
 
 import mocap_id
 from mocap_id.reporting.explanations import EXPLANATIONS, as_markdown
+from mocap_id.reporting.explanations.chain import CHAIN
 from mocap_id.reporting.explanations.contact import CONTACT
 from mocap_id.reporting.explanations.inertial import INERTIAL
 from mocap_id.reporting.explanations.landmarks import LANDMARKS
 from mocap_id.reporting.explanations.parameters import PARAMETERS
 from mocap_id.reporting.explanations.recording import RECORDING
-from mocap_id.reporting.explanations.skeleton import SKELETON
 from mocap_id.reporting.explanations.space import SPACE
 from mocap_id.reporting.explanations.transfer import TRANSFER
 
-PARTS = (CONTACT, INERTIAL, LANDMARKS, PARAMETERS, RECORDING, SKELETON, SPACE, TRANSFER)
+PARTS = (CONTACT, INERTIAL, LANDMARKS, PARAMETERS, RECORDING, CHAIN, SPACE, TRANSFER)
 PACKAGE = Path(mocap_id.__file__).parent
 DOCUMENT = PACKAGE.parent.parent / "docs" / "verdict.md"
 

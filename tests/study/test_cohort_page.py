@@ -9,8 +9,8 @@ import pytest
 from small_study import Ran
 from study_cases import Made, body, landmarks
 
-from mocap_id.reporting.cohort.page import cohort_page
-from mocap_id.reporting.cohort.page_data import CohortData
+from mocap_id.reporting.study.page import cohort_page
+from mocap_id.reporting.study.page_data import CohortData
 from mocap_id.workflows.study.study import make_tables
 from mocap_id.workflows.study.trial_results import TrialResult
 

@@ -13,8 +13,8 @@ from curl_cases import cohort
 
 from mocap_id.config.study import load_study
 from mocap_id.errors import ConfigError
-from mocap_id.reporting.cohort.page_data import CohortData
-from mocap_id.reporting.curl_cohort.page import curl_cohort_page
+from mocap_id.reporting.curl_study.page import curl_cohort_page
+from mocap_id.reporting.study.page_data import CohortData
 from mocap_id.workflows import curl_study
 from mocap_id.workflows.curl_study.trial_results import CurlResult
 from mocap_id.workflows.study.estimates import over_people, sign_flip_p

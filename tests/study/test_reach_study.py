@@ -11,9 +11,9 @@ import pytest
 from reach_cases import THESIS, Reach, results
 from scipy.stats import spearmanr
 
-from mocap_id.reporting.cohort.page_data import CohortData
 from mocap_id.reporting.figure import Figure, Line, Panel
-from mocap_id.reporting.reach_cohort.figures import reach_figures
+from mocap_id.reporting.reach_study.figures import reach_figures
+from mocap_id.reporting.study.page_data import CohortData
 from mocap_id.workflows import reach_study
 from mocap_id.workflows.reach_study.correlation import spearman
 from mocap_id.workflows.reach_study.page import shape

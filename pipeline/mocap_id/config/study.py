@@ -14,7 +14,7 @@ from mocap_id.config.parsing import json_schema, nearest, parse, raise_mistakes
 from mocap_id.config.source import Location, Source, read
 from mocap_id.config.trial import Trial, absolute, compose, trial_model
 from mocap_id.errors import ConfigError
-from mocap_id.reporting.cohort.page_data import COHORT
+from mocap_id.reporting.study.page_data import COHORT
 from mocap_id.stages import STAGES
 from mocap_id.stages.base import Settings
 from mocap_id.stages.curl_keys import ConditionName

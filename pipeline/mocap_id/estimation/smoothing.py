@@ -1,4 +1,7 @@
-"""Smoothed joint states of a planar chain from its markers (ch. 3.2.6): main entry point of the package."""
+"""Smoothed joint states of a planar chain from its markers (ch. 3.2.6): main entry point of the package.
+
+The loops of filter and smoother, with the smoother's gain, are in :mod:`mocap_id.estimation.filter_kernels`.
+"""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Analysis specific to a movement: segment names, repetitions, chair contact, reference body (thesis ch. 5, 6)."""
+"""Analysis specific to a movement (sit-to-stand, robot joint, reach, curl): repetitions, contact, reference body."""

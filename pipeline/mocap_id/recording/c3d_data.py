@@ -41,7 +41,8 @@ def decode(
         part = slice(first, min(first + step, layout.frames))
         points, analog = raw_frames(file, layout, part)
         np.multiply(points[:, kept, :3], metres, out=positions[part])
-        positions[part][~(points[:, kept, 3] >= 0)] = np.nan
+        residual = points[:, kept, 3]  # its size and the cameras are not used
+        positions[part][~(residual >= 0)] = np.nan
         counts[part] = analog[:, :, list(channels)]
     return positions, counts.reshape(layout.frames * layout.per_frame, len(channels))
 

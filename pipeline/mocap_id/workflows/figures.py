@@ -8,10 +8,10 @@ from pathlib import Path
 
 from mocap_id import plain_files
 from mocap_id.errors import ConfigError, StoreError
-from mocap_id.reporting.cohort.page_data import PAGE_FILE as COHORT
 from mocap_id.reporting.contents import PAGE_FILE, PdfFonts
 from mocap_id.reporting.embedding import read_figures
 from mocap_id.reporting.figure import Drawings
+from mocap_id.reporting.study.page_data import PAGE_FILE as COHORT
 from mocap_id.store.atomic import write_files
 
 PAGES = (PAGE_FILE, COHORT, "robot.html", "sensitivity.html")

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from mocap_id.reporting.explanations.chain import CHAIN
 from mocap_id.reporting.explanations.contact import CONTACT
 from mocap_id.reporting.explanations.explanation import Explanation
 from mocap_id.reporting.explanations.inertial import INERTIAL
 from mocap_id.reporting.explanations.landmarks import LANDMARKS
 from mocap_id.reporting.explanations.parameters import PARAMETERS
 from mocap_id.reporting.explanations.recording import RECORDING
-from mocap_id.reporting.explanations.skeleton import SKELETON
 from mocap_id.reporting.explanations.space import SPACE
 from mocap_id.reporting.explanations.transfer import TRANSFER
 from mocap_id.verdict import Level
@@ -19,7 +19,7 @@ __all__ = ["EXPLANATIONS", "LEVELS", "Explanation", "as_markdown"]
 
 EXPLANATIONS: Mapping[str, Explanation] = {
     **RECORDING,
-    **SKELETON,
+    **CHAIN,
     **LANDMARKS,
     **SPACE,
     **INERTIAL,

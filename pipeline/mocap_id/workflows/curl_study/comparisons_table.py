@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.reporting.cohort.page_data import COHORT
+from mocap_id.reporting.study.page_data import COHORT
 from mocap_id.workflows.curl_study.trial_results import MEASURES, CurlResult, Measure
 from mocap_id.workflows.study.estimates import over_people, sign_flip_p
 

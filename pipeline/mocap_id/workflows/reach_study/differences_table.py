@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.reporting.cohort.page_data import COHORT
+from mocap_id.reporting.study.page_data import COHORT
 from mocap_id.workflows.reach_study.people_table import of_side
 from mocap_id.workflows.reach_study.trial_results import MEASURES, SIDES, Measure, ReachResult
 from mocap_id.workflows.study.estimates import Estimate, over_people

@@ -6,14 +6,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mocap_id.reporting.cohort.page_data import CohortData
-from mocap_id.reporting.reach_cohort.page_data import Shape
+from mocap_id.reporting.reach_study.page_data import Shape
+from mocap_id.reporting.study.page_data import CohortData
 from mocap_id.workflows.reach_study.trial_results import ReachResult
 
 
 def page(data: CohortData, trials: Sequence[ReachResult]) -> bytes:
     """Return the page as UTF-8."""
-    from mocap_id.reporting.reach_cohort.page import reach_cohort_page  # noqa: PLC0415  it loads the page's templates
+    from mocap_id.reporting.reach_study.page import reach_cohort_page  # noqa: PLC0415  it loads the page's templates
 
     known = [trial for trial in trials if trial.reach.get("mesh")]
     drawn = {(trial.subject, trial.side, trial.session): trial for trial in known}  # the last of each

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from mocap_id.arrays import FloatArray
-from mocap_id.reporting.robot.page_data import AveragedWrench, Recovery, StateTraces
+from mocap_id.reporting.robot_study.page_data import AveragedWrench, Recovery, StateTraces
 from mocap_id.workflows.robot_study.method_results import WRENCH, MethodResult
 from mocap_id.workflows.robot_study.methods import CAMERAS, DIFFERENCES, ENCODER
 from mocap_id.workflows.robot_study.trial_results import RobotTrialResult, reference_series

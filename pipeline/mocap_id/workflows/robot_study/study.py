@@ -14,7 +14,7 @@ from mocap_id.config.robot_study import RobotStudy, load_robot_study
 from mocap_id.errors import ConfigError
 from mocap_id.reporting.results.columns import ResultTable
 from mocap_id.reporting.results.result import Result
-from mocap_id.reporting.robot.page_data import RobotStudyData
+from mocap_id.reporting.robot_study.page_data import RobotStudyData
 from mocap_id.simulation import RobotSet, simulate_robot_set
 from mocap_id.simulation.robot_set import FILE, robot_set_yaml
 from mocap_id.store import Folder
@@ -118,7 +118,7 @@ def _simulated(out: Path, wanted: RobotSet) -> Path:
 
 
 def _pages(data: RobotStudyData) -> dict[str, bytes]:
-    from mocap_id.reporting.robot.page import markdown, robot_page  # noqa: PLC0415  it loads the page's templates
+    from mocap_id.reporting.robot_study.page import markdown, robot_page  # noqa: PLC0415  it loads the page's templates
 
     return {PAGE: robot_page(data), MARKDOWN: f"# {data.study}\n\n{markdown(data, {})}".encode()}
 
@@ -136,8 +136,8 @@ def _readable(page: Path) -> str:
 def _replace_tables(page: Path, text: str, data: RobotStudyData) -> None:
     """Write the tables between the page's marks, and the figures into a folder of the page's name."""
     from mocap_id.reporting import paper_figures  # noqa: PLC0415  it loads matplotlib
-    from mocap_id.reporting.robot.figures import robot_figures  # noqa: PLC0415
-    from mocap_id.reporting.robot.page import markdown  # noqa: PLC0415
+    from mocap_id.reporting.robot_study.figures import robot_figures  # noqa: PLC0415
+    from mocap_id.reporting.robot_study.page import markdown  # noqa: PLC0415
 
     found = robot_figures(data)
     shown = {one.title: f"{page.stem}/{one.name}.svg" for one in found.all if not one.missing}

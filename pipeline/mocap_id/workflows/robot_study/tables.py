@@ -12,7 +12,7 @@ import pandas as pd
 
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting.results.columns import ResultTable, number
-from mocap_id.reporting.robot.tables import Quantity
+from mocap_id.reporting.robot_study.tables import Quantity
 from mocap_id.store import TableSchema
 from mocap_id.workflows.robot_study import published_values
 from mocap_id.workflows.robot_study.trial_results import RobotTrialResult

@@ -6,7 +6,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from mocap_id.reporting.cohort.page_data import COHORT
+from mocap_id.reporting.study.page_data import COHORT
 from mocap_id.workflows.study.statistics import group_by, mean_sd, named_mean_sd
 from mocap_id.workflows.study.trial_results import LANDMARKS, SEGMENTS, TrialResult
 

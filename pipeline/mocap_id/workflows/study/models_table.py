@@ -10,7 +10,7 @@ import numpy as np
 
 from mocap_id.dynamics.comparison import Agreement
 from mocap_id.errors import ConfigError
-from mocap_id.reporting.cohort.page_data import COHORT
+from mocap_id.reporting.study.page_data import COHORT
 from mocap_id.workflows.study.statistics import group_by, named_mean_sd, pooled
 from mocap_id.workflows.study.trial_results import TrialResult
 from mocap_id.workflows.transfer import HELD_OUT, OWN, SERIES, TRANSFERRED, BodyErrors, apply_model, rms_error

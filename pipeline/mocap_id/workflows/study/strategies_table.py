@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
-from mocap_id.reporting.cohort.page_data import COHORT
+from mocap_id.reporting.study.page_data import COHORT
 from mocap_id.workflows.study.statistics import group_by, named_mean_sd
 from mocap_id.workflows.study.trial_results import TrialResult
 

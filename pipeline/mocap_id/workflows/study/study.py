@@ -10,9 +10,9 @@ from typing import Any
 
 from mocap_id import __version__
 from mocap_id.config.study import Study, StudyTrial, load_study
-from mocap_id.reporting.cohort.page_data import PAGE_FILE, CohortData
 from mocap_id.reporting.results.columns import ResultTable
 from mocap_id.reporting.results.result import Result
+from mocap_id.reporting.study.page_data import PAGE_FILE, CohortData
 from mocap_id.store import Folder, dumps, hash_bytes, hash_file
 from mocap_id.workflows.parallel import LocalBackend, TrialCallback, TrialRun, run_trials
 from mocap_id.workflows.study.lengths_table import length_rows
@@ -104,7 +104,7 @@ def make_tables(trials: Sequence[TrialResult]) -> dict[str, ResultTable]:
 
 
 def _page(data: CohortData, _: Sequence[TrialResult]) -> bytes:
-    from mocap_id.reporting.cohort.page import cohort_page  # noqa: PLC0415  it loads the page's templates
+    from mocap_id.reporting.study.page import cohort_page  # noqa: PLC0415  it loads the page's templates
 
     return cohort_page(data)
 
@@ -124,7 +124,7 @@ _SIT_TO_STAND = StudyKind(("strategy",), read_trial_result, make_tables, _page)
 
 def _kind(study: Study) -> StudyKind:
     if study.curl:
-        from mocap_id.reporting.curl_cohort.page import curl_cohort_page  # noqa: PLC0415  other studies do not need it
+        from mocap_id.reporting.curl_study.page import curl_cohort_page  # noqa: PLC0415  other studies do not need it
         from mocap_id.workflows import curl_study  # noqa: PLC0415
 
         return StudyKind(

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.reporting.cohort.page_data import COHORT
+from mocap_id.reporting.study.page_data import COHORT
 from mocap_id.workflows.study.statistics import group_by, mean_sd
 from mocap_id.workflows.study.trial_results import BaseParameters, TrialResult
 

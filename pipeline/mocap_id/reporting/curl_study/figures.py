@@ -6,9 +6,9 @@ import numpy as np
 import pandas as pd
 
 from mocap_id.reporting import style
-from mocap_id.reporting.cohort.page_data import CohortData
-from mocap_id.reporting.curl_cohort.tables import NAMES
+from mocap_id.reporting.curl_study.tables import NAMES
 from mocap_id.reporting.figure import Bars, Drawing, Drawings, Figure, Item, Line, Panel, Points, Rule, in_lines
+from mocap_id.reporting.study.page_data import CohortData
 
 _ANGLES = tuple(name for name in NAMES if name.startswith(("shoulder", "thorax")))
 _BOX = 0.3  # half of the height of a box, in rows

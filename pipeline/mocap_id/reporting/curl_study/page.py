@@ -7,12 +7,12 @@ from typing import Any
 
 import pandas as pd
 
-from mocap_id.reporting.cohort.page_data import CohortData
-from mocap_id.reporting.curl_cohort import tables
-from mocap_id.reporting.curl_cohort.figures import curl_figures
+from mocap_id.reporting.curl_study import tables
+from mocap_id.reporting.curl_study.figures import curl_figures
 from mocap_id.reporting.results.grid_columns import records, show_estimate
 from mocap_id.reporting.results.page import ResultSection, study_page
 from mocap_id.reporting.sections import KeyNumber
+from mocap_id.reporting.study.page_data import CohortData
 
 _FOOTER = (
     "The same numbers in SI units, angles in degrees, are in the CSV and Parquet files beside this page, which "

@@ -5,7 +5,7 @@ from __future__ import annotations
 from mocap_id.reporting import style
 from mocap_id.reporting.downsampling import envelope
 from mocap_id.reporting.figure import Dash, Figure, Item, Line, Panel
-from mocap_id.reporting.robot.page_data import StateTraces
+from mocap_id.reporting.robot_study.page_data import StateTraces
 
 CAPTION = (
     "Angular acceleration of a single trial: the smoother's (P, blue), and by a 20 Hz low-pass and differences of the "

@@ -7,11 +7,11 @@ from typing import Any
 
 import pandas as pd
 
-from mocap_id.reporting.cohort.page_data import COHORT, CohortData
 from mocap_id.reporting.explanations import EXPLANATIONS
 from mocap_id.reporting.numbers import UNKNOWN, show
 from mocap_id.reporting.results.grid_columns import GridColumn, mean_sd, number, text, times, to_grid
 from mocap_id.reporting.results.trial_entries import FATES
+from mocap_id.reporting.study.page_data import COHORT, CohortData
 from mocap_id.reporting.tables import Grid
 
 BY_STRATEGY = "By strategy (thesis table 6.2): mean ± sd over the people"

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from mocap_id.reporting.results.trial_entries import TrialEntry
-    from mocap_id.reporting.robot.tables import Quantity
+    from mocap_id.reporting.robot_study.tables import Quantity
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 
 from mocap_id.reporting.explanations.explanation import Explanation
 
-SKELETON: Mapping[str, Explanation] = {
+CHAIN: Mapping[str, Explanation] = {
     "no-fixed-base": Explanation(
         ("refused",),
         "No fixed base",

@@ -6,9 +6,9 @@ from collections.abc import Iterator, Mapping
 
 from mocap_id.reporting.results.page import ResultPage, ResultSection
 from mocap_id.reporting.results.trial_entries import headline
-from mocap_id.reporting.robot.figures import robot_figures
-from mocap_id.reporting.robot.page_data import RobotStudyData
-from mocap_id.reporting.robot.tables import overview, thesis_table
+from mocap_id.reporting.robot_study.figures import robot_figures
+from mocap_id.reporting.robot_study.page_data import RobotStudyData
+from mocap_id.reporting.robot_study.tables import overview, thesis_table
 from mocap_id.reporting.tables import Grid
 
 LEGEND = (

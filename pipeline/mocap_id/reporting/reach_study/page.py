@@ -7,14 +7,14 @@ from typing import Any
 
 import pandas as pd
 
-from mocap_id.reporting.cohort.page_data import CohortData
 from mocap_id.reporting.numbers import show
-from mocap_id.reporting.reach_cohort import tables
-from mocap_id.reporting.reach_cohort.figures import reach_figures
-from mocap_id.reporting.reach_cohort.page_data import Shape
+from mocap_id.reporting.reach_study import tables
+from mocap_id.reporting.reach_study.figures import reach_figures
+from mocap_id.reporting.reach_study.page_data import Shape
 from mocap_id.reporting.results.grid_columns import records, show_estimate
 from mocap_id.reporting.results.page import ResultSection, study_page
 from mocap_id.reporting.sections import KeyNumber
+from mocap_id.reporting.study.page_data import CohortData
 
 _FOOTER = (
     "The same numbers in SI units are in the CSV and Parquet files beside this page, which study.json describes. A "

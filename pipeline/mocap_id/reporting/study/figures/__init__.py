@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from mocap_id.reporting import style
-from mocap_id.reporting.cohort.figures import lengths, parameters, pressure
-from mocap_id.reporting.cohort.page_data import CohortData
 from mocap_id.reporting.figure import Drawing, Drawings
+from mocap_id.reporting.study.figures import lengths, parameters, pressure
+from mocap_id.reporting.study.page_data import CohortData
 
 
 def cohort_figures(data: CohortData) -> Drawings:

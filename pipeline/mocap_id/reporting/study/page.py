@@ -7,12 +7,12 @@ from collections.abc import Iterator
 import numpy as np
 import pandas as pd
 
-from mocap_id.reporting.cohort import tables
-from mocap_id.reporting.cohort.figures import cohort_figures
-from mocap_id.reporting.cohort.page_data import CohortData
 from mocap_id.reporting.numbers import UNKNOWN, show, show_fixed
 from mocap_id.reporting.results.page import ResultSection, study_page
 from mocap_id.reporting.sections import KeyNumber
+from mocap_id.reporting.study import tables
+from mocap_id.reporting.study.figures import cohort_figures
+from mocap_id.reporting.study.page_data import CohortData
 
 _FOOTER = (
     "Lengths and errors have the units that the tables give; the same numbers in SI units are in the CSV and Parquet "

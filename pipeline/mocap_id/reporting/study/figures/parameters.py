@@ -6,9 +6,9 @@ import numpy as np
 import pandas as pd
 
 from mocap_id.reporting import style
-from mocap_id.reporting.cohort.figures import people
-from mocap_id.reporting.cohort.page_data import CohortData
 from mocap_id.reporting.figure import Figure, Panel, Points, in_lines
+from mocap_id.reporting.study.figures import people
+from mocap_id.reporting.study.page_data import CohortData
 
 _COLUMNS = 4
 _MOST = 16  # panels

@@ -6,8 +6,8 @@ from collections.abc import Iterator
 
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Drawing, Drawings
-from mocap_id.reporting.robot.figures import accelerations, recovery, wrench
-from mocap_id.reporting.robot.page_data import RobotStudyData
+from mocap_id.reporting.robot_study.figures import accelerations, recovery, wrench
+from mocap_id.reporting.robot_study.page_data import RobotStudyData
 
 
 def robot_figures(data: RobotStudyData) -> Drawings:

@@ -9,8 +9,8 @@ import pandas as pd
 
 from mocap_id.arrays import NORMAL_95, FloatArray
 from mocap_id.reporting import style
-from mocap_id.reporting.cohort.page_data import CohortData
 from mocap_id.reporting.figure import Item, Points, Rule
+from mocap_id.reporting.study.page_data import CohortData
 
 _SPREAD = 0.6  # of a row's height, for the trials of one person
 

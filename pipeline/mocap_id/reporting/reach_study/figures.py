@@ -8,11 +8,11 @@ import numpy as np
 import pandas as pd
 
 from mocap_id.reporting import style
-from mocap_id.reporting.cohort.figures import people
-from mocap_id.reporting.cohort.page_data import CohortData
 from mocap_id.reporting.figure import Drawing, Drawings, Figure, Item, Line, Panel, Points, in_lines
-from mocap_id.reporting.reach_cohort.page_data import Shape
-from mocap_id.reporting.reach_cohort.tables import show_score
+from mocap_id.reporting.reach_study.page_data import Shape
+from mocap_id.reporting.reach_study.tables import show_score
+from mocap_id.reporting.study.figures import people
+from mocap_id.reporting.study.page_data import CohortData
 
 _SIDES = {"right": style.BLUE, "left": style.VERMILLION}
 _VIEW = (60.0, 15.0)  # degrees; from the front, on the side of the right arm

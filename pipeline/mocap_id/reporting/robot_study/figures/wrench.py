@@ -9,7 +9,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Band, Dash, Figure, Item, Line, Panel
-from mocap_id.reporting.robot.page_data import AveragedWrench
+from mocap_id.reporting.robot_study.page_data import AveragedWrench
 
 CAPTION = (
     "Mean over the repetitions of the cell's trials, with one standard deviation to either side as a band. Measured "

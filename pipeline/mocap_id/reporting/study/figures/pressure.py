@@ -6,9 +6,9 @@ import numpy as np
 import pandas as pd
 
 from mocap_id.reporting import style
-from mocap_id.reporting.cohort.figures import people
-from mocap_id.reporting.cohort.page_data import CohortData
 from mocap_id.reporting.figure import Figure, Item, Panel, Points, Symbol
+from mocap_id.reporting.study.figures import people
+from mocap_id.reporting.study.page_data import CohortData
 
 _OWN, _HELD_OUT = "own", "own, held out"
 

@@ -7,7 +7,7 @@ import numpy as np
 from mocap_id.reporting import style
 from mocap_id.reporting.downsampling import envelope
 from mocap_id.reporting.figure import Figure, Item, Line, Panel, Points, Text
-from mocap_id.reporting.robot.page_data import Recovery
+from mocap_id.reporting.robot_study.page_data import Recovery
 
 CAPTION = (
     "Above, the markers' paths in the plane: stationary ones as crosses, those of the moving body in colour, and the "
