@@ -176,7 +176,7 @@ def test_an_active_set_that_does_not_settle_is_said(monkeypatch: pytest.MonkeyPa
         raise RuntimeError("Maximum number of iterations reached.")
 
     monkeypatch.setattr("mocap_id.dynamics.point_masses.nnls", stuck)
-    with pytest.raises(NumericalError, match="could not be spread"):
+    with pytest.raises(NumericalError, match="could not be distributed"):
         fit_consistent(problem(6, 1.0), M, GRID, NO_REFERENCE)
     failed = solve_nnls(problem(6, 1.0), B)
     assert failed.status == "Maximum number of iterations reached."

@@ -70,12 +70,14 @@ def test_names_elsewhere_are_used_in_their_order(tmp_path: Path, names: str) -> 
     found = read(tmp_path, lines(names=names))
     check(found)
     assert any("not three columns apart: the 4 names were used in their order" in note for note in found.oddities)
-    assert any("NumMarkers 4, the X1 Y1 Z1 line 4; rows with 4" in note for note in found.oddities)
+    assert any("NumMarkers 4, the X1 Y1 Z1 line 4; rows with the coordinates of 4" in note for note in found.oddities)
 
 
 @pytest.mark.parametrize("other", [{"markers": 5}, {"axes": AXES + "\tX5\tY5\tZ5"}], ids=["NumMarkers", "axes"])
 def test_names_elsewhere_need_the_support_of_all_other_lines(tmp_path: Path, other: dict[str, object]) -> None:
-    with pytest.raises(RecordingError, match=r"contradict each other on the number of markers: 4 names.*rows with 4"):
+    with pytest.raises(
+        RecordingError, match=r"contradict each other on the number of markers: 4 names.*coordinates of 4"
+    ):
         read(tmp_path, lines(names="Frame#\tTime\t" + "\t\t".join(NAMES), **other))  # type: ignore[arg-type]
 
 

@@ -115,7 +115,7 @@ def wrist_angles(motion: RelativeMotion, frames: FloatArray | None = None) -> Jo
 
 
 def joint_coordinates(motion: RelativeMotion, joint: SpatialJoint, names: tuple[str, ...]) -> JointAngles:
-    """Return a joint's own coordinates: the angle of a hinge, two angles, or the rotation vector of a ball.
+    """Return a joint's own coordinates, rad: angle of a hinge, both angles of two axes, or rotation vector of a ball.
 
     Parameters
     ----------

@@ -236,8 +236,8 @@ def _pick(
         reasons.append(
             Reason(
                 "landmark-ambiguous",
-                f"{names} may both be the landmark {name}; neither was used. Write landmarks: {{{name}: "
-                f"{labels[best[0].marker]}}} or the other",
+                f"the names {names} all fit the landmark {name}; none was used. Write the right one, such as "
+                f"`landmarks: {{{name}: {labels[best[0].marker]}}}`",
             )
         )
         return None

@@ -1,4 +1,4 @@
-"""Configuration of a trial: a model composed from all stages, read from a YAML file."""
+"""Configuration of a trial, read from a YAML file: keys of the trial, and settings of every stage."""
 
 from __future__ import annotations
 

@@ -116,7 +116,7 @@ class ScaleCause:
     Parameters
     ----------
     value, sd : float
-        Relative, N, m or rad.
+        Estimate and its standard deviation: relative, or in N, m or rad, by the cause.
     explains : float
         Decrease of the cost.
     limit : float

@@ -44,7 +44,7 @@ class GridBodies:
         return abs(float(body.min(initial=0.0))) / max(float(np.abs(body).max(initial=0.0)), 1e-300)
 
     def mass(self, body: FloatArray) -> float:
-        """Return the total mass, kg."""
+        """Return the total mass, kg, of the point masses ``body`` (p,), kg."""
         return float(np.abs(body).sum())
 
     def cheapest(self, prices: FloatArray) -> FloatArray:
@@ -189,8 +189,8 @@ def spread_masses(
         return np.asarray(nnls(rows, aims, maxiter=50 * rows.shape[1])[0], dtype=np.float64)
     except RuntimeError as error:
         raise NumericalError(
-            f"the {rows.shape[1]} point masses could not be spread: {error}; check the chain for two joints at the "
-            "same place, or for wrong units"
+            f"the {rows.shape[1]} point masses could not be distributed: {error}; check the chain for two joints at "
+            "the same place, or for wrong units"
         ) from error
 
 

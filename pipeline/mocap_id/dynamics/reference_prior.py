@@ -104,7 +104,7 @@ class ReferencePrior:
         return np.asarray(np.linalg.solve(spread + covariance, spread).T)
 
     def contradicts(self, base: FloatArray, covariance: FloatArray, regrouping: FloatArray, parameter: int) -> bool:
-        """Return whether the prior would move a base parameter by more than three standard deviations of such moves.
+        """Return whether the prior would change a base parameter by more than three standard deviations of the change.
 
         Parameters
         ----------

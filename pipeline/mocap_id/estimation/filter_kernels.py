@@ -468,7 +468,7 @@ def run_filter(
 ) -> tuple[int, float]:
     """Fill ``filtered``; return the frame that failed (−1 if none) and the log-likelihood.
 
-    The loop carries over the state, its covariance, the last observed angle of each joint, and the number of successive
+    The loop carries over the state, its covariance, each joint's angle when last observed, and the number of successive
     frames in which more than half of its segment's markers failed.
     """
     n, log_likelihood = len(model.density), 0.0

@@ -152,7 +152,7 @@ def _paired(
 def _straddles(lateral: FloatArray, child: RigidBody, parent: RigidBody) -> bool:
     """Return whether a body is two limbs that move alike on either side of their parent, such as arms on a trunk.
 
-    Legs do not count: the bodies below and above them, up to the pelvis, are as two-sided as they are.
+    Two legs that move alike are not such limbs: their neighbours (feet, pelvis) have markers on both sides too.
     """
     across = np.sort(lateral[child.markers])
     between = int(np.argmax(np.diff(across)))

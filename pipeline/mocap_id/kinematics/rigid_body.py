@@ -45,8 +45,8 @@ class RigidBody:
     def angle_noise(self) -> float:
         """Return the standard deviation of the angle of ``rotation``, rad, if the residual were white noise.
 
-        The pose absorbs three of a frame's 2 k coordinates, so the residual is smaller than the noise; infinite if
-        nothing is left.
+        The pose absorbs three of a frame's 2 k coordinates, so the residual is smaller than the noise. The
+        result is infinite with fewer than two markers, or if all are at one point.
         """
         spread, coordinates = float(np.sqrt(np.sum(np.abs(self.template) ** 2))), 2 * len(self.markers)
         if spread == 0 or coordinates <= 3:

@@ -138,7 +138,7 @@ def compare_with_feet(
 
 
 def _on_feet_alone(positions: FloatArray, samples: Sequence[PlateSamples]) -> list[BoolArray]:
-    """Return the samples (F,) in which each plate is loaded by the feet: all, or those of a person who stands.
+    """Return the samples (F,) in which the feet load each plate: all loaded ones, or only those of a standing person.
 
     If the plates carry the whole weight while the body is low, a chair may stand on them; its force acts behind the
     feet.

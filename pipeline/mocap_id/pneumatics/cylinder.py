@@ -133,12 +133,20 @@ class Cylinder:
         return np.asarray(ratio**self.exponent)
 
     def torque_by_pressure(self, angle: FloatArray, sealed: tuple[bool, bool] = (True, True)) -> FloatArray:
-        """Return the derivatives (..., 2) of the torque by the sealed pressures, N·m/Pa."""
+        """Return the derivatives (..., 2) of the torque with respect to the sealed pressures, N·m/Pa.
+
+        Parameters
+        ----------
+        angle : (...) array
+            rad.
+        sealed : (bool, bool)
+            Whether the chambers of flexion and extension are sealed; the derivative of an open one is zero.
+        """
         signed = np.array([self.area_flexion * sealed[0], -self.area_extension * sealed[1]])
         return np.asarray(self.pulley_radius * signed * self.compression(angle))
 
     def stiffness_by_pressure(self, angle: FloatArray, sealed: tuple[bool, bool] = (True, True)) -> FloatArray:
-        """Return the derivatives (..., 2) of the stiffness by the sealed pressures, N·m/(rad Pa)."""
+        """Return the derivatives (..., 2) of the stiffness, N·m/(rad Pa); arguments as for `torque_by_pressure`."""
         areas = np.array([self.area_flexion * sealed[0], self.area_extension * sealed[1]])
         each = areas**2 * self.compression(angle) / self.volumes(angle)
         return np.asarray(self.exponent * self.pulley_radius**2 * each)

@@ -101,7 +101,7 @@ def enclosed(corners: FloatArray) -> FloatArray:
     Returns
     -------
     (...) array
-        Sum of the determinants of the facets' corners, divided by d!.
+        Sum of the determinants of the facets' corners, divided by d!; with the opposite sign in space.
     """
     d = corners.shape[-1]
     sign = 1.0 if d == 2 else -1.0  # the apex comes last, behind d - 1 swaps

@@ -109,7 +109,7 @@ def _shape(points: FloatArray, others: FloatArray) -> AlphaShape:
 
 
 def _deviation(arm: Arm, limits: JointLimits, postures: FloatArray, shape: AlphaShape) -> float:
-    """Return the standard deviation of the measure from those of limits and dimensions."""
+    """Return the standard deviation of the area or volume, from those of joint limits and dimensions of the arm."""
     facets = shape.boundary()
     used, corner = np.unique(facets, return_inverse=True)
     share = (postures[used] - limits.lower) / (limits.upper - limits.lower)

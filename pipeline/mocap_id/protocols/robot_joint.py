@@ -57,7 +57,7 @@ def _cycles(time: FloatArray, swing: FloatArray) -> tuple[Repetition, ...]:
 
 
 def _crossing_before(swing: FloatArray, index: int) -> int:
-    """Return the last sample before ``index`` that is at the middle or beyond it; 0 if there is none."""
+    """Return the last sample before ``index`` with a zero swing or one of the other sign; 0 if there is none."""
     before: IntArray = np.flatnonzero(np.sign(swing[:index]) != np.sign(swing[index]))
     return int(before[-1]) if len(before) else 0
 

@@ -91,7 +91,7 @@ def describe_encoding(file: C3DFile, layout: Layout) -> str:
 
 
 def raw_frames(file: C3DFile, layout: Layout, part: slice) -> tuple[FloatArray, FloatArray]:
-    """Read some frames as they are stored.
+    """Read a slice of frames: points in the units of the file, and analog samples that are not scaled.
 
     Returns
     -------

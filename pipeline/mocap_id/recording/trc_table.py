@@ -151,13 +151,14 @@ def _labels(path: Path, header: _Header, widest: int, oddities: list[str]) -> li
     if others == {len(listed)} and width <= len(listed) and (not in_place or len(spaced) != len(listed)):
         oddities.append(
             f"the marker names are not three columns apart: the {len(listed)} names were used in their order, since "
-            f"all other lines have as many markers ({found}; rows with {width})"
+            f"all other lines have as many markers ({found}; rows with the coordinates of {width})"
         )
         return listed
     if not in_place or (header.separator is None and others and len(spaced) not in others):
         raise RecordingError(
-            f"{path}: the lines contradict each other on the number of markers: {len(listed)} names, not three "
-            f"columns apart, {found or 'no NumMarkers'}, rows with {width}; correct the header, or export it again"
+            f"{path}: the lines contradict each other on the number of markers: {len(listed)} names, which are not "
+            f"three columns apart; {found or 'no NumMarkers'}; rows with the coordinates of {width}. Correct the "
+            "header, or export it again"
         )
     if width > len(spaced):
         _note_extra_columns(path, len(spaced), widest - 2, stated, oddities)

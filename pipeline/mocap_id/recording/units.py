@@ -83,7 +83,7 @@ def strip_padding(declared: str) -> str:
 
 
 def _folded(declared: str) -> str:
-    """Convert a unit to lower case, except that mN is a millinewton and MN is not."""
+    """Convert a unit to lower case; ``mN`` becomes ``millinewton``, so that it differs from ``MN``."""
     return re.sub("^mN", "millinewton", strip_padding(declared)).lower()
 
 

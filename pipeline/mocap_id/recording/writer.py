@@ -87,15 +87,15 @@ def write_recording(path: Path, recording: Recording) -> None:
 
 
 def write_recording_as_text(path: Path, recording: Recording) -> None:
-    """Write a recording as a TRC file, and its plates as a MOT file beside it, which needs no corners of plates.
+    """Write the markers of a recording as a TRC file, and its usable plates as a MOT file beside it.
 
-    The MOT file has each wrench as force and moment at the lab's origin; both files have Y up, as in OpenSim, and the
-    times of the recording.
+    The MOT file has each wrench as force and moment at the lab's origin, and no corners of plates. Both files have Y
+    up, as in OpenSim, and the times of the recording.
 
     Raises
     ------
     RecordingError
-        The frames are not evenly spaced or too late, or the plates do not have the same samples.
+        The frames are not evenly spaced, a time is too large for the format, or the plates have different samples.
     """
     _check_even(recording)
     if np.abs(recording.time).max() > _LAST_TIME:

@@ -38,7 +38,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Step:
-    """A stage and what was done with it; ``seconds`` is the duration of its computation, in this run or when reused.
+    """A stage and what was done with it; ``seconds`` is how long its computation took, in this run or an earlier one.
 
     ``begun`` is only reported as progress and is not part of an :class:`Outcome`.
     """

@@ -69,7 +69,7 @@ def verdict_line(folder: Path) -> str:
 
 
 def last_failure(folder: Path) -> str | None:
-    """Return the last log line if the last run failed, else None."""
+    """Return the message of the last log line if the last run failed, else None."""
     try:
         lines = plain_files.read(folder / RUN_LOG, links=False).decode("utf-8", "replace").splitlines()
     except OSError:

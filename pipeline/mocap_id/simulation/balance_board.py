@@ -52,7 +52,7 @@ class SimulatedBoard:
 
 
 def draw_board(rng: np.random.Generator, clock_offset: float) -> SimulatedBoard:
-    """Draw a board that stands askew by a little, with cells of a used device."""
+    """Return a random board, a little displaced and turned, with random errors of zero and gain of its cells."""
     return SimulatedBoard(
         clock_offset,
         str(rng.choice(list(TURNS))),

@@ -49,7 +49,9 @@ class Displacement:
     def load(
         self, force: FloatArray, moment: FloatArray, weight: float, com: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return force and moment (T, 3) about the plane's origin, in the plane frame; the weight stays vertical.
+        """Return the ground's force and moment (T, 3) on the displaced person, about the origin of the plane frame.
+
+        The weight stays vertical.
 
         Parameters
         ----------

@@ -20,7 +20,7 @@ def as_tree(skin: SkinModel, labels: Sequence[str], camera_sd: float | None, bas
     skin : SkinModel
     labels : (K,) sequence of str
         Labels of its markers.
-    camera_sd : float
+    camera_sd : float or None
         Standard deviation of a coordinate by camera noise, m; None without cameras.
     basis : str
         Data from which the variances were estimated.

@@ -235,7 +235,7 @@ def columns_of(schema: TableSchema, names: Sequence[str]) -> Iterator[Column]:
 
 
 def _names(column: Column, names: Sequence[str]) -> list[str]:
-    """Return the part for ``{name}`` of every name that matches the column, in the order of the names."""
+    """Return what stands for ``{name}`` in each name (of a table's column) that matches a column of the schema."""
     pattern = re.escape(column.name).replace(r"\{name\}", "(.+)")
     return [match[1] for name in names if (match := re.fullmatch(pattern, str(name)))]
 

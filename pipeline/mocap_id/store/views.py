@@ -128,8 +128,8 @@ class Skeleton:
         """
         if tree.has("joints/kind"):
             raise StoreError(
-                "this run is in space (`space: 3d`), but this command needs one in the plane: its chain of hinges in "
-                "one plane. docs/space.md lists what a run in space can be used for"
+                "this run is in space (`space: 3d`), but this command needs a run in the plane, a chain of hinges. "
+                "docs/space.md lists what a run in space can be used for"
             )
         return cls(
             joints=tree.texts("joints/name"),

@@ -134,9 +134,9 @@ def fit_semidefinite(problem: CompressedProblem, mapping: FloatArray) -> Semidef
     answer = _solve(small, bodies)
     if not answer.optimality.excess <= _TOLERABLE:
         raise NumericalError(
-            f"the consistent parameters did not converge: Clarabel reports {answer.status!r}, up to "
-            f"{answer.optimality.excess:.1e} above the least cost; the limit is {_TOLERABLE:.0e}. Check the chain for "
-            "two joints at the same place, or for wrong units"
+            f"the fit of physically consistent parameters did not converge: the solver Clarabel reports "
+            f"{answer.status!r}, and the cost may be {answer.optimality.excess:.1e} above the least one (limit "
+            f"{_TOLERABLE:.0e}). Check the chain for two joints at the same place, or for wrong units"
         )
     free = problem.cost(problem.free_solution())
     return SemidefiniteSolution(

@@ -58,10 +58,19 @@ class FramePoses:
 
 
 def marker_sizes(chain: SpatialChain, model: ChainModel, points: FloatArray, floor: float) -> FloatArray:
-    """Return the standard deviation (M,) of a coordinate of each marker about the chain, m, skin included.
+    """Return the standard deviation (M,) of a coordinate of each marker around its place on the chain, m.
 
-    It is estimated from some frames, with the share of the error that the pose follows, and limited from below by a
-    share of its segment's.
+    It includes the skin. It is estimated from some frames, and corrected for the part of the error that the fitted pose
+    absorbs (leverage). It is at least a share of the rms value of the segment, and at least ``floor``.
+
+    Parameters
+    ----------
+    chain : SpatialChain
+    model : ChainModel
+    points : (F, M, 3) array
+        Measured markers, m; NaN where missing.
+    floor : float
+        m.
     """
     ready = seen_clusters(chain, points)
     complete = ready.sum(axis=1)

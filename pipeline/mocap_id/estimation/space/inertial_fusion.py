@@ -145,7 +145,7 @@ def _counted_twists(chain: SpatialChain, own: Sequence[int]) -> BoolArray:
 
 
 def _hidden_for_long(observed: BoolArray, found: Mapping[int, Calibrated], rate: float) -> bool:
-    """Return whether a segment whose skin does not follow its twist is hidden too long to interpolate this twist."""
+    """Return whether a segment with skin that lags is hidden too long to interpolate its axial rotation."""
     soft = (s for s, each in found.items() if each.lag)
     return any(run.stop - run.start > _LONG * rate for s in soft for run in find_runs(~observed[:, s]))
 
@@ -230,7 +230,7 @@ def _as_arrays(chain: SpatialChain, found: Mapping[int, Calibrated], ready: Mapp
 
 
 def _followed(model: ChainModel, own: Sequence[int]) -> BoolArray:
-    """Return the degrees of freedom (d,) whose rates sensors determine: they are on both sides of the joint."""
+    """Return a mask (d,) of the degrees of freedom with rates from sensors: of joints between two segments with one."""
     groups = group_columns(model)
     found = np.zeros(groups[-1].stop, dtype=np.bool_)
     found[groups[0]] = 0 in own

@@ -71,7 +71,7 @@ def skin_errors(
     weight: FloatArray,
     known: IntArray,
 ) -> SkinErrors:
-    """Return the variances from skin.
+    """Return the variances of the states that skin motion causes.
 
     Parameters
     ----------

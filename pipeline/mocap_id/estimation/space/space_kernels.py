@@ -1284,7 +1284,7 @@ def _normal_equations(
 def _leverages(
     model: ChainModel, search: Search, placed: Placed, inverse: FloatArray, used: BoolArray, leverage: FloatArray
 ) -> None:
-    """Compute the share of each marker's error that the pose follows."""
+    """Compute the leverage of each marker: the share of its error that the fitted pose absorbs."""
     d = len(inverse)
     rows, columns, x = np.empty((d, 3)), np.empty(d, dtype=np.int64), np.empty(3)
     for m in range(len(model.segment)):

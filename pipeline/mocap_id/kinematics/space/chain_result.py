@@ -135,7 +135,7 @@ def _anchored_skin(problem: BundleProblem, state: BundleState) -> FloatArray:
 
 
 def _common_share(problem: BundleProblem, state: BundleState, j: int) -> float:
-    """Return the mean share of the two markers of the parent that are nearest to joint j, from 0."""
+    """Return the mean share of axial rotation that skin misses under the parent's two markers nearest to joint j."""
     here = np.flatnonzero(problem.segment == problem.parents[j])
     away = np.linalg.norm(state.local[here] - state.centres[j], axis=1)
     return float(state.skin[here[np.argsort(away)[:2]]].mean())

@@ -115,8 +115,8 @@ class ReachableSet:
 def reachable_set(arm: ReachArm, limits: FloatArray, grid: Grid, planes: PlaneRange | None = None) -> ReachableSet:
     """Return the set that the wrist of an arm reaches.
 
-    The shoulder's glide counts along the thorax's y axis, relative to the shoulder at a middle elevation; across it,
-    the glide only shears the set.
+    Of the shoulder's glide, only the part along the thorax's y axis is used, relative to the shoulder at middle
+    elevation. Glide across this axis only shears the set.
 
     Parameters
     ----------
@@ -125,7 +125,8 @@ def reachable_set(arm: ReachArm, limits: FloatArray, grid: Grid, planes: PlaneRa
         Lowest and highest plane, elevation, axial rotation and flexion, rad.
     grid : Grid
     planes : PlaneRange, optional
-        Range of the plane at the other angles; that of ``limits`` if omitted.
+        Function of elevation, axial rotation and flexion that returns the range of the plane; by default the range in
+        ``limits``.
     """
     solver = _Solver.of(arm, limits, grid)
     found = [solver.at_elevations(sign) for sign in (-1.0, 1.0)] + [solver.at_axials(sign) for sign in (-1.0, 1.0)]

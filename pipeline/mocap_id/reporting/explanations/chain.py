@@ -97,8 +97,8 @@ CHAIN: Mapping[str, Explanation] = {
         "Nothing, if other markers of the segment were visible. Otherwise delete these samples in the camera software, "
         "or fill them from the markers beside it.",
         "segment",
-        "The marker stays within 2 mm, and its place on its segment moves by more than 20 mm; by more than 3 mm, if "
-        "exactly the same coordinates are repeated. The value is the duration, s.",
+        "The marker stays within 2 mm while its segment moves by more than 20 mm there. If exactly the same "
+        "coordinates are repeated, the limit is 3 mm. The value is the duration, s.",
     ),
     "marker-moved": Explanation(
         ("ok",),

@@ -82,9 +82,9 @@ LANDMARKS: Mapping[str, Explanation] = {
     "elbow-not-bent": Explanation(
         ("caution",),
         "No pose for the second humerus option",
-        "The ISB's second frame of the upper arm takes its direction from the forearm, in a pose with the elbow near "
-        "90°. There is no such pose, or the landmark US is missing. The first option was used.",
-        "Bend the elbow by 90° once in the recording, or use the first option.",
+        "The ISB's second option for the frame of the upper arm takes the axis of flexion from the forearm, in a pose "
+        "with the elbow near 90°. There is no such pose, or the landmark US is missing. The first option was used.",
+        "Bend the elbow by 90° once in the recording and name the landmark US, or set `fit-joints: {humerus: 1}`.",
         "fit-joints",
         "The angle between upper arm and forearm in the chosen pose; 60 to 120° is needed.",
     ),

@@ -241,7 +241,7 @@ RECORDING: Mapping[str, Explanation] = {
         "Let the joint rest, then move it far and fast; or synchronise the clocks before the recording.",
         "ukf-smooth",
         "The opposite sense fits nearly as well, or the clock offset is at `ukf-smooth: {encoder_offset_limit_s}`, or "
-        "its standard deviation, s, is above the limit 0.001.",
+        "its standard deviation is above 0.001 s.",
     ),
 }
 """Explanation of each code."""

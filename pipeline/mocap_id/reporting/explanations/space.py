@@ -26,7 +26,7 @@ SPACE: Mapping[str, Explanation] = {
         "Compare changes and ranges rather than values, and trials of the same camera and place. Record with markers "
         "where the axial rotation or absolute angles matter.",
         "fit-joints",
-        "Every trial with `recording: {skeleton: …}`. Simulated depth cameras: docs/recordings.md.",
+        "Every trial with `recording: {skeleton: …}`. docs/recordings.md has the errors of simulated depth cameras.",
     ),
     "skeleton-mirrored": Explanation(
         ("caution",),
@@ -111,7 +111,8 @@ SPACE: Mapping[str, Explanation] = {
     "base-unseen": Explanation(
         ("caution",),
         "The base is not seen",
-        "The wrench on the base can only be used if its pose is known. No frame shows it, so no parameters are given.",
+        "The wrench on the base can only be used if the pose of the base is known. No frame shows the base, so no "
+        "parameters are given.",
         "Put at least three markers on the base.",
         "identify-dim",
         "Whether any frame has a pose of the base.",
@@ -121,7 +122,7 @@ SPACE: Mapping[str, Explanation] = {
         "The base moves on the plate",
         "The identification in space assumes a base at rest. This one moves, so the plate also measures its own "
         "inertia or that of what carries it, and no parameters are given. Kinematics are not affected.",
-        "Fix the base to the plate, or leave out the time in which it moves with `window:`.",
+        "Fix the base to the plate, or use `window:` to leave out the time in which it moves.",
         "identify-dim",
         "95 % quantile of the base's shift and rotation; limits 5 mm and 1°.",
     ),

@@ -33,9 +33,9 @@ TRANSFER: Mapping[str, Explanation] = {
     "transfer-not-told-apart": Explanation(
         ("caution",),
         "The transferred model does not differ significantly from a table",
-        "For the motion of the other trial, transferred body and table's body predict nearly the same moment or centre "
-        "of pressure. The difference is less than two standard deviations of the transferred body (rms over the "
-        "trial), which follow from the covariance of the body parameters. On a pinned chain, they follow from the "
+        "For the motion of the other trial, the transferred body and the table's body predict nearly the same moment "
+        "or centre of pressure: the rms difference is less than two standard deviations of the transferred body's "
+        "prediction. These come from the covariance of the body parameters. On a pinned chain, they come from the "
         "covariance of the base parameters and, for what the wrench does not determine, from 15 % of each full "
         "parameter (`identify-dim: {reference_sd: …}`). The forces of the other trial are not used.",
         "Record the model's trial with the movement to be predicted, more repetitions or a larger range; or use the "

@@ -159,10 +159,10 @@ class ImuEntry(Entry):
     """Inertial sensor on a segment: the sample stamped t was taken at ``clock_offset_s + t (1 + 1e-6 ppm)``.
 
     ``sd_s`` is the standard deviation of this time in the middle of the trial; ``observable`` is false if the motion
-    does not show the clock to 2 ms. ``mounting`` is the rotation from the sensor to the segment, ``position_m`` is in
-    the segment's frame, and ``skin_share`` is the share of the segment's twist that the skin under the sensor does not
-    follow. Without markers, the clock is that against the first sensor, and ``heading_deg`` is the turn about the
-    vertical between start and end, by the gyroscope alone.
+    does not determine the clock offset to 2 ms. ``mounting`` is the rotation from the sensor to the segment,
+    ``position_m`` is in the segment's frame, and ``skin_share`` is the share of the segment's axial rotation that the
+    skin under the sensor misses. Without markers, the clock offset is relative to the first sensor, and ``heading_deg``
+    is the rotation about the vertical between start and end, by the gyroscope alone.
     """
 
     used: bool

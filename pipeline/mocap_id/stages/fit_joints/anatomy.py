@@ -150,7 +150,7 @@ class _ClusterPoses:
         return cls(*cluster_poses(without_skin_twist(points, chain), chain), still)
 
     def standing(self) -> SegmentPoses:
-        """Return the pose in the middle of the still frames that show all clusters."""
+        """Return the pose in the middle of the still frames that show all clusters; without any, in the first one."""
         seen = self.still.start + np.flatnonzero(np.isfinite(self.rotations[self.still]).all(axis=(1, 2, 3)))
         middle = int(seen[len(seen) // 2]) if len(seen) else self.still.start
         return SegmentPoses(self.rotations[middle], self.origins[middle])

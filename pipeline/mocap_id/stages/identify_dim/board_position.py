@@ -31,7 +31,7 @@ _OPPOSITE = {"forwards": "backwards", "backwards": "forwards", "left": "right", 
 
 @dataclass(frozen=True)
 class _Shift:
-    """Shift along the motion that the model needs, its standard deviation, m, and the misfit that remains."""
+    """Shift of the board along the motion that fits the model best, its standard deviation, m, and the misfit."""
 
     value: float
     sd: float

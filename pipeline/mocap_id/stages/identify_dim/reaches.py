@@ -112,7 +112,7 @@ def _by_target(reaches: Sequence[Reach]) -> dict[str, Any]:
 def _volumes(
     angles: SpatialAngles, poses: SegmentPoses, arm: RecordedArm, ranges: Mapping[str, AngleRange]
 ) -> dict[str, Any]:
-    """Return the reachable volume in the box and in the visited region, and its surface.
+    """Return the wrist's reachable volumes within the ranges of the joints and within visited postures, and surfaces.
 
     Raises
     ------

@@ -42,10 +42,10 @@ def sit_to_stand_events(
         wrench.parquet.
     recorded : TrialData
     movement : Movement
-        With a posture.
+        Its posture must be known.
     missing : sequence of (T,) arrays
-        Vertical force that a body model expects from the ground minus the measured force, N, for each clock that may
-        be right; empty without a model. A support must appear in all of them.
+        Vertical force of the ground by a body model, minus the measured force, N: one array for each plausible clock
+        offset; empty without a model. A support counts only if all arrays show it.
     share : float
         Share of the standing weight, for seat-off by the rule of the thesis.
     seat_measured : bool

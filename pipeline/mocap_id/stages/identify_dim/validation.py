@@ -164,9 +164,9 @@ def reasons(found: Mapping[str, Any]) -> tuple[Reason, ...]:
             Reason(
                 "held-out-worse",
                 "left-out repetitions are predicted no better than by the reference body, made from height and mass: "
-                f"the error is {_times(worse)} that of the reference. This recording does not support an individual "
-                "model of these quantities: marker errors, loose joints or unmodelled limbs cause larger errors than "
-                "the difference between the person and the reference",
+                f"the error relative to that of the reference is {_times(worse)}. This recording does not support an "
+                "individual model of these quantities: marker errors, loose joints or unmodelled limbs cause larger "
+                "errors than the difference between the person and the reference",
                 value=max(worse.values()),
                 limit=1.0,
             )
@@ -175,8 +175,8 @@ def reasons(found: Mapping[str, Any]) -> tuple[Reason, ...]:
         out.append(
             Reason(
                 "held-out-far",
-                f"left-out repetitions are predicted much worse than fitted ones: {_times(far)} the error within the "
-                "fit. The parameters depend on peculiarities of single repetitions",
+                f"left-out repetitions are predicted much worse than fitted ones: the error relative to that within "
+                f"the fit is {_times(far)}. The parameters depend on peculiarities of single repetitions",
                 value=max(far.values()),
                 limit=_FAR,
             )
@@ -212,4 +212,4 @@ def _rms(errors: Mapping[str, Any] | None, name: str) -> float:
 
 def _times(ratios: Mapping[str, float]) -> str:
     words = {"cop_x": "the centre of pressure"}
-    return ", ".join(f"{ratio:.2f} times (of {words.get(name, name)})" for name, ratio in ratios.items())
+    return ", ".join(f"{ratio:.2f} ({words.get(name, name)})" for name, ratio in ratios.items())

@@ -192,9 +192,9 @@ def _notes(
         notes.append(
             Reason(
                 "window-proposed",
-                f"only {part.time[0]:g} to {part.time[-1]:g} s is used, the longest part in which markers stay still "
-                f"(the recording runs from {part.source.time[0]:g} to {part.source.time[-1]:g} s); give `window:` to "
-                "choose another.",
+                f"only {part.time[0]:g} to {part.time[-1]:g} s is used, the longest part in which some markers stay "
+                f"still and others move (the recording runs from {part.source.time[0]:g} to {part.source.time[-1]:g} "
+                "s); give `window:` to choose another.",
                 level="ok",
             )
         )

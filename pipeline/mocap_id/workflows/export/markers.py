@@ -15,7 +15,7 @@ from mocap_id.workflows.run_folder import RunFolder
 
 
 def marker_labels(run: RunFolder) -> dict[str, str]:
-    """Return OpenSim's names of all markers of the recording."""
+    """Return OpenSim's name of each marker that the run uses, by its label."""
     planar = run.long("planar.parquet")
     return {} if planar is None else legal(sorted(planar.labels))
 

@@ -1,4 +1,4 @@
-"""Shank and thigh of every person against landmarks and stature (table 6.1 as a figure)."""
+"""Lengths of shank and thigh of every person, identified, by landmarks and by stature (table 6.1 as a figure)."""
 
 from __future__ import annotations
 
