@@ -21,6 +21,7 @@ _ROUNDS = 5  # iterations of an update from a frame's own pose
 _MOST = 20  # iterations of Gauss–Newton
 _CLOSE = 3e-3  # rad and m; a step smaller than this leaves an error of about its square
 _LEAST_LEFT = 1e-10  # of a variance, that smoothing leaves
+_FASTEST = 200.0  # rad/s or m/s; a faster motion is no movement, and its joint starts again
 _STEADY = 0.5  # rad/s; largest standard deviation of a rate with which accelerometers are used
 _LEAP = 0.2  # rad and m; largest step that is extrapolated
 
@@ -1080,6 +1081,8 @@ def run_filter(
             lost = k == 0 or failing[j] > noise.patience
             for c in range(max(first, 3), end):
                 lost = lost or p[c, c] > noise.start[c, 0]
+            for c in range(first, end):
+                lost = lost or not abs(pose.rate[0, c]) < _FASTEST
             if lost:
                 restarted[k, j] = True
                 failing[j] = 0

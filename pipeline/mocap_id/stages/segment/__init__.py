@@ -67,7 +67,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="segment",
-    version=13,
+    version=14,
     inputs=("planar.parquet",),
     outputs=("segments.parquet",),
     uses=("space", "protocol", "calibration"),

@@ -6,10 +6,18 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
+import numpy as np
+
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.errors import Refused
 from mocap_id.kinematics import Segmentation, frames_over_time
-from mocap_id.kinematics.marker_faults import BadStretch, RecordedMarkers, find_bad_stretches, sampled_rows
+from mocap_id.kinematics.marker_faults import (
+    BadStretch,
+    RecordedMarkers,
+    find_bad_stretches,
+    find_repeats,
+    sampled_rows,
+)
 from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
@@ -110,6 +118,13 @@ def segment_without_bad(
             return replace(done, view=view, points=other.points)
         done = other
     return done
+
+
+def without_repeats(recorded: Trajectories) -> Trajectories:
+    """Return the markers of a trial in space without stretches in which an exact position is repeated."""
+    points = recorded.in_space(np.arange(len(recorded.labels)))
+    repeats = find_repeats(points, recorded.rate)
+    return Trajectories(recorded.planar, [_fact(recorded, each, ()) for each in repeats])
 
 
 def _segmented(view: Trajectories, frames: int, segmented: Callable[[FloatArray], Segmentation]) -> SegmentedMarkers:

@@ -18,6 +18,7 @@ from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.calibration import read_chain
 from mocap_id.stages.marker_names import marker_columns
 from mocap_id.stages.segment import SegmentSettings
+from mocap_id.stages.segment.bad_markers import bad_marker_notes, without_repeats
 from mocap_id.stages.segment.hints import UNSURE, given_names, marker_constraints, search_rules
 from mocap_id.stages.segment.known_segments import facts_without_search, skeleton_segments
 from mocap_id.stages.trial_keys import given_landmarks
@@ -51,10 +52,12 @@ def segment_bodies(context: Context) -> Outputs:
     """Return segments.parquet of a trial in space."""
     settings: SegmentSettings = context.settings
     view = Trajectories(context.long("planar.parquet"))
+    skeleton = is_skeleton(view.planar.facts)
+    if skeleton and context.trial.calibration is None:
+        return (skeleton_segments(view),)
+    view = view if skeleton else without_repeats(view)
     if context.trial.calibration is not None:
         return (_calibrated(context, view),)
-    if is_skeleton(view.planar.facts):
-        return (skeleton_segments(view),)
     labels = view.labels
     out = list(marker_columns(labels, settings.ignore, "segment: ignore"))
     points = view.in_space(np.arange(len(labels)))
@@ -92,9 +95,9 @@ def segment_bodies(context: Context) -> Outputs:
         "residual": found.residual,
         "reason": np.array(why, dtype=object),
     }
-    facts = _facts(found, names, joint_names, labels)
+    facts = _facts(found, names, joint_names, labels) | {"bad_stretches": list(view.bad)}
     doubts = _unsure(found) or _without_forearm(names)
-    return (Table(SEGMENTS, columns, facts, doubts + _branches(found, labels)),)
+    return (Table(SEGMENTS, columns, facts, (*doubts, *_branches(found, labels), *bad_marker_notes(view.bad))),)
 
 
 def _strayed_wrist(
@@ -259,7 +262,8 @@ def _calibrated(context: Context, view: Trajectories) -> Table:
         "reason": np.array(why, dtype=object),
     }
     facts = facts_without_search(names, _joint_names(names), tree.integers("joints/parent").tolist())
-    return Table(SEGMENTS, columns, facts, _moved(view.labels, residual) + _few(names, segment))
+    doubts = _moved(view.labels, residual) + _few(names, segment)
+    return Table(SEGMENTS, columns, facts | {"bad_stretches": list(view.bad)}, (*doubts, *bad_marker_notes(view.bad)))
 
 
 _MOVED = 0.02
