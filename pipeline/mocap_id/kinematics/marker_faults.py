@@ -167,14 +167,13 @@ def find_repeats(points: FloatArray, rate: float) -> tuple[BadStretch, ...]:
         Hz.
     """
     found = []
+    same = np.all(points[1:] == points[:-1], axis=2)
     for marker in range(points.shape[1]):
-        own = points[:, marker]
-        runs = find_runs(np.all(own[1:] == own[:-1], axis=1))
-        for run in (run for run in runs if run.stop - run.start >= _SHORTEST * rate):
+        for run in (run for run in find_runs(same[:, marker]) if run.stop - run.start >= _SHORTEST * rate):
             inside = slice(run.start, run.stop + 1)
-            away = np.linalg.norm(points[inside] - own[run.start], axis=2)
-            known = np.flatnonzero(np.isfinite(away).any(axis=0))
-            near = known[np.argsort(np.nanmedian(away[:, known], axis=0))[1 : 1 + _NEIGHBOURS]]
+            away = np.linalg.norm(points[inside] - points[run.start, marker], axis=2)
+            known = np.flatnonzero(np.isfinite(away).any(axis=0) & (same[run].mean(axis=0) < _MOSTLY))
+            near = known[np.argsort(np.nanmedian(away[:, known], axis=0))[:_NEIGHBOURS]]
             travel = np.nanmax(points[inside][:, near], axis=0) - np.nanmin(points[inside][:, near], axis=0)
             if len(near) and float(np.median(travel.max(axis=1))) > _REPEATED_MOVES:
                 found.append(BadStretch(marker, inside.start, inside.stop - 1, "frozen"))

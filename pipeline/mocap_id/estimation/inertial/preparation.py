@@ -19,7 +19,7 @@ Skin turns a sensor, and the chain cannot follow it. With smaller values, the jo
 
 _MOST_OFF = 0.35  # of the segment's rms angular velocity
 _LEAST_MOVED = 0.15  # rad/s
-_MOST_FORCE = 2.0  # m/s²
+_MOST_FORCE, _MOST_BIAS = 2.0, 3.0  # m/s²
 _UNKNOWN_LAG = 0.08  # share of the twist: skin under markers and sensor misses it by different and changing shares
 _UNKNOWN_TWIST, _BRIDGED_TWIST = 0.3, 0.1  # rad, where no marker shows the segment: interpolated, and by sensors
 
@@ -107,4 +107,10 @@ def disagreement(found: Calibrated) -> str | None:
     if found.left[1] > _MOST_FORCE:
         off = found.left[1]
         return f"its accelerometer differs from the markers by {off:.2g} m/s² rms; expected at most {_MOST_FORCE:g}"
+    bias = float(np.linalg.norm(found.acc_bias))
+    if bias > _MOST_BIAS:
+        return (
+            f"its accelerometer has a bias of {bias:.2g} m/s², expected at most {_MOST_BIAS:g}: gravity was probably "
+            "removed from its signal, or its unit is not that of the file"
+        )
     return None

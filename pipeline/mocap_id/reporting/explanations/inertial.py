@@ -76,6 +76,19 @@ INERTIAL: Mapping[str, Explanation] = {
         "ukf-smooth",
         "Angle of the mean specific force out of the plane against that of the calibration, degrees; limit 3.",
     ),
+    "imus-contradict": Explanation(
+        ("caution", "refused"),
+        "The inertial sensors contradict each other",
+        "On the chain of the calibration, the angular velocities of all gyroscopes predict what each accelerometer "
+        "should measure. The difference is larger than noise and skin explain. The usual causes are two exchanged "
+        "sensors, a sensor that was turned or put on anew, the calibration of another person, a wrong unit, and a clock "
+        "of another rate. The angles may then be wrong by 5° to 180°, which no interval includes.",
+        "Check which sensor is on which segment, its units and its clock, and that the calibration is of the same "
+        "person and the same placement.",
+        "ukf-smooth",
+        "Largest rms of a component of this difference, m/s²; 0.05 in simulated people. Caution above 0.1, refused "
+        "above 0.5.",
+    ),
     "imu-heading": Explanation(
         ("caution",),
         "The motion left its plane",

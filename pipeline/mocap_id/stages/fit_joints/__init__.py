@@ -61,7 +61,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="fit-joints",
-    version=16,
+    version=17,
     inputs=("planar.parquet", "segments.parquet"),
     outputs=("chain.h5",),
     uses=("space", "side", "landmarks", "pointers", "pointer", "static", "calibration"),

@@ -25,6 +25,7 @@ from mocap_id.geometry.spatial_frames import reframed
 from mocap_id.kinematics.space.chain_result import SpatialFit, move_centre
 from mocap_id.stages.base import Context
 from mocap_id.stages.fit_joints import FitJointsSettings
+from mocap_id.stages.fit_joints.landmark_checks import landmark_doubts
 from mocap_id.stages.fit_joints.pointed_landmarks import MarkedChain, read_pointed_landmarks
 from mocap_id.stages.skin_twist import cluster_poses, without_skin_twist
 from mocap_id.stages.trial_keys import given_landmarks
@@ -111,9 +112,11 @@ def in_anatomical_frames(
         pointed, more = read_pointed_landmarks(context.trial, marked, segment, view.labels, settings.palpation_sd_m)
         return {**seen, **pointed}, (*notes, *more), poses
 
-    fit = _with_middles(fit, lambda fit: placed(fit)[0], numbers)
-    places, reasons, poses = placed(fit)
-    frames = _frames(fit, places, {**segment, **numbers}, poses, settings.humerus)
+    moved = _with_middles(fit, lambda fit: placed(fit)[0], numbers)
+    places, reasons, poses = placed(moved)
+    frames = _frames(moved, places, {**segment, **numbers}, poses, settings.humerus)
+    reasons += landmark_doubts(fit, placed(fit)[0], frames, numbers, poses.standing())
+    fit = moved
     turns = np.stack([frames.frames[name].rotation if name in frames.frames else np.eye(3) for name in names])
     base = frames.frames[names[0]].origin if names[0] in frames.frames else np.zeros(3)
     shifts = np.zeros((len(names), 3))

@@ -12,6 +12,7 @@ from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialJoint
 from mocap_id.kinematics.space.skeleton import LASTING_SD, Bone, SensorNoise, Trunk, fit_bone, fit_trunk, sensor_noise
 from mocap_id.stages.base import Context, Outputs
+from mocap_id.stages.fit_joints.landmark_checks import implausible, implausible_lengths
 from mocap_id.stages.fit_joints.space import joint_arrays
 from mocap_id.store import Tree
 from mocap_id.store.schemas import CHAIN
@@ -51,7 +52,8 @@ def fit_skeleton_chain(context: Context) -> Outputs:
         bones.append(fit_bone(inside["hand"] - inside["wrist"], np.zeros(3), LASTING_SD, rate=view.rate))
     memory = sensor_noise(_residuals(trunk, bones, inside, tracks), view.rate)
     facts = {"estimator": context.settings.estimator, **_facts(bones, memory)}
-    return (Tree(CHAIN, _data(view, roles, trunk, bones, inside), facts, (_biases(),)),)
+    doubts = implausible(implausible_lengths({"upper_arm": upper.length, "forearm": lower.length}))
+    return (Tree(CHAIN, _data(view, roles, trunk, bones, inside), facts, (_biases(), *doubts)),)
 
 
 def _inside(trunk: Trunk, track: FloatArray) -> FloatArray:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.errors import NumericalError, RecordingError
+from mocap_id.errors import NumericalError, RecordingError, Refused
 from mocap_id.estimation import States
 from mocap_id.estimation.dead_reckoning import FORCE_BIAS, SWITCHED_ON
 from mocap_id.estimation.inertial import SensorSignals
@@ -33,6 +33,7 @@ from mocap_id.verdict import Reason
 
 _LONGEST_GAP = 0.5  # s without samples of a sensor
 _TURNED = np.radians(3.0)  # of a sensor out of the plane against the calibration
+_FITTING, _CONTRADICTING = 0.1, 0.5  # m/s² rms between accelerometers and gyroscopes; 0.05 in simulated people
 _LEFT = np.radians(15.0)  # turn about the vertical, beyond twice its standard deviation
 
 
@@ -45,6 +46,8 @@ def states_of_sensors(context: Context) -> Outputs:
         The method is not the usual one.
     RecordingError
         A log cannot be read or has a long gap, or the calibration does not show its sensors.
+    Refused
+        Accelerometers and gyroscopes contradict each other.
     """
     settings: UkfSmoothSettings = context.settings
     check_method(settings.method, settings.engine)
@@ -54,6 +57,9 @@ def states_of_sensors(context: Context) -> Outputs:
     signals = [_signals(context, name, view.time) for name in names]
     shown, snap = _shown(context, skeleton)
     tracked = track_alone(signals, view.time, shown)
+    worst = int(np.argmax(tracked.reckoning.residual))
+    if tracked.reckoning.residual[worst] > _CONTRADICTING:
+        raise Refused("imus-contradict", f"{_contradiction(tracked, worst, names)}: no angles are given. {_CAUSES}")
     uncertain = tracked.sd[..., 0] > settings.angle_sd_limit
     tracked.mean[uncertain], tracked.sd[uncertain] = np.nan, np.nan
     facts = {
@@ -171,6 +177,11 @@ def _reasons(
             float(sd),
         )
     ]
+    worst = int(np.argmax(tracked.reckoning.residual))
+    off = float(tracked.reckoning.residual[worst])
+    if off > _FITTING:
+        text = f"{_contradiction(tracked, worst, names)}: the angles may be wrong by 5° and more. {_CAUSES}"
+        reasons.append(Reason("imus-contradict", text, off, _FITTING))
     for k, segment in enumerate(names):
         reasons += _moved(tracked, k, segment) + _left(tracked, k, segment)
         if tracked.reckoning.shift_sd[k] > OBSERVABLE:
@@ -181,6 +192,19 @@ def _reasons(
     return tuple(reasons)
 
 
+def _contradiction(tracked: Tracked, worst: int, names: tuple[str, ...]) -> str:
+    return (
+        f"the accelerometers contradict the gyroscopes on the chain of the calibration, most on the {names[worst]}: by "
+        f"{tracked.reckoning.residual[worst]:.2g} m/s² rms, expected at most {_FITTING:g}"
+    )
+
+
+_CAUSES = (
+    "Check which sensor is on which segment, its units (rad/s and m/s²) and clock, that it was not turned since the "
+    "calibration, and that the calibration is of the same person."
+)
+
+
 def _moved(tracked: Tracked, k: int, segment: str) -> list[Reason]:
     """Return a caution if gravity shows that a sensor was turned on its segment since the calibration."""
     turned = float(np.arcsin(np.clip(abs(tracked.level[k]) / GRAVITY, 0.0, 1.0)))
@@ -188,7 +212,7 @@ def _moved(tracked: Tracked, k: int, segment: str) -> list[Reason]:
         return []
     message = (
         f"the sensor on the {segment} leans {np.degrees(turned):.0f}° out of the plane against the calibration: it was "
-        "turned on it, or the person leaned sideways. Its angles may be wrong by as much, which no interval contains."
+        "turned on it, or the person leaned sideways. The angles may be wrong by more, which no interval includes."
     )
     return [Reason("imu-moved", message, float(np.degrees(turned)), float(np.degrees(_TURNED)))]
 

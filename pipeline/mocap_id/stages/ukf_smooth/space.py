@@ -8,7 +8,6 @@ from typing import Any
 import numpy as np
 
 from mocap_id.anatomy.angles import (
-    ELBOW,
     SHOULDER,
     JointAngles,
     elbow_angles,
@@ -25,6 +24,7 @@ from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.cluster_slides import without_cluster_slides
 from mocap_id.stages.skin_twist import with_twist_errors, without_skin_twist
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
+from mocap_id.stages.ukf_smooth.arm_checks import arm_doubts
 from mocap_id.stages.ukf_smooth.gap_reasons import gap_reasons
 from mocap_id.stages.ukf_smooth.noise_reasons import bridge_repeated, find_repeated_frames, repeated_reason
 from mocap_id.stages.ukf_smooth.skeleton import shown_by_skeleton, smooth_skeleton_states
@@ -37,8 +37,6 @@ from mocap_id.verdict import Reason
 
 _COMMON_WITH_IMUS = 0.1
 """Share of the twist that the skin under all markers and the sensor of a segment may miss together."""
-_HYPEREXTENDED = 20.0  # degrees: elbows extend by up to 15° beyond straight
-_MOSTLY = 0.98  # quantile of the flexion
 _ANATOMICAL = {
     "shoulder": ("thorax", "upper_arm", shoulder_angles),
     "elbow": ("upper_arm", "forearm", elbow_angles),
@@ -83,7 +81,7 @@ def smooth_rotations(context: Context) -> Outputs:
     segments = [name.replace("_", " ") for name in skeleton.segments]
     missing = np.isnan(states.omega[:, :, 0])
     reasons = gap_reasons(missing, view.time, segments, "pose", settings) + repeated_reason(repeated) + sensed
-    reasons += backward_elbow(angles)
+    reasons += arm_doubts(angles, _thorax_axis(states, skeleton, tree.facts["frames"]))
     facts = _facts(states, points, settings) | ({"imus": imus} if imus else {})
     return (
         Table(STATES, _state_columns(states, skeleton, view.time, observed), facts, reasons),
@@ -117,20 +115,11 @@ def _angles(states: SpatialStates, skeleton: SpatialSkeleton, facts: Mapping[str
     return found
 
 
-def backward_elbow(angles: Sequence[JointAngles]) -> tuple[Reason, ...]:
-    """Return a caution if the elbow bends backwards, as in a trial whose ``side`` is that of the other arm."""
-    flexion = next((each.angle[:, 0] for each in angles if each.names == ELBOW), np.zeros(0))
-    flexion = np.degrees(flexion[np.isfinite(flexion)])
-    if not len(flexion):
-        return ()
-    low, high = np.quantile(flexion, [1 - _MOSTLY, _MOSTLY]).tolist()
-    if low > -_HYPEREXTENDED or low + high > 0:
-        return ()
-    text = (
-        f"the elbow bends backwards: its flexion is {low:.0f}° to {high:.0f}°. The arm is probably the other one: give "
-        "the right `side:`, or check the names of the landmarks"
-    )
-    return (Reason("elbow-backwards", text, low, -_HYPEREXTENDED),)
+def _thorax_axis(states: SpatialStates, skeleton: SpatialSkeleton, frames: str) -> FloatArray:
+    """Return the long axis (F, 3) of the thorax in the trial, y up; no rows if its frame is not anatomical."""
+    if frames == "own" or "thorax" not in skeleton.segments:
+        return np.zeros((0, 3))
+    return np.asarray(states.rotations[:, skeleton.segments.index("thorax"), :, 1])
 
 
 def _path(skeleton: SpatialSkeleton, parent: int, child: int) -> list[int]:

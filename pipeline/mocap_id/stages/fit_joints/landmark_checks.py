@@ -1,0 +1,123 @@
+"""Checks of an arm's landmarks: exchanged names, a wrong vertical axis or a wrong unit make an impossible skeleton."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from mocap_id.anatomy.frames import THORAX
+from mocap_id.anatomy.segment_frames import AnatomicalFrames, SegmentPoses
+from mocap_id.anatomy.still_pose import LandmarkPlace
+from mocap_id.arrays import FloatArray
+from mocap_id.kinematics.space.chain_result import SpatialFit
+from mocap_id.verdict import Reason
+
+_ABOVE = (("IJ", "PX"), ("C7", "T8"))
+"""Pairs of landmarks of the thorax, the upper one first."""
+_OUT_OF_PLANE = 0.025  # m, rms, of the thorax's landmarks from the plane that fits them
+_BESIDE = 0.05  # m, of the middle of two landmarks from the centre that the motion shows
+_SURE = 0.02  # m; in directions with a larger standard deviation, the distance counts less
+_ACROSS = 45.0  # degrees, between the epicondyles and the axis that the motion shows
+_LENGTHS = {"upper_arm": (0.15, 0.45), "forearm": (0.12, 0.40)}
+"""Shortest and longest segments of children and adults, m."""
+_NEXT = {"upper_arm": "forearm", "forearm": "hand"}
+_PAIRS = {"forearm": ("EL", "EM"), "hand": ("RS", "US")}
+
+
+def landmark_doubts(
+    fit: SpatialFit,
+    places: Mapping[str, LandmarkPlace],
+    frames: AnatomicalFrames,
+    where: Mapping[str, int],
+    standing: SegmentPoses,
+) -> tuple[Reason, ...]:
+    """Return a caution with everything that contradicts the anatomy of an arm; none if nothing does.
+
+    Parameters
+    ----------
+    fit : SpatialFit
+        Before its centres are moved to landmarks.
+    places : mapping
+        Landmarks in the frames of their segments.
+    frames : AnatomicalFrames
+    where : mapping
+        Number of each segment.
+    standing : SegmentPoses
+        A pose at rest; y is up.
+    """
+    at = {name: place.local for name, place in places.items()}
+    found = [*_thorax(at, frames, where, standing, fit), *_joints(fit, at, where), *_sizes(fit, where)]
+    return implausible(found)
+
+
+def _thorax(
+    at: Mapping[str, FloatArray],
+    frames: AnatomicalFrames,
+    where: Mapping[str, int],
+    standing: SegmentPoses,
+    fit: SpatialFit,
+) -> Iterator[str]:
+    frame = frames.frames.get("thorax")
+    if frame is None:
+        return
+    own = where["thorax"]
+    for upper, lower in _ABOVE:
+        heights = [standing.place(at[name], own)[1] for name in (upper, lower)]
+        if heights[0] < heights[1]:
+            yield f"at rest, {upper} is {1e3 * (heights[1] - heights[0]):.0f} mm below {lower}"
+    landmarks = np.array([at[name] for name in THORAX.up])
+    off = float(np.linalg.svd(landmarks - landmarks.mean(axis=0), compute_uv=False)[-1]) / np.sqrt(len(landmarks))
+    if off > _OUT_OF_PLANE:
+        yield f"{', '.join(THORAX.up)} are {1e3 * off:.0f} mm out of one plane (rms)"
+    joint = fit.chain.joints[where["upper_arm"] - 1] if "upper_arm" in where else None
+    if joint is not None and joint.known and joint.parent == own:
+        side = float((joint.centre - frame.origin) @ frame.rotation[:, 2])
+        if side < 0:
+            yield "the shoulder is on the other side of the thorax, as if IJ and C7 were exchanged"
+
+
+def _joints(fit: SpatialFit, at: Mapping[str, FloatArray], where: Mapping[str, int]) -> Iterator[str]:
+    for child, pair in _PAIRS.items():
+        if child not in where or where[child] == 0 or not all(name in at for name in pair):
+            continue
+        joint = fit.chain.joints[where[child] - 1]
+        if not joint.known or not np.isfinite(joint.covariance).all():
+            continue
+        across = at[pair[0]] - at[pair[1]]
+        off = joint.centre - (at[pair[0]] + at[pair[1]]) / 2
+        away = float(np.sqrt(off @ np.linalg.solve(joint.covariance / _SURE**2 + np.eye(3), off)))
+        if away > _BESIDE:
+            yield f"the middle of {pair[0]} and {pair[1]} is {1e3 * away:.0f} mm from the centre of their joint"
+        if child == "forearm" and joint.kind == "two-axis" and np.isfinite(joint.axes_covariance[0]).all():
+            cosine = abs(float(across @ joint.first_axis)) / max(float(np.linalg.norm(across)), 1e-9)
+            angle = float(np.degrees(np.arccos(min(cosine, 1.0))))
+            if angle > _ACROSS:
+                yield f"the line through EL and EM is {angle:.0f}° from the axis about which the elbow bends"
+
+
+def _sizes(fit: SpatialFit, where: Mapping[str, int]) -> list[str]:
+    lengths = {}
+    for name, tip in _NEXT.items():
+        joint = fit.chain.joints[where[tip] - 1] if where.get(tip, 0) else None
+        if joint is not None and joint.known and joint.parent == where.get(name):
+            lengths[name] = float(np.linalg.norm(joint.centre))
+    return implausible_lengths(lengths)
+
+
+def implausible_lengths(lengths: Mapping[str, float]) -> list[str]:
+    """Return what is wrong with the lengths of upper arm and forearm, m, in words."""
+    return [
+        f"the {name.replace('_', ' ')} is {length:.3g} m long, expected {shortest:g} to {longest:g} m"
+        for name, length in lengths.items()
+        for shortest, longest in [_LENGTHS[name]]
+        if not shortest <= length <= longest
+    ]
+
+
+def implausible(found: Sequence[str]) -> tuple[Reason, ...]:
+    """Return a caution with everything that was found; none if nothing was."""
+    if not found:
+        return ()
+    text = "Check the names of the landmarks, and the unit and the vertical axis of the recording; the angles are wrong"
+    return (Reason("landmarks-implausible", f"{'; '.join(found)}. {text}", float(len(found)), 0.0),)
