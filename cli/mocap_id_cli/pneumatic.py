@@ -11,6 +11,7 @@ import typer
 
 from mocap_id.arrays import NORMAL_95
 from mocap_id.config.device import load_device
+from mocap_id.errors import ConfigError
 from mocap_id.stages.device import Condition
 from mocap_id.workflows import pneumatic as workflow
 from mocap_id_cli.console import AsJson, aligned, print_json
@@ -59,6 +60,8 @@ def _curve(
     given = {"flexion_Pa": flexion, "extension_Pa": extension}
     changed = {name: pressure for name, pressure in given.items() if pressure is not None}
     if changed:
+        if not all(0 < pressure < math.inf for pressure in changed.values()):
+            raise ConfigError(f"--flexion and --extension: expected pressures above 0 Pa, not {changed}")
         state = Condition(**(state.model_dump() | changed | {"worn": True}))
     found = workflow.device_curve(config, state, polytropic, angles)
     files = () if out is None else found.write(out)
@@ -140,6 +143,8 @@ def _identify(
     typer.echo("\n".join(aligned(rows)))
     left_out = f", {found['left_out']} with empty cells left out" if found["left_out"] else ""
     typer.echo(f"residual {found['residual_Nm']:.3f} N·m over {found['samples']} samples{left_out}")
+    for caution in found["cautions"]:
+        typer.echo(f"caution: {caution}")
 
 
 def _row(parameter: dict[str, Any]) -> list[str]:

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from typing import Annotated, Any, Literal, TypeAlias
 
-from pydantic import BeforeValidator, Field, WithJsonSchema
+from pydantic import BeforeValidator, Field, WithJsonSchema, model_validator
 
 from mocap_id.stages.base import Settings
 
 Vector: TypeAlias = tuple[float, float, float]
+_FARTHEST = 0.6
+"""Largest distance of a body's mass from the origin of its segment, m."""
 
 
 def _as_text(value: object) -> object:
@@ -29,6 +31,17 @@ class Body(Settings):
         (0.0, 0.0, 0.0), description="moments of inertia about the centre along the segment's axes, kg·m²"
     )
     segment: Literal["forearm", "hand"] = Field("hand", description="segment that carries it")
+
+    @model_validator(mode="after")
+    def _in_metres(self) -> Body:
+        if max(map(abs, self.centre)) > _FARTHEST:
+            raise ValueError(f"centre: {max(self.centre, key=abs):g} m is outside every arm; give metres")
+        if min(self.inertia) < 0 or max(self.inertia) > self.mass * _FARTHEST**2:
+            most = self.mass * _FARTHEST**2
+            raise ValueError(
+                f"inertia: expected 0 to {most:.3g} kg·m² for {self.mass:g} kg on an arm, not {max(self.inertia):g}"
+            )
+        return self
 
 
 class CurlKeys(Settings):

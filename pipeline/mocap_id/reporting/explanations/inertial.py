@@ -81,8 +81,8 @@ INERTIAL: Mapping[str, Explanation] = {
         "The inertial sensors contradict each other",
         "On the chain of the calibration, the angular velocities of all gyroscopes predict what each accelerometer "
         "should measure. The difference is larger than noise and skin explain. The usual causes are two exchanged "
-        "sensors, a sensor that was turned or put on anew, the calibration of another person, a wrong unit, and a clock "
-        "of another rate. The angles may then be wrong by 5° to 180°, which no interval includes.",
+        "sensors, a sensor that was turned or put on anew, the calibration of another person, a wrong unit, and a "
+        "clock of another rate. The angles may then be wrong by 5° to 180°, which no interval includes.",
         "Check which sensor is on which segment, its units and its clock, and that the calibration is of the same "
         "person and the same placement.",
         "ukf-smooth",

@@ -82,11 +82,11 @@ LANDMARKS: Mapping[str, Explanation] = {
     "landmarks-implausible": Explanation(
         ("caution",),
         "The landmarks do not make an arm",
-        "The skeleton is not that of an arm: a landmark of the thorax below its lower neighbour, landmarks of the thorax "
-        "out of one plane, the shoulder on the wrong side, landmarks of elbow or wrist far from the joint that the "
-        "motion determines, an axis of the elbow across its epicondyles, or a segment that is too short or too long. "
-        "The usual causes are two exchanged names, a wrong side, a wrong unit and a wrong vertical axis. The angles are "
-        "then wrong by up to 180°.",
+        "The skeleton is not that of an arm: a landmark of the thorax below its lower neighbour, landmarks of the "
+        "thorax out of one plane, the shoulder on the wrong side, landmarks of elbow or wrist far from the joint that "
+        "the motion determines, an axis of the elbow across its epicondyles, or a segment that is too short or too "
+        "long. The usual causes are two exchanged names, a wrong side, a wrong unit and a wrong vertical axis. The "
+        "angles are then wrong by up to 180°.",
         "Compare the names of the landmarks in the recording with the body. Give the right ones under `landmarks:`, "
         "and the unit or axis by `planarise: {units: …, vertical: …}`.",
         "fit-joints",
@@ -97,8 +97,8 @@ LANDMARKS: Mapping[str, Explanation] = {
         ("caution",),
         "No arm moves like this",
         "The thorax leans far from the vertical for most of the trial, or the forearm is turned as no forearm is. The "
-        "usual causes are a wrong vertical axis of the recording and exchanged landmarks, such as RS and US. The angles "
-        "are then wrong by up to 180°, and torques by the direction of gravity.",
+        "usual causes are a wrong vertical axis of the recording and exchanged landmarks, such as RS and US. The "
+        "angles are then wrong by up to 180°, and torques by the direction of gravity.",
         "Give the axis by `planarise: {vertical: …}`, and check the names of the landmarks. If the person lies, the "
         "angles are right.",
         "ukf-smooth",

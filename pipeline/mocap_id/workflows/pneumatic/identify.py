@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,8 @@ _KEYS = {
     "coulomb": "coulomb_Nm",
     "viscous": "viscous_Nms",
 }
+_LIMITS = {"area_flexion_m2": (0.25, True), "area_extension_m2": (0.25, True), "full_flexion_deg": (10.0, False)}
+"""Largest difference from the description: a share of it, or degrees. Dimensions are known better than this."""
 _LEAST = 20  # samples
 _IN_SPACE = "elbow_flexion", "delbow_flexion", "elbow_torque"
 
@@ -77,7 +80,26 @@ def identify_device(config: DeviceConfig, source: Path, joint: int = 1) -> dict[
         "left_out": left_out,
         "residual_Nm": found.residual,
         "parameters": parameters,
+        "cautions": _cautions(parameters),
     }
+
+
+def _cautions(parameters: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Return what is far from the description of the device, with the usual causes."""
+    far = []
+    for each in parameters:
+        if each["value"] is None or each["name"] not in _LIMITS:
+            continue
+        limit, relative = _LIMITS[each["name"]]
+        off = abs(each["value"] - each["described"])
+        if off > limit * (abs(each["described"]) if relative else 1.0):
+            far.append(f"{each['name']} is {each['value']:.4g}, described as {each['described']:.4g}")
+    if not far:
+        return []
+    return [
+        f"{'; '.join(far)}: check the log (torque in N·m without an offset, angle in rad from the same zero, absolute "
+        "pressures in Pa) and the file of the device"
+    ]
 
 
 def _of_csv(config: DeviceConfig, path: Path) -> tuple[TorqueLog, int]:
@@ -98,7 +120,7 @@ def _of_csv(config: DeviceConfig, path: Path) -> tuple[TorqueLog, int]:
     velocity = columns.get(VELOCITY)
     if velocity is None and TIME in columns:
         if not np.all(np.diff(columns[TIME]) > 0):
-            raise RecordingError(f"{path}: `{TIME}` does not increase: sort the rows by time and remove repeated rows")
+            raise RecordingError(f"{path}: `{TIME}` does not increase: let it go on from one condition to the next")
         velocity = np.gradient(columns[ANGLE], columns[TIME])
     if PRESSURES[0] in columns:
         pairs, which = np.unique(np.stack([columns[name] for name in PRESSURES], axis=1), axis=0, return_inverse=True)
