@@ -46,3 +46,15 @@ def test_a_missing_device_is_an_error_with_its_line(tmp_path: Path) -> None:
     (tmp_path / "elbow.yaml").unlink()
     with pytest.raises(ConfigError, match=r"trial.yaml, line 5: device: there is no file .*elbow.yaml"):
         load(file)
+
+
+@pytest.mark.parametrize(
+    ("load_", "said"),
+    [
+        ("{mass: 3.6, centre: [0, -75, 0]}", "-75 m is outside every arm"),
+        ("{mass: 3.6, centre: [0, -0.075, 0], inertia: [90, 90, 90]}", "expected 0 to 1.3 kg·m²"),
+    ],
+)
+def test_loads_in_wrong_units_are_errors(tmp_path: Path, load_: str, said: str) -> None:
+    with pytest.raises(ConfigError, match=said):
+        load(trial(tmp_path, f"loads: {{dumbbell: {load_}}}"))

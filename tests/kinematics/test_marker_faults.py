@@ -14,7 +14,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.config import load
 from mocap_id.kinematics import SegmentationRules, frames_along_motion, segment_markers
 from mocap_id.kinematics.lone_markers import find_lone_markers
-from mocap_id.kinematics.marker_faults import RecordedMarkers, find_bad_stretches, sampled_rows
+from mocap_id.kinematics.marker_faults import RecordedMarkers, find_bad_stretches, find_repeats, sampled_rows
 from mocap_id.runner import run_stage
 from mocap_id.simulation import Options, simulate
 from mocap_id.simulation.options import read_faults
@@ -99,3 +99,19 @@ def test_bad_samples_reach_no_later_stage(tmp_path: Path) -> None:
     inside = (markers.time >= bad["first_s"]) & (markers.time <= bad["last_s"])
     assert not used[inside].any()
     assert used[~inside].mean() > 0.9
+
+
+def test_exact_repeats_are_found_unless_the_body_rests() -> None:
+    rng = np.random.default_rng(4)
+    sway = np.cumsum(rng.normal(size=(400, 1, 3)), axis=0) * 1e-3
+    points = rng.normal(size=(8, 3)) * 0.1 + sway + 1e-5 * rng.normal(size=(400, 8, 3))
+    assert find_repeats(points, RATE) == ()
+    for frozen in ([2], [0, 1, 2, 3, 4]):
+        held = points.copy()
+        held[100:200, frozen] = points[100, frozen]
+        assert {(each.marker, each.first, each.last) for each in find_repeats(held, RATE)} == {
+            (marker, 100, 199) for marker in frozen
+        }
+    still = points.copy()
+    still[:, :] = points[0]
+    assert find_repeats(still, RATE) == ()

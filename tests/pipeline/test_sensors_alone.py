@@ -112,6 +112,25 @@ def test_a_sensor_that_was_turned_is_said(place: Path, summary: dict[str, Any]) 
     assert "imu-moved" in codes
 
 
+@pytest.mark.parametrize(
+    ("imus", "level"),
+    [
+        ("{shank: imu_thigh.csv, thigh: imu_shank.csv, torso: imu_torso.csv}", "refused"),
+        ("{shank: imu_shank.csv, thigh: imu_thigh.csv, torso: slow.csv}", "caution"),
+    ],
+)
+def test_sensors_that_contradict_each_other(place: Path, imus: str, level: str) -> None:
+    """Two exchanged sensors, and a clock that is 1 % slow."""
+    log = read_imu(place / "trial/imu_torso.csv")
+    head = "time_s,gyro_x,gyro_y,gyro_z,acc_x,acc_y,acc_z"
+    rows = np.column_stack([log.time * 0.99, log.gyro, log.acc])
+    np.savetxt(place / "trial/slow.csv", rows, delimiter=",", header=head, comments="", fmt="%.6f")
+    outcome = run(load(without_recording(place / "trial/trial.yaml", imus=imus, out=f"runs/contradict-{level}")))
+    verdict = json.loads((outcome.folder / "summary.json").read_text("utf-8"))["verdict"]
+    assert verdict["level"] == level
+    assert "imus-contradict" in [each["code"] for each in verdict["reasons"]]
+
+
 def test_a_segment_without_a_sensor_is_refused(place: Path) -> None:
     configuration = without_recording(place / "trial/trial.yaml", imus="{shank: imu_shank.csv, torso: imu_torso.csv}")
     refused = run(load(configuration)).refused

@@ -13,6 +13,7 @@ from typer.testing import CliRunner, Result
 
 from mocap_id.config.device import load_device
 from mocap_id.errors import ConfigError
+from mocap_id.pneumatics.identification import TorqueLog, predicted_torque
 from mocap_id.store import Table
 from mocap_id.workflows.pneumatic import identify as identification
 from mocap_id_cli.app import build
@@ -134,6 +135,7 @@ def test_a_trial_in_space_of_a_relaxed_person(monkeypatch: pytest.MonkeyPatch) -
     [
         (("curve", DEVICE, "--condition", "55"), "did you mean `5`"),
         (("curve", DEVICE, "--flexion", 9e6), "up to the supply's 700000 Pa"),
+        (("curve", DEVICE, "--flexion", "nan"), "expected pressures above 0 Pa"),
         (("curve", DEVICE, "--polytropic", 2), "between 1"),
         (("pressures", DEVICE, "--stiffness", -1, "--rest-angle", 1), "above zero"),
         (("pressures", DEVICE, "--stiffness", 1, "--rest-angle", 1, "--range", 2, 1), "is empty"),
@@ -145,6 +147,22 @@ def test_mistakes_are_said(arguments: tuple[object, ...], said: str) -> None:
     result = call(*arguments)
     assert result.exit_code != 0
     assert said in str(result.exception)
+
+
+def test_a_log_far_from_the_description_gives_a_caution(tmp_path: Path) -> None:
+    """Torque in N·m and in inch-pounds."""
+    device = load_device(DEVICE)
+    time = np.linspace(0, 20, 800)
+    angle, velocity, which = 1.2 + 0.9 * np.sin(time), 0.9 * np.cos(time), np.zeros(800, dtype=np.int64)
+    log = TorqueLog(angle, angle, velocity, (device.keys.sealed.setting(),), which)
+    torque = predicted_torque(device.keys.cylinder(), log)
+    for unit, caution in ((1.0, False), (8.85, True)):
+        rows = np.column_stack([angle, unit * torque, velocity])
+        file = tmp_path / "log.csv"
+        np.savetxt(file, rows, delimiter=",", header="angle_rad,torque_Nm,velocity_rad_s", comments="")
+        result = call("identify", DEVICE, file)
+        assert result.exit_code == 0
+        assert ("caution: " in result.output) == caution
 
 
 def test_mistakes_of_the_file_and_the_log(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import json
 import os
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from mocap_id.store import Folder
 from mocap_id.workflows.identified_trial import open_identified_trial
 from mocap_id.workflows.parallel import LocalBackend, TrialRun, run_trials
 from mocap_id.workflows.study import run_study
+from mocap_id.workflows.study.study import same_recordings
 from mocap_id.workflows.study.tables import TABLES
 from mocap_id.workflows.transfer import SERIES, apply_model
 
@@ -45,6 +47,17 @@ def test_a_broken_a_missing_and_a_refused_trial_stop_no_other(ran: Ran) -> None:
     assert trials.loc["s01-gone", "message"] == "the C3D file: no such file, named as `recording.markers` in study.yaml"
     assert set(table(ran, "parameters")["trial"]) == {"s01-normal-1", "s01-dynamic-1"}
     assert (ran.outcome.study.out / "s01-refused" / "report.html").is_file()
+
+
+def test_a_copied_recording_is_found(ran: Ran) -> None:
+    def trials(*names: str) -> Any:
+        out = ran.outcome.study.out
+        return SimpleNamespace(
+            trials=[SimpleNamespace(name=f"{k}", trial=SimpleNamespace(out=out / n)) for k, n in enumerate(names)]
+        )
+
+    assert list(same_recordings(trials("s01-normal-1", "s01-dynamic-1", "s01-gone"))) == []
+    assert list(same_recordings(trials("s01-normal-1", "s01-dynamic-1", "s01-normal-1"))) == [("0", "2")]
 
 
 def test_who_runs_it_is_told_which_file_is_broken(ran: Ran) -> None:

@@ -189,6 +189,13 @@ def test_two_seconds_without_markers_do_not_interpolate_the_twist(case, both) ->
     assert off.max() < 1.5
 
 
+def test_an_accelerometer_without_gravity_is_left_out(case) -> None:
+    trial, sensors = case
+    slow = replace(sensors[0], acc=sensors[0].acc - sensors[0].acc.mean(axis=0))
+    _, results = fused(trial, {0: slow})
+    assert "gravity was probably removed" in str(results[0].why)
+
+
 def test_swapped_sensors_are_named_and_left_out(case) -> None:
     trial, sensors = case
     alone = smooth_in_space(trial.positions @ UP.T, trial.rate, true_chain(trial))

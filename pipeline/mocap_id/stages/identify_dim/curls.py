@@ -34,7 +34,10 @@ def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
     angles, keys = context.table("angles.parquet"), context.trial.curl
     time = angles["time"]
     if _FLEXION not in angles.names:
-        why = "no flexion of the elbow: the trial shows no landmarks of upper arm and forearm"
+        why = (
+            "no flexion of the elbow: the chain has no upper arm and forearm with landmarks. Curls hardly move the "
+            "shoulder: name a trial of the same person in which all joints move as `calibration:`"
+        )
         return _events((), {"why": why}, (Reason("no-curls", why),)), {}
     rules = _rules(keys)
     poses = SegmentPoses.from_table(context.table("poses.parquet"))

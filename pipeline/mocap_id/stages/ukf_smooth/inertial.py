@@ -101,7 +101,10 @@ def check_method(method: str, engine: str) -> None:
 def _sensors(names: Sequence[str], files: Mapping[str, Path], mirrored: bool) -> dict[int, SensorSignals]:
     for name in files:
         if name not in names:
-            raise ConfigError(f"imus: there is no segment {name!r}; the segments are {', '.join(names)}")
+            raise ConfigError(
+                f"imus: there is no segment {name!r}; the segments are {', '.join(names)}. If the motion is too small "
+                "to separate all segments, name a trial in which all joints move as `calibration:`"
+            )
     return {names.index(name): _signals(file, mirrored) for name, file in files.items()}
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+import logging
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from mocap_id.config.study import Study, StudyTrial, load_study
 from mocap_id.reporting.results.columns import ResultTable
 from mocap_id.reporting.results.result import Result
 from mocap_id.reporting.study.page_data import PAGE_FILE, CohortData
+from mocap_id.stages import STAGES
 from mocap_id.store import Folder, dumps, hash_bytes, hash_file
 from mocap_id.workflows.parallel import LocalBackend, TrialCallback, TrialRun, run_trials
 from mocap_id.workflows.study.lengths_table import length_rows
@@ -22,6 +24,8 @@ from mocap_id.workflows.study.strategies_table import strategy_rows
 from mocap_id.workflows.study.tables import TABLES
 from mocap_id.workflows.study.trial_results import TrialResult, read_trial_result
 from mocap_id.workflows.study.variation_table import variation_rows
+
+_log = logging.getLogger(__name__)
 
 DOCUMENT = "study.json"
 _VERSION = 4  # raised whenever the same trials would give other tables or another page
@@ -89,6 +93,10 @@ def run_study(
     with Folder(study.folder).locked():
         begin(len(study.trials))
         runs = run_trials([one.trial for one in study.trials], LocalBackend(jobs), tell)
+        for first, other in same_recordings(study):
+            _log.warning(
+                f"{file}: the trials {first} and {other} have the same recording: one file was probably copied"
+            )
         key = _key(study, runs)
         document = _up_to_date(study.folder, key)
         if document is not None:
@@ -96,6 +104,21 @@ def run_study(
         result = _result(study, runs, key)
         result.write(study.folder)
     return StudyResult(study, runs, result.document, reused=False)
+
+
+def same_recordings(study: Study) -> Iterator[tuple[str, str]]:
+    """Yield pairs of trials that used the same part of a recording with the same content, after they have run."""
+    known: dict[Any, str] = {}
+    for one in study.trials:
+        origin = Folder(one.trial.out).origin(STAGES[0].name, STAGES[0].outputs)
+        if origin is None:
+            continue
+        hashes = frozenset(each for role, each in origin.inputs.items() if role.startswith("recording"))
+        if hashes:
+            content = (hashes, str(origin.parameters.get("window")))
+            if content in known:
+                yield known[content], one.name
+            known.setdefault(content, one.name)
 
 
 def make_tables(trials: Sequence[TrialResult]) -> dict[str, ResultTable]:
