@@ -159,7 +159,7 @@ def test_a_movement_in_space_is_refused_in_the_plane(arm: tuple[Path, Path], tmp
 def test_commands_for_the_plane_say_so(cli, arm: tuple[Path, Path], tmp_path: Path, command: tuple[str, ...]) -> None:
     said = cli(command[0], arm[1], *command[1:], "--out", tmp_path / "out")
     assert said.code == 6
-    assert "needs one in the plane" in said.err
+    assert "needs a run in the plane" in said.err
     assert not (tmp_path / "out").exists()
 
 

@@ -43,7 +43,6 @@ _STEP = 0.6  # of the way to another place
 _STILL = 2e-3  # m; a marker within this distance stands still
 _SEGMENT_MOVES = 0.02  # m; its segment moves by more than this meanwhile
 _REPEATED_MOVES = 0.003  # m; or than this, if exactly the same coordinates are repeated
-_NEIGHBOURS = 3  # markers that show whether the body moves meanwhile
 
 
 @dataclass(frozen=True)
@@ -154,30 +153,6 @@ def find_bad_stretches(
         bad += own
     ghosts = np.intersect1d(strays, np.flatnonzero(find_lone_markers(recorded.points)))
     return (*bad, *(BadStretch(int(marker), 0, int(recorded.rows[-1]), "ghost") for marker in ghosts))
-
-
-def find_repeats(points: FloatArray, rate: float) -> tuple[BadStretch, ...]:
-    """Find stretches in which a marker repeats exactly its last position while the markers nearest to it move.
-
-    Parameters
-    ----------
-    points : (F, M, 3) array
-        m; NaN where not seen.
-    rate : float
-        Hz.
-    """
-    found = []
-    same = np.all(points[1:] == points[:-1], axis=2)
-    for marker in range(points.shape[1]):
-        for run in (run for run in find_runs(same[:, marker]) if run.stop - run.start >= _SHORTEST * rate):
-            inside = slice(run.start, run.stop + 1)
-            away = np.linalg.norm(points[inside] - points[run.start, marker], axis=2)
-            known = np.flatnonzero(np.isfinite(away).any(axis=0) & (same[run].mean(axis=0) < _MOSTLY))
-            near = known[np.argsort(np.nanmedian(away[:, known], axis=0))[:_NEIGHBOURS]]
-            travel = np.nanmax(points[inside][:, near], axis=0) - np.nanmin(points[inside][:, near], axis=0)
-            if len(near) and float(np.median(travel.max(axis=1))) > _REPEATED_MOVES:
-                found.append(BadStretch(marker, inside.start, inside.stop - 1, "frozen"))
-    return tuple(found)
 
 
 def _tracks(recorded: RecordedMarkers, found: Segmentation, fitted: ComplexArray) -> _Tracks | None:

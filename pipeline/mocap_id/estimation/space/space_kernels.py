@@ -1079,10 +1079,8 @@ def run_filter(
         for j in range(n + 1):
             first, end = 0 if j == 0 else model.first[j], model.first[j] + (3 if j == 0 else model.freedom[j - 1])
             lost = k == 0 or failing[j] > noise.patience
-            for c in range(max(first, 3), end):
-                lost = lost or p[c, c] > noise.start[c, 0]
             for c in range(first, end):
-                lost = lost or not abs(pose.rate[0, c]) < _FASTEST
+                lost = lost or (c >= 3 and p[c, c] > noise.start[c, 0]) or not abs(pose.rate[0, c]) < _FASTEST
             if lost:
                 restarted[k, j] = True
                 failing[j] = 0

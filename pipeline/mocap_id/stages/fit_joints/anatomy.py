@@ -85,8 +85,7 @@ def in_anatomical_frames(
     """
     settings: FitJointsSettings = context.settings
     numbers = {name: k for k, name in enumerate(names)}
-    side = context.trial.side
-    named = find_landmarks(view.labels, given_landmarks(context.trial), side)
+    named = find_landmarks(view.labels, given_landmarks(context.trial), context.trial.side)
     wanted = {name: marker for name, marker in named.markers.items() if SEGMENTS[name] in numbers}
     known = {*wanted, *(str(name) for name in context.trial.pointers)}
     segment = {name: numbers[SEGMENTS[name]] for name in known if SEGMENTS[name] in numbers}
@@ -116,7 +115,6 @@ def in_anatomical_frames(
     places, reasons, poses = placed(moved)
     frames = _frames(moved, places, {**segment, **numbers}, poses, settings.humerus)
     reasons += landmark_doubts(fit, placed(fit)[0], frames, numbers, poses.standing())
-    fit = moved
     turns = np.stack([frames.frames[name].rotation if name in frames.frames else np.eye(3) for name in names])
     base = frames.frames[names[0]].origin if names[0] in frames.frames else np.zeros(3)
     shifts = np.zeros((len(names), 3))
@@ -128,8 +126,8 @@ def in_anatomical_frames(
         "frame_covariance": _covariances(frames),
     }
     found = _landmarks({name: (segment[name], local[name]) for name in places}, places)
-    chain = reframed(fit.chain, turns, base)
-    return AnatomicalChain(fit, chain, found, facts, (*named.reasons, *still.reasons, *reasons, *frames.reasons))
+    chain = reframed(moved.chain, turns, base)
+    return AnatomicalChain(moved, chain, found, facts, (*named.reasons, *still.reasons, *reasons, *frames.reasons))
 
 
 def _some_frames(still: slice, count: int) -> tuple[IntArray, slice]:
