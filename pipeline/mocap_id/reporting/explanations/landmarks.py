@@ -90,7 +90,7 @@ LANDMARKS: Mapping[str, Explanation] = {
         "Compare the names of the landmarks in the recording with the body. Give the right ones under `landmarks:`, "
         "and the unit or axis by `planarise: {units: …, vertical: …}`.",
         "fit-joints",
-        "The number of contradictions. Limits: 0 mm of height, 25 mm (plane), 50 mm (middle of two landmarks), 45° "
+        "The number of contradictions. Limits: 50 mm (height, and middle of two landmarks), 25 mm (plane), 45° "
         "(axis), 0.15 to 0.45 m (upper arm), 0.12 to 0.40 m (forearm).",
     ),
     "motion-implausible": Explanation(

@@ -15,6 +15,7 @@ from mocap_id.verdict import Reason
 
 _ABOVE = (("IJ", "PX"), ("C7", "T8"))
 """Pairs of landmarks of the thorax, the upper one first."""
+_BELOW = 0.05  # m; in a person who lies, the heights are nearly the same
 _OUT_OF_PLANE = 0.025  # m, rms, of the thorax's landmarks from the plane that fits them
 _BESIDE = 0.05  # m, of the middle of two landmarks from the centre that the motion shows
 _SURE = 0.02  # m; in directions with a larger standard deviation, the distance counts less
@@ -63,9 +64,9 @@ def _thorax(
         return
     own = where["thorax"]
     for upper, lower in _ABOVE:
-        heights = [standing.place(at[name], own)[1] for name in (upper, lower)]
-        if heights[0] < heights[1]:
-            yield f"at rest, {upper} is {1e3 * (heights[1] - heights[0]):.0f} mm below {lower}"
+        below = float(standing.place(at[lower], own)[1] - standing.place(at[upper], own)[1])
+        if below > _BELOW:
+            yield f"at rest, {upper} is {1e3 * below:.0f} mm below {lower}"
     landmarks = np.array([at[name] for name in THORAX.up])
     off = float(np.linalg.svd(landmarks - landmarks.mean(axis=0), compute_uv=False)[-1]) / np.sqrt(len(landmarks))
     if off > _OUT_OF_PLANE:
