@@ -35,7 +35,7 @@ SEVERITIES = (0.0, 0.2, 0.4, 0.6, 0.8)
 """Of five trials in a row, which are a cohort."""
 DIFFERENT = 0.1
 """Least relative difference of the true volumes / (arm length)³ of two people who can be told apart."""
-THESIS = {"–": ".374, .328, .234", "1": ".358", "2": ".270", "3": ".178", "5": ".0015"}
+THESIS = {"–": "0.374, 0.328, 0.234", "1": "0.358", "2": "0.270", "3": "0.178", "5": "0.0015"}
 """Volumes of table 7.1, m³, by Brooke score."""
 
 

@@ -52,10 +52,10 @@ def test_a_right_arm_is_not_doubted(arm: Path) -> None:
     ("exchanged", "said"),
     [
         ("C7: T8, T8: C7", "C7 is"),
-        ("IJ: PX, PX: IJ", "IJ is"),
+        pytest.param("IJ: PX, PX: IJ", "IJ is", marks=pytest.mark.slow),
         ("IJ: C7, C7: IJ", "other side of the thorax"),
-        ("AC: C7, C7: AC", "out of one plane"),
-        ("EL: FOR2", "middle of EL and EM"),
+        pytest.param("AC: C7, C7: AC", "out of one plane", marks=pytest.mark.slow),
+        pytest.param("EL: FOR2", "middle of EL and EM", marks=pytest.mark.slow),
     ],
 )
 def test_exchanged_landmarks_are_reported(arm: Path, exchanged: str, said: str) -> None:
@@ -74,7 +74,7 @@ def test_lengths_in_a_wrong_unit_are_reported(scale: float, wrong: int) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "said"),
     [
-        ("vertical", "planarise: {vertical: X}", "the thorax leans"),
+        pytest.param("vertical", "planarise: {vertical: X}", "the thorax leans", marks=pytest.mark.slow),
         ("wrist", "landmarks: {RS: US, US: RS}", "RS and US are probably exchanged"),
     ],
 )
@@ -108,6 +108,7 @@ def test_markers_that_repeat_their_position_are_left_out(arm: Path) -> None:
     assert np.sqrt(np.nanmean(off**2)) < 2
 
 
+@pytest.mark.slow
 def test_the_filter_does_not_run_away(arm: Path) -> None:
     """Noise of 0.1 mm hides that the position is repeated; the wrong chain then made rates of 1e25 rad/s."""
     file, _ = held(arm, "held", 1e-4)
