@@ -235,7 +235,7 @@ def columns_of(schema: TableSchema, names: Sequence[str]) -> Iterator[Column]:
 
 
 def _names(column: Column, names: Sequence[str]) -> list[str]:
-    """Return what stands for ``{name}`` in each name (of a table's column) that matches a column of the schema."""
+    """Return the text in the place of ``{name}`` from each of the names; names of another form are left out."""
     pattern = re.escape(column.name).replace(r"\{name\}", "(.+)")
     return [match[1] for name in names if (match := re.fullmatch(pattern, str(name)))]
 

@@ -67,7 +67,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="segment",
-    version=14,
+    version=15,
     inputs=("planar.parquet",),
     outputs=("segments.parquet",),
     uses=("space", "protocol", "calibration"),
