@@ -12,7 +12,7 @@ import pytest
 from recording_cases import ORIGIN, signals
 
 from mocap_id import recording
-from mocap_id.plates.dropout import find_dropouts
+from mocap_id.plates.standing import find_dropouts
 from mocap_id.recording import PlateSignals
 from mocap_id.recording.marker_posture import upright
 from mocap_id.recording.plate_types import plate_axes, surface_wrench

@@ -1,10 +1,10 @@
-"""Checks of force plates: which are under the feet or a chair, where they are, and when they fail.
+"""Checks of force plates: which plates are under the feet or a chair, where they are, and when they fail.
 
 Sign convention: all forces are those of the ground (or chair) on the body, not of the body on the plate.
 """
 
-from mocap_id.plates.choice import GRAVITY, PlateChoice, choose_plates, find_contradictions, standing_mass
-from mocap_id.plates.seat import ZeroRule, measure_empty_chair
+from mocap_id.plates.choice import PlateChoice, choose_plates, find_contradictions
+from mocap_id.plates.standing import GRAVITY, ZeroRule, find_dropouts, measure_empty_chair, standing_mass
 
 __all__ = [
     "GRAVITY",
@@ -12,6 +12,7 @@ __all__ = [
     "ZeroRule",
     "choose_plates",
     "find_contradictions",
+    "find_dropouts",
     "measure_empty_chair",
     "standing_mass",
 ]

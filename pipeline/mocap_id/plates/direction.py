@@ -1,7 +1,7 @@
 """Comparison of the direction of a plate's horizontal force with the acceleration of the body.
 
-Newton's law needs the masses, which are unknown. Therefore one non-negative mass is fitted to the markers in each third
-of the body's height. These masses affect the size of the predicted force more than its direction.
+Newton's law needs the masses of the body, which are not known. Therefore one non-negative mass is fitted to the markers
+in each third of the body's height. These masses affect the size of the predicted force more than its direction.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ _STEP_S = 0.1
 """Accelerations are second differences over this time."""
 
 _MIN_SHARE = 0.6
-"""Share of the usual load below which something else, such as a chair, may also exert a horizontal force."""
+"""Share of the usual load. At a smaller load, a chair, for example, may also exert a horizontal force."""
 
 _ANGLES = tuple(np.radians(np.arange(-175, 181, 5)).tolist())
 _MIN_TOTAL_S = 1.0
@@ -26,16 +26,16 @@ _MIN_TOTAL_S = 1.0
 
 @dataclass(frozen=True)
 class ForceDirection:
-    """Angle about the vertical from the measured acceleration to the horizontal force.
+    """Direction of the horizontal force relative to the measured acceleration.
 
     Parameters
     ----------
     angle : float
-        Angle in (-π, π] in steps of 5°, rad.
+        Angle about the vertical from the acceleration to the force, in (-π, π] in steps of 5°, rad.
     coherence : float
-        Correlation of the force with the acceleration rotated by the angle, 0 to 1.
+        Correlation of the force with the acceleration after rotation by the angle, 0 to 1.
     size : float
-        rms deviation of the force from its mean, N.
+        Root mean square of the force minus its mean, N.
     """
 
     angle: float
@@ -44,7 +44,7 @@ class ForceDirection:
 
 
 def compare_directions(force: FloatArray, positions: FloatArray, rate: float) -> ForceDirection | None:
-    """Compare the direction of a horizontal force with that of the acceleration of the body.
+    """Compare the direction of a horizontal force with the direction of the body's acceleration.
 
     The second difference of a position over a step h is the acceleration averaged over ± h with triangular weights. The
     force is averaged with the same weights.
@@ -52,9 +52,9 @@ def compare_directions(force: FloatArray, positions: FloatArray, rate: float) ->
     Parameters
     ----------
     force : (F, 3) array
-        Force on the body, lab axes, N; NaN where unknown.
+        Force on the body, lab axes, N; NaN where missing.
     positions : (F, M, 3) array
-        Markers, m.
+        Markers, lab axes with Z up, m; NaN where not visible.
     rate : float
         Frames per second.
 
@@ -63,7 +63,7 @@ def compare_directions(force: FloatArray, positions: FloatArray, rate: float) ->
     ForceDirection or None
         None if there are too few samples to compare.
     """
-    half, groups = max(1, round(_STEP_S * rate)), _by_height(positions)
+    half, groups = max(1, round(_STEP_S * rate)), _group_by_height(positions)
     if len(positions) < 4 * half or not groups or not np.isfinite(force).any():
         return None
     each = (positions[2 * half :] - 2 * positions[half:-half] + positions[: -2 * half]) * (rate / half) ** 2
@@ -75,11 +75,11 @@ def compare_directions(force: FloatArray, positions: FloatArray, rate: float) ->
     if known.sum() < _MIN_TOTAL_S * rate:
         return None
     kept = np.flatnonzero(known)[:: max(1, half // 4)]  # the averaged signals have no faster content
-    return _best_rotation(averaged[kept, :2], acceleration[:, kept])
+    return _fit_rotation(averaged[kept, :2], acceleration[:, kept])
 
 
 def mean_over_markers(values: FloatArray) -> FloatArray:
-    """Return the mean (F, 3) over the visible markers (F, M, 3); NaN if none is visible."""
+    """Return the mean (F, 3) over the visible markers of (F, M, 3) values; NaN if none is visible."""
     known: BoolArray = np.asarray(np.isfinite(values).all(axis=2))
     count = known.sum(axis=1)
     total = np.where(known[..., None], values, 0.0).sum(axis=1)
@@ -87,13 +87,13 @@ def mean_over_markers(values: FloatArray) -> FloatArray:
 
 
 def _triangular_mean(values: FloatArray, half: int) -> FloatArray:
-    """Average a series (F, 3) with triangular weights over ± ``half`` samples, (F - 2 half, 3)."""
+    """Average a series (F, 3) with triangular weights over ± ``half`` samples; return (F - 2 half, 3)."""
     weights = np.concatenate([np.arange(1, half + 1), np.arange(half - 1, 0, -1)]) / half**2
     return np.stack([np.convolve(each, weights, "valid")[1:-1] for each in values.T], axis=1)
 
 
-def _by_height(positions: FloatArray) -> Sequence[IntArray]:
-    """Return the indices of the markers in each third of the body's height that has any."""
+def _group_by_height(positions: FloatArray) -> Sequence[IntArray]:
+    """Return the indices of the markers in each third of the body's height, without empty thirds."""
     height = np.array([np.median(z[np.isfinite(z)]) if np.isfinite(z).any() else np.nan for z in positions[:, :, 2].T])
     if not np.isfinite(height).any():
         return []
@@ -103,17 +103,17 @@ def _by_height(positions: FloatArray) -> Sequence[IntArray]:
     return [group for group in groups if group.size]
 
 
-def _best_rotation(measured: FloatArray, parts: FloatArray) -> ForceDirection:
-    """Find the rotation of the accelerations (k, T, 2) that best explains a force (T, 2), each minus its mean."""
+def _fit_rotation(measured: FloatArray, parts: FloatArray) -> ForceDirection:
+    """Return the rotation of the accelerations (k, T, 2) that best explains the force (T, 2), each minus its mean."""
     measured, parts = measured - measured.mean(axis=0), parts - parts.mean(axis=1, keepdims=True)
     size = float(np.linalg.norm(measured))
-    left, angle = min((_unexplained(measured, parts, angle), angle) for angle in _ANGLES)
-    coherence = float(np.sqrt(max(0.0, 1.0 - (left / max(size, 1e-300)) ** 2)))
+    residual, angle = min((_residual_norm(measured, parts, angle), angle) for angle in _ANGLES)
+    coherence = float(np.sqrt(max(0.0, 1.0 - (residual / max(size, 1e-300)) ** 2)))
     return ForceDirection(angle, coherence, size / float(np.sqrt(len(measured))))
 
 
-def _unexplained(measured: FloatArray, parts: FloatArray, angle: float) -> float:
-    """Return the residual of a force (T, 2) after fitting non-negative masses to rotated accelerations (k, T, 2)."""
+def _residual_norm(measured: FloatArray, parts: FloatArray, angle: float) -> float:
+    """Return the norm of the residual of the force (T, 2) after a fit of masses to rotated accelerations (k, T, 2)."""
     c, s = np.cos(angle), np.sin(angle)
     rows = (parts @ np.array([[c, s], [-s, c]])).reshape(len(parts), -1).T
     return float(nnls(rows, measured.reshape(-1))[1])

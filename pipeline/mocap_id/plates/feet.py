@@ -1,4 +1,4 @@
-"""Positions of the standing feet, from the low markers that do not move."""
+"""Positions of the standing feet, estimated from the low markers that do not move."""
 
 from __future__ import annotations
 
@@ -7,33 +7,33 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 
 _STILL_M = 0.015
-"""Largest rms distance of a marker on a standing foot from its mean; for heels and toes it is 3 to 9 mm."""
+"""Largest rms distance of a marker on a standing foot from its mean position; for heels and toes it is 3 to 9 mm."""
 
 _ON_SURFACE_M = 0.008
-"""A marker closer to the height of the plate's surface is on the plate; on a foot it is at least 10 mm higher."""
+"""Markers within this height of the plate's surface are on the plate. Markers on a foot are at least 10 mm higher."""
 
 _LOW_M = 0.15
-"""Markers on toes, heels and ankles are at most this much higher than the lowest one."""
+"""Markers on toes, heels and ankles are at most this much higher than the lowest marker."""
 
 _LEG_M, _BESIDE_M = 0.6, 0.25
-"""A foot has a marker of the leg above it, up to this height and within this horizontal distance."""
+"""Above a foot, up to the first height, there is a marker of the leg within the second, horizontal distance."""
 
 _NEIGHBOUR_M = (0.2, 0.175, 0.15, 0.125)
-"""Largest distance between neighbouring markers of a foot; the smaller values separate feet that are close."""
+"""Largest distances between neighbouring markers of a foot. The smaller ones separate feet that are close together."""
 
 _MIN_MARKERS = 2
-"""Minimum number of markers of a foot: one shows neither its length nor its direction."""
+"""Minimum number of markers of a foot: one marker gives neither its length nor its direction."""
 
 _FRAMES = 20_000
-"""Largest number of frames that places of feet are averaged over: more only cost memory."""
+"""Largest number of frames over which positions are averaged; more frames only need more memory."""
 
 _DIRECTIONS = np.stack([np.cos(np.radians(np.arange(0, 360, 2))), np.sin(np.radians(np.arange(0, 360, 2)))])
 
 
 def find_standing_feet(
-    positions: FloatArray, samples: BoolArray, surface: float | None, wanted: int
+    positions: FloatArray, samples: BoolArray, surface: float | None, count: int
 ) -> list[FloatArray]:
-    """Find the feet that stand still under a leg.
+    """Return the marker positions of each foot that stands still under a leg.
 
     Parameters
     ----------
@@ -42,9 +42,9 @@ def find_standing_feet(
     samples : (F,) bool array
         Frames to consider.
     surface : float or None
-        Height of the plates' surface, m, to exclude markers on it; None if unknown.
-    wanted : int
-        Number of feet to look for: feet close together are separated until there are this many.
+        Height of the plates' surface, m, to exclude the markers on it; None if it is not known.
+    count : int
+        Number of feet to look for. Markers are separated into smaller groups until there are at least this many.
 
     Returns
     -------
@@ -53,8 +53,7 @@ def find_standing_feet(
     """
     chosen = np.flatnonzero(samples)
     considered = positions[chosen[:: -(-len(chosen) // _FRAMES) or 1]]
-    count = np.isfinite(considered).all(axis=2).sum(axis=0)
-    often = count > len(considered) / 2
+    often = np.isfinite(considered).all(axis=2).sum(axis=0) > len(considered) / 2
     if not often.any():
         return []
     middle, scatter = np.full((len(often), 3), np.nan), np.full(len(often), np.inf)
@@ -70,9 +69,9 @@ def find_standing_feet(
     legs, low = middle[(height >= _LOW_M) & (height < _LEG_M)], middle[still & (height < _LOW_M)]
     groups: list[FloatArray] = []
     for reach in _NEIGHBOUR_M:
-        groups = [low[group] for group in _groups(low[:, :2], reach)]
-        groups = [group for group in groups if len(group) >= _MIN_MARKERS and _under_a_leg(group, legs)]
-        if len(groups) >= wanted:
+        groups = [low[group] for group in _group_neighbours(low[:, :2], reach)]
+        groups = [group for group in groups if len(group) >= _MIN_MARKERS and _is_under_leg(group, legs)]
+        if len(groups) >= count:
             break
     return groups
 
@@ -106,15 +105,16 @@ def largest_distance(outline: FloatArray) -> float:
     return float(np.max(np.linalg.norm(outline[:, None] - outline[None], axis=-1)))
 
 
-def _groups(points: FloatArray, reach: float) -> list[IntArray]:
-    """Group points (K, 2) that are connected by steps of at most ``reach``; return their indices."""
+def _group_neighbours(points: FloatArray, reach: float) -> list[IntArray]:
+    """Return the indices of the points (K, 2) of each group that is connected by steps of at most ``reach``, m."""
     near = np.linalg.norm(points[:, None] - points[None], axis=-1) <= reach
     for _ in range(len(points)):
         near = near @ near
     return [np.flatnonzero(row) for row in np.unique(near, axis=0)]
 
 
-def _under_a_leg(foot: FloatArray, legs: FloatArray) -> bool:
+def _is_under_leg(foot: FloatArray, legs: FloatArray) -> bool:
+    """Return whether a marker of a leg is close to the foot in the horizontal plane."""
     if not len(legs):
         return False
     away = np.linalg.norm(legs[:, None, :2] - foot[None, :, :2], axis=-1)

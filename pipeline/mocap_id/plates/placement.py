@@ -1,8 +1,8 @@
 """Comparison of the position of a force plate in the file with the markers of the person on it.
 
-The checks need no model of the body: the ground only pushes, so its force acts under the feet; feet stand on the
-surface; the force under a person who stands still is vertical. The direction of horizontal forces is checked in
-:mod:`mocap_id.plates.direction`.
+The checks need no model of the body. The ground only pushes, so its force acts under the feet. Feet stand on the
+surface of the plate. The force under a person who stands still is vertical. The direction of horizontal forces is
+checked in :mod:`mocap_id.plates.direction`.
 """
 
 from __future__ import annotations
@@ -23,23 +23,26 @@ from mocap_id.recording.plate_types import plate_axes
 from mocap_id.recording.resampling import PlateSamples
 
 _MIN_FORCE_N, _MIN_SHARE = 50.0, 0.25
-"""Minimum force of a sample, in N and as a share of the peak; below, the centre of pressure is too noisy."""
+"""Minimum force of a sample, in N and as a share of the peak force. At smaller forces the centre of pressure is too
+noisy.
+"""
 
 _PERCENTILE = 90.0
-"""Percentile of the distances of the centre of pressure from the outline that is compared."""
+"""Percentile of the distances of the centre of pressure from the outline that is compared with the limits."""
 
 _FOOT_M = 0.20
-"""Length from the heel markers to the toe markers; a shorter outline lacks one end of the foot."""
+"""Length from the heel markers to the toe markers. A shorter outline lacks one end of the foot."""
 
 _BOTH_ENDS_M = 0.13
-"""Least length of each foot's markers, and least width of those of all feet. From the ankle to the toes it is at least
-0.135 m; markers of the toes alone, or of one foot alone, are at most 0.12 m long or wide."""
+"""Least length of each foot's markers, and least width of the markers of all feet. From the ankle to the toes it is at
+least 0.135 m. Markers of the toes alone, or of one foot alone, are at most 0.12 m long or wide.
+"""
 
 _FOOT_WIDTH_M = 0.05
-"""Least width of markers of one foot alone; a narrower outline may run along one edge of the foot."""
+"""Least width of the markers of one foot; a narrower outline may follow only one edge of the foot."""
 
 _TWO_FEET_M = 0.25
-"""Least length of markers of two feet that stand so close that their markers form one group."""
+"""Least length of the markers of two feet that are so close together that their markers form one group."""
 
 _WHOLE_WEIGHT = 0.75
 """If the plates carry this share of the standing weight while the body is low, a chair may stand on them."""
@@ -48,10 +51,10 @@ _STEP_S = 0.1
 """Speeds are differences over this time to either side."""
 
 _SWAY_M_S = 0.03
-"""Largest speed of a body that stands still."""
+"""Largest speed of the markers' mean while a person stands still."""
 
 _PAUSE_S = 0.5
-"""Shortest pause; within shorter ones the mean acceleration may not vanish."""
+"""Shortest pause. In a shorter pause, the mean acceleration may differ from zero."""
 
 _MIN_TOTAL_S = 1.0
 
@@ -65,16 +68,16 @@ class PlatePlacement:
     index : int
         The plate's number, from 1.
     off_feet : float or None
-        90th percentile of the distance of the centre of pressure from the outline of the feet, m; negative inside. None
-        if it is unknown.
+        90th percentile of the distance of the centre of pressure from the outline of the feet, m, negative inside; None
+        if it cannot be determined.
     unknown : str or None
-        Why it is unknown.
+        The reason why ``off_feet`` is None.
     allowance : float
         Length by which the outline of the markers may be shorter than the foot, m.
     over_surface : float or None
-        Height of the lowest foot marker above the surface of the plate, m.
+        Height of the lowest foot marker above the surface of the plate, m; None without foot markers or corners.
     normal : (3,) array or None
-        Upward normal of the surface from the corners, lab.
+        Upward normal of the surface in lab axes; None if the file has no corners.
     load : float
         Mean vertical force over the loaded samples, N.
     """
@@ -89,7 +92,7 @@ class PlatePlacement:
 
     @property
     def inclined(self) -> float | None:
-        """Inclination of the surface from horizontal, rad."""
+        """Inclination of the surface from horizontal, rad; None if the file has no corners."""
         return None if self.normal is None else float(np.arccos(min(1.0, self.normal[2])))
 
 
@@ -102,48 +105,59 @@ def compare_with_feet(
 
     Parameters
     ----------
-    plates, samples : sequences
-        Plates under the feet, and their wrench at the marker times.
+    plates : sequence of Plate
+        Plates under the feet.
+    samples : sequence of PlateSamples
+        Their wrenches at the marker times.
     positions : (F, M, 3) array
-        Markers, lab axes, m.
+        Markers, lab axes with Z up, m; NaN where not visible.
     """
     surfaces = [plate.centre[2] for plate in plates if plate.centre is not None]
-    loaded = _on_feet_alone(positions, samples)
+    loaded = _samples_on_feet(positions, samples)
     surface = float(np.mean(surfaces)) if surfaces else None
-    feet = (
-        find_standing_feet(positions, np.logical_or.reduce(loaded), surface, len(plates))
-        if any(map(np.any, loaded))
-        else []
-    )
+    feet = []
+    if any(map(np.any, loaded)):
+        feet = find_standing_feet(positions, np.logical_or.reduce(loaded), surface, len(plates))
     feet = [foot for foot in feet if largest_distance(foot[:, :2]) > _FOOT_M / 2]
-    unknown = _why_no_outline(feet)
+    unknown = _explain_missing_outline(feet)
     shared = len(feet) != len(plates)
     outlines = [] if unknown else [np.concatenate(feet)] * len(plates) if shared else feet
     distances = np.array(
-        [[_off(*each, outline) for outline in outlines] for each in zip(plates, samples, loaded, strict=True)]
+        [[_distance_from(outline, *each) for outline in outlines] for each in zip(plates, samples, loaded, strict=True)]
     )
     own: IntArray = linear_sum_assignment(np.nan_to_num(distances, nan=0.0))[1] if outlines else np.zeros(0, np.int64)
-    return [
-        _placement(
-            plate,
-            each,
-            where,
-            off=distances[k, own[k]] if outlines else np.nan,
-            allowance=0.0 if unknown else _allowance(feet) if shared else _allowance([feet[own[k]]], _FOOT_WIDTH_M),
-            lowest=min((foot[:, 2].min() for foot in feet), default=None),
-            unknown=unknown,
+    lowest = min((foot[:, 2].min() for foot in feet), default=None)
+    placements = []
+    for k, (plate, each, where) in enumerate(zip(plates, samples, loaded, strict=True)):
+        off, allowance, over = np.nan, 0.0, None
+        if outlines:
+            off = distances[k, own[k]]
+            allowance = _measure_shortfall(feet) if shared else _measure_shortfall([feet[own[k]]], _FOOT_WIDTH_M)
+        if lowest is not None and plate.centre is not None and where.any():
+            over = float(lowest - plate.centre[2])
+        known = bool(np.isfinite(off))
+        placements.append(
+            PlatePlacement(
+                index=plate.index,
+                off_feet=off if known else None,
+                unknown=None if known else unknown or "the plate is hardly loaded",
+                allowance=allowance if known else 0.0,
+                over_surface=over,
+                # the z axis of a plate points down
+                normal=None if plate.corners is None else -plate_axes(plate.corners)[:, 2],
+                load=float(each.force[where, 2].mean()) if where.any() else 0.0,
+            )
         )
-        for k, (plate, each, where) in enumerate(zip(plates, samples, loaded, strict=True))
-    ]
+    return placements
 
 
-def _on_feet_alone(positions: FloatArray, samples: Sequence[PlateSamples]) -> list[BoolArray]:
-    """Return the samples (F,) in which the feet load each plate: all loaded ones, or only those of a standing person.
+def _samples_on_feet(positions: FloatArray, samples: Sequence[PlateSamples]) -> list[BoolArray]:
+    """Return for each plate the samples (F,) in which only feet load it.
 
-    If the plates carry the whole weight while the body is low, a chair may stand on them; its force acts behind the
-    feet.
+    These are all loaded samples. If the plates carry the whole weight while the body is low, a chair may stand on them;
+    then only samples of the standing person are returned.
     """
-    loaded = [_loaded(each) for each in samples]
+    loaded = [_find_loaded(each) for each in samples]
     tall, low = upright(positions)
     total = np.sum([np.where(each.ok, each.force[:, 2], 0.0) for each in samples], axis=0) if samples else np.zeros(0)
     if low.any() and tall.any() and np.percentile(total[low], 10) > _WHOLE_WEIGHT * np.median(total[tall]):
@@ -151,8 +165,8 @@ def _on_feet_alone(positions: FloatArray, samples: Sequence[PlateSamples]) -> li
     return loaded
 
 
-def _why_no_outline(feet: Sequence[FloatArray]) -> str | None:
-    """Return why markers of feet (K, 3) do not show where the soles are; None if they do."""
+def _explain_missing_outline(feet: Sequence[FloatArray]) -> str | None:
+    """Return why the markers (K, 3) of the feet do not give an outline of the soles; None if they do."""
     if not feet:
         return "no foot with two markers stands still"
     if min(largest_distance(foot[:, :2]) for foot in feet) < (_BOTH_ENDS_M if len(feet) > 1 else _TWO_FEET_M):
@@ -163,21 +177,21 @@ def _why_no_outline(feet: Sequence[FloatArray]) -> str | None:
 
 
 def standing_lean(force: FloatArray, positions: FloatArray, rate: float) -> FloatArray | None:
-    """Return the lean of the total ground force from the vertical while the person stands still.
+    """Return the angle between the vertical and the mean ground force on the person who stands still.
 
     Parameters
     ----------
     force : (F, 3) array
-        Total force of the plates under the feet, lab axes, N.
+        Total force of the plates under the feet, lab axes, N; NaN where missing.
     positions : (F, M, 3) array
-        Markers, m.
+        Markers, lab axes with Z up, m; NaN where not visible.
     rate : float
         Frames per second.
 
     Returns
     -------
     (2,) array or None
-        Lean along the lab's X and Y, rad; None if nobody stands still for at least a second in total.
+        Angles along the lab's X and Y, rad; None if the person stands still for less than a second in total.
     """
     half = max(1, round(_STEP_S * rate))
     if len(positions) <= 2 * half:
@@ -186,61 +200,36 @@ def standing_lean(force: FloatArray, positions: FloatArray, rate: float) -> Floa
     moved = mean_over_markers(positions[2 * half :] - positions[: -2 * half]) * rate / (2 * half)
     speed[half:-half] = np.linalg.norm(moved, axis=1)
     slow = np.nan_to_num(speed, nan=np.inf) < _SWAY_M_S
-    still = _long_runs(upright(positions)[0] & np.isfinite(force).all(axis=1) & slow, round(_PAUSE_S * rate))
+    still = _keep_long_runs(upright(positions)[0] & np.isfinite(force).all(axis=1) & slow, round(_PAUSE_S * rate))
     if still.sum() < _MIN_TOTAL_S * rate or not shows_standing(positions, still):
         return None
     mean = force[still].mean(axis=0)
     return np.asarray(np.arctan2(mean[:2], mean[2])) if mean[2] > _MIN_FORCE_N else None
 
 
-def _long_runs(flags: BoolArray, least: int) -> BoolArray:
-    """Keep the runs of at least ``least`` samples."""
+def _keep_long_runs(flags: BoolArray, least: int) -> BoolArray:
+    """Return the flags without runs that are shorter than ``least`` samples."""
     kept = np.zeros(len(flags), bool)
     for run in find_runs(flags):
         kept[run] = run.stop - run.start >= least
     return kept
 
 
-def _loaded(samples: PlateSamples) -> BoolArray:
+def _find_loaded(samples: PlateSamples) -> BoolArray:
+    """Return the samples (F,) whose vertical force is large enough for a centre of pressure."""
     vertical = np.where(samples.ok, samples.force[:, 2], 0.0)
     return np.asarray(vertical > max(_MIN_FORCE_N, _MIN_SHARE * float(np.percentile(vertical, 95))))
 
 
-def _off(plate: Plate, samples: PlateSamples, loaded: BoolArray, outline: FloatArray) -> float:
-    """Return how far the centres of pressure are outside an outline (K, 3), m; NaN for an unloaded plate."""
+def _distance_from(outline: FloatArray, plate: Plate, samples: PlateSamples, loaded: BoolArray) -> float:
+    """Return the distance of the centre of pressure from an outline (K, 3), m, negative inside; NaN without load."""
     if not loaded.any():
         return float("nan")
-    return float(
-        np.percentile(distance_outside(centre_of_pressure(plate, samples)[loaded], outline[:, :2]), _PERCENTILE)
-    )
+    centres = centre_of_pressure(plate, samples)[loaded]
+    return float(np.percentile(distance_outside(centres, outline[:, :2]), _PERCENTILE))
 
 
-def _allowance(feet: Sequence[FloatArray], width: float = 0.0) -> float:
-    """Return the length by which markers of feet (K, 3) may be shorter or narrower than the soles, m."""
+def _measure_shortfall(feet: Sequence[FloatArray], width: float = 0.0) -> float:
+    """Return the length by which the markers (K, 3) of feet may be shorter or narrower than the soles, m."""
     length = max(largest_distance(foot[:, :2]) for foot in feet)
     return max(0.0, _FOOT_M - length, width - least_width(np.concatenate(feet)[:, :2]))
-
-
-def _placement(
-    plate: Plate,
-    samples: PlateSamples,
-    loaded: BoolArray,
-    *,
-    off: float,
-    allowance: float,
-    lowest: float | None,
-    unknown: str | None,
-) -> PlatePlacement:
-    known = bool(np.isfinite(off))
-    over = None
-    if lowest is not None and plate.centre is not None and loaded.any():
-        over = float(lowest - plate.centre[2])
-    return PlatePlacement(
-        index=plate.index,
-        off_feet=off if known else None,
-        unknown=None if known else unknown or "the plate is hardly loaded",
-        allowance=allowance if known else 0.0,
-        over_surface=over,
-        normal=None if plate.corners is None else -plate_axes(plate.corners)[:, 2],  # the z axis of a plate points down
-        load=float(samples.force[loaded, 2].mean()) if loaded.any() else 0.0,
-    )

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.plates.choice import GRAVITY
+from mocap_id.plates import GRAVITY
 from mocap_id.recording.model import Plate, Recording
 
 

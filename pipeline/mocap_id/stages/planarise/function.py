@@ -15,8 +15,7 @@ from mocap_id.kinematics import PlaneFit, fit_plane
 from mocap_id.kinematics.base_motion import find_base_motion
 from mocap_id.kinematics.lone_markers import find_lone_markers
 from mocap_id.kinematics.plane import find_feet
-from mocap_id.plates import GRAVITY, PlateChoice, choose_plates
-from mocap_id.plates.dropout import find_dropouts
+from mocap_id.plates import GRAVITY, PlateChoice, choose_plates, find_dropouts
 from mocap_id.recording import BoardLog, PlateSamples, Recording, ThinnedFrames
 from mocap_id.recording.marker_posture import Facing, facing, upright
 from mocap_id.stages.base import Context, Outputs

@@ -24,7 +24,7 @@ def losses(plates: Sequence[Plate], time: FloatArray, dropout: BoolArray) -> tup
     time : (F,) array
         Marker times, s.
     dropout : (F,) bool array
-        Frames from :func:`mocap_id.plates.dropout.find_dropouts`.
+        Frames from :func:`mocap_id.plates.standing.find_dropouts`.
     """
     found = [reason for plate in plates for reason in (_saturated(plate, time), _short(plate, time))]
     return tuple(reason for reason in (*found, _dropout(time, dropout)) if reason is not None)

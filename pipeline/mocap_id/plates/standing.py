@@ -1,0 +1,138 @@
+"""What the force plates measure while the person stands: body mass, empty chair and drop-outs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, find_runs
+from mocap_id.recording.marker_posture import body_height, shows_standing, upright
+
+ZeroRule: TypeAlias = Literal["standing", "none"]
+
+GRAVITY = 9.81  # m/s^2
+
+_STILL_M_S = 0.02
+"""Largest vertical speed of a person who stands nearly still."""
+
+_SPEED_OVER_S = 0.1
+"""Speeds are differences over this time to either side, to suppress marker noise."""
+
+_MIN_TOTAL_S = 0.2
+
+_MIN_MASS_KG = 2.0
+
+_UNLOADED = 0.2
+"""Share of the standing weight. An upright person always loads the plates more, except in a jump."""
+
+_MIN_DROPOUT_S = 0.6
+"""Minimum duration of a drop-out. The flight of a jump is always shorter."""
+
+
+@dataclass(frozen=True)
+class EmptyChairReading:
+    """Reading of the plates under an empty chair, including the weight of the chair.
+
+    Parameters
+    ----------
+    reading : (3,) array or None
+        Median (Fx, Fy, tauz), N and N·m; None if the chair is never known to be empty.
+    spread : (3,) array or None
+        Standard deviation of the samples of this median, N and N·m.
+    """
+
+    reading: FloatArray | None
+    spread: FloatArray | None
+
+
+def standing_mass(positions: FloatArray, rate: float, vertical: FloatArray) -> tuple[float | None, str | None]:
+    """Estimate the mass of the person from the force under the feet while standing still.
+
+    The load alone does not distinguish standing from sitting, so the markers must also show that the person stands.
+
+    Parameters
+    ----------
+    positions : (F, M, 3) array
+        Markers, lab axes, m.
+    rate : float
+        Frames per second.
+    vertical : (F,) array
+        Upward force of the plates under the feet, N; NaN where missing.
+
+    Returns
+    -------
+    mass : float or None
+        Mass, kg; None if there is no estimate.
+    why : str or None
+        The reason why there is no estimate.
+    """
+    tall, _ = upright(positions)
+    half = min(max(1, round(_SPEED_OVER_S * rate)), (len(positions) - 1) // 2)
+    height = body_height(positions)
+    speed, stop = np.full(len(positions), np.nan), len(positions) - half
+    speed[half:stop] = (height[2 * half :] - height[: stop - half]) * rate / max(2 * half, 1)
+    with np.errstate(invalid="ignore"):
+        still = tall & (np.abs(speed) < _STILL_M_S) & np.isfinite(vertical)
+    if still.sum() < max(2, _MIN_TOTAL_S * rate):
+        return None, "the person never stands still on the plates"
+    if not shows_standing(positions, still):
+        return None, (
+            "the markers do not show that the person stands: where the body is highest and still, they are as broad as "
+            "those of a seated person or lie in a line; a chair may carry part of the weight"
+        )
+    mass = float(np.median(vertical[still])) / GRAVITY
+    return (mass, None) if mass > _MIN_MASS_KG else (None, "the plates carry no weight while the person stands")
+
+
+def find_dropouts(vertical: FloatArray, tall: BoolArray, rate: float, weight: float) -> BoolArray:
+    """Return the samples (F,) at which the plates are unloaded although the person stands, as after a loose cable.
+
+    Parameters
+    ----------
+    vertical : (F,) array
+        Total upward force of the plates under the feet, N; NaN where missing.
+    tall : (F,) bool array
+        Whether the person stands upright.
+    rate : float
+        Frames per second.
+    weight : float
+        Force while the person stands, N.
+    """
+    with np.errstate(invalid="ignore"):
+        unloaded = vertical < _UNLOADED * weight
+    dropout = np.zeros(len(vertical), bool)
+    for run in find_runs(unloaded):
+        dropout[run] = tall[run].sum() >= _MIN_DROPOUT_S * rate
+    return dropout
+
+
+def measure_empty_chair(
+    wrench: FloatArray, ok: BoolArray, positions: FloatArray, rate: float, rule: ZeroRule
+) -> EmptyChairReading:
+    """Measure the reading of the plates under the empty chair, to be subtracted from the wrench of the chair.
+
+    The plate may have been zeroed with or without the chair on it. While the person stands, the chair is empty, so the
+    reading is the median over these samples.
+
+    Parameters
+    ----------
+    wrench : (F, 3) array
+        Total (Fx, Fy, tauz) of the plates under the chair, N and N·m.
+    ok : (F,) bool array
+        Whether each sample has a value.
+    positions : (F, M, 3) array
+        Markers, lab axes with Z up, m.
+    rate : float
+        Frames per second.
+    rule : {"standing", "none"}
+        ``none`` if the plate was zeroed with the chair on it: the reading is then zero.
+    """
+    if rule == "none":
+        return EmptyChairReading(np.zeros(3), None)
+    tall, low = upright(positions)
+    empty = tall & ok & low.any()
+    if empty.sum() < max(2, _MIN_TOTAL_S * rate):
+        return EmptyChairReading(None, None)
+    return EmptyChairReading(np.median(wrench[empty], axis=0), wrench[empty].std(axis=0))
