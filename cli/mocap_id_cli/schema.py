@@ -7,10 +7,11 @@ from typing import Annotated
 
 import typer
 
-from mocap_id.config import schema as trial_schema
-from mocap_id.config.device import device_schema
-from mocap_id.config.prescription import prescription_schema
-from mocap_id.config.study import study_schema
+from mocap_id.config import build_schema
+from mocap_id.config.parsing import build_json_schema
+from mocap_id.config.prescription import PrescriptionFile
+from mocap_id.config.study import build_study_schema
+from mocap_id.stages.device import DeviceFile
 
 
 def schema(
@@ -21,6 +22,10 @@ def schema(
     device: Annotated[bool, typer.Option("--device", help="Print the schema of a pneumatic device's file.")] = False,
 ) -> None:
     """Print the JSON Schema of a trial's YAML file, for editors."""
-    kinds = ((device, device_schema), (prescription, prescription_schema), (study, study_schema))
-    found = next((make for wanted, make in kinds if wanted), trial_schema)()
-    typer.echo(json.dumps(found, indent=2, ensure_ascii=False))
+    if device:
+        document = build_json_schema(DeviceFile)
+    elif prescription:
+        document = build_json_schema(PrescriptionFile)
+    else:
+        document = build_study_schema() if study else build_schema()
+    typer.echo(json.dumps(document, indent=2, ensure_ascii=False))

@@ -1,7 +1,4 @@
-"""Array types for signatures, helpers that split arrays, and the half-width of 95 % intervals.
-
-Docstrings give the shapes.
-"""
+"""Array types for annotations, helpers for arrays, and the half-width of 95 % intervals."""
 
 from typing import TypeAlias
 
@@ -18,9 +15,9 @@ NORMAL_95 = 1.96
 
 
 def chunks(count: int, size: int = 1024) -> list[slice]:
-    """Split the first axis of an array into consecutive slices, to limit the memory of each step.
+    """Return consecutive slices of at most ``size`` items that cover ``count`` items, to process an array in parts.
 
-    There is always at least one slice, so that results for an empty array also have the right shape.
+    The list has at least one slice, so that results for an empty array also have the right shape.
     """
     return [slice(start, min(start + size, count)) for start in range(0, max(count, 1), size)]
 
@@ -43,10 +40,10 @@ def is_time_axis(time: FloatArray) -> bool:
 
 
 def as_complex(points: FloatArray) -> ComplexArray:
-    """Return x + iy of points (..., 2)."""
+    """Return points (..., 2) as complex numbers x + iy (...)."""
     return np.ascontiguousarray(points, dtype=np.float64).view(np.complex128)[..., 0]
 
 
 def as_xy(points: ComplexArray) -> FloatArray:
-    """Return the coordinates (..., 2) of complex points."""
+    """Return the coordinates (..., 2) of points given as complex numbers (...)."""
     return np.stack([points.real, points.imag], axis=-1)

@@ -1,4 +1,4 @@
-"""Compilation of inner loops to machine code, cached on disk between runs."""
+"""Compilation of functions to machine code with numba; the code is cached on disk between runs."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ _log = logging.getLogger(__name__)
 
 
 class _CompiledCode(FunctionCache):
-    """numba's cache, without the modules that only compiling needs: importing them takes 0.3 s, a tenth of a run.
+    """Cache of numba that does not import the modules for compiling; importing them takes 0.3 s, a tenth of a run.
 
-    A later numba without the method that is called here loads them.
+    It uses a private method of numba. If a later version of numba lacks the method, these modules are imported.
     """
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
@@ -35,9 +35,9 @@ class _CompiledCode(FunctionCache):
 def compiled(function: Callable[P, T]) -> Callable[P, T]:
     """Compile a function of numbers and arrays to machine code, and cache the code on disk.
 
-    The cache is beside the source, or in the user's cache folder if the source is read-only. Without a writable folder
-    the function is compiled in every run, with a warning in the log. Numba renews the cache only if the function's own
-    file changes, so functions that call each other must be in one file.
+    The cache is beside the source file, or in the user's cache folder if the source folder is read-only. Without a
+    writable folder the function is compiled in every run, with a warning in the log. Numba renews the cache only if the
+    function's own file changes. Functions that call each other must therefore be in one file.
     """
     try:
         dispatcher = numba.njit(cache=True, **_OPTIONS)(function)

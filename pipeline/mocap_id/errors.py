@@ -5,9 +5,9 @@
     MocapIdError
     ├── ConfigError          2   the command line or a configuration is wrong
     ├── RecordingError       3   an input is missing, unreadable or contradicts itself
-    ├── Refused              4   the method cannot treat this motion; the exception holds the reason
+    ├── Refused              4   the method cannot process this motion; the exception contains the reason
     ├── NumericalError       5   a computation failed on valid input
-    └── StoreError           6   an artefact or the output folder is missing, stale, damaged, locked or not writable
+    └── StoreError           6   an artefact or the run folder is missing, stale, damaged, locked or not writable
 
 A message names the file or trial and says what was found, what was expected and what to do.
 """
@@ -30,19 +30,13 @@ class ConfigError(MocapIdError):
 
 
 class RecordingError(MocapIdError):
-    """Error for a recording that is missing, unreadable or contradictory."""
+    """Error for a recording or another input that is missing, unreadable or contradictory."""
 
     exit_code = 3
 
 
 class Refused(MocapIdError):
-    """Verdict that the method cannot treat this motion; not a failure.
-
-    Parameters
-    ----------
-    code, message, value, limit
-        As in :class:`mocap_id.verdict.Reason`.
-    """
+    """Refusal of a motion that the method cannot process, with the arguments of :class:`mocap_id.verdict.Reason`."""
 
     exit_code = 4
 
@@ -51,17 +45,22 @@ class Refused(MocapIdError):
         self.code, self.message, self.value, self.limit = code, message, value, limit
 
     def __reduce__(self) -> tuple[type[Refused], tuple[str, str, float | None, float | None]]:
-        """Pickle all arguments, so that a refusal can be sent between processes."""
+        """Return all arguments for pickle, so that a refusal can be sent between processes."""
         return type(self), (self.code, self.message, self.value, self.limit)
 
 
 class NumericalError(MocapIdError):
-    """Failure of a computation (no convergence, a singular system) on input that passed all checks."""
+    """Failure of a computation on input that passed all checks, such as no convergence or a singular system."""
 
     exit_code = 5
 
 
+def first_line(error: Exception) -> str:
+    """Return the first line of an exception's message, or the exception's type if it has no message."""
+    return str(error).partition("\n")[0] or type(error).__name__
+
+
 class StoreError(MocapIdError):
-    """Error for an artefact or output folder that is missing, stale, damaged, locked, full or not writable."""
+    """Error for an artefact or run folder that is missing, stale, damaged, locked, full or not writable."""
 
     exit_code = 6

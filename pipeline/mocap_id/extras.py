@@ -1,4 +1,4 @@
-"""Packages that are installed only with an extra of mocap-id, such as ``mocap-id[cluster]``."""
+"""Import of packages that are installed only with an extra of mocap-id, such as ``mocap-id[cluster]``."""
 
 from __future__ import annotations
 
@@ -9,20 +9,21 @@ from mocap_id.errors import ConfigError
 
 
 def optional(module: str, extra: str, purpose: str) -> Any:
-    """Import a module of an optional package.
+    """Import a module that belongs to an optional package.
 
     Parameters
     ----------
     module : str
+        Name of the module.
     extra : str
-        The extra that installs it.
+        Extra of mocap-id that installs the package.
     purpose : str
-        What needs it, for the message.
+        Function or command that needs the module, for the message.
 
     Raises
     ------
     ConfigError
-        It is not installed; the message has the command that installs it.
+        The package is not installed; the message contains the command that installs it.
     """
     try:
         return importlib.import_module(module)

@@ -22,7 +22,7 @@ _KINDS = (
 
 
 class ChangedError(OSError):
-    """A file changed while it was being read."""
+    """Error for a file that changed while it was being read."""
 
 
 @contextmanager
@@ -38,8 +38,8 @@ def open_file(path: Path, *, links: bool = True) -> Iterator[BinaryIO]:
     Raises
     ------
     OSError
-        The file is missing, cannot be opened, is not a regular file (a pipe, a device, a folder) or is too large;
-        ``strerror`` holds the cause.
+        The file is missing, cannot be opened, is too large, or is not a regular file (a pipe, a device, a folder);
+        ``strerror`` is the cause.
     ChangedError
         The file was written to while it was open.
     """
@@ -54,7 +54,7 @@ def open_file(path: Path, *, links: bool = True) -> Iterator[BinaryIO]:
         raise _with_cause(path, error, links) from None
     with os.fdopen(descriptor, "rb") as stream:
         before = os.fstat(descriptor)
-        _check(path, before)
+        _check_regular(path, before)
         yield stream
         after = os.fstat(descriptor)
         if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
@@ -76,14 +76,16 @@ def read(path: Path, *, links: bool = True, largest: int = LARGEST) -> bytes:
         return content
 
 
-def _check(path: Path, found: os.stat_result) -> None:
-    if stat.S_ISDIR(found.st_mode):
+def _check_regular(path: Path, status: os.stat_result) -> None:
+    if stat.S_ISDIR(status.st_mode):
         raise IsADirectoryError(errno.EISDIR, "it is a folder", str(path))
-    if not stat.S_ISREG(found.st_mode):
-        kind = next((what for is_, what in _KINDS if is_(found.st_mode)), "it is not a regular file")
+    if not stat.S_ISREG(status.st_mode):
+        kind = next(
+            (description for is_kind, description in _KINDS if is_kind(status.st_mode)), "it is not a regular file"
+        )
         raise OSError(errno.EINVAL, kind, str(path))
-    if found.st_size > LARGEST:
-        raise OSError(errno.EFBIG, f"it has {found.st_size} bytes, more than any recording", str(path))
+    if status.st_size > LARGEST:
+        raise OSError(errno.EFBIG, f"it has {status.st_size} bytes, more than any recording", str(path))
 
 
 def _changed_error(path: Path) -> ChangedError:
@@ -91,7 +93,7 @@ def _changed_error(path: Path) -> ChangedError:
 
 
 def _with_cause(path: Path, error: OSError, links: bool) -> OSError:
-    """Replace a system error by one with a clearer message, where we know the cause."""
+    """Return a system error with a clearer message if the cause is known, or else the error itself."""
     if error.errno == errno.ELOOP:
         why = "it is a symbolic link" if not links and path.is_symlink() else "its symbolic links form a loop"
         return OSError(errno.ELOOP, why, str(path))

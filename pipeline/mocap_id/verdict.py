@@ -1,4 +1,4 @@
-"""The reasons of a trial's verdict: each has a code, a message and the measured numbers."""
+"""Reasons of a trial's verdict: each has a code, a message and the measured numbers."""
 
 from __future__ import annotations
 
@@ -11,18 +11,20 @@ Level = Literal["ok", "caution", "refused"]
 
 @dataclass(frozen=True)
 class Reason:
-    """One finding that the reader of a trial must know.
+    """One finding that the user of a trial should know.
 
     Parameters
     ----------
     code : str
-        Short, stable, kebab-case (``segments-unsure``).
+        Short permanent name in kebab-case, such as ``segments-unsure``.
     message : str
-        What was found, what was expected, what to do.
-    value, limit : float, optional
-        The measured number and its limit.
+        Text that says what was found, what was expected and what to do.
+    value : float, optional
+        The measured number.
+    limit : float, optional
+        The limit of this number.
     level : {"ok", "caution", "refused"}
-        ``ok`` is information only and does not change the verdict.
+        Effect on the verdict; ``ok`` is information only.
     """
 
     code: str
@@ -32,14 +34,16 @@ class Reason:
     level: Level = "caution"
 
     def as_dict(self) -> dict[str, Any]:
+        """Return the fields by name."""
         return asdict(self)
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Reason:
+        """Return the reason with these fields."""
         return cls(**data)
 
 
 def overall(reasons: Iterable[Reason]) -> Level:
-    """Return the level of the verdict: the most severe level of its reasons."""
+    """Return the level of the verdict, which is the most severe level of its reasons."""
     order: tuple[Level, ...] = ("ok", "caution", "refused")
     return max((reason.level for reason in reasons), key=order.index, default="ok")

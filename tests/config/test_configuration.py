@@ -9,7 +9,7 @@ from typing import Literal
 import pytest
 from pydantic import Field
 
-from mocap_id.config import load, schema
+from mocap_id.config import build_schema, load
 from mocap_id.errors import ConfigError
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
 
@@ -200,7 +200,7 @@ def test_models_are_frozen(write) -> None:
 
 
 def test_the_schema_knows_every_key_and_both_forms_of_a_recording() -> None:
-    found = schema(STAGES)
+    found = build_schema(STAGES)
     assert {"trial", "recording", "out", "segment", "ukf-smooth"} <= set(found["properties"])
     assert found["required"] == ["trial"]
     assert found["anyOf"] == [{"required": ["recording"]}, {"required": ["imus", "calibration"]}]

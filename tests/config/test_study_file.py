@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from mocap_id.config import load, trial_model
+from mocap_id.config import build_trial_model, load
 from mocap_id.config import study as study_module
 from mocap_id.config.source import Source, read
-from mocap_id.config.study import load_study, study_schema
+from mocap_id.config.study import build_study_schema, load_study
 from mocap_id.errors import ConfigError
 
 GOOD = """\
@@ -129,10 +129,10 @@ def test_mistakes_of_all_trials_are_reported_together_and_once(tmp_path: Path) -
 
 
 def test_the_schema_knows_the_keys_of_study_and_trial() -> None:
-    schema = study_schema()
+    schema = build_study_schema()
     entry, defaults = schema["$defs"]["_Entry"], schema["properties"]["defaults"]
     assert entry["required"] == ["recording", "subject", "trial"]
-    of_trial = set(trial_model().model_json_schema()["properties"])
+    of_trial = set(build_trial_model().model_json_schema()["properties"])
     assert set(entry["properties"]) - {"strategy", "session", "subject"} == of_trial - {"subject", "out"}
     assert entry["properties"]["subject"]["type"] == "string", "an id, and not the person"
     assert {"trial", "recording", "strategy", "out"}.isdisjoint(defaults["properties"])

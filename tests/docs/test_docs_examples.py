@@ -14,7 +14,7 @@ from pages_of_docs import PAGES, Block, blocks, inline_code, name
 from ruamel.yaml import YAML, YAMLError
 from typer.main import get_command
 
-from mocap_id.config import load, trial_model
+from mocap_id.config import build_trial_model, load
 from mocap_id.config.chain import load_chain
 from mocap_id.config.device import load_device
 from mocap_id.config.prescription import load_prescription
@@ -27,7 +27,7 @@ from mocap_id.workflows.sensitivity.options import read_options
 from mocap_id_cli.app import build, loaded
 from mocap_id_cli.commands import COMMANDS
 
-KEYS = {field.alias or key for key, field in trial_model().model_fields.items()}
+KEYS = {field.alias or key for key, field in build_trial_model().model_fields.items()}
 STUDY_KEYS = {"study", "subjects", "defaults", "trials", "out"}
 OTHER_PROGRAMS = ("# .github/", "# .gitlab-ci.yml", "# .pre-commit-config.yaml")
 """First lines of configurations that are not ours."""
@@ -174,7 +174,7 @@ def named(shown: dict[str, Any]) -> set[tuple[str, str]]:
 
 @by_name
 def test_settings_in_the_text_exist(page: Path, tmp_path: Path) -> None:
-    fields = {key: field.annotation for key, field in trial_model().model_fields.items()}
+    fields = {key: field.annotation for key, field in build_trial_model().model_fields.items()}
     for code, shown in settings_in_text(page):
         for stage, key in named(shown):
             model: Any = fields[stage.replace("-", "_")]

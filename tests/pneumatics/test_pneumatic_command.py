@@ -172,7 +172,7 @@ def test_mistakes_of_the_file_and_the_log(tmp_path: Path) -> None:
         (
             "flexion_Pa: 446063, extension_Pa: 101325}   #",
             "flexion_Pa: -3, extension_Pa: 1}   #",
-            "up to that of the supply",
+            "up to the supply's",
         ),
         ("polytropic: 1.2 ", "polytropic: 2 ", "polytropic"),
         ("{fill_s: 0.2", "{fill_s: 0", "fill_s"),

@@ -1,8 +1,8 @@
-"""Configuration files: YAML to frozen models, with every mistake reported by file, line and key.
+"""Configuration files: YAML is read into immutable models, and every mistake is reported with file, line and key.
 
 Studies are in :mod:`mocap_id.config.study`, so that running a trial does not import them.
 """
 
-from mocap_id.config.trial import Trial, load, schema, trial_model
+from mocap_id.config.trial import Trial, build_schema, build_trial_model, load
 
-__all__ = ["Trial", "load", "schema", "trial_model"]
+__all__ = ["Trial", "build_schema", "build_trial_model", "load"]

@@ -1,7 +1,8 @@
-"""Configuration of a chain (joints with axes and limits, and a tip), for workspaces without a recording."""
+"""Configuration of a chain for workspaces without a recording: joints with axes and limits, and a tip."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -10,9 +11,8 @@ import numpy as np
 from pydantic import Field
 
 from mocap_id.arrays import FloatArray
-from mocap_id.config.parsing import parse
+from mocap_id.config.parsing import parse, raise_mistakes
 from mocap_id.config.source import Source, read
-from mocap_id.errors import ConfigError
 from mocap_id.stages.base import Settings
 
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
@@ -37,43 +37,23 @@ class _File(Settings):
 
 @dataclass(frozen=True)
 class ChainFile:
-    """A chain of revolute joints, n of them.
-
-    Parameters
-    ----------
-    name : str
-    joints : tuple of str
-    axes : (n, 3) array
-        Each in the frame of the previous link.
-    places : (n, 3) array
-        Positions in the frame of the previous link, m.
-    limits : (n, 2) array
-        Lower and upper, rad.
-    tip : (3,) array
-        In the frame of the last link, m.
-    """
+    """A chain of n hinges."""
 
     name: str
-    joints: tuple[str, ...]
-    axes: FloatArray
-    places: FloatArray
-    limits: FloatArray
-    tip: FloatArray
+    joints: tuple[str, ...]  # names
+    axes: FloatArray  # (n, 3) unit axes, each in the frame of the previous link
+    places: FloatArray  # (n, 3) positions, each in the frame of the previous joint, m
+    limits: FloatArray  # (n, 2) smallest and largest angle, rad
+    tip: FloatArray  # (3,) position in the frame of the last link, m
 
     @property
     def planar(self) -> bool:
-        """Whether all joints turn about z, so that the workspace is an area."""
+        """Whether all joints rotate about z, so that the workspace is an area."""
         return bool(np.all(self.axes == _AXES["z"]))
 
 
 def is_chain(file: Path) -> bool:
-    """Return whether a YAML file describes a chain, not a trial.
-
-    Raises
-    ------
-    ConfigError
-        The file is missing or not YAML.
-    """
+    """Return whether a YAML file describes a chain, not a trial; ConfigError if it is missing or not YAML."""
     data = read(file.absolute()).data
     return isinstance(data, dict) and "chain" in data and "recording" not in data
 
@@ -81,37 +61,29 @@ def is_chain(file: Path) -> bool:
 def load_chain(file: Path) -> ChainFile:
     """Read and check a chain's YAML file.
 
-    Raises
-    ------
-    ConfigError
-        One line for every mistake: file, line, key, what was found, what was expected.
+    Raises ConfigError with one line for every mistake: file, line, key, what was found, what was expected.
     """
     source = read(file.absolute())
     parsed = parse(source, _File, "keys such as `chain:`, `joints:` and `tip:`")
-    axes = np.array([_axis(joint, index, source) for index, joint in enumerate(parsed.joints)])
-    limits = np.array([_limits(joint.limits_deg, index, source) for index, joint in enumerate(parsed.joints)])
+    raise_mistakes(_joint_mistakes(parsed, source))
+    axes = [np.array(_AXES[joint.axis] if isinstance(joint.axis, str) else joint.axis) for joint in parsed.joints]
     return ChainFile(
         name=parsed.chain,
         joints=tuple(joint.name for joint in parsed.joints),
-        axes=axes,
+        axes=np.array([axis / float(np.linalg.norm(axis)) for axis in axes]),
         places=np.array([joint.at for joint in parsed.joints]),
-        limits=limits,
+        limits=np.array([np.radians(joint.limits_deg) for joint in parsed.joints]),
         tip=np.array(parsed.tip),
     )
 
 
-def _axis(joint: _Joint, index: int, source: Source) -> FloatArray:
-    axis = np.array(_AXES[joint.axis] if isinstance(joint.axis, str) else joint.axis)
-    length = float(np.linalg.norm(axis))
-    if length == 0:
-        where = source.where(("joints", index, "axis"))
-        raise ConfigError(f"{where}: the axis of the joint `{joint.name}` is zero: expected a direction")
-    return np.asarray(axis / length)
-
-
-def _limits(limits: tuple[float, float], index: int, source: Source) -> FloatArray:
-    low, high = limits
-    if low >= high:
-        where = source.where(("joints", index, "limits_deg"))
-        raise ConfigError(f"{where}: the first limit, {low:g}°, is not below the second, {high:g}°")
-    return np.radians([low, high])
+def _joint_mistakes(parsed: _File, source: Source) -> Iterator[str]:
+    """Yield a line for every axis that is zero and for all limits in the wrong order."""
+    for index, joint in enumerate(parsed.joints):
+        if joint.axis == (0.0, 0.0, 0.0):
+            where = source.where(("joints", index, "axis"))
+            yield f"{where}: the axis of the joint `{joint.name}` is zero: expected a direction"
+        low, high = joint.limits_deg
+        if low >= high:
+            where = source.where(("joints", index, "limits_deg"))
+            yield f"{where}: the first limit, {low:g}°, is not below the second, {high:g}°"

@@ -1,4 +1,4 @@
-"""From YAML data to a pydantic model, with one line for every mistake: file, line, key, value, expected value."""
+"""Conversion of YAML data to a pydantic model, with one line for every mistake: file, line, key, found, expected."""
 
 from __future__ import annotations
 
@@ -45,83 +45,84 @@ def parse(
     expected : str
         Typical keys, for the message about a file without keys.
     complete : callable, optional
-        Writes out short forms before the check.
+        Function that replaces short forms in the data by full forms, before the check.
 
     Raises
     ------
     ConfigError
-        One line for every mistake.
+        The data do not fit the model; one line for every mistake.
     """
     if not isinstance(source.data, dict):
         raise ConfigError(f"{source.where(())}: expected {expected}")
     try:  # as JSON: types are strict, yet lists become tuples and texts become paths
         return model.model_validate_json(json.dumps(complete(source.data)), strict=True)
     except ValidationError as error:
-        lines = [_line(one, model, source) for one in error.errors(include_url=False)]
-        raise ConfigError(_shortened(lines, _MAX_LINES)) from error
+        lines = [_describe_mistake(detail, model, source) for detail in error.errors(include_url=False)]
+        raise ConfigError(_join_lines(lines, _MAX_LINES)) from error
 
 
 def raise_mistakes(lines: Iterable[str]) -> None:
     """Raise a ConfigError with these lines; do nothing if there are none."""
-    found = list(lines)
-    if found:
-        raise ConfigError(_shortened(found, _MAX_CONTRADICTIONS))
+    mistakes = list(lines)
+    if mistakes:
+        raise ConfigError(_join_lines(mistakes, _MAX_CONTRADICTIONS))
 
 
-def _shortened(lines: Sequence[str], most: int) -> str:
+def _join_lines(lines: Sequence[str], most: int) -> str:
     more = [f"… and {len(lines) - most} more"] if len(lines) > most else []
     return "\n".join([*lines[:most], *more])
 
 
-def json_schema(model: type[BaseModel]) -> dict[str, Any]:
+def build_json_schema(model: type[BaseModel]) -> dict[str, Any]:
     """Return the JSON Schema of a model, for editors."""
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", **model.model_json_schema(by_alias=True)}
 
 
-def nearest(name: str, known: Sequence[str]) -> str:
-    """Return ``did you mean …?`` with the nearest name, or all known names if none is near."""
+def suggest_name(name: str, known: Sequence[str]) -> str:
+    """Return ``did you mean …?`` with the most similar known name, or a list of all known names if none is similar."""
     lowered = {candidate.lower().replace("_", "-"): candidate for candidate in known}
     close = difflib.get_close_matches(name.lower().replace("_", "-"), lowered, n=1, cutoff=0.6)
     return f"did you mean `{lowered[close[0]]}`?" if close else f"expected one of {', '.join(known)}"
 
 
-def _line(detail: ErrorDetails, model: type[BaseModel], source: Source) -> str:
+def _describe_mistake(detail: ErrorDetails, model: type[BaseModel], source: Source) -> str:
+    """Return the message about one mistake that pydantic found."""
     location: Location = tuple(detail["loc"])
     if detail["type"] != "extra_forbidden":
         location = tuple(step for step in location if not _ALTERNATIVE.fullmatch(str(step)))
     key = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in location).lstrip(".")
     where = source.where(location)
     if detail["type"] == "extra_forbidden":
-        return f"{where}: unknown key `{key}`: {_suggest(str(location[-1]), location[:-1], model)}"
-    field = _field(model, location)
+        return f"{where}: unknown key `{key}`: {_suggest_key(str(location[-1]), location[:-1], model)}"
+    field = _find_field(model, location)
     about = f" ({field.description})" if field and field.description else ""
     if detail["type"] == "missing" and isinstance(location[-1], int):
         return f"{where}: `{key}` is missing: the list is too short{about}"
     if detail["type"] == "missing":
         return f"{where}: `{key}` is missing{about}"
-    return f"{where}: `{key}` is {_shown(detail['input'])}, {_expected(detail, location)}{about}"
+    return f"{where}: `{key}` is {_format_value(detail['input'])}, {_describe_expected(detail, location)}{about}"
 
 
-def _suggest(name: str, above: Location, model: type[BaseModel]) -> str:
-    """Suggest the nearest key here, or the section that has a key of exactly this name."""
-    here = _model(model, above)
-    known = names(here)
+def _suggest_key(name: str, above: Location, model: type[BaseModel]) -> str:
+    """Suggest the most similar key of this section, or another section that has exactly this key."""
+    here = _find_model(model, above)
+    known = key_names(here)
     if name.isdigit():
         return "a number takes a decimal point, not a comma, as in 1.75"
     if not above:
-        sections = [section for section in known if name in names(_model(model, (section,)))]
+        sections = [section for section in known if name in key_names(_find_model(model, (section,)))]
         if sections:
             return f"it belongs under `{sections[0]}:`"
-    return nearest(name, known)
+    return suggest_name(name, known)
 
 
-def names(model: type[BaseModel] | None) -> list[str]:
+def key_names(model: type[BaseModel] | None) -> list[str]:
     """Return a model's keys as written in YAML."""
     return [field.alias or name for name, field in model.model_fields.items()] if model else []
 
 
-def _expected(detail: ErrorDetails, location: Location) -> str:
-    """Return what was expected, from pydantic's message."""
+def _describe_expected(detail: ErrorDetails, location: Location) -> str:
+    """Return the text about the expected value, from pydantic's message."""
     message = detail["msg"].removeprefix("Value error, ")
     if message != detail["msg"]:
         return f"but {message}"
@@ -131,7 +132,7 @@ def _expected(detail: ErrorDetails, location: Location) -> str:
         return "which is not allowed"
     if detail["type"] == "literal_error":
         choices = re.findall(r"'([^']*)'", detail["ctx"]["expected"])
-        near = nearest(str(detail["input"]), choices)
+        near = suggest_name(str(detail["input"]), choices)
         return f"expected {detail['ctx']['expected']}" + (f": {near}" if near.startswith("did you") else "")
     if detail["type"] in _NUMBERS:
         return _NUMBERS[detail["type"]] + (" without a unit" if isinstance(detail["input"], str) else "")
@@ -144,12 +145,12 @@ def _expected(detail: ErrorDetails, location: Location) -> str:
     return message[0].lower() + message[1:]
 
 
-def _shown(value: Any) -> str:
+def _format_value(value: Any) -> str:
     text = "empty" if value is None else repr(value)
     return text if len(text) <= 60 else f"{text[:57]}…"
 
 
-def _field(model: type[BaseModel], location: Location) -> FieldInfo | None:
+def _find_field(model: type[BaseModel], location: Location) -> FieldInfo | None:
     """Return the field at a location; list indices and keys chosen by the user are skipped."""
     field: FieldInfo | None = None
     here: type[BaseModel] | None = model
@@ -161,19 +162,20 @@ def _field(model: type[BaseModel], location: Location) -> FieldInfo | None:
         if here is None:
             break
         field = next((field for name, field in here.model_fields.items() if step in (field.alias, name)), None)
-        here = next(_models(field.annotation), None) if field else None
+        here = next(_models_in(field.annotation), None) if field else None
         free = here is not None and field is not None and get_origin(field.annotation) is dict
     return field
 
 
-def _model(model: type[BaseModel], location: Location) -> type[BaseModel] | None:
-    field = _field(model, location) if location else None
-    return next(_models(field.annotation), None) if field else None if location else model
+def _find_model(model: type[BaseModel], location: Location) -> type[BaseModel] | None:
+    """Return the model of the section at a location; None if it is not a section."""
+    field = _find_field(model, location) if location else None
+    return next(_models_in(field.annotation), None) if field else None if location else model
 
 
-def _models(annotation: Any) -> Iterator[type[BaseModel]]:
+def _models_in(annotation: Any) -> Iterator[type[BaseModel]]:
     """Yield the models in an annotation such as ``Model | None``."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
     for argument in get_args(annotation):
-        yield from _models(argument)
+        yield from _models_in(argument)

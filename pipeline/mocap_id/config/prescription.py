@@ -1,4 +1,4 @@
-"""Configuration of a prescription: a body, a person's strength, places for springs, and what they must achieve."""
+"""Configuration of a prescription: a body, a person's strength, joints for springs, and postures to hold."""
 
 from __future__ import annotations
 
@@ -8,9 +8,9 @@ from typing import Any, Literal
 
 from pydantic import Field
 
-from mocap_id.config.parsing import json_schema, parse, raise_mistakes
+from mocap_id.config.parsing import parse, raise_mistakes
 from mocap_id.config.source import Location, Source, read
-from mocap_id.config.trial import absolute
+from mocap_id.config.trial import make_absolute
 from mocap_id.stages.base import Settings
 
 _MAX_JOINTS = 3
@@ -18,7 +18,7 @@ _Pair = tuple[float, float]
 
 
 class Arm(Settings):
-    """One joint with a weight on a lever (thesis figure 7.5) that hangs down at angle 0."""
+    """One joint with a weight on a lever (thesis figure 7.5), which hangs down at angle 0."""
 
     mass_kg: float = Field(gt=0, lt=1000, description="mass on the lever, kg")
     lever_m: float = Field(gt=0, lt=10, description="distance of the mass from the joint, m")
@@ -30,7 +30,7 @@ class Arm(Settings):
 
 
 class Segment(Settings):
-    """A segment of a planar chain, with the joint that moves it; at angles of 0, every y axis points up."""
+    """A segment of a planar chain and the joint that moves it; if all angles are 0, every y axis points up."""
 
     name: str = Field(min_length=1, max_length=60, description="name of its joint")
     at_m: _Pair = Field((0.0, 0.0), description="the joint, in the frame of the previous segment, m")
@@ -49,7 +49,7 @@ class JointWish(Settings):
 
 
 class SpringWish(Settings):
-    """Place and limits of a spring."""
+    """Joints that a spring may cross, and limits of the spring."""
 
     joints: tuple[int, ...] = Field((1,), min_length=1, max_length=2, description="joints that it crosses, from 1")
     stiffest: float | None = Field(None, gt=0, description="largest stiffness, N·m/rad")
@@ -66,7 +66,7 @@ class GivenSpring(Settings):
 
 
 class LevelSet(Settings):
-    """Reachable set over time, of one joint."""
+    """Settings of the reachable set of one joint over time."""
 
     horizons_s: tuple[float, ...] = Field((1.0, 2.0, 3.0, 4.0), min_length=1, description="times, ascending, s")
     angles: int = Field(121, ge=21, le=2001, description="number of grid nodes over the angle")
@@ -87,7 +87,7 @@ class SearchGrid(Settings):
 
 
 class Task(Settings):
-    """A task of the person: all its postures must be held."""
+    """A task of the person, whose postures must all be held."""
 
     name: str = Field(pattern=r"^\w[\w .+-]*$", max_length=60, description="name, such as feeding or drinking")
     group: str | None = Field(None, description="tasks of one group share a sub-workspace; default: a group of its own")
@@ -99,10 +99,12 @@ class Task(Settings):
 
 
 class ControllerRules(Settings):
-    """Controller that changes the device's pressures between tasks, and the tour that tests it."""
+    """Rules of the controller that changes the device's pressures between tasks, and of the tour that tests it."""
 
-    margin_deg: float = Field(2.0, gt=0, description="distance from the end of a sub-workspace at which it changes")
-    hysteresis_deg: float = Field(3.0, gt=0, description="movement before it may change back")
+    margin_deg: float = Field(
+        2.0, gt=0, description="the pressures change at this distance from the end of a sub-workspace"
+    )
+    hysteresis_deg: float = Field(3.0, gt=0, description="movement before the pressures may change back")
     speed_deg_s: float = Field(60.0, gt=0, le=1000, description="largest speed of the tour")
     hold_s: float = Field(1.0, ge=0, le=60, description="time for which the ends of a task are held, s")
     tremor_deg: float = Field(0.2, ge=0, le=10, description="for one joint: amplitude of the person's tremor, at 5 Hz")
@@ -142,7 +144,7 @@ class PrescriptionFile(Settings):
 
 @dataclass(frozen=True)
 class PrescriptionConfig:
-    """A checked configuration and its source, for messages."""
+    """The checked configuration of a prescription, and its source for messages."""
 
     wishes: PrescriptionFile
     source: Source
@@ -155,23 +157,15 @@ class PrescriptionConfig:
 def load_prescription(file: Path) -> PrescriptionConfig:
     """Read and check a prescription's YAML file.
 
-    Raises
-    ------
-    ConfigError
-        One line for every mistake: file, line, key, what was found, what was expected.
+    Raises ConfigError with one line for every mistake: file, line, key, what was found, what was expected.
     """
     source = read(file.absolute())
-    parsed = parse(source, PrescriptionFile, "keys such as `prescription:`, `arm:` and `joints:`", _completed)
-    raise_mistakes(_contradictions(parsed, source))
-    return PrescriptionConfig(absolute(parsed, source.file.parent), source)
+    parsed = parse(source, PrescriptionFile, "keys such as `prescription:`, `arm:` and `joints:`", _fill_empty_sections)
+    raise_mistakes(_find_mistakes(parsed, source))
+    return PrescriptionConfig(make_absolute(parsed, source.file.parent), source)
 
 
-def prescription_schema() -> dict[str, Any]:
-    """Return the JSON Schema of a prescription's YAML file, for editors."""
-    return json_schema(PrescriptionFile)
-
-
-def _completed(data: dict[str, Any]) -> dict[str, Any]:
+def _fill_empty_sections(data: dict[str, Any]) -> dict[str, Any]:
     """Replace empty sections by empty mappings."""
     return {
         key: {} if value is None and key in ("level_set", "search", "controller") else value
@@ -179,28 +173,28 @@ def _completed(data: dict[str, Any]) -> dict[str, Any]:
     }
 
 
-def _contradictions(wishes: PrescriptionFile, source: Source) -> list[str]:
-    """Return mistakes that no single key shows."""
+def _find_mistakes(wishes: PrescriptionFile, source: Source) -> list[str]:
+    """Return a line for every contradiction between keys."""
     bodies = [name for name in ("arm", "chain", "trial") if getattr(wishes, name) is not None]
-    wrong = []
+    mistakes = []
     if len(bodies) != 1:
         found = f"`{'` and `'.join(bodies)}` are given" if bodies else "no body is given"
-        wrong.append(f"{source.where(())}: {found}: expected one of `arm:`, `chain:` and `trial:`")
+        mistakes.append(f"{source.where(())}: {found}: expected one of `arm:`, `chain:` and `trial:`")
     if wishes.chain is not None and wishes.tip_m is None:
-        wrong.append(
+        mistakes.append(
             f"{source.where(('chain',))}: `tip_m` is missing (the chain's tip in the frame of its last segment, m)"
         )
     count = 1 if wishes.arm is not None else len(wishes.chain) if wishes.chain is not None else None
     if count is not None and len(wishes.joints) != count:
-        wrong.append(f"{source.where(('joints',))}: {len(wishes.joints)} joints are given, the body has {count}")
+        mistakes.append(f"{source.where(('joints',))}: {len(wishes.joints)} joints are given, the body has {count}")
     for index, joint in enumerate(wishes.joints):
-        wrong += _joint(joint, index, wishes.trial is not None, source)
+        mistakes += _joint_mistakes(joint, index, wishes.trial is not None, source)
     for index, spring in enumerate(wishes.springs or ()):
         where = source.where(("springs", index))
         if not all(1 <= joint <= len(wishes.joints) for joint in spring.joints):
-            wrong.append(f"{where}: a spring may cross joints 1 to {len(wishes.joints)}, not {list(spring.joints)}")
+            mistakes.append(f"{where}: a spring may cross joints 1 to {len(wishes.joints)}, not {list(spring.joints)}")
         if spring.rest_deg[0] > spring.rest_deg[1]:
-            wrong.append(
+            mistakes.append(
                 f"{where}: the first rest angle, {spring.rest_deg[0]:g}°, is above the second, {spring.rest_deg[1]:g}°"
             )
     one = len(wishes.joints) == 1
@@ -212,37 +206,37 @@ def _contradictions(wishes: PrescriptionFile, source: Source) -> list[str]:
     ):
         if given and one == several:
             use = "several joints" if several else "one joint"
-            wrong.append(f"{source.where((key,))}: `{key}` is for {use}, and {len(wishes.joints)} are given")
+            mistakes.append(f"{source.where((key,))}: `{key}` is for {use}, and {len(wishes.joints)} are given")
     if wishes.controller is not None and not (wishes.tasks and any(spring.device for spring in wishes.springs or ())):
-        wrong.append(f"{source.where(('controller',))}: `controller` needs `tasks:` and a spring with a `device:`")
+        mistakes.append(f"{source.where(('controller',))}: `controller` needs `tasks:` and a spring with a `device:`")
     for index, task in enumerate(wishes.tasks):
-        wrong += _task(task, index, one, source)
-    return wrong
+        mistakes += _task_mistakes(task, index, one, source)
+    return mistakes
 
 
-def _joint(joint: JointWish, index: int, observed: bool, source: Source) -> list[str]:
+def _joint_mistakes(joint: JointWish, index: int, observed: bool, source: Source) -> list[str]:
     place: Location = ("joints", index)
-    wrong = []
+    mistakes = []
     if joint.limits_deg is None and not observed:
-        wrong.append(
+        mistakes.append(
             f"{source.where(place)}: `limits_deg` of joint {index + 1} is missing: without a trial there is no default"
         )
     if joint.limits_deg is not None and joint.limits_deg[0] >= joint.limits_deg[1]:
         low, high = joint.limits_deg
         where = source.where((*place, "limits_deg"))
-        wrong.append(f"{where}: the lower limit of joint {index + 1}, {low:g}°, is not below the upper, {high:g}°")
+        mistakes.append(f"{where}: the lower limit of joint {index + 1}, {low:g}°, is not below the upper, {high:g}°")
     if (joint.strength_Nm is None) == (joint.strength_share is None):
-        wrong.append(f"{source.where(place)}: give one of `strength_Nm` and `strength_share` for joint {index + 1}")
-        return wrong
+        mistakes.append(f"{source.where(place)}: give one of `strength_Nm` and `strength_share` for joint {index + 1}")
+        return mistakes
     given = joint.strength_Nm if joint.strength_Nm is not None else joint.strength_share
     low, high = given if isinstance(given, tuple) else (-float(given or 0.0), float(given or 0.0))
     if low >= high:
         where = source.where(place)
-        wrong.append(f"{where}: the lower strength of joint {index + 1}, {low:g}, is not below the upper, {high:g}")
-    return wrong
+        mistakes.append(f"{where}: the lower strength of joint {index + 1}, {low:g}, is not below the upper, {high:g}")
+    return mistakes
 
 
-def _task(task: Task, index: int, one: bool, source: Source) -> list[str]:
+def _task_mistakes(task: Task, index: int, one: bool, source: Source) -> list[str]:
     where = source.where(("tasks", index))
     given = [key for key in ("angles_deg", "box_m", "point_m") if getattr(task, key) is not None]
     fitting = ["angles_deg"] if one else ["box_m", "point_m"]

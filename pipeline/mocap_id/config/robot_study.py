@@ -1,4 +1,4 @@
-"""Configuration of a robot study: trials, their place in the tables, and reference values of the robot."""
+"""Configuration of a robot study: trials, their labels in the tables, and reference values of the robot."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from pathlib import Path
 from pydantic import Field
 
 from mocap_id.config.parsing import parse
-from mocap_id.config.source import read
-from mocap_id.config.trial import Trial, absolute, load
+from mocap_id.config.source import Source, read
+from mocap_id.config.trial import Trial, load, make_absolute
 from mocap_id.errors import ConfigError
 from mocap_id.stages.base import Settings
 
@@ -41,41 +41,31 @@ class _File(Settings):
 
 @dataclass(frozen=True)
 class RobotTrial:
-    """A trial of a robot study; an empty label or None means unknown."""
+    """A trial of a robot study; a label is empty or None if it is not known."""
 
     trial: Trial
     joint: str = ""
     speed: str = ""
-    orientation: float | None = None
+    orientation: float | None = None  # angle of the robot about the vertical, degrees
 
 
 @dataclass(frozen=True)
 class RobotStudy:
-    """A checked robot study, ready to run.
-
-    Parameters
-    ----------
-    name : str
-    trials : tuple of RobotTrial
-    reference : mapping
-        By joint.
-    """
+    """A checked robot study, ready to run."""
 
     name: str
     trials: tuple[RobotTrial, ...]
-    reference: Mapping[str, RobotReference]
+    reference: Mapping[str, RobotReference]  # by joint
 
 
 def load_robot_study(files: tuple[Path, ...]) -> RobotStudy:
     """Read the file of a study, or the files of trials.
 
-    Raises
-    ------
-    ConfigError
-        A file has mistakes, or two trials have the same name.
+    Raises ConfigError if a file has mistakes or two trials have the same name.
     """
-    if len(files) == 1 and "trials" in _keys(files[0]):
-        study = _study(files[0])
+    source = read(files[0].absolute()) if len(files) == 1 else None
+    if source is not None and isinstance(source.data, dict) and "trials" in source.data:
+        study = _parse_study(source)
     else:
         study = RobotStudy("robot", tuple(RobotTrial(load(file)) for file in files), {})
     names = [one.trial.name for one in study.trials]
@@ -88,16 +78,10 @@ def load_robot_study(files: tuple[Path, ...]) -> RobotStudy:
     return study
 
 
-def _keys(file: Path) -> set[str]:
-    data = read(file.absolute()).data
-    return set(map(str, data)) if isinstance(data, dict) else set()
-
-
-def _study(file: Path) -> RobotStudy:
-    source = read(file.absolute())
+def _parse_study(source: Source) -> RobotStudy:
     parsed = parse(source, _File, "keys such as `study:` and `trials:`")
     trials = tuple(
-        RobotTrial(load(absolute(one.file, source.file.parent)), one.joint, one.speed, one.orientation)
-        for one in parsed.trials
+        RobotTrial(load(make_absolute(entry.file, source.file.parent)), entry.joint, entry.speed, entry.orientation)
+        for entry in parsed.trials
     )
     return RobotStudy(parsed.study, trials, parsed.reference)

@@ -14,7 +14,7 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, Node, ScalarNode, SequenceNode
 
 from mocap_id import plain_files
-from mocap_id.errors import ConfigError
+from mocap_id.errors import ConfigError, first_line
 
 Location: TypeAlias = tuple[str | int, ...]
 """Keys and list indices from the root to a value."""
@@ -36,14 +36,14 @@ _JSON_TAGS = tuple(_YAML + name for name in ("str", "int", "float", "bool", "nul
 
 @dataclass(frozen=True)
 class Source:
-    """Contents of a YAML file: JSON-like data, and the line (from 1) of each location; without lines if not read."""
+    """Contents of a YAML file: JSON-like data, and the line (from 1) of each location; no lines if there is no file."""
 
     file: Path
     data: Any
     lines: Mapping[Location, int]
 
     def where(self, location: Location) -> str:
-        """Return ``FILE, line N`` of a location, or of the nearest enclosing one; ``FILE`` if there are no lines."""
+        """Return ``FILE, line N`` of a location or of the nearest enclosing one; ``FILE`` if there are no lines."""
         if not self.lines:
             return str(self.file)
         while location not in self.lines:
@@ -54,12 +54,9 @@ class Source:
 def read(file: Path) -> Source:
     """Read a YAML file.
 
-    Raises
-    ------
-    ConfigError
-        The file is missing, not YAML, or has aliases, tags or duplicate keys.
+    Raises ConfigError if the file is missing, not YAML, or has aliases, tags or duplicate keys.
     """
-    text = _text(file)
+    text = _read_text(file)
     yaml = YAML(typ="safe", pure=True)
     yaml.Composer = _Composer
     try:
@@ -70,7 +67,7 @@ def read(file: Path) -> Source:
         problem = error.problem or error.context or ""
         raise ConfigError(f"{where}: not valid YAML: {problem}{_advice(problem)}") from error
     except (YAMLError, *_BROKEN) as error:
-        raise ConfigError(f"{file}: not valid YAML: {_first_line(error)}") from error
+        raise ConfigError(f"{file}: not valid YAML: {first_line(error)}") from error
     if root is None:
         raise ConfigError(f"{file}: the file is empty, expected `trial:`, `recording:` and so on")
     reader = _Reader(file, yaml)
@@ -78,11 +75,11 @@ def read(file: Path) -> Source:
 
 
 def _advice(problem: str) -> str:
-    """Return advice for the most common mistakes."""
+    """Return advice about the most common mistakes; empty for other mistakes."""
     return next((f": {advice}" for words, advice in _ADVICE.items() if words in problem), "")
 
 
-def _text(file: Path) -> str:
+def _read_text(file: Path) -> str:
     try:
         return plain_files.read(file, largest=_MAX_BYTES).decode("utf-8")
     except FileNotFoundError as error:
@@ -101,14 +98,14 @@ def _text(file: Path) -> str:
 
 
 class _Composer(Composer):
-    """Composer with limits on depth and number of values."""
+    """Composer of YAML nodes with limits on depth and number of values."""
 
     def __init__(self, *arguments: Any, **more: Any) -> None:
         super().__init__(*arguments, **more)
         self._depth = self._values = 0
 
     def compose_node(self, parent: Any, index: Any) -> Any:
-        """Compose a node as the library does; YAMLError where a limit is exceeded."""
+        """Compose a node as the library does; YAMLError if a limit is exceeded."""
         self._depth += 1
         self._values += 1
         if self._depth > _MAX_DEPTH:
@@ -121,7 +118,7 @@ class _Composer(Composer):
 
 
 class _Reader:
-    """Builds the data of a node tree and collects the lines of all keys and values."""
+    """Converter of a tree of nodes to plain data, which collects the lines of all keys and values."""
 
     def __init__(self, file: Path, yaml: YAML) -> None:
         self.file, self.yaml = file, yaml
@@ -167,11 +164,7 @@ class _Reader:
             return self.yaml.constructor.construct_object(node)
         except (YAMLError, *_BROKEN) as error:
             kind = str(node.tag).removeprefix(_YAML)
-            raise self._error(node, f"`{str(node.value)[:40]}` is not a valid {kind} ({_first_line(error)})") from error
+            raise self._error(node, f"`{str(node.value)[:40]}` is not a valid {kind} ({first_line(error)})") from error
 
     def _error(self, node: Node, message: str) -> ConfigError:
         return ConfigError(f"{self.file}, line {node.start_mark.line + 1}: {message}")
-
-
-def _first_line(error: Exception) -> str:
-    return (str(error).splitlines() or [type(error).__name__])[0]

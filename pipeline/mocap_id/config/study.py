@@ -10,9 +10,9 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, create_model
 
-from mocap_id.config.parsing import json_schema, nearest, parse, raise_mistakes
+from mocap_id.config.parsing import build_json_schema, parse, raise_mistakes, suggest_name
 from mocap_id.config.source import Location, Source, read
-from mocap_id.config.trial import Trial, absolute, compose, trial_model
+from mocap_id.config.trial import Trial, build_trial_model, compose, make_absolute
 from mocap_id.errors import ConfigError
 from mocap_id.reporting.study.page_data import COHORT
 from mocap_id.stages import STAGES
@@ -47,7 +47,7 @@ class Person(Subject):
 
 
 class _Entry(BaseModel):
-    """A trial of the study; its other keys are checked by the model of a trial."""
+    """A trial of the study; the model of a trial checks its other keys."""
 
     model_config = ConfigDict(frozen=True, extra="allow")
 
@@ -68,7 +68,9 @@ class _File(Settings):
     study: str = Field(pattern=r"^\w[\w .+-]*$", max_length=100, description="name of the study")
     out: Path = Field(Path("runs"), description="folder of the results")
     reference: ConditionName | None = Field(
-        None, max_length=40, description="condition that curls of the others are compared with; default: the first"
+        None,
+        max_length=40,
+        description="condition that the curls in other conditions are compared with; default: the first",
     )
     defaults: dict[str, Any] = Field({}, description="keys of a trial's file, for every trial")
     subjects: dict[str, Person] = Field(description="the people: an id and data of each person")
@@ -77,13 +79,13 @@ class _File(Settings):
 
 @dataclass(frozen=True)
 class StudyTrial:
-    """A trial and its place in the study."""
+    """A trial and its labels in the study."""
 
     trial: Trial
     subject: str
     strategy: str  # empty for reaches and curls
     session: str = ""
-    number: int = 0  # of the trials of the person in the same condition, from 1; 0 if there is no condition
+    number: int = 0  # number among the person's trials in the same condition, from 1; 0 without a condition
 
     @property
     def name(self) -> str:
@@ -98,28 +100,14 @@ class StudyTrial:
 
 @dataclass(frozen=True)
 class Study:
-    """A checked study, ready to run.
+    """A checked study, ready to run."""
 
-    Parameters
-    ----------
-    file : Path
-        The YAML file, absolute.
-    name : str
-    out : Path
-        Folder of the results, absolute; it contains a run folder for each trial, and ``study``.
-    subjects : mapping of str to Person
-        By id, in the order of the file.
-    trials : tuple of StudyTrial
-    reference : str
-        Condition that curls of the others are compared with; empty for other protocols.
-    """
-
-    file: Path
+    file: Path  # the YAML file, absolute
     name: str
-    out: Path
-    subjects: Mapping[str, Person]
+    out: Path  # absolute folder of the results: a run folder for each trial, and ``study``
+    subjects: Mapping[str, Person]  # by id, in the order of the file
     trials: tuple[StudyTrial, ...]
-    reference: str = ""
+    reference: str = ""  # condition that other curls are compared with; empty for other protocols
 
     @property
     def folder(self) -> Path:
@@ -128,87 +116,83 @@ class Study:
 
     @property
     def strategies(self) -> tuple[str, ...]:
-        """Strategies of the trials, in the order of first occurrence."""
+        """Strategies of the trials, in the order of their first occurrence."""
         return tuple(dict.fromkeys(trial.strategy for trial in self.trials))
 
     @property
     def reach(self) -> bool:
         """Whether all trials are reaches."""
-        return self._all(REACH)
+        return all(trial.trial.keys.protocol == REACH for trial in self.trials)
 
     @property
     def curl(self) -> bool:
         """Whether all trials are curls."""
-        return self._all(CURL)
-
-    def _all(self, protocol: str) -> bool:
-        return all(trial.trial.keys.protocol == protocol for trial in self.trials)
+        return all(trial.trial.keys.protocol == CURL for trial in self.trials)
 
 
 def load_study(file: Path) -> Study:
     """Read and check a study's YAML file; no recording is opened.
 
-    Raises
-    ------
-    ConfigError
-        One line for every mistake: file, line, key, what was found, what was expected.
+    Raises ConfigError with one line for every mistake: file, line, key, what was found, what was expected.
     """
     source = read(file.absolute())
     keys = source.data.keys() if isinstance(source.data, dict) else set()
     if {"trial", "recording"} <= keys and "trials" not in keys:
         raise ConfigError(f"{source.file} is a trial, not a study: `mocap-id run {source.file}` runs it")
-    parsed = parse(source, _File, "keys such as `study:`, `subjects:` and `trials:`", _completed)
-    raise_mistakes((*_contradictions(parsed, source), *_wrong_labels(parsed, source)))
-    out = absolute(parsed.out, source.file.parent)
-    trials = _trials(parsed, source, out)
-    return Study(source.file, parsed.study, out, parsed.subjects, trials, _reference(parsed, source, trials))
+    parsed = parse(source, _File, "keys such as `study:`, `subjects:` and `trials:`", _fill_empty_sections)
+    raise_mistakes((*_find_mistakes(parsed, source), *_find_wrong_labels(parsed, source)))
+    out = make_absolute(parsed.out, source.file.parent)
+    trials = _compose_trials(parsed, source, out)
+    return Study(source.file, parsed.study, out, parsed.subjects, trials, _find_reference(parsed, source, trials))
 
 
-def study_schema() -> dict[str, Any]:
+def build_study_schema() -> dict[str, Any]:
     """Return the JSON Schema of a study's YAML file, for editors."""
-    schema, trial = json_schema(_File), json_schema(trial_model(STAGES))
+    schema, trial = build_json_schema(_File), build_json_schema(build_trial_model(STAGES))
     keys = {name: key for name, key in trial["properties"].items() if name not in ("subject", "out")}
     entry = schema["$defs"]["_Entry"]
     entry["properties"] = keys | entry["properties"]
     entry["required"] = sorted({*entry["required"], "recording"})
     entry["additionalProperties"] = False
     defaults = {name: key for name, key in keys.items() if name not in _OWN_KEYS}
-    described = schema["properties"]["defaults"]["description"]
+    description = schema["properties"]["defaults"]["description"]
     schema["properties"]["defaults"] = {
         "type": "object",
         "properties": defaults,
         "additionalProperties": False,
-        "description": described,
+        "description": description,
     }
     schema["$defs"] = trial["$defs"] | schema["$defs"]
     return {**schema, "title": "Study"}
 
 
-def _trials(parsed: _File, source: Source, out: Path) -> tuple[StudyTrial, ...]:
+def _compose_trials(parsed: _File, source: Source, out: Path) -> tuple[StudyTrial, ...]:
     """Return all trials; the mistakes of all trials are raised together, each once."""
     labels: dict[str, Any] = {
         name: (str, Field("", description=_Entry.model_fields[name].description)) for name in ("strategy", "session")
     }
-    model = create_model("StudyTrial", __base__=trial_model(STAGES), **labels)
-    found: list[StudyTrial] = []
-    wrong: list[str] = []
-    below = _below(source)
+    model = create_model("StudyTrial", __base__=build_trial_model(STAGES), **labels)
+    trials: list[StudyTrial] = []
+    mistakes: list[str] = []
+    below = _lines_below(source)
     for index, entry in enumerate(parsed.trials):
         try:
-            trial = compose(_one(source, below, index, parsed.subjects), STAGES, out=out / entry.trial, model=model)
+            trial = compose(
+                _trial_source(source, below, index, parsed.subjects), STAGES, out=out / entry.trial, model=model
+            )
         except ConfigError as error:
-            wrong += str(error).splitlines()
+            mistakes += str(error).splitlines()
         else:
             condition = trial.keys.curl.condition
-            before = sum(one.subject == entry.subject and one.condition == condition for one in found)
+            before = sum(other.subject == entry.subject and other.condition == condition for other in trials)
             number = before + 1 if condition else 0
-            found.append(StudyTrial(trial, entry.subject, entry.strategy or "", entry.session or "", number))
-    raise_mistakes(dict.fromkeys(wrong))
-    return tuple(found)
+            trials.append(StudyTrial(trial, entry.subject, entry.strategy or "", entry.session or "", number))
+    raise_mistakes(dict.fromkeys(mistakes))
+    return tuple(trials)
 
 
-def _reference(parsed: _File, source: Source, trials: Sequence[StudyTrial]) -> str:
-    """Return the condition that others are compared with; raise what is wrong with conditions."""
+def _find_reference(parsed: _File, source: Source, trials: Sequence[StudyTrial]) -> str:
+    """Return the condition that others are compared with; ConfigError if a condition is missing or unknown."""
     conditions = dict.fromkeys(trial.condition for trial in trials)
     where = source.where(("reference",))
     if trials[0].trial.keys.protocol != CURL:
@@ -224,20 +208,20 @@ def _reference(parsed: _File, source: Source, trials: Sequence[StudyTrial]) -> s
     return parsed.reference or trials[0].condition
 
 
-def _below(source: Source) -> Mapping[Location, Mapping[Location, int]]:
-    """Return the lines below each default and each trial's key; collected once because there may be many trials."""
-    found: defaultdict[Location, dict[Location, int]] = defaultdict(dict)
-    for place, line in source.lines.items():
-        size = {"defaults": 2, "trials": 3}.get(str(place[0]), 0) if place else 0
-        if 0 < size <= len(place):
-            found[place[:size]][place[size:]] = line
-    return found
+def _lines_below(source: Source) -> Mapping[Location, Mapping[Location, int]]:
+    """Return the lines below each default and each trial's key; collected once because a study may have many trials."""
+    below: defaultdict[Location, dict[Location, int]] = defaultdict(dict)
+    for location, line in source.lines.items():
+        size = {"defaults": 2, "trials": 3}.get(str(location[0]), 0) if location else 0
+        if 0 < size <= len(location):
+            below[location[:size]][location[size:]] = line
+    return below
 
 
-def _one(
+def _trial_source(
     source: Source, below: Mapping[Location, Mapping[Location, int]], index: int, subjects: Mapping[str, Person]
 ) -> Source:
-    """Return the keys of one trial with the defaults and the person's data, each with its line in the file."""
+    """Return the keys of one trial, with the defaults and the person's data, each with its line in the file."""
     entry: dict[str, Any] = source.data["trials"][index]
     defaults: dict[str, Any] = source.data.get("defaults") or {}
     person = subjects[entry["subject"]].model_dump(mode="json", exclude={"landmarks_m", "score"}, exclude_none=True)
@@ -246,20 +230,13 @@ def _one(
     for key, value in (defaults | entry | {"subject": person}).items():
         own, other = entry.get(key), defaults.get(key)
         data[key] = {**other, **own} if isinstance(own, dict) and isinstance(other, dict) else value
-        if key in defaults:
-            lines |= _moved(below["defaults", key], (key,))
-        if key in entry:
-            lines |= _moved(below["trials", index, key], (key,))
+        for location in (("defaults", key), ("trials", index, key)):
+            lines |= {(key, *rest): line for rest, line in below.get(location, {}).items()}
     return Source(source.file, data, lines)
 
 
-def _moved(below: Mapping[Location, int], here: Location) -> dict[Location, int]:
-    """Return the lines below a location, by their locations in a trial's file."""
-    return {(*here, *place): line for place, line in below.items()}
-
-
-def _contradictions(parsed: _File, source: Source) -> Iterator[str]:
-    """Yield mistakes that no single key shows."""
+def _find_mistakes(parsed: _File, source: Source) -> Iterator[str]:
+    """Yield a line for every contradiction between keys."""
     for key in _OWN_KEYS:
         if key in parsed.defaults:
             where = source.where(("defaults", key))
@@ -280,11 +257,11 @@ def _contradictions(parsed: _File, source: Source) -> Iterator[str]:
         if "out" in (entry.model_extra or {}):
             yield f"{source.where(('trials', index, 'out'))}: `out` is not allowed in a trial: write it at the top"
         if entry.subject not in parsed.subjects:
-            where = source.where(("trials", index, "subject"))
-            yield f"{where}: there is no subject `{entry.subject}`: {nearest(entry.subject, list(parsed.subjects))}"
+            where, hint = source.where(("trials", index, "subject")), suggest_name(entry.subject, list(parsed.subjects))
+            yield f"{where}: there is no subject `{entry.subject}`: {hint}"
 
 
-def _wrong_labels(parsed: _File, source: Source) -> Iterator[str]:
+def _find_wrong_labels(parsed: _File, source: Source) -> Iterator[str]:
     """Yield a line for trials that do not belong together, and for labels that do not suit the protocol."""
     default = parsed.defaults.get("protocol")
     protocols = [(entry.model_extra or {}).get("protocol", default) for entry in parsed.trials]
@@ -301,8 +278,8 @@ def _wrong_labels(parsed: _File, source: Source) -> Iterator[str]:
             yield f"{where}: `trials[{index}].strategy` is missing, expected how the person moves, such as normal"
 
 
-def _completed(data: dict[str, Any]) -> dict[str, Any]:
-    """Replace empty subjects and sections by empty mappings."""
+def _fill_empty_sections(data: dict[str, Any]) -> dict[str, Any]:
+    """Replace empty subjects and empty defaults by empty mappings."""
     data = dict(data)
     subjects = data.get("subjects")
     if isinstance(subjects, dict):

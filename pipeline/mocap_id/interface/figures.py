@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from mocap_id.config.parsing import nearest
+from mocap_id.config.parsing import suggest_name
 from mocap_id.errors import StoreError
 from mocap_id.reporting.figure import Drawing, Drawings
 from mocap_id.workflows.figures import page_drawings
@@ -95,7 +95,7 @@ class PageFigures:
         """Return a figure; StoreError where it is missing, which says why."""
         known = {one.name: one for one in self._drawings.all}
         if name not in known:
-            raise StoreError(f"{self._drawings.of}: there is no figure {name!r}: {nearest(name, tuple(known))}")
+            raise StoreError(f"{self._drawings.of}: there is no figure {name!r}: {suggest_name(name, tuple(known))}")
         missing = known[name].missing
         if missing is not None:
             raise StoreError(f"{self._drawings.of}: there is no figure {name!r}: {missing}")

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any, Literal, TypeAlias
 
 from mocap_id import simulation
-from mocap_id.config.parsing import nearest
+from mocap_id.config.parsing import suggest_name
 from mocap_id.errors import ConfigError
 from mocap_id.simulation import arm, space_robot
 
@@ -57,14 +57,14 @@ def simulate(kind: Kind, folder: str | PathLike[str], **options: Any) -> Path:
         The folder already holds a trial, or cannot be written.
     """
     if kind not in {**_TRIALS, **_SETS}:
-        raise ConfigError(f"simulate: there is no kind {kind!r}: {nearest(kind, (*_TRIALS, *_SETS))}")
+        raise ConfigError(f"simulate: there is no kind {kind!r}: {suggest_name(kind, (*_TRIALS, *_SETS))}")
     write, model = {**_TRIALS, **_SETS}[kind]
     chosen = model()
     own = [each.name for each in fields(model) if each.name != "options"]
     common = [each.name for each in fields(chosen.options)] if kind in _SETS else []
     for name in options:
         if name not in (*own, *common):
-            raise ConfigError(f"simulate {kind}: there is no option {name!r}: {nearest(name, (*own, *common))}")
+            raise ConfigError(f"simulate {kind}: there is no option {name!r}: {suggest_name(name, (*own, *common))}")
     if common:
         shared = replace(chosen.options, **{name: options.pop(name) for name in common if name in options})
         options["options"] = shared

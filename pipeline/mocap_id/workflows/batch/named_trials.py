@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from mocap_id.config import Trial, load
 from mocap_id.config.source import Source, read
 from mocap_id.config.study import load_study
-from mocap_id.config.trial import compose, trial_model
+from mocap_id.config.trial import build_trial_model, compose
 from mocap_id.errors import ConfigError
 
 _TRIAL_FILES = ("*.yaml", "*.yml")
@@ -42,7 +42,7 @@ def find_trials(named: Sequence[str]) -> tuple[list[Trial], list[UnreadableFile]
     """
     trials: dict[Path, Trial] = {}
     unreadable: list[UnreadableFile] = []
-    model = trial_model()  # once, because making it takes as long as reading a file
+    model = build_trial_model()  # once, because making it takes as long as reading a file
     for file, source in dict(one for name in named for one in _files(name)).items():
         try:
             for trial in _trials(file, source, model):

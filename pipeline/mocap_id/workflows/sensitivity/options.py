@@ -8,7 +8,7 @@ from pathlib import Path
 
 from pydantic import Field
 
-from mocap_id.config.parsing import nearest, parse, raise_mistakes
+from mocap_id.config.parsing import parse, raise_mistakes, suggest_name
 from mocap_id.config.source import Source, read
 from mocap_id.errors import ConfigError
 from mocap_id.stages.base import Settings
@@ -46,7 +46,9 @@ class SensitivityOptions:
         """
         for name in kinds:
             if name not in KINDS:
-                raise ConfigError(f"--only {name}: there is no such kind of perturbation: {nearest(name, list(KINDS))}")
+                raise ConfigError(
+                    f"--only {name}: there is no such kind of perturbation: {suggest_name(name, list(KINDS))}"
+                )
         selections = of_kinds(self.selections, kinds)
         if not selections:
             raise ConfigError(f"--only {', '.join(kinds)}: the settings file has no perturbation of this kind")
@@ -83,7 +85,7 @@ def _mistakes(entry: _Entry, number: int, source: Source) -> Iterator[str]:
     kind = KINDS.get(entry.kind)
     if kind is None:
         where = source.where((*place, "kind"))
-        yield f"{where}: there is no perturbation `{entry.kind}`: {nearest(entry.kind, list(KINDS))}"
+        yield f"{where}: there is no perturbation `{entry.kind}`: {suggest_name(entry.kind, list(KINDS))}"
         return
     for k, level in enumerate(entry.levels):
         if not kind.allowed(level):
@@ -96,7 +98,7 @@ def _mistakes(entry: _Entry, number: int, source: Source) -> Iterator[str]:
         elif not kind.targets:
             yield f"{where}: {kind.name} acts on everything: leave out `on`"
         elif kind.targets != JOINTS and name not in kind.targets:
-            yield f"{where}: {kind.name}: there is no {name!r}: {nearest(name, list(kind.targets))}"
+            yield f"{where}: {kind.name}: there is no {name!r}: {suggest_name(name, list(kind.targets))}"
 
 
 def _is_sd(name: str) -> bool:

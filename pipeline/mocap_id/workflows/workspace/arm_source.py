@@ -10,7 +10,7 @@ import numpy as np
 from mocap_id import runner
 from mocap_id.arrays import FloatArray
 from mocap_id.config.chain import ChainFile, is_chain, load_chain
-from mocap_id.config.parsing import nearest
+from mocap_id.config.parsing import suggest_name
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry import Chain, Revolute, se3
 from mocap_id.prescription.arms import PlanarArm, SpatialArm
@@ -132,7 +132,7 @@ def _tip(skeleton: Skeleton, residual: FloatArray, tip: str | None, source: Path
     else:
         known = [labels[k] for k in own]
         about = "is not on the last segment" if tip in labels else "is not a marker of the chain"
-        raise ConfigError(f"{source}: the tip `{tip}` {about}: {nearest(tip, known)}")
+        raise ConfigError(f"{source}: the tip `{tip}` {about}: {suggest_name(tip, known)}")
     return labels[k], local[k], float(np.nan_to_num(residual[k]))
 
 
