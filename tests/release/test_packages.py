@@ -22,7 +22,7 @@ pytest.importorskip("hatchling", reason="the packages are built by hatchling: ma
 ROOT = Path(__file__).resolve().parents[2]
 TEMPLATES = "mocap_id/reporting/templates"
 INFO = f"mocap_id-{__version__}.dist-info"
-SUFFIXES = {".py", ".pyi", ".js", ".css", ".j2", ".csv", ".LICENSE"}
+SUFFIXES = {".py", ".pyi", ".js", ".css", ".j2", ".csv", ".toml", ".LICENSE"}
 """Endings of the files of a program; any other file in the wheel is there by mistake."""
 TOP = {
     *("pipeline", "cli", "configs", "tests", "benchmarks", "docs", "sample_trials"),

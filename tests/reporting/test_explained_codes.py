@@ -9,8 +9,7 @@ import pytest
 
 from mocap_id import errors
 from mocap_id.errors import ConfigError, MocapIdError
-from mocap_id.reporting.explanations import EXPLANATIONS
-from mocap_id.reporting.explanations.exit_codes import EXIT_CODES
+from mocap_id.reporting.explanations import EXIT_CODES, EXPLANATIONS
 from mocap_id.stages import STAGES
 from mocap_id.stages.trial_keys import TrialKeys
 from mocap_id.workflows.code_lookup import entries, explain

@@ -8,8 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mocap_id.errors import ConfigError
-from mocap_id.reporting.explanations import EXPLANATIONS
-from mocap_id.reporting.explanations.exit_codes import EXIT_CODES
+from mocap_id.reporting.explanations import EXIT_CODES, EXPLANATIONS
 
 _LEVELS = {"ok": "note"}
 

@@ -1,51 +1,108 @@
-"""Plain-language explanations of every reason code: what it means and what to do."""
+"""Explanations of every reason code and exit code: what it means and what to do.
+
+The texts are in the TOML files of this folder. An entry is named by its code; ``levels`` are the levels of the verdict
+at which the code can occur, most severe first.
+"""
 
 from __future__ import annotations
 
+import tomllib
 from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from typing import Any
 
-from mocap_id.reporting.explanations.chain import CHAIN
-from mocap_id.reporting.explanations.contact import CONTACT
-from mocap_id.reporting.explanations.explanation import Explanation
-from mocap_id.reporting.explanations.inertial import INERTIAL
-from mocap_id.reporting.explanations.landmarks import LANDMARKS
-from mocap_id.reporting.explanations.parameters import PARAMETERS
-from mocap_id.reporting.explanations.recording import RECORDING
-from mocap_id.reporting.explanations.space import SPACE
-from mocap_id.reporting.explanations.transfer import TRANSFER
+from mocap_id import errors
 from mocap_id.verdict import Level
 
-__all__ = ["EXPLANATIONS", "LEVELS", "Explanation", "as_markdown"]
-
-EXPLANATIONS: Mapping[str, Explanation] = {
-    **RECORDING,
-    **CHAIN,
-    **LANDMARKS,
-    **SPACE,
-    **INERTIAL,
-    **CONTACT,
-    **PARAMETERS,
-    **TRANSFER,
-}
-"""Explanations of all stages and workflows by reason code."""
+FILES = ("recording", "chain", "landmarks", "space", "inertial", "contact", "parameters", "transfer")
+"""Files with the explanations of reason codes, by topic."""
 
 LEVELS: Mapping[Level, tuple[str, str]] = {
-    "ok": ("Good", "Every check passed. The numbers below can be used, each with its interval."),
+    "ok": ("Good", "Every check passed. Use the numbers below with their intervals."),
     "caution": (
         "Usable with care",
         "The trial was processed, but the reasons listed here limit what can be concluded from it.",
     ),
     "refused": (
         "Refused",
-        "The method cannot treat this recording. This is a finding about the recording, not a program failure. The "
-        "report says why, what to change, and what the recording still shows.",
+        "The method cannot process this recording. This is a finding about the recording, not a program failure. The "
+        "report gives the reason, what to change, and the results that are still valid.",
     ),
 }
-"""Headline and first sentence for each level of a verdict."""
+"""Headline and first sentences of the report for each level of a verdict."""
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """Explanation of one reason code.
+
+    Parameters
+    ----------
+    levels : tuple of str
+        Levels of the verdict at which the code can occur, most severe first.
+    stage : str
+        Stage or command that checks this.
+    title, meaning, action : str
+        Headline, consequences for the results, and what to do.
+    criterion : str
+        Measured quantity and limit. Limits without a setting are constants in the code.
+    """
+
+    levels: tuple[Level, ...]
+    stage: str
+    title: str
+    meaning: str
+    action: str
+    criterion: str
+
+
+@dataclass(frozen=True)
+class ExitCode:
+    """Explanation of one exit code.
+
+    Parameters
+    ----------
+    title, meaning, action : str
+        Headline, what happened and what was written, and what to do.
+    error : type of MocapIdError or None
+        Exception that causes the exit code; None if no exception causes it.
+    """
+
+    title: str
+    meaning: str
+    action: str
+    error: type[errors.MocapIdError] | None = None
+
+    @property
+    def name(self) -> str | None:
+        """Class name of the error."""
+        return None if self.error is None else self.error.__name__
+
+
+def read_texts(file: str) -> dict[str, dict[str, Any]]:
+    """Return the entries of a TOML file of this folder by code, with each text on one line."""
+    entries = tomllib.loads(files(__name__).joinpath(f"{file}.toml").read_text("utf-8"))
+    return {
+        code: {key: " ".join(value.split()) if isinstance(value, str) else tuple(value) for key, value in entry.items()}
+        for code, entry in entries.items()
+    }
+
+
+EXPLANATIONS: Mapping[str, Explanation] = {
+    code: Explanation(**entry) for file in FILES for code, entry in read_texts(file).items()
+}
+"""Explanations of the reasons of all stages and workflows, by reason code."""
+
+EXIT_CODES: Mapping[int, ExitCode] = {
+    int(code): ExitCode(**{**entry, "error": getattr(errors, entry["error"]) if "error" in entry else None})
+    for code, entry in read_texts("exit_codes").items()
+}
+"""Explanation of every exit code of every command."""
 
 
 def as_markdown() -> str:
-    """Return the explanations of all codes as a chapter of the documentation."""
+    """Return the explanations of all reason codes in Markdown, for docs/verdict.md."""
     order: tuple[Level, ...] = ("refused", "caution", "ok")
     names = {"refused": "refused", "caution": "caution", "ok": "note"}
     entries = sorted(EXPLANATIONS.items(), key=lambda item: (order.index(item[1].levels[0]), item[0]))
