@@ -18,10 +18,10 @@ from mocap_id.store import Tree
 from mocap_id.store.schemas import DYNAMICS_TREE
 from mocap_id.store.spatial_views import SegmentPoses, SpatialSkeleton
 from mocap_id.workflows.export.files import ExportFiles
+from mocap_id.workflows.export.forces import convert_spatial_wrench
 from mocap_id.workflows.export.formats import FORMATS, IN_SPACE
-from mocap_id.workflows.export.space.forces import acting
-from mocap_id.workflows.export.space.joints import ModelJoint, model_joints
-from mocap_id.workflows.export.space.model import about_centre
+from mocap_id.workflows.export.inertia import convert_spatial_inertia
+from mocap_id.workflows.export.spatial_joints import ModelJoint, model_joints
 from mocap_id.workflows.run_folder import RunFolder
 from spatial_trial import ANGLES_OF_ARM, SpatialTrial
 
@@ -109,7 +109,7 @@ def test_tables_have_units_and_the_numbers_of_the_run(tmp_path: Path) -> None:
 def test_a_chain_with_an_unknown_centre_has_no_model(tmp_path: Path) -> None:
     made = exported(SpatialTrial(frames=60, known=False), tmp_path)
     assert "s07.osim" not in made.files and "s07_angles.csv" in made.files
-    assert "osim: no model: the motion does not show the centre of: shoulder" in made.notes
+    assert "osim: no model: the motion does not determine the centre of: shoulder" in made.notes
     joints = pd.read_csv(io.BytesIO(made.files["s07_skeleton.csv"]))
     assert joints["x (m)"].isna().tolist() == [True, False, False]
 
@@ -117,7 +117,7 @@ def test_a_chain_with_an_unknown_centre_has_no_model(tmp_path: Path) -> None:
 def test_forces_are_equivalent_to_the_wrench() -> None:
     wrench = np.random.default_rng(1).normal(size=(50, 6)) * 50 + [0, 500, 0, 0, 0, 0]
     wrench[7] = [1.0, 0.5, 0.0, 3.0, 2.0, 1.0]
-    force, point, free = np.split(acting(wrench, 20.0), 3, axis=1)
+    force, point, free = np.split(convert_spatial_wrench(wrench, 20.0), 3, axis=1)
     np.testing.assert_allclose(np.cross(point, force) + free, wrench[:, 3:], atol=1e-9)
     assert np.abs(free[wrench[:, 1] > 20][:, [0, 2]]).max() < 1e-9
 
@@ -130,7 +130,7 @@ def test_identified_bodies_keep_their_inertia(tmp_path: Path) -> None:
     own = np.array([[0.02, 0.001, -0.002], [0.001, 0.015, 0.0005], [-0.002, 0.0005, 0.012]])
     centres = (np.array([0.01, -0.12, 0.02]), np.array([0.0, -0.1, 0.03]))
     blocks = np.concatenate([block(2.0 + k, centre, own) for k, centre in enumerate(centres)])
-    found = about_centre(blocks[:10])
+    found = convert_spatial_inertia(blocks[:10])
     np.testing.assert_allclose(found.centre, centres[0])
     np.testing.assert_allclose(found.inertia, own[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]], atol=1e-15)
     tree = Tree(DYNAMICS_TREE, {"full": {"value": blocks}})

@@ -8,9 +8,9 @@ import pytest
 
 from mocap_id import recording
 from mocap_id.recording.angle_table import read_angles
-from mocap_id.workflows.export.forces import _acting
-from mocap_id.workflows.export.motions import known_rows
-from mocap_id.workflows.export.names import legal
+from mocap_id.workflows.export.files import make_legal
+from mocap_id.workflows.export.forces import convert_planar_wrench
+from mocap_id.workflows.export.motions import find_known_rows
 
 
 def grid(frame: pd.DataFrame, *names: str) -> np.ndarray:
@@ -77,12 +77,12 @@ def test_forces_read_back_as_the_same_wrench(exported) -> None:
 def test_a_row_that_is_not_known_is_left_out_and_said() -> None:
     values = np.ones((6, 2))
     values[[0, 3], [1, 0]] = np.nan
-    known, notes = known_rows("a.mot", values)
+    known, notes = find_known_rows("a.mot", values)
     assert known.tolist() == [False, True, True, False, True, True]
     assert "unknown: 2" in notes[0]
     assert "1 of them" in notes[1]
-    assert known_rows("a.mot", np.ones((3, 1)))[1] == ()
-    assert not known_rows("a.mot", np.full((3, 1), np.nan))[0].any()
+    assert find_known_rows("a.mot", np.ones((3, 1)))[1] == ()
+    assert not find_known_rows("a.mot", np.full((3, 1), np.nan))[0].any()
 
 
 def test_no_exported_table_holds_a_nan(exported) -> None:
@@ -96,7 +96,7 @@ def test_no_exported_table_holds_a_nan(exported) -> None:
 def test_force_point_and_moment_make_up_the_wrench_whatever_the_load() -> None:
     """The wrench about the origin is p × F + free moment; with a small force, the point keeps its last value."""
     wrench = np.array([[1.0, 100.0, 20.0], [2.0, 5.0, 3.0], [0.0, 0.0, 0.5], [-3.0, 200.0, -10.0]])
-    acting = _acting(wrench, threshold=20.0)
+    acting = convert_planar_wrench(wrench, threshold=20.0)
     force, point, moment = acting[:, :3], acting[:, 3:6], acting[:, 6:]
     about = np.cross(point, force) + moment
     np.testing.assert_allclose(np.column_stack([force[:, :2], about[:, 2]]), wrench, atol=1e-12)
@@ -131,11 +131,11 @@ def test_without_a_plate_what_exists_is_written_and_the_rest_said(exported) -> N
 
 @pytest.mark.parametrize("names", [["joint 1", "joint/1", "joint\t1"], ["", "/"], ["a_2", "a", "a b", "a_b"]])
 def test_names_become_legal_and_stay_apart(names: list[str]) -> None:
-    given = legal(names)
+    given = make_legal(names)
     assert list(given) == names
     assert len(set(given.values())) == len(names)
     assert all(value and not set(value) & set("/ \t\\*+") for value in given.values())
 
 
 def test_a_name_that_is_taken_is_not_given_away() -> None:
-    assert legal(["ground", "base"], taken=("ground",)) == {"ground": "ground_2", "base": "base"}
+    assert make_legal(["ground", "base"], taken=("ground",)) == {"ground": "ground_2", "base": "base"}

@@ -16,7 +16,7 @@ from mocap_id.config import load
 from mocap_id.runner import run_to
 from mocap_id.simulation import Options, PersonOptions, simulate
 from mocap_id.workflows.export import FORMATS, Export, export
-from mocap_id.workflows.export.motions import sampled
+from mocap_id.workflows.export.motions import format_motion
 
 NAMES = ("foot", "shank", "thigh", "torso")
 G = 9.81
@@ -112,11 +112,11 @@ def test_what_the_chain_does_not_show_is_said_where_one_looks(loose: Loose) -> N
     said = " ".join(loose[1].notes)
     name = loose[0].name
     assert f"its inverse dynamics does not give {name}_torques.sto" in said
-    assert f"sto: torques and modelled wrench are those of bodies on their measured poses ({name}_free" in said
-    assert "csv: torques and modelled wrench are those of bodies" in said
+    assert f"sto: torques and modelled wrench belong to bodies on their measured poses ({name}_free" in said
+    assert "csv: torques and modelled wrench belong to bodies" in said
     assert "Torques and ground wrench do not depend on it" not in said
     text = file(loose, ".osim").read_text("utf-8")
-    assert "those of the bodies, not of this chain" in text
+    assert "belong to these bodies, not to this chain" in text
     free = file(loose, "_free.osim").read_text("utf-8")
     for joint in ("ankle", "knee", "hip"):
         assert f"Torque of {joint}: the moment about its centre" in free
@@ -130,7 +130,7 @@ def test_a_trial_on_the_chain_has_no_free_bodies(exported) -> None:
 def test_a_column_of_which_nothing_is_known_does_not_empty_the_table() -> None:
     """The unknown column is the torque between two segments that form one body."""
     values = np.array([[1.0, np.nan, 2.0], [3.0, np.nan, np.nan], [4.0, np.nan, 5.0]])
-    parts = sampled("a.sto", "t", ["hip", "lumbar", "knee"], values, time=np.arange(3.0))
+    parts = format_motion("a.sto", "t", ["hip", "lumbar", "knee"], values, time=np.arange(3.0))
     text = parts.files["a.sto"].decode()
     assert "time\thip\tknee" in text
     assert len(text.partition("endheader\n")[2].splitlines()) == 3

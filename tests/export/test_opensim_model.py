@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from mocap_id.dynamics.regressor import planar_regressor
-from mocap_id.workflows.export.inertia import about_centre
+from mocap_id.workflows.export.inertia import convert_planar_inertia
 
 
 def vector(node: ElementTree.Element, path: str) -> np.ndarray:
@@ -91,22 +91,24 @@ def test_both_forms_need_the_same_moment(body: tuple[float, ...], motion: tuple[
     mass, x, y, own = body
     angle, speed, acceleration = motion
     block = np.array([mass, mass * x, mass * y, own + mass * (x * x + y * y)])
-    found = about_centre(block)
+    found = convert_planar_inertia(block)
     states = (np.array([[value]]) for value in motion)
     needed = planar_regressor(np.zeros((1, 2)), *states, 9.81)[0, :, 4:] @ block
     c, s = np.cos(angle), np.sin(angle)
     arm = np.array([c * found.centre[0] - s * found.centre[1], s * found.centre[0] + c * found.centre[1]])
     force = found.mass * (acceleration * np.array([-arm[1], arm[0]]) - speed**2 * arm + np.array([0.0, 9.81]))
-    moment = found.inertia * acceleration + arm[0] * force[1] - arm[1] * force[0]
+    moment = found.inertia[2] * acceleration + arm[0] * force[1] - arm[1] * force[0]
     np.testing.assert_allclose([*force, moment], needed, rtol=1e-9, atol=1e-7)
 
 
 def test_a_body_without_mass_can_still_be_loaded() -> None:
-    body = about_centre(np.zeros(4))
+    body = convert_planar_inertia(np.zeros(4))
     assert body.mass > 0
-    assert body.inertia == 0
-    assert about_centre(np.array([0.0, 0.0, 0.0, 0.02])).inertia == 0.02, "a wheel without mass still resists turning"
+    assert body.inertia[2] == 0
+    assert convert_planar_inertia(np.array([0.0, 0.0, 0.0, 0.02])).inertia[2] == 0.02, (
+        "a wheel without mass still resists turning"
+    )
 
 
 def test_rounding_does_not_make_an_inertia_negative() -> None:
-    assert about_centre(np.array([1.0, 0.0, 0.1, 0.01 * (1 - 1e-15)])).inertia >= 0
+    assert convert_planar_inertia(np.array([1.0, 0.0, 0.1, 0.01 * (1 - 1e-15)])).inertia[2] >= 0

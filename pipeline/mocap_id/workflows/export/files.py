@@ -1,11 +1,22 @@
-"""Exported files in memory, and the names by which other files refer to them."""
+"""Exported files in memory, endings of their names, and names of OpenSim's components."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import re
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
-from mocap_id.workflows.run_folder import RunFolder
+from mocap_id.store.spatial_views import SpatialSkeleton
+from mocap_id.store.views import Skeleton
+
+MODEL, FREE_MODEL = ".osim", "_free.osim"
+MEASURED_MARKERS, ANGLES, FREE_POSES = ".trc", "_angles.mot", "_free_poses.mot"
+TORQUES, FORCES, LOADS = "_torques.sto", "_grf.mot", "_external_loads.xml"
+
+BASE = "base"
+"""Name of the joint that connects the base segment to the ground."""
+
+_ILLEGAL = re.compile(r"[^A-Za-z0-9_.\-]+")
 
 
 @dataclass(frozen=True)
@@ -19,41 +30,42 @@ class ExportFiles:
         return ExportFiles({**self.files, **other.files}, tuple(dict.fromkeys((*self.notes, *other.notes))))
 
 
-def model_file(run: RunFolder) -> str:
-    """Return the file name of the chain's model."""
-    return f"{run.name}.osim"
+def make_legal(names: Iterable[str], taken: Iterable[str] = ()) -> dict[str, str]:
+    """Return a unique name for each name, with only letters, digits, ``_``, ``.`` and ``-``, as OpenSim requires.
+
+    Examples
+    --------
+    >>> make_legal(["joint 1", "joint/1", "hip"])
+    {'joint 1': 'joint_1', 'joint/1': 'joint_1_2', 'hip': 'hip'}
+    """
+    legal: dict[str, str] = {}
+    used = set(taken)
+    for name in names:
+        plain = _ILLEGAL.sub("_", name).strip("_") or "unnamed"
+        chosen, number = plain, 2
+        while chosen in used:
+            chosen, number = f"{plain}_{number}", number + 1
+        legal[name] = chosen
+        used.add(chosen)
+    return legal
 
 
-def free_model_file(run: RunFolder) -> str:
-    """Return the file name of the model of free bodies."""
-    return f"{run.name}_free.osim"
+def name_bodies(segments: Iterable[str]) -> tuple[str, ...]:
+    """Return OpenSim's names of the segments, base first."""
+    return tuple(make_legal(segments, taken=("ground",)).values())
 
 
-def measured_file(run: RunFolder) -> str:
-    """Return the file name of the measured markers."""
-    return f"{run.name}.trc"
+def name_joints(skeleton: Skeleton | SpatialSkeleton) -> tuple[str, ...]:
+    """Return OpenSim's names of the joints."""
+    return tuple(make_legal(skeleton.joints, taken=(BASE,)).values())
 
 
-def angles_file(run: RunFolder) -> str:
-    """Return the file name of the joint angles."""
-    return f"{run.name}_angles.mot"
+def name_coordinates(skeleton: Skeleton) -> tuple[str, ...]:
+    """Return OpenSim's names of the joint angles, such as ``ankle_angle``."""
+    return tuple(f"{joint}_angle" for joint in name_joints(skeleton))
 
 
-def torques_file(run: RunFolder) -> str:
-    """Return the file name of the joint torques."""
-    return f"{run.name}_torques.sto"
-
-
-def forces_file(run: RunFolder) -> str:
-    """Return the file name of the external forces."""
-    return f"{run.name}_grf.mot"
-
-
-def loads_file(run: RunFolder) -> str:
-    """Return the file name of the external loads."""
-    return f"{run.name}_external_loads.xml"
-
-
-def free_poses_file(run: RunFolder) -> str:
-    """Return the file name of the poses of free bodies."""
-    return f"{run.name}_free_poses.mot"
+def note_changed_names(names: Mapping[str, str]) -> tuple[str, ...]:
+    """Return a note on the names that were changed, if any."""
+    changed = [f"{old} → {new}" for old, new in names.items() if old != new]
+    return (f"names that OpenSim does not accept were changed: {', '.join(changed)}",) if changed else ()

@@ -10,104 +10,88 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.clock_offset import SampledWrench
 from mocap_id.recording import format_motion_table
-from mocap_id.store.views import Skeleton
-from mocap_id.workflows.export.files import ExportFiles, forces_file, loads_file
-from mocap_id.workflows.export.motions import known_rows
-from mocap_id.workflows.export.names import body_names, legal
-from mocap_id.workflows.export.xml import Element, document, element
+from mocap_id.workflows.export.files import FORCES, LOADS, ExportFiles, make_legal, name_bodies
+from mocap_id.workflows.export.motions import find_known_rows
+from mocap_id.workflows.export.xml import element, format_document
 from mocap_id.workflows.run_folder import RunFolder
 
-_COMPONENTS = ("Fx", "Fy", "tauz")
-_AXES = ("x", "y", "z")
-GROUND = "ground_force"
+_IN_PLANE = ("Fx", "Fy", "tauz")
+_IN_SPACE = ("Fx", "Fy", "Fz", "taux", "tauy", "tauz")
 
 
 @dataclass(frozen=True)
-class Load:
-    """An external wrench on one segment.
+class _Load:
+    """An external wrench on one segment, about the origin, in N and N·m."""
 
-    Parameters
-    ----------
-    name : str
-        Prefix of its columns.
-    segment : int
-        Segment on which it acts; 0 is the base.
-    wrench : (T, 3) array
-        Fx, Fy, tauz on the body about the origin of the plane frame, N and N·m; in space (T, 6).
+    name: str  # prefix of its columns
+    segment: int  # 0 is the base
+    wrench: FloatArray  # (T, 3) or in space (T, 6)
+
+
+def export_forces(run: RunFolder) -> ExportFiles:
+    """Return ``<trial>_grf.mot`` and ``<trial>_external_loads.xml``, in the plane frame, or in the frame of the trial.
+
+    They contain the measured ground wrench on the base segment, at the corrected clock. In the plane, chair and force
+    sensors have columns of their own.
     """
-
-    name: str
-    segment: int
-    wrench: FloatArray
-
-
-def forces(run: RunFolder) -> ExportFiles:
-    """Return ``<trial>_grf.mot`` and ``<trial>_external_loads.xml``, in the plane frame.
-
-    They contain the measured ground wrench on the base segment, at the corrected clock, and chair and sensors
-    separately.
-    """
-    time, found, notes = _loads(run)
-    if not found:
-        return ExportFiles(notes=(*notes, f"mot: no forces: {_why(run)}"))
-    columns = [name for load in found for name in columns_of_load(load.name)]
-    values = np.column_stack([_acting(load.wrench, _threshold(run)) for load in found])
-    rows, lost = known_rows(forces_file(run), values)
+    time, loads, notes = _read_loads(run)
+    if not loads:
+        why = run.facts("wrench.parquet").get("why") or run.why_missing("wrench.parquet")
+        return ExportFiles(notes=(*notes, f"mot: no forces: {why}"))
+    threshold = float(run.facts("wrench.parquet").get("cop_threshold_N") or 0.0)
+    columns = [f"{load.name}_{kind}{axis}" for load in loads for kind in "vpm" for axis in "xyz"]
+    convert = convert_spatial_wrench if run.in_space else convert_planar_wrench
+    values = np.column_stack([convert(load.wrench, threshold) for load in loads])
+    file = run.name + FORCES
+    rows, missing = find_known_rows(file, values)
     text = format_motion_table("forces of the surroundings on the body", columns, values[rows], time=time[rows])
-    parts = ExportFiles({forces_file(run): text.encode()}, (*notes, *lost))
+    parts = ExportFiles({file: text.encode()}, (*notes, *missing))
     tree = run.tree("chain.h5")
     if tree is None:
         return parts
-    bodies = body_names(Skeleton.from_tree(tree))
-    return parts + ExportFiles({loads_file(run): external_loads(run, found, bodies)})
+    bodies = name_bodies(tree.texts("segments/name"))
+    return parts + ExportFiles({run.name + LOADS: _format_loads(run, loads, bodies)})
 
 
-def _why(run: RunFolder) -> str:
-    return str(run.facts("wrench.parquet").get("why") or run.why_missing("wrench.parquet"))
-
-
-def _threshold(run: RunFolder) -> float:
-    return float(run.facts("wrench.parquet").get("cop_threshold_N") or 0.0)
-
-
-def _loads(run: RunFolder) -> tuple[FloatArray, list[Load], tuple[str, ...]]:
-    """Return times (T,), the known loads, and notes on the others."""
-    table = run.table("dynamics.parquet") or run.table("wrench.parquet")
+def _read_loads(run: RunFolder) -> tuple[FloatArray, list[_Load], tuple[str, ...]]:
+    """Return times (T,), the known loads, and notes on loads that are omitted."""
+    components = _IN_SPACE if run.in_space else _IN_PLANE
+    tables = (run.table("dynamics.parquet"), run.table("wrench.parquet"))
+    table = next((each for each in tables if each is not None and set(components) <= set(each.names)), None)
     if table is None:
         return np.zeros(0), [], ()
-    time, ground = table["time"], table.stack(_COMPONENTS)
-    if not np.isfinite(ground).all(axis=1).any():
+    time, wrench = table["time"], table.stack(components)
+    if not np.isfinite(wrench).all(axis=1).any():
         return time, [], ()
-    others = list(_others(run))
+    ground = _Load("ground_force", 0, wrench)
+    if run.in_space:
+        return time, [ground], ()
+    others = list(_read_other_loads(run))
     measured = {str(fact["name"]) for fact in run.facts("wrench.parquet").get("external") or ()}
-    unused = sorted(measured - {name for name, _ in others})
-    notes = tuple(f"mot: {name} is omitted: the identification did not use it" for name in unused)
-    names = legal((name for name, _ in others), taken=("ground",))
-    return (
-        time,
-        [Load(GROUND, 0, ground), *(Load(f"{names[name]}_force", load.segment, load.wrench) for name, load in others)],
-        notes,
-    )
+    unused = sorted(measured - {load.name for load in others})
+    notes = tuple(f"mot: {name} is omitted, because the identification did not use it" for name in unused)
+    names = make_legal((load.name for load in others), taken=("ground",))
+    return time, [ground, *(_Load(f"{names[each.name]}_force", each.segment, each.wrench) for each in others)], notes
 
 
-def _others(run: RunFolder) -> Iterator[tuple[str, Load]]:
-    """Yield chair and sensors that the identification used, at the cameras' times."""
+def _read_other_loads(run: RunFolder) -> Iterator[_Load]:
+    """Yield the wrenches of chair and force sensors that the identification used, at the cameras' times."""
     table, used = run.table("wrench.parquet"), run.facts("dynamics.h5").get("external") or ()
     segments = {str(fact["name"]): int(fact["segment"]) for fact in used}
     if table is None:
         return
-    time, offset = table["time"], _applied_offset(run)
+    time, offset = table["time"], _read_applied_offset(run)
     for fact in run.facts("wrench.parquet").get("external") or ():
         name = str(fact["name"])
         if name not in segments:
             continue
-        wrench = table.stack([f"{each}_{fact['columns']}" for each in _COMPONENTS])
+        wrench = table.stack([f"{each}_{fact['columns']}" for each in _IN_PLANE])
         if fact["clock"] == "plates":
             wrench = SampledWrench.of(time, wrench)(time - offset)
-        yield name, Load(name, segments[name], wrench)
+        yield _Load(name, segments[name], wrench)
 
 
-def _applied_offset(run: RunFolder) -> float:
+def _read_applied_offset(run: RunFolder) -> float:
     """Return the clock offset of the plates that is corrected in dynamics.parquet, s."""
     about, offset = run.provenance.get("dynamics.h5"), run.facts("dynamics.h5").get("clock_offset_s")
     if about is None or offset is None:
@@ -115,15 +99,10 @@ def _applied_offset(run: RunFolder) -> float:
     return float(offset) if about.origin.parameters["identify-dim"]["apply_clock_offset"] else 0.0
 
 
-def columns_of_load(name: str) -> list[str]:
-    """Return the column names of force (``_vx`` …), point (``_px`` …) and free moment (``_mx`` …)."""
-    return [f"{name}_{kind}{axis}" for kind in "vpm" for axis in _AXES]
+def convert_planar_wrench(wrench: FloatArray, threshold: float) -> FloatArray:
+    """Return force, point and free moment (T, 9) equivalent to a wrench Fx, Fy, tauz (T, 3) about the origin.
 
-
-def _acting(wrench: FloatArray, threshold: float) -> FloatArray:
-    """Return force, point and free moment (T, 9) equivalent to a wrench (T, 3).
-
-    The point is the centre of pressure on y = 0. Where the force is too small to define it, the point keeps its last
+    The point is the centre of pressure on y = 0. Where Fy is not above the threshold, N, the point keeps its last
     value, and the free moment makes the wrench exact.
     """
     force, moment = wrench[:, :2], wrench[:, 2]
@@ -140,30 +119,33 @@ def _acting(wrench: FloatArray, threshold: float) -> FloatArray:
     return np.column_stack([force, zero, x, zero, zero, zero, zero, free])
 
 
-def external_loads(run: RunFolder, loads: list[Load], bodies: tuple[str, ...]) -> bytes:
+def convert_spatial_wrench(wrench: FloatArray, threshold: float) -> FloatArray:
+    """Return force, point and free moment (T, 9) equivalent to a wrench (T, 6) about the origin.
+
+    The point is the centre of pressure on y = 0, or the origin where Fy is not above the threshold, N.
+    """
+    force, moment = wrench[:, :3], wrench[:, 3:]
+    loaded = np.abs(force[:, 1]) > max(threshold, 1e-9)
+    divisor = np.where(loaded, force[:, 1], 1.0)
+    point = np.zeros_like(force)
+    point[:, 0] = np.where(loaded, moment[:, 2] / divisor, 0.0 * moment[:, 2])
+    point[:, 2] = np.where(loaded, -moment[:, 0] / divisor, 0.0 * moment[:, 0])
+    return np.column_stack([force, point, moment - np.cross(point, force)])
+
+
+def _format_loads(run: RunFolder, loads: list[_Load], bodies: tuple[str, ...]) -> bytes:
     """Return the external loads that refer to the columns of the table of forces."""
-    objects = element(
-        "objects",
-        children=[
-            element(
-                "ExternalForce",
-                name=load.name,
-                children=_force(load, bodies[load.segment]),
-            )
-            for load in loads
-        ],
-    )
-    data = element("datafile", text=forces_file(run))
-    return document(element("ExternalLoads", name=legal([run.name])[run.name], children=[objects, data]))
-
-
-def _force(load: Load, body: str) -> list[Element]:
-    properties = {
-        "applied_to_body": body,
-        "force_expressed_in_body": "ground",
-        "point_expressed_in_body": "ground",
-        "force_identifier": f"{load.name}_v",
-        "point_identifier": f"{load.name}_p",
-        "torque_identifier": f"{load.name}_m",
-    }
-    return [element(key, text=value) for key, value in properties.items()]
+    objects = []
+    for load in loads:
+        properties = {
+            "applied_to_body": bodies[load.segment],
+            "force_expressed_in_body": "ground",
+            "point_expressed_in_body": "ground",
+            "force_identifier": f"{load.name}_v",
+            "point_identifier": f"{load.name}_p",
+            "torque_identifier": f"{load.name}_m",
+        }
+        children = [element(key, text=value) for key, value in properties.items()]
+        objects.append(element("ExternalForce", name=load.name, children=children))
+    data = element("datafile", text=run.name + FORCES)
+    return format_document("ExternalLoads", run.name, [element("objects", children=objects), data])

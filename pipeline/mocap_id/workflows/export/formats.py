@@ -5,43 +5,51 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 from mocap_id import runner
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.store.atomic import write_files
 from mocap_id.workflows.export.files import ExportFiles
-from mocap_id.workflows.export.forces import forces
-from mocap_id.workflows.export.free_bodies import free_model, free_poses, free_states
-from mocap_id.workflows.export.kinetics_toolkit import kinetics_toolkit
-from mocap_id.workflows.export.markers import markers
-from mocap_id.workflows.export.motions import angles, states, torques
-from mocap_id.workflows.export.opensim import opensim
-from mocap_id.workflows.export.space import forces as spatial_forces
-from mocap_id.workflows.export.space import model as spatial_model
-from mocap_id.workflows.export.space import motions as spatial_motions
-from mocap_id.workflows.export.space import spreadsheets as spatial_spreadsheets
-from mocap_id.workflows.export.spreadsheets import spreadsheets
+from mocap_id.workflows.export.forces import export_forces
+from mocap_id.workflows.export.free_bodies import export_free_model, export_free_poses, export_free_states
+from mocap_id.workflows.export.kinetics_toolkit import export_kinetics_toolkit
+from mocap_id.workflows.export.markers import export_markers
+from mocap_id.workflows.export.model import export_model
+from mocap_id.workflows.export.motions import (
+    export_anatomical_angles,
+    export_angles,
+    export_model_motion,
+    export_states,
+    export_torques,
+    note_missing_states,
+)
+from mocap_id.workflows.export.spatial_model import export_spatial_model
+from mocap_id.workflows.export.spreadsheets import export_spatial_tables, export_tables
 from mocap_id.workflows.run_folder import RunFolder, open_run
 
-FORMATS: Mapping[str, tuple[Callable[[RunFolder], ExportFiles], ...]] = {
-    "trc": (markers,),
-    "mot": (angles, forces, free_poses),
-    "sto": (states, torques, free_states),
-    "csv": (spreadsheets,),
-    "osim": (opensim, free_model),
-    "ktk": (kinetics_toolkit,),
-}
-"""Functions that make the files of each format, for a trial in the plane."""
+Exporters: TypeAlias = Mapping[str, tuple[Callable[[RunFolder], ExportFiles], ...]]
+"""Functions that make the files of each format."""
 
-IN_SPACE: Mapping[str, tuple[Callable[[RunFolder], ExportFiles], ...]] = {
-    "trc": (markers,),
-    "mot": (spatial_motions.model_motion, spatial_motions.joint_angles, spatial_forces.forces),
-    "sto": (spatial_motions.states,),
-    "csv": (spatial_spreadsheets.spreadsheets,),
-    "osim": (spatial_model.opensim,),
-    "ktk": (kinetics_toolkit,),
+FORMATS: Exporters = {
+    "trc": (export_markers,),
+    "mot": (export_angles, export_forces, export_free_poses),
+    "sto": (export_states, export_torques, export_free_states),
+    "csv": (export_tables,),
+    "osim": (export_model, export_free_model),
+    "ktk": (export_kinetics_toolkit,),
 }
-"""Functions that make the files of each format, for a trial in space."""
+"""Exporters of a trial in the plane."""
+
+IN_SPACE: Exporters = {
+    "trc": (export_markers,),
+    "mot": (export_model_motion, export_anatomical_angles, export_forces),
+    "sto": (note_missing_states,),
+    "csv": (export_spatial_tables,),
+    "osim": (export_spatial_model,),
+    "ktk": (export_kinetics_toolkit,),
+}
+"""Exporters of a trial in space."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +98,8 @@ def export(
         raise ConfigError(f"{found}; expected some of {', '.join(FORMATS)}")
     run = open_run(trial, progress)
     folder = run.path / "export" if out is None else out
-    makers = [make for name in FORMATS if name in formats for make in (IN_SPACE if run.in_space else FORMATS)[name]]
+    exporters = IN_SPACE if run.in_space else FORMATS
+    makers = [make for name, functions in exporters.items() if name in formats for make in functions]
     made = sum((make(run) for make in makers), ExportFiles())
     if not made.files:
         raise StoreError(f"{run.path} has no data for the formats {', '.join(formats)}: {'; '.join(made.notes)}")

@@ -2,117 +2,140 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.regressor import PLANAR_PARAMETERS
+from mocap_id.dynamics.regressor import LINK_PARAMETERS, PLANAR_PARAMETERS
+from mocap_id.geometry.so3 import hat
 from mocap_id.workflows.run_folder import RunFolder
 
-_WIDTH = len(PLANAR_PARAMETERS)
 LEAST_MASS = 1e-9  # kg: OpenSim rejects a chain whose last body is massless
-PLACEHOLDER = (1.0, 0.0, 0.0, 0.01)
-"""m, mx, my, Izz of every segment if they are unknown: OpenSim rejects a chain without mass."""
 
 
 @dataclass(frozen=True)
 class BodyInertia:
-    """Inertia of a planar body.
+    """Inertia of a body about its centre of mass."""
 
-    Parameters
-    ----------
-    mass : float
-        kg.
-    centre : (float, float)
-        Centre of mass in the segment's frame, m.
-    inertia : float
-        Moment of inertia about z through the centre of mass, kg·m².
-    """
-
-    mass: float
-    centre: tuple[float, float]
-    inertia: float
+    mass: float  # kg
+    centre: tuple[float, ...]  # (3,) centre of mass in the segment's frame, m
+    inertia: tuple[float, ...]  # (6,) Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the centre of mass, kg·m²
 
 
-def about_centre(block: FloatArray) -> BodyInertia:
-    """Convert m, mx, my, Izz about the origin (4,) to the centre of mass, with inertia Izz - (mx² + my²) / m.
-
-    A physical body has m Izz ≥ mx² + my²; negative inertias, which rounding may cause, are set to zero.
-
-    Examples
-    --------
-    >>> about_centre(np.array([2.0, 0.0, 1.0, 0.75]))
-    BodyInertia(mass=2.0, centre=(0.0, 0.5), inertia=0.25)
-    """
-    mass, mx, my, inertia = (float(value) for value in block)
-    if mass <= 0.0:
-        return BodyInertia(LEAST_MASS, (0.0, 0.0), max(inertia, 0.0))
-    return BodyInertia(mass, (mx / mass, my / mass), max(inertia - (mx * mx + my * my) / mass, 0.0))
+_PLACEHOLDER = BodyInertia(1.0, (0.0, 0.0, 0.0), (0.01, 0.01, 0.01, 0.0, 0.0, 0.0))
 
 
 @dataclass(frozen=True)
-class Bodies:
-    """Inertia of every segment, base first; whether it is known; and its source."""
+class ModelInertia:
+    """Inertia of every segment, base first, and a text that describes where it comes from."""
 
-    inertia: tuple[BodyInertia, ...]
-    known: bool
+    bodies: tuple[BodyInertia, ...]
+    known: bool  # false for placeholders
     source: str
 
 
-def bodies(run: RunFolder, count: int) -> Bodies:
-    """Return the inertial parameters of a run's ``count`` segments: identified, else tabulated, else placeholders."""
-    identified, reference = (_full(run, name, count) for name in ("value", "reference"))
-    if np.isfinite(identified).all():
-        chosen, source = identified, _identified(run)
-    elif np.isfinite(reference).all():
-        chosen, source = reference, _reference(run)
+def convert_planar_inertia(block: FloatArray) -> BodyInertia:
+    """Convert m, mx, my, Izz about the origin (4,) to the centre of mass, with inertia Izz - (mx² + my²) / m.
+
+    The same inertia is set about all axes, because Ixx and Iyy do not affect planar motion. A physical body has
+    m Izz ≥ mx² + my²; a negative inertia, which rounding may cause, is set to zero.
+
+    Examples
+    --------
+    >>> convert_planar_inertia(np.array([2.0, 0.0, 1.0, 0.75]))
+    BodyInertia(mass=2.0, centre=(0.0, 0.5, 0.0), inertia=(0.25, 0.25, 0.25, 0.0, 0.0, 0.0))
+    """
+    mass, mx, my, inertia = (float(value) for value in block)
+    if mass <= 0.0:
+        mass, x, y, own = LEAST_MASS, 0.0, 0.0, max(inertia, 0.0)
     else:
-        source = (
-            f"placeholders of {PLACEHOLDER[0]:g} kg a segment, which OpenSim needs to load a chain; none is identified "
-            f"({run.why_missing('dynamics.h5')}). Use this model for kinematics only"
-        )
-        return Bodies((about_centre(np.array(PLACEHOLDER)),) * count, False, source)
-    return Bodies(tuple(about_centre(block) for block in chosen.reshape(count, _WIDTH)), True, source)
+        x, y, own = mx / mass, my / mass, max(inertia - (mx * mx + my * my) / mass, 0.0)
+    return BodyInertia(mass, (x, y, 0.0), (own, own, own, 0.0, 0.0, 0.0))
 
 
-def _full(run: RunFolder, name: str, count: int) -> FloatArray:
+def convert_spatial_inertia(block: FloatArray) -> BodyInertia:
+    """Convert m, mx, my, mz, Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the origin (10,) to the centre of mass.
+
+    Examples
+    --------
+    >>> convert_spatial_inertia(np.array([2.0, 0.0, 1.0, 0.0, 0.75, 0.1, 0.75, 0.0, 0.0, 0.0])).inertia
+    (0.25, 0.1, 0.25, 0.0, 0.0, 0.0)
+    """
+    mass, moment = float(block[0]), block[1:4]
+    if mass <= 0.0:
+        own = np.clip(block[4:], 0.0, None) * [1, 1, 1, 0, 0, 0]
+        return BodyInertia(LEAST_MASS, (0.0, 0.0, 0.0), tuple(own.tolist()))
+    xx, yy, zz, xy, xz, yz = block[4:]
+    about_origin = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
+    about_centre = about_origin + hat(moment) @ hat(moment) / mass
+    own = about_centre[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]] + 0.0
+    return BodyInertia(mass, tuple((moment / mass).tolist()), tuple(own.tolist()))
+
+
+def read_planar_inertia(run: RunFolder, count: int) -> ModelInertia:
+    """Return the identified parameters of ``count`` segments; else those of the allometric table; else placeholders."""
+    identified, reference = (_read_blocks(run, name) for name in ("value", "reference"))
+    width = len(PLANAR_PARAMETERS)
+    for values, describe in ((identified, _describe_identified), (reference, _describe_reference)):
+        if values.size and np.isfinite(values).all():
+            blocks = values.reshape(count, width)
+            return ModelInertia(tuple(convert_planar_inertia(block) for block in blocks), True, describe(run))
+    return _use_placeholders(run, count)
+
+
+def read_spatial_inertia(run: RunFolder, count: int) -> ModelInertia:
+    """Return the identified parameters of ``count`` segments in space, base first; else placeholders."""
+    values, width = _read_blocks(run, "value"), len(LINK_PARAMETERS)
+    if values.size not in (width * count, width * (count - 1)) or not np.isfinite(values).all():
+        return _use_placeholders(run, count)
+    bodies = [convert_spatial_inertia(block) for block in values.reshape(-1, width)]
+    base = [_PLACEHOLDER] * (count - len(bodies))
+    also = "; the base has a placeholder" if base else ""
+    source = f"one of the physically possible bodies with the identified base parameters{also}"
+    return ModelInertia((*base, *bodies), True, source)
+
+
+def _read_blocks(run: RunFolder, name: str) -> FloatArray:
     tree = run.tree("dynamics.h5")
-    if tree is None:
-        return np.full(count * _WIDTH, np.nan)
-    return tree.numbers(f"full/{name}")
+    return np.zeros(0) if tree is None else tree.numbers(f"full/{name}").reshape(-1)
 
 
-def _identified(run: RunFolder) -> str:
+def _use_placeholders(run: RunFolder, count: int) -> ModelInertia:
+    source = (
+        f"placeholders of {_PLACEHOLDER.mass:g} kg and {_PLACEHOLDER.inertia[0]:g} kg·m² for each segment, because "
+        f"OpenSim loads no chain without mass. No parameters were identified ({run.why_missing('dynamics.h5')}). Use "
+        "this model for kinematics only"
+    )
+    return ModelInertia((_PLACEHOLDER,) * count, False, source)
+
+
+def _describe_identified(run: RunFolder) -> str:
     tree = run.tree("dynamics.h5")
     assert tree is not None
-    verdicts, names = tree.texts("base/verdict"), tree.texts("base/name")
+    verdicts = tree.texts("base/verdict")
     facts = run.facts("dynamics.h5")
     table, motion = facts.get("reference_table"), facts.get("motion") or {}
     if motion.get("used"):
         return (
-            f"those of {', '.join(motion['bodies'])}, identified on their measured poses and transferred to the chain "
-            f"of pins. Parameters that the recording does not determine follow "
-            f"{motion['prior'] if table is None else _table(run)}, so the mass of a single segment is not meaningful. "
-            "Torques and modelled wrench of the run are those of the bodies, not of this chain"
+            f"parameters of {', '.join(motion['bodies'])}, identified on their measured poses and transferred to the "
+            "chain of pin joints. Parameters that the recording does not determine follow "
+            f"{motion['prior'] if table is None else _name_table(run)}, so the mass of a single segment is not "
+            "meaningful. Torques and modelled wrench of the run belong to these bodies, not to this chain"
         )
-    rest = "one of the physically possible bodies" if table is None else _table(run)
+    rest = "one of the physically possible bodies" if table is None else _name_table(run)
+    counts = ", ".join(f"{verdicts.count(kind)} {kind}" for kind in dict.fromkeys(verdicts))
     return (
-        f"the {len(names)} base parameters ({_counted(verdicts)}) are identified; their division into m, mx, my "
+        f"the {len(tree.texts('base/name'))} base parameters ({counts}) are identified; their division into m, mx, my "
         f"and Izz of the segments is not, and follows {rest}. Torques and ground wrench do not depend on it"
     )
 
 
-def _counted(verdicts: Sequence[str]) -> str:
-    return ", ".join(f"{verdicts.count(kind)} {kind}" for kind in dict.fromkeys(verdicts))
-
-
-def _reference(run: RunFolder) -> str:
+def _describe_reference(run: RunFolder) -> str:
     why = run.facts("dynamics.h5").get("why") or "no wrench"
-    return f"those of {_table(run)}, for the subject's height and mass; none is identified ({why})"
+    return f"parameters of {_name_table(run)}, for the subject's height and mass; none were identified ({why})"
 
 
-def _table(run: RunFolder) -> str:
+def _name_table(run: RunFolder) -> str:
     table = run.facts("dynamics.h5").get("reference_table")
     return "the allometric table" if table is None else f"the allometric table `{table}`"

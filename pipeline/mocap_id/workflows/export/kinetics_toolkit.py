@@ -15,7 +15,7 @@ from mocap_id.recording.ktk_file import CLASS, POINTS, SERIES
 from mocap_id.store import LongTable, Table
 from mocap_id.store.parquet import columns_of
 from mocap_id.workflows.export.files import ExportFiles
-from mocap_id.workflows.export.markers import predicted_markers
+from mocap_id.workflows.export.markers import read_predicted_markers
 from mocap_id.workflows.run_folder import RunFolder
 
 _TABLES = {
@@ -27,47 +27,48 @@ _TABLES = {
 _DATE = (1980, 1, 1, 0, 0, 0)  # of every file in the archive, so that the same run gives the same bytes
 
 
-def kinetics_toolkit(run: RunFolder) -> ExportFiles:
+def export_kinetics_toolkit(run: RunFolder) -> ExportFiles:
     """Return ``<trial>.ktk.zip``, which ``ktk.load`` reads as a dictionary of TimeSeries.
 
-    ``Points`` and ``ModelPoints`` are measured and predicted markers in the plane frame, in space in the frame of the
-    trial, with y up, m. ``States``, ``Angles``, ``Dynamics`` and ``Wrench`` are the columns of these tables.
+    ``Points`` and ``ModelPoints`` are the measured and the predicted markers, m, in the plane frame; in space, in the
+    frame of the trial with y up. ``States``, ``Angles``, ``Dynamics`` and ``Wrench`` contain the columns of the
+    artefacts with these names.
     """
     content: dict[str, Any] = {}
-    for name, table in ((POINTS, run.long("planar.parquet")), ("ModelPoints", predicted_markers(run))):
+    for name, table in ((POINTS, run.long("planar.parquet")), ("ModelPoints", read_predicted_markers(run))):
         if table is not None and len(table.labels):
-            content[name] = _points(table)
+            content[name] = _format_points(table)
     for name, file in _TABLES.items():
         columns = run.table(file)
         if columns is not None and columns.length and columns.names != ["time"]:
-            content[name] = _columns(columns)
+            content[name] = _format_columns(columns)
     if not content:
         return ExportFiles(notes=(f"ktk: nothing to write: {run.why_missing('planar.parquet')}",))
     missing = [f"ktk: no {name}: {run.why_missing(file)}" for name, file in _TABLES.items() if name not in content]
     about = {"Software": "mocap-id", "Version": __version__, "FileFormat": 1.0}
-    return ExportFiles({f"{run.name}.ktk.zip": _archive(about, content)}, tuple(missing))
+    return ExportFiles({f"{run.name}.ktk.zip": _zip_content(about, content)}, tuple(missing))
 
 
-def _points(table: LongTable) -> dict[str, Any]:
+def _format_points(table: LongTable) -> dict[str, Any]:
     """Return markers as series of points (T, 4), whose last column is 1."""
     positions = np.stack([*(table.values[axis] for axis in "xyz"), np.ones(table.values["x"].shape)], axis=2)
     data = {str(label): positions[:, k].tolist() for k, label in enumerate(table.labels)}
-    return _series(table.time.tolist(), data, dict.fromkeys(data, "m"))
+    return _format_series(table.time.tolist(), data, dict.fromkeys(data, "m"))
 
 
-def _columns(table: Table) -> dict[str, Any]:
+def _format_columns(table: Table) -> dict[str, Any]:
     units = {column.name: column.unit for column in columns_of(table.schema, table.names)}
     numbers = {name: table[name] for name in table.names if name != "time" and table[name].dtype.kind in "fiub"}
     data = {name: values.astype(np.float64).tolist() for name, values in numbers.items()}
-    return _series(table["time"].tolist(), data, {name: units[name] for name in data if units.get(name)})
+    return _format_series(table["time"].tolist(), data, {name: units[name] for name in data if units.get(name)})
 
 
-def _series(time: list[float], data: Mapping[str, Any], units: Mapping[str, str]) -> dict[str, Any]:
+def _format_series(time: list[float], data: Mapping[str, Any], units: Mapping[str, str]) -> dict[str, Any]:
     info = {"Time": {"Unit": "s"}, **{name: {"Unit": unit} for name, unit in units.items()}}
     return {CLASS: SERIES, "time": time, "info": info, "data": data, "events": []}
 
 
-def _archive(about: Mapping[str, Any], content: Mapping[str, Any]) -> bytes:
+def _zip_content(about: Mapping[str, Any], content: Mapping[str, Any]) -> bytes:
     made = io.BytesIO()
     with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED) as archive:
         for name, value in (("metadata.json", about), ("data.json", content)):

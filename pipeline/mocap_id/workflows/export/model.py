@@ -1,4 +1,4 @@
-"""The recovered chain as an OpenSim model: bodies, pin joints about z, markers.
+"""The recovered chain as an OpenSim model: bodies, pin joints about z, markers; and set-ups of OpenSim's tools.
 
 OpenSim's ground is the plane frame: x along the motion, y up, z out of the plane. A planar joint with three
 coordinates locked at zero fixes the base segment to it. At these coordinates, inverse dynamics gives the required
@@ -8,160 +8,108 @@ ground wrench less the external loads.
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
 
 import numpy as np
 
 from mocap_id import __version__
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.store.views import JointStates, Skeleton
-from mocap_id.workflows.export.inertia import Bodies, BodyInertia
-from mocap_id.workflows.export.markers import depths, marker_labels
-from mocap_id.workflows.export.names import BASE, body_names, coordinate_names, joint_names, legal
-from mocap_id.workflows.export.xml import Element, body_element, document, element, numbers, offset_frame, remark
+from mocap_id.workflows.export.files import (
+    ANGLES,
+    BASE,
+    LOADS,
+    MEASURED_MARKERS,
+    MODEL,
+    ExportFiles,
+    name_bodies,
+    name_coordinates,
+    name_joints,
+)
+from mocap_id.workflows.export.inertia import ModelInertia, read_planar_inertia
+from mocap_id.workflows.export.markers import measure_depths, name_markers
+from mocap_id.workflows.export.xml import (
+    Element,
+    body_element,
+    comment,
+    coordinate_element,
+    element,
+    format_document,
+    format_numbers,
+    marker_element,
+    object_set,
+    offset_frame,
+)
 from mocap_id.workflows.run_folder import RunFolder
 
-_BASE_COORDINATES = (f"{BASE}_rz", f"{BASE}_tx", f"{BASE}_ty")
+LEAST_RANGE = 2 * np.pi
+"""Every coordinate of a model can move at least this far in both directions, rad or m."""
+
 _RADIUS = 0.02  # m, of the cylinder that represents a segment
-_RANGE = 2 * np.pi
+_ACCURACY = "1e-8"
+"""OpenSim's default of 1e-5 stops 0.2° rms, at worst 0.8°, before the least-squares solution."""
 
 
-@dataclass(frozen=True)
-class _Chain:
-    skeleton: Skeleton
-    bodies: tuple[str, ...]
-    inertia: tuple[BodyInertia, ...]
-    lengths: FloatArray  # (n + 1,) from each segment's origin to the next joint or the tip, m
+def export_model(run: RunFolder) -> ExportFiles:
+    """Return ``<trial>.osim``, ``<trial>_ik.xml`` and ``<trial>_id.xml`` of a trial in the plane."""
+    tree = run.tree("chain.h5")
+    if tree is None:
+        return ExportFiles(notes=(f"osim: no model: {run.why_missing('chain.h5')}",))
+    skeleton = Skeleton.from_tree(tree)
+    inertia = read_planar_inertia(run, len(skeleton.segments))
+    files = {
+        run.name + MODEL: _format_chain(run, skeleton, inertia),
+        f"{run.name}_ik.xml": format_kinematics_setup(run, skeleton.markers),
+    }
+    if run.table("states.parquet") is not None and inertia.known:
+        table = run.table("wrench.parquet")
+        has_forces = table is not None and bool(np.isfinite(table["Fy"]).any())
+        setup = format_dynamics_setup(run, (MODEL, ANGLES, "_opensim_id.sto"), LOADS if has_forces else None)
+        files[f"{run.name}_id.xml"] = setup
+    return ExportFiles(files, (f"osim: inertial parameters: {inertia.source}",))
 
 
-def model(run: RunFolder, skeleton: Skeleton, inertia: Bodies) -> bytes:
-    """Return the content of the model file.
-
-    Parameters
-    ----------
-    run : RunFolder
-    skeleton : Skeleton
-        Skeleton in its chain.h5.
-    inertia : Bodies
-        Inertia of its segments.
-    """
-    tips = np.vstack([skeleton.centres, skeleton.tip])
-    chain = _Chain(skeleton, body_names(skeleton), inertia.inertia, np.linalg.norm(tips, axis=1))
-    places = (skeleton.marker_segment, skeleton.local)
+def format_model(
+    run: RunFolder,
+    ground: str,
+    comments: Iterable[str],
+    *,
+    bodies: Iterable[Element],
+    joints: Iterable[Element],
+    markers: Iterable[Element],
+) -> bytes:
+    """Return the content of a model file; ``ground`` is the name of the coordinate frame of OpenSim's ground."""
+    made = f"Made by mocap-id {__version__} from the trial {run.name}. Ground is {ground}."
     children = [
-        remark(f"Made by mocap-id {__version__} from the trial {run.name}. Ground is the plane frame."),
-        remark(f"Inertial parameters: {inertia.source}."),
-        remark(
-            "Ixx and Iyy do not affect planar motion and are unknown: they are set to Izz. "
-            "Centres of mass lie in the plane z = 0."
-        ),
+        *(comment(text) for text in (made, *comments)),
         element("length_units", text="meters"),
         element("force_units", text="N"),
-        element("gravity", text=numbers([0.0, -gravity(run), 0.0])),
-        object_set("BodySet", (_body(chain, k) for k in range(len(chain.bodies)))),
-        object_set("JointSet", (_base_joint(chain), *_joints(run, chain))),
-        object_set("MarkerSet", marker_elements(run, chain.bodies, skeleton.markers, places)),
+        element("gravity", text=format_numbers([0.0, -read_gravity(run), 0.0])),
+        object_set("BodySet", bodies),
+        object_set("JointSet", joints),
+        object_set("MarkerSet", markers),
     ]
-    return document(element("Model", name=legal([run.name])[run.name], children=children))
+    return format_document("Model", run.name, children)
 
 
-def object_set(tag: str, objects: Iterable[Element]) -> Element:
-    """Return a model's set of bodies, joints or markers."""
-    return element(tag, name=tag.lower(), children=[element("objects", children=objects)])
-
-
-def gravity(run: RunFolder) -> float:
+def read_gravity(run: RunFolder) -> float:
     """Return the gravity that the identification used, m/s²."""
     about = run.provenance.get("dynamics.h5")
     settings = {} if about is None else about.origin.parameters.get("identify-dim") or {}
     return float(settings.get("gravity", 9.81))
 
 
-def _body(chain: _Chain, k: int) -> Element:
-    return planar_body(chain.bodies[k], chain.inertia[k], [_cylinder(chain, k)] if k else ())
-
-
-def planar_body(name: str, found: BodyInertia, components: Sequence[Element] = ()) -> Element:
-    """Return a body with its inertia in the plane; the same about all axes."""
-    return body_element(name, found.mass, [*found.centre, 0.0], [found.inertia] * 3 + [0.0] * 3, components)
-
-
-def _cylinder(chain: _Chain, k: int) -> Element:
-    """Return a cylinder along the segment's y axis, from its joint to the next one or to the tip."""
-    half = chain.lengths[k] / 2
-    cylinder = [
-        element("socket_frame", text=".."),
-        element("radius", text=numbers([_RADIUS])),
-        element("half_height", text=numbers([half])),
-    ]
-    geometry = element("attached_geometry", children=[element("Cylinder", name="stick", children=cylinder)])
-    return offset_frame(f"{chain.bodies[k]}_middle", "..", [0.0, half, 0.0], components=[geometry])
-
-
 def planar_joint(name: str, body: str, coordinates: Iterable[Element]) -> Element:
     """Return a planar joint between ground and body; coordinates: angle, and x and y of the frame's origin."""
-    return element(
-        "PlanarJoint",
-        name=name,
-        children=[
-            element("socket_parent_frame", text="/ground"),
-            element("socket_child_frame", text=f"/bodyset/{body}"),
-            element("coordinates", children=coordinates),
-        ],
-    )
+    children = [
+        element("socket_parent_frame", text="/ground"),
+        element("socket_child_frame", text=f"/bodyset/{body}"),
+        element("coordinates", children=coordinates),
+    ]
+    return element("PlanarJoint", name=name, children=children)
 
 
-def _base_joint(chain: _Chain) -> Element:
-    coordinates = [coordinate_element(name, 0.0, locked=True) for name in _BASE_COORDINATES]
-    return planar_joint(BASE, chain.bodies[0], coordinates)
-
-
-def _joints(run: RunFolder, chain: _Chain) -> Iterator[Element]:
-    """Yield pin joints about z; joint j moves segment j and lies at its centre in the previous segment's frame."""
-    first, ranges = _angle_ranges(run, len(chain.skeleton.joints))
-    names = zip(joint_names(chain.skeleton), coordinate_names(chain.skeleton), strict=True)
-    for j, (joint, coordinate) in enumerate(names):
-        parent, frame = chain.bodies[int(chain.skeleton.parents[j])], f"{joint}_centre"
-        yield element(
-            "PinJoint",
-            name=joint,
-            children=[
-                element("socket_parent_frame", text=frame),
-                element("socket_child_frame", text=f"/bodyset/{chain.bodies[j + 1]}"),
-                element("coordinates", children=[coordinate_element(coordinate, first[j], ranges[j])]),
-                element(
-                    "frames", children=[offset_frame(frame, f"/bodyset/{parent}", [*chain.skeleton.centres[j], 0.0])]
-                ),
-            ],
-        )
-
-
-def _angle_ranges(run: RunFolder, joints: int) -> tuple[FloatArray, list[tuple[float, float]]]:
-    """Return each joint's first known angle, and a range that contains all its angles and ±2π, rad."""
-    table = run.table("states.parquet")
-    first, ranges = np.zeros(joints), [(-_RANGE, _RANGE)] * joints
-    if table is None:
-        return first, ranges
-    for j, angles in enumerate(JointStates.from_table(table).angles.T):
-        known = angles[np.isfinite(angles)]
-        if len(known):
-            first[j] = known[0]
-            ranges[j] = (min(-_RANGE, float(known.min())), max(_RANGE, float(known.max())))
-    return first, ranges
-
-
-def coordinate_element(
-    name: str, default: float, span: tuple[float, float] = (-_RANGE, _RANGE), *, locked: bool = False
-) -> Element:
-    """Return a coordinate of a joint, rad or m."""
-    children = [element("default_value", text=numbers([default])), element("range", text=numbers(span))]
-    if locked:
-        children.append(element("locked", text="true"))
-    return element("Coordinate", name=name, children=children)
-
-
-def marker_elements(
-    run: RunFolder, bodies: Sequence[str], markers: Sequence[str], at: tuple[IntArray, FloatArray]
+def place_markers(
+    run: RunFolder, bodies: Sequence[str], markers: Sequence[str], segment: IntArray, local: FloatArray
 ) -> Iterator[Element]:
     """Yield markers in the frames of their bodies, at their median distance from the plane.
 
@@ -169,19 +117,105 @@ def marker_elements(
     ----------
     run : RunFolder
     bodies : sequence of str
-        Names in OpenSim.
+        Names of the bodies in OpenSim.
     markers : sequence of str, length M
-        Names in the recording.
-    at : ((M,) int array, (M, 2) array)
-        Body of each marker, and position in that body's frame, m.
+        Names of the markers in the recording.
+    segment : (M,) int array
+        Index of each marker's body.
+    local : (M, 2) array
+        Position of each marker in its body's frame, m.
     """
-    labels, out = marker_labels(run), depths(run)
-    for label, body, local in zip(markers, *at, strict=True):
-        yield element(
-            "Marker",
-            name=labels.get(label, label),
-            children=[
-                element("socket_parent_frame", text=f"/bodyset/{bodies[int(body)]}"),
-                element("location", text=numbers([*local, out.get(label, 0.0)])),
-            ],
-        )
+    names, depth = name_markers(run), measure_depths(run)
+    for label, body, position in zip(markers, segment, local, strict=True):
+        yield marker_element(names.get(label, label), bodies[int(body)], [*position, depth.get(label, 0.0)])
+
+
+def format_kinematics_setup(run: RunFolder, markers: Sequence[str]) -> bytes:
+    """Return the set-up of inverse kinematics, with equal weights for all markers of the chain."""
+    names, planar = name_markers(run), run.long("planar.parquet")
+    assert planar is not None
+    tasks = [
+        element("IKMarkerTask", name=names.get(label, label), children=[element("weight", text="1")])
+        for label in markers
+    ]
+    span = (float(planar.time[0]), float(planar.time[-1]))
+    children = [
+        element("model_file", text=run.name + MODEL),
+        element("IKTaskSet", children=[element("objects", children=tasks)]),
+        element("marker_file", text=run.name + MEASURED_MARKERS),
+        element("accuracy", text=_ACCURACY),
+        element("time_range", text=format_numbers(span)),  # without it, OpenSim stops after two seconds
+        element("output_motion_file", text=f"{run.name}_opensim_ik.mot"),
+    ]
+    return format_document("InverseKinematicsTool", run.name, children)
+
+
+def format_dynamics_setup(run: RunFolder, endings: tuple[str, str, str], loads: str | None = None) -> bytes:
+    """Return the set-up of inverse dynamics.
+
+    ``endings`` are those of the names of the model, the coordinates and OpenSim's output; ``loads`` is the ending of
+    the external loads, if any.
+    """
+    tags = ("model_file", "coordinates_file", "output_gen_force_file")
+    children = [element(tag, text=run.name + ending) for tag, ending in zip(tags, endings, strict=True)]
+    if loads is not None:
+        children.append(element("external_loads_file", text=run.name + loads))
+    return format_document("InverseDynamicsTool", run.name, children)
+
+
+def _format_chain(run: RunFolder, skeleton: Skeleton, inertia: ModelInertia) -> bytes:
+    names, lengths = name_bodies(skeleton.segments), np.linalg.norm(np.vstack([skeleton.centres, skeleton.tip]), axis=1)
+    bodies = [
+        body_element(name, body, [_cylinder(name, length)] if k else ())
+        for k, (name, body, length) in enumerate(zip(names, inertia.bodies, lengths, strict=True))
+    ]
+    base = [coordinate_element(f"{BASE}_{each}", 0.0, _widen(), locked=True) for each in ("rz", "tx", "ty")]
+    return format_model(
+        run,
+        "the plane frame",
+        (
+            f"Inertial parameters: {inertia.source}.",
+            "Ixx and Iyy do not affect planar motion and are unknown: they are set to Izz. "
+            "Centres of mass lie in the plane z = 0.",
+        ),
+        bodies=bodies,
+        joints=(planar_joint(BASE, names[0], base), *_pin_joints(run, skeleton, names)),
+        markers=place_markers(run, names, skeleton.markers, skeleton.marker_segment, skeleton.local),
+    )
+
+
+def _cylinder(body: str, length: float) -> Element:
+    """Return a cylinder along a segment's y axis, from its joint to the next joint or to the tip."""
+    half = length / 2
+    cylinder = [
+        element("socket_frame", text=".."),
+        element("radius", text=format_numbers([_RADIUS])),
+        element("half_height", text=format_numbers([half])),
+    ]
+    geometry = element("attached_geometry", children=[element("Cylinder", name="stick", children=cylinder)])
+    return offset_frame(f"{body}_middle", "..", [0.0, half, 0.0], components=[geometry])
+
+
+def _pin_joints(run: RunFolder, skeleton: Skeleton, bodies: Sequence[str]) -> Iterator[Element]:
+    """Yield pin joints about z; joint j moves segment j, and its centre is fixed in the previous segment's frame."""
+    table = run.table("states.parquet")
+    joints, coordinates = name_joints(skeleton), name_coordinates(skeleton)
+    angles = np.zeros((0, len(joints))) if table is None else JointStates.from_table(table).angles
+    for j, (joint, coordinate) in enumerate(zip(joints, coordinates, strict=True)):
+        parent, frame = bodies[int(skeleton.parents[j])], f"{joint}_centre"
+        known = angles[np.isfinite(angles[:, j]), j]
+        first = known[0] if len(known) else 0.0
+        children = [
+            element("socket_parent_frame", text=frame),
+            element("socket_child_frame", text=f"/bodyset/{bodies[j + 1]}"),
+            element("coordinates", children=[coordinate_element(coordinate, first, _widen(known))]),
+            element("frames", children=[offset_frame(frame, f"/bodyset/{parent}", [*skeleton.centres[j], 0.0])]),
+        ]
+        yield element("PinJoint", name=joint, children=children)
+
+
+def _widen(known: FloatArray | None = None) -> tuple[float, float]:
+    """Return a range that contains ±2π and the known values (T,), rad."""
+    if known is None or not len(known):
+        return -LEAST_RANGE, LEAST_RANGE
+    return min(-LEAST_RANGE, float(known.min())), max(LEAST_RANGE, float(known.max()))

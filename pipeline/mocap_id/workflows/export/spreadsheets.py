@@ -5,13 +5,26 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from mocap_id.store import Table
 from mocap_id.store.parquet import columns_of
+from mocap_id.store.spatial_views import SpatialSkeleton
 from mocap_id.store.views import IdentifiedDynamics, Skeleton
 from mocap_id.workflows.export.files import ExportFiles
 from mocap_id.workflows.run_folder import RunFolder
+
+_SOURCES = {
+    "markers": "planar.parquet",
+    "states": "states.parquet",
+    "angles": "angles.parquet",
+    "poses": "poses.parquet",
+    "skeleton": "chain.h5",
+    "landmarks": "chain.h5",
+    "wrench": "wrench.parquet",
+}
+"""Artefact of each table; dynamics.h5 of the others."""
 
 _STATES = {
     "theta": "angle",
@@ -25,63 +38,90 @@ _STATES = {
 }
 
 
-def spreadsheets(run: RunFolder) -> ExportFiles:
+def export_tables(run: RunFolder) -> ExportFiles:
     """Return ``<trial>_markers.csv``, and likewise states, dynamics, skeleton, parameters and events.
 
     A table is omitted if its artefact is missing. Unknown cells are empty.
     """
     tables = {
-        "markers": marker_table(run),
-        "states": _states(run),
-        "dynamics": _dynamics(run),
-        "skeleton": _skeleton(run),
+        "markers": _marker_table(run),
+        "states": _state_table(run),
+        "dynamics": _dynamics_table(run),
+        "skeleton": _skeleton_table(run),
         "parameters": parameter_table(run),
-        "events": artefact_table(run, "events.parquet"),
+        "events": _artefact_table(run, "events.parquet"),
     }
-    sources = {"markers": "planar.parquet", "states": "states.parquet", "skeleton": "chain.h5"}
-    found = csv_files(run, tables, sources)
+    files = _format_tables(run, tables)
     if (run.facts("dynamics.h5").get("motion") or {}).get("used"):
         note = (
-            "csv: torques and modelled wrench are those of bodies on their measured poses; states and base parameters "
-            "are those of the chain"
+            "csv: torques and modelled wrench belong to bodies on their measured poses; states and base parameters "
+            "belong to the chain"
         )
-        return found + ExportFiles(notes=(note,))
-    return found
+        return files + ExportFiles(notes=(note,))
+    return files
 
 
-def csv_files(run: RunFolder, tables: Mapping[str, pd.DataFrame | None], sources: Mapping[str, str]) -> ExportFiles:
-    """Return a file for each table, and a note for each missing one; other sources than these are dynamics.h5."""
-    files = {
-        f"{run.name}_{name}.csv": table.to_csv(index=False, lineterminator="\n").encode()
-        for name, table in tables.items()
-        if table is not None
+def export_spatial_tables(run: RunFolder) -> ExportFiles:
+    """Return ``<trial>_markers.csv``, and likewise angles, poses, skeleton, landmarks, wrench and parameters.
+
+    A table is omitted if its artefact is missing. Unknown cells are empty.
+    """
+    tree = run.tree("chain.h5")
+    skeleton = None if tree is None else SpatialSkeleton.from_tree(tree)
+    tables = {
+        "markers": _marker_table(run),
+        "angles": _artefact_table(run, "angles.parquet"),
+        "poses": _artefact_table(run, "poses.parquet"),
+        "skeleton": None if skeleton is None else _spatial_skeleton_table(skeleton),
+        "landmarks": None if skeleton is None else _landmark_table(skeleton),
+        "wrench": _artefact_table(run, "wrench.parquet"),
+        "parameters": parameter_table(run),
     }
-    missing = [name for name, table in tables.items() if table is None]
-    return ExportFiles(
-        files, tuple(f"csv: no {name}: {run.why_missing(sources.get(name, 'dynamics.h5'))}" for name in missing)
+    return _format_tables(run, tables)
+
+
+def parameter_table(run: RunFolder) -> pd.DataFrame | None:
+    """Return the identified base parameters; None if there are none."""
+    tree = run.tree("dynamics.h5")
+    if tree is None:
+        return None
+    found = IdentifiedDynamics.from_tree(tree)
+    verdicts = found.verdicts or ("",) * len(found.names)
+    return pd.DataFrame(
+        {"base parameter": found.names, "value": found.value, "sd": found.sd, "unit": found.units, "verdict": verdicts}
     )
 
 
-def headed(name: str, unit: str) -> str:
+def _format_tables(run: RunFolder, tables: Mapping[str, pd.DataFrame | None]) -> ExportFiles:
+    """Return a file for each table, and a note for each missing table."""
+    files, notes = {}, []
+    for name, table in tables.items():
+        if table is None:
+            notes.append(f"csv: no {name}: {run.why_missing(_SOURCES.get(name, 'dynamics.h5'))}")
+        else:
+            files[f"{run.name}_{name}.csv"] = table.to_csv(index=False, lineterminator="\n").encode()
+    return ExportFiles(files, tuple(notes))
+
+
+def _add_unit(name: str, unit: str) -> str:
     """Return the header of a column: its name with its unit."""
     return name if unit in ("", "1") else f"{name} ({unit})"
 
 
-def artefact_table(run: RunFolder, file: str) -> pd.DataFrame | None:
+def _artefact_table(run: RunFolder, file: str) -> pd.DataFrame | None:
     """Return an artefact's table with units in its headers."""
     table = run.artefacts.get(file)
     if not isinstance(table, Table):
         return None
-    units = _units(table)
-    return table.frame.rename(columns=lambda name: headed(str(name), units.get(str(name), "")))
+    units = _read_units(table)
+    return table.frame.rename(columns=lambda name: _add_unit(str(name), units.get(str(name), "")))
 
 
-def _units(table: Table) -> dict[str, str]:
+def _read_units(table: Table) -> dict[str, str]:
     return {column.name: column.unit for column in columns_of(table.schema, table.names)}
 
 
-def marker_table(run: RunFolder) -> pd.DataFrame | None:
-    """Return the measured markers; None without them."""
+def _marker_table(run: RunFolder) -> pd.DataFrame | None:
     table = run.long("planar.parquet")
     if table is None:
         return None
@@ -91,32 +131,32 @@ def marker_table(run: RunFolder) -> pd.DataFrame | None:
     return pd.DataFrame(columns)
 
 
-def _states(run: RunFolder) -> pd.DataFrame | None:
+def _state_table(run: RunFolder) -> pd.DataFrame | None:
     table, tree = run.artefacts.get("states.parquet"), run.tree("chain.h5")
     if not isinstance(table, Table) or tree is None:
         return None
-    units, columns = _units(table), {"time (s)": table["time"]}
+    units, columns = _read_units(table), {"time (s)": table["time"]}
     for j, joint in enumerate(Skeleton.from_tree(tree).joints, start=1):
         for symbol, word in _STATES.items():
-            columns[headed(f"{joint} {word}", units[f"{symbol}_{j}"])] = table[f"{symbol}_{j}"]
+            columns[_add_unit(f"{joint} {word}", units[f"{symbol}_{j}"])] = table[f"{symbol}_{j}"]
     return pd.DataFrame(columns)
 
 
-def _dynamics(run: RunFolder) -> pd.DataFrame | None:
+def _dynamics_table(run: RunFolder) -> pd.DataFrame | None:
     """Return wrenches and torques with the joints' names, or only the measured wrench if there is no dynamics."""
-    found = artefact_table(run, "dynamics.parquet")
-    if found is None:
-        return artefact_table(run, "wrench.parquet")
+    table = _artefact_table(run, "dynamics.parquet")
+    if table is None:
+        return _artefact_table(run, "wrench.parquet")
     tree = run.tree("chain.h5")
     joints = () if tree is None else Skeleton.from_tree(tree).joints
     for j, joint in enumerate(joints, start=1):
         names = {f"tau_{j} (N*m)": f"{joint} torque (N*m)", f"sd_tau_{j} (N*m)": f"{joint} torque sd (N*m)"}
-        found = found.rename(columns=names)
-    return found
+        table = table.rename(columns=names)
+    return table
 
 
-def _skeleton(run: RunFolder) -> pd.DataFrame | None:
-    """Return a row for each joint; the length is that of the segment that it moves (unknown for the last)."""
+def _skeleton_table(run: RunFolder) -> pd.DataFrame | None:
+    """Return a row for each joint; its length is that of the segment that it moves (unknown for the last)."""
     tree = run.tree("chain.h5")
     if tree is None:
         return None
@@ -138,13 +178,40 @@ def _skeleton(run: RunFolder) -> pd.DataFrame | None:
     )
 
 
-def parameter_table(run: RunFolder) -> pd.DataFrame | None:
-    """Return the identified base parameters; None without them."""
-    tree = run.tree("dynamics.h5")
-    if tree is None:
-        return None
-    found = IdentifiedDynamics.from_tree(tree)
-    verdicts = found.verdicts or ("",) * len(found.names)
+def _spatial_skeleton_table(skeleton: SpatialSkeleton) -> pd.DataFrame:
+    """Return a row for each joint; its length is that of the segment that it moves."""
+    joints = skeleton.chain.joints
+    lengths = [skeleton.lengths.get(name, (np.nan, np.nan)) for name in skeleton.segments[1:]]
+    columns: dict[str, object] = {
+        "joint": skeleton.joints,
+        "kind": [joint.kind for joint in joints],
+        "in the frame of": [skeleton.segments[joint.parent] for joint in joints],
+        "moves": skeleton.segments[1:],
+    }
+    centre = np.array([joint.centre if joint.known else np.full(3, np.nan) for joint in joints]).reshape(-1, 3)
+    variance = np.array([np.diagonal(joint.covariance) for joint in joints]).reshape(-1, 3)
+    sd = np.sqrt(np.where((variance >= 0) & np.isfinite(centre), variance, np.nan))
+    columns |= {f"{axis} (m)": centre[:, k] for k, axis in enumerate("xyz")}
+    columns |= {f"{axis} sd (m)": sd[:, k] for k, axis in enumerate("xyz")}
+    for number, kinds in ((1, ("hinge", "two-axis")), (2, ("two-axis",))):
+        axes = [(joint.first_axis, joint.second_axis)[number - 1] for joint in joints]
+        has = [joint.kind in kinds for joint in joints]
+        columns |= {
+            f"axis {number} {name}": [axis[k] if one else np.nan for axis, one in zip(axes, has, strict=True)]
+            for k, name in enumerate("xyz")
+        }
+    columns |= {f"glide {axis} (m)": [joint.glide[k] for joint in joints] for k, axis in enumerate("xyz")}
+    columns |= {"arc (rad)": skeleton.arc}
+    columns |= {"length (m)": [value for value, _ in lengths], "length sd (m)": [each for _, each in lengths]}
+    return pd.DataFrame(columns)
+
+
+def _landmark_table(skeleton: SpatialSkeleton) -> pd.DataFrame:
     return pd.DataFrame(
-        {"base parameter": found.names, "value": found.value, "sd": found.sd, "unit": found.units, "verdict": verdicts}
+        {
+            "landmark": skeleton.landmarks,
+            "in the frame of": [skeleton.segments[k] for k in skeleton.landmark_segment],
+            **{f"{axis} (m)": skeleton.landmark_local[:, k] for k, axis in enumerate("xyz")},
+            "sd (m)": skeleton.landmark_sd,
+        }
     )

@@ -6,8 +6,8 @@ A joint of OpenSim leads from a frame on the parent body to a frame on the child
     two-axis     R = exp(a q1) exp(O b q2) O
     hinge        R = A Rz(q1) Aᵀ O               A: a rotation whose z axis is the axis a
 
-with the symbols of :mod:`mocap_id.geometry.spatial_chain`. A shoulder with a glide has a body of its own between the
-parent and the ball, which slides along the glide.
+with the symbols of :mod:`mocap_id.geometry.spatial_chain`. A shoulder with a glide has an additional body, the girdle,
+between the parent and the ball joint. The girdle slides along the glide.
 """
 
 from __future__ import annotations
@@ -21,94 +21,55 @@ from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialJoint
 from mocap_id.store.spatial_views import SegmentPoses, SpatialSkeleton
-from mocap_id.workflows.export.names import BASE, legal
+from mocap_id.workflows.export.files import BASE, name_bodies, name_joints
 
-GROUND = "/ground"
 _IDENTITY = np.eye(3)
 
 
 @dataclass(frozen=True)
 class ModelJoint:
-    """One joint of the model.
-
-    Parameters
-    ----------
-    name : str
-    element : {"FreeJoint", "BallJoint", "PinJoint", "CustomJoint"}
-    parent, child : str
-        Names of the bodies; :data:`GROUND` for the ground.
-    at : (3,) array
-        Centre in the parent's frame, m.
-    parent_rotation, child_rotation : (3, 3) arrays
-        Frames of the joint on parent and child.
-    coordinates : tuple of str, length d
-    values : (T, d) array
-        Coordinates over time, rad or m; NaN where unknown.
-    axes : tuple of (3,) arrays
-        Axes of the coordinates of a ``CustomJoint``.
-    slides : bool
-        Whether the axes of a ``CustomJoint`` are directions of translation.
-    """
+    """One joint of the model with d coordinates at T times."""
 
     name: str
-    element: str
-    parent: str
-    child: str
-    at: FloatArray
-    parent_rotation: FloatArray
-    child_rotation: FloatArray
-    coordinates: tuple[str, ...]
-    values: FloatArray
-    axes: tuple[FloatArray, ...] = ()
-    slides: bool = False
+    element: str  # FreeJoint, BallJoint, PinJoint or CustomJoint
+    parent: str  # name of the parent body; /ground for the ground
+    child: str  # name of the child body
+    at: FloatArray  # (3,) centre in the parent's frame, m
+    parent_rotation: FloatArray  # (3, 3) frame of the joint on the parent
+    child_rotation: FloatArray  # (3, 3) frame of the joint on the child
+    coordinates: tuple[str, ...]  # d names
+    values: FloatArray  # (T, d) coordinates over time, rad or m; NaN where unknown
+    axes: tuple[FloatArray, ...] = ()  # d axes (3,) of a CustomJoint
+    slides: bool = False  # the axes of a CustomJoint are directions of translation
 
 
-@dataclass(frozen=True)
-class ModelBodies:
-    """Names of the bodies: one for each segment, base first, and one for each glide.
-
-    Parameters
-    ----------
-    segments : tuple of str, length n + 1
-    girdles : tuple of str, length n
-        Body between the parent and the joint; empty for a joint without a glide.
-    """
-
-    segments: tuple[str, ...]
-    girdles: tuple[str, ...]
-
-    @classmethod
-    def of(cls, skeleton: SpatialSkeleton) -> ModelBodies:
-        """Return the names for a skeleton."""
-        joints = legal(skeleton.joints, taken=(BASE,)).values()
-        segments = tuple(legal(skeleton.segments, taken=("ground",)).values())
-        glides = [bool(np.any(joint.glide)) for joint in skeleton.chain.joints]
-        girdles = (f"{joint}_girdle" if glide else "" for joint, glide in zip(joints, glides, strict=True))
-        return cls(segments, tuple(girdles))
+def name_girdles(skeleton: SpatialSkeleton) -> tuple[str, ...]:
+    """Return the name of the body between each joint (n,) and its parent; empty for a joint without a glide."""
+    glides = [bool(np.any(joint.glide)) for joint in skeleton.chain.joints]
+    return tuple(f"{name}_girdle" if has else "" for name, has in zip(name_joints(skeleton), glides, strict=True))
 
 
 def model_joints(skeleton: SpatialSkeleton, poses: SegmentPoses) -> list[ModelJoint]:
     """Return the joints of the model, parents first."""
-    bodies = ModelBodies.of(skeleton)
-    names = legal(skeleton.joints, taken=(BASE,)).values()
-    joints = [_free(bodies.segments[0], poses)]
-    for k, (name, joint) in enumerate(zip(names, skeleton.chain.joints, strict=True)):
+    segments, girdles = name_bodies(skeleton.segments), name_girdles(skeleton)
+    joints = [_free(segments[0], poses)]
+    for k, (name, joint) in enumerate(zip(name_joints(skeleton), skeleton.chain.joints, strict=True)):
         rotation = poses.between(joint.parent, k + 1)
-        parent, child = bodies.segments[joint.parent], bodies.segments[k + 1]
-        if bodies.girdles[k]:
-            joints.append(_glide(name, joint, rotation, (parent, bodies.girdles[k])))
-            parent = bodies.girdles[k]
+        parent, child = segments[joint.parent], segments[k + 1]
+        if girdles[k]:
+            joints.append(_glide(name, joint, rotation, (parent, girdles[k])))
+            parent = girdles[k]
         make = {"ball": _ball, "two-axis": _two_axis, "hinge": _hinge}[joint.kind]
         joints.append(make(name, joint, rotation, (parent, child)))
     return joints
 
 
 def _free(base: str, poses: SegmentPoses) -> ModelJoint:
-    mean = mean_rotation(poses.rotation[:, 0])
+    mean = _mean_rotation(poses.rotation[:, 0])
     angles = euler_angles(mean.T @ poses.rotation[:, 0])
     names = tuple(f"{BASE}_{each}" for each in ("rx", "ry", "rz", "tx", "ty", "tz"))
     values = np.column_stack([angles, poses.origin[:, 0] @ mean])
-    return ModelJoint(BASE, "FreeJoint", GROUND, base, np.zeros(3), mean, _IDENTITY, names, values)
+    return ModelJoint(BASE, "FreeJoint", "/ground", base, np.zeros(3), mean, _IDENTITY, names, values)
 
 
 def _glide(name: str, joint: SpatialJoint, rotation: FloatArray, bodies: tuple[str, str]) -> ModelJoint:
@@ -122,7 +83,7 @@ def _glide(name: str, joint: SpatialJoint, rotation: FloatArray, bodies: tuple[s
 
 
 def _ball(name: str, joint: SpatialJoint, rotation: FloatArray, bodies: tuple[str, str]) -> ModelJoint:
-    mean = mean_rotation(rotation)
+    mean = _mean_rotation(rotation)
     names = tuple(f"{name}_{each}" for each in ("rx", "ry", "rz"))
     values = euler_angles(mean.T @ rotation)
     return ModelJoint(name, "BallJoint", *bodies, joint.centre, mean, _IDENTITY, names, values)
@@ -135,7 +96,7 @@ def _two_axis(name: str, joint: SpatialJoint, rotation: FloatArray, bodies: tupl
     probe = so3.exp(np.pi / 2 * first) @ second
     rest = np.swapaxes(so3.exp(q1[:, None] * first), -1, -2) @ turned
     q2 = _angle(second, np.broadcast_to(probe, turned.shape[:-1]), rest @ probe)
-    values = _unwrapped(np.column_stack([q1, q2]))
+    values = _unwrap(np.column_stack([q1, q2]))
     names = (f"{name}_angle_1", f"{name}_angle_2")
     return ModelJoint(
         name, "CustomJoint", *bodies, joint.centre, _IDENTITY, joint.offset.T, names, values, (first, second)
@@ -148,19 +109,19 @@ def _hinge(name: str, joint: SpatialJoint, rotation: FloatArray, bodies: tuple[s
     across /= np.linalg.norm(across)
     own = np.column_stack([across, np.cross(axis, across), axis])
     turned = rotation @ joint.offset.T
-    values = _unwrapped(_angle(axis, np.broadcast_to(across, turned.shape[:-1]), turned @ across)[:, None])
+    values = _unwrap(_angle(axis, np.broadcast_to(across, turned.shape[:-1]), turned @ across)[:, None])
     return ModelJoint(name, "PinJoint", *bodies, joint.centre, own, joint.offset.T @ own, (f"{name}_angle",), values)
 
 
 def _angle(axis: FloatArray, before: FloatArray, after: FloatArray) -> FloatArray:
-    """Return the angle (T,) about an axis from one direction (T, 3) to another."""
+    """Return the angles (T,), rad, about ``axis`` (3,) from directions ``before`` (T, 3) to directions ``after``."""
     sine = np.einsum("i,ti->t", axis, np.cross(before, after))
     along = np.einsum("i,ti->t", axis, before) * np.einsum("i,ti->t", axis, after)
     return np.asarray(np.arctan2(sine, np.einsum("ti,ti->t", before, after) - along))
 
 
-def mean_rotation(rotations: FloatArray) -> FloatArray:
-    """Return the rotation (3, 3) with the least squared distance to rotations (T, 3, 3); the identity for none."""
+def _mean_rotation(rotations: FloatArray) -> FloatArray:
+    """Return the rotation (3, 3) nearest to the mean of the known rotations (T, 3, 3); the identity if none are."""
     known = rotations[np.isfinite(rotations).all(axis=(1, 2))]
     if not len(known):
         return np.eye(3)
@@ -169,7 +130,9 @@ def mean_rotation(rotations: FloatArray) -> FloatArray:
 
 
 def euler_angles(rotations: FloatArray) -> FloatArray:
-    """Return OpenSim's angles (T, 3) of rotations (T, 3, 3) about the body's x, then y, then z; unwrapped in time.
+    """Return OpenSim's angles (T, 3), rad, of rotations (T, 3, 3): about the body's x, then y, then z axis.
+
+    The angles are unwrapped in time.
 
     Examples
     --------
@@ -181,11 +144,11 @@ def euler_angles(rotations: FloatArray) -> FloatArray:
     x = np.arctan2(-R[..., 1, 2], R[..., 2, 2])
     y = np.arcsin(np.clip(R[..., 0, 2], -1.0, 1.0))
     z = np.arctan2(-R[..., 0, 1], R[..., 0, 0])
-    return _unwrapped(np.stack([x, y, z], axis=-1))
+    return _unwrap(np.stack([x, y, z], axis=-1))
 
 
-def _unwrapped(angles: FloatArray) -> FloatArray:
-    """Return angles (T, d) without jumps by whole turns, also across gaps."""
+def _unwrap(angles: FloatArray) -> FloatArray:
+    """Return angles (T, d), rad, without jumps by 2π, also across gaps."""
     out = angles.copy()
     for column in out.T:
         known = np.isfinite(column)
@@ -193,8 +156,8 @@ def _unwrapped(angles: FloatArray) -> FloatArray:
     return out
 
 
-def coordinates(joints: list[ModelJoint]) -> Iterator[tuple[str, FloatArray, bool]]:
-    """Yield name, values (T,), and whether it is an angle, for every coordinate of a model."""
+def list_coordinates(joints: list[ModelJoint]) -> Iterator[tuple[str, FloatArray, bool]]:
+    """Yield the name of each coordinate of a model, its values (T,), and whether it is an angle."""
     for joint in joints:
         for k, name in enumerate(joint.coordinates):
             lengths = joint.slides or (joint.element == "FreeJoint" and k >= 3)

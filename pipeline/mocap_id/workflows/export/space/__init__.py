@@ -1,1 +1,0 @@
-"""Export of a run in space."""
