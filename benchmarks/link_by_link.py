@@ -12,7 +12,7 @@ import numpy as np
 from harness import JOINTS, SHORT, command_line, markdown, measured_by, pairs, progress, publish, run_all
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
-from mocap_id.kinematics import ChainFit, fit_chain, fit_links, fix_gauge, joint_angles
+from mocap_id.kinematics import ChainFit, fit_chain, fit_links, joint_angles, orient_frames
 from mocap_id.simulation.options import Options
 from mocap_id.simulation.simulated_trial import SimulatedTrial, generate
 
@@ -90,7 +90,7 @@ ESTIMATORS: dict[str, Callable[[ComplexArray, IntArray], ChainFit]] = {
 
 def compare(trial: Trial, fit: ChainFit) -> Errors:
     """Return the errors of a chain, over the frames with known angles."""
-    fit = fix_gauge(fit)
+    fit = orient_frames(fit)
     used = np.isfinite(fit.angles).all(axis=1)
     turn = np.exp(1j * fit.angles[used])
     lever = np.concatenate([np.ones((len(turn), 1)), turn[:, :-1]], axis=1)

@@ -24,7 +24,7 @@ from mocap_id.estimation.filter_problem import FilterProblem
 from mocap_id.estimation.inverse_kinematics import MarkerChain, frame_angles
 from mocap_id.estimation.noise import marker_noise
 from mocap_id.estimation.sigma_points import SigmaPoints
-from mocap_id.kinematics import fit_chain, fix_gauge, frames_along_motion
+from mocap_id.kinematics import fit_chain, frames_along_motion, orient_frames
 from mocap_id.simulation import Options, generate
 
 FITTED = 400  # frames, as in fit-joints
@@ -96,7 +96,7 @@ def simulate_trial(options: Options) -> Moving:
 def refit_chain(moving: Moving) -> Moving:
     """Replace the chain by the one that ``fit-joints`` finds."""
     flat = moving.points[..., 0] + 1j * moving.points[..., 1]
-    fit = fix_gauge(fit_chain(flat[frames_along_motion(flat, FITTED)], moving.chain.segment))
+    fit = orient_frames(fit_chain(flat[frames_along_motion(flat, FITTED)], moving.chain.segment))
 
     def pair(values: FloatArray) -> FloatArray:
         return np.stack([values.real, values.imag], axis=1)

@@ -12,11 +12,11 @@ from mocap_id.anatomy.frames import (
     THORAX,
     UPPER_ARM,
     UPPER_ARM_2,
-    bent_enough,
     build_frame,
+    build_straight_hand,
     frame_covariance,
-    hand_at_rest,
-    mirrored,
+    has_bent_elbow,
+    mirror_points,
 )
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
@@ -55,8 +55,8 @@ def test_axes_point_where_the_isb_says(body: dict[str, FloatArray]) -> None:
     bent = build_frame(UPPER_ARM_2, body)
     assert np.allclose(bent.rotation[:, 2] @ np.stack([arm.rotation[:, 1], forearm.rotation[:, 1]]).T, 0, atol=1e-12)
     assert bent.rotation[2, 2] > 0.9
-    assert bool(bent_enough(body))
-    hand = hand_at_rest(forearm, body)
+    assert bool(has_bent_elbow(body))
+    hand = build_straight_hand(forearm, body)
     assert np.allclose(hand.rotation, forearm.rotation)
     assert np.allclose(hand.origin, (body["RS"] + body["US"]) / 2)
 
@@ -109,8 +109,8 @@ def test_covariance_agrees_with_monte_carlo_and_palpation_gives_five_degrees(bod
 
 
 def test_a_mirrored_left_arm_has_the_same_angles(body: dict[str, FloatArray]) -> None:
-    left = {name: mirrored(place) for name, place in body.items()}
-    again = build_frame(UPPER_ARM, {name: mirrored(place) for name, place in left.items()})
+    left = {name: mirror_points(place) for name, place in body.items()}
+    again = build_frame(UPPER_ARM, {name: mirror_points(place) for name, place in left.items()})
     assert np.allclose(again.rotation, build_frame(UPPER_ARM, body).rotation)
     flip = np.diag([1.0, 1.0, -1.0])
     rotation, velocity = so3.exp(np.array([0.3, -0.2, 0.9])), np.array([0.3, -0.2, 0.9])

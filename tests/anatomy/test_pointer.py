@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mocap_id.anatomy.frames import PALPATION
-from mocap_id.anatomy.pointer import Pointer, find_tip, point_landmark, tip_positions
+from mocap_id.anatomy.pointer import Pointer, calibrate_pointer, locate_pointed_landmark, locate_tip
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
 from mocap_id.geometry import so3
@@ -34,25 +34,27 @@ def touch(swing: float, seed: int = 0, noise: float = 0.0005) -> tuple[FloatArra
 def test_the_landmark_is_found_in_the_cluster() -> None:
     markers, rotation, origin, place = touch(0.02)
     markers[20:30, 2] = np.nan
-    found = point_landmark(markers, rotation, origin, Pointer(DISTANCES))
+    found = locate_pointed_landmark(markers, rotation, origin, Pointer(DISTANCES))
     assert np.allclose(found.place.local, place, atol=5e-4)
     assert found.rod_residual < 0.001
     assert not found.reasons
     assert found.place.sd == pytest.approx(PALPATION, rel=0.05)
-    tip, residual = tip_positions(markers, Pointer(DISTANCES))
+    tip, residual = locate_tip(markers, Pointer(DISTANCES))
     assert np.isnan(tip[20:30]).all() and np.isnan(residual[20:30]).all()
 
 
 def test_a_wrong_geometry_or_a_sliding_tip_is_told() -> None:
     markers, rotation, origin, _ = touch(0.02)
-    wrong = point_landmark(markers, rotation, origin, Pointer(DISTANCES[::-1].copy() * [1, 0.8, 1.2, 1]))
+    wrong = locate_pointed_landmark(markers, rotation, origin, Pointer(DISTANCES[::-1].copy() * [1, 0.8, 1.2, 1]))
     assert "pointer-bent" in [reason.code for reason in wrong.reasons]
     slid = markers + np.linspace(0, 0.04, 200)[:, None, None]
-    assert "pointer-moves" in [r.code for r in point_landmark(slid, rotation, origin, Pointer(DISTANCES)).reasons]
+    assert "pointer-moves" in [
+        r.code for r in locate_pointed_landmark(slid, rotation, origin, Pointer(DISTANCES)).reasons
+    ]
     with pytest.raises(RecordingError, match="one for each marker"):
-        tip_positions(markers, Pointer(DISTANCES[:2]))
+        locate_tip(markers, Pointer(DISTANCES[:2]))
     with pytest.raises(RecordingError, match="never seen together"):
-        point_landmark(markers, np.full_like(rotation, np.nan), origin, Pointer(DISTANCES))
+        locate_pointed_landmark(markers, np.full_like(rotation, np.nan), origin, Pointer(DISTANCES))
 
 
 @pytest.mark.parametrize("reverse", [False, True])
@@ -60,7 +62,7 @@ def test_a_turning_pointer_shows_its_tip_and_its_error_is_covered(reverse: bool)
     errors = []
     for seed in range(12):
         markers, rotation, origin, _ = touch(0.4, seed, noise=0.001)
-        found = find_tip([((markers[:, ::-1] if reverse else markers), rotation, origin)])
+        found = calibrate_pointer([((markers[:, ::-1] if reverse else markers), rotation, origin)])
         truth = DISTANCES[::-1] if reverse else DISTANCES
         errors.append(np.mean(found.distances - truth))
         assert abs(errors[-1]) < 4 * found.sd + 1e-4
@@ -71,4 +73,4 @@ def test_a_turning_pointer_shows_its_tip_and_its_error_is_covered(reverse: bool)
 def test_a_still_pointer_does_not_show_its_tip() -> None:
     markers, rotation, origin, _ = touch(0.003)
     with pytest.raises(RecordingError, match="turns too little"):
-        find_tip([(markers, rotation, origin)])
+        calibrate_pointer([(markers, rotation, origin)])

@@ -18,11 +18,11 @@ from mocap_id.anatomy.frames import (
     UPPER_ARM,
     FrameDefinition,
     build_frame,
-    mirrored,
+    mirror_points,
 )
 from mocap_id.anatomy.landmark_names import SEGMENTS, find_landmarks
-from mocap_id.anatomy.pointer import Pointer, find_pointer_markers, find_tip, point_landmark
-from mocap_id.anatomy.still_pose import find_still_pose, place_landmarks
+from mocap_id.anatomy.pointer import Pointer, calibrate_pointer, find_pointer_markers, locate_pointed_landmark
+from mocap_id.anatomy.still_pose import find_still_pose, locate_landmarks
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 from mocap_id.recording import read
@@ -72,7 +72,7 @@ def named(recording: Recording) -> dict[str, FloatArray]:
     """Return the landmarks of a left arm, mirrored, in the trial's frame."""
     found = find_landmarks(recording.labels)
     assert found.side == "left"
-    return {name: mirrored(recording.positions[:, i] @ TO_TRIAL.T) for name, i in found.markers.items()}
+    return {name: mirror_points(recording.positions[:, i] @ TO_TRIAL.T) for name, i in found.markers.items()}
 
 
 def angles_of(points: dict[str, FloatArray]) -> dict[str, FloatArray]:
@@ -174,11 +174,11 @@ def test_pointer_trials_give_the_other_programs_angles_after_one_constant(
     recorded = named(recording)
     points = {"GH": shoulder_centre(ulema, templates, poses["girdle"])}
     for name, touch in touches.items():
-        found = point_landmark(*touch, ROD)
+        found = locate_pointed_landmark(*touch, ROD)
         assert not found.reasons
         rotation, origin = poses[POINTED[name]]
         track = np.einsum("fij,j->fi", rotation, found.place.local) + origin
-        points[name] = mirrored(track @ TO_TRIAL.T)
+        points[name] = mirror_points(track @ TO_TRIAL.T)
         off = np.linalg.norm(points[name] - recorded[name], axis=1)
         assert np.max(off) < (0.006 if name == "C7" else 0.002), name
     ours, theirs = angles_of(points), printed(ulema, trial)
@@ -197,11 +197,11 @@ def shoulder_centre(
     seen = np.isfinite(arm[0]).all(axis=(1, 2)) & np.isfinite(base[0]).all(axis=(1, 2))
     system = np.concatenate([arm[0][seen], -base[0][seen]], axis=2).reshape(-1, 6)
     centre = np.linalg.lstsq(system, (base[1] - arm[1])[seen].reshape(-1), rcond=None)[0][3:]
-    return mirrored((np.einsum("fij,j->fi", girdle[0], centre) + girdle[1]) @ TO_TRIAL.T)
+    return mirror_points((np.einsum("fij,j->fi", girdle[0], centre) + girdle[1]) @ TO_TRIAL.T)
 
 
 def test_the_pointer_shows_its_own_tip(touches: dict[str, tuple[FloatArray, FloatArray, FloatArray]]) -> None:
-    found = find_tip(list(touches.values()))
+    found = calibrate_pointer(list(touches.values()))
     assert abs(np.mean(found.distances - ROD.distances)) < 3 * found.sd
 
 
@@ -307,7 +307,7 @@ def test_landmarks_of_a_simulated_trial_are_tied_by_its_still_start(recordings: 
     marked = {m["label"]: m for m in truth["markers"]}
     segment = {name: marked[recording.labels[i]]["segment"] for name, i in found.markers.items()}
     tracks = {name: recording.positions[:, i] for name, i in found.markers.items()}
-    places, reasons = place_landmarks(tracks, segment, data["seg_R"], data["seg_origin"], frames=pose.frames)
+    places, reasons = locate_landmarks(tracks, segment, data["seg_R"], data["seg_origin"], frames=pose.frames)
     assert not reasons
     assert set(places) >= {"IJ", "PX", "C7", "T8", "AC", "EL", "EM", "RS", "US"}
     for name, place in places.items():

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from mocap_id.anatomy.frames import FOREARM, PALPATION, THORAX, UPPER_ARM, build_frame, frame_covariance
-from mocap_id.anatomy.segment_frames import SegmentPoses, fit_segment_frames, turn_to_midline, with_known_middle
+from mocap_id.anatomy.segment_frames import SegmentPoses, fit_segment_frames, rotate_to_midline, set_middle_covariance
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
-from mocap_id.geometry.spatial_frames import reframed
+from mocap_id.geometry.spatial_frames import change_frames
 
 SEGMENT = {
     **dict.fromkeys(("thorax", "IJ", "PX", "C7", "T8"), 0),
@@ -66,7 +66,7 @@ def test_the_thorax_of_landmarks_in_one_plane_is_that_of_the_isb() -> None:
     turn = so3.exp(np.array([0.3, -0.5, 0.2]))
     places = {name: turn @ at for name, at in MIDLINE.items()}
     expected = build_frame(THORAX, places)
-    assert np.allclose(turn_to_midline(expected, places).rotation, expected.rotation)
+    assert np.allclose(rotate_to_midline(expected, places).rotation, expected.rotation)
 
 
 def test_four_landmarks_halve_the_error_of_the_thorax_about_its_long_axis() -> None:
@@ -76,21 +76,21 @@ def test_four_landmarks_halve_the_error_of_the_thorax_about_its_long_axis() -> N
     for _ in range(1000):
         palpated = {name: at + rng.normal(0, 6e-3, 3) for name, at in MIDLINE.items()}
         isb = build_frame(THORAX, palpated)
-        errors.append([so3.log(exact.rotation.T @ each.rotation) for each in (isb, turn_to_midline(isb, palpated))])
+        errors.append([so3.log(exact.rotation.T @ each.rotation) for each in (isb, rotate_to_midline(isb, palpated))])
     of_isb, of_four = np.sqrt(np.mean(np.square(errors), axis=0))
     assert of_four[1] < 0.6 * of_isb[1]
     assert of_four[0] < of_isb[0]
     assert of_four[2] == pytest.approx(of_isb[2], rel=0.02)
-    stated = frame_covariance((turn_to_midline(exact, MIDLINE),), dict.fromkeys(MIDLINE, 6e-3))
+    stated = frame_covariance((rotate_to_midline(exact, MIDLINE),), dict.fromkeys(MIDLINE, 6e-3))
     assert np.sqrt(np.diag(stated)) == pytest.approx(of_four, rel=0.07)
 
 
 def test_the_thorax_turns_with_its_landmarks_as_its_sensitivity_says() -> None:
-    frame = turn_to_midline(build_frame(THORAX, MIDLINE), MIDLINE)
+    frame = rotate_to_midline(build_frame(THORAX, MIDLINE), MIDLINE)
     for name, part in frame.sensitivity.items():
         for axis in np.eye(3):
             moved = MIDLINE | {name: MIDLINE[name] + 1e-6 * axis}
-            other = turn_to_midline(build_frame(THORAX, moved), moved)
+            other = rotate_to_midline(build_frame(THORAX, moved), moved)
             assert np.allclose(so3.log(frame.rotation.T @ other.rotation) / 1e-6, part @ axis, atol=1e-4)
 
 
@@ -134,7 +134,7 @@ def test_an_expressed_chain_places_every_marker_where_it_was() -> None:
     segment = np.array([0, 0, 1, 2, 3])
     chain = SpatialChain(joints, segment, rng.normal(size=(5, 3)), np.zeros(5, dtype=bool))
     frames, base = so3.exp(rng.normal(size=(4, 3))), rng.normal(size=3)
-    new = reframed(chain, frames, base)
+    new = change_frames(chain, frames, base)
     q = [rng.normal(size=(6, joint.dimension)) for joint in joints]
     origin, rotation = rng.normal(size=(6, 3)), so3.exp(rng.normal(size=(6, 3)))
 
@@ -155,9 +155,9 @@ def test_an_expressed_chain_places_every_marker_where_it_was() -> None:
 
 def test_a_known_middle_counts_by_its_own_covariance(still: SegmentPoses, places: dict[str, FloatArray]) -> None:
     found = fit_segment_frames(places, SEGMENT, still)
-    same = with_known_middle(found, ("EL", "EM"), PALPATION**2 / 2 * np.eye(3))
+    same = set_middle_covariance(found, ("EL", "EM"), PALPATION**2 / 2 * np.eye(3))
     assert np.allclose(same.covariance("upper_arm", "forearm"), found.covariance("upper_arm", "forearm"))
-    sure = with_known_middle(found, ("EL", "EM"), np.zeros((3, 3)))
+    sure = set_middle_covariance(found, ("EL", "EM"), np.zeros((3, 3)))
     before, after = (np.diag(each.covariance("upper_arm", "forearm")) for each in (found, sure))
     assert after[2] < 0.7 * before[2]  # the long axis of the upper arm
     assert after[1] > 0.9 * before[1]  # the line of the epicondyles is as unsure as before

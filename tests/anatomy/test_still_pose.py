@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocap_id.anatomy.still_pose import find_still_pose, place_landmarks
+from mocap_id.anatomy.still_pose import find_still_pose, locate_landmarks
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
 from mocap_id.geometry import so3
@@ -65,7 +65,7 @@ def test_landmarks_are_tied_by_the_still_pose_and_hidden_ones_by_the_rest() -> N
     }
     points["EM"][:150] = np.nan
     points["GH"][:] = np.nan
-    places, reasons = place_landmarks(
+    places, reasons = locate_landmarks(
         points, dict.fromkeys(points, 0), rotations, origins, frames=slice(0, 100), palpation=0.001
     )
     assert np.allclose(places["EL"].local, local["EL"], atol=2e-4)

@@ -121,7 +121,7 @@ def trial(seed: int, strategy: str, tissue: float) -> tuple[SimulatedTrial, True
     placed = ChainState(centres @ [1, 1j], local[moves] @ [1, 1j], np.cumsum(recorded.q, axis=1))
     true = np.zeros((len(centres), 2, 2))
     skin = skin_from_residuals(placed, segment[moves], residual[moves], true)
-    error = KinematicError(lambda q: skin.errors(q)[0], skin.frames_turned()[0])
+    error = KinematicError(lambda q: skin.errors(q)[0], skin.stored_chain_errors()[0])
     prepared = prepare(recorded, FitSettings())
     free = np.hypot(*state.chair_force.T) == 0.0
     reference = np.full(4 * (len(centres) + 1), np.nan)

@@ -52,8 +52,8 @@ def random_case(seed: int):
 def test_products_and_jacobian(seed):
     rng, chain, q, dq, ddq = random_case(seed)
     tool = random_pose(rng)
-    np.testing.assert_allclose(spatial_product(chain, q, tool), chain.tool(q, tool), atol=1e-12)
-    np.testing.assert_allclose(body_product(chain, q, tool), chain.tool(q, tool), atol=1e-12)
+    np.testing.assert_allclose(spatial_product(chain, q, tool), chain.tool_pose(q, tool), atol=1e-12)
+    np.testing.assert_allclose(body_product(chain, q, tool), chain.tool_pose(q, tool), atol=1e-12)
     step = 1e-6
     g = chain.poses(q)[-1]
     change = (chain.poses(q + step * dq)[-1] - chain.poses(q - step * dq)[-1]) / (2 * step)

@@ -27,7 +27,7 @@ def derivative(function, q):
 def test_spatial_body_and_link_by_link_products_agree(seed, joints):
     """Eq. 2.37, 2.40, 2.42."""
     chain, tool, q = random_case(seed, joints)
-    expected = chain.tool(q, tool)
+    expected = chain.tool_pose(q, tool)
     np.testing.assert_allclose(spatial_product(chain, q, tool), expected, atol=1e-12)
     np.testing.assert_allclose(body_product(chain, q, tool), expected, atol=1e-12)
 
@@ -37,8 +37,8 @@ def test_spatial_body_and_link_by_link_products_agree(seed, joints):
 def test_jacobians_are_the_derivative_of_the_forward_map(seed, joints):
     """Spatial velocity is ġ g⁻¹, body velocity g⁻¹ ġ (eq. 2.30, 2.31, 2.47, 2.48)."""
     chain, tool, q = random_case(seed, joints)
-    g = chain.tool(q, tool)
-    change = derivative(lambda x: chain.tool(x, tool), q)
+    g = chain.tool_pose(q, tool)
+    change = derivative(lambda x: chain.tool_pose(x, tool), q)
     np.testing.assert_allclose(spatial_jacobian(chain, q).T, se3.vee(change @ se3.inverse(g)), atol=1e-7)
     np.testing.assert_allclose(body_jacobian(chain, q, tool).T, se3.vee(se3.inverse(g) @ change), atol=1e-7)
 
@@ -59,7 +59,7 @@ def test_a_turn_about_a_shifted_axis():
     """A quarter turn about z at (1, 0, 0) moves the world's origin to (1, -1, 0)."""
     chain = Chain((Revolute((0, 0, 2.0)),), se3.pose(np.eye(3), np.array([[1.0, 0, 0]])))
     tool = se3.pose(np.eye(3), np.array([-1.0, 0, 0]))
-    np.testing.assert_allclose(chain.tool(np.array([np.pi / 2]), tool)[:3, 3], [1, -1, 0], atol=1e-15)
+    np.testing.assert_allclose(chain.tool_pose(np.array([np.pi / 2]), tool)[:3, 3], [1, -1, 0], atol=1e-15)
 
 
 @pytest.mark.parametrize("shape", [(), (4,), (2, 3)])

@@ -7,7 +7,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
-from mocap_id.geometry.spatial_frames import reframed
+from mocap_id.geometry.spatial_frames import change_frames
 
 
 def _unit(vector: FloatArray) -> FloatArray:
@@ -45,7 +45,7 @@ def _markers(chain: SpatialChain, origin: FloatArray, rotation: FloatArray, turn
 def test_markers_stay_where_they_are() -> None:
     rng = np.random.default_rng(0)
     chain, axes, origin = _chain(rng), so3.exp(rng.normal(size=(4, 3))), rng.normal(size=3)
-    other = reframed(chain, axes, origin)
+    other = change_frames(chain, axes, origin)
     at, base = rng.normal(size=(5, 3)), so3.exp(rng.normal(size=(5, 3)))
     angles = [rng.normal(size=(5, joint.dimension)) for joint in chain.joints]
     turns = np.stack([joint.rotation(q) for joint, q in zip(chain.joints, angles, strict=True)], axis=1)
@@ -60,7 +60,7 @@ def test_markers_stay_where_they_are() -> None:
 def test_covariances_turn_with_the_frames() -> None:
     rng = np.random.default_rng(1)
     chain, axes = _chain(rng), so3.exp(rng.normal(size=(4, 3)))
-    other = reframed(chain, axes, np.zeros(3))
+    other = change_frames(chain, axes, np.zeros(3))
     for joint, new in zip(chain.joints, other.joints, strict=True):
         back = axes[joint.parent]
         assert np.allclose(back @ new.covariance @ back.T, joint.covariance)

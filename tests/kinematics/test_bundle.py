@@ -9,14 +9,14 @@ import pytest
 
 from mocap_id.errors import Refused
 from mocap_id.kinematics import chain_equations as room
-from mocap_id.kinematics import fit_chain, fix_gauge, joint_angles
+from mocap_id.kinematics import fit_chain, joint_angles, orient_frames
 from mocap_id.kinematics.links import rigid_body_links
 
 
 @pytest.mark.parametrize("joints", [1, 2, 3, 4])
 def test_a_clean_chain_is_recovered_exactly_with_gaps(chain, joints: int) -> None:
     truth = chain(joints, joints=joints, missing=0.1)
-    fit = fix_gauge(fit_chain(truth.points, truth.segment))
+    fit = orient_frames(fit_chain(truth.points, truth.segment))
     assert np.abs(fit.centres - truth.centres).max() < 1e-8
     angles = joint_angles(fit.angles)
     known = np.isfinite(angles).all(axis=1)
@@ -100,13 +100,13 @@ def test_the_step_equals_dense_least_squares(chain, pinned: int | None) -> None:
 
 def test_bursts_do_not_move_the_joints(chain) -> None:
     truth = chain(5, noise=5e-4)
-    plain = fix_gauge(fit_chain(truth.points, truth.segment))
+    plain = orient_frames(fit_chain(truth.points, truth.segment))
     rng = np.random.default_rng(0)
     points = truth.points.copy()
     for _ in range(20):
         start, marker = rng.integers(0, 380), rng.integers(4, points.shape[1])
         points[start : start + 5, marker] += 0.08 * np.exp(1j * rng.uniform(0, 6))
-    hit = fix_gauge(fit_chain(points, truth.segment))
+    hit = orient_frames(fit_chain(points, truth.segment))
     assert np.abs(hit.centres - truth.centres).max() < 3 * np.abs(plain.centres - truth.centres).max() + 2e-4
 
 
@@ -128,7 +128,7 @@ def test_standard_deviations_match_repetition(chain) -> None:
 def test_turning_the_segment_frames_changes_no_length(chain) -> None:
     truth = chain(12, noise=1e-3)
     fit = fit_chain(truth.points, truth.segment)
-    turned = fix_gauge(fit)
+    turned = orient_frames(fit)
     assert turned.lengths == pytest.approx(fit.lengths, rel=1e-12)
     assert np.angle(turned.centres[1:]) == pytest.approx(np.pi / 2)
     tip = turned.local[truth.segment == 3].mean()

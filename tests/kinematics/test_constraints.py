@@ -136,11 +136,11 @@ def held(segment: np.ndarray, constraints: Constraints) -> bool:
 def test_clusters_satisfy_the_constraints(chain) -> None:
     truth = chain(2, joints=2, noise=5e-4)
     moving = np.flatnonzero(truth.segment > 0)
-    plain = Clusters(truth.points, moving, Constraints.of(14)).at(2)
+    plain = Clusters(truth.points, moving, Constraints.of(14)).bodies_at(2)
     assert sorted(body.markers.tolist() for body in plain) == [list(range(4, 9)), list(range(9, 14))]
-    forced = Clusters(truth.points, moving, Constraints.of(14, [[5, 10]])).at(2)
+    forced = Clusters(truth.points, moving, Constraints.of(14, [[5, 10]])).bodies_at(2)
     assert any({5, 10} <= set(body.markers.tolist()) for body in forced)
-    parted = Clusters(truth.points, moving, Constraints.of(14, (), [[5, 6]])).at(3)
+    parted = Clusters(truth.points, moving, Constraints.of(14, (), [[5, 6]])).bodies_at(3)
     assert not any({5, 6} <= set(body.markers.tolist()) for body in parted)
 
 

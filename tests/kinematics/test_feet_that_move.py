@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mocap_id.arrays import ComplexArray, FloatArray
-from mocap_id.kinematics.heel_lift import markers_that_move, place_ankle
+from mocap_id.kinematics.heel_lift import find_moving_markers, locate_ankle
 
 ANKLE, SHANK_ANKLE = 0.02 + 0.09j, 0.004 - 0.002j  # m, in the frames of foot and shank
 TOE = -0.15 + 0.0j
@@ -40,7 +40,7 @@ def test_the_ankle_is_where_a_fit_with_a_still_foot_does_not_find_it() -> None:
     foot, shank = frames(np.radians(3))
     start = held_still(foot, shank)
     assert abs(start - ANKLE) > 0.005
-    place = place_ankle(foot, shank, start)
+    place = locate_ankle(foot, shank, start)
     assert place is not None
     assert abs(place.foot - ANKLE) < 1e-6
     assert abs(place.shank - SHANK_ANKLE) < 1e-6
@@ -54,7 +54,7 @@ def test_its_standard_deviation_is_that_of_errors_that_recur() -> None:
         foot, shank = frames(np.radians(3))
         constant = 5e-4 * (rng.normal(size=3) + 1j * rng.normal(size=3))
         slide = np.repeat(constant, [667, 667, 666])  # one error in each third of the trial
-        place = place_ankle(foot, (shank[0] + slide, shank[1]), ANKLE + 0.004)
+        place = locate_ankle(foot, (shank[0] + slide, shank[1]), ANKLE + 0.004)
         assert place is not None
         off.append(abs(place.foot - ANKLE))
         sd.append(place.sd)
@@ -66,7 +66,7 @@ def test_an_ankle_that_hardly_turns_stays_where_the_joint_fit_placed_it() -> Non
     foot, shank = frames(np.radians(3), noise=1e-3, arc=np.radians(0.1))
     start = ANKLE + 0.005
     foot = foot[0], np.zeros_like(foot[1])
-    place = place_ankle(foot, (shank[0], np.zeros_like(shank[1])), start)
+    place = locate_ankle(foot, (shank[0], np.zeros_like(shank[1])), start)
     assert place is not None
     assert abs(place.foot - start) < 0.001
     assert place.sd == pytest.approx(0.01, rel=0.05)
@@ -75,7 +75,7 @@ def test_an_ankle_that_hardly_turns_stays_where_the_joint_fit_placed_it() -> Non
 def test_an_ankle_that_does_not_turn_at_all_stays_too() -> None:
     foot, shank = frames(np.radians(3), arc=0.0)
     start = ANKLE + 0.005
-    place = place_ankle(foot, shank, start)
+    place = locate_ankle(foot, shank, start)
     assert place is not None
     assert abs(place.foot - start) < 1e-4
 
@@ -84,7 +84,7 @@ def test_too_few_frames_place_nothing() -> None:
     foot, shank = frames(np.radians(3))
     unseen = np.full_like(shank[1], np.nan)
     unseen[:5] = shank[1][:5]
-    assert place_ankle(foot, (shank[0], unseen), ANKLE) is None
+    assert locate_ankle(foot, (shank[0], unseen), ANKLE) is None
 
 
 def base_markers(heel: float, noise: float = 5e-4) -> np.ndarray:
@@ -98,16 +98,16 @@ def base_markers(heel: float, noise: float = 5e-4) -> np.ndarray:
 
 
 def test_only_markers_on_feet_that_move_show_the_foot() -> None:
-    assert markers_that_move(base_markers(0.01), RATE).tolist() == [True, True, False, False, False]
+    assert find_moving_markers(base_markers(0.01), RATE).tolist() == [True, True, False, False, False]
 
 
 def test_feet_that_stand_still_and_single_markers_that_move_are_no_foot() -> None:
-    assert not markers_that_move(base_markers(0.0), RATE).any()
+    assert not find_moving_markers(base_markers(0.0), RATE).any()
     loose = base_markers(0.0)
     loose[:, 0, 1] += 0.01 * np.sin(np.linspace(0, 10 * np.pi, 2000)) ** 2
-    assert not markers_that_move(loose, RATE).any()
-    assert not markers_that_move(np.full((500, 3, 2), np.nan), RATE).any()
-    assert markers_that_move(np.zeros((500, 0, 2)), RATE).shape == (0,)
+    assert not find_moving_markers(loose, RATE).any()
+    assert not find_moving_markers(np.full((500, 3, 2), np.nan), RATE).any()
+    assert find_moving_markers(np.zeros((500, 0, 2)), RATE).shape == (0,)
     hidden = base_markers(0.01)
     hidden[:, 3] = np.nan
-    assert markers_that_move(hidden, RATE).tolist() == [True, True, False, False, False]
+    assert find_moving_markers(hidden, RATE).tolist() == [True, True, False, False, False]

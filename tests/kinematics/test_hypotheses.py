@@ -29,13 +29,13 @@ def test_the_best_of_each_number_equals_the_result_for_this_count(chain, seed: i
 def test_the_reasons_add_up_to_the_difference_in_cost(chain, seed: int, longest: int) -> None:
     truth = chain(seed, noise=2e-3)
     found = segment_markers(truth.points, truth.lateral, SegmentationRules(longest=longest)).hypotheses
-    assert found[0].best_of_level and found[0].lost_to(found[0]) == "chosen"
+    assert found[0].best_of_level and found[0].explain_cost(found[0]) == "chosen"
     assert [h.cost for h in found] == sorted(h.cost for h in found)
     assert all(len(h.chain) < longest for h in found)
     chains = [tuple(tuple(body.markers) for body in h.chain) for h in found]
     assert len(set(chains)) == len(chains)
     for other in found[1:]:
-        why = other.lost_to(found[0])
+        why = other.explain_cost(found[0])
         stated = float(re.match(r"costs ([\d.]+) more", why)[1])
         terms = [
             float(number.replace("\N{MINUS SIGN}", "-")) for number in re.findall(r"\(([+\N{MINUS SIGN}][\d.]+)\)", why)

@@ -10,7 +10,7 @@ import pytest
 
 from mocap_id.kinematics import Segmentation, SegmentationRules, fit_chain, frames_along_motion, segment_markers
 from mocap_id.kinematics.chain_equations import ChainState
-from mocap_id.kinematics.link_markers import point_units
+from mocap_id.kinematics.link_markers import group_points
 from mocap_id.kinematics.links import chain_angles
 from mocap_id.simulation import Options
 from mocap_id.simulation.simulated_trial import generate
@@ -95,7 +95,7 @@ def test_left_and_right_markers_at_one_place_are_one_point() -> None:
     place = np.exp(1j * np.linspace(0, 1, 50))
     points = np.stack([place, place + 0.01, place + 0.2, place + 0.005], axis=1)
     lateral = np.array([0.1, -0.1, 0.1, 0.12])  # the last one is on the same side as the first
-    units = [unit.tolist() for unit in point_units(points, lateral, np.arange(4))]
+    units = [unit.tolist() for unit in group_points(points, lateral, np.arange(4))]
     assert units == [[0, 1], [2], [3]]
 
 

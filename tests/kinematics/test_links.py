@@ -10,7 +10,7 @@ import pytest
 from scipy import optimize
 
 from mocap_id.errors import NumericalError, Refused
-from mocap_id.kinematics import LinkMethod, fit_chain, fit_links, fix_gauge, joint_angles
+from mocap_id.kinematics import LinkMethod, fit_chain, fit_links, joint_angles, orient_frames
 from mocap_id.kinematics.circle import fit_common_centre
 from mocap_id.kinematics.links import circle_links, rigid_body_links
 from mocap_id.stages.base import Context
@@ -26,7 +26,7 @@ METHODS = get_args(LinkMethod)
 @pytest.mark.parametrize("joints", [1, 2, 3, 4])
 def test_a_clean_chain_is_recovered_exactly_with_gaps(chain, joints: int, method: LinkMethod) -> None:
     truth = chain(joints, joints=joints, missing=0.1)
-    fit = fix_gauge(fit_links(truth.points, truth.segment, method))
+    fit = orient_frames(fit_links(truth.points, truth.segment, method))
     assert np.abs(fit.centres - truth.centres).max() < 1e-6
     assert fit.residual.max() < 1e-6
     angles = joint_angles(fit.angles)
@@ -41,7 +41,7 @@ def test_a_clean_chain_is_recovered_exactly_with_gaps(chain, joints: int, method
 @pytest.mark.parametrize("method", METHODS)
 def test_the_result_is_a_chain_fit_as_from_the_bundle(chain, method: LinkMethod) -> None:
     truth = chain(3, noise=5e-4, missing=0.05)
-    fit, whole = (fix_gauge(each) for each in (fit_links(truth.points, truth.segment, method), chain_of(truth)))
+    fit, whole = (orient_frames(each) for each in (fit_links(truth.points, truth.segment, method), chain_of(truth)))
     assert fit.lengths == pytest.approx(whole.lengths, abs=3e-3)
     assert (np.isfinite(fit.angles) == np.isfinite(whole.angles)).all()
     assert np.nanmax(np.abs(joint_angles(fit.angles) - joint_angles(whole.angles))) < np.radians(2)
@@ -121,7 +121,7 @@ def test_standard_deviations_match_repetition(chain) -> None:
 
 def test_circles_have_no_standard_deviation(chain) -> None:
     truth = chain(9, noise=1e-3)
-    fit = fix_gauge(fit_links(truth.points, truth.segment, "circle"))
+    fit = orient_frames(fit_links(truth.points, truth.segment, "circle"))
     assert np.isnan(fit.covariance).all()
     assert np.isnan(fit.length_sd).all()
     assert np.isfinite(fit.centres).all()

@@ -14,7 +14,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.config import load
 from mocap_id.kinematics import SegmentationRules, frames_along_motion, segment_markers
 from mocap_id.kinematics.lone_markers import find_lone_markers
-from mocap_id.kinematics.marker_faults import RecordedMarkers, find_bad_stretches, sampled_rows
+from mocap_id.kinematics.marker_faults import RecordedMarkers, find_bad_stretches, sample_rows
 from mocap_id.kinematics.repeated_positions import find_repeats
 from mocap_id.runner import run_stage
 from mocap_id.simulation import Options, simulate
@@ -43,7 +43,7 @@ def trial(request: pytest.FixtureRequest) -> SimpleNamespace:
 
 def bad_in(trial: SimpleNamespace, points: FloatArray) -> Mapping[str, tuple[str, int, int]]:
     """Return cause, first and last frame of the bad stretches, by label."""
-    rows = sampled_rows(len(points), RATE)
+    rows = sample_rows(len(points), RATE)
     recorded = RecordedMarkers(points[rows], rows, lambda marker: points[:, marker], RATE)
     bad = find_bad_stretches(recorded, trial.found, trial.fitted, np.arange(points.shape[1]))
     return {trial.labels[each.marker]: (each.how, each.first, each.last) for each in bad}

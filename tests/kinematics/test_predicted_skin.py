@@ -36,7 +36,7 @@ def found(size: float, slope: float = 0.02) -> SkinModel:
 
 def centre_sd(skin: SkinModel) -> np.ndarray:
     """Return the errors of the centres (n, 2), m; the x of the second joint is a convention of the frame."""
-    return np.asarray(np.sqrt(np.sum(skin.frames_turned()[0] ** 2, axis=2)))
+    return np.asarray(np.sqrt(np.sum(skin.stored_chain_errors()[0] ** 2, axis=2)))
 
 
 def test_in_its_own_movement_the_prediction_equals_the_fit() -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mocap_id.errors import Refused
-from mocap_id.kinematics import Constraints, SegmentationRules, asymmetry, segment_markers
+from mocap_id.kinematics import Constraints, SegmentationRules, measure_asymmetry, segment_markers
 from mocap_id.kinematics.clusters import find_base
 
 
@@ -99,12 +99,12 @@ def test_asymmetric_sides_are_detected(chain) -> None:
     truth = chain(19)
     points, segment = truth.points.copy(), truth.segment
     lateral = np.where(np.arange(len(segment)) % 2 == 0, 0.15, -0.15)
-    assert np.nanmax(asymmetry(points, lateral, segment)) < 1e-6
+    assert np.nanmax(measure_asymmetry(points, lateral, segment)) < 1e-6
     hip = truth.centres[0]
     turn = np.exp(1j * np.radians(8) * np.sin(np.linspace(0, 9, len(points))))
     left = np.flatnonzero((segment == 1) & (lateral > 0))
     points[:, left] = hip + turn[:, None] * (points[:, left] - hip)
-    apart = np.degrees(asymmetry(points, lateral, segment))
+    apart = np.degrees(measure_asymmetry(points, lateral, segment))
     assert apart[0] == pytest.approx(8 / np.sqrt(2), rel=0.1)
     assert apart[1:] == pytest.approx(0, abs=1e-4)
 

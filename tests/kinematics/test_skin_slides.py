@@ -61,7 +61,7 @@ def test_each_slide_moves_the_angles_as_in_a_new_fit(posed) -> None:
     skin = replace(skin, size=np.ones(len(segment)))
     said = skin.errors(relative)[0]
     said = (said - said.mean(axis=0))[..., : 4 * len(segment)].reshape(FRAMES, JOINTS, -1, 2, 2)
-    shape = skin_slides.scaled_angles(relative - relative.mean(axis=0), skin.spread, segment)
+    shape = skin_slides.scale_angles(relative - relative.mean(axis=0), skin.spread, segment)
     assert np.sum(np.mean(shape**2, axis=0), axis=1) == pytest.approx(1)
     step = 1e-5
     for marker in range(len(segment)):
@@ -81,9 +81,9 @@ def test_each_slide_moves_the_chain_as_in_a_new_fit(posed) -> None:
     points, segment, state, relative = posed
     skin = skin_slides.fit_skin(points, segment, written(state, segment), np.arange(FRAMES), camera_sd=0.0)
     skin = replace(skin, size=np.ones(len(segment)))
-    moved, turned = (part[..., : 4 * len(segment)] for part in skin.frames_turned())
+    moved, turned = (part[..., : 4 * len(segment)] for part in skin.stored_chain_errors())
     angles = (skin.errors(relative + first_turn(state, segment))[0][..., : 4 * len(segment)] + turned).mean(axis=0)
-    shape = skin_slides.scaled_angles(relative - relative.mean(axis=0), skin.spread, segment)
+    shape = skin_slides.scale_angles(relative - relative.mean(axis=0), skin.spread, segment)
     step = 1e-5
     for mode in range(0, 4 * len(segment), 3):
         marker, which, side = np.unravel_index(mode, (len(segment), 2, 2))

@@ -7,7 +7,7 @@ import pytest
 from test_summary import assert_nulls_explained
 
 from mocap_id.errors import Refused
-from mocap_id.geometry.circle import on_shortest_arc
+from mocap_id.geometry.circle import shift_to_shortest_arc
 from mocap_id.reporting.summary import summarise, to_json
 from mocap_id.reporting.summary_schema import Summary
 from mocap_id.stages.report.function import report_data
@@ -72,7 +72,7 @@ def test_turns_lost_near_the_pole_do_not_widen_the_range() -> None:
 @pytest.mark.parametrize("start", np.linspace(-700, 700, 15))
 def test_the_shortest_arc_is_found_anywhere(start: float) -> None:
     values = start + np.linspace(0, 140, 40)
-    found = np.degrees(on_shortest_arc(np.radians(values)))
+    found = np.degrees(shift_to_shortest_arc(np.radians(values)))
     assert np.ptp(found) == pytest.approx(140)
     assert np.mod(found - values + 1e-9, 360) == pytest.approx(1e-9, abs=1e-8)
     assert abs(found.min() + found.max()) / 2 <= 180 + 1e-9

@@ -19,10 +19,10 @@ from mocap_id.anatomy.coordinates import (
     AxisDerivatives,
     RelativeMotion,
     axes_of_rotation_vector,
-    axes_of_turns,
-    deviations,
-    frame_lever,
-    rates,
+    axes_of_rotations,
+    compute_rates,
+    frame_error_jacobian,
+    propagate_covariance,
 )
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.geometry import so3
@@ -39,7 +39,7 @@ _X, _Y, _Z = np.eye(3)
 
 
 @dataclass(frozen=True)
-class Deviations:
+class AngleDeviations:
     """Standard deviations of angles (F, k), rad, of rates, rad/s, and of accelerations, rad/s²."""
 
     angle: FloatArray
@@ -56,7 +56,7 @@ class JointAngles:
     names : tuple of str, length k
     angle, rate, acceleration : (F, k) arrays
         rad, rad/s, rad/s²; continuous in time.
-    sd : Deviations
+    sd : AngleDeviations
         Uncertainty of the angles' changes, of rates and of accelerations: by the motion, and by the landmarks' frames.
     constant_sd : (k,) array
         Uncertainty of the mean angles by the landmarks' frames, rad. An absolute angle has ``hypot(sd, constant_sd)``.
@@ -70,7 +70,7 @@ class JointAngles:
     angle: FloatArray
     rate: FloatArray
     acceleration: FloatArray
-    sd: Deviations
+    sd: AngleDeviations
     constant_sd: FloatArray
     condition: FloatArray
     near_gimbal: BoolArray
@@ -93,10 +93,10 @@ def shoulder_angles(motion: RelativeMotion, frames: FloatArray | None = None) ->
     elevation = np.arctan2(np.hypot(r[:, 0, 1], r[:, 2, 1]), r[:, 1, 1])
     plane, axial = np.arctan2(-r[:, 0, 1], -r[:, 2, 1]), np.arctan2(-r[:, 1, 0], r[:, 1, 2])
     sine = np.sin(elevation)
-    plane, axial = _follow_poles(plane, axial, elevation, sine >= GIMBAL)
+    plane, axial = _unwrap_through_poles(plane, axial, elevation, sine >= GIMBAL)
     turns = np.stack([_Y, -_X, _Y])
     angles = np.stack([plane, elevation, axial], axis=1)
-    return _with_rates(SHOULDER, angles, axes_of_turns(turns, angles), motion, frames, sine=np.abs(sine))
+    return _build_joint_angles(SHOULDER, angles, axes_of_rotations(turns, angles), motion, frames, sine=np.abs(sine))
 
 
 def elbow_angles(motion: RelativeMotion, frames: FloatArray | None = None) -> JointAngles:
@@ -126,19 +126,19 @@ def joint_coordinates(motion: RelativeMotion, joint: SpatialJoint, names: tuple[
     """
     r, one = motion.rotation, np.ones(len(motion.rotation))
     if joint.kind == "ball":
-        vector = _unwrap_vector(so3.log(r))
-        return _with_rates(names, vector, axes_of_rotation_vector(vector), motion, None, sine=one)
+        vector = _unwrap_rotation_vectors(so3.log(r))
+        return _build_joint_angles(names, vector, axes_of_rotation_vector(vector), motion, None, sine=one)
     a, b = joint.first_axis, joint.second_axis
     if joint.kind == "hinge":
-        first = _turn_about(a, r @ joint.offset.T)
+        first = _measure_rotation_about(a, r @ joint.offset.T)
         turns, offsets, columns = (joint.offset.T @ a)[None], None, [first]
     else:
         before, after = joint.offset @ b, r @ b
         first = np.arctan2(np.cross(before, after) @ a, after @ before - (after @ a) * (before @ a))
         rest = joint.offset.T @ np.swapaxes(so3.exp(first[:, None] * a), 1, 2) @ r
-        turns, offsets, columns = np.stack([a, b]), joint.offset[None], [first, _turn_about(b, rest)]
+        turns, offsets, columns = np.stack([a, b]), joint.offset[None], [first, _measure_rotation_about(b, rest)]
     angles = np.stack([_unwrap(column) for column in columns], axis=1)
-    return _with_rates(names, angles, axes_of_turns(turns, angles, offsets), motion, None, sine=one)
+    return _build_joint_angles(names, angles, axes_of_rotations(turns, angles, offsets), motion, None, sine=one)
 
 
 def _flexion_angles(names: tuple[str, ...], motion: RelativeMotion, frames: FloatArray | None) -> JointAngles:
@@ -148,10 +148,12 @@ def _flexion_angles(names: tuple[str, ...], motion: RelativeMotion, frames: Floa
     carrying = np.arctan2(r[:, 2, 1], cosine)
     pronation = _unwrap(np.arctan2(-r[:, 2, 0], r[:, 2, 2]))
     angles = np.stack([flexion, carrying, pronation], axis=1)
-    return _with_rates(names, angles, axes_of_turns(np.stack([_Z, _X, _Y]), angles), motion, frames, sine=cosine)
+    return _build_joint_angles(
+        names, angles, axes_of_rotations(np.stack([_Z, _X, _Y]), angles), motion, frames, sine=cosine
+    )
 
 
-def _with_rates(
+def _build_joint_angles(
     names: tuple[str, ...],
     angles: FloatArray,
     axes: AxisDerivatives,
@@ -161,18 +163,18 @@ def _with_rates(
     sine: FloatArray,
 ) -> JointAngles:
     """Return the first angles, as many as names, with rates, accelerations and standard deviations."""
-    rate, acceleration, jacobian = rates(axes, motion)
+    rate, acceleration, jacobian = compute_rates(axes, motion)
     keep, dimension = len(names), angles.shape[1]
-    sd, constant, turned = deviations(jacobian, motion.covariance), np.zeros(keep), np.abs(sine) < GIMBAL
+    sd, constant, turned = propagate_covariance(jacobian, motion.covariance), np.zeros(keep), np.abs(sine) < GIMBAL
     if frames is not None:
-        by_frames = jacobian @ frame_lever(motion)
+        by_frames = jacobian @ frame_error_jacobian(motion)
         good = ~turned & np.isfinite(by_frames).all(axis=(1, 2))
         mean = by_frames[good, :keep].mean(axis=0) if good.any() else np.zeros((keep, 6))
         by_frames[:, :keep] -= mean
-        sd, constant = np.hypot(sd, deviations(by_frames, frames)), deviations(mean, frames)
+        sd, constant = np.hypot(sd, propagate_covariance(by_frames, frames)), propagate_covariance(mean, frames)
 
-    def split(values: FloatArray) -> Deviations:
-        return Deviations(*(values[:, i * dimension : i * dimension + keep] for i in range(3)))
+    def split(values: FloatArray) -> AngleDeviations:
+        return AngleDeviations(*(values[:, i * dimension : i * dimension + keep] for i in range(3)))
 
     condition = 1 / np.maximum(np.abs(sine), 1e-12)
     return JointAngles(
@@ -187,7 +189,7 @@ def _with_rates(
     )
 
 
-def _turn_about(axis: FloatArray, rotation: FloatArray) -> FloatArray:
+def _measure_rotation_about(axis: FloatArray, rotation: FloatArray) -> FloatArray:
     """Return the angle (F,) of the rotation about an axis that is closest to a rotation (F, 3, 3)."""
     sine = 2 * (so3.vee(rotation) @ axis)
     cosine = np.trace(rotation, axis1=1, axis2=2) - np.einsum("i,fij,j->f", axis, rotation, axis)
@@ -223,7 +225,7 @@ def _unwrap(angle: FloatArray, meaningful: BoolArray | None = None) -> FloatArra
     return result
 
 
-def _follow_poles(
+def _unwrap_through_poles(
     plane: FloatArray, axial: FloatArray, elevation: FloatArray, meaningful: BoolArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return continuous plane and axial rotation; their sum or difference is continuous where only it has a meaning."""
@@ -243,7 +245,7 @@ def _follow_poles(
     return plane, result
 
 
-def _unwrap_vector(vector: FloatArray) -> FloatArray:
+def _unwrap_rotation_vectors(vector: FloatArray) -> FloatArray:
     """Return rotation vectors (F, 3) that are continuous beyond a half turn."""
     result = vector.copy()
     last: FloatArray | None = None

@@ -39,7 +39,7 @@ class RelativeMotion:
     covariance: FloatArray
 
 
-def compose(first: RelativeMotion, second: RelativeMotion) -> RelativeMotion:
+def compose_motions(first: RelativeMotion, second: RelativeMotion) -> RelativeMotion:
     """Return the motion of a grandchild against its grandparent, from parent and child, and child and grandchild.
 
     With the second rotation R, omega = R^T omega_1 + omega_2 and alpha = R^T alpha_1 + (R^T omega_1) x omega_2 +
@@ -78,7 +78,7 @@ class AxisDerivatives:
     second: FloatArray
 
 
-def axes_of_turns(turns: FloatArray, q: FloatArray, offsets: FloatArray | None = None) -> AxisDerivatives:
+def axes_of_rotations(turns: FloatArray, q: FloatArray, offsets: FloatArray | None = None) -> AxisDerivatives:
     """Return B for successive turns, ``R = exp(a_1 q_1) O_1 exp(a_2 q_2) O_2 … exp(a_d q_d)``.
 
     In the child's frame, every later coordinate turns an axis, hence db_i/dq_k = b_i × b_k for k > i, and zero
@@ -123,7 +123,7 @@ def axes_of_rotation_vector(q: FloatArray) -> AxisDerivatives:
 
     B = 1 - a(s) q^ + c(s) q^ q^ with s = |q|², a = (1 - cos |q|) / s and c = (|q| - sin |q|) / |q|³.
     """
-    a, c = _series(np.sum(q**2, axis=1))
+    a, c = _sum_series(np.sum(q**2, axis=1))
     cross, unit = so3.hat(q), so3.hat(np.eye(3))
     square = cross @ cross
     mixed = np.einsum("kij,fjl->fkil", unit, cross) + np.einsum("fij,kjl->fkil", cross, unit)
@@ -144,7 +144,7 @@ def axes_of_rotation_vector(q: FloatArray) -> AxisDerivatives:
     return AxisDerivatives(axes, np.einsum("fkim->fimk", first), np.einsum("fklim->fimkl", second))
 
 
-def _series(square: FloatArray) -> tuple[tuple[FloatArray, FloatArray, FloatArray], ...]:
+def _sum_series(square: FloatArray) -> tuple[tuple[FloatArray, FloatArray, FloatArray], ...]:
     """Return a(s) and c(s) with two derivatives by s, by their power series, which converge for every s."""
     terms = 40
     results = []
@@ -164,7 +164,7 @@ def _series(square: FloatArray) -> tuple[tuple[FloatArray, FloatArray, FloatArra
     return tuple(results)
 
 
-def rates(axes: AxisDerivatives, motion: RelativeMotion) -> tuple[FloatArray, FloatArray, FloatArray]:
+def compute_rates(axes: AxisDerivatives, motion: RelativeMotion) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return rates, accelerations and the Jacobian of everything by the errors of the motion.
 
     Parameters
@@ -179,7 +179,7 @@ def rates(axes: AxisDerivatives, motion: RelativeMotion) -> tuple[FloatArray, Fl
     jacobian : (F, 3 d, 9) array
         Derivatives of (q, dq, ddq) by the errors of rotation, velocity and acceleration.
     """
-    inverse = _inverse(axes.axes)
+    inverse = _invert_axes(axes.axes)
     rate = np.einsum("fki,fi->fk", inverse, motion.velocity)
     swept = np.einsum("fxik,fk->fxi", axes.first, rate)  # dB/dt
     held = np.einsum("fxik,fi->fxk", axes.first, rate)
@@ -199,7 +199,7 @@ def rates(axes: AxisDerivatives, motion: RelativeMotion) -> tuple[FloatArray, Fl
     return rate, acceleration, jacobian
 
 
-def _inverse(axes: FloatArray) -> FloatArray:
+def _invert_axes(axes: FloatArray) -> FloatArray:
     """Return the (pseudo)inverse (F, d, 3) of B; NaN where B is singular."""
     square = np.swapaxes(axes, 1, 2) @ axes
     usable = np.asarray(np.isfinite(square).all(axis=(1, 2)))
@@ -209,7 +209,7 @@ def _inverse(axes: FloatArray) -> FloatArray:
     return inverse
 
 
-def frame_lever(motion: RelativeMotion) -> FloatArray:
+def frame_error_jacobian(motion: RelativeMotion) -> FloatArray:
     """Return the effect (F, 9, 6) of constant errors of the two frames on a relative motion.
 
     The errors are the rotation vectors of the parent's and of the child's frame, each in its own axes, rad.
@@ -222,7 +222,7 @@ def frame_lever(motion: RelativeMotion) -> FloatArray:
     return lever
 
 
-def deviations(jacobian: FloatArray, covariance: FloatArray) -> FloatArray:
+def propagate_covariance(jacobian: FloatArray, covariance: FloatArray) -> FloatArray:
     """Return standard deviations (..., k) for a Jacobian (..., k, m) and a covariance (..., m, m)."""
     variance = np.sum((jacobian @ covariance) * jacobian, axis=-1)
     return np.asarray(np.sqrt(np.maximum(variance, 0)))

@@ -1,7 +1,7 @@
 """Frames of the segments of the upper limb from landmarks (ISB: Wu 2005), with their uncertainty.
 
 All frames are those of a right arm: X forward, Y up along the segment, Z to the right. The landmarks of a left arm are
-mirrored first (:func:`mirrored`).
+mirrored first (:func:`mirror_points`).
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ UPPER_ARM_2 = FrameDefinition(
 """Option 2 of the ISB, for the landmarks of a pose in which the elbow is bent."""
 FOREARM = FrameDefinition(_ELBOW, {"EL": 0.5, "EM": 0.5, "US": -1.0}, {"RS": 1.0, "US": -1.0}, "z")
 HAND = FrameDefinition(_WRIST, {"RS": 0.5, "US": 0.5, "MCP2": -0.5, "MCP5": -0.5}, {"MCP2": 1.0, "MCP5": -1.0}, "z")
-"""Frame of the hand from its own landmarks. Without them: :func:`hand_at_rest`."""
+"""Frame of the hand from its own landmarks. Without them: :func:`build_straight_hand`."""
 
 DEFINITIONS = {"thorax": THORAX, "upper_arm": UPPER_ARM, "forearm": FOREARM, "hand": HAND}
 
@@ -84,7 +84,7 @@ class SegmentFrame:
     sensitivity: dict[str, FloatArray]
 
 
-def mirrored(points: FloatArray) -> FloatArray:
+def mirror_points(points: FloatArray) -> FloatArray:
     """Return points (..., 3) of the trial's frame (y up), mirrored from z to -z.
 
     A left arm becomes a right one: all frames and angles then mean the same as on the right. A rotation R of the mirror
@@ -116,7 +116,7 @@ def build_frame(definition: FrameDefinition, points: Mapping[str, FloatArray]) -
     missing = [name for name in definition.landmarks if name not in points]
     if missing:
         raise RecordingError(f"the landmarks {', '.join(missing)} are missing; name them under `landmarks:`")
-    up, across = _weighted(definition.up, points), _weighted(definition.across, points)
+    up, across = _sum_weighted(definition.up, points), _sum_weighted(definition.across, points)
     length = np.linalg.norm(up, axis=-1)
     y = up / np.where(length > 0, length, np.nan)[..., None]
     lean = np.einsum("...i,...i->...", across, y)
@@ -127,26 +127,26 @@ def build_frame(definition: FrameDefinition, points: Mapping[str, FloatArray]) -
     third = normal / reach[..., None]
     x, z = (third, np.cross(third, y)) if definition.third == "x" else (np.cross(y, third), third)
     rotation = np.stack([x, y, z], axis=-1)
-    turn_up, turn_across = _turns(x, z, length=length, lean=lean, reach=reach, third=definition.third)
+    turn_up, turn_across = _differentiate_rotation(x, z, length=length, lean=lean, reach=reach, third=definition.third)
     sensitivity = {
         name: definition.up.get(name, 0.0) * turn_up + definition.across.get(name, 0.0) * turn_across
         for name in dict.fromkeys((*definition.up, *definition.across))
     }
-    return SegmentFrame(_weighted(definition.origin, points), rotation, sensitivity)
+    return SegmentFrame(_sum_weighted(definition.origin, points), rotation, sensitivity)
 
 
-def hand_at_rest(forearm: SegmentFrame, points: Mapping[str, FloatArray]) -> SegmentFrame:
+def build_straight_hand(forearm: SegmentFrame, points: Mapping[str, FloatArray]) -> SegmentFrame:
     """Return the frame of a straight hand: parallel to the forearm, at the middle of the wrist.
 
     It is the frame of the hand if the wrist is straight in the pose of the landmarks; the angles of the wrist then
     count from this pose.
     """
-    return SegmentFrame(_weighted(_WRIST, points), forearm.rotation, forearm.sensitivity)
+    return SegmentFrame(_sum_weighted(_WRIST, points), forearm.rotation, forearm.sensitivity)
 
 
-def bent_enough(points: Mapping[str, FloatArray]) -> BoolArray:
+def has_bent_elbow(points: Mapping[str, FloatArray]) -> BoolArray:
     """Return where the elbow is bent by 60 to 120°, so that option 2 of the upper arm is well defined."""
-    upper, lower = _weighted(UPPER_ARM.up, points), _weighted(FOREARM.up, points)
+    upper, lower = _sum_weighted(UPPER_ARM.up, points), _sum_weighted(FOREARM.up, points)
     cosine = np.einsum("...i,...i->...", upper, lower)
     size = np.linalg.norm(upper, axis=-1) * np.linalg.norm(lower, axis=-1)
     return np.asarray(np.abs(cosine) <= 0.5 * size)
@@ -183,12 +183,12 @@ def frame_covariance(
     return np.zeros((3 * len(frames),) * 2) if total is None else total
 
 
-def _weighted(weights: Mapping[str, float], points: Mapping[str, FloatArray]) -> FloatArray:
+def _sum_weighted(weights: Mapping[str, float], points: Mapping[str, FloatArray]) -> FloatArray:
     total: FloatArray = np.asarray(sum(w * np.asarray(points[name], dtype=np.float64) for name, w in weights.items()))
     return total
 
 
-def _turns(
+def _differentiate_rotation(
     x: FloatArray, z: FloatArray, *, length: FloatArray, lean: FloatArray, reach: FloatArray, third: Literal["x", "z"]
 ) -> tuple[FloatArray, FloatArray]:
     """Return the rotation vectors (..., 3, 3) in the frame's axes for a change of ``up`` and of ``across``.

@@ -118,9 +118,9 @@ def find_landmarks(
     reasons: list[Reason] = []
     chosen = _choose_side(found, side, labels, reasons)
     markers: dict[str, int] = {}
-    fixed = _given_markers(labels, given or {})
+    fixed = _find_given_markers(labels, given or {})
     for name in (*MIDDLE, *SIDED):
-        choice = fixed[name] if name in fixed else _pick(name, found, chosen, labels, reasons)
+        choice = fixed[name] if name in fixed else _choose_marker(name, found, chosen, labels, reasons)
         if choice is not None:
             markers[name] = choice
     return NamedLandmarks(markers, chosen, tuple(reasons))
@@ -139,11 +139,11 @@ class _Reading:
 def _read_all(labels: Sequence[str]) -> list[_Reading]:
     readings: list[_Reading] = []
     for marker, label in enumerate(labels):
-        readings.extend(_read(label, marker))
+        readings.extend(_read_label(label, marker))
     return readings
 
 
-def _read(label: str, marker: int) -> list[_Reading]:
+def _read_label(label: str, marker: int) -> list[_Reading]:
     """Return every reading of a name."""
     text = label.rsplit(":", 1)[-1]
     words = [word for word in re.split(r"[^A-Za-z0-9]+", text) if word]
@@ -218,7 +218,7 @@ def _choose_side(
     return best
 
 
-def _pick(
+def _choose_marker(
     name: str,
     found: Sequence[_Reading],
     side: Side | None,
@@ -252,7 +252,7 @@ def _pick(
     return best[0].marker
 
 
-def _given_markers(labels: Sequence[str], given: Mapping[str, str]) -> dict[str, int]:
+def _find_given_markers(labels: Sequence[str], given: Mapping[str, str]) -> dict[str, int]:
     plain = [label.rsplit(":", 1)[-1] for label in labels]
     markers: dict[str, int] = {}
     for name, label in given.items():

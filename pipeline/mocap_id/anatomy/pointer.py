@@ -1,7 +1,7 @@
 """Landmarks from pointer trials: the tip of a rod touches the landmark while the cluster of the segment is seen.
 
 The markers of the pointer lie on one line with its tip. The distances from the tip to the markers are measured on the
-pointer, or found from trials in which the pointer turns about its resting tip (:func:`find_tip`).
+pointer, or found from trials in which the pointer turns about its resting tip (:func:`calibrate_pointer`).
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.anatomy.frames import PALPATION
-from mocap_id.anatomy.still_pose import LandmarkPlace
+from mocap_id.anatomy.still_pose import LandmarkPosition
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
 from mocap_id.verdict import Reason
@@ -45,7 +45,7 @@ class PointedLandmark:
 
     Parameters
     ----------
-    place : LandmarkPlace
+    place : LandmarkPosition
         In the frame of the cluster.
     rod_residual : float
         rms distance of the pointer's markers from their places on the rod, m.
@@ -53,7 +53,7 @@ class PointedLandmark:
         Cautions: the rod does not fit its markers, or the tip moves.
     """
 
-    place: LandmarkPlace
+    place: LandmarkPosition
     rod_residual: float
     reasons: tuple[Reason, ...]
 
@@ -70,7 +70,7 @@ def find_pointer_markers(trial: Sequence[str], pointer_trials: Sequence[Sequence
     return tuple(name for name in first if name not in set(trial) and all(name in other for other in others))
 
 
-def tip_positions(markers: FloatArray, pointer: Pointer) -> tuple[FloatArray, FloatArray]:
+def locate_tip(markers: FloatArray, pointer: Pointer) -> tuple[FloatArray, FloatArray]:
     """Return the positions of the tip.
 
     A line with the markers at their distances from the tip is fitted to each frame by least squares.
@@ -103,7 +103,7 @@ def tip_positions(markers: FloatArray, pointer: Pointer) -> tuple[FloatArray, Fl
     return tip, np.sqrt(np.mean(np.sum(off**2, axis=-1), axis=1))
 
 
-def point_landmark(
+def locate_pointed_landmark(
     markers: FloatArray,
     rotation: FloatArray,
     origin: FloatArray,
@@ -129,7 +129,7 @@ def point_landmark(
     RecordingError
         Pointer and cluster are never seen together.
     """
-    tip, residual = tip_positions(markers, pointer)
+    tip, residual = locate_tip(markers, pointer)
     local = np.einsum("fji,fj->fi", rotation, tip - origin)
     seen = np.isfinite(local).all(axis=1)
     if not seen.any():
@@ -151,10 +151,10 @@ def point_landmark(
             "cut the trial to the touch"
         )
         reasons.append(Reason("pointer-moves", message, spread, _MOVES))
-    return PointedLandmark(LandmarkPlace(mean, sd, spread), bend, tuple(reasons))
+    return PointedLandmark(LandmarkPosition(mean, sd, spread), bend, tuple(reasons))
 
 
-def find_tip(trials: Sequence[tuple[FloatArray, FloatArray, FloatArray]]) -> Pointer:
+def calibrate_pointer(trials: Sequence[tuple[FloatArray, FloatArray, FloatArray]]) -> Pointer:
     """Find the tip of a straight pointer from trials in which the tip rests while the pointer turns.
 
     In the frame of the cluster the tip is constant: c(t) - l e(t) = p, with the middle c of the markers, the direction
@@ -164,7 +164,7 @@ def find_tip(trials: Sequence[tuple[FloatArray, FloatArray, FloatArray]]) -> Poi
     Parameters
     ----------
     trials : sequence of (markers, rotation, origin)
-        As in :func:`point_landmark`. The order of the markers is the same in every trial.
+        As in :func:`locate_pointed_landmark`. The order of the markers is the same in every trial.
 
     Returns
     -------
@@ -181,7 +181,7 @@ def find_tip(trials: Sequence[tuple[FloatArray, FloatArray, FloatArray]]) -> Poi
     for markers, rotation, origin in trials:
         seen = np.isfinite(markers).all(axis=(1, 2)) & np.isfinite(rotation).all(axis=(1, 2))
         middle = np.einsum("fji,fj->fi", rotation[seen], markers[seen].mean(axis=1) - origin[seen])
-        direction, offset = _rod(markers[seen])
+        direction, offset = _measure_rod(markers[seen])
         direction = np.einsum("fji,fj->fi", rotation[seen], direction)
         offsets.append(offset)
         middle, direction = middle - middle.mean(axis=0), direction - direction.mean(axis=0)
@@ -202,7 +202,7 @@ def find_tip(trials: Sequence[tuple[FloatArray, FloatArray, FloatArray]]) -> Poi
     return Pointer(length + offset if length > 0 else -length - offset, sd)
 
 
-def _rod(markers: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _measure_rod(markers: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the direction (F, 3) from the last marker to the first, and each marker's mean place (P,) along it, m."""
     ends = markers[:, 0] - markers[:, -1]
     direction = ends / np.linalg.norm(ends, axis=1, keepdims=True)

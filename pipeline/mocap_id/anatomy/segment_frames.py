@@ -14,10 +14,10 @@ from mocap_id.anatomy.frames import (
     THORAX,
     UPPER_ARM_2,
     SegmentFrame,
-    bent_enough,
     build_frame,
+    build_straight_hand,
     frame_covariance,
-    hand_at_rest,
+    has_bent_elbow,
 )
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
@@ -110,20 +110,22 @@ def fit_segment_frames(
     """
     reasons: list[Reason] = []
     frames: dict[str, SegmentFrame] = {}
-    standing = _place_all(places, segment, still)
+    standing = _locate_in_trial(places, segment, still)
     for name, definition in DEFINITIONS.items():
         if name not in segment:
             continue
         missing = [each for each in definition.landmarks if each not in places]
         if not missing:
-            frame = _in_segment(build_frame(definition, standing), name, segment, still)
+            frame = _express_in_segment(build_frame(definition, standing), name, segment, still)
             if name == "thorax":
-                frame = turn_to_midline(frame, places)
+                frame = rotate_to_midline(frame, places)
             elif name == "upper_arm":
-                frame = _second_option(frame, places, segment, bent, reasons)
+                frame = _apply_second_option(frame, places, segment, bent, reasons)
             frames[name] = frame
         elif name == "hand" and "forearm" in frames:
-            frames[name] = _in_segment(hand_at_rest(build_frame(FOREARM, standing), standing), name, segment, still)
+            frames[name] = _express_in_segment(
+                build_straight_hand(build_frame(FOREARM, standing), standing), name, segment, still
+            )
             message = f"the hand has no landmarks {', '.join(missing)}; its wrist counts as straight in the still pose"
             reasons.append(Reason("wrist-at-rest", message, level="ok"))
         else:
@@ -132,7 +134,7 @@ def fit_segment_frames(
     return AnatomicalFrames(frames, covariances or {}, tuple(reasons))
 
 
-def turn_to_midline(thorax: SegmentFrame, places: Mapping[str, FloatArray]) -> SegmentFrame:
+def rotate_to_midline(thorax: SegmentFrame, places: Mapping[str, FloatArray]) -> SegmentFrame:
     """Return the thorax's frame with Z normal to the plane through IJ, C7, PX and T8 (least squares).
 
     The four landmarks lie in the sagittal plane. The ISB takes only the middle of PX and T8 for its normal, so that the
@@ -167,7 +169,7 @@ AXIS_SPREAD = np.radians(4.7)
 _AXIS = "elbow axis"
 
 
-def turn_to_elbow_axis(found: AnatomicalFrames, axis: ElbowAxis) -> AnatomicalFrames:
+def rotate_to_elbow_axis(found: AnatomicalFrames, axis: ElbowAxis) -> AnatomicalFrames:
     """Return the frames with the upper arm's turned about Y towards the axis of the elbow.
 
     The line of the palpated epicondyles and the axis that the motion shows both lie near Z. Each counts by its
@@ -190,7 +192,7 @@ def turn_to_elbow_axis(found: AnatomicalFrames, axis: ElbowAxis) -> AnatomicalFr
     return AnatomicalFrames({**found.frames, "upper_arm": upper}, covariances, found.reasons)
 
 
-def with_known_middle(found: AnatomicalFrames, pair: tuple[str, str], covariance: FloatArray) -> AnatomicalFrames:
+def set_middle_covariance(found: AnatomicalFrames, pair: tuple[str, str], covariance: FloatArray) -> AnatomicalFrames:
     """Return the frames with the uncertainty of two landmarks whose middle is a joint centre.
 
     Parameters
@@ -214,13 +216,13 @@ def with_known_middle(found: AnatomicalFrames, pair: tuple[str, str], covariance
     return AnatomicalFrames(frames, known, found.reasons)
 
 
-def _place_all(
+def _locate_in_trial(
     places: Mapping[str, FloatArray], segment: Mapping[str, int], pose: SegmentPoses
 ) -> dict[str, FloatArray]:
     return {name: pose.place(local, segment[name]) for name, local in places.items()}
 
 
-def _second_option(
+def _apply_second_option(
     first: SegmentFrame,
     places: Mapping[str, FloatArray],
     segment: Mapping[str, int],
@@ -231,15 +233,15 @@ def _second_option(
     if bent is None:
         return first
     if all(name in places for name in UPPER_ARM_2.landmarks):
-        points = _place_all(places, segment, bent)
-        if bool(bent_enough(points)):
-            return _in_segment(build_frame(UPPER_ARM_2, points), "upper_arm", segment, bent)
+        points = _locate_in_trial(places, segment, bent)
+        if bool(has_bent_elbow(points)):
+            return _express_in_segment(build_frame(UPPER_ARM_2, points), "upper_arm", segment, bent)
     message = "option 2 of the upper arm needs US and a pose with the elbow bent by 60 to 120°; option 1 was used"
     reasons.append(Reason("elbow-not-bent", message))
     return first
 
 
-def _in_segment(frame: SegmentFrame, name: str, segment: Mapping[str, int], pose: SegmentPoses) -> SegmentFrame:
+def _express_in_segment(frame: SegmentFrame, name: str, segment: Mapping[str, int], pose: SegmentPoses) -> SegmentFrame:
     """Return a frame relative to its segment, with derivatives by displacements of landmarks in their segments."""
     k = segment[name]
     turn = pose.rotations[k]

@@ -54,17 +54,17 @@ def find_roles(labels: Sequence[str], side: Side) -> dict[str, int]:
     """
     found: dict[str, int] = {}
     for number, label in enumerate(labels):
-        role = _role(label, side)
+        role = _find_role(label, side)
         if role and role not in found:
             found[role] = number
     return found
 
 
-def _role(label: str, side: Side) -> str | None:
+def _find_role(label: str, side: Side) -> str | None:
     name = re.sub(r"[^a-z]", "", label.rsplit(":", 1)[-1].lower().replace("_study", ""))
     if name in _MIDDLE_ROLES:
         return _MIDDLE_ROLES[name]
-    for own, rest in _sides(name):
+    for own, rest in _split_side(name):
         if rest in _SIDED_ROLES:
             role = _SIDED_ROLES[rest]
             near = own[0] == side[0]
@@ -72,7 +72,7 @@ def _role(label: str, side: Side) -> str | None:
     return None
 
 
-def _sides(name: str) -> list[tuple[str, str]]:
+def _split_side(name: str) -> list[tuple[str, str]]:
     """Return the readings of a name as a side and the rest."""
     found = []
     for word in ("right", "left", "r", "l"):

@@ -39,7 +39,7 @@ class StillPose:
 
 
 @dataclass(frozen=True)
-class LandmarkPlace:
+class LandmarkPosition:
     """Place of a landmark in the frame of a cluster.
 
     Parameters
@@ -83,27 +83,27 @@ def find_still_pose(points: FloatArray, rate: float, given: tuple[float, float] 
     RecordingError
         The given interval has no frames in the recording, or the recording is shorter than 0.5 s.
     """
-    speed = _speeds(points, rate)
+    speed = _measure_speeds(points, rate)
     shortest = max(round(_SHORTEST * rate), 2)
     if given is not None:
         frames = slice(max(round(given[0] * rate), 0), min(round(given[1] * rate) + 1, len(points)))
         if frames.stop - frames.start < 2:
             end = (len(points) - 1) / rate
             raise RecordingError(f"static: {given[0]:g} to {given[1]:g} s is outside the recording, 0 to {end:.2f} s")
-        return _judge(frames, speed)
+        return _judge_pose(frames, speed)
     if len(points) < shortest + 2 or not np.isfinite(speed).any():
         raise RecordingError(f"the recording has {len(points)} frames; a still pose needs at least 0.5 s")
     quiet = _close_holes(np.nan_to_num(speed, nan=np.inf) <= _QUIET, int(_HOLES * rate))
     runs = [run for run in find_runs(quiet) if run.stop - run.start >= shortest]
     if runs:
-        return _judge(max(runs, key=lambda run: run.stop - run.start), speed)
+        return _judge_pose(max(runs, key=lambda run: run.stop - run.start), speed)
     filled = np.where(np.isfinite(speed), speed, np.nanmax(speed))
     window = np.convolve(filled, np.ones(shortest) / shortest, mode="valid")
     start = int(np.argmin(window))
-    return _judge(slice(start, start + shortest), speed)
+    return _judge_pose(slice(start, start + shortest), speed)
 
 
-def _judge(frames: slice, speed: FloatArray) -> StillPose:
+def _judge_pose(frames: slice, speed: FloatArray) -> StillPose:
     inside = speed[frames]
     value = float(np.nanpercentile(inside, 90)) if np.isfinite(inside).any() else np.inf
     if value <= 1.5 * _QUIET:
@@ -115,7 +115,7 @@ def _judge(frames: slice, speed: FloatArray) -> StillPose:
     return StillPose(frames, value, (Reason("no-still-pose", message, value, _QUIET),))
 
 
-def _speeds(points: FloatArray, rate: float) -> FloatArray:
+def _measure_speeds(points: FloatArray, rate: float) -> FloatArray:
     """Return the speed (F,) below which 90 % of the visible markers move, m/s; NaN where none is seen."""
     half = max(round(_SPAN * rate / 2), 1)
     count = len(points)
@@ -135,7 +135,7 @@ def _close_holes(flags: BoolArray, longest: int) -> BoolArray:
     return closed
 
 
-def place_landmarks(
+def locate_landmarks(
     points: Mapping[str, FloatArray],
     segment: Mapping[str, int],
     rotations: FloatArray,
@@ -143,7 +143,7 @@ def place_landmarks(
     *,
     frames: slice,
     palpation: float = PALPATION,
-) -> tuple[dict[str, LandmarkPlace], tuple[Reason, ...]]:
+) -> tuple[dict[str, LandmarkPosition], tuple[Reason, ...]]:
     """Return the places of landmarks in the frames of their segments, the means over a still pose.
 
     A landmark that the still pose hides is averaged over the whole recording, where the skin has moved; its larger
@@ -167,17 +167,17 @@ def place_landmarks(
     Returns
     -------
     places : dict
-        Landmark to :class:`LandmarkPlace`. Landmarks that are never seen together with their cluster are left out.
+        Landmark to :class:`LandmarkPosition`. Landmarks that are never seen together with their cluster are left out.
     reasons : tuple of Reason
         Landmarks left out, or hidden in the still pose.
     """
-    places: dict[str, LandmarkPlace] = {}
+    places: dict[str, LandmarkPosition] = {}
     reasons: list[Reason] = []
     for name, track in points.items():
         k = segment[name]
         local = np.einsum("fji,fj->fi", rotations[:, k], track - origins[:, k])
-        still = _mean_place(local[frames], palpation, 0.0)
-        place = still or _mean_place(local, palpation, 1.0)
+        still = _average_positions(local[frames], palpation, 0.0)
+        place = still or _average_positions(local, palpation, 1.0)
         if place is None:
             message = f"{name} is never seen together with its segment and was left out"
             reasons.append(Reason("landmark-hidden", message))
@@ -195,7 +195,7 @@ def place_landmarks(
     return places, tuple(reasons)
 
 
-def _mean_place(local: FloatArray, palpation: float, skin: float) -> LandmarkPlace | None:
+def _average_positions(local: FloatArray, palpation: float, skin: float) -> LandmarkPosition | None:
     """Return the mean of places (K, 3); ``skin`` is the share of their spread that does not average out."""
     seen = np.isfinite(local).all(axis=1)
     count = int(seen.sum())
@@ -204,4 +204,4 @@ def _mean_place(local: FloatArray, palpation: float, skin: float) -> LandmarkPla
     mean = local[seen].mean(axis=0)
     spread = float(np.sqrt(np.mean(np.sum((local[seen] - mean) ** 2, axis=1))))
     lasting = (skin * spread) ** 2 / 3
-    return LandmarkPlace(mean, float(np.sqrt(palpation**2 + lasting + spread**2 / 3 / count)), spread)
+    return LandmarkPosition(mean, float(np.sqrt(palpation**2 + lasting + spread**2 / 3 / count)), spread)

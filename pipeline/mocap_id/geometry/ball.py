@@ -30,24 +30,24 @@ class Ball:
         The angular velocity of the link in its own frame is the right Jacobian times q̇ (Chirikjian, Stochastic Models,
         Information Theory, and Lie Groups, vol. 2, 10.86).
         """
-        a, b, _, _ = _coefficients(np.linalg.norm(q, axis=-1)[..., None, None])
+        a, b, _, _ = _jacobian_coefficients(np.linalg.norm(q, axis=-1)[..., None, None])
         cross = so3.hat(q)
-        return _below_zeros(np.eye(3) - a * cross + b * cross @ cross)
+        return _stack_below_zeros(np.eye(3) - a * cross + b * cross @ cross)
 
     def subspace_rate(self, q: FloatArray, dq: FloatArray) -> FloatArray:
         """Return the time derivative of :meth:`subspace`, (..., 6, 3)."""
-        a, b, da, db = _coefficients(np.linalg.norm(q, axis=-1)[..., None, None])
+        a, b, da, db = _jacobian_coefficients(np.linalg.norm(q, axis=-1)[..., None, None])
         cross, change = so3.hat(q), so3.hat(dq)
         along = np.sum(q * dq, axis=-1)[..., None, None]  # θ dθ/dt
         square = cross @ change + change @ cross
-        return _below_zeros(along * (db * cross @ cross - da * cross) - a * change + b * square)
+        return _stack_below_zeros(along * (db * cross @ cross - da * cross) - a * change + b * square)
 
 
-def _below_zeros(rotation: FloatArray) -> FloatArray:
+def _stack_below_zeros(rotation: FloatArray) -> FloatArray:
     return np.concatenate([np.zeros_like(rotation), rotation], axis=-2)
 
 
-def _coefficients(angle: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+def _jacobian_coefficients(angle: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return a = (1 - cos θ)/θ², b = (θ - sin θ)/θ³, and the derivatives of both by θ, divided by θ."""
     sine, a = so3.exp_coefficients(angle)
     square = angle**2

@@ -78,7 +78,7 @@ class Chain:
             poses.append(poses[-1] @ relative[..., i, :, :])
         return np.stack(poses, axis=-3)
 
-    def tool(self, q: FloatArray, tool: FloatArray) -> FloatArray:
+    def tool_pose(self, q: FloatArray, tool: FloatArray) -> FloatArray:
         """Return the pose (..., 4, 4) of a tool whose pose in the last link's frame is ``tool`` (4, 4)."""
         return self.poses(q)[..., -1, :, :] @ tool
 
@@ -152,4 +152,4 @@ def body_jacobian(chain: Chain, q: FloatArray, tool: FloatArray) -> FloatArray:
     (..., 6, N) array
         Body twist of the tool per unit of q̇, tool frame.
     """
-    return se3.Ad(se3.inverse(chain.tool(q, tool))) @ spatial_jacobian(chain, q)
+    return se3.Ad(se3.inverse(chain.tool_pose(q, tool))) @ spatial_jacobian(chain, q)

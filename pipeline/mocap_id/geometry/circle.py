@@ -9,14 +9,14 @@ from mocap_id.arrays import FloatArray
 _TURN = 2 * np.pi
 
 
-def on_shortest_arc(angles: FloatArray) -> FloatArray:
+def shift_to_shortest_arc(angles: FloatArray) -> FloatArray:
     """Return angles (K,) shifted by whole turns onto the shortest arc that holds them, near zero, rad.
 
     An angle loses count of its turns where it has no meaning.
 
     Examples
     --------
-    >>> np.degrees(on_shortest_arc(np.radians([350.0, 20.0, 380.0]))).round(6)
+    >>> np.degrees(shift_to_shortest_arc(np.radians([350.0, 20.0, 380.0]))).round(6)
     array([-10.,  20.,  20.])
     """
     wrapped = np.mod(angles, _TURN)

@@ -68,7 +68,7 @@ def marker_positions(q: FloatArray, centres: FloatArray, segment: IntArray, loca
         Positions in the plane frame, m.
     """
     angle, origin = segment_poses(q, centres)
-    return _placed(angle, origin, segment, local)
+    return _place_markers(angle, origin, segment, local)
 
 
 def marker_jacobian(q: FloatArray, centres: FloatArray, segment: IntArray, local: FloatArray) -> FloatArray:
@@ -83,7 +83,7 @@ def marker_jacobian(q: FloatArray, centres: FloatArray, segment: IntArray, local
         others: the planar part of the columns of the spatial Jacobian (eq. 2.47).
     """
     angle, origin = segment_poses(q, centres)
-    position = _placed(angle, origin, segment, local)
+    position = _place_markers(angle, origin, segment, local)
     jacobian = np.zeros((*position.shape, len(centres)))
     for j in range(len(centres)):
         moved = segment > j
@@ -92,7 +92,7 @@ def marker_jacobian(q: FloatArray, centres: FloatArray, segment: IntArray, local
     return jacobian
 
 
-def _placed(angle: FloatArray, origin: FloatArray, segment: IntArray, local: FloatArray) -> FloatArray:
+def _place_markers(angle: FloatArray, origin: FloatArray, segment: IntArray, local: FloatArray) -> FloatArray:
     """Return marker positions (..., M, 2); sine and cosine are computed once for each segment."""
     c, s = np.cos(angle)[..., segment], np.sin(angle)[..., segment]
     x, y = local[:, 0], local[:, 1]

@@ -10,7 +10,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
 
 
-def reframed(chain: SpatialChain, rotations: FloatArray, origin: FloatArray) -> SpatialChain:
+def change_frames(chain: SpatialChain, rotations: FloatArray, origin: FloatArray) -> SpatialChain:
     """Return the same chain with other axes in every segment and another origin in the base.
 
     The origins of the moving segments stay the centres of their joints. The joints' coordinates q and the places of the
@@ -32,7 +32,7 @@ def reframed(chain: SpatialChain, rotations: FloatArray, origin: FloatArray) -> 
     ...     np.array([[0.0, 0, 0], [0, 0.2, 0]]),
     ...     np.zeros(2, bool),
     ... )
-    >>> moved = reframed(chain, np.stack([np.eye(3)] * 2), np.array([0.1, 0, 0]))
+    >>> moved = change_frames(chain, np.stack([np.eye(3)] * 2), np.array([0.1, 0, 0]))
     >>> moved.joints[0].centre.tolist(), moved.local[0].tolist()
     ([0.0, 0.0, 0.0], [-0.1, 0.0, 0.0])
     """
@@ -40,13 +40,15 @@ def reframed(chain: SpatialChain, rotations: FloatArray, origin: FloatArray) -> 
     origins[0] = origin
     local = np.einsum("mji,mj->mi", rotations[chain.segment], chain.local - origins[chain.segment])
     joints = tuple(
-        _turned(joint, rotations[joint.parent], rotations[k + 1], origins[joint.parent])
+        _change_joint_frames(joint, rotations[joint.parent], rotations[k + 1], origins[joint.parent])
         for k, joint in enumerate(chain.joints)
     )
     return replace(chain, joints=joints, local=local)
 
 
-def _turned(joint: SpatialJoint, parent: FloatArray, child: FloatArray, origin: FloatArray) -> SpatialJoint:
+def _change_joint_frames(
+    joint: SpatialJoint, parent: FloatArray, child: FloatArray, origin: FloatArray
+) -> SpatialJoint:
     """Return a joint in the new frames of its parent and its child."""
     first, second = joint.axes_covariance
     return replace(

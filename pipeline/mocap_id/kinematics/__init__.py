@@ -3,7 +3,7 @@
 from mocap_id.kinematics.bundle import fit_chain
 from mocap_id.kinematics.bursts import find_bursts
 from mocap_id.kinematics.chain_equations import ChainState
-from mocap_id.kinematics.chain_fit import ChainFit, fix_gauge, joint_angles
+from mocap_id.kinematics.chain_fit import ChainFit, joint_angles, orient_frames
 from mocap_id.kinematics.constraints import Constraints
 from mocap_id.kinematics.frame_sampling import frames_along_motion, frames_over_time
 from mocap_id.kinematics.hypotheses import Hypothesis, SegmentationRules
@@ -12,7 +12,7 @@ from mocap_id.kinematics.plane import PlaneFit, fit_plane
 from mocap_id.kinematics.segmentation import Segmentation, segment_markers
 from mocap_id.kinematics.skin_slides import SkinModel, angle_errors, fit_skin, skin_from_residuals
 from mocap_id.kinematics.swaps import Swap, find_swaps, undo_swaps
-from mocap_id.kinematics.symmetry import asymmetry
+from mocap_id.kinematics.symmetry import measure_asymmetry
 from mocap_id.kinematics.window import propose_window
 
 __all__ = [
@@ -27,17 +27,17 @@ __all__ = [
     "SkinModel",
     "Swap",
     "angle_errors",
-    "asymmetry",
     "find_bursts",
     "find_swaps",
     "fit_chain",
     "fit_links",
     "fit_plane",
     "fit_skin",
-    "fix_gauge",
     "frames_along_motion",
     "frames_over_time",
     "joint_angles",
+    "measure_asymmetry",
+    "orient_frames",
     "propose_window",
     "segment_markers",
     "skin_from_residuals",

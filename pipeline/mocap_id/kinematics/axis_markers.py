@@ -54,13 +54,15 @@ def find_axis_markers(problem: SegmentationProblem, first: RigidBody, on_segment
     taken: dict[int, float] = {}
     margin = np.inf
     alone = np.bincount(constraints.unit)[constraints.unit] == 1
-    left = list(_pairs(problem, problem.ground.markers[alone[problem.ground.markers]]))
+    left = list(_pair_markers(problem, problem.ground.markers[alone[problem.ground.markers]]))
     while left:
         members = np.concatenate([first.markers, np.array(list(taken), dtype=np.int64)])
         there = np.concatenate([on_segment, np.array(list(taken), dtype=np.int64)])
         left = [unit for unit in left if constraints.allow(np.append(there, unit))]
         spare = len(problem.ground.markers) - len(taken) - _LEAST_BASE
-        candidates = [(_ratio(problem, members, unit, on_base), unit) for unit in left if len(unit) <= spare]
+        candidates = [
+            (_compare_residuals(problem, members, unit, on_base), unit) for unit in left if len(unit) <= spare
+        ]
         if not candidates:
             break
         (ratio, residual), best = min(candidates, key=lambda each: each[0][0])
@@ -72,7 +74,7 @@ def find_axis_markers(problem: SegmentationProblem, first: RigidBody, on_segment
     return AxisMarkers(taken, float(margin))
 
 
-def _ratio(
+def _compare_residuals(
     problem: SegmentationProblem, members: IntArray, unit: tuple[int, ...], on_base: np.ndarray
 ) -> tuple[float, list[float]]:
     """Return the residual of some markers on segment 1 divided by that on the base, and each on segment 1, m."""
@@ -83,7 +85,7 @@ def _ratio(
     return (after / before if before > 0 else np.inf), [float(each) for each in residual]
 
 
-def _pairs(problem: SegmentationProblem, markers: IntArray) -> Iterator[tuple[int, ...]]:
+def _pair_markers(problem: SegmentationProblem, markers: IntArray) -> Iterator[tuple[int, ...]]:
     """Yield the markers, left and right ones at the same place as pairs."""
     if not len(markers):
         return

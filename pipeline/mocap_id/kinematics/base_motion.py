@@ -87,33 +87,33 @@ class BaseMotion:
         time : (F,) array
             s.
         """
-        pose = self._at(time)
-        moved = self._turned_back(positions - _level(self.centre + pose[:, :2])[:, None], pose[:, 2, None])
-        return np.where(self.fixed[:, None], positions, moved + _level(self.centre))
+        pose = self._interpolate_pose(time)
+        moved = self._rotate_back(positions - _set_zero_height(self.centre + pose[:, :2])[:, None], pose[:, 2, None])
+        return np.where(self.fixed[:, None], positions, moved + _set_zero_height(self.centre))
 
     def undo_wrench(self, force: FloatArray, moment: FloatArray, time: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return force and moment about the lab's origin (F, 3) for the body whose base stands still.
 
         Body and wrench undergo the same rigid motion, so that the wrench relative to the body is exact.
         """
-        pose = self._at(time)
-        about = moment - np.cross(_level(self.centre + pose[:, :2]), force)
-        force, about = self._turned_back(force, pose[:, 2]), self._turned_back(about, pose[:, 2])
-        return force, about + np.cross(_level(self.centre), force)
+        pose = self._interpolate_pose(time)
+        about = moment - np.cross(_set_zero_height(self.centre + pose[:, :2]), force)
+        force, about = self._rotate_back(force, pose[:, 2]), self._rotate_back(about, pose[:, 2])
+        return force, about + np.cross(_set_zero_height(self.centre), force)
 
     @property
     def rigid(self) -> bool:
         """Whether both feet moved alike, so that one rigid motion describes them."""
         return all(each.misfit <= _RIGID_M for each in self.stretches)
 
-    def _at(self, time: FloatArray) -> FloatArray:
+    def _interpolate_pose(self, time: FloatArray) -> FloatArray:
         from scipy.interpolate import PchipInterpolator  # noqa: PLC0415  a fixed base is usual
 
         inside = np.clip(time, self.knots[0], self.knots[-1])
         return np.asarray(PchipInterpolator(self.knots, self.poses)(inside))
 
     @staticmethod
-    def _turned_back(vectors: FloatArray, turn: FloatArray) -> FloatArray:
+    def _rotate_back(vectors: FloatArray, turn: FloatArray) -> FloatArray:
         c, s = np.cos(turn), np.sin(turn)
         x, y, z = np.moveaxis(vectors, -1, 0)
         return np.stack([c * x + s * y, c * y - s * x, z], axis=-1)
@@ -143,16 +143,16 @@ def find_base_motion(positions: FloatArray, time: FloatArray, rate: float) -> Ba
     blocks, middle = block_means(positions, size), block_means(time[:, None, None], size)[:, 0, 0]
     standing = find_standing(blocks, size / rate)
     fixed = standing.copy()
-    fixed[standing] = _extent(blocks[:, standing, :2]) < _FIXED_M
+    fixed[standing] = _measure_range(blocks[:, standing, :2]) < _FIXED_M
     if (standing & ~fixed).sum() < 2:
         return None
-    fixed &= ~_on_other_foot(np.nan_to_num(np.nanmean(blocks[:, standing], axis=0)), fixed[standing], standing)
+    fixed &= ~_find_other_foot(np.nan_to_num(np.nanmean(blocks[:, standing], axis=0)), fixed[standing], standing)
     feet = np.flatnonzero(standing & ~fixed)
-    still = _still_blocks(blocks[:, feet], max(1, round(_STEP_S * rate / size)))
+    still = _find_still_blocks(blocks[:, feet], max(1, round(_STEP_S * rate / size)))
     least, margin = _STRETCH_S * rate / size, round(_MARGIN_S * rate / size)
     runs = [(run.start, run.stop) for run in find_runs(still) if run.stop - run.start >= least]
-    runs = _merged(runs, blocks[:, feet, :2]) if runs else []
-    feet = feet[np.isfinite(_places(blocks[:, feet, :2], runs[0])[:, 0])] if runs else feet
+    runs = _merge_stretches(runs, blocks[:, feet, :2]) if runs else []
+    feet = feet[np.isfinite(_median_positions(blocks[:, feet, :2], runs[0])[:, 0])] if runs else feet
     if len(runs) < 2 or len(feet) < 2:
         return None
     motion = _fit_motion(blocks[:, feet, :2], middle, runs, margin)
@@ -195,7 +195,7 @@ def find_standing(blocks: FloatArray, block_s: float, least: float = _STANDING) 
     return np.asarray(standing & (height < height.min() + _LOW_M))
 
 
-def _extent(tracks: FloatArray) -> FloatArray:
+def _measure_range(tracks: FloatArray) -> FloatArray:
     """Return the range (N,) of each track (K, N, 2) between its 2.5 and 97.5 % quantiles, m."""
     ordered, seen = np.sort(tracks, axis=0), np.isfinite(tracks[..., 0]).sum(axis=0)  # NaN last
     low, high = ((share * (seen - 1)).astype(np.int64) for share in (0.025, 0.975))
@@ -203,7 +203,7 @@ def _extent(tracks: FloatArray) -> FloatArray:
     return np.asarray(np.linalg.norm(ordered[high, markers] - ordered[low, markers], axis=1))
 
 
-def _on_other_foot(places: FloatArray, fixed: BoolArray, standing: BoolArray) -> BoolArray:
+def _find_other_foot(places: FloatArray, fixed: BoolArray, standing: BoolArray) -> BoolArray:
     """Return markers (M,) on a foot that keeps its place: fixed, and beside the moving feet at the same height.
 
     Parameters
@@ -221,7 +221,7 @@ def _on_other_foot(places: FloatArray, fixed: BoolArray, standing: BoolArray) ->
     return other
 
 
-def _still_blocks(feet: FloatArray, step: int) -> BoolArray:
+def _find_still_blocks(feet: FloatArray, step: int) -> BoolArray:
     """Return the blocks (K,) in which most of the feet's markers (K, N, 3) stand still, or none is visible."""
     travel = np.linalg.norm(feet[step:] - feet[:-step], axis=2)
     moved = (travel >= _STILL_M).sum(axis=1) * 2 > np.isfinite(travel).sum(axis=1)
@@ -231,21 +231,21 @@ def _still_blocks(feet: FloatArray, step: int) -> BoolArray:
     return still
 
 
-def _merged(runs: list[tuple[int, int]], feet: FloatArray) -> list[tuple[int, int]]:
+def _merge_stretches(runs: list[tuple[int, int]], feet: FloatArray) -> list[tuple[int, int]]:
     """Join stretches between which no marker of the feet (K, N, 2) changed its place; at most one if none moved far."""
-    places = [_places(feet, run) for run in runs]
-    if not any(_distance(places[0], place) >= MOVED_M for place in places[1:]):
+    places = [_median_positions(feet, run) for run in runs]
+    if not any(_measure_distance(places[0], place) >= MOVED_M for place in places[1:]):
         return runs[:1]
     merged: list[tuple[int, int]] = []
     for run, place in zip(runs, places, strict=True):
         begin = run[0]
-        if merged and _distance(_places(feet, merged[-1]), place) < _SAME_M:
+        if merged and _measure_distance(_median_positions(feet, merged[-1]), place) < _SAME_M:
             begin = merged.pop()[0]
         merged.append((begin, run[1]))
     return merged
 
 
-def _places(feet: FloatArray, run: tuple[int, int]) -> FloatArray:
+def _median_positions(feet: FloatArray, run: tuple[int, int]) -> FloatArray:
     """Return the median place (N, 2) of each marker in a stretch; NaN if it is not visible."""
     part = feet[slice(*run)]
     places = np.full(part.shape[1:], np.nan)
@@ -254,19 +254,21 @@ def _places(feet: FloatArray, run: tuple[int, int]) -> FloatArray:
     return places
 
 
-def _distance(here: FloatArray, there: FloatArray) -> float:
+def _measure_distance(here: FloatArray, there: FloatArray) -> float:
     away = np.linalg.norm(here - there, axis=1)
     return float(np.nanmax(away, initial=0.0))
 
 
 def _fit_motion(tracks: FloatArray, time: FloatArray, runs: list[tuple[int, int]], margin: int) -> BaseMotion:
     """Fit the motion of the feet's markers, tracks (K, N, 2), that are known in the first stretch."""
-    first = _places(tracks, runs[0])
+    first = _median_positions(tracks, runs[0])
     centre = first.mean(axis=0)
-    fits = [_rigid(first - centre, _places(tracks, run) - centre) for run in runs]
+    fits = [_fit_rigid_motion(first - centre, _median_positions(tracks, run) - centre) for run in runs]
     turning = all(misfit <= _RIGID_M for _, misfit in fits)
     if not turning:
-        fits = [_rigid(first - centre, _places(tracks, run) - centre, turning=False) for run in runs]
+        fits = [
+            _fit_rigid_motion(first - centre, _median_positions(tracks, run) - centre, turning=False) for run in runs
+        ]
     last = len(runs) - 1
     stretches, knots = [], dict[float, FloatArray]()
     for k, ((start, stop), (pose, misfit)) in enumerate(zip(runs, fits, strict=True)):
@@ -275,12 +277,14 @@ def _fit_motion(tracks: FloatArray, time: FloatArray, runs: list[tuple[int, int]
         knots |= {float(time[begin]): pose, float(time[end]): pose}
         between = range(end + 1, runs[k + 1][0] + margin) if k < last else range(0)
         seen = [block for block in between if np.isfinite(tracks[block, :, 0]).sum() >= 2]
-        knots |= {float(time[b]): _rigid(first - centre, tracks[b] - centre, turning=turning)[0] for b in seen}
+        knots |= {
+            float(time[b]): _fit_rigid_motion(first - centre, tracks[b] - centre, turning=turning)[0] for b in seen
+        }
     nothing = np.zeros(0, np.bool_)
     return BaseMotion(tuple(stretches), (), nothing, centre, np.array(list(knots)), np.array(list(knots.values())))
 
 
-def _rigid(before: FloatArray, after: FloatArray, *, turning: bool = True) -> tuple[FloatArray, float]:
+def _fit_rigid_motion(before: FloatArray, after: FloatArray, *, turning: bool = True) -> tuple[FloatArray, float]:
     """Return shift and turn (3,) about the origin that move points (N, 2), and the rms distance that remains."""
     seen = np.isfinite(before[:, 0]) & np.isfinite(after[:, 0])
     if not seen.any():
@@ -306,6 +310,6 @@ def block_means(values: FloatArray, size: int) -> FloatArray:
     return np.asarray(np.where(number > 0, np.where(known, parts, 0.0).sum(axis=1), np.nan) / np.maximum(number, 1))
 
 
-def _level(points: FloatArray) -> FloatArray:
+def _set_zero_height(points: FloatArray) -> FloatArray:
     """Return horizontal points (..., 2) with the height 0."""
     return np.concatenate([points, np.zeros((*points.shape[:-1], 1))], axis=-1)

@@ -25,7 +25,7 @@ LEFT = 0.4
 """Share of the hip's error by a bending trunk that is left, as a standard deviation."""
 
 
-def hip_shift(
+def estimate_hip_shift(
     thigh: tuple[ComplexArray, FloatArray], trunk: tuple[ComplexArray, FloatArray], marker: ComplexArray
 ) -> complex:
     """Return the change of the hip's place in the thigh's frame that the bending trunk explains, m; 0 if unknown.

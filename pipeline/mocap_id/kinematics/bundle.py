@@ -1,9 +1,9 @@
 """Joint centres, marker coordinates and angles of the whole chain, fitted together (3.13 to 3.16).
 
 The fit is Gauss-Newton on :mod:`mocap_id.kinematics.chain_equations`, robust against bursts. The orientation of a
-segment frame is a gauge freedom: each step is the shortest one, and :func:`fix_gauge` sets the orientation afterwards
-(the purpose of lambda_phi in 3.16). Each marker is weighted by its residuals: skin over muscle slides more than over
-bone.
+segment frame is a gauge freedom: each step is the shortest one, and :func:`orient_frames` sets the orientation
+afterwards (the purpose of lambda_phi in 3.16). Each marker is weighted by its residuals:
+skin over muscle slides more than over bone.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from mocap_id.kinematics.chain_equations import (
     apply_step,
     eliminate_angles,
     residuals,
-    shared_variance,
+    share_variance,
 )
-from mocap_id.kinematics.chain_fit import ChainFit, continuous, joint_angles, length_sd
+from mocap_id.kinematics.chain_fit import ChainFit, joint_angles, length_sd, unwrap_angles
 from mocap_id.kinematics.joint import arc
-from mocap_id.kinematics.links import frames_used, rigid_body_links
+from mocap_id.kinematics.links import find_used_frames, rigid_body_links
 from mocap_id.kinematics.rigid_body import still_body
 
 _ITERATIONS = 300
@@ -71,14 +71,14 @@ def fit_chain(
     moving = np.flatnonzero(segment > 0)
     joints = int(segment.max())
     start = start or rigid_body_links(points, segment)
-    used = np.flatnonzero(frames_used(start.angles))
-    problem = _problem(points[np.ix_(used, moving)], segment[moving], auxiliary or {}, used, joints)
+    used = np.flatnonzero(find_used_frames(start.angles))
+    problem = _build_problem(points[np.ix_(used, moving)], segment[moving], auxiliary or {}, used, joints)
     local = np.concatenate([start.local[moving], np.zeros(int(problem.pinned.sum()))])
     state, problem, iterations = _solve(problem, ChainState(start.centres, local, start.angles[used]), pull)
     return replace(_collect(points, segment, used, problem, state), iterations=iterations)
 
 
-def _problem(
+def _build_problem(
     points: ComplexArray, segment: IntArray, auxiliary: Mapping[int, ComplexArray], used: IntArray, joints: int
 ) -> ChainProblem:
     """Return the fit's input, with the auxiliary points as markers pinned to their joint."""
@@ -100,14 +100,14 @@ def _solve(problem: ChainProblem, state: ChainState, pull: float) -> tuple[Chain
     limits, moved, off = np.zeros(problem.joints), np.zeros(problem.joints), np.abs(residuals(problem, state))
     for iteration in range(1, _ITERATIONS + 1):
         if iteration <= _ADAPTED:
-            limits = _burst_limits(problem, off)
-        problem = _reweighted(problem, off, scale, limits)
-        before, (state, off) = state, _stepped(problem, state, off)
+            limits = _find_burst_limits(problem, off)
+        problem = _weight_bursts(problem, off, scale, limits)
+        before, (state, off) = state, _take_step(problem, state, off)
         moved = np.abs(state.centres - before.centres)
         previous, cost = cost, _cost(problem, off)
         fall = abs(previous - cost)
         if fall <= _NEARLY * cost and weighings < _WEIGHINGS:
-            scale[~problem.pinned] = _marker_weights(problem, state, off)
+            scale[~problem.pinned] = _weight_markers(problem, state, off)
             cost, weighings = np.inf, weighings + 1
         elif fall <= _CONVERGED * cost + 1e-18:
             return state, problem, iteration
@@ -121,7 +121,7 @@ def _solve(problem: ChainProblem, state: ChainState, pull: float) -> tuple[Chain
     )
 
 
-def _stepped(problem: ChainProblem, state: ChainState, off: FloatArray) -> tuple[ChainState, FloatArray]:
+def _take_step(problem: ChainProblem, state: ChainState, off: FloatArray) -> tuple[ChainState, FloatArray]:
     """Return the state after a Gauss-Newton step and its distances, shortened where it would increase the cost.
 
     ``off`` (T, K) are the distances of the measured from the predicted markers before the step, m.
@@ -142,7 +142,7 @@ def _cost(problem: ChainProblem, off: FloatArray) -> float:
     return float(np.sum(problem.weights * off**2))
 
 
-def _burst_limits(problem: ChainProblem, off: FloatArray) -> FloatArray:
+def _find_burst_limits(problem: ChainProblem, off: FloatArray) -> FloatArray:
     """Return for each segment (n,) the distance, m, from which a residual is a burst."""
     seen = problem.weights > 0
     limits = np.zeros(problem.joints)
@@ -155,21 +155,21 @@ def _burst_limits(problem: ChainProblem, off: FloatArray) -> FloatArray:
     return limits
 
 
-def _reweighted(problem: ChainProblem, off: FloatArray, scale: FloatArray, limits: FloatArray) -> ChainProblem:
+def _weight_bursts(problem: ChainProblem, off: FloatArray, scale: FloatArray, limits: FloatArray) -> ChainProblem:
     """Return the problem with Huber weights by the limit of each segment."""
     limit = limits[problem.segment - 1]
     bursts = np.where(problem.pinned, 1.0, limit / np.maximum(off, limit))
     return replace(problem, weights=np.where(problem.weights > 0, scale * bursts, 0.0))
 
 
-def _marker_weights(problem: ChainProblem, state: ChainState, off: FloatArray) -> FloatArray:
+def _weight_markers(problem: ChainProblem, state: ChainState, off: FloatArray) -> FloatArray:
     """Return the inverse variance of each marker that is not pinned, 1 on average."""
     own = ~problem.pinned
     seen = (problem.weights > 0)[:, own]
     off = np.where(seen, off[:, own], 0)
     square = np.minimum(off, _HUBER * np.sqrt(np.mean(off**2, axis=0))) ** 2
     variance = square.sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
-    variance = shared_variance(variance, problem.weights[:, own].mean(axis=0), problem.segment[own], state.local[own])
+    variance = share_variance(variance, problem.weights[:, own].mean(axis=0), problem.segment[own], state.local[own])
     weight = 1 / np.maximum(variance, _EXACT**2)
     return np.asarray(weight / weight.mean())
 
@@ -189,7 +189,7 @@ def _collect(
     residual[moving] = _rms(off[:, ~problem.pinned])
     angles = np.full((len(points), problem.joints), np.nan)
     angles[used] = state.angles
-    angles = continuous(angles)
+    angles = unwrap_angles(angles)
     full = centre_covariance(problem, state, eliminate_angles(problem, state))
     full += _placement_covariance(problem, state, len(full))
     covariance = np.stack([full[2 * j : 2 * j + 2, 2 * j : 2 * j + 2] for j in range(problem.joints)])

@@ -36,11 +36,11 @@ def find_bursts(points: FloatArray, rate: float) -> BoolArray:
         track = points[:, marker]
         seen = np.flatnonzero(np.isfinite(track[:, 0]))
         if len(seen) > 10:
-            out[seen, marker] = _bursts_of_marker(track[seen], seen, rate)
+            out[seen, marker] = _find_marker_bursts(track[seen], seen, rate)
     return out
 
 
-def _bursts_of_marker(track: FloatArray, frames: IntArray, rate: float) -> BoolArray:
+def _find_marker_bursts(track: FloatArray, frames: IntArray, rate: float) -> BoolArray:
     """Return the bursts (K,) among the seen samples (K, 3) of one marker, taken at ``frames``."""
     out = np.zeros(len(track), dtype=np.bool_)
     apart = np.diff(frames)

@@ -16,7 +16,7 @@ from mocap_id.kinematics.chain_equations import (
     Reduced,
     angle_jacobian,
     joint_positions,
-    left_by_pose,
+    remaining_share,
     residuals,
 )
 
@@ -31,17 +31,17 @@ def centre_covariance(problem: ChainProblem, state: ChainState, reduced: Reduced
     problem, state, reduced
         Values at the solution.
     """
-    return _scatter(problem, reduced) + _slip(problem, state, reduced)
+    return _noise_covariance(problem, reduced) + _slide_covariance(problem, state, reduced)
 
 
-def _scatter(problem: ChainProblem, reduced: Reduced) -> FloatArray:
+def _noise_covariance(problem: ChainProblem, reduced: Reduced) -> FloatArray:
     """Return the sandwich: inverse, summed outer products of the blocks' scores, inverse."""
     blocks = np.array_split(reduced.scores, min(_BLOCKS, len(reduced.scores)))
     sums = np.stack([block.sum(axis=0) for block in blocks]) @ reduced.inverse[:, : 2 * problem.joints]
     return np.asarray(len(sums) / max(len(sums) - 1, 1) * sums.T @ sums)
 
 
-def _slip(problem: ChainProblem, state: ChainState, reduced: Reduced) -> FloatArray:
+def _slide_covariance(problem: ChainProblem, state: ChainState, reduced: Reduced) -> FloatArray:
     size = slide_variances(problem, state)  # (K,) m^2 a coordinate
     centres = reduced.inverse[:, : 2 * problem.joints]
     moved = (
@@ -63,7 +63,7 @@ def slide_variances(problem: ChainProblem, state: ChainState) -> FloatArray:
     slide = np.zeros(len(lasting))
     for k in range(1, problem.joints + 1):
         members = (problem.segment == k) & ~problem.pinned
-        left = left_by_pose(problem.weights[:, members].mean(axis=0), state.local[members])
+        left = remaining_share(problem.weights[:, members].mean(axis=0), state.local[members])
         slide[members] = np.maximum(lasting[members] - chance[members], 0) / 2 / left
     return slide
 
@@ -102,7 +102,7 @@ def slide_responses(
     below = np.arange(joints) < problem.segment[:, None]  # (K, n)
     centres = np.einsum("tj,tks->ksj", np.conj(lever), slid) * below[:, None, :]
     itself = np.einsum("tk,tks->ks", problem.weights, shape)
-    of_centre = _real(centres) @ towards[: 2 * joints]
+    of_centre = _split_directions(centres) @ towards[: 2 * joints]
     rows = towards[2 * joints :].reshape(-1, 2, towards.shape[1])  # (K, 2, p)
     of_itself = itself[:, :, None, None] * rows[:, None]
     pull = np.conj(angle_jacobian(problem, state))[:, :, None, :] * slid[..., None]  # (T, K, S, n)
@@ -111,7 +111,7 @@ def slide_responses(
     return np.asarray(of_centre + of_itself - np.stack(turned, axis=2) @ towards)
 
 
-def _real(pull: np.ndarray) -> FloatArray:
+def _split_directions(pull: np.ndarray) -> FloatArray:
     """Return the real pulls (..., 2, 2 n) of slides along x and y of the segment from complex ones (..., n) along x."""
     along = np.stack([pull.real, pull.imag], axis=-1).reshape(*pull.shape[:-1], -1)
     across = np.stack([-pull.imag, pull.real], axis=-1).reshape(*pull.shape[:-1], -1)

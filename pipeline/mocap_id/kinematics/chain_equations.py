@@ -132,7 +132,7 @@ def normal_equations(problem: ChainProblem, state: ChainState) -> Normal:
     hermitian = np.block([[centres, border], [np.conj(border).T, np.diag(weights.sum(axis=0))]])
     pull = np.concatenate([np.conj(lever) * ((weights * off) @ below), np.conj(own) * weights * off], axis=1)
     return Normal(
-        _interleaved(hermitian),
+        _interleave(hermitian),
         *_angle_blocks(*derivatives),
         np.stack([pull.real, pull.imag], axis=2).reshape(len(pull), -1),
         (off[:, None] @ pulled)[:, 0].real,
@@ -169,7 +169,7 @@ def _angle_blocks(
     return interleaved, (turned @ swing).real
 
 
-def _interleaved(hermitian: ComplexArray) -> FloatArray:
+def _interleave(hermitian: ComplexArray) -> FloatArray:
     """Return the real form (2P, 2P) of a Hermitian matrix (P, P), real and imaginary parts interleaved."""
     size = len(hermitian)
     real = np.empty((size, 2, size, 2))
@@ -234,7 +234,7 @@ def apply_step(state: ChainState, step: tuple[FloatArray, FloatArray]) -> ChainS
     return ChainState(state.centres + change[:joints], state.local + change[joints:], state.angles + turns)
 
 
-def left_by_pose(weights: FloatArray, local: ComplexArray) -> FloatArray:
+def remaining_share(weights: FloatArray, local: ComplexArray) -> FloatArray:
     """Return the share (K,) of each coordinate's variance that remains after fitting the segment's pose.
 
     The pose has two shifts and a turn, and the share is one minus the leverage. It is at least a fifth, because the
@@ -253,7 +253,7 @@ def left_by_pose(weights: FloatArray, local: ComplexArray) -> FloatArray:
     return np.asarray(np.maximum(1 - leverage, 0.2))
 
 
-def shared_variance(square: FloatArray, weights: FloatArray, segment: IntArray, local: ComplexArray) -> FloatArray:
+def share_variance(square: FloatArray, weights: FloatArray, segment: IntArray, local: ComplexArray) -> FloatArray:
     """Return the variance (K,) that weights each marker: one third its own, the rest its segment's mean.
 
     With its own residual alone, a segment would finally follow only its two best markers.
@@ -271,6 +271,6 @@ def shared_variance(square: FloatArray, weights: FloatArray, segment: IntArray, 
     shared = np.empty_like(square)
     for k in np.unique(segment):
         members = segment == k
-        own = square[members] / left_by_pose(weights[members], local[members])
+        own = square[members] / remaining_share(weights[members], local[members])
         shared[members] = (own + 2 * own.mean()) / 3
     return shared

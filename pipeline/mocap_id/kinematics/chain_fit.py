@@ -11,7 +11,7 @@ from mocap_id.arrays import ComplexArray, FloatArray, IntArray
 
 @dataclass(frozen=True)
 class ChainFit:
-    """A chain fitted to markers. Segment frames are final only after :func:`fix_gauge`.
+    """A chain fitted to markers. Segment frames are final only after :func:`orient_frames`.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class ChainFit:
         return np.asarray(np.abs(self.centres[1:]))
 
 
-def fix_gauge(fit: ChainFit) -> ChainFit:
+def orient_frames(fit: ChainFit) -> ChainFit:
     """Turn each segment frame so that +Y points to the next joint (last segment: to its markers' centroid)."""
     joints = len(fit.centres)
     tip = fit.local[fit.segment == joints].mean()
@@ -69,7 +69,7 @@ def fix_gauge(fit: ChainFit) -> ChainFit:
         fit,
         centres=centres,
         local=fit.local * per_segment[fit.segment],
-        angles=continuous(fit.angles - np.angle(turn)),
+        angles=unwrap_angles(fit.angles - np.angle(turn)),
         covariance=covariance,
     )
 
@@ -85,7 +85,7 @@ def length_sd(centres: ComplexArray, covariance: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.einsum("ji,jik,jk->j", along, covariance[1:], along)))
 
 
-def continuous(angles: FloatArray) -> FloatArray:
+def unwrap_angles(angles: FloatArray) -> FloatArray:
     """Return the angles (F, n) unwrapped over the known frames, starting in (-pi, pi]."""
     known = np.isfinite(angles).all(axis=1)
     out = np.full(angles.shape, np.nan)

@@ -41,11 +41,11 @@ def find_hypotheses(problem: SegmentationProblem) -> Iterator[Hypothesis]:
     sorted_before: set[tuple[tuple[int, ...], ...]] = set()
     others: list[Hypothesis] = []
     for level in range(1, min(_LEVELS, len(problem.moving) // 2) + 1):
-        bodies = _bodies(problem, level)
+        bodies = _find_bodies(problem, level)
         if _key(bodies) in sorted_before:
             continue
         sorted_before.add(_key(bodies))
-        for hypothesis in _of_level(problem, level, bodies):
+        for hypothesis in _search_level(problem, level, bodies):
             if not hypothesis.best_of_level:
                 others.append(hypothesis)
             elif _key(hypothesis.chain) not in known:
@@ -61,14 +61,14 @@ def _key(bodies: Sequence[RigidBody]) -> tuple[tuple[int, ...], ...]:
     return tuple(tuple(int(marker) for marker in body.markers) for body in bodies)
 
 
-def _bodies(problem: SegmentationProblem, level: int) -> list[RigidBody]:
-    bodies = problem.clusters.at(level)
+def _find_bodies(problem: SegmentationProblem, level: int) -> list[RigidBody]:
+    bodies = problem.clusters.bodies_at(level)
     if not all(problem.constraints.allow(body.markers) for body in bodies):
         return []
-    return problem.clusters.merged(bodies, problem.rules.min_arc, problem.rules.merge_tolerance)
+    return problem.clusters.merge(bodies, problem.rules.min_arc, problem.rules.merge_tolerance)
 
 
-def _of_level(problem: SegmentationProblem, level: int, bodies: list[RigidBody]) -> Iterator[Hypothesis]:
+def _search_level(problem: SegmentationProblem, level: int, bodies: list[RigidBody]) -> Iterator[Hypothesis]:
     """Yield the best chain of a level, shortened if too long, then the best of every other allowed length."""
     rules = problem.rules
     found = _best_chains(problem, bodies)
@@ -76,20 +76,20 @@ def _of_level(problem: SegmentationProblem, level: int, bodies: list[RigidBody])
         return
     longest = rules.longest - 1
     best = min(found, key=lambda path: path.cost)
-    first = _hypothesis(problem, level, bodies, _Path(best.chain[:longest], best.joints[:longest], best.cost))
+    first = _build_hypothesis(problem, level, bodies, _Path(best.chain[:longest], best.joints[:longest], best.cost))
     yield first
     for path in found:
         if path is not best and len(path.chain) <= longest:
-            yield _hypothesis(problem, level, bodies, path, first.cost - best.cost)
+            yield _build_hypothesis(problem, level, bodies, path, first.cost - best.cost)
 
 
-def _hypothesis(
+def _build_hypothesis(
     problem: SegmentationProblem, level: int, bodies: list[RigidBody], path: _Path, cut: float | None = None
 ) -> Hypothesis:
     """Return a path with the bodies that it leaves out; without ``cut`` it is the best of its level."""
     carried = np.concatenate([link.markers for link in path.chain])
     left_out = tuple(body for body in bodies if not np.isin(body.markers, carried).all())
-    predicted = _predicted(problem, path.chain, path.joints)
+    predicted = _predict_residuals(problem, path.chain, path.joints)
     cost = _cost(problem, predicted, len(path.chain)) + (cut or 0.0)
     return Hypothesis(level, path.chain, path.joints, left_out, predicted, cost, cut is None, cut or 0.0)
 
@@ -101,39 +101,39 @@ def _best_chains(problem: SegmentationProblem, bodies: list[RigidBody]) -> list[
     pairs = [(i, j) for i in range(len(links)) for j in range(1, len(links)) if i != j]
     joints = {(i, j): problem.clusters.joint(links[i], links[j]) for i, j in pairs}
     real = {pair for pair, joint in joints.items() if rules.is_joint(joint)}
-    real -= _paired(real, joints, np.array([np.nanmean(problem.lateral[body.markers]) for body in links]))
-    real = {(i, j) for i, j in real if i == 0 or not _straddles(problem.lateral, links[j], links[i])}
+    real -= _find_paired_limbs(real, joints, np.array([np.nanmean(problem.lateral[body.markers]) for body in links]))
+    real = {(i, j) for i, j in real if i == 0 or not _is_pair_of_limbs(problem.lateral, links[j], links[i])}
     if rules.count is not None:
-        for tip, below in list(merged_tips(links, real, problem.clusters.joined, rules.max_residual)):
+        for tip, below in list(merge_tips(links, real, problem.clusters.join, rules.max_residual)):
             joints |= {(k, len(links)): problem.clusters.joint(link, tip) for k, link in enumerate(links)}
-            of_tip = {k for k in below if not _straddles(problem.lateral, tip, links[k])}
+            of_tip = {k for k in below if not _is_pair_of_limbs(problem.lateral, tip, links[k])}
             real |= {(k, len(links)) for k in of_tip if rules.is_joint(joints[k, len(links)])}
             links.append(tip)
     best: dict[int, _Path] = {}
-    for path in _paths((0,), real, len(links), rules):
+    for path in _extend_path((0,), real, len(links), rules):
         chain = tuple(links[i] for i in path[1:])
-        if not _disjoint(chain) or _skips_as_well(path, joints):
+        if not _is_disjoint(chain) or _has_needless_segment(path, joints):
             continue
         found = tuple(joints[pair] for pair in pairwise(path))
-        cost = _cost(problem, _predicted(problem, chain, found), len(chain))
+        cost = _cost(problem, _predict_residuals(problem, chain, found), len(chain))
         if len(path) not in best or cost < best[len(path)].cost:
             best[len(path)] = _Path(chain, found, cost)
     return list(best.values())
 
 
-def _disjoint(chain: tuple[RigidBody, ...]) -> bool:
+def _is_disjoint(chain: tuple[RigidBody, ...]) -> bool:
     """Return whether every marker is on one segment only: a merged tip may contain a body of the chain."""
     markers = np.concatenate([body.markers for body in chain])
     return len(np.unique(markers)) == len(markers)
 
 
-def _skips_as_well(path: tuple[int, ...], joints: dict[tuple[int, int], PairJoint]) -> bool:
+def _has_needless_segment(path: tuple[int, ...], joints: dict[tuple[int, int], PairJoint]) -> bool:
     """Return whether a segment of the path can be skipped at little cost, and so is not between its neighbours."""
     triples = zip(path, path[1:], path[2:], strict=False)
     return any(joints[a, c].residual < _NEEDED * joints[a, b].residual for a, b, c in triples)
 
 
-def _paired(
+def _find_paired_limbs(
     real: set[tuple[int, int]], joints: dict[tuple[int, int], PairJoint], lateral: FloatArray
 ) -> set[tuple[int, int]]:
     """Return the joints to paired limbs on both sides of one place: a serial chain cannot pass through them."""
@@ -149,7 +149,7 @@ def _paired(
     }
 
 
-def _straddles(lateral: FloatArray, child: RigidBody, parent: RigidBody) -> bool:
+def _is_pair_of_limbs(lateral: FloatArray, child: RigidBody, parent: RigidBody) -> bool:
     """Return whether a body is two limbs that move alike on either side of their parent, such as arms on a trunk.
 
     Two legs that move alike are not such limbs: their neighbours (feet, pelvis) have markers on both sides too.
@@ -161,7 +161,7 @@ def _straddles(lateral: FloatArray, child: RigidBody, parent: RigidBody) -> bool
     return bool(high - low > _APART and (from_middle < _MIDDLE).any())
 
 
-def _paths(
+def _extend_path(
     path: tuple[int, ...], real: set[tuple[int, int]], count: int, rules: SegmentationRules
 ) -> Iterator[tuple[int, ...]]:
     """Yield every path from the base over real joints, of ``rules.count`` segments if given."""
@@ -170,10 +170,12 @@ def _paths(
     if len(path) < (rules.count or _DEEPEST):
         for following in range(1, count):
             if following not in path and (path[-1], following) in real:
-                yield from _paths((*path, following), real, count, rules)
+                yield from _extend_path((*path, following), real, count, rules)
 
 
-def _predicted(problem: SegmentationProblem, chain: tuple[RigidBody, ...], joints: tuple[PairJoint, ...]) -> FloatArray:
+def _predict_residuals(
+    problem: SegmentationProblem, chain: tuple[RigidBody, ...], joints: tuple[PairJoint, ...]
+) -> FloatArray:
     """Return the residuals (M,) of the markers predicted through their joint, m; the scatter for those left out."""
     floor = max(problem.base.noise, FLOOR)
     residual = np.maximum(problem.base.scatter, floor)
@@ -186,7 +188,7 @@ def _cost(problem: SegmentationProblem, predicted: FloatArray, segments: int) ->
     return float(np.sum(np.log(predicted[problem.moving]))) + problem.rules.split_gain * segments
 
 
-def merged_tips(
+def merge_tips(
     links: Sequence[RigidBody],
     real: set[tuple[int, int]],
     joined: Callable[[RigidBody, RigidBody], RigidBody | None],

@@ -83,8 +83,8 @@ def fit_circles(points: ComplexArray, method: CircleMethod = "taubin") -> Circle
     method : str
         One of the methods of this module.
     """
-    tracks = _tracks(points, common=False)
-    return _finish(tracks, method, *_centre(tracks, method))
+    tracks = _normalise_tracks(points, common=False)
+    return _build_fit(tracks, method, *_fit_centre(tracks, method))
 
 
 def fit_common_centre(points: ComplexArray, method: CommonMethod = "geometric") -> CircleFit:
@@ -107,8 +107,8 @@ def fit_common_centre(points: ComplexArray, method: CommonMethod = "geometric") 
     """
     if method not in get_args(CommonMethod):
         raise ValueError(f"method {method!r} has no common centre; use one of {', '.join(get_args(CommonMethod))}")
-    tracks = _tracks(points, common=True)
-    return _finish(tracks, method, *_centre(tracks, method))
+    tracks = _normalise_tracks(points, common=True)
+    return _build_fit(tracks, method, *_fit_centre(tracks, method))
 
 
 @dataclass(frozen=True)
@@ -125,7 +125,7 @@ class _Tracks:
     def common(self) -> bool:
         return bool(len(self.origin) != self.z.shape[1])
 
-    def pooled(self, sums: FloatArray) -> FloatArray:
+    def pool(self, sums: FloatArray) -> FloatArray:
         """Return the sums (G, ...) for each centre from the sums (M, ...) for each marker."""
         return np.asarray(sums.sum(axis=0, keepdims=True)) if self.common else sums
 
@@ -133,16 +133,16 @@ class _Tracks:
         """Return the mean (M,) over the frames in which each marker is seen."""
         return np.asarray((values * self.seen).sum(axis=0) / np.maximum(self.frames, 1))
 
-    def centred(self, values: FloatArray) -> FloatArray:
+    def centre(self, values: FloatArray) -> FloatArray:
         """Return deviations (F, M) from each marker's mean, zero where unseen, to eliminate a constant per marker."""
         return np.asarray((values - self.mean(values)) * self.seen)
 
-    def centred_points(self, z: ComplexArray) -> FloatArray:
+    def centre_points(self, z: ComplexArray) -> FloatArray:
         """Return the centred coordinates (F, M, 2) of points."""
-        return np.stack([self.centred(z.real), self.centred(z.imag)], axis=2)
+        return np.stack([self.centre(z.real), self.centre(z.imag)], axis=2)
 
 
-def _tracks(points: ComplexArray, *, common: bool) -> _Tracks:
+def _normalise_tracks(points: ComplexArray, *, common: bool) -> _Tracks:
     seen = np.isfinite(points)
     z = np.where(seen, points, 0)
     over = None if common else 0
@@ -154,34 +154,34 @@ def _tracks(points: ComplexArray, *, common: bool) -> _Tracks:
     return _Tracks(z / scale, seen, seen.sum(axis=0).astype(np.float64), origin, scale)
 
 
-def _centre(tracks: _Tracks, method: CircleMethod) -> tuple[ComplexArray, BoolArray]:
+def _fit_centre(tracks: _Tracks, method: CircleMethod) -> tuple[ComplexArray, BoolArray]:
     """Return the centres (G,) in the units of the tracks, and whether they have converged."""
     if method == "geometric":
-        centre, settled = _geometric(tracks, _taubin(tracks))
+        centre, settled = _fit_geometric(tracks, _fit_taubin(tracks))
     else:
-        centre = {"kasa": _kasa, "taubin": _taubin, "pratt": _pratt}[method](tracks)
+        centre = {"kasa": _fit_kasa, "taubin": _fit_taubin, "pratt": _fit_pratt}[method](tracks)
         settled = np.ones(len(centre), dtype=np.bool_)
     near = np.abs(centre) <= _FAR  # false for NaN
     return np.where(near, centre, np.nan), settled & near
 
 
-def _kasa(tracks: _Tracks) -> ComplexArray:
+def _fit_kasa(tracks: _Tracks) -> ComplexArray:
     """Return the centres by Kåsa's method: linear least squares on |z|^2 = 2 p . z + a constant per marker (3.8)."""
-    design, target = 2 * tracks.centred_points(tracks.z), tracks.centred(np.abs(tracks.z) ** 2)
-    pull = tracks.pooled(np.einsum("fmi,fm->mi", design, target))
-    return _solved(tracks.pooled(np.einsum("fmi,fmj->mij", design, design)), pull)
+    design, target = 2 * tracks.centre_points(tracks.z), tracks.centre(np.abs(tracks.z) ** 2)
+    pull = tracks.pool(np.einsum("fmi,fm->mi", design, target))
+    return _solve(tracks.pool(np.einsum("fmi,fmj->mij", design, design)), pull)
 
 
-def _taubin(tracks: _Tracks) -> ComplexArray:
+def _fit_taubin(tracks: _Tracks) -> ComplexArray:
     """Return the centres by Taubin's method: the smallest eigenvector of the moments of (|z|^2 / 2, x, y)."""
-    square = tracks.centred(np.abs(tracks.z) ** 2) / 2
-    design = np.concatenate([square[..., None], tracks.centred_points(tracks.z)], axis=2)
-    moments = tracks.pooled(np.einsum("fmi,fmj->mij", design, design))
+    square = tracks.centre(np.abs(tracks.z) ** 2) / 2
+    design = np.concatenate([square[..., None], tracks.centre_points(tracks.z)], axis=2)
+    moments = tracks.pool(np.einsum("fmi,fmj->mij", design, design))
     smallest = np.linalg.eigh(moments)[1][..., 0]
-    return _quotient(-(smallest[:, 1] + 1j * smallest[:, 2]), smallest[:, 0], moments[:, 1:, 1:])
+    return _divide_coefficients(-(smallest[:, 1] + 1j * smallest[:, 2]), smallest[:, 0], moments[:, 1:, 1:])
 
 
-def _pratt(tracks: _Tracks) -> ComplexArray:
+def _fit_pratt(tracks: _Tracks) -> ComplexArray:
     """Return the centres by Pratt's method: an eigenvector of moments relative to the discriminant B^2 - 4 A D."""
     z = tracks.z
     design = np.stack([np.abs(z) ** 2, z.real, z.imag, np.ones(z.shape)], axis=2) * tracks.seen[..., None]
@@ -192,49 +192,49 @@ def _pratt(tracks: _Tracks) -> ComplexArray:
     # exactly one value is negative, as for the discriminant; the fit belongs to the least of the others
     second = np.argsort(values.real, axis=1)[:, 1]
     found = np.take_along_axis(vectors.real, second[:, None, None], axis=2)[..., 0]
-    return _quotient(-(found[:, 1] + 1j * found[:, 2]), 2 * found[:, 0], moments[:, 1:3, 1:3])
+    return _divide_coefficients(-(found[:, 1] + 1j * found[:, 2]), 2 * found[:, 0], moments[:, 1:3, 1:3])
 
 
-def _geometric(tracks: _Tracks, start: ComplexArray) -> tuple[ComplexArray, BoolArray]:
+def _fit_geometric(tracks: _Tracks, start: ComplexArray) -> tuple[ComplexArray, BoolArray]:
     """Return the centres of least |z - p| - r, by Gauss-Newton; r is the mean distance, steps are halved if needed."""
     centre, settled = start, np.zeros(len(start), dtype=np.bool_)
-    direction, off, cost = _distances(tracks, centre)
+    direction, off, cost = _measure_distances(tracks, centre)
     for _ in range(_ITERATIONS):
-        normal = tracks.pooled(np.einsum("fmi,fmj->mij", direction, direction))
-        step = _solved(normal, tracks.pooled(np.einsum("fmi,fm->mi", direction, off)))
+        normal = tracks.pool(np.einsum("fmi,fmj->mij", direction, direction))
+        step = _solve(normal, tracks.pool(np.einsum("fmi,fm->mi", direction, off)))
         moving = np.isfinite(step) & (np.abs(centre) <= _FAR) & ~settled
         settled = settled | (moving & (np.abs(step) <= _TOLERANCE * (1 + np.abs(centre))))
         step = np.where(moving & ~settled, step, 0)
         if not step.any():
             break
         centre, previous = centre + step, cost
-        direction, off, cost = _distances(tracks, centre)
+        direction, off, cost = _measure_distances(tracks, centre)
         for _ in range(_HALVINGS):
             climbs = cost > previous * (1 + _ROUNDING)
             if not climbs.any():
                 break
             step = np.where(climbs, step / 2, 0)
             centre = centre - step
-            direction, off, cost = _distances(tracks, centre)
+            direction, off, cost = _measure_distances(tracks, centre)
     return centre, settled
 
 
-def _distances(tracks: _Tracks, centre: ComplexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _measure_distances(tracks: _Tracks, centre: ComplexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return centred unit vectors (F, M, 2) and distances (F, M) from the centre, and the cost (G,)."""
     arm = tracks.z - centre
     distance = np.abs(arm)
-    off = tracks.centred(distance)
-    unit = tracks.centred_points(arm / np.where(distance > 0, distance, 1))
-    return unit, off, tracks.pooled((off**2).sum(axis=0))
+    off = tracks.centre(distance)
+    unit = tracks.centre_points(arm / np.where(distance > 0, distance, 1))
+    return unit, off, tracks.pool((off**2).sum(axis=0))
 
 
-def _finish(tracks: _Tracks, method: CircleMethod, centre: ComplexArray, settled: BoolArray) -> CircleFit:
-    direction, off, _ = _distances(tracks, centre)
-    covariance = _sandwich(tracks, direction, off)
+def _build_fit(tracks: _Tracks, method: CircleMethod, centre: ComplexArray, settled: BoolArray) -> CircleFit:
+    direction, off, _ = _measure_distances(tracks, centre)
+    covariance = _estimate_covariance(tracks, direction, off)
     if method == "kasa":
-        design = 2 * tracks.centred_points(tracks.z)
+        design = 2 * tracks.centre_points(tracks.z)
         fitted = design[..., 0] * centre.real + design[..., 1] * centre.imag
-        covariance = _sandwich(tracks, design, tracks.centred(np.abs(tracks.z) ** 2) - fitted)
+        covariance = _estimate_covariance(tracks, design, tracks.centre(np.abs(tracks.z) ** 2) - fitted)
     known = np.isfinite(centre) & (tracks.frames > 0)
     residual = np.where(known, np.sqrt(tracks.mean(off**2)), np.inf)
     return CircleFit(
@@ -247,19 +247,19 @@ def _finish(tracks: _Tracks, method: CircleMethod, centre: ComplexArray, settled
     )
 
 
-def _sandwich(tracks: _Tracks, design: FloatArray, off: FloatArray) -> FloatArray:
+def _estimate_covariance(tracks: _Tracks, design: FloatArray, off: FloatArray) -> FloatArray:
     """Return the covariance (G, 2, 2) of a least-squares centre, for residuals of different size in each frame."""
-    normal = tracks.pooled(np.einsum("fmi,fmj->mij", design, design))
+    normal = tracks.pool(np.einsum("fmi,fmj->mij", design, design))
     scores = design * off[..., None]
-    spread = tracks.pooled(np.einsum("fmi,fmj->mij", scores, scores))
-    rows = tracks.pooled(tracks.frames)
-    left = rows - 2 - tracks.pooled((tracks.frames > 0).astype(np.float64))  # minus centre and radii
-    inverse = _inverse(normal)
+    spread = tracks.pool(np.einsum("fmi,fmj->mij", scores, scores))
+    rows = tracks.pool(tracks.frames)
+    left = rows - 2 - tracks.pool((tracks.frames > 0).astype(np.float64))  # minus centre and radii
+    inverse = _invert(normal)
     correction = np.where(left > 0, rows / np.maximum(left, 1), np.nan)
     return np.asarray(correction[:, None, None] * inverse @ spread @ inverse)
 
 
-def _inverse(normal: FloatArray) -> FloatArray:
+def _invert(normal: FloatArray) -> FloatArray:
     """Return inverses (G, 2, 2), NaN for singular matrices."""
     xx, xy, yy = normal[:, 0, 0], normal[:, 0, 1], normal[:, 1, 1]
     determinant = xx * yy - xy**2
@@ -268,13 +268,13 @@ def _inverse(normal: FloatArray) -> FloatArray:
     return np.asarray(adjugate / np.where(regular, determinant, np.nan)[:, None, None])
 
 
-def _solved(normal: FloatArray, pull: FloatArray) -> ComplexArray:
+def _solve(normal: FloatArray, pull: FloatArray) -> ComplexArray:
     """Return the solutions (G,) as complex numbers."""
-    solution = np.einsum("gij,gj->gi", _inverse(normal), pull)
+    solution = np.einsum("gij,gj->gi", _invert(normal), pull)
     return np.asarray(solution[:, 0] + 1j * solution[:, 1])
 
 
-def _quotient(above: ComplexArray, below: FloatArray, moments: FloatArray) -> ComplexArray:
+def _divide_coefficients(above: ComplexArray, below: FloatArray, moments: FloatArray) -> ComplexArray:
     """Return the centres (G,) from a circle's coefficients; NaN where the moments (G, 2, 2) are of a line or point."""
-    known = np.isfinite(_inverse(moments)[:, 0, 0]) & (below != 0)
+    known = np.isfinite(_invert(moments)[:, 0, 0]) & (below != 0)
     return np.where(known, above / np.where(known, below, 1), np.nan + 0j)

@@ -85,9 +85,9 @@ def measure_cluster(points: ComplexArray, wanted: ComplexArray | None = None) ->
     rotation, position = (np.full(len(points), np.nan, dtype=np.complex128) for _ in range(2))
     count, squares, used = np.zeros(len(points), dtype=np.int64), 0.0, 0
     for part in chunks(len(points)):
-        rotation[part], position[part], count[part], off = _poses(points[part], body.template, own)
+        rotation[part], position[part], count[part], off = _fit_poses(points[part], body.template, own)
         squares, used = squares + float(off @ off), used + len(off)
-    turn, shift = _frame(body.template, wanted, rotation[count >= LEAST_MARKERS])
+    turn, shift = _align_frame(body.template, wanted, rotation[count >= LEAST_MARKERS])
     angle = np.full(len(points), np.nan)
     known = count >= LEAST_MARKERS
     angle[known] = np.unwrap(np.angle(rotation[known] / turn))
@@ -101,26 +101,26 @@ def measure_cluster(points: ComplexArray, wanted: ComplexArray | None = None) ->
     )
 
 
-def _poses(
+def _fit_poses(
     points: ComplexArray, template: ComplexArray, own: FloatArray
 ) -> tuple[ComplexArray, ComplexArray, IntArray, FloatArray]:
     """Return rotation and position (f,; NaN if unknown), markers used (f,), and their residual distances, m."""
     seen = np.isfinite(points)
-    rotation, position, off = _placed(points, seen, template)
+    rotation, position, off = _fit_template(points, seen, template)
     while True:
         far = np.any(seen & (off > _OUTLIER * own), axis=1) & (seen.sum(axis=1) > LEAST_MARKERS + 1)
         rows = np.flatnonzero(far)
         if not len(rows):
             break
-        seen[rows, _worst(points[rows], seen[rows], template)] = False
-        rotation[rows], position[rows], off[rows] = _placed(points[rows], seen[rows], template)
+        seen[rows, _find_worst_marker(points[rows], seen[rows], template)] = False
+        rotation[rows], position[rows], off[rows] = _fit_template(points[rows], seen[rows], template)
     count = seen.sum(axis=1)
     known = count >= LEAST_MARKERS
     unknown = np.where(known, 1.0, np.nan)
     return rotation * unknown, position * unknown, count, off[seen & known[:, None]]
 
 
-def _placed(
+def _fit_template(
     points: ComplexArray, seen: BoolArray, template: ComplexArray
 ) -> tuple[ComplexArray, ComplexArray, FloatArray]:
     """Return rotation and position (f,), and the distances of all markers from their places (f, m), m."""
@@ -129,18 +129,20 @@ def _placed(
     return rotation, position, np.abs(z - position[:, None] - rotation[:, None] * template)
 
 
-def _worst(points: ComplexArray, seen: BoolArray, template: ComplexArray) -> IntArray:
+def _find_worst_marker(points: ComplexArray, seen: BoolArray, template: ComplexArray) -> IntArray:
     """Return the marker (f,) whose removal improves the fit most; a marker that jumps distorts the fit of all."""
     cost = np.full(seen.shape, np.inf)
     for k in range(seen.shape[1]):
         others = seen.copy()
         others[:, k] = False
-        off = _placed(points, others, template)[2]
+        off = _fit_template(points, others, template)[2]
         cost[:, k] = np.where(seen[:, k], np.sum(np.where(others, off**2, 0), axis=1), np.inf)
     return np.asarray(np.argmin(cost, axis=1))
 
 
-def _frame(template: ComplexArray, wanted: ComplexArray | None, rotation: ComplexArray) -> tuple[complex, complex]:
+def _align_frame(
+    template: ComplexArray, wanted: ComplexArray | None, rotation: ComplexArray
+) -> tuple[complex, complex]:
     """Return the turn and the shift from the template to the body's frame."""
     if wanted is None:
         return complex(np.exp(1j * np.angle(rotation.mean()))), 0j

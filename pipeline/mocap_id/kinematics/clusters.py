@@ -58,7 +58,7 @@ def find_base(points: ComplexArray, limit: float, constraints: Constraints | Non
         Largest scatter of a still marker, m.
     constraints : Constraints, optional
     """
-    scatter = _scatter(points)
+    scatter = _measure_scatter(points)
     order = np.argsort(scatter)[: np.isfinite(scatter).sum()]
     floor = np.maximum(scatter[order], 1e-5)  # ratios of smaller values show rounding only
     still = int(np.sum(scatter[order] <= limit))
@@ -66,12 +66,12 @@ def find_base(points: ComplexArray, limit: float, constraints: Constraints | Non
         return Base(np.array([], dtype=np.int64), 0.0, 1.0, scatter)
     jumps = np.append(floor[1:], np.inf if still == len(order) else floor[-1]) / floor
     last = int(np.argmax(jumps[:still]))
-    markers = _permitted(order[: last + 1], order[last + 1 :], constraints)
+    markers = _apply_constraints(order[: last + 1], order[last + 1 :], constraints)
     noise = float(np.median(scatter[markers]) / np.sqrt(2)) if len(markers) else 0.0
     return Base(markers, noise, float(jumps[last]), scatter)
 
 
-def _permitted(still: IntArray, moving: IntArray, constraints: Constraints | None) -> IntArray:
+def _apply_constraints(still: IntArray, moving: IntArray, constraints: Constraints | None) -> IntArray:
     """Return the still markers, given in order of scatter, that the constraints allow on the base together."""
     if constraints is None:
         return np.sort(still)
@@ -106,7 +106,7 @@ class Clusters:
         self._alone = np.bincount(units)[units] == 1  # hints keep the other markers together
         self._tree = linkage(squareform(variance, checks=False), "average") if len(moving) > 1 else None
 
-    def at(self, count: int) -> list[RigidBody]:
+    def bodies_at(self, count: int) -> list[RigidBody]:
         """Return at most ``count`` bodies of at least two markers.
 
         The bodies start from average linkage on the variance of the mutual distances. Every marker then moves to the
@@ -117,21 +117,21 @@ class Clusters:
         labels = fcluster(self._tree, count, "maxclust")
         groups = [self.moving[labels == label] for label in np.unique(labels)]
         for _ in range(_REASSIGNMENTS):
-            bodies = self._rigid(groups)
+            bodies = self._fit_groups(groups)
             if len(bodies) < 2:
                 break
             residuals = np.stack([self._residuals(body) for body in bodies])
             best = self.constraints.nearest_bodies(residuals**2, self.moving)
-            foreign = _foreign(residuals[best, np.arange(len(best))], best) & self._alone
+            foreign = _find_outsiders(residuals[best, np.arange(len(best))], best) & self._alone
             if foreign.sum() <= _MOST_FOREIGN:  # more of them are bodies that this level does not separate
                 best[foreign] = -1
             regrouped = [self.moving[best == index] for index in range(len(bodies))]
             if len(regrouped) == len(groups) and all(map(np.array_equal, regrouped, groups)):
                 break
             groups = regrouped
-        return self._rigid(groups)
+        return self._fit_groups(groups)
 
-    def merged(self, bodies: list[RigidBody], min_arc: float, tolerance: float) -> list[RigidBody]:
+    def merge(self, bodies: list[RigidBody], min_arc: float, tolerance: float) -> list[RigidBody]:
         """Merge bodies that one rigid body fits nearly as well as two.
 
         Parameters
@@ -148,10 +148,10 @@ class Clusters:
         while len(bodies) > 1:
             candidates = []
             for (i, first), (j, second) in combinations(enumerate(bodies), 2):
-                both = self.joined(first, second)
+                both = self.join(first, second)
                 if both is None:
                     continue
-                growth = both.residual / _pooled(first, second)
+                growth = both.residual / _pool_residuals(first, second)
                 if growth <= _AS_WELL or (growth <= tolerance and self._hardly_turn(first, second, min_arc)):
                     candidates.append((growth, i, j, both))
             if not candidates:
@@ -160,7 +160,7 @@ class Clusters:
             bodies = [body for k, body in enumerate(bodies) if k not in (i, j)] + [both]
         return bodies
 
-    def joined(self, first: RigidBody, second: RigidBody) -> RigidBody | None:
+    def join(self, first: RigidBody, second: RigidBody) -> RigidBody | None:
         """Return two bodies as one, or None where the constraints keep their markers apart."""
         markers = np.sort(np.concatenate([first.markers, second.markers]))
         return self._fit(markers) if self.constraints.allow(markers) else None
@@ -177,7 +177,7 @@ class Clusters:
         wobble = _WOBBLE * np.hypot(first.angle_noise, second.angle_noise)
         return bool(self.joint(first, second).arc < max(min_arc, wobble))
 
-    def _rigid(self, groups: list[IntArray]) -> list[RigidBody]:
+    def _fit_groups(self, groups: list[IntArray]) -> list[RigidBody]:
         return [self._fit(group) for group in groups if len(group) > 1]
 
     def _fit(self, markers: IntArray) -> RigidBody:
@@ -194,20 +194,20 @@ class Clusters:
         return self._off[key]
 
 
-def _foreign(residual: FloatArray, body: IntArray) -> BoolArray:
+def _find_outsiders(residual: FloatArray, body: IntArray) -> BoolArray:
     """Return which markers (M,) fit even their nearest body much worse than the body's usual marker does."""
     usual = {index: float(np.median(residual[body == index])) for index in np.unique(body)}
     limit = np.maximum([_FOREIGN * usual[index] for index in body], _MIN_FOREIGN)
     return np.asarray(residual > limit)
 
 
-def _pooled(first: RigidBody, second: RigidBody) -> float:
+def _pool_residuals(first: RigidBody, second: RigidBody) -> float:
     counts = len(first.markers), len(second.markers)
     square = (counts[0] * first.residual**2 + counts[1] * second.residual**2) / sum(counts)
     return float(max(np.sqrt(square), 1e-4))
 
 
-def _scatter(points: ComplexArray) -> FloatArray:
+def _measure_scatter(points: ComplexArray) -> FloatArray:
     """Return the rms distance (M,) of every marker from its mean, m; inf for a marker that is hardly ever seen."""
     square, counts = variance_over_time(points)
     return np.where(counts >= max(2, 0.05 * len(points)), np.sqrt(square), np.inf)

@@ -39,7 +39,7 @@ class Continuations:
         self._positions = positions
         self._near = max(round(_NEAR * rate), _SAMPLES)
 
-    def violated(self, column: IntArray, last: IntArray, following: IntArray) -> BoolArray:
+    def find_violations(self, column: IntArray, last: IntArray, following: IntArray) -> BoolArray:
         """Return whether (N,) two or more distances of a column change by more than usual over the lag.
 
         Parameters
@@ -51,11 +51,13 @@ class Continuations:
         for rows in _chunks(len(column)):
             i, a, b = column[rows], last[rows], following[rows]
             change = self._changes(i, a, i, b)
-            for scale in (self._scale(i, a, b - a, -1), self._scale(i, b, b - a, 1)):
+            for scale in (self._usual_changes(i, a, b - a, -1), self._usual_changes(i, b, b - a, 1)):
                 out[rows] |= (change > _VIOLATED * scale).sum(axis=1) >= 2
         return out
 
-    def evidence(self, column: IntArray, last: IntArray, own: IntArray, other: IntArray, found: IntArray) -> FloatArray:
+    def weigh_evidence(
+        self, column: IntArray, last: IntArray, own: IntArray, other: IntArray, found: IntArray
+    ) -> FloatArray:
         """Return the evidence (N,) that a marker continues in another column, -inf where it does not.
 
         Each distance's change r, in units of its scale, has the heavy-tailed likelihood 1 / (1 + r²). The evidence is
@@ -71,7 +73,7 @@ class Continuations:
         out = np.full(len(column), -np.inf)
         for rows in _chunks(len(column)):
             i, a, b, j, c = column[rows], last[rows], own[rows], other[rows], found[rows]
-            scale = np.fmax(self._scale(i, a, c - a, -1), self._scale(j, c, c - a, 1))
+            scale = np.fmax(self._usual_changes(i, a, c - a, -1), self._usual_changes(j, c, c - a, 1))
             stays, goes = self._changes(i, a, i, b) / scale, self._changes(i, a, j, c) / scale
             ratio = np.log1p(stays**2) - np.log1p(goes**2)
             unusable = ~np.isfinite(ratio)
@@ -85,8 +87,8 @@ class Continuations:
             enough = used.sum(axis=1) >= _LEAST_PARTNERS
             kept, broken = (_quantile(values[:, :_MOST_RIGID], 0.5) for values in (goes, stays))
             holds = kept <= np.maximum(_HOLDS, _OF_VIOLATION * broken)
-            expected = self._expected(i, a, c, partners, used)
-            nearer = _length(self._positions[c, j] - expected) < _length(self._positions[b, i] - expected)
+            expected = self._expected_positions(i, a, c, partners, used)
+            nearer = _norm(self._positions[c, j] - expected) < _norm(self._positions[b, i] - expected)
             fine = enough & holds & nearer
             out[rows] = np.where(fine, np.where(used, ratio, 0.0).sum(axis=1), -np.inf)
         return out
@@ -94,10 +96,10 @@ class Continuations:
     def _changes(self, column: IntArray, last: IntArray, other: IntArray, found: IntArray) -> FloatArray:
         """Return the changes of the distances to every marker (N, M), m."""
         points = self._positions
-        before = _length(points[last] - points[last, column][:, None])
-        return np.abs(_length(points[found] - points[found, other][:, None]) - before)
+        before = _norm(points[last] - points[last, column][:, None])
+        return np.abs(_norm(points[found] - points[found, other][:, None]) - before)
 
-    def _scale(self, column: IntArray, frame: IntArray, lag: IntArray, side: int) -> FloatArray:
+    def _usual_changes(self, column: IntArray, frame: IntArray, lag: IntArray, side: int) -> FloatArray:
         """Return the usual change (N, M) of distances over a lag before (-1) or after (+1) a frame, m, or NaN."""
         points = self._positions
         room = frame + 1 if side < 0 else len(points) - frame
@@ -112,14 +114,16 @@ class Continuations:
             _quantile(np.moveaxis(change, 1, 2), _QUANTILE), _FLOOR * np.where(room > lag, 1, np.nan)[:, None]
         )
 
-    def _expected(self, i: IntArray, a: IntArray, c: IntArray, partners: IntArray, used: BoolArray) -> FloatArray:
+    def _expected_positions(
+        self, i: IntArray, a: IntArray, c: IntArray, partners: IntArray, used: BoolArray
+    ) -> FloatArray:
         """Return the position (N, 3), m, to which the partners' motion from frame ``a`` to ``c`` moves column ``i``."""
         points = self._positions
         moved = np.where(used[..., None], points[c[:, None], partners] - points[a[:, None], partners], np.nan)
         return points[a, i] + _quantile(np.moveaxis(moved, 1, 2), 0.5)
 
 
-def _length(vectors: FloatArray) -> FloatArray:
+def _norm(vectors: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.einsum("...i,...i->...", vectors, vectors)))
 
 

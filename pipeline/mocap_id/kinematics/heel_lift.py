@@ -8,7 +8,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, as_complex
 from mocap_id.kinematics.base_motion import block_means, find_standing
-from mocap_id.kinematics.rigid_body import count_places
+from mocap_id.kinematics.rigid_body import count_positions
 
 _BLOCK_S = 0.1
 _LASTING_S = 0.3  # a lift lasts at least as long
@@ -52,7 +52,7 @@ class HeelLift:
 
 
 @dataclass(frozen=True)
-class AnklePlace:
+class AnklePosition:
     """Place of the ankle in the frames of foot and shank, m, and its standard deviation in one direction, m."""
 
     foot: complex
@@ -90,14 +90,14 @@ def find_heel_lift(positions: FloatArray, time: FloatArray, rate: float) -> Heel
     for up in np.flatnonzero(height > _LIFT_M):
         for down in np.flatnonzero((away > _STILL_M) & (height < height[up])):
             between = blocks[:, up] - blocks[:, down]
-            turn = _turn(between[np.isfinite(between[:, 0])], lasting)
+            turn = _measure_rotation(between[np.isfinite(between[:, 0])], lasting)
             if turn > LEAST_TURN and (found is None or turn > found.turn):
                 first = int(np.argmax(blocks[:, up, 2] - usual[up, 2] > _LIFT_M))
                 found = HeelLift(int(low[up]), int(low[down]), float(height[up]), turn, float(time[size * first]))
     return found
 
 
-def markers_that_move(points: FloatArray, rate: float) -> BoolArray:
+def find_moving_markers(points: FloatArray, rate: float) -> BoolArray:
     """Return which markers (m,) of the base are on feet that move; none if they show no pose.
 
     Parameters
@@ -114,13 +114,13 @@ def markers_that_move(points: FloatArray, rate: float) -> BoolArray:
     usual = np.nanmedian(blocks[:, moving], axis=0)
     away = np.linalg.norm(blocks[:, moving] - usual, axis=2)
     moves = np.nanquantile(away, _MOSTLY, axis=0) > _STILL_M
-    moving[moving] = moves & (count_places(as_complex(usual[moves])) >= _LEAST_PLACES)
+    moving[moving] = moves & (count_positions(as_complex(usual[moves])) >= _LEAST_PLACES)
     return moving
 
 
-def place_ankle(
+def locate_ankle(
     foot: tuple[ComplexArray, FloatArray], shank: tuple[ComplexArray, FloatArray], ankle: complex
-) -> AnklePlace | None:
+) -> AnklePosition | None:
     """Return the place of the ankle between a foot that moves and the shank; None if unknown.
 
     A joint fit holds the base still, and takes a part of the foot's motion for another place of the ankle. The measured
@@ -150,10 +150,10 @@ def place_ankle(
     normal[0, 0] += gap / (_INDEPENDENT * _ANKLE_SD**2)
     shift, beyond = np.linalg.solve(normal, target)
     variance = gap / _INDEPENDENT * float(np.linalg.inv(normal)[0, 0].real)
-    return AnklePlace(ankle + complex(shift), complex(beyond), float(np.sqrt(variance)))
+    return AnklePosition(ankle + complex(shift), complex(beyond), float(np.sqrt(variance)))
 
 
-def _turn(between: FloatArray, lasting: int) -> float:
+def _measure_rotation(between: FloatArray, lasting: int) -> float:
     """Return the turn from its usual direction of the line (K, 3) between two markers, rad; 0 if not on one foot."""
     if len(between) <= lasting:
         return 0.0

@@ -129,7 +129,7 @@ class Hypothesis:
         """Return the columns of the markers on the moving segments, sorted."""
         return np.sort(np.concatenate([body.markers for body in self.chain]))
 
-    def lost_to(self, best: Hypothesis) -> str:
+    def explain_cost(self, best: Hypothesis) -> str:
         """Return why the best hypothesis was chosen instead, or ``chosen`` for the best one itself.
 
         The terms add up to the difference in cost: markers only on the best chain, markers only on this chain, markers
@@ -139,23 +139,27 @@ class Hypothesis:
             return "chosen"
         own, other = self.markers, best.markers
         out, extra, both = np.setdiff1d(other, own), np.setdiff1d(own, other), np.intersect1d(own, other)
-        fit = self._worse(best, both)
+        fit = self._compare_residuals(best, both)
         terms = {
-            f"leaves out {_count(len(out), 'marker')} of the chosen segments": self._worse(best, out),
-            f"carries {_count(len(extra), 'marker')} more": self._worse(best, extra),
+            f"leaves out {_format_count(len(out), 'marker')} of the chosen segments": self._compare_residuals(
+                best, out
+            ),
+            f"carries {_format_count(len(extra), 'marker')} more": self._compare_residuals(best, extra),
             f"fits {'the others' if len(out) + len(extra) else 'the markers'} {'worse' if fit > 0 else 'better'}": fit,
             "lost to a longer chain that was shortened afterwards": self.cut,
         }
         more = len(self.chain) - len(best.chain)
         price = self.cost - best.cost - sum(terms.values())  # split_gain times the difference in the number of segments
-        return _account({f"has {_count(abs(more), 'segment')} {'more' if more > 0 else 'fewer'}": price, **terms})
+        return _describe_cost(
+            {f"has {_format_count(abs(more), 'segment')} {'more' if more > 0 else 'fewer'}": price, **terms}
+        )
 
-    def _worse(self, best: Hypothesis, markers: IntArray) -> float:
+    def _compare_residuals(self, best: Hypothesis, markers: IntArray) -> float:
         """Return the difference in the summed log residual of some markers."""
         return float(np.sum(np.log(self.predicted[markers] / best.predicted[markers])))
 
 
-def _account(terms: Mapping[str, float]) -> str:
+def _describe_cost(terms: Mapping[str, float]) -> str:
     """Return a difference in cost in words: the terms against the costlier hypothesis, then those for it."""
     shown = sorted((each for each in terms.items() if abs(each[1]) >= _REPORTED), key=lambda each: -abs(each[1]))
     against = ", ".join(f"{words} (+{value:.1f})" for words, value in shown if value > 0)
@@ -164,5 +168,5 @@ def _account(terms: Mapping[str, float]) -> str:
     return f"{text}; but {in_favour}" if in_favour else text
 
 
-def _count(number: int, what: str) -> str:
+def _format_count(number: int, what: str) -> str:
     return f"{number} {what}" if number == 1 else f"{number} {what}s"

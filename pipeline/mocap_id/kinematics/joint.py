@@ -66,7 +66,7 @@ def fit_joint(parent: RigidBody, child: RigidBody) -> PairJoint:
     determinant = first * second - abs(c) ** 2
     p, q = (second * f - c * h) / determinant, (np.conj(c) * f - first * h) / determinant
     off = r * p - s * q - gap
-    return PairJoint(complex(p), complex(q), float(np.sqrt(np.vdot(off, off).real / frames)), _travelled(angle))
+    return PairJoint(complex(p), complex(q), float(np.sqrt(np.vdot(off, off).real / frames)), _measure_range(angle))
 
 
 def _angle_noise(angle: FloatArray, variance: float, *bodies: tuple[RigidBody, ComplexArray]) -> FloatArray:
@@ -89,18 +89,18 @@ def _angle_noise(angle: FloatArray, variance: float, *bodies: tuple[RigidBody, C
 
 def arc(rotation: ComplexArray) -> float:
     """Return the angle between the 2.5 and 97.5 % quantiles of an unwrapped rotation (F,), rad."""
-    angle = continuous_angle(rotation)
-    return _travelled(angle[np.isfinite(angle)])
+    angle = unwrap_rotation(rotation)
+    return _measure_range(angle[np.isfinite(angle)])
 
 
-def _travelled(angle: FloatArray) -> float:
+def _measure_range(angle: FloatArray) -> float:
     """Return the 2.5 to 97.5 % range of angles (F,), rad; ``np.quantile`` takes twenty times as long."""
     last = len(angle) - 1
     low, high = np.interp([0.025 * last, 0.975 * last], np.arange(len(angle)), np.sort(angle))
     return float(high - low)
 
 
-def continuous_angle(rotation: ComplexArray) -> FloatArray:
+def unwrap_rotation(rotation: ComplexArray) -> FloatArray:
     """Return the unwrapped angle (F,) of a rotation, rad; NaN where it is unknown."""
     angle = np.full(len(rotation), np.nan)
     known = np.isfinite(rotation)

@@ -22,7 +22,7 @@ from mocap_id.kinematics.chain_equations import (
 from mocap_id.kinematics.hypotheses import FLOOR, SegmentationProblem
 from mocap_id.kinematics.joint import arc
 from mocap_id.kinematics.link_markers import Path
-from mocap_id.kinematics.rigid_body import count_places
+from mocap_id.kinematics.rigid_body import count_positions
 
 SEGMENT_PRICE = 4.0
 """Cost of one more segment."""
@@ -113,7 +113,7 @@ class LinkFit:
         local, segment = self.state.local, self.segment.copy()
         for pin in self.pins:
             segment[pin.unit] = -1
-        return tuple(count_places(local[segment == k + 1]) for k in range(len(self.state.centres)))
+        return tuple(count_positions(local[segment == k + 1]) for k in range(len(self.state.centres)))
 
     @property
     def loose(self) -> tuple[int, ...]:
@@ -130,7 +130,7 @@ def log_cost(residual: FloatArray) -> FloatArray:
 
 def path_cost(problem: SegmentationProblem, path: Path) -> float:
     """Return the cost of a path before any fit, on a few frames; inf where too few frames show it."""
-    state, used = _start(path)
+    state, used = _start_chain(path)
     if len(used) < _FRAMES_A_SEGMENT * len(path):
         return np.inf
     few = used[:: max(1, len(used) // 60)]
@@ -152,7 +152,7 @@ def fit_path(problem: SegmentationProblem, path: Path, pins: tuple[Pin, ...] = (
     pins : tuple of Pin
         Markers that represent joints.
     """
-    state, used = _start(path)
+    state, used = _start_chain(path)
     if len(used) < _FRAMES_A_SEGMENT * len(path):
         return None
     used = used[np.unique(np.linspace(0, len(used) - 1, _FRAMES).round().astype(np.int64))]
@@ -160,13 +160,13 @@ def fit_path(problem: SegmentationProblem, path: Path, pins: tuple[Pin, ...] = (
     costs, local = costs_on_segments(points, state)
     segment: IntArray | None = None
     for _ in range(_ROUNDS):
-        found = _assigned(problem, costs)
+        found = _assign_segments(problem, costs)
         if segment is not None and np.array_equal(found, segment):
             break
         segment = found
         if (segment > 0).sum() <= len(path):
             return None
-        fitted = _bundle(points, segment, replace(state, local=_own(local, segment)), pins, used)
+        fitted = _fit_bundle(points, segment, replace(state, local=_select_own(local, segment)), pins, used)
         if fitted is None:
             return None
         state = fitted
@@ -177,11 +177,11 @@ def fit_path(problem: SegmentationProblem, path: Path, pins: tuple[Pin, ...] = (
     price = _log_cost(_LEFT_OUT)
     each = np.where(segment >= 0, np.minimum(own, price), price)
     total = float(each[np.isfinite(problem.base.scatter)].sum()) + SEGMENT_PRICE * len(path)
-    residual = np.where(segment >= 0, _residual(own), np.nan)
-    return LinkFit(total, segment, residual, replace(state, local=_own(local, segment)), used, pins)
+    residual = np.where(segment >= 0, _invert_cost(own), np.nan)
+    return LinkFit(total, segment, residual, replace(state, local=_select_own(local, segment)), used, pins)
 
 
-def _start(path: Path) -> tuple[ChainState, IntArray]:
+def _start_chain(path: Path) -> tuple[ChainState, IntArray]:
     """Return the initial chain of a path from its joints' tracks, and the frames in which all of it is known."""
     tracks = np.stack([step.joint for step in path], axis=1)
     angles = np.empty(tracks.shape)
@@ -214,17 +214,17 @@ def _log_cost(residual: FloatArray | float) -> FloatArray:
     return np.asarray(0.5 * np.log1p((np.asarray(residual) / SCALE) ** 2))
 
 
-def _residual(cost: FloatArray) -> FloatArray:
+def _invert_cost(cost: FloatArray) -> FloatArray:
     """Return the residuals, m, that have these costs; the inverse of :func:`log_cost`."""
     return np.asarray(SCALE * np.sqrt(np.expm1(2 * cost)))
 
 
-def _assigned(problem: SegmentationProblem, costs: FloatArray) -> IntArray:
+def _assign_segments(problem: SegmentationProblem, costs: FloatArray) -> IntArray:
     """Return the segment (M,) that fits each marker best; -1 where none does."""
     segment = np.argmin(costs, axis=0)
     own = costs[segment, np.arange(costs.shape[1])]
     segment[~np.isfinite(own) | ~np.isfinite(problem.base.scatter)] = -1
-    residual = np.where(np.isfinite(own), _residual(np.where(np.isfinite(own), own, 0)), np.inf)
+    residual = np.where(np.isfinite(own), _invert_cost(np.where(np.isfinite(own), own, 0)), np.inf)
     for k in range(len(costs)):
         members = segment == k
         if members.any():
@@ -233,12 +233,12 @@ def _assigned(problem: SegmentationProblem, costs: FloatArray) -> IntArray:
     return np.asarray(segment)
 
 
-def _own(local: ComplexArray, segment: IntArray) -> ComplexArray:
+def _select_own(local: ComplexArray, segment: IntArray) -> ComplexArray:
     """Return the coordinates (M,) of every marker on its own segment."""
     return np.asarray(local[np.maximum(segment, 0), np.arange(len(segment))])
 
 
-def _bundle(
+def _fit_bundle(
     points: ComplexArray, segment: IntArray, state: ChainState, pins: tuple[Pin, ...], used: IntArray
 ) -> ChainState | None:
     """Return the chain fitted to its moving markers by Gauss-Newton with Cauchy's loss; None where singular."""

@@ -64,7 +64,7 @@ class Step:
 Path = tuple[Step, ...]
 
 
-def linked_paths(problem: SegmentationProblem) -> Iterator[Path]:
+def find_linked_paths(problem: SegmentationProblem) -> Iterator[Path]:
     """Yield every path from the base over bodies, link markers and joint markers that has a single-marker segment.
 
     Parameters
@@ -80,16 +80,16 @@ class _Search:
 
     def __init__(self, problem: SegmentationProblem) -> None:
         self.problem = problem
-        self.bodies = _bodies(problem)
-        self.units = list(point_units(problem.points, problem.lateral, _loose(problem, self.bodies)))
-        self.tracks = [unit_track(problem.points, unit) for unit in self.units]
-        still = point_units(problem.points, problem.lateral, problem.base.markers)
-        self.still = [complex(np.nanmean(unit_track(problem.points, unit))) for unit in still]
+        self.bodies = _find_bodies(problem)
+        self.units = list(group_points(problem.points, problem.lateral, _find_loose_markers(problem, self.bodies)))
+        self.tracks = [average_track(problem.points, unit) for unit in self.units]
+        still = group_points(problem.points, problem.lateral, problem.base.markers)
+        self.still = [complex(np.nanmean(average_track(problem.points, unit))) for unit in still]
         self._centres: dict[tuple[int, int], list[complex]] = {}
 
     def paths(self) -> Iterator[Path]:
         """Yield the paths to all bodies by depth-first search, each marker at most once; body 0 is the ground."""
-        edges = [list(self._edges(index)) for index in range(len(self.bodies))]
+        edges = [list(self._find_connections(index)) for index in range(len(self.bodies))]
         longest = self.problem.rules.longest - 1
 
         def extended(index: int, path: Path, used: frozenset[int]) -> Iterator[Path]:
@@ -104,7 +104,7 @@ class _Search:
 
         yield from extended(0, (), frozenset())
 
-    def _edges(self, index: int) -> Iterator[tuple[Path, int]]:
+    def _find_connections(self, index: int) -> Iterator[tuple[Path, int]]:
         """Yield the connections from a body to others: a joint, or segments without a body of their own."""
         parent, rules = self.bodies[index], self.problem.rules
         none = np.array([], dtype=np.int64)
@@ -113,39 +113,39 @@ class _Search:
                 continue
             joint = self.problem.clusters.joint(parent, child)
             if rules.is_joint(joint):
-                yield (Step(_seen_from(parent, joint.in_parent), child, none),), following
+                yield (Step(_track_point(parent, joint.in_parent), child, none),), following
             for unit, (markers, track) in enumerate(zip(self.units, self.tracks, strict=True)):
-                for near in self._about(index, unit):
-                    for far in self._about(following, unit):
-                        first, last = _seen_from(parent, near), _seen_from(child, far)
-                        length, off = _constant(np.abs(first - last))
+                for near in self._find_centres(index, unit):
+                    for far in self._find_centres(following, unit):
+                        first, last = _track_point(parent, near), _track_point(child, far)
+                        length, off = _measure_constancy(np.abs(first - last))
                         end = Step(last, child, none)
                         if off > _CONSTANT:
                             yield (Step(first, None, markers), Step(track, None, markers), end), following
                         elif length > _SHORTEST:
                             yield (Step(first, None, markers), end), following
 
-    def _about(self, index: int, unit: int) -> list[complex]:
+    def _find_centres(self, index: int, unit: int) -> list[complex]:
         """Return the places on a body, in its frame, about which a point runs on a circle."""
         key = index, unit
         if key not in self._centres:
-            self._centres[key] = list(self._turning(index, unit))
+            self._centres[key] = list(self._search_centres(index, unit))
         return self._centres[key]
 
-    def _turning(self, index: int, unit: int) -> Iterator[complex]:
+    def _search_centres(self, index: int, unit: int) -> Iterator[complex]:
         body, track = self.bodies[index], self.tracks[unit]
         if np.isin(self.units[unit], body.markers).any():
             return
-        centre = _circle(body.local(track[:, None])[:, 0], self.problem.rules.min_arc)
+        centre = _fit_circle(body.local(track[:, None])[:, 0], self.problem.rules.min_arc)
         if centre is not None:
             yield centre
         for place in self.still if index == 0 else ():  # an arc of the ankle is too short to show its centre
-            radius, off = _constant(np.abs(track - place))
+            radius, off = _measure_constancy(np.abs(track - place))
             if off <= _AS_STILL and radius >= _NEAREST:
                 yield place
 
 
-def point_units(points: ComplexArray, lateral: FloatArray, markers: IntArray) -> Iterator[IntArray]:
+def group_points(points: ComplexArray, lateral: FloatArray, markers: IntArray) -> Iterator[IntArray]:
     """Yield columns of markers, a left and a right one at the same place in the plane together.
 
     Parameters
@@ -174,45 +174,47 @@ def point_units(points: ComplexArray, lateral: FloatArray, markers: IntArray) ->
             yield np.array([one])
 
 
-def unit_track(points: ComplexArray, unit: IntArray) -> ComplexArray:
+def average_track(points: ComplexArray, unit: IntArray) -> ComplexArray:
     """Return the mean (F,) of the unit's markers where all of them are seen, m; NaN elsewhere."""
     return np.asarray(points[:, unit].mean(axis=1))
 
 
-def _bodies(problem: SegmentationProblem) -> list[RigidBody]:
+def _find_bodies(problem: SegmentationProblem) -> list[RigidBody]:
     """Return the ground, then every body of any level whose rotation can be measured."""
     found: dict[bytes, RigidBody] = {}
     for level in range(1, min(_LEVELS, max(len(problem.moving) // 2, 1)) + 1):
-        for body in _of_level(problem.clusters, level, problem):
-            if body.residual <= problem.rules.max_body_residual and _size(body) > _MIN_SPREAD:
+        for body in _find_level_bodies(problem.clusters, level, problem):
+            if body.residual <= problem.rules.max_body_residual and _measure_size(body) > _MIN_SPREAD:
                 found[body.markers.tobytes()] = body
     return [problem.ground, *found.values()]
 
 
-def _loose(problem: SegmentationProblem, bodies: list[RigidBody]) -> IntArray:
+def _find_loose_markers(problem: SegmentationProblem, bodies: list[RigidBody]) -> IntArray:
     """Return the moving markers that are on no rigid body of three points."""
     held = [
-        body.markers for body in bodies[1:] if len(list(point_units(problem.points, problem.lateral, body.markers))) > 2
+        body.markers
+        for body in bodies[1:]
+        if len(list(group_points(problem.points, problem.lateral, body.markers))) > 2
     ]
     return np.setdiff1d(problem.moving, np.concatenate(held)) if held else problem.moving
 
 
-def _of_level(clusters: Clusters, level: int, problem: SegmentationProblem) -> list[RigidBody]:
-    bodies = clusters.at(level)
-    merged = clusters.merged(bodies, problem.rules.min_arc, problem.rules.merge_tolerance)
+def _find_level_bodies(clusters: Clusters, level: int, problem: SegmentationProblem) -> list[RigidBody]:
+    bodies = clusters.bodies_at(level)
+    merged = clusters.merge(bodies, problem.rules.min_arc, problem.rules.merge_tolerance)
     return [body for body in (*merged, *bodies) if problem.constraints.allow(body.markers)]
 
 
-def _size(body: RigidBody) -> float:
+def _measure_size(body: RigidBody) -> float:
     return float(np.sqrt(np.mean(np.abs(body.template) ** 2)))
 
 
-def _seen_from(body: RigidBody, place: complex) -> ComplexArray:
+def _track_point(body: RigidBody, place: complex) -> ComplexArray:
     """Return the track (F,) of a point fixed to a body, m."""
     return np.asarray(body.position + body.rotation * place)
 
 
-def _constant(distance: FloatArray) -> tuple[float, float]:
+def _measure_constancy(distance: FloatArray) -> tuple[float, float]:
     """Return the median (m) of a distance (F,), and its rms deviation from it without the largest deviations."""
     known = distance[np.isfinite(distance)]
     if len(known) < _FEWEST_FRAMES:
@@ -222,7 +224,7 @@ def _constant(distance: FloatArray) -> tuple[float, float]:
     return middle, float(np.sqrt(np.mean(off[: int(_USUAL * len(off))])))
 
 
-def _circle(track: ComplexArray, least_arc: float) -> complex | None:
+def _fit_circle(track: ComplexArray, least_arc: float) -> complex | None:
     """Return the centre of a point's circular track; None where the track is no circle."""
     known = track[np.isfinite(track)]
     for _ in range(2):  # the second fit is without faults
@@ -232,7 +234,7 @@ def _circle(track: ComplexArray, least_arc: float) -> complex | None:
         if not np.isfinite(centre):
             return None
         distance = np.abs(known - centre)
-        radius, off = _constant(distance)
+        radius, off = _measure_constancy(distance)
         if off > _ROUND or radius < _NEAREST or arc(np.exp(1j * np.angle(known - centre))) < least_arc:
             off_enough = np.abs(distance - radius)
             known = known[off_enough <= np.quantile(off_enough, _USUAL)]

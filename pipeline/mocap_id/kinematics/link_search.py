@@ -16,7 +16,7 @@ from mocap_id.arrays import IntArray
 from mocap_id.kinematics.chain_equations import joint_positions
 from mocap_id.kinematics.hypotheses import SegmentationProblem
 from mocap_id.kinematics.link_fit import SCALE, LinkFit, Pin, costs_on_segments, fit_path, path_cost
-from mocap_id.kinematics.link_markers import Path, linked_paths, point_units, unit_track
+from mocap_id.kinematics.link_markers import Path, average_track, find_linked_paths, group_points
 
 _MOST_POINTS = 24  # moving points of a conventional set; with more, segments are rigid bodies
 _TRIED = 4  # paths of every number of segments that are fitted
@@ -28,11 +28,11 @@ _NEAR = 0.04  # m; a marker this close to an inner joint may represent it
 _INNER_FRAMES = 30.0  # frames for which such a marker counts: its error is the same in all of them
 
 
-def best_links(problem: SegmentationProblem) -> LinkFit | None:
+def find_best_links(problem: SegmentationProblem) -> LinkFit | None:
     """Return the cheapest chain that has a segment without a rigid body of its own; None where there is none."""
-    if len(list(point_units(problem.points, problem.lateral, problem.moving))) > _MOST_POINTS:
+    if len(list(group_points(problem.points, problem.lateral, problem.moving))) > _MOST_POINTS:
         return None
-    paths = list(linked_paths(problem))
+    paths = list(find_linked_paths(problem))
     costs = [path_cost(problem, path) for path in paths]
     fits: list[tuple[LinkFit, Path]] = []
     tried: Counter[int] = Counter()
@@ -46,56 +46,58 @@ def best_links(problem: SegmentationProblem) -> LinkFit | None:
             continue
         tried[len(path)] += 1
         fit = fit_path(problem, path)
-        if fit is not None and _allowed(problem, fit.segment):
+        if fit is not None and _is_allowed(problem, fit.segment):
             fits.append((fit, path))
     if not fits:
         return None
     fit, path = min(fits, key=lambda each: each[0].cost)
-    fit = _with_joint_markers(problem, path, fit)
+    fit = _add_joint_markers(problem, path, fit)
     alone = [points for step, points in zip(path, fit.points, strict=True) if step.body is None]
     return fit if min(alone) < 2 else None  # rigid bodies are found without link markers
 
 
-def _allowed(problem: SegmentationProblem, segment: IntArray) -> bool:
+def _is_allowed(problem: SegmentationProblem, segment: IntArray) -> bool:
     return all(problem.constraints.allow(np.flatnonzero(segment == k)) for k in range(segment.max() + 1))
 
 
-def _with_joint_markers(problem: SegmentationProblem, path: Path, fit: LinkFit) -> LinkFit:
+def _add_joint_markers(problem: SegmentationProblem, path: Path, fit: LinkFit) -> LinkFit:
     """Return the fit in which markers represent the ankle and the inner joints, as far as the cost allows."""
     weight = (SCALE / _OFF_AXIS) ** 2
-    units = list(point_units(problem.points, problem.lateral, problem.base.markers))
+    units = list(group_points(problem.points, problem.lateral, problem.base.markers))
     moves = [float(np.mean(problem.base.scatter[unit])) for unit in units]
     best: LinkFit | None = None
     for unit, scatter in zip(units, moves, strict=True):
         if scatter < _MORE_THAN_STILL * min(moves):
             continue
-        tried = fit_path(problem, path, (Pin(0, unit, unit_track(problem.points, unit), weight),))
+        tried = fit_path(problem, path, (Pin(0, unit, average_track(problem.points, unit), weight),))
         if tried is not None and tried.cost - fit.cost < _RISE and (best is None or tried.cost < best.cost):
             best = tried
     fit = best or fit
     for joint in range(1, len(path)):
-        fit = _inner(problem, path, fit, joint, weight) or fit
-    return _on_first_segment(problem, fit)
+        fit = _add_inner_marker(problem, path, fit, joint, weight) or fit
+    return _assign_ankle_markers(problem, fit)
 
 
-def _inner(problem: SegmentationProblem, path: Path, fit: LinkFit, joint: int, weight: float) -> LinkFit | None:
+def _add_inner_marker(
+    problem: SegmentationProblem, path: Path, fit: LinkFit, joint: int, weight: float
+) -> LinkFit | None:
     """Return the fit with a nearby marker at an inner joint; None if no marker fits there."""
     moving = np.flatnonzero((fit.segment == joint) | (fit.segment == joint + 1))
     place, _ = joint_positions(fit.state)
     near = []
-    for unit in point_units(problem.points, problem.lateral, moving):
-        off = np.abs(unit_track(problem.points, unit)[fit.used] - place[:, joint])
+    for unit in group_points(problem.points, problem.lateral, moving):
+        off = np.abs(average_track(problem.points, unit)[fit.used] - place[:, joint])
         if np.isfinite(off).any() and np.nanmedian(off) < _NEAR:
             near.append((float(np.nanmedian(off)), unit))
     for _, unit in sorted(near, key=lambda each: each[0]):
-        pin = Pin(joint, unit, unit_track(problem.points, unit), weight * min(_INNER_FRAMES / len(fit.used), 1.0))
+        pin = Pin(joint, unit, average_track(problem.points, unit), weight * min(_INNER_FRAMES / len(fit.used), 1.0))
         tried = fit_path(problem, path, (*fit.pins, pin))
         if tried is not None and tried.cost - fit.cost < _INNER_RISE:
             return tried
     return None
 
 
-def _on_first_segment(problem: SegmentationProblem, fit: LinkFit) -> LinkFit:
+def _assign_ankle_markers(problem: SegmentationProblem, fit: LinkFit) -> LinkFit:
     """Return the fit with the still markers at joint 1 assigned to segment 1."""
     ankle = np.array([marker for pin in fit.pins if pin.joint == 0 for marker in pin.unit], dtype=np.int64)
     segment, local = fit.segment.copy(), fit.state.local.copy()

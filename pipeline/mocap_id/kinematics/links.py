@@ -26,7 +26,7 @@ from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 from mocap_id.errors import NumericalError, Refused
 from mocap_id.kinematics.centre_covariance import lag_one_covariance
 from mocap_id.kinematics.chain_equations import ChainState, joint_positions
-from mocap_id.kinematics.chain_fit import ChainFit, continuous, joint_angles, length_sd
+from mocap_id.kinematics.chain_fit import ChainFit, joint_angles, length_sd, unwrap_angles
 from mocap_id.kinematics.circle import fit_common_centre
 from mocap_id.kinematics.joint import arc, fit_joint
 from mocap_id.kinematics.rigid_body import RigidBody, fit_body, rigid_poses, still_body
@@ -60,16 +60,18 @@ def fit_links(points: ComplexArray, segment: IntArray, method: LinkMethod) -> Ch
         The markers of a segment move on straight lines, so that their circles have no centre.
     """
     state = rigid_body_links(points, segment) if method == "rigid-body" else circle_links(points, segment)
-    used = frames_used(state.angles)
-    off = points - _predicted(state, segment)
+    used = find_used_frames(state.angles)
+    off = points - _predict_markers(state, segment)
     off[~used] = np.nan
     off[:, segment == 0] = points[:, segment == 0] - state.local[segment == 0]
-    angles = continuous(np.where(used[:, None], state.angles, np.nan))
+    angles = unwrap_angles(np.where(used[:, None], state.angles, np.nan))
     arcs = np.array([arc(np.exp(1j * relative)) for relative in joint_angles(angles[used]).T])
     covariance = np.full((len(arcs), 2, 2), np.nan)
     if method == "rigid-body":
         slip = slip_variance(off[used], segment, arcs, _UNSEEN)
-        covariance = _left_out(points, segment, state, np.flatnonzero(used)) + slip[:, None, None] * np.eye(2)
+        covariance = _jackknife_covariance(points, segment, state, np.flatnonzero(used)) + slip[:, None, None] * np.eye(
+            2
+        )
     return ChainFit(
         state.centres,
         state.local,
@@ -174,13 +176,13 @@ def circle_links(points: ComplexArray, segment: IntArray) -> ChainState:
                 "circles have no centre. Use `fit-joints: {estimator: bundle}`."
             )
         centres[joint] = centre
-        turn, local[own] = _turned_about(seen_from[:, own] - centre)
+        turn, local[own] = _fit_rotations(seen_from[:, own] - centre)
         angles[:, joint] = (angles[:, joint - 1] if joint else 0) + np.angle(turn)
         seen_from = np.conj(turn)[:, None] * (seen_from - centre)  # 3.9
     return ChainState(centres, local, angles)
 
 
-def _predicted(state: ChainState, segment: IntArray) -> ComplexArray:
+def _predict_markers(state: ChainState, segment: IntArray) -> ComplexArray:
     """Return the markers (F, M) predicted by the chain, with those of the base, m; NaN where an angle is unknown."""
     origin, turn = joint_positions(state)
     origin = np.concatenate([np.zeros((len(turn), 1)), origin], axis=1)
@@ -188,7 +190,7 @@ def _predicted(state: ChainState, segment: IntArray) -> ComplexArray:
     return np.asarray(origin[:, segment] + turn[:, segment] * state.local)
 
 
-def _turned_about(arms: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
+def _fit_rotations(arms: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
     """Return rotation (F,) and coordinates (k,) of markers about a known centre, by least squares.
 
     Parameters
@@ -213,7 +215,7 @@ def _directions(moment: ComplexArray) -> ComplexArray:
     return np.where(size > 0, moment / np.where(size > 0, size, 1), 1)
 
 
-def frames_used(angles: FloatArray) -> BoolArray:
+def find_used_frames(angles: FloatArray) -> BoolArray:
     """Return the frames (F,) in which every angle (F, n) is known.
 
     Raises
@@ -235,7 +237,7 @@ def frames_used(angles: FloatArray) -> BoolArray:
     return used
 
 
-def _left_out(points: ComplexArray, segment: IntArray, state: ChainState, used: IntArray) -> FloatArray:
+def _jackknife_covariance(points: ComplexArray, segment: IntArray, state: ChainState, used: IntArray) -> FloatArray:
     """Return the covariance (n, 2, 2) of the centres by leaving out one block of time at a time (jackknife), m^2.
 
     It includes the dependence between joints and residuals that are correlated within a block, but not an error common
@@ -243,14 +245,14 @@ def _left_out(points: ComplexArray, segment: IntArray, state: ChainState, used: 
     """
     blocks = np.array_split(used, min(_BLOCKS, len(used)))
     found = np.stack(
-        [_aligned(rigid_body_links(np.delete(points, block, axis=0), segment), state, segment) for block in blocks]
+        [_align_frames(rigid_body_links(np.delete(points, block, axis=0), segment), state, segment) for block in blocks]
     )
     off = found - found.mean(axis=0)
     xy = np.stack([off.real, off.imag], axis=2)
     return np.asarray((len(blocks) - 1) / len(blocks) * np.einsum("bji,bjk->jik", xy, xy))
 
 
-def _aligned(state: ChainState, reference: ChainState, segment: IntArray) -> ComplexArray:
+def _align_frames(state: ChainState, reference: ChainState, segment: IntArray) -> ComplexArray:
     """Return the centres (n,) with every segment frame turned as close to the reference as possible (the gauge)."""
     joints = len(state.centres)
     centres = state.centres.copy()

@@ -86,7 +86,7 @@ class _Tracks:
 
 
 @dataclass(frozen=True)
-class _Place:
+class _Position:
     """Where a marker is on a segment: its coordinates, its usual distance from them, and how often it is there."""
 
     segment: int
@@ -104,7 +104,7 @@ class RecordedMarkers:
     points : (T, M, 3) array
         In the frames ``rows``, m.
     rows : (T,) int array
-        These frames (:func:`sampled_rows`).
+        These frames (:func:`sample_rows`).
     track : callable
         Return the trajectory (F, 3) of one marker, given by its column, in all frames, m.
     rate : float
@@ -117,7 +117,7 @@ class RecordedMarkers:
     rate: float
 
 
-def sampled_rows(frames: int, rate: float) -> IntArray:
+def sample_rows(frames: int, rate: float) -> IntArray:
     """Return the rows of the frames in which :func:`find_bad_stretches` follows the markers."""
     return np.arange(0, frames, max(1, round(rate / _RATE), -(-frames // _MOST)))
 
@@ -137,17 +137,17 @@ def find_bad_stretches(
     examined : int array
         Columns of the markers that may be bad.
     """
-    tracks = _tracks(recorded, found, fitted)
+    tracks = _express_in_segments(recorded, found, fitted)
     if tracks is None:
         return ()
-    usual = _usual_places(tracks, found.segment)
+    usual = _find_usual_positions(tracks, found.segment)
     bad: list[BadStretch] = []
     strays: list[int] = []
     for marker in examined:
-        place = usual[marker] or _best_place(tracks, int(marker))
+        place = usual[marker] or _find_best_position(tracks, int(marker))
         own = []
         if place is not None and place.share >= _LEAST_SHARE:
-            own = _stretches(recorded, tracks, place, int(marker))
+            own = _find_stretches(recorded, tracks, place, int(marker))
         if not own and found.segment[marker] < 0:
             strays.append(int(marker))
         bad += own
@@ -155,7 +155,7 @@ def find_bad_stretches(
     return (*bad, *(BadStretch(int(marker), 0, int(recorded.rows[-1]), "ghost") for marker in ghosts))
 
 
-def _tracks(recorded: RecordedMarkers, found: Segmentation, fitted: ComplexArray) -> _Tracks | None:
+def _express_in_segments(recorded: RecordedMarkers, found: Segmentation, fitted: ComplexArray) -> _Tracks | None:
     """Return the markers in the frames of the robustly fitted segments; None where too few frames show them."""
     rows, plane = recorded.rows, recorded.points[..., 0] + 1j * recorded.points[..., 1]
     segment, assigned = found.segment, np.flatnonzero(found.segment >= 0)
@@ -171,7 +171,7 @@ def _tracks(recorded: RecordedMarkers, found: Segmentation, fitted: ComplexArray
         return None
     start = np.stack([np.interp(rows, rows[k], np.unwrap(a[k])) for a, k in zip(start.T, known.T, strict=True)], axis=1)
     moving = segment[assigned] > 0
-    angles = _robust_angles(
+    angles = _fit_robust_angles(
         plane[:, assigned[moving]], segment[assigned[moving]], replace(state, local=state.local[moving], angles=start)
     )
     origin, turn = joint_positions(replace(state, angles=angles))
@@ -180,7 +180,7 @@ def _tracks(recorded: RecordedMarkers, found: Segmentation, fitted: ComplexArray
     return _Tracks(rows, local, frames_along_motion(plane, _ALONG))
 
 
-def _robust_angles(points: ComplexArray, segment: IntArray, state: ChainState) -> FloatArray:
+def _fit_robust_angles(points: ComplexArray, segment: IntArray, state: ChainState) -> FloatArray:
     """Return the angles (T, n) that fit a known chain to each frame with Cauchy's loss, rad."""
     seen = np.isfinite(points)
     problem = ChainProblem.without_points(seen.astype(np.float64), segment, len(state.centres))
@@ -197,9 +197,9 @@ def _robust_angles(points: ComplexArray, segment: IntArray, state: ChainState) -
     return state.angles
 
 
-def _usual_places(tracks: _Tracks, segment: IntArray) -> list[_Place | None]:
+def _find_usual_positions(tracks: _Tracks, segment: IntArray) -> list[_Position | None]:
     """Return the place of each marker (M) on its own segment; None for a marker without a segment."""
-    own = [_place(tracks, int(k), marker) if k >= 0 else None for marker, k in enumerate(segment)]
+    own = [_find_position(tracks, int(k), marker) if k >= 0 else None for marker, k in enumerate(segment)]
     typical = {
         k: float(np.median([place.usual for place in own if place is not None and place.segment == k]))
         for k in {place.segment for place in own if place is not None}
@@ -207,15 +207,15 @@ def _usual_places(tracks: _Tracks, segment: IntArray) -> list[_Place | None]:
     return [place and replace(place, usual=max(place.usual, typical[place.segment])) for place in own]
 
 
-def _best_place(tracks: _Tracks, marker: int) -> _Place | None:
+def _find_best_position(tracks: _Tracks, marker: int) -> _Position | None:
     """Return the place of a marker on the moving segment that holds it most of the motion, or else on the base."""
-    places = [_place(tracks, k, marker) for k in range(len(tracks.local))]
+    places = [_find_position(tracks, k, marker) for k in range(len(tracks.local))]
     moving = [place for place in places[1:] if place is not None]
     best = max(moving, key=lambda place: place.share, default=None)
     return best if best is not None and best.share >= _LEAST_SHARE else places[0]
 
 
-def _place(tracks: _Tracks, segment: int, marker: int) -> _Place | None:
+def _find_position(tracks: _Tracks, segment: int, marker: int) -> _Position | None:
     """Return where a marker is for most of the motion, in the frame of a segment; None if it is hardly seen."""
     track = tracks.local[segment, tracks.along, marker]
     track = track[np.isfinite(track)]
@@ -227,16 +227,16 @@ def _place(tracks: _Tracks, segment: int, marker: int) -> _Place | None:
         place = complex(track[np.abs(track - place) < _HELD].mean())
     off = np.abs(track - place)
     held = off < _HELD
-    return _Place(segment, place, float(np.median(off[held])), float(held.mean()))
+    return _Position(segment, place, float(np.median(off[held])), float(held.mean()))
 
 
-def _stretches(recorded: RecordedMarkers, tracks: _Tracks, place: _Place, marker: int) -> list[BadStretch]:
+def _find_stretches(recorded: RecordedMarkers, tracks: _Tracks, place: _Position, marker: int) -> list[BadStretch]:
     """Return the bad stretches of a marker that is on its segment otherwise."""
     points, rate = recorded.points[:, marker], recorded.rate
     local = tracks.local[place.segment, :, marker]
     seen = np.flatnonzero(np.isfinite(local))
     out = np.abs(local[seen] - place.local) > max(_LEAST_OFF, _OFF * place.usual)
-    out |= _repeated(points[seen])
+    out |= _find_repeated(points[seen])
     if not out.any():
         return []
     positions = recorded.track(marker)
@@ -244,20 +244,21 @@ def _stretches(recorded: RecordedMarkers, tracks: _Tracks, place: _Place, marker
     positions, apart = positions[there], np.diff(there)
     steps, _ = find_jumps(np.diff(positions, axis=0) / apart[:, None], apart)
     found: list[BadStretch] = []
-    for run in _bridged(find_runs(out), tracks.rows[seen], _BRIDGED * rate):
+    for run in _bridge_gaps(find_runs(out), tracks.rows[seen], _BRIDGED * rate):
         rows, off = tracks.rows[seen[run]], local[seen[run]]
         if rows[-1] - rows[0] < _SHORTEST * rate:
             continue
         begin, end = (
-            _nearest(there[jump], frame, _NEAR * rate) for jump, frame in ((steps + 1, rows[0]), (steps, rows[-1]))
+            _find_nearest_jump(there[jump], frame, _NEAR * rate)
+            for jump, frame in ((steps + 1, rows[0]), (steps, rows[-1]))
         )
         sudden = begin is not None or end is not None
-        still, repeated = _still_frames(positions, there, rows), _repeated(points[seen[run]]).mean() > _MOSTLY
+        still, repeated = _find_still_frames(positions, there, rows), _find_repeated(points[seen[run]]).mean() > _MOSTLY
         least = _REPEATED_MOVES if repeated else _SEGMENT_MOVES
-        if still is not None and (sudden or repeated) and _travel(off) > least:
+        if still is not None and (sudden or repeated) and _measure_range(off) > least:
             found.append(BadStretch(marker, *still, "frozen"))
             continue
-        moved = _travel(off) < 2 * _HELD and _is_step(local[seen], run, place.local)
+        moved = _measure_range(off) < 2 * _HELD and _is_step(local[seen], run, place.local)
         if not sudden and not moved:
             continue
         before = tracks.rows[seen[run.start - 1]] + 1 if run.start else there[0]
@@ -276,14 +277,14 @@ def _is_step(track: ComplexArray, run: slice, place: complex) -> bool:
     return bool(abs(track[last] - track[last - 1]) > _STEP * away)
 
 
-def _repeated(positions: FloatArray) -> BoolArray:
+def _find_repeated(positions: FloatArray) -> BoolArray:
     """Return which positions (K, 3) are exactly those of the sample before or after."""
     same = np.zeros(len(positions) + 1, dtype=np.bool_)
     same[1:-1] = np.all(positions[1:] == positions[:-1], axis=1)
     return np.asarray(same[1:] | same[:-1])
 
 
-def _bridged(runs: list[slice], frames: IntArray, longest: float) -> list[slice]:
+def _bridge_gaps(runs: list[slice], frames: IntArray, longest: float) -> list[slice]:
     """Return the runs, with those less than ``longest`` frames apart joined."""
     joined: list[slice] = []
     for run in runs:
@@ -294,7 +295,7 @@ def _bridged(runs: list[slice], frames: IntArray, longest: float) -> list[slice]
     return joined
 
 
-def _nearest(jumps: IntArray, frame: int, reach: float) -> int | None:
+def _find_nearest_jump(jumps: IntArray, frame: int, reach: float) -> int | None:
     """Return the frame of a jump that is nearest to a frame; None if none is within ``reach`` frames."""
     if not len(jumps):
         return None
@@ -302,7 +303,7 @@ def _nearest(jumps: IntArray, frame: int, reach: float) -> int | None:
     return nearest if abs(nearest - frame) <= reach else None
 
 
-def _still_frames(positions: FloatArray, there: IntArray, rows: IntArray) -> tuple[int, int] | None:
+def _find_still_frames(positions: FloatArray, there: IntArray, rows: IntArray) -> tuple[int, int] | None:
     """Return the first and last frame of a still stretch around the frames ``rows``; None if the marker moves there.
 
     Parameters
@@ -325,7 +326,7 @@ def _still_frames(positions: FloatArray, there: IntArray, rows: IntArray) -> tup
     return int(around[0][0]), int(around[-1][-1])
 
 
-def _travel(track: ComplexArray) -> float:
+def _measure_range(track: ComplexArray) -> float:
     """Return the largest 5 to 95 % range of the coordinates of a track, m."""
     low, high = np.quantile(np.stack([track.real, track.imag]), [0.05, 0.95], axis=1)
     return float(np.max(high - low))

@@ -82,7 +82,7 @@ def fit_plane(positions: FloatArray) -> PlaneFit:
         axis = _principal_axis(horizontal, weights)
     off_plane = horizontal @ np.array([-axis[1], axis[0]])
     yaw = float(np.arctan2(axis[1], axis[0]))
-    vertical = PlaneFit(_half_turn(yaw), float(np.sum(off_plane**2) / np.sum(displacements**2)))
+    vertical = PlaneFit(_wrap_half_circle(yaw), float(np.sum(off_plane**2) / np.sum(displacements**2)))
     leaning = _fit_leaning(displacements)
     clear = _LEANS[0] <= abs(leaning.lean) <= _LEANS[1] and leaning.planarity < _EXPLAINED * vertical.planarity
     return leaning if clear else vertical
@@ -106,7 +106,7 @@ def _fit_leaning(displacements: FloatArray) -> PlaneFit:
             break
         weights = 1 / (1 + (off_plane / (3 * scale)) ** 2)
     x, y, z = vectors[:, 0]
-    yaw = _half_turn(float(np.arctan2(x, -y)))
+    yaw = _wrap_half_circle(float(np.arctan2(x, -y)))
     if x * np.sin(yaw) - y * np.cos(yaw) < 0:  # the normal points along z of the plane frame
         z = -z
     lean = -float(np.arcsin(np.clip(z, -1, 1)))
@@ -127,5 +127,5 @@ def _principal_axis(points: FloatArray, weights: FloatArray) -> FloatArray:
     return np.asarray(vectors[:, 1])
 
 
-def _half_turn(angle: float) -> float:
+def _wrap_half_circle(angle: float) -> float:
     return float(np.pi / 2 - (np.pi / 2 - angle) % np.pi)

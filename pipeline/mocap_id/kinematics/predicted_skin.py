@@ -12,7 +12,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.kinematics.chain_equations import ChainProblem, ChainState
-from mocap_id.kinematics.skin_slides import EXACT, FRAMES, SkinModel, fit_response, scaled_angles, slide_scales
+from mocap_id.kinematics.skin_slides import EXACT, FRAMES, SkinModel, fit_response, scale_angles, slide_scales
 
 
 def predict_skin(skin: SkinModel, angles: FloatArray, camera_sd: float, seen: int, frames: int = FRAMES) -> SkinModel:
@@ -48,6 +48,6 @@ def predict_skin(skin: SkinModel, angles: FloatArray, camera_sd: float, seen: in
     weights = np.broadcast_to(skin.weight * weight / weight.mean(), (len(traced.angles), len(weight)))
     fitted = ChainProblem.without_points(weights, skin.segment, len(skin.centres))
     averaging = np.sqrt(len(weights) / FRAMES)  # camera noise averages over FRAMES frames in a fit
-    shape = scaled_angles(relative[chosen], spread, skin.segment)
+    shape = scale_angles(relative[chosen], spread, skin.segment)
     moved, noise = fit_response(fitted, traced, shape, camera_sd * averaging)
     return replace(skin, size=size, mean=mean, spread=spread, moved=moved, noise=noise)

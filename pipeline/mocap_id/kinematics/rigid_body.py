@@ -121,7 +121,7 @@ def variance_over_time(values: FloatArray | ComplexArray) -> tuple[FloatArray, I
     return np.where(seen, np.abs(filled - mean) ** 2, 0).sum(axis=0) / np.maximum(counts, 1), counts
 
 
-def count_places(local: ComplexArray) -> int:
+def count_positions(local: ComplexArray) -> int:
     """Return the number of places (K,) in the plane, m; places within 30 mm of an earlier one count once."""
     kept: list[complex] = []
     for each in local:

@@ -22,7 +22,7 @@ from mocap_id.kinematics.constraints import Constraints
 from mocap_id.kinematics.hypotheses import FLOOR, Hypothesis, SegmentationProblem, SegmentationRules
 from mocap_id.kinematics.joint import PairJoint, fit_joint
 from mocap_id.kinematics.link_fit import SEGMENT_PRICE, LinkFit, log_cost
-from mocap_id.kinematics.link_search import best_links
+from mocap_id.kinematics.link_search import find_best_links
 from mocap_id.kinematics.rigid_body import RigidBody, marker_residuals, still_body
 
 _ADOPT = 2.0  # largest residual of an adopted marker, relative to the segment's own
@@ -98,11 +98,11 @@ def segment_markers(
     considered = tuple(sorted(find_hypotheses(problem), key=lambda hypothesis: hypothesis.cost))
     found = _assign(problem, considered) if considered else None
     if found is None or found.confidence.value < _SURE or found.confidence.against["left-out"] > 0:
-        links = best_links(problem)
+        links = find_best_links(problem)
         if links is not None and (found is None or _explains_more(problem, links, found)):
-            return _with_links(problem, considered, links)
+            return _build_from_links(problem, considered, links)
     if found is None:
-        raise _no_chain(problem)
+        raise _explain_missing_chain(problem)
     return found
 
 
@@ -121,7 +121,7 @@ def _rigid_cost(problem: SegmentationProblem, found: Segmentation) -> float:
     return float(log_cost(residual[seen]).sum()) + SEGMENT_PRICE * (found.count - 1)
 
 
-def _with_links(problem: SegmentationProblem, considered: tuple[Hypothesis, ...], links: LinkFit) -> Segmentation:
+def _build_from_links(problem: SegmentationProblem, considered: tuple[Hypothesis, ...], links: LinkFit) -> Segmentation:
     """Return the segments of a chain with single-marker segments."""
     explained = explained_share(links.segment, problem.lateral, problem.moving)
     return Segmentation(
@@ -146,7 +146,7 @@ def _require_base_and_motion(base: Base, points: ComplexArray, rules: Segmentati
             f"{len(base.markers)} of {markers} markers stand still (the stillest moves by "
             f"{1e3 * least:.0f} mm rms); a chain needs a base with at least 2 markers within "
             f"{1e3 * rules.still_limit:.0f} mm. Give a `window:` in which the feet stand still, or record such a part."
-            + _unit_doubt(extent),
+            + _hint_at_unit(extent),
             least if np.isfinite(least) else None,
             rules.still_limit,
         )
@@ -161,7 +161,7 @@ def _require_base_and_motion(base: Base, points: ComplexArray, rules: Segmentati
         )
 
 
-def _unit_doubt(extent: float) -> str:
+def _hint_at_unit(extent: float) -> str:
     """Return a hint if the markers reach higher than any body."""
     if extent <= _TALLEST:
         return ""
@@ -177,12 +177,12 @@ def _assign(problem: SegmentationProblem, considered: tuple[Hypothesis, ...]) ->
     segment = np.full(points.shape[1], -1)
     for k, body in enumerate(links):
         segment[body.markers] = k
-    _adopt(problem.constraints, segment, residuals / (_ADOPT * own)[:, None])
+    _assign_leftovers(problem.constraints, segment, residuals / (_ADOPT * own)[:, None])
     residual = residuals[segment, np.arange(points.shape[1])]
     axis = find_axis_markers(problem, best.chain[0], np.flatnonzero(segment == 1))
     for marker, on_segment in axis.residual.items():
         segment[marker], residual[marker] = 1, on_segment
-    ratios = _ratios(points, links, best.joints)
+    ratios = _compute_ratios(points, links, best.joints)
     explained = explained_share(segment, problem.lateral, problem.moving)
     return Segmentation(
         segment,
@@ -195,7 +195,7 @@ def _assign(problem: SegmentationProblem, considered: tuple[Hypothesis, ...]) ->
     )
 
 
-def _adopt(constraints: Constraints, segment: IntArray, cost: FloatArray) -> None:
+def _assign_leftovers(constraints: Constraints, segment: IntArray, cost: FloatArray) -> None:
     """Assign leftover markers to the segments that fit them, the most certain first; a unit stays together.
 
     Parameters
@@ -221,7 +221,9 @@ def _adopt(constraints: Constraints, segment: IntArray, cost: FloatArray) -> Non
             segment[unit] = np.argmin(open_to)
 
 
-def _ratios(points: ComplexArray, links: tuple[RigidBody, ...], joints: tuple[PairJoint, ...]) -> tuple[float, ...]:
+def _compute_ratios(
+    points: ComplexArray, links: tuple[RigidBody, ...], joints: tuple[PairJoint, ...]
+) -> tuple[float, ...]:
     """Return for each joint the residual without its segment (the last one: fixed) divided by the residual with it."""
     skipped = [
         fit_joint(links[i], links[i + 2]).residual / max(joints[i].residual, FLOOR) for i in range(len(joints) - 1)
@@ -231,7 +233,7 @@ def _ratios(points: ComplexArray, links: tuple[RigidBody, ...], joints: tuple[Pa
     return (*skipped, float(fixed / max(np.hypot(joints[-1].residual, last.residual), FLOOR)))
 
 
-def _no_chain(problem: SegmentationProblem) -> Refused:
+def _explain_missing_chain(problem: SegmentationProblem) -> Refused:
     """Return the refusal: no body turns about a point of the base, or no chain has the requested length."""
     rules = problem.rules
     if rules.count is not None:
@@ -247,7 +249,7 @@ def _no_chain(problem: SegmentationProblem) -> Refused:
                 float(rules.count),
                 float(found[-1]),
             )
-    bodies = [body for level in (1, 2, 3) for body in problem.clusters.at(level)]
+    bodies = [body for level in (1, 2, 3) for body in problem.clusters.bodies_at(level)]
     pairs = [(fit_joint(problem.ground, body), body) for body in bodies]
     joint, body = min(pairs, key=lambda pair: np.hypot(pair[0].residual, pair[1].residual), default=(None, None))
     if joint is None or body is None:

@@ -24,8 +24,8 @@ from mocap_id.kinematics.chain_equations import (
     angle_blocks,
     eliminate_angles,
     joint_positions,
-    left_by_pose,
-    shared_variance,
+    remaining_share,
+    share_variance,
 )
 from mocap_id.kinematics.frame_sampling import frames_along_motion
 
@@ -104,13 +104,13 @@ class SkinModel:
         cross, normal = angle_blocks(ChainProblem.without_points(weights, segment, n), state)
         turns = (np.eye(n) - np.eye(n, k=-1)) @ np.linalg.inv(normal) @ cross  # (T, n, P); absolute to joint angles
         gain = turns[..., 2 * n :].reshape(len(angles), n, len(segment), 2)
-        shape = scaled_angles(angles - self.mean, self.spread, segment)
+        shape = scale_angles(angles - self.mean, self.spread, segment)
         errors = turns @ -self.common
         slides = gain[:, :, :, None, :] * (shape * np.sqrt(self.size)[:, None])[:, None, :, :, None]
         errors[..., : _MODES * len(segment)] += slides.reshape(len(angles), n, -1)
         return errors, gain
 
-    def frames_turned(self) -> tuple[FloatArray, FloatArray]:
+    def stored_chain_errors(self) -> tuple[FloatArray, FloatArray]:
         """Return the effect of every mode on the stored chain, in which +y of a segment points to its next joint.
 
         Returns
@@ -154,7 +154,7 @@ def fit_skin(
     mean = relative.mean(axis=0)
     relative -= mean
     spread = slide_scales(relative)[segment - 1]
-    size, rest, square, often = _sizes(points, segment, state, relative, spread)
+    size, rest, square, often = _estimate_sizes(points, segment, state, relative, spread)
     used = frames_along_motion(points, FRAMES, observed)
     seen, weight = np.isfinite(points[used]), 1.0 / np.maximum(square, EXACT**2)
     pinned = np.zeros(len(segment), dtype=np.bool_)
@@ -162,7 +162,7 @@ def fit_skin(
         np.where(seen, points[used], 0), seen * (weight / weight.mean()), segment, pinned, len(state.centres)
     )
     traced = replace(state, angles=state.angles[used])
-    moved, noise = fit_response(fitted, traced, scaled_angles(relative[used], spread, segment), camera_sd)
+    moved, noise = fit_response(fitted, traced, scale_angles(relative[used], spread, segment), camera_sd)
     return SkinModel(state.centres, state.local, segment, often, size, rest, mean, spread, moved, noise)
 
 
@@ -219,13 +219,13 @@ def slide_scales(relative: FloatArray) -> FloatArray:
     return np.where(spread > 0, spread, 1)
 
 
-def scaled_angles(relative: FloatArray, spread: FloatArray, segment: IntArray) -> FloatArray:
+def scale_angles(relative: FloatArray, spread: FloatArray, segment: IntArray) -> FloatArray:
     """Return the centred angles (T, n) of the joints below and above each marker, divided by its scale, (T, K, 2)."""
     beyond = np.concatenate([relative, np.zeros((len(relative), 1))], axis=1)
     return np.asarray(np.stack([beyond[:, segment - 1], beyond[:, segment]], axis=2) / spread[:, None])
 
 
-def _sizes(
+def _estimate_sizes(
     points: ComplexArray, segment: IntArray, state: ChainState, relative: FloatArray, spread: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return for each marker: two variances of the slide, inverse weight, and share of frames in which it is seen.
@@ -237,19 +237,19 @@ def _sizes(
     found = np.empty((4, len(segment)))
     for k, joint in enumerate(segment - 1):  # one by one, to limit memory
         off = (points[:, k] - (origin[:, joint] + turn[:, joint] * state.local[k])) * np.conj(turn[:, joint])
-        found[:, k] = _own_sizes(off, scaled_angles(relative, spread[k : k + 1], segment[k : k + 1])[:, 0])
+        found[:, k] = _estimate_marker_sizes(off, scale_angles(relative, spread[k : k + 1], segment[k : k + 1])[:, 0])
     size, rest, square, often = found
-    square = shared_variance(square, often, segment, state.local)  # the weights of the joint fit
+    square = share_variance(square, often, segment, state.local)  # the weights of the joint fit
     for k in range(1, len(state.centres) + 1):
         members = segment == k
         weights = often[members] / np.maximum(square[members], EXACT**2)
-        left = left_by_pose(weights, state.local[members])
+        left = remaining_share(weights, state.local[members])
         size[members] /= left
         rest[members] /= left
     return size, np.minimum(rest, size), square, often
 
 
-def _own_sizes(off: ComplexArray, shape: FloatArray) -> tuple[float, float, float, float]:
+def _estimate_marker_sizes(off: ComplexArray, shape: FloatArray) -> tuple[float, float, float, float]:
     """Return the sizes of one marker from its offset (F,) and shapes (F, 2), m^2 per coordinate.
 
     These are the variances of the lasting offset, of the lasting offset without its shapes, and of the offset, and the
@@ -261,10 +261,10 @@ def _own_sizes(off: ComplexArray, shape: FloatArray) -> tuple[float, float, floa
     square = basis.T @ basis + _RIDGE * len(basis) * np.eye(basis.shape[1])
     left = off - as_complex(basis @ np.linalg.solve(square, basis.T @ as_xy(off)))
     mean_square = np.sum(np.abs(off) ** 2) / max(np.count_nonzero(seen), 1) / 2
-    return _lasting(off, seen), _lasting(left, seen), float(mean_square), float(np.mean(seen))
+    return _lag_one_variance(off, seen), _lag_one_variance(left, seen), float(mean_square), float(np.mean(seen))
 
 
-def _lasting(off: ComplexArray, seen: BoolArray) -> float:
+def _lag_one_variance(off: ComplexArray, seen: BoolArray) -> float:
     """Return the lag-one covariance of a marker's offset (F,) per coordinate, at least 0, m^2."""
     pairs = max(int(np.count_nonzero(seen[1:] & seen[:-1])), 1)
     return max(float((np.conj(off[1:]) * off[:-1]).real.sum()) / pairs, 0.0) / 2

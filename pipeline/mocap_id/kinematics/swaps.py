@@ -71,14 +71,16 @@ def find_swaps(positions: FloatArray, rate: float) -> tuple[Swap, ...]:
     count, markers = positions.shape[:2]
     if count < 2 or markers < 4:
         return ()
-    breaks = _breaks(positions, rate)
+    breaks = _find_breaks(positions, rate)
     if len(breaks) < 2:
         return ()
-    suspects = breaks[np.unique(_plausible(positions, breaks, *_overlapping(breaks))[0])]
+    suspects = breaks[np.unique(_drop_implausible(positions, breaks, *_pair_overlapping(breaks))[0])]
     continuations = Continuations(positions, rate)
-    suspects = suspects[np.flatnonzero(continuations.violated(suspects.column, suspects.last, suspects.following))]
-    found = _ranges(_cycles(positions, suspects, continuations), markers, count)
-    bounded = [_with_end(positions, rate, breaks, swap) if swap.stop == count else swap for swap in found]
+    suspects = suspects[
+        np.flatnonzero(continuations.find_violations(suspects.column, suspects.last, suspects.following))
+    ]
+    found = _find_durations(_find_exchanges(positions, suspects, continuations), markers, count)
+    bounded = [_bound_swap(positions, rate, breaks, swap) if swap.stop == count else swap for swap in found]
     return tuple(sorted(bounded, key=lambda swap: (swap.start, swap.first)))
 
 
@@ -102,7 +104,7 @@ def undo_swaps(positions: FloatArray, swaps: tuple[Swap, ...]) -> FloatArray:
     return out
 
 
-def _breaks(positions: FloatArray, rate: float) -> _Breaks:
+def _find_breaks(positions: FloatArray, rate: float) -> _Breaks:
     square = np.empty((len(positions) - 2, positions.shape[1]))
     with np.errstate(invalid="ignore"):
         for part in chunks(len(square)):
@@ -119,13 +121,13 @@ def _breaks(positions: FloatArray, rate: float) -> _Breaks:
         return _Breaks(jumps[:, 0], jumps[:, 1], jumps[:, 1] + 1)
     lost, lost_column = np.nonzero(seen[:-1] & ~seen[1:])
     found, found_column = np.nonzero(~seen[:-1] & seen[1:])
-    gaps = _gaps(lost, lost_column, found + 1, found_column, round(_GAP * rate))
+    gaps = _find_gaps(lost, lost_column, found + 1, found_column, round(_GAP * rate))
     columns = np.concatenate([jumps[:, 0], gaps[0]])
     last = np.concatenate([jumps[:, 1], gaps[1]])
     return _Breaks(columns, last, np.concatenate([jumps[:, 1] + 1, gaps[2]]))
 
 
-def _gaps(
+def _find_gaps(
     lost: IntArray, lost_column: IntArray, found: IntArray, found_column: IntArray, longest: int
 ) -> tuple[IntArray, IntArray, IntArray]:
     kind = np.concatenate([np.zeros(len(lost), dtype=np.int64), np.ones(len(found), dtype=np.int64)])
@@ -137,7 +139,9 @@ def _gaps(
     return column[closed], frame[closed], frame[closed + 1]
 
 
-def _plausible(positions: FloatArray, breaks: _Breaks, source: IntArray, target: IntArray) -> tuple[IntArray, IntArray]:
+def _drop_implausible(
+    positions: FloatArray, breaks: _Breaks, source: IntArray, target: IntArray
+) -> tuple[IntArray, IntArray]:
     """Return pairs of breaks, without adjacent frames where the own column is nearer to the expected place."""
     last, column = breaks.last[source], breaks.column[source]
     start = positions[last, column]
@@ -151,14 +155,16 @@ def _plausible(positions: FloatArray, breaks: _Breaks, source: IntArray, target:
     return source[keep], target[keep]
 
 
-def _cycles(positions: FloatArray, breaks: _Breaks, continuations: Continuations) -> list[tuple[int, tuple[int, ...]]]:
+def _find_exchanges(
+    positions: FloatArray, breaks: _Breaks, continuations: Continuations
+) -> list[tuple[int, tuple[int, ...]]]:
     """Return the exchanges: the first frame and the columns, in which each marker continues in the next column.
 
     The marker of the last column continues in the first one.
     """
-    source, target = _plausible(positions, breaks, *_overlapping(breaks))
+    source, target = _drop_implausible(positions, breaks, *_pair_overlapping(breaks))
     here, there = breaks[source], breaks[target]
-    evidence = continuations.evidence(here.column, here.last, here.following, there.column, there.following)
+    evidence = continuations.weigh_evidence(here.column, here.last, here.following, there.column, there.following)
     gap = np.maximum(here.following, there.following) - here.last > 1
     strong = np.flatnonzero(evidence > np.where(gap, _EVIDENCE[1], _EVIDENCE[0]))
     while not (mutual := np.isin(target[strong], source[strong])).all():
@@ -179,7 +185,7 @@ def _cycles(positions: FloatArray, breaks: _Breaks, continuations: Continuations
     return sorted(out)
 
 
-def _overlapping(breaks: _Breaks) -> tuple[IntArray, IntArray]:
+def _pair_overlapping(breaks: _Breaks) -> tuple[IntArray, IntArray]:
     """Return all ordered pairs of breaks of two columns that have an instant in common."""
     order = np.argsort(breaks.last, kind="stable")
     last, following = breaks.last[order], breaks.following[order]
@@ -193,7 +199,7 @@ def _overlapping(breaks: _Breaks) -> tuple[IntArray, IntArray]:
     return np.concatenate([one, two]), np.concatenate([two, one])
 
 
-def _ranges(events: list[tuple[int, tuple[int, ...]]], markers: int, count: int) -> tuple[Swap, ...]:
+def _find_durations(events: list[tuple[int, tuple[int, ...]]], markers: int, count: int) -> tuple[Swap, ...]:
     """Return the exchanges of two columns with their durations, from the exchanges at each event."""
     shown_by = list(range(markers))  # the marker that each column shows
     standing: dict[tuple[int, int], int] = {}
@@ -203,14 +209,14 @@ def _ranges(events: list[tuple[int, tuple[int, ...]]], markers: int, count: int)
             shown = [shown_by[column] for column in columns]
             for column, marker in zip(columns[1:] + columns[:1], shown, strict=True):
                 shown_by[column] = marker
-        now = _exchanges(shown_by)
+        now = _list_exchanges(shown_by)
         out += [Swap(*pair, start, frame) for pair, start in standing.items() if pair not in now]
         standing = {pair: standing.get(pair, frame) for pair in now}
     out += [Swap(*pair, start, count) for pair, start in standing.items()]
     return tuple(sorted(out, key=lambda swap: (swap.start, swap.first)))
 
 
-def _exchanges(shown_by: list[int]) -> list[tuple[int, int]]:
+def _list_exchanges(shown_by: list[int]) -> list[tuple[int, int]]:
     """Return the exchanges of two that sort the columns, by first column; every column is first at most once."""
     rest, out = list(shown_by), []
     for column in range(len(rest)):
@@ -221,7 +227,7 @@ def _exchanges(shown_by: list[int]) -> list[tuple[int, int]]:
     return out
 
 
-def _with_end(positions: FloatArray, rate: float, breaks: _Breaks, swap: Swap) -> Swap:
+def _bound_swap(positions: FloatArray, rate: float, breaks: _Breaks, swap: Swap) -> Swap:
     """Return a swap without an end, bounded by an exchange of one marker while the other is hidden, if there is any.
 
     Backwards in time, the marker that a column shows after such an exchange continues in the other column. If this is
@@ -236,7 +242,7 @@ def _with_end(positions: FloatArray, rate: float, breaks: _Breaks, swap: Swap) -
             before = np.flatnonzero(seen[max(following - round(_GAP * rate), 0) : following][::-1])[:1]
             here, own = last - np.array([following]), last - breaks.last[[k]]
             if before.size:
-                evidence = backwards.evidence(np.array([column]), here, own, np.array([other]), here + 1 + before)
+                evidence = backwards.weigh_evidence(np.array([column]), here, own, np.array([other]), here + 1 + before)
                 found.append((float(evidence[0]), following))
     strongest, frame = max(found, default=(0.0, 0))
     if strongest <= _EVIDENCE[1]:

@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
-from mocap_id.kinematics.joint import continuous_angle
+from mocap_id.kinematics.joint import unwrap_rotation
 from mocap_id.kinematics.rigid_body import fit_body
 
 _ASIDE = 0.03  # m; markers closer to the mid-plane belong to neither side
 
 
-def asymmetry(points: ComplexArray, lateral: FloatArray, segment: IntArray) -> FloatArray:
+def measure_asymmetry(points: ComplexArray, lateral: FloatArray, segment: IntArray) -> FloatArray:
     """Return the difference between the rotations of the two sides of each segment.
 
     Parameters
@@ -30,14 +30,16 @@ def asymmetry(points: ComplexArray, lateral: FloatArray, segment: IntArray) -> F
         markers on a side.
     """
     middle = np.nanmean(lateral[segment > 0])
-    return np.array([_one(points, lateral - middle, np.flatnonzero(segment == k)) for k in range(1, segment.max() + 1)])
+    return np.array(
+        [_compare_sides(points, lateral - middle, np.flatnonzero(segment == k)) for k in range(1, segment.max() + 1)]
+    )
 
 
-def _one(points: ComplexArray, lateral: FloatArray, members: IntArray) -> float:
+def _compare_sides(points: ComplexArray, lateral: FloatArray, members: IntArray) -> float:
     sides = members[lateral[members] < -_ASIDE], members[lateral[members] > _ASIDE]
     if min(len(side) for side in sides) < 2:
         return np.nan
     left, right = (fit_body(points, side) for side in sides)
-    difference = continuous_angle(left.rotation * np.conj(right.rotation))
+    difference = unwrap_rotation(left.rotation * np.conj(right.rotation))
     known = difference[np.isfinite(difference)]
     return float(np.std(known)) if len(known) else np.nan

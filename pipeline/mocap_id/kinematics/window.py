@@ -37,23 +37,23 @@ def propose_window(positions: FloatArray, rate: float) -> tuple[int, int]:
         place, or without a stretch of :data:`MIN_SECONDS`.
     """
     frames = len(positions)
-    if _still_throughout(positions).sum() >= 2 or _only_replaced(positions, rate):
+    if _find_still_markers(positions).sum() >= 2 or _has_displaced_base(positions, rate):
         return 0, frames
     least = MIN_SECONDS * rate
-    found = [run for still in _still(positions, rate).T for run in find_runs(still)]
+    found = [run for still in _find_still_samples(positions, rate).T for run in find_runs(still)]
     runs = [(run.start, run.stop) for run in found if run.stop - run.start >= least]
     shared = {(max(a[0], b[0]), min(a[1], b[1])) for a, b in combinations(runs, 2)}
     longest_first = sorted((s for s in shared if s[1] - s[0] >= least), key=lambda s: s[0] - s[1])
-    return next((s for s in longest_first[:_TRIED] if _moves(positions[s[0] : s[1]])), (0, frames))
+    return next((s for s in longest_first[:_TRIED] if _has_motion(positions[s[0] : s[1]])), (0, frames))
 
 
-def _only_replaced(positions: FloatArray, rate: float) -> bool:
+def _has_displaced_base(positions: FloatArray, rate: float) -> bool:
     """Return whether the base stands still in most of the recording, though not always at the same place."""
     base = find_base_motion(positions, np.arange(len(positions)) / rate, rate)
     return base is not None and sum(each.end - each.start for each in base.stretches) * rate > _STANDS * len(positions)
 
 
-def _moves(positions: FloatArray) -> bool:
+def _has_motion(positions: FloatArray) -> bool:
     """Return whether at least two markers travel far beyond the still radius, as they do not while waiting."""
     seen: BoolArray = np.asarray(np.isfinite(positions).all(axis=2))
     low = np.where(seen[..., None], positions, np.inf).min(axis=0)
@@ -62,7 +62,7 @@ def _moves(positions: FloatArray) -> bool:
     return int(np.sum(extent > _TRAVEL * STILL_RADIUS)) >= 2
 
 
-def _still_throughout(positions: FloatArray) -> BoolArray:
+def _find_still_markers(positions: FloatArray) -> BoolArray:
     """Return markers (M,) that are farther than the still radius from their median in under 2 % of seen frames."""
     seen: BoolArray = np.asarray(np.isfinite(positions).all(axis=2))
     median = np.array(
@@ -76,7 +76,7 @@ def _per_marker(positions: FloatArray, seen: BoolArray) -> list[tuple[FloatArray
     return [(positions[:, marker], seen[:, marker]) for marker in range(positions.shape[1])]
 
 
-def _still(positions: FloatArray, rate: float) -> BoolArray:
+def _find_still_samples(positions: FloatArray, rate: float) -> BoolArray:
     """Return whether (F, M) a marker stays within the still radius of one point during the second around each frame.
 
     The point is the middle of the bounding box of its positions; no corner of the box is farther away. Unseen samples

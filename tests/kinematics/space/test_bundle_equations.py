@@ -7,7 +7,7 @@ import pytest
 
 from mocap_id.geometry import so3
 from mocap_id.kinematics.space.bundle_equations import eliminate_frames, linearise
-from mocap_id.kinematics.space.bundle_model import BundleProblem, BundleState, apply_step, columns_of
+from mocap_id.kinematics.space.bundle_model import BundleProblem, BundleState, apply_step, locate_columns
 from mocap_id.kinematics.space.chain_prior import ChainPrior
 
 _STEP = 1e-6
@@ -52,7 +52,7 @@ def case(request: pytest.FixtureRequest) -> tuple[BundleProblem, BundleState]:
 
 def test_jacobians_equal_finite_differences(case: tuple[BundleProblem, BundleState]) -> None:
     problem, state = case
-    linear, cols = linearise(problem, state), columns_of(problem)
+    linear, cols = linearise(problem, state), locate_columns(problem)
     frames, markers = problem.weights.shape
     by_chain = np.concatenate([np.zeros((*linear.off.shape, 3 * markers)), linear.by_chain], axis=2)
     by_chain[:, np.arange(3 * markers), np.arange(3 * markers)] = -np.repeat(problem.weights, 3, axis=1)
@@ -74,7 +74,7 @@ def test_jacobians_equal_finite_differences(case: tuple[BundleProblem, BundleSta
 
 def test_schur_complement_equals_the_whole_system(case: tuple[BundleProblem, BundleState]) -> None:
     problem, state = case
-    linear, cols = linearise(problem, state), columns_of(problem)
+    linear, cols = linearise(problem, state), locate_columns(problem)
     frames, markers = problem.weights.shape
     by_chain = np.concatenate([np.zeros((*linear.off.shape, 3 * markers)), linear.by_chain], axis=2)
     by_chain[:, np.arange(3 * markers), np.arange(3 * markers)] = -np.repeat(problem.weights, 3, axis=1)
@@ -95,7 +95,7 @@ def test_schur_complement_equals_the_whole_system(case: tuple[BundleProblem, Bun
 
 def test_priors_equal_finite_differences(case: tuple[BundleProblem, BundleState]) -> None:
     problem, state = case
-    cols = columns_of(problem)
+    cols = locate_columns(problem)
     prior = ChainPrior(np.zeros((3, 3)), np.array([False, True, False]), np.zeros(3, bool), np.full(3, 0.1))
     still = np.zeros((len(problem.points), problem.frame_size))
     rows = prior.equations(problem, state)[1]

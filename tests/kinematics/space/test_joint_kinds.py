@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mocap_id.geometry import so3
-from mocap_id.kinematics.space.joint_kinds import axes_with_pin, rotation_arc, two_axes, weigh_kinds
+from mocap_id.kinematics.space.joint_kinds import fit_pin_axes, fit_two_axes, rotation_arc, weigh_kinds
 
 _NOISE = np.radians(0.5)
 
@@ -46,12 +46,12 @@ def test_a_small_arc_shows_no_kind() -> None:
 
 def test_two_axes_are_found() -> None:
     turn, first, second = _turns("two-axis", 0.8)
-    pair = two_axes(turn)
+    pair = fit_two_axes(turn)
     assert abs(pair.first @ first) > np.cos(np.radians(1))
     assert abs(pair.second @ second) > np.cos(np.radians(1))
 
 
 def test_a_wrong_second_axis_is_refused() -> None:
     turn, _, second = _turns("two-axis", 0.8)
-    assert axes_with_pin(turn, _NOISE**2 * np.eye(3), second) is not None
-    assert axes_with_pin(turn, _NOISE**2 * np.eye(3), np.array([1.0, 0, 0])) is None
+    assert fit_pin_axes(turn, _NOISE**2 * np.eye(3), second) is not None
+    assert fit_pin_axes(turn, _NOISE**2 * np.eye(3), np.array([1.0, 0, 0])) is None

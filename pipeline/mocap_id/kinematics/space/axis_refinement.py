@@ -14,7 +14,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
 from mocap_id.kinematics.space.bundle_model import tangents
-from mocap_id.kinematics.space.chain_result import offset_between
+from mocap_id.kinematics.space.chain_result import align_offset
 
 _LASTING = np.radians(0.6)  # rms change of the angle between the axes by skin that slides in step with the joint
 _OTHER_ANGLE = np.radians(5)  # usual change of this angle by skin that stays displaced during the whole trial
@@ -38,7 +38,7 @@ def refine_axes(chain: SpatialChain, rotations: FloatArray) -> tuple[SpatialChai
         turn = turn[np.isfinite(turn).all(axis=(1, 2))]
         if not has_known_axes(joint) or not len(turn):
             continue
-        found = _refined(joint, turn)
+        found = _refine_joint(joint, turn)
         if np.trace(found.axes_covariance[0]) < _SHOWN**2 * np.trace(joint.axes_covariance[0]):
             joints[k] = found
             refined.append(k)
@@ -50,7 +50,7 @@ def has_known_axes(joint: SpatialJoint) -> bool:
     return joint.kind == "two-axis" and bool(np.isfinite(joint.axes_covariance).all())
 
 
-def _refined(joint: SpatialJoint, turn: FloatArray) -> SpatialJoint:
+def _refine_joint(joint: SpatialJoint, turn: FloatArray) -> SpatialJoint:
     """Return the joint after Gauss-Newton steps in tangents of a and b, and κ; all frames share one error of skin."""
     axis, pin = joint.first_axis, joint.second_axis
     before = cosine = float(axis @ joint.offset @ pin)
@@ -83,5 +83,5 @@ def _refined(joint: SpatialJoint, turn: FloatArray) -> SpatialJoint:
         first_axis=axis,
         second_axis=pin,
         axes_covariance=np.stack([along @ spread[:2, :2] @ along.T, across @ spread[2:4, 2:4] @ across.T]),
-        offset=offset_between(joint.offset, axis, pin, cosine),
+        offset=align_offset(joint.offset, axis, pin, cosine),
     )

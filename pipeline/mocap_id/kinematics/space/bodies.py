@@ -50,7 +50,7 @@ class SpatialBody:
     width: float
 
     @property
-    def usual(self) -> float:
+    def rms_residual(self) -> float:
         """Return the rms of the residuals of the body's own markers, m."""
         return float(np.sqrt(np.mean(self.residual[self.markers] ** 2)))
 
@@ -64,8 +64,8 @@ def fit_spatial_body(points: FloatArray, markers: IntArray) -> SpatialBody:
     shape = fit_shape(points[:, markers], iterations=_ITERATIONS)
     rotation, origin, _ = rigid_poses(points[:, markers], shape)
     back = (points - origin[:, None]) @ rotation
-    off, _, counts = around_mean(back)
-    for place, marker in zip(_absorbed(shape), markers, strict=True):
+    off, _, counts = subtract_means(back)
+    for place, marker in zip(_leave_one_out_factors(shape), markers, strict=True):
         off[:, marker] = off[:, marker] @ place
     square = np.einsum("fmi,fmi->m", off, off) / np.maximum(counts, 1)
     residual = np.where(counts >= max(3, 0.02 * len(points)), np.sqrt(square), np.inf)
@@ -74,7 +74,7 @@ def fit_spatial_body(points: FloatArray, markers: IntArray) -> SpatialBody:
     return SpatialBody(markers, rotation, origin, residual, width)
 
 
-def around_mean(local: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
+def subtract_means(local: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
     """Return trajectories (F, k, 3) minus their means, 0 where unseen, the means (k, 3), and the frames seen (k,)."""
     seen = np.isfinite(local[..., 0])
     counts = np.asarray(seen.sum(axis=0))
@@ -82,7 +82,7 @@ def around_mean(local: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
     return np.where(seen[..., None], local - mean, 0.0), mean, counts
 
 
-def _absorbed(shape: FloatArray) -> FloatArray:
+def _leave_one_out_factors(shape: FloatArray) -> FloatArray:
     """Return for every marker the matrix (k, 3, 3) from its residual to the one with a pose from the other markers.
 
     The pose of a body absorbs the share H of a marker's error. Without the marker, the residual is (I - H)⁻¹ times as
@@ -127,7 +127,7 @@ class SpatialBodies:
             self._bodies[key] = fit_spatial_body(self.points, markers)
         return self._bodies[key]
 
-    def settled(self, groups: list[IntArray], stay: float = 1.0) -> tuple[SpatialBody, ...]:
+    def reassign_markers(self, groups: list[IntArray], stay: float = 1.0) -> tuple[SpatialBody, ...]:
         """Return bodies from groups of markers, after each of their markers has moved to the body that fits it best.
 
         A marker leaves its body for a residual below the share ``stay`` of the present one. A group that loses all but
@@ -165,13 +165,13 @@ class SpatialBodies:
         spread = self._spread[np.ix_(markers, markers)]
         if own is not None:
             spread = np.sqrt(self.constraints.constrained_variance(own**2, markers))
-        starts = _starts(spread)
+        starts = _propose_groups(spread)
         found: dict[bytes, tuple[SpatialBody, SpatialBody]] = {}
         for inside in {start.tobytes(): start for start in starts}.values():
             groups = [markers[inside], markers[~inside]]
             if min(map(len, groups)) < LEAST:
                 continue
-            for bodies in (self.settled(groups), tuple(map(self.body, groups))):
+            for bodies in (self.reassign_markers(groups), tuple(map(self.body, groups))):
                 complete = len(bodies) == 2 and sum(len(body.markers) for body in bodies) == len(markers)
                 if complete and min(body.width for body in bodies) >= NARROW:
                     first, second = sorted(bodies, key=lambda body: int(body.markers[0]))
@@ -179,7 +179,7 @@ class SpatialBodies:
         return list(found.values())
 
 
-def _starts(spread: FloatArray) -> list[BoolArray]:
+def _propose_groups(spread: FloatArray) -> list[BoolArray]:
     """Return sets of markers that are rigid by a spread (k, k) of the distances: clusters, and triples of few."""
     tree = linkage(squareform(spread, checks=False), "average")
     labels = [fcluster(tree, count, "maxclust") for count in _CLUSTERS]

@@ -15,8 +15,8 @@ from mocap_id.kinematics.space.bundle_model import (
     BundleState,
     Columns,
     apply_step,
-    columns_of,
     joint_rotations,
+    locate_columns,
 )
 from mocap_id.kinematics.space.chain_prior import ChainPrior
 
@@ -68,13 +68,15 @@ class Bundle:
     iterations: int
     prior: ChainPrior | None = None
 
-    def turn_noise(self, joint: int) -> FloatArray:
+    def rotation_noise(self, joint: int) -> FloatArray:
         """Return the covariance (3, 3) of the rotation of a joint in one frame, in the parent's frame, rad²."""
         turn = joint_rotations(self.problem, self.state)[:, joint]
-        own = self.body_noise(joint + 1)
-        return np.asarray(self.body_noise(self.problem.parents[joint]) + (turn @ own @ np.swapaxes(turn, 1, 2)).mean(0))
+        own = self.cluster_noise(joint + 1)
+        return np.asarray(
+            self.cluster_noise(self.problem.parents[joint]) + (turn @ own @ np.swapaxes(turn, 1, 2)).mean(0)
+        )
 
-    def body_noise(self, k: int) -> FloatArray:
+    def cluster_noise(self, k: int) -> FloatArray:
         """Return the covariance (3, 3) of the rotation of a cluster in one frame, in its own frame, rad²."""
         here = self.problem.segment == k
         weight = 1 / self.sd[here] ** 2
@@ -99,14 +101,14 @@ def solve_bundle(problem: BundleProblem, state: BundleState, prior: ChainPrior) 
     NumericalError
         The iteration does not converge.
     """
-    cols = columns_of(problem)
+    cols = locate_columns(problem)
     seen = problem.weights > 0
     sd, together = np.full(seen.shape[1], np.nan), np.ones(seen.shape[1])
     scale = _step_scales(cols)
     fixed = gauge_rows(problem, state, cols) / _FIXED
     fixed = fixed.T @ fixed + np.diag((np.arange(cols.size) < 3 * cols.markers) / _ANYWHERE**2)
     damping, weighings, since = 1.0, 0, 0
-    state, linear = _settled(problem, state)
+    state, linear = _settle_repeatedly(problem, state)
     cost = _cost(linear, problem, state, prior)
     for iteration in range(1, _ITERATIONS + 1):
         reduced = eliminate_frames(problem, linear)
@@ -115,7 +117,7 @@ def solve_bundle(problem: BundleProblem, state: BundleState, prior: ChainPrior) 
         while True:
             step = np.asarray(np.linalg.solve(matrix + fixed + np.diag(damping * scale), vector), dtype=np.float64)
             tried = apply_step(problem, state, step, -reduced.gain @ step)
-            tried, tried_linear = settle_frames(problem, tried)
+            tried, tried_linear = fit_frames(problem, tried)
             tried_cost = _cost(tried_linear, problem, tried, prior)
             if tried_cost <= cost * (1 + 1e-9) or damping > 1e6:
                 break
@@ -128,7 +130,7 @@ def solve_bundle(problem: BundleProblem, state: BundleState, prior: ChainPrior) 
         if weighings < _WEIGHINGS and (fall <= _NEARLY * cost or since == _PATIENCE):
             sd, together = marker_errors(problem, state, linear)
             root = 1 / (sd * np.sqrt(together))
-            problem = replace(problem, weights=seen * root * _huber(problem, state, sd))
+            problem = replace(problem, weights=seen * root * _huber_factors(problem, state, sd))
             problem = replace(problem, long_axes=long_axes(problem, state))
             linear = linearise(problem, state)
             cost = _cost(linear, problem, state, prior)
@@ -142,7 +144,7 @@ def solve_bundle(problem: BundleProblem, state: BundleState, prior: ChainPrior) 
     raise NumericalError(f"the joint fit did not converge in {_ITERATIONS} iterations; check the segments")
 
 
-def _settled(problem: BundleProblem, state: BundleState) -> tuple[BundleState, Linear]:
+def _settle_repeatedly(problem: BundleProblem, state: BundleState) -> tuple[BundleState, Linear]:
     """Return the state after steps of the frames' unknowns alone, while these help, and its equations.
 
     The frames of a first guess do not obey its axes. Steps of the whole chain from there can turn the axes far away,
@@ -150,14 +152,14 @@ def _settled(problem: BundleProblem, state: BundleState) -> tuple[BundleState, L
     """
     cost = np.inf
     for _ in range(_FRAME_STEPS):
-        state, linear = settle_frames(problem, state)
+        state, linear = fit_frames(problem, state)
         before, cost = cost, float(np.sum(linear.off**2))
         if before - cost <= _NEARLY * cost:
             break
     return state, linear
 
 
-def settle_frames(problem: BundleProblem, state: BundleState) -> tuple[BundleState, Linear]:
+def fit_frames(problem: BundleProblem, state: BundleState) -> tuple[BundleState, Linear]:
     """Return the state after a step of the frames' unknowns alone, where it helps, and its equations.
 
     The constraints bend the valley of the cost. Without this step, the steps of the chain would be short.
@@ -166,7 +168,7 @@ def settle_frames(problem: BundleProblem, state: BundleState) -> tuple[BundleSta
     turned = np.swapaxes(linear.by_frame, 1, 2)
     inner = turned @ linear.by_frame + 1e-9 * np.eye(problem.frame_size)
     own = np.asarray(-np.linalg.solve(inner, turned @ linear.off[..., None])[..., 0], dtype=np.float64)
-    unmoved = np.zeros(columns_of(problem).size)
+    unmoved = np.zeros(locate_columns(problem).size)
     before = (linear.off**2).sum(axis=1)
     settled = apply_step(problem, state, unmoved, own)
     after = linearise(problem, settled)
@@ -223,9 +225,9 @@ def long_axes(problem: BundleProblem, state: BundleState) -> FloatArray:
     return axes
 
 
-def unsolved(problem: BundleProblem, state: BundleState) -> Bundle:
+def fit_frames_only(problem: BundleProblem, state: BundleState) -> Bundle:
     """Return a bundle of given parameters, whose frames alone are fitted; its normal matrix is NaN."""
-    state, linear = _settled(problem, state)
+    state, linear = _settle_repeatedly(problem, state)
     sd, together = marker_errors(problem, state, linear)
     reduced = eliminate_frames(problem, linear)
     return Bundle(problem, state, linear, reduced, np.full(reduced.matrix.shape, np.nan), sd, together, 0)
@@ -259,10 +261,10 @@ def marker_errors(problem: BundleProblem, state: BundleState, linear: Linear) ->
         variance[here] = (square[here] + extra * typical) / (left[here] + extra)
         usual.append(typical)
     least = max(_FINEST**2, _EVEN**2 * float(np.median(usual)))
-    return np.sqrt(np.maximum(variance, least)), frames_together(off)
+    return np.sqrt(np.maximum(variance, least)), count_correlated_frames(off)
 
 
-def frames_together(off: FloatArray) -> FloatArray:
+def count_correlated_frames(off: FloatArray) -> FloatArray:
     """Return the integrated autocorrelation (M,), 1 or more, of residuals (F, M, 3): frames that share one error."""
     energy = np.maximum((off**2).sum(axis=(0, 2)), 1e-18)
     total = np.ones(off.shape[1])
@@ -274,7 +276,7 @@ def frames_together(off: FloatArray) -> FloatArray:
     return total
 
 
-def _huber(problem: BundleProblem, state: BundleState, sd: FloatArray) -> FloatArray:
+def _huber_factors(problem: BundleProblem, state: BundleState, sd: FloatArray) -> FloatArray:
     """Return the factors (F, M) on the weights of samples far off."""
     size = np.linalg.norm(residuals(problem, state), axis=2)
     limit = _HUBER * np.sqrt(3) * sd

@@ -14,7 +14,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 from mocap_id.kinematics.space.bundle import Bundle
-from mocap_id.kinematics.space.bundle_model import columns_of, joint_rotations
+from mocap_id.kinematics.space.bundle_model import joint_rotations, locate_columns
 from mocap_id.kinematics.space.joint_kinds import middle_rotation
 
 _ANYWHERE = 0.1  # m; standard deviation of a centre along its hinge
@@ -38,11 +38,11 @@ def chain_covariance(bundle: Bundle) -> FloatArray:
     lasting = bundle.sd**2 * np.maximum(1 - 1 / bundle.together, 0)
     turns = joint_rotations(problem, bundle.state)
     total = inverse
-    sliding = _by_joint_slides(bundle)
+    sliding = _slide_derivatives(bundle)
     for j, parent in enumerate(problem.parents):
         shape = so3.log(middle_rotation(turns[:, j]).T @ turns[:, j])
         shape = shape - shape.mean(axis=0)
-        shape = shape @ _whitening(shape)
+        shape = shape @ _whiten(shape)
         flat = (shape.T @ sliding.reshape(frames, -1)).reshape(-1, inverse.shape[0]) @ inverse
         total = total + _SLIDE * flat.T @ flat
         moved = (shape.T @ by.reshape(frames, -1)).reshape(-1, rows, inverse.shape[0]) @ inverse
@@ -51,15 +51,15 @@ def chain_covariance(bundle: Bundle) -> FloatArray:
         flat = (moved * size[:, None]).reshape(-1, inverse.shape[0])
         total = total + flat.T @ flat
         for k in (parent, j + 1):
-            flat = (_cluster_turns(bundle, k, lasting) @ moved).reshape(-1, inverse.shape[0])
+            flat = (_cluster_rotations(bundle, k, lasting) @ moved).reshape(-1, inverse.shape[0])
             total = total + _TURN * flat.T @ flat
     if bundle.prior is not None:
         flat = bundle.prior.axis_errors(problem, bundle.state) @ inverse
         total = total + flat.T @ flat
-    return np.asarray(total + _along_hinges(bundle))
+    return np.asarray(total + _hinge_covariance(bundle))
 
 
-def _by_joint_slides(bundle: Bundle) -> FloatArray:
+def _slide_derivatives(bundle: Bundle) -> FloatArray:
     """Return the derivatives (F, 3 J, P) of the cost by the parameters and by slides of usual size of the J joints."""
     problem, linear = bundle.problem, bundle.linear
     rows = slice(linear.off.shape[1] - 3 * len(problem.sliding), None)
@@ -68,21 +68,21 @@ def _by_joint_slides(bundle: Bundle) -> FloatArray:
     return np.asarray(weights[:, None] * (linear.by_frame[:, rows] @ bundle.reduced.gain))
 
 
-def _cluster_turns(bundle: Bundle, k: int, lasting: FloatArray) -> FloatArray:
+def _cluster_rotations(bundle: Bundle, k: int, lasting: FloatArray) -> FloatArray:
     """Return the displacements (3, 3 M) of the markers of a segment in three independent turns of usual size, m."""
     here = np.flatnonzero(bundle.problem.segment == k)
     share = float(np.sum(lasting[here]) / np.sum(bundle.sd[here] ** 2))
-    sizes, axes = np.linalg.eigh(bundle.body_noise(k))
+    sizes, axes = np.linalg.eigh(bundle.cluster_noise(k))
     about = bundle.state.local[here] - bundle.state.local[here].mean(axis=0)
     turns = np.zeros((3, len(bundle.sd), 3))
     turns[:, here] = np.cross(axes.T[:, None], about) * np.sqrt(share * sizes)[:, None, None]
     return turns.reshape(3, -1)
 
 
-def _along_hinges(bundle: Bundle) -> FloatArray:
+def _hinge_covariance(bundle: Bundle) -> FloatArray:
     """Return the covariance of the place along each hinge, which is arbitrary: centre, markers and next joints."""
     problem, state = bundle.problem, bundle.state
-    cols = columns_of(problem)
+    cols = locate_columns(problem)
     total = np.zeros((cols.size, cols.size))
     for j, kind in enumerate(problem.kinds):
         if kind == "hinge":
@@ -96,7 +96,7 @@ def _along_hinges(bundle: Bundle) -> FloatArray:
     return total
 
 
-def _whitening(shape: FloatArray) -> FloatArray:
+def _whiten(shape: FloatArray) -> FloatArray:
     """Return the matrix that gives the components of rotations (F, 3) unit variance."""
     values, vectors = np.linalg.eigh(shape.T @ shape / len(shape))
     return np.asarray(vectors / np.sqrt(np.maximum(values, 1e-8)))

@@ -26,10 +26,10 @@ from mocap_id.kinematics.space.bundle_model import (
     BundleProblem,
     BundleState,
     Columns,
-    columns_of,
+    glide_share,
     joint_rotations,
+    locate_columns,
     segment_origins,
-    share_of_glide,
     tangents,
     twists,
 )
@@ -39,10 +39,12 @@ FIRM = 200.0  # 1/rad; weight of a constraint on the axes, whose error is then f
 
 def residuals(problem: BundleProblem, state: BundleState) -> FloatArray:
     """Return the residuals of the markers in the frames of their segments (F, M, 3), m; 0 where unseen."""
-    return np.asarray(_rows(problem, state)[0] * (problem.weights > 0)[..., None])
+    return np.asarray(_evaluate_markers(problem, state)[0] * (problem.weights > 0)[..., None])
 
 
-def _rows(problem: BundleProblem, state: BundleState) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+def _evaluate_markers(
+    problem: BundleProblem, state: BundleState
+) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
     """Return residuals, seen places v without skin motion (F, M, 3), skin rotations E and twists (F, M)."""
     origins = segment_origins(problem, state)
     at, segment = origins[:, problem.segment], problem.segment
@@ -53,7 +55,7 @@ def _rows(problem: BundleProblem, state: BundleState) -> tuple[FloatArray, Float
     free = np.einsum("fmij,fmj->fmi", back, seen)
     off = free - state.local
     if problem.glides:
-        off = off - (problem.on_glide * share_of_glide(problem, state)[:, None])[..., None] * state.glide
+        off = off - (problem.on_glide * glide_share(problem, state)[:, None])[..., None] * state.glide
     return off, free, back, twist
 
 
@@ -81,14 +83,14 @@ class Linear:
 
 def linearise(problem: BundleProblem, state: BundleState, *, by_frame_only: bool = False) -> Linear:
     """Return residuals and Jacobians at a state; ``by_chain`` has no columns if only those by the frames are wanted."""
-    cols = columns_of(problem)
+    cols = locate_columns(problem)
     frames, markers = problem.weights.shape
-    off, free, back, twist = _rows(problem, state)
+    off, free, back, twist = _evaluate_markers(problem, state)
     by_frame = np.zeros((frames, markers, 3, problem.frame_size))
     size = 0 if by_frame_only else cols.size - 3 * markers
     by_chain = np.zeros((frames, markers, 3, size))
     context = _Context(
-        problem, state, cols, free, back, twist, *twists(problem, state)[1:], share_of_glide(problem, state)
+        problem, state, cols, free, back, twist, *twists(problem, state)[1:], glide_share(problem, state)
     )
     for k in range(len(problem.parents) + 1):
         context.fill(k, by_frame, by_chain)
@@ -99,7 +101,7 @@ def linearise(problem: BundleProblem, state: BundleState, *, by_frame_only: bool
     chain_rows = [(by_chain * root[..., None]).reshape(*flat, -1)]
     for j, kind in enumerate(problem.kinds):
         if kind != "ball":
-            value, of_frame, of_chain = _constraint(problem, state, cols, j)
+            value, of_frame, of_chain = _evaluate_constraint(problem, state, cols, j)
             rows.append(FIRM * value)
             frame_rows.append(FIRM * of_frame)
             chain_rows.append(FIRM * of_chain[..., :size])
@@ -147,16 +149,16 @@ class _Context:
                 by_frame[:, here, :, problem.slide_columns(j)] = -axes
             if j == 0 and problem.glides:
                 lever = lever + self.share[:, None] * state.glide
-                self._glide(here, axes, by_frame, by_chain)
+                self._fill_glide(here, axes, by_frame, by_chain)
             by_frame[:, here, :, 3 + 3 * parent : 6 + 3 * parent] += axes @ so3.hat(lever)[:, None]
         if k == 0:
             riding = here[problem.on_glide[here]]
             if problem.glides and len(riding):
-                self._glide(riding, np.broadcast_to(np.eye(3), (1, 1, 3, 3)), by_frame, by_chain)
+                self._fill_glide(riding, np.broadcast_to(np.eye(3), (1, 1, 3, 3)), by_frame, by_chain)
             return
-        self._skin(k, here, by_frame, by_chain)
+        self._fill_skin(k, here, by_frame, by_chain)
 
-    def _glide(self, here: IntArray, axes: FloatArray, by_frame: FloatArray, by_chain: FloatArray) -> None:
+    def _fill_glide(self, here: IntArray, axes: FloatArray, by_frame: FloatArray, by_chain: FloatArray) -> None:
         problem, state = self.problem, self.state
         assert self.cols.glide is not None
         share = self.share
@@ -170,7 +172,7 @@ class _Context:
         by_frame[:, here, :, 6:9] += along * child[:, None, None]
         by_frame[:, here, :, 3:6] += along * parent[:, None, None]
 
-    def _skin(self, k: int, here: IntArray, by_frame: FloatArray, by_chain: FloatArray) -> None:
+    def _fill_skin(self, k: int, here: IntArray, by_frame: FloatArray, by_chain: FloatArray) -> None:
         problem, state = self.problem, self.state
         swirl = np.cross(problem.long_axes[k - 1], self.free[:, here])
         place = self.cols.skin.start - 3 * self.cols.markers + here
@@ -183,7 +185,7 @@ class _Context:
         by_frame[:, here, :, 3 + 3 * parent : 6 + 3 * parent] += moved[..., None] * by_parent[:, k - 1, None, None]
 
 
-def _constraint(
+def _evaluate_constraint(
     problem: BundleProblem, state: BundleState, cols: Columns, j: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the constraint of one joint (F, 1 or 3), with its derivatives by the frame and the chain."""

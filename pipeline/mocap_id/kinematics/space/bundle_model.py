@@ -137,7 +137,7 @@ class Columns:
     size: int
 
 
-def columns_of(problem: BundleProblem) -> Columns:
+def locate_columns(problem: BundleProblem) -> Columns:
     """Return the places of the parameters of a problem."""
     markers, at = problem.points.shape[1], 3 * problem.points.shape[1]
     centre: list[slice] = []
@@ -168,7 +168,7 @@ def tangents(axis: FloatArray) -> FloatArray:
     return np.stack([one, np.cross(axis, one)], axis=1)
 
 
-def share_of_glide(problem: BundleProblem, state: BundleState) -> FloatArray:
+def glide_share(problem: BundleProblem, state: BundleState) -> FloatArray:
     """Return u = (1 - cos elevation) / 2 in every frame (F,)."""
     turned = np.swapaxes(state.rotations[:, 0], 1, 2) @ (state.rotations[:, 1] @ problem.long_axes[0])[..., None]
     return np.asarray((1 - turned[..., 0] @ problem.rest) / 2)
@@ -180,7 +180,7 @@ def segment_origins(problem: BundleProblem, state: BundleState) -> FloatArray:
     for j, parent in enumerate(problem.parents):
         step = state.centres[j] + state.slides[:, j]
         if j == 0 and problem.glides:
-            step = step + share_of_glide(problem, state)[:, None] * state.glide
+            step = step + glide_share(problem, state)[:, None] * state.glide
         origins.append(origins[parent] + np.einsum("fij,fj->fi", state.rotations[:, parent], step))
     return np.stack(origins, axis=1)
 
@@ -217,7 +217,7 @@ def twists(problem: BundleProblem, state: BundleState) -> tuple[FloatArray, Floa
 
 def apply_step(problem: BundleProblem, state: BundleState, chain: FloatArray, frames: FloatArray) -> BundleState:
     """Return the state after a step of the chain's parameters (P,) and of the frames' unknowns (F, d)."""
-    cols = columns_of(problem)
+    cols = locate_columns(problem)
     first, second, cosine = state.first.copy(), state.second.copy(), state.cosine.copy()
     for j in range(len(problem.kinds)):
         for axes, place in ((first, cols.first[j]), (second, cols.second[j])):

@@ -13,7 +13,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.kinematics.space.chain_start import Clusters, shared_point
+from mocap_id.kinematics.space.chain_start import Clusters, fit_shared_point
 
 CentreEstimator: TypeAlias = Literal["score", "sphere", "helical"]
 
@@ -23,7 +23,7 @@ _LEAST_TURN = 1e-3  # pull to the mean place of the child, which decides what th
 
 def sphere_centre(clusters: Clusters, parent: int, child: int, local: FloatArray) -> FloatArray:
     """Return the common centre (3,), m, of the spheres of markers (k, 3), given in the child, in the parent's frame."""
-    turn, origin = _in_parent(clusters, parent, child)
+    turn, origin = _express_in_parent(clusters, parent, child)
     places = origin[:, None] + np.einsum("fij,kj->fki", turn, local)
     middle = places.mean(axis=0)
     about = places - middle
@@ -35,7 +35,7 @@ def sphere_centre(clusters: Clusters, parent: int, child: int, local: FloatArray
 
 def helical_centre(clusters: Clusters, parent: int, child: int) -> FloatArray:
     """Return the point (3,), m, nearest to the helical axes of the child in the parent's frame."""
-    turn, origin = _in_parent(clusters, parent, child)
+    turn, origin = _express_in_parent(clusters, parent, child)
     lag = max(int(_TURN * len(turn)), 1)
     finite = turn[lag:] @ np.swapaxes(turn[:-lag], 1, 2)
     shift = origin[lag:] - np.einsum("fij,fj->fi", finite, origin[:-lag])
@@ -57,20 +57,20 @@ def estimate_centre(
         Markers of the child in the frame of its cluster, m.
     """
     if estimator == "score":
-        return shared_point(clusters, parent, child)
+        return fit_shared_point(clusters, parent, child)
     makers: dict[str, Callable[[], FloatArray]] = {
         "sphere": lambda: sphere_centre(clusters, parent, child, local),
         "helical": lambda: helical_centre(clusters, parent, child),
     }
     centre = makers[estimator]()
-    turn, origin = _in_parent(clusters, parent, child)
+    turn, origin = _express_in_parent(clusters, parent, child)
     return centre, np.einsum("fji,fj->fi", turn, centre - origin).mean(axis=0)
 
 
-def _in_parent(clusters: Clusters, parent: int, child: int) -> tuple[FloatArray, FloatArray]:
+def _express_in_parent(clusters: Clusters, parent: int, child: int) -> tuple[FloatArray, FloatArray]:
     """Return rotation (F, 3, 3) and origin (F, 3), m, of the child's cluster in the frame of the parent's."""
     apart = clusters.origin[:, child] - clusters.origin[:, parent]
-    return clusters.turn(parent, child), np.einsum("fji,fj->fi", clusters.rotation[:, parent], apart)
+    return clusters.relative_rotation(parent, child), np.einsum("fji,fj->fi", clusters.rotation[:, parent], apart)
 
 
 def _solve(rows: FloatArray, right: FloatArray, likely: FloatArray) -> FloatArray:

@@ -12,23 +12,23 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.errors import NumericalError
 from mocap_id.geometry.spatial_chain import JointKind
 from mocap_id.kinematics.frame_sampling import frames_along_motion
-from mocap_id.kinematics.space.bundle import Bundle, frames_together, long_axes, solve_bundle, unsolved
+from mocap_id.kinematics.space.bundle import Bundle, count_correlated_frames, fit_frames_only, long_axes, solve_bundle
 from mocap_id.kinematics.space.bundle_equations import residuals
-from mocap_id.kinematics.space.bundle_model import BundleProblem, BundleState, joint_rotations, share_of_glide
+from mocap_id.kinematics.space.bundle_model import BundleProblem, BundleState, glide_share, joint_rotations
 from mocap_id.kinematics.space.centre_estimators import CentreEstimator, estimate_centre
 from mocap_id.kinematics.space.chain_prior import CENTRE_SD, MARKED_SD, ChainPrior
-from mocap_id.kinematics.space.chain_result import SpatialFit, collect, unlike_skin
+from mocap_id.kinematics.space.chain_result import SpatialFit, collect_result, find_implausible_skin
 from mocap_id.kinematics.space.chain_start import Clusters, fit_clusters
-from mocap_id.kinematics.space.cluster_slides import joint_slides
-from mocap_id.kinematics.space.girdle import markers_on_girdle
+from mocap_id.kinematics.space.cluster_slides import find_joint_slides
+from mocap_id.kinematics.space.girdle import find_girdle_markers
 from mocap_id.kinematics.space.joint_kinds import (
     PARALLEL,
     JointAxes,
     JointEvidence,
-    axes_with_pin,
-    hinge_axes,
+    fit_hinge,
+    fit_pin_axes,
+    fit_two_axes,
     rotation_arc,
-    two_axes,
     weigh_kinds,
 )
 
@@ -88,32 +88,32 @@ def fit_spatial_chain(
     NumericalError
         Too few frames show all segments, or the iteration does not converge.
     """
-    used = usable_frames(points, segment, _FRAMES)
+    used = choose_frames(points, segment, _FRAMES)
     clusters, used = fit_clusters_at(points, segment, used)
     few = np.unique(np.linspace(0, len(used) - 1, min(len(used), _FRAMES_OF_KINDS)).astype(np.int64))
     beside = {k: track[used] for k, track in (near or {}).items()}
     above = np.asarray(up, dtype=np.float64)
-    slides = slide_sizes(clusters, segment, parents) if estimator == "bundle" else np.zeros(len(parents))
+    slides = estimate_slide_sds(clusters, segment, parents) if estimator == "bundle" else np.zeros(len(parents))
     named = np.isin(np.arange(len(segment)), list(girdle))
     start = _Start(points[used], segment, tuple(parents), clusters, above, beside, slides, named, frozenset(firm))
     start, rough = _rough_bundle(start, few)
     evidence = _weigh_joints(start, rough, few, kinds or {})
     chosen: tuple[JointKind, ...] = tuple(each.kind for each in evidence)
     if estimator != "bundle":
-        problem, state, _ = start.at(np.arange(len(used)), chosen, rough, estimator=estimator)
-        return collect(unsolved(problem, state), evidence)
+        problem, state, _ = start.build_problem(np.arange(len(used)), chosen, rough, estimator=estimator)
+        return collect_result(fit_frames_only(problem, state), evidence)
     bundle = _whole_bundle(start, chosen, rough)
     kinds_left = zip(evidence, bundle.problem.kinds, strict=True)
-    return collect(bundle, tuple(replace(each, kind=kind) for each, kind in kinds_left))
+    return collect_result(bundle, tuple(replace(each, kind=kind) for each, kind in kinds_left))
 
 
 def _rough_bundle(start: _Start, frames: IntArray) -> tuple[_Start, Bundle]:
     """Return the bundle over some frames with balls alone, and the start without implausible twist of the skin."""
     balls = (_BALL,) * len(start.parents)
-    rough = solve_bundle(*start.at(frames, balls))
-    if unlike := unlike_skin(rough.problem, rough.state):
+    rough = solve_bundle(*start.build_problem(frames, balls))
+    if unlike := find_implausible_skin(rough.problem, rough.state):
         start = replace(start, firm=start.firm | set(unlike))
-        rough = solve_bundle(*start.at(frames, balls))
+        rough = solve_bundle(*start.build_problem(frames, balls))
     return start, rough
 
 
@@ -125,19 +125,24 @@ def _weigh_joints(
     A twist that all markers of a segment share is hardly seen, so that its error can tilt an axis. A kind that explains
     the rotation without such a twist needs none.
     """
-    found = _evidence(rough, start.clusters, kinds)
+    found = _weigh_all_kinds(rough, start.clusters, kinds)
     if all(each.kind == "hinge" for j, each in enumerate(found, start=1) if j not in kinds):
         return found
     every = frozenset(range(1, len(start.parents) + 1))
-    bare = solve_bundle(*replace(start, firm=every).at(frames, (_BALL,) * len(start.parents)))
-    pairs = zip(found, _evidence(bare, start.clusters, kinds), strict=True)
+    bare = solve_bundle(*replace(start, firm=every).build_problem(frames, (_BALL,) * len(start.parents)))
+    pairs = zip(found, _weigh_all_kinds(bare, start.clusters, kinds), strict=True)
     return tuple(min(pair, key=lambda each: _SIMPLEST.index(each.kind)) for pair in pairs)
 
 
-def _evidence(bundle: Bundle, clusters: Clusters, kinds: Mapping[int, JointKind]) -> tuple[JointEvidence, ...]:
+def _weigh_all_kinds(bundle: Bundle, clusters: Clusters, kinds: Mapping[int, JointKind]) -> tuple[JointEvidence, ...]:
     turns = joint_rotations(bundle.problem, bundle.state)
     return tuple(
-        weigh_kinds(turns[:, j], bundle.turn_noise(j), rotation_arc(clusters.turn(parent, j + 1)), kinds.get(j + 1))
+        weigh_kinds(
+            turns[:, j],
+            bundle.rotation_noise(j),
+            rotation_arc(clusters.relative_rotation(parent, j + 1)),
+            kinds.get(j + 1),
+        )
         for j, parent in enumerate(bundle.problem.parents)
     )
 
@@ -149,30 +154,32 @@ def _whole_bundle(start: _Start, kinds: tuple[JointKind, ...], rough: Bundle) ->
     """
     every, guess = np.arange(len(start.points)), rough
     while True:
-        bundle = solve_bundle(*start.at(every, kinds, guess, _riders(rough, kinds, start.named)))
-        if parallel := _parallel_axes(bundle):
+        bundle = solve_bundle(
+            *start.build_problem(every, kinds, guess, _find_riding_markers(rough, kinds, start.named))
+        )
+        if parallel := _find_parallel_axes(bundle):
             kinds = tuple(_BALL if j in parallel else kind for j, kind in enumerate(kinds))
             guess = rough  # the wrong axes have pulled the bundle far away
-        elif unlike := set(unlike_skin(bundle.problem, bundle.state)) - start.firm:
+        elif unlike := set(find_implausible_skin(bundle.problem, bundle.state)) - start.firm:
             start, guess = replace(start, firm=start.firm | unlike), bundle
         else:
             return bundle
 
 
-def _parallel_axes(bundle: Bundle) -> list[int]:
+def _find_parallel_axes(bundle: Bundle) -> list[int]:
     """Return the joints of two axes, from 0, whose axes are too near to each other to determine two angles."""
     near = np.abs(bundle.state.cosine) > PARALLEL
     return [j for j, kind in enumerate(bundle.problem.kinds) if kind == "two-axis" and near[j]]
 
 
-def slide_sizes(clusters: Clusters, segment: IntArray, parents: Sequence[int]) -> FloatArray:
+def estimate_slide_sds(clusters: Clusters, segment: IntArray, parents: Sequence[int]) -> FloatArray:
     """Return the standard deviation of each joint's slide (n,), m, for frames that share their errors; 0: none."""
-    slides = joint_slides(clusters, segment, parents)
+    slides = find_joint_slides(clusters, segment, parents)
     about = slides - slides.mean(axis=0)
-    return np.asarray(np.sqrt((about**2).mean(axis=(0, 2)) * frames_together(about)))
+    return np.asarray(np.sqrt((about**2).mean(axis=(0, 2)) * count_correlated_frames(about)))
 
 
-def usable_frames(points: FloatArray, segment: IntArray, count: int) -> IntArray:
+def choose_frames(points: FloatArray, segment: IntArray, count: int) -> IntArray:
     """Return frames along the motion in which every segment shows three markers or more.
 
     Raises
@@ -213,19 +220,19 @@ class _Start:
     named: BoolArray
     firm: frozenset[int] = frozenset()
 
-    def _centres(self, estimator: Estimator) -> tuple[FloatArray, FloatArray]:
+    def _guess_centres(self, estimator: Estimator) -> tuple[FloatArray, FloatArray]:
         """Return the centres (n, 3) from the parents' joints, and those of all segments in their clusters, m."""
         own, centres = np.zeros((len(self.parents) + 1, 3)), np.zeros((len(self.parents), 3))
         name: CentreEstimator = "score" if estimator == "bundle" else estimator
         for j, parent in enumerate(self.parents):
             markers = self.clusters.local[self.segment == j + 1]
             if j + 1 in self.near and estimator == "bundle":
-                centres[j], own[j + 1] = (self.clusters.mean_place(k, self.near[j + 1]) for k in (parent, j + 1))
+                centres[j], own[j + 1] = (self.clusters.median_position(k, self.near[j + 1]) for k in (parent, j + 1))
             else:
                 centres[j], own[j + 1] = estimate_centre(name, self.clusters, parent, j + 1, markers)
         return centres - own[list(self.parents)], own
 
-    def at(
+    def build_problem(
         self,
         frames: IntArray,
         kinds: tuple[JointKind, ...],
@@ -236,12 +243,12 @@ class _Start:
         """Return problem, first guess and prior for some frames."""
         points, clusters = self.points[frames], self.clusters
         count, markers = len(self.parents), points.shape[1]
-        centres, own = self._centres(estimator)
+        centres, own = self._guess_centres(estimator)
         inner = np.isin(np.arange(1, count + 1), self.parents)
         axes, along = [_NO_AXES] * count, np.zeros(count, dtype=bool)
         soft = inner & ~np.isin(np.arange(1, count + 1), list(self.firm))
         if rough is not None:
-            pairs = [_axes_of(rough, j, kinds[j], bool(inner[j])) for j in range(count)]
+            pairs = [_guess_axes(rough, j, kinds[j], bool(inner[j])) for j in range(count)]
             axes, along = [each[0] for each in pairs], np.array([each[1] for each in pairs])
             soft &= np.array([rough.together[self.segment == k + 1].mean() > _LASTING for k in range(count)])
         seen: BoolArray = np.asarray(np.isfinite(points).all(axis=2))
@@ -263,7 +270,7 @@ class _Start:
         weights = seen / _FIRST_SD
         if rough is not None:
             if estimator == "bundle":
-                local, known = _back_on_hinges(rough, kinds, axes, centres)
+                local, known = _move_along_hinges(rough, kinds, axes, centres)
                 state = replace(
                     state,
                     local=local,
@@ -287,7 +294,7 @@ class _Start:
         return replace(problem, long_axes=long_axes(problem, state)), state, ChainPrior(centres, along, soft, sd)
 
 
-def _back_on_hinges(
+def _move_along_hinges(
     rough: Bundle, kinds: tuple[JointKind, ...], axes: list[JointAxes], centres: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return markers (M, 3) and centres (n, 3), m, of a rough fit, with hinges at their likely place on the axis."""
@@ -300,22 +307,22 @@ def _back_on_hinges(
     return local, known
 
 
-def _axes_of(rough: Bundle, j: int, kind: JointKind, inner: bool) -> tuple[JointAxes, bool]:
+def _guess_axes(rough: Bundle, j: int, kind: JointKind, inner: bool) -> tuple[JointAxes, bool]:
     """Return the first guess of the axes of a joint, and whether the second may be the long axis of its segment."""
     turn = joint_rotations(rough.problem, rough.state)[:, j]
     if kind == "ball":
         return _NO_AXES, False
     if kind == "hinge":
-        return hinge_axes(turn), False
-    pair = axes_with_pin(turn, rough.turn_noise(j), rough.problem.long_axes[j]) if inner else None
-    return pair or two_axes(turn), pair is not None
+        return fit_hinge(turn), False
+    pair = fit_pin_axes(turn, rough.rotation_noise(j), rough.problem.long_axes[j]) if inner else None
+    return pair or fit_two_axes(turn), pair is not None
 
 
-def _riders(rough: Bundle, kinds: tuple[JointKind, ...], named: BoolArray) -> BoolArray:
+def _find_riding_markers(rough: Bundle, kinds: tuple[JointKind, ...], named: BoolArray) -> BoolArray:
     """Return the markers that ride on the girdle: those of the base that follow the elevation of segment 1."""
     problem, state = rough.problem, rough.state
     if kinds[0] != "ball" or problem.parents[0] != 0:
         return np.zeros(len(problem.segment), dtype=bool)
     seen = problem.weights > 0
-    base, share = problem.segment == 0, share_of_glide(problem, state)
-    return markers_on_girdle(residuals(problem, state), seen, base, share, named)
+    base, share = problem.segment == 0, glide_share(problem, state)
+    return find_girdle_markers(residuals(problem, state), seen, base, share, named)

@@ -10,7 +10,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.kinematics.hypotheses import SegmentationRules
-from mocap_id.kinematics.space.bodies import LEAST, NARROW, SpatialBodies, SpatialBody, around_mean
+from mocap_id.kinematics.space.bodies import LEAST, NARROW, SpatialBodies, SpatialBody, subtract_means
 from mocap_id.kinematics.space.division import Partition, spanning_tree
 from mocap_id.kinematics.space.pair_joint import SpatialPairJoint, fit_pair_joint
 
@@ -68,20 +68,20 @@ def find_chain(
         if is_real(found.joints[i, j], rules, chance):
             near[i].append(j)
             near[j].append(i)
-    motion = [float(np.median(scatter(points[:, body.markers]))) for body in found.bodies]
+    motion = [float(np.median(measure_scatter(points[:, body.markers]))) for body in found.bodies]
     paths: list[list[int]] = []
-    for group in _groups(near):
+    for group in _find_groups(near):
         root = min(group, key=lambda body: motion[body])
-        paths += [path[: rules.longest] for path in _paths(near, [root])]
-    best = max(paths, key=lambda path: (len(path), _turned(found, path)), default=[])
+        paths += [path[: rules.longest] for path in _extend_path(near, [root])]
+    best = max(paths, key=lambda path: (len(path), _sum_arcs(found, path)), default=[])
     if len(best) < 2:
         return None
-    reached = next(group for group in _groups(near) if best[0] in group)
+    reached = next(group for group in _find_groups(near) if best[0] in group)
     rest = [body for body in range(count) if body not in best]
     bodies = tuple(found.bodies[body] for body in best)
     return SpatialBodyChain(
         bodies,
-        joints_between(bodies),
+        fit_joints_along(bodies),
         tuple(found.bodies[body] for body in rest),
         tuple(body in reached for body in rest),
     )
@@ -95,7 +95,7 @@ def is_real(joint: SpatialPairJoint, rules: SegmentationRules, chance: float = C
     return joint.residual <= min(rules.max_residual, chance * joint.free) and joint.arc >= rules.min_arc
 
 
-def joints_between(bodies: Sequence[SpatialBody]) -> tuple[SpatialPairJoint, ...]:
+def fit_joints_along(bodies: Sequence[SpatialBody]) -> tuple[SpatialPairJoint, ...]:
     """Return the joints of consecutive bodies."""
     return tuple(fit_pair_joint(first, second) for first, second in pairwise(bodies))
 
@@ -110,24 +110,24 @@ def give_landmarks_to_parents(chain: SpatialBodyChain, sorter: SpatialBodies) ->
     for _ in range(_ROUNDS):
         before = [body.markers for body in bodies]
         for k in range(1, len(bodies)):
-            bodies[k - 1], bodies[k] = _give(bodies[k - 1], bodies[k], sorter)
+            bodies[k - 1], bodies[k] = _give_landmarks(bodies[k - 1], bodies[k], sorter)
         if all(map(np.array_equal, before, [body.markers for body in bodies])):
             break
-    return SpatialBodyChain(tuple(bodies), joints_between(bodies), chain.branches, chain.joined)
+    return SpatialBodyChain(tuple(bodies), fit_joints_along(bodies), chain.branches, chain.joined)
 
 
-def _give(parent: SpatialBody, child: SpatialBody, sorter: SpatialBodies) -> tuple[SpatialBody, SpatialBody]:
+def _give_landmarks(parent: SpatialBody, child: SpatialBody, sorter: SpatialBodies) -> tuple[SpatialBody, SpatialBody]:
     """Return two bodies after the landmarks near their joint that fit the parent have moved to it."""
     joint = fit_pair_joint(parent, child)
     own = child.markers
-    _, place, _ = around_mean(child.local(sorter.points[:, own]))
+    _, place, _ = subtract_means(child.local(sorter.points[:, own]))
     near = np.linalg.norm(place - joint.in_second, axis=1) <= _NEAR_JOINT
     near &= parent.residual[own] <= np.minimum(_AS_RIGID * child.residual[own], _MOST)
     for size in range(min(int(near.sum()), len(own) - LEAST), 0, -1):
-        choices = [_given(np.array(choice), parent, child, sorter) for choice in _choices(own[near], size)]
+        choices = [_move_markers(np.array(choice), parent, child, sorter) for choice in _choices(own[near], size)]
         possible = [choice for choice in choices if choice is not None]
         if possible:
-            return min(possible, key=lambda bodies: bodies[1].usual)
+            return min(possible, key=lambda bodies: bodies[1].rms_residual)
     return parent, child
 
 
@@ -135,7 +135,7 @@ def _choices(markers: IntArray, size: int) -> list[tuple[int, ...]]:
     return list(islice(combinations(markers.tolist(), size), _CHOICES))
 
 
-def _given(
+def _move_markers(
     given: IntArray, parent: SpatialBody, child: SpatialBody, sorter: SpatialBodies
 ) -> tuple[SpatialBody, SpatialBody] | None:
     """Return two bodies after some markers have moved from the child to the parent; None if they may not."""
@@ -147,13 +147,13 @@ def _given(
     return sorter.body(taken), sorter.body(kept)
 
 
-def scatter(points: FloatArray) -> FloatArray:
+def measure_scatter(points: FloatArray) -> FloatArray:
     """Return the rms distance (M,) of trajectories (F, M, 3) from their means, m; NaN for a marker never seen."""
-    off, _, counts = around_mean(points)
+    off, _, counts = subtract_means(points)
     return np.where(counts > 0, np.sqrt(np.sum(off**2, axis=(0, 2)) / np.maximum(counts, 1)), np.nan)
 
 
-def _groups(near: dict[int, list[int]]) -> list[set[int]]:
+def _find_groups(near: dict[int, list[int]]) -> list[set[int]]:
     """Return the connected groups of bodies."""
     groups: list[set[int]] = []
     for body in near:
@@ -168,15 +168,15 @@ def _groups(near: dict[int, list[int]]) -> list[set[int]]:
     return groups
 
 
-def _paths(near: dict[int, list[int]], path: list[int]) -> list[list[int]]:
+def _extend_path(near: dict[int, list[int]], path: list[int]) -> list[list[int]]:
     """Return all paths from the end of ``path`` to a tip."""
     onward = [body for body in near[path[-1]] if body not in path]
     if not onward:
         return [path]
-    return [longer for body in onward for longer in _paths(near, [*path, body])]
+    return [longer for body in onward for longer in _extend_path(near, [*path, body])]
 
 
-def _turned(found: Partition, path: list[int]) -> float:
+def _sum_arcs(found: Partition, path: list[int]) -> float:
     """Return the sum of the arcs of a path's joints, rad."""
     pairs = [(min(pair), max(pair)) for pair in pairwise(path)]
     return sum(found.joints[pair].arc for pair in pairs)

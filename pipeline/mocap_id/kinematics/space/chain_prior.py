@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.kinematics.space.bundle_model import BundleProblem, BundleState, columns_of, tangents
+from mocap_id.kinematics.space.bundle_model import BundleProblem, BundleState, locate_columns, tangents
 
 CENTRE_SD = 0.1
 """Standard deviation of each coordinate of a centre about the middle of its clusters, m."""
@@ -52,7 +52,7 @@ class ChainPrior:
 
     def equations(self, problem: BundleProblem, state: BundleState) -> tuple[FloatArray, FloatArray]:
         """Return the weighted residuals (K,) and their derivatives by the parameters (K, P)."""
-        cols = columns_of(problem)
+        cols = locate_columns(problem)
         values, rows = [], []
 
         def add(value: FloatArray, place: slice, by: FloatArray) -> None:
@@ -79,7 +79,7 @@ class ChainPrior:
 
     def axis_errors(self, problem: BundleProblem, state: BundleState) -> FloatArray:
         """Return the gradients (K, P) from usual errors of the likely second axes."""
-        cols = columns_of(problem)
+        cols = locate_columns(problem)
         rows = np.zeros((2 * len(problem.kinds), cols.size))
         for j, second in enumerate(cols.second):
             if self.along[j] and second is not None:

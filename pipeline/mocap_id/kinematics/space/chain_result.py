@@ -17,8 +17,8 @@ from mocap_id.kinematics.space.bundle_model import (
     BundleState,
     Columns,
     apply_step,
-    columns_of,
     joint_rotations,
+    locate_columns,
     tangents,
 )
 from mocap_id.kinematics.space.joint_kinds import JointEvidence
@@ -56,7 +56,7 @@ class SpatialFit:
     bundle : Bundle
         The solution, for :func:`move_centre`.
     covariance : (P, P) array
-        Covariance of all parameters; places in ``columns_of(bundle.problem)``.
+        Covariance of all parameters; places in ``locate_columns(bundle.problem)``.
     """
 
     chain: SpatialChain
@@ -76,25 +76,29 @@ class SpatialFit:
     @property
     def centre_covariance(self) -> FloatArray:
         """Return the covariance (3 n, 3 n) of all centres together, m²."""
-        at = np.concatenate([np.arange(place.start, place.stop) for place in columns_of(self.bundle.problem).centre])
+        at = np.concatenate(
+            [np.arange(place.start, place.stop) for place in locate_columns(self.bundle.problem).centre]
+        )
         return np.asarray(self.covariance[np.ix_(at, at)])
 
     def centre_among_markers(self, joint: int, segment: int) -> FloatArray:
         """Return the covariance (3, 3) of the centre of joint 1 … n among the markers of one of its segments, m²."""
-        about = _about_markers(self.bundle.problem, columns_of(self.bundle.problem), joint - 1, segment)
+        about = _centre_jacobian(self.bundle.problem, locate_columns(self.bundle.problem), joint - 1, segment)
         return np.asarray(about @ self.covariance @ about.T)
 
 
-def collect(bundle: Bundle, evidence: tuple[JointEvidence, ...], covariance: FloatArray | None = None) -> SpatialFit:
+def collect_result(
+    bundle: Bundle, evidence: tuple[JointEvidence, ...], covariance: FloatArray | None = None
+) -> SpatialFit:
     """Return the fit of a solved bundle."""
     problem, state = bundle.problem, bundle.state
-    cols = columns_of(problem)
+    cols = locate_columns(problem)
     covariance = chain_covariance(bundle) if covariance is None else covariance
-    joints = tuple(_joint(bundle, covariance, j, each.arc) for j, each in enumerate(evidence))
+    joints = tuple(_build_joint(bundle, covariance, j, each.arc) for j, each in enumerate(evidence))
     seen = problem.weights > 0
     local = np.where(np.asarray(seen.any(axis=0))[:, None], state.local, np.nan)
     skin_sd = np.sqrt(np.maximum(np.diag(covariance[cols.skin, cols.skin]), 0.0))
-    chain = SpatialChain(joints, problem.segment, local, problem.on_glide, _anchored_skin(problem, state), skin_sd)
+    chain = SpatialChain(joints, problem.segment, local, problem.on_glide, _anchor_skin(problem, state), skin_sd)
     whole = residuals(problem, replace(state, skin=np.zeros(len(problem.segment))))
     square = (whole**2).sum(axis=2)
     inner = [j for j, parent in enumerate(problem.parents) if parent > 0]
@@ -120,7 +124,7 @@ def collect(bundle: Bundle, evidence: tuple[JointEvidence, ...], covariance: Flo
     )
 
 
-def _anchored_skin(problem: BundleProblem, state: BundleState) -> FloatArray:
+def _anchor_skin(problem: BundleProblem, state: BundleState) -> FloatArray:
     """Return the share of the twist (M,) that the skin misses if it misses none beside the next joint.
 
     The motion shows how markers differ, and hardly the share that all markers of a segment miss. With the share c
@@ -141,9 +145,9 @@ def _common_share(problem: BundleProblem, state: BundleState, j: int) -> float:
     return float(state.skin[here[np.argsort(away)[:2]]].mean())
 
 
-def unlike_skin(problem: BundleProblem, state: BundleState) -> list[int]:
+def find_implausible_skin(problem: BundleProblem, state: BundleState) -> list[int]:
     """Return the segments whose shares of the twist are impossible for skin, because they come from another motion."""
-    anchored = _anchored_skin(problem, state)
+    anchored = _anchor_skin(problem, state)
     found = []
     for j, parent in enumerate(problem.parents):
         here = problem.segment == parent
@@ -154,13 +158,13 @@ def unlike_skin(problem: BundleProblem, state: BundleState) -> list[int]:
     return found
 
 
-def _joint(bundle: Bundle, covariance: FloatArray, j: int, arc: float) -> SpatialJoint:
+def _build_joint(bundle: Bundle, covariance: FloatArray, j: int, arc: float) -> SpatialJoint:
     """Return one joint of the chain."""
     problem, state = bundle.problem, bundle.state
-    cols = columns_of(problem)
+    cols = locate_columns(problem)
     kind, axis, pin = problem.kinds[j], state.first[j], state.second[j]
     centre = covariance[cols.centre[j], cols.centre[j]]
-    about = _about_markers(problem, cols, j, problem.parents[j])
+    about = _centre_jacobian(problem, cols, j, problem.parents[j])
     near = about @ covariance @ about.T
     joint = SpatialJoint(
         kind,
@@ -179,7 +183,7 @@ def _joint(bundle: Bundle, covariance: FloatArray, j: int, arc: float) -> Spatia
                 spread[i] = tangents(each) @ covariance[place, place] @ tangents(each).T
         turn = joint_rotations(problem, state)[0, j]
         cosine = state.cosine[j] if kind == "two-axis" else 1.0
-        offset = offset_between(turn, axis, pin, cosine)
+        offset = align_offset(turn, axis, pin, cosine)
         joint = replace(joint, first_axis=axis, second_axis=pin, axes_covariance=spread, offset=offset)
     if j == 0 and cols.glide is not None:
         joint = replace(
@@ -191,7 +195,7 @@ def _joint(bundle: Bundle, covariance: FloatArray, j: int, arc: float) -> Spatia
     return joint
 
 
-def _about_markers(problem: BundleProblem, cols: Columns, j: int, segment: int) -> FloatArray:
+def _centre_jacobian(problem: BundleProblem, cols: Columns, j: int, segment: int) -> FloatArray:
     """Return a centre about the markers of a segment, whatever the segment's origin, by the parameters (3, P)."""
     here = np.flatnonzero(problem.segment == segment)
     rows = np.zeros((3, cols.size))
@@ -210,7 +214,7 @@ def _is_known(kind: JointKind, covariance: FloatArray, axis: FloatArray) -> bool
     return bool(np.linalg.eigvalsh(across.T @ covariance @ across)[-1] < _UNKNOWN**2)
 
 
-def offset_between(turn: FloatArray, axis: FloatArray, pin: FloatArray, cosine: float) -> FloatArray:
+def align_offset(turn: FloatArray, axis: FloatArray, pin: FloatArray, cosine: float) -> FloatArray:
     """Return the rotation (3, 3) nearest to ``turn`` that brings the pin to its angle with the axis.
 
     Parameters
@@ -247,9 +251,9 @@ def move_centre(fit: SpatialFit, joint: int, point: FloatArray, covariance: Floa
         Covariance of the measured centre, m².
     """
     problem, state = fit.bundle.problem, fit.bundle.state
-    about = _about_markers(problem, columns_of(problem), joint - 1, problem.parents[joint - 1])
+    about = _centre_jacobian(problem, locate_columns(problem), joint - 1, problem.parents[joint - 1])
     known = about @ fit.covariance
     gain = np.linalg.solve(known @ about.T + covariance, known).T
     step = gain @ (point - state.centres[joint - 1])
     moved = apply_step(problem, state, step, -fit.bundle.reduced.gain @ step)
-    return collect(replace(fit.bundle, state=moved), fit.evidence, fit.covariance - gain @ known)
+    return collect_result(replace(fit.bundle, state=moved), fit.evidence, fit.covariance - gain @ known)

@@ -9,7 +9,7 @@ import numpy as np
 from mocap_id.kinematics.hypotheses import SegmentationRules
 from mocap_id.kinematics.space.bodies import SpatialBodies, SpatialBody
 from mocap_id.kinematics.space.chain_order import SpatialBodyChain, find_chain, give_landmarks_to_parents
-from mocap_id.kinematics.space.division import Division, divide, undivided
+from mocap_id.kinematics.space.division import Division, build_partition, divide
 from mocap_id.kinematics.space.exchange import exchange_markers
 
 _LENIENT = 0.9  # a joint whose landmarks are on the wrong side has a large residual; it is judged when they have moved
@@ -91,7 +91,7 @@ def search_chain(sorter: SpatialBodies, rules: SegmentationRules, needed: float)
         start = (*chain.bodies, *chain.branches)
     for least in (needed, np.inf) if made else ():
         start = exchange_markers(sorter, start)
-        chain = find_chain(undivided(start), sorter.points, rules, _LENIENT)
+        chain = find_chain(build_partition(start), sorter.points, rules, _LENIENT)
         if chain is not None:
             chain = give_landmarks_to_parents(chain, sorter)
             start = (*chain.bodies, *chain.branches)

@@ -35,12 +35,12 @@ class Clusters:
     noise: FloatArray
     sd: FloatArray
 
-    def mean_place(self, segment: int, track: FloatArray) -> FloatArray:
+    def median_position(self, segment: int, track: FloatArray) -> FloatArray:
         """Return the median place (3,) of a trajectory (F, 3) in the frame of a cluster, m."""
         local = np.einsum("fji,fj->fi", self.rotation[:, segment], track - self.origin[:, segment])
         return np.asarray(np.nanmedian(local, axis=0))
 
-    def turn(self, parent: int, child: int) -> FloatArray:
+    def relative_rotation(self, parent: int, child: int) -> FloatArray:
         """Return the rotation of a child in its parent (F, 3, 3)."""
         return np.asarray(np.swapaxes(self.rotation[:, parent], 1, 2) @ self.rotation[:, child])
 
@@ -75,7 +75,7 @@ def fit_clusters(points: FloatArray, segment: IntArray, reference: int) -> Clust
     return Clusters(local, turns, places, np.array(noise), np.sqrt(np.array(variances)))
 
 
-def shared_point(clusters: Clusters, parent: int, child: int) -> tuple[FloatArray, FloatArray]:
+def fit_shared_point(clusters: Clusters, parent: int, child: int) -> tuple[FloatArray, FloatArray]:
     """Return the point that moves least between two bodies, in the frames of both (3,), m.
 
     This is the symmetrical centre of rotation (SCoRE, Ehrig et al. 2006), with a weak pull to the middle between the

@@ -13,14 +13,14 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.geometry import so3
-from mocap_id.kinematics.space.chain_start import Clusters, shared_point
+from mocap_id.kinematics.space.chain_start import Clusters, fit_shared_point
 
 _BEYOND = 2.5  # times the displacement that single markers explain; simulated skin stays below 1.8
 _LEAST = 0.001  # m
 _USUAL = 0.95  # share of the frames that count; the rest may hold swapped markers
 
 
-def joint_slides(clusters: Clusters, segment: IntArray, parents: Sequence[int]) -> FloatArray:
+def find_joint_slides(clusters: Clusters, segment: IntArray, parents: Sequence[int]) -> FloatArray:
     """Return the displacement (F, n, 3) between both clusters at every joint that slides, m; 0 at the others.
 
     Parameters
@@ -32,7 +32,7 @@ def joint_slides(clusters: Clusters, segment: IntArray, parents: Sequence[int]) 
     """
     found = np.zeros((len(clusters.rotation), len(parents), 3))
     for j, parent in enumerate(parents):
-        centre, own = shared_point(clusters, parent, j + 1)
+        centre, own = fit_shared_point(clusters, parent, j + 1)
         ends = [
             clusters.origin[:, k] + clusters.rotation[:, k] @ place for k, place in ((parent, centre), (j + 1, own))
         ]

@@ -101,7 +101,7 @@ def assess_spatial_confidence(
         "hidden-tip": 10 * _short_of(_SURE_TIP, max(hidden, default=0.0)),
         "joint": 4 * _short_of(min(ratios), _SURE_JOINT),
         "base": 3 * _short_of(motion, _SURE_BASE),
-        "not-rigid": 8 * _short_of(_SURE_BODY, max(body.usual for body in chain.bodies)),
+        "not-rigid": 8 * _short_of(_SURE_BODY, max(body.rms_residual for body in chain.bodies)),
         "left-out": 30 * _short_of(1 - left_out, 1.0),
         "one-joint": min(10 * _short_of(second_arc, _SURE_SECOND), _ONE_JOINT),
     }

@@ -2,8 +2,9 @@
 
 The skin of a limb slides, and follows only a part of the limb's rotation about its long axis. Two groups of markers on
 it then turn against each other by several degrees, as two segments do. But they do so with the joints next to the body
-(:mod:`.own_motion`), and a joint that hides in the body does not. A body is therefore divided only if the two parts fit
-its markers better where those joints do not explain their motion, or if they fit far better than skin could explain.
+(:mod:`.unexplained_motion`), and a joint that hides in the body does not. A body is therefore divided only if the two
+parts fit its markers better where those joints do not explain their motion, or if they fit far better than skin could
+explain.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.kinematics.space.bodies import SpatialBodies, SpatialBody
-from mocap_id.kinematics.space.own_motion import gain_of_parts, own_deviation, own_motion
 from mocap_id.kinematics.space.pair_joint import SpatialPairJoint, fit_pair_joint
+from mocap_id.kinematics.space.unexplained_motion import gain_of_parts, unexplained_distance_sd, unexplained_motion
 
 _GAIN_END = 0.7  # summed log gain of the own motion from which a body with one joint is two: skin reaches 0.5
 _GAIN_BETWEEN = 1.15  # the same between two joints, whose large rotations explain less: skin reaches 1.1
@@ -96,7 +97,7 @@ def divide(sorter: SpatialBodies, start: Sequence[SpatialBody], needed: float = 
     joints: dict[bytes, SpatialPairJoint] = {}
     tried: dict[bytes, Division | None] = {}
     while True:
-        found.joints = _all_joints(found.bodies, joints)
+        found.joints = _fit_all_joints(found.bodies, joints)
         divisions = [_best_division(sorter, found, index, tried) for index in range(len(found.bodies))]
         known = [division for division in divisions if division is not None]
         best = max(known, key=lambda division: (division.evidence >= needed, division.gain), default=None)
@@ -106,13 +107,13 @@ def divide(sorter: SpatialBodies, start: Sequence[SpatialBody], needed: float = 
         found.made.append(best)
         others = [body.markers for body in found.bodies if body is not best.whole]
         divided = [*others, *(part.markers for part in best.parts)]
-        settled = sorter.settled(divided, _STAY)
+        settled = sorter.reassign_markers(divided, _STAY)
         found.bodies = [sorter.body(group) for group in divided] if len(settled) < len(divided) else list(settled)
 
 
-def undivided(bodies: Sequence[SpatialBody]) -> Partition:
+def build_partition(bodies: Sequence[SpatialBody]) -> Partition:
     """Return bodies with the joints of all pairs; no division is tried."""
-    return Partition(list(bodies), _all_joints(bodies, {}))
+    return Partition(list(bodies), _fit_all_joints(bodies, {}))
 
 
 def spanning_tree(joints: dict[tuple[int, int], SpatialPairJoint], count: int) -> list[tuple[int, int]]:
@@ -126,7 +127,7 @@ def spanning_tree(joints: dict[tuple[int, int], SpatialPairJoint], count: int) -
     return edges
 
 
-def _all_joints(
+def _fit_all_joints(
     bodies: Sequence[SpatialBody], known: dict[bytes, SpatialPairJoint]
 ) -> dict[tuple[int, int], SpatialPairJoint]:
     """Return the joint of each pair of bodies; ``known`` keeps them from step to step."""
@@ -144,7 +145,7 @@ def _best_division(
 ) -> Division | None:
     """Return the division of a body with the most evidence; None if it is rigid or has too few markers."""
     whole = found.bodies[index]
-    if whole.usual <= _RIGID:
+    if whole.rms_residual <= _RIGID:
         return None
     neighbours = [
         found.bodies[j if i == index else i]
@@ -153,17 +154,17 @@ def _best_division(
     ]
     key = b"|".join(body.markers.tobytes() for body in (whole, *neighbours))
     if key not in tried:
-        every = _weigh(sorter, whole, neighbours)
+        every = _weigh_divisions(sorter, whole, neighbours)
         tried[key] = max(every, key=lambda division: division.evidence, default=None)
     return tried[key]
 
 
-def _weigh(sorter: SpatialBodies, whole: SpatialBody, neighbours: Sequence[SpatialBody]) -> list[Division]:
+def _weigh_divisions(sorter: SpatialBodies, whole: SpatialBody, neighbours: Sequence[SpatialBody]) -> list[Division]:
     """Return the divisions of a body, with their gains."""
-    motion, shape = own_motion(sorter.points, whole, neighbours)
+    motion, shape = unexplained_motion(sorter.points, whole, neighbours)
     needed = _GAIN_BETWEEN if len(neighbours) > 1 else _GAIN_END
     divisions = []
-    deviation = own_deviation(motion, shape) if neighbours and whole.usual <= _NEARLY_RIGID else None
+    deviation = unexplained_distance_sd(motion, shape) if neighbours and whole.rms_residual <= _NEARLY_RIGID else None
     for parts in sorter.divisions(whole.markers, deviation):
         gain = sum(_log_gain(whole.residual[part.markers], part.residual[part.markers]) for part in parts)
         rows = [np.searchsorted(whole.markers, part.markers) for part in parts]

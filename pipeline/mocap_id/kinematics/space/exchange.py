@@ -12,10 +12,10 @@ from typing import TypeAlias
 import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
-from mocap_id.kinematics.space.bodies import LEAST, NARROW, SpatialBodies, SpatialBody, around_mean
-from mocap_id.kinematics.space.division import spanning_tree, undivided
-from mocap_id.kinematics.space.own_motion import own_residuals
+from mocap_id.kinematics.space.bodies import LEAST, NARROW, SpatialBodies, SpatialBody, subtract_means
+from mocap_id.kinematics.space.division import build_partition, spanning_tree
 from mocap_id.kinematics.space.pair_joint import fit_pair_joint
+from mocap_id.kinematics.space.unexplained_motion import unexplained_residuals
 
 _MARGIN = 0.3  # least gain, in the sum of the logarithms of the residuals
 _FLOOR, _OWN_FLOOR = 1e-3, 0.5e-3  # m; smaller residuals, and those of own motion, are no better
@@ -53,7 +53,7 @@ class _Exchange:
 
     def __init__(self, sorter: SpatialBodies, bodies: Sequence[SpatialBody]) -> None:
         self.sorter, self.bodies = sorter, list(bodies)
-        self.edges = spanning_tree(undivided(bodies).joints, len(bodies))
+        self.edges = spanning_tree(build_partition(bodies).joints, len(bodies))
         self._costs: dict[bytes, float] = {}
 
     def improve(self, i: int, j: int) -> bool:
@@ -64,7 +64,10 @@ class _Exchange:
             pair: _Pair = self.bodies[i], self.bodies[j]
             plain, own = _plain_cost(*pair), self._own_cost(*pair, i, j)
             best, chosen = plain + own - _MARGIN, pair
-            choices: list[tuple[_Pair, float]] = [*self._exchanged(*pair), *(self._divided(*pair) if new else ())]
+            choices: list[tuple[_Pair, float]] = [
+                *self._propose_exchanges(*pair),
+                *(self._propose_divisions(*pair) if new else ()),
+            ]
             for choice, doubt in choices:
                 rigid = _plain_cost(*choice) + doubt
                 if rigid > plain + _HOPELESS:
@@ -87,16 +90,16 @@ class _Exchange:
             around = [at.get(other, self.bodies[other]) for other in others]
             key = b"|".join(each.markers.tobytes() for each in (body, *around))
             if key not in self._costs:
-                left = own_residuals(self.sorter.points, body, around)
+                left = unexplained_residuals(self.sorter.points, body, around)
                 self._costs[key] = float(np.sum(np.log(left**2 + _OWN_FLOOR**2))) / 2
             total += self._costs[key]
         return total
 
-    def _exchanged(self, first: SpatialBody, second: SpatialBody) -> Iterator[tuple[_Pair, float]]:
+    def _propose_exchanges(self, first: SpatialBody, second: SpatialBody) -> Iterator[tuple[_Pair, float]]:
         """Yield the bodies after one marker has changed sides, or one of each, and what speaks against it."""
         joint = fit_pair_joint(first, second)
-        leaving, joining = self._movable(first, second), self._movable(second, first)
-        doubts = self._doubts(first, leaving, joint.in_first), self._doubts(second, joining, joint.in_second)
+        leaving, joining = self._find_movable(first, second), self._find_movable(second, first)
+        doubts = self._penalise(first, leaving, joint.in_first), self._penalise(second, joining, joint.in_second)
         moves: list[tuple[list[int], list[int], float]]
         moves = [([m], [], doubt) for m, doubt in zip(leaving, doubts[0], strict=True)]
         moves += [([], [m], doubt) for m, doubt in zip(joining, doubts[1], strict=True)]
@@ -106,32 +109,32 @@ class _Exchange:
                 np.sort(np.append(np.setdiff1d(body.markers, gone), come).astype(np.int64))
                 for body, gone, come in ((first, out, back), (second, back, out))
             ]
-            if self._possible(*markers):
+            if self._is_possible(*markers):
                 made = self.sorter.body(markers[0]), self.sorter.body(markers[1])
                 if min(body.width for body in made) >= NARROW:
                     yield made, doubt
 
-    def _divided(self, first: SpatialBody, second: SpatialBody) -> Iterator[tuple[_Pair, float]]:
+    def _propose_divisions(self, first: SpatialBody, second: SpatialBody) -> Iterator[tuple[_Pair, float]]:
         """Yield other divisions of the markers of both, either way round."""
         for one, other in self.sorter.divisions(np.sort(np.concatenate([first.markers, second.markers]))):
-            if self._possible(one.markers, other.markers):
+            if self._is_possible(one.markers, other.markers):
                 yield (one, other), 0.0
                 yield (other, one), 0.0
 
-    def _movable(self, body: SpatialBody, other: SpatialBody) -> list[int]:
+    def _find_movable(self, body: SpatialBody, other: SpatialBody) -> list[int]:
         own = body.residual[body.markers]
         close = other.residual[body.markers] <= np.maximum(_FAR * own, _CLOSE)
         return [int(m) for m in body.markers[close]]
 
-    def _doubts(self, body: SpatialBody, markers: list[int], centre: FloatArray) -> list[float]:
+    def _penalise(self, body: SpatialBody, markers: list[int], centre: FloatArray) -> list[float]:
         """Return what speaks against taking each marker off a body; the joint's centre is (3,), m, in its frame."""
         if not markers:
             return []
-        _, place, _ = around_mean(body.local(self.sorter.points[:, markers]))
+        _, place, _ = subtract_means(body.local(self.sorter.points[:, markers]))
         near = np.linalg.norm(place - centre, axis=1) <= _NEAR_JOINT
         return [_LANDMARK if each else 0.0 for each in near]
 
-    def _possible(self, first: IntArray, second: IntArray) -> bool:
+    def _is_possible(self, first: IntArray, second: IntArray) -> bool:
         """Return whether both may be bodies, with markers together and apart as the user wants."""
         constraints = self.sorter.constraints
         apart = np.isin(constraints.unit[first], constraints.unit[second]).any()

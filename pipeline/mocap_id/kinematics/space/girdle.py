@@ -17,7 +17,7 @@ _RANGE = 0.15  # of u; below, the arm is hardly raised
 _FEWEST = 4  # markers of the base that do not ride
 
 
-def markers_on_girdle(
+def find_girdle_markers(
     off: FloatArray, seen: BoolArray, base: BoolArray, share: FloatArray, named: BoolArray
 ) -> BoolArray:
     """Return the markers of the base that move with the elevation of the next segment (M,).

@@ -80,11 +80,11 @@ def weigh_kinds(turn: FloatArray, noise: FloatArray, arc: float, kind: JointKind
         Kind given by the user.
     """
     noise = noise + _LEAST_NOISE**2 * np.eye(3)
-    hinge, pair = hinge_axes(turn), two_axes(turn)
+    hinge, pair = fit_hinge(turn), fit_two_axes(turn)
     tilt = np.cross(hinge.first, turn @ hinge.second) @ tangents(hinge.first)
     shaken = tangents(hinge.first).T @ noise @ tangents(hinge.first)
     over = np.linalg.eigvals(np.linalg.solve(shaken, tilt.T @ tilt / len(turn))).real.max()
-    gap, size = _gap(turn, pair, noise)
+    gap, size = _measure_gap(turn, pair, noise)
     left: dict[JointKind, float] = {
         "hinge": float(np.sqrt(np.mean(np.sum(tilt**2, axis=1)))),
         "two-axis": float(np.sqrt(np.mean(gap**2))),
@@ -101,7 +101,7 @@ def weigh_kinds(turn: FloatArray, noise: FloatArray, arc: float, kind: JointKind
     return JointEvidence(kind or likely, likely, left, ratio, worst, arc)
 
 
-def _gap(turn: FloatArray, pair: JointAxes, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _measure_gap(turn: FloatArray, pair: JointAxes, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the angle that two axes leave unexplained (F,), rad, and the variance of its noise, rad²."""
     carried = turn @ pair.second
     normal = np.cross(pair.first, carried)
@@ -109,15 +109,15 @@ def _gap(turn: FloatArray, pair: JointAxes, noise: FloatArray) -> tuple[FloatArr
     return gap, np.einsum("fi,ij,fj->f", normal, noise, normal) / np.maximum((normal**2).sum(axis=1), 1e-9)
 
 
-def axes_with_pin(turn: FloatArray, noise: FloatArray, pin: FloatArray) -> JointAxes | None:
+def fit_pin_axes(turn: FloatArray, noise: FloatArray, pin: FloatArray) -> JointAxes | None:
     """Return two axes of which the second is ``pin`` (3,), or None if these do not explain the rotation."""
     middle = turn.mean(axis=0)
     carried = turn @ pin
     spread = carried - middle @ pin
     pull = _UPRIGHT * np.sum(spread**2) / len(turn)
-    first = _least(spread.T @ spread / len(turn) + pull * np.outer(middle @ pin, middle @ pin))
+    first = _smallest_eigenvectors(spread.T @ spread / len(turn) + pull * np.outer(middle @ pin, middle @ pin))
     pair = JointAxes(first, pin, float(first @ middle @ pin))
-    gap, size = _gap(turn, pair, noise + _LEAST_NOISE**2 * np.eye(3))
+    gap, size = _measure_gap(turn, pair, noise + _LEAST_NOISE**2 * np.eye(3))
     return pair if np.sqrt(np.mean(gap**2 / size)) <= _PIN_EXPLAINED else None
 
 
@@ -137,13 +137,13 @@ def middle_rotation(turn: FloatArray) -> FloatArray:
     return np.asarray(left @ right)
 
 
-def hinge_axes(turn: FloatArray) -> JointAxes:
+def fit_hinge(turn: FloatArray) -> JointAxes:
     """Return the axis that keeps its direction in both bodies best."""
     left, _, right = np.linalg.svd(turn.mean(axis=0))
     return JointAxes(left[:, 0], right[0], 1.0)
 
 
-def two_axes(turn: FloatArray) -> JointAxes:
+def fit_two_axes(turn: FloatArray) -> JointAxes:
     """Return the two axes, one in each body, whose angle changes least.
 
     The cosine of the angle is a · Q b. Its variance is a quadratic form in each axis, so the axes are found in turn.
@@ -152,29 +152,33 @@ def two_axes(turn: FloatArray) -> JointAxes:
     spread = (turn - middle).reshape(len(turn), 9)
     form = (spread.T @ spread / len(turn)).reshape(3, 3, 3, 3)
     size = float(np.trace(spread.T @ spread)) / len(turn)
-    second = _directions(_STARTS)
+    second = _spread_directions(_STARTS)
     for pull in (*[_UPRIGHT * size] * _TURNS, *[1e-3 * size] * _TURNS):
         carried = second @ middle.T
-        first = _least(np.einsum("ijkl,sj,sl->sik", form, second, second) + pull * _squares(carried))
+        first = _smallest_eigenvectors(
+            np.einsum("ijkl,sj,sl->sik", form, second, second) + pull * _outer_squares(carried)
+        )
         carried = first @ middle
-        second = _least(np.einsum("ijkl,si,sk->sjl", form, first, first) + pull * _squares(carried))
+        second = _smallest_eigenvectors(
+            np.einsum("ijkl,si,sk->sjl", form, first, first) + pull * _outer_squares(carried)
+        )
     cosine = np.einsum("si,ij,sj->s", first, middle, second)
     value = np.einsum("ijkl,si,sj,sk,sl->s", form, first, second, first, second) / np.maximum(1 - cosine**2, 1e-6)
     best = int(np.argmin(value + (np.abs(cosine) > PARALLEL) * size))
     return JointAxes(first[best], second[best], float(cosine[best]))
 
 
-def _squares(vectors: FloatArray) -> FloatArray:
+def _outer_squares(vectors: FloatArray) -> FloatArray:
     """Return the outer products (S, 3, 3) of vectors (S, 3) with themselves."""
     return np.asarray(vectors[:, :, None] * vectors[:, None, :])
 
 
-def _least(form: FloatArray) -> FloatArray:
+def _smallest_eigenvectors(form: FloatArray) -> FloatArray:
     """Return the eigenvectors (..., 3) of the smallest eigenvalues of forms (..., 3, 3)."""
     return np.asarray(np.linalg.eigh(form)[1][..., 0])
 
 
-def _directions(count: int) -> FloatArray:
+def _spread_directions(count: int) -> FloatArray:
     """Return directions spread over a half sphere (count, 3)."""
     at = np.arange(count) + 0.5
     height, around = at / count, np.pi * (1 + np.sqrt(5)) * at

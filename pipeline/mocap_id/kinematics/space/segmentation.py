@@ -18,7 +18,7 @@ from mocap_id.kinematics.constraints import Constraints
 from mocap_id.kinematics.frame_sampling import frames_along_motion
 from mocap_id.kinematics.hypotheses import SegmentationRules
 from mocap_id.kinematics.space.bodies import LEAST, SpatialBodies, distance_deviation
-from mocap_id.kinematics.space.chain_order import CHANCE, SpatialBodyChain, joints_between, scatter
+from mocap_id.kinematics.space.chain_order import CHANCE, SpatialBodyChain, fit_joints_along, measure_scatter
 from mocap_id.kinematics.space.chain_search import SpatialSearch, search_best_chain, search_chain
 from mocap_id.kinematics.space.confidence import SpatialConfidence, assess_spatial_confidence
 from mocap_id.kinematics.space.pair_joint import fit_pair_joint, mean_rotation
@@ -136,7 +136,7 @@ def segment_in_space(
     markers = np.flatnonzero(seen & (partners >= LEAST - 1))
     _require_motion(len(markers), deviation[np.ix_(seen, seen)])
     search = points[frames_along_motion(points, min(frames, _SEARCH_FRAMES))]
-    found = _find_counted(SpatialBodies(search, markers, constraints), rules)
+    found = _search_with_count(SpatialBodies(search, markers, constraints), rules)
     return _assemble(found, points, seen, rules, constraints)
 
 
@@ -161,7 +161,7 @@ def _require_motion(count: int, deviation: FloatArray) -> None:
         )
 
 
-def _find_counted(sorter: SpatialBodies, rules: SegmentationRules) -> SpatialSearch:
+def _search_with_count(sorter: SpatialBodies, rules: SegmentationRules) -> SpatialSearch:
     """Return the chain, with the requested number of segments if there is one."""
     found = search_best_chain(sorter, rules)
     lengths = set()
@@ -184,18 +184,18 @@ def _find_counted(sorter: SpatialBodies, rules: SegmentationRules) -> SpatialSea
             float(rules.count or 0),
             float(max(lengths)),
         )
-    raise _no_chain(found, sorter, rules)
+    raise _explain_missing_chain(found, sorter, rules)
 
 
-def _no_chain(found: SpatialSearch, sorter: SpatialBodies, rules: SegmentationRules) -> Refused:
+def _explain_missing_chain(found: SpatialSearch, sorter: SpatialBodies, rules: SegmentationRules) -> Refused:
     """Return the refusal: no two bodies turn about a common point."""
     bodies = sum(len(body.markers) >= LEAST for body in found.bodies)
     if bodies < 2:
         return Refused(
             "no-chain",
-            f"the {len(sorter.markers)} markers form one body (residual {1e3 * found.bodies[0].usual:.0f} mm rms), so "
-            "there is no joint. Record a larger movement of the joints, with at least three markers on each segment, "
-            "or take the chain from another trial (`calibration:`).",
+            f"the {len(sorter.markers)} markers form one body (residual {1e3 * found.bodies[0].rms_residual:.0f} mm "
+            "rms), so there is no joint. Record a larger movement of the joints, with at least three markers on each "
+            "segment, or take the chain from another trial (`calibration:`).",
             float(bodies),
             2.0,
         )
@@ -219,15 +219,15 @@ def _assemble(
     assert found.chain is not None
     sorter = SpatialBodies(points, np.flatnonzero(seen), constraints)
     bodies = [sorter.body(body.markers) for body in found.chain.bodies]
-    chain = SpatialBodyChain(tuple(bodies), joints_between(bodies), found.chain.branches, found.chain.joined)
+    chain = SpatialBodyChain(tuple(bodies), fit_joints_along(bodies), found.chain.branches, found.chain.joined)
     residuals = np.stack([body.residual for body in bodies])
     segment = np.full(points.shape[1], -1)
     for k, body in enumerate(bodies):
         segment[body.markers] = k
     branched = np.isin(np.arange(len(segment)), [marker for body in chain.branches for marker in body.markers])
-    _adopt(segment, residuals, seen & ~branched, rules, constraints)
+    _assign_leftovers(segment, residuals, seen & ~branched, rules, constraints)
     residual = np.where(segment >= 0, residuals[segment, np.arange(len(segment))], np.nan)
-    motion = scatter(points)
+    motion = measure_scatter(points)
     base, tip = (float(np.median(motion[segment == k])) for k in (0, len(bodies) - 1))
     beside = [branch for branch, joined in zip(chain.branches, chain.joined, strict=True) if joined]
     explained = int(np.sum(segment >= 0)) + sum(len(branch.markers) for branch in beside)
@@ -236,27 +236,27 @@ def _assemble(
         found.made,
         found.refused,
         motion=tip / max(base, 1e-6),
-        second_arc=_second_arc(chain),
+        second_arc=_measure_second_arc(chain),
         left_out=1 - explained / max(int(seen.sum()), 1),
     )
     return SpatialSegmentation(
         segment=segment,
         parents=tuple(range(len(bodies) - 1)),
         residual=residual,
-        reasons=tuple(_reason(m, segment, residuals, chain, seen) for m in range(len(segment))),
+        reasons=tuple(_explain_assignment(m, segment, residuals, chain, seen) for m in range(len(segment))),
         count=len(bodies),
         confidence=confidence,
         ratios=tuple(joint.free / max(joint.residual, 1e-6) for joint in chain.joints),
         joint_residuals=tuple(joint.residual for joint in chain.joints),
         arcs=tuple(joint.arc for joint in chain.joints),
         moving_base=base > rules.still_limit,
-        planarity=_planarity(chain),
-        hypotheses=_hypotheses(found),
+        planarity=_measure_planarity(chain),
+        hypotheses=_list_hypotheses(found),
         branches=tuple(branch.markers for branch in chain.branches),
     )
 
 
-def _adopt(
+def _assign_leftovers(
     segment: IntArray, residuals: FloatArray, free: BoolArray, rules: SegmentationRules, constraints: Constraints
 ) -> None:
     """Take foreign markers off their segments, and give those left over to the segment with which they are most rigid.
@@ -286,7 +286,9 @@ def _adopt(
             segment[marker] = int(np.argmin(cost))
 
 
-def _reason(marker: int, segment: IntArray, residuals: FloatArray, chain: SpatialBodyChain, seen: BoolArray) -> str:
+def _explain_assignment(
+    marker: int, segment: IntArray, residuals: FloatArray, chain: SpatialBodyChain, seen: BoolArray
+) -> str:
     """Return in words why a marker is on its segment, or on none."""
     k = int(segment[marker])
     if k >= 0:
@@ -309,7 +311,7 @@ def _reason(marker: int, segment: IntArray, residuals: FloatArray, chain: Spatia
     )
 
 
-def _planarity(chain: SpatialBodyChain) -> float:
+def _measure_planarity(chain: SpatialBodyChain) -> float:
     """Return the share of the rotation of the segments against the base, frame by frame, that is not about one axis."""
     base = chain.bodies[0].rotation
     moment = np.zeros((3, 3))
@@ -323,7 +325,7 @@ def _planarity(chain: SpatialBodyChain) -> float:
     return float(1 - values[2] / values.sum()) if values.sum() > 0 else 0.0
 
 
-def _second_arc(chain: SpatialBodyChain) -> float:
+def _measure_second_arc(chain: SpatialBodyChain) -> float:
     """Return the arc of the second independent rotation of the joints, as 4 standard deviations, rad; 0 for one joint.
 
     The rotation vectors of all joints are split into independent courses in time (principal components).
@@ -340,7 +342,7 @@ def _second_arc(chain: SpatialBodyChain) -> float:
     return float(4 * np.sqrt(max(values[-2], 0.0)))
 
 
-def _hypotheses(found: SpatialSearch) -> tuple[SpatialHypothesis, ...]:
+def _list_hypotheses(found: SpatialSearch) -> tuple[SpatialHypothesis, ...]:
     """Return the divisions made and refused, the largest gain first."""
     every = [(each, True) for each in found.made] + [(each, False) for each in found.refused]
     return tuple(

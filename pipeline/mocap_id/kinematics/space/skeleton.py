@@ -90,7 +90,7 @@ class SensorNoise:
     white: float
     memory: float
 
-    def colour(self, frequency: FloatArray, dt: float) -> FloatArray:
+    def relative_power(self, frequency: FloatArray, dt: float) -> FloatArray:
         """Return the power at frequencies (K,), Hz, relative to that of white noise of the same variance."""
         fades = float(np.exp(-dt / self.memory))
         turned = 1 - 2 * fades * np.cos(2 * np.pi * frequency * dt) + fades**2
@@ -119,21 +119,21 @@ def fit_trunk(points: Mapping[str, FloatArray]) -> Trunk:
             f"found {', '.join(roles) or 'none of them'}.",
         )
     tracks = np.stack([points[name] for name in roles], axis=1)
-    local, weight = _first_shape(tracks), np.ones(len(roles))
+    local, weight = _choose_first_shape(tracks), np.ones(len(roles))
     for _ in range(_ROUNDS):
-        rotations, origins = _poses(tracks, local, weight)
+        rotations, origins = _fit_poses(tracks, local, weight)
         back = np.einsum("fji,fkj->fki", rotations, tracks - origins[:, None])
         local = np.nanmedian(back, axis=0)
-        residual = np.sqrt(np.mean(_spread(back - local) ** 2, axis=1))
+        residual = np.sqrt(np.mean(_robust_sd(back - local) ** 2, axis=1))
         weight = 1 / residual**2
-    turn, middle = _axes(local, roles)
+    turn, middle = _find_anatomical_axes(local, roles)
     local = (local - middle) @ turn
-    rotations, origins = _poses(tracks, local, weight)
+    rotations, origins = _fit_poses(tracks, local, weight)
     share = np.clip(1 - 2 * weight / weight.sum(), 0.3, 1.0)  # the pose follows a joint by up to six of 3 T coordinates
     return Trunk(roles, local, residual / np.sqrt(share), rotations, origins)
 
 
-def _first_shape(tracks: FloatArray) -> FloatArray:
+def _choose_first_shape(tracks: FloatArray) -> FloatArray:
     """Return the shape in the frame that shows all joints in their most usual places."""
     seen = np.isfinite(tracks).all(axis=(1, 2))
     if not seen.any():
@@ -147,13 +147,13 @@ def _first_shape(tracks: FloatArray) -> FloatArray:
     return np.asarray(shape[int(np.argmin(off))])
 
 
-def _poses(tracks: FloatArray, local: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _fit_poses(tracks: FloatArray, local: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
     seen = np.isfinite(tracks).all(axis=2) & np.isfinite(local).all(axis=1)
     rotations, origins, _ = rigid_poses(tracks, local, seen * weight / weight.max())
     return rotations, origins
 
 
-def _axes(local: FloatArray, roles: tuple[str, ...]) -> tuple[FloatArray, FloatArray]:
+def _find_anatomical_axes(local: FloatArray, roles: tuple[str, ...]) -> tuple[FloatArray, FloatArray]:
     """Return the anatomical axes as columns and the origin, from the shape of the trunk."""
     at = dict(zip(roles, local, strict=True))
 
@@ -205,7 +205,7 @@ def fit_bone(tips: FloatArray, expected: FloatArray, expected_sd: float, *, rate
         arm = tips - centre
         distance = np.maximum(np.linalg.norm(arm, axis=1), _SHORTEST)
         off = distance - length
-        noise = float(_spread(off - np.median(off)))
+        noise = float(_robust_sd(off - np.median(off)))
         weight = 1 / (1 + (off / (_OUTLIER * noise)) ** 2) ** 2 / (noise**2 + _POSTURE_SD**2) / together
         rows = np.column_stack([-arm / distance[:, None], -np.ones(len(tips))])
         information = np.einsum("fi,f,fj->ij", rows, weight, rows)
@@ -219,17 +219,17 @@ def fit_bone(tips: FloatArray, expected: FloatArray, expected_sd: float, *, rate
     return Bone(centre, length, np.asarray(np.linalg.inv(information), dtype=np.float64), noise)
 
 
-def _spread(off: FloatArray) -> FloatArray:
+def _robust_sd(off: FloatArray) -> FloatArray:
     """Return the standard deviation over the first axis, m, without outliers but with the noise of fast movement."""
     size = np.abs(off)
     usual, large = 1.4826 * np.nanmedian(size, axis=0), np.nanquantile(size, _MOST, axis=0) / _OF_NORMAL
     return np.asarray(np.maximum(np.maximum(usual, large), _LEAST_NOISE))
 
 
-def sensor_noise(residuals: FloatArray, rate: float) -> SensorNoise:
+def fit_sensor_noise(residuals: FloatArray, rate: float) -> SensorNoise:
     """Return the autocorrelation of the sensor's noise from residuals (F, K), m; NaN where unknown."""
     off = residuals - np.nanmedian(residuals, axis=0)
-    off = np.where(np.abs(off) < _OUTLIER * _spread(off), off, np.nan)
+    off = np.where(np.abs(off) < _OUTLIER * _robust_sd(off), off, np.nan)
     total = np.nanmean(off**2)
     short, long = (float(np.nanmean(off[lag:] * off[:-lag]) / total) for lag in _LAGS)
     if not (short > 0.05 and 0.01 < long < short):

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.geometry.circle import on_shortest_arc
+from mocap_id.geometry.circle import shift_to_shortest_arc
 from mocap_id.store.spatial_views import GATED, SegmentPoses, SpatialAngles
 
 HELD = 0.05
@@ -73,7 +73,7 @@ def usable_samples(angles: SpatialAngles, poses: SegmentPoses, name: str) -> Boo
 def values(angles: SpatialAngles, name: str, usable: BoolArray) -> FloatArray:
     """Return an angle (K,) in the usable samples, rad; plane and axial rotation without jumps by whole turns."""
     found = angles.mean[usable, angles.names.index(name), 0]
-    return on_shortest_arc(found) if name in GATED and len(found) else found
+    return shift_to_shortest_arc(found) if name in GATED and len(found) else found
 
 
 def joint_ranges(angles: SpatialAngles, poses: SegmentPoses, *, skeleton: bool = False) -> dict[str, AngleRange]:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mocap_id.arrays import BoolArray
-from mocap_id.geometry.circle import on_shortest_arc
+from mocap_id.geometry.circle import shift_to_shortest_arc
 from mocap_id.reporting import style
 from mocap_id.reporting.downsampling import spans
 from mocap_id.reporting.figure import Panel, Spans
@@ -70,7 +70,7 @@ def _motion(joint: str, own: list[str], angles: SpatialAngles, observed: BoolArr
     for k, name in enumerate(own):
         usable = angles.usable(name)
         if name in GATED and usable.any():
-            mean[usable, k, 0] = on_shortest_arc(mean[usable, k, 0])
+            mean[usable, k, 0] = shift_to_shortest_arc(mean[usable, k, 0])
         mean[~usable, k] = np.nan
     states = JointStates(angles.time, mean, angles.sd[:, columns], np.tile(observed[:, None], (1, len(own))))
     near = angles.near_gimbal & any(name in GATED for name in own)

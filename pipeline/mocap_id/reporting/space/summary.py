@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import NORMAL_95, FloatArray
-from mocap_id.geometry.circle import on_shortest_arc
+from mocap_id.geometry.circle import shift_to_shortest_arc
 from mocap_id.geometry.spatial_chain import SpatialJoint
 from mocap_id.reporting.numbers import all_known, known
 from mocap_id.reporting.report_data import ReportData
@@ -113,7 +113,7 @@ def _angle(found: SpatialAngles, k: int) -> AngleEntry:
         nothing = dict.fromkeys(("low_deg", "high_deg", "range_deg", "interval_deg", "sd_deg", "constant_sd_deg"))
         return AngleEntry(**nothing, used_share=share, why=why)
     turned = found.mean[usable, k, 0]
-    values = np.degrees(on_shortest_arc(turned) if name in GATED else turned)
+    values = np.degrees(shift_to_shortest_arc(turned) if name in GATED else turned)
     sd = np.degrees(found.sd[usable, k, 0])
     ends = [int(values.argmin()), int(values.argmax())]
     low, high = (float(values[end]) for end in ends)

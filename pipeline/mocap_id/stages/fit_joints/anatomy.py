@@ -15,13 +15,13 @@ from mocap_id.anatomy.segment_frames import (
     ElbowAxis,
     SegmentPoses,
     fit_segment_frames,
-    turn_to_elbow_axis,
-    with_known_middle,
+    rotate_to_elbow_axis,
+    set_middle_covariance,
 )
-from mocap_id.anatomy.still_pose import LandmarkPlace, find_still_pose, place_landmarks
+from mocap_id.anatomy.still_pose import LandmarkPosition, find_still_pose, locate_landmarks
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.geometry.spatial_chain import SpatialChain
-from mocap_id.geometry.spatial_frames import reframed
+from mocap_id.geometry.spatial_frames import change_frames
 from mocap_id.kinematics.space.chain_result import SpatialFit, move_centre
 from mocap_id.stages.base import Context
 from mocap_id.stages.fit_joints import FitJointsSettings
@@ -101,9 +101,9 @@ def in_anatomical_frames(
     some, at_rest = _some_frames(still.frames, len(points))
     moving = dict(zip(wanted, np.moveaxis(tracks[some], 1, 0), strict=True))
 
-    def placed(fit: SpatialFit) -> tuple[dict[str, LandmarkPlace], tuple[Reason, ...], _ClusterPoses]:
+    def placed(fit: SpatialFit) -> tuple[dict[str, LandmarkPosition], tuple[Reason, ...], _ClusterPoses]:
         poses = _ClusterPoses.of(points[some], fit.chain, at_rest)
-        seen, notes = place_landmarks(
+        seen, notes = locate_landmarks(
             moving, segment, poses.rotations, poses.origins, frames=at_rest, palpation=settings.palpation_sd_m
         )
         left = view.planar.facts["side"] == "left"
@@ -126,7 +126,7 @@ def in_anatomical_frames(
         "frame_covariance": _covariances(frames),
     }
     found = _landmarks({name: (segment[name], local[name]) for name in places}, places)
-    chain = reframed(moved.chain, turns, base)
+    chain = change_frames(moved.chain, turns, base)
     return AnatomicalChain(moved, chain, found, facts, (*named.reasons, *still.reasons, *reasons, *frames.reasons))
 
 
@@ -171,7 +171,7 @@ def points_near_joints(context: Context, view: Trajectories, names: Sequence[str
 
 
 def _with_middles(
-    fit: SpatialFit, placed: Callable[[SpatialFit], Mapping[str, LandmarkPlace]], numbers: Mapping[str, int]
+    fit: SpatialFit, placed: Callable[[SpatialFit], Mapping[str, LandmarkPosition]], numbers: Mapping[str, int]
 ) -> SpatialFit:
     """Return the fit with the centres of shoulder, elbow and wrist also measured by their landmarks.
 
@@ -189,7 +189,7 @@ def _with_middles(
 
 def _frames(
     fit: SpatialFit,
-    places: Mapping[str, LandmarkPlace],
+    places: Mapping[str, LandmarkPosition],
     where: Mapping[str, int],
     poses: _ClusterPoses,
     option: int,
@@ -206,13 +206,13 @@ def _frames(
     found = fit_segment_frames(at, where, standing, covariances=spread, bent=bent)
     for child, pair in _pairs_at_joints(fit, at, where).items():
         parent = fit.chain.joints[where[child] - 1].parent
-        found = with_known_middle(found, pair, fit.centre_among_markers(where[child], parent))
+        found = set_middle_covariance(found, pair, fit.centre_among_markers(where[child], parent))
     if option == 2 or not {"upper_arm", "forearm"} <= where.keys() or "upper_arm" not in found.frames:
         return found
     elbow = fit.chain.joints[where["forearm"] - 1]
     if elbow.kind == "ball" or not np.isfinite(elbow.axes_covariance[0]).all():
         return found
-    return turn_to_elbow_axis(found, ElbowAxis(elbow.first_axis, elbow.axes_covariance[0]))
+    return rotate_to_elbow_axis(found, ElbowAxis(elbow.first_axis, elbow.axes_covariance[0]))
 
 
 def _pairs_at_joints(
@@ -272,7 +272,7 @@ def _covariances(frames: AnatomicalFrames) -> dict[str, list[list[float]]]:
     }
 
 
-def _landmarks(found: Mapping[str, tuple[int, FloatArray]], places: Mapping[str, LandmarkPlace]) -> dict[str, Any]:
+def _landmarks(found: Mapping[str, tuple[int, FloatArray]], places: Mapping[str, LandmarkPosition]) -> dict[str, Any]:
     return {
         "name": np.array(list(found), dtype=object),
         "segment": np.array([k for k, _ in found.values()], dtype=np.int64),

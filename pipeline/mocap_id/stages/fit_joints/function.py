@@ -10,10 +10,10 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, ComplexArray, IntArray, as_xy
 from mocap_id.errors import ConfigError
-from mocap_id.kinematics import ChainFit, fit_chain, fit_links, fix_gauge, frames_along_motion
+from mocap_id.kinematics import ChainFit, fit_chain, fit_links, frames_along_motion, orient_frames
 from mocap_id.kinematics.chain_equations import ChainState
 from mocap_id.kinematics.links import chain_angles
-from mocap_id.kinematics.rigid_body import count_places
+from mocap_id.kinematics.rigid_body import count_positions
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.fit_joints import FitJointsSettings
 from mocap_id.store import Tree
@@ -45,7 +45,7 @@ def fit_joints(context: Context) -> Outputs:
         points = points[frames]
         start = None if start is None else replace(start, angles=start.angles[frames])
         tracks = {joint: track[frames] for joint, track in tracks.items()}
-    fit = fix_gauge(_estimate(points[:, own], segment, tracks, settings, start))
+    fit = orient_frames(_estimate(points[:, own], segment, tracks, settings, start))
     data = {
         "joints": {
             "name": np.array(joint_names, dtype=object),
@@ -156,7 +156,7 @@ def _closely(fit: ChainFit, names: list[str], marked: Collection[str]) -> set[st
 
     They are ``marked`` joints and a first joint whose segment has few markers: both are in conventional marker sets.
     """
-    few = count_places(fit.local[fit.segment == 1]) < _FEW_PLACES
+    few = count_positions(fit.local[fit.segment == 1]) < _FEW_PLACES
     return {*marked, *(names[:1] if few else ())}
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from mocap_id.anatomy.frames import THORAX
 from mocap_id.anatomy.segment_frames import AnatomicalFrames, SegmentPoses
-from mocap_id.anatomy.still_pose import LandmarkPlace
+from mocap_id.anatomy.still_pose import LandmarkPosition
 from mocap_id.arrays import FloatArray
 from mocap_id.kinematics.space.chain_result import SpatialFit
 from mocap_id.verdict import Reason
@@ -28,7 +28,7 @@ _PAIRS = {"forearm": ("EL", "EM"), "hand": ("RS", "US")}
 
 def landmark_doubts(
     fit: SpatialFit,
-    places: Mapping[str, LandmarkPlace],
+    places: Mapping[str, LandmarkPosition],
     frames: AnatomicalFrames,
     where: Mapping[str, int],
     standing: SegmentPoses,

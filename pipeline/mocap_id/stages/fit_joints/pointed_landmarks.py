@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id import recording
-from mocap_id.anatomy.frames import mirrored
-from mocap_id.anatomy.pointer import Pointer, find_pointer_markers, find_tip, point_landmark
-from mocap_id.anatomy.still_pose import LandmarkPlace
+from mocap_id.anatomy.frames import mirror_points
+from mocap_id.anatomy.pointer import Pointer, calibrate_pointer, find_pointer_markers, locate_pointed_landmark
+from mocap_id.anatomy.still_pose import LandmarkPosition
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
 from mocap_id.geometry.plane_frame import PlaneFrame
@@ -32,7 +32,7 @@ class MarkedChain:
 
 def read_pointed_landmarks(
     trial: TrialKeys, marked: MarkedChain, segment: Mapping[str, int], labels: tuple[str, ...], palpation: float
-) -> tuple[dict[str, LandmarkPlace], tuple[Reason, ...]]:
+) -> tuple[dict[str, LandmarkPosition], tuple[Reason, ...]]:
     """Return the places of the pointed landmarks in the frames of their segments.
 
     Parameters
@@ -69,12 +69,14 @@ def read_pointed_landmarks(
             "not have; expected the two or more markers of the pointer"
         )
     touches = {name: _touch(each, rod, marked, segment[name]) for name, each in read.items()}
-    pointer = Pointer(np.array(list(trial.pointer.values()))) if trial.pointer else find_tip(list(touches.values()))
-    places: dict[str, LandmarkPlace] = {}
+    pointer = (
+        Pointer(np.array(list(trial.pointer.values()))) if trial.pointer else calibrate_pointer(list(touches.values()))
+    )
+    places: dict[str, LandmarkPosition] = {}
     reasons: list[Reason] = []
     for name, touch in touches.items():
         try:
-            found = point_landmark(*touch, pointer, palpation)
+            found = locate_pointed_landmark(*touch, pointer, palpation)
         except RecordingError as error:
             raise RecordingError(f"{files[name]}: {error}") from error
         places[name] = found.place
@@ -87,7 +89,7 @@ def _touch(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the pointer's markers (F, P, 3) and the pose of a segment (F, 3, 3), (F, 3) in a pointer trial."""
     points = PlaneFrame(0.0).to_plane(trial.positions)
-    points = mirrored(points) if marked.left else points
+    points = mirror_points(points) if marked.left else points
     own = [m for m in np.flatnonzero(marked.chain.segment == segment) if marked.labels[m] in trial.labels]
     if len(own) < 3:
         raise RecordingError(

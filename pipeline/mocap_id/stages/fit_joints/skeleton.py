@@ -10,7 +10,15 @@ from mocap_id.anatomy.skeleton_joints import ARM, TRUNK, find_roles
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialJoint
-from mocap_id.kinematics.space.skeleton import LASTING_SD, Bone, SensorNoise, Trunk, fit_bone, fit_trunk, sensor_noise
+from mocap_id.kinematics.space.skeleton import (
+    LASTING_SD,
+    Bone,
+    SensorNoise,
+    Trunk,
+    fit_bone,
+    fit_sensor_noise,
+    fit_trunk,
+)
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.fit_joints.landmark_checks import implausible, implausible_lengths
 from mocap_id.stages.fit_joints.space import joint_arrays
@@ -50,7 +58,7 @@ def fit_skeleton_chain(context: Context) -> Outputs:
     bones = [upper, lower]
     if "hand" in inside:
         bones.append(fit_bone(inside["hand"] - inside["wrist"], np.zeros(3), LASTING_SD, rate=view.rate))
-    memory = sensor_noise(_residuals(trunk, bones, inside, tracks), view.rate)
+    memory = fit_sensor_noise(_residuals(trunk, bones, inside, tracks), view.rate)
     facts = {"estimator": context.settings.estimator, **_facts(bones, memory)}
     doubts = implausible(implausible_lengths({"upper_arm": upper.length, "forearm": lower.length}))
     return (Tree(CHAIN, _data(view, roles, trunk, bones, inside), facts, (_biases(), *doubts)),)

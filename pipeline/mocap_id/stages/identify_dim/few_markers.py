@@ -12,7 +12,7 @@ from mocap_id.arrays import BoolArray, FloatArray, as_complex
 from mocap_id.dynamics.identification import Identification
 from mocap_id.dynamics.preparation import TrialData
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
-from mocap_id.kinematics.rigid_body import count_places
+from mocap_id.kinematics.rigid_body import count_positions
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim.dynamics_artefacts import IdentifiedDynamics
 from mocap_id.stages.identify_dim.scales import calibration
@@ -42,7 +42,7 @@ def few_markers(context: Context) -> bool:
     """Return whether a moving segment of a person has markers at one or two places only."""
     chain = read_skeleton(context)
     local = as_complex(chain.local)
-    places = [count_places(local[chain.marker_segment == k]) for k in range(1, len(chain.centres) + 1)]
+    places = [count_positions(local[chain.marker_segment == k]) for k in range(1, len(chain.centres) + 1)]
     return context.trial.protocol != "robot-joint" and min(places) < _FEW
 
 

@@ -59,7 +59,7 @@ def place_sd(context: Context, bodies: MeasuredBodies, q: FloatArray) -> FloatAr
     The joint fit's covariance of centre j is relative to centre j - 1, in the body between them, so it contains the
     errors of both. The markers of this body place each of them, so the part of the previous one is subtracted.
     It cannot be larger than that of centre j + 1 relative to it, which contains it as well. An ankle between feet that
-    move has a place and a standard deviation of its own (:func:`mocap_id.kinematics.heel_lift.place_ankle`).
+    move has a place and a standard deviation of its own (:func:`mocap_id.kinematics.heel_lift.locate_ankle`).
     """
     own = without_previous(np.einsum("jkk->j", read_skeleton(context).covariance) / 2)
     for joint, sd in bodies.placed.items():

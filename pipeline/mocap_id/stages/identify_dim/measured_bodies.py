@@ -25,7 +25,7 @@ from mocap_id.dynamics.measured_motion import (
 from mocap_id.dynamics.point_grid import PointGrid, segment_grid
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, prepare
 from mocap_id.kinematics.cluster_poses import LEAST_MARKERS
-from mocap_id.kinematics.rigid_body import count_places
+from mocap_id.kinematics.rigid_body import count_positions
 from mocap_id.protocols.movement import Movement
 from mocap_id.protocols.reference_body import ReferenceBody
 from mocap_id.stages.base import Context
@@ -110,7 +110,7 @@ def _often_visible(table: Table, body: int, recorded: TrialData) -> bool:
 
 def _shows_pose(body: Mapping[str, Any]) -> bool:
     """Return whether a body's markers show its pose: two points alone follow the skin, not the segment."""
-    return 0 in body["segments"] or count_places(as_complex(np.array(list(body["markers"].values())))) > 2
+    return 0 in body["segments"] or count_positions(as_complex(np.array(list(body["markers"].values())))) > 2
 
 
 def _part_of(bodies: Sequence[Mapping[str, Any]], body: int, whole: int) -> bool:

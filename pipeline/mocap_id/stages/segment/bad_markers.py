@@ -11,7 +11,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.errors import Refused
 from mocap_id.kinematics import Segmentation, frames_over_time
-from mocap_id.kinematics.marker_faults import BadStretch, RecordedMarkers, find_bad_stretches, sampled_rows
+from mocap_id.kinematics.marker_faults import BadStretch, RecordedMarkers, find_bad_stretches, sample_rows
 from mocap_id.kinematics.repeated_positions import find_repeats
 from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
@@ -90,7 +90,7 @@ def segment_without_bad(
         The markers as recorded make no chain.
     """
     swapped = _swapped(recorded)
-    rows = sampled_rows(len(recorded.frames), recorded.rate)
+    rows = sample_rows(len(recorded.frames), recorded.rate)
     markers = RecordedMarkers(recorded.at(rows), rows, recorded.track, recorded.rate)
     done = _segmented(Trajectories(recorded.planar, swapped), frames, segmented)
     bad: tuple[dict[str, Any], ...] = ()

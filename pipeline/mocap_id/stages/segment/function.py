@@ -10,7 +10,14 @@ import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray, as_xy
 from mocap_id.errors import ConfigError, Refused
-from mocap_id.kinematics import Constraints, Hypothesis, Segmentation, SegmentationRules, asymmetry, segment_markers
+from mocap_id.kinematics import (
+    Constraints,
+    Hypothesis,
+    Segmentation,
+    SegmentationRules,
+    measure_asymmetry,
+    segment_markers,
+)
 from mocap_id.protocols.body_names import LONGEST, body_names
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.marker_names import marker_columns
@@ -62,7 +69,7 @@ def segment(context: Context) -> Outputs:
     if settings.count is None:
         done = with_foot(done, lift, labels, segmented)
     found, view, points = done.found, done.view, done.points
-    asymmetries = np.degrees(asymmetry(_plane(points, out), _lateral(points), found.segment))
+    asymmetries = np.degrees(measure_asymmetry(_plane(points, out), _lateral(points), found.segment))
     planarity = _planarity(points[:, found.segment > 0])
     not_planar = _not_planar(planarity, settings)
     foot = foot_moves(lift, labels, found)
@@ -258,7 +265,7 @@ def _hypothesis(hypothesis: Hypothesis, best: Hypothesis, labels: tuple[str, ...
     return {
         "segments": len(hypothesis.chain) + 1,
         "cost": hypothesis.cost,
-        "why": hypothesis.lost_to(best),
+        "why": hypothesis.explain_cost(best),
         "joint_residual_m": [joint.residual for joint in hypothesis.joints],
         "arc_deg": [float(np.degrees(joint.arc)) for joint in hypothesis.joints],
         "markers": [[labels[m] for m in body.markers] for body in hypothesis.chain],

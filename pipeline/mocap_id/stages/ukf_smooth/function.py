@@ -16,7 +16,7 @@ from mocap_id.estimation.inverse_kinematics import MarkerChain
 from mocap_id.estimation.lasting_errors import add_lasting_errors, estimate_camera_sd
 from mocap_id.estimation.residual_spectrum import ResidualSpectrum, residual_spectrum
 from mocap_id.kinematics import SkinModel
-from mocap_id.kinematics.rigid_body import count_places
+from mocap_id.kinematics.rigid_body import count_positions
 from mocap_id.stages import skin_artefact
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
@@ -146,7 +146,7 @@ def _of_cameras(settings: UkfSmoothSettings, chain: MarkerChain) -> FilterSettin
     if settings.method == "encoder":
         given["method"] = "rts"
     local = as_complex(chain.local)
-    if any(count_places(local[chain.segment == k]) < 2 for k in range(1, len(chain.centres) + 1)):
+    if any(count_positions(local[chain.segment == k]) < 2 for k in range(1, len(chain.centres) + 1)):
         given["sigma_v_ratio"] = _SNAP_RATIO
     return FilterSettings(**given)
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray, as_complex
 from mocap_id.estimation.inverse_kinematics import MarkerChain
-from mocap_id.kinematics.bending_trunk import hip_shift
+from mocap_id.kinematics.bending_trunk import estimate_hip_shift
 from mocap_id.kinematics.cluster_poses import ClusterPose, measure_cluster
-from mocap_id.kinematics.heel_lift import AnklePlace, markers_that_move, place_ankle
+from mocap_id.kinematics.heel_lift import AnklePosition, find_moving_markers, locate_ankle
 from mocap_id.store import Table
 from mocap_id.store.schemas import POSES
 from mocap_id.store.views import Skeleton, Trajectories
@@ -59,7 +59,7 @@ def measured_poses(
         own = np.flatnonzero(np.isin(chain.segment, numbers))
         if numbers == [0]:
             base = view.without_bursts(of_chain[own])
-            on_feet = markers_that_move(base, view.rate)
+            on_feet = find_moving_markers(base, view.rate)
             feet_move = bool(on_feet.any())
             used = on_feet if feet_move else np.ones_like(on_feet)
             own, points = own[used], as_complex(base[:, used])
@@ -97,15 +97,15 @@ def _hip_shift(
     trunk, points = bodies[k][1], seen[k]
     far = np.abs(trunk.local)
     near = points[:, far <= far.min() + _BESIDE]  # left and right
-    return hip + 1, hip_shift(_frame(bodies[single[hip]][1]), _frame(trunk), near.mean(axis=1))
+    return hip + 1, estimate_hip_shift(_frame(bodies[single[hip]][1]), _frame(trunk), near.mean(axis=1))
 
 
-def _ankle_place(chain: MarkerChain, bodies: Sequence[tuple[list[int], ClusterPose]]) -> AnklePlace | None:
+def _ankle_place(chain: MarkerChain, bodies: Sequence[tuple[list[int], ClusterPose]]) -> AnklePosition | None:
     """Return the place of the first joint between moving feet and the segment above; None if unknown."""
     single = {numbers[0]: pose for numbers, pose in bodies if len(numbers) == 1}
     if not {0, 1} <= single.keys():
         return None
-    return place_ankle(_frame(single[0]), _frame(single[1]), complex(*chain.centres[0]))
+    return locate_ankle(_frame(single[0]), _frame(single[1]), complex(*chain.centres[0]))
 
 
 def _frame(pose: ClusterPose) -> tuple[ComplexArray, FloatArray]:

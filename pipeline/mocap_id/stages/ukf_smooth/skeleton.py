@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from mocap_id.anatomy.angles import SHOULDER, Deviations, JointAngles
+from mocap_id.anatomy.angles import SHOULDER, AngleDeviations, JointAngles
 from mocap_id.arrays import FloatArray
 from mocap_id.estimation.space.skeleton_smoothing import SkeletonNoise, bridge_gaps, smooth_skeleton, without_jumps
 from mocap_id.estimation.space.space_smoothing import SpatialStates
@@ -62,7 +62,7 @@ def smooth_skeleton_states(
     noise = SkeletonNoise(
         sd,
         weight,
-        lambda frequency: memory.colour(frequency, 1 / view.rate),
+        lambda frequency: memory.relative_power(frequency, 1 / view.rate),
         tree.facts["lasting_scale"] * np.where(trunk, 0.5 * _LASTING_SD, _LASTING_SD),
     )
     return smooth_skeleton(points, view.rate, chain, (rotations, origins), noise, gate=gate)
@@ -105,7 +105,7 @@ def shown_by_skeleton(angles: JointAngles) -> JointAngles:
     def shown(values: FloatArray) -> FloatArray:
         return np.where(hidden, np.nan, values)
 
-    sd = Deviations(shown(angles.sd.angle), shown(angles.sd.rate), shown(angles.sd.acceleration))
+    sd = AngleDeviations(shown(angles.sd.angle), shown(angles.sd.rate), shown(angles.sd.acceleration))
     constant = np.hypot(angles.constant_sd, [0.0, _SEEN_BIAS, 0.0])
     return replace(
         angles,

@@ -16,7 +16,7 @@ from mocap_id.anatomy.angles import (
     shoulder_angles,
     wrist_angles,
 )
-from mocap_id.anatomy.coordinates import RelativeMotion, compose
+from mocap_id.anatomy.coordinates import RelativeMotion, compose_motions
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.estimation.space import SpatialSettings, SpatialStates, smooth_in_space
 from mocap_id.geometry import so3
@@ -104,7 +104,7 @@ def _angles(states: SpatialStates, skeleton: SpatialSkeleton, facts: Mapping[str
         path = _path(skeleton, skeleton.segments.index(parent), skeleton.segments.index(child))
         motion = _relative(states, path[0])
         for k in path[1:]:
-            motion = compose(motion, _relative(states, k))
+            motion = compose_motions(motion, _relative(states, k))
         shown = hinge_elbow_angles if name == "elbow" and facts["frames"] == "skeleton" else angles
         found.append(shown(motion, np.array(frames[name])))
         done |= set(path) if len(path) == 1 else set()

@@ -150,7 +150,7 @@ def _geometry(context: Context) -> Callable[[FloatArray], KinematicError]:
 
     def predict(q: FloatArray) -> KinematicError:
         predicted = predict_skin(skin, q, camera, frames, _POSTURES)
-        centres, turned = predicted.frames_turned()
+        centres, turned = predicted.stored_chain_errors()
         return KinematicError(lambda angles: predicted.errors(angles)[0] + turned, centres)
 
     return predict

@@ -8,8 +8,8 @@ import pytest
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 from mocap_id.kinematics.space.bodies import SpatialBody, fit_spatial_body
-from mocap_id.kinematics.space.own_motion import gain_of_parts, own_deviation, own_motion
 from mocap_id.kinematics.space.segmentation import segment_in_space
+from mocap_id.kinematics.space.unexplained_motion import gain_of_parts, unexplained_distance_sd, unexplained_motion
 from mocap_id.simulation.arm import simulate_arm
 
 FRAMES = 300
@@ -34,18 +34,18 @@ def limb(turned: FloatArray) -> tuple[FloatArray, SpatialBody, SpatialBody]:
 
 def test_skin_that_follows_a_joint_has_no_motion_of_its_own() -> None:
     points, body, base = limb(0.2 * ELBOW + 0.03 * ELBOW**2)
-    motion, shape = own_motion(points, body, [base])
-    before, _ = own_motion(points, body, [])
+    motion, shape = unexplained_motion(points, body, [base])
+    before, _ = unexplained_motion(points, body, [])
     assert gain_of_parts(before, shape, PARTS) > 3
     assert gain_of_parts(motion, shape, PARTS) < 0.5
-    assert own_deviation(motion, shape).max() < 0.5 * own_deviation(before, shape).max()
+    assert unexplained_distance_sd(motion, shape).max() < 0.5 * unexplained_distance_sd(before, shape).max()
 
 
 def test_a_hidden_joint_keeps_its_motion() -> None:
     points, body, base = limb(WRIST)
-    motion, shape = own_motion(points, body, [base])
+    motion, shape = unexplained_motion(points, body, [base])
     assert gain_of_parts(motion, shape, PARTS) > 2
-    deviation = own_deviation(motion, shape)
+    deviation = unexplained_distance_sd(motion, shape)
     assert deviation[:4, :4].max() < deviation[:4, 4:].max() / 2
 
 
@@ -53,7 +53,7 @@ def test_gaps_do_no_harm() -> None:
     points, body, base = limb(WRIST)
     points[40:90, 3] = np.nan
     points[:, 5] = np.nan
-    motion, shape = own_motion(points, fit_spatial_body(points, body.markers), [base])
+    motion, shape = unexplained_motion(points, fit_spatial_body(points, body.markers), [base])
     assert np.isfinite(motion).all()
     assert (motion[40:90, 3] == 0).all()
     assert (motion[:, 5] == 0).all()

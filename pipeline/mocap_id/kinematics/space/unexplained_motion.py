@@ -13,7 +13,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.geometry import so3
-from mocap_id.kinematics.space.bodies import LEAST, SpatialBody, around_mean
+from mocap_id.kinematics.space.bodies import LEAST, SpatialBody, subtract_means
 from mocap_id.kinematics.space.pair_joint import mean_rotation
 
 _RIDGE = 1e-3  # of the regression; the terms have unit variance
@@ -21,7 +21,7 @@ _TURNS = 0.09  # rad rms; less may come from a hidden joint, which also turns th
 _FLOOR = 0.5e-3  # m; smaller residuals are no better
 
 
-def own_motion(
+def unexplained_motion(
     points: FloatArray, body: SpatialBody, neighbours: Sequence[SpatialBody]
 ) -> tuple[FloatArray, FloatArray]:
     """Return the motion of a body's markers in its frame that the rotations against the neighbours do not explain.
@@ -43,7 +43,7 @@ def own_motion(
     shape : (k, 3) array
         Mean place of each marker, m.
     """
-    off, shape, _ = around_mean(body.local(points[:, body.markers]))
+    off, shape, _ = subtract_means(body.local(points[:, body.markers]))
     terms = np.concatenate([np.ones((len(off), 1)), *(_posture_terms(body, other) for other in neighbours)], axis=1)
     known = np.isfinite(terms).all(axis=1)
     seen = np.isfinite(points[:, body.markers, 0]) & known[:, None]
@@ -69,7 +69,7 @@ def gain_of_parts(motion: FloatArray, shape: FloatArray, parts: Sequence[IntArra
     Parameters
     ----------
     motion, shape : (F, k, 3) and (k, 3) arrays
-        Of :func:`own_motion`, m.
+        Of :func:`unexplained_motion`, m.
     parts : sequence of int arrays
         Rows of the markers of each part.
     """
@@ -80,13 +80,13 @@ def gain_of_parts(motion: FloatArray, shape: FloatArray, parts: Sequence[IntArra
     return float(np.sum(np.log((together**2 + _FLOOR**2) / (apart**2 + _FLOOR**2))) / 2)
 
 
-def own_residuals(points: FloatArray, body: SpatialBody, neighbours: Sequence[SpatialBody]) -> FloatArray:
+def unexplained_residuals(points: FloatArray, body: SpatialBody, neighbours: Sequence[SpatialBody]) -> FloatArray:
     """Return the rms (k,) of the own motion of a body's markers, without a small motion of the body, m."""
-    return _without_pose(*own_motion(points, body, neighbours))
+    return _without_pose(*unexplained_motion(points, body, neighbours))
 
 
-def own_deviation(motion: FloatArray, shape: FloatArray) -> FloatArray:
-    """Return the deviation (k, k) of every mutual distance by the motion of :func:`own_motion`, m."""
+def unexplained_distance_sd(motion: FloatArray, shape: FloatArray) -> FloatArray:
+    """Return the deviation (k, k) of every mutual distance by the motion of :func:`unexplained_motion`, m."""
     along = shape[:, None] - shape
     along /= np.maximum(np.linalg.norm(along, axis=2), 1e-9)[..., None]
     change = np.einsum("fijc,ijc->fij", motion[:, :, None] - motion[:, None], along)
