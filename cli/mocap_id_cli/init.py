@@ -42,13 +42,13 @@ def init(
     from mocap_id.workflows.study import discovery, draft  # noqa: PLC0415  no other command has to wait for it
 
     found = discovery.discover(
-        folder, pattern, keep_names=keep_names, known={} if keep_names else draft.known_names(out)
+        folder, pattern, keep_names=keep_names, known={} if keep_names else draft.read_known_ids(out)
     )
     typer.echo("\n".join(_lines(found, folder)))
     if dry_run:
         typer.echo("nothing written: --dry-run")
         return
-    written = draft.write(found, out, keep_names=keep_names, force=force)
+    written = draft.write_draft(found, out, keep_names=keep_names, force=force)
     typer.echo("\n".join(f"wrote {path}" for path in written))
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from mocap_id.config.study import Landmarks, Person
 from mocap_id.dynamics.comparison import Agreement
 from mocap_id.workflows.parallel import TrialRun
-from mocap_id.workflows.study.trial_results import BaseParameters, TrialResult, length_reference
+from mocap_id.workflows.study.trial_results import BaseParameters, TrialResult, find_length_reference
 from mocap_id.workflows.transfer import BodyErrors
 
 SYMBOLS = ("m1", "mx1", "mx2", "my2", "I2")
@@ -51,7 +51,7 @@ class Made:
         return TrialResult(
             trial=trial,
             run=run,
-            reference=length_reference(self.person, "winter"),
+            reference=find_length_reference(self.person, "winter"),
             summary=self._summary() if well else None,
             identified=identified if well else None,
             bodies=self.bodies,

@@ -11,7 +11,7 @@ from study_cases import Made, body, landmarks
 
 from mocap_id.reporting.study.page import cohort_page
 from mocap_id.reporting.study.page_data import CohortData
-from mocap_id.workflows.study.study import make_tables
+from mocap_id.workflows.study.tables import make_tables
 from mocap_id.workflows.study.trial_results import TrialResult
 
 HOSTILE = '"><script>alert(1)</script>$\\frac{'

@@ -17,7 +17,7 @@ from mocap_id.reporting.curl_study.page import curl_cohort_page
 from mocap_id.reporting.study.page_data import CohortData
 from mocap_id.workflows import curl_study
 from mocap_id.workflows.curl_study.trial_results import CurlResult
-from mocap_id.workflows.study.estimates import over_people, sign_flip_p
+from mocap_id.workflows.study.statistics import average_people, sign_flip_p
 
 COUNTS = {
     "C": [[10, 12], [8, 8], [6, 6]],
@@ -61,7 +61,7 @@ def test_differences_are_paired_and_of_people() -> None:
     found = frames(cohort(COUNTS))["comparisons"]
     five = row(found, comparison="5 - AC", measure="repetitions", subject="cohort")
     assert five[["people", "pairs"]].tolist() == [3, 5]
-    expected = over_people([7.5, 6.5, 5.0])
+    expected = average_people([7.5, 6.5, 5.0])
     assert five["difference"] == pytest.approx(19 / 3)
     assert five["difference_low"] == pytest.approx(expected.low)
     assert five["p"] == pytest.approx(2 / 8)
@@ -86,7 +86,7 @@ def test_a_p_value_counts_signs() -> None:
 def test_the_interval_and_p_value_are_honest_without_an_effect() -> None:
     rng = np.random.default_rng(6)
     drawn = [rng.normal(0, 1, 6).tolist() for _ in range(400)]
-    assert np.mean([over_people(each).low < 0 < over_people(each).high for each in drawn]) == pytest.approx(
+    assert np.mean([average_people(each).low < 0 < average_people(each).high for each in drawn]) == pytest.approx(
         0.95, abs=0.03
     )
     assert np.mean([sign_flip_p(each) <= 0.05 for each in drawn]) < 0.08

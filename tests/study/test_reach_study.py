@@ -15,9 +15,9 @@ from mocap_id.reporting.figure import Figure, Line, Panel
 from mocap_id.reporting.reach_study.figures import reach_figures
 from mocap_id.reporting.study.page_data import CohortData
 from mocap_id.workflows import reach_study
-from mocap_id.workflows.reach_study.correlation import spearman
-from mocap_id.workflows.reach_study.page import shape
-from mocap_id.workflows.study.estimates import Estimate
+from mocap_id.workflows.reach_study.correlation import correlate_ranks
+from mocap_id.workflows.reach_study.trial_results import make_shape
+from mocap_id.workflows.study.statistics import Estimate
 
 
 def frames(reaches: Sequence[Reach]) -> dict[str, pd.DataFrame]:
@@ -27,7 +27,7 @@ def frames(reaches: Sequence[Reach]) -> dict[str, pd.DataFrame]:
 def page(reaches: Sequence[Reach]) -> str:
     trials = results(reaches)
     entries = tuple(trial.entry(trial.name, trial.subject, f"../{trial.name}/report.html") for trial in trials)
-    return reach_study.page(CohortData("a study", entries, frames(reaches)), trials).decode()
+    return reach_study.make_page(CohortData("a study", entries, frames(reaches)), trials).decode()
 
 
 def test_the_thesis_table_has_its_order_and_its_correlation() -> None:
@@ -111,7 +111,7 @@ def test_sides_and_sessions_are_drawn_on_one_scale_and_can_be_turned() -> None:
     reaches.append(Reach("p3", volume=0.2))
     trials = results(reaches)
     data = CohortData("a study", (), frames(reaches))
-    drawn = {one.name: one.figure for one in reach_figures(data, tuple(map(shape, trials))).all}
+    drawn = {one.name: one.figure for one in reach_figures(data, tuple(map(make_shape, trials))).all}
     sides, sessions = drawn["reach-sides"], drawn["reach-sessions"]
     assert isinstance(sides, Figure)
     assert isinstance(sessions, Figure)
@@ -128,9 +128,9 @@ def test_sides_and_sessions_are_drawn_on_one_scale_and_can_be_turned() -> None:
     assert labels(sides.panels[0]) == ["right", "left"]
     assert labels(sides.panels[2]) == ["right"]
     assert labels(sessions.panels[0]) == ["a", "b"]
-    assert reach_figures(CohortData("s", (), frames(THESIS)), tuple(map(shape, results(THESIS)))).all[2].figure == (
-        "Every trial belongs to the same session."
-    )
+    assert reach_figures(CohortData("s", (), frames(THESIS)), tuple(map(make_shape, results(THESIS)))).all[
+        2
+    ].figure == ("Every trial belongs to the same session.")
 
 
 def labels(panel: Panel) -> list[str]:
@@ -141,12 +141,12 @@ def labels(panel: Panel) -> list[str]:
 def test_correlation_is_that_of_scipy(n: int) -> None:
     rng = np.random.default_rng(n)
     x, y = rng.integers(0, 4, n).astype(float), rng.normal(size=n)
-    found = spearman(x, y)
+    found = correlate_ranks(x, y)
     reference = spearmanr(x, y).statistic
-    assert found.value == pytest.approx(reference)
+    assert found.estimate.value == pytest.approx(reference)
     orders = [spearmanr(x, order).statistic for order in permutations(y)]
     assert found.p == pytest.approx(np.mean(np.abs(orders) >= abs(reference) - 1e-9))
-    assert found.interval[0] <= reference <= found.interval[1]
+    assert found.estimate.low <= reference <= found.estimate.high
 
 
 def test_the_interval_of_a_correlation_holds_the_truth() -> None:
@@ -155,14 +155,14 @@ def test_the_interval_of_a_correlation_holds_the_truth() -> None:
     for _ in range(trials):
         x = rng.normal(size=9)
         y = pearson * x + np.sqrt(1 - pearson**2) * rng.normal(size=9)
-        low, high = spearman(np.searchsorted([-1.0, 0.0, 1.0], x).astype(float), y).interval
-        held += low <= 6 / np.pi * np.arcsin(pearson / 2) <= high
+        estimate = correlate_ranks(np.searchsorted([-1.0, 0.0, 1.0], x).astype(float), y).estimate
+        held += estimate.low <= 6 / np.pi * np.arcsin(pearson / 2) <= estimate.high
     assert held >= 0.88 * trials
 
 
 def test_too_few_people_or_equal_scores_have_no_correlation() -> None:
-    assert np.isnan(spearman(np.arange(3.0), np.arange(3.0)).value)
-    assert np.isnan(spearman(np.ones(9), np.arange(9.0)).value)
+    assert np.isnan(correlate_ranks(np.arange(3.0), np.arange(3.0)).estimate.value)
+    assert np.isnan(correlate_ranks(np.ones(9), np.arange(9.0)).estimate.value)
 
 
 def test_a_difference_combines_the_intervals_on_their_sides() -> None:

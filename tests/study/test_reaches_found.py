@@ -10,8 +10,8 @@ import pytest
 from mocap_id.config.study import load_study
 from mocap_id.recording.writer import write_c3d
 from mocap_id.workflows.study.discovery import discover
-from mocap_id.workflows.study.draft import write
-from mocap_id.workflows.study.reaches import FoundReach, find_session
+from mocap_id.workflows.study.draft import write_draft
+from mocap_id.workflows.study.reaches import Reach, find_session
 
 LANDMARKS = ("IJ", "PX", "C7", "T8", "EL", "EM", "US", "RS", "UPA1", "FOR1")
 TRUNK = ("SpineShoulder", "SpineBase")
@@ -46,7 +46,7 @@ def test_camera_logs_become_a_study_of_reaches(tmp_path: Path) -> None:
         ("s01-session2-left-1", "left", "session2"),
         ("s02-session1-right-1", "right", "session1"),
     ]
-    write(found, tmp_path / "study.yaml")
+    write_draft(found, tmp_path / "study.yaml")
     study = load_study(tmp_path / "study.yaml")
     assert study.reach
     assert [one.trial.keys.side for one in study.trials] == ["left", "right", "left", "right"]
@@ -77,7 +77,7 @@ def test_a_session_is_a_number_after_its_word(path: str, session: str) -> None:
 
 
 def test_the_path_names_the_side_before_the_markers() -> None:
-    both = FoundReach(skeleton=True, sides=("right", "left"))
-    assert both.of(PurePosixPath("anna/L_1.csv")) == ("left",)
-    assert both.of(PurePosixPath("anna/left_right.csv")) == ("right", "left")
-    assert FoundReach(skeleton=False, sides=()).of(PurePosixPath("anna/1.c3d")) == ("right",)
+    both = Reach(skeleton=True, sides=("right", "left"))
+    assert both.choose_sides(PurePosixPath("anna/L_1.csv")) == ("left",)
+    assert both.choose_sides(PurePosixPath("anna/left_right.csv")) == ("right", "left")
+    assert Reach(skeleton=False, sides=()).choose_sides(PurePosixPath("anna/1.c3d")) == ("right",)

@@ -10,8 +10,8 @@ import pytest
 from mocap_id.config.study import load_study
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.workflows.study.discovery import discover
-from mocap_id.workflows.study.draft import known_names, write
-from mocap_id.workflows.study.patterns import Pattern, default
+from mocap_id.workflows.study.draft import read_known_ids, write_draft
+from mocap_id.workflows.study.patterns import Pattern, choose_pattern
 
 LAYOUTS = {
     "a folder a person": ["anna/normal1.c3d", "anna/stable_2.c3d", "bob/Normal-1.C3D"],
@@ -59,7 +59,7 @@ def test_a_usual_layout_needs_no_pattern(tmp_path: Path, layout: list[str]) -> N
     ],
 )
 def test_a_pattern_tells_person_and_strategy(pattern: str, path: str, place: tuple[str, str] | None) -> None:
-    found = Pattern(pattern).place(PurePosixPath(path))
+    found = Pattern(pattern).match(PurePosixPath(path))
     assert (found and (found.subject, found.strategy)) == place
 
 
@@ -93,7 +93,7 @@ def test_trials_of_one_person_with_numbers_alone(tmp_path: Path) -> None:
     found = discover(touched(tmp_path / "anna", "trial1.c3d", "trial2.c3d"))
     assert [trial.trial for trial in found.trials] == ["s01-movement-1", "s01-movement-2"]
     with pytest.raises(
-        ConfigError, match=r"none of the 1 recordings fits one of the patterns .*\{strategy\}\*, such as 1.c3d"
+        ConfigError, match=r"none of the 1 recordings fits one of the patterns .*\{strategy\}\*; an example is 1.c3d"
     ):
         discover(touched(tmp_path / "bob", "1.c3d"))
 
@@ -115,7 +115,7 @@ def test_exports_are_recordings_and_other_tables_are_not(tmp_path: Path) -> None
 
 def test_two_people_whose_names_differ_by_a_number_stay_two() -> None:
     paths = [PurePosixPath("P 01/normal.c3d"), PurePosixPath("P 02/normal.c3d")]
-    assert {place.subject for path in paths if (place := default(paths).place(path))} == {"P 01", "P 02"}
+    assert {labels.subject for path in paths if (labels := choose_pattern(paths).match(path))} == {"P 01", "P 02"}
 
 
 def test_people_and_trials_are_counted_as_people_count(tmp_path: Path) -> None:
@@ -155,7 +155,7 @@ def test_what_does_not_fit_is_told_and_nothing_found_is_an_error(tmp_path: Path)
 def test_the_draft_is_a_valid_study_without_a_name_in_it(tmp_path: Path) -> None:
     folder = touched(tmp_path / "recordings", "Anna Müller/normal.c3d", "Bob #2/stable.trc", "Bob #2/stable.mot")
     file = tmp_path / "here" / "study.yaml"
-    assert write(discover(folder), file) == [file, tmp_path / "here" / "subjects.csv"]
+    assert write_draft(discover(folder), file) == [file, tmp_path / "here" / "subjects.csv"]
     study = load_study(file)
     first, second = study.trials
     assert first.trial.keys.recording.markers.resolve() == folder / "Anna Müller" / "normal.c3d"
@@ -168,19 +168,19 @@ def test_the_draft_is_a_valid_study_without_a_name_in_it(tmp_path: Path) -> None
 
 def test_nothing_is_overwritten_unasked_and_people_keep_their_ids(tmp_path: Path) -> None:
     folder, file = touched(tmp_path / "rec", "bob/normal.c3d", "zoe/normal.c3d"), tmp_path / "study.yaml"
-    write(discover(folder), file)
+    write_draft(discover(folder), file)
     before = file.read_bytes()
     touched(folder, "anna/normal.c3d")
     with pytest.raises(StoreError, match=r"study\.yaml exists already: .* --force"):
-        write(discover(folder), file)
+        write_draft(discover(folder), file)
     assert file.read_bytes() == before
-    write(discover(folder, known=known_names(file)), file, force=True)
-    assert known_names(file) == {"bob": "s01", "zoe": "s02", "anna": "s03"}
+    write_draft(discover(folder, known=read_known_ids(file)), file, force=True)
+    assert read_known_ids(file) == {"bob": "s01", "zoe": "s02", "anna": "s03"}
 
 
 def test_names_may_be_kept(tmp_path: Path) -> None:
     folder, file = touched(tmp_path / "rec", "Bob B/normal.c3d"), tmp_path / "study.yaml"
-    assert write(discover(folder, keep_names=True), file, keep_names=True) == [file]
+    assert write_draft(discover(folder, keep_names=True), file, keep_names=True) == [file]
     assert load_study(file).trials[0].name == "Bob-B-normal-1"
     with pytest.raises(ConfigError, match="several folders give the id `Bob-B`"):
         discover(touched(folder, "Bob-B/normal.c3d"), keep_names=True)

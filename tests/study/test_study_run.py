@@ -21,7 +21,7 @@ from mocap_id.store import Folder
 from mocap_id.workflows.identified_trial import open_identified_trial
 from mocap_id.workflows.parallel import LocalBackend, TrialRun, run_trials
 from mocap_id.workflows.study import run_study
-from mocap_id.workflows.study.study import same_recordings
+from mocap_id.workflows.study.study import find_same_recordings
 from mocap_id.workflows.study.tables import TABLES
 from mocap_id.workflows.transfer import SERIES, apply_model
 
@@ -56,8 +56,8 @@ def test_a_copied_recording_is_found(ran: Ran) -> None:
             trials=[SimpleNamespace(name=f"{k}", trial=SimpleNamespace(out=out / n)) for k, n in enumerate(names)]
         )
 
-    assert list(same_recordings(trials("s01-normal-1", "s01-dynamic-1", "s01-gone"))) == []
-    assert list(same_recordings(trials("s01-normal-1", "s01-dynamic-1", "s01-normal-1"))) == [("0", "2")]
+    assert list(find_same_recordings(trials("s01-normal-1", "s01-dynamic-1", "s01-gone"))) == []
+    assert list(find_same_recordings(trials("s01-normal-1", "s01-dynamic-1", "s01-normal-1"))) == [("0", "2")]
 
 
 def test_who_runs_it_is_told_which_file_is_broken(ran: Ran) -> None:

@@ -14,14 +14,11 @@ from mocap_id.dynamics.comparison import Agreement
 from mocap_id.errors import ConfigError
 from mocap_id.reporting.results.columns import ResultTable
 from mocap_id.workflows.study import models_table
-from mocap_id.workflows.study.lengths_table import length_rows
+from mocap_id.workflows.study.lengths_table import length_rows, strategy_rows
 from mocap_id.workflows.study.models_table import model_rows
-from mocap_id.workflows.study.parameters_table import parameter_rows
-from mocap_id.workflows.study.statistics import mean_sd, pooled
-from mocap_id.workflows.study.strategies_table import strategy_rows
-from mocap_id.workflows.study.study import make_tables
-from mocap_id.workflows.study.tables import TABLES, TRIALS
-from mocap_id.workflows.study.variation_table import variation_rows
+from mocap_id.workflows.study.statistics import mean_sd, pool_errors
+from mocap_id.workflows.study.tables import TABLES, TRIALS, make_tables
+from mocap_id.workflows.study.variation_table import parameter_rows, variation_rows
 
 
 def only(rows: list[dict[str, Any]], **wanted: object) -> dict[str, Any]:
@@ -146,13 +143,13 @@ def test_a_model_without_a_body_is_told(monkeypatch: pytest.MonkeyPatch) -> None
     assert "no body to transfer from b" in only(rows, action_trial="a", model_trial="b")["why"]
 
 
-def test_pooled_errors_are_those_of_the_samples_put_together() -> None:
+def test_pool_errors_errors_are_those_of_the_samples_put_together() -> None:
     rng = np.random.default_rng(3)
     first, second = rng.normal(2, 1, 500), rng.normal(-1, 3, 500)
     errors = [Agreement(float(x.mean()), float(x.std()), 0.0) for x in (first, second)]
     together = np.concatenate([first, second])
-    assert pooled([*errors, None]) == (pytest.approx(together.mean()), pytest.approx(together.std()))
-    assert all(map(math.isnan, pooled([None])))
+    assert pool_errors([*errors, None]) == (pytest.approx(together.mean()), pytest.approx(together.std()))
+    assert all(map(math.isnan, pool_errors([None])))
 
 
 def test_mean_and_spread_leave_out_what_is_missing() -> None:
@@ -189,7 +186,7 @@ def test_the_cohort_has_the_mean_of_the_peoples_coefficients() -> None:
     assert (cohort["cv"], cohort["subjects"]) == (pytest.approx((first + second) / 2), 2)
     assert cohort["cv_sd"] == pytest.approx(abs(first - second) / math.sqrt(2))
     assert cohort["reference_cv"] == 0.0
-    assert only(rows, subject="s03", set="base", parameter="m1")["why"] == "one trial shows no variation"
+    assert only(rows, subject="s03", set="base", parameter="m1")["why"] == "a single trial has no variation"
 
 
 def test_what_is_zero_but_for_rounding_has_no_coefficient_of_variation() -> None:

@@ -19,7 +19,7 @@ from mocap_id.recording import Recording, write_recording, write_recording_as_te
 from mocap_id.stages.trial_keys import IN_PLANE, IN_SPACE
 from mocap_id.store.atomic import explained, write_files
 from mocap_id.workflows.study.discovery import find_forces
-from mocap_id.workflows.study.reaches import find_reach
+from mocap_id.workflows.study.reaches import read_reach
 
 FILE = "trial.yaml"
 _ARRAYS, _ARRAYS_AS_TEXT = "recording.c3d", "recording.trc"
@@ -93,14 +93,14 @@ def _compose(recording: Path, given: dict[str, Any], out: Path) -> Trial:
 
 def _guess(recording: Path, forces: Path | None, given: Mapping[str, Any]) -> tuple[dict[str, str], dict[str, str]]:
     """Return the keys that are not given, and the files of the recording."""
-    reach = find_reach(recording, forces)
+    reach = read_reach(recording, forces)
     files = {"skeleton" if reach is not None and reach.skeleton else "markers": str(recording)}
     if forces is not None:
         files["forces"] = str(forces)
     likely = {"space": "plane", "protocol": "sit-to-stand"}
     if reach is not None:
         named = PurePosixPath(*recording.parts[-2:])  # a folder further up may be called L, too
-        likely = {"space": "3d", "protocol": "reach", "side": reach.of(named)[0]}
+        likely = {"space": "3d", "protocol": "reach", "side": reach.choose_sides(named)[0]}
     protocol = given.get("protocol")
     if protocol in IN_PLANE or protocol in IN_SPACE:
         likely["space"] = "plane" if protocol in IN_PLANE else "3d"

@@ -1,7 +1,7 @@
 """A study of curls: repetitions and compensation of several people under several conditions (thesis 8.3, figure 8.5).
 
 ``mocap-id study`` runs the trials (:mod:`mocap_id.workflows.study`). Here, `trial_results` reads the result of each
-trial, `tables` declares the tables, and `conditions_table` and `comparisons_table` make their rows.
+trial, `tables` declares the tables, and `table_rows` makes their rows.
 """
 
 from mocap_id.workflows.curl_study.tables import make_tables

@@ -1,18 +1,22 @@
-"""The result of one trial of a reach study."""
+"""The result of one trial of a reach study, and the page of the study."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeAlias
+
+import numpy as np
 
 from mocap_id.arrays import NORMAL_95
 from mocap_id.config.study import Study, StudyTrial
-from mocap_id.reporting.numbers import all_known, known
+from mocap_id.reporting.numbers import all_known
+from mocap_id.reporting.reach_study.page_data import Shape
+from mocap_id.reporting.study.page_data import CohortData
 from mocap_id.workflows.parallel import TrialRun
-from mocap_id.workflows.study.estimates import Estimate
-from mocap_id.workflows.study.study_outcome import StudyOutcome, event_facts
+from mocap_id.workflows.study.statistics import Estimate
+from mocap_id.workflows.study.study_outcome import Measure, StudyOutcome, number_or_nan, read_event_facts
 from mocap_id.workflows.trial_outcome import read_summary
 
 SIDES = ("right", "left")
@@ -22,8 +26,8 @@ SIDES = ("right", "left")
 class ReachResult(StudyOutcome):
     """The result of one trial of a reach study."""
 
-    score: float | None  # clinical score of the person
-    reach: Mapping[str, Any]  # facts of events.parquet; empty without any
+    score: float | None  # clinical score of the person; None if not given
+    reach: Mapping[str, Any]  # facts of events.parquet about the reach; empty if the trial failed or was refused
 
     @property
     def session(self) -> str:
@@ -32,62 +36,75 @@ class ReachResult(StudyOutcome):
 
     @property
     def side(self) -> str:
-        """Side of the arm; that of the configuration, or right, for a trial that failed."""
+        """Side of the arm; for a trial that failed, the side in its configuration, or right."""
         mirrored = self.value("mirrored")
         return self.trial.trial.keys.side or "right" if mirrored is None else SIDES[bool(mirrored)]
 
     @property
     def why(self) -> str:
-        """Why the volume is unknown; empty if it is known or the trial failed."""
+        """Reason why the volume is unknown; empty if it is known or the trial failed."""
         return "" if math.isfinite(MEASURES["volume"].of(self).value) else self.value("workspace", "why") or ""
 
 
-@dataclass(frozen=True)
-class Measure:
-    """A measure of reach."""
-
-    unit: str
-    meaning: str
-    of: Callable[[ReachResult], Estimate]
+ReachMeasure: TypeAlias = Measure[ReachResult, Estimate]
 
 
-def _number(trial: ReachResult, *keys: str) -> float:
-    found = known(trial.value("workspace", *keys))
-    return math.nan if found is None else found
+def _read_number(trial: ReachResult, *keys: str) -> float:
+    return number_or_nan(trial.value("workspace", *keys))
 
 
-def _volume(*above: str) -> Callable[[ReachResult], Estimate]:
+def _volume(*keys: str) -> Callable[[ReachResult], Estimate]:
+    """Return a function that reads a volume, at these keys of the workspace, with its interval."""
+
     def estimate(trial: ReachResult) -> Estimate:
-        interval = all_known(trial.value("workspace", *above, "interval_m3")) or [math.nan] * 2
-        return Estimate(_number(trial, *above, "volume_m3"), *interval)
+        interval = all_known(trial.value("workspace", *keys, "interval_m3")) or [math.nan] * 2
+        return Estimate(_read_number(trial, *keys, "volume_m3"), *interval)
 
     return estimate
 
 
-def _elevation(trial: ReachResult) -> Estimate:
-    value, sd = (_number(trial, "ranges", "shoulder_elevation", key) for key in ("high_deg", "high_sd_deg"))
+def _read_elevation(trial: ReachResult) -> Estimate:
+    value, sd = (_read_number(trial, "ranges", "shoulder_elevation", key) for key in ("high_deg", "high_sd_deg"))
     return Estimate(value, value - NORMAL_95 * sd, value + NORMAL_95 * sd)
 
 
-MEASURES: Mapping[str, Measure] = {
+MEASURES: Mapping[str, ReachMeasure] = {
     "volume": Measure("m^3", "reachable volume, joints independent of each other", _volume()),
     "visited": Measure("m^3", "reachable volume of the recorded combinations of angles", _volume("visited")),
     "surface": Measure(
         "1",
         "reached share of the hemisphere in front of the shoulder",
-        lambda trial: Estimate(_number(trial, "surface", "box", "total")),
+        lambda trial: Estimate(_read_number(trial, "surface", "box", "total")),
     ),
-    "elevation": Measure("deg", "highest elevation of the upper arm", _elevation),
+    "elevation": Measure("deg", "highest elevation of the upper arm", _read_elevation),
     "height": Measure(
-        "m",
-        "highest wrist above the shoulder",
-        lambda trial: Estimate(_number(trial, "heights", "highest_m")),
+        "m", "highest wrist above the shoulder", lambda trial: Estimate(_read_number(trial, "heights", "highest_m"))
     ),
 }
-"""What is compared between people, sides and sessions; the first is that of the thesis."""
+"""Measures that are compared between people, sides and sessions; `volume` is the thesis's measure."""
 
 
 def read_reach_result(study: Study, trial: StudyTrial, run: TrialRun) -> ReachResult:
     """Read the result of a trial from its run folder."""
-    facts, summary = event_facts(trial, run, "reach"), read_summary(trial.trial.out, run)
+    facts, summary = read_event_facts(trial, run, "reach"), read_summary(trial.trial.out, run)
     return ReachResult(trial=trial, run=run, score=study.subjects[trial.subject].score, summary=summary, reach=facts)
+
+
+def make_page(data: CohortData, trials: Sequence[ReachResult]) -> bytes:
+    """Return the page of the study as UTF-8; it draws the last trial of each person, side and session."""
+    from mocap_id.reporting.reach_study.page import reach_cohort_page  # noqa: PLC0415  it loads the page's templates
+
+    with_surface = [trial for trial in trials if trial.reach.get("mesh")]
+    drawn = {(trial.subject, trial.side, trial.session): trial for trial in with_surface}
+    return reach_cohort_page(data, tuple(map(make_shape, drawn.values())))
+
+
+def make_shape(trial: ReachResult) -> Shape:
+    """Return the surface of a trial's reachable volume; a left arm is mirrored back to the left."""
+    from mocap_id.reporting.space.figures.reach import wires  # noqa: PLC0415  as above
+
+    mesh, mirror = trial.reach["mesh"], [1, 1, -1 if trial.side == "left" else 1]
+    shoulder = np.array(trial.reach["shoulder_m"])
+    surface = shoulder + wires(mesh["theta_deg"], mesh["psi_deg"], mesh["box_m"])
+    arm = shoulder + np.array(trial.reach["view"]["arm_m"])
+    return Shape(trial.subject, trial.side, trial.session, surface * mirror, arm * mirror)

@@ -1,47 +1,51 @@
-"""The recordings in a folder: C3D files, text files with their MOT, skeletons. Others are listed with the reason."""
+"""The recordings of a study, found in a folder and its sub-folders.
+
+These are C3D files, text files with markers (and their MOT files), and skeletons. Files that are not used are listed
+with the reason.
+"""
 
 from __future__ import annotations
 
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from mocap_id.errors import ConfigError
 from mocap_id.recording import is_marker_text
-from mocap_id.workflows.study.patterns import DEFAULTS, Pattern, Place, default
-from mocap_id.workflows.study.reaches import FoundReach, find_reach, find_session
+from mocap_id.workflows.study.patterns import COMMON_PATTERNS, PathLabels, Pattern, choose_pattern
+from mocap_id.workflows.study.reaches import Reach, find_session, read_reach
 
-_ENDINGS = (".c3d", ".trc")
-_EXPORTS = (".tsv", ".csv", ".txt")  # many other files end so: their first lines decide
-_FORCES = ("", "_grf", "_forces", "_force", "-grf", "-forces", "_grfs")  # between a TRC file's name and .mot
+_RECORDINGS = (".c3d", ".trc")
+_EXPORTS = (".tsv", ".csv", ".txt")  # many other files have these endings, so the first lines decide
+_FORCE_SUFFIXES = ("", "_grf", "_forces", "_force", "-grf", "-forces", "_grfs")  # between a TRC file's name and .mot
 _NO_TRIAL = re.compile(r"(^|[\W_])(static|cal|calib|calibration|t-?pose|anatomical|zero)([\W_\d]|$)", re.IGNORECASE)
 
 
 @dataclass(frozen=True)
 class FoundRecording:
-    """One recording and its place in the study."""
+    """One recording with its labels in the study."""
 
-    trial: str  # id in the study's file
-    subject: str  # id in the study's file
+    trial: str  # id of the trial
+    subject: str  # id of the person
     name: str  # name of the person in the folder
-    strategy: str  # word in the study's file
-    markers: Path  # or the skeleton
-    forces: Path | None
-    side: str = ""  # of a reach
-    session: str = ""  # of a reach, if the path names one
-    skeleton: bool = False
+    strategy: str  # strategy of the movement; empty for a reach
+    markers: Path  # file with the markers or the skeleton
+    forces: Path | None  # MOT file with the forces; None if there is none
+    side: str = ""  # side of a reach
+    session: str = ""  # session of a reach; empty if the path does not name one
+    skeleton: bool = False  # whether the file contains a skeleton instead of markers
 
 
 @dataclass(frozen=True)
 class Discovery:
-    """The recordings of a folder."""
+    """The recordings found in a folder."""
 
-    pattern: str  # the pattern that gave people and strategies
+    pattern: str  # the path pattern that was used
     trials: tuple[FoundRecording, ...]
-    left_out: Mapping[Path, str]  # files that are not trials of the study, and why
-    tried: tuple[str, ...] = ()  # the patterns that were compared; none if one was given
+    left_out: Mapping[Path, str]  # reason for each file that is not used
+    tried: tuple[str, ...] = ()  # the patterns that were compared; empty if the user gave one
 
     @property
     def reach(self) -> bool:
@@ -50,7 +54,7 @@ class Discovery:
 
     @property
     def names(self) -> Mapping[str, str]:
-        """Name of each subject in the folder, by id."""
+        """Name of each person in the folder, by id."""
         return {trial.subject: trial.name for trial in self.trials}
 
 
@@ -63,73 +67,65 @@ def discover(
     ----------
     folder : Path
     pattern : str, optional
-        As :class:`mocap_id.workflows.study.patterns.Pattern`; by default the common pattern that fits best.
+        Text of a :class:`mocap_id.workflows.study.patterns.Pattern`; by default the common pattern that fits best.
     keep_names : bool
         Use the names in the folder as ids, instead of s01, s02 …
     known : mapping of str to str, optional
-        Existing ids by name.
+        Existing ids by name; these people keep their ids.
 
     Raises
     ------
     ConfigError
-        There is no such folder, it contains no recording, or the pattern fits none.
+        There is no such folder, it contains no recording, or no recording fits the pattern.
     """
     if not folder.is_dir():
         raise ConfigError(f"{folder}: no such folder; expected a folder with the recordings of a study")
-    files = sorted((path for path in folder.rglob("*") if path.is_file() and not _hidden(path, folder)), key=_natural)
-    recordings, left_out = _recordings(files)
-    reaches = _reaches(recordings, files, left_out)
-    recordings = [path for path in recordings if path not in left_out]
-    if not recordings:
+    files = sorted(
+        (path for path in folder.rglob("*") if path.is_file() and not _is_hidden(path, folder)), key=_sort_key
+    )
+    recordings, left_out = _find_recordings(files)
+    reaches = _find_reaches(recordings, files, left_out)
+    paths = {
+        path: PurePosixPath(path.relative_to(folder).as_posix()) for path in recordings if path not in left_out
+    }  # relative to the folder
+    if not paths:
         raise ConfigError(
             f"{folder}: it contains no recording; expected C3D files, TRC files with their MOT, exports of QTM, Motive "
             "or Nexus, or skeletons of a depth camera or of markerless software (CSV, TRC)"
         )
-    places = {path: PurePosixPath(path.relative_to(folder).as_posix()) for path in recordings}
-    chosen = Pattern(pattern) if pattern is not None else default(list(places.values()))
-    places_of = {path: chosen.place(place) for path, place in places.items()}
-    left_out |= {path: f"does not fit the pattern {chosen.text}" for path, place in places_of.items() if place is None}
-    fitting = {path: place for path, place in places_of.items() if place is not None}
-    if not fitting:
-        wanted = f"the pattern {pattern}" if pattern is not None else f"one of the patterns {', '.join(DEFAULTS)}"
-        raise ConfigError(
-            f"{folder}: none of the {len(recordings)} recordings fits {wanted}, such as {next(iter(places.values()))}. "
-            "Say where the names are: --pattern '{subject}/{strategy}*', or '{strategy}*' for one person"
-        )
-    person = folder.resolve().name or "person"  # if the pattern has no {subject}
-    fitting = {path: place if place.subject else Place(person, place.strategy) for path, place in fitting.items()}
-    ids = _ids([place.subject for place in fitting.values()], keep_names, known or {})
-    trials = _trials(fitting, {path: reaches[path] for path in fitting if path in reaches}, places, ids, files)
-    order = {subject: k for k, subject in enumerate(sorted({one.subject for one in trials}, key=_natural))}
-    ordered = tuple(sorted(trials, key=lambda one: order[one.subject]))
-    return Discovery(chosen.text, ordered, left_out, () if pattern is not None else DEFAULTS)
+    chosen = Pattern(pattern) if pattern is not None else choose_pattern(list(paths.values()))
+    labels = _read_labels(folder, paths, chosen, left_out, given=pattern is not None)
+    ids = _make_ids([label.subject for label in labels.values()], keep_names, known or {})
+    trials = _make_trials(labels, {path: reaches[path] for path in labels if path in reaches}, paths, ids, files)
+    trials.sort(key=lambda trial: (_sort_key(trial.subject), trial.subject))
+    return Discovery(chosen.text, tuple(trials), left_out, () if pattern is not None else COMMON_PATTERNS)
 
 
-def _recordings(files: Sequence[Path]) -> tuple[list[Path], dict[Path, str]]:
-    """Return files that may be trials, and files that are certainly not."""
-    found, left_out = [], {}
+def _find_recordings(files: Sequence[Path]) -> tuple[list[Path], dict[Path, str]]:
+    """Return files that may be trials, and the files that are certainly not, with reasons."""
+    recordings, left_out = [], {}
     c3d = {path.with_suffix("") for path in files if path.suffix.lower() == ".c3d"}
     for path in files:
         ending = path.suffix.lower()
-        if ending not in _ENDINGS and not (ending in _EXPORTS and (is_marker_text(path) or _is_skeleton(path))):
+        if ending not in _RECORDINGS and not (ending in _EXPORTS and (is_marker_text(path) or _is_skeleton(path))):
             continue
         if _NO_TRIAL.search(path.stem):
             left_out[path] = "a static or calibration trial, by its name"
         elif ending != ".c3d" and path.with_suffix("") in c3d:
             left_out[path] = "the C3D file of the same name is used"
         else:
-            found.append(path)
-    return found, left_out
+            recordings.append(path)
+    return recordings, left_out
 
 
 def _is_skeleton(path: Path) -> bool:
-    found = find_reach(path, None)
-    return found is not None and found.skeleton
+    reach = read_reach(path, None)
+    return reach is not None and reach.skeleton
 
 
-def _reaches(recordings: Sequence[Path], files: Sequence[Path], left_out: dict[Path, str]) -> Mapping[Path, FoundReach]:
-    """Return the reaches, and leave out the fewer of reaches and others, which need a study of their own."""
-    found = {path: find_reach(path, find_forces(path, files)) for path in recordings}
+def _find_reaches(recordings: Sequence[Path], files: Sequence[Path], left_out: dict[Path, str]) -> Mapping[Path, Reach]:
+    """Return the recordings of reaches if they are the majority; leave out the recordings of the minority."""
+    found = {path: read_reach(path, find_forces(path, files)) for path in recordings}
     reaches = {path: reach for path, reach in found.items() if reach is not None}
     if 2 * len(reaches) > len(recordings):
         left_out |= dict.fromkeys(found.keys() - reaches.keys(), "no markers of an arm and no skeleton: not a reach")
@@ -138,50 +134,67 @@ def _reaches(recordings: Sequence[Path], files: Sequence[Path], left_out: dict[P
     return {}
 
 
-def _trials(
-    fitting: Mapping[Path, Place],
-    reaches: Mapping[Path, FoundReach],
-    places: Mapping[Path, PurePosixPath],
+def _read_labels(
+    folder: Path, paths: Mapping[Path, PurePosixPath], pattern: Pattern, left_out: dict[Path, str], *, given: bool
+) -> dict[Path, PathLabels]:
+    """Return person and strategy of each recording that fits the pattern; leave out the others."""
+    matches = {path: pattern.match(relative) for path, relative in paths.items()}
+    left_out |= {path: f"does not fit the pattern {pattern.text}" for path, match in matches.items() if match is None}
+    labels = {path: match for path, match in matches.items() if match is not None}
+    if not labels:
+        expected = f"the pattern {pattern.text}" if given else f"one of the patterns {', '.join(COMMON_PATTERNS)}"
+        raise ConfigError(
+            f"{folder}: none of the {len(paths)} recordings fits {expected}; an example is "
+            f"{next(iter(paths.values()))}. Give the position of the names: --pattern '{{subject}}/{{strategy}}*', or "
+            "'{strategy}*' for one person"
+        )
+    person = folder.resolve().name or "person"  # used if the pattern has no {subject}
+    return {path: label if label.subject else PathLabels(person, label.strategy) for path, label in labels.items()}
+
+
+def _make_trials(
+    labels: Mapping[Path, PathLabels],
+    reaches: Mapping[Path, Reach],
+    paths: Mapping[Path, PurePosixPath],
     ids: Mapping[str, str],
     files: Sequence[Path],
 ) -> list[FoundRecording]:
-    counted: Counter[str] = Counter()
+    """Return the trials; a reach with both arms gives a trial for each arm."""
+    counts: Counter[str] = Counter()
 
-    def number(*words: str) -> str:
+    def name_trial(*words: str) -> str:
         stem = "-".join(filter(None, words))
-        counted[stem] += 1
-        return f"{stem}-{counted[stem]}"
+        counts[stem] += 1
+        return f"{stem}-{counts[stem]}"
 
     trials = []
-    for path, place in fitting.items():
-        subject, reach = ids[place.subject], reaches.get(path)
+    for path, label in labels.items():
+        name, subject, reach = label.subject, ids[label.subject], reaches.get(path)
         if reach is None:
-            trial = number(subject, place.strategy)
-            forces = find_forces(path, files)
-            trials.append(FoundRecording(trial, subject, place.subject, place.strategy, path, forces))
+            trial, forces = name_trial(subject, label.strategy), find_forces(path, files)
+            trials.append(FoundRecording(trial, subject, name, label.strategy, path, forces))
             continue
-        session = find_session(places[path])
-        for side in reach.of(places[path]):
-            trial = number(subject, session, side)
-            found = FoundRecording(trial, subject, place.subject, "", path, None)
-            trials.append(replace(found, side=side, session=session, skeleton=reach.skeleton))
+        session = find_session(paths[path])
+        for side in reach.choose_sides(paths[path]):
+            trial = name_trial(subject, session, side)
+            trials.append(FoundRecording(trial, subject, name, "", path, None, side, session, reach.skeleton))
     return trials
 
 
 def find_forces(markers: Path, files: Iterable[Path]) -> Path | None:
-    """Return the MOT file that belongs to a text file with markers."""
+    """Return the MOT file that belongs to a text file with markers; None if there is none."""
     if markers.suffix.lower() == ".c3d":
         return None
-    stems = [f"{markers.stem}{extra}".casefold() for extra in _FORCES]
+    stems = [f"{markers.stem}{suffix}".casefold() for suffix in _FORCE_SUFFIXES]
     beside = [path for path in files if path.parent == markers.parent and path.suffix.lower() == ".mot"]
     fitting = [path for path in beside if path.stem.casefold() in stems]
     return min(fitting, key=lambda path: stems.index(path.stem.casefold()), default=None)
 
 
-def _ids(names: Iterable[str], keep: bool, known: Mapping[str, str]) -> dict[str, str]:
-    """Return the ids by name."""
-    ordered = sorted(dict.fromkeys(names), key=_natural)
-    if keep:
+def _make_ids(names: Iterable[str], keep_names: bool, known: Mapping[str, str]) -> dict[str, str]:
+    """Return an id for each name."""
+    ordered = sorted(dict.fromkeys(names), key=_sort_key)
+    if keep_names:
         ids = {name: re.sub(r"[^\w.+-]+", "-", name).strip("-.+") for name in ordered}
         twice = sorted(name for name, count in Counter(ids.values()).items() if count > 1 or not name)
         if twice:
@@ -200,11 +213,11 @@ def _ids(names: Iterable[str], keep: bool, known: Mapping[str, str]) -> dict[str
     return ids
 
 
-def _hidden(path: Path, folder: Path) -> bool:
+def _is_hidden(path: Path, folder: Path) -> bool:
     return any(part.startswith(".") for part in path.relative_to(folder).parts)
 
 
-def _natural(path: Path | str) -> tuple[tuple[int, int | str], ...]:
-    """Sort key that puts 2 before 10."""
+def _sort_key(path: Path | str) -> tuple[tuple[int, int | str], ...]:
+    """Return a sort key that puts 2 before 10."""
     parts = re.split(r"(\d+)", str(path).casefold())
     return tuple((0, int(part)) if part.isdecimal() else (1, part) for part in parts)

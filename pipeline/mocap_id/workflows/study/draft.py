@@ -6,7 +6,6 @@ import csv
 import io
 import json
 import os
-from collections.abc import Iterator, Mapping
 from pathlib import Path
 
 from mocap_id.errors import ConfigError, StoreError
@@ -27,45 +26,19 @@ _SIT_TO_STAND = (
 _REACH = ("reach", "{space: 3d, protocol: reach}", "{score: 2}, a clinical score such as Brooke's")
 
 
-def draft(found: Discovery, file: Path) -> str:
-    """Return the YAML text of a study of the recordings in a folder.
-
-    Parameters
-    ----------
-    found : Discovery
-    file : Path
-        The study's file, to which paths are relative.
-    """
-    name, defaults, person = _REACH if found.reach else _SIT_TO_STAND
-    lines = [
-        _HEAD.format(file=file.name),
-        f"study: {name}",
-        "out: runs  # folder of the results",
-        f"defaults: {defaults}  # keys of a trial's file, for all trials",
-        f"subjects:  # each {person}",
-        *(f"  {_quoted(subject)}: {{}}" for subject in found.names),
-        "trials:",
-        *(_trial(trial, file.absolute().parent) for trial in found.trials),
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def write(found: Discovery, file: Path, *, keep_names: bool = False, force: bool = False) -> list[Path]:
-    """Write the study's file and, unless the ids are names, the list of names and ids.
-
-    Returns
-    -------
-    list of Path
-        The written files.
+def write_draft(found: Discovery, file: Path, *, keep_names: bool = False, force: bool = False) -> list[Path]:
+    """Write a study's file and, unless the ids are names, the list of names and ids; return the written files.
 
     Raises
     ------
     StoreError
-        A file exists already, or cannot be written.
+        A file exists already and ``force`` is False, or a file cannot be written.
     """
-    contents = {file.name: draft(found, file).encode()}
+    contents = {file.name: _format_study(found, file).encode()}
     if not keep_names:
-        contents[SUBJECTS_FILE] = _mapping(found.names)
+        stream = io.StringIO()
+        csv.writer(stream, lineterminator="\n").writerows([("id", "name"), *found.names.items()])
+        contents[SUBJECTS_FILE] = stream.getvalue().encode()
     existing = [file.parent / name for name in contents if (file.parent / name).exists()]
     if existing and not force:
         raise StoreError(f"{existing[0]} exists already: choose another with --out, or overwrite it with --force")
@@ -73,51 +46,56 @@ def write(found: Discovery, file: Path, *, keep_names: bool = False, force: bool
     return [file.parent / name for name in contents]
 
 
-def known_names(file: Path) -> dict[str, str]:
-    """Return the ids of an existing subjects.csv by name, so that people keep their ids; none without the file.
+def read_known_ids(file: Path) -> dict[str, str]:
+    """Return the ids by name in subjects.csv beside a study's file; empty if there is no subjects.csv.
 
     Raises
     ------
     ConfigError
-        The file has other columns.
+        subjects.csv cannot be read or has other columns.
     """
+    subjects = file.parent / SUBJECTS_FILE
     try:
-        rows = list(csv.DictReader(io.StringIO((file.parent / SUBJECTS_FILE).read_text("utf-8"))))
+        rows = csv.DictReader(io.StringIO(subjects.read_text("utf-8")))
         return {row["name"]: row["id"] for row in rows}
     except FileNotFoundError:
         return {}
     except (OSError, UnicodeDecodeError, KeyError, csv.Error) as error:
-        raise ConfigError(f"{file.parent / SUBJECTS_FILE}: expected the columns id and name") from error
+        raise ConfigError(f"{subjects}: expected the columns id and name") from error
 
 
-def _trial(trial: FoundRecording, folder: Path) -> str:
-    recording = _quoted(_relative(trial.markers, folder))
+def _format_study(found: Discovery, file: Path) -> str:
+    """Return the YAML text of a study with the found recordings, paths relative to the study's file."""
+    name, defaults, person = _REACH if found.reach else _SIT_TO_STAND
+    lines = [
+        _HEAD.format(file=file.name),
+        f"study: {name}",
+        "out: runs  # folder of the results",
+        f"defaults: {defaults}  # keys of a trial's file, for all trials",
+        f"subjects:  # each {person}",
+        *(f"  {_quote(subject)}: {{}}" for subject in found.names),
+        "trials:",
+        *(_format_trial(trial, file.absolute().parent) for trial in found.trials),
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _format_trial(trial: FoundRecording, folder: Path) -> str:
+    recording = _quote_path(trial.markers, folder)
     if trial.forces is not None:
-        recording = f"{{markers: {recording}, forces: {_quoted(_relative(trial.forces, folder))}}}"
+        recording = f"{{markers: {recording}, forces: {_quote_path(trial.forces, folder)}}}"
     elif trial.skeleton:
         recording = f"{{skeleton: {recording}}}"
     labels = {name: getattr(trial, name) for name in ("trial", "subject", "strategy", "session", "side")}
-    keys = ", ".join(f"{name}: {_quoted(value)}" for name, value in labels.items() if value)
+    keys = ", ".join(f"{name}: {_quote(value)}" for name, value in labels.items() if value)
     return f"  - {{{keys}, recording: {recording}}}"
 
 
-def _relative(path: Path, folder: Path) -> str:
-    return Path(os.path.relpath(path.absolute(), folder)).as_posix()
+def _quote_path(path: Path, folder: Path) -> str:
+    return _quote(Path(os.path.relpath(path.absolute(), folder)).as_posix())
 
 
-def _quoted(text: str) -> str:
-    """Return a YAML scalar that is always read as text."""
+def _quote(text: str) -> str:
+    """Return a YAML scalar that YAML always reads as text."""
     plain = set(text) <= _PLAIN and text[:1].isalpha() and text.lower() not in ("yes", "no", "true", "false", "null")
     return text if plain else json.dumps(text, ensure_ascii=False)
-
-
-def _mapping(names: Mapping[str, str]) -> bytes:
-    stream = io.StringIO()
-    writer = csv.writer(stream, lineterminator="\n")
-    writer.writerows(_rows(names))
-    return stream.getvalue().encode()
-
-
-def _rows(names: Mapping[str, str]) -> Iterator[tuple[str, str]]:
-    yield "id", "name"
-    yield from names.items()

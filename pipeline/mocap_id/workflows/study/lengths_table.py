@@ -1,9 +1,9 @@
-"""`lengths`: shank and thigh against landmarks or stature, for each person and the cohort (thesis table 6.1)."""
+"""Rows of the tables `lengths` and `strategies` (thesis tables 6.1 and 6.2)."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from typing import Any
 
 from mocap_id.reporting.study.page_data import COHORT
@@ -12,30 +12,35 @@ from mocap_id.workflows.study.trial_results import LANDMARKS, SEGMENTS, TrialRes
 
 FRAMEWORK, STATURE = "framework", "stature"
 _NO_REFERENCE = "neither landmarks_m nor height is given in the study's file"
-_GROUP = ("segment", "reference", "method")
+_QUANTITIES: Mapping[str, Callable[[TrialResult], float | None]] = {
+    "shank_error": lambda trial: trial.length_error("shank"),
+    "thigh_error": lambda trial: trial.length_error("thigh"),
+    "reprojection": lambda trial: trial.metres("markers", "reprojection_rms_mm"),
+    "condition_number": lambda trial: trial.value("dynamics", "condition_number"),
+}
 
 
 def length_rows(trials: Sequence[TrialResult]) -> list[dict[str, Any]]:
-    """Return the rows of the table `lengths`: those of each person, then those of the cohort."""
+    """Return the rows of the table `lengths`: first the rows of each person, then the rows of the cohort."""
     people = group_by(trials, lambda trial: trial.subject)
-    own = [row for segment in SEGMENTS for subject in people for row in _person(subject, people[subject], segment)]
-    return [*own, *_cohort(own)]
+    rows = [row for segment in SEGMENTS for own in people.values() for row in _person_lengths(own, segment)]
+    return [*rows, *_cohort_lengths(rows)]
 
 
-def _person(subject: str, trials: Sequence[TrialResult], segment: str) -> Iterator[dict[str, Any]]:
+def _person_lengths(trials: Sequence[TrialResult], segment: str) -> Iterator[dict[str, Any]]:
     reference = trials[0].reference
-    found = [length for trial in trials if (length := trial.length(segment)) is not None]
-    yield _row(subject, segment, FRAMEWORK, trials[0], found)
+    known = [length for trial in trials if (length := trial.length(segment)) is not None]
+    yield _length_row(trials[0], segment, FRAMEWORK, known)
     if reference.kind == LANDMARKS:
         by_stature = reference.by_stature[segment]
-        yield _row(subject, segment, STATURE, trials[0], [] if by_stature is None else [by_stature])
+        yield _length_row(trials[0], segment, STATURE, [] if by_stature is None else [by_stature])
 
 
-def _row(subject: str, segment: str, method: str, trial: TrialResult, lengths: Sequence[float]) -> dict[str, Any]:
+def _length_row(trial: TrialResult, segment: str, method: str, lengths: Sequence[float]) -> dict[str, Any]:
     reference = trial.reference.lengths[segment]
     errors = [math.nan] if reference is None else [100 * (length / reference - 1) for length in lengths]
     return {
-        "subject": subject,
+        "subject": trial.subject,
         "segment": segment,
         "reference": trial.reference.kind,
         "method": method,
@@ -44,11 +49,12 @@ def _row(subject: str, segment: str, method: str, trial: TrialResult, lengths: S
         **named_mean_sd("length", lengths),
         "reference_length": reference,
         **named_mean_sd("error", errors),
-        "why": _why(trial, segment, method, lengths),
+        "why": _explain_missing(trial, segment, method, lengths),
     }
 
 
-def _why(trial: TrialResult, segment: str, method: str, lengths: Sequence[float]) -> str:
+def _explain_missing(trial: TrialResult, segment: str, method: str, lengths: Sequence[float]) -> str:
+    """Return why a row has no error; empty if it has one."""
     if trial.reference.kind == "":
         return _NO_REFERENCE
     if trial.reference.lengths[segment] is None:
@@ -58,12 +64,13 @@ def _why(trial: TrialResult, segment: str, method: str, lengths: Sequence[float]
     return ""
 
 
-def _cohort(own: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Return mean and spread over the people, for each segment, reference and method."""
-    known = [row for row in own if not row["why"]]
-    for rows in group_by(known, lambda row: tuple(row[name] for name in _GROUP)).values():
+def _cohort_lengths(people: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
+    """Yield mean and standard deviation over the people for each segment, reference and method."""
+    known = [row for row in people if not row["why"]]
+    keys = ("segment", "reference", "method")
+    for group, rows in group_by(known, lambda row: tuple(row[key] for key in keys)).items():
         yield {
-            **{name: rows[0][name] for name in _GROUP},
+            **dict(zip(keys, group, strict=True)),
             "subject": COHORT,
             "subjects": len(rows),
             "trials": sum(row["trials"] for row in rows),
@@ -71,3 +78,45 @@ def _cohort(own: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
             "reference_length": mean_sd(row["reference_length"] for row in rows)[0],
             **named_mean_sd("error", (row["error_mean"] for row in rows)),
         }
+
+
+def strategy_rows(trials: Sequence[TrialResult]) -> list[dict[str, Any]]:
+    """Return the rows of the table `strategies`: first the rows of each person, then the rows of the cohort."""
+    identified = [trial for trial in trials if trial.identified is not None]
+    groups = group_by(identified, lambda trial: (trial.subject, trial.strategy))
+    subjects, strategies = (list(dict.fromkeys(key[k] for key in groups)) for k in (0, 1))
+    rows = [
+        _person_strategy(groups[subject, strategy])
+        for subject in subjects
+        for strategy in strategies
+        if (subject, strategy) in groups
+    ]
+    return [*rows, *_cohort_strategies(rows)]
+
+
+def _person_strategy(trials: Sequence[TrialResult]) -> dict[str, Any]:
+    row: dict[str, Any] = {
+        "subject": trials[0].subject,
+        "strategy": trials[0].strategy,
+        "reference": trials[0].reference.kind,
+        "subjects": 1,
+        "trials": len(trials),
+    }
+    for name, quantity in _QUANTITIES.items():
+        row |= named_mean_sd(name, map(quantity, trials))
+    return row
+
+
+def _cohort_strategies(people: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
+    """Yield mean and standard deviation over the people, for landmarks and stature separately."""
+    for (strategy, reference), rows in group_by(people, lambda row: (row["strategy"], row["reference"])).items():
+        row: dict[str, Any] = {
+            "subject": COHORT,
+            "strategy": strategy,
+            "reference": reference,
+            "subjects": len(rows),
+            "trials": sum(person["trials"] for person in rows),
+        }
+        for name in _QUANTITIES:
+            row |= named_mean_sd(name, (person[f"{name}_mean"] for person in rows))
+        yield row

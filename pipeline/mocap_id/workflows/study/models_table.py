@@ -1,4 +1,4 @@
-"""`models`: every model of a person on every trial of the same person (thesis table 6.3)."""
+"""Rows of the table `models`: each model of a person applied to each trial of the same person (thesis table 6.3)."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from mocap_id.dynamics.comparison import Agreement
 from mocap_id.errors import ConfigError
 from mocap_id.reporting.study.page_data import COHORT
-from mocap_id.workflows.study.statistics import group_by, named_mean_sd, pooled
+from mocap_id.workflows.study.statistics import group_by, named_mean_sd, pool_errors
 from mocap_id.workflows.study.trial_results import TrialResult
 from mocap_id.workflows.transfer import HELD_OUT, OWN, SERIES, TRANSFERRED, BodyErrors, apply_model, rms_error
 
@@ -19,43 +19,44 @@ _OWN = (OWN, HELD_OUT)
 
 
 def model_rows(trials: Sequence[TrialResult]) -> list[dict[str, Any]]:
-    """Return the rows of the table `models`: those of each person, then those of the cohort."""
-    people = group_by((trial for trial in trials if trial.identified is not None), lambda trial: trial.subject)
-    own = [row for trial in trials if trial.identified is not None for row in _action(trial, people[trial.subject])]
-    return [*own, *_cohort(own)]
+    """Return the rows of the table `models`: first the rows of each person, then the rows of the cohort."""
+    identified = [trial for trial in trials if trial.identified is not None]
+    people = group_by(identified, lambda trial: trial.subject)
+    rows = [row for trial in identified for row in _predict_trial(trial, people[trial.subject])]
+    return [*rows, *_average_cohort(rows)]
 
 
-def _action(action: TrialResult, same_person: Sequence[TrialResult]) -> Iterator[dict[str, Any]]:
-    """Yield the rows of every model on one trial."""
+def _predict_trial(action: TrialResult, same_person: Sequence[TrialResult]) -> Iterator[dict[str, Any]]:
+    """Yield a row for each model that predicts one trial."""
     for body in action.bodies:
-        yield _row(action, body.name, action.name if body.name in _OWN else "", body)
+        yield _make_row(action, body.name, action.name if body.name in _OWN else "", body)
     for model in same_person:
         if model is not action:
-            yield _transferred(action, model)
+            yield _transfer(action, model)
 
 
-def _transferred(action: TrialResult, model: TrialResult) -> dict[str, Any]:
-    """Return the row of another trial's body on this trial, or of why it cannot be transferred."""
+def _transfer(action: TrialResult, model: TrialResult) -> dict[str, Any]:
+    """Return the row of another trial's body on this trial, with the reason if it cannot be transferred."""
     assert action.identified is not None and model.identified is not None
     name, source = model.strategy, model.name
     if not np.isfinite(model.identified.parameters).all():
         why = model.identified.facts.get("why") or "its full parameters are not all known"
-        return _row(action, name, source, None, why=f"no body to transfer from {source}: {why}")
+        return _make_row(action, name, source, None, why=f"no body to transfer from {source}: {why}")
     try:
-        found = apply_model(model.identified, action.identified)
+        result = apply_model(model.identified, action.identified)
     except ConfigError as error:  # the message begins with the trial's folder, which is not published
-        return _row(action, name, source, None, why=str(error).removeprefix(f"{action.identified.source}: "))
-    body = next(body for body in found.bodies if body.name == TRANSFERRED)
-    return _row(action, name, source, body) | {
-        "registration_residual": found.registration_residual,
-        "supported": {True: "yes", False: "no", None: ""}[found.supported],
-        "codes": ", ".join(reason.code for reason in found.reasons),
+        return _make_row(action, name, source, None, why=str(error).removeprefix(f"{action.identified.source}: "))
+    body = next(body for body in result.bodies if body.name == TRANSFERRED)
+    return _make_row(action, name, source, body) | {
+        "registration_residual": result.registration_residual,
+        "supported": {True: "yes", False: "no", None: ""}[result.supported],
+        "codes": ", ".join(reason.code for reason in result.reasons),
     }
 
 
-def _row(action: TrialResult, name: str, source: str, body: BodyErrors | None, why: str = "") -> dict[str, Any]:
+def _make_row(action: TrialResult, name: str, source: str, body: BodyErrors | None, why: str = "") -> dict[str, Any]:
     assert action.identified is not None
-    nothing = action.identified.facts.get("why") if action.parameters is None else None
+    not_identified = action.identified.facts.get("why") if action.parameters is None else None
     row: dict[str, Any] = {
         "subject": action.subject,
         "action": action.strategy,
@@ -66,7 +67,7 @@ def _row(action: TrialResult, name: str, source: str, body: BodyErrors | None, w
         "pairs": int(body is not None and any(error is not None for error in body.errors.values())),
         "samples": int(action.identified.dynamics["in_fit"].sum()),
         "condition_number_mean": action.value("dynamics", "condition_number"),
-        "why": why or (f"nothing was identified on {action.name}: {nothing}" if nothing else ""),
+        "why": why or (f"nothing was identified on {action.name}: {not_identified}" if not_identified else ""),
     }
     if body is not None:
         for series, error in body.errors.items():
@@ -81,16 +82,16 @@ def _bias_sd(name: str, error: Agreement | None) -> dict[str, float]:
     return {f"{name}_mean": bias, f"{name}_sd": sd}
 
 
-def _cohort(own: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Return rows of every model on every strategy over all people: pooled errors, and condition numbers."""
-    known = [row for row in own if math.isfinite(row.get("Fy_mean", math.nan))]
-    torques = {name.removesuffix("_mean") for row in own for name in row if name.startswith("tau_")}
+def _average_cohort(people: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
+    """Yield a row for each model and strategy, with the errors of all people pooled."""
+    known = [row for row in people if math.isfinite(row.get("Fy_mean", math.nan))]
+    torques = {name.removesuffix("_mean") for row in people for name in row if name.startswith("tau_")}
     series = [*SERIES, *sorted(name for name in torques if not name.endswith("_sd"))]
-    for rows in group_by(sorted(known, key=_order(known)), lambda row: (row["action"], row["model"])).values():
+    for (action, model), rows in group_by(_sort(known), lambda row: (row["action"], row["model"])).items():
         row: dict[str, Any] = {
             "subject": COHORT,
-            "action": rows[0]["action"],
-            "model": rows[0]["model"],
+            "action": action,
+            "model": model,
             "subjects": len({one["subject"] for one in rows}),
             "pairs": len(rows),
             "samples": sum(one["samples"] for one in rows),
@@ -98,26 +99,26 @@ def _cohort(own: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
         conditions = {one["action_trial"]: one["condition_number_mean"] for one in rows}
         row |= named_mean_sd("condition_number", conditions.values())
         for name in series:
-            mean, sd = pooled([_agreement(one, name) for one in rows])
+            mean, sd = pool_errors([_read_agreement(one, name) for one in rows])
             row |= {f"{name}_mean": mean, f"{name}_sd": sd}
             if name in SERIES:
                 row[f"{name}_rms"] = math.hypot(mean, sd)
         yield row
 
 
-def _order(known: Sequence[Mapping[str, Any]]) -> Any:
-    """Return a sort key: strategy; then allometric body, own model, other trials by their strategies."""
-    actions = list(dict.fromkeys(row["action"] for row in known))
+def _sort(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+    """Return rows by strategy; within each: the allometric body, the own model, other trials by their strategies."""
+    actions = list(dict.fromkeys(row["action"] for row in rows))
 
-    def place(row: Mapping[str, Any]) -> tuple[int, int, int]:
+    def rank(row: Mapping[str, Any]) -> tuple[int, int, int]:
         transferred = row["model"] not in _OWN and bool(row["model_trial"])
-        rank = 2 if transferred else 1 if row["model"] in _OWN else 0
+        kind = 2 if transferred else 1 if row["model"] in _OWN else 0
         other = actions.index(row["model"]) if transferred and row["model"] in actions else 0
-        return actions.index(row["action"]), rank, other + (row["model"] == HELD_OUT)
+        return actions.index(row["action"]), kind, other + (row["model"] == HELD_OUT)
 
-    return place
+    return sorted(rows, key=rank)
 
 
-def _agreement(row: Mapping[str, Any], name: str) -> Agreement | None:
+def _read_agreement(row: Mapping[str, Any], name: str) -> Agreement | None:
     bias, sd = row.get(f"{name}_mean", math.nan), row.get(f"{name}_sd", math.nan)
     return Agreement(bias, sd, math.nan) if math.isfinite(bias) and math.isfinite(sd) else None

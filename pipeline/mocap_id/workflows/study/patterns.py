@@ -11,19 +11,20 @@ from mocap_id.errors import ConfigError
 
 UNNAMED = "movement"
 """The strategy if a pattern has none."""
-_KNOWN = re.compile("normal|natural|comfort|self|select|prefer|usual|dynamic|momentum|fast|quick|stab|slow|forced")
+_STRATEGY_WORDS = re.compile(
+    "normal|natural|comfort|self|select|prefer|usual|dynamic|momentum|fast|quick|stab|slow|forced"
+)
 """Words for strategies; they distinguish folders named after strategies from folders named after people."""
-_COUNTERS = "trial|take|rep|repetition|run|test|t|r|n"
+_COUNTERS = ("trial", "take", "rep", "repetition", "run", "test", "t", "r", "n")
 """Words before the number of a trial, which do not belong to the strategy."""
-_NUMBERED = re.compile(rf"[\s_.-]+(?:{_COUNTERS})?[\s_.-]*\d+$", re.IGNORECASE)
+_NUMBERED = re.compile(rf"[\s_.-]+(?:{'|'.join(_COUNTERS)})?[\s_.-]*\d+$", re.IGNORECASE)
 _LEVEL = re.compile("(session|ses|visit|day|data|raw|recordings?|c3d|trc|mocap|markers|export)(-.*)?")
 """Folders between a person and the recordings, which are not strategies."""
 _PLAIN = ("{subject}/{strategy}*", "{subject}/{strategy}/*", "{subject}/**/{strategy}*")
 _BY_STRATEGY = ("{strategy}/{subject}*", "{strategy}/{subject}/*")
 _FLAT = ("{subject}_{strategy}*", "{subject}-{strategy}*", "{subject} {strategy}*")
-ONE_PERSON = "{strategy}*"
-"""Pattern of a flat folder with the recordings of one person."""
-DEFAULTS = (*_FLAT, *_BY_STRATEGY, *_PLAIN, "{subject}/**/*", ONE_PERSON)
+_ONE_PERSON = "{strategy}*"
+COMMON_PATTERNS = (*_FLAT, *_BY_STRATEGY, *_PLAIN, "{subject}/**/*", _ONE_PERSON)
 """The common patterns, in the order in which they are tried."""
 _PIECES = {
     "{subject}": r"(?P<subject>[^/]+?)",
@@ -34,14 +35,11 @@ _PIECES = {
 
 
 @dataclass(frozen=True)
-class Place:
-    """Person, as named in the path, and strategy, in plain words, of a recording.
+class PathLabels:
+    """Person and strategy of a recording, read from its path."""
 
-    The person is empty if the pattern has no ``{subject}``: all recordings are of one person.
-    """
-
-    subject: str
-    strategy: str
+    subject: str  # name of the person in the path; empty if the pattern has no ``{subject}``
+    strategy: str  # words joined by hyphens
 
 
 class Pattern:
@@ -53,7 +51,7 @@ class Pattern:
     Raises
     ------
     ConfigError
-        It has neither ``{subject}`` nor ``{strategy}``, one of them twice, or another name in braces.
+        The text has neither ``{subject}`` nor ``{strategy}``, one of them twice, or another name in braces.
     """
 
     def __init__(self, text: str) -> None:
@@ -66,57 +64,55 @@ class Pattern:
                 "'{subject}/{strategy}*.c3d', or '{strategy}*' for one person"
             )
         pieces = re.split(r"(\{subject\}|\{strategy\}|\*\*/|\*)", text)
-        # A name before * takes as much as it can; its number is removed later.
+        # A name before * takes as many characters as it can; its number is removed later.
         source = "".join(_PIECES.get(piece, re.escape(piece)) for piece in pieces)
         greedy = source.replace("+?)[^/]*", "+)[^/]*").replace("*?)[^/]*", "*)[^/]*")
         self._regex = re.compile(greedy, re.IGNORECASE)
         self._numbered = "{subject}*" in text
-        self._several = people > 0
-        self._ending = bool(re.search(r"\.\w+$", text))
+        self._has_subject = people > 0
+        self._has_ending = bool(re.search(r"\.\w+$", text))
 
-    def place(self, path: PurePosixPath) -> Place | None:
+    def match(self, path: PurePosixPath) -> PathLabels | None:
         """Return person and strategy of a path; None if the pattern does not fit."""
-        match = self._regex.fullmatch(str(path) if self._ending else str(path.with_suffix("")))
+        match = self._regex.fullmatch(str(path) if self._has_ending else str(path.with_suffix("")))
         if match is None:
             return None
-        found = match.groupdict()
-        subject, given = found.get("subject", ""), found.get("strategy")
+        groups = match.groupdict()
+        subject, text = groups.get("subject", ""), groups.get("strategy")
         subject = (_NUMBERED.sub("", subject) if self._numbered else subject).strip(" _-.")
-        strategy = UNNAMED if given is None else _words(PurePosixPath(given).name, subject)
-        if not self._several and strategy in _COUNTERS.split("|"):
+        strategy = UNNAMED if text is None else _clean_strategy(PurePosixPath(text).name, subject)
+        if not self._has_subject and strategy in _COUNTERS:
             strategy = UNNAMED  # trial1, trial2
-        return Place(subject, strategy) if bool(subject) == self._several and strategy else None
+        return PathLabels(subject, strategy) if bool(subject) == self._has_subject and strategy else None
 
 
-def default(paths: Sequence[PurePosixPath]) -> Pattern:
-    """Return the common pattern that fits most paths; the first if several fit equally many."""
-    patterns = [Pattern(text) for text in DEFAULTS]
-    scored = [(_fit(pattern, paths), -k, pattern) for k, pattern in enumerate(patterns)]
-    return max(scored, key=lambda one: one[:2])[2]
+def choose_pattern(paths: Sequence[PurePosixPath]) -> Pattern:
+    """Return the common pattern that fits most paths; the first of these if several fit equally many."""
+    return max(map(Pattern, COMMON_PATTERNS), key=lambda pattern: _rate(pattern, paths))
 
 
-def _fit(pattern: Pattern, paths: Sequence[PurePosixPath]) -> float:
-    places = [pattern.place(path) for path in paths]
-    found = [place for place in places if place is not None]
-    if pattern.text in _BY_STRATEGY and any(not _is_strategy(place.strategy) for place in found):
+def _rate(pattern: Pattern, paths: Sequence[PurePosixPath]) -> float:
+    """Return the share of the paths that fit; half of it for a pattern of last resort, 0 if the labels are wrong."""
+    labels = [label for label in map(pattern.match, paths) if label is not None]
+    if pattern.text in _BY_STRATEGY and any(not _is_strategy(label.strategy) for label in labels):
         return 0.0
-    if any(_LEVEL.fullmatch(place.strategy) for place in found):
+    if any(_LEVEL.fullmatch(label.strategy) for label in labels):
         return 0.0
-    if pattern.text in _FLAT and all(_is_strategy(place.subject.casefold()) for place in found):
+    if pattern.text in _FLAT and all(_is_strategy(label.subject.casefold()) for label in labels):
         return 0.0  # slow_trial1 of one person
-    share = len(found) / max(len(paths), 1)
-    return share if "{strategy}" in pattern.text and pattern.text != ONE_PERSON else share / 2
+    share = len(labels) / max(len(paths), 1)
+    return share if "{strategy}" in pattern.text and pattern.text != _ONE_PERSON else share / 2
 
 
 def _is_strategy(text: str) -> bool:
-    return any(_KNOWN.match(word) for word in text.split("-"))
+    return any(_STRATEGY_WORDS.match(word) for word in text.split("-"))
 
 
-def _words(text: str, subject: str) -> str:
-    """Return a strategy as plain words joined by hyphens, without the person's name and the trial's number."""
+def _clean_strategy(text: str, subject: str) -> str:
+    """Return the words of a strategy joined by hyphens, without the person's name and the trial's number."""
     if text.casefold().startswith(subject.casefold()) and text.casefold() != subject.casefold():
         text = text[len(subject) :]
     words = [word.lower() for word in re.findall(r"[^\W\d_]+|\d+", text)]
-    while words and (words[-1].isdigit() or words[-1] in _COUNTERS.split("|")) and len(words) > 1:
+    while words and (words[-1].isdigit() or words[-1] in _COUNTERS) and len(words) > 1:
         words.pop()
     return "-".join(words)[:40] if words and not words[-1].isdigit() else ""

@@ -1,9 +1,8 @@
-"""Recordings of reaches in a folder: markers of an arm without a force plate, or a skeleton; their side and session."""
+"""Recordings of reaches: markers of an arm without a force plate, or a skeleton; their side and session."""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
@@ -19,52 +18,41 @@ _SESSION = re.compile(r"(?<![^\W_])(session|ses|visit|day)[\W_]*(\d+)", re.IGNOR
 
 
 @dataclass(frozen=True)
-class FoundReach:
-    """What a recording of reaches shows.
+class Reach:
+    """The arms in a recording of reaches."""
 
-    Parameters
-    ----------
-    skeleton : bool
-        Joint positions, not markers.
-    sides : tuple of {"right", "left"}
-        Arms that the recording shows; empty if the markers' names have no side.
-    """
+    skeleton: bool  # whether the recording contains joint positions instead of markers
+    sides: tuple[str, ...]  # ``right``, ``left`` or both; empty if the markers' names have no side
 
-    skeleton: bool
-    sides: tuple[str, ...]
-
-    def of(self, path: PurePosixPath) -> tuple[str, ...]:
-        """Return the arms to analyse: the one that the path names, else all of them."""
+    def choose_sides(self, path: PurePosixPath) -> tuple[str, ...]:
+        """Return the sides to analyse: the side that the path names, or else all sides of the recording."""
         words = re.findall(r"[^\W\d_]+", str(path.with_suffix("")).lower())
         named = tuple(side for side, names in _SIDES.items() if set(names) & set(words))
         return named if len(named) == 1 else self.sides or ("right",)
 
 
-def find_reach(path: Path, forces: Path | None) -> FoundReach | None:
-    """Return what a recording of reaches shows; None for another recording, or one that cannot be read."""
+def read_reach(path: Path, forces: Path | None) -> Reach | None:
+    """Return the arms in a recording of reaches; None if it is no reach, or cannot be read."""
     if forces is not None:
         return None
     try:
         if path.suffix.lower() != ".c3d":
             labels = read_skeleton(path).recording.labels
-            sides = tuple(side for side in _SIDES if _shows_arm(labels, side))
+            arm = {"near_shoulder", *ARM[:2]}
+            sides = tuple(side for side in _SIDES if arm <= find_roles(labels, side).keys())
             if sides:
-                return FoundReach(skeleton=True, sides=sides)
-        found = recording.read(path)
+                return Reach(skeleton=True, sides=sides)
+        content = recording.read(path)
     except (RecordingError, ConfigError):
         return None
-    landmarks = find_landmarks(found.labels)
-    if found.plates or not set(landmarks.markers) >= _LANDMARKS:
+    landmarks = find_landmarks(content.labels)
+    if content.plates or not set(landmarks.markers) >= _LANDMARKS:
         return None
-    return FoundReach(skeleton=False, sides=() if landmarks.side is None else (landmarks.side,))
-
-
-def _shows_arm(labels: Sequence[str], side: Side) -> bool:
-    return {"near_shoulder", *ARM[:2]} <= find_roles(labels, side).keys()
+    return Reach(skeleton=False, sides=() if landmarks.side is None else (landmarks.side,))
 
 
 def find_session(path: PurePosixPath) -> str:
-    """Return the session that a path names, such as ``session1``; empty if none.
+    """Return the session that a path names, such as ``session1``; empty if it names none.
 
     Examples
     --------

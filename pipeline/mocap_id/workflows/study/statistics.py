@@ -1,22 +1,100 @@
-"""Means and spreads of numbers of which some may be missing."""
+"""Means, standard deviations, intervals and p-values of numbers of which some may be missing."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import product
 from typing import TypeVar
 
 import numpy as np
+from scipy.special import stdtrit
 
 from mocap_id.dynamics.comparison import Agreement
 
 T = TypeVar("T")
 K = TypeVar("K", bound=Hashable)
+_EXACT = 14  # largest number of people for which all signs are compared
+_DRAWS, _SEED = 20_000, 20
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """A value with the ends of its 95 % interval; NaN if unknown."""
+
+    value: float = math.nan
+    low: float = math.nan
+    high: float = math.nan
+
+    def minus(self, other: Estimate) -> Estimate:
+        """Return the difference from another estimate whose error is independent."""
+        value = self.value - other.value
+        below = math.hypot(self.value - self.low, other.high - other.value)
+        above = math.hypot(self.high - self.value, other.value - other.low)
+        return Estimate(value, value - below, value + above)
+
+    def columns(self, name: str) -> dict[str, float]:
+        """Return the columns ``name``, ``name_low`` and ``name_high``."""
+        return {name: self.value, f"{name}_low": self.low, f"{name}_high": self.high}
+
+
+def average_estimates(estimates: Iterable[Estimate]) -> Estimate:
+    """Return the mean of the known estimates; its interval assumes that all have the same error.
+
+    Examples
+    --------
+    >>> average_estimates([Estimate(0.2, 0.1, 0.3), Estimate(0.4, 0.3, 0.5), Estimate()])
+    Estimate(value=0.30000000000000004, low=0.2, high=0.4)
+    """
+    rows = np.array([(one.value, one.low, one.high) for one in estimates if math.isfinite(one.value)])
+    return Estimate(*rows.mean(axis=0).tolist()) if len(rows) else Estimate()
+
+
+def average_people(values: Sequence[float]) -> Estimate:
+    """Return the mean of one value for each person, with Student's interval; the interval is NaN for one person.
+
+    Examples
+    --------
+    >>> average_people([1.0, 2.0, 3.0]).value
+    2.0
+    """
+    array = np.asarray(values, dtype=np.float64)
+    n = len(array)
+    if not n:
+        return Estimate()
+    half = float(stdtrit(n - 1, 0.975) * array.std(ddof=1) / np.sqrt(n)) if n > 1 else math.nan
+    mean = float(array.mean())
+    return Estimate(mean, mean - half, mean + half)
+
+
+def sign_flip_p(differences: Sequence[float]) -> float:
+    """Return the two-sided permutation p-value that paired differences have no preferred sign; NaN for one person.
+
+    All signs are compared, or 20,000 random ones for more than 14 people.
+
+    Examples
+    --------
+    >>> sign_flip_p([1.0, 2.0, 3.0, 4.0, 5.0, 6.0])  # 2 of 64
+    0.03125
+    """
+    array = np.asarray(differences, dtype=np.float64)
+    n = len(array)
+    if n < 2:
+        return math.nan
+    least = abs(array.sum()) - 1e-12 * np.abs(array).sum()
+    if n <= _EXACT:
+        signs = np.array(list(product((-1.0, 1.0), repeat=n)))
+        return float(np.mean(np.abs(signs @ array) >= least))
+    signs = np.random.default_rng(_SEED).choice([-1.0, 1.0], (_DRAWS, n))
+    return float((1 + (np.abs(signs @ array) >= least).sum()) / (1 + _DRAWS))
 
 
 def mean_sd(values: Iterable[float | None]) -> tuple[float, float]:
-    """Return mean and sample standard deviation (n − 1) of the known values; NaN for too few of them.
+    """Return mean and sample standard deviation (n − 1) of the known values; NaN if there are too few.
 
+    Examples
+    --------
     >>> mean_sd([1.0, None, 3.0])
     (2.0, 1.4142135623730951)
     """
@@ -32,14 +110,14 @@ def named_mean_sd(name: str, values: Iterable[float | None]) -> dict[str, float]
 
 
 def group_by(members: Iterable[T], key: Callable[[T], K]) -> Mapping[K, list[T]]:
-    """Return the members by key, in the order in which the keys first come."""
-    found: dict[K, list[T]] = {}
+    """Return lists of members by key, in the order in which the keys first occur."""
+    groups: dict[K, list[T]] = {}
     for member in members:
-        found.setdefault(key(member), []).append(member)
-    return found
+        groups.setdefault(key(member), []).append(member)
+    return groups
 
 
-def pooled(errors: Sequence[Agreement | None]) -> tuple[float, float]:
+def pool_errors(errors: Sequence[Agreement | None]) -> tuple[float, float]:
     """Return mean and standard deviation of the samples of several errors together, each error with the same weight.
 
     With means b_i and standard deviations s_i: mean b of the b_i, and sqrt(mean(s_i² + b_i²) − b²).

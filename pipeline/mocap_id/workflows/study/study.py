@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,13 +17,8 @@ from mocap_id.reporting.study.page_data import PAGE_FILE, CohortData
 from mocap_id.stages import STAGES
 from mocap_id.store import Folder, dumps, hash_bytes, hash_file
 from mocap_id.workflows.parallel import LocalBackend, TrialCallback, TrialRun, run_trials
-from mocap_id.workflows.study.lengths_table import length_rows
-from mocap_id.workflows.study.models_table import model_rows
-from mocap_id.workflows.study.parameters_table import parameter_rows
-from mocap_id.workflows.study.strategies_table import strategy_rows
-from mocap_id.workflows.study.tables import TABLES
-from mocap_id.workflows.study.trial_results import TrialResult, read_trial_result
-from mocap_id.workflows.study.variation_table import variation_rows
+from mocap_id.workflows.study.tables import make_tables
+from mocap_id.workflows.study.trial_results import read_trial_result
 
 _log = logging.getLogger(__name__)
 
@@ -33,14 +28,6 @@ _ABOUT = (
     "Each table is a CSV and a Parquet file (units and meanings in the field metadata). A row of the subject `cohort` "
     "is about all people. A missing value is empty in CSV and NaN in Parquet."
 )
-_ROWS: Mapping[str, Callable[[Sequence[TrialResult]], Iterable[Any]]] = {
-    "trials": lambda trials: trials,
-    "lengths": length_rows,
-    "strategies": strategy_rows,
-    "models": model_rows,
-    "parameters": parameter_rows,
-    "variation": variation_rows,
-}
 
 
 @dataclass(frozen=True)
@@ -48,9 +35,9 @@ class StudyResult:
     """The result of a study."""
 
     study: Study
-    runs: tuple[TrialRun, ...]  # how the trials ended
+    runs: tuple[TrialRun, ...]  # how each trial ended
     document: Mapping[str, Any]  # content of study.json
-    reused: bool  # tables and page were up to date
+    reused: bool  # whether tables and page were up to date
 
     @property
     def failed(self) -> tuple[TrialRun, ...]:
@@ -93,22 +80,22 @@ def run_study(
     with Folder(study.folder).locked():
         begin(len(study.trials))
         runs = run_trials([one.trial for one in study.trials], LocalBackend(jobs), tell)
-        for first, other in same_recordings(study):
+        for first, other in find_same_recordings(study):
             _log.warning(
                 f"{file}: the trials {first} and {other} have the same recording: one file was probably copied"
             )
-        key = _key(study, runs)
-        document = _up_to_date(study.folder, key)
+        key = _hash_content(study, runs)
+        document = _read_if_current(study.folder, key)
         if document is not None:
             return StudyResult(study, runs, document, reused=True)
-        result = _result(study, runs, key)
+        result = _make_result(study, runs, key)
         result.write(study.folder)
     return StudyResult(study, runs, result.document, reused=False)
 
 
-def same_recordings(study: Study) -> Iterator[tuple[str, str]]:
-    """Yield pairs of trials that used the same part of a recording with the same content, after they have run."""
-    known: dict[Any, str] = {}
+def find_same_recordings(study: Study) -> Iterator[tuple[str, str]]:
+    """Yield pairs of trials, after they have run, that used the same time window of files with the same content."""
+    first_trials: dict[Any, str] = {}
     for one in study.trials:
         origin = Folder(one.trial.out).origin(STAGES[0].name, STAGES[0].outputs)
         if origin is None:
@@ -116,36 +103,23 @@ def same_recordings(study: Study) -> Iterator[tuple[str, str]]:
         hashes = frozenset(each for role, each in origin.inputs.items() if role.startswith("recording"))
         if hashes:
             content = (hashes, str(origin.parameters.get("window")))
-            if content in known:
-                yield known[content], one.name
-            known.setdefault(content, one.name)
-
-
-def make_tables(trials: Sequence[TrialResult]) -> dict[str, ResultTable]:
-    """Return every table of a study."""
-    return {name: ResultTable.of(schema, _ROWS[name](trials)) for name, schema in TABLES.items()}
-
-
-def _page(data: CohortData, _: Sequence[TrialResult]) -> bytes:
-    from mocap_id.reporting.study.page import cohort_page  # noqa: PLC0415  it loads the page's templates
-
-    return cohort_page(data)
+            if content in first_trials:
+                yield first_trials[content], one.name
+            first_trials.setdefault(content, one.name)
 
 
 @dataclass(frozen=True)
 class StudyKind:
-    """Functions that make the results of one kind of study; tables and page take the trials that ``read`` returns."""
+    """The functions that make the results of one kind of study."""
 
-    labels: tuple[str, ...]  # what distinguishes the trials of a person
-    read: Callable[[Study, StudyTrial, TrialRun], Any]
-    tables: Callable[[Sequence[Any]], dict[str, ResultTable]]
-    page: Callable[[CohortData, Sequence[Any]], bytes]
-
-
-_SIT_TO_STAND = StudyKind(("strategy",), read_trial_result, make_tables, _page)
+    labels: tuple[str, ...]  # names of the properties that distinguish the trials of a person
+    read: Callable[[Study, StudyTrial, TrialRun], Any]  # reads the result of a trial
+    tables: Callable[[Sequence[Any]], dict[str, ResultTable]]  # makes the tables from the results of the trials
+    page: Callable[[CohortData, Sequence[Any]], bytes]  # makes the page
 
 
-def _kind(study: Study) -> StudyKind:
+def _choose_kind(study: Study) -> StudyKind:
+    """Return the functions for a study's protocol; they load only the templates of its own page."""
     if study.curl:
         from mocap_id.reporting.curl_study.page import curl_cohort_page  # noqa: PLC0415  other studies do not need it
         from mocap_id.workflows import curl_study  # noqa: PLC0415
@@ -156,32 +130,29 @@ def _kind(study: Study) -> StudyKind:
             curl_study.make_tables,
             lambda data, trials: curl_cohort_page(data, trials[0].reference),
         )
-    if not study.reach:
-        return _SIT_TO_STAND
-    from mocap_id.workflows import reach_study  # noqa: PLC0415  as above
+    if study.reach:
+        from mocap_id.workflows import reach_study  # noqa: PLC0415
 
-    return StudyKind(("side", "session"), reach_study.read_reach_result, reach_study.make_tables, reach_study.page)
+        labels = ("side", "session")
+        return StudyKind(labels, reach_study.read_reach_result, reach_study.make_tables, reach_study.make_page)
+    from mocap_id.reporting.study.page import cohort_page  # noqa: PLC0415
+
+    return StudyKind(("strategy",), read_trial_result, make_tables, lambda data, _: cohort_page(data))
 
 
-def _result(study: Study, runs: Sequence[TrialRun], key: str) -> Result:
-    kind = _kind(study)
+def _make_result(study: Study, runs: Sequence[TrialRun], key: str) -> Result:
+    kind = _choose_kind(study)
     trials = [kind.read(study, one, run) for one, run in zip(study.trials, runs, strict=True)]
+    labels = [{name: getattr(trial, name) for name in kind.labels} for trial in trials]
     tables = kind.tables(trials)
 
-    def labels(trial: Any) -> dict[str, str]:
-        return {name: getattr(trial, name) for name in kind.labels}
-
-    def page() -> dict[str, bytes]:
-        entries = [
-            one.entry(
-                one.name,
-                ", ".join(filter(None, [one.subject, *labels(one).values()])),
-                f"../{one.name}/report.html",
-            )
-            for one in trials
-        ]
+    def make_page() -> dict[str, bytes]:
+        entries = tuple(
+            one.entry(one.name, ", ".join(filter(None, [one.subject, *own.values()])), f"../{one.name}/report.html")
+            for one, own in zip(trials, labels, strict=True)
+        )
         frames = {name: table.frame for name, table in tables.items()}
-        return {PAGE_FILE: kind.page(CohortData(study.name, tuple(entries), frames), trials)}
+        return {PAGE_FILE: kind.page(CohortData(study.name, entries, frames), trials)}
 
     content = {
         "study": study.name,
@@ -191,14 +162,15 @@ def _result(study: Study, runs: Sequence[TrialRun], key: str) -> Result:
         "subjects": {
             subject: [trial.name for trial in trials if trial.subject == subject] for subject in study.subjects
         },
-        "trials": [_trial_document(trial, labels(trial)) for trial in trials],
+        "trials": [_describe(trial, own) for trial, own in zip(trials, labels, strict=True)],
         "tables": {name: table.description for name, table in tables.items()},
         "key": key,
     }
-    return Result("study", DOCUMENT, content, tables, page, hashed=True)
+    return Result("study", DOCUMENT, content, tables, make_page, hashed=True)
 
 
-def _trial_document(trial: Any, labels: Mapping[str, str]) -> dict[str, Any]:
+def _describe(trial: Any, labels: Mapping[str, str]) -> dict[str, Any]:
+    """Return the entry of a trial in study.json."""
     return {
         "trial": trial.name,
         "subject": trial.subject,
@@ -211,7 +183,7 @@ def _trial_document(trial: Any, labels: Mapping[str, str]) -> dict[str, Any]:
     }
 
 
-def _key(study: Study, runs: Sequence[TrialRun]) -> str:
+def _hash_content(study: Study, runs: Sequence[TrialRun]) -> str:
     """Return a hash of everything that tables and page depend on: trials' reports, people, the file's entries."""
     trials = [
         [one.name, one.subject, one.strategy, one.session, one.condition, run.exit_code, run.published, run.key]
@@ -221,8 +193,8 @@ def _key(study: Study, runs: Sequence[TrialRun]) -> str:
     return hash_bytes(dumps([_VERSION, __version__, study.name, study.reference, trials, people]).encode())
 
 
-def _up_to_date(folder: Path, key: str) -> Mapping[str, Any] | None:
-    """Return study.json if it has this key and every file that it names is unchanged, else None."""
+def _read_if_current(folder: Path, key: str) -> Mapping[str, Any] | None:
+    """Return study.json if it has this key and every file that it names is unchanged, or else None."""
     try:
         document: Mapping[str, Any] = json.loads((folder / DOCUMENT).read_text("utf-8"))
         unchanged = all(hash_file(folder / file) == content for file, content in document["files"].items())

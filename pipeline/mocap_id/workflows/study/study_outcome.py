@@ -1,21 +1,26 @@
-"""How a trial of a study ended, and the columns that the tables of all studies share."""
+"""The parts that studies of all kinds share: the outcome of a trial, measures, and columns of tables."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from mocap_id.config.study import StudyTrial
-from mocap_id.reporting.results.columns import ResultColumn, number, text, whole
-from mocap_id.store import Folder
+from mocap_id.reporting.numbers import known
+from mocap_id.reporting.results.columns import ResultColumn, ResultTable, number, text, whole
+from mocap_id.store import Folder, TableSchema
 from mocap_id.workflows.parallel import TrialRun
 from mocap_id.workflows.trial_outcome import TrialOutcome
+
+Trial = TypeVar("Trial")
+Value = TypeVar("Value")
 
 
 @dataclass(frozen=True, kw_only=True)
 class StudyOutcome(TrialOutcome):
-    """How a trial of a study ended."""
+    """The outcome of a trial of a study."""
 
     trial: StudyTrial
 
@@ -30,6 +35,15 @@ class StudyOutcome(TrialOutcome):
         return self.trial.subject
 
 
+@dataclass(frozen=True)
+class Measure(Generic[Trial, Value]):
+    """A quantity that a study compares between people or conditions."""
+
+    unit: str
+    meaning: str
+    of: Callable[[Trial], Value]  # returns the quantity of a trial
+
+
 TRIAL_COLUMNS: tuple[ResultColumn, ...] = (
     text("trial", "name of the trial and of its run folder", lambda trial: trial.name),
     text("subject", "id of the person", lambda trial: trial.subject),
@@ -40,16 +54,48 @@ VERDICT_COLUMNS: tuple[ResultColumn, ...] = (
     whole("exit_code", "exit code of `mocap-id run` for the trial", lambda trial: trial.run.exit_code),
     text("message", "why the trial failed or was refused, without names of files", lambda trial: trial.run.published),
 )
-INTERVAL_ENDS = {"": "", "_low": ", lower end of the 95 % interval", "_high": ", upper end of the 95 % interval"}
-"""Ends of the column names of :meth:`mocap_id.workflows.study.estimates.Estimate.columns`, and of their meanings."""
+_INTERVAL_ENDS = {"": "", "low": ", lower end of the 95 % interval", "high": ", upper end of the 95 % interval"}
 
 
-def estimate_columns(name: str, unit: str, meaning: str) -> list[ResultColumn]:
-    """Return the columns of an estimate without values: itself, and both ends of its interval."""
-    return [number(f"{name}{end}", unit, f"{meaning}{words}") for end, words in INTERVAL_ENDS.items()]
+def estimate_columns(
+    name: str, unit: str, meaning: str, estimate: Callable[[Any], Any] | None = None
+) -> list[ResultColumn]:
+    """Return the columns of an estimate: its value, and both ends of its 95 % interval.
+
+    Parameters
+    ----------
+    name, unit, meaning : str
+    estimate : callable, optional
+        Returns the estimate of a trial; by default, rows give the values by name.
+    """
+    return [
+        number(f"{name}_{end}" if end else name, unit, f"{meaning}{words}", _part_of(estimate, end or "value"))
+        for end, words in _INTERVAL_ENDS.items()
+    ]
 
 
-def event_facts(trial: StudyTrial, run: TrialRun, protocol: str) -> Mapping[str, Any]:
+def _part_of(estimate: Callable[[Any], Any] | None, part: str) -> Callable[[Any], float] | None:
+    return None if estimate is None else lambda trial: getattr(estimate(trial), part)
+
+
+def fill_tables(
+    schemas: Mapping[str, TableSchema],
+    rows: Mapping[str, Callable[[Sequence[Any]], Iterable[Any]]],
+    trials: Sequence[Any],
+) -> dict[str, ResultTable]:
+    """Return the tables of a study by name; a table without a function for its rows has a row for each trial."""
+    return {
+        name: ResultTable.of(schema, rows[name](trials) if name in rows else trials) for name, schema in schemas.items()
+    }
+
+
+def number_or_nan(value: object) -> float:
+    """Return a fact as a number; NaN if it is missing or not finite."""
+    number = known(value)
+    return math.nan if number is None else number
+
+
+def read_event_facts(trial: StudyTrial, run: TrialRun, protocol: str) -> Mapping[str, Any]:
     """Return the facts of events.parquet about a protocol; empty if the trial failed or was refused."""
     facts = Folder(trial.trial.out).read("events.parquet").facts if run.exit_code == 0 else {}
     return facts.get(protocol) or {}

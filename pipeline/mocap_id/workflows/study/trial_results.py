@@ -1,4 +1,4 @@
-"""The result of one trial of a study, with the reference that its lengths are compared with."""
+"""The result of one trial of a study, with the reference lengths of the person."""
 
 from __future__ import annotations
 
@@ -21,31 +21,31 @@ from mocap_id.workflows.transfer import HELD_OUT, OWN, BodyErrors, errors_at_hom
 from mocap_id.workflows.trial_outcome import read_summary
 
 SEGMENTS = ("shank", "thigh")
-"""Segments whose lengths are compared."""
+"""Segments whose lengths are compared with a reference."""
 LANDMARKS = "landmarks"
 
 
 @dataclass(frozen=True)
 class LengthReference:
-    """The reference for a person's segment lengths."""
+    """Reference for the segment lengths of a person."""
 
-    kind: str  # ``landmarks``, or ``stature`` with the allometric table; empty if there is no reference
-    lengths: Mapping[str, float | None]  # of shank and thigh, m
-    by_stature: Mapping[str, float | None]  # the table's lengths for the person's height, m
+    kind: str  # ``landmarks``, or ``stature`` with the name of the allometric table; empty if there is no reference
+    lengths: Mapping[str, float | None]  # reference lengths by segment, m; None if unknown
+    by_stature: Mapping[str, float | None]  # lengths by the allometric table for the person's height, m
 
 
 @dataclass(frozen=True)
 class BaseParameters:
-    """The base parameters of a trial."""
+    """The b base parameters of a trial."""
 
     symbols: tuple[str, ...]  # the first parameter of each group: m1, mx1, mx2 …
     expressions: tuple[str, ...]
     units: tuple[str, ...]
     verdicts: tuple[str, ...]
     value: FloatArray  # (b,) NaN if unknown
-    sd: FloatArray  # (b,) its standard deviation
-    reference: FloatArray  # (b,) of the allometric body on the same chain; NaN if unknown
-    segments: int  # number of segments of the chain with the base
+    sd: FloatArray  # (b,) standard deviations
+    reference: FloatArray  # (b,) values for the allometric body on the same chain; NaN if unknown
+    segments: int  # number of segments of the chain, including the base
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,14 +53,14 @@ class TrialResult(StudyOutcome):
     """The result of one trial of a study."""
 
     reference: LengthReference
-    identified: IdentifiedTrial | None  # None for a trial that failed or was refused
+    identified: IdentifiedTrial | None  # None if the trial failed or was refused
     # errors of the trial's own model, in the fit and on left-out repetitions, and of the allometric body
     bodies: tuple[BodyErrors, ...]
     parameters: BaseParameters | None  # None if no parameter was identified
 
     @property
     def strategy(self) -> str:
-        """How the person moves."""
+        """Strategy of the movement."""
         return self.trial.strategy
 
     def length(self, segment: str) -> float | None:
@@ -69,12 +69,12 @@ class TrialResult(StudyOutcome):
         return length
 
     def length_error(self, segment: str) -> float | None:
-        """Return length less reference, % of the reference; None if either is unknown."""
+        """Return length minus reference, % of the reference; None if either is unknown."""
         length, reference = self.length(segment), self.reference.lengths[segment]
         return None if length is None or reference is None else 100 * (length / reference - 1)
 
     def model_errors(self, model: str) -> dict[str, tuple[float, float, float]]:
-        """Return bias, standard deviation and root mean square for each known series.
+        """Return bias, standard deviation and root mean square of a model's error, for each known series.
 
         Parameters
         ----------
@@ -98,16 +98,16 @@ def read_trial_result(study: Study, trial: StudyTrial, run: TrialRun) -> TrialRe
     return TrialResult(
         trial=trial,
         run=run,
-        reference=length_reference(study.subjects[trial.subject], settings.reference),
+        reference=find_length_reference(study.subjects[trial.subject], settings.reference),
         summary=read_summary(out, run),
         identified=identified,
         bodies=() if identified is None else errors_at_home(identified),
-        parameters=read_parameters(out) if passed else None,
+        parameters=_read_parameters(out) if passed else None,
     )
 
 
-def length_reference(person: Person, name: TableName) -> LengthReference:
-    """Return the reference for a person's lengths: landmarks where any is given, else stature."""
+def find_length_reference(person: Person, name: TableName) -> LengthReference:
+    """Return the reference for a person's lengths: landmarks if any is given, or else stature."""
     table = reference_table(name, person.sex)
     by_stature = {
         segment: None if person.height is None else getattr(table, segment).length * person.height
@@ -119,7 +119,7 @@ def length_reference(person: Person, name: TableName) -> LengthReference:
     return LengthReference("" if person.height is None else f"stature ({name})", by_stature, by_stature)
 
 
-def read_parameters(out: Path) -> BaseParameters | None:
+def _read_parameters(out: Path) -> BaseParameters | None:
     """Read the base parameters from a run folder; None if none was identified."""
     tree = Folder(out).tree("dynamics.h5")
     value, reference = tree.numbers("base/value"), tree.numbers("full/reference")
