@@ -47,7 +47,7 @@ def _states(*orders: int) -> Variant:
             true[:, -1] += last_frame_turn(done.truth, done.chain) if order == 0 else 0.0
             for j, column in enumerate(true.T, start=1):
                 columns[f"{('theta', 'dtheta', 'ddtheta')[order]}_{j}"] = column
-        return _with(trial, {"states.parquet": table.having(**columns)})
+        return _with(trial, {"states.parquet": table.with_columns(**columns)})
 
     return changed
 
@@ -66,7 +66,7 @@ def _wrench(trial: Trial) -> Trial:
     columns = dict(zip(("Fx", "Fy", "tauz"), done.true["wrench"].T, strict=True))
     trial = replace(trial, done=replace(done, truth={**done.truth, "analog_offset_s": 0.0}))
     facts = {**table.facts, "analog_rate_hz": None}  # the true values are instantaneous, not means over a frame
-    return _with(trial, {"wrench.parquet": replace(table.having(**columns), facts=facts)})
+    return _with(trial, {"wrench.parquet": replace(table.with_columns(**columns), facts=facts)})
 
 
 def _contact(trial: Trial) -> Trial:
@@ -75,7 +75,7 @@ def _contact(trial: Trial) -> Trial:
     The search for the clock offset loses the ends of each interval, so its range is short.
     """
     table = trial.context.table("wrench.parquet")
-    changed = table.having(plate_ok=table["plate_ok"] & trial.done.off_seat)
+    changed = table.with_columns(plate_ok=table["plate_ok"] & trial.done.off_seat)
     keys = trial.context.trial.model_copy(update={"protocol": "free"})
     trial = _setting(clock_offset_limit_s=0.01)(_with(trial, {"wrench.parquet": changed}))
     return replace(trial, context=replace(trial.context, trial=keys))

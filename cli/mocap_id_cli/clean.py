@@ -38,7 +38,7 @@ def clean(
     if unreadable:
         raise ConfigError("\n".join(str(one.error) for one in unreadable))
     for trial in trials:
-        there = Folder(trial.out).there()
+        there = Folder(trial.out).is_present()
         if there and not dry_run:
             runner.clean(trial, first)
         did = ("would be cleaned" if dry_run else "cleaned") if there else "has nothing"

@@ -110,7 +110,7 @@ def test_no_common_time_is_no_difference(links) -> None:
     run = open_run(links())
     table = run.artefacts["states.parquet"]
     assert isinstance(table, Table)
-    later = table.having(time=table["time"] + 1e3)
+    later = table.with_columns(time=table["time"] + 1e3)
     moved = replace(run, artefacts={"states.parquet": later})
     assert list(series(run, moved)) == []
 

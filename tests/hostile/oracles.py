@@ -335,7 +335,7 @@ def _read_record(bench: Bench, case: Case) -> str:
     documents = folder.documents(stage)
     folder.origin(stage, ["summary.json", "report.html"])
     runner.refusals.stored_refusal(run, "segment", "x")
-    folder.forget(stage, [])
+    folder.remove_outputs(stage, [])
     if not isinstance(documents, dict) or not (bench.place / "x").exists():
         return f"documents {documents!r}"
     return "" if (run / "planar.parquet").exists() else "an artefact of another stage was deleted"

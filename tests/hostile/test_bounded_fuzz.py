@@ -22,7 +22,7 @@ from mocap_id.config.source import read
 from mocap_id.config.study import load_study
 from mocap_id.errors import ConfigError, RecordingError, StoreError
 from mocap_id.recording.text_tables import parse_table
-from mocap_id.store.atomic import within
+from mocap_id.store.atomic import resolve_path
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="bounds and pipes are those of other systems")
 NUMBER, SEED = 60, 20_001
@@ -185,7 +185,7 @@ def test_no_name_leads_out_of_the_folder(tmp_path: Path, parts: list[str]) -> No
     if not (run / "link").is_symlink():
         (run / "link").symlink_to(tmp_path)
     try:
-        path = within(run, "/".join(parts))
+        path = resolve_path(run, "/".join(parts))
     except StoreError:
         return
     assert path.parent.resolve().is_relative_to(run.resolve())

@@ -184,7 +184,7 @@ def test_a_record_deletes_nothing_but_what_was_written(tmp_path: Path, elsewhere
     record = run / ".mocap-id" / "report.json"
     strings = json.loads(record.read_text())
     record.write_text(json.dumps(strings | {"documents": json.dumps(documents)}))
-    folder.forget("report", [])
+    folder.remove_outputs("report", [])
     assert untouched(elsewhere)
     assert {"planar.parquet", "figures"} <= {path.name for path in run.iterdir()}
     assert folder.origin("report", ["report.html"]) is None
@@ -195,7 +195,7 @@ def test_what_somebody_has_changed_is_not_deleted_as_ours(tmp_path: Path) -> Non
     folder = Folder(tmp_path)
     folder.write([Document("report.html", b"one"), Document("figures/a.svg", b"two")], ORIGIN)
     (tmp_path / "figures" / "a.svg").write_bytes(b"drawn over")
-    folder.forget("report", ["report.html"])
+    folder.remove_outputs("report", ["report.html"])
     assert (tmp_path / "figures" / "a.svg").exists()
     assert not (tmp_path / "report.html").exists()
 

@@ -374,7 +374,7 @@ class Trial:
         data["grid"] = dict(data["grid"]) | {"mass": np.full_like(data["grid"]["mass"], np.nan)}
         table = self.dynamics_table()
         nothing = np.full(self.frames, np.nan)
-        table = table.having(**{f"tau_{self.n}": nothing, f"sd_tau_{self.n}": nothing})
+        table = table.with_columns(**{f"tau_{self.n}": nothing, f"sd_tau_{self.n}": nothing})
         found = self.artefacts() | {
             "poses.parquet": self.poses(),
             "dynamics.h5": replace(tree, data=data, facts=facts),

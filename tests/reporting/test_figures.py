@@ -121,7 +121,7 @@ def test_states_without_standard_deviations_are_drawn_without_bands() -> None:
     unknown = {name: np.full(400, np.nan) for name in states.names if name.startswith("sd_")}
     before, after = (
         drawings(report_data(context(artefacts | {"states.parquet": one}))).all
-        for one in (states, states.having(**unknown))
+        for one in (states, states.with_columns(**unknown))
     )
     assert [one.name for one, other in zip(before, after, strict=True) if not same(one, other)] == ["states"]
     figure = next(one.figure for one in after if one.name == "states")
@@ -227,7 +227,7 @@ def test_a_chosen_instant_has_no_bridged_angle() -> None:
 def test_a_motionless_recording_has_one_posture() -> None:
     trial = Trial()
     still = {f"theta_{k}": np.full(trial.frames, 0.3) for k in (1, 2, 3)}
-    assert len(two_moments(JointStates.from_table(trial.states(bridged=slice(0)).having(**still)), None)) == 1
+    assert len(two_moments(JointStates.from_table(trial.states(bridged=slice(0)).with_columns(**still)), None)) == 1
 
 
 def test_repetitions_are_drawn_over_normalised_time() -> None:

@@ -186,7 +186,7 @@ def test_a_joint_far_from_all_markers_is_within_the_views() -> None:
     tree = trial.tree()
     poses = trial.poses()
     far = {f"segment_1_{axis}": poses[f"segment_1_{axis}"] + 1.5 for axis in "xyz"}
-    for panel in figure("skeleton", trial, **{"chain.h5": tree, "poses.parquet": poses.having(**far)}).panels:
+    for panel in figure("skeleton", trial, **{"chain.h5": tree, "poses.parquet": poses.with_columns(**far)}).panels:
         rings = next(one for one in panel.items if isinstance(one, Points) and one.symbol == "ring")
         assert panel.x_range[0] < rings.x.min() and rings.x.max() < panel.x_range[1]
         assert panel.y_range[0] < rings.y.min() and rings.y.max() < panel.y_range[1]

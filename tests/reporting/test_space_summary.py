@@ -64,7 +64,7 @@ def test_turns_lost_near_the_pole_do_not_widen_the_range() -> None:
     table = trial.angles_table()
     turned = table["shoulder_axial"] + 2 * np.pi * (trial.time > 5.0)
     before = summary_of(trial.artefacts())["angles"]["shoulder_axial"]
-    after = summary_of(trial.artefacts() | {"angles.parquet": table.having(shoulder_axial=turned)})["angles"]
+    after = summary_of(trial.artefacts() | {"angles.parquet": table.with_columns(shoulder_axial=turned)})["angles"]
     assert after["shoulder_axial"]["range_deg"] == pytest.approx(before["range_deg"])
     assert after["shoulder_axial"]["low_deg"] == pytest.approx(before["low_deg"])
 

@@ -271,7 +271,7 @@ def test_unloaded_samples_do_not_count_for_the_mean_centre_of_pressure() -> None
     trial = Trial()
     row = np.arange(trial.frames)
     cop = np.where(row < 100, 5.0, np.where(row % 2, 0.01, np.nan))
-    artefacts = trial.artefacts() | {"wrench.parquet": trial.wrench().having(cop_x=cop, plate_ok=row >= 100)}
+    artefacts = trial.artefacts() | {"wrench.parquet": trial.wrench().with_columns(cop_x=cop, plate_ok=row >= 100)}
     assert summary_of(artefacts)["dynamics"]["cop_mean_m"] == pytest.approx(0.01)
 
 

@@ -159,7 +159,7 @@ def test_a_frame_rate_divided_averages_as_reading_would(robot: TrialInputs) -> N
     rate = robot.long("planar.parquet").facts["rate_hz"]
     assert now.long("planar.parquet").facts["rate_hz"] == rate / 4
     wrench = robot.table("wrench.parquet")
-    made = wrench.having(Fx=3 * wrench["time"] - 1, Fy=np.sin(2 * np.pi * 2.0 * wrench["time"]))
+    made = wrench.with_columns(Fx=3 * wrench["time"] - 1, Fy=np.sin(2 * np.pi * 2.0 * wrench["time"]))
     for every in (3, 4):
         averaged = marker_perturbations._averaged(made, every)
         seen = {name: averaged[name][2:-2] for name in ("time", "Fx", "Fy")}

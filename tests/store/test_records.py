@@ -115,7 +115,7 @@ def test_one_folder_follows_what_it_writes(written: Path) -> None:
     folder.write([segments(0.002), chain()], LATER)
     assert folder.key(SEGMENTS.file) == "key-2"
     assert folder.origin("segment", FILES) == LATER
-    folder.forget("segment", FILES)
+    folder.remove_outputs("segment", FILES)
     assert folder.origin("segment", FILES) is None
     assert not record(written).exists()
 

@@ -151,12 +151,12 @@ def test_outputs_are_made_no_older_than_their_inputs(tmp_path: Path) -> None:
         stamp = report.stat().st_mtime_ns + ahead * 10**9
         os.utime(source, ns=(stamp, stamp))
         before = report.stat().st_mtime_ns
-        folder.freshen(["report.html"], [source])
+        folder.update_times(["report.html"], [source])
         assert report.stat().st_mtime_ns == (before if ahead < 0 else stamp)
 
 
 def test_forgetting_a_stage_leaves_nothing_of_it(tmp_path: Path) -> None:
     folder = Folder(tmp_path)
     folder.write([Document("report.html", b"x"), Document("figures/a.svg", b"y")], ORIGIN)
-    folder.forget("report", ["report.html"])
+    folder.remove_outputs("report", ["report.html"])
     assert [path for path in tmp_path.rglob("*") if path.is_file()] == []

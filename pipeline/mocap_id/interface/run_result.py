@@ -223,11 +223,11 @@ class Run:
     def _frame(self, file: str) -> pd.DataFrame:
         """Return an artefact as a data frame with its units."""
         from mocap_id.store import LongTable, Table  # noqa: PLC0415  a run that is only printed reads no table
-        from mocap_id.store.parquet import columns_of  # noqa: PLC0415
+        from mocap_id.store.parquet import expand_columns  # noqa: PLC0415
 
         table = self._files.artefacts.get(file)
         if not isinstance(table, Table | LongTable) or not table.length or table.names == ["time"]:
             raise StoreError(f"{self.name}: {self._files.why_missing(file)}")
         frame = table.frame
-        frame.attrs["units"] = {column.name: column.unit for column in columns_of(table.schema, table.names)}
+        frame.attrs["units"] = {column.name: column.unit for column in expand_columns(table.schema, table.names)}
         return frame

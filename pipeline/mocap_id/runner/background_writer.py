@@ -6,7 +6,7 @@ from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from types import TracebackType
 
-from mocap_id.store.atomic import uninterrupted
+from mocap_id.store.atomic import delaying_signals
 
 
 class BackgroundWriter:
@@ -26,7 +26,7 @@ class BackgroundWriter:
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, at: TracebackType | None) -> None:
-        with uninterrupted():
+        with delaying_signals():
             try:
                 self._pool.shutdown()
             except BaseException:  # a signal may still arrive through a thread that does not block it

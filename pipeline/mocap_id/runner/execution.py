@@ -219,7 +219,7 @@ class _Run:
     def freshen(self, stage: Stage) -> None:
         """Make a stage's outputs no older than its inputs, for `make`."""
         inputs = [self.trial.out / file for file in stage.inputs] + [*user_files(self.trial, stage).values()]
-        self.folder.freshen(stage.outputs, [self.trial.file, *(path for path in inputs if path.exists())])
+        self.folder.update_times(stage.outputs, [self.trial.file, *(path for path in inputs if path.exists())])
 
     def write(self, stage: Stage, outputs: Sequence[store.Artefact | Document], origin: Origin) -> None:
         """Write a stage's outputs."""
@@ -247,7 +247,7 @@ class _Run:
         """Delete the outputs, left by an earlier run, of a failed stage and of all later stages."""
         for later in self.stages[self.stages.index(stage) :]:
             if later is not but:
-                self.folder.forget(later.name, later.outputs)
+                self.folder.remove_outputs(later.name, later.outputs)
 
     @contextmanager
     def unexpected_as_error(self) -> Iterator[None]:

@@ -8,7 +8,7 @@ from typing import Any
 
 from mocap_id import plain_files
 from mocap_id.errors import Refused
-from mocap_id.store.atomic import explained, replace_together
+from mocap_id.store.atomic import converting_errors, replace_together
 
 _FILE = ".mocap-id/refusal.json"
 
@@ -38,5 +38,5 @@ def stored_refusal(folder: Path, stage: str, key: str) -> Refused | None:
 
 def forget_refusal(folder: Path) -> None:
     """Delete the stored refusal, so that the stage is computed again."""
-    with explained(folder / _FILE):
+    with converting_errors(folder / _FILE):
         (folder / _FILE).unlink(missing_ok=True)

@@ -17,7 +17,7 @@ from mocap_id.runner.log import RUN_LOG, last_failure
 from mocap_id.runner.refusals import forget_refusal, stored_refusal
 from mocap_id.stages import STAGES, Stage
 from mocap_id.store import Folder, Origin
-from mocap_id.store.locking import LOCK, lock_in
+from mocap_id.store.locking import LOCK, create_lock
 
 State: TypeAlias = Literal["done", "stale", "missing", "damaged", "refused", "waiting"]
 
@@ -69,7 +69,7 @@ def status(trial: Trial, stages: Sequence[Stage] = STAGES) -> TrialStatus:
     """Return the status of a trial; nothing is written or computed."""
     folder = Folder(trial.out)
     try:
-        folder.there()
+        folder.is_present()
     except StoreError as error:
         first, *later = (stage.name for stage in stages)
         waiting = (StageStatus(name, "waiting", f"for {first}") for name in later)
@@ -94,15 +94,15 @@ def clean(trial: Trial, first: str | None = None, stages: Sequence[Stage] = STAG
         A run has locked the folder, or it cannot be read or changed.
     """
     folder, names = Folder(trial.out), [stage.name for stage in stages]
-    if not folder.there():
+    if not folder.is_present():
         return
     with folder.locked():
         for stage in stages[0 if first is None else names.index(first) :]:
-            folder.forget(stage.name, stage.outputs)
+            folder.remove_outputs(stage.name, stage.outputs)
         forget_refusal(trial.out)
         if first is None:
             folder.remove([LOG_FILE, RUN_LOG])
-            folder.dissolve()
+            folder.remove_if_empty()
 
 
 def _of_stages(trial: Trial, folder: Folder, stages: Sequence[Stage]) -> Iterator[StageStatus]:
@@ -173,7 +173,7 @@ def _locked(folder: Path) -> bool:
     if not (own / LOCK).is_file():
         return False
     try:
-        with lock_in(own).acquire(timeout=0):
+        with create_lock(own).acquire(timeout=0):
             return False
     except Timeout:
         return True

@@ -27,7 +27,7 @@ from mocap_id.simulation.scene import streams
 from mocap_id.simulation.simulated_trial import SimulatedTrial, generate
 from mocap_id.simulation.truth import arrays, document
 from mocap_id.simulation.yaml_files import trial_yaml
-from mocap_id.store.atomic import explained, write_files
+from mocap_id.store.atomic import converting_errors, write_files
 
 
 def simulate(kind: Kind, folder: Path, options: Options, given: JointMotion | None = None) -> Path:
@@ -82,7 +82,7 @@ def write_trial(folder: Path, make: Callable[[str], Mapping[str, bytes]]) -> Pat
 
 def new_folder(folder: Path) -> None:
     """Create a folder; StoreError if it exists and is not empty."""
-    with explained(folder):
+    with converting_errors(folder):
         if folder.exists() and any(folder.iterdir()):
             raise StoreError(f"{folder} is not empty: choose a new folder")
         folder.mkdir(parents=True, exist_ok=True)

@@ -1,6 +1,7 @@
-"""Artefacts in memory and on disk: schemas, views, Parquet and HDF5, provenance, atomic writes.
+"""Artefacts in memory and on disk: schemas, views, Parquet and HDF5, provenance, atomic writing.
 
-The classes of artefacts need numpy, and are imported when they are first used: a run with nothing to do needs none.
+The classes of artefacts need numpy and are imported when they are first used. A run with nothing to do does not use
+them.
 """
 
 from __future__ import annotations
@@ -12,8 +13,7 @@ from mocap_id.store.artefact_set import ArtefactSet
 from mocap_id.store.columns import Column, TableSchema, TreeSchema
 from mocap_id.store.folder import Folder
 from mocap_id.store.hashing import hash_bytes, hash_file
-from mocap_id.store.provenance import Origin, Provenance, dumps
-from mocap_id.store.record import Document
+from mocap_id.store.provenance import Document, Origin, Provenance, dumps
 
 if TYPE_CHECKING:
     from mocap_id.store.artefacts import Artefact, Facts, LongTable, Table, Tree
@@ -41,6 +41,6 @@ __all__ = [
 def __getattr__(name: str) -> Any:
     if name not in __all__:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    found = getattr(import_module(f"{__name__}.artefacts"), name)
-    globals()[name] = found
-    return found
+    value = getattr(import_module(f"{__name__}.artefacts"), name)
+    globals()[name] = value
+    return value

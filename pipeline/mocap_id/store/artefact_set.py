@@ -12,26 +12,26 @@ if TYPE_CHECKING:
 
 
 class ArtefactSet:
-    """Base of classes that hold ``artefacts`` by file name, where some artefacts may be absent."""
+    """Base of classes with an attribute ``artefacts``: artefacts by file name, of which some may be absent."""
 
     artefacts: Mapping[str, Artefact]
 
     def table(self, file: str) -> Table | None:
-        """Return a Parquet artefact, None where it is absent."""
+        """Return a Parquet artefact; None if it is absent."""
         artefact = self.artefacts.get(file)
         return artefact if isinstance(artefact, store.Table) else None
 
     def long(self, file: str) -> LongTable | None:
-        """Return a Parquet artefact with a row for every frame and marker, None where it is absent."""
+        """Return a Parquet artefact with a row for every frame and marker; None if it is absent."""
         artefact = self.artefacts.get(file)
         return artefact if isinstance(artefact, store.LongTable) else None
 
     def tree(self, file: str) -> Tree | None:
-        """Return an HDF5 artefact, None where it is absent."""
+        """Return an HDF5 artefact; None if it is absent."""
         artefact = self.artefacts.get(file)
         return artefact if isinstance(artefact, store.Tree) else None
 
     def facts(self, file: str) -> Facts:
-        """Return the facts of an artefact, empty where it is absent."""
+        """Return the facts of an artefact; empty if it is absent."""
         artefact = self.artefacts.get(file)
         return artefact.facts if artefact is not None else {}

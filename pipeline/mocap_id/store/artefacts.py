@@ -1,4 +1,4 @@
-"""Artefacts in memory: tables and trees."""
+"""Artefacts in memory: tables, long tables and trees."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 Facts: TypeAlias = Mapping[str, Any]
-"""Numbers and choices stored beside the data, as JSON values; None for a quantity that could not be determined."""
+"""Numbers and choices stored beside the data, as JSON values; None if a quantity could not be determined."""
 
 Values: TypeAlias = "np.ndarray[Any, Any]"
 """A column of a table."""
@@ -26,14 +26,10 @@ Node: TypeAlias = "np.ndarray[Any, Any] | str | float | int | Mapping[str, Node]
 
 @dataclass(frozen=True)
 class Table:
-    """A Parquet artefact in memory: its columns as arrays.
+    """A Parquet artefact in memory, with its columns as arrays.
 
-    Parameters
-    ----------
-    schema : TableSchema
-    columns : mapping of str to (n,) array
-        Numbers and truth values have their numpy types, texts are object arrays of str. A nullable integer is int64
-        with -1 where the file holds null.
+    ``columns`` contains arrays (n,) by name. Numbers and truth values have their numpy types; texts are object arrays
+    of str. A nullable integer is int64 with -1 where the file has null.
     """
 
     schema: TableSchema
@@ -46,7 +42,7 @@ class Table:
         cls, schema: TableSchema, frame: pd.DataFrame, facts: Facts | None = None, reasons: tuple[Reason, ...] = ()
     ) -> Table:
         """Return the table of a data frame; missing integers become -1, missing texts None."""
-        return cls(schema, {str(name): _values(frame[name]) for name in frame.columns}, facts or {}, reasons)
+        return cls(schema, {str(name): _to_array(frame[name]) for name in frame.columns}, facts or {}, reasons)
 
     @property
     def length(self) -> int:
@@ -55,7 +51,7 @@ class Table:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of its arrays."""
+        """Bytes of the arrays."""
         return sum(values.nbytes for values in self.columns.values())
 
     @property
@@ -74,37 +70,28 @@ class Table:
         """Return a column, or some rows of it."""
         return self.columns[name][rows]
 
-    def having(self, **columns: Values) -> Table:
+    def with_columns(self, **columns: Values) -> Table:
         """Return a copy with these columns replaced or added."""
         return replace(self, columns={**self.columns, **columns})
 
     @property
     def frame(self) -> pd.DataFrame:
         """The table as a data frame."""
-        return _frame(self)
+        return _to_frame(self)
 
 
 @dataclass(frozen=True)
 class LongTable:
     """A Parquet artefact in memory with a row for every frame and marker, ordered by frame first.
 
-    Parameters
-    ----------
-    schema : TableSchema
-        ``long``, with the columns ``frame``, ``time`` and ``marker``.
-    frames : (F,) int array
-    time : (F,) array
-        s.
-    labels : (M,) sequence of str
-    values : mapping of str to (F, M) array
-        All other columns.
+    The schema is ``long``, with the columns ``frame``, ``time`` and ``marker``.
     """
 
     schema: TableSchema
-    frames: IntArray
-    time: FloatArray
-    labels: Sequence[str]
-    values: Mapping[str, FloatArray | BoolArray]
+    frames: IntArray  # (F,) frame numbers
+    time: FloatArray  # (F,) s
+    labels: Sequence[str]  # M names of markers
+    values: Mapping[str, FloatArray | BoolArray]  # all other columns, (F, M)
     facts: Facts = field(default_factory=dict)
     reasons: tuple[Reason, ...] = ()
 
@@ -115,7 +102,7 @@ class LongTable:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of its arrays of frames and markers."""
+        """Bytes of the arrays in ``values``."""
         return sum(values.nbytes for values in self.values.values())
 
     @property
@@ -124,21 +111,21 @@ class LongTable:
         return ["frame", "time", "marker", *self.values]
 
     def column(self, name: str, rows: slice = slice(None)) -> Values:
-        """Return a column, or some rows of it."""
+        """Return a column with a value for every row, or some rows of it."""
         if name == "marker":
             return np.array(self.labels, dtype=object)[self.codes(rows)]
         if name in self.values:
             return self.values[name].reshape(-1)[rows]
-        first, last, own = self._frames(rows)
-        return np.repeat({"frame": self.frames, "time": self.time}[name][first:last], len(self.labels))[own]
+        first, last, inside = self._find_frames(rows)
+        return np.repeat({"frame": self.frames, "time": self.time}[name][first:last], len(self.labels))[inside]
 
     def codes(self, rows: slice = slice(None)) -> Values:
-        """Return the index of each row's label, int32."""
-        first, last, own = self._frames(rows)
-        return np.tile(np.arange(len(self.labels), dtype=np.int32), last - first)[own]
+        """Return the index (int32) of each row's label."""
+        first, last, inside = self._find_frames(rows)
+        return np.tile(np.arange(len(self.labels), dtype=np.int32), last - first)[inside]
 
-    def _frames(self, rows: slice) -> tuple[int, int, slice]:
-        """Return the first frame of some rows, the frame after their last, and the rows within these frames."""
+    def _find_frames(self, rows: slice) -> tuple[int, int, slice]:
+        """Return the first frame of some rows, the frame after their last frame, and the rows within these frames."""
         start, stop, _ = rows.indices(self.length)
         markers = max(len(self.labels), 1)
         first, last = start // markers, -(-stop // markers)
@@ -147,10 +134,10 @@ class LongTable:
     @property
     def frame(self) -> pd.DataFrame:
         """The table as a data frame, with a label in every row."""
-        return _frame(self)
+        return _to_frame(self)
 
 
-def _values(series: pd.Series[Any]) -> Values:
+def _to_array(series: pd.Series[Any]) -> Values:
     """Return a data frame's column as an array."""
     kind = str(series.dtype)
     if kind in ("category", "str", "object", "string"):
@@ -161,7 +148,7 @@ def _values(series: pd.Series[Any]) -> Values:
     return np.asarray(series)
 
 
-def _frame(table: Table | LongTable) -> pd.DataFrame:
+def _to_frame(table: Table | LongTable) -> pd.DataFrame:
     """Return a data frame with the schema's types: repeated texts as categories, -1 of a nullable integer as NA."""
     import pandas as pd  # noqa: PLC0415  a run needs no data frames
 
@@ -186,7 +173,7 @@ def _frame(table: Table | LongTable) -> pd.DataFrame:
 
 @dataclass(frozen=True)
 class Tree:
-    """An HDF5 artefact in memory: nested names → arrays, strings, numbers."""
+    """An HDF5 artefact in memory: nested mappings of names to arrays, strings and numbers."""
 
     schema: TreeSchema
     data: Mapping[str, Node]
@@ -195,30 +182,30 @@ class Tree:
 
     @property
     def nbytes(self) -> int:
-        """Not counted: trees are small."""
+        """Always 0, because trees are small."""
         return 0
 
     def array(self, path: str) -> Values:
-        """Return the node at ``group/name`` as an array; KeyError where the tree does not have it."""
+        """Return the node at ``group/name`` as an array; KeyError if it does not exist."""
         node: Any = self.data
         for name in path.split("/"):
             node = node[name]
         return np.asarray(node)
 
     def numbers(self, path: str, shape: tuple[int, ...] = (-1,)) -> FloatArray:
-        """Return a node as float64 of this shape; with no rows where the tree does not have it."""
+        """Return a node as float64 of this shape; without rows if the node does not exist."""
         return np.asarray(self.array(path), np.float64).reshape(shape) if self.has(path) else np.zeros((0, *shape[1:]))
 
     def integers(self, path: str) -> IntArray:
-        """Return a node as a vector of int64; empty where the tree does not have it."""
+        """Return a node as a vector of int64; empty if the node does not exist."""
         return np.asarray(self.array(path), np.int64).reshape(-1) if self.has(path) else np.zeros(0, dtype=np.int64)
 
     def texts(self, path: str) -> tuple[str, ...]:
-        """Return a node as texts; empty where the tree does not have it."""
+        """Return a node as texts; empty if the node does not exist."""
         return tuple(map(str, self.array(path).reshape(-1))) if self.has(path) else ()
 
     def has(self, path: str) -> bool:
-        """Return whether the tree has a node at ``group/name``."""
+        """Return whether the node at ``group/name`` exists."""
         node: Any = self.data
         for name in path.split("/"):
             if not isinstance(node, Mapping) or name not in node:

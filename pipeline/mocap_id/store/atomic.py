@@ -28,8 +28,8 @@ _ADVICE = {
 
 
 @contextlib.contextmanager
-def explained(path: Path) -> Iterator[None]:
-    """Turn an OSError while writing ``path`` into a StoreError that says what to do."""
+def converting_errors(path: Path) -> Iterator[None]:
+    """Convert an OSError while writing ``path`` to a StoreError that says what to do."""
     try:
         yield
     except OSError as error:
@@ -37,43 +37,42 @@ def explained(path: Path) -> Iterator[None]:
         raise StoreError(f"{path} cannot be written: {advice}") from error
 
 
-Content: TypeAlias = bytes | Callable[[BinaryIO], None]
+Content: TypeAlias = bytes | Callable[[BinaryIO], object]
 """The bytes of a file, or a function that writes them to a stream."""
 
 
 def replace_together(folder: Path, contents: Mapping[str, Content], void: str | None = None) -> None:
-    """Write several files of a folder: either all of them appear, complete, or none.
+    """Write several files of an existing folder: either all of them appear, complete, or none.
 
     Parameters
     ----------
     folder : Path
-        An existing folder.
     contents : mapping
         Content by file name; ``/`` separates a sub-folder.
     void : str, optional
-        The file among these that declares the others valid. It is deleted before the first rename, so that after a
-        power cut between two renames no file declares a mixture valid.
+        The file that declares all others valid. It is deleted before the first rename, so that after a power cut
+        between two renames no file declares a mixture of old and new files valid.
 
     Raises
     ------
     StoreError
-        The disk is full, read-only, or the like; the previous files are still there.
+        The folder cannot be written, for example because the disk is full. The previous files are still there.
     """
     temporary: dict[Path, Path] = {}
     try:
         for name, content in contents.items():
-            path = within(folder, name)
+            path = resolve_path(folder, name)
             temporary[path] = path.with_name(f".{path.name}.{os.getpid()}{_TEMPORARY}")
-            with explained(path):
+            with converting_errors(path):
                 path.parent.mkdir(exist_ok=True)
                 _write(temporary[path], content)
                 if path.is_dir():
                     raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
-        with uninterrupted():
+        with delaying_signals():
             if void is not None:
-                within(folder, void).unlink(missing_ok=True)
+                resolve_path(folder, void).unlink(missing_ok=True)
             for path, written in temporary.items():
-                with explained(path):
+                with converting_errors(path):
                     written.replace(path)
     finally:
         for written in temporary.values():
@@ -81,32 +80,29 @@ def replace_together(folder: Path, contents: Mapping[str, Content], void: str | 
 
 
 def write_files(folder: Path, contents: Mapping[str, Content]) -> None:
-    """Write files as :func:`replace_together` does, into a folder that is made if needed, with its sub-folders."""
-    with explained(folder):
+    """Write files as :func:`replace_together` does; the folder and its sub-folders are created if needed."""
+    with converting_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
         for name in contents:
-            within(folder, name).parent.mkdir(parents=True, exist_ok=True)
+            resolve_path(folder, name).parent.mkdir(parents=True, exist_ok=True)
     replace_together(folder, contents)
 
 
-def within(folder: Path, name: str) -> Path:
+def resolve_path(folder: Path, name: str) -> Path:
     """Return the path of a file in a folder; ``/`` in the name separates a sub-folder.
 
-    Raises
-    ------
-    StoreError
-        The path would be outside the folder, by its name or because a sub-folder is a symbolic link. The folder
-        itself may be a link, since the user chose it.
+    Raises StoreError if the path would be outside the folder, by its name or because a sub-folder is a symbolic link.
+    The folder itself may be a link, since the user chose it.
     """
     parts = PurePosixPath(name).parts
     if not parts or name.startswith("/") or ".." in parts or "\0" in name or "\\" in name:
         raise StoreError(f"{folder}: {name!r} is not the name of a file in this folder")
-    place = folder
+    path = folder
     for part in parts[:-1]:
-        place = place / part
-        if place.is_symlink():
-            raise StoreError(f"{place} is a symbolic link out of the run folder: delete it and run again")
-    return place / parts[-1]
+        path = path / part
+        if path.is_symlink():
+            raise StoreError(f"{path} is a symbolic link out of the run folder: delete it and run again")
+    return path / parts[-1]
 
 
 def remove_leftovers(folder: Path) -> None:
@@ -127,8 +123,8 @@ def _write(path: Path, content: Content) -> None:
 
 
 @contextlib.contextmanager
-def uninterrupted() -> Iterator[None]:
-    """Delay Ctrl-C and SIGTERM until the block ends, where the system supports it."""
+def delaying_signals() -> Iterator[None]:
+    """Delay Ctrl-C and SIGTERM until the block ends, if the system supports it."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return

@@ -8,7 +8,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Column:
-    """Name, numpy type and unit of one column (``"1"``: dimensionless, ``""``: not a quantity)."""
+    """Name, numpy type, unit and meaning of one column.
+
+    The unit is ``"1"`` for a dimensionless quantity and ``""`` if the column is not a quantity.
+    """
 
     name: str
     dtype: str
@@ -20,10 +23,10 @@ class Column:
 class TableSchema:
     """The columns of a Parquet artefact.
 
-    ``repeated`` columns have ``{k}`` in their name and occur once per joint (``theta_{k}``) or plate (``Fx_p{k}``),
-    ordered by k = 1, 2, … An ``optional`` group is present completely or not at all; with ``{k}``, once for every k,
-    and with ``{name}``, once for every segment or angle that the group's first column names.
-    A ``long`` table has a row for every frame and marker, and is a ``LongTable`` in memory.
+    The names of ``repeated`` columns contain ``{k}``. They occur once per joint (``theta_{k}``) or plate (``Fx_p{k}``),
+    ordered by k = 1, 2, … An ``optional`` group is present completely or not at all. A group with ``{k}`` occurs once
+    for every k; a group with ``{name}`` occurs once for every segment or angle that its first column names. A ``long``
+    table has a row for every frame and marker, and is a ``LongTable`` in memory.
     """
 
     file: str
@@ -36,7 +39,7 @@ class TableSchema:
 
 @dataclass(frozen=True)
 class TreeSchema:
-    """The nodes of an HDF5 artefact, each described like a column; its name is the path in the file.
+    """The nodes of an HDF5 artefact. Each is described like a column; its name is its path in the file.
 
     A group of ``optional`` nodes is present completely or not at all.
     """
@@ -46,7 +49,7 @@ class TreeSchema:
     nodes: tuple[Column, ...]
     optional: tuple[tuple[Column, ...], ...] = ()
 
-    def nodes_of(self, names: Collection[str]) -> tuple[Column, ...]:
-        """Return the nodes of a tree that has these names."""
+    def expand_nodes(self, names: Collection[str]) -> tuple[Column, ...]:
+        """Return the nodes of a tree that contains these names."""
         groups = [group for group in self.optional if any(node.name in names for node in group)]
         return self.nodes + tuple(node for group in groups for node in group)

@@ -13,39 +13,38 @@ from mocap_id.store.artefacts import Artefact, LongTable, Table, Tree
 from mocap_id.store.atomic import Content
 from mocap_id.store.columns import TableSchema, TreeSchema
 from mocap_id.store.hashing import HashedStream
-from mocap_id.store.provenance import Origin, Provenance, json_round_trip
-from mocap_id.store.record import Checksum
+from mocap_id.store.provenance import Checksum, Origin, Provenance, convert_as_stored
 
 
-def conformed(output: Artefact) -> Artefact:
-    """Return an artefact as it would be read back from its file."""
+def conform(output: Artefact) -> Artefact:
+    """Return an artefact as it would be read from its file."""
     typed = hdf5.conform(output) if isinstance(output, Tree) else parquet.conform(output)
-    facts, reasons = json_round_trip(output.facts, output.reasons)
-    return _frozen(replace(typed, facts=facts, reasons=reasons))
+    facts, reasons = convert_as_stored(output.facts, output.reasons)
+    return _freeze(replace(typed, facts=facts, reasons=reasons))
 
 
-def _frozen(artefact: Artefact) -> Artefact:
-    """Return an artefact whose arrays are read-only."""
+def _freeze(artefact: Artefact) -> Artefact:
+    """Return an artefact with read-only arrays."""
     match artefact:
         case Table():
-            return replace(artefact, columns=_read_only(artefact.columns))
+            return replace(artefact, columns=_make_read_only(artefact.columns))
         case LongTable():
-            frames, time = _read_only(artefact.frames), _read_only(artefact.time)
-            return replace(artefact, frames=frames, time=time, values=_read_only(artefact.values))
+            frames, time = _make_read_only(artefact.frames), _make_read_only(artefact.time)
+            return replace(artefact, frames=frames, time=time, values=_make_read_only(artefact.values))
         case Tree():
-            return replace(artefact, data=_read_only(artefact.data))
+            return replace(artefact, data=_make_read_only(artefact.data))
 
 
-def _read_only(data: Any) -> Any:
-    """Return read-only views of an array or of the arrays in a mapping."""
+def _make_read_only(data: Any) -> Any:
+    """Return read-only views of an array, or of all arrays in a mapping."""
     if isinstance(data, np.ndarray):
         view = data.view()
         view.flags.writeable = False
         return view
-    return {name: _read_only(item) for name, item in data.items()} if isinstance(data, Mapping) else data
+    return {name: _make_read_only(item) for name, item in data.items()} if isinstance(data, Mapping) else data
 
 
-def checksum_writer(artefact: Artefact, origin: Origin, checksums: dict[str, Checksum]) -> Content:
+def make_writer(artefact: Artefact, origin: Origin, checksums: dict[str, Checksum]) -> Content:
     """Return a function that writes an artefact to a stream and adds its checksum to ``checksums``."""
     version, file = artefact.schema.version, artefact.schema.file
 
@@ -60,8 +59,10 @@ def checksum_writer(artefact: Artefact, origin: Origin, checksums: dict[str, Che
     return write
 
 
-def decoded(stream: BinaryIO, schema: TableSchema | TreeSchema) -> tuple[Artefact, Provenance]:
-    """Read an artefact from an open file; ValueError where the file is damaged."""
-    found: tuple[Artefact, Provenance]
-    found = hdf5.decode(stream.read(), schema) if isinstance(schema, TreeSchema) else parquet.decode(stream, schema)
-    return _frozen(found[0]), found[1]
+def decode(stream: BinaryIO, schema: TableSchema | TreeSchema) -> tuple[Artefact, Provenance]:
+    """Read an artefact and its provenance from an open file; ValueError if the file is damaged."""
+    if isinstance(schema, TreeSchema):
+        tree, provenance = hdf5.decode(stream.read(), schema)
+        return _freeze(tree), provenance
+    table, provenance = parquet.decode(stream, schema)
+    return _freeze(table), provenance

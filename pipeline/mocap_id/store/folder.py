@@ -1,4 +1,4 @@
-"""Run folder of one trial: every artefact is read and written here."""
+"""Run folder of one trial, which reads and writes all artefacts."""
 
 from __future__ import annotations
 
@@ -7,20 +7,18 @@ import json
 import time
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
-from functools import partial
 from os import utime
 from pathlib import Path
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING
 
 from filelock import SoftFileLock, Timeout
 
 from mocap_id import plain_files, store
 from mocap_id.errors import StoreError
-from mocap_id.store.atomic import Content, explained, remove_leftovers, replace_together, within
+from mocap_id.store.atomic import Content, converting_errors, remove_leftovers, replace_together, resolve_path
 from mocap_id.store.hashing import hash_bytes, hash_file
-from mocap_id.store.locking import LOCK, MARKER, lock_in
-from mocap_id.store.provenance import Origin, Provenance
-from mocap_id.store.record import UNREADABLE, Checksum, Document, Record
+from mocap_id.store.locking import LOCK, MARKER, create_lock
+from mocap_id.store.provenance import INVALID_RECORD, Checksum, Document, Origin, Provenance, Record
 from mocap_id.store.schemas import SCHEMAS
 
 if TYPE_CHECKING:
@@ -30,16 +28,11 @@ _HIDDEN = ".mocap-id"
 
 
 class Folder:
-    """The run folder of a trial.
+    """The run folder of a trial; locking it creates it, with its parent folders.
 
-    Each artefact is read once and kept in memory. The outputs of a stage are passed on as they would be read from their
-    files: typed by the schema, facts as JSON, arrays read-only. A stage therefore sees the same inputs when it is run
-    alone and within a whole run.
-
-    Parameters
-    ----------
-    path : Path
-        Created, with its parents, when the folder is locked.
+    Each artefact is read once and kept in memory. Outputs of a stage are passed to later stages in the form that
+    reading their files would give: types by the schema, facts as JSON, read-only arrays. A stage therefore gets the
+    same inputs in a whole run and by its own command.
     """
 
     def __init__(self, path: Path) -> None:
@@ -49,21 +42,18 @@ class Folder:
 
     @contextlib.contextmanager
     def locked(self, wait: float = 0.0) -> Iterator[Folder]:
-        """Lock the folder for one run, for which another run may take up to ``wait`` seconds to end.
+        """Lock the folder for one run; wait up to ``wait`` seconds for another run to end.
 
-        Raises
-        ------
-        StoreError
-            Another run has locked it, or it cannot be created or written.
+        Raises StoreError if another run has locked the folder, or if it cannot be created or written.
         """
-        with explained(self.path):
+        with converting_errors(self.path):
             made = [folder for folder in (self.path / _HIDDEN, self.path, *self.path.parents) if not folder.exists()]
             (self.path / _HIDDEN).mkdir(parents=True, exist_ok=True)
-        place = within(self.path, f"{_HIDDEN}/{LOCK}")
-        if place.is_symlink() or (place.exists() and not place.is_file()):
-            raise StoreError(f"{place} is not a lock of mocap-id: delete it and run again")
-        with explained(self.path):
-            lock = lock_in(self.path / _HIDDEN)
+        path = resolve_path(self.path, f"{_HIDDEN}/{LOCK}")
+        if path.is_symlink() or (path.exists() and not path.is_file()):
+            raise StoreError(f"{path} is not a lock of mocap-id: delete it and run again")
+        with converting_errors(self.path):
+            lock = create_lock(self.path / _HIDDEN)
             try:
                 try:
                     lock.acquire(timeout=wait)
@@ -79,11 +69,11 @@ class Folder:
             remove_leftovers(self.path)
             yield self
         finally:
-            self._remove_if_empty(made)
+            self._remove_created(made)
             lock.release()
 
-    def there(self) -> bool:
-        """Return whether the folder exists; StoreError where its permissions hide it."""
+    def is_present(self) -> bool:
+        """Return whether the folder exists; StoreError if its permissions forbid reading it."""
         try:
             (self.path / _HIDDEN / LOCK).exists()
             return self.path.is_dir()
@@ -92,9 +82,9 @@ class Folder:
             raise StoreError(message) from error
 
     def read(self, file: str) -> Artefact:
-        """Read an artefact, with read-only arrays; StoreError where it is missing or damaged."""
+        """Read an artefact, with read-only arrays; StoreError if it is missing or damaged."""
         artefact = self._load(file)[0]
-        return replace(artefact, facts=json.loads(json.dumps(artefact.facts)))  # a copy
+        return replace(artefact, facts=json.loads(json.dumps(artefact.facts)))  # a copy that may be changed
 
     def table(self, file: str) -> Table:
         """Return a Parquet artefact; errors as for :meth:`read`."""
@@ -115,29 +105,26 @@ class Folder:
         return artefact
 
     def provenance(self, file: str) -> Provenance:
-        """Return the provenance of an artefact; StoreError where it is missing or damaged."""
+        """Return the provenance of an artefact; StoreError if the artefact is missing or damaged."""
         return self._load(file)[1]
 
     def key(self, file: str) -> str:
-        """Return the cache key of an artefact; StoreError where it is missing or damaged."""
-        record = None if file in self._read else self._record_of(file)
+        """Return the cache key of an artefact; StoreError if the artefact is missing or damaged."""
+        record = None if file in self._read else self._find_read_record(file)
         return self.provenance(file).origin.key if record is None else record.origin.key
 
     def exists(self, file: str) -> bool:
-        """Return whether the file exists, damaged or not."""
+        """Return whether a file exists, damaged or not."""
         return file in self._read or (self.path / file).is_file()
 
     def keep(self, outputs: Iterable[Artefact | Document], origin: Origin) -> list[Artefact | Document]:
         """Keep a stage's outputs in memory as they would be read from their files, and return them for :meth:`store`.
 
-        Raises
-        ------
-        ValueError
-            An artefact does not match its schema.
+        Raises ValueError if an artefact does not match its schema.
         """
-        from mocap_id.store.encoding import conformed  # noqa: PLC0415  slow import, and often nothing is computed
+        from mocap_id.store.encoding import conform  # noqa: PLC0415  slow import, and often nothing is computed
 
-        kept = [output if isinstance(output, Document) else conformed(output) for output in outputs]
+        kept = [output if isinstance(output, Document) else conform(output) for output in outputs]
         for output in kept:
             if not isinstance(output, Document):
                 schema = output.schema
@@ -164,16 +151,11 @@ class Folder:
             raise
 
     def store(self, outputs: Iterable[Artefact | Document], origin: Origin) -> None:
-        """Write the outputs of :meth:`keep`; all files appear together.
+        """Write the outputs returned by :meth:`keep`, all of them or none; StoreError if the folder cannot be written.
 
-        Documents that an earlier run of the stage wrote and this one did not are deleted.
-
-        Raises
-        ------
-        StoreError
-            The folder cannot be written.
+        Documents of an earlier run of the stage that are not among these outputs are deleted.
         """
-        from mocap_id.store.encoding import checksum_writer  # noqa: PLC0415
+        from mocap_id.store.encoding import make_writer  # noqa: PLC0415
 
         contents: dict[str, Content] = {}
         documents: dict[str, str] = {}
@@ -183,12 +165,13 @@ class Folder:
                 contents[output.file] = output.content
                 documents[output.file] = hash_bytes(output.content)
             else:
-                contents[output.schema.file] = checksum_writer(output, origin, checksums)
+                contents[output.schema.file] = make_writer(output, origin, checksums)
         before = self.documents(origin.stage)
         record = Record(origin, documents, checksums)
-        contents[record_file(origin.stage)] = partial(_write_record, record)  # last: the checksums are then known
+        # The record is written last, when the checksums are known.
+        contents[record_file(origin.stage)] = lambda stream: stream.write(record.encode())
         replace_together(self.path, contents, void=record_file(origin.stage))
-        self.remove({file for file in self._unchanged(before) if file not in documents})
+        self.remove({file for file in self._find_unchanged(before) if file not in documents})
         for file in contents:
             self._verified.pop(file, None)
 
@@ -207,41 +190,42 @@ class Folder:
         StoreError
             An artefact is damaged.
         """
-        record = self._record(stage)
+        record = self._read_record(stage)
         if record is None or not all((self.path / file).is_file() for file in files):
             return None
         if any(not self._verify(file, record) for file in files if file in SCHEMAS):
             return None
-        sound = len(self._unchanged(record.documents)) == len(record.documents)
+        sound = len(self._find_unchanged(record.documents)) == len(record.documents)
         return record.origin if sound and {*record.artefacts, *record.documents} >= set(files) else None
 
     def documents(self, stage: str) -> Mapping[str, str]:
-        """Return the hashes of the documents that a stage wrote last; none without a readable record."""
-        record = self._record(stage)
+        """Return the hashes, by file name, of the documents that a stage wrote last; empty without a valid record."""
+        record = self._read_record(stage)
         return record.documents if record else {}
 
     def remove(self, files: Iterable[str]) -> None:
-        """Delete files of this folder, as far as they exist."""
+        """Delete the files of this folder that exist among ``files``."""
         for file in files:
-            path = within(self.path, file)
-            with explained(path):
+            path = resolve_path(self.path, file)
+            with converting_errors(path):
                 path.unlink(missing_ok=True)
-            self._forget(file)
+            self._read.pop(file, None)
+            self._verified.pop(file, None)
 
-    def forget(self, stage: str, files: Iterable[str]) -> None:
-        """Delete everything that a stage wrote, except documents that were edited since."""
-        self.remove([*files, *self._unchanged(self.documents(stage)), record_file(stage)])
+    def remove_outputs(self, stage: str, files: Iterable[str]) -> None:
+        """Delete everything that a stage wrote, except documents that the user has edited."""
+        self.remove([*files, *self._find_unchanged(self.documents(stage)), record_file(stage)])
 
-    def freshen(self, files: Iterable[str], inputs: Iterable[Path]) -> None:
+    def update_times(self, files: Iterable[str], inputs: Iterable[Path]) -> None:
         """Make files no older than their inputs, so that `make` also considers them up to date."""
         newest = max((path.stat().st_mtime_ns for path in inputs), default=0)
         for path in (self.path / file for file in files):
             if path.stat().st_mtime_ns < newest:
                 stamp = max(newest, time.time_ns())
-                with explained(path):
+                with converting_errors(path):
                     utime(path, ns=(stamp, stamp))
 
-    def dissolve(self) -> None:
+    def remove_if_empty(self) -> None:
         """Delete the folder if nothing is left in it; call this only while holding its lock."""
         with contextlib.suppress(OSError):
             for name in (LOCK, MARKER):
@@ -250,8 +234,8 @@ class Folder:
             for folder in (*filter(Path.is_dir, self.path.iterdir()), self.path):
                 folder.rmdir()
 
-    def _remove_if_empty(self, made: Sequence[Path]) -> None:
-        """Delete the folders that a run created, innermost first, if it wrote nothing."""
+    def _remove_created(self, made: Sequence[Path]) -> None:
+        """Delete the folders that a run created, innermost first, if the run wrote nothing."""
         locks = [self.path / _HIDDEN / name for name in (LOCK, MARKER)]
         if made and not any(path.is_file() and path not in locks for path in self.path.rglob("*")):
             with contextlib.suppress(OSError):  # another program may have written there meanwhile
@@ -260,22 +244,19 @@ class Folder:
                 for folder in made:
                     folder.rmdir()
 
-    def _record_of(self, file: str) -> Record | None:
-        """Return the record of an artefact; None without one, or where the artefact has another schema version.
+    def _find_read_record(self, file: str) -> Record | None:
+        """Return the record that lists an artefact; None if there is no record, or if it has another schema version.
 
-        Raises
-        ------
-        StoreError
-            The file's bytes are not those that were written.
+        Raises StoreError if the file's bytes are not the bytes that were written.
         """
-        for place in sorted((self.path / _HIDDEN).glob("*.json")) if file not in self._verified else ():
-            record = self._record(place.stem)
+        for path in sorted((self.path / _HIDDEN).glob("*.json")) if file not in self._verified else ():
+            record = self._read_record(path.stem)
             if record is not None and self._verify(file, record):
                 break
         return self._verified.get(file)
 
     def _verify(self, file: str, record: Record) -> bool:
-        """Return whether a record lists an existing artefact; StoreError where the artefact is damaged."""
+        """Return whether a record lists an existing artefact; StoreError if the artefact is damaged."""
         if file in self._verified:
             return True
         checksum = record.artefacts.get(file)
@@ -283,25 +264,21 @@ class Folder:
             return False
         if self._hash(file) != checksum.digest:
             raise StoreError(
-                f"{self.path / file} is damaged or was edited: its bytes are not those that were written. "
+                f"{self.path / file} is damaged or was edited: its bytes differ from the bytes that were written. "
                 "Delete it and run again"
             )
         self._verified[file] = record
         return True
 
-    def _forget(self, file: str) -> None:
-        self._read.pop(file, None)
-        self._verified.pop(file, None)
-
     def _load(self, file: str) -> tuple[Artefact, Provenance]:
         if file not in self._read:
-            from mocap_id.store.encoding import decoded  # noqa: PLC0415
+            from mocap_id.store.encoding import decode  # noqa: PLC0415
 
-            self._record_of(file)
+            self._find_read_record(file)
             path, schema = self.path / file, SCHEMAS[file]
             try:
                 with plain_files.open_file(path, links=False) as stream:
-                    self._read[file] = decoded(stream, schema)
+                    self._read[file] = decode(stream, schema)
             except ValueError as error:
                 raise StoreError(f"{path} {error}. Delete it and run again") from error
             except FileNotFoundError as error:
@@ -312,27 +289,27 @@ class Folder:
                 raise StoreError(f"{path} cannot be read ({error.strerror}): delete it and run again") from error
         return self._read[file]
 
-    def _record(self, stage: str) -> Record | None:
+    def _read_record(self, stage: str) -> Record | None:
         try:
-            record = Record.decode(plain_files.read(within(self.path, record_file(stage)), links=False))
+            record = Record.decode(plain_files.read(resolve_path(self.path, record_file(stage)), links=False))
             sound = all(self._may_be_document(file) for file in record.documents)
-        except (StoreError, *UNREADABLE):
+        except (StoreError, *INVALID_RECORD):
             return None  # without a record, the documents count as not written
         return record if sound else None
 
     def _may_be_document(self, file: str) -> bool:
         """Return whether a name may be a document: in this folder, and neither an artefact nor a record."""
-        path = within(self.path, file)
+        path = resolve_path(self.path, file)
         return file not in SCHEMAS and not file.startswith(_HIDDEN) and not path.is_dir()
 
-    def _unchanged(self, documents: Mapping[str, str]) -> list[str]:
-        """Return the documents that nobody has edited since they were written."""
+    def _find_unchanged(self, documents: Mapping[str, str]) -> list[str]:
+        """Return the names of documents that nobody has edited since they were written."""
         return [file for file, content in documents.items() if self._hash(file) == content]
 
     def _hash(self, file: str) -> str | None:
-        """Return the hash of a file; None where it cannot be read."""
+        """Return the hash of a file; None if it cannot be read."""
         try:
-            return hash_file(within(self.path, file), links=False)
+            return hash_file(resolve_path(self.path, file), links=False)
         except (StoreError, OSError, ValueError):
             return None
 
@@ -340,7 +317,3 @@ class Folder:
 def record_file(stage: str) -> str:
     """Return the file name of a stage's record in a run folder."""
     return f"{_HIDDEN}/{stage}.json"
-
-
-def _write_record(record: Record, stream: BinaryIO) -> None:
-    stream.write(record.encode())

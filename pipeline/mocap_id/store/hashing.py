@@ -1,4 +1,4 @@
-"""SHA-256 hashes of documents and of files, also while a file is being written."""
+"""SHA-256 hashes of bytes, of files, and of a file while it is being written."""
 
 from __future__ import annotations
 
@@ -19,16 +19,8 @@ def hash_bytes(content: bytes) -> str:
 def hash_file(path: Path, *, links: bool = True) -> str:
     """Return the SHA-256 of a file's bytes, as hexadecimal digits.
 
-    Parameters
-    ----------
-    path : Path
-    links : bool
-        Whether the path may be a symbolic link.
-
-    Raises
-    ------
-    OSError
-        The file cannot be read, is not a regular file, or changes while it is read (:mod:`mocap_id.plain_files`).
+    ``links`` says whether the path may be a symbolic link. Raises OSError if the file cannot be read, is not a regular
+    file, or changes while it is read (:mod:`mocap_id.plain_files`).
     """
     digest = hashlib.sha256()
     with plain_files.open_file(path, links=links) as stream:
@@ -46,7 +38,7 @@ class HashedStream:
         self._stream, self._digest = stream, hashlib.sha256()
 
     def write(self, data: Any) -> int:
-        """Write a whole buffer."""
+        """Write a whole buffer, and return the number of bytes."""
         self._digest.update(data)
         return self._stream.write(data)
 
@@ -59,5 +51,5 @@ class HashedStream:
         self._stream.flush()
 
     def hash(self) -> str:
-        """Return the hash of the bytes written so far."""
+        """Return the hash of the bytes written so far, as hexadecimal digits."""
         return self._digest.hexdigest()

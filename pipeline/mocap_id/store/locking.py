@@ -1,4 +1,4 @@
-"""Lock of a run folder: an operating system lock or, on disks without locks, a file that exists during the run."""
+"""Lock of a run folder: a lock of the system or, on disks without locks, a file that exists during the run."""
 
 from __future__ import annotations
 
@@ -19,25 +19,22 @@ LOCK, MARKER = "lock", "lock.held"
 _UNKNOWN = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOTSUP)
 
 
-def lock_in(own: Path) -> BaseFileLock:
-    """Return the lock, not yet acquired, of the run folder that contains ``own``, its ``.mocap-id`` folder.
+def create_lock(hidden: Path) -> BaseFileLock:
+    """Return the lock, not yet acquired, of the run folder that contains ``hidden``, its ``.mocap-id`` folder.
 
-    Raises
-    ------
-    OSError
-        The folder is not writable.
+    Raises OSError if the folder is not writable.
     """
-    return FileLock(own / LOCK) if _can_be_locked(own / LOCK) else SoftFileLock(own / MARKER)
+    return FileLock(hidden / LOCK) if _supports_locks(hidden / LOCK) else SoftFileLock(hidden / MARKER)
 
 
-def _can_be_locked(place: Path) -> bool:
+def _supports_locks(path: Path) -> bool:
     """Return whether the disk supports locks; some network disks do not."""
     if fcntl is None:
         return True
-    descriptor = os.open(place, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
+    descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | os.O_NOFOLLOW, 0o666)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_SH | fcntl.LOCK_NB)
-    except (BlockingIOError, PermissionError):  # another process holds it
+    except (BlockingIOError, PermissionError):  # another process has locked it
         return True
     except OSError as error:
         if error.errno not in _UNKNOWN:

@@ -15,6 +15,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from mocap_id.arrays import chunks
+from mocap_id.errors import first_line
 from mocap_id.store.artefacts import LongTable, Table, Values
 from mocap_id.store.columns import Column, TableSchema
 from mocap_id.store.hashing import HashedStream
@@ -23,8 +24,7 @@ from mocap_id.store.provenance import PREFIX, Origin, Provenance
 _ROWS = 1 << 18  # written together
 _MOST_COLUMNS = 5000
 _BYTES_PER_BYTE, _LEAST_BYTES = 64, 1 << 28
-"""Limits of the size in memory, of which the larger one holds: a multiple of the size of the file (columns of NaN
-compress well), and a number of bytes."""
+"""The limit of the size in memory is 64 bytes per byte of the file (columns of NaN compress well) plus 256 MiB."""
 _CELL = 8
 """Largest number of bytes of a cell: a number, or an index into a list of texts."""
 
@@ -48,68 +48,55 @@ _STORED = {
 
 
 def write(table: Table | LongTable, origin: Origin, stream: BinaryIO | HashedStream) -> None:
-    """Write a table as a Parquet file, a block of rows at a time.
+    """Write a table as a Parquet file, a block of rows at a time; ValueError if it does not match its schema.
 
     Every page has a checksum, so that any Parquet library detects damage.
-
-    Raises
-    ------
-    ValueError
-        The table does not have the columns or types of its schema.
     """
-    columns = _columns(table)
+    columns = _find_columns(table)
     provenance = Provenance(table.schema.file, table.schema.version, origin, table.facts, table.reasons)
-    schema = pa.schema([_field(column) for column in columns], metadata=provenance.encode())
-    numbers = [
-        column.name for column in columns if column.dtype == "float64"
-    ]  # values hardly repeat: byte streams compress better
+    schema = pa.schema([_make_field(column) for column in columns], metadata=provenance.encode())
+    # Floating-point values hardly repeat: byte streams compress them better than a dictionary.
+    numbers = [column.name for column in columns if column.dtype == "float64"]
     coded = [column.name for column in columns if column.dtype != "float64"]
-    how = {"compression": "zstd", "use_dictionary": coded, "use_byte_stream_split": numbers}
-    with pq.ParquetWriter(stream, schema, **how, write_page_checksum=True) as writer:
+    options = {"compression": "zstd", "use_dictionary": coded, "use_byte_stream_split": numbers}
+    with pq.ParquetWriter(stream, schema, **options, write_page_checksum=True) as writer:
         for rows in chunks(table.length, _ROWS):
-            writer.write_table(_arrow_rows(table, columns, schema, rows))
+            writer.write_table(_rows_to_arrow(table, columns, schema, rows))
 
 
 def encode(table: Table | LongTable, origin: Origin) -> bytes:
-    """Return the bytes of the Parquet file of a table; ValueError as for :func:`write`."""
+    """Return the bytes of a table's Parquet file; ValueError as for :func:`write`."""
     stream = io.BytesIO()
     write(table, origin, stream)
     return stream.getvalue()
 
 
-def arrow(table: Table | LongTable) -> pa.Table:
+def to_arrow(table: Table | LongTable) -> pa.Table:
     """Return an Arrow table with the schema's columns, types and order; ValueError as for :func:`conform`."""
-    columns = _columns(table)
-    return _arrow_rows(table, columns, pa.schema([_field(column) for column in columns]), slice(None))
+    columns = _find_columns(table)
+    return _rows_to_arrow(table, columns, pa.schema([_make_field(column) for column in columns]), slice(None))
 
 
 def conform(table: Table | LongTable) -> Table | LongTable:
     """Return a table with exactly the columns, types and order of its schema, as :func:`decode` would return it.
 
-    Raises
-    ------
-    ValueError
-        A column is missing, unknown or cannot be converted without loss.
+    Raises ValueError if a column is missing, unknown or cannot be converted without loss.
     """
-    columns = _columns(table)
+    columns, file = _find_columns(table), table.schema.file
     if isinstance(table, LongTable) != table.schema.long:
-        raise ValueError(f"{table.schema.file}: expected a {'LongTable' if table.schema.long else 'Table'}")
+        raise ValueError(f"{file}: expected a {'LongTable' if table.schema.long else 'Table'}")
     if isinstance(table, LongTable):
-        values = {c.name: _typed(table.values[c.name], c, table.schema.file) for c in columns if c.name in table.values}
+        values = {c.name: _convert(table.values[c.name], c, file) for c in columns if c.name in table.values}
         frames, time = np.ascontiguousarray(table.frames), np.ascontiguousarray(table.time)
         return replace(table, frames=frames, time=time, labels=tuple(map(str, table.labels)), values=values)
-    return replace(table, columns={c.name: _typed(table.columns[c.name], c, table.schema.file) for c in columns})
+    return replace(table, columns={c.name: _convert(table.columns[c.name], c, file) for c in columns})
 
 
 def decode(content: bytes | BinaryIO, schema: TableSchema) -> tuple[Table | LongTable, Provenance]:
     """Read a table from a Parquet file, given as bytes or as a stream, and check its schema and checksums.
 
-    Columns are read one by one, so that the table is never in memory twice.
-
-    Raises
-    ------
-    ValueError
-        The file is damaged, from another program or of another schema; the message completes "FILE …".
+    Columns are read one by one, so that the table is never in memory twice. Raises ValueError if the file is damaged,
+    from another program or of another schema; the message completes "FILE …".
     """
     stream = io.BytesIO(content) if isinstance(content, bytes) else content
     size = stream.seek(0, io.SEEK_END)
@@ -119,25 +106,29 @@ def decode(content: bytes | BinaryIO, schema: TableSchema) -> tuple[Table | Long
         found = file.schema_arrow
         metadata = {key.decode(): value.decode() for key, value in (found.metadata or {}).items()}
     except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
-        raise ValueError(f"is damaged ({_first_line(error)})") from error
+        raise ValueError(f"is damaged ({first_line(error)})") from error
     _check_size(file.metadata, found, _BYTES_PER_BYTE * size + _LEAST_BYTES)
     provenance = read_provenance(metadata, schema)
-    problem = "; ".join(_mismatches(found, schema))
+    problem = "; ".join(_find_mismatches(found, schema))
     if problem:
         raise ValueError(f"does not have its columns: {problem}")
     try:
-        return _table(file, schema, provenance), provenance
+        return _read_table(file, schema, provenance), provenance
     except (pa.ArrowException, OSError) as error:
-        raise ValueError(f"is damaged ({_first_line(error)})") from error
+        raise ValueError(f"is damaged ({first_line(error)})") from error
 
 
-def _table(file: pq.ParquetFile, schema: TableSchema, provenance: Provenance) -> Table | LongTable:
+def _read_table(file: pq.ParquetFile, schema: TableSchema, provenance: Provenance) -> Table | LongTable:
+    """Read all columns as a table; ValueError if a long table does not have the same markers in every frame."""
     names = file.schema_arrow.names
-    kinds = {column.name: column.dtype for column in columns_of(schema, names)}
+    kinds = {column.name: column.dtype for column in expand_columns(schema, names)}
     if not schema.long:
-        columns = {name: _array(_column(file, name), kinds.get(name)) for name in names}
+        columns = {name: _to_array(_read_column(file, name), kinds.get(name)) for name in names}
         return Table(schema, columns, provenance.facts, provenance.reasons)
-    frame, (codes, texts) = _array(_column(file, "frame"), "int64"), _coded(_column(file, "marker"))
+    frame, (codes, texts) = (
+        _to_array(_read_column(file, "frame"), "int64"),
+        _read_categories(_read_column(file, "marker")),
+    )
     markers = int(np.argmax(frame != frame[0])) if len(frame) and frame[-1] != frame[0] else len(frame)
     count, rest = divmod(len(frame), max(markers, 1))
     first = slice(None, None, max(markers, 1))  # first row of every frame
@@ -150,11 +141,11 @@ def _table(file: pq.ParquetFile, schema: TableSchema, provenance: Provenance) ->
     frames, labels = frame[first].copy(), tuple(texts[codes[:markers]])
     del frame, codes  # as large as a column
     values = {
-        name: _array(_column(file, name), kinds.get(name)).reshape(count, markers)
+        name: _to_array(_read_column(file, name), kinds.get(name)).reshape(count, markers)
         for name in names
         if name not in ("frame", "time", "marker")
     }
-    time = _array(_column(file, "time"), "float64")[first].copy()
+    time = _to_array(_read_column(file, "time"), "float64")[first].copy()
     return LongTable(schema, frames, time, labels, values, provenance.facts, provenance.reasons)
 
 
@@ -173,29 +164,26 @@ def _check_size(found: pq.FileMetaData, schema: pa.Schema, limit: int) -> None:
 
 
 def read_provenance(metadata: dict[str, str], schema: Any) -> Provenance:
-    """Read the provenance from a file's metadata and check that it is of this schema.
+    """Read the provenance from a file's metadata and check its schema.
 
-    Raises
-    ------
-    ValueError
-        It is missing or of another schema; the message completes "FILE …".
+    Raises ValueError if the provenance is missing, damaged or of another schema; the message completes "FILE …".
     """
     if PREFIX + "schema" not in metadata:
         raise ValueError("was not written by mocap-id: it has no provenance")
     try:
         provenance = Provenance.decode(metadata)
     except (AttributeError, KeyError, RecursionError, TypeError, ValueError) as error:
-        raise ValueError(f"has a damaged provenance ({_first_line(error)})") from error
+        raise ValueError(f"has a damaged provenance ({first_line(error)})") from error
     found, expected = (provenance.schema, provenance.schema_version), (schema.file, schema.version)
     if found != expected:
         raise ValueError(f"has schema {found[0]} version {found[1]}, expected {expected[0]} version {expected[1]}")
     return provenance
 
 
-def _columns(table: Table | LongTable) -> list[Column]:
-    """Return the schema's columns for a table; ValueError where a column is missing or unknown."""
+def _find_columns(table: Table | LongTable) -> list[Column]:
+    """Return the schema's columns for a table; ValueError if a column is missing or unknown."""
     names, schema = table.names, table.schema
-    columns = list(columns_of(schema, names))
+    columns = list(expand_columns(schema, names))
     missing = [column.name for column in columns if column.name not in names]
     unknown = sorted(set(names) - {column.name for column in columns})
     if missing or unknown:
@@ -203,136 +191,131 @@ def _columns(table: Table | LongTable) -> list[Column]:
     return columns
 
 
-def _arrow_rows(table: Table | LongTable, columns: Sequence[Column], schema: pa.Schema, rows: slice) -> pa.Table:
+def _rows_to_arrow(table: Table | LongTable, columns: Sequence[Column], schema: pa.Schema, rows: slice) -> pa.Table:
     """Return some rows as an Arrow table."""
     arrays = []
     for column in columns:
         if isinstance(table, LongTable) and column.name == "marker":
-            labels = _texts(np.array(table.labels, dtype=object))
-            arrays.append(pa.DictionaryArray.from_arrays(_plain(pa.int32(), table.codes(rows)), labels))
+            labels = _texts_to_arrow(np.array(table.labels, dtype=object))
+            arrays.append(pa.DictionaryArray.from_arrays(_from_buffers(pa.int32(), table.codes(rows)), labels))
         else:
-            arrays.append(_arrow(_typed(table.column(column.name, rows), column, table.schema.file), column))
+            arrays.append(_to_arrow(_convert(table.column(column.name, rows), column, table.schema.file), column))
     return pa.Table.from_arrays(arrays, schema=schema)
 
 
-def columns_of(schema: TableSchema, names: Sequence[str]) -> Iterator[Column]:
+def expand_columns(schema: TableSchema, names: Sequence[str]) -> Iterator[Column]:
     """Yield the schema's columns for a table with these column names.
 
-    A group with ``{k}`` occurs for every k with at least one of its columns in ``names``, a group with ``{name}`` for
-    every name of its first column, other optional groups once.
+    A group with ``{k}`` occurs for every k with at least one of its columns in ``names``. A group with ``{name}``
+    occurs for every name of its first column, every other optional group once.
     """
     yield from schema.columns
     for group in (schema.repeated, *schema.optional):
-        found: list[dict[str, Any]]
         if group and "{name}" in group[0].name:
-            found = [{"name": each} for each in _names(group[0], names)]
+            fields: list[dict[str, Any]] = [{"name": text} for text in _find_names(group[0], names)]
         else:
-            numbers = {match for name in names for column in group if (match := _number(column, str(name))) is not None}
-            found = [{"k": k} for k in sorted(numbers)]
-        for each in found:
+            numbers = {_find_number(column, str(name)) for name in names for column in group}
+            fields = [{"k": k} for k in sorted(number for number in numbers if number is not None)]
+        for values in fields:
             for column in group:
-                yield replace(column, name=column.name.format(**each))
+                yield replace(column, name=column.name.format(**values))
 
 
-def _names(column: Column, names: Sequence[str]) -> list[str]:
-    """Return the text in the place of ``{name}`` from each of the names; names of another form are left out."""
+def _find_names(column: Column, names: Sequence[str]) -> list[str]:
+    """Return the text in place of ``{name}`` in each of the names; names of another form are left out."""
     pattern = re.escape(column.name).replace(r"\{name\}", "(.+)")
     return [match[1] for name in names if (match := re.fullmatch(pattern, str(name)))]
 
 
-def _number(column: Column, name: str) -> int | None:
-    """Return the k in a column's name, 0 for a column without k; None where the name does not match."""
-    match = _numbered(column.name).fullmatch(name)
+def _find_number(column: Column, name: str) -> int | None:
+    """Return the k in a column's name, 0 for a column without k; None if the name does not match."""
+    match = _compile_pattern(column.name).fullmatch(name)
     return None if match is None else int(match[1]) if match.groups() else 0
 
 
 @cache
-def _numbered(name: str) -> re.Pattern[str]:
+def _compile_pattern(name: str) -> re.Pattern[str]:
     return re.compile(re.escape(name).replace(r"\{k\}", "([1-9][0-9]*)"))
 
 
-def _field(column: Column) -> pa.Field:
+def _make_field(column: Column) -> pa.Field:
     return pa.field(column.name, _TYPES[column.dtype], metadata={"unit": column.unit, "meaning": column.meaning})
 
 
-def _typed(values: Values, column: Column, file: str) -> Values:
-    """Return a contiguous column with its schema's type; ValueError where its own type does not match."""
+def _convert(values: Values, column: Column, file: str) -> Values:
+    """Return a contiguous column with its schema's type; ValueError if its own type does not match."""
     found = np.asarray(values)
     if found.size and found.dtype.kind not in _KINDS[column.dtype]:
-        raise ValueError(f"{file}: column {column.name} holds {found.dtype}, expected {column.dtype}")
+        raise ValueError(f"{file}: column {column.name} has the type {found.dtype}, expected {column.dtype}")
     return np.ascontiguousarray(found, dtype=_STORED[column.dtype])
 
 
-def _arrow(values: Values, column: Column) -> pa.Array:
+def _to_arrow(values: Values, column: Column) -> pa.Array:
     """Return a column as an Arrow array, made from its buffer because `pa.array` would import pandas."""
     if column.dtype == "category":
         texts, codes = np.unique(values.astype(str), return_inverse=True)
-        return pa.DictionaryArray.from_arrays(_plain(pa.int32(), codes.astype(np.int32)), _texts(texts))
+        return pa.DictionaryArray.from_arrays(_from_buffers(pa.int32(), codes.astype(np.int32)), _texts_to_arrow(texts))
     if column.dtype == "str":
-        return _texts(values)
+        return _texts_to_arrow(values)
     if column.dtype == "bool":
-        return _plain(pa.bool_(), np.packbits(values, bitorder="little"), len(values))
+        return _from_buffers(pa.bool_(), np.packbits(values, bitorder="little"), len(values))
     known = values >= 0 if column.dtype == "Int64" else None
-    return _plain(_TYPES[column.dtype], values, known=known)
+    return _from_buffers(_TYPES[column.dtype], values, known=known)
 
 
-def _plain(
+def _from_buffers(
     kind: pa.DataType, values: Values, length: int | None = None, known: Values | None = None, *more: bytes
 ) -> pa.Array:
-    """Return an Arrow array of a buffer; ``known`` (n,) is false for nulls."""
+    """Return an Arrow array of these buffers; ``known`` (n,) is false for nulls."""
     null = None if known is None or known.all() else pa.py_buffer(np.packbits(known, bitorder="little"))
     buffers = [null, pa.py_buffer(values), *map(pa.py_buffer, more)]
     return pa.Array.from_buffers(kind, len(values) if length is None else length, buffers)
 
 
-def _texts(values: Values) -> pa.Array:
-    """Return texts as an Arrow array, None as null."""
+def _texts_to_arrow(values: Values) -> pa.Array:
+    """Return texts as an Arrow array, with null for None."""
     known = np.array([text is not None for text in values], dtype=np.bool_)
     encoded = [b"" if text is None else str(text).encode() for text in values]
     ends = np.cumsum([0, *map(len, encoded)], dtype=np.int32)
-    return _plain(pa.string(), ends, len(encoded), known, b"".join(encoded))
+    return _from_buffers(pa.string(), ends, len(encoded), known, b"".join(encoded))
 
 
-def _mismatches(found: pa.Schema, schema: TableSchema) -> Iterator[str]:
+def _find_mismatches(found: pa.Schema, schema: TableSchema) -> Iterator[str]:
     types = dict(zip(found.names, found.types, strict=True))
-    for column in columns_of(schema, found.names):
+    for column in expand_columns(schema, found.names):
         if column.name not in types:
             yield f"`{column.name}` is missing"
         elif types[column.name] != _TYPES[column.dtype]:
             yield f"`{column.name}` is {types[column.name]}, expected {column.dtype}"
 
 
-def _column(file: pq.ParquetFile, name: str) -> pa.ChunkedArray:
-    """Read a column in this thread; a thread of Arrow that still holds Python objects can abort an ending process."""
+def _read_column(file: pq.ParquetFile, name: str) -> pa.ChunkedArray:
+    """Read a column in this thread: a thread of Arrow that still uses Python objects can abort an ending process."""
     return file.reader.read_column(file.schema_arrow.names.index(name))
 
 
-def _coded(column: pa.ChunkedArray) -> tuple[Values, Values]:
+def _read_categories(column: pa.ChunkedArray) -> tuple[Values, Values]:
     """Return each row's index into the distinct texts of a column, and these texts."""
     parts = column.unify_dictionaries().chunks
     codes = np.concatenate([np.empty(0, np.int32), *(np.from_dlpack(part.indices) for part in parts)])
     return codes, np.array(parts[0].dictionary.to_pylist() if parts else [], dtype=object)
 
 
-def _array(column: pa.ChunkedArray, kind: str | None) -> Values:
+def _to_array(column: pa.ChunkedArray, kind: str | None) -> Values:
     """Return a column as a numpy array; `to_numpy` would import pandas."""
     match kind:
         case "category":
-            codes, texts = _coded(column)
+            codes, texts = _read_categories(column)
             return np.asarray(texts[codes])
         case "Int64":
             return np.array([-1 if value is None else value for value in column.to_pylist()], dtype=np.int64)
         case "bool":
-            return _joined(column.cast(pa.uint8()), np.uint8).view(np.bool_)
+            return _join_parts(column.cast(pa.uint8()), np.uint8).view(np.bool_)
         case "float64" | "int64":
-            return _joined(column, _STORED[kind])
+            return _join_parts(column, _STORED[kind])
     return np.array(column.to_pylist(), dtype=object)
 
 
-def _joined(column: pa.ChunkedArray, kind: Any) -> Values:
+def _join_parts(column: pa.ChunkedArray, kind: Any) -> Values:
     parts = [np.from_dlpack(part) for part in column.chunks]
     return parts[0] if len(parts) == 1 else np.concatenate([np.empty(0, kind), *parts])
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).partition("\n")[0] or type(error).__name__

@@ -1,11 +1,16 @@
-"""Provenance of an artefact, stored in Parquet schema metadata, HDF5 attributes and the records of stages."""
+"""Provenance of artefacts, stored in Parquet metadata and HDF5 attributes, and records of the outputs of stages.
+
+Artefacts store their origin themselves; documents cannot. A record contains the origin of a stage's outputs and the
+hash of every file at the time of writing. It proves without decoding any file that the files are unchanged, so that a
+run finds quickly that there is nothing to compute.
+"""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any, get_args
 
 from mocap_id import __version__
@@ -20,31 +25,16 @@ PREFIX = "mocap-id."
 
 @dataclass(frozen=True)
 class Origin:
-    """The computation that made an output: stage, settings and inputs.
+    """The computation that made an output: stage, settings and inputs."""
 
-    Parameters
-    ----------
-    stage, stage_version
-        Name and version of the stage.
-    parameters : mapping
-        The stage's effective settings and the trial keys that it reads; file names without folders.
-    inputs : mapping of str to str
-        Cache key of every artefact that was read, and hash of every user file.
-    key : str
-        Cache key: hash of all fields above.
-    seconds : float
-        Duration of the computation; not part of the key.
-    product : str
-        Version of mocap-id.
-    """
-
-    stage: str
+    stage: str  # name of the stage
     stage_version: int
+    # effective settings and the trial keys that the stage reads; file names without folders
     parameters: Mapping[str, Any]
-    inputs: Mapping[str, str]
-    key: str
-    seconds: float
-    product: str = __version__
+    inputs: Mapping[str, str]  # cache key of every artefact that was read, and hash of every user file
+    key: str  # cache key: hash of all fields above
+    seconds: float  # duration of the computation, not part of the key
+    product: str = __version__  # version of mocap-id
 
 
 @dataclass(frozen=True)
@@ -70,24 +60,18 @@ class Provenance:
             PREFIX + "key": self.origin.key,
             PREFIX + "seconds": repr(float(self.origin.seconds)),
             PREFIX + "facts": dumps(self.facts),
-            PREFIX + "reasons": _encoded(self.reasons),
+            PREFIX + "reasons": dumps([reason.as_dict() for reason in self.reasons]),
         }
 
     @classmethod
     def decode(cls, strings: Mapping[str, str]) -> Provenance:
-        """Read a provenance from the strings of :meth:`encode`.
-
-        Raises
-        ------
-        AttributeError, KeyError, RecursionError, TypeError, ValueError
-            A key is missing or malformed.
-        """
+        """Read a provenance from the strings of :meth:`encode`; raises one of :data:`INVALID_RECORD` on failure."""
         text = {key.removeprefix(PREFIX): value for key, value in strings.items() if key.startswith(PREFIX)}
         origin = Origin(
             stage=text["stage"],
             stage_version=int(text["stage_version"]),
-            parameters=_mapping(text["parameters"]),
-            inputs=_mapping(text["inputs"]),
+            parameters=_read_mapping(text["parameters"]),
+            inputs=_read_mapping(text["inputs"]),
             key=text["key"],
             seconds=float(text["seconds"]),
             product=text["product"],
@@ -96,31 +80,70 @@ class Provenance:
             schema=text["schema"],
             schema_version=int(text["schema_version"]),
             origin=origin,
-            facts=_mapping(text["facts"]),
-            reasons=_reasons(text["reasons"]),
+            facts=_read_mapping(text["facts"]),
+            reasons=_read_reasons(text["reasons"]),
         )
 
 
-def json_round_trip(facts: Facts, reasons: Iterable[Reason]) -> tuple[Facts, tuple[Reason, ...]]:
-    """Return facts and reasons as they would be read from a file; TypeError where a fact is not a JSON value."""
-    return _mapping(dumps(facts)), _reasons(_encoded(reasons))
+INVALID_RECORD = (AttributeError, KeyError, OSError, RecursionError, TypeError, ValueError)
+"""Exceptions for an invalid record."""
 
 
-def _encoded(reasons: Iterable[Reason]) -> str:
-    return dumps([reason.as_dict() for reason in reasons])
+@dataclass(frozen=True)
+class Document:
+    """A file of a run that is not an artefact, such as the report; it is written unchanged."""
+
+    file: str
+    content: bytes
 
 
-def _mapping(text: str) -> dict[str, Any]:
+@dataclass(frozen=True)
+class Checksum:
+    """Schema version of an artefact and hash of its file, at the time of writing."""
+
+    schema_version: int
+    digest: str
+
+
+@dataclass(frozen=True)
+class Record:
+    """Record of the outputs of a stage: hashes of documents and checksums of artefacts, by file name."""
+
+    origin: Origin
+    documents: Mapping[str, str] = field(default_factory=dict)
+    artefacts: Mapping[str, Checksum] = field(default_factory=dict)
+
+    def encode(self) -> bytes:
+        """Return the bytes of the record's file."""
+        strings: dict[str, Any] = dict(Provenance("record", 2, self.origin, {}, ()).encode())
+        checksums = {file: asdict(checksum) for file, checksum in self.artefacts.items()}
+        return json.dumps(strings | {"documents": self.documents, "artefacts": checksums}, indent=1).encode()
+
+    @classmethod
+    def decode(cls, content: bytes) -> Record:
+        """Read a record from its bytes; raises one of :data:`INVALID_RECORD` if it is invalid."""
+        strings = json.loads(content)
+        documents = {str(file): str(digest) for file, digest in strings["documents"].items()}
+        artefacts = {str(file): Checksum(**checksum) for file, checksum in strings["artefacts"].items()}
+        return cls(Provenance.decode(strings).origin, documents, artefacts)
+
+
+def convert_as_stored(facts: Facts, reasons: Iterable[Reason]) -> tuple[Facts, tuple[Reason, ...]]:
+    """Return facts and reasons as they would be read from a file; TypeError if a fact is not a JSON value."""
+    return _read_mapping(dumps(facts)), _read_reasons(dumps([reason.as_dict() for reason in reasons]))
+
+
+def _read_mapping(text: str) -> dict[str, Any]:
     """Read a JSON object."""
     found = json.loads(text)
     if not isinstance(found, dict):
         raise TypeError(f"expected an object, found {type(found).__name__}")
-    plain(found)  # raises RecursionError for a file with values nested too deep to process
+    to_json_types(found)  # raises RecursionError for a file with values nested too deep to process
     return found
 
 
-def _reasons(text: str) -> tuple[Reason, ...]:
-    """Read reasons from a JSON list; TypeError where a field has the wrong type."""
+def _read_reasons(text: str) -> tuple[Reason, ...]:
+    """Read reasons from a JSON list; TypeError if a field has the wrong type."""
     reasons = tuple(Reason.from_dict(reason) for reason in json.loads(text))
     for reason in reasons:
         sound = isinstance(reason.code, str) and isinstance(reason.message, str) and reason.level in get_args(Level)
@@ -131,26 +154,23 @@ def _reasons(text: str) -> tuple[Reason, ...]:
 
 def dumps(value: Any) -> str:
     """Return canonical JSON: sorted keys, no spaces, numpy values as plain values, NaN and infinities as null."""
-    return json.dumps(plain(value), sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    return json.dumps(to_json_types(value), sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
 
 
-def plain(value: Any) -> Any:
+def to_json_types(value: Any) -> Any:
     """Return a value in JSON types; a non-finite number becomes None, which means "could not be determined".
 
-    Raises
-    ------
-    TypeError
-        The value cannot be expressed in JSON.
+    Raises TypeError if the value cannot be expressed in JSON.
     """
     match value:
         case None | bool() | int() | str():
             return value
         case float():
             return float(value) if math.isfinite(value) else None
-        case dict() | Mapping():  # a dict is recognised faster
-            return {str(key): plain(item) for key, item in value.items()}
+        case dict() | Mapping():  # a dict is recognised faster than a Mapping
+            return {str(key): to_json_types(item) for key, item in value.items()}
         case list() | tuple():
-            return [plain(item) for item in value]
+            return [to_json_types(item) for item in value]
     if hasattr(value, "tolist"):  # an array or a number of numpy, which a run with nothing to do does not import
-        return plain(value.tolist())
-    raise TypeError(f"facts and parameters hold JSON values only, not {type(value).__name__}: {value!r}")
+        return to_json_types(value.tolist())
+    raise TypeError(f"facts and parameters must be JSON values, not {type(value).__name__}: {value!r}")

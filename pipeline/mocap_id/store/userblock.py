@@ -1,9 +1,9 @@
 """User block of a tree's HDF5 file: a hash of the rest of the file, and an index of its datasets.
 
-An HDF5 file may begin with a user block, 512 bytes times a power of two, which HDF5 programs skip. Ours is text: a line
-with the SHA-256 of the rest of the file, a line of JSON with the provenance and with the type, shape and first byte of
-every dataset, and blanks. With it, values can be read without the HDF5 library, which may loop forever over a damaged
-or malicious file.
+An HDF5 file may begin with a user block, which HDF5 programs skip; its size is 512 bytes times a power of two. The
+block of mocap-id is text: a line with the SHA-256 of the rest of the file, and a line of JSON, padded with blanks. The
+JSON contains the provenance, and type, shape and first byte of every dataset. With this index, values can be read
+without the HDF5 library, which may loop forever over a damaged or malicious file.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from typing import Any
 
 import numpy as np
 
+from mocap_id.errors import first_line
 from mocap_id.store.provenance import dumps
 
 _TITLE = "mocap-id: HDF5 follows this block of text; SHA-256 of all after this line: "
@@ -33,20 +34,11 @@ _DAMAGED = "is damaged or was edited: its content does not match its own hash"
 
 @dataclass(frozen=True)
 class Place:
-    """Place of a dataset's values in the file, in C order.
+    """Position of a dataset's values in the file, in C order."""
 
-    Parameters
-    ----------
-    dtype : str
-        ``<f8``, ``<i8``, ``|b1``, or ``|S`` with the number of bytes of each text (UTF-8, padded with NULs).
-    shape : tuple of int
-    start : int
-        Offset of the first byte.
-    """
-
-    dtype: str
+    dtype: str  # ``<f8``, ``<i8``, ``|b1``, or ``|S`` and the bytes of each text (UTF-8, padded with NULs)
     shape: tuple[int, ...]
-    start: int
+    start: int  # offset of the first byte
 
     @property
     def size(self) -> int:
@@ -54,59 +46,54 @@ class Place:
         return math.prod(self.shape) * np.dtype(self.dtype).itemsize
 
 
-def block_size(places: Mapping[str, tuple[str, tuple[int, ...]]], provenance: Mapping[str, str]) -> int:
-    """Return the bytes of a block that can index datasets of these types and shapes, at any offset."""
+def compute_block_size(places: Mapping[str, tuple[str, tuple[int, ...]]], provenance: Mapping[str, str]) -> int:
+    """Return the number of bytes of a block that can index datasets of these types and shapes, at any offset."""
     farthest = {path: Place(dtype, shape, _FARTHEST) for path, (dtype, shape) in places.items()}
-    needed, size = _HEAD + len(_index(farthest, provenance)), _SMALLEST
+    needed, size = _HEAD + len(_format_index(farthest, provenance)), _SMALLEST
     while size < needed:
         size *= 2
     return size
 
 
-def fill(content: bytes, size: int, places: Mapping[str, Place], provenance: Mapping[str, str]) -> bytes:
-    """Return an HDF5 file with its first ``size`` bytes, which are free, replaced by the block."""
-    rest = _index(places, provenance).ljust(size - _HEAD) + content[size:]
-    return _head(rest) + rest
+def fill_block(content: bytes, size: int, places: Mapping[str, Place], provenance: Mapping[str, str]) -> bytes:
+    """Return an HDF5 file whose first ``size`` bytes, which are free, are replaced by the block."""
+    rest = _format_index(places, provenance).ljust(size - _HEAD) + content[size:]
+    return _format_head(rest) + rest
 
 
 def read(content: bytes) -> tuple[dict[str, np.ndarray[Any, Any]], dict[str, str]]:
-    """Return the datasets by path, and the provenance, of a file's bytes.
+    """Return the datasets by path, and the provenance, from the bytes of a file.
 
-    Texts are numpy ``U`` arrays, scalars have shape (). The hash is checked first; then every place must lie within
-    the file.
-
-    Raises
-    ------
-    ValueError
-        The file is damaged or from another program; the message completes "FILE …".
+    Texts are numpy ``U`` arrays, scalars have shape (). The hash is checked first, then that every dataset lies within
+    the file. Raises ValueError if the file is damaged or from another program; the message completes "FILE …".
     """
     if not content.startswith(_TITLE.encode()):
         if content.startswith(_HDF5):
             raise ValueError("is HDF5 without the hash of mocap-id: an earlier version or another program wrote it")
         raise ValueError("is damaged, or was not written by mocap-id: it does not begin with its hash")
-    if content[:_HEAD] != _head(content[_HEAD:]):
+    if content[:_HEAD] != _format_head(content[_HEAD:]):
         raise ValueError(_DAMAGED)
     try:
         index = json.loads(content[_HEAD : content.index(b"\n", _HEAD)])
         places = {path: Place(dtype, tuple(shape), start) for path, (dtype, shape, start) in index["nodes"].items()}
         provenance = {key: value for key, value in index["provenance"].items() if isinstance(value, str)}
-        _check(places, len(content))
-        return {path: _values(content, place) for path, place in places.items()}, provenance
+        _check_places(places, len(content))
+        return {path: _read_values(content, place) for path, place in places.items()}, provenance
     except (ArithmeticError, AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
-        raise ValueError(f"is damaged ({str(error).partition(chr(10))[0][:200]})") from error
+        raise ValueError(f"is damaged ({first_line(error)[:200]})") from error
 
 
-def _head(rest: bytes) -> bytes:
+def _format_head(rest: bytes) -> bytes:
     return f"{_TITLE}{hashlib.sha256(rest).hexdigest()}\n".encode()
 
 
-def _index(places: Mapping[str, Place], provenance: Mapping[str, str]) -> bytes:
+def _format_index(places: Mapping[str, Place], provenance: Mapping[str, str]) -> bytes:
     nodes = {path: (place.dtype, place.shape, place.start) for path, place in places.items()}
     return f"{dumps({'nodes': nodes, 'provenance': provenance})}\n".encode()
 
 
-def _check(places: Mapping[str, Place], length: int) -> None:
-    """Raise ValueError unless every place lies within ``length`` bytes and no two overlap."""
+def _check_places(places: Mapping[str, Place], length: int) -> None:
+    """Raise ValueError unless every dataset lies within ``length`` bytes and no two overlap."""
     for path, place in places.items():
         if not _PATH.fullmatch(path) or not _TYPE.fullmatch(place.dtype):
             raise ValueError(f"no dataset has this name or type: {path[:80]!r}, {place.dtype[:80]!r}")
@@ -122,7 +109,7 @@ def _check(places: Mapping[str, Place], length: int) -> None:
         raise ValueError("two datasets share bytes")
 
 
-def _values(content: bytes, place: Place) -> np.ndarray[Any, Any]:
+def _read_values(content: bytes, place: Place) -> np.ndarray[Any, Any]:
     count = math.prod(place.shape)
     values = np.frombuffer(content, place.dtype, count, place.start).reshape(place.shape)
     if place.dtype == "|b1" and (values.view(np.uint8) > 1).any():

@@ -17,7 +17,7 @@ from mocap_id.config.trial import compose
 from mocap_id.errors import ConfigError, RecordingError, StoreError
 from mocap_id.recording import Recording, write_recording, write_recording_as_text
 from mocap_id.stages.trial_keys import IN_PLANE, IN_SPACE
-from mocap_id.store.atomic import explained, write_files
+from mocap_id.store.atomic import converting_errors, write_files
 from mocap_id.workflows.study.discovery import find_forces
 from mocap_id.workflows.study.reaches import read_reach
 
@@ -148,7 +148,7 @@ def _write_arrays(recording: Recording, out: Path) -> Path:
         raise RecordingError(
             f"no corners of plate {without}, but those of plate {known}; expected the corners of all plates or of none"
         )
-    with explained(out):
+    with converting_errors(out):
         out.mkdir(parents=True, exist_ok=True)
         if not any(bare.values()):
             write_recording(out / _ARRAYS, recording)

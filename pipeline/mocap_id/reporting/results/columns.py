@@ -17,7 +17,7 @@ import pyarrow.parquet
 
 from mocap_id import __version__
 from mocap_id.store import Column, Table, TableSchema
-from mocap_id.store.parquet import arrow, columns_of
+from mocap_id.store.parquet import expand_columns, to_arrow
 from mocap_id.store.provenance import PREFIX
 
 _MISSING = {"str": "", "float64": math.nan, "Int64": pd.NA}
@@ -78,7 +78,7 @@ class ResultTable:
         """
         named = [row if isinstance(row, Mapping) else dict(_values(schema, row)) for row in rows]
         given = [name for row in named for name in row]
-        columns = list(columns_of(schema, [*given, *(column.name for column in schema.columns)]))
+        columns = list(expand_columns(schema, [*given, *(column.name for column in schema.columns)]))
         unknown = set(given) - {column.name for column in columns}
         if unknown:
             raise ValueError(f"{schema.file} has no columns {sorted(unknown)}")
@@ -92,7 +92,7 @@ class ResultTable:
     @property
     def columns(self) -> list[dict[str, str]]:
         """Name, unit and meaning of every column, for a JSON document."""
-        columns = columns_of(self.schema, list(self.frame.columns))
+        columns = expand_columns(self.schema, list(self.frame.columns))
         return [{"name": column.name, "unit": column.unit, "meaning": column.meaning} for column in columns]
 
     @property
@@ -108,7 +108,7 @@ class ResultTable:
 
     @cached_property
     def _arrow(self) -> pa.Table:
-        return arrow(Table.from_frame(self.schema, self.frame))
+        return to_arrow(Table.from_frame(self.schema, self.frame))
 
     def csv(self) -> bytes:
         """Return the table as CSV; a missing value is empty."""

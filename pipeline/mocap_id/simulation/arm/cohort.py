@@ -20,7 +20,7 @@ from mocap_id.simulation.arm.options import ArmOptions, Side
 from mocap_id.simulation.arm.truth import arm_document, arrays
 from mocap_id.simulation.cohort import FILE
 from mocap_id.simulation.trial_files import json_bytes, new_folder, npz_bytes, points_bytes
-from mocap_id.store.atomic import explained, replace_together
+from mocap_id.store.atomic import converting_errors, replace_together
 
 _STUDY = """\
 # {subjects} simulated people, each more limited than the one before; reaches of both arms in {sessions} sessions.
@@ -138,7 +138,7 @@ def simulate_reach_cohort(folder: Path, cohort: ReachCohort) -> Path:
 
 def _write(folder: Path, trial: ReachCohortTrial, file: str, *, skeleton: bool) -> None:
     simulated, truth = generate_arm(trial.options), f"truth/{trial.name}"
-    with explained(folder):
+    with converting_errors(folder):
         for name in (file, f"{truth}/truth.json"):
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
     recording = (

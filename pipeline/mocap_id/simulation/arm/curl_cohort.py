@@ -25,7 +25,7 @@ from mocap_id.simulation.arm.truth import arm_document, arrays
 from mocap_id.simulation.cohort import FILE
 from mocap_id.simulation.subject import draw_subject
 from mocap_id.simulation.trial_files import json_bytes, new_folder, npz_bytes, points_bytes
-from mocap_id.store.atomic import explained, replace_together
+from mocap_id.store.atomic import converting_errors, replace_together
 
 EFFECTS: Mapping[CurlCondition, float] = {"C": 0.0, "AC": 0.0, "2": -0.23, "3": 0.0, "4": 0.0, "5": 0.82}
 """Change of the repetitions by each condition, as a share of those in AC; the sizes are the thesis's (8.3)."""
@@ -185,7 +185,7 @@ def _own_keys(condition: CurlCondition) -> str:
 def _calibrate(folder: Path, trial: CurlStudyTrial) -> None:
     options = replace(trial.options, movement="reach", cycles=1, severity=0.1, condition="C")
     simulated, place = generate_arm(options), folder / "calibration"
-    with explained(folder):
+    with converting_errors(folder):
         place.mkdir(parents=True, exist_ok=True)
     text = _CALIBRATION.format(subject=trial.subject) + f"side: {options.side}\n"
     recording = points_bytes(simulated.labels, simulated.positions, simulated.rate)
@@ -195,7 +195,7 @@ def _calibrate(folder: Path, trial: CurlStudyTrial) -> None:
 def _write(folder: Path, trial: CurlStudyTrial) -> None:
     simulated, truth = generate_arm(trial.options), f"truth/{trial.name}"
     file = f"{trial.subject}/{trial.name}.c3d"
-    with explained(folder):
+    with converting_errors(folder):
         for name in (file, f"{truth}/truth.json"):
             (folder / name).parent.mkdir(parents=True, exist_ok=True)
     exact = arrays(simulated)

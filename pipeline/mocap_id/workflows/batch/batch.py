@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from mocap_id.reporting.results.columns import ResultTable
-from mocap_id.store.atomic import explained, write_files
+from mocap_id.store.atomic import converting_errors, write_files
 from mocap_id.workflows.batch.named_trials import find_trials
 from mocap_id.workflows.batch.table import BATCH, read_trial, row, unreadable_trial
 from mocap_id.workflows.parallel import Backend, DaskBackend, LocalBackend, OnError, TrialRun, run_trials
@@ -67,7 +67,7 @@ def run_batch(
     """
     trials, unreadable = find_trials(named)
     table = table.absolute()
-    with explained(table):
+    with converting_errors(table):
         table.parent.mkdir(parents=True, exist_ok=True)
     if len(trials) == 1 and isinstance(backend, DaskBackend):
         _log.warning("there is only one trial: it runs on this machine, without Dask")

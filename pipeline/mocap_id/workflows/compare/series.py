@@ -9,7 +9,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.store import Table
-from mocap_id.store.parquet import columns_of
+from mocap_id.store.parquet import expand_columns
 from mocap_id.workflows.compare.difference import Difference
 from mocap_id.workflows.run_folder import RunFolder
 
@@ -28,7 +28,7 @@ def series(a: RunFolder, b: RunFolder) -> Iterator[Difference]:
         one, other = a.artefacts.get(file), b.artefacts.get(file)
         if not isinstance(one, Table) or not isinstance(other, Table):
             continue
-        units = {column.name: column.unit for column in columns_of(one.schema, one.names)}
+        units = {column.name: column.unit for column in expand_columns(one.schema, one.names)}
         names = [name for name in one.names if wanted.fullmatch(name) and name in other.names]
         for name in names:
             found = _compared(name, units.get(name, ""), one, other)

@@ -13,7 +13,7 @@ import numpy as np
 from mocap_id import __version__
 from mocap_id.recording.ktk_file import CLASS, POINTS, SERIES
 from mocap_id.store import LongTable, Table
-from mocap_id.store.parquet import columns_of
+from mocap_id.store.parquet import expand_columns
 from mocap_id.workflows.export.files import ExportFiles
 from mocap_id.workflows.export.markers import read_predicted_markers
 from mocap_id.workflows.run_folder import RunFolder
@@ -57,7 +57,7 @@ def _format_points(table: LongTable) -> dict[str, Any]:
 
 
 def _format_columns(table: Table) -> dict[str, Any]:
-    units = {column.name: column.unit for column in columns_of(table.schema, table.names)}
+    units = {column.name: column.unit for column in expand_columns(table.schema, table.names)}
     numbers = {name: table[name] for name in table.names if name != "time" and table[name].dtype.kind in "fiub"}
     data = {name: values.astype(np.float64).tolist() for name, values in numbers.items()}
     return _format_series(table["time"].tolist(), data, {name: units[name] for name in data if units.get(name)})

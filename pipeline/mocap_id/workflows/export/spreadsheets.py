@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from mocap_id.store import Table
-from mocap_id.store.parquet import columns_of
+from mocap_id.store.parquet import expand_columns
 from mocap_id.store.spatial_views import SpatialSkeleton
 from mocap_id.store.views import IdentifiedDynamics, Skeleton
 from mocap_id.workflows.export.files import ExportFiles
@@ -118,7 +118,7 @@ def _artefact_table(run: RunFolder, file: str) -> pd.DataFrame | None:
 
 
 def _read_units(table: Table) -> dict[str, str]:
-    return {column.name: column.unit for column in columns_of(table.schema, table.names)}
+    return {column.name: column.unit for column in expand_columns(table.schema, table.names)}
 
 
 def _marker_table(run: RunFolder) -> pd.DataFrame | None:

@@ -12,7 +12,7 @@ from mocap_id import runner
 from mocap_id.config import Trial
 from mocap_id.errors import MocapIdError
 from mocap_id.stages import STAGES
-from mocap_id.store.atomic import explained
+from mocap_id.store.atomic import converting_errors
 from mocap_id.store.folder import record_file
 from mocap_id.workflows.parallel import TrialRun, run_trial
 
@@ -78,7 +78,7 @@ def with_method(trial: Trial, method: Method) -> Trial:
 def _share(source: Path, target: Path) -> None:
     """Link or copy into a method's folder the artefacts that no method changes."""
     before = STAGES[: next(k for k, stage in enumerate(STAGES) if stage.name == _STATES)]
-    with explained(target):
+    with converting_errors(target):
         for file in (file for stage in before for file in (*stage.outputs, record_file(stage.name))):
             there = target / file
             there.parent.mkdir(parents=True, exist_ok=True)

@@ -18,7 +18,7 @@ from mocap_id.reporting.robot_study.page_data import RobotStudyData
 from mocap_id.simulation import RobotSet, simulate_robot_set
 from mocap_id.simulation.robot_set import FILE, robot_set_yaml
 from mocap_id.store import Folder
-from mocap_id.store.atomic import explained, write_files
+from mocap_id.store.atomic import converting_errors, write_files
 from mocap_id.workflows.parallel import LocalBackend, TrialCallback, TrialRun, run_trials
 from mocap_id.workflows.robot_study.figure_data import average_wrench, recovery, state_traces, trials_of_cell
 from mocap_id.workflows.robot_study.methods import CAMERAS, run_all_methods
@@ -90,7 +90,7 @@ def validate_robot(
     text = None if page is None else _readable(page)
     study = load_robot_study(tuple(files) or (_simulated(out, generated or RobotSet()),))
     configs = [replace(one, trial=replace(one.trial, out=out / "runs" / one.trial.name)) for one in study.trials]
-    with explained(out):
+    with converting_errors(out):
         out.mkdir(parents=True, exist_ok=True)
     with Folder(out).locked():
         runs = run_trials([one.trial for one in configs], LocalBackend(jobs), tell, run=run_all_methods)

@@ -90,7 +90,7 @@ def marker_count(trial: TrialInputs, change: Perturbation) -> TrialInputs:
     segment = table["segment"].copy()
     for number in sorted(set(segment[segment > 0])):
         segment[rng.permutation(np.flatnonzero(segment == number))[int(change.level) :]] = -1
-    return trial.with_artefacts(table.having(segment=segment))
+    return trial.with_artefacts(table.with_columns(segment=segment))
 
 
 def frame_rate(trial: TrialInputs, change: Perturbation) -> TrialInputs:

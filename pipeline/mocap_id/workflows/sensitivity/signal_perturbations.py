@@ -33,7 +33,7 @@ def angle_bias(trial: TrialInputs, change: Perturbation) -> TrialInputs:
     """Add a constant to angles, not to their derivatives."""
     table = trial.table(STATES)
     columns = [f"theta_{j + 1}" for j in joints_of(trial, change)]
-    return trial.with_artefacts(table.having(**{name: table[name] + change.level for name in columns}))
+    return trial.with_artefacts(table.with_columns(**{name: table[name] + change.level for name in columns}))
 
 
 def clock_offset(trial: TrialInputs, change: Perturbation) -> TrialInputs:
@@ -68,7 +68,7 @@ def _later(table: Table, delay: float | FloatArray) -> Table:
     }
     nearest = np.searchsorted(time, time + delay - (time[1] - time[0]) / 2)
     sound = table["plate_ok"][np.clip(nearest, 0, len(time) - 1)]
-    return table.having(**moved, plate_ok=sound & np.isfinite(moved["Fy"]))
+    return table.with_columns(**moved, plate_ok=sound & np.isfinite(moved["Fy"]))
 
 
 def wrench_bias(trial: TrialInputs, change: Perturbation) -> TrialInputs:
@@ -98,11 +98,11 @@ def stamp_jitter(trial: TrialInputs, change: Perturbation) -> TrialInputs:
 def _added(trial: TrialInputs, change: Perturbation, error: float | FloatArray) -> TrialInputs:
     """Return the trial with an error in a component, and with the quantities that planarise derives from it."""
     table = trial.table(WRENCH)
-    table = table.having(**{change.target: table[change.target] + error})
+    table = table.with_columns(**{change.target: table[change.target] + error})
     facts = dict(table.facts)
     if change.target == "Fy" and facts.get("mass_kg") is not None:
         gravity = getattr(trial.settings[LAST], "gravity")  # noqa: B009  the settings are a stage's own
         facts["mass_kg"] = float(facts["mass_kg"] + np.mean(error) / gravity)
     above = table["Fy"] > facts["cop_threshold_N"]
     cop = np.divide(table["tauz"], table["Fy"], out=np.full(table.length, np.nan), where=above)
-    return trial.with_artefacts(replace(table.having(cop_x=cop), facts=facts))
+    return trial.with_artefacts(replace(table.with_columns(cop_x=cop), facts=facts))
