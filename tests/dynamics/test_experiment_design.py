@@ -10,12 +10,12 @@ from dynamics_cases import BODY, CENTRES
 from excitation_cases import EXACT, SLIDING, identified, recorded
 
 from mocap_id.design.experiment import ExperimentDesign, design_experiment
-from mocap_id.design.movement_limits import MovementLimits, derive_limits, resting_posture
+from mocap_id.design.movement_limits import MovementLimits, derive_limits, find_resting_posture
 from mocap_id.design.predicted_covariance import CovariancePredictor, IdentifiedBody
 from mocap_id.design.proposal import OBJECTIVES, objective_value
 from mocap_id.design.recommendation import change_movement
-from mocap_id.design.trajectory import Trajectory, concatenate, recorded_trajectory, spline_trajectory
-from mocap_id.design.wave_movement import balance, rest_movement, static_pressure
+from mocap_id.design.trajectory import Trajectory, concatenate, fit_trajectory, get_recorded_trajectory
+from mocap_id.design.wave_movement import balance, hold_posture, static_centre_of_pressure
 from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.dynamics.preparation import TrialData
 from mocap_id.dynamics.regressor import planar_regressor
@@ -29,8 +29,8 @@ FEET = replace(ROOM, support=(-0.3, 0.2))
 
 def build_predictor(error: KinematicError = EXACT) -> CovariancePredictor:
     prepared, found, _ = identified(recorded(SMALL, noise=(5.0, 5.0, 2.0)), error)
-    own = recorded_trajectory(prepared.recorded, found.fit.in_fit)
-    return CovariancePredictor.from_trial(IdentifiedBody(prepared, found), own, lambda q: error)
+    own = get_recorded_trajectory(prepared.recorded, found.fit.in_fit)
+    return CovariancePredictor(IdentifiedBody(prepared, found), own, lambda q: error)
 
 
 @pytest.fixture(scope="module")
@@ -51,7 +51,7 @@ def usage(predictor: CovariancePredictor, limits: MovementLimits, course) -> flo
 def test_prediction_for_the_trials_own_movement_is_exact(error: KinematicError) -> None:
     predictor = build_predictor(error)
     again = predictor.predict(predictor.own)
-    found = predictor.body.found
+    found = predictor.body.result
     np.testing.assert_allclose(again.sd, found.base_sd, rtol=1e-9)
     assert again.condition == found.fit.condition
     assert again.condition_scaled == found.fit.condition_scaled
@@ -61,9 +61,9 @@ def test_a_copy_of_the_movement_has_the_same_condition_number(predictor: Covaria
     """A new object, so that regressor, filter and gate are computed again."""
     copied = replace(predictor.own)
     again = predictor.predict(copied)
-    fit = predictor.body.found.fit
+    fit = predictor.body.result.fit
     assert again.condition == pytest.approx(fit.condition, rel=0.02)  # its cut-off is the rule's, the trial's was given
-    np.testing.assert_allclose(again.sd, predictor.body.found.base_sd, rtol=1e-9)
+    np.testing.assert_allclose(again.sd, predictor.body.result.base_sd, rtol=1e-9)
 
 
 def test_twice_as_long_halves_the_variance_of_the_noise_alone() -> None:
@@ -148,7 +148,7 @@ def test_balancing_reaches_the_target_pressure(predictor: CovariancePredictor) -
     q = rng.uniform(-0.5, 0.5, (50, 3))
     target = rng.uniform(-0.1, 0.1, 50)
     q[:, 0] = balance(predictor.body, q, target, 0.0)
-    np.testing.assert_allclose(static_pressure(predictor.body, q), target, atol=1e-12)
+    np.testing.assert_allclose(static_centre_of_pressure(predictor.body, q), target, atol=1e-12)
     assert np.max(np.abs(q[:, 0])) < np.pi / 2
 
 
@@ -157,7 +157,7 @@ def test_balancing_is_nan_for_unreachable_targets(predictor: CovariancePredictor
 
 
 def test_a_movement_starts_and_ends_at_rest(predictor: CovariancePredictor) -> None:
-    waves = replace(rest_movement(REST), amplitude=np.full((3, 2), 0.2), centre=np.full(3, 0.1))
+    waves = replace(hold_posture(REST), amplitude=np.full((3, 2), 0.2), centre=np.full(3, 0.1))
     course = waves.trajectory(predictor.body, 12.0, 100.0)
     for end in (0, -1):
         np.testing.assert_allclose([course.q[end], course.dq[end], course.ddq[end]], 0.0, atol=1e-9)
@@ -167,7 +167,7 @@ def test_a_movement_starts_and_ends_at_rest(predictor: CovariancePredictor) -> N
 
 def test_limits_extend_the_observed_range() -> None:
     time = np.arange(0, 10, 0.01)
-    course = spline_trajectory(time, np.column_stack([0.2 * np.sin(time), 0.1 + 0.0 * time]))
+    course = fit_trajectory(time, np.column_stack([0.2 * np.sin(time), 0.1 + 0.0 * time]))
     wrench = np.column_stack([0 * time, 100.0 + 0 * time, 10.0 * np.sin(time)])
     asked = {"widened": 0.05, "speed": (0.1, 0.25), "acceleration": (0.1, np.inf), "at_rest": 0.0}
     limits = derive_limits(course, wrench, np.array([0.0, 0.3]), slack=0.03, **asked)
@@ -184,9 +184,9 @@ def test_limits_extend_the_observed_range() -> None:
 def test_a_standing_person_rests_in_the_highest_posture() -> None:
     time = np.arange(0, 10, 0.01)
     bent = 0.5 - 0.5 * np.cos(time)
-    course = spline_trajectory(time, np.column_stack([0.3 * bent, -bent, 0.7 * bent]))
-    assert np.max(np.abs(resting_posture(course, CENTRES, upright=True))) < 0.1
-    assert resting_posture(course, CENTRES, upright=False)[1] == pytest.approx(-np.median(bent))
+    course = fit_trajectory(time, np.column_stack([0.3 * bent, -bent, 0.7 * bent]))
+    assert np.max(np.abs(find_resting_posture(course, CENTRES, upright=True))) < 0.1
+    assert find_resting_posture(course, CENTRES, upright=False)[1] == pytest.approx(-np.median(bent))
 
 
 @pytest.mark.parametrize("rate", [100.0, 150.0, 240.0])
@@ -194,12 +194,12 @@ def test_thinning_by_a_whole_divisor_of_the_rate(rate: float) -> None:
     for count in range(600, 640):
         time = np.arange(count) / rate
         course, every = Trajectory(time, *np.zeros((3, count, 1))), int(rate / 20)
-        assert len(course.thinned(course.rate / every).time) == -(-count // every)
+        assert len(course.thin(course.rate / every).time) == -(-count // every)
 
 
 def test_information_of_consecutive_movements_adds_up(predictor: CovariancePredictor) -> None:
     """Bias and clock offset are common to both halves, so together they have at least the sum of the information."""
-    small = predictor.own.thinned(25.0)
+    small = predictor.own.thin(25.0)
     large = change_movement(small, "larger", None)
     half = np.arange(len(small.time)) % 2 == 0
     both = concatenate(replace(small, fitted=small.fitted & half), replace(large, fitted=large.fitted & ~half))

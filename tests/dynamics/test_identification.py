@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from dynamics_cases import BODY, CENTRES, independent, moving_body
 
-from mocap_id.design.recommendation import recommend_where_needed, recommendation_text
+from mocap_id.design.recommendation import describe_recommendations, recommend_if_doubtful
 from mocap_id.dynamics.base_parameters import base_names
 from mocap_id.dynamics.cautions import find_cautions
 from mocap_id.dynamics.centre_of_pressure import centre_of_pressure
@@ -40,8 +40,8 @@ def with_(recorded: TrialData, **changes: np.ndarray) -> TrialData:
 
 def cautions_of(prepared: PreparedTrial, found: Identification, **masses: float | None) -> tuple[Reason, ...]:
     excited = excitation(prepared, found)
-    recommendations = recommend_where_needed(prepared, found, excited)
-    text = recommendation_text(excited, recommendations, ["joint 1", "joint 2", "joint 3"])
+    recommendations = recommend_if_doubtful(prepared, found, excited)
+    text = describe_recommendations(excited, recommendations, ["joint 1", "joint 2", "joint 3"])
     return find_cautions(prepared, found, excited, text, **masses)
 
 
@@ -265,7 +265,7 @@ def test_caution_for_weak_excitation() -> None:
     (reason,) = [
         reason for reason in cautions_of(prepared, found, given=None, standing=None) if reason.code[-4:] == "weak"
     ]
-    best = recommend_where_needed(prepared, found, told)[told.names.index("I4")]
+    best = recommend_if_doubtful(prepared, found, told)[told.names.index("I4")]
     assert best is not None
     assert f"{best.describe(('joint 1', 'joint 2', 'joint 3'))[1:]} would take" in reason.message
 

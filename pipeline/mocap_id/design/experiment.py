@@ -1,7 +1,7 @@
-"""Experiment design: the best movement to record next, among simple changes and movements of all joints.
+"""Search for the best movement to record next, among simple changes and movements of all joints.
 
-The search is small and reproducible: it starts from a seed and from the best simple changes, so that its result is
-hardly ever worse than the best of these.
+The search is small and reproducible. It starts from a seed and from the best simple changes, so its result is hardly
+ever worse than the best of these.
 """
 
 from __future__ import annotations
@@ -17,52 +17,33 @@ from mocap_id.design.movement_search import search_movement
 from mocap_id.design.predicted_covariance import CovariancePredictor, PredictedUncertainty
 from mocap_id.design.proposal import MovementScorer, Objective, Proposal, objective_value
 from mocap_id.design.recommendation import change_movement
-from mocap_id.design.simple_movements import MovementFamily, SimpleMovement, compose_trajectory, simple_movements
+from mocap_id.design.simple_movements import MovementFamily, SimpleMovement, compose_trajectory, list_simple_movements
 from mocap_id.dynamics.excitation import parameter_sizes
 
 HELPS = 0.8
-"""Factor on the objective from which a movement helps; a smaller gain is within the error of the prediction."""
+"""Factor on the objective below which a movement helps. A smaller gain is within the error of the prediction."""
 SMALLER = 0.95
-"""Factor on a standard deviation from which it is smaller; errors of plate and cameras may hide the gain."""
+"""Factor below which a standard deviation counts as smaller. Errors of plate and cameras may hide a smaller gain."""
 _KEPT = 8  # simple changes that are evaluated exactly
-_STARTS_KNOWN = 3  # of them that the search starts from too
+_STARTS_KNOWN = 3  # simple changes from which the search starts too
 
 
 @dataclass(frozen=True)
 class ExperimentDesign:
-    """Proposed movements, and the present one to compare them with.
+    """Proposed movements, and the present movement for comparison."""
 
-    Parameters
-    ----------
-    objective : Objective
-    size : (b,) array
-        Size of each parameter that its standard deviation is divided by, SI.
-    now : PredictedUncertainty
-        Uncertainty of the present movement.
-    value : float
-        Objective of the present movement.
-    simple : tuple of Proposal
-        The best simple changes, best first.
-    designed : Proposal or None
-        The best movement of all joints together that the search found; None if the limits allow none.
-    seconds : float
-        Length of the recording, s.
-    rest : (n,) array
-        Posture in which the designed movement starts and ends, rad.
-    """
-
-    objective: Objective
-    size: FloatArray
-    now: PredictedUncertainty
-    value: float
-    simple: tuple[Proposal, ...]
-    designed: Proposal | None
-    seconds: float
-    rest: FloatArray
+    objective: Objective  # name of the objective
+    size: FloatArray  # (b,) size of each parameter, by which its standard deviation is divided, SI
+    now: PredictedUncertainty  # uncertainty of the present movement
+    value: float  # objective of the present movement
+    simple: tuple[Proposal, ...]  # the best simple changes, best first
+    designed: Proposal | None  # the best movement of all joints that the search found; None if the limits allow none
+    seconds: float  # duration of the recording, s
+    rest: FloatArray  # (n,) posture in which the designed movement starts and ends, rad
 
     @property
     def proposals(self) -> tuple[Proposal, ...]:
-        """All proposals: the simple changes, then the designed movement."""
+        """All proposals: the simple changes, then the designed movement if there is one."""
         return (*self.simple, *([] if self.designed is None else [self.designed]))
 
     @property
@@ -73,12 +54,12 @@ class ExperimentDesign:
 
     @property
     def best_standalone(self) -> Proposal | None:
-        """The best proposal without any part of the recorded movement, which a robot can follow."""
+        """The best proposal without any part of the recorded movement; a robot can follow it. None if there is none."""
         return min((each for each in self.proposals if each.standalone), key=lambda each: each.value, default=None)
 
     @property
     def helps(self) -> bool:
-        """Whether the best proposal reduces the objective by a fifth, and of parameters a standard deviation by 5 %."""
+        """Whether the best proposal reduces the objective by a fifth, and at least one standard deviation by 5 %."""
         if self.best is None or self.best.value >= HELPS * self.value:
             return False
         return self.objective.startswith("condition") or bool(np.any(self.best.predicted.sd < SMALLER * self.now.sd))
@@ -102,23 +83,25 @@ def design_experiment(
     predictor : CovariancePredictor
         Predictor of the trial.
     limits : MovementLimits
+        Limits of the movement.
     rest : (n,) array
         Posture at the start and the end, rad.
     joints : sequence of str
         Names of the joints.
     objective : {"intervals", "volume", "condition", "condition-scaled"}
+        Name of the objective.
     seconds : float, optional
-        Length of the recording, s; by default that of the trial.
+        Duration of the recording, s; by default that of the trial.
     mixed : bool
-        A recording may contain the trial's own movement and another one; not possible if it contains a chair.
+        Whether a recording may contain both the trial's own movement and another one; not possible with a chair.
     seed : int
         Seed of the search's random starts.
     """
     body = predictor.body
-    size = np.maximum(parameter_sizes(body.prepared, body.found), 1e-300)
+    size = np.maximum(parameter_sizes(body.prepared, body.result), 1e-300)
     scorer = MovementScorer(predictor, limits, objective, size)
     family = MovementFamily(scorer, rest, predictor.own.seconds if seconds is None else seconds, tuple(joints), mixed)
-    ranked = _ranked(family)
+    ranked = _rank_simple_movements(family)
     simple = [_evaluate_exactly(family, each) for each in ranked[:_KEPT]]
     singles = [each for each in ranked if len(each.waves) == 1]
     starts = [(each.waves[0], each.shared) for each in singles[:_STARTS_KNOWN]]
@@ -134,17 +117,19 @@ def design_experiment(
     )
 
 
-def _ranked(family: MovementFamily) -> list[SimpleMovement]:
+def _rank_simple_movements(family: MovementFamily) -> list[SimpleMovement]:
     """Return the best simple change of each kind, best first."""
-    tried = [(family.scorer.quick_value(each.trajectory, each.seconds), each) for each in simple_movements(family)]
     chosen: dict[object, SimpleMovement] = {}
-    for _, each in sorted(tried, key=lambda pair: pair[0]):
-        chosen.setdefault(_kind(each), each)
+    scorer = family.scorer
+    for each in sorted(
+        list_simple_movements(family), key=lambda each: scorer.quick_value(each.trajectory, each.seconds)
+    ):
+        chosen.setdefault(_identify_kind(each), each)
     return list(chosen.values())
 
 
-def _kind(each: SimpleMovement) -> object:
-    """Return the key shared by changes that differ only in speed and amplitude."""
+def _identify_kind(each: SimpleMovement) -> object:
+    """Return a key that is the same for changes that differ only in speed and amplitude."""
     if each.change is not None:
         return each.change.change, each.change.joint
     moved = [tuple(np.flatnonzero(np.any(waves.amplitude != 0.0, axis=1)).tolist()) for waves in each.waves]

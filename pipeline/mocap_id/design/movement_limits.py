@@ -18,40 +18,38 @@ _INSIDE = 0.01  # m: least distance of the resting posture's centre of pressure 
 
 @dataclass(frozen=True)
 class MovementLimits:
-    """Bounds of a movement.
+    """Bounds of a movement."""
 
-    Parameters
-    ----------
-    low, high : (n,) arrays
-        Joint angles, rad.
-    speed, acceleration : (n,) arrays
-        Limits of each joint, rad/s and rad/s².
-    support : (float, float) or None
-        Range that the centre of pressure must not leave, m; None for a base that is bolted down.
-    """
-
+    # low, high: (n,) lowest and highest joint angles, rad
     low: FloatArray
     high: FloatArray
+    # speed, acceleration: (n,) largest speed and acceleration of each joint, rad/s and rad/s²
     speed: FloatArray
     acceleration: FloatArray
+    # (float, float) or None allowed range of the centre of pressure, m; None for a base that is bolted down
     support: tuple[float, float] | None
 
-    def inside(self, posture: FloatArray) -> FloatArray:
-        """Return the allowed posture (n,) nearest to the given one, rad."""
+    def clip(self, posture: FloatArray) -> FloatArray:
+        """Return the allowed posture (n,) that is nearest to the given one, rad."""
         room = np.minimum(_TINY, (self.high - self.low) / 2)
         return np.asarray(np.clip(posture, self.low + room, self.high - room))
 
     def usage(self, movement: Trajectory, wrench: FloatArray, moment_sd: FloatArray | None = None) -> float:
-        """Return the largest fraction of any limit that a movement uses; above 1 it is not allowed, inf if unknown.
+        """Return the largest fraction of any limit that a movement uses; above 1 the movement is not allowed.
 
         Parameters
         ----------
         movement : Trajectory
-            Only its fitted samples count, if they are given.
+            The movement; if it has fitted samples, only these count.
         wrench : (T, 3) array
             Wrench of the ground, N and N·m.
         moment_sd : (T,) array, optional
             Standard deviation of the predicted moment, N·m: a margin for the centre of pressure.
+
+        Returns
+        -------
+        float
+            Infinite if the movement has missing samples or lifts the body off the ground.
         """
         counted = movement.known if movement.fitted is None else movement.fitted & movement.known
         if not counted.any() or (movement.fitted is None and not counted.all()):
@@ -66,11 +64,11 @@ class MovementLimits:
         if self.support is None:
             return worst
         sd = np.zeros(len(wrench)) if moment_sd is None else moment_sd
-        return max(worst, _support_usage(wrench[counted], sd[counted], self.support))
+        return max(worst, _compute_support_usage(wrench[counted], sd[counted], self.support))
 
 
-def _support_usage(wrench: FloatArray, moment_sd: FloatArray, support: tuple[float, float]) -> float:
-    """Return the largest distance of the centre of pressure from the support's middle, in half widths of it."""
+def _compute_support_usage(wrench: FloatArray, moment_sd: FloatArray, support: tuple[float, float]) -> float:
+    """Return the largest distance of the centre of pressure from the support's middle, in half widths."""
     if np.any(wrench[:, 1] <= 0.0):
         return np.inf
     low, high = support
@@ -89,7 +87,7 @@ def derive_limits(
     slack: float | None,
     at_rest: float,
 ) -> MovementLimits:
-    """Derive limits from a recorded movement.
+    """Return limits that are derived from a recorded movement.
 
     Parameters
     ----------
@@ -100,10 +98,10 @@ def derive_limits(
     rest : (n,) array
         Posture that is always allowed, rad.
     widened : float
-        Angle by which every joint may exceed its observed range at either end, rad.
+        Angle by which every joint may exceed its observed range at both ends, rad.
     speed, acceleration : (float, float)
-        The allowed value is 1.5 (speed) or 2.25 (acceleration) times the largest observed one, but at least the first
-        and at most the second number, rad/s and rad/s²; observed values are always allowed.
+        Lower and upper bound of the limits, rad/s and rad/s². Between them, the limit is 1.5 (speed) or 2.25
+        (acceleration) times the largest observed value. Observed values are always allowed.
     slack : float or None
         Distance by which the centre of pressure may exceed its observed range, m; None for a base that is bolted down.
     at_rest : float
@@ -121,20 +119,20 @@ def derive_limits(
     return MovementLimits(
         low=np.minimum(movement.q[known].min(axis=0) - widened, rest),
         high=np.maximum(movement.q[known].max(axis=0) + widened, rest),
-        speed=_allowed(movement.dq[known], _FASTER, *speed),
-        acceleration=_allowed(movement.ddq[known], _FASTER**2, *acceleration),
+        speed=_compute_limits(movement.dq[known], _FASTER, *speed),
+        acceleration=_compute_limits(movement.ddq[known], _FASTER**2, *acceleration),
         support=support,
     )
 
 
-def _allowed(values: FloatArray, factor: float, least: float, most: float) -> FloatArray:
-    """Return limits (n,): a multiple, clipped to least and most, of the largest values (T, n), but at least these."""
+def _compute_limits(values: FloatArray, factor: float, least: float, most: float) -> FloatArray:
+    """Return limits (n,): the largest values of (T, n) times a factor, clipped, but at least the largest values."""
     largest = np.abs(values).max(axis=0)
     return np.asarray(np.maximum(largest, np.clip(factor * largest, least, most)))
 
 
-def resting_posture(movement: Trajectory, centres: FloatArray, upright: bool) -> FloatArray:
-    """Return the posture (n,) to start from, rad: the median one; if ``upright``, of the most upright tenth.
+def find_resting_posture(movement: Trajectory, centres: FloatArray, upright: bool) -> FloatArray:
+    """Return the posture (n,) in which a movement starts, rad: the median of the fitted samples.
 
     Parameters
     ----------
@@ -143,7 +141,7 @@ def resting_posture(movement: Trajectory, centres: FloatArray, upright: bool) ->
     centres : (n, 2) array
         Centre of each joint in the frame of the segment before it, m.
     upright : bool
-        Use the tenth of the samples in which the highest joint is highest.
+        Use only the tenth of the samples in which the highest joint is highest.
     """
     q = movement.q[movement.known if movement.fitted is None else movement.known & movement.fitted]
     if upright:

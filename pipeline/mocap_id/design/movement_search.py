@@ -1,8 +1,8 @@
 """Search for the best movement of all joints together within the limits.
 
-The search starts from random movements and from simple ones, each scaled to the limits. The best is then changed in
-small random steps as long as it improves. With several joints, a movement may take the whole recording, or half of it
-beside the trial's own movement.
+The search starts from random movements and from simple ones, each scaled to the limits. The best movement is then
+changed in small random steps as long as it improves. With several joints, a movement may take the whole recording, or
+half of it beside the trial's own movement.
 """
 
 from __future__ import annotations
@@ -12,14 +12,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mocap_id.design.instructions import describe_waves
 from mocap_id.design.proposal import Proposal
 from mocap_id.design.simple_movements import COMPARED, HALF, MovementFamily, compose_trajectory
-from mocap_id.design.wave_movement import WaveMovement
+from mocap_id.design.wave_movement import WaveMovement, describe_waves
 
 _STARTS, _STEPS = 20, 60
 _FASTEST, _SLOWEST = 0.8, 0.15  # Hz
-_LEAST_ARC = np.radians(12.0)  # the centre of a joint that turns less is hard to find
+_LEAST_ARC = np.radians(12.0)  # the centre of a joint with a smaller rotation is hard to estimate
 _STEP, _STEP_DECAY = 0.3, 0.96  # size of the search's steps as a fraction of a joint's range, and its decay
 _OVERTONE = 0.3  # largest amplitude of the overtone, relative to the wave
 _SHRINK, _TRIES = 0.97, 40
@@ -27,6 +26,8 @@ _SHRINK, _TRIES = 0.97, 40
 
 @dataclass(frozen=True)
 class _Candidate:
+    """A movement within the limits, its objective, and whether it takes half of the recording."""
+
     value: float
     waves: WaveMovement
     shared: bool
@@ -40,21 +41,23 @@ def search_movement(
     Parameters
     ----------
     family : MovementFamily
+        The movements among which to search.
     rng : Generator
+        Generator of the random starts and steps.
     starts : sequence of (WaveMovement, bool)
-        Movements to start from in addition to random ones, and whether they take half of the recording.
+        Movements to start from in addition to random ones, and whether each takes half of the recording.
     """
     sharing = family.mixed and len(family.joints) > 1
-    drawn = [(_random_movement(family, rng), sharing and k % 2 == 1) for k in range(_STARTS)]
+    drawn = [(_draw_movement(family, rng), sharing and k % 2 == 1) for k in range(_STARTS)]
     tried = [_evaluate(family, *start) for start in (*starts, *drawn)]
     best = min((each for each in tried if each is not None), key=lambda each: each.value, default=None)
     if best is None:
         return None
     for step in range(_STEPS):
-        near = _evaluate(family, _neighbour(family, best.waves, rng, _STEP * _STEP_DECAY**step), best.shared)
+        near = _evaluate(family, _change_randomly(family, best.waves, rng, _STEP * _STEP_DECAY**step), best.shared)
         if near is not None and near.value < best.value:
             best = near
-    final = _rounded(family, best.waves, best.shared)
+    final = _round_to_limits(family, best.waves, best.shared)
     if final is None:
         return None
     movement = compose_trajectory((final,), family, family.scorer.predictor.own.rate, best.shared)
@@ -64,20 +67,20 @@ def search_movement(
 
 
 def _evaluate(family: MovementFamily, waves: WaveMovement, shared: bool) -> _Candidate | None:
-    """Scale a movement to the limits and return its objective, with a penalty for joints that hardly turn."""
-    found = family.fit_to_limits(waves, family.seconds)
-    if found is None or not np.any(np.abs(found.amplitude[:, 0]) >= family.units):
+    """Return the movement scaled to the limits, with a penalty for joints that hardly rotate; None if impossible."""
+    scaled = family.fit_to_limits(waves, family.seconds)
+    if scaled is None or not np.any(np.abs(scaled.amplitude[:, 0]) >= family.units):
         return None
     scorer, rate = family.scorer, family.scorer.comparison_rate
     if shared:
-        return _Candidate(scorer.quick_value(compose_trajectory((found,), family, rate, shared)), found, shared)
-    movement = found.trajectory(scorer.predictor.body, min(family.seconds, COMPARED), rate)
+        return _Candidate(scorer.quick_value(compose_trajectory((scaled,), family, rate, shared)), scaled, shared)
+    movement = scaled.trajectory(scorer.predictor.body, min(family.seconds, COMPARED), rate)
     penalty = float(np.max(np.maximum(_LEAST_ARC / np.maximum(np.ptp(movement.q, axis=0), 1e-3), 1.0)))
-    return _Candidate(scorer.quick_value(movement, family.seconds) * penalty, found, shared)
+    return _Candidate(scorer.quick_value(movement, family.seconds) * penalty, scaled, shared)
 
 
-def _random_movement(family: MovementFamily, rng: np.random.Generator) -> WaveMovement:
-    """Draw a movement between two random postures of each joint, with an overtone where nobody has to balance."""
+def _draw_movement(family: MovementFamily, rng: np.random.Generator) -> WaveMovement:
+    """Draw a movement between two random postures of each joint, with overtones if nobody has to balance."""
     below, above = family.reaches()
     joints = len(below)
     low, high = -below * rng.uniform(0.0, 1.0, joints), above * rng.uniform(0.0, 1.0, joints)
@@ -93,8 +96,10 @@ def _random_movement(family: MovementFamily, rng: np.random.Generator) -> WaveMo
     )
 
 
-def _neighbour(family: MovementFamily, waves: WaveMovement, rng: np.random.Generator, step: float) -> WaveMovement:
-    """Change a movement by a random step; it may exceed the limits."""
+def _change_randomly(
+    family: MovementFamily, waves: WaveMovement, rng: np.random.Generator, step: float
+) -> WaveMovement:
+    """Return the movement changed by a random step; it may exceed the limits."""
     below, above = family.reaches()
     room, joints = (below + above) / 2, len(below)
     overtones = np.array([1.0, 0.0 if family.balancing else _OVERTONE])
@@ -108,8 +113,8 @@ def _neighbour(family: MovementFamily, waves: WaveMovement, rng: np.random.Gener
     )
 
 
-def _rounded(family: MovementFamily, waves: WaveMovement, shared: bool) -> WaveMovement | None:
-    """Round to whole degrees, half centimetres and hundredths of a hertz, and shrink until it is within the limits."""
+def _round_to_limits(family: MovementFamily, waves: WaveMovement, shared: bool) -> WaveMovement | None:
+    """Return the movement in whole degrees, half centimetres and 0.01 Hz, shrunk to the limits; None if impossible."""
     unit, predictor = family.units, family.scorer.predictor
     for _ in range(_TRIES):
         rounded = replace(
@@ -121,5 +126,5 @@ def _rounded(family: MovementFamily, waves: WaveMovement, shared: bool) -> WaveM
         movement = rounded.trajectory(predictor.body, family.seconds / (1 + shared), predictor.own.rate)
         if family.scorer.usage(movement) <= 1.0:
             return rounded if np.any(rounded.amplitude) else None
-        waves = waves.sized(_SHRINK)
+        waves = waves.scale(_SHRINK)
     return None

@@ -1,15 +1,16 @@
 """Predicted covariance of the base parameters for a movement that was not recorded.
 
-The chain, the parameters, the noise and the skin model are those of a trial; the regressor is computed for the other
-movement. The covariance has three parts: residuals, geometry (joint centres and skin) and plate zero. The first two are
-scaled so that the prediction for the trial's own movement is exactly what was identified. The derivation is in
-docs/concepts/predicted-covariance.md.
+The chain, the parameters, the noise and the skin model are those of an identified trial; the regressor is computed for
+the other movement. The covariance has three parts: residuals, geometry (joint centres and skin) and plate zero. The
+first two parts are scaled so that the prediction for the trial's own movement equals the identified covariance. The
+derivation is in docs/concepts/predicted-covariance.md.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -24,155 +25,106 @@ from mocap_id.dynamics.regressor import planar_regressor
 from mocap_id.dynamics.uncertainty import unit_covariance, variance
 
 SAMPLES = 200
-"""Number of samples of a movement that its variances are computed from."""
+"""Number of samples of a movement from which its variances are computed."""
 
 
 @dataclass(frozen=True)
 class PredictedUncertainty:
-    """Predicted uncertainty of the base parameters after a movement.
+    """Predicted uncertainty of the base parameters after a movement."""
 
-    Parameters
-    ----------
-    sd : (b,) array
-        Standard deviation of each base parameter, SI.
-    covariance : (b, b) array
-        Covariance of the base parameters.
-    condition, condition_scaled : float
-        Condition number of the stacked, gated minimal regressor, in SI units and with unit columns.
-    samples : float
-        Length of the fitted samples, s.
-    fixed : (b,) array
-        Part of the variance that no movement changes: that of the errors of plate and cameras.
-    """
-
-    sd: FloatArray
-    covariance: FloatArray
+    sd: FloatArray  # (b,) standard deviation of each base parameter, SI
+    covariance: FloatArray  # (b, b) covariance of the base parameters, SI
+    # condition, condition_scaled: condition number of the regressor's rows in the fit, in SI units and with unit
+    # columns
     condition: float
     condition_scaled: float
-    samples: float
-    fixed: FloatArray
+    samples: float  # duration of the fitted samples, s
+    fixed: FloatArray  # (b,) part of the variances from errors of plate and cameras, which no movement changes
 
 
 @dataclass(frozen=True)
 class IdentifiedBody:
-    """Properties of an identified body that do not depend on its movement.
+    """An identified body, which can perform other movements."""
 
-    Parameters
-    ----------
-    prepared : PreparedTrial
-    found : Identification
-    """
-
-    prepared: PreparedTrial
-    found: Identification
+    prepared: PreparedTrial  # the trial in which the body was identified
+    result: Identification  # the identified parameters
 
     def regressor(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
-        """Return the base columns (T, 3, b) of all three wrench components."""
+        """Return the base columns (T, 3, b) of the regressor of all three wrench components."""
         rows = planar_regressor(self.prepared.recorded.centres, q, dq, ddq, self.prepared.settings.gravity)
         return rows[:, :, self.prepared.base.kept]
 
     def wrench(self, movement: Trajectory) -> FloatArray:
-        """Return the wrench of the ground (T, 3), N and N·m."""
-        return np.asarray(self.regressor(movement.q, movement.dq, movement.ddq) @ self.found.base)
+        """Return the wrench of the ground (T, 3) during a movement, N and N·m."""
+        return np.asarray(self.regressor(movement.q, movement.dq, movement.ddq) @ self.result.base)
 
     def moment_sd(self, movement: Trajectory) -> FloatArray:
-        """Return the standard deviation (T,) of that wrench's moment from the parameters' covariance, N·m."""
+        """Return the standard deviation (T,) of the wrench's moment from the covariance of the parameters, N·m."""
         rows = self.regressor(movement.q, movement.dq, movement.ddq)[:, 2]
-        return np.asarray(np.sqrt(variance(rows, self.found.covariance)))
+        return np.asarray(np.sqrt(variance(rows, self.result.covariance)))
 
     def weighted_rows(self, regressor: FloatArray, rate_of_change: FloatArray) -> FloatArray:
-        """Return rows (R, c, b + k + 1) weighted as in the fit.
+        """Return the rows (R, c, b + k + 1) of a fit, weighted as in the fit of the trial.
 
         Parameters
         ----------
         regressor, rate_of_change : (R, 3, b) arrays
             Base columns and their time derivative. A clock offset shifts the wrench along its rate of change.
         """
-        fit, chosen = self.found.fit, list(self.prepared.settings.components)
-        rows, rate = regressor[:, chosen], rate_of_change[:, chosen] @ self.found.base
+        fit, chosen = self.result.fit, list(self.prepared.settings.components)
+        rows, rate = regressor[:, chosen], rate_of_change[:, chosen] @ self.result.base
         bias = np.zeros((*rows.shape[:2], fit.problem.factor.shape[1] - fit.base))
         if bias.shape[-1]:
             bias[:, chosen.index(0), 0] = 1.0
         return np.asarray(np.concatenate([rows, bias, rate[..., None]], axis=-1) * fit.weights[:, None])
 
     def response(self, states: FloatArray, rows: FloatArray, error: KinematicError) -> FloatArray:
-        """Return the change (b, S) of the parameters with each mode of the geometry's error; infinite if undetermined.
+        """Return the change (b, S) of the parameters with each error mode of the geometry; infinite if undetermined.
 
         Parameters
         ----------
         states : (R, 3, n) array
+            Joint angles and their derivatives, rad, rad/s and rad/s².
         rows : (R, c, b + k + 1) array
+            Weighted rows of the fit.
         error : KinematicError
+            Error of the geometry.
         """
         q, dq, ddq = np.swapaxes(states, 0, 1)
         moved = replace(self.prepared, recorded=replace(self.prepared.recorded, q=q, dq=dq, ddq=ddq))
-        found = replace(self.found.fit, samples=np.arange(len(rows)), design=rows)
+        result = replace(self.result.fit, samples=np.arange(len(rows)), design=rows)
         try:
-            return kinematic_response(moved, found, self.found.base, error)[: found.base]
+            return kinematic_response(moved, result, self.result.base, error)[: result.base]
         except np.linalg.LinAlgError:
-            return np.full((found.base, 1), np.inf)
-
-
-@dataclass(frozen=True)
-class _UnscaledCovariance:
-    """Parts of the covariance before they are scaled by those of the trial."""
-
-    noise: FloatArray  # (b, b), for unit residuals over one second
-    geometry: FloatArray  # (b, b)
+            return np.full((result.base, 1), np.inf)
 
 
 @dataclass(frozen=True)
 class CovariancePredictor:
-    """Predicts the covariance of a trial's parameters for other movements.
+    """Predictor of the covariance of a trial's parameters for other movements."""
 
-    Parameters
-    ----------
-    body : IdentifiedBody
-    geometry : callable
-        From postures (T, n), rad, to the geometry's error for a chain that is fitted to these postures.
-    own : Trajectory
-        The trial's movement.
-    now : PredictedUncertainty
-        The identified uncertainty of the trial itself.
-    """
+    body: IdentifiedBody  # the body identified in the trial
+    own: Trajectory  # the trial's movement
+    # function from postures (T, n), rad, to the error of the geometry of a chain that is fitted to these postures. By
+    # default, the error is that of the trial.
+    geometry: Callable[[FloatArray], KinematicError] | None = None
 
-    body: IdentifiedBody
-    geometry: Callable[[FloatArray], KinematicError]
-    own: Trajectory
-    now: PredictedUncertainty
-    _own_parts: _UnscaledCovariance
-
-    @classmethod
-    def from_trial(
-        cls,
-        body: IdentifiedBody,
-        own: Trajectory,
-        geometry: Callable[[FloatArray], KinematicError] | None = None,
-    ) -> CovariancePredictor:
-        """Build the predictor of a trial.
-
-        Parameters
-        ----------
-        body : IdentifiedBody
-        own : Trajectory
-            The recorded movement.
-        geometry : callable, optional
-            As in :class:`CovariancePredictor`; by default the geometry's error is that of the trial.
-        """
-        found, fit = body.found, body.found.fit
-        known = found.error
-        of_postures = (lambda q: known) if geometry is None else geometry
-        now = PredictedUncertainty(
-            sd=found.base_sd,
-            covariance=found.covariance,
+    @cached_property
+    def now(self) -> PredictedUncertainty:
+        """The identified uncertainty of the trial itself."""
+        result, fit = self.body.result, self.body.result.fit
+        return PredictedUncertainty(
+            sd=result.base_sd,
+            covariance=result.covariance,
             condition=fit.condition,
             condition_scaled=fit.condition_scaled,
-            samples=float(fit.in_fit.sum()) / body.prepared.recorded.rate,
-            fixed=_variance_parts(found)[2],
+            samples=float(fit.in_fit.sum()) / self.body.prepared.recorded.rate,
+            fixed=_split_variances(result)[2],
         )
-        empty = _UnscaledCovariance(np.zeros((0, 0)), np.zeros((0, 0)))
-        unscaled = cls(body, of_postures, own, now, empty)
-        return replace(unscaled, _own_parts=unscaled._parts(own, unscaled.fitted(own), SAMPLES))
+
+    @cached_property
+    def _own_parts(self) -> tuple[FloatArray, FloatArray]:
+        return self._compute_parts(self.own, self.find_fitted(self.own), SAMPLES)
 
     def predict(
         self, movement: Trajectory, seconds: float | None = None, samples: int = SAMPLES, exactly: bool = True
@@ -182,67 +134,71 @@ class CovariancePredictor:
         Parameters
         ----------
         movement : Trajectory
+            The movement to record.
         seconds : float, optional
-            Length of the fitted samples, s; by default all of the movement that can be fitted.
+            Duration of the fitted samples, s; by default all of the movement that can be fitted.
         samples : int
-            Number of samples to compute the variances from: fewer are faster.
+            Number of samples from which the variances are computed: fewer are faster.
         exactly : bool
             Filter as the identification does before computing the condition number; this takes longer.
         """
-        fitted = self.fitted(movement)
+        fitted = self.find_fitted(movement)
         seconds = float(fitted.sum()) / movement.rate if seconds is None else seconds
         covariance = self.covariance(movement, seconds, samples)
         sd = np.sqrt(np.diag(covariance))
         if not np.isfinite(covariance).any():
             return PredictedUncertainty(sd, covariance, np.inf, np.inf, 0.0, self.now.fixed)
-        condition, scaled = self._filtered_conditions(movement, fitted) if exactly else self.conditions(movement)
+        condition, scaled = self._compute_conditions(movement, fitted) if exactly else self.conditions(movement)
         return PredictedUncertainty(sd, covariance, condition, scaled, seconds, self.now.fixed)
 
     def covariance(self, movement: Trajectory, seconds: float, samples: int = SAMPLES) -> FloatArray:
-        """Predict only the covariance (b, b); infinite if no sample can be fitted. Arguments as for `predict`."""
-        fitted = self.fitted(movement)
-        if not len(_thinned_samples(movement, fitted, samples)):
+        """Predict only the covariance (b, b); infinite if no sample can be fitted. Arguments as for :meth:`predict`."""
+        fitted = self.find_fitted(movement)
+        if not len(_choose_samples(movement, fitted, samples)):
             return np.full_like(self.now.covariance, np.inf)
-        return self._scaled(self._parts(movement, fitted, samples), seconds)
+        return self._scale_parts(self._compute_parts(movement, fitted, samples), seconds)
 
     def conditions(self, movement: Trajectory, samples: int = SAMPLES) -> tuple[float, float]:
         """Return condition numbers in SI units and with unit columns, from some samples and without the filter."""
-        chosen = _thinned_samples(movement, self.fitted(movement), samples)
+        chosen = _choose_samples(movement, self.find_fitted(movement), samples)
         if not len(chosen):
             return np.inf, np.inf
         rows = self.body.regressor(movement.q[chosen], movement.dq[chosen], movement.ddq[chosen])
         return conditions(rows[:, list(self.body.prepared.settings.components)])
 
-    def fitted(self, movement: Trajectory) -> BoolArray:
-        """Return the samples (T,) that an identification would use: known, and away from gaps and ends."""
+    def find_fitted(self, movement: Trajectory) -> BoolArray:
+        """Return the samples (T,) that an identification would fit: with a value, and away from gaps and ends."""
         if movement.fitted is not None:
             return movement.fitted
-        lost = self.body.prepared.lowpass.reach + self.body.prepared.settings.offset_limit
-        return erode(movement.known, int(np.ceil(lost * movement.rate)) + 1)
+        margin = self.body.prepared.lowpass.reach + self.body.prepared.settings.offset_limit
+        return erode(movement.known, int(np.ceil(margin * movement.rate)) + 1)
 
-    def _parts(self, movement: Trajectory, fitted: BoolArray, samples: int) -> _UnscaledCovariance:
-        body, chosen = self.body, _thinned_samples(movement, fitted, samples)
+    def _compute_parts(self, movement: Trajectory, fitted: BoolArray, samples: int) -> tuple[FloatArray, FloatArray]:
+        """Return the unscaled covariances (b, b) from unit residuals over one second, and from the geometry."""
+        body, chosen = self.body, _choose_samples(movement, fitted, samples)
         three = np.concatenate([chosen - 1, chosen, chosen + 1])
         before, now, after = np.split(body.regressor(movement.q[three], movement.dq[three], movement.ddq[three]), 3)
         rows = body.weighted_rows(now, (after - before) * movement.rate / 2)
         states = np.stack([movement.q[chosen], movement.dq[chosen], movement.ddq[chosen]], axis=1)
         noise = unit_covariance(rows.reshape(-1, rows.shape[-1]))[: len(self.now.sd), : len(self.now.sd)]
-        response = body.response(states, rows, self.geometry(movement.q[fitted & movement.known]))
-        return _UnscaledCovariance(noise * len(chosen), response @ response.T)
+        error = body.result.error if self.geometry is None else self.geometry(movement.q[fitted & movement.known])
+        response = body.response(states, rows, error)
+        return noise * len(chosen), response @ response.T
 
-    def _scaled(self, parts: _UnscaledCovariance, seconds: float) -> FloatArray:
-        """Return the covariance with its parts scaled by those of the trial (predicted-covariance.md, eq. 3)."""
-        residual, geometry, fixed = _variance_parts(self.body.found)
-        noise_scale = np.sqrt(residual / np.diag(self._own_parts.noise))
-        geometry_scale = np.sqrt(geometry / np.maximum(np.diag(self._own_parts.geometry), 1e-300))
+    def _scale_parts(self, parts: tuple[FloatArray, FloatArray], seconds: float) -> FloatArray:
+        """Return the covariance with its parts scaled to those of the trial (predicted-covariance.md, eq. 3)."""
+        residual, geometry, fixed = _split_variances(self.body.result)
+        noise_scale = np.sqrt(residual / np.diag(self._own_parts[0]))
+        geometry_scale = np.sqrt(geometry / np.maximum(np.diag(self._own_parts[1]), 1e-300))
         length = self.now.samples / seconds
         return np.asarray(
-            length * parts.noise * np.outer(noise_scale, noise_scale)
-            + parts.geometry * np.outer(geometry_scale, geometry_scale)
+            length * parts[0] * np.outer(noise_scale, noise_scale)
+            + parts[1] * np.outer(geometry_scale, geometry_scale)
             + np.diag(fixed)
         )
 
-    def _filtered_conditions(self, movement: Trajectory, fitted: BoolArray) -> tuple[float, float]:
+    def _compute_conditions(self, movement: Trajectory, fitted: BoolArray) -> tuple[float, float]:
+        """Return the condition numbers of the filtered regressor, in SI units and with unit columns."""
         if movement is self.own:
             return self.now.condition, self.now.condition_scaled
         settings = self.body.prepared.settings
@@ -253,16 +209,16 @@ class CovariancePredictor:
         return conditions(rows[:, list(settings.components)])
 
 
-def _variance_parts(found: Identification) -> tuple[FloatArray, FloatArray, FloatArray]:
+def _split_variances(result: Identification) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the variances (b,) from residuals, from joint centres and skin, and from the plate's zero."""
-    residual = np.diag(found.residual_covariance)
-    rest = np.maximum(np.diag(found.covariance) - residual, 0.0)
-    geometry = np.minimum(np.sum(found.response**2, axis=1), rest)
+    residual = np.diag(result.residual_covariance)
+    rest = np.maximum(np.diag(result.covariance) - residual, 0.0)
+    geometry = np.minimum(np.sum(result.response**2, axis=1), rest)
     return residual, geometry, rest - geometry
 
 
-def _thinned_samples(movement: Trajectory, fitted: BoolArray, samples: int) -> IntArray:
-    """Return the evenly spaced fitted samples whose neighbours are known too."""
+def _choose_samples(movement: Trajectory, fitted: BoolArray, samples: int) -> IntArray:
+    """Return evenly spaced fitted samples whose neighbours have values too."""
     known = movement.known
     inner = fitted & known
     inner[1:-1] &= known[:-2] & known[2:]

@@ -1,4 +1,4 @@
-"""Proposed movements and the objectives that they are compared by."""
+"""Proposed movements and the objectives that compare them."""
 
 from __future__ import annotations
 
@@ -25,42 +25,28 @@ _QUICK_SAMPLES, _QUICK_RATE = 50, 20.0  # samples, and samples per second, while
 
 @dataclass(frozen=True)
 class Proposal:
-    """A movement that could be recorded.
+    """A movement that could be recorded."""
 
-    Parameters
-    ----------
-    words : str
-        Instructions.
-    trajectory : Trajectory
-    predicted : PredictedUncertainty
-        Uncertainty of the parameters after this movement.
-    value : float
-        Value of the objective; smaller is better.
-    designed : bool
-        Found by the search; otherwise a simple change.
-    own : bool
-        The trial's own movement, faster or larger.
-    standalone : bool
-        A new movement that does not contain any part of the recorded one.
-    """
-
-    words: str
-    trajectory: Trajectory
-    predicted: PredictedUncertainty
-    value: float
-    designed: bool = False
-    own: bool = False
-    standalone: bool = False
+    words: str  # instructions for the person or the robot
+    trajectory: Trajectory  # the movement
+    predicted: PredictedUncertainty  # uncertainty of the parameters after this movement
+    value: float  # value of the objective; smaller is better
+    designed: bool = False  # whether the search found it; otherwise it is a simple change
+    own: bool = False  # whether it is the trial's own movement, faster or larger
+    standalone: bool = False  # whether it contains no part of the recorded movement
 
 
 def objective_value(objective: Objective, predicted: PredictedUncertainty, size: FloatArray) -> float:
-    """Return the objective to minimise, without the variance that no movement changes: errors of plate and cameras.
+    """Return the value of the objective, which is to be minimised.
+
+    It does not include the variance from errors of plate and cameras, which no movement changes.
 
     Parameters
     ----------
     objective : {"intervals", "volume", "condition", "condition-scaled"}
-        See :data:`OBJECTIVES`.
+        Name of the objective, see :data:`OBJECTIVES`.
     predicted : PredictedUncertainty
+        Uncertainty after the movement.
     size : (b,) array
         Size of each parameter, SI.
     """
@@ -74,47 +60,36 @@ def objective_value(objective: Objective, predicted: PredictedUncertainty, size:
     if objective == "intervals":
         return float(np.sqrt(np.mean(np.diag(changing) / size**2)))
     sign, logarithm = np.linalg.slogdet(changing / np.outer(size, size))
-    if sign <= 0:  # the determinant of a nearly singular covariance is rounding
+    if sign <= 0:  # rounding: the covariance is nearly singular
         return np.inf
     return float(np.exp(logarithm / (2 * len(size))))
 
 
 @dataclass(frozen=True)
 class MovementScorer:
-    """Computes whether a movement is allowed, and the value of its objective.
+    """Evaluation of movements: whether the limits allow them, and the value of the objective."""
 
-    Parameters
-    ----------
-    predictor : CovariancePredictor
-    limits : MovementLimits
-    objective : {"intervals", "volume", "condition", "condition-scaled"}
-    size : (b,) array
-        Size of each parameter, SI.
-    """
-
-    predictor: CovariancePredictor
-    limits: MovementLimits
-    objective: Objective
-    size: FloatArray
+    predictor: CovariancePredictor  # predictor of the trial
+    limits: MovementLimits  # limits of the movements
+    objective: Objective  # name of the objective, see :data:`OBJECTIVES`
+    size: FloatArray  # (b,) size of each parameter, SI
 
     @property
     def comparison_rate(self) -> float:
-        """Samples per second while many movements are compared: the trial's own rate divided by a whole number."""
+        """Rate at which many movements are compared: the trial's own rate divided by a whole number."""
         rate = self.predictor.own.rate
         return rate / max(1, int(rate / _QUICK_RATE))
 
     def usage(self, movement: Trajectory) -> float:
-        """Return the largest fraction of any limit that the movement uses; above 1 it is not allowed."""
+        """Return the largest fraction of any limit that the movement uses; above 1 the movement is not allowed."""
         body = self.predictor.body
         sd = None if self.limits.support is None else body.moment_sd(movement)
         return self.limits.usage(movement, body.wrench(movement), sd)
 
     def quick_value(self, movement: Trajectory, seconds: float | None = None) -> float:
         """Return the objective from few samples; ``seconds`` as for :meth:`CovariancePredictor.predict`."""
-        if self.objective == "condition":
-            return self.predictor.conditions(movement)[0]
-        if self.objective == "condition-scaled":
-            return self.predictor.conditions(movement)[1]
+        if self.objective.startswith("condition"):
+            return self.predictor.conditions(movement)[self.objective == "condition-scaled"]
         predicted = self.predictor.predict(movement, seconds, samples=_QUICK_SAMPLES, exactly=False)
         return objective_value(self.objective, predicted, self.size)
 

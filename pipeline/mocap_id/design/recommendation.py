@@ -1,4 +1,4 @@
-"""Recommended changes of the recorded movement: for each parameter, the one that reduces its deviation most.
+"""Recommended changes of the recorded movement: the change that reduces the standard deviation of a parameter most.
 
 The standard deviation after a change is predicted from the same chain and the parameters identified so far
 (:mod:`mocap_id.design.predicted_covariance`).
@@ -14,7 +14,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.design.predicted_covariance import SAMPLES, CovariancePredictor, IdentifiedBody
-from mocap_id.design.trajectory import Trajectory, concatenate, recorded_trajectory
+from mocap_id.design.trajectory import Trajectory, concatenate, get_recorded_trajectory
 from mocap_id.dynamics.excitation import Excitation
 from mocap_id.dynamics.identification import Identification
 from mocap_id.dynamics.preparation import PreparedTrial
@@ -30,24 +30,14 @@ _RATE = 40.0  # Hz; movements are below 3 Hz
 
 @dataclass(frozen=True)
 class Recommendation:
-    """A change of the movement that would reduce a parameter's standard deviation.
+    """A change of the movement that would reduce a parameter's standard deviation."""
 
-    Parameters
-    ----------
-    change : {"faster", "larger", "alone"}
-        1.5 times as fast, 1.5 times as far, or half of the time with the other joints at rest.
-    joint : int or None
-        The joint, from 0; None for all joints.
-    ratio : float
-        Predicted standard deviation for a recording of the same length, divided by the present one.
-    """
-
-    change: Change
-    joint: int | None
-    ratio: float
+    change: Change  # 1.5 times as fast, 1.5 times as far, or half of the time with the other joints at rest
+    joint: int | None  # the joint that moves differently, from 0; None for all joints
+    ratio: float  # predicted standard deviation for a recording of the same duration, divided by the present one
 
     def describe(self, joints: Sequence[str]) -> str:
-        """Describe the movement in words; ``joints`` are the names of the joints."""
+        """Return the change in words, with the names of the joints."""
         moved = "the whole movement" if self.joint is None else f"the {joints[self.joint]}'s movement"
         if self.change == "alone":
             return f"{moved} by itself for half of the time (the other joints at rest)"
@@ -56,42 +46,39 @@ class Recommendation:
 
 
 Recommendations: TypeAlias = tuple[Recommendation | None, ...]
-"""For each base parameter the best change; None where no change reduces its deviation by a fifth."""
+"""For each base parameter the best change; None if no change reduces its standard deviation by a fifth."""
 
 
-def recommend_where_needed(prepared: PreparedTrial, found: Identification, excited: Excitation) -> Recommendations:
-    """Recommend changes for the parameters in doubt; empty if all are known, since the search takes a fit's time."""
+def recommend_if_doubtful(prepared: PreparedTrial, result: Identification, excited: Excitation) -> Recommendations:
+    """Return recommendations for the parameters in doubt; empty if all are known, because the search is slow."""
     if not excited.doubtful:
         return ()
-    return recommend_changes(prepared, found, np.array(excited.verdict) != "known")
+    return recommend_changes(prepared, result, np.array(excited.verdict) != "known")
 
 
 def recommend_changes(
-    prepared: PreparedTrial, found: Identification, wanted: BoolArray | None = None
+    prepared: PreparedTrial, result: Identification, wanted: BoolArray | None = None
 ) -> Recommendations:
-    """Find for each parameter the change of the movement that reduces its standard deviation most.
+    """Return for each parameter the change of the movement that reduces its standard deviation most.
 
     Parameters
     ----------
     prepared : PreparedTrial
-    found : Identification
+        The recorded trial.
+    result : Identification
+        Its identified parameters.
     wanted : (b,) bool array, optional
-        Parameters that need a smaller deviation; all by default.
-
-    Returns
-    -------
-    tuple of (Recommendation or None)
-        One for each of the b parameters.
+        Parameters whose standard deviation should decrease; all by default.
     """
-    wanted = np.ones(len(found.base), dtype=np.bool_) if wanted is None else wanted
-    own = recorded_trajectory(prepared.recorded, found.fit.in_fit).thinned(_RATE)
-    predictor = CovariancePredictor.from_trial(IdentifiedBody(prepared, found), own)
-    best: list[Recommendation | None] = [None] * len(found.base)
-    for change, joint in possible_changes(len(prepared.recorded.centres)):
+    wanted = np.ones(len(result.base), dtype=np.bool_) if wanted is None else wanted
+    own = get_recorded_trajectory(prepared.recorded, result.fit.in_fit).thin(_RATE)
+    predictor = CovariancePredictor(IdentifiedBody(prepared, result), own)
+    best: list[Recommendation | None] = [None] * len(result.base)
+    for change, joint in list_changes(len(prepared.recorded.centres)):
         movement = change_movement(predictor.own, change, joint)
-        if np.min(_ratios(predictor, movement, _QUICK_SAMPLES)[wanted]) > _QUICK_ERROR * _HELPS:
+        if np.min(_predict_ratios(predictor, movement, _QUICK_SAMPLES)[wanted]) > _QUICK_ERROR * _HELPS:
             continue
-        ratios = _ratios(predictor, movement, SAMPLES)
+        ratios = _predict_ratios(predictor, movement, SAMPLES)
         for i in np.flatnonzero(wanted):
             present = best[i]
             if ratios[i] < (_HELPS if present is None else present.ratio):
@@ -99,8 +86,8 @@ def recommend_changes(
     return tuple(best)
 
 
-def recommendation_text(excited: Excitation, recommendations: Recommendations, joints: Sequence[str]) -> str:
-    """Describe the recommended movements of the doubtful parameters, one sentence for each movement."""
+def describe_recommendations(excited: Excitation, recommendations: Recommendations, joints: Sequence[str]) -> str:
+    """Return the recommended movements for the doubtful parameters, one sentence for each movement."""
     best: dict[tuple[str, int | None], list[tuple[int, Recommendation]]] = {}
     beyond = []
     for i in excited.doubtful:
@@ -127,13 +114,13 @@ def _capitalise(text: str) -> str:
     return text[0].upper() + text[1:]
 
 
-def _ratios(predictor: CovariancePredictor, movement: Trajectory, samples: int) -> FloatArray:
-    """Return the predicted standard deviations (b,) divided by the trial's own, for recordings of the same length."""
+def _predict_ratios(predictor: CovariancePredictor, movement: Trajectory, samples: int) -> FloatArray:
+    """Return the predicted standard deviations (b,) divided by the present ones, for the same duration."""
     after = np.diag(predictor.covariance(movement, predictor.now.samples, samples))
     return np.asarray(np.sqrt(after) / np.maximum(predictor.now.sd, 1e-300))
 
 
-def possible_changes(joints: int) -> list[tuple[Change, int | None]]:
+def list_changes(joints: int) -> list[tuple[Change, int | None]]:
     """Return the changes to try: of all joints together, then of single joints."""
     each: list[tuple[Change, int | None]] = [("faster", None), ("larger", None)]
     if joints > 1:
@@ -144,22 +131,23 @@ def possible_changes(joints: int) -> list[tuple[Change, int | None]]:
 def change_movement(own: Trajectory, change: Change, joint: int | None) -> Trajectory:
     """Return the trajectory with one joint, or all joints, moved faster, larger or alone.
 
-    With "alone", every other sample of the recording is replaced by one in which the joint moves by itself.
+    For "alone", every second sample of the recording is replaced by a sample in which only this joint moves.
 
     Parameters
     ----------
     own : Trajectory
         The recorded movement, with its fitted samples.
     change : {"faster", "larger", "alone"}
+        The change.
     joint : int or None
-        None for all joints.
+        The joint that moves differently, from 0; None for all joints.
     """
     joints = own.q.shape[1]
     ones, chosen = np.ones(joints), np.arange(joints) == joint if joint is not None else np.ones(joints, bool)
     if change == "alone":
         assert own.fitted is not None
         half = np.arange(len(own.time)) % 2 == 0
-        alone = own.scaled(ones, np.where(chosen, 1.0, 0.0))
+        alone = own.scale(ones, np.where(chosen, 1.0, 0.0))
         return concatenate(replace(own, fitted=own.fitted & half), replace(alone, fitted=own.fitted & ~half))
     more = np.where(chosen, FACTOR, 1.0)
-    return own.scaled(more, ones) if change == "faster" else own.scaled(ones, more)
+    return own.scale(more, ones) if change == "faster" else own.scale(ones, more)

@@ -1,4 +1,4 @@
-"""Simple movements to compare: the recorded one faster or larger, one joint alone, or the joints in turn."""
+"""Simple movements to compare: the recorded movement faster or larger, one joint alone, or the joints in turn."""
 
 from __future__ import annotations
 
@@ -8,72 +8,43 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.design.instructions import describe_waves
 from mocap_id.design.proposal import MovementScorer
-from mocap_id.design.recommendation import Recommendation, change_movement, possible_changes
+from mocap_id.design.recommendation import Recommendation, change_movement, list_changes
 from mocap_id.design.trajectory import Trajectory, concatenate
-from mocap_id.design.wave_movement import WaveMovement, rest_movement, static_pressure
+from mocap_id.design.wave_movement import WaveMovement, describe_waves, hold_posture, static_centre_of_pressure
 
 FREQUENCIES = (0.2, 0.35, 0.5, 0.7, 1.0)  # Hz
-_SYMMETRIC = 0.4  # ratio of the smaller to the larger range on both sides, from which a joint swings about its rest
+_SYMMETRIC = 0.4  # ratio of the ranges on both sides above which a joint swings about its rest
 SWAY = 0.005
-"""Step of the amplitude of a sway, m."""
+"""Step to which the amplitude of a sway is rounded, m."""
 _HALVINGS = 4
 HALF = "half of the recording as it was; in the other half "
 COMPARED = 16.0
-"""Duration of a movement that is sampled while many are compared, s."""
+"""Longest duration of a movement that is sampled while many are compared, s."""
 
 
 @dataclass(frozen=True)
 class SimpleMovement:
-    """A movement that may be proposed.
+    """A movement that may be proposed."""
 
-    Parameters
-    ----------
-    words : str
-        Instructions.
-    trajectory : Trajectory
-        At the rate at which movements are compared.
-    waves : tuple of WaveMovement
-        Performed one after the other; empty for a change of the trial's own movement.
-    shared : bool
-        Half of the recording is the trial's own movement.
-    seconds : float or None
-        Length of the fitted samples, s; None to take it from the trajectory.
-    change : Recommendation or None
-        The change of the trial's own movement.
-    """
-
-    words: str
-    trajectory: Trajectory
+    words: str  # instructions for the person or the robot
+    trajectory: Trajectory  # the movement at the rate at which movements are compared
+    # movements performed one after the other; empty for a change of the trial's own movement
     waves: tuple[WaveMovement, ...] = ()
-    shared: bool = False
-    seconds: float | None = None
-    change: Recommendation | None = None
+    shared: bool = False  # whether half of the recording is the trial's own movement
+    seconds: float | None = None  # duration of the fitted samples, s; None for the trajectory's
+    change: Recommendation | None = None  # the change of the trial's own movement; None for a new movement
 
 
 @dataclass(frozen=True)
 class MovementFamily:
-    """The movements that the search chooses from.
+    """The movements among which the search chooses."""
 
-    Parameters
-    ----------
-    scorer : MovementScorer
-    rest : (n,) array
-        Posture at both ends, rad.
-    seconds : float
-        Length of the recording, s.
-    joints : tuple of str
-        Names of the joints.
-    mixed : bool
-        A recording may contain the trial's own movement and another one.
-    """
-
-    scorer: MovementScorer
-    rest: FloatArray
-    seconds: float
-    joints: tuple[str, ...]
-    mixed: bool
+    scorer: MovementScorer  # evaluation of the movements
+    rest: FloatArray  # (n,) posture at both ends, rad
+    seconds: float  # duration of the recording, s
+    joints: tuple[str, ...]  # names of the joints
+    mixed: bool  # whether a recording may contain both the trial's own movement and another one
 
     @property
     def balancing(self) -> bool:
@@ -81,11 +52,11 @@ class MovementFamily:
         return self.scorer.limits.support is not None and len(self.joints) > 1
 
     def fit_to_limits(self, waves: WaveMovement, seconds: float) -> WaveMovement | None:
-        """Scale a movement down until the limits allow it; None if less than a sixteenth would be left."""
+        """Scale a movement down until the limits allow it; return None if less than a sixteenth would remain."""
 
         def usage(scale: float) -> float:
             body, scorer = self.scorer.predictor.body, self.scorer
-            return scorer.usage(waves.sized(scale).trajectory(body, min(seconds, COMPARED), scorer.comparison_rate))
+            return scorer.usage(waves.scale(scale).trajectory(body, min(seconds, COMPARED), scorer.comparison_rate))
 
         if usage(1.0) <= 1.0:
             return waves
@@ -93,64 +64,65 @@ class MovementFamily:
         for _ in range(_HALVINGS):
             middle = (low + high) / 2
             low, high = (middle, high) if usage(middle) <= 1.0 else (low, middle)
-        return None if low == 0.0 else waves.sized(low)
+        return None if low == 0.0 else waves.scale(low)
 
     def reaches(self) -> tuple[FloatArray, FloatArray]:
-        """Return how far each row of a :class:`WaveMovement` may go below and above rest (n,), rad or m."""
+        """Return the ranges (n,) of each row of a :class:`WaveMovement` below and above rest, rad or m."""
         limits = self.scorer.limits
         below, above = self.rest - limits.low, limits.high - self.rest
         if self.balancing and limits.support is not None:
-            now = float(static_pressure(self.scorer.predictor.body, self.rest[None])[0])
+            now = float(static_centre_of_pressure(self.scorer.predictor.body, self.rest[None])[0])
             below[0], above[0] = now - limits.support[0], limits.support[1] - now
         return np.maximum(below, 0.0), np.maximum(above, 0.0)
 
     @property
     def units(self) -> FloatArray:
-        """Step (n,) that each row of a movement is rounded to: a degree, or half a centimetre of pressure."""
+        """Step (n,) to which each row of a movement is rounded: a degree, or half a centimetre of pressure."""
         units = np.full(len(self.rest), np.radians(1.0))
         units[0] = SWAY if self.balancing else units[0]
         return units
 
-    def single_joint(self, joint: int, frequency: float, seconds: float) -> WaveMovement | None:
-        """Swing one joint as far as the limits allow, in whole degrees; a person who balances sways instead."""
+    def swing(self, joint: int, frequency: float, seconds: float) -> WaveMovement | None:
+        """Return the largest swing of one joint within the limits, in whole degrees; None if it is too small."""
         below, above = (float(part[joint]) for part in self.reaches())
         one_side = min(below, above) < _SYMMETRIC * max(below, above)
         size = max(below, above) / 2 if one_side else min(below, above)
         side = 1.0 if above > below else -1.0
         at = np.arange(len(self.rest)) == joint
         waves = replace(
-            rest_movement(self.rest, self.balancing),
+            hold_posture(self.rest, self.balancing),
             centre=np.where(at, side * size if one_side else 0.0, 0.0),
             frequency=np.full(len(at), frequency),
             amplitude=np.where(at, size, 0.0)[:, None] * [1.0, 0.0],
             phase=np.where(at, -side * np.pi / 2 if one_side else 0.0, 0.0)[:, None] * [1.0, 1.0],
         )
-        found = self.fit_to_limits(waves, seconds)
-        size = 0.0 if found is None else float(found.amplitude[joint, 0])
-        unit = float(self.units[joint])
+        scaled = self.fit_to_limits(waves, seconds)
+        if scaled is None:
+            return None
+        size, unit = float(scaled.amplitude[joint, 0]), float(self.units[joint])
         whole = unit * np.floor(size / unit + 1e-6)
-        return None if found is None or whole < (2 * unit if unit != SWAY else unit) else found.sized(whole / size)
+        return None if whole < (2 * unit if unit != SWAY else unit) else scaled.scale(whole / size)
 
 
-def simple_movements(family: MovementFamily) -> Iterator[SimpleMovement]:
+def list_simple_movements(family: MovementFamily) -> Iterator[SimpleMovement]:
     """Yield all simple movements within the limits."""
-    yield from _own_changed(family)
-    one_joint = len(family.joints) == 1
-    parts = len(family.joints)
+    yield from _change_own_movement(family)
+    joints = len(family.joints)
     singles: list[list[WaveMovement]] = []
-    for joint in range(parts):
-        found = [family.single_joint(joint, frequency, family.seconds / max(parts, 2)) for frequency in FREQUENCIES]
-        singles.append([waves for waves in found if waves is not None])
-        if one_joint or family.mixed:
-            yield from (_by_itself(family, waves) for waves in singles[joint])
-    if not one_joint:
-        yield from _in_turn(family, singles)
+    for joint in range(joints):
+        swings = [family.swing(joint, frequency, family.seconds / max(joints, 2)) for frequency in FREQUENCIES]
+        singles.append([waves for waves in swings if waves is not None])
+        if joints == 1 or family.mixed:
+            yield from (_move_alone(family, waves) for waves in singles[joint])
+    if joints > 1:
+        yield from _move_in_turn(family, singles)
 
 
-def _own_changed(family: MovementFamily) -> Iterator[SimpleMovement]:
+def _change_own_movement(family: MovementFamily) -> Iterator[SimpleMovement]:
+    """Yield the trial's own movement, faster or larger, as far as the limits allow it."""
     predictor = family.scorer.predictor
-    own = predictor.own.thinned(family.scorer.comparison_rate)
-    for change, joint in possible_changes(len(family.joints)):
+    own = predictor.own.thin(family.scorer.comparison_rate)
+    for change, joint in list_changes(len(family.joints)):
         if change != "alone":
             movement = change_movement(own, change, joint)
             if family.scorer.usage(movement) <= 1.0:
@@ -159,7 +131,8 @@ def _own_changed(family: MovementFamily) -> Iterator[SimpleMovement]:
                 yield SimpleMovement(words, movement, seconds=predictor.now.samples, change=changed)
 
 
-def _by_itself(family: MovementFamily, waves: WaveMovement) -> SimpleMovement:
+def _move_alone(family: MovementFamily, waves: WaveMovement) -> SimpleMovement:
+    """Return a movement of one joint, beside the trial's own movement if there are other joints."""
     words, rate = describe_waves(waves, family.joints), family.scorer.comparison_rate
     if len(family.joints) == 1:
         return SimpleMovement(words, compose_trajectory((waves,), family, rate), (waves,))
@@ -167,8 +140,8 @@ def _by_itself(family: MovementFamily, waves: WaveMovement) -> SimpleMovement:
     return SimpleMovement(f"{HALF}{words}", movement, (waves,), shared=True)
 
 
-def _in_turn(family: MovementFamily, singles: Sequence[Sequence[WaveMovement]]) -> Iterator[SimpleMovement]:
-    """Yield movements of one joint after the other, all joints at the same frequency."""
+def _move_in_turn(family: MovementFamily, singles: Sequence[Sequence[WaveMovement]]) -> Iterator[SimpleMovement]:
+    """Yield movements of one joint after the other, all at the same frequency."""
     for frequency in FREQUENCIES:
         chosen = [waves for several in singles for waves in several if waves.frequency[0] == frequency]
         if len(chosen) == len(family.joints):
@@ -181,18 +154,20 @@ def _in_turn(family: MovementFamily, singles: Sequence[Sequence[WaveMovement]]) 
 def compose_trajectory(
     waves: Sequence[WaveMovement], family: MovementFamily, rate: float, shared: bool = False
 ) -> Trajectory:
-    """Sample movements one after the other; if ``shared``, the first half of the trial's own movement comes first."""
+    """Sample movements one after the other; if ``shared``, after the first half of the trial's own movement."""
     predictor = family.scorer.predictor
     seconds = family.seconds / (len(waves) + shared)
     parts = [each.trajectory(predictor.body, seconds, rate) for each in waves]
     if shared:
-        own = predictor.own.thinned(rate)
-        first = own.until(own.seconds / 2)
+        own = predictor.own.thin(rate)
+        first = own.cut(own.seconds / 2)
         assert first.fitted is not None
-        parts = [replace(first, fitted=first.fitted & predictor.fitted(replace(first, fitted=None))), *parts]
+        parts = [replace(first, fitted=first.fitted & predictor.find_fitted(replace(first, fitted=None))), *parts]
     if len(parts) == 1:
         return parts[0]
-    whole, *rest = (part if part.fitted is not None else replace(part, fitted=predictor.fitted(part)) for part in parts)
+    whole, *rest = (
+        part if part.fitted is not None else replace(part, fitted=predictor.find_fitted(part)) for part in parts
+    )
     for part in rest:
         whole = concatenate(whole, part)
     return whole

@@ -1,4 +1,4 @@
-"""A sampled movement: joint angles and derivatives at even times, and the samples that an identification fits."""
+"""A sampled movement: joint angles with derivatives, and the samples that an identification fits."""
 
 from __future__ import annotations
 
@@ -17,22 +17,14 @@ _DEGREE = 5  # of the splines behind derivatives: two more than the acceleration
 
 @dataclass(frozen=True)
 class Trajectory:
-    """Joint angles and their derivatives, sample by sample.
+    """Joint angles and their derivatives, sample by sample."""
 
-    Parameters
-    ----------
-    time : (T,) array
-        Even steps, s.
-    q, dq, ddq : (T, n) arrays
-        Joint angles, rad, and derivatives; NaN where unknown.
-    fitted : (T,) bool array or None
-        Samples that an identification uses; None for all that its filter leaves.
-    """
-
-    time: FloatArray
+    time: FloatArray  # (T,) sample times with constant step, s
+    # q, dq, ddq: (T, n) joint angles, rad, and their time derivatives; NaN where missing
     q: FloatArray
     dq: FloatArray
     ddq: FloatArray
+    # (T,) samples that an identification fits; None for all samples away from gaps and ends
     fitted: BoolArray | None = None
 
     @property
@@ -47,26 +39,27 @@ class Trajectory:
 
     @property
     def known(self) -> BoolArray:
-        """Samples (T,) with a known state."""
+        """Whether angle, velocity and acceleration of every joint have a value, (T,) bool."""
         return np.asarray(np.isfinite(np.hstack([self.q, self.dq, self.ddq])).all(axis=1))
 
-    def thinned(self, rate: float) -> Trajectory:
+    def thin(self, rate: float) -> Trajectory:
         """Return every k-th sample, with the largest k that leaves at least ``rate`` samples per second."""
-        return self._part(slice(None, None, max(1, int(self.rate / rate + _ROUNDING))))
+        return self._select(slice(None, None, max(1, int(self.rate / rate + _ROUNDING))))
 
-    def until(self, seconds: float) -> Trajectory:
+    def cut(self, seconds: float) -> Trajectory:
         """Return the first ``seconds`` of the movement."""
-        return self._part(slice(None, max(2, round(seconds * self.rate))))
+        return self._select(slice(None, max(2, round(seconds * self.rate))))
 
-    def _part(self, own: slice) -> Trajectory:
+    def _select(self, own: slice) -> Trajectory:
+        """Return some of the samples."""
         fitted = None if self.fitted is None else self.fitted[own]
         return Trajectory(self.time[own], self.q[own], self.dq[own], self.ddq[own], fitted)
 
-    def scaled(self, speed: FloatArray, size: FloatArray) -> Trajectory:
-        """Return the movement with each joint's speed and size (n,) multiplied, about its median angle.
+    def scale(self, speed: FloatArray, size: FloatArray) -> Trajectory:
+        """Return the movement with the speed and the size of each joint multiplied by factors (n,).
 
-        A joint that is faster than the others runs back and forth through its own recording. If all joints have the
-        same speed, they pass through the recorded postures.
+        The size is changed about the joint's median angle. A joint that is faster than the others runs back and forth
+        through its own recording. If all joints have the same speed, they pass through the recorded postures.
         """
         time, length = self.time - self.time[0], float(self.time[-1] - self.time[0])
         if np.all(speed == speed[0]):
@@ -76,39 +69,39 @@ class Trajectory:
         clock = np.where(forth, clock, 2 * length - clock)
         return Trajectory(
             time,
-            self._middle + size * (self._at(self.q, clock) - self._middle),
-            np.where(forth, 1.0, -1.0) * size * speed * self._at(self.dq, clock),
-            size * speed**2 * self._at(self.ddq, clock),
+            self._middle + size * (self._interpolate(self.q, clock) - self._middle),
+            np.where(forth, 1.0, -1.0) * size * speed * self._interpolate(self.dq, clock),
+            size * speed**2 * self._interpolate(self.ddq, clock),
             self.fitted,
         )
 
     @cached_property
     def _middle(self) -> FloatArray:
-        """Median angles (n,), rad."""
+        """Median angles of the fitted samples (n,), rad."""
         return np.asarray(np.nanmedian(self.q if self.fitted is None else self.q[self.fitted], axis=0))
 
-    def _at(self, values: FloatArray, clock: FloatArray) -> FloatArray:
-        """Return values (T, n) interpolated at every joint's own times (R, n) from the beginning, s."""
+    def _interpolate(self, values: FloatArray, clock: FloatArray) -> FloatArray:
+        """Return values (T, n) at times (R, n), which are the seconds from the beginning for each joint."""
         stamped = self.time - self.time[0]
         return np.stack(
             [np.interp(own, stamped, column) for own, column in zip(clock.T, values.T, strict=True)], axis=1
         )
 
 
-def recorded_trajectory(recorded: TrialData, fitted: BoolArray) -> Trajectory:
-    """Return the recorded movement, with the samples (T,) that were fitted."""
+def get_recorded_trajectory(recorded: TrialData, fitted: BoolArray) -> Trajectory:
+    """Return the recorded movement of a trial, with the samples (T,) that were fitted."""
     return Trajectory(recorded.time, recorded.q, recorded.dq, recorded.ddq, fitted)
 
 
-def spline_trajectory(time: FloatArray, q: FloatArray) -> Trajectory:
-    """Return the smooth movement through angles (T, n), rad, at even times (T,), s."""
+def fit_trajectory(time: FloatArray, q: FloatArray) -> Trajectory:
+    """Return the smooth movement through angles (T, n), rad, at times (T,) with constant step, s."""
     spline = make_interp_spline(time, q, k=_DEGREE)
     q, dq, ddq = (np.asarray(spline(time, order), dtype=np.float64) for order in range(3))
     return Trajectory(time, q, dq, ddq)
 
 
 def concatenate(first: Trajectory, then: Trajectory) -> Trajectory:
-    """Return two movements one after the other; both need ``fitted``, which must exclude the transition."""
+    """Return two movements one after the other. Both must have ``fitted``, which must exclude the transition."""
     assert first.fitted is not None and then.fitted is not None
     time = np.concatenate([first.time, first.time[-1] + 1.0 / first.rate + then.time - then.time[0]])
     pairs = ((first.q, then.q), (first.dq, then.dq), (first.ddq, then.ddq))

@@ -1,107 +1,94 @@
 """Movements of sine waves: every joint swings with a wave and its first overtone.
 
-A standing person has to keep balance and cannot swing three joints as a robot does. There, the angle of the first
-joint, the ankle, follows from the wanted centre of pressure; the movement then describes how the person sways.
+A standing person has to keep balance and cannot swing three joints as a robot does. The movement of a person therefore
+describes the sway of the centre of pressure, and the angle of the first joint, the ankle, follows from it.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.design.predicted_covariance import IdentifiedBody
-from mocap_id.design.trajectory import Trajectory, spline_trajectory
+from mocap_id.design.trajectory import Trajectory, fit_trajectory
 
+_LEAST_SWING = np.radians(0.5)  # smaller swings are not mentioned
+_LEAST_SWAY = 0.0025  # m
 LEAD, RAMP = 0.5, 1.5  # s: rest at both ends, and time over which the movement grows and fades
 
 
 @dataclass(frozen=True)
 class WaveMovement:
-    """Parameters of a wave movement of n joints.
+    """Parameters of a wave movement of n joints."""
 
-    Parameters
-    ----------
-    rest : (n,) array
-        Angles at both ends, rad.
-    centre : (n,) array
-        Centre of each swing relative to ``rest``, rad.
-    frequency : (n,) array
-        Frequency of each joint's wave, Hz.
-    amplitude, phase : (n, 2) arrays
-        Values of the wave and of its first overtone, rad.
-    balanced : bool
-        The first row describes the centre of pressure of the posture, m, and not a joint.
-    """
-
-    rest: FloatArray
-    centre: FloatArray
-    frequency: FloatArray
+    rest: FloatArray  # (n,) angles at both ends, rad
+    centre: FloatArray  # (n,) centre of each swing relative to ``rest``, rad
+    frequency: FloatArray  # (n,) frequency of each joint's wave, Hz
+    # amplitude, phase: (n, 2) amplitude and phase of the wave and of its first overtone, rad
     amplitude: FloatArray
     phase: FloatArray
+    # whether the first row is the centre of pressure, m, instead of the angle of the first joint
     balanced: bool = False
 
-    def sized(self, scale: float) -> WaveMovement:
-        """Return the movement with its swings and their centres multiplied by ``scale``."""
+    def scale(self, scale: float) -> WaveMovement:
+        """Return the movement with its amplitudes and its centres multiplied by ``scale``."""
         return replace(self, centre=scale * self.centre, amplitude=scale * self.amplitude)
 
     def trajectory(self, body: IdentifiedBody, seconds: float, rate: float) -> Trajectory:
-        """Sample the movement; all angles are NaN if a posture cannot keep the balance.
+        """Return the movement of a body, sampled for a duration (s) at a rate.
 
-        Parameters
-        ----------
-        body : IdentifiedBody
-        seconds, rate : float
-            Duration, s, and samples per second.
+        All angles are NaN if a posture cannot keep the balance.
         """
         time = np.arange(round(seconds * rate)) / rate
         angle = 2 * np.pi * np.multiply.outer(time, self.frequency)  # (T, n)
         swing = sum(self.amplitude[:, k] * np.sin((k + 1) * angle + self.phase[:, k]) for k in range(2))
-        moved = _envelope(time, seconds)[:, None] * (self.centre + swing)
+        moved = _compute_envelope(time, seconds)[:, None] * (self.centre + swing)
         q = self.rest + moved
         if self.balanced:
-            q[:, 0] = balance(body, q, static_pressure(body, self.rest[None])[0] + moved[:, 0], self.rest[0])
+            q[:, 0] = balance(body, q, static_centre_of_pressure(body, self.rest[None])[0] + moved[:, 0], self.rest[0])
         if not np.isfinite(q).all():
             return Trajectory(time, q, q, q)
-        return spline_trajectory(time, q)
+        return fit_trajectory(time, q)
 
 
-def rest_movement(rest: FloatArray, balanced: bool = False) -> WaveMovement:
+def hold_posture(rest: FloatArray, balanced: bool = False) -> WaveMovement:
     """Return a movement that stays in the posture ``rest`` (n,), rad."""
     none = np.zeros((len(rest), 2))
     return WaveMovement(rest, np.zeros(len(rest)), np.full(len(rest), 0.5), none, none, balanced)
 
 
-def static_pressure(body: IdentifiedBody, q: FloatArray) -> FloatArray:
-    """Return the centre of pressure (T,) of postures (T, n) at rest, m."""
-    wrench = body.regressor(q, np.zeros_like(q), np.zeros_like(q)) @ body.found.base
+def static_centre_of_pressure(body: IdentifiedBody, q: FloatArray) -> FloatArray:
+    """Return the centre of pressure (T,), m, of a body at rest in postures (T, n), rad."""
+    wrench = body.regressor(q, np.zeros_like(q), np.zeros_like(q)) @ body.result.base
     return np.asarray(wrench[:, 2] / wrench[:, 1])
 
 
 def balance(body: IdentifiedBody, q: FloatArray, target: FloatArray, near: float) -> FloatArray:
-    """Return the angle of the first joint (T,), rad, that moves the posture's centre of pressure to a target.
+    """Return the angles of the first joint (T,), rad, that move the centre of pressure to a target.
 
-    Everything above the first joint turns with it, so the centre of pressure is a constant plus a sine of its angle.
+    All segments above the first joint rotate with it, so the centre of pressure is a constant plus a sine of its angle.
 
     Parameters
     ----------
     body : IdentifiedBody
+        The body that keeps the balance.
     q : (T, n) array
-        Postures; the first joint's angle is not used.
+        Postures, rad; the angle of the first joint is not used.
     target : (T,) array
-        m.
+        Centre of pressure to reach, m.
     near : float
-        Of the two solutions, the one closer to this angle is taken, rad.
+        Of the two solutions, the one closer to this angle is returned, rad.
     """
     ahead, across = q.copy(), q.copy()
     ahead[:, 0], across[:, 0] = 0.0, np.pi / 2
-    at_zero, at_right = np.split(static_pressure(body, np.concatenate([ahead, across])), 2)
+    at_zero, at_right = np.split(static_centre_of_pressure(body, np.concatenate([ahead, across])), 2)
     opposite = q[:1].copy()
     opposite[:, 0] = np.pi
-    constant = float(
-        (at_zero[0] + static_pressure(body, opposite)[0]) / 2
-    )  # of what does not turn: any posture gives it
+    # the part of the base, which does not rotate, is the same in every posture
+    constant = float((at_zero[0] + static_centre_of_pressure(body, opposite)[0]) / 2)
     cosine, sine = at_zero - constant, at_right - constant
     reach = (target - constant) / np.hypot(cosine, sine)
     with np.errstate(invalid="ignore"):  # NaN if no angle reaches the target
@@ -111,7 +98,44 @@ def balance(body: IdentifiedBody, q: FloatArray, target: FloatArray, near: float
     return np.asarray(near + np.where(np.abs(off[0]) <= np.abs(off[1]), off[0], off[1]))
 
 
-def _envelope(time: FloatArray, seconds: float) -> FloatArray:
-    """Return 0 for half a second at both ends and 1 between, with three continuous derivatives."""
+def _compute_envelope(time: FloatArray, seconds: float) -> FloatArray:
+    """Return weights (T,) that rise from 0 at both ends to 1, with three continuous derivatives."""
     side = np.clip((np.minimum(time, time[-1] - time) - LEAD) / min(RAMP, seconds / 4), 0.0, 1.0)
     return np.asarray(side**4 * (35.0 - 84.0 * side + 70.0 * side**2 - 20.0 * side**3))
+
+
+def describe_waves(waves: WaveMovement, joints: Sequence[str]) -> str:
+    """Return the movement as instructions, one phrase for each of the named joints."""
+    phrases = [_describe_joint(waves, j, joints[j]) for j in range(int(waves.balanced), len(joints))]
+    text = "; ".join(phrase for phrase in phrases if phrase)
+    if not waves.balanced:
+        return text
+    sway = float(waves.amplitude[0, 0])
+    keeping = f"let {add_article(joints[0])} keep the balance"
+    if abs(sway) < _LEAST_SWAY:
+        return f"{text}; {keeping}"
+    swaying = f"sway to and fro by {100 * abs(sway):.1f} cm at {waves.frequency[0]:.2f} Hz"
+    return "; ".join(part for part in (text, f"{swaying} and {keeping}") if part)
+
+
+def _describe_joint(waves: WaveMovement, joint: int, name: str) -> str:
+    """Return the phrase for one joint; empty if it hardly moves."""
+    size = float(np.hypot(*waves.amplitude[joint]))
+    if size < _LEAST_SWING:
+        if abs(waves.centre[joint]) < _LEAST_SWING:
+            return ""
+        return f"hold {add_article(name)} at {_format_degrees(waves.rest[joint] + waves.centre[joint])}"
+    middle, first = waves.rest[joint] + waves.centre[joint], abs(float(waves.amplitude[joint, 0]))
+    overtone = abs(float(waves.amplitude[joint, 1]))
+    ends = f"from {_format_degrees(middle - first)} to {_format_degrees(middle + first)}"
+    second = f", and {_format_degrees(overtone)} at twice that" if overtone >= _LEAST_SWING else ""
+    return f"swing {add_article(name)} by ±{_format_degrees(first)} ({ends}) at {waves.frequency[joint]:.2f} Hz{second}"
+
+
+def add_article(name: str) -> str:
+    """Return a joint's name as used within a sentence: ``the hip``, but ``joint 2``."""
+    return name if name[-1:].isdigit() else f"the {name}"
+
+
+def _format_degrees(angle: float) -> str:
+    return f"{round(float(np.degrees(angle))):d}°"

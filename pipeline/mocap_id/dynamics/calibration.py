@@ -174,9 +174,9 @@ def calibration_effect(
     if "inertia" in sd:
         column[:, :, 4] = (filtered(prepared.motion, 0.0) + wrench) * sd["inertia"]
     if "lengths" in sd:
-        column[:, :, 5] = -filtered(prepared.motion.scaled(1 + _STEP)) / _STEP * sd["lengths"]
+        column[:, :, 5] = -filtered(prepared.motion.scale(1 + _STEP)) / _STEP * sd["lengths"]
     if "tilt" in sd:
-        column[:, :, 6] = -filtered(prepared.motion.tilted(_STEP)) / _STEP * sd["tilt"]
+        column[:, :, 6] = -filtered(prepared.motion.tilt(_STEP)) / _STEP * sd["tilt"]
     response = found.response(column[:, components] * found.weights[:, None])[: len(base)]
     gain = (sd.get("gain", 0.0) * base)[:, None]
     modes = np.concatenate([gain, response], axis=1)
@@ -207,7 +207,7 @@ def calibration_torque_variance(prepared: PreparedTrial, base: FloatArray, effec
     changed = own @ effect.parameters
     if effect.inertia:
         changed[:, :, -3] -= rows(motion, 0.0) @ base * effect.inertia
-    for mode, moved, size in ((-2, motion.scaled(1 + _STEP), effect.lengths), (-1, motion.tilted(_STEP), effect.tilt)):
+    for mode, moved, size in ((-2, motion.scale(1 + _STEP), effect.lengths), (-1, motion.tilt(_STEP), effect.tilt)):
         changed[:, :, mode] += (rows(moved) - own) @ base / _STEP * size
     variance, out = np.sum(changed**2, axis=2), np.full((len(time), joints), np.nan)
     for joint in range(joints):

@@ -56,13 +56,13 @@ class PlanarMotion:
             self.beyond,
         )
 
-    def scaled(self, factor: float) -> PlanarMotion:
+    def scale(self, factor: float) -> PlanarMotion:
         """Return the motion with all lengths multiplied by a factor."""
         return replace(
             self, origin=self.origin * factor, acceleration=self.acceleration * factor, joint=self.joint * factor
         )
 
-    def tilted(self, angle: float) -> PlanarMotion:
+    def tilt(self, angle: float) -> PlanarMotion:
         """Return the motion turned about the plane frame's origin by an angle, rad; gravity keeps its direction."""
         turn = np.asarray(angle)
         return replace(

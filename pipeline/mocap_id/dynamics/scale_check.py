@@ -186,8 +186,8 @@ def _problem(prepared: PreparedTrial, gate: BoolArray, found: Identification, ra
     plain = prepared.regressor[::step]
     moved = {
         "inertia": wrench_regressor(motion, 0.0),
-        "lengths": (plain - wrench_regressor(motion.scaled(1 + _STEP), gravity)) / _STEP,
-        "tilt": (plain - wrench_regressor(motion.tilted(_STEP), gravity)) / _STEP,
+        "lengths": (plain - wrench_regressor(motion.scale(1 + _STEP), gravity)) / _STEP,
+        "tilt": (plain - wrench_regressor(motion.tilt(_STEP), gravity)) / _STEP,
     }
     model = lowpass(plain[:, :, kept])
     usable = erode(known(model) & known(measured) & gate[::step], lowpass.reach_samples)

@@ -30,21 +30,11 @@ _CONFIGURED = "by the configuration"
 
 @dataclass(frozen=True)
 class PlateChoice:
-    """Use of every plate.
+    """Use of every plate."""
 
-    Parameters
-    ----------
-    uses : tuple of {"feet", "seat", "unloaded", "ignored"}
-        Use of each plate; a plate is ignored if it is unusable or not named in the configuration.
-    loads : tuple of float
-        Mean upward force of each plate, N; NaN for a plate without valid samples.
-    why : tuple of str
-        Reason for each use.
-    """
-
-    uses: tuple[Use, ...]
-    loads: tuple[float, ...]
-    why: tuple[str, ...]
+    uses: tuple[Use, ...]  # use of each plate; a plate is ignored if it is unusable or not named in the configuration
+    loads: tuple[float, ...]  # mean upward force of each plate, N; NaN for a plate without valid samples
+    why: tuple[str, ...]  # reason for each use
 
     def indices(self, use: Use) -> tuple[int, ...]:
         """Return the indices (from 0) of the plates with this use."""

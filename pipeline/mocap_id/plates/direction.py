@@ -26,21 +26,11 @@ _MIN_TOTAL_S = 1.0
 
 @dataclass(frozen=True)
 class ForceDirection:
-    """Direction of the horizontal force relative to the measured acceleration.
+    """Direction of the horizontal force relative to the measured acceleration."""
 
-    Parameters
-    ----------
-    angle : float
-        Angle about the vertical from the acceleration to the force, in (-π, π] in steps of 5°, rad.
-    coherence : float
-        Correlation of the force with the acceleration after rotation by the angle, 0 to 1.
-    size : float
-        Root mean square of the force minus its mean, N.
-    """
-
-    angle: float
-    coherence: float
-    size: float
+    angle: float  # angle about the vertical from the acceleration to the force, in (-π, π] in steps of 5°, rad
+    coherence: float  # correlation of the force with the acceleration after rotation by the angle, 0 to 1
+    size: float  # root mean square of the force minus its mean, N
 
 
 def compare_directions(force: FloatArray, positions: FloatArray, rate: float) -> ForceDirection | None:

@@ -61,34 +61,18 @@ _MIN_TOTAL_S = 1.0
 
 @dataclass(frozen=True)
 class PlatePlacement:
-    """Position of one plate relative to the feet on it.
+    """Position of one plate relative to the feet on it."""
 
-    Parameters
-    ----------
-    index : int
-        The plate's number, from 1.
-    off_feet : float or None
-        90th percentile of the distance of the centre of pressure from the outline of the feet, m, negative inside; None
-        if it cannot be determined.
-    unknown : str or None
-        The reason why ``off_feet`` is None.
-    allowance : float
-        Length by which the outline of the markers may be shorter than the foot, m.
-    over_surface : float or None
-        Height of the lowest foot marker above the surface of the plate, m; None without foot markers or corners.
-    normal : (3,) array or None
-        Upward normal of the surface in lab axes; None if the file has no corners.
-    load : float
-        Mean vertical force over the loaded samples, N.
-    """
-
-    index: int
+    index: int  # the plate's number, from 1
+    # 90th percentile of the distance of the centre of pressure from the outline of the feet, m, negative inside; None
+    # if it cannot be determined
     off_feet: float | None
-    unknown: str | None
-    allowance: float
+    unknown: str | None  # the reason why ``off_feet`` is None
+    allowance: float  # length by which the outline of the markers may be shorter than the foot, m
+    # height of the lowest foot marker above the surface of the plate, m; None without foot markers or corners
     over_surface: float | None
-    normal: FloatArray | None
-    load: float
+    normal: FloatArray | None  # (3,) upward normal of the surface in lab axes; None if the file has no corners
+    load: float  # mean vertical force over the loaded samples, N
 
     @property
     def inclined(self) -> float | None:

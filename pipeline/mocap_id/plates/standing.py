@@ -33,18 +33,10 @@ _MIN_DROPOUT_S = 0.6
 
 @dataclass(frozen=True)
 class EmptyChairReading:
-    """Reading of the plates under an empty chair, including the weight of the chair.
+    """Reading of the plates under an empty chair, including the weight of the chair."""
 
-    Parameters
-    ----------
-    reading : (3,) array or None
-        Median (Fx, Fy, tauz), N and N·m; None if the chair is never known to be empty.
-    spread : (3,) array or None
-        Standard deviation of the samples of this median, N and N·m.
-    """
-
-    reading: FloatArray | None
-    spread: FloatArray | None
+    reading: FloatArray | None  # (3,) median (Fx, Fy, tauz), N and N·m; None if the chair is never known to be empty
+    spread: FloatArray | None  # (3,) standard deviation of the samples of this median, N and N·m
 
 
 def standing_mass(positions: FloatArray, rate: float, vertical: FloatArray) -> tuple[float | None, str | None]:

@@ -103,7 +103,7 @@ def test_a_turned_laboratory_turns_the_wrench() -> None:
     turn = so3.exp(np.array([0.0, 0.7, 0.0]))  # about the vertical
     motion = joint_motion(chain, base, *states)
     turned = joint_motion(chain, se3.pose(turn, np.zeros(3)) @ base, *states)
-    np.testing.assert_allclose(motion.turned(turn).jacobian, turned.jacobian, atol=1e-12)
+    np.testing.assert_allclose(motion.rotate(turn).jacobian, turned.jacobian, atol=1e-12)
     wrench, expected = segment_regressor(turned) @ bodies, segment_regressor(motion) @ bodies
     np.testing.assert_allclose(wrench.reshape(-1, 2, 3), expected.reshape(-1, 2, 3) @ turn.T, atol=1e-10)
     torques = [torque_regressor(each, segment_regressor(each)) @ bodies for each in (motion, turned)]

@@ -130,9 +130,9 @@ def _of_plate(wrench: FloatArray, sd: SpatialCalibration) -> Iterator[tuple[str,
 def _of_motion(trial: SpatialTrial, sd: SpatialCalibration) -> Iterator[tuple[str, SpatialMotion, float]]:
     """Yield the motion after one step of each error of the cameras and of the joint centres, and the error's size."""
     recorded = trial.recorded
-    yield "lengths", recorded.motion.scaled(1 + _STEP), sd.lengths
+    yield "lengths", recorded.motion.scale(1 + _STEP), sd.lengths
     for axis in (0, 2):
-        yield "tilt", recorded.motion.turned(so3.exp(_STEP * np.eye(3)[axis])), sd.tilt
+        yield "tilt", recorded.motion.rotate(so3.exp(_STEP * np.eye(3)[axis])), sd.tilt
     for k, joint in enumerate(recorded.chain.joints):
         if not np.isfinite(joint.covariance).all():
             continue

@@ -51,13 +51,13 @@ class SpatialMotion:
         changed = {each.name: getattr(self, each.name)[samples] for each in fields(self) if each.name != "beyond"}
         return replace(self, **changed)
 
-    def scaled(self, factor: float) -> SpatialMotion:
+    def scale(self, factor: float) -> SpatialMotion:
         """Return the motion with all lengths multiplied by a factor."""
         return replace(
             self, origin=self.origin * factor, acceleration=self.acceleration * factor, joint=self.joint * factor
         )
 
-    def turned(self, rotation: FloatArray) -> SpatialMotion:
+    def rotate(self, rotation: FloatArray) -> SpatialMotion:
         """Return the motion after a rotation (3, 3) about the origin of the trial's frame; gravity stays."""
         vectors = {
             name: getattr(self, name) @ rotation.T

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.design.recommendation import recommend_where_needed, recommendation_text
+from mocap_id.design.recommendation import describe_recommendations, recommend_if_doubtful
 from mocap_id.dynamics.acceleration_noise import acceleration_correlation
 from mocap_id.dynamics.built_in_sensors import with_sensors
 from mocap_id.dynamics.cautions import find_cautions
@@ -173,7 +173,7 @@ def _of_chain(
         chain=prepared,
         in_chain=found,
         excitation=excited,
-        recommendations=recommend_where_needed(prepared, found, excited),
+        recommendations=recommend_if_doubtful(prepared, found, excited),
         model=model,
         grid=inputs.grid,
         references=references,
@@ -196,7 +196,7 @@ def _of_bodies(
         chain=prepared,
         in_chain=segments.in_chain,
         excitation=excited,
-        recommendations=recommend_where_needed(prepared, segments.in_chain, excited),
+        recommendations=recommend_if_doubtful(prepared, segments.in_chain, excited),
         model=predict(segments.prepared, segments.found, segments.noise(), threshold),
         grid=segments.grid,
         references=segments.references,
@@ -219,7 +219,7 @@ def _cautions(context: Context, result: artefacts.IdentifiedDynamics) -> tuple[R
     """Return cautions about the identification, and about what the fitted components leave undetermined."""
     facts = context.table("wrench.parquet").facts
     standing, given = facts.get("mass_kg"), context.trial.subject.mass
-    recommended = recommendation_text(result.excitation, result.recommendations, joint_names(context))
+    recommended = describe_recommendations(result.excitation, result.recommendations, joint_names(context))
     reasons = find_cautions(
         result.prepared,
         result.found,

@@ -11,10 +11,10 @@ import numpy as np
 from mocap_id import runner
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.design.experiment import ExperimentDesign, design_experiment
-from mocap_id.design.movement_limits import MovementLimits, derive_limits, resting_posture
+from mocap_id.design.movement_limits import MovementLimits, derive_limits, find_resting_posture
 from mocap_id.design.predicted_covariance import CovariancePredictor, IdentifiedBody
-from mocap_id.design.trajectory import recorded_trajectory
-from mocap_id.design.wave_movement import static_pressure
+from mocap_id.design.trajectory import get_recorded_trajectory
+from mocap_id.design.wave_movement import static_centre_of_pressure
 from mocap_id.dynamics.base_parameters import base_names, base_units
 from mocap_id.dynamics.built_in_sensors import SensorNoise, predict_with_sensor
 from mocap_id.dynamics.identification import Identification
@@ -88,12 +88,12 @@ def advise(path: Path, options: AdviceOptions | None = None, progress: runner.Pr
     assert not isinstance(answer, NotIdentifiable)  # it was identified before, from the same artefacts
     prepared, movement, found = answer
     joints = joint_names(context.tree("chain.h5"))
-    own, centres = recorded_trajectory(prepared.recorded, found.fit.in_fit), prepared.recorded.centres
-    predictor = CovariancePredictor.from_trial(IdentifiedBody(prepared, found), own, _geometry(context))
+    own, centres = get_recorded_trajectory(prepared.recorded, found.fit.in_fit), prepared.recorded.centres
+    predictor = CovariancePredictor(IdentifiedBody(prepared, found), own, _geometry(context))
     bolted = options.support == "bolted" or (options.support is None and context.trial.protocol == "robot-joint")
-    rest = resting_posture(own, centres, upright=not bolted)
+    rest = find_resting_posture(own, centres, upright=not bolted)
     limits = options.over(_observed_limits(predictor, rest, _widen(options, context), bolted), joints)
-    rest = limits.inside(rest)  # the options may exclude the observed posture
+    rest = limits.clip(rest)  # the options may exclude the observed posture
     chosen = design_experiment(
         predictor,
         limits,
@@ -171,5 +171,5 @@ def _observed_limits(predictor: CovariancePredictor, rest: FloatArray, widened: 
         speed=(float(_SPEED[0]), np.inf if bolted else float(_SPEED[1])),
         acceleration=(float(_ACCELERATION[0]), np.inf if bolted else float(_ACCELERATION[1])),
         slack=None if bolted else _SLACK,
-        at_rest=float(static_pressure(predictor.body, rest[None])[0]),
+        at_rest=float(static_centre_of_pressure(predictor.body, rest[None])[0]),
     )
