@@ -26,7 +26,7 @@ class MovementLimits:
     # speed, acceleration: (n,) largest speed and acceleration of each joint, rad/s and rad/s²
     speed: FloatArray
     acceleration: FloatArray
-    # (float, float) or None allowed range of the centre of pressure, m; None for a base that is bolted down
+    # allowed range of the centre of pressure, m; None for a base that is bolted down
     support: tuple[float, float] | None
 
     def clip(self, posture: FloatArray) -> FloatArray:
