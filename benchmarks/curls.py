@@ -19,7 +19,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.config import load
 from mocap_id.errors import MocapIdError
-from mocap_id.protocols.curl.in_step import part_in_step
+from mocap_id.protocols.curl.compensation import fit_part_in_step
 from mocap_id.protocols.curl.repetitions import Curl
 from mocap_id.runner import run
 from mocap_id.simulation.arm import ArmOptions, write_arm
@@ -140,7 +140,7 @@ def compare_angles(
     in_step, flexion = np.full(3, np.nan), np.full(3, np.nan)
     if found is not None:
         first = [Curl(curls[0]["start"], curls[0]["top"], curls[0]["end"], 1.0, complete=True)]
-        exact = part_in_step(time, axial, np.zeros(len(time)), bent, None, first)
+        exact = fit_part_in_step(time, axial, np.zeros(len(time)), bent, None, first)
         low, high = found["interval_rad"]
         held = low <= exact.range <= high
         in_step[:] = np.degrees(found["range_rad"] - exact.range), held, np.degrees(high - low)

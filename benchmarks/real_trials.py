@@ -18,7 +18,7 @@ from mocap_id.dynamics.centre_of_pressure import centre_of_pressure
 from mocap_id.dynamics.lowpass import known
 from mocap_id.dynamics.measured_motion import close_gaps
 from mocap_id.geometry import planar
-from mocap_id.protocols.reference_body import no_reference
+from mocap_id.protocols.reference_body import make_empty_reference
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE
 from mocap_id.stages.identify_dim.function import fit_chain
@@ -130,7 +130,7 @@ def steps(trial: Trial) -> dict[str, list[str]]:
     ways = [on_chain(bare, recorded.q), on_chain(with_others, recorded.q)]
     ways += [replace(chosen, poses=close_gaps(chosen.poses, joints)) for joints in (every, every[:2], [])]
     fits = [fitted(way) for way in ways]
-    fits.append(fitted(chosen, ReferenceBodies(no_reference(len(recorded.centres), None), ())))
+    fits.append(fitted(chosen, ReferenceBodies(make_empty_reference(len(recorded.centres), None), ())))
     best = fits[4]
     first = predict_on_chain(prepared, chain, movement, best)
     assert first is not None

@@ -9,8 +9,8 @@ import pytest
 from dynamics_cases import moving_body
 from test_stage_identify_dim import codes, run, with_
 
-from mocap_id.protocols.posture import posture
-from mocap_id.protocols.sit_to_stand import sit_to_stand_repetitions
+from mocap_id.protocols.posture import compute_posture
+from mocap_id.protocols.sit_to_stand import find_sit_to_stand_repetitions
 from mocap_id.stages.identify_dim.validation import SERIES, reasons
 
 NOISE = (0.5, 0.5, 0.15)
@@ -53,8 +53,8 @@ def test_a_repeated_movement_is_validated() -> None:
 def test_without_two_repetitions_it_says_so(protocol: str, many: str) -> None:
     recorded = moving_body(seconds=30.0, noise=NOISE)
     if protocol == "sit-to-stand":
-        body = posture(recorded.q, recorded.dq, recorded.centres)
-        first = sit_to_stand_repetitions(recorded.time, body, None, chair=False)[0]
+        body = compute_posture(recorded.q, recorded.dq, recorded.centres)
+        first = find_sit_to_stand_repetitions(recorded.time, body, None, chair=False)[0]
         last = recorded.time < first.end + 0.3
         cut = {
             name: getattr(recorded, name)[last] for name in ("time", "q", "dq", "ddq", "ddq_sd", "observed", "wrench")

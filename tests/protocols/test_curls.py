@@ -5,13 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocap_id.protocols.curl.compensation import compensation
-from mocap_id.protocols.curl.elbow_torque import Mass, SegmentMotion, elbow_torque
-from mocap_id.protocols.curl.fatigue import trend
-from mocap_id.protocols.curl.in_step import part_in_step
-from mocap_id.protocols.curl.repetitions import Curl, find_curls
-from mocap_id.protocols.curl.rules import CurlRules
-from mocap_id.protocols.curl.trial_end import find_end
+from mocap_id.protocols.curl.compensation import fit_part_in_step, measure_compensation
+from mocap_id.protocols.curl.elbow_torque import Mass, SegmentMotion, compute_elbow_torque
+from mocap_id.protocols.curl.fatigue import fit_trend
+from mocap_id.protocols.curl.repetitions import Curl, CurlRules, find_curls
+from mocap_id.protocols.curl.trial_end import find_trial_end
 
 TIME = np.arange(0, 24, 0.01)
 RULES = CurlRules(metronome=0.5)
@@ -53,20 +51,20 @@ def test_a_failed_attempt_does_not_count_and_ends_the_trial() -> None:
     curls = found([1.9] * 6 + [0.6])
     assert [curl.complete for curl in curls] == [True] * 6 + [False]
     assert "rises by 34°" in curls[-1].why
-    end = find_end(TIME, AXIS, curls, RULES)
+    end = find_trial_end(TIME, AXIS, curls, RULES)
     assert end.rule == "stopped"
     assert end.time == pytest.approx(15.0, abs=0.1)
 
 
 def test_a_slow_curl_breaks_the_tempo() -> None:
     curls = (*found([1.9] * 3), Curl(9.0, 11.0, 13.0, 1.9, complete=True))
-    assert find_end(TIME, AXIS, curls, RULES).rule == "tempo"
-    assert find_end(TIME, AXIS, curls, CurlRules()).rule == "recording"
+    assert find_trial_end(TIME, AXIS, curls, RULES).rule == "tempo"
+    assert find_trial_end(TIME, AXIS, curls, CurlRules()).rule == "recording"
 
 
 def test_a_pause_ends_the_trial() -> None:
     curls = (*found([1.9] * 3), Curl(16.0, 17.0, 18.0, 1.9, complete=True))
-    end = find_end(TIME, AXIS, curls, RULES)
+    end = find_trial_end(TIME, AXIS, curls, RULES)
     assert (end.rule, round(end.time)) == ("stopped", 9)
 
 
@@ -74,14 +72,14 @@ def test_a_pause_ends_the_trial() -> None:
 def test_only_a_sustained_motion_out_of_the_plane_ends_the_trial(seconds: float, rule: str) -> None:
     out = np.where((TIME > 8) & (8 + seconds > TIME), np.radians(30), 0.0)
     axis = np.stack([np.sin(out), np.zeros(len(TIME)), np.cos(out)], axis=1)
-    assert find_end(TIME, axis, found([1.9] * 8), RULES).rule == rule
+    assert find_trial_end(TIME, axis, found([1.9] * 8), RULES).rule == rule
 
 
 def test_compensation_has_range_offset_and_floor() -> None:
     curls = found([1.9] * 4)
     sway = np.zeros(len(TIME))
     sway += np.radians(12) * (step((TIME - 7) / 0.5) - step((TIME - 8.4) / 0.5))
-    measured = compensation(TIME, sway, np.full(len(TIME), 0.01), curls, RULES)
+    measured = measure_compensation(TIME, sway, np.full(len(TIME), 0.01), curls, RULES)
     ranges = [one.range if one else np.nan for one in measured]
     np.testing.assert_allclose(np.degrees(ranges), [0, 0, 12, 0], atol=0.1)
     still, moved = measured[0], measured[2]
@@ -99,14 +97,14 @@ def test_a_part_in_step_with_the_flexion_is_stated_apart() -> None:
     added = np.radians(4) * (step((TIME - 7) / 0.5) - step((TIME - 8.4) / 0.5))
     spread = np.diag([0.0, 0.05**2])
     sd = np.full(len(TIME), 0.02)
-    apart = part_in_step(TIME, 0.06 * np.sin(q) - 0.02 * np.cos(q) + added, sd, q, spread, curls)
+    apart = fit_part_in_step(TIME, 0.06 * np.sin(q) - 0.02 * np.cos(q) + added, sd, q, spread, curls)
     assert apart is not None
     np.testing.assert_allclose(np.ptp(apart.curve - 0.06 * np.sin(q) + 0.02 * np.cos(q)), 0, atol=1e-9)
     inside = slice(*np.searchsorted(TIME, [curls[0].start, curls[0].end]))
     turned = np.sin(q[inside]) - np.sin(q[inside].min())
     assert apart.interval[1] - apart.range == pytest.approx(1.96 * 0.05 * np.abs(turned).max(), rel=1e-6)
     assert apart.interval[0] == max(0.0, 2 * apart.range - apart.interval[1])
-    measured = compensation(TIME, added, apart.rest_sd, curls, RULES)
+    measured = measure_compensation(TIME, added, apart.rest_sd, curls, RULES)
     assert measured[2] is not None
     assert np.degrees(measured[2].range) == pytest.approx(4, abs=0.1)
     assert measured[2].range_interval[0] > 0
@@ -114,13 +112,13 @@ def test_a_part_in_step_with_the_flexion_is_stated_apart() -> None:
 
 def test_no_part_in_step_without_a_curl() -> None:
     nothing = np.full(len(TIME), np.nan)
-    assert part_in_step(TIME, nothing, nothing, flexion([1.9] * 3), None, found([1.9] * 3)) is None
-    assert part_in_step(TIME, TIME, TIME, TIME, None, ()) is None
+    assert fit_part_in_step(TIME, nothing, nothing, flexion([1.9] * 3), None, found([1.9] * 3)) is None
+    assert fit_part_in_step(TIME, TIME, TIME, TIME, None, ()) is None
 
 
 def test_compensation_of_an_unknown_angle_is_none() -> None:
     curls = found([1.9] * 3)
-    assert compensation(TIME, np.full(len(TIME), np.nan), np.ones(len(TIME)), curls, RULES) == (None,) * 3
+    assert measure_compensation(TIME, np.full(len(TIME), np.nan), np.ones(len(TIME)), curls, RULES) == (None,) * 3
 
 
 def test_torque_is_that_of_a_pendulum() -> None:
@@ -133,7 +131,7 @@ def test_torque_is_that_of_a_pendulum() -> None:
     body = Mass(mass, np.array([0.0, -length, 0.0]), np.zeros(3), 0.02)
     still = np.zeros((len(TIME), 3))
     motion = SegmentMotion(still, turn, AXIS * omega[:, None], AXIS * alpha[:, None], np.full(len(TIME), 0.2), [body])
-    got = elbow_torque(TIME, AXIS, [motion], tilt=0.01)
+    got = compute_elbow_torque(TIME, AXIS, [motion], tilt=0.01)
     np.testing.assert_allclose(got.torque, mass * length**2 * alpha + mass * 9.81 * length * np.sin(q), atol=1e-9)
     assert (got.sd > mass * length**2 * 0.2).all()
 
@@ -156,14 +154,14 @@ def test_a_divided_body_has_the_torque_of_the_whole() -> None:
         motion(origin, whole[:1]),
         motion(wrist, [Mass(4.0, far - [0.0, -0.25, 0.0], inertia, 0.0)]),
     ]
-    one = elbow_torque(TIME, AXIS, [motion(origin, whole)], tilt=0.0).torque
-    np.testing.assert_allclose(elbow_torque(TIME, AXIS, parts, tilt=0.0).torque, one, atol=1e-9)
+    one = compute_elbow_torque(TIME, AXIS, [motion(origin, whole)], tilt=0.0).torque
+    np.testing.assert_allclose(compute_elbow_torque(TIME, AXIS, parts, tilt=0.0).torque, one, atol=1e-9)
 
 
 def test_a_trend_needs_four_curls_and_holds_the_slope() -> None:
     rng = np.random.default_rng(3)
     values = 0.2 * np.arange(12) + rng.normal(0, 0.1, 12)
-    found_trend = trend(values)
+    found_trend = fit_trend(values)
     assert found_trend is not None
     assert found_trend.interval[0] < 0.2 < found_trend.interval[1]
-    assert trend(values[:3]) is None
+    assert fit_trend(values[:3]) is None

@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 from protocol_cases import CENTRES, sit_to_stand
 
-from mocap_id.protocols.five_times import five_times
-from mocap_id.protocols.load_share import load_share, sides
-from mocap_id.protocols.posture import posture
-from mocap_id.protocols.published_times import PUBLISHED
+from mocap_id.protocols.five_times import PUBLISHED, compute_five_times
+from mocap_id.protocols.load_share import compute_load_share, find_foot_plates
+from mocap_id.protocols.posture import compute_posture
 from mocap_id.protocols.repetitions import Repetition
 from mocap_id.protocols.rise_details import RiseDetails
 
@@ -29,7 +28,7 @@ def rises(count: int, **of_each: float) -> tuple[RiseDetails, ...]:
 
 @pytest.mark.parametrize("count", [5, 6, 9])
 def test_both_stop_rules_take_the_first_five(count: int) -> None:
-    found = five_times(repetitions(count), rises(count), chair=True)
+    found = compute_five_times(repetitions(count), rises(count), chair=True)
     assert found.to_fifth_stand == pytest.approx(4 * 2.5 + 1.1)
     assert found.to_fifth_seat_contact == pytest.approx(4 * 2.5 + 1.9)
     assert found.to_fifth_seated == pytest.approx(4 * 2.5 + 2.3)
@@ -39,7 +38,7 @@ def test_both_stop_rules_take_the_first_five(count: int) -> None:
 
 @pytest.mark.parametrize("count", [0, 1, 4])
 def test_fewer_than_five_have_no_time_and_say_why(count: int) -> None:
-    found = five_times(repetitions(count), rises(count), chair=True)
+    found = compute_five_times(repetitions(count), rises(count), chair=True)
     assert (found.to_fifth_stand, found.to_fifth_seat_contact, found.to_fifth_seated) == (None, None, None)
     assert f"{count} of 5" in found.why
     assert (found.mean_cycle is None) == (count < 2)
@@ -47,7 +46,7 @@ def test_fewer_than_five_have_no_time_and_say_why(count: int) -> None:
 
 def test_a_rise_that_does_not_reach_standing_is_not_counted() -> None:
     low = (*rises(2), RiseDetails(reached=0.7), *rises(3, attempts=1))
-    found = five_times(repetitions(6), low, chair=True)
+    found = compute_five_times(repetitions(6), low, chair=True)
     assert found.repetitions == 5
     assert found.to_fifth_stand == pytest.approx(5 * 2.5 + 1.1)
     assert found.attempts == 3
@@ -56,18 +55,18 @@ def test_a_rise_that_does_not_reach_standing_is_not_counted() -> None:
 def test_events_outside_the_recording_are_null_with_a_reason() -> None:
     made = repetitions(5)
     begun = (replace(made[0], start=np.nan, why="the recording begins upright"), *made[1:])
-    found = five_times(begun, rises(5), chair=True)
+    found = compute_five_times(begun, rises(5), chair=True)
     assert found.to_fifth_stand is None
     assert "begins upright" in found.why
     ended = (*made[:4], replace(made[4], seat_on=np.nan, end=np.nan, why="the recording ends upright"))
-    found = five_times(ended, rises(5), chair=True)
+    found = compute_five_times(ended, rises(5), chair=True)
     assert found.to_fifth_stand == pytest.approx(11.1)
     assert found.to_fifth_seat_contact is None
     assert "ends upright" in found.why
 
 
 def test_squats_have_no_test_times() -> None:
-    found = five_times(repetitions(5), rises(5), chair=False)
+    found = compute_five_times(repetitions(5), rises(5), chair=False)
     assert found.to_fifth_stand is None
     assert "squats" in found.why
 
@@ -83,25 +82,25 @@ def test_every_published_time_names_its_source_and_its_stop_rule() -> None:
 def test_z_points_to_the_left_if_the_subject_faces_minus_x() -> None:
     """With y up, the left of a subject facing f is y × f; facing -x, it is +z."""
     assert np.cross([0, 1, 0], [-1, 0, 0]).tolist() == [0, 0, 1]
-    assert sides([(1, 0.2), (2, -0.1)], -1) == (1, 2)
-    assert sides([(1, 0.2), (2, -0.1)], 1) == (2, 1)
-    assert "3" in sides([(1, 0.2), (2, -0.1), (3, 0.0)], -1)
-    assert "side by side" in sides([(1, 0.02), (2, 0.0)], -1)
-    assert "side by side" in sides([(1, float("nan")), (2, 0.0)], -1)
+    assert find_foot_plates([(1, 0.2), (2, -0.1)], -1) == (1, 2)
+    assert find_foot_plates([(1, 0.2), (2, -0.1)], 1) == (2, 1)
+    assert "3" in find_foot_plates([(1, 0.2), (2, -0.1), (3, 0.0)], -1)
+    assert "side by side" in find_foot_plates([(1, 0.02), (2, 0.0)], -1)
+    assert "side by side" in find_foot_plates([(1, float("nan")), (2, 0.0)], -1)
 
 
 def test_the_share_of_the_left_foot_is_given_for_each_phase() -> None:
     recorded, truth = sit_to_stand(3)
-    body = posture(recorded.q, recorded.dq, CENTRES)
+    body = compute_posture(recorded.q, recorded.dq, CENTRES)
     made = tuple(
         Repetition(*events, True)
         for events in zip(truth.start, truth.seat_off, truth.stand, truth.seat_on, truth.end, strict=True)
     )
     wanted = np.where(body.height > 0.9, 0.4, np.where(body.height < 0.1, 0.6, 0.5))
     left = wanted * recorded.wrench[:, 1]
-    found = load_share(recorded.time, body, left, recorded.wrench[:, 1] - left, made)
+    found = compute_load_share(recorded.time, body, left, recorded.wrench[:, 1] - left, made)
     assert found["seated"] == pytest.approx([0.6] * 3, abs=1e-9)
     assert found["standing"] == pytest.approx([0.4] * 3, abs=1e-9)
     assert ((found["rising"] > 0.41) & (found["rising"] < 0.59)).all()
-    blind = load_share(recorded.time, body, np.full(len(left), np.nan), left, made)
+    blind = compute_load_share(recorded.time, body, np.full(len(left), np.nan), left, made)
     assert all(np.isnan(values).all() for values in blind.values())

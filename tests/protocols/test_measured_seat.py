@@ -10,7 +10,7 @@ from protocol_cases import WEIGHT, sit_to_stand
 
 from mocap_id.dynamics.external_wrenches import SEAT, ExternalWrench
 from mocap_id.dynamics.preparation import FitSettings, TrialData, prepare
-from mocap_id.protocols.movement import Movement, read_movement
+from mocap_id.protocols.movement import Movement, find_movement
 
 
 def seated(repetitions: int, **options: bool) -> tuple[TrialData, list[float], list[float]]:
@@ -24,7 +24,7 @@ def seated(repetitions: int, **options: bool) -> tuple[TrialData, list[float], l
 
 def read(recorded: TrialData) -> Movement:
     prepared = prepare(recorded, FitSettings())
-    return read_movement("sit-to-stand", recorded, prepared, "seat-force", weight_share=0.7, knee_bend=0.8, stands=True)
+    return find_movement("sit-to-stand", recorded, prepared, "seat-force", weight_share=0.7, knee_bend=0.8, stands=True)
 
 
 @pytest.mark.parametrize("repetitions", [1, 4])

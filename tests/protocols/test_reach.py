@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 
 from mocap_id.protocols.reach.arm_geometry import ANGLES, RecordedArm, UnknownReach, measure_arm
-from mocap_id.protocols.reach.body_targets import body_targets
-from mocap_id.protocols.reach.ranges import joint_ranges
+from mocap_id.protocols.reach.ranges import measure_ranges
 from mocap_id.protocols.reach.reachable_set import ReachArm
-from mocap_id.protocols.reach.reaches import find_reaches
-from mocap_id.protocols.reach.workspace import workspace
+from mocap_id.protocols.reach.reaches import find_reaches, locate_body_targets
+from mocap_id.protocols.reach.workspace import compute_workspace
 from mocap_id.store import Table, Tree
 from mocap_id.store.spatial_views import SegmentPoses, SpatialAngles, SpatialSkeleton
 from spatial_trial import SpatialTrial
@@ -29,7 +28,7 @@ def views(trial: SpatialTrial) -> tuple[SpatialAngles, SegmentPoses, SpatialSkel
 def test_noise_of_a_skeleton_does_not_make_a_range_larger() -> None:
     angles, poses, _ = views(SpatialTrial())
     flexion, rng, noise = angles.names.index("elbow_flexion"), np.random.default_rng(0), np.radians(5.0)
-    true = joint_ranges(angles, poses)["elbow_flexion"]
+    true = measure_ranges(angles, poses)["elbow_flexion"]
     sd = angles.sd.copy()
     sd[:, flexion, 0] = noise
     plain, corrected = [], []
@@ -39,29 +38,29 @@ def test_noise_of_a_skeleton_does_not_make_a_range_larger() -> None:
         mean[:, flexion, 0] += held
         noisy = replace(angles, mean=mean, sd=sd)
         for widths, skeleton in ((plain, False), (corrected, True)):
-            found = joint_ranges(noisy, poses, skeleton=skeleton)["elbow_flexion"]
+            found = measure_ranges(noisy, poses, skeleton=skeleton)["elbow_flexion"]
             widths.append(found.high - found.low - (true.high - true.low))
     assert np.mean(plain) > 0.5 * noise
     assert abs(np.mean(corrected)) < 0.5 * np.mean(plain)
-    elevation = joint_ranges(angles, poses, skeleton=True)["shoulder_elevation"]
+    elevation = measure_ranges(angles, poses, skeleton=True)["shoulder_elevation"]
     assert elevation.low_sd > np.radians(7), "recorded cameras show raised arms up to 20° too high"
 
 
 def test_a_range_smaller_than_the_noise_is_empty() -> None:
     angles, poses, _ = views(SpatialTrial())
     sd = np.full_like(angles.sd, 3.0)
-    found = joint_ranges(replace(angles, sd=sd), poses, skeleton=True)["elbow_flexion"]
+    found = measure_ranges(replace(angles, sd=sd), poses, skeleton=True)["elbow_flexion"]
     assert found.low == found.high
 
 
 def test_single_samples_and_the_gimbal_move_no_end() -> None:
     angles, poses, _ = views(SpatialTrial())
-    before = joint_ranges(angles, poses)
+    before = measure_ranges(angles, poses)
     wrong = angles.mean.copy()
     flexion, plane = angles.names.index("elbow_flexion"), angles.names.index("shoulder_plane")
     wrong[200:203, flexion, 0] += 2.0
     wrong[angles.near_gimbal, plane, 0] += 1.0
-    after = joint_ranges(replace(angles, mean=wrong), poses)
+    after = measure_ranges(replace(angles, mean=wrong), poses)
     assert after["elbow_flexion"].high == pytest.approx(before["elbow_flexion"].high, abs=0.01)
     assert after["shoulder_plane"] == before["shoulder_plane"]
     assert 0 < before["shoulder_plane"].used_share < before["elbow_flexion"].used_share <= 1
@@ -84,24 +83,24 @@ def test_the_geometry_is_that_of_the_chain() -> None:
 
 def test_the_interval_grows_with_the_errors() -> None:
     angles, poses, skeleton = views(SpatialTrial(frames=2500))
-    arm, ranges = measure_arm(angles, poses, skeleton), joint_ranges(angles, poses)
-    found = workspace(arm, ranges, None)
+    arm, ranges = measure_arm(angles, poses, skeleton), measure_ranges(angles, poses)
+    found = compute_workspace(arm, ranges, None)
     assert found.visited is None
     low, high = found.box.interval
     assert low < found.box.volume < high
     assert sum(found.sources.values()) == pytest.approx(1)
     worse = {name: replace(one, low_sd=2 * one.low_sd, high_sd=2 * one.high_sd) for name, one in ranges.items()}
-    assert workspace(arm, worse, None).sd > 1.1 * found.sd
-    longer = workspace(replace(arm, forearm_sd=0.02), ranges, None)
+    assert compute_workspace(arm, worse, None).sd > 1.1 * found.sd
+    longer = compute_workspace(replace(arm, forearm_sd=0.02), ranges, None)
     assert longer.sources["forearm"] > found.sources["forearm"]
 
 
 def test_ranges_without_a_volume_are_refused() -> None:
     angles, poses, skeleton = views(SpatialTrial())
-    arm, ranges = measure_arm(angles, poses, skeleton), joint_ranges(angles, poses)
+    arm, ranges = measure_arm(angles, poses, skeleton), measure_ranges(angles, poses)
     point = {name: replace(one, high=one.low) for name, one in ranges.items()}
     with pytest.raises(UnknownReach, match="too small for a volume"):
-        workspace(arm, point, None)
+        compute_workspace(arm, point, None)
 
 
 @pytest.mark.parametrize("lost", [*ANGLES, "forearm", "centre"])
@@ -135,7 +134,7 @@ def moving_hand(places: list[np.ndarray], rate: float = 100.0) -> tuple[np.ndarr
 def test_reaches_are_found_with_their_targets_and_misses() -> None:
     home = np.array([0.25, -0.45, 0.05])
     _, arm = moving_hand([home, home + 0.1])
-    targets = body_targets(arm)
+    targets = locate_body_targets(arm)
     short = targets["mouth"] + np.array([0.2, 0.0, 0.0])
     time, arm = moving_hand([home, targets["opposite_shoulder"], home, targets["head"], short, home])
     found = find_reaches(time, arm)
@@ -176,4 +175,4 @@ def test_segments_that_are_never_seen_together_are_named() -> None:
     plain = views(SpatialTrial(arm=False))
     with pytest.raises(UnknownReach, match="no thorax"):
         measure_arm(*plain)
-    assert set(joint_ranges(*plain[:2])) == set(plain[0].names)
+    assert set(measure_ranges(*plain[:2])) == set(plain[0].names)

@@ -9,9 +9,9 @@ import pytest
 
 import mocap_id.simulation.arm.reach_volume as truth
 from mocap_id.geometry import so3
-from mocap_id.protocols.reach.reachable_set import Grid, ReachableSet, ReachArm, reachable_set
-from mocap_id.protocols.reach.surface import reach_surface
-from mocap_id.protocols.reach.visited_region import visited_region
+from mocap_id.protocols.reach.reachable_set import Grid, ReachableSet, ReachArm, compute_reachable_set
+from mocap_id.protocols.reach.surface import compute_reach_surface
+from mocap_id.protocols.reach.visited_region import find_visited_region
 from mocap_id.simulation.arm.body import draw_arm
 
 X, Y, Z = np.eye(3)
@@ -42,35 +42,36 @@ def test_a_shoulder_that_turns_freely_reaches_a_shell() -> None:
     free = np.array([[-np.pi, np.pi], [0.0, np.pi], [-np.pi, np.pi], [0.2, 2.4]])
     reach = np.linalg.norm(ARM.wrist(np.linspace(0.2, 2.4, 500)), axis=1)
     shell = 4 / 3 * np.pi * (reach.max() ** 3 - reach.min() ** 3)
-    assert reachable_set(ARM, free, GRID).volume == pytest.approx(shell, rel=0.002)
-    surface = reach_surface(ARM, free)
+    assert compute_reachable_set(ARM, free, GRID).volume == pytest.approx(shell, rel=0.002)
+    surface = compute_reach_surface(ARM, free)
     assert surface.areas["total"] == pytest.approx((reach.max() / ARM.length) ** 2, rel=0.01)
     assert surface.areas["upper_medial"] == pytest.approx(surface.areas["total"] / 4, rel=1e-6)
     assert np.nanmax(np.linalg.norm(surface.points(), axis=-1)) == pytest.approx(reach.max(), rel=1e-9)
 
 
 def test_the_volume_scales_with_the_cube_of_the_arm_and_grows_with_the_limits() -> None:
-    volume = reachable_set(ARM, BOX, GRID).volume
+    volume = compute_reachable_set(ARM, BOX, GRID).volume
     larger = replace(ARM, elbow=1.2 * ARM.elbow, forearm=1.2 * ARM.forearm)
-    assert reachable_set(larger, BOX, GRID).volume == pytest.approx(1.2**3 * volume, rel=1e-9)
+    assert compute_reachable_set(larger, BOX, GRID).volume == pytest.approx(1.2**3 * volume, rel=1e-9)
     turned = BOX + np.array([[0.7, 0.7], [0, 0], [0, 0], [0, 0]])
-    assert reachable_set(ARM, turned, GRID).volume == pytest.approx(volume, rel=1e-9)
+    assert compute_reachable_set(ARM, turned, GRID).volume == pytest.approx(volume, rel=1e-9)
     for k in range(4):
         wider = BOX.copy()
         wider[k, 1] += 0.1
-        assert reachable_set(ARM, wider, GRID).volume > volume
+        assert compute_reachable_set(ARM, wider, GRID).volume > volume
 
 
 def test_the_grid_converges() -> None:
-    fine = reachable_set(ARM, BOX, Grid(48, 96, 64)).volume
-    errors = [abs(reachable_set(ARM, BOX, Grid(*each)).volume / fine - 1) for each in ((6, 12, 8), (24, 48, 32))]
+    fine = compute_reachable_set(ARM, BOX, Grid(48, 96, 64)).volume
+    grids = Grid(6, 12, 8), Grid(24, 48, 32)
+    errors = [abs(compute_reachable_set(ARM, BOX, grid).volume / fine - 1) for grid in grids]
     assert errors[1] < 0.005
     assert errors[1] < errors[0]
 
 
 def test_every_posture_of_the_box_is_in_the_set() -> None:
     postures = np.random.default_rng(0).uniform(BOX[:, 0], BOX[:, 1], (4000, 4))
-    found = reachable_set(ARM, BOX, GRID)
+    found = compute_reachable_set(ARM, BOX, GRID)
     assert share_inside(found, wrists(ARM, postures)) > 0.98
     beyond = wrists(ARM, postures) * [-1, 1, 1]  # behind the body
     assert share_inside(found, beyond) < 0.6
@@ -89,17 +90,17 @@ def test_the_volume_is_that_of_an_independent_method(monkeypatch: pytest.MonkeyP
     assert np.allclose(arm.wrist(seen), body.elbow + body.forearm * along, atol=1e-4)
     limits = BOX.copy()
     limits[3] = np.interp(BOX[3], flexion, seen)
-    assert reachable_set(arm, limits, GRID).volume == pytest.approx(expected.volume, rel=0.04)
+    assert compute_reachable_set(arm, limits, GRID).volume == pytest.approx(expected.volume, rel=0.04)
 
 
 def test_a_region_as_large_as_the_box_reaches_as_far() -> None:
     corners = np.stack(np.meshgrid(*BOX, indexing="ij"), axis=-1).reshape(-1, 4)
     inner = np.random.default_rng(1).uniform(BOX[:, 0], BOX[:, 1], (200, 4))
-    region = visited_region(np.concatenate([corners, inner]), BOX)
+    region = find_visited_region(np.concatenate([corners, inner]), BOX)
     assert region is not None
     assert np.allclose(region.limits, BOX)
     grid = Grid(12, 24, 48)
-    box, same = reachable_set(ARM, BOX, grid), reachable_set(ARM, region.limits, grid, region.planes)
+    box, same = compute_reachable_set(ARM, BOX, grid), compute_reachable_set(ARM, region.limits, grid, region.planes)
     assert same.volume == pytest.approx(box.volume, rel=0.01)
 
 
@@ -108,11 +109,11 @@ def test_postures_between_visited_ones_add_nothing_to_the_region() -> None:
     visited = random.uniform(BOX[:, 0], BOX[:, 1], (60, 4))
     between = 0.5 * (visited[random.integers(0, 60, 150)] + visited[random.integers(0, 60, 150)])
     grid = Grid(8, 16, 24)
-    first, second = (visited_region(each, BOX) for each in (visited, np.concatenate([visited, between])))
+    first, second = (find_visited_region(each, BOX) for each in (visited, np.concatenate([visited, between])))
     assert first is not None and second is not None
-    volumes = [reachable_set(ARM, each.limits, grid, each.planes).volume for each in (first, second)]
+    volumes = [compute_reachable_set(ARM, each.limits, grid, each.planes).volume for each in (first, second)]
     assert volumes[1] == pytest.approx(volumes[0], rel=1e-6)
-    assert volumes[0] < 0.9 * reachable_set(ARM, BOX, grid).volume
+    assert volumes[0] < 0.9 * compute_reachable_set(ARM, BOX, grid).volume
     half = random.random((300, 1))
     flat = BOX[:, 0] + half * (BOX[:, 1] - BOX[:, 0])
-    assert visited_region(flat, BOX) is None
+    assert find_visited_region(flat, BOX) is None

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from protocol_cases import CENTRES, HIGH, sit_to_stand
 
-from mocap_id.protocols.posture import posture, standing_angles
-from mocap_id.protocols.reference_body import reference_body
+from mocap_id.protocols.posture import compute_posture, measure_standing_angles
+from mocap_id.protocols.reference_body import build_reference_body
 
 KNOWN = {"height": 1.75, "mass": 70.0, "sex": "female", "plate_mass": 71.0}
 
 
 def body(centres=CENTRES, name="winter", **changes):
-    return reference_body(name, centres, -1, **{**KNOWN, **changes})
+    return build_reference_body(name, centres, -1, **{**KNOWN, **changes})
 
 
 def test_a_known_subject_needs_no_assumption() -> None:
@@ -76,17 +76,17 @@ def test_standing_angles_are_those_of_upright_pauses() -> None:
     recorded, _ = sit_to_stand(3)
     q = recorded.q.copy()
     q[100:130] = np.nan
-    body_posture = posture(q, recorded.dq, CENTRES)
-    np.testing.assert_allclose(standing_angles(q, body_posture), np.cumsum(HIGH), atol=0.06)
-    assert standing_angles(np.full_like(q, np.nan), body_posture) is None
+    body_posture = compute_posture(q, recorded.dq, CENTRES)
+    np.testing.assert_allclose(measure_standing_angles(q, body_posture), np.cumsum(HIGH), atol=0.06)
+    assert measure_standing_angles(np.full_like(q, np.nan), body_posture) is None
 
 
 def test_without_a_rise_every_sample_counts_as_standing() -> None:
     recorded, _ = sit_to_stand(2)
     q = 0.02 * recorded.q + 0.1
-    still = posture(q, 0.02 * recorded.dq, CENTRES)
+    still = compute_posture(q, 0.02 * recorded.dq, CENTRES)
     assert not still.moves
-    np.testing.assert_allclose(standing_angles(q, still), np.median(np.cumsum(q, axis=1), axis=0))
+    np.testing.assert_allclose(measure_standing_angles(q, still), np.median(np.cumsum(q, axis=1), axis=0))
 
 
 def test_a_rotated_trunk_frame_gives_the_same_trunk() -> None:

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy.special import betainc
 
-from mocap_id.protocols.contact_rules import extend_to_release
-from mocap_id.protocols.release import release
+from mocap_id.protocols.contact_rules import extend_contact_to_release, extrapolate_release
 
 RATE, END, FULL, NOISE = 100.0, 2.0, 450.0, 0.8
 TIME = np.arange(0.0, 4.0, 1 / RATE)
@@ -27,7 +26,7 @@ def test_the_release_is_extrapolated_beyond_the_visible_force(lasts: float, firs
     for _ in range(20):
         force = unloading(lasts, first, last) + NOISE * rng.normal(size=len(TIME))
         shown = TIME[np.flatnonzero(unloading(lasts, first, last) > 4 * NOISE)[-1]]
-        late.append(release(TIME, force, shown, FULL) - END)
+        late.append(extrapolate_release(TIME, force, shown, FULL) - END)
         seen.append(shown - END)
     assert abs(np.median(late)) < 0.07 * lasts
     assert np.max(np.abs(late)) < 0.06
@@ -36,23 +35,23 @@ def test_the_release_is_extrapolated_beyond_the_visible_force(lasts: float, firs
 
 def test_without_noise_a_power_is_found_to_a_millisecond() -> None:
     force = 3000.0 * np.maximum(END - TIME, 0.0) ** 3
-    assert release(TIME, force, END - 0.15, FULL) == pytest.approx(END, abs=1e-3)
+    assert extrapolate_release(TIME, force, END - 0.15, FULL) == pytest.approx(END, abs=1e-3)
 
 
 def test_a_sudden_release_is_found_within_its_sample() -> None:
     force = np.where(TIME <= END, FULL, 0.0)
-    assert END <= release(TIME, force, END, FULL) <= END + 1 / RATE
+    assert END <= extrapolate_release(TIME, force, END, FULL) <= END + 1 / RATE
 
 
 def test_a_touch_is_a_release_in_reverse() -> None:
     force = unloading(0.4, 5, 5)
     there = force > 4 * NOISE
-    mirrored = extend_to_release(TIME, there[::-1].copy(), force[::-1].copy())
-    np.testing.assert_array_equal(mirrored, extend_to_release(TIME, there, force)[::-1])
-    assert extend_to_release(TIME, there, force).sum() > there.sum()
+    mirrored = extend_contact_to_release(TIME, there[::-1].copy(), force[::-1].copy())
+    np.testing.assert_array_equal(mirrored, extend_contact_to_release(TIME, there, force)[::-1])
+    assert extend_contact_to_release(TIME, there, force).sum() > there.sum()
 
 
 def test_unknown_samples_do_not_matter() -> None:
     force = np.full(len(TIME), np.nan)
     there = TIME < 2.0
-    np.testing.assert_array_equal(extend_to_release(TIME, there, force), there)
+    np.testing.assert_array_equal(extend_contact_to_release(TIME, there, force), there)

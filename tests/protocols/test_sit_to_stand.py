@@ -13,16 +13,16 @@ from protocol_cases import BODY, CENTRES, WEIGHT, sit_to_stand
 from mocap_id.arrays import find_runs
 from mocap_id.dynamics.preparation import FitSettings, TrialData, prepare
 from mocap_id.protocols import chair_contact as protocol
-from mocap_id.protocols.contact_rules import contact_in_low_phases, standing_weight, uses_chair
-from mocap_id.protocols.movement import Movement, facing, read_movement
-from mocap_id.protocols.posture import Posture, posture
+from mocap_id.protocols.contact_rules import find_contact_in_low_phases, measure_standing_weight, uses_chair
+from mocap_id.protocols.movement import Movement, find_facing, find_movement
+from mocap_id.protocols.posture import Posture, compute_posture
 
 RULES = {"weight_share": 0.72, "knee_bend": 0.8}
 
 
 def read(recorded: TrialData, rule: str = "seat-force", *, plate: bool = True, stands: bool = True, **fit) -> Movement:
     prepared = prepare(recorded, FitSettings(**fit)) if plate else None
-    return read_movement("sit-to-stand", recorded, prepared, rule, **RULES, stands=stands)
+    return find_movement("sit-to-stand", recorded, prepared, rule, **RULES, stands=stands)
 
 
 @pytest.mark.parametrize("count", [1, 3, 7])
@@ -117,7 +117,7 @@ def test_swaying_is_not_a_rise(stands: bool) -> None:
 
 def without_plate(recorded: TrialData, upright: bool) -> TrialData:
     """The plate has no reading in the upright, or in the low, phases."""
-    body = posture(recorded.q, recorded.dq, CENTRES)
+    body = compute_posture(recorded.q, recorded.dq, CENTRES)
     wrench = recorded.wrench.copy()
     wrench[body.upright == upright] = np.nan
     return TrialData(**{**recorded.__dict__, "wrench": wrench})
@@ -158,25 +158,27 @@ def test_contact_converges(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_alternating_contact_is_excluded(monkeypatch: pytest.MonkeyPatch) -> None:
     recorded, _ = sit_to_stand(4)
-    steady, thresholds = protocol.contact_rules.seat_force_threshold, iter([1.0, 60.0] * 10)
+    steady, thresholds = protocol.contact_rules.compute_contact_threshold, iter([1.0, 60.0] * 10)
     monkeypatch.setattr(
-        protocol.contact_rules, "seat_force_threshold", lambda *given: next(thresholds) * steady(*given)
+        protocol.contact_rules, "compute_contact_threshold", lambda *given: next(thresholds) * steady(*given)
     )
     flickering = read(recorded)
     assert flickering.contact.converged is False
-    monkeypatch.setattr(protocol.contact_rules, "seat_force_threshold", steady)
+    monkeypatch.setattr(protocol.contact_rules, "compute_contact_threshold", steady)
     assert np.mean(flickering.free & ~read(recorded).free) < 0.005
 
 
 def test_a_round_with_too_few_samples_keeps_the_previous_contact(monkeypatch: pytest.MonkeyPatch) -> None:
     recorded, _ = sit_to_stand(4)
     before = read(recorded, "weight").contact
-    rules = iter([protocol.contact_rules.contact_in_low_phases, lambda body, signs: np.ones(len(signs), dtype=bool)])
+    rules = iter(
+        [protocol.contact_rules.find_contact_in_low_phases, lambda body, signs: np.ones(len(signs), dtype=bool)]
+    )
 
     def in_turn(body: Posture, signs: np.ndarray) -> np.ndarray:
         return next(rules)(body, signs)
 
-    monkeypatch.setattr(protocol.contact_rules, "contact_in_low_phases", in_turn)
+    monkeypatch.setattr(protocol.contact_rules, "find_contact_in_low_phases", in_turn)
     found = read(recorded).contact
     assert found.converged is False
     assert found.free.sum() > 100
@@ -194,27 +196,27 @@ def test_too_few_samples_off_the_chair_fall_back_to_the_weight_rule() -> None:
 
 def test_standing_weight_and_chair() -> None:
     recorded, _ = sit_to_stand(2)
-    body, vertical = posture(recorded.q, recorded.dq, CENTRES), recorded.wrench[:, 1]
-    weight = standing_weight(body, vertical)
+    body, vertical = compute_posture(recorded.q, recorded.dq, CENTRES), recorded.wrench[:, 1]
+    weight = measure_standing_weight(body, vertical)
     assert weight == pytest.approx(9.81 * BODY[:, 0].sum(), rel=2e-3)
     assert uses_chair(body, vertical, weight)
     assert not uses_chair(body, np.full_like(vertical, weight), weight)
     unknown = np.full_like(vertical, np.nan)
-    assert np.isnan(standing_weight(body, unknown))
+    assert np.isnan(measure_standing_weight(body, unknown))
     assert uses_chair(body, vertical, float("nan")) is None
     assert uses_chair(body, unknown, weight) is None
 
 
 def test_contact_is_one_interval_per_low_phase_and_extends_to_the_ends() -> None:
     recorded, _ = sit_to_stand(2)
-    body = posture(recorded.q, recorded.dq, CENTRES)
+    body = compute_posture(recorded.q, recorded.dq, CENTRES)
     signs = np.zeros(len(recorded.time), dtype=bool)
     lows = find_runs(~body.upright)
     assert len(lows) == 3
     for low in lows:  # flickering signs
         signs[low.start + 60 : low.stop - 60 : 7] = True
     signs[body.height > 0.9] = True  # something else
-    found = find_runs(contact_in_low_phases(body, signs))
+    found = find_runs(find_contact_in_low_phases(body, signs))
     assert len(found) == 3
     assert found[0].start == 0
     assert found[-1].stop == len(signs)
@@ -222,8 +224,8 @@ def test_contact_is_one_interval_per_low_phase_and_extends_to_the_ends() -> None
 
 def test_facing_follows_the_knee() -> None:
     recorded, _ = sit_to_stand(1)
-    assert facing(recorded) == -1
-    assert facing(TrialData(**{**recorded.__dict__, "q": -recorded.q})) == 1
+    assert find_facing(recorded) == -1
+    assert find_facing(TrialData(**{**recorded.__dict__, "q": -recorded.q})) == 1
 
 
 @pytest.mark.recordings

@@ -8,8 +8,8 @@ import pytest
 from protocol_cases import WEIGHT, sit_to_stand
 
 from mocap_id.dynamics.preparation import FitSettings, prepare
-from mocap_id.protocols.movement import read_movement
-from mocap_id.protocols.support import LIMIT
+from mocap_id.protocols.movement import find_movement
+from mocap_id.protocols.rise_details import SUPPORT_LIMIT
 from mocap_id.stages.identify_dim.sit_to_stand_events import missing_force, sit_to_stand_events
 from mocap_id.store import Table
 from mocap_id.store.schemas import WRENCH
@@ -23,7 +23,7 @@ def events(
     """Events of three rises with a clock error ``shift`` and external support as a share of the weight."""
     recorded, _ = sit_to_stand(3)
     prepared = prepare(recorded, FitSettings())
-    movement = read_movement(
+    movement = find_movement(
         "sit-to-stand", recorded, prepared, "seat-force", weight_share=0.72, knee_bend=0.8, stands=True
     )
     rising = np.zeros(len(recorded.time), dtype=bool)
@@ -51,7 +51,7 @@ def test_a_wrong_clock_is_not_taken_for_support() -> None:
     for shift in (LATE, -LATE):
         assert (events(shift, 0.0).frame["support"].to_numpy() <= base + 1e-9).all()
         deceived.append(events(shift, 0.0, clocks=slice(0, 1)).frame["support"].to_numpy())
-    assert (np.max(deceived, axis=0) > base + LIMIT).all()
+    assert (np.max(deceived, axis=0) > base + SUPPORT_LIMIT).all()
 
 
 def test_support_gives_a_reason_and_a_remark_in_every_row() -> None:

@@ -10,18 +10,24 @@ from protocol_cases import CENTRES, RATE, RISE, WEIGHT, sit_to_stand
 from scipy.signal import find_peaks
 
 from mocap_id.dynamics.preparation import FitSettings, TrialData, prepare
-from mocap_id.protocols.attempts import _peaks, failed_attempts
-from mocap_id.protocols.movement import Movement, read_movement
-from mocap_id.protocols.posture import posture
-from mocap_id.protocols.remarks import reasons, with_remark
-from mocap_id.protocols.rise_details import RiseDetails, greatest_height, paused_time
-from mocap_id.protocols.seat_off import model_agreement_time, share_crossing_time
-from mocap_id.protocols.support import LIMIT, unexplained_support
+from mocap_id.protocols.attempts import _find_peaks, find_failed_attempts
+from mocap_id.protocols.movement import Movement, find_movement
+from mocap_id.protocols.posture import compute_posture
+from mocap_id.protocols.remarks import add_remarks, explain_repetitions
+from mocap_id.protocols.rise_details import (
+    SUPPORT_LIMIT,
+    RiseDetails,
+    find_greatest_height,
+    find_model_agreement,
+    find_share_crossing,
+    measure_paused_time,
+    measure_support,
+)
 
 
 def read(recorded: TrialData) -> Movement:
     prepared = prepare(recorded, FitSettings())
-    return read_movement(
+    return find_movement(
         "sit-to-stand", recorded, prepared, "seat-force", weight_share=0.72, knee_bend=0.8, stands=True
     )
 
@@ -39,7 +45,7 @@ def cut(recorded: TrialData, begin: float, finish: float) -> TrialData:
 
 def attempts(recorded: TrialData, movement: Movement) -> list[float]:
     vertical = recorded.wrench[:, 1] / WEIGHT
-    found = failed_attempts(recorded.time, movement.posture, vertical, movement.repetitions, chair=True)
+    found = find_failed_attempts(recorded.time, movement.posture, vertical, movement.repetitions, chair=True)
     return [one.time for one in found]
 
 
@@ -69,7 +75,7 @@ def test_an_unfinished_last_rise_is_reported() -> None:
     part = cut(recorded, 0.0, truth.start[2] + 0.38 * RISE)
     movement = read(part)
     assert len(movement.repetitions) == 2
-    told = reasons(movement.repetitions, [RiseDetails()] * 2, (), movement.posture)
+    told = explain_repetitions(movement.repetitions, [RiseDetails()] * 2, (), movement.posture)
     assert [reason.code for reason in told] == ["repetition-cut"]
     assert "not counted" in told[0].message
 
@@ -89,19 +95,21 @@ def test_ordinary_repetitions_have_no_attempt_and_no_pause() -> None:
         recorded, _ = sit_to_stand(4, seed=seed)
         movement = read(recorded)
         assert attempts(recorded, movement) == []
-        assert [paused_time(recorded.time, movement.posture, each) for each in movement.repetitions] == [0.0] * 4
+        assert [measure_paused_time(recorded.time, movement.posture, each) for each in movement.repetitions] == [
+            0.0
+        ] * 4
 
 
 def test_arms_that_swing_change_neither_height_nor_speed() -> None:
     """A shoulder is carried up and down by the leaning trunk; the hip shows rises, attempts and pauses."""
     recorded, _ = sit_to_stand(2)
     swing = 1.5 * np.sin(4 * recorded.time)
-    with_arms = posture(
+    with_arms = compute_posture(
         np.column_stack([recorded.q, swing]),
         np.column_stack([recorded.dq, np.gradient(swing, recorded.time)]),
         np.vstack([CENTRES, [0.0, 0.5]]),
     )
-    plain = posture(recorded.q, recorded.dq, CENTRES)
+    plain = compute_posture(recorded.q, recorded.dq, CENTRES)
     for name in ("height", "rise", "upright", "speed"):
         np.testing.assert_allclose(getattr(with_arms, name), getattr(plain, name))
 
@@ -122,19 +130,19 @@ def test_peaks_have_the_required_prominence(seed: int) -> None:
     rng = np.random.default_rng(seed)
     values = np.cumsum(rng.normal(size=300)) if seed % 2 else rng.normal(size=rng.integers(1, 300))
     expected = find_peaks(values, prominence=1.5)[0].tolist()
-    assert _peaks(values, 1.5) == expected
+    assert _find_peaks(values, 1.5) == expected
 
 
 def test_a_low_rise_is_incomplete() -> None:
     recorded, _ = sit_to_stand(3, heights=(1.0, 0.65, 1.0))
     movement = read(recorded)
-    heights = [greatest_height(recorded.time, movement.posture, each) for each in movement.repetitions]
+    heights = [find_greatest_height(recorded.time, movement.posture, each) for each in movement.repetitions]
     assert [height < 0.9 for height in heights] == [False, True, False]
     rises = [RiseDetails(reached=height) for height in heights]
-    told = [with_remark(each, rise) for each, rise in zip(movement.repetitions, rises, strict=True)]
+    told = [add_remarks(each, rise) for each, rise in zip(movement.repetitions, rises, strict=True)]
     assert [each.complete for each in told] == [True, False, True]
     assert "of the standing height" in told[1].why
-    (reason,) = reasons(movement.repetitions, rises, (), movement.posture)
+    (reason,) = explain_repetitions(movement.repetitions, rises, (), movement.posture)
     assert reason.code == "rise-partial"
     assert "repetition 2 " in reason.message
 
@@ -153,15 +161,15 @@ def test_a_pause_in_the_rise_does_not_move_start_or_stand(share: float) -> None:
         dq=recorded.dq[order] * moving[:, None],
         ddq=recorded.ddq[order] * moving[:, None],
     )
-    found = read_movement(
+    found = find_movement(
         "sit-to-stand", paused, None, "seat-force", weight_share=0.72, knee_bend=0.8, stands=True
     ).repetitions
     assert len(found) == 2
     assert found[0].start == pytest.approx(truth.start[0], abs=0.35)
     assert found[0].stand == pytest.approx(truth.stand[0] + 1.0, abs=0.35)
-    body = posture(paused.q, paused.dq, CENTRES)
-    assert paused_time(paused.time, body, found[0]) == pytest.approx(1.0, abs=0.2)
-    assert paused_time(paused.time, body, found[1]) == 0.0
+    body = compute_posture(paused.q, paused.dq, CENTRES)
+    assert measure_paused_time(paused.time, body, found[0]) == pytest.approx(1.0, abs=0.2)
+    assert measure_paused_time(paused.time, body, found[1]) == 0.0
 
 
 def test_support_is_the_missing_force_above_chair_height() -> None:
@@ -171,11 +179,11 @@ def test_support_is_the_missing_force_above_chair_height() -> None:
     times = recorded.time
     for k, each in enumerate(movement.repetitions):
         helped = (times > each.start) & (times < each.stand) if k == 1 else np.zeros(len(times), bool)
-        found = unexplained_support(
+        found = measure_support(
             times, movement.posture, missing + 0.1 * WEIGHT * helped, WEIGHT, each, seat_measured=False
         )
         assert found == pytest.approx(0.1 if k == 1 else 0.0, abs=1e-9)
-        assert (found > LIMIT) == (k == 1)
+        assert (found > SUPPORT_LIMIT) == (k == 1)
 
 
 def test_the_chair_is_not_taken_for_support() -> None:
@@ -183,7 +191,7 @@ def test_the_chair_is_not_taken_for_support() -> None:
     movement = read(recorded)
     chair = np.where(movement.posture.height < 0.2, 0.5 * WEIGHT, 0.0)
     for each in movement.repetitions:
-        assert unexplained_support(recorded.time, movement.posture, chair, WEIGHT, each, seat_measured=False) == 0.0
+        assert measure_support(recorded.time, movement.posture, chair, WEIGHT, each, seat_measured=False) == 0.0
 
 
 def test_seat_off_by_the_rules_of_the_thesis_is_before_zero_chair_force() -> None:
@@ -191,9 +199,9 @@ def test_seat_off_by_the_rules_of_the_thesis_is_before_zero_chair_force() -> Non
     movement = read(recorded)
     clean = sit_to_stand(3, noise=0.0)[0].wrench[:, 1] / WEIGHT
     for each, off in zip(movement.repetitions, truth.seat_off, strict=True):
-        share = share_crossing_time(recorded.time, recorded.wrench[:, 1] / WEIGHT, 0.72, each)
+        share = find_share_crossing(recorded.time, recorded.wrench[:, 1] / WEIGHT, 0.72, each)
         assert np.interp(share, recorded.time, clean) == pytest.approx(0.72, abs=0.02)
-        model = model_agreement_time(recorded.time, movement.contact.above_noise, each)
+        model = find_model_agreement(recorded.time, movement.contact.above_noise, each)
         assert share < model <= each.seat_off
         assert model == pytest.approx(off, abs=0.12)
 
@@ -201,5 +209,5 @@ def test_seat_off_by_the_rules_of_the_thesis_is_before_zero_chair_force() -> Non
 def test_without_a_plate_there_is_no_seat_off_by_force() -> None:
     recorded, _ = sit_to_stand(1)
     (each,) = read(recorded).repetitions
-    assert np.isnan(share_crossing_time(recorded.time, np.full(len(recorded.time), np.nan), 0.72, each))
-    assert np.isnan(model_agreement_time(recorded.time, None, each))
+    assert np.isnan(find_share_crossing(recorded.time, np.full(len(recorded.time), np.nan), 0.72, each))
+    assert np.isnan(find_model_agreement(recorded.time, None, each))

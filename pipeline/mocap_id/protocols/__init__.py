@@ -1,1 +1,1 @@
-"""Analysis specific to a movement (sit-to-stand, robot joint, reach, curl): repetitions, contact, reference body."""
+"""Analysis of one kind of movement (sit-to-stand, robot joint, reach, curl): repetitions, contact, reference body."""

@@ -1,4 +1,4 @@
-"""Detection of failed attempts to rise: the hips leave the seat or the chair is unloaded, and the person falls back."""
+"""Failed attempts to rise: the hips leave the seat or the feet take over load, and the person sits down again."""
 
 from __future__ import annotations
 
@@ -11,10 +11,10 @@ from mocap_id.dynamics.lowpass import LowPass
 from mocap_id.protocols.posture import Posture
 from mocap_id.protocols.repetitions import Repetition
 
-_HIP_RISE = 0.08  # as a share of the rise to standing: about 3 cm
-_UNLOADED = 0.4  # as a share of the chair load at rest
-_MERGE_WITHIN = 1.0  # s
-_CUTOFF = 5.0  # Hz
+_HIP_RISE = 0.08  # share of the rise to standing: about 3 cm
+_UNLOADED = 0.4  # share of the chair's load at rest
+_MERGE_WITHIN = 1.0  # s: peaks that are nearer belong to the same attempt
+_CUTOFF = 5.0  # Hz, low-pass of the force
 
 
 @dataclass(frozen=True)
@@ -26,9 +26,9 @@ class Attempt:
     time : float
         Time of the greatest height, s.
     height : float
-        Greatest height as a share of the rise from seat to standing.
+        Greatest height of the hip as a share of the rise from seat to standing.
     unloaded : float
-        Share of the chair load at rest that the feet took over; NaN if unknown.
+        Share of the chair's load at rest that the feet took over; NaN if unknown.
     """
 
     time: float
@@ -36,7 +36,7 @@ class Attempt:
     unloaded: float
 
 
-def failed_attempts(
+def find_failed_attempts(
     time: FloatArray,
     posture: Posture,
     vertical: FloatArray,
@@ -44,53 +44,52 @@ def failed_attempts(
     *,
     chair: bool | None,
 ) -> tuple[Attempt, ...]:
-    """Find failed attempts in the low phases, in order of time.
+    """Find the failed attempts to rise, in order of time.
 
-    An attempt is a rise of the hips by 8 % of the way to standing that ends on the seat, or an unloading of the chair
-    by 40 % between repetitions. Unloading within a repetition is the beginning of its rise.
+    In a failed attempt, the hips rise by at least 8 % of the way to standing and return to the seat, or the load on the
+    chair decreases by at least 40 % between repetitions. Within a repetition, this decrease is the start of the rise.
 
     Parameters
     ----------
     time : (T,) array
-        s.
-    posture : Posture
+        Sample times, s.
     vertical : (T,) array
-        Force under the feet divided by the standing weight; NaN where unknown.
-    repetitions : tuple of Repetition
+        Vertical force under the feet divided by the standing weight; NaN where unknown.
     chair : bool or None
-        Whether a chair is used; squats (False) have no attempts.
+        Whether a chair is used; None if unknown. Squats (False) have no failed attempts.
     """
     if not posture.moves or chair is False:
         return ()
-    unloaded = _unloaded(time, posture, vertical)
-    between = _between(time, repetitions)
+    unloaded = _measure_unloading(time, posture, vertical)
+    between = _find_samples_outside(time, repetitions)
     instants: list[int] = []
     for low in find_runs(~posture.upright):
-        instants += [low.start + k for k in _peaks(np.nan_to_num(posture.height[low], nan=0.0), _HIP_RISE)]
-        signs = np.where(between[low], np.nan_to_num(unloaded[low], nan=0.0), 0.0)
-        instants += [low.start + k for k in _peaks(signs, _UNLOADED) if signs[k] >= _UNLOADED]
-    found: list[Attempt] = []
+        instants += [low.start + k for k in _find_peaks(np.nan_to_num(posture.height[low], nan=0.0), _HIP_RISE)]
+        shares = np.where(between[low], np.nan_to_num(unloaded[low], nan=0.0), 0.0)
+        instants += [low.start + k for k in _find_peaks(shares, _UNLOADED) if shares[k] >= _UNLOADED]
+    attempts: list[Attempt] = []
     for k in sorted(instants, key=lambda k: -posture.height[k]):
-        if all(abs(time[k] - other.time) > _MERGE_WITHIN for other in found):
+        if all(abs(time[k] - other.time) > _MERGE_WITHIN for other in attempts):
             near = slice(*np.searchsorted(time, [time[k] - _MERGE_WITHIN, time[k] + _MERGE_WITHIN]))
             known = unloaded[near][np.isfinite(unloaded[near])]
-            taken = float(known.max()) if len(known) else float("nan")
-            found.append(Attempt(float(time[k]), float(posture.height[k]), taken))
-    return tuple(sorted(found, key=lambda attempt: attempt.time))
+            greatest = float(known.max()) if len(known) else float("nan")
+            attempts.append(Attempt(float(time[k]), float(posture.height[k]), greatest))
+    return tuple(sorted(attempts, key=lambda attempt: attempt.time))
 
 
-def _peaks(values: FloatArray, prominence: float) -> list[int]:
-    """Return the indices of the peaks with at least this prominence, in order."""
+def _find_peaks(values: FloatArray, prominence: float) -> list[int]:
+    """Return the indices of the peaks of a signal with at least this prominence, in order."""
     lowest = np.maximum(np.minimum.accumulate(values), np.minimum.accumulate(values[::-1])[::-1])
     candidates = np.flatnonzero(values - lowest >= prominence)
     if not candidates.size:
         return []
     top = int(candidates[values[candidates].argmax()])
-    return [*_peaks(values[: top + 1], prominence), top, *(top + k for k in _peaks(values[top:], prominence))]
+    after = [top + k for k in _find_peaks(values[top:], prominence)]
+    return [*_find_peaks(values[: top + 1], prominence), top, *after]
 
 
-def _between(time: FloatArray, repetitions: tuple[Repetition, ...]) -> BoolArray:
-    """Return the samples (T,) outside all repetitions, including repetitions cut off by the recording."""
+def _find_samples_outside(time: FloatArray, repetitions: tuple[Repetition, ...]) -> BoolArray:
+    """Return True (T,) for the samples outside all repetitions, also outside those that the recording cuts off."""
     out = np.ones(len(time), dtype=bool)
     for each in repetitions:
         begin = -np.inf if np.isnan(each.start) else each.start
@@ -99,8 +98,8 @@ def _between(time: FloatArray, repetitions: tuple[Repetition, ...]) -> BoolArray
     return out
 
 
-def _unloaded(time: FloatArray, posture: Posture, vertical: FloatArray) -> FloatArray:
-    """Return the share of the chair load at rest taken over by the feet in low phases, (T,); NaN where unknown."""
+def _measure_unloading(time: FloatArray, posture: Posture, vertical: FloatArray) -> FloatArray:
+    """Return the share (T,) of the chair's load at rest that the feet carry in low phases; NaN where unknown."""
     out = np.full(len(time), np.nan)
     rate = (len(time) - 1) / (time[-1] - time[0])
     smooth = LowPass(min(_CUTOFF, rate / 5), rate)(vertical[:, None])[:, 0]

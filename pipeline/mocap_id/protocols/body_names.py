@@ -1,4 +1,4 @@
-"""Names of the segments and joints of a movement."""
+"""Names of segments and joints, by protocol."""
 
 from __future__ import annotations
 
@@ -10,24 +10,24 @@ _SIT_TO_STAND = {
 }
 
 GROUND = "ground"
-"""Name of the base under a foot that turns."""
+"""Name of the base if the foot rotates on the ground and is a segment itself."""
 
 LONGEST = {"sit-to-stand": 5, "robot-joint": 4, "free": 8}
-"""Maximum number of segments for each protocol, including the base; arms are branches, not links of the chain."""
+"""Largest number of segments of a chain, including the base, by protocol; arms do not belong to the chain."""
 
 
-def body_names(protocol: str, count: int, *, foot_turns: bool = False) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def name_bodies(protocol: str, count: int, *, foot_turns: bool = False) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return names for ``count`` segments, base first, and for the ``count - 1`` joints between them.
 
-    If the ``foot_turns`` on the ground, it is the first moving segment.
+    If the foot rotates on the ground (``foot_turns``), it is the first moving segment.
 
     Examples
     --------
-    >>> body_names("sit-to-stand", 4)[1]
+    >>> name_bodies("sit-to-stand", 4)[1]
     ('ankle', 'knee', 'hip')
-    >>> body_names("free", 3)
+    >>> name_bodies("free", 3)
     (('base', 'segment 1', 'segment 2'), ('joint 1', 'joint 2'))
-    >>> body_names("sit-to-stand", 4, foot_turns=True)
+    >>> name_bodies("sit-to-stand", 4, foot_turns=True)
     (('ground', 'foot', 'shank', 'thigh'), ('toes', 'ankle', 'knee'))
     """
     if foot_turns and protocol == "sit-to-stand" and count - 1 in _SIT_TO_STAND:

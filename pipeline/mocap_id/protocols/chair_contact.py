@@ -15,34 +15,34 @@ from mocap_id.protocols import contact_rules
 from mocap_id.protocols.contact_rules import ContactRule, DecidingRule
 from mocap_id.protocols.posture import Posture
 
-_ROUNDS = 8
-_SETTLED = 0.02  # s: smaller changes of contact do not matter; the filter reaches ten times as far
+_ROUNDS = 8  # largest number of iterations of model and contact
+_SETTLED = 0.02  # s: the contact has converged if it changes by less; the low-pass blurs it ten times as far
 
 
 @dataclass(frozen=True)
 class Contact:
-    """Chair contact of a trial.
+    """Contact of the person with the chair in one trial.
 
     Parameters
     ----------
     chair : bool or None
-        Whether a chair is used; False for squats, None if the plates do not show it.
+        Whether a chair is used; False for squats, None if the plates cannot decide it.
     touching : (T,) bool array or None
         Samples with contact, on the clock of the markers; None if unknown.
     free : (T,) bool array
-        Samples for identification.
+        Samples to use for the identification.
     weight : float
         Standing weight, N.
     threshold : float or None
-        Threshold of the chair force for contact, N; None for rules without one.
+        Chair force above which there is contact, N; None for rules without a threshold.
     rule : DecidingRule
-        Rule that was used: the chair's own plate if there is one, and a fallback if the requested rule was not
-        applicable.
+        Rule that decided the contact. It differs from the requested rule if the chair has its own plate, or if the
+        requested rule could not be applied.
     converged : bool or None
         Whether the iteration of model and contact converged; None for rules without iteration.
     above_noise : (T,) bool array or None
-        Samples with a chair force above the noise; ``touching`` extends them to the instants of zero force. None for
-        rules without a threshold.
+        Samples with a chair force above the threshold; ``touching`` also contains the samples from there to the
+        instants of zero force. None for rules without a threshold.
     """
 
     chair: bool | None
@@ -58,62 +58,58 @@ class Contact:
 def find_contact(
     prepared: PreparedTrial, posture: Posture, rule: ContactRule, *, weight_share: float, knee_bend: float
 ) -> Contact:
-    """Find the chair contact of a trial.
+    """Find the samples with chair contact by a rule of :mod:`mocap_id.protocols.contact_rules`.
 
     Parameters
     ----------
-    prepared : PreparedTrial
-    posture : Posture
-    rule : {"seat-force", "weight", "knee"}
-        See :mod:`mocap_id.protocols.contact_rules`.
     weight_share : float
         Share of the standing weight under the feet at which the chair is released (rule ``weight``).
     knee_bend : float
-        Angle of the knee, rad, below which the person is off the chair (rule ``knee``).
+        Angle of the knee below which the person is off the chair (rule ``knee``), rad.
     """
     if prepared.recorded.seat is not None:
-        return contact_from_seat_plate(prepared, posture)
+        return find_contact_by_seat_plate(prepared, posture)
     vertical = prepared.recorded.surroundings[:, 1]
-    weight = contact_rules.standing_weight(posture, vertical)
+    weight = contact_rules.measure_standing_weight(posture, vertical)
     chair = contact_rules.uses_chair(posture, vertical, weight)
     if chair is False:
         nowhere = np.zeros(len(vertical), dtype=bool)
         return Contact(False, nowhere, ~nowhere, weight, None, rule)
     with np.errstate(invalid="ignore"):
-        by_weight = contact_rules.contact_in_low_phases(posture, vertical < weight_share * weight)
+        by_weight = contact_rules.find_contact_in_low_phases(posture, vertical < weight_share * weight)
         knee = min(prepared.recorded.knee, prepared.recorded.q.shape[1] - 1)
         straight = np.abs(prepared.recorded.q[:, knee]) < knee_bend
     if chair is None:
         return Contact(None, None, straight, weight, None, "knee")
     if rule == "knee":
         return Contact(True, by_weight, straight, weight, None, rule)
-    first = contact_rules.clearly_off_chair(posture) & ~by_weight
-    # the chair force is found as the Fy missing under the feet, which only a model fitted to Fy can predict
+    first = contact_rules.find_samples_off_chair(posture) & ~by_weight
+    # the chair force is the Fy missing under the feet, which only a model fitted to Fy can predict
     if rule == "weight" or 1 not in prepared.settings.components or not determined(prepared, first):
         return Contact(True, by_weight, ~by_weight, weight, None, "weight")
-    return _contact_from_seat_force(prepared, posture, first, weight)
+    return _find_contact_by_seat_force(prepared, posture, first, weight)
 
 
-def contact_from_seat_plate(prepared: PreparedTrial, posture: Posture) -> Contact:
-    """Find chair contact from the chair's own plate; all samples are free, because every force is measured."""
+def find_contact_by_seat_plate(prepared: PreparedTrial, posture: Posture) -> Contact:
+    """Find the chair contact by the chair's own plate; all samples are free because all forces are measured."""
     everything = np.ones(len(prepared.recorded.time), dtype=bool)
     offset = fit(prepared, everything).offset if determined(prepared, everything) else 0.0
     seat = prepared.external(offset)[[each.name for each in prepared.recorded.external].index(SEAT)][:, 1]
-    weight = contact_rules.standing_weight(posture, prepared.measured(offset)[:, 1])
-    if np.isnan(weight):  # nobody stands: the plates of feet and chair together carry the weight
+    weight = contact_rules.measure_standing_weight(posture, prepared.measured(offset)[:, 1])
+    if np.isnan(weight):  # the person never stands, so feet and chair together carry the weight
         weight = float(np.nanmedian(prepared.recorded.surroundings[:, 1]))
-    threshold = contact_rules.seat_force_threshold(seat, posture.upright, weight)
+    threshold = contact_rules.compute_contact_threshold(seat, posture.upright, weight)
     with np.errstate(invalid="ignore"):
-        above_noise = contact_rules.contact_in_low_phases(posture, seat > threshold)
-        touching = contact_rules.extend_to_release(prepared.recorded.time, above_noise, seat)
+        above_noise = contact_rules.find_contact_in_low_phases(posture, seat > threshold)
+        touching = contact_rules.extend_contact_to_release(prepared.recorded.time, above_noise, seat)
     return Contact(bool(touching.any()), touching, everything, weight, threshold, "seat-plate", above_noise=above_noise)
 
 
-def _contact_from_seat_force(prepared: PreparedTrial, posture: Posture, first: BoolArray, weight: float) -> Contact:
-    """Alternate between fitting a model to the free samples and finding contact with it, until the contact converges.
+def _find_contact_by_seat_force(prepared: PreparedTrial, posture: Posture, first: BoolArray, weight: float) -> Contact:
+    """Fit a model to the free samples and find the contact with this model, in turn, until the contact converges.
 
-    Without convergence, the contact of either of the last two rounds is excluded. The search also ends, with the
-    previous contact, if the free samples of a round would not determine a model.
+    Without convergence, the contact of both last rounds is excluded. If the free samples of a round would not determine
+    a model, the search ends with the contact of the previous round.
     """
     rate = prepared.recorded.rate
     smooth = LowPass(min(2 * prepared.lowpass.cutoff, 10.0, rate / 5), rate)
@@ -125,9 +121,9 @@ def _contact_from_seat_force(prepared: PreparedTrial, posture: Posture, first: B
         measured = prepared.measured(found.offset)[:, 1]
         missing = prepared.rows[:, 1] @ base - measured
         seat_force = smooth(missing[:, None])[:, 0]
-        threshold = contact_rules.seat_force_threshold(seat_force, found.in_fit, weight)
+        threshold = contact_rules.compute_contact_threshold(seat_force, found.in_fit, weight)
         with np.errstate(invalid="ignore"):
-            above_noise = contact_rules.contact_in_low_phases(posture, seat_force > threshold)
+            above_noise = contact_rules.find_contact_in_low_phases(posture, seat_force > threshold)
         if not determined(prepared, ~above_noise):
             break
         before, touching, free = touching, above_noise, ~above_noise
@@ -136,6 +132,6 @@ def _contact_from_seat_force(prepared: PreparedTrial, posture: Posture, first: B
             break
     if not converged and determined(prepared, ~(touching | before)):
         touching = touching | before
-    longer = contact_rules.extend_to_release(prepared.recorded.time, touching, missing)
-    longer = longer if determined(prepared, ~longer) else touching
-    return Contact(True, longer, ~longer, weight, threshold, "seat-force", converged, touching)
+    extended = contact_rules.extend_contact_to_release(prepared.recorded.time, touching, missing)
+    extended = extended if determined(prepared, ~extended) else touching
+    return Contact(True, extended, ~extended, weight, threshold, "seat-force", converged, touching)

@@ -1,8 +1,13 @@
-"""Times of the five-times-sit-to-stand test by both common stop rules."""
+"""Times of the five-times-sit-to-stand test by both common stop rules, and published times for context.
+
+A stopwatch starts at the command, so its times also contain the reaction time. The published times are no diagnosis:
+their sources differ in chair, instruction and stop rule.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -23,13 +28,13 @@ class FiveTimes:
         Number of rises that reach standing.
     to_fifth_stand, to_fifth_seat_contact, to_fifth_seated : float or None
         Time from the start of the first rise to the fifth stand, to the next seat contact, and to the next seated
-        rest. A stopwatch starts at the command, and so adds the reaction time.
+        rest.
     mean_cycle, cycle_sd : float or None
-        Mean and standard deviation of the time from one stand to the next, over all repetitions.
+        Mean and standard deviation of the time from one stand to the next.
     attempts : int
-        Number of failed attempts before the fifth stand.
+        Number of failed attempts between the first rise and the fifth stand.
     why : str or None
-        Why a time is unknown.
+        Reason why a time is unknown; None if all times are known.
     """
 
     repetitions: int
@@ -42,16 +47,13 @@ class FiveTimes:
     why: str | None = None
 
 
-def five_times(repetitions: tuple[Repetition, ...], rises: tuple[RiseDetails, ...], *, chair: bool | None) -> FiveTimes:
-    """Compute the times of the test.
+def compute_five_times(
+    repetitions: tuple[Repetition, ...], rises: tuple[RiseDetails, ...], *, chair: bool | None
+) -> FiveTimes:
+    """Compute the times of the five-times-sit-to-stand test.
 
-    Parameters
-    ----------
-    repetitions : tuple of Repetition
-    rises : tuple of RiseDetails
-        Their details; a rise that does not reach standing is not counted.
-    chair : bool or None
-        Whether a chair is used; squats (False) have no test times.
+    Rises that do not reach standing, according to ``rises``, are not counted. Squats (``chair`` is False) have no
+    times; None means that it is unknown whether a chair is used.
     """
     if chair is False:
         return FiveTimes(0, why="no chair is used, so the rises are squats and not sit-to-stands")
@@ -79,13 +81,66 @@ def five_times(repetitions: tuple[Repetition, ...], rises: tuple[RiseDetails, ..
         mean_cycle=cycle,
         cycle_sd=spread,
         attempts=sum(rises[k].attempts for k in range(first + 1, fifth + 1)),
-        why=_why(repetitions[first], last),
+        why=_explain_unknown_time(repetitions[first], last),
     )
 
 
-def _why(first: Repetition, fifth: Repetition) -> str | None:
+def _explain_unknown_time(first: Repetition, fifth: Repetition) -> str | None:
     if np.isnan(first.start):
         return f"the start of the first rise is unknown: {first.why or 'its angles are unknown'}"
     if np.isnan([fifth.seat_on, fifth.end]).any():
         return f"the end of the fifth repetition is unknown: {fifth.why or 'its angles are unknown'}"
     return None
+
+
+@dataclass(frozen=True)
+class Published:
+    """A published time limit of the test.
+
+    Parameters
+    ----------
+    limit : float
+        Time limit, s.
+    people : str
+        Group of people in the study.
+    meaning : str
+        Meaning of longer times according to the source.
+    stop : str
+        Event at which the stopwatch was stopped; "not said" if the text available to us does not state it.
+    source : str
+        Reference to the publication.
+    """
+
+    limit: float
+    people: str
+    meaning: str
+    stop: Literal["fifth stand", "fifth seat contact", "not said"]
+    source: str
+
+
+_BOHANNON = "Bohannon, Percept Mot Skills 2006;103:215-222 (meta-analysis of 13 papers)"
+_WORSE = "worse than average for the age"
+_BUATOIS = "Buatois et al., J Am Geriatr Soc 2008;56:1575-1577"
+_GURALNIK = "Guralnik et al., J Gerontol A 2000;55:M221-M231"
+_DUNCAN = "Duncan et al., Arch Phys Med Rehabil 2011;92:1431"
+
+PUBLISHED: tuple[Published, ...] = (
+    Published(11.4, "60 to 69 years", _WORSE, "not said", _BOHANNON),
+    Published(12.6, "70 to 79 years", _WORSE, "not said", _BOHANNON),
+    Published(14.8, "80 to 89 years", _WORSE, "not said", _BOHANNON),
+    Published(
+        15.0,
+        "2735 people of 65 years and older",
+        "predicted recurrent falls with sensitivity 55 % and specificity 65 %",
+        "not said",
+        _BUATOIS,
+    ),
+    Published(13.6, "older people", "associated with increased disability and morbidity", "fifth stand", _GURALNIK),
+    Published(
+        16.0,
+        "80 people with Parkinson's disease",
+        "distinguished people who fall from others",
+        "not said",
+        _DUNCAN,
+    ),
+)

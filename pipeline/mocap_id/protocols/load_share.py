@@ -1,4 +1,4 @@
-"""Share of the load on the left and right foot, if each stands on its own force plate."""
+"""Share of the left foot in the load of both feet, if each foot is on its own force plate."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ from mocap_id.protocols.posture import STANDING, Posture
 from mocap_id.protocols.repetitions import Repetition
 
 PHASES = ("seated", "rising", "standing")
-_APART_M = 0.05  # with centres of pressure closer than this, the plates are not side by side
+_APART_M = 0.05  # if the centres of pressure are closer, the plates are not side by side
 
 
 @dataclass(frozen=True)
 class LoadShare:
-    """Share of the feet's load on the left foot.
+    """Share of the left foot in the load of both feet, in each repetition.
 
     Parameters
     ----------
     left_plate, right_plate : int or None
-        Plate numbers, from 1.
+        Numbers of the plates, from 1; None if unknown.
     phases : dict of str to (R,) array
         Mean share in each repetition while seated (before the rise), rising (start to stand) and standing; NaN where
         unknown.
     why : str or None
-        Why the shares are unknown.
+        Reason why the shares are unknown; None if they are known.
     """
 
     left_plate: int | None
@@ -36,15 +36,15 @@ class LoadShare:
     why: str | None = None
 
 
-def sides(across: Sequence[tuple[int, float]], forwards: int) -> tuple[int, int] | str:
-    """Return the plates under the left and the right foot, or why they are unknown.
+def find_foot_plates(across: Sequence[tuple[int, float]], forwards: int) -> tuple[int, int] | str:
+    """Return the numbers of the plates under the left and the right foot, or a text that says why they are unknown.
 
     Parameters
     ----------
     across : sequence of (int, float)
-        Number of every plate under the feet, and the z coordinate of its load in the plane frame, m.
+        Number of every plate under the feet, and the z coordinate of its load in the plane's axes, m.
     forwards : {-1, 1}
-        Sign of the plane frame's x axis in front of the subject. With y up, z is to the left if the subject faces -x.
+        1 if the person faces x in the plane's axes, -1 if the person faces -x and z points to the left of the person.
     """
     if len(across) != 2:
         return f"left and right need one plate under each foot, but the feet are on {len(across)}"
@@ -54,33 +54,29 @@ def sides(across: Sequence[tuple[int, float]], forwards: int) -> tuple[int, int]
     return (one, other) if (z_one > z_other) == (forwards < 0) else (other, one)
 
 
-def load_share(
-    time: FloatArray,
-    posture: Posture,
-    left: FloatArray,
-    right: FloatArray,
-    repetitions: tuple[Repetition, ...],
+def compute_load_share(
+    time: FloatArray, posture: Posture, left: FloatArray, right: FloatArray, repetitions: tuple[Repetition, ...]
 ) -> dict[str, FloatArray]:
-    """Return the mean share of the left foot in each phase, one (R,) array per phase.
+    """Return the mean share of the left foot in the load of both feet, an (R,) array for each of :data:`PHASES`.
 
     Parameters
     ----------
     time : (T,) array
-        s.
-    posture : Posture
+        Sample times, s.
     left, right : (T,) arrays
         Vertical force under each foot, N; NaN where unknown.
-    repetitions : tuple of Repetition
     """
     out = {phase: np.full(len(repetitions), np.nan) for phase in PHASES}
     before = -np.inf
     for k, each in enumerate(repetitions):
         after = repetitions[k + 1].start if k + 1 < len(repetitions) else np.inf
+        seated_until = each.start if np.isnan(each.seat_off) else each.seat_off
+        standing_until = each.end if each.end > each.stand else np.inf if np.isnan(after) else after
         with np.errstate(invalid="ignore"):
             parts: dict[str, BoolArray] = {
-                "seated": (time > before) & (time < _released(each)) & (posture.height < 1.0 - STANDING),
+                "seated": (time > before) & (time < seated_until) & (posture.height < 1.0 - STANDING),
                 "rising": (time >= each.start) & (time <= each.stand),
-                "standing": (time > each.stand) & (time < _until(each, after)) & (posture.height > STANDING),
+                "standing": (time > each.stand) & (time < standing_until) & (posture.height > STANDING),
             }
         for phase, part in parts.items():
             known = part & np.isfinite(left) & np.isfinite(right)
@@ -88,15 +84,3 @@ def load_share(
             out[phase][k] = left[known].sum() / total if known.any() and total > 0 else np.nan
         before = each.seat_on if not np.isnan(each.seat_on) else each.end
     return out
-
-
-def _released(repetition: Repetition) -> float:
-    """Return the end of the seated phase, s: seat-off, or the start of the rise if seat-off is unknown."""
-    return repetition.start if np.isnan(repetition.seat_off) else repetition.seat_off
-
-
-def _until(repetition: Repetition, after: float) -> float:
-    """Return the latest possible end of standing, s; for a squat, the start of the next repetition."""
-    if repetition.end > repetition.stand:
-        return repetition.end
-    return after if not np.isnan(after) else np.inf

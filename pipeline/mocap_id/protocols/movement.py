@@ -1,4 +1,4 @@
-"""Repetitions of a trial and samples for the identification, found by the protocol of its movement."""
+"""Repetitions of a trial in the plane, and the samples for its identification, by protocol."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.preparation import PreparedTrial, TrialData
 from mocap_id.protocols.chair_contact import Contact, find_contact
 from mocap_id.protocols.contact_rules import ContactRule
-from mocap_id.protocols.posture import Posture, posture
+from mocap_id.protocols.posture import Posture, compute_posture
 from mocap_id.protocols.repetitions import Repetition
-from mocap_id.protocols.robot_joint import robot_repetitions
-from mocap_id.protocols.sit_to_stand import sit_to_stand_repetitions
+from mocap_id.protocols.robot_joint import find_robot_cycles
+from mocap_id.protocols.sit_to_stand import find_sit_to_stand_repetitions
 from mocap_id.verdict import Reason
 
 
@@ -26,11 +26,13 @@ class Movement:
     free : (T,) bool array
         Samples without an unmeasured contact force.
     repetitions : tuple of Repetition
+        Repetitions in order of time; empty for ``protocol: free``.
     contact : Contact or None
-        Chair contact; None if the protocol has no chair or there is no plate.
+        Chair contact; None if the protocol has no chair or the trial has no plate.
     posture : Posture or None
-        None if the protocol does not use it.
+        Height of the hip over time; None for other protocols than sit-to-stand.
     reasons : tuple of Reason
+        Cautions and notes about repetitions and contact.
     """
 
     free: BoolArray
@@ -40,7 +42,7 @@ class Movement:
     reasons: tuple[Reason, ...]
 
 
-def read_movement(
+def find_movement(
     protocol: str,
     recorded: TrialData,
     prepared: PreparedTrial | None,
@@ -50,51 +52,53 @@ def read_movement(
     knee_bend: float,
     stands: bool,
 ) -> Movement:
-    """Find the repetitions and the samples to identify on.
+    """Find the repetitions of a trial and the samples for its identification.
 
     Parameters
     ----------
     protocol : {"free", "sit-to-stand", "robot-joint"}
+        Protocol of the trial.
     recorded : TrialData
+        Motion and wrenches of the trial.
     prepared : PreparedTrial or None
-        None without a measured wrench; the repetitions are then found from the posture alone.
+        The same trial with its regressor; None without a measured wrench. The posture alone then gives the repetitions.
     rule, weight_share, knee_bend
-        See :func:`mocap_id.protocols.chair_contact.find_contact`.
+        Rule for chair contact and its thresholds; see :func:`mocap_id.protocols.chair_contact.find_contact`.
     stands : bool
-        Whether the recording shows that the person stands. If nobody rises in a sit-to-stand trial, a person who is
-        not known to stand may be seated throughout, and no sample is free.
+        True if the person certainly stands in the recording. If this is False and nobody rises in a sit-to-stand
+        trial, the person may be seated all the time, and no sample is free.
     """
     everything = np.ones(len(recorded.time), dtype=bool)
     if protocol == "robot-joint":
-        return Movement(everything, robot_repetitions(recorded.time, recorded.q), None, None, ())
+        return Movement(everything, find_robot_cycles(recorded.time, recorded.q), None, None, ())
     if protocol != "sit-to-stand":
         return Movement(everything, (), None, None, ())
-    body = posture(recorded.q, recorded.dq, recorded.centres)
+    body = compute_posture(recorded.q, recorded.dq, recorded.centres)
     if not body.moves:
         seated = recorded.seat is not None
-        return Movement(everything & (stands or seated), (), None, body, (_no_repetition(body, stands, seated),))
+        reasons = (_describe_missing_rise(body, stands, seated),)
+        return Movement(everything & (stands or seated), (), None, body, reasons)
     if prepared is None:
-        repetitions = sit_to_stand_repetitions(recorded.time, body, None, chair=True)
+        repetitions = find_sit_to_stand_repetitions(recorded.time, body, None, chair=True)
         return Movement(everything, repetitions, None, body, ())
     contact = find_contact(prepared, body, rule, weight_share=weight_share, knee_bend=knee_bend)
-    repetitions = sit_to_stand_repetitions(recorded.time, body, contact.touching, chair=contact.chair)
-    return Movement(contact.free, repetitions, contact, body, _contact_reasons(contact, rule))
+    repetitions = find_sit_to_stand_repetitions(recorded.time, body, contact.touching, chair=contact.chair)
+    return Movement(contact.free, repetitions, contact, body, _explain_contact(contact, rule))
 
 
-def facing(recorded: TrialData) -> int:
-    """Return the sign of the plane frame's x axis in front of the person; a bent knee is negative if facing -x."""
+def find_facing(recorded: TrialData) -> int:
+    """Return 1 if the person faces x in the plane's axes, -1 for -x; the angle of a bent knee has this sign."""
     knee: FloatArray = recorded.q[:, min(recorded.knee, recorded.q.shape[1] - 1)]
     return -1 if not np.nanmean(knee) > 0.0 else 1
 
 
-def _no_repetition(body: Posture, stands: bool, seat_measured: bool) -> Reason:
-    consequence = (
-        "the person stands, so all samples are used for identification"
-        if stands
-        else "the force of the chair is measured, so all samples are used for identification"
-        if seat_measured
-        else "the recording does not show that the person stands, so a chair may carry part of the body in every sample"
-    )
+def _describe_missing_rise(body: Posture, stands: bool, seat_measured: bool) -> Reason:
+    if stands:
+        consequence = "the person stands, so all samples are used for identification"
+    elif seat_measured:
+        consequence = "the force of the chair is measured, so all samples are used for identification"
+    else:
+        consequence = "it is not certain that the person stands, so a chair may carry part of the body in every sample"
     return Reason(
         "no-repetitions",
         f"no rise was found: the hip moves {100 * body.rise:.1f} cm up and down, too little for a "
@@ -105,13 +109,13 @@ def _no_repetition(body: Posture, stands: bool, seat_measured: bool) -> Reason:
     )
 
 
-def _contact_reasons(contact: Contact, requested: ContactRule) -> tuple[Reason, ...]:
+def _explain_contact(contact: Contact, requested: ContactRule) -> tuple[Reason, ...]:
     if contact.chair is None:
         reason = Reason(
             "contact-unknown",
-            "chair contact is unknown: the plates have no reading while the person stands, or none while the hips "
-            "are low. Samples for identification were selected by the knee angle alone (rule `knee`), as if a chair "
-            "were used",
+            "chair contact is unknown: the plates were not recorded while the person stands, or while the hips are "
+            "low. Samples for identification were selected by the knee angle alone (rule `knee`), as if a chair were "
+            "used",
         )
     elif not contact.chair:
         reason = Reason(

@@ -1,4 +1,4 @@
-"""Signals normalised to 0 to 100 % of each repetition and averaged over the repetitions (figures 6.5 and 6.7)."""
+"""Signals resampled at 0 to 100 % of each repetition and averaged over the repetitions (figures 6.5 and 6.7)."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ GRID = np.linspace(0.0, 1.0, 101)
 
 @dataclass(frozen=True)
 class Averaged:
-    """Mean, standard deviation (NaN for fewer than two) and number of known repetitions at each share, (P,)."""
+    """Mean, standard deviation and number of known repetitions at each point of the cycle, (P,) arrays.
+
+    The standard deviation is NaN for fewer than two repetitions.
+    """
 
     mean: FloatArray
     sd: FloatArray
@@ -22,18 +25,18 @@ class Averaged:
 
 @dataclass(frozen=True)
 class Agreement:
-    """Agreement of two records of an angle over the samples where both are known.
+    """Agreement of an angle with the same angle from another system, over the samples where both are known.
 
     Parameters
     ----------
     r : float
-        Correlation; negative if the two angles have opposite senses.
+        Correlation; negative if the two angles have opposite signs.
     offset : float
-        Mean of the other angle minus ours, rad.
+        Mean difference, other system minus this program, rad.
     rmse : float
         rms difference after removing the offset, rad.
     samples : int
-        Number of samples.
+        Number of samples where both are known.
     """
 
     r: float
@@ -42,15 +45,15 @@ class Agreement:
     samples: int
 
 
-def on_grid(time: FloatArray, values: FloatArray, bounds: FloatArray) -> FloatArray:
-    """Interpolate a signal at 0, 1 … 100 % of each repetition, (R, 101); NaN next to unknown samples.
+def resample_repetitions(time: FloatArray, values: FloatArray, bounds: FloatArray) -> FloatArray:
+    """Return a signal at 0, 1 … 100 % of each repetition, (R, 101); NaN next to missing samples.
 
     Parameters
     ----------
     time : (T,) array
-        s.
+        Sample times, s.
     values : (T,) array
-        NaN where unknown.
+        Signal; NaN where missing.
     bounds : (R, 2) array
         Start and end of each repetition, s.
     """
@@ -60,8 +63,8 @@ def on_grid(time: FloatArray, values: FloatArray, bounds: FloatArray) -> FloatAr
     return np.where(unknown, np.nan, curves)
 
 
-def average(curves: FloatArray) -> Averaged:
-    """Average curves (R, P) over the repetitions."""
+def average_repetitions(curves: FloatArray) -> Averaged:
+    """Average curves (R, P) over the R repetitions; NaN counts as missing."""
     known = np.isfinite(curves)
     count = known.sum(axis=0).astype(np.float64)
     mean = np.where(known, curves, 0.0).sum(axis=0) / np.where(count > 0, count, np.nan)
@@ -69,8 +72,8 @@ def average(curves: FloatArray) -> Averaged:
     return Averaged(mean, np.sqrt(square / np.where(count > 1, count - 1, np.nan)), count)
 
 
-def agreement(ours: FloatArray, other: FloatArray) -> Agreement:
-    """Compare two angles (T,) at the same times, rad; NaN where unknown."""
+def compare_angles(ours: FloatArray, other: FloatArray) -> Agreement:
+    """Compare an angle (T,), rad, with the same angle from another system; both are NaN where unknown."""
     both = np.isfinite(ours) & np.isfinite(other)
     count = int(both.sum())
     if count < 3 or np.ptp(ours[both]) == 0.0 or np.ptp(other[both]) == 0.0:

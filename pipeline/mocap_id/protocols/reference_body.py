@@ -1,4 +1,4 @@
-"""Allometric reference body of the subject, and the assumptions behind it."""
+"""Reference body of a person: inertial parameters from allometric tables, by height, mass and sex."""
 
 from __future__ import annotations
 
@@ -20,22 +20,22 @@ from mocap_id.verdict import Reason
 
 @dataclass(frozen=True)
 class ReferenceBody:
-    """Full parameters of a reference body on the chain of the trial.
+    """Inertial parameters of a reference body with the chain of the trial.
 
     Parameters
     ----------
     table : str or None
-        ``winter`` or ``de-leva``; None if no reference applies.
+        Allometric table, ``winter`` or ``de-leva``; None if there is no reference body.
     parameters : (4(n + 1),) array
-        m, mx, my, Izz of every segment, base first; NaN if no reference applies.
+        m, mx, my, Izz of every segment, base first; NaN if there is no reference body.
     height, mass : float or None
-        Height and mass of the body, m and kg.
+        Height, m, and mass, kg, of the body; None if there is no reference body.
     assumed : tuple of str
-        Assumptions made for values that were not given.
+        Assumptions about values that the user did not give.
     why : str or None
-        Why no reference applies.
+        Reason why there is no reference body; None if there is one.
     reasons : tuple of Reason
-        Assumptions, or ``why``, as reasons for the verdict.
+        Notes for the verdict about the assumptions or about ``why``.
     """
 
     table: TableName | None
@@ -47,7 +47,7 @@ class ReferenceBody:
     reasons: tuple[Reason, ...]
 
 
-def reference_body(
+def build_reference_body(
     name: TableName,
     centres: FloatArray,
     facing: int,
@@ -58,28 +58,31 @@ def reference_body(
     plate_mass: float | None,
     standing: FloatArray | None = None,
 ) -> ReferenceBody:
-    """Build the reference body for a foot-shank-thigh-torso chain, or one with pelvis and trunk.
+    """Build the reference body for a chain of foot, shank, thigh and torso, or with pelvis and trunk for the torso.
 
     Parameters
     ----------
     name : {"winter", "de-leva"}
+        Allometric table.
     centres : (n, 2) array
-        Joint centres in the frame of the previous segment, m.
+        Joint centres in the axes of the previous segment, m.
     facing : {-1, 1}
-        Sign of the x axis in front of the subject.
+        1 if the person faces x in the plane's axes, -1 for -x.
     height, mass, sex : optional
-        Values given by the user. A missing height is estimated from shank and thigh, a missing mass is taken from
-        the plates, and without the sex the mean of de Leva's two tables is used.
+        Values given by the user, m and kg. A missing height is estimated from shank and thigh, and a missing mass is
+        ``plate_mass``. Without the sex, the mean of de Leva's two tables is used.
     plate_mass : float or None
-        Mass measured by the plates, kg.
+        Mass measured by the plates, kg; None if unknown.
     standing : (n,) array or None
-        Angle of each segment frame while the person stands, rad.
+        Angle of each segment in the plane while the person stands, rad; None if unknown.
     """
     if len(centres) not in (3, 4):
-        return no_reference(len(centres), f"the tables describe people of 4 or 5 segments, not of {len(centres) + 1}")
+        return make_empty_reference(
+            len(centres), f"the tables are for chains of 4 or 5 segments, and this one has {len(centres) + 1}"
+        )
     if mass is None and plate_mass is None:
-        return no_reference(
-            len(centres), "neither the mass of the subject nor that on a plate is known; give `subject: {mass: …}`"
+        return make_empty_reference(
+            len(centres), "the mass of the person is unknown, as no plate measures it; give `subject: {mass: …}`"
         )
     reference = reference_table(name, sex)
     assumed: list[str] = []
@@ -88,7 +91,7 @@ def reference_body(
         mass = plate_mass
         assumed.append(f"a mass of {mass:.1f} kg, from the plates")
     if height is None:
-        height, how = _height(reference, centres)
+        height, how = _estimate_height(reference, centres)
         assumed.append(how)
     if name == "de-leva" and sex is None:
         assumed.append("the mean of the female and the male table")
@@ -99,28 +102,31 @@ def reference_body(
         mass=mass,
         assumed=tuple(assumed),
         why=None,
-        reasons=_assumption_reasons(name, assumed),
+        reasons=_explain_assumptions(name, assumed),
     )
 
 
-def _height(reference: ReferenceTable, centres: FloatArray) -> tuple[float, str]:
-    """Estimate the stature, m, from the lengths of shank and thigh; also return the assumption in words."""
+def _estimate_height(reference: ReferenceTable, centres: FloatArray) -> tuple[float, str]:
+    """Return the height of the person, m, estimated from shank and thigh, and a text that states this assumption."""
     shank, thigh = (float(np.linalg.norm(end)) for end in centres[1:3])
     height, factor = height_from_legs(reference, shank, thigh), reference.shank.length + reference.thigh.length
     legs = f"{shank + thigh:.3f} m / {factor:.3f}"
     return height, f"a height of {height:.2f} m, from the lengths of shank and thigh ({legs})"
 
 
-def _assumption_reasons(name: TableName, assumed: list[str]) -> tuple[Reason, ...]:
+def _explain_assumptions(name: TableName, assumed: list[str]) -> tuple[Reason, ...]:
     if not assumed:
         return ()
     message = f"the reference body ({name}) assumes {'; '.join(assumed)}; give these values under `subject:`"
     return (Reason("reference-assumed", message, level="ok"),)
 
 
-def no_reference(joints: int, why: str | None) -> ReferenceBody:
-    """Return an empty reference body for a chain with this many joints; without ``why`` it has no reason."""
+def make_empty_reference(joints: int, why: str | None) -> ReferenceBody:
+    """Return a reference body without parameters for a chain with ``joints`` joints.
+
+    If ``why`` is given, it is also a note for the verdict.
+    """
     reasons: tuple[Reason, ...] = ()
     if why is not None:
-        reasons = (Reason("no-reference", f"there is no reference body to compare with: {why}", level="ok"),)
+        reasons = (Reason("no-reference", f"there is no reference body for a comparison: {why}", level="ok"),)
     return ReferenceBody(None, np.full(4 * (joints + 1), np.nan), None, None, (), why, reasons)

@@ -1,4 +1,4 @@
-"""Repetition of a movement, with its events."""
+"""Repetition of a movement in the plane, with its events."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Repetition:
-    """Events of one repetition, s on the clock of the recording; NaN if there is no such event.
+    """Events of one repetition, s on the clock of the recording; NaN if an event was not found.
 
     Parameters
     ----------
     start : float
-        Start of the rise; for a squat, of the descent; for a robot, of the cycle.
+        Start of the rise; for a squat, start of the descent; for a robot, start of the cycle.
     seat_off : float
-        Release of the chair.
+        Time at which the person leaves the chair.
     stand : float
-        Upright standing is reached.
+        Time at which the person stands.
     seat_on : float
-        The chair is touched again.
+        Time at which the person touches the chair again.
     end : float
-        Seated rest is reached; for a squat, standing; for a robot, the end of the cycle.
+        Time at which the person sits at rest; for a squat, stands again; for a robot, end of the cycle.
     complete : bool
         Whether every event of the protocol was found.
     why : str
-        What is missing; empty if nothing is.
+        Missing events and their causes; empty if the repetition is complete.
     """
 
     start: float

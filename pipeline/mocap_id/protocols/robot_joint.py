@@ -1,4 +1,4 @@
-"""Cycles of a swinging robot joint (thesis ch. 5)."""
+"""Cycles of a robot joint that moves to and fro (thesis ch. 5)."""
 
 from __future__ import annotations
 
@@ -7,24 +7,15 @@ import numpy as np
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.protocols.repetitions import Repetition
 
-_SIDE = 0.5  # share of the half range; farther from the middle counts as one side
-_LEAST_ARC = np.radians(3.0)
+_SIDE = 0.5  # share of half the range: the joint is on one side if it is farther from the middle
+_LEAST_ARC = np.radians(3.0)  # smallest range of a joint that moves
 
 
-def robot_repetitions(time: FloatArray, q: FloatArray) -> tuple[Repetition, ...]:
-    """Find the cycles of the joint that moves most: from the middle to one side, to the other and back.
+def find_robot_cycles(time: FloatArray, q: FloatArray) -> tuple[Repetition, ...]:
+    """Find the cycles of the joint that moves most: from the middle to one side, to the other side and back.
 
-    Parameters
-    ----------
-    time : (T,) array
-        s.
-    q : (T, n) array
-        Joint angles, rad; NaN where unknown.
-
-    Returns
-    -------
-    tuple of Repetition
-        Seat events and ``stand`` are NaN.
+    ``time`` (T,) are the sample times, s; ``q`` (T, n) the joint angles, rad, NaN where unknown. Only ``start`` and
+    ``end`` of the repetitions are not NaN.
     """
     known = np.isfinite(q).all(axis=1)
     if known.sum() < 2:
@@ -34,18 +25,22 @@ def robot_repetitions(time: FloatArray, q: FloatArray) -> tuple[Repetition, ...]
     if high[joint] - low[joint] < _LEAST_ARC:
         return ()
     half = (high[joint] - low[joint]) / 2
-    swing = (q[known, joint] - (high[joint] + low[joint]) / 2) / half  # -1 … 1
-    return _cycles(time[known], swing)
+    swing = (q[known, joint] - (high[joint] + low[joint]) / 2) / half
+    return _split_cycles(time[known], swing)
 
 
-def _cycles(time: FloatArray, swing: FloatArray) -> tuple[Repetition, ...]:
+def _split_cycles(time: FloatArray, swing: FloatArray) -> tuple[Repetition, ...]:
+    """Return the cycles of an angle ``swing`` (T,), scaled so that its range is -1 to 1."""
     side = np.where(swing > _SIDE, 1, np.where(swing < -_SIDE, -1, 0))
     visits = np.flatnonzero(side)
     turns = visits[np.concatenate([[True], np.diff(side[visits]) != 0])]  # first sample of each visit to a side
-    middles = [_crossing_before(swing, int(turn)) for turn in turns]
-    after = _crossing_after(swing, int(turns[-1]))
-    if after is not None:
-        middles.append(after)
+    middles = []
+    for turn in turns:
+        before: IntArray = np.flatnonzero(np.sign(swing[:turn]) != np.sign(swing[turn]))
+        middles.append(int(before[-1]) if len(before) else 0)
+    after: IntArray = np.flatnonzero(np.sign(swing[turns[-1] :]) != np.sign(swing[turns[-1]]))
+    if len(after):
+        middles.append(int(turns[-1] + after[0]))
     starts = middles[: len(turns) : 2]
     cycles = []
     for k, start in enumerate(starts):
@@ -54,14 +49,3 @@ def _cycles(time: FloatArray, swing: FloatArray) -> tuple[Repetition, ...]:
         why = "" if whole else "the recording ends within the cycle"
         cycles.append(Repetition(float(time[start]), np.nan, np.nan, np.nan, float(time[end]), whole, why))
     return tuple(cycles)
-
-
-def _crossing_before(swing: FloatArray, index: int) -> int:
-    """Return the last sample before ``index`` with a zero swing or one of the other sign; 0 if there is none."""
-    before: IntArray = np.flatnonzero(np.sign(swing[:index]) != np.sign(swing[index]))
-    return int(before[-1]) if len(before) else 0
-
-
-def _crossing_after(swing: FloatArray, index: int) -> int | None:
-    after: IntArray = np.flatnonzero(np.sign(swing[index:]) != np.sign(swing[index]))
-    return index + int(after[0]) if len(after) else None

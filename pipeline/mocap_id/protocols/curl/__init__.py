@@ -1,1 +1,1 @@
-"""Curls of the elbow: their times, tempo and end of the trial, compensation, torque and fatigue (thesis 8.3)."""
+"""Curls of the elbow: repetitions, end of the trial, compensation, torque and fatigue (thesis 8.3)."""

@@ -1,19 +1,28 @@
-"""Compensation: motion of shoulder and thorax during curls, which should only bend the elbow."""
+"""Compensation: motion of shoulder and thorax during curls, which should only bend the elbow.
+
+One part of an angle of the shoulder depends on the flexion of the elbow and is the same in every curl. An error
+(d_x, d_y) of the elbow's axis causes such a part: it rotates the upper arm about its y axis by d_y Δsin(flexion) + d_x
+Δcos(flexion) from one flexion to another. Skin that slides with the flexion has nearly the same effect, and so has a
+person who rotates the upper arm in every curl. No motion separates these causes. Therefore, the part in the first curl
+is reported separately, and the compensation is the motion beyond this part.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from mocap_id.arrays import NORMAL_95, FloatArray, find_runs
-from mocap_id.protocols.curl.repetitions import Curl
-from mocap_id.protocols.curl.rules import CurlRules
+from mocap_id.protocols.curl.repetitions import Curl, CurlRules
+
+_VARIES = 0.25  # share of the error of a change of the angle that differs from curl to curl
 
 
 @dataclass(frozen=True)
 class Compensation:
-    """Motion of one angle during one curl.
+    """Motion of one angle of shoulder or thorax during one curl.
 
     Parameters
     ----------
@@ -21,15 +30,13 @@ class Compensation:
         Highest minus lowest value within the curl, rad.
     range_interval : (float, float)
         95 % interval of the range, rad; the lower end is not negative.
-    offset : float
-        Mean of the curl minus mean of the first complete curl, rad.
-    offset_sd : float
-        rad.
+    offset, offset_sd : float
+        Mean of the angle in this curl minus its mean in the first complete curl, and its standard deviation, rad.
     floor : float
-        95 % quantile of the range that errors of the angle alone cause, rad: a smaller range may be no motion at all.
+        95 % quantile of the range that errors of the angle alone cause, rad. A smaller range may be no motion at all.
     sustained : float
-        Longest time in which the change of the angle since the start of the curls exceeds the limit, s; 0 if this time
-        is shorter than the rule asks for.
+        Longest time in which the angle differs from its value at the start of the curls by more than
+        ``rules.compensation``, s; 0 if this time is shorter than ``rules.sustained``.
     """
 
     range: float
@@ -40,18 +47,19 @@ class Compensation:
     sustained: float
 
 
-def compensation(
+def measure_compensation(
     time: FloatArray, angle: FloatArray, sd: FloatArray, curls: tuple[Curl, ...], rules: CurlRules
 ) -> tuple[Compensation | None, ...]:
-    """Measure the motion of an angle during every complete curl; None for a curl in which the angle is unknown.
+    """Measure the motion of an angle of shoulder or thorax during every curl.
+
+    The result is None for a failed attempt and for a curl in which the angle is unknown.
 
     Parameters
     ----------
-    time, angle, sd : (T,) arrays
-        s; the angle and the standard deviation of its changes, rad, NaN where unknown.
-    curls : tuple of Curl
-        Failed attempts are left out and get None.
-    rules : CurlRules
+    time : (T,) array
+        Sample times, s.
+    angle, sd : (T,) arrays
+        Angle and standard deviation of its changes, rad; NaN where unknown.
     """
     spans = [slice(*np.searchsorted(time, [curl.start, curl.end])) if curl.complete else None for curl in curls]
     used = [span for span in spans if span is not None and np.isfinite(angle[span]).all() and span.stop > span.start]
@@ -61,15 +69,17 @@ def compensation(
     return tuple(
         None
         if span is None or span not in used
-        else _of_curl(time[span], angle[span] - start, sd[span], first - start, rules)
+        else _measure_in_curl(time[span], angle[span] - start, sd[span], first - start, rules)
         for span in spans
     )
 
 
-def _of_curl(time: FloatArray, change: FloatArray, sd: FloatArray, first: float, rules: CurlRules) -> Compensation:
-    """Return the compensation of one curl; ``first`` is the mean of the first curl."""
+def _measure_in_curl(
+    time: FloatArray, change: FloatArray, sd: FloatArray, first: float, rules: CurlRules
+) -> Compensation:
+    """Return the compensation in one curl; ``first`` is the mean change of the angle in the first curl, rad."""
     error, size = float(np.sqrt(np.mean(sd**2))), float(np.ptp(change))
-    half = NORMAL_95 * float(np.sqrt(2) * error)  # errors of both ends are independent at worst
+    half = NORMAL_95 * float(np.sqrt(2) * error)  # at worst, the errors of both ends are independent
     away = find_runs(np.abs(change) > rules.compensation)
     longest = max((float(time[run.stop - 1] - time[run.start]) for run in away), default=0.0)
     return Compensation(
@@ -80,3 +90,67 @@ def _of_curl(time: FloatArray, change: FloatArray, sd: FloatArray, first: float,
         floor=half,
         sustained=longest if longest >= rules.sustained else 0.0,
     )
+
+
+@dataclass(frozen=True)
+class InStep:
+    """Part of an angle that depends on the flexion alone, fitted to the first complete curl with a known angle.
+
+    Parameters
+    ----------
+    curve : (T,) array
+        This part at all times, up to a constant, rad.
+    range : float
+        Highest minus lowest value of the curve within this curl, rad.
+    interval : (float, float)
+        95 % interval of the person's motion in ``range``, rad; the lower end is not negative.
+    rest_sd : (T,) array
+        Standard deviation of the changes of the angle minus the curve, rad.
+    """
+
+    curve: FloatArray
+    range: float
+    interval: tuple[float, float]
+    rest_sd: FloatArray
+
+
+def fit_part_in_step(  # noqa: PLR0917
+    time: FloatArray,
+    angle: FloatArray,
+    sd: FloatArray,
+    flexion: FloatArray,
+    axis: FloatArray | None,
+    curls: Sequence[Curl],
+) -> InStep | None:
+    """Fit the part of an angle that depends on the flexion alone; None if the angle is known in no complete curl.
+
+    Parameters
+    ----------
+    time : (T,) array
+        Sample times, s.
+    angle, sd, flexion : (T,) arrays
+        Angle, standard deviation of its changes, and flexion of the elbow, rad; NaN where unknown.
+    axis : (2, 2) array or None
+        Covariance of the elbow's axis along x and y of the upper arm, rad²; None if unknown.
+    """
+    spans = (slice(*np.searchsorted(time, [curl.start, curl.end])) for curl in curls if curl.complete)
+    basis = np.stack([np.cos(flexion), np.sin(flexion)], axis=1)
+    known = np.isfinite(angle) & np.isfinite(flexion)
+    first = next((span for span in spans if span.stop - span.start > basis.shape[1] and known[span].all()), None)
+    if first is None:
+        return None
+    middle = basis[first].mean(axis=0)
+    shape, *_ = np.linalg.lstsq(basis[first] - middle, angle[first] - angle[first].mean(), rcond=None)
+    curve = basis @ shape
+    left = float(np.std(angle[first] - curve[first]))
+    size = float(np.ptp(curve[first]))
+    half = NORMAL_95 * (np.sqrt(2 * np.mean(sd[first] ** 2)) if axis is None else _find_largest_sd(basis[first], axis))
+    rest = np.sqrt(left**2 + (_VARIES * sd) ** 2 / 2)
+    return InStep(curve, size, (max(size - float(half), 0.0), size + float(half)), rest)
+
+
+def _find_largest_sd(basis: FloatArray, axis: FloatArray) -> float:
+    """Return the largest standard deviation in a curl of the rotation that an error of the axis causes, rad."""
+    extended = int(np.argmax(basis[:, 0]))
+    change = basis - basis[extended]
+    return float(np.sqrt(np.einsum("ti,ij,tj->t", change, axis, change).max()))

@@ -1,6 +1,6 @@
-"""Torque about the elbow's flexion axis from the motion of forearm and hand and their inertia (thesis 8.3).
+"""Torque about the elbow's flexion axis, from the motion of forearm and hand and their inertia (thesis 8.3).
 
-The elbow has the acceleration a. A centre of mass of the forearm, at r from the elbow, has the acceleration
+The elbow has the acceleration a. A centre of mass of the forearm at r from the elbow has the acceleration
 a_centre = a + α × r + ω × (ω × r). With gravity g, the torque of all muscles and devices about the unit axis h is
 
     τ = h · Σ [ r × m (a_centre - g) + I α + ω × I ω ]        positive if it flexes
@@ -21,18 +21,18 @@ _ELBOW_CUTOFF = 4.0  # Hz: the elbow rests or moves slowly
 
 @dataclass(frozen=True)
 class Mass:
-    """A rigid body on forearm or hand.
+    """A rigid body that is forearm or hand, or is carried by it.
 
     Parameters
     ----------
     mass : float
-        kg.
+        Mass, kg.
     centre : (3,) array
-        Centre of mass in the frame of its segment, m.
+        Centre of mass in the axes of the segment, m.
     inertia : (3,) array
-        Moments of inertia about the axes through the centre, along those of the segment's frame, kg·m².
+        Moments of inertia about the centre of mass along the segment's axes, kg·m².
     relative_sd : float
-        Standard deviation of the mass, as a share of it.
+        Standard deviation of the mass as a share of the mass.
     """
 
     mass: float
@@ -43,19 +43,20 @@ class Mass:
 
 @dataclass(frozen=True)
 class SegmentMotion:
-    """Motion of one segment in the trial's frame (T samples), with the bodies that it carries.
+    """Motion of one segment in the trial's axes at T samples, and its bodies.
 
     Parameters
     ----------
     origin : (T, 3) array
-        m.
+        Origin of the segment, m.
     rotation : (T, 3, 3) array
-        Segment to frame.
+        Rotation from the segment's axes to the trial's axes.
     omega, alpha : (T, 3) arrays
-        rad/s, rad/s².
+        Angular velocity, rad/s, and angular acceleration, rad/s².
     sd_alpha : (T,) array
         Standard deviation of each component of alpha, rad/s².
     bodies : sequence of Mass
+        Bodies with this motion.
     """
 
     origin: FloatArray
@@ -74,55 +75,56 @@ class ElbowTorque:
     sd: FloatArray
 
 
-def elbow_torque(
+def compute_elbow_torque(
     time: FloatArray, axis: FloatArray, segments: Sequence[SegmentMotion], *, tilt: float, gravity: float = 9.81
 ) -> ElbowTorque:
-    """Return the total torque about the elbow's axis.
+    """Return the torque of all muscles and devices about the elbow's axis.
 
     Parameters
     ----------
     time : (T,) array
-        s, uniform.
+        Sample times with constant step, s.
     axis : (T, 3) array
-        Unit axis of the elbow in the trial's frame; a positive turn about it flexes.
+        Unit vector of the elbow's axis in the trial's axes; a positive rotation about it is flexion.
     segments : sequence of SegmentMotion
-        Forearm, whose origin is the elbow, then the hand.
+        Forearm, whose origin is the elbow, and hand.
     tilt : float
         Standard deviation of the forearm's direction, rad.
     gravity : float
-        m/s², along -y.
+        Acceleration of gravity, m/s², along -y.
     """
     rate = (len(time) - 1) / (time[-1] - time[0])
     elbow = segments[0].origin
     down = np.array([0.0, -gravity, 0.0])
-    whole, held, variance = np.zeros(len(time)), np.zeros(len(time)), np.zeros(len(time))
-    carried = _acceleration(elbow, rate)
-    for place, motion in enumerate(segments):
-        if place:
-            before = segments[place - 1]
-            carried = carried + _at(before, motion.origin - before.origin)
+    total, weight_moment, variance = np.zeros(len(time)), np.zeros(len(time)), np.zeros(len(time))
+    acceleration = _differentiate_twice(elbow, rate)  # of the segment's origin
+    for k, motion in enumerate(segments):
+        if k:
+            before = segments[k - 1]
+            acceleration = acceleration + _relative_acceleration(before, motion.origin - before.origin)
         for body in motion.bodies:
             out = np.einsum("tij,j->ti", motion.rotation, body.centre)
             lever = motion.origin - elbow + out
-            weight = body.mass * np.einsum("ti,ti->t", axis, np.cross(lever, carried + _at(motion, out) - down))
-            about = np.einsum("tij,j,tkj->tik", motion.rotation, body.inertia, motion.rotation)
-            turned = np.einsum("tik,tk->ti", about, motion.alpha)
-            turned += np.cross(motion.omega, np.einsum("tik,tk->ti", about, motion.omega))
-            torque = weight + np.einsum("ti,ti->t", axis, turned)
-            reach = np.einsum("ti,tik,tk->t", axis, about, axis) + body.mass * np.sum(lever**2, axis=1)
-            whole += torque
-            held += body.mass * gravity * np.linalg.norm(lever, axis=1)
-            variance += (body.relative_sd * torque) ** 2 + (reach * motion.sd_alpha) ** 2
-    return ElbowTorque(whole, np.sqrt(variance + (held * tilt) ** 2))
+            specific_force = acceleration + _relative_acceleration(motion, out) - down
+            by_force = body.mass * np.einsum("ti,ti->t", axis, np.cross(lever, specific_force))
+            inertia = np.einsum("tij,j,tkj->tik", motion.rotation, body.inertia, motion.rotation)
+            moment = np.einsum("tik,tk->ti", inertia, motion.alpha)
+            moment += np.cross(motion.omega, np.einsum("tik,tk->ti", inertia, motion.omega))
+            torque = by_force + np.einsum("ti,ti->t", axis, moment)
+            about_elbow = np.einsum("ti,tik,tk->t", axis, inertia, axis) + body.mass * np.sum(lever**2, axis=1)
+            total += torque
+            weight_moment += body.mass * gravity * np.linalg.norm(lever, axis=1)
+            variance += (body.relative_sd * torque) ** 2 + (about_elbow * motion.sd_alpha) ** 2
+    return ElbowTorque(total, np.sqrt(variance + (weight_moment * tilt) ** 2))
 
 
-def _at(motion: SegmentMotion, out: FloatArray) -> FloatArray:
-    """Return the acceleration of a point of a segment relative to the segment's origin, (T, 3) m/s²."""
+def _relative_acceleration(motion: SegmentMotion, out: FloatArray) -> FloatArray:
+    """Return the acceleration (T, 3) of a point at ``out`` from the segment's origin, relative to the origin, m/s²."""
     return np.cross(motion.alpha, out) + np.cross(motion.omega, np.cross(motion.omega, out))
 
 
-def _acceleration(position: FloatArray, rate: float) -> FloatArray:
-    """Return the low-passed second derivative of positions (T, 3); zero where they are unknown."""
+def _differentiate_twice(position: FloatArray, rate: float) -> FloatArray:
+    """Return the second derivative of low-passed positions (T, 3); zero if more than half of them are missing."""
     known: BoolArray = np.asarray(np.isfinite(position).all(axis=1))
     if known.sum() < len(known) // 2:
         return np.zeros_like(position)

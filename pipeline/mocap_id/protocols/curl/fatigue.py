@@ -1,4 +1,4 @@
-"""Trends over the curls of a trial: what changes as the person tires."""
+"""Trends over the curls of a trial, as signs of fatigue."""
 
 from __future__ import annotations
 
@@ -9,21 +9,21 @@ from scipy.special import stdtrit
 
 from mocap_id.arrays import FloatArray
 
-_LEAST = 4  # curls
+_LEAST = 4  # curls with a known value
 
 
 @dataclass(frozen=True)
 class Trend:
-    """Change of a quantity from one curl to the next, by least squares over the complete curls.
+    """Linear trend of a quantity over the curls.
 
     Parameters
     ----------
     slope : float
-        Per curl.
+        Change from one curl to the next, in the unit of the quantity.
     interval : (float, float)
-        95 % interval by Student's t.
+        95 % interval of the slope by Student's t.
     count : int
-        Number of curls.
+        Number of curls with a known value.
     """
 
     slope: float
@@ -31,12 +31,12 @@ class Trend:
     count: int
 
 
-def trend(values: FloatArray) -> Trend | None:
-    """Return the trend of a quantity (n,) over the curls; None with fewer than four known values.
+def fit_trend(values: FloatArray) -> Trend | None:
+    """Fit the linear trend of a quantity (n,) over n curls by least squares; None with fewer than four known values.
 
     Examples
     --------
-    >>> trend(np.array([1.0, 2.0, 3.0, 4.0])).slope
+    >>> fit_trend(np.array([1.0, 2.0, 3.0, 4.0])).slope
     1.0
     """
     known = np.flatnonzero(np.isfinite(values))

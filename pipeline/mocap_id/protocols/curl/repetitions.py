@@ -1,4 +1,4 @@
-"""Curls of the elbow (repetitions): start, top and end of every curl, and whether it was complete."""
+"""Curls of the elbow: start, top and end of every curl, whether it is complete, and the rules of their analysis."""
 
 from __future__ import annotations
 
@@ -8,30 +8,64 @@ from itertools import pairwise
 import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
-from mocap_id.protocols.curl.rules import CurlRules
 
-_NEAR = 0.02  # of the amplitude: nearer to an extreme, the elbow rests there
-_FAR = 0.1  # of the amplitude: farther from an extreme, the elbow moves
-_REST = 0.5  # s: a longer rest belongs to neither of the curls beside it
-_ONSET = 1.2  # minimum-jerk movement (Flash and Hogan 1985): time of the first 2 % over that from 2 to 10 % of the way
-_LARGE = 80.0  # percentile of the rises that stands for the trial's large curls
-_NOISE = 6.0  # least rise of an attempt, in standard deviations of the angle
-_RATE = 120.0  # Hz: extremes need no more samples
+_NEAR = 0.02  # share of the amplitude: nearer to a turning point, the elbow rests there
+_FAR = 0.1  # share of the amplitude: farther from a turning point, the elbow moves
+_REST = 0.5  # s: a longer rest is part of no curl
+_ONSET = 1.2  # in a minimum-jerk movement (Flash and Hogan 1985), the ratio of the times for 0 to 2 % and 2 to 10 %
+_LARGE = 80.0  # percentile of the rises that represents the large curls of the trial
+_NOISE = 6.0  # smallest rise of an attempt in standard deviations of the angle
+_RATE = 120.0  # Hz: enough samples for the turning points
+
+
+@dataclass(frozen=True)
+class CurlRules:
+    """Rules for curls, compensation and the end of the trial.
+
+    Parameters
+    ----------
+    metronome : float or None
+        Tempo of the metronome, curls per second; None if no tempo is required.
+    attempt : float
+        Smallest rise of the elbow's flexion that counts as an attempt, rad.
+    complete : float
+        Smallest rise of a complete curl as a share of the large curls of the trial.
+    tempo : float
+        Largest difference of a curl's duration from the period of the metronome, as a share of the period.
+    pause : float
+        Longest time between two curls, in periods; after a longer one the person has stopped.
+    plane : float
+        Largest rotation of the elbow's axis from its direction in the first curl, rad.
+    compensation : float
+        Smallest change of an angle of shoulder or thorax that counts as compensation, rad.
+    sustained : float
+        Shortest duration of a compensation and of motion out of the plane, s.
+    """
+
+    metronome: float | None = None
+    attempt: float = 0.26
+    complete: float = 0.6
+    tempo: float = 0.5
+    pause: float = 2.0
+    plane: float = 0.35
+    compensation: float = 0.17
+    sustained: float = 0.25
 
 
 @dataclass(frozen=True)
 class Curl:
-    """One curl, or a failed attempt.
+    """A curl or a failed attempt.
 
     Parameters
     ----------
     start, top, end : float
-        s; ``top`` is the middle of the time at the top. NaN where the recording does not show it.
+        Times of start, top (middle of the time at the top) and end, s. ``end`` is NaN if it is not recorded.
     amplitude : float
         Rise of the flexion from start to top, rad.
     complete : bool
+        Whether the curl rises and returns far enough.
     why : str
-        Why it is not complete; empty if it is.
+        Reason why the curl is not complete; empty if it is complete.
     """
 
     start: float
@@ -43,18 +77,17 @@ class Curl:
 
 
 def find_curls(time: FloatArray, flexion: FloatArray, sd: FloatArray, rules: CurlRules) -> tuple[Curl, ...]:
-    """Find the curls of a trial in order of time.
+    """Find the curls of a trial, in order of time.
 
-    A curl rises from a low to a high turning point of the flexion and returns. It is complete if it rises by a given
-    share of the trial's large curls and returns by as much.
+    In a curl, the flexion rises from a low to a high turning point and returns. The curl is complete if both the rise
+    and the return are at least ``rules.complete`` of the large curls of the trial.
 
     Parameters
     ----------
     time : (T,) array
-        s.
+        Sample times, s.
     flexion, sd : (T,) arrays
         Flexion of the elbow and its standard deviation, rad; NaN where unknown.
-    rules : CurlRules
     """
     known = np.flatnonzero(np.isfinite(flexion))
     if len(known) < 2:
@@ -62,21 +95,21 @@ def find_curls(time: FloatArray, flexion: FloatArray, sd: FloatArray, rules: Cur
     step = max(1, round((len(known) - 1) / (time[known[-1]] - time[known[0]]) / _RATE))
     time, flexion = time[known[::step]], flexion[known[::step]]
     noise = float(np.nanmedian(sd)) if np.isfinite(sd).any() else 0.0
-    turns = _turning_points(flexion, max(rules.attempt, _NOISE * noise))
+    turns = _find_turning_points(flexion, max(rules.attempt, _NOISE * noise))
     rises = [(low, top) for low, top in pairwise(turns) if flexion[top] > flexion[low]]
     if not rises:
         return ()
     large = float(np.percentile([flexion[top] - flexion[low] for low, top in rises], _LARGE))
     last = len(time) - 1
-    found = []
+    curls = []
     for low, top in rises:
         after = [turn for turn in turns if turn > top]
-        found.append(_curl(time, flexion, (low, top, after[0] if after else last), rules.complete * large))
-    return tuple(found)
+        curls.append(_describe_curl(time, flexion, (low, top, after[0] if after else last), rules.complete * large))
+    return tuple(curls)
 
 
-def _turning_points(values: FloatArray, least: float) -> IntArray:
-    """Return the indices of alternating lowest and highest values that differ by at least ``least``."""
+def _find_turning_points(values: FloatArray, least: float) -> IntArray:
+    """Return the indices of alternating lows and highs of a signal that differ by at least ``least``."""
     turns: list[int] = []
     low = high = 0
     rising: bool | None = None
@@ -93,13 +126,14 @@ def _turning_points(values: FloatArray, least: float) -> IntArray:
     return np.array(turns, dtype=np.int64)
 
 
-def _curl(time: FloatArray, flexion: FloatArray, turns: tuple[int, int, int], required: float) -> Curl:
+def _describe_curl(time: FloatArray, flexion: FloatArray, turns: tuple[int, int, int], required: float) -> Curl:
+    """Return the curl between three turning points; it is complete if it rises and returns by ``required``, rad."""
     low, top, back = turns
     rise, fall = float(flexion[top] - flexion[low]), float(flexion[top] - flexion[back])
-    start = -_boundary(-time[: top + 1][::-1], flexion[: top + 1][::-1], top - low)
-    end = _boundary(time[top:], flexion[top:], back - top)
-    held = _around(-flexion, top, _NEAR * min(rise, max(fall, _NEAR * rise)))
-    middle = float(time[held].mean())
+    start = -_find_end_of_fall(-time[: top + 1][::-1], flexion[: top + 1][::-1], top - low)
+    end = _find_end_of_fall(time[top:], flexion[top:], back - top)
+    at_top = _find_samples_near(-flexion, top, _NEAR * min(rise, max(fall, _NEAR * rise)))
+    middle = float(time[at_top].mean())
     if rise < required:
         why = f"the elbow rises by {np.degrees(rise):.0f}°, expected at least {np.degrees(required):.0f}°"
     elif fall < required:
@@ -109,21 +143,21 @@ def _curl(time: FloatArray, flexion: FloatArray, turns: tuple[int, int, int], re
     return Curl(start, middle, end, rise, not why, why)
 
 
-def _boundary(time: FloatArray, flexion: FloatArray, turn: int) -> float:
-    """Return when a fall from the first sample to the sample ``turn`` ends: the middle of a short rest there.
+def _find_end_of_fall(time: FloatArray, flexion: FloatArray, turn: int) -> float:
+    """Return the time at which the flexion, which falls from the first sample to the sample ``turn``, stops to fall, s.
 
-    Before a long rest it is the time at which a minimum-jerk movement would end.
+    This is the middle of a short rest. Before a long rest, it is the time at which a minimum-jerk movement would end.
     """
     fall = float(flexion[0] - flexion[turn])
-    rest = _around(flexion, turn, _NEAR * fall)
+    rest = _find_samples_near(flexion, turn, _NEAR * fall)
     if time[rest[-1]] - time[rest[0]] <= _REST:
         return float(time[rest].mean())
     moving = np.flatnonzero(flexion[: rest[0]] >= flexion[turn] + _FAR * fall)
     return float(time[rest[0]] + _ONSET * (time[rest[0]] - time[moving[-1]]))
 
 
-def _around(values: FloatArray, turn: int, near: float) -> IntArray:
-    """Return the samples around a lowest value that stay within ``near`` of it."""
+def _find_samples_near(values: FloatArray, turn: int, near: float) -> IntArray:
+    """Return the indices of the samples around ``turn`` with values at most ``near`` above the value there."""
     away = np.flatnonzero(values > values[turn] + near)
     split = int(np.searchsorted(away, turn))
     first = away[split - 1] + 1 if split else 0

@@ -1,4 +1,4 @@
-"""End of a trial of curls by the three rules of the thesis: stopped, tempo broken, out of the plane (8.3)."""
+"""End of a trial of curls by the three rules of the thesis: stopped, out of tempo, out of the plane (8.3)."""
 
 from __future__ import annotations
 
@@ -8,22 +8,21 @@ from itertools import pairwise
 import numpy as np
 
 from mocap_id.arrays import FloatArray, find_runs
-from mocap_id.protocols.curl.repetitions import Curl
-from mocap_id.protocols.curl.rules import CurlRules
+from mocap_id.protocols.curl.repetitions import Curl, CurlRules
 
 
 @dataclass(frozen=True)
 class TrialEnd:
-    """When the trial ends, and by which rule.
+    """End of a trial of curls.
 
     Parameters
     ----------
     time : float
-        s.
+        Time of the end, s.
     rule : str
-        ``stopped``, ``tempo``, ``plane``, or ``recording`` if the recording ends first.
+        Rule that ends the trial: ``stopped``, ``tempo``, ``plane``, or ``recording`` if the recording ends first.
     why : str
-        One sentence.
+        Observation to which the rule was applied, for the report.
     """
 
     time: float
@@ -31,36 +30,41 @@ class TrialEnd:
     why: str
 
 
-def find_end(time: FloatArray, axis: FloatArray, curls: tuple[Curl, ...], rules: CurlRules) -> TrialEnd:
-    """Find the end of the trial: the first of the three rules that applies.
+def find_trial_end(time: FloatArray, axis: FloatArray, curls: tuple[Curl, ...], rules: CurlRules) -> TrialEnd:
+    """Find the end of a trial: the earliest time at which one of the three rules ends it.
 
     Parameters
     ----------
     time : (T,) array
-        s.
+        Sample times, s.
     axis : (T, 3) array
-        Unit axis of the elbow in the trial's frame, towards the right; NaN where unknown.
+        Unit vector of the elbow's axis in the trial's axes, towards the right; NaN where unknown.
     curls : tuple of Curl
-        In order of time.
+        Curls in order of time.
     rules : CurlRules
+        Limits of the rules.
     """
-    ends = [end for end in (_failed(curls), _paused(curls, rules), _out_of_tempo(curls, rules)) if end is not None]
     done = [curl for curl in curls if curl.complete]
-    if done and (left := _out_of_plane(time, axis, done, rules)) is not None:
-        ends.append(left)
+    ends = (
+        _end_by_failure(curls),
+        _end_by_pause(curls, rules),
+        _end_by_tempo(done, rules),
+        _end_by_plane(time, axis, done, rules),
+    )
     last = done[-1].end if done else float(time[-1])
-    return min(ends, key=lambda end: end.time, default=TrialEnd(last, "recording", "no rule ends the trial earlier"))
+    default = TrialEnd(last, "recording", "no rule ends the trial earlier")
+    return min((end for end in ends if end is not None), key=lambda end: end.time, default=default)
 
 
-def _failed(curls: tuple[Curl, ...]) -> TrialEnd | None:
-    """Return the end at the first failed attempt after which no complete curl follows."""
+def _end_by_failure(curls: tuple[Curl, ...]) -> TrialEnd | None:
+    """Return the end at the first failed attempt after the last complete curl."""
     complete = [k for k, curl in enumerate(curls) if curl.complete]
     rest = curls[complete[-1] + 1 :] if complete else curls
     return TrialEnd(rest[0].start, "stopped", f"the next attempt fails: {rest[0].why}") if rest else None
 
 
-def _paused(curls: tuple[Curl, ...], rules: CurlRules) -> TrialEnd | None:
-    """Return the end at the first pause of several periods between curls."""
+def _end_by_pause(curls: tuple[Curl, ...], rules: CurlRules) -> TrialEnd | None:
+    """Return the end at the first pause between curls that is too long."""
     durations = [curl.end - curl.start for curl in curls if curl.complete]
     if not durations:
         return None
@@ -68,26 +72,27 @@ def _paused(curls: tuple[Curl, ...], rules: CurlRules) -> TrialEnd | None:
     for curl, following in pairwise(curls):
         pause = following.start - curl.end
         if pause > longest:
-            why = f"a pause of {pause:.1f} s follows, expected at most {longest:.1f} s"
-            return TrialEnd(curl.end, "stopped", why)
+            return TrialEnd(curl.end, "stopped", f"a pause of {pause:.1f} s follows, expected at most {longest:.1f} s")
     return None
 
 
-def _out_of_tempo(curls: tuple[Curl, ...], rules: CurlRules) -> TrialEnd | None:
-    """Return the end before the first curl whose duration is too far from the metronome's period."""
+def _end_by_tempo(done: list[Curl], rules: CurlRules) -> TrialEnd | None:
+    """Return the end before the first complete curl whose duration is too far from the metronome's period."""
     if rules.metronome is None:
         return None
     period = 1 / rules.metronome
-    for curl in curls:
+    for curl in done:
         duration = curl.end - curl.start
-        if curl.complete and abs(duration - period) > rules.tempo * period:
+        if abs(duration - period) > rules.tempo * period:
             why = f"the next curl takes {duration:.2f} s, expected {period:.2f} s ± {100 * rules.tempo:.0f} %"
             return TrialEnd(curl.start, "tempo", why)
     return None
 
 
-def _out_of_plane(time: FloatArray, axis: FloatArray, done: list[Curl], rules: CurlRules) -> TrialEnd | None:
-    """Return the end at the first sustained turn of the elbow's axis away from its direction in the first curl."""
+def _end_by_plane(time: FloatArray, axis: FloatArray, done: list[Curl], rules: CurlRules) -> TrialEnd | None:
+    """Return the end at the first sustained rotation of the elbow's axis from its direction in the first curl."""
+    if not done:
+        return None
     first = (time >= done[0].start) & (time <= done[0].end)
     if not np.isfinite(axis[first]).any():
         return None
@@ -98,6 +103,6 @@ def _out_of_plane(time: FloatArray, axis: FloatArray, done: list[Curl], rules: C
     for run in find_runs(away):
         if time[run.stop - 1] - time[run.start] >= rules.sustained:
             degrees = np.degrees(np.nanmax(turned[run]))
-            why = f"the elbow's axis turns by {degrees:.0f}°, expected at most {np.degrees(rules.plane):.0f}°"
+            why = f"the elbow's axis rotates by {degrees:.0f}°, expected at most {np.degrees(rules.plane):.0f}°"
             return TrialEnd(float(time[run.start]), "plane", why)
     return None

@@ -1,1 +1,1 @@
-"""What a person can reach: ranges of the joints, reachable volume, its surface, heights and targets (thesis 7.2)."""
+"""Reaches of one arm: ranges of the joints, reachable volume and surface, heights and targets (thesis 7.2)."""

@@ -12,36 +12,37 @@ from mocap_id.store.spatial_views import SegmentPoses, SpatialAngles, SpatialSke
 
 SEGMENTS = ("thorax", "upper_arm", "forearm")
 ANGLES = ("shoulder_plane", "shoulder_elevation", "shoulder_axial", "elbow_flexion")
-"""Angles that carry the wrist: the order of the limits of :func:`~.reachable_set.reachable_set`."""
+"""Angles that move the wrist, in the order of the limits of :func:`~.reachable_set.compute_reachable_set`."""
 
-_WRIST_SD = 0.003  # m, of the wrist's place along the forearm, where the chain has no joint there
-_RISE_SD = 0.008  # m, of the shoulder's rise at 180°, where no marker shows it
-_RAISED = 0.1  # least range of (1 - cos elevation) / 2 that shows the rise
-_TRAVEL = 0.12  # m, largest shift of the shoulder's centre in the thorax by the shoulder girdle
-_PROPORTION = (0.75, 2.0)  # of upper arm to forearm; 1.1 to 1.4 in most people
-_HEIGHT = 1 / 0.332  # stature by length of upper arm and forearm (Drillis and Contini 1966)
-_PALM = 0.054  # centre of the palm beyond the wrist, in statures (Winter 2009)
+_WRIST_SD = 0.003  # m, standard deviation of the wrist's position along the forearm without a joint there
+_RISE_SD = 0.008  # m, standard deviation of the shoulder's rise at 180° if the motion does not determine it
+_RAISED = 0.1  # smallest range of (1 - cos elevation) / 2 that determines the rise
+_TRAVEL = 0.12  # m, largest motion of the shoulder's centre in the thorax by the shoulder girdle
+_PROPORTION = (0.75, 2.0)  # ratio of upper arm to forearm; 1.1 to 1.4 in most people
+_HEIGHT = 1 / 0.332  # stature divided by the length of upper arm and forearm (Drillis and Contini 1966)
+_PALM = 0.054  # distance from wrist to centre of the palm, in statures (Winter 2009)
 
 
 class UnknownReach(Exception):
-    """The trial does not show what a person can reach; the message says why."""
+    """Exception for a trial whose reachable volume cannot be computed; the message gives the reason."""
 
 
 @dataclass(frozen=True)
 class RecordedArm:
-    """A recorded arm and the path of its hand, in axes of the thorax.
+    """A recorded arm and the path of its hand, in the axes of the thorax.
 
     Parameters
     ----------
     arm : ReachArm
+        Dimensions of the arm.
     upper_arm_sd, forearm_sd, rise_sd : float
-        Standard deviations of its dimensions, m.
+        Standard deviations of these dimensions, m.
     shoulder : (3,) array
-        Shoulder centre in the frame of the thorax in the lowest posture, m.
+        Shoulder centre from the origin of the thorax at the lowest elevation, m.
     glide : (3,) array
-        Shift of the shoulder centre at an elevation of 180°, m.
+        Displacement of the shoulder centre from an elevation of 0 to 180°, m.
     elbows, wrists, palms : (T, 3) arrays
-        Elbow, wrist and centre of the palm from the shoulder, in the axes of the thorax, m; NaN where unknown.
+        Elbow, wrist and centre of the palm from the shoulder, m; NaN where unknown.
     stature : float
         Stature, given or estimated from the arm's length, m.
     """
@@ -61,31 +62,34 @@ class RecordedArm:
 def measure_arm(
     angles: SpatialAngles, poses: SegmentPoses, skeleton: SpatialSkeleton, stature: float | None = None
 ) -> RecordedArm:
-    """Measure an arm in its recording.
+    """Compute the dimensions of an arm and the path of its hand from a recording.
 
-    The wrist is the end of the forearm's y axis at the height of the wrist's centre, so that the rotation of the
+    The wrist is the point on the forearm's y axis at the height of the wrist's centre, so that axial rotation of the
     forearm does not move it.
 
     Parameters
     ----------
     angles : SpatialAngles
+        Joint angles.
     poses : SegmentPoses
-        Of segments in anatomical frames.
+        Poses of the segments in their anatomical axes.
     skeleton : SpatialSkeleton
+        Chain of the arm.
     stature : float, optional
-        m.
+        Stature, m; by default estimated from the arm's length.
 
     Raises
     ------
     UnknownReach
-        A segment, an angle, the shoulder centre or the wrist is missing.
+        A segment, an angle, the shoulder centre or the wrist is missing, or the chain is not an arm.
     """
-    _check(angles, poses, skeleton)
+    _check_segments(angles, poses, skeleton)
     thorax, upper, lower = (poses.segments.index(name) for name in SEGMENTS)
-    centres = _seen_from(poses, thorax, poses.origin[:, upper])
-    shoulder, glide, seen = _glide(centres, angles.mean[:, angles.names.index("shoulder_elevation"), 0])
-    elbow = _middle(_seen_from(poses, upper, poses.origin[:, lower]), "upper arm and forearm")
-    wrist, forearm_sd = _wrist(poses, skeleton)
+    centres = _express_in_segment(poses, thorax, poses.origin[:, upper])
+    elevation = angles.mean[:, angles.names.index("shoulder_elevation"), 0]
+    shoulder, glide, glide_known = _fit_glide(centres, elevation)
+    elbow = _find_median(_express_in_segment(poses, upper, poses.origin[:, lower]), "upper arm and forearm")
+    wrist, forearm_sd = _locate_wrist(poses, skeleton)
     along = np.array([0.0, -wrist, 0.0])
     length = float(np.linalg.norm(elbow)) + wrist
     _check_arm(centres, float(np.linalg.norm(elbow)), wrist)
@@ -95,14 +99,14 @@ def measure_arm(
     elbows = np.einsum("tij,tjk,k->ti", turn, poses.rotation[:, upper], elbow)
     wrists = elbows + np.einsum("tij,tjk,k->ti", turn, poses.rotation[:, lower], along)
     if not np.isfinite(wrists).all(axis=1).any():
-        raise UnknownReach("no frame shows the whole arm")
+        raise UnknownReach("no frame has markers of the whole arm")
     hand = poses.rotation[:, poses.segments.index("hand") if "hand" in poses.segments else lower]
     hand = np.where(np.isfinite(hand), hand, poses.rotation[:, lower])
     return RecordedArm(
-        arm=ReachArm(elbow, wrist, _carrying(poses.rotation[:, upper], poses.rotation[:, lower]), float(glide[1])),
+        arm=ReachArm(elbow, wrist, _fit_carrying(poses.rotation[:, upper], poses.rotation[:, lower]), float(glide[1])),
         upper_arm_sd=_length_sd(skeleton, "upper_arm"),
         forearm_sd=forearm_sd,
-        rise_sd=_rise_sd(skeleton) if seen else _RISE_SD,
+        rise_sd=_find_rise_sd(skeleton) if glide_known else _RISE_SD,
         shoulder=shoulder,
         glide=glide,
         elbows=elbows,
@@ -112,34 +116,37 @@ def measure_arm(
     )
 
 
-def _check(angles: SpatialAngles, poses: SegmentPoses, skeleton: SpatialSkeleton) -> None:
+def _check_segments(angles: SpatialAngles, poses: SegmentPoses, skeleton: SpatialSkeleton) -> None:
+    """Raise UnknownReach if the chain lacks a segment, angle or joint centre of an arm."""
     missing = [name.replace("_", " ") for name in SEGMENTS if name not in poses.segments]
     if missing:
         raise UnknownReach(
-            f"the chain has no {' and no '.join(missing)}: name them by `landmarks:` or `segment: {{names: …}}`"
+            f"the chain has no {' and no '.join(missing)}: name them under `landmarks:` or `segment: {{names: …}}`"
         )
     missing = [name.replace("_", " ") for name in ANGLES if name not in angles.names]
     if missing:
-        raise UnknownReach(f"without landmarks there is no {', '.join(missing)}; name them under `landmarks:`")
+        raise UnknownReach(
+            f"{', '.join(missing)} cannot be computed without landmarks; name the landmarks under `landmarks:`"
+        )
     for name in SEGMENTS[1:]:
         joint = skeleton.chain.joints[skeleton.segments.index(name) - 1]
         if not joint.known:
             raise UnknownReach(
-                f"the motion does not show the centre of the joint above the {name.replace('_', ' ')}: use "
+                f"the motion does not determine the centre of the joint above the {name.replace('_', ' ')}: use "
                 "`calibration:`, or record a larger motion"
             )
 
 
-def _middle(points: FloatArray, segments: str) -> FloatArray:
-    """Return the median (3,) of points (T, 3) that two segments show together."""
+def _find_median(points: FloatArray, segments: str) -> FloatArray:
+    """Return the median (3,) of the known points (T, 3); ``segments`` are named in the error if none is known."""
     known = np.isfinite(points).all(axis=1)
     if not known.any():
-        raise UnknownReach(f"no frame shows {segments} together")
+        raise UnknownReach(f"no frame has markers of both {segments}")
     return np.asarray(np.median(points[known], axis=0))
 
 
 def _check_arm(centres: FloatArray, upper: float, lower: float) -> None:
-    """Raise if the chain between thorax and wrist is not that of an arm."""
+    """Raise UnknownReach if the chain between thorax and wrist cannot be an arm."""
     travel = float(np.nanmax(np.nanquantile(centres, 0.99, axis=0) - np.nanquantile(centres, 0.01, axis=0)))
     hint = "the segments may be wrong: set `segment: {count: …}` or `together`"
     if travel > _TRAVEL:
@@ -153,36 +160,37 @@ def _check_arm(centres: FloatArray, upper: float, lower: float) -> None:
         )
 
 
-def _seen_from(poses: SegmentPoses, segment: int, points: FloatArray) -> FloatArray:
-    """Return points (T, 3) of the trial in the frame of a segment."""
+def _express_in_segment(poses: SegmentPoses, segment: int, points: FloatArray) -> FloatArray:
+    """Return points (T, 3), given in the trial's axes, in the axes of a segment."""
     return np.asarray(np.einsum("tji,tj->ti", poses.rotation[:, segment], points - poses.origin[:, segment]))
 
 
-def _wrist(poses: SegmentPoses, skeleton: SpatialSkeleton) -> tuple[float, float]:
-    """Return the place of the wrist along the forearm, m, and its standard deviation."""
+def _locate_wrist(poses: SegmentPoses, skeleton: SpatialSkeleton) -> tuple[float, float]:
+    """Return the distance from elbow to wrist along the forearm, m, and its standard deviation."""
     lower, sd = skeleton.segments.index("forearm"), _length_sd(skeleton, "forearm")
     marks = [skeleton.landmarks.index(name) for name in ("RS", "US") if name in skeleton.landmarks]
     if len(marks) == 2:
         return -float(skeleton.landmark_local[marks, 1].mean()), max(sd, _WRIST_SD)
     if "hand" in poses.segments and skeleton.chain.joints[skeleton.segments.index("hand") - 1].known:
-        centre = _middle(_seen_from(poses, lower, poses.origin[:, poses.segments.index("hand")]), "forearm and hand")
-        return -float(centre[1]), max(sd, _WRIST_SD)
+        centres = _express_in_segment(poses, lower, poses.origin[:, poses.segments.index("hand")])
+        return -float(_find_median(centres, "forearm and hand")[1]), max(sd, _WRIST_SD)
     if np.count_nonzero(skeleton.marker_segment == lower) == 1:  # the wrist of a skeleton without hands
         return -float(skeleton.tip(lower)[1]), max(sd, _WRIST_SD)
-    raise UnknownReach("the recording does not show the wrist: name RS and US under `landmarks:`")
+    raise UnknownReach("the position of the wrist is unknown: name RS and US under `landmarks:`")
 
 
 def _length_sd(skeleton: SpatialSkeleton, segment: str) -> float:
+    """Return the standard deviation of the length of a segment, m; 3 mm if unknown."""
     sd = skeleton.lengths.get(segment, (np.nan, np.nan))[1]
     return sd if np.isfinite(sd) else _WRIST_SD
 
 
-def _glide(centres: FloatArray, elevation: FloatArray) -> tuple[FloatArray, FloatArray, bool]:
-    """Return the shoulder centre at the lowest elevation, its glide, m, and whether the motion shows the glide."""
+def _fit_glide(centres: FloatArray, elevation: FloatArray) -> tuple[FloatArray, FloatArray, bool]:
+    """Return the shoulder centre at the lowest elevation, its glide, m, and whether the motion determines the glide."""
     share = (1 - np.cos(elevation)) / 2
     known = np.isfinite(centres).all(axis=1) & np.isfinite(share)
     if not known.any():
-        raise UnknownReach("no frame shows thorax and upper arm together")
+        raise UnknownReach("no frame has markers of both thorax and upper arm")
     share, centres = share[known], centres[known]
     if np.ptp(share) < _RAISED or np.ptp(centres, axis=0).max() < 1e-6:
         return np.asarray(centres.mean(axis=0)), np.zeros(3), False
@@ -191,14 +199,15 @@ def _glide(centres: FloatArray, elevation: FloatArray) -> tuple[FloatArray, Floa
     return np.asarray(fit[0] + share.min() * fit[1]), np.asarray(fit[1]), True
 
 
-def _rise_sd(skeleton: SpatialSkeleton) -> float:
+def _find_rise_sd(skeleton: SpatialSkeleton) -> float:
+    """Return the standard deviation of the shoulder's rise, m; 8 mm if unknown."""
     joint = skeleton.chain.joints[skeleton.segments.index("upper_arm") - 1]
     variance = float(joint.glide_covariance[1, 1])
     return float(np.sqrt(variance)) if variance > 0 else _RISE_SD
 
 
-def _carrying(upper: FloatArray, forearm: FloatArray) -> FloatArray:
-    """Return c0, c1, c2 of the carrying angle c0 + c1 cos(flexion) + c2 sin(flexion), rad, from rotations (T, 3, 3)."""
+def _fit_carrying(upper: FloatArray, forearm: FloatArray) -> FloatArray:
+    """Fit c0, c1, c2 of the carrying angle c0 + c1 cos(flexion) + c2 sin(flexion), rad, to rotations (T, 3, 3)."""
     elbow = np.swapaxes(upper, 1, 2) @ forearm
     known = np.isfinite(elbow).all(axis=(1, 2))
     flexion = np.unwrap(np.arctan2(-elbow[known, 0, 1], elbow[known, 1, 1]))

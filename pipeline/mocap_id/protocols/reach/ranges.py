@@ -11,37 +11,33 @@ from mocap_id.geometry.circle import shift_to_shortest_arc
 from mocap_id.store.spatial_views import GATED, SegmentPoses, SpatialAngles
 
 HELD = 0.05
-"""An end of a range counts if the angle is beyond it for this long in all, s. One wrong sample moves no end."""
+"""Total time for which the angle is beyond each end of its range, s, so that one wrong sample moves no end."""
 _EXCESS = 0.56
-"""Expected larger one of two independent errors, in standard deviations: noise moves the end of a range outwards."""
+"""Expected value of the larger of two independent errors, in standard deviations: noise moves each end outwards."""
 _RAISED_SD = float(np.radians(7.0))
-"""Error of an end of the elevation from a skeleton that depends on the posture, rad.
+"""Standard deviation of each end of the elevation from the skeleton of a camera, rad.
 
-Five recorded arms had ranges that were up to 20° too large (docs/recordings.md).
+This error depends on the posture: the ranges of five recorded arms were up to 20° too large (docs/recordings.md).
 """
 
-BETWEEN = {
-    "shoulder": ("thorax", "upper_arm"),
-    "elbow": ("upper_arm", "forearm"),
-    "wrist": ("forearm", "hand"),
-}
-"""The two segments of each joint, whose relative rotation its angles describe."""
+BETWEEN = {"shoulder": ("thorax", "upper_arm"), "elbow": ("upper_arm", "forearm"), "wrist": ("forearm", "hand")}
+"""Segments before and after each joint of the arm."""
 
 
 @dataclass(frozen=True)
 class AngleRange:
-    """Range of one angle, rad.
+    """Range of one angle in a recording.
 
     Parameters
     ----------
     low, high : float
-        Its ends; ``low <= high``.
+        Ends of the range, rad.
     low_sd, high_sd : float
-        Standard deviation of each end without a constant error.
+        Standard deviation of each end without the constant error, rad.
     constant_sd : float
-        Standard deviation of a constant error caused by the landmarks, the same at both ends.
+        Standard deviation of the constant error, which is the same at both ends and comes from the landmarks, rad.
     used_share : float
-        Share of the samples that count: observed and, for plane and axial rotation, more than 15° from the poles.
+        Share of the samples that are used: observed and, for plane and axial rotation, more than 15° from the poles.
     """
 
     low: float
@@ -53,15 +49,16 @@ class AngleRange:
 
     @property
     def width_sd(self) -> float:
-        """Standard deviation of the width; a constant error does not change it.
+        """Standard deviation of the width of the range, rad.
 
-        The others add up: a tilt of the thorax or sliding skin often moves the ends in opposite directions.
+        The errors of both ends are added, because a tilt of the thorax or sliding skin often moves the ends in
+        opposite directions.
         """
         return self.low_sd + self.high_sd
 
 
-def usable_samples(angles: SpatialAngles, poses: SegmentPoses, name: str) -> BoolArray:
-    """Return the samples (T,) in which an angle is known, has a meaning, and is observed by markers."""
+def find_usable_samples(angles: SpatialAngles, poses: SegmentPoses, name: str) -> BoolArray:
+    """Return True (T,) for the samples in which an angle is defined, known, and measured by markers."""
     usable = angles.usable(name)
     pair = BETWEEN.get(name.split("_", maxsplit=1)[0], ())
     for segment in pair:
@@ -70,49 +67,40 @@ def usable_samples(angles: SpatialAngles, poses: SegmentPoses, name: str) -> Boo
     return usable
 
 
-def values(angles: SpatialAngles, name: str, usable: BoolArray) -> FloatArray:
-    """Return an angle (K,) in the usable samples, rad; plane and axial rotation without jumps by whole turns."""
-    found = angles.mean[usable, angles.names.index(name), 0]
-    return shift_to_shortest_arc(found) if name in GATED and len(found) else found
+def get_angle(angles: SpatialAngles, name: str, usable: BoolArray) -> FloatArray:
+    """Return an angle (K,) in the usable samples, rad; plane and axial rotation have no jumps by full rotations."""
+    values = angles.mean[usable, angles.names.index(name), 0]
+    return shift_to_shortest_arc(values) if name in GATED and len(values) else values
 
 
-def joint_ranges(angles: SpatialAngles, poses: SegmentPoses, *, skeleton: bool = False) -> dict[str, AngleRange]:
+def measure_ranges(angles: SpatialAngles, poses: SegmentPoses, *, skeleton: bool = False) -> dict[str, AngleRange]:
     """Return the range of every angle that is usable for long enough, by name.
 
-    Parameters
-    ----------
-    angles : SpatialAngles
-    poses : SegmentPoses
-    skeleton : bool
-        The angles come from the skeleton of a camera. Its noise lasts as long as a held posture and makes every range
-        too large, so that each end is moved inwards by the expected excess.
+    Set ``skeleton`` if the angles come from the skeleton of a camera. Its noise is slow and makes every range too
+    large, so each end is then moved inwards by the expected excess.
     """
-    rate = _rate(angles.time)
-    found = {}
+    rate = float(1 / np.median(np.diff(angles.time))) if len(angles.time) > 1 else 1.0
+    ranges = {}
     for k, name in enumerate(angles.names):
-        usable = usable_samples(angles, poses, name) & np.isfinite(angles.sd[:, k, 0])
+        usable = find_usable_samples(angles, poses, name) & np.isfinite(angles.sd[:, k, 0])
         rank = max(round(HELD * rate), 1)
         if usable.sum() < 2 * rank:
             continue
-        each, sd = values(angles, name, usable), angles.sd[usable, k, 0]
+        values, sd = get_angle(angles, name, usable), angles.sd[usable, k, 0]
         excess = _EXCESS * sd if skeleton else np.zeros(len(sd))
-        low, low_sd = _end(each + excess, sd, rank)
-        high, high_sd = _end(excess - each, sd, rank)
+        low, low_sd = _find_low_end(values + excess, sd, rank)
+        high, high_sd = _find_low_end(excess - values, sd, rank)
         high = -high
         if low > high:  # the noise is larger than the range
             low = high = 0.5 * (low + high)
         if skeleton and name == "shoulder_elevation":
             low_sd, high_sd = (float(np.hypot(one, _RAISED_SD)) for one in (low_sd, high_sd))
         constant = float(np.sqrt(np.mean(np.square(np.nan_to_num(angles.constant_sd[usable, k])))))
-        found[name] = AngleRange(low, high, low_sd, high_sd, constant, float(usable.mean()))
-    return found
+        ranges[name] = AngleRange(low, high, low_sd, high_sd, constant, float(usable.mean()))
+    return ranges
 
 
-def _end(values: FloatArray, sd: FloatArray, rank: int) -> tuple[float, float]:
+def _find_low_end(values: FloatArray, sd: FloatArray, rank: int) -> tuple[float, float]:
     """Return the rank-th lowest of values (K,), and the median standard deviation of the values up to it."""
     lowest = np.argsort(values)[:rank]
     return float(values[lowest[-1]]), float(np.median(sd[lowest]))
-
-
-def _rate(time: FloatArray) -> float:
-    return float(1 / np.median(np.diff(time))) if len(time) > 1 else 1.0

@@ -1,10 +1,10 @@
-"""Reachable set of the wrist: directions and distances from the shoulder, by solving the joint angles.
+"""Reachable set of the wrist: all directions and distances from the shoulder, computed by inverse kinematics.
 
-A posture (plane, elevation, axial, flexion) puts the wrist at R_y(plane) R_x(-elevation) R_y(axial) w(flexion) from
-the shoulder. The distance |w| gives the flexion. At a given distance and polar angle, each elevation then leaves two
-axial rotations, and each axial rotation two elevations. The plane only turns the result about the vertical axis of the
-thorax: every solution is an arc, as long as the range of the plane. The set is the union of these arcs, and its volume
-the sum of their lengths over distances and polar angles. No sample of postures and no radius has to be chosen.
+In a posture (plane, elevation, axial, flexion), the wrist is at R_y(plane) R_x(-elevation) R_y(axial) w(flexion) from
+the shoulder. The distance |w| determines the flexion. At a given distance and polar angle, there are two axial
+rotations for each elevation, and two elevations for each axial rotation. The plane only rotates the wrist about the
+vertical axis of the thorax, so every solution is an arc as long as the range of the plane. The set is the union of
+these arcs. Its volume is the sum of their lengths over distances and polar angles.
 """
 
 from __future__ import annotations
@@ -18,26 +18,28 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 
 PlaneRange: TypeAlias = Callable[[FloatArray, FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
-"""Lowest and highest plane, rad, at an elevation, axial rotation and flexion; no plane where the lowest is higher."""
+"""Function from elevation, axial rotation and flexion to the lowest and highest plane, (K,) arrays, rad.
+
+If the lowest plane is above the highest one, the posture is not possible."""
 
 _FULL = 2 * np.pi
-_CURVE = 400  # points of the wrist's curve over the flexion
+_CURVE = 400  # flexions at which the position of the wrist is computed
 
 
 @dataclass(frozen=True)
 class ReachArm:
-    """Geometry of an arm that reaches, m and rad.
+    """Dimensions of an arm.
 
     Parameters
     ----------
     elbow : (3,) array
-        Elbow centre in the frame of the upper arm, whose origin is the shoulder centre.
+        Elbow centre in the axes of the upper arm, whose origin is the shoulder centre, m.
     forearm : float
-        Distance from the elbow centre to the wrist along the forearm's y axis.
+        Distance from the elbow centre to the wrist along the forearm's y axis, m.
     carrying : (3,) array
-        Carrying angle c0 + c1 cos(flexion) + c2 sin(flexion), as the elbow's axis is not quite the z axis.
+        Coefficients c0, c1, c2 of the carrying angle c0 + c1 cos(flexion) + c2 sin(flexion), rad.
     rise : float
-        Rise of the shoulder in the thorax at an elevation of 180°, as glide (1 - cos elevation) / 2.
+        Rise of the shoulder in the thorax at an elevation of 180°, m; in general rise (1 - cos elevation) / 2.
     """
 
     elbow: FloatArray
@@ -46,43 +48,43 @@ class ReachArm:
     rise: float
 
     def wrist(self, flexion: FloatArray) -> FloatArray:
-        """Return the wrist (K, 3) in the frame of the upper arm at some flexions (K,)."""
+        """Return the wrist (K, 3) in the axes of the upper arm, m, at some flexions (K,), rad."""
         bent = self.carrying @ np.stack([np.ones_like(flexion), np.cos(flexion), np.sin(flexion)])
         along = np.stack([np.sin(flexion) * np.cos(bent), -np.cos(flexion) * np.cos(bent), -np.sin(bent)], axis=1)
         return np.asarray(self.elbow + self.forearm * along)
 
     @property
     def length(self) -> float:
-        """Length from shoulder to wrist of the straight arm."""
+        """Length of the straight arm from shoulder to wrist, m."""
         return float(np.linalg.norm(self.elbow) + self.forearm)
 
 
 @dataclass(frozen=True)
 class Grid:
-    """Number of distances, of polar angles, and of elevations and axial rotations."""
+    """Numbers of distances and polar angles, and the number of elevations, which is also that of axial rotations."""
 
     distances: int
     polar: int
     turns: int
 
     def refined(self) -> Grid:
-        """Return a grid that is finer by about a half in every direction."""
+        """Return a grid with 1.5 times as many values in every direction."""
         return Grid(*(int(np.ceil(1.5 * each)) for each in (self.distances, self.polar, self.turns)))
 
 
 @dataclass(frozen=True)
 class ReachableSet:
-    """The set as arcs about the vertical axis of the thorax through the shoulder.
+    """Reachable set as arcs about the vertical axis of the thorax through the shoulder.
 
     Parameters
     ----------
     distance : (R + 1,) array
         Edges of the cells of the distance from the shoulder, m.
     cosine : (C + 1,) array
-        Edges of the cells of the cosine of the angle to the vertical.
+        Edges of the cells of the cosine of the polar angle.
     start, end : (R, C, m) arrays
-        Azimuth of the arcs, 0 (lateral) towards π/2 (forward), rad; sorted by their start, which is in [0, 2π). Arcs
-        of length 0 do not count.
+        Azimuths of the ends of the arcs, rad: 0 is lateral, π/2 forward. ``start`` is ascending, in [0, 2π). Arcs of
+        length 0 are ignored.
     """
 
     distance: FloatArray
@@ -92,7 +94,7 @@ class ReachableSet:
 
     @property
     def volume(self) -> float:
-        """Volume, m³."""
+        """Volume of the set, m³."""
         over = np.maximum(self.end.max(axis=-1, keepdims=True) - _FULL, 0.0)
         reached = np.maximum.accumulate(np.concatenate([over, np.minimum(self.end, _FULL)], axis=-1), axis=-1)
         covered = over[..., 0] + np.maximum(reached[..., 1:] - np.maximum(self.start, reached[..., :-1]), 0).sum(
@@ -102,7 +104,7 @@ class ReachableSet:
         return float(np.sum(np.minimum(covered, _FULL) * cell))
 
     def radius(self, azimuth: FloatArray) -> FloatArray:
-        """Return the furthest distance (C, K) at the polar cells and some azimuths (K,), m; NaN where there is none."""
+        """Return the furthest reach (C, K) in the polar cells at some azimuths (K,), m; NaN where there is none."""
         far = np.full((len(self.cosine) - 1, len(azimuth)), np.nan)
         for k, angle in enumerate(azimuth):
             inside = ((self.start <= angle) & (angle <= self.end)) | (angle + _FULL <= self.end)
@@ -112,25 +114,26 @@ class ReachableSet:
         return far
 
 
-def reachable_set(arm: ReachArm, limits: FloatArray, grid: Grid, planes: PlaneRange | None = None) -> ReachableSet:
-    """Return the set that the wrist of an arm reaches.
-
-    Of the shoulder's glide, only the part along the thorax's y axis is used, relative to the shoulder at middle
-    elevation. Glide across this axis only shears the set.
+def compute_reachable_set(
+    arm: ReachArm, limits: FloatArray, grid: Grid, planes: PlaneRange | None = None
+) -> ReachableSet:
+    """Return the set of positions that the wrist of an arm reaches, from the shoulder at middle elevation.
 
     Parameters
     ----------
     arm : ReachArm
+        Dimensions of the arm.
     limits : (4, 2) array
         Lowest and highest plane, elevation, axial rotation and flexion, rad.
     grid : Grid
+        Resolution.
     planes : PlaneRange, optional
-        Function of elevation, axial rotation and flexion that returns the range of the plane; by default the range in
-        ``limits``.
+        Range of the plane, which depends on the other angles; by default the range in ``limits``.
     """
-    solver = _Solver.of(arm, limits, grid)
-    found = [solver.at_elevations(sign) for sign in (-1.0, 1.0)] + [solver.at_axials(sign) for sign in (-1.0, 1.0)]
-    azimuth, elevation, axial, flexion, valid = (np.concatenate(each, axis=-1) for each in zip(*found, strict=True))
+    solver = _Solver.create(arm, limits, grid)
+    solutions = [solver.solve_at_elevations(sign) for sign in (-1.0, 1.0)]
+    solutions += [solver.solve_at_axials(sign) for sign in (-1.0, 1.0)]
+    azimuth, elevation, axial, flexion, valid = (np.concatenate(each, axis=-1) for each in zip(*solutions, strict=True))
     low, high = np.full_like(azimuth, limits[0, 0]), np.full_like(azimuth, limits[0, 1])
     if planes is not None:
         low[valid], high[valid] = planes(elevation[valid], axial[valid], flexion[valid])
@@ -143,12 +146,12 @@ def reachable_set(arm: ReachArm, limits: FloatArray, grid: Grid, planes: PlaneRa
 
 
 _Solutions: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, FloatArray, BoolArray]
-"""Azimuth at plane 0, elevation, axial rotation, flexion, and whether the limits allow them."""
+"""Azimuth at plane 0, elevation, axial rotation, flexion, and True where the limits allow them, (R, C, m) arrays."""
 
 
 @dataclass(frozen=True)
 class _Solver:
-    """Cells of distance and polar angle, the elevations and axial rotations to try, and the wrist by distance."""
+    """Inverse kinematics on the cells of distance and polar angle."""
 
     limits: FloatArray
     grid: Grid
@@ -156,11 +159,11 @@ class _Solver:
     distance: FloatArray
     cosine: FloatArray
     reach: FloatArray  # (K,) distance of the wrist from the shoulder, ascending
-    flexion: FloatArray  # (K,)
-    wrist: FloatArray  # (K, 3)
+    flexion: FloatArray  # (K,) flexion at this distance
+    wrist: FloatArray  # (K, 3) wrist in the axes of the upper arm at this distance
 
     @classmethod
-    def of(cls, arm: ReachArm, limits: FloatArray, grid: Grid) -> _Solver:
+    def create(cls, arm: ReachArm, limits: FloatArray, grid: Grid) -> _Solver:
         flexion = np.linspace(limits[3, 0], limits[3, 1], _CURVE)
         wrist = arm.wrist(flexion)
         reach = np.linalg.norm(wrist, axis=1)
@@ -173,45 +176,47 @@ class _Solver:
         return cls(limits, grid, arm.rise, distance, cosine, reach, flexion, wrist)
 
     def _cells(self) -> tuple[FloatArray, FloatArray]:
-        """Return distance from the vertical and height (R, C, 1) of the middle of every cell, m."""
+        """Return the distance from the vertical axis and the height (R, C, 1) of the middle of every cell, m."""
         r = np.cbrt((self.distance[1:] ** 3 + self.distance[:-1] ** 3) / 2)[:, None, None]
         c = ((self.cosine[1:] + self.cosine[:-1]) / 2)[:, None]
         return r * np.sqrt(1 - c**2), r * c
 
-    def _lifted(self, elevation: FloatArray) -> FloatArray:
+    def _shoulder_height(self, elevation: FloatArray) -> FloatArray:
+        """Return the height of the shoulder at an elevation, relative to the middle elevation, m."""
         middle = np.cos(self.limits[1]).mean()
         return np.asarray(self.rise * (middle - np.cos(elevation)) / 2)
 
-    def _arm(
+    def _bend_arm(
         self, across: FloatArray, height: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, BoolArray]:
-        """Return x, y, z of the wrist in the upper arm, the flexion, and whether any flexion has this distance."""
+        """Return x, y, z of the wrist in the upper arm, the flexion, and True where a flexion has this distance."""
         d = np.hypot(across, height)
         x, y, z, flexion = (np.interp(d, self.reach, each) for each in (*self.wrist.T, self.flexion))
         return x, y, z, flexion, (d >= self.reach[0]) & (d <= self.reach[-1])
 
-    def at_elevations(self, sign: float) -> _Solutions:
+    def solve_at_elevations(self, sign: float) -> _Solutions:
         """Return the solutions at the elevations of the grid, with one of the two axial rotations."""
         across, height = self._cells()
         elevation = np.linspace(self.limits[1, 0], self.limits[1, 1], self.grid.turns)
         sine, cosine = np.maximum(np.sin(elevation), 1e-9), np.cos(elevation)
-        height = height - self._lifted(elevation)
-        x, y, z, flexion, valid = self._arm(across, height)
+        height = height - self._shoulder_height(elevation)
+        x, y, z, flexion, valid = self._bend_arm(across, height)
         forward = (height - cosine * y) / sine
         far = np.hypot(x, z)
         axial = sign * np.arccos(np.clip(forward / far, -1, 1)) - np.arctan2(x, z)
-        valid = valid & (np.abs(forward) <= far) & _within(axial, self.limits[2])
+        lowest, highest = self.limits[2]
+        valid = valid & (np.abs(forward) <= far) & (np.mod(axial - lowest, _FULL) <= highest - lowest)
         azimuth = np.arctan2(x * np.cos(axial) + z * np.sin(axial), cosine * forward - sine * y)
         return azimuth, np.broadcast_to(elevation, axial.shape), axial, flexion, valid
 
-    def at_axials(self, sign: float) -> _Solutions:
+    def solve_at_axials(self, sign: float) -> _Solutions:
         """Return the solutions at the axial rotations of the grid, with one of the two elevations."""
         across, level = self._cells()
         axial = np.linspace(self.limits[2, 0], self.limits[2, 1], self.grid.turns)
         elevation = np.full((*level.shape[:2], len(axial)), self.limits[1].mean())
-        for _ in range(2 if self.rise else 1):  # the height of the shoulder depends on the elevation, a little
-            height = level - self._lifted(elevation)
-            x, y, z, flexion, valid = self._arm(across, height)
+        for _ in range(2 if self.rise else 1):  # the height of the shoulder changes a little with the elevation
+            height = level - self._shoulder_height(elevation)
+            x, y, z, flexion, valid = self._bend_arm(across, height)
             sideways, forward = x * np.cos(axial) + z * np.sin(axial), z * np.cos(axial) - x * np.sin(axial)
             far = np.hypot(y, forward)
             elevation = np.arctan2(forward, y) + sign * np.arccos(np.clip(height / far, -1, 1))
@@ -219,7 +224,3 @@ class _Solver:
         valid = valid & (np.abs(height) <= far) & (elevation >= self.limits[1, 0]) & (elevation <= self.limits[1, 1])
         azimuth = np.arctan2(sideways, np.cos(elevation) * forward - np.sin(elevation) * y)
         return azimuth, elevation, np.broadcast_to(axial, elevation.shape), flexion, valid
-
-
-def _within(angle: FloatArray, limits: FloatArray) -> BoolArray:
-    return np.asarray(np.mod(angle - limits[0], _FULL) <= limits[1] - limits[0])

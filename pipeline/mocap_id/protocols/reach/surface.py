@@ -1,9 +1,8 @@
-"""Surface of the reachable set about the shoulder: furthest reach by direction, and its area by quadrants.
+"""Surface of the reachable set: furthest reach by direction from the shoulder, and the area of the surface by quadrant.
 
-The area is that of spheres about the shoulder: the furthest reach squared, over the solid angle. It is relative to
-half a sphere of the arm's length in front of the shoulder, as the relative surface area of Kurillo et al. (2013) and
-Han et al. (2015): 1 if the straight arm reaches everywhere in front of the frontal plane through the shoulder. The
-slope of the surface does not count.
+The area is the integral of the squared furthest reach over the solid angle; the slope of the surface is ignored. It is
+relative to half a sphere with the arm's length as radius, like the relative surface area of Kurillo et al. (2013) and
+Han et al. (2015). It is 1 if the straight arm reaches everywhere in front of the frontal plane through the shoulder.
 """
 
 from __future__ import annotations
@@ -13,29 +12,28 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.protocols.reach.reachable_set import Grid, PlaneRange, ReachArm, reachable_set
+from mocap_id.protocols.reach.reachable_set import Grid, PlaneRange, ReachArm, compute_reachable_set
 
 GRID = Grid(48, 24, 16)
-"""Grid of the surface, fine in the distance, because this is the radius of the surface."""
+"""Grid of the surface, with many distances because the distance is the radius of the surface."""
 AZIMUTHS = 48
 QUADRANTS = ("upper_medial", "upper_lateral", "lower_medial", "lower_lateral")
 
 
 @dataclass(frozen=True)
 class Surface:
-    """Furthest reach by direction.
+    """Furthest reach by direction from the shoulder.
 
     Parameters
     ----------
     polar : (C,) array
-        Angle from the upward axis of the thorax, ascending, rad.
+        Angles from the upward axis of the thorax, ascending, rad.
     azimuth : (K,) array
-        Angle about it: 0 lateral, π/2 forward, rad.
+        Angles about this axis, rad: 0 is lateral, π/2 forward.
     radius : (C, K) array
-        m; NaN where nothing is reached.
+        Furthest reach, m; NaN where nothing is reached.
     areas : dict
-        ``total`` and :data:`QUADRANTS` in front of the shoulder as shares of half a sphere of the arm's length;
-        ``behind`` as share of the other half.
+        Relative areas: ``total`` and :data:`QUADRANTS` in front of the shoulder, ``behind`` for the other half.
     """
 
     polar: FloatArray
@@ -44,24 +42,25 @@ class Surface:
     areas: dict[str, float]
 
     def points(self) -> FloatArray:
-        """Return the surface (C, K, 3) in the axes of the thorax, m from the shoulder."""
+        """Return the points (C, K, 3) of the surface from the shoulder, in the axes of the thorax, m."""
         across = np.sin(self.polar)[:, None]
         along = np.broadcast_to(np.cos(self.polar)[:, None], self.radius.shape)
         direction = np.stack([across * np.sin(self.azimuth), along, across * np.cos(self.azimuth)], axis=-1)
         return np.asarray(self.radius[..., None] * direction)
 
 
-def reach_surface(arm: ReachArm, limits: FloatArray, planes: PlaneRange | None = None) -> Surface:
-    """Return the surface of the reachable set (:func:`~.reachable_set.reachable_set`)."""
-    found = reachable_set(arm, limits, GRID, planes)
+def compute_reach_surface(arm: ReachArm, limits: FloatArray, planes: PlaneRange | None = None) -> Surface:
+    """Return the surface of the set of :func:`~.reachable_set.compute_reachable_set`, which explains the arguments."""
+    reachable = compute_reachable_set(arm, limits, GRID, planes)
     azimuth = 2 * np.pi * (np.arange(AZIMUTHS) + 0.5) / AZIMUTHS
-    radius = found.radius(azimuth)[::-1]
-    polar = np.arccos((found.cosine[1:] + found.cosine[:-1]) / 2)[::-1]
-    return Surface(polar, azimuth, radius, _areas(polar, azimuth, radius / arm.length))
+    radius = reachable.radius(azimuth)[::-1]
+    polar = np.arccos((reachable.cosine[1:] + reachable.cosine[:-1]) / 2)[::-1]
+    return Surface(polar, azimuth, radius, _compute_areas(polar, azimuth, radius / arm.length))
 
 
-def _areas(polar: FloatArray, azimuth: FloatArray, radius: FloatArray) -> dict[str, float]:
-    each = np.nan_to_num(radius) ** 2 * 2 / radius.size  # both cells are even in solid angle; a half sphere is 1
+def _compute_areas(polar: FloatArray, azimuth: FloatArray, radius: FloatArray) -> dict[str, float]:
+    """Return the relative areas by name; ``radius`` is relative to the arm's length."""
+    each = np.nan_to_num(radius) ** 2 * 2 / radius.size  # all cells have the same solid angle
     front, lateral = np.sin(azimuth) > 0, np.cos(azimuth) > 0
     upper = np.cos(polar)[:, None] > 0
     areas = {"total": float(each[:, front].sum())}

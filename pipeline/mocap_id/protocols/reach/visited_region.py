@@ -1,7 +1,7 @@
-"""The region of joint space that a recording visits: limits that depend on each other.
+"""Region of joint space that a recording visits: joint limits that depend on each other.
 
-The region is the convex hull of the visited postures. It has no radius and no resolution to choose: more samples of the
-same motion add nothing to it. It is the smallest region that holds every posture between two visited ones.
+The region is the convex hull of the visited postures, the smallest region that contains all postures between any two of
+them. It needs no radius or resolution, and more samples of the same motion do not enlarge it.
 """
 
 from __future__ import annotations
@@ -12,17 +12,17 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 
-_FEWEST = 40
-_MOST = 200  # postures; the hull of four times as many reaches the same within 1 %
-_BLOCK = 8192
-_FLAT = 1e-9
+_FEWEST = 40  # postures of a region
+_MOST = 200  # postures of a hull; four times as many change the reachable volume by less than 1 %
+_BLOCK = 8192  # postures computed at once, to limit the memory
+_FLAT = 1e-9  # slope of a face that does not limit the plane
 
 
 @dataclass(frozen=True)
 class VisitedRegion:
-    """Convex hull of postures x (plane, elevation, axial, flexion): ``normals (F, 4) x <= bounds (F,)``, rad.
+    """Convex hull of postures x (plane, elevation, axial, flexion), rad.
 
-    ``limits`` (4, 2) is the box around it.
+    The postures x with ``normals`` (F, 4) x <= ``bounds`` (F,) are inside; ``limits`` (4, 2) is the box around them.
     """
 
     normals: FloatArray
@@ -30,7 +30,10 @@ class VisitedRegion:
     limits: FloatArray
 
     def planes(self, elevation: FloatArray, axial: FloatArray, flexion: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return lowest and highest plane (K,) at the other angles, rad; outside the region, lowest > highest."""
+        """Return the lowest and highest plane (K,) at the other angles (K,), rad; outside the region, lowest > highest.
+
+        ``elevation``, ``axial`` and ``flexion`` are the other three angles.
+        """
         low, high = np.empty(len(elevation)), np.empty(len(elevation))
         slope = self.normals[:, 0]
         up, down = slope > _FLAT, slope < -_FLAT
@@ -48,15 +51,15 @@ class VisitedRegion:
         return low, high
 
 
-def visited_region(postures: FloatArray, limits: FloatArray) -> VisitedRegion | None:
-    """Return the region of visited postures; None if they lie in a plane of joint space or are too few.
+def find_visited_region(postures: FloatArray, limits: FloatArray) -> VisitedRegion | None:
+    """Return the region of the visited postures; None if the postures are too few or if the hull has no volume.
 
     Parameters
     ----------
     postures : (T, 4) array
         Plane, elevation, axial rotation and flexion, rad.
     limits : (4, 2) array
-        Robust ranges: postures beyond them are moved to the limit.
+        Robust ranges of these angles, rad; postures outside are moved to the limit.
     """
     from scipy.spatial import ConvexHull, QhullError  # noqa: PLC0415  only a reach needs it
 

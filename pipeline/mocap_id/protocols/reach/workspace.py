@@ -1,4 +1,7 @@
-"""Reachable volume of a recorded arm with its interval: box of independent limits, and visited region (7.2)."""
+"""Reachable volume of a recorded arm with its 95 % interval (7.2), within two kinds of joint limits.
+
+These are the box of the ranges of the four angles, and the visited region, in which the limits depend on each other.
+"""
 
 from __future__ import annotations
 
@@ -10,21 +13,33 @@ import numpy as np
 from mocap_id.arrays import NORMAL_95, FloatArray
 from mocap_id.protocols.reach.arm_geometry import ANGLES, RecordedArm, UnknownReach
 from mocap_id.protocols.reach.ranges import AngleRange
-from mocap_id.protocols.reach.reachable_set import Grid, PlaneRange, ReachArm, reachable_set
+from mocap_id.protocols.reach.reachable_set import Grid, PlaneRange, ReachArm, compute_reachable_set
 from mocap_id.protocols.reach.visited_region import VisitedRegion
 
 _BOX, _REGION = Grid(12, 24, 16), Grid(8, 16, 32)
-"""First grids of the box and of a region, which needs more axial rotations."""
+"""First grids for the box and for a region, which needs more axial rotations."""
 _CHANGES = Grid(9, 18, 12)
-"""Grid of the changes by one standard deviation, which it gives within a few per cent."""
+"""Grid for the changes of the volume by one standard deviation; their error is a few per cent."""
 _ENOUGH = 0.01, 0.02
-"""The grid of the box (a region) is refined until the volume changes by less than this share."""
+"""Grids for the box and for a region are refined until the volume changes by less than this share."""
 _MOST = 4  # grids
 
 
 @dataclass(frozen=True)
 class Volume:
-    """A volume, m³, its change with the last refinement of the grid, its 95 % interval, and the grids' volumes."""
+    """A reachable volume, m³.
+
+    Parameters
+    ----------
+    volume : float
+        Volume with the finest grid, m³.
+    discretisation : float
+        Change of the volume by the last refinement of the grid, m³.
+    interval : (float, float)
+        95 % interval, m³.
+    convergence : tuple of float
+        Volumes with finer and finer grids, m³.
+    """
 
     volume: float
     discretisation: float
@@ -39,14 +54,15 @@ class Workspace:
     Parameters
     ----------
     box : Volume
+        Volume within the box.
     visited : Volume or None
-        None if the motion leaves no region of joint space with a volume.
+        Volume within the visited region; None without a region.
     limits : (4, 2) array
-        The box: plane, elevation, axial rotation, flexion, rad.
+        Ends of the box: plane, elevation, axial rotation, flexion, rad.
     sd : float
-        Standard deviation of the box's volume, m³.
+        Standard deviation of the volume within the box, m³.
     sources : dict
-        Share of each range and dimension in the variance of the volume.
+        Share of each range and dimension in the variance of this volume, by name.
     """
 
     box: Volume
@@ -56,23 +72,25 @@ class Workspace:
     sources: dict[str, float]
 
     def relative(self, arm: ReachArm) -> float:
-        """Return the box's volume as a share of the sphere about the shoulder with the arm's length."""
+        """Return the volume within the box as a share of a sphere with the arm's length as radius."""
         return self.box.volume / (4 / 3 * np.pi * arm.length**3)
 
 
-def workspace(arm: RecordedArm, ranges: Mapping[str, AngleRange], region: VisitedRegion | None) -> Workspace:
+def compute_workspace(arm: RecordedArm, ranges: Mapping[str, AngleRange], region: VisitedRegion | None) -> Workspace:
     """Return the reachable volume of an arm.
 
-    The interval contains the errors of the ends of the ranges, constant errors of the angles from the landmarks, errors
-    of the lengths and of the shoulder's rise, each with its own standard deviation, and the discretisation. A constant
-    error of the plane only turns the set.
+    The interval contains the errors of the ends of the ranges, of the lengths and of the shoulder's rise, the constant
+    errors of the angles from the landmarks, and the error of the grid. A constant error of the plane is left out
+    because it only rotates the set.
 
     Parameters
     ----------
     arm : RecordedArm
+        Dimensions of the arm with their standard deviations.
     ranges : mapping
-        Range of the four angles of :data:`~.arm_geometry.ANGLES`.
+        Ranges of the four angles of :data:`~.arm_geometry.ANGLES`, by name.
     region : VisitedRegion or None
+        Visited region; None if the motion has none.
 
     Raises
     ------
@@ -80,73 +98,69 @@ def workspace(arm: RecordedArm, ranges: Mapping[str, AngleRange], region: Visite
         The ranges are too small for a volume.
     """
     limits = np.array([(ranges[name].low, ranges[name].high) for name in ANGLES])
-    volumes = _converged(arm.arm, limits)
+    volumes = _refine(arm.arm, limits)
     if not volumes[-1]:
         raise UnknownReach("the ranges of the angles are too small for a volume: record larger reaches")
-    effects = _effects(arm, ranges, limits)
-    total = float(np.sqrt(sum(effect**2 for effect in effects.values())))
+    effects = _compute_effects(arm, ranges, limits)
+    sd = float(np.sqrt(sum(effect**2 for effect in effects.values())))
     visited = None
     if region is not None:
-        found = _converged(arm.arm, region.limits, region.planes)
-        visited = _with_interval(found, found[-1] * total / volumes[-1])
+        visited_volumes = _refine(arm.arm, region.limits, region.planes)
+        visited = _add_interval(visited_volumes, visited_volumes[-1] * sd / volumes[-1])
     return Workspace(
-        box=_with_interval(volumes, total),
+        box=_add_interval(volumes, sd),
         visited=visited,
         limits=limits,
-        sd=total,
-        sources={name: (effect / total) ** 2 if total else 0.0 for name, effect in effects.items()},
+        sd=sd,
+        sources={name: (effect / sd) ** 2 if sd else 0.0 for name, effect in effects.items()},
     )
 
 
-def _with_interval(volumes: tuple[float, ...], sd: float) -> Volume:
+def _add_interval(volumes: tuple[float, ...], sd: float) -> Volume:
     volume, change = volumes[-1], abs(volumes[-1] - volumes[-2])
-    reach = NORMAL_95 * sd + change
-    return Volume(volume, change, (max(volume - reach, 0.0), volume + reach), volumes)
+    half = NORMAL_95 * sd + change
+    return Volume(volume, change, (max(volume - half, 0.0), volume + half), volumes)
 
 
-def _volume(arm: ReachArm, limits: FloatArray, grid: Grid, planes: PlaneRange | None = None) -> float:
-    return reachable_set(arm, limits, grid, planes).volume
-
-
-def _converged(arm: ReachArm, limits: FloatArray, planes: PlaneRange | None = None) -> tuple[float, ...]:
-    """Return the volumes on finer and finer grids, at least two."""
+def _refine(arm: ReachArm, limits: FloatArray, planes: PlaneRange | None = None) -> tuple[float, ...]:
+    """Return the volumes with finer and finer grids, at least two, m³."""
     grid, enough = (_BOX, _ENOUGH[0]) if planes is None else (_REGION, _ENOUGH[1])
-    found = [_volume(arm, limits, grid, planes)]
-    while len(found) < _MOST:
+    volumes = [compute_reachable_set(arm, limits, grid, planes).volume]
+    while len(volumes) < _MOST:
         grid = grid.refined()
-        found.append(_volume(arm, limits, grid, planes))
-        if abs(found[-1] - found[-2]) <= enough * found[-1]:
+        volumes.append(compute_reachable_set(arm, limits, grid, planes).volume)
+        if abs(volumes[-1] - volumes[-2]) <= enough * volumes[-1]:
             break
-    return tuple(found)
+    return tuple(volumes)
 
 
-def _effects(arm: RecordedArm, ranges: Mapping[str, AngleRange], limits: FloatArray) -> dict[str, float]:
-    """Return the change of the volume by one standard deviation of each input, m³."""
+def _compute_effects(arm: RecordedArm, ranges: Mapping[str, AngleRange], limits: FloatArray) -> dict[str, float]:
+    """Return the change of the volume by one standard deviation of each input, m³, by name."""
     own = arm.arm
 
-    def half(up: ReachArm, down: ReachArm, step: FloatArray) -> float:
-        return 0.5 * (_volume(up, limits + step, _CHANGES) - _volume(down, limits - step, _CHANGES))
+    def change(up: ReachArm, down: ReachArm, step: FloatArray) -> float:
+        larger = compute_reachable_set(up, limits + step, _CHANGES)
+        return 0.5 * (larger.volume - compute_reachable_set(down, limits - step, _CHANGES).volume)
 
-    found = {}
+    effects = {}
     for k, name in enumerate(ANGLES):
-        one = ranges[name]
-        for side, sd in (("low", one.low_sd), ("high", one.high_sd), ("both", one.constant_sd)):
+        sds = ranges[name].low_sd, ranges[name].high_sd, ranges[name].constant_sd
+        for side, columns, sd in zip(("low", "high", "both"), ([0], [1], [0, 1]), sds, strict=True):
             if (name, side) == ("shoulder_plane", "both"):
                 continue
             step = np.zeros((4, 2))
-            step[k, {"low": slice(0, 1), "high": slice(1, 2), "both": slice(0, 2)}[side]] = sd
-            found[f"{name}_{side}"] = half(own, own, _inside(step, limits))
+            step[k, columns] = sd
+            effects[f"{name}_{side}"] = change(own, own, _limit_step(step, limits))
     longer = own.elbow * (1 + arm.upper_arm_sd / float(np.linalg.norm(own.elbow)))
     pairs = {
         "upper_arm": (replace(own, elbow=longer), replace(own, elbow=2 * own.elbow - longer)),
         "forearm": tuple(replace(own, forearm=own.forearm + s * arm.forearm_sd) for s in (1, -1)),
         "rise": tuple(replace(own, rise=own.rise + s * arm.rise_sd) for s in (1, -1)),
     }
-    return found | {name: half(up, down, np.zeros((4, 2))) for name, (up, down) in pairs.items()}
+    return effects | {name: change(up, down, np.zeros((4, 2))) for name, (up, down) in pairs.items()}
 
 
-def _inside(step: FloatArray, limits: FloatArray) -> FloatArray:
-    """Return a step that keeps the elevation between 0 and 180° and no range negative."""
-    step = step.copy()
+def _limit_step(step: FloatArray, limits: FloatArray) -> FloatArray:
+    """Return the step, reduced so that the elevation stays between 0 and 180° and no range becomes negative."""
     step[1] = np.minimum(step[1], [max(limits[1, 0], 0.0), max(np.pi - limits[1, 1], 0.0)])
     return np.minimum(step, 0.5 * (limits[:, 1:] - limits[:, :1]))

@@ -8,7 +8,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.allometry import arm_segment
-from mocap_id.protocols.curl.elbow_torque import ElbowTorque, Mass, SegmentMotion, elbow_torque
+from mocap_id.protocols.curl.elbow_torque import ElbowTorque, Mass, SegmentMotion, compute_elbow_torque
 from mocap_id.stages.base import Context
 from mocap_id.stages.curl_keys import Body
 from mocap_id.stages.device import DeviceFile
@@ -75,7 +75,7 @@ def _total_torque(
             SegmentMotion(poses.origin[:, k], poses.rotation[:, k], omega, alpha, table[f"sd_{name}_alpha"], bodies)
         )
     tilt = float(np.nanmedian(table["sd_forearm_rotation"]))
-    return elbow_torque(poses.time, axis, segments, tilt=tilt)
+    return compute_elbow_torque(poses.time, axis, segments, tilt=tilt)
 
 
 def _own_bodies(context: Context, skeleton: SpatialSkeleton, name: str, *, alone: bool) -> list[Mass]:

@@ -9,12 +9,10 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
-from mocap_id.protocols.curl.compensation import Compensation, compensation
-from mocap_id.protocols.curl.fatigue import Trend, trend
-from mocap_id.protocols.curl.in_step import InStep, part_in_step
-from mocap_id.protocols.curl.repetitions import Curl, find_curls
-from mocap_id.protocols.curl.rules import CurlRules
-from mocap_id.protocols.curl.trial_end import find_end
+from mocap_id.protocols.curl.compensation import Compensation, InStep, fit_part_in_step, measure_compensation
+from mocap_id.protocols.curl.fatigue import Trend, fit_trend
+from mocap_id.protocols.curl.repetitions import Curl, CurlRules, find_curls
+from mocap_id.protocols.curl.trial_end import find_trial_end
 from mocap_id.stages.base import Context
 from mocap_id.stages.curl_keys import CurlKeys
 from mocap_id.stages.identify_dim.curl_torques import CurlTorques, curl_torques
@@ -44,14 +42,14 @@ def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
     skeleton = SpatialSkeleton.from_tree(context.tree("chain.h5"))
     curls = find_curls(time, angles[_FLEXION], angles[f"sd_{_FLEXION}"], rules)
     axis = _elbow_axis(poses, skeleton)
-    end = find_end(time, axis, curls, rules)
+    end = find_trial_end(time, axis, curls, rules)
     channels, in_step = _channels(context, poses, curls), None
     if _AXIAL in channels:
         covariance = _elbow_axis_covariance(skeleton)
-        in_step = part_in_step(time, *channels[_AXIAL], angles[_FLEXION], covariance, curls)
+        in_step = fit_part_in_step(time, *channels[_AXIAL], angles[_FLEXION], covariance, curls)
         if in_step is not None:
             channels[_AXIAL] = (channels[_AXIAL][0] - in_step.curve, in_step.rest_sd)
-    moved = {name: compensation(time, *channel, curls, rules) for name, channel in channels.items()}
+    moved = {name: measure_compensation(time, *channel, curls, rules) for name, channel in channels.items()}
     torque = curl_torques(context, poses, skeleton, axis)
     counted = [curl.complete and curl.start < end.time for curl in curls]
     facts = {
@@ -66,7 +64,7 @@ def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
         "in_step": {} if in_step is None else {_AXIAL: _in_step(in_step)},
         "torque": [_peaks(time, torque, curl) for curl in curls] if isinstance(torque, CurlTorques) else None,
         "torque_why": "" if isinstance(torque, CurlTorques) else torque,
-        "fatigue": {name: _trend(trend(values)) for name, values in _tiring(curls, moved).items()},
+        "fatigue": {name: _trend(fit_trend(values)) for name, values in _tiring(curls, moved).items()},
     }
     columns = torque.columns() if isinstance(torque, CurlTorques) else {}
     return _events(curls, facts, _reasons(curls, facts)), columns

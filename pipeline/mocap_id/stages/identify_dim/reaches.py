@@ -9,12 +9,11 @@ import numpy as np
 
 from mocap_id.arrays import NORMAL_95, FloatArray
 from mocap_id.protocols.reach.arm_geometry import ANGLES, RecordedArm, UnknownReach, measure_arm
-from mocap_id.protocols.reach.body_targets import body_targets, level_heights
-from mocap_id.protocols.reach.ranges import HELD, AngleRange, joint_ranges, usable_samples, values
-from mocap_id.protocols.reach.reaches import Reach, find_reaches
-from mocap_id.protocols.reach.surface import Surface, reach_surface
-from mocap_id.protocols.reach.visited_region import VisitedRegion, visited_region
-from mocap_id.protocols.reach.workspace import Volume, Workspace, workspace
+from mocap_id.protocols.reach.ranges import HELD, AngleRange, find_usable_samples, get_angle, measure_ranges
+from mocap_id.protocols.reach.reaches import Reach, compute_level_heights, find_reaches, locate_body_targets
+from mocap_id.protocols.reach.surface import Surface, compute_reach_surface
+from mocap_id.protocols.reach.visited_region import VisitedRegion, find_visited_region
+from mocap_id.protocols.reach.workspace import Volume, Workspace, compute_workspace
 from mocap_id.stages.base import Context
 from mocap_id.store import Table
 from mocap_id.store.schemas import EVENTS
@@ -33,7 +32,7 @@ def find_reach_events(context: Context) -> Table:
     poses = SegmentPoses.from_table(context.table("poses.parquet"))
     chain = context.tree("chain.h5")
     skeleton = SpatialSkeleton.from_tree(chain)
-    ranges = joint_ranges(angles, poses, skeleton=chain.facts.get("frames") == "skeleton")
+    ranges = measure_ranges(angles, poses, skeleton=chain.facts.get("frames") == "skeleton")
     facts: dict[str, Any] = {"why": "", "ranges": {name: _range(one) for name, one in ranges.items()}}
     reaches: tuple[Reach, ...] = ()
     try:
@@ -80,7 +79,7 @@ def _view(arm: RecordedArm) -> dict[str, Any]:
     return {
         "path_m": path.round(3).tolist(),
         "arm_m": np.stack([np.zeros(3), arm.elbows[far], arm.wrists[far]]).round(3).tolist(),
-        "targets_m": {name: place.round(3).tolist() for name, place in body_targets(arm).items()},
+        "targets_m": {name: place.round(3).tolist() for name, place in locate_body_targets(arm).items()},
     }
 
 
@@ -94,7 +93,7 @@ def _heights(time: FloatArray, arm: RecordedArm) -> dict[str, Any]:
         "lowest_m": lowest,
         "highest_share": highest / arm.arm.length,
         "lowest_share": lowest / arm.arm.length,
-        "levels": {name: bool(palm[-rank] >= height) for name, height in level_heights(arm).items()},
+        "levels": {name: bool(palm[-rank] >= height) for name, height in compute_level_heights(arm).items()},
     }
 
 
@@ -129,14 +128,14 @@ def _volumes(
             f"the elbow bends backwards (flexion from {np.degrees(flexion.low):.0f}° to "
             f"{np.degrees(flexion.high):.0f}°), as if the arm were the other one: give the right `side:`"
         )
-    usable = np.logical_and.reduce([usable_samples(angles, poses, name) for name in ANGLES])
-    postures = np.stack([values(angles, name, usable) for name in ANGLES], axis=1)
+    usable = np.logical_and.reduce([find_usable_samples(angles, poses, name) for name in ANGLES])
+    postures = np.stack([get_angle(angles, name, usable) for name in ANGLES], axis=1)
     limits = np.array([(ranges[name].low, ranges[name].high) for name in ANGLES])
-    region = visited_region(postures, limits)
-    found = workspace(arm, ranges, region)
-    surfaces = {"box": reach_surface(arm.arm, limits)}
+    region = find_visited_region(postures, limits)
+    found = compute_workspace(arm, ranges, region)
+    surfaces = {"box": compute_reach_surface(arm.arm, limits)}
     if region is not None:
-        surfaces["visited"] = reach_surface(arm.arm, region.limits, region.planes)
+        surfaces["visited"] = compute_reach_surface(arm.arm, region.limits, region.planes)
     return {
         **_volume(found.box),
         "sd_m3": found.sd,

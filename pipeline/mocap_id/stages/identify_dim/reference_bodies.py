@@ -12,9 +12,9 @@ from mocap_id.dynamics.allometry import TableName
 from mocap_id.dynamics.comparison import compare
 from mocap_id.dynamics.preparation import TrialData
 from mocap_id.protocols.body_names import GROUND
-from mocap_id.protocols.movement import Movement, facing
-from mocap_id.protocols.posture import standing_angles
-from mocap_id.protocols.reference_body import ReferenceBody, no_reference, reference_body
+from mocap_id.protocols.movement import Movement, find_facing
+from mocap_id.protocols.posture import measure_standing_angles
+from mocap_id.protocols.reference_body import ReferenceBody, build_reference_body, make_empty_reference
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim.trial_data import read_skeleton
 
@@ -39,24 +39,26 @@ def reference_bodies(context: Context, recorded: TrialData, movement: Movement) 
     """Return the bodies by all tables for a sit-to-stand; other protocols have none."""
     settings, subject, chain = context.settings, context.trial.subject, recorded.centres
     if context.trial.protocol != "sit-to-stand":
-        return ReferenceBodies(no_reference(len(chain), None), ())
+        return ReferenceBodies(make_empty_reference(len(chain), None), ())
     if read_skeleton(context).segments[:1] == (GROUND,):
-        return ReferenceBodies(no_reference(len(chain), "the tables describe people whose foot stands flat"), ())
+        return ReferenceBodies(
+            make_empty_reference(len(chain), "the tables describe people whose foot stands flat"), ()
+        )
     if not np.isfinite(recorded.q).all(axis=1).any():
-        return ReferenceBodies(no_reference(len(chain), "the joint angles are never known together"), ())
+        return ReferenceBodies(make_empty_reference(len(chain), "the joint angles are never known together"), ())
     mass = context.table("wrench.parquet").facts.get("mass_kg")
     if mass is None and movement.contact is not None and np.isfinite(movement.contact.weight):
         mass = movement.contact.weight / settings.gravity
     bodies = {
-        name: reference_body(
+        name: build_reference_body(
             name,
             chain,
-            facing(recorded),
+            find_facing(recorded),
             height=subject.height,
             mass=subject.mass,
             sex=subject.sex,
             plate_mass=mass,
-            standing=None if movement.posture is None else standing_angles(recorded.q, movement.posture),
+            standing=None if movement.posture is None else measure_standing_angles(recorded.q, movement.posture),
         )
         for name in get_args(TableName)
     }

@@ -10,7 +10,14 @@ import numpy as np
 from mocap_id import recording
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError
-from mocap_id.protocols.phases import GRID, Agreement, Averaged, agreement, average, on_grid
+from mocap_id.protocols.phases import (
+    GRID,
+    Agreement,
+    Averaged,
+    average_repetitions,
+    compare_angles,
+    resample_repetitions,
+)
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim.trial_data import read_skeleton
 from mocap_id.store import Table
@@ -50,7 +57,7 @@ def averages(context: Context, events: Table, dynamics: Table) -> Table:
         bounds = bounds[bounds[:, 1] > bounds[:, 0]]  # False where either is NaN
         counted[span] = len(bounds)
         for name, unit, time, values in signals if len(bounds) else ():
-            found.append((span, name, unit, average(on_grid(time, values, bounds))))
+            found.append((span, name, unit, average_repetitions(resample_repetitions(time, values, bounds))))
     why = None if any(counted.values()) else "no repetition has both its beginning and its end in the recording"
     return Table(PHASES, _columns(found), {"repetitions": counted, "compared": compared, "why": why})
 
@@ -101,7 +108,7 @@ def _other(context: Context) -> Iterator[tuple[str, str, FloatArray, FloatArray,
         column, sign = given.removeprefix("-"), -1.0 if given.startswith("-") else 1.0
         number = joints.index(joint) + 1
         values = on_times(table.time, sign * table.angles[column], time)
-        found = agreement(_angle(states, number), values)
+        found = compare_angles(_angle(states, number), values)
         yield f"theta_{number}_other", "rad", time, values, _agreement_facts(joint, given, found)
 
 

@@ -10,17 +10,21 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.preparation import PreparedTrial, TrialData
-from mocap_id.protocols.attempts import Attempt, failed_attempts
-from mocap_id.protocols.five_times import REQUIRED_RISES, FiveTimes, five_times
-from mocap_id.protocols.load_share import PHASES, LoadShare, load_share, sides
-from mocap_id.protocols.movement import Movement, facing
+from mocap_id.protocols.attempts import Attempt, find_failed_attempts
+from mocap_id.protocols.five_times import PUBLISHED, REQUIRED_RISES, FiveTimes, compute_five_times
+from mocap_id.protocols.load_share import PHASES, LoadShare, compute_load_share, find_foot_plates
+from mocap_id.protocols.movement import Movement, find_facing
 from mocap_id.protocols.posture import Posture
-from mocap_id.protocols.published_times import PUBLISHED
-from mocap_id.protocols.remarks import reasons, with_remark
+from mocap_id.protocols.remarks import add_remarks, explain_repetitions
 from mocap_id.protocols.repetitions import Repetition
-from mocap_id.protocols.rise_details import RiseDetails, greatest_height, paused_time
-from mocap_id.protocols.seat_off import model_agreement_time, share_crossing_time
-from mocap_id.protocols.support import unexplained_support
+from mocap_id.protocols.rise_details import (
+    RiseDetails,
+    find_greatest_height,
+    find_model_agreement,
+    find_share_crossing,
+    measure_paused_time,
+    measure_support,
+)
 from mocap_id.store import Column, Table
 from mocap_id.store.schemas import EVENTS, RISE
 
@@ -56,7 +60,7 @@ def sit_to_stand_events(
     chair = None if contact is None else contact.chair
     weight = float("nan") if contact is None else contact.weight
     vertical = recorded.wrench[:, 1] / weight
-    attempts = failed_attempts(recorded.time, posture, vertical, repetitions, chair=chair)
+    attempts = find_failed_attempts(recorded.time, posture, vertical, repetitions, chair=chair)
     shared = _shared(plates, recorded, posture, movement)
     rises = tuple(
         replace(
@@ -73,18 +77,20 @@ def sit_to_stand_events(
             replace(
                 rise,
                 support=min(
-                    unexplained_support(recorded.time, posture, force, weight, each, seat_measured=seat_measured)
+                    measure_support(recorded.time, posture, force, weight, each, seat_measured=seat_measured)
                     for force in missing
                 ),
             )
             for each, rise in zip(repetitions, rises, strict=True)
         )
     facts = {
-        "five_times": _timed(five_times(repetitions, rises, chair=chair)),
+        "five_times": _timed(compute_five_times(repetitions, rises, chair=chair)),
         "attempts": [_attempt(attempt) for attempt in attempts],
         "load_share": _load_facts(shared),
     }
-    return Table(EVENTS, _columns(repetitions, rises), facts, reasons(repetitions, rises, attempts, posture))
+    return Table(
+        EVENTS, _columns(repetitions, rises), facts, explain_repetitions(repetitions, rises, attempts, posture)
+    )
 
 
 def _attempts_before(k: int, repetitions: Sequence[Repetition], attempts: Sequence[Attempt]) -> int:
@@ -99,10 +105,10 @@ def _rise(k: int, time: FloatArray, movement: Movement, vertical: FloatArray, sh
     each, contact = movement.repetitions[k], movement.contact
     chair = contact is not None and contact.chair is True
     return RiseDetails(
-        seat_off_72=share_crossing_time(time, vertical, share, each) if chair else float("nan"),
-        seat_off_model=float("nan") if contact is None else model_agreement_time(time, contact.above_noise, each),
-        reached=greatest_height(time, movement.posture, each),
-        held=paused_time(time, movement.posture, each),
+        seat_off_72=find_share_crossing(time, vertical, share, each) if chair else float("nan"),
+        seat_off_model=float("nan") if contact is None else find_model_agreement(time, contact.above_noise, each),
+        reached=find_greatest_height(time, movement.posture, each),
+        held=measure_paused_time(time, movement.posture, each),
     )
 
 
@@ -112,7 +118,7 @@ def events_table(repetitions: Sequence[Repetition]) -> Table:
 
 
 def _columns(repetitions: Sequence[Repetition], rises: Sequence[RiseDetails]) -> dict[str, Any]:
-    rows = [{**asdict(with_remark(each, rise)), **asdict(rise)} for each, rise in zip(repetitions, rises, strict=True)]
+    rows = [{**asdict(add_remarks(each, rise)), **asdict(rise)} for each, rise in zip(repetitions, rises, strict=True)]
     return _as_columns(rows, (*EVENTS.columns, *RISE))
 
 
@@ -142,11 +148,11 @@ def _shared(plates: Table, recorded: TrialData, posture: Posture, movement: Move
     nothing = {phase: np.full(len(movement.repetitions), np.nan) for phase in PHASES}
     feet = [plate for plate in plates.facts.get("plates") or () if plate.get("use") == "feet"]
     across = [(int(plate["index"]), _number(plate.get("across_m"))) for plate in feet]
-    found = sides(across, facing(recorded))
+    found = find_foot_plates(across, find_facing(recorded))
     if isinstance(found, str):
         return LoadShare(None, None, nothing, found)
     left, right = (plates[f"Fy_p{plate}"] for plate in found)
-    return LoadShare(*found, load_share(recorded.time, posture, left, right, movement.repetitions))
+    return LoadShare(*found, compute_load_share(recorded.time, posture, left, right, movement.repetitions))
 
 
 def _number(value: object) -> float:

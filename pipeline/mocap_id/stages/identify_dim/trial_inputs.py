@@ -14,7 +14,7 @@ from mocap_id.dynamics.cutoffs import left_out_cost
 from mocap_id.dynamics.measured_motion import GIVES_WAY, SURELY, USUAL
 from mocap_id.dynamics.point_grid import PointGrid, segment_grid
 from mocap_id.dynamics.preparation import PreparedTrial, TrialData, prepare
-from mocap_id.protocols.movement import Movement, read_movement
+from mocap_id.protocols.movement import Movement, find_movement
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import IdentifyDimSettings
 from mocap_id.stages.identify_dim.board_position import settle_board
@@ -116,7 +116,7 @@ def _movement(
 ) -> Movement:
     """Return the movement by the trial's protocol, with the forces that the prepared motion requires."""
     settings: IdentifyDimSettings = context.settings
-    movement = read_movement(
+    movement = find_movement(
         context.trial.protocol,
         recorded,
         prepared,

@@ -18,7 +18,7 @@ from mocap_id.kinematics import (
     measure_asymmetry,
     segment_markers,
 )
-from mocap_id.protocols.body_names import LONGEST, body_names
+from mocap_id.protocols.body_names import LONGEST, name_bodies
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.marker_names import marker_columns
 from mocap_id.stages.segment import SegmentSettings
@@ -73,7 +73,7 @@ def segment(context: Context) -> Outputs:
     planarity = _planarity(points[:, found.segment > 0])
     not_planar = _not_planar(planarity, settings)
     foot = foot_moves(lift, labels, found)
-    usual, joint_names = body_names(trial.protocol, found.count, foot_turns=foot)
+    usual, joint_names = name_bodies(trial.protocol, found.count, foot_turns=foot)
     names = usual if settings.names is None else given_names(settings.names, found.count)
     facts = {
         "count": found.count,
