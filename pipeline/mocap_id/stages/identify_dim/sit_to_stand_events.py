@@ -44,12 +44,11 @@ def sit_to_stand_events(
     ----------
     plates : Table
         wrench.parquet.
-    recorded : TrialData
     movement : Movement
-        Its posture must be known.
+        Movement with a known posture.
     missing : sequence of (T,) arrays
-        Vertical force of the ground by a body model, minus the measured force, N: one array for each plausible clock
-        offset; empty without a model. A support counts only if all arrays show it.
+        Vertical force of the ground by a body model minus the measured force, N: one array for each plausible clock
+        offset; empty without a model. The smallest support by these arrays is used.
     share : float
         Share of the standing weight, for seat-off by the rule of the thesis.
     seat_measured : bool
@@ -88,9 +87,8 @@ def sit_to_stand_events(
         "attempts": [_attempt(attempt) for attempt in attempts],
         "load_share": _load_facts(shared),
     }
-    return Table(
-        EVENTS, _columns(repetitions, rises), facts, explain_repetitions(repetitions, rises, attempts, posture)
-    )
+    reasons = explain_repetitions(repetitions, rises, attempts, posture)
+    return Table(EVENTS, _columns(repetitions, rises), facts, reasons)
 
 
 def _attempts_before(k: int, repetitions: Sequence[Repetition], attempts: Sequence[Attempt]) -> int:
