@@ -264,8 +264,9 @@ def test_later_stages_use_the_bursts_that_planarise_found(tmp_path: Path) -> Non
     assert expected.sum() == 16
     read = replace(planar, facts=json.loads(json.dumps(planar.facts)))
     np.testing.assert_array_equal(Trajectories(read).bursts, expected)
-    np.testing.assert_array_equal(np.isnan(Trajectories(read).plane()), expected)
-    np.testing.assert_array_equal(np.isnan(Trajectories(read).at(np.arange(len(expected)))).all(axis=2), expected)
+    np.testing.assert_array_equal(np.isnan(Trajectories(read).read_plane()), expected)
+    positions = Trajectories(read).read_positions(frames=np.arange(len(expected)))
+    np.testing.assert_array_equal(np.isnan(positions).all(axis=2), expected)
     values = {name: column[20::3] for name, column in planar.values.items()}
     part = replace(read, frames=planar.frames[20::3], time=planar.time[20::3], values=values)
     np.testing.assert_array_equal(Trajectories(part).bursts, expected[20::3])

@@ -9,7 +9,7 @@ from functools import cached_property
 from mocap_id.reporting.markers import Residual, residuals_by_marker
 from mocap_id.reporting.numbers import known
 from mocap_id.store import Artefact, ArtefactSet
-from mocap_id.store.spatial_views import SegmentPoses, SpatialAngles, SpatialSkeleton, in_space
+from mocap_id.store.spatial_views import SegmentPoses, SpatialAngles, SpatialSkeleton, is_in_space
 from mocap_id.store.views import IdentifiedDynamics, JointStates, Skeleton
 from mocap_id.verdict import Level, Reason, overall
 
@@ -67,7 +67,7 @@ class ReportData(ArtefactSet):
     @property
     def in_space(self) -> bool:
         """Whether the trial has `space: 3d`."""
-        return in_space(self.facts("planar.parquet")) or self.settings.get("space") == "3d"
+        return is_in_space(self.facts("planar.parquet")) or self.settings.get("space") == "3d"
 
     @cached_property
     def skeleton(self) -> Skeleton | None:

@@ -1,6 +1,6 @@
 """Schemas of all artefacts.
 
-They are a public interface: columns may be added freely, but renamed only with a new schema version.
+The schemas are a public interface: columns may be added freely, but renamed only with a new schema version.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ SEGMENTS = TableSchema(
     (
         Column("marker", "category", "", "label"),
         Column("segment", "Int64", "", "0 = base, 1…n towards the tip, null = none"),
-        Column("residual", "float64", "m", "rms distance from its place in the rigid segment"),
+        Column("residual", "float64", "m", "rms distance from its position in the rigid segment"),
         Column("reason", "str", "", "reason for this segment, or for none"),
     ),
 )
@@ -88,9 +88,9 @@ CHAIN = TreeSchema(
         Column("joints/arc", "float64", "rad", "(n,) angle travelled, 2.5 to 97.5 % quantile"),
         Column("segments/name", "str", "", "(n + 1,) segment names, base first"),
         Column("segments/length", "float64", "m", "(n - 1,) distance between joints of segments 1…n-1"),
-        Column("segments/length_sd", "float64", "m", "(n - 1,) standard deviation"),
+        Column("segments/length_sd", "float64", "m", "(n - 1,) standard deviation of these lengths"),
         Column("markers/name", "str", "", "(M,) labels of the assigned markers"),
-        Column("markers/segment", "int64", "", "(M,) segment of each"),
+        Column("markers/segment", "int64", "", "(M,) segment of each marker"),
         Column("markers/local", "float64", "m", "(M, 2) coordinates in the segment frame; in space (M, 3)"),
         Column("markers/residual", "float64", "m", "(M,) rms re-projection error of the joint fit"),
     ),
@@ -178,7 +178,7 @@ SKIN = TreeSchema(
         Column("joints/centre", "float64", "m", "(n, 2) as in chain.h5"),
         Column("joints/mean_angle", "float64", "rad", "(n,) mean joint angle, at which a slide is zero"),
         Column("markers/name", "str", "", "(K,) labels of the moving segments' markers"),
-        Column("markers/segment", "int64", "", "(K,) segment of each"),
+        Column("markers/segment", "int64", "", "(K,) segment of each marker"),
         Column("markers/local", "float64", "m", "(K, 2) coordinates in the segment frame"),
         Column("markers/seen", "float64", "1", "(K,) share of the frames in which the marker was used for the states"),
         Column("markers/variance", "float64", "m^2", "(K,) variance of the slide, per coordinate"),

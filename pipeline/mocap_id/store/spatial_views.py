@@ -1,6 +1,6 @@
 """Typed views of the artefacts of a trial in space: chain, poses of the segments, angles.
 
-Positions are in the frame of the trial (y up) or, where said, in the frame of a segment; m, rad, s.
+Positions are in the frame of the trial (y up) or, where a docstring says so, in the frame of a segment; m, rad, s.
 """
 
 from __future__ import annotations
@@ -18,17 +18,26 @@ from mocap_id.store.artefacts import Facts, Table, Tree
 NEAR_GIMBAL = float(1 / np.sin(np.radians(15)))
 """``isb_condition`` from which plane and axial rotation of the shoulder have no meaning: within 15° of the pole."""
 
-GATED = ("shoulder_plane", "shoulder_axial")
+MEANINGLESS_AT_POLE = ("shoulder_plane", "shoulder_axial")
 """Angles without meaning near the pole."""
 
+_VECTORS = ("centre", "glide", "rest", "long_axis")
+_MATRICES = ("covariance", "offset", "glide_covariance", "untwisted")
+_JOINT_ARRAYS: dict[str, tuple[int, ...]] = {
+    **dict.fromkeys(_VECTORS, (-1, 3)),
+    **dict.fromkeys(_MATRICES, (-1, 3, 3)),
+    "axes_covariance": (-1, 2, 3, 3),
+}
+"""Shapes of arrays in chain.h5 that are also fields of a joint, by name."""
 
-def in_space(facts: Facts) -> bool:
-    """Return whether the facts of ``planar.parquet`` are those of a trial in space."""
+
+def is_in_space(facts: Facts) -> bool:
+    """Return whether the facts of ``planar.parquet`` describe a trial in space."""
     return facts.get("space") == "3d"
 
 
 def is_skeleton(facts: Facts) -> bool:
-    """Return whether the facts of ``planar.parquet`` are those of a skeleton in place of markers."""
+    """Return whether the facts of ``planar.parquet`` describe a skeleton in place of markers."""
     return "skeleton" in facts
 
 
@@ -49,9 +58,10 @@ class SpatialSkeleton:
 
     @classmethod
     def from_tree(cls, tree: Tree) -> SpatialSkeleton:
+        """Return the chain of a trial in space."""
         segments, names = tree.texts("segments/name"), tree.texts("joints/name")
         chain = SpatialChain(
-            _joints(tree),
+            _read_joints(tree),
             tree.integers("markers/segment"),
             tree.numbers("markers/local", (-1, 3)),
             tree.integers("markers/on_glide").astype(np.bool_),
@@ -62,7 +72,7 @@ class SpatialSkeleton:
             joints=names or tuple(f"joint {k}" for k in range(1, len(chain.joints) + 1)),
             segments=segments,
             arc=tree.numbers("joints/arc"),
-            lengths=_lengths(tree, segments),
+            lengths=_read_lengths(tree, segments),
             chain=chain,
             markers=tree.texts("markers/name"),
             landmarks=tree.texts("landmarks/name"),
@@ -76,53 +86,32 @@ class SpatialSkeleton:
         """(M,) segment of each marker."""
         return self.chain.segment
 
-    def tip(self, segment: int) -> FloatArray:
-        """Return the end (3,) of a segment without a child in its own frame, m: the centroid of its markers."""
+    def locate_tip(self, segment: int) -> FloatArray:
+        """Return the end (3,) of a segment without a child in the segment's frame, m: the centroid of its markers."""
         own = self.chain.local[self.chain.segment == segment]
         return np.asarray(own.mean(axis=0)) if len(own) else np.zeros(3)
 
 
-def _joints(tree: Tree) -> tuple[SpatialJoint, ...]:
-    vector, matrix = (-1, 3), (-1, 3, 3)
-    centres, covariance = tree.numbers("joints/centre", vector), tree.numbers("joints/covariance", matrix)
-    axes, axes_covariance = (
-        tree.numbers("joints/axes", (-1, 2, 3)),
-        tree.numbers("joints/axes_covariance", (-1, 2, 3, 3)),
-    )
-    offset, parents = tree.numbers("joints/offset", matrix), tree.integers("joints/parent")
-    glide, glide_covariance = tree.numbers("joints/glide", vector), tree.numbers("joints/glide_covariance", matrix)
-    untwisted = tree.numbers("joints/untwisted", matrix)
-    slide_sd = tree.numbers("joints/slide_sd")
-    rest, long_axis = tree.numbers("joints/rest", vector), tree.numbers("joints/long_axis", vector)
+def _read_joints(tree: Tree) -> tuple[SpatialJoint, ...]:
+    kinds, parents, known = tree.texts("joints/kind"), tree.integers("joints/parent"), tree.integers("joints/known")
+    axes, slide_sd = tree.numbers("joints/axes", (-1, 2, 3)), tree.numbers("joints/slide_sd")
+    arrays = {name: tree.numbers(f"joints/{name}", shape) for name, shape in _JOINT_ARRAYS.items()}
     return tuple(
         SpatialJoint(
-            kind=_kind(kind),
+            kind=next(kind for kind in get_args(JointKind) if kind == text),
             parent=int(parents[k]),
-            centre=centres[k],
-            covariance=covariance[k],
             first_axis=axes[k, 0],
             second_axis=axes[k, 1],
-            axes_covariance=axes_covariance[k],
-            offset=offset[k],
-            glide=glide[k],
-            glide_covariance=glide_covariance[k],
-            rest=rest[k],
-            long_axis=long_axis[k],
-            untwisted=untwisted[k],
             slide_sd=float(slide_sd[k]),
-            known=bool(known),
+            known=bool(known[k]),
+            **{name: values[k] for name, values in arrays.items()},
         )
-        for k, (kind, known) in enumerate(zip(tree.texts("joints/kind"), tree.integers("joints/known"), strict=True))
+        for k, text in enumerate(kinds)
     )
 
 
-def _kind(text: str) -> JointKind:
-    found: JointKind = next(kind for kind in get_args(JointKind) if kind == text)
-    return found
-
-
-def _lengths(tree: Tree, segments: tuple[str, ...]) -> dict[str, tuple[float, float]]:
-    """Return the lengths of all segments, or of those between two joints, by name."""
+def _read_lengths(tree: Tree, segments: tuple[str, ...]) -> dict[str, tuple[float, float]]:
+    """Return length and standard deviation by segment; without anatomy only of segments between two joints."""
     length, sd = tree.numbers("segments/length"), tree.numbers("segments/length_sd")
     named = segments if len(length) == len(segments) else segments[1 : 1 + len(length)]
     return {name: (float(a), float(b)) for name, a, b in zip(named, length, sd, strict=True)}
@@ -140,6 +129,7 @@ class SegmentPoses:
 
     @classmethod
     def from_table(cls, table: Table) -> SegmentPoses:
+        """Return the poses of ``poses.parquet``."""
         ending = "_qw"
         names = tuple(name.removesuffix(ending) for name in table.names if name.endswith(ending))
 
@@ -154,7 +144,7 @@ class SegmentPoses:
 
     @cached_property
     def rotation(self) -> FloatArray:
-        """(T, S, 3, 3) segment to trial; NaN where unknown."""
+        """(T, S, 3, 3) rotation from the segment's frame to the frame of the trial; NaN if not known."""
         w, x, y, z = np.moveaxis(self.quaternion, -1, 0)
         rows = [
             [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -163,13 +153,13 @@ class SegmentPoses:
         ]
         return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
-    def place(self, segment: int, local: FloatArray) -> FloatArray:
-        """Return fixed points (K, 3) of a segment in the frame of the trial, (T, K, 3), m."""
-        turned = np.einsum("tij,kj->tki", self.rotation[:, segment], local)
-        return np.asarray(self.origin[:, segment, None] + turned)
+    def locate_points(self, segment: int, local: FloatArray) -> FloatArray:
+        """Return the positions (T, K, 3) of fixed points (K, 3) of a segment in the frame of the trial, m."""
+        rotated = np.einsum("tij,kj->tki", self.rotation[:, segment], local)
+        return np.asarray(self.origin[:, segment, None] + rotated)
 
-    def between(self, parent: int, child: int) -> FloatArray:
-        """Return the rotation of a joint, child to parent, (T, 3, 3)."""
+    def compute_rotation(self, parent: int, child: int) -> FloatArray:
+        """Return the rotation (T, 3, 3) of a joint, from the child's frame to the parent's."""
         return np.asarray(np.swapaxes(self.rotation[:, parent], -1, -2) @ self.rotation[:, child])
 
 
@@ -186,6 +176,7 @@ class SpatialAngles:
 
     @classmethod
     def from_table(cls, table: Table) -> SpatialAngles:
+        """Return the angles of ``angles.parquet``."""
         names = tuple(name.removeprefix("sd_dd") for name in table.names if name.startswith("sd_dd"))
 
         def stacked(prefix: str) -> FloatArray:
@@ -209,7 +200,7 @@ class SpatialAngles:
         """(T,) samples in which plane and axial rotation of the shoulder have no meaning."""
         return np.asarray(self.condition > NEAR_GIMBAL)
 
-    def usable(self, name: str) -> BoolArray:
+    def find_usable(self, name: str) -> BoolArray:
         """Return the samples (T,) in which an angle is known and has a meaning."""
         known: BoolArray = np.isfinite(self.mean[:, self.names.index(name), 0])
-        return known & ~self.near_gimbal if name in GATED else known
+        return known & ~self.near_gimbal if name in MEANINGLESS_AT_POLE else known

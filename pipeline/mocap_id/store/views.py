@@ -1,6 +1,6 @@
 """Typed views of the artefacts: arrays with the shapes that stages, reports and workflows use.
 
-A view computes nothing that its artefact does not hold. Lengths are in m, angles in rad.
+A view contains only what its artefact contains. Lengths are in m, angles in rad.
 """
 
 from __future__ import annotations
@@ -19,18 +19,13 @@ from mocap_id.store.artefacts import LongTable, Table, Tree
 
 @dataclass(frozen=True)
 class Trajectories:
-    """Marker trajectories of ``planar.parquet``, F frames of M markers, without bursts and bad stretches.
+    """Marker trajectories of ``planar.parquet``: F frames of M markers.
 
     The arrays of the artefact are not copied; a method copies only the markers and frames that it returns.
-
-    Parameters
-    ----------
-    planar : LongTable
-    bad : sequence of mappings
-        Times in which a trajectory does not show its marker: the fact ``bad_stretches`` of ``segments.parquet``.
     """
 
-    planar: LongTable
+    planar: LongTable  # the artefact
+    # times of unreliable samples: the fact ``bad_stretches`` of ``segments.parquet``
     bad: Sequence[Mapping[str, Any]] = ()
 
     @property
@@ -55,7 +50,7 @@ class Trajectories:
 
     @cached_property
     def bursts(self) -> BoolArray:
-        """(F, M) whether a marker has jumped away and not yet back (the fact ``bursts``), or is bad for longer."""
+        """(F, M) whether a sample is in a burst (the fact ``bursts``: a jump away and back) or in a bad stretch."""
         out = np.zeros((len(self.frames), len(self.labels)), dtype=np.bool_)
         bursts = self.planar.facts.get("bursts", {})
         stretches = [(label, first, last) for label, times in bursts.items() for first, last in times]
@@ -65,45 +60,38 @@ class Trajectories:
             out[inside, self.labels.index(label)] = True
         return out
 
-    def points(self, markers: IntArray, frames: slice = slice(None)) -> FloatArray:
-        """Return a copy (f, m, 2) of some markers, given by their columns, m."""
-        found = np.empty((len(self.time[frames]), len(markers), 2))
-        for axis, name in enumerate("xy"):
-            found[..., axis] = self.planar.values[name][frames, markers]
-        return found
+    def read_positions(
+        self,
+        markers: IntArray | slice = slice(None),
+        frames: IntArray | slice = slice(None),
+        axes: str = "xyz",
+        *,
+        keep_bursts: bool = False,
+    ) -> FloatArray:
+        """Return a copy (f, m, axes) of the positions of some markers in some frames, given by their indices, m.
 
-    def without_bursts(self, markers: IntArray) -> FloatArray:
-        """Return a copy (F, m, 2) of some markers, m; NaN also during bursts."""
-        found = self.points(markers)
-        found[self.bursts[:, markers]] = np.nan
-        return found
+        Bursts and bad stretches are NaN, unless ``keep_bursts`` is true.
+        """
+        columns = [np.asarray(self.planar.values[name][frames, markers], np.float64) for name in axes]
+        positions = np.stack(columns, axis=2)
+        if not keep_bursts:
+            positions[self.bursts[frames, markers]] = np.nan
+        return positions
 
-    def plane(self) -> ComplexArray:
-        """Return a copy (F, M) ``x + i y`` of all markers, m; NaN also during bursts."""
-        found = self.planar.values["x"] + 1j * self.planar.values["y"]
-        found[self.bursts] = np.nan
-        return found
+    def read_plane(self) -> ComplexArray:
+        """Return the positions (F, M) ``x + i y`` of all markers, m; NaN also in bursts and bad stretches."""
+        positions = self.planar.values["x"] + 1j * self.planar.values["y"]
+        positions[self.bursts] = np.nan
+        return positions
 
-    def track(self, marker: int) -> FloatArray:
-        """Return a copy (F, 3) of one marker, m; NaN also during bursts."""
-        return self.in_space(np.array([marker]))[:, 0]
-
-    def in_space(self, markers: IntArray) -> FloatArray:
-        """Return a copy (F, m, 3) of some markers, m; NaN also during bursts."""
-        found = np.stack([np.asarray(self.planar.values[name][:, markers], np.float64) for name in "xyz"], axis=2)
-        found[self.bursts[:, markers]] = np.nan
-        return found
-
-    def at(self, frames: IntArray) -> FloatArray:
-        """Return some frames (f, M, 3), by their rows, m; NaN also during bursts."""
-        found = np.stack([np.asarray(self.planar.values[name][frames], np.float64) for name in "xyz"], axis=2)
-        found[self.bursts[frames]] = np.nan
-        return found
+    def read_track(self, marker: int) -> FloatArray:
+        """Return the positions (F, 3) of one marker, m; NaN also in bursts and bad stretches."""
+        return self.read_positions(np.array([marker]))[:, 0]
 
 
 @dataclass(frozen=True)
 class Skeleton:
-    """The chain of ``chain.h5``: n joints, M assigned markers."""
+    """The chain in ``chain.h5`` of a trial in the plane: n joints, M assigned markers."""
 
     joints: tuple[str, ...]
     parents: IntArray  # (n,)
@@ -119,13 +107,7 @@ class Skeleton:
 
     @classmethod
     def from_tree(cls, tree: Tree) -> Skeleton:
-        """Return the chain of a trial in the plane.
-
-        Raises
-        ------
-        StoreError
-            The chain is that of a trial in space.
-        """
+        """Return the chain of a trial in the plane; StoreError if the trial is in space."""
         if tree.has("joints/kind"):
             raise StoreError(
                 "this run is in space (`space: 3d`), but this command needs a run in the plane, a chain of hinges. "
@@ -147,7 +129,7 @@ class Skeleton:
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Names of the joints, or ``joint 1``, ``joint 2`` … where the tree names none."""
+        """Names of the joints, or ``joint 1``, ``joint 2`` … if the tree has no names."""
         return self.joints or tuple(f"joint {j}" for j in range(1, len(self.centres) + 1))
 
     @property
@@ -158,13 +140,13 @@ class Skeleton:
 
     @property
     def tip(self) -> FloatArray:
-        """(2,) end of the last segment in its own frame, m: the centroid of its markers."""
+        """(2,) end of the last segment in the segment's frame, m: the centroid of its markers."""
         own = self.local[self.marker_segment == len(self.joints)]
         return own.mean(axis=0) if len(own) else np.zeros(2)
 
 
 def joint_columns(table: Table, name: str, joints: int) -> FloatArray:
-    """Return the columns ``name_1`` … ``name_n`` side by side, (T, n): a state or torque of every joint."""
+    """Return the columns ``name_1`` … ``name_n`` of the n joints side by side, (T, n)."""
     if joints == 0:
         return np.zeros((table.length, 0))
     return table.stack([f"{name}_{j}" for j in range(1, joints + 1)])
@@ -186,6 +168,7 @@ class JointStates:
 
     @classmethod
     def from_table(cls, table: Table) -> JointStates:
+        """Return the states of ``states.parquet``."""
         joints, orders = joint_count(table), ("theta", "dtheta", "ddtheta")
         mean, sd = (
             np.stack([joint_columns(table, f"{prefix}{order}", joints) for order in orders], axis=-1)
@@ -220,6 +203,7 @@ class IdentifiedDynamics:
 
     @classmethod
     def from_tree(cls, tree: Tree) -> IdentifiedDynamics:
+        """Return the parameters of ``dynamics.h5``."""
         names = tree.texts("base/name")
         regrouping = tree.numbers("base/regrouping")
         return cls(
@@ -241,7 +225,7 @@ class IdentifiedDynamics:
 
     @property
     def base_reference(self) -> FloatArray:
-        """(b,) base parameters of the allometric body (eq. 4.24); NaN where a parameter in them has no reference."""
+        """(b,) base parameters of the allometric body (eq. 4.24); NaN if a parameter in them has no reference."""
         if not self.regrouping.size or self.regrouping.shape[1] != len(self.reference):
             return np.full(len(self.names), np.nan)
         known = np.isfinite(self.reference)

@@ -70,7 +70,8 @@ def _pose(
 ) -> ClusterPose:
     """Measure the pose of one body from those of its ``markers`` (indices in the source) that the target has."""
     frames = source.skeleton
-    points = target.planar.without_bursts(np.array([columns[frames.markers[i]] for i in markers], dtype=np.int64))
+    own = np.array([columns[frames.markers[i]] for i in markers], dtype=np.int64)
+    points = target.planar.read_positions(own, axes="xy")
     pose = measure_cluster(np.asarray(points @ [1.0, 1.0j]), np.asarray(frames.local[markers] @ [1.0, 1.0j]))
     if pose is None:
         raise ConfigError(

@@ -69,9 +69,9 @@ class RunFolder(ArtefactSet):
     @property
     def in_space(self) -> bool:
         """Whether the trial has `space: 3d`."""
-        from mocap_id.store.spatial_views import in_space  # noqa: PLC0415  most commands do not ask
+        from mocap_id.store.spatial_views import is_in_space  # noqa: PLC0415  most commands do not ask
 
-        return in_space(self.facts("planar.parquet"))
+        return is_in_space(self.facts("planar.parquet"))
 
     def why_missing(self, file: str) -> str:
         """Return why an artefact, or the data in it, is missing."""

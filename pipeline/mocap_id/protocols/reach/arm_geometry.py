@@ -175,7 +175,7 @@ def _locate_wrist(poses: SegmentPoses, skeleton: SpatialSkeleton) -> tuple[float
         centres = _express_in_segment(poses, lower, poses.origin[:, poses.segments.index("hand")])
         return -float(_find_median(centres, "forearm and hand")[1]), max(sd, _WRIST_SD)
     if np.count_nonzero(skeleton.marker_segment == lower) == 1:  # the wrist of a skeleton without hands
-        return -float(skeleton.tip(lower)[1]), max(sd, _WRIST_SD)
+        return -float(skeleton.locate_tip(lower)[1]), max(sd, _WRIST_SD)
     raise UnknownReach("the position of the wrist is unknown: name RS and US under `landmarks:`")
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.geometry.circle import shift_to_shortest_arc
-from mocap_id.store.spatial_views import GATED, SegmentPoses, SpatialAngles
+from mocap_id.store.spatial_views import MEANINGLESS_AT_POLE, SegmentPoses, SpatialAngles
 
 HELD = 0.05
 """Total time for which the angle is beyond each end of its range, s, so that one wrong sample moves no end."""
@@ -59,7 +59,7 @@ class AngleRange:
 
 def find_usable_samples(angles: SpatialAngles, poses: SegmentPoses, name: str) -> BoolArray:
     """Return True (T,) for the samples in which an angle is defined, known, and measured by markers."""
-    usable = angles.usable(name)
+    usable = angles.find_usable(name)
     pair = BETWEEN.get(name.split("_", maxsplit=1)[0], ())
     for segment in pair:
         if segment in poses.segments and len(poses.time) == len(angles.time):
@@ -70,7 +70,7 @@ def find_usable_samples(angles: SpatialAngles, poses: SegmentPoses, name: str) -
 def get_angle(angles: SpatialAngles, name: str, usable: BoolArray) -> FloatArray:
     """Return an angle (K,) in the usable samples, rad; plane and axial rotation have no jumps by full rotations."""
     values = angles.mean[usable, angles.names.index(name), 0]
-    return shift_to_shortest_arc(values) if name in GATED and len(values) else values
+    return shift_to_shortest_arc(values) if name in MEANINGLESS_AT_POLE and len(values) else values
 
 
 def measure_ranges(angles: SpatialAngles, poses: SegmentPoses, *, skeleton: bool = False) -> dict[str, AngleRange]:

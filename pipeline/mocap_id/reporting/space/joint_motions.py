@@ -13,7 +13,7 @@ from mocap_id.reporting.downsampling import spans
 from mocap_id.reporting.figure import Panel, Spans
 from mocap_id.reporting.figures.states import panel
 from mocap_id.reporting.report_data import ReportData
-from mocap_id.store.spatial_views import GATED, SpatialAngles
+from mocap_id.store.spatial_views import MEANINGLESS_AT_POLE, SpatialAngles
 from mocap_id.store.views import JointStates
 
 _ANATOMICAL = {"upper_arm": "shoulder", "forearm": "elbow", "hand": "wrist"}
@@ -68,12 +68,12 @@ def _motion(joint: str, own: list[str], angles: SpatialAngles, observed: BoolArr
     columns = [angles.names.index(name) for name in own]
     mean = angles.mean[:, columns].copy()
     for k, name in enumerate(own):
-        usable = angles.usable(name)
-        if name in GATED and usable.any():
+        usable = angles.find_usable(name)
+        if name in MEANINGLESS_AT_POLE and usable.any():
             mean[usable, k, 0] = shift_to_shortest_arc(mean[usable, k, 0])
         mean[~usable, k] = np.nan
     states = JointStates(angles.time, mean, angles.sd[:, columns], np.tile(observed[:, None], (1, len(own))))
-    near = angles.near_gimbal & any(name in GATED for name in own)
+    near = angles.near_gimbal & any(name in MEANINGLESS_AT_POLE for name in own)
     names = tuple(style.printable(name.replace("_", " "), 24) for name in own)
     return JointMotion(style.printable(joint.replace("_", " "), 24), names, states, near)
 

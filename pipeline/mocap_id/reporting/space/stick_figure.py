@@ -43,7 +43,7 @@ def stick_figure(data: ReportData, samples: IntArray) -> StickFigure | None:
         return None
     chain = skeleton.chain
     known = [False, *(joint.known for joint in chain.joints)]
-    tips = [poses.place(k, skeleton.tip(k)[None])[samples, 0] for k in range(len(known))]
+    tips = [poses.locate_points(k, skeleton.locate_tip(k)[None])[samples, 0] for k in range(len(known))]
     origins = poses.origin[samples]
     segments, sticks = [], []
     for k, tip in enumerate(tips):

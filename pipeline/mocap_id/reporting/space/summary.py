@@ -15,7 +15,7 @@ from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.space.schema import AngleEntry, ImuEntry, LandmarkEntry
 from mocap_id.reporting.summary_entry import join_sentences, why_unknown
 from mocap_id.reporting.summary_schema import JointEntry, LengthEntry
-from mocap_id.store.spatial_views import GATED, SpatialAngles
+from mocap_id.store.spatial_views import MEANINGLESS_AT_POLE, SpatialAngles
 
 AXES = {"ball": 0, "hinge": 1, "two-axis": 2}
 """Number of axes of each kind of joint."""
@@ -104,16 +104,16 @@ def _angle(found: SpatialAngles, k: int) -> AngleEntry:
     ends of a range by about as much as at each end, which a correlation of 0.5 of both errors describes.
     """
     name = found.names[k]
-    usable = found.usable(name)
+    usable = found.find_usable(name)
     share = float(usable.mean()) if len(usable) else 0.0
     if not usable.any():
         why = "the angle is unknown in every sample"
-        if name in GATED and np.isfinite(found.mean[:, k, 0]).any():
+        if name in MEANINGLESS_AT_POLE and np.isfinite(found.mean[:, k, 0]).any():
             why = "the elevation is within 15° of 0 or 180° in every sample, where this angle has no meaning"
         nothing = dict.fromkeys(("low_deg", "high_deg", "range_deg", "interval_deg", "sd_deg", "constant_sd_deg"))
         return AngleEntry(**nothing, used_share=share, why=why)
     turned = found.mean[usable, k, 0]
-    values = np.degrees(shift_to_shortest_arc(turned) if name in GATED else turned)
+    values = np.degrees(shift_to_shortest_arc(turned) if name in MEANINGLESS_AT_POLE else turned)
     sd = np.degrees(found.sd[usable, k, 0])
     ends = [int(values.argmin()), int(values.argmax())]
     low, high = (float(values[end]) for end in ends)

@@ -93,8 +93,8 @@ def in_anatomical_frames(
         segment["GH"] = fit.chain.joints[segment["GH"] - 1].parent
     if not segment:
         return AnatomicalChain(fit, fit.chain, _landmarks({}, {}), {"frames": "own"})
-    tracks = view.in_space(np.array(list(wanted.values()), dtype=np.int64))
-    points = view.in_space(columns)
+    tracks = view.read_positions(np.array(list(wanted.values()), dtype=np.int64))
+    points = view.read_positions(columns)
     static = context.trial.static
     start = None if static is None else (static[0] - float(view.time[0]), static[1] - float(view.time[0]))
     still = find_still_pose(points, view.rate, start)
@@ -163,7 +163,7 @@ def points_near_joints(context: Context, view: Trajectories, names: Sequence[str
     found = {}
     for child, pair in _MIDDLES.items():
         if child in names and names.index(child) > 0 and all(name in markers for name in pair):
-            tracks = view.in_space(np.array([markers[name] for name in pair], dtype=np.int64))
+            tracks = view.read_positions(np.array([markers[name] for name in pair], dtype=np.int64))
             middle = tracks.mean(axis=1)
             if np.isfinite(middle).all(axis=1).mean() > _OFTEN:
                 found[names.index(child)] = middle

@@ -32,7 +32,7 @@ def fit_joints(context: Context) -> Outputs:
     view = Trajectories(context.long("planar.parquet"), segments.facts.get("bad_stretches", ()))
     assigned = np.flatnonzero(segments["segment"] >= 0)
     labels, segment = [str(label) for label in segments["marker"][assigned]], segments["segment"][assigned]
-    points, own = view.plane(), _columns(view, labels)
+    points, own = view.read_plane(), _columns(view, labels)
     joint_names = segments.facts["joint_names"]
     named: Mapping[str, list[str]] = segments.facts["joint_markers"]
     at_joint = {joint_names.index(name) + 1: _columns(view, about) for name, about in named.items()}

@@ -48,7 +48,7 @@ def fit_skeleton_chain(context: Context) -> Outputs:
     view = Trajectories(context.long("planar.parquet"))
     side = view.planar.facts["side"]
     roles = find_roles(view.labels, side)
-    points = view.in_space(np.arange(len(view.labels)))
+    points = view.read_positions(np.arange(len(view.labels)))
     tracks = {role: points[:, number] for role, number in roles.items()}
     trunk = fit_trunk({role: tracks[role] for role in TRUNK if role in roles})
     inside = {role: _inside(trunk, tracks[role]) for role in ARM if role in roles}

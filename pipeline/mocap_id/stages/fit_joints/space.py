@@ -41,7 +41,7 @@ def fit_chain_in_space(context: Context) -> Outputs:
     assigned = np.flatnonzero(segments["segment"] >= 0)
     labels, segment = [str(label) for label in segments["marker"][assigned]], segments["segment"][assigned]
     columns = np.array([view.labels.index(label) for label in labels], dtype=np.int64)
-    points = view.in_space(columns)
+    points = view.read_positions(columns)
     names, joint_names = segments.facts["names"], segments.facts["joint_names"]
     kinds = _known_kinds(joint_names) | _given_kinds(settings.kinds, joint_names)
     assert settings.estimator != "rigid-body"
@@ -177,7 +177,7 @@ def _refined_joints(context: Context, tree: Tree) -> tuple[Mapping[str, Any], li
         return joints, []
     view = Trajectories(planar, context.table("segments.parquet").facts.get("bad_stretches", ()))
     columns = np.array([view.labels.index(label) for label in skeleton.markers], dtype=np.int64)
-    points = view.in_space(columns)[:: 1 + len(view.time) // _REFINED_BY]
+    points = view.read_positions(columns)[:: 1 + len(view.time) // _REFINED_BY]
     rotations, _ = cluster_poses(without_skin_twist(points, skeleton.chain), skeleton.chain)
     chain, refined = refine_axes(skeleton.chain, rotations)
     return {**joints, **joint_arrays(chain.joints)}, [skeleton.joints[k] for k in refined]

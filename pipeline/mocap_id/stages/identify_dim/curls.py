@@ -18,7 +18,7 @@ from mocap_id.stages.curl_keys import CurlKeys
 from mocap_id.stages.identify_dim.curl_torques import CurlTorques, curl_torques
 from mocap_id.store import Table
 from mocap_id.store.schemas import EVENTS
-from mocap_id.store.spatial_views import GATED, NEAR_GIMBAL, SegmentPoses, SpatialSkeleton
+from mocap_id.store.spatial_views import MEANINGLESS_AT_POLE, NEAR_GIMBAL, SegmentPoses, SpatialSkeleton
 from mocap_id.verdict import Reason
 
 _FLEXION = "elbow_flexion"
@@ -111,7 +111,9 @@ def _channels(context: Context, poses: SegmentPoses, curls: Sequence[Curl]) -> d
     clear = angles["isb_condition"] < NEAR_GIMBAL if "isb_condition" in angles.names else None
     for name in _SHOULDER:
         if name in angles.names:
-            value = angles[name] if name not in GATED or clear is None else np.where(clear, angles[name], np.nan)
+            value = angles[name]
+            if name in MEANINGLESS_AT_POLE and clear is not None:
+                value = np.where(clear, value, np.nan)
             channels[name] = (value, angles[f"sd_{name}"])
     done = [curl for curl in curls if curl.complete]
     if done and "thorax" in poses.segments:

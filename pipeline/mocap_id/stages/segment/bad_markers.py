@@ -91,7 +91,7 @@ def segment_without_bad(
     """
     swapped = _swapped(recorded)
     rows = sample_rows(len(recorded.frames), recorded.rate)
-    markers = RecordedMarkers(recorded.at(rows), rows, recorded.track, recorded.rate)
+    markers = RecordedMarkers(recorded.read_positions(frames=rows), rows, recorded.read_track, recorded.rate)
     done = _segmented(Trajectories(recorded.planar, swapped), frames, segmented)
     bad: tuple[dict[str, Any], ...] = ()
     for _ in range(_ROUNDS):
@@ -117,13 +117,13 @@ def segment_without_bad(
 
 def without_repeats(recorded: Trajectories) -> Trajectories:
     """Return the markers of a trial in space without stretches in which an exact position is repeated."""
-    points = recorded.in_space(np.arange(len(recorded.labels)))
+    points = recorded.read_positions(np.arange(len(recorded.labels)))
     repeats = find_repeats(points, recorded.rate)
     return Trajectories(recorded.planar, [_fact(recorded, each, ()) for each in repeats])
 
 
 def _segmented(view: Trajectories, frames: int, segmented: Callable[[FloatArray], Segmentation]) -> SegmentedMarkers:
-    points = view.at(frames_over_time(view.plane(), frames))
+    points = view.read_positions(frames=frames_over_time(view.read_plane(), frames))
     return SegmentedMarkers(segmented(points), view, points)
 
 

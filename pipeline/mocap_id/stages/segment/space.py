@@ -60,7 +60,7 @@ def segment_bodies(context: Context) -> Outputs:
         return (_calibrated(context, view),)
     labels = view.labels
     out = list(marker_columns(labels, settings.ignore, "segment: ignore"))
-    points = view.in_space(np.arange(len(labels)))
+    points = view.read_positions(np.arange(len(labels)))
     points[:, out] = np.nan
     hints = marker_constraints(labels, settings)
     rules = search_rules(settings, _LONGEST)
@@ -246,7 +246,7 @@ def _calibrated(context: Context, view: Trajectories) -> Table:
     segment = np.full(len(view.labels), -1, dtype=np.int64)
     segment[there] = owner[[place[view.labels[m]] for m in there]]
     residual = np.full(len(view.labels), np.nan)
-    points, own = view.in_space(there), local[[place[view.labels[m]] for m in there]]
+    points, own = view.read_positions(there), local[[place[view.labels[m]] for m in there]]
     for k in range(int(owner.max()) + 1):
         here = segment[there] == k
         residual[there[here]] = _residuals(points[:, here], own[here])

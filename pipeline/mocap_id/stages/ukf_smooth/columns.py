@@ -52,7 +52,7 @@ def predicted_markers(
     found = {name: np.empty((len(view.time), len(columns))) for name in names}
     for part in chunks(len(view.time)):
         predicted = marker_positions(states.mean[part, :, 0], chain.centres, chain.segment, chain.local)
-        off = view.points(columns, part) - predicted
+        off = view.read_positions(columns, part, "xy", keep_bursts=True) - predicted
         residual = np.abs(as_complex(off))
         for name, values in zip(names, (predicted[..., 0], predicted[..., 1], residual), strict=True):
             found[name][part] = values

@@ -103,7 +103,7 @@ class _Sensed:
 
 def _samples(view: Trajectories, columns: IntArray) -> tuple[FloatArray, BoolArray]:
     """Return the samples (F, M, 2) of some columns (M,), m, NaN where not used, and the repeated frames (F,)."""
-    observed = view.without_bursts(columns)
+    observed = view.read_positions(columns, axes="xy")
     repeated = find_repeated_frames(observed)
     observed[repeated] = np.nan
     return observed, repeated

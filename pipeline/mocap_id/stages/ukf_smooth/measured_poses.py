@@ -58,7 +58,7 @@ def measured_poses(
     for name, numbers in _bodies(skeleton.segments):
         own = np.flatnonzero(np.isin(chain.segment, numbers))
         if numbers == [0]:
-            base = view.without_bursts(of_chain[own])
+            base = view.read_positions(of_chain[own], axes="xy")
             on_feet = find_moving_markers(base, view.rate)
             feet_move = bool(on_feet.any())
             used = on_feet if feet_move else np.ones_like(on_feet)
@@ -69,7 +69,7 @@ def measured_poses(
         if pose is not None:
             found.append((name, numbers, [labels[k] for k in own[pose.markers]], pose))
             seen.append(points[:, pose.markers])
-    others = measure_cluster(as_complex(view.without_bursts(free))) if len(free) > 1 else None
+    others = measure_cluster(as_complex(view.read_positions(free, axes="xy"))) if len(free) > 1 else None
     if others is not None:
         found.append((OTHERS, [], [view.labels[k] for k in free[others.markers]], others))
     facts = [_fact(*each) for each in found]

@@ -53,7 +53,7 @@ def smooth_rotations(context: Context) -> Outputs:
     check_uniform(view, context.trial.trial)
     skeleton = SpatialSkeleton.from_tree(tree)
     columns = np.array([view.labels.index(label) for label in skeleton.markers], dtype=np.int64)
-    points = view.in_space(columns)
+    points = view.read_positions(columns)
     repeated = find_repeated_frames(points)
     points[repeated] = np.nan
     points = without_cluster_slides(without_skin_twist(points, skeleton.chain), skeleton.chain, view.rate)

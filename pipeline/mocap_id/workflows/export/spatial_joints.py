@@ -54,7 +54,7 @@ def model_joints(skeleton: SpatialSkeleton, poses: SegmentPoses) -> list[ModelJo
     segments, girdles = name_bodies(skeleton.segments), name_girdles(skeleton)
     joints = [_free(segments[0], poses)]
     for k, (name, joint) in enumerate(zip(name_joints(skeleton), skeleton.chain.joints, strict=True)):
-        rotation = poses.between(joint.parent, k + 1)
+        rotation = poses.compute_rotation(joint.parent, k + 1)
         parent, child = segments[joint.parent], segments[k + 1]
         if girdles[k]:
             joints.append(_glide(name, joint, rotation, (parent, girdles[k])))

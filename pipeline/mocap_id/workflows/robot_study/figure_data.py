@@ -30,7 +30,9 @@ def recovery(trial: RobotTrialResult) -> Recovery:
     planar, skeleton = identified.planar, identified.skeleton
     thinned = slice(None, None, max(1, len(planar.frames) // _FRAMES))
     own = sorted(set(planar.labels) & set(skeleton.markers))
-    paths = {label: planar.points(np.array([planar.labels.index(label)]), thinned)[:, 0] for label in own}
+    columns = np.array([planar.labels.index(label) for label in own], dtype=np.int64)
+    points = planar.read_positions(columns, thinned, "xy", keep_bursts=True)
+    paths = {label: points[:, k] for k, label in enumerate(own)}
     return Recovery(
         trial=trial.name,
         joint=trial.labels.joint or skeleton.segments[-1],
