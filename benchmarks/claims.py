@@ -20,9 +20,9 @@ from harness import ROOT, command_line, measured_by, progress, publish, recordin
 from mocap_id.simulation import Options, simulate
 from mocap_id.simulation.ur5 import JointName, Speed
 from mocap_id.store.views import Skeleton
-from mocap_id.workflows.sensitivity.perturbed_trial import CHANGES, run_from
 from mocap_id.workflows.sensitivity.plan import Perturbation
 from mocap_id.workflows.sensitivity.responses import Estimates, SeriesChanges, compare_series, read_estimates
+from mocap_id.workflows.sensitivity.runs import CHANGES, run_from
 from mocap_id.workflows.sensitivity.study import sensitivity
 from mocap_id.workflows.sensitivity.trial_inputs import TrialInputs, locate_trial, read_inputs
 

@@ -42,10 +42,10 @@ def sensitivity(
     The perturbations are typical laboratory errors (thesis 5.5.2). With a YAML file, missing or outdated results
     are computed first. The trial's run folder is not changed.
     """
-    from mocap_id.workflows.sensitivity import options, study  # noqa: PLC0415  no other command has to wait for it
+    from mocap_id.workflows.sensitivity import plan, study  # noqa: PLC0415  no other command has to wait for it
 
     log_to_stderr(quiet, verbose)
-    chosen = (options.SensitivityOptions() if settings is None else options.read_options(settings)).only(only or ())
+    chosen = (plan.SensitivityOptions() if settings is None else plan.read_options(settings)).only(only or ())
     start = time.perf_counter()
     found = study.sensitivity(
         trial, chosen, jobs=jobs, out=out, progress=progress.of_stages(quiet), tell=_report(quiet)

@@ -28,7 +28,7 @@ from mocap_id.reporting.page import environment
 from mocap_id.runner import run
 from mocap_id.simulation import Options, RobotSet, generate
 from mocap_id.workflows.robot_study import validate_robot
-from mocap_id.workflows.sensitivity.options import SensitivityOptions
+from mocap_id.workflows.sensitivity.plan import SensitivityOptions
 from mocap_id.workflows.sensitivity.study import sensitivity
 from mocap_id.workflows.study import run_study
 

@@ -12,13 +12,11 @@ import pytest
 
 from mocap_id.errors import ConfigError
 from mocap_id.recording.imu_log import ImuLog
-from mocap_id.workflows.sensitivity.inertial_perturbations import LOG_CHANGES
-from mocap_id.workflows.sensitivity.kinds import KINDS
-from mocap_id.workflows.sensitivity.options import SensitivityOptions
-from mocap_id.workflows.sensitivity.perturbed_trial import perturb
-from mocap_id.workflows.sensitivity.plan import ALL_KINDS, KindSelection, Perturbation
-from mocap_id.workflows.sensitivity.responses import WRENCH_NAMES
-from mocap_id.workflows.sensitivity.study import _possible, sensitivity
+from mocap_id.workflows.sensitivity.kinds import COMPONENTS, KINDS
+from mocap_id.workflows.sensitivity.plan import ALL_KINDS, KindSelection, Perturbation, SensitivityOptions
+from mocap_id.workflows.sensitivity.runs import perturb
+from mocap_id.workflows.sensitivity.signal_perturbations import LOG_CHANGES
+from mocap_id.workflows.sensitivity.study import _select_possible, sensitivity
 from mocap_id.workflows.sensitivity.trial_inputs import TrialInputs, locate_trial, read_inputs
 from worn_sensors import worn_sensors
 
@@ -72,10 +70,10 @@ def test_no_perturbation_changes_nothing_and_a_turn_is_seen(trial: TrialInputs) 
 
 def test_without_a_plate_no_tolerance_of_sensors_is_claimed(trial: TrialInputs) -> None:
     wrench = trial.table("wrench.parquet")
-    unknown = {name: np.full_like(wrench[name], np.nan) for name in WRENCH_NAMES}
+    unknown = {name: np.full_like(wrench[name], np.nan) for name in COMPONENTS}
     bare = trial.with_artefacts(replace(wrench, columns={**wrench.columns, **unknown}))
-    assert {one.kind for one in _possible(ALL_KINDS, trial)[0]} == set(KINDS)
-    selections, note = _possible(ALL_KINDS, bare)
+    assert {one.kind for one in _select_possible(ALL_KINDS, trial)[0]} == set(KINDS)
+    selections, note = _select_possible(ALL_KINDS, bare)
     assert {one.kind for one in selections} == {kind.name for kind in KINDS.values() if kind.entry == "fit-joints"}
     assert note.startswith(
         "there is no force plate: only lengths and states are compared; left out, because they change no length: "
@@ -83,7 +81,7 @@ def test_without_a_plate_no_tolerance_of_sensors_is_claimed(trial: TrialInputs) 
     )
     assert "wander of the inertial sensors' clocks, drift of" in note
     with pytest.raises(ConfigError, match=r"has no force plate, so nothing .* change no length: wander"):
-        _possible((KindSelection("imu-clock"),), bare)
+        _select_possible((KindSelection("imu-clock"),), bare)
 
 
 def test_a_trial_without_sensors_says_so(robot_file: Path) -> None:

@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 from mocap_id.workflows.sensitivity import marker_perturbations
-from mocap_id.workflows.sensitivity.inertial_perturbations import LOG_CHANGES
 from mocap_id.workflows.sensitivity.kinds import KINDS
-from mocap_id.workflows.sensitivity.perturbed_trial import CHANGES, perturb
 from mocap_id.workflows.sensitivity.plan import Perturbation
 from mocap_id.workflows.sensitivity.responses import Estimates, compare_series, read_estimates
-from mocap_id.workflows.sensitivity.runs import run_perturbation
+from mocap_id.workflows.sensitivity.runs import CHANGES, perturb, run_perturbation
+from mocap_id.workflows.sensitivity.signal_perturbations import LOG_CHANGES
 from mocap_id.workflows.sensitivity.trial_inputs import TrialInputs
 
 GRAVITY = 9.81
@@ -115,7 +114,7 @@ def test_a_higher_level_is_the_same_draw_larger(robot: TrialInputs) -> None:
 def test_angle_noise_turns_a_frames_markers_by_that_noise(robot: TrialInputs) -> None:
     chain = robot.tree("chain.h5").data
     centre = np.asarray(chain["joints"]["centre"])[0]
-    moving = marker_perturbations._moving(robot)
+    moving = marker_perturbations._find_moving(robot)
     before, after = tracks(robot), tracks(CHANGES["angle-noise"](robot, Perturbation("angle-noise", JOINT, 0.01)))
     theta = robot.states("theta")[:, 0]
     ideal = np.angle([complex(*v) for v in (before - centre)[:, moving[0]]])
@@ -127,7 +126,7 @@ def test_angle_noise_turns_a_frames_markers_by_that_noise(robot: TrialInputs) ->
 
 
 def test_drop_outs_take_their_share_and_more_takes_the_same_too(robot: TrialInputs) -> None:
-    moving = marker_perturbations._moving(robot)
+    moving = marker_perturbations._find_moving(robot)
     before = np.isfinite(tracks(robot)[:, moving, 0])
     few, many = (
         np.isfinite(tracks(CHANGES["drop-outs"](robot, Perturbation("drop-outs", "", share)))[:, moving, 0])
@@ -161,7 +160,7 @@ def test_a_frame_rate_divided_averages_as_reading_would(robot: TrialInputs) -> N
     wrench = robot.table("wrench.parquet")
     made = wrench.with_columns(Fx=3 * wrench["time"] - 1, Fy=np.sin(2 * np.pi * 2.0 * wrench["time"]))
     for every in (3, 4):
-        averaged = marker_perturbations._averaged(made, every)
+        averaged = marker_perturbations._average(made, every)
         seen = {name: averaged[name][2:-2] for name in ("time", "Fx", "Fy")}
         assert np.allclose(seen["Fx"], 3 * seen["time"] - 1)
         kept = np.sinc(2.0 * every / rate)

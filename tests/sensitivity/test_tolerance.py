@@ -10,8 +10,7 @@ import pytest
 from mocap_id.workflows.sensitivity.plan import Perturbation
 from mocap_id.workflows.sensitivity.responses import Estimates, Parameter, SeriesChanges, tolerance_ratio
 from mocap_id.workflows.sensitivity.runs import PerturbationRun
-from mocap_id.workflows.sensitivity.sentences import failure_note, sentence
-from mocap_id.workflows.sensitivity.tolerance import Tolerance, find_tolerances
+from mocap_id.workflows.sensitivity.tolerance import Tolerance, describe_failures, describe_tolerance, find_tolerances
 
 MASS = Parameter("m1+m2", "kg", value=20.0, sd=0.1, size=20.0, verdict="known")
 WEAK = Parameter("mx1", "kg*m", value=1.0, sd=0.5, size=1.0, verdict="weak")
@@ -65,7 +64,7 @@ def test_of_two_ways_the_worse_counts() -> None:
 def test_numbers_of_things_are_not_interpolated() -> None:
     few = only(tried("marker-count", 4, 0.1), tried("marker-count", 3, 3.0), tried("marker-count", 2, 9.0))
     assert few.high == 4
-    assert "down to 4 markers; 3 markers move m1+m2 by 15 %" in sentence(few)
+    assert "down to 4 markers; 3 markers change m1+m2 by 15 %" in describe_tolerance(few)
     assert math.isnan(only(tried("frame-rate", 2, 9.0)).high)
 
 
@@ -80,26 +79,29 @@ def test_what_is_lost_is_beyond_and_not_interpolated() -> None:
     found = only(tried("drop-outs", 0.2, 0.5), lost("drop-outs", 0.5))
     assert found.high == 0.2
     assert found.silent == ()
-    assert "at 50 % of the samples nothing is identified any more" in sentence(found)
+    assert "at 50 % of the samples nothing is identified any more" in describe_tolerance(found)
 
 
 def test_it_is_silent_where_the_verdict_has_nothing_new() -> None:
     found = only(tried("soft-tissue", 0.003, 2.0), tried("soft-tissue", 0.01, 9.0, "parameters-weak"))
     assert found.silent == (0.003,)
-    assert "at 3 mm nothing in the verdict says so" in sentence(found)
-    assert "the verdict says so" in sentence(only(tried("soft-tissue", 0.01, 9.0, "parameters-weak")))
+    assert "at 3 mm the verdict does not warn of it" in describe_tolerance(found)
+    assert "the verdict warns of it" in describe_tolerance(only(tried("soft-tissue", 0.01, 9.0, "parameters-weak")))
     assert only(tried("soft-tissue", 0.01, 9.0, "gap")).silent == (0.01,)  # it said so before
 
 
 def test_all_that_was_tried_is_said_to_be_tolerated() -> None:
     found = only(tried("clock-offset", 0.1, 0.024))
     assert found.high == 0.1
-    assert sentence(found) == "clock offset, estimated: up to 100 ms, all that was tried (m1+m2 moves most, by 0.12 %)."
+    assert (
+        describe_tolerance(found)
+        == "clock offset, estimated: up to 100 ms, all levels that were tried (m1+m2 changes most, by 0.12 %)."
+    )
 
 
 def test_perturbations_that_failed_are_noted_with_the_reason() -> None:
     good = tried("soft-tissue", 0.001, 0.0)
     refused = replace(lost("soft-tissue", 0.002), refused=True)
-    assert failure_note((good, refused)) == ""
-    note = failure_note((good, refused, lost("soft-tissue", 0.01)))
+    assert describe_failures((good, refused)) == ""
+    note = describe_failures((good, refused, lost("soft-tissue", 0.01)))
     assert note == "1 of 3 perturbations failed and count as not tolerated (it broke)"

@@ -8,8 +8,7 @@ import pytest
 
 from mocap_id.errors import ConfigError
 from mocap_id.workflows.sensitivity.kinds import KINDS
-from mocap_id.workflows.sensitivity.options import SensitivityOptions, read_options
-from mocap_id.workflows.sensitivity.plan import ALL_KINDS, KindSelection, plan
+from mocap_id.workflows.sensitivity.plan import ALL_KINDS, KindSelection, SensitivityOptions, plan, read_options
 
 LEG = ("ankle", "knee", "hip")
 MISTAKES = [

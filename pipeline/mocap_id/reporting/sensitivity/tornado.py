@@ -25,7 +25,7 @@ _ROW, _HEAD = 0.15, 0.7  # inches
 _WITHIN, _NOTICED, _SILENT = style.FAINT, style.BLUE, style.VERMILLION
 _LEGEND = (
     Key(_WITHIN, "tolerated"),
-    Key(_NOTICED, "too much, and the verdict says so"),
+    Key(_NOTICED, "too much, and the verdict warns of it"),
     Key(_SILENT, "too much, and the verdict does not say so"),
 )
 

@@ -1,7 +1,7 @@
-"""A trial perturbed in the ways that occur in a laboratory (thesis 5.5.2), and the perturbations that it tolerates.
+"""Perturbations of a trial by typical errors of a laboratory (thesis 5.5.2), and the levels that it tolerates.
 
-`kinds` lists the perturbations, `options` reads the user's choice, and `plan` makes the list to run. The modules
-`signal_perturbations` and `marker_perturbations` change the inputs, `perturbed_trial` runs the stages that depend on
-them, and `runs` does so in parallel. `responses` compares the results, `tolerance` finds the tolerated levels, and
+`kinds` lists the kinds of perturbation, and `plan` makes the list to run from the user's options. The modules
+`signal_perturbations` and `marker_perturbations` change the inputs of the stages, which `trial_inputs` reads. `runs`
+runs the stages that depend on them. `responses` compares the results, `tolerance` determines the tolerated levels, and
 `study` writes `tables` and page.
 """

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -22,9 +22,9 @@ _BURST = (0.05, 0.5)  # s, shortest and longest drop-out
 
 def camera_noise(trial: TrialInputs, change: Perturbation) -> TrialInputs:
     """Add white noise to every coordinate of every marker on a moving segment."""
-    moving = _moving(trial)
-    noise = change.rng().standard_normal((len(_time(trial)), len(moving), 2))
-    return _shifted(trial, moving, change.level * noise)
+    moving = _find_moving(trial)
+    noise = change.rng().standard_normal((len(trial.time), len(moving), 2))
+    return _shift(trial, moving, change.level * noise)
 
 
 def angle_noise(trial: TrialInputs, change: Perturbation) -> TrialInputs:
@@ -33,20 +33,20 @@ def angle_noise(trial: TrialInputs, change: Perturbation) -> TrialInputs:
     The markers move by the difference of the forward map (3.18) with and without the noise. The angles of each frame
     then have exactly this error; the chain and everything else do not change.
     """
-    q = _whole(trial.states("theta"))
+    q = _fill_gaps(trial.states("theta"))
     noisy = q.copy()
     joints = joints_of(trial, change)
     noisy[:, joints] += change.level * change.rng().standard_normal((len(q), len(joints)))
     tree = trial.tree("chain.h5")
     chain = [tree.array(path) for path in ("joints/centre", "markers/segment", "markers/local")]
-    columns = _columns(trial, list(tree.texts("markers/name")))
-    return _shifted(trial, columns, marker_positions(noisy, *chain) - marker_positions(q, *chain))
+    columns = _find_columns(trial, tree.texts("markers/name"))
+    return _shift(trial, columns, marker_positions(noisy, *chain) - marker_positions(q, *chain))
 
 
 def soft_tissue(trial: TrialInputs, change: Perturbation) -> TrialInputs:
-    """Let the skin slide as in the simulation, by up to the level: with the joint angles, and a slow drift."""
-    moving, segment = _moving(trial), _segment(trial)
-    q = _whole(trial.states("theta"))
+    """Let the skin slide as in the simulation, by up to the level: with the joint angles, and as a slow drift."""
+    moving, segment = _find_moving(trial), _read_segments(trial)
+    q = _fill_gaps(trial.states("theta"))
     count = len(moving)
     markers = MarkerSet(
         labels=tuple(map(str, range(count))),
@@ -57,26 +57,26 @@ def soft_tissue(trial: TrialInputs, change: Perturbation) -> TrialInputs:
         on_plate=np.zeros(count, dtype=np.bool_),
         at_joint=(None,) * count,
     )
-    slide = skin.trial_displacement(change.rng(), markers, q, _time(trial))[..., :2]
-    turned = np.cumsum(q, axis=1)[:, segment[moving] - 1]  # (T, M) of each marker's segment
-    return _shifted(trial, moving, change.level * rotate(turned, slide))
+    slide = skin.trial_displacement(change.rng(), markers, q, trial.time)[..., :2]
+    angle = np.cumsum(q, axis=1)[:, segment[moving] - 1]  # (T, M) angle of each marker's segment
+    return _shift(trial, moving, change.level * rotate(angle, slide))
 
 
 def drop_outs(trial: TrialInputs, change: Perturbation) -> TrialInputs:
     """Remove bursts of samples of the moving segments' markers, until the level's share is removed."""
-    moving, time = _moving(trial), _time(trial)
+    moving, time = _find_moving(trial), trial.time
     missing = np.zeros((len(time), len(moving)), dtype=np.bool_)
-    bursts, removed = _bursts(change.rng(), missing.shape, time[1] - time[0]), 0
+    bursts, removed = _draw_bursts(change.rng(), missing.shape, time[1] - time[0]), 0
     while removed < change.level * missing.size:
         frames, marker = next(bursts)
         removed += int(np.count_nonzero(~missing[frames, marker]))
         missing[frames, marker] = True
-    everywhere = np.zeros((len(time), len(_segment(trial))), dtype=np.bool_)
+    everywhere = np.zeros((len(time), len(_read_segments(trial))), dtype=np.bool_)
     everywhere[:, moving] = missing
-    return trial.with_artefacts(_without(trial.long(PLANAR), everywhere))
+    return trial.with_artefacts(_remove_samples(trial.long(PLANAR), everywhere))
 
 
-def _bursts(rng: np.random.Generator, shape: tuple[int, ...], dt: float) -> Iterator[tuple[slice, int]]:
+def _draw_bursts(rng: np.random.Generator, shape: tuple[int, ...], dt: float) -> Iterator[tuple[slice, int]]:
     """Yield frames and marker of each drop-out."""
     frames, markers = shape
     while True:
@@ -85,7 +85,7 @@ def _bursts(rng: np.random.Generator, shape: tuple[int, ...], dt: float) -> Iter
 
 
 def marker_count(trial: TrialInputs, change: Perturbation) -> TrialInputs:
-    """Keep so many random markers on every moving segment that has more."""
+    """Keep as many random markers as the level says on every moving segment that has more."""
     table, rng = trial.table(SEGMENTS), change.rng()
     segment = table["segment"].copy()
     for number in sorted(set(segment[segment > 0])):
@@ -106,10 +106,10 @@ def frame_rate(trial: TrialInputs, change: Perturbation) -> TrialInputs:
         values={name: values[::every] for name, values in planar.values.items()},
         facts={**planar.facts, "rate_hz": planar.facts["rate_hz"] / every},
     )
-    return trial.with_artefacts(thinned, _averaged(wrench, every))
+    return trial.with_artefacts(thinned, _average(wrench, every))
 
 
-def _averaged(table: Table, every: int) -> Table:
+def _average(table: Table, every: int) -> Table:
     """Return means over ``every`` rows about every ``every``-th row; an even number takes half of the outer two."""
     weight = np.ones(every) if every % 2 else np.r_[0.5, np.ones(every - 1), 0.5]
     reach = len(weight) // 2
@@ -123,49 +123,46 @@ def _averaged(table: Table, every: int) -> Table:
     return replace(table, columns=columns)
 
 
-def _time(trial: TrialInputs) -> FloatArray:
-    return trial.table("states.parquet")["time"]
-
-
-def _columns(trial: TrialInputs, labels: list[str]) -> IntArray:
+def _find_columns(trial: TrialInputs, labels: Sequence[str]) -> IntArray:
     """Return the columns of markers in planar.parquet."""
     known = trial.long(PLANAR).labels
     return np.array([known.index(label) for label in labels], dtype=np.int64)
 
 
-def _segment(trial: TrialInputs) -> IntArray:
-    """Return the segment of every marker of planar.parquet; -1 for none."""
+def _read_segments(trial: TrialInputs) -> IntArray:
+    """Return the segment of every marker of planar.parquet; -1 for a marker without a segment."""
     table = trial.table(SEGMENTS)
-    found = np.full(len(trial.long(PLANAR).labels), -1)
-    found[_columns(trial, list(table["marker"]))] = table["segment"]
-    return found
+    segment = np.full(len(trial.long(PLANAR).labels), -1)
+    segment[_find_columns(trial, list(table["marker"]))] = table["segment"]
+    return segment
 
 
-def _moving(trial: TrialInputs) -> IntArray:
-    return np.flatnonzero(_segment(trial) > 0)
+def _find_moving(trial: TrialInputs) -> IntArray:
+    """Return the columns of the markers on moving segments."""
+    return np.flatnonzero(_read_segments(trial) > 0)
 
 
-def _whole(angles: FloatArray) -> FloatArray:
+def _fill_gaps(angles: FloatArray) -> FloatArray:
     """Return the angles (T, n) with gaps interpolated."""
-    found = angles.copy()
-    for column in found.T:
+    filled = angles.copy()
+    for column in filled.T:
         known = np.isfinite(column)
         if not known.all() and known.any():
             column[~known] = np.interp(np.flatnonzero(~known), np.flatnonzero(known), column[known])
-    return found
+    return filled
 
 
-def _shifted(trial: TrialInputs, columns: IntArray, shift: FloatArray) -> TrialInputs:
-    """Return the trial with some markers shifted by (F, m, 2), m."""
+def _shift(trial: TrialInputs, columns: IntArray, shift: FloatArray) -> TrialInputs:
+    """Return the trial with the markers of some columns shifted by (F, m, 2), m."""
     table = trial.long(PLANAR)
-    moved = dict(table.values)
+    values = dict(table.values)
     for axis, name in enumerate("xy"):
-        moved[name] = moved[name].copy()
-        moved[name][:, columns] += shift[..., axis]
-    return trial.with_artefacts(replace(table, values=moved))
+        values[name] = values[name].copy()
+        values[name][:, columns] += shift[..., axis]
+    return trial.with_artefacts(replace(table, values=values))
 
 
-def _without(table: LongTable, missing: BoolArray) -> LongTable:
-    """Return planar.parquet without some samples (F, M)."""
+def _remove_samples(table: LongTable, missing: BoolArray) -> LongTable:
+    """Return planar.parquet without the samples in a mask (F, M)."""
     seen = {name: np.where(missing, np.nan, table.values[name]) for name in ("x", "y", "z")}
     return replace(table, values={**seen, "visible": table.values["visible"].astype(np.bool_) & ~missing})

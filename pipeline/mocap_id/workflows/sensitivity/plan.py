@@ -1,14 +1,19 @@
-"""The perturbations of a study: every kind at its levels on its targets, each with its own random stream."""
+"""The perturbations to run: the user's options, and from them each kind at its levels on its targets."""
 
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
+from pydantic import Field
 
+from mocap_id.config.parsing import parse, raise_mistakes, suggest_name
+from mocap_id.config.source import Source, read
 from mocap_id.errors import ConfigError
+from mocap_id.stages.base import Settings
 from mocap_id.workflows.sensitivity.kinds import ALL, JOINTS, KINDS, Kind
 
 SEED = 1
@@ -16,11 +21,107 @@ SEED = 1
 
 @dataclass(frozen=True)
 class KindSelection:
-    """A kind with levels and targets; the kind's own where none are given."""
+    """A kind of perturbation with its levels and targets; empty for the default levels or targets."""
 
     kind: str  # one of :data:`mocap_id.workflows.sensitivity.kinds.KINDS`
     levels: tuple[float, ...] = ()
     targets: tuple[str, ...] = ()
+
+
+ALL_KINDS = tuple(KindSelection(kind) for kind in KINDS)
+"""All kinds with their default levels and targets."""
+
+
+@dataclass(frozen=True)
+class SensitivityOptions:
+    """The options of a sensitivity study."""
+
+    selections: tuple[KindSelection, ...] = ALL_KINDS
+    seed: int = SEED
+    tolerance: float = 0.05  # tolerated change of a base parameter, as a share of its size
+
+    def only(self, kinds: Sequence[str]) -> SensitivityOptions:
+        """Return the options with some of the selected kinds; the same options if no kind is given.
+
+        Raises
+        ------
+        ConfigError
+            There is no such kind, or it is not selected.
+        """
+        for name in kinds:
+            if name not in KINDS:
+                raise ConfigError(
+                    f"--only {name}: there is no such kind of perturbation: {suggest_name(name, list(KINDS))}"
+                )
+        selections = tuple(one for one in self.selections if not kinds or one.kind in kinds)
+        if not selections:
+            raise ConfigError(f"--only {', '.join(kinds)}: the settings file has no perturbation of this kind")
+        return replace(self, selections=selections)
+
+
+class _Entry(Settings):
+    kind: str = Field(description="what is perturbed")
+    levels: tuple[float, ...] = Field((), description="levels to try, in the kind's unit; the kind's own if not given")
+    on: tuple[str | float, ...] = Field((), description="joints, components or marker sd; the kind's own if not given")
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        return tuple(name if isinstance(name, str) else f"{name:g}" for name in self.on)
+
+
+class _File(Settings):
+    seed: int = Field(SEED, ge=0, description="seed of everything that is drawn")
+    tolerance: float = Field(5.0, gt=0, description="tolerated change of a base parameter, % of its size")
+    perturbations: tuple[_Entry, ...] = Field((), description="what to try; everything if not given")
+
+
+def read_options(file: Path) -> SensitivityOptions:
+    """Read and check a settings file.
+
+    Raises
+    ------
+    ConfigError
+        The file has mistakes; the message has one line for each, with file, line, key, and the expected value.
+    """
+    source = read(file.absolute())
+    if isinstance(source.data, list):
+        moved = {("perturbations", *key): line for key, line in source.lines.items()}
+        source = Source(source.file, {"perturbations": source.data}, {(): 1, **moved})
+    parsed = parse(source, _File, "a list of perturbations, each with a `kind:`")
+    raise_mistakes(
+        line for number, entry in enumerate(parsed.perturbations) for line in _find_mistakes(entry, number, source)
+    )
+    selections = tuple(KindSelection(entry.kind, entry.levels, entry.targets) for entry in parsed.perturbations)
+    return SensitivityOptions(selections or ALL_KINDS, parsed.seed, parsed.tolerance / 100)
+
+
+def _find_mistakes(entry: _Entry, number: int, source: Source) -> Iterator[str]:
+    """Yield messages about mistakes that the types of the settings do not exclude."""
+    key = ("perturbations", number)
+    kind = KINDS.get(entry.kind)
+    if kind is None:
+        where = source.where((*key, "kind"))
+        yield f"{where}: there is no perturbation `{entry.kind}`: {suggest_name(entry.kind, list(KINDS))}"
+        return
+    for k, level in enumerate(entry.levels):
+        if not kind.allowed(level):
+            yield f"{source.where((*key, 'levels', k))}: {kind.name}: the level {level:g} is not {kind.expected}"
+    for k, name in enumerate(entry.targets):
+        where = source.where((*key, "on", k))
+        if kind.free:
+            if not _is_positive(name):
+                yield f"{where}: {kind.name}: `on` is {name!r}, expected a marker's standard deviation above 0, m"
+        elif not kind.targets:
+            yield f"{where}: {kind.name} acts on everything: leave out `on`"
+        elif kind.targets != JOINTS and name not in kind.targets:
+            yield f"{where}: {kind.name}: there is no {name!r}: {suggest_name(name, list(kind.targets))}"
+
+
+def _is_positive(text: str) -> bool:
+    try:
+        return float(text) > 0
+    except ValueError:
+        return False
 
 
 @dataclass(frozen=True)
@@ -28,7 +129,7 @@ class Perturbation:
     """One change to one trial."""
 
     kind: str
-    target: str  # a joint, a component, a marker standard deviation, or empty
+    target: str  # a joint, a component or a marker's standard deviation; empty if the kind acts on everything
     level: float  # in the kind's unit
     seed: int = SEED  # seed of the whole study
 
@@ -48,12 +149,8 @@ class Perturbation:
         return np.random.default_rng([self.seed, *words.tolist()])
 
 
-ALL_KINDS = tuple(KindSelection(kind) for kind in KINDS)
-"""All kinds with their own levels and targets."""
-
-
 def plan(selections: Sequence[KindSelection], joints: Sequence[str], seed: int = SEED) -> tuple[Perturbation, ...]:
-    """Return the perturbations of a trial, none twice.
+    """Return the perturbations of a trial without duplicates.
 
     Parameters
     ----------
@@ -67,35 +164,26 @@ def plan(selections: Sequence[KindSelection], joints: Sequence[str], seed: int =
     ConfigError
         The trial does not have a target.
     """
-    found = (
+    perturbations = (
         Perturbation(one.kind, target, float(level), seed)
         for one in selections
-        for target in _targets(one, joints)
+        for target in _choose_targets(one, joints)
         for level in one.levels or KINDS[one.kind].levels
     )
-    return tuple(dict.fromkeys(found))
+    return tuple(dict.fromkeys(perturbations))
 
 
-def _targets(selection: KindSelection, joints: Sequence[str]) -> Sequence[str]:
+def _choose_targets(selection: KindSelection, joints: Sequence[str]) -> Sequence[str]:
     kind = KINDS[selection.kind]
     if kind.free:
         return selection.targets or kind.targets
-    known = tuple(_of_trial(kind, joints))
-    wrong = [target for target in selection.targets if target not in known]
+    possible = (*joints, ALL) if kind.targets == JOINTS else kind.targets
+    wrong = [target for target in selection.targets if target not in possible]
     if wrong:
-        here = f"expected one of {', '.join(known)}" if known else "it acts on everything: leave out `on`"
-        raise ConfigError(f"{kind.name}: there is no {wrong[0]!r} to perturb in this trial; {here}")
+        expected = f"expected one of {', '.join(possible)}" if possible else "it acts on everything: leave out `on`"
+        raise ConfigError(f"{kind.name}: there is no {wrong[0]!r} to perturb in this trial; {expected}")
     if selection.targets:
         return selection.targets
     if len(joints) == 1 and kind.targets == JOINTS:
         return joints  # one joint is all joints
-    return kind.usual or known or ("",)
-
-
-def _of_trial(kind: Kind, joints: Sequence[str]) -> Iterator[str]:
-    yield from (*joints, ALL) if kind.targets == JOINTS else kind.targets
-
-
-def of_kinds(selections: Iterable[KindSelection], kinds: Sequence[str]) -> tuple[KindSelection, ...]:
-    """Return the selections of some kinds; all selections if no kind is named."""
-    return tuple(one for one in selections if not kinds or one.kind in kinds)
+    return kind.usual or possible or ("",)

@@ -12,12 +12,11 @@ import numpy as np
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.store.views import joint_columns
 from mocap_id.verdict import Level, overall
+from mocap_id.workflows.sensitivity.kinds import COMPONENTS
 from mocap_id.workflows.sensitivity.trial_inputs import TrialInputs
 
 STATE_NAMES = ("theta", "dtheta", "ddtheta")
-WRENCH_NAMES = ("Fx", "Fy", "tauz")
-_CLOCK = 1e-5  # s: frames of the same time
-_NAN = math.nan
+_SAME_TIME = 1e-5  # s: frames with a smaller difference have the same time
 
 
 @dataclass(frozen=True)
@@ -26,20 +25,20 @@ class Parameter:
 
     name: str
     unit: str
-    value: float  # NaN if not known
-    sd: float  # NaN if not known
-    size: float  # size that changes are relative to, as in the verdict on its standard deviation
+    value: float  # NaN if unknown
+    sd: float  # standard deviation; NaN if unknown
+    size: float  # size to which changes are relative, as in the verdict on the standard deviation
     verdict: str = ""  # ``known``, ``weak`` or ``not identifiable``; empty for a length
 
 
 @dataclass(frozen=True)
 class Estimates:
-    """The estimates of a trial, perturbed or not."""
+    """The estimates of a trial, perturbed or not; NaN if a number is unknown."""
 
     parameters: Mapping[str, Parameter]  # by name
-    condition: float  # condition number; NaN if not known
-    offset: float  # clock offset, s; NaN if not known
-    cop_rms: float  # rms error of the centre of pressure, m; NaN if not known
+    condition: float  # condition number
+    offset: float  # clock offset, s
+    cop_rms: float  # rms error of the centre of pressure, m
     wrench_r2: tuple[float, ...]  # r² of Fx, Fy and tauz
     samples: int  # number of samples of the fit
     level: Level  # level of the verdict
@@ -48,7 +47,7 @@ class Estimates:
 
 @dataclass(frozen=True)
 class SeriesChanges:
-    """Changes of the series of a perturbed trial from the unperturbed one, at common times."""
+    """Changes of the series of a perturbed trial of n joints from the unperturbed one, at common times."""
 
     # (3, n) r² of angle, velocity and acceleration against the unperturbed ones; 1 = no change
     state_r2: FloatArray = field(default_factory=lambda: np.zeros((3, 0)))
@@ -58,9 +57,9 @@ class SeriesChanges:
 
     @property
     def torque_share(self) -> float:
-        """Largest rms change of a joint torque, relative to the rms of the unperturbed torque; NaN if none is known."""
+        """Largest rms change of a joint torque, relative to the rms of the unperturbed torque; NaN if unknown."""
         known = np.isfinite(self.torque_rms) & (self.torque_size > 0)
-        return float(np.max(self.torque_rms[known] / self.torque_size[known])) if known.any() else _NAN
+        return float(np.max(self.torque_rms[known] / self.torque_size[known])) if known.any() else math.nan
 
 
 def read_estimates(trial: TrialInputs) -> Estimates:
@@ -69,20 +68,49 @@ def read_estimates(trial: TrialInputs) -> Estimates:
     wrench: Mapping[str, Any] = facts["wrench"] or {}
     reasons = [reason for artefact in trial.artefacts.values() for reason in artefact.reasons]
     return Estimates(
-        parameters={one.name: one for one in (*_base(trial), *_lengths(trial))},
-        condition=_number(facts["condition_number"]),
-        offset=_number(facts["clock_offset_s"]),
-        cop_rms=_number(facts["cop_rms_m"]),
-        wrench_r2=tuple(_number((wrench.get(name) or {}).get("r2")) for name in WRENCH_NAMES),
+        parameters={one.name: one for one in (*_read_base(trial), *_read_lengths(trial))},
+        condition=_number_or_nan(facts["condition_number"]),
+        offset=_number_or_nan(facts["clock_offset_s"]),
+        cop_rms=_number_or_nan(facts["cop_rms_m"]),
+        wrench_r2=tuple(_number_or_nan((wrench.get(name) or {}).get("r2")) for name in COMPONENTS),
         samples=int(facts["samples"] or 0),
         level=overall(reasons),
         codes=frozenset(reason.code for reason in reasons if reason.level != "ok"),
     )
 
 
+def _read_base(trial: TrialInputs) -> list[Parameter]:
+    tree = trial.tree("dynamics.h5")
+    names = ("name", "unit", "value", "sd", "relative_sd", "verdict")
+    rows = zip(*(tree.array(f"base/{name}") for name in names), strict=True)
+    return [
+        Parameter(str(name), str(unit), float(value), float(sd), _find_size(value, sd, float(share)), str(verdict))
+        for name, unit, value, sd, share, verdict in rows
+    ]
+
+
+def _find_size(value: float, sd: float, relative: float) -> float:
+    """Return the size of a parameter that its relative standard deviation refers to."""
+    return float(sd / relative) if relative > 0 and math.isfinite(sd) else abs(float(value))
+
+
+def _read_lengths(trial: TrialInputs) -> list[Parameter]:
+    """Return the known segment lengths."""
+    names, length, sd = (trial.tree("chain.h5").array(f"segments/{name}") for name in ("name", "length", "length_sd"))
+    return [
+        Parameter(f"length of {name}", "m", float(value), float(spread), float(value))
+        for name, value, spread in zip(names[1:], length, sd, strict=False)  # the last segment has no length
+        if math.isfinite(value)
+    ]
+
+
+def _number_or_nan(value: object) -> float:
+    return float(value) if isinstance(value, int | float) else math.nan
+
+
 def compare_series(own: TrialInputs, changed: TrialInputs) -> SeriesChanges:
     """Return the changes of the perturbed series from the unperturbed ones."""
-    before, now = common_rows(_times(own), _times(changed))
+    before, now = _find_common_rows(own.time, changed.time)
     states = [(own.states(name)[before], changed.states(name)[now]) for name in STATE_NAMES]
     torques = [
         joint_columns(trial.table("dynamics.parquet"), "tau", len(own.joints))[rows]
@@ -96,15 +124,11 @@ def compare_series(own: TrialInputs, changed: TrialInputs) -> SeriesChanges:
     )
 
 
-def common_rows(own: FloatArray, changed: FloatArray) -> tuple[IntArray, IntArray]:
+def _find_common_rows(own: FloatArray, changed: FloatArray) -> tuple[IntArray, IntArray]:
     """Return the rows of two increasing time columns, s, that have the same times."""
-    nearest = np.clip(np.searchsorted(own, changed - _CLOCK), 0, len(own) - 1)
-    same = np.abs(own[nearest] - changed) <= _CLOCK
+    nearest = np.clip(np.searchsorted(own, changed - _SAME_TIME), 0, len(own) - 1)
+    same = np.abs(own[nearest] - changed) <= _SAME_TIME
     return nearest[same], np.flatnonzero(same)
-
-
-def _times(trial: TrialInputs) -> FloatArray:
-    return trial.table("states.parquet")["time"]
 
 
 def _r2(own: FloatArray, changed: FloatArray) -> FloatArray:
@@ -113,54 +137,25 @@ def _r2(own: FloatArray, changed: FloatArray) -> FloatArray:
     counted = np.maximum(both.sum(axis=0), 1)
     mean = np.where(both, own, 0.0).sum(axis=0) / counted
     total = np.where(both, (own - mean) ** 2, 0.0).sum(axis=0)
-    off = np.where(both, (changed - own) ** 2, 0.0).sum(axis=0)
-    return np.where(total > 0, 1.0 - off / np.where(total > 0, total, 1.0), np.nan)
+    residual = np.where(both, (changed - own) ** 2, 0.0).sum(axis=0)
+    return np.where(total > 0, 1.0 - residual / np.where(total > 0, total, 1.0), np.nan)
 
 
-def _rms(off: FloatArray) -> FloatArray:
+def _rms(values: FloatArray) -> FloatArray:
     """Return the root mean square of each column over its known samples; NaN if none is known."""
-    known = np.isfinite(off)
-    squares = np.where(known, off**2, 0.0).sum(axis=0)
+    known = np.isfinite(values)
+    squares = np.where(known, values**2, 0.0).sum(axis=0)
     return np.where(known.any(axis=0), np.sqrt(squares / np.maximum(known.sum(axis=0), 1)), np.nan)
-
-
-def _base(trial: TrialInputs) -> list[Parameter]:
-    at = {name: trial.tree("dynamics.h5").array(f"base/{name}") for name in ("name", "unit", "value", "sd", "verdict")}
-    relative = trial.tree("dynamics.h5").numbers("base/relative_sd")
-    rows = zip(at["name"], at["unit"], at["value"], at["sd"], relative, at["verdict"], strict=True)
-    return [
-        Parameter(str(name), str(unit), float(value), float(sd), _size(value, sd, share), str(verdict))
-        for name, unit, value, sd, share, verdict in rows
-    ]
-
-
-def _size(value: float, sd: float, relative: float) -> float:
-    """Return the size of a parameter, which its relative standard deviation refers to."""
-    return float(sd / relative) if relative > 0 and math.isfinite(sd) else abs(float(value))
-
-
-def _lengths(trial: TrialInputs) -> list[Parameter]:
-    """Return the known segment lengths."""
-    names, length, sd = (trial.tree("chain.h5").array(f"segments/{name}") for name in ("name", "length", "length_sd"))
-    return [
-        Parameter(f"length of {name}", "m", float(value), float(spread), float(value))
-        for name, value, spread in zip(names[1:], length, sd, strict=False)  # the last segment has none
-        if math.isfinite(value)
-    ]
-
-
-def _number(value: object) -> float:
-    return float(value) if isinstance(value, int | float) else _NAN
 
 
 def tolerance_ratio(parameter: Parameter, changed: Parameter | None, tolerance: float) -> float:
     """Return the change of a parameter divided by the tolerated change.
 
     The tolerated change is a share of the parameter's size, or its standard deviation if that is larger. The ratio is
-    NaN if the unperturbed parameter is not known, and infinite if the perturbed one is not.
+    NaN if the unperturbed parameter is unknown, and infinite if the perturbed one is unknown.
     """
     if not math.isfinite(parameter.value):
-        return _NAN
+        return math.nan
     if changed is None or not math.isfinite(changed.value):
         return math.inf
     allowed = max(tolerance * parameter.size, parameter.sd if math.isfinite(parameter.sd) else 0.0)
@@ -172,9 +167,7 @@ def largest_ratio(
     own: Estimates, changed: Estimates | None, names: Sequence[str], tolerance: float
 ) -> tuple[float, str]:
     """Return the largest tolerance ratio of some parameters, and the parameter's name; (NaN, "") if none is known."""
-    found = [
-        (tolerance_ratio(own.parameters[n], changed.parameters.get(n) if changed else None, tolerance), n)
-        for n in names
-    ]
-    known = [pair for pair in found if not math.isnan(pair[0])]
-    return max(known, key=lambda pair: pair[0]) if known else (_NAN, "")
+    after = {} if changed is None else changed.parameters
+    ratios = [(tolerance_ratio(own.parameters[name], after.get(name), tolerance), name) for name in names]
+    known = [pair for pair in ratios if not math.isnan(pair[0])]
+    return max(known, key=lambda pair: pair[0]) if known else (math.nan, "")

@@ -1,10 +1,10 @@
-"""``mocap-id sensitivity``: perturb a trial and write what its parameters tolerate."""
+"""``mocap-id sensitivity``: perturb a trial and write the levels that its parameters tolerate."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from itertools import count
 from pathlib import Path
@@ -19,19 +19,17 @@ from mocap_id.stages.sensors_alone import without_markers
 from mocap_id.store import Folder
 from mocap_id.store.views import Skeleton
 from mocap_id.workflows.sensitivity.kinds import KINDS
-from mocap_id.workflows.sensitivity.options import SensitivityOptions
-from mocap_id.workflows.sensitivity.plan import KindSelection, plan
+from mocap_id.workflows.sensitivity.plan import KindSelection, SensitivityOptions, plan
 from mocap_id.workflows.sensitivity.responses import Estimates, Parameter, read_estimates
 from mocap_id.workflows.sensitivity.runs import PerturbationRun, run_perturbations
-from mocap_id.workflows.sensitivity.sentences import failure_note
 from mocap_id.workflows.sensitivity.tables import make_tables
-from mocap_id.workflows.sensitivity.tolerance import Tolerance, find_tolerances
+from mocap_id.workflows.sensitivity.tolerance import Tolerance, describe_failures, find_tolerances
 from mocap_id.workflows.sensitivity.trial_inputs import TrialInputs, locate_trial, read_inputs
 
 DOCUMENT, PAGE = "sensitivity.json", "sensitivity.html"
 
 PerturbationCallback = Callable[[PerturbationRun, int, int], None]
-"""Called with each perturbation that is done, its number and the number of perturbations."""
+"""Called with each finished perturbation, its number and the number of perturbations."""
 
 
 @dataclass(frozen=True)
@@ -46,7 +44,7 @@ class SensitivityResult:
 
     @property
     def judged_parameters(self) -> tuple[str, ...]:
-        """The parameters that are judged: the base parameters, or the lengths if nothing was identified."""
+        """Names of the parameters that are judged: the base parameters, or the lengths if nothing was identified."""
         known = [one for one in self.own.parameters.values() if math.isfinite(one.value)]
         return tuple(one.name for one in known if bool(one.verdict) == bool(self.own.samples))
 
@@ -79,7 +77,7 @@ def sensitivity(
     Parameters
     ----------
     path : Path
-        The trial's YAML file or run folder. The run folder is only read once the trial is computed.
+        The trial's YAML file or run folder. Perturbations do not change the run folder.
     options : SensitivityOptions, optional
         The perturbations; all of them by default.
     jobs : int
@@ -89,7 +87,7 @@ def sensitivity(
     progress : callable, optional
         Called with every stage that has to run first.
     tell : callable, optional
-        Called with each perturbation that is done.
+        Called with each finished perturbation.
 
     Raises
     ------
@@ -106,50 +104,51 @@ def sensitivity(
     if folder.resolve() == source.folder.resolve():
         raise ConfigError(f"--out {folder}: this is the trial's own run folder: choose another")
     trial = read_inputs(source)
-    Skeleton.from_tree(trial.tree("chain.h5"))  # a trial in space is an error
-    selections, note = _possible(options.selections, trial)
+    Skeleton.from_tree(trial.tree("chain.h5"))  # raises StoreError for a trial in space
+    selections, note = _select_possible(options.selections, trial)
     perturbations = plan(selections, trial.joints, options.seed)
     numbers = count(1)
     with Folder(folder).locked():
         runs = run_perturbations(source, perturbations, jobs, lambda run: tell(run, next(numbers), len(perturbations)))
-        notes = "; ".join(filter(None, (note, failure_note(runs))))
+        notes = "; ".join(filter(None, (note, describe_failures(runs))))
         result = SensitivityResult(source.name, options, read_estimates(trial), runs, notes)
-        output = _output(result)
+        output = _make_output(result)
         output.write(folder)
     return SensitivityOutput(result, folder, output.document)
 
 
-def _possible(selections: Sequence[KindSelection], trial: TrialInputs) -> tuple[tuple[KindSelection, ...], str]:
-    """Return the selections that are possible on a trial, and a note on what is left out."""
+def _select_possible(selections: Sequence[KindSelection], trial: TrialInputs) -> tuple[tuple[KindSelection, ...], str]:
+    """Return the selections that are possible on a trial, and a note on the selections that are left out."""
+    name = f"trial {trial.source.name}"
     if without_markers(trial.long("planar.parquet").facts):
         raise ConfigError(
-            f"trial {trial.source.name} has inertial sensors alone, and the lengths of its calibration: no "
-            "perturbation can change them. Choose a trial with markers"
+            f"{name} has only inertial sensors, and the lengths of its calibration: no perturbation can change them. "
+            "Choose a trial with markers"
         )
-    if not trial.has_imus:
+    if not trial.source.keys.imus:
         selections = tuple(one for one in selections if not KINDS[one.kind].needs_imus)
         if not selections:
-            raise ConfigError(f"trial {trial.source.name} has no inertial sensors: none of their errors can be tried")
+            raise ConfigError(f"{name} has no inertial sensors: none of their errors can be tried")
     facts = trial.tree("dynamics.h5").facts
     if trial.has_plate and facts["samples"]:
         return tuple(selections), ""
     possible = tuple(one for one in selections if KINDS[one.kind].changes_lengths)
     others = dict.fromkeys(KINDS[one.kind].title for one in selections if one not in possible)
-    note = f"nothing was identified ({facts['why']})" if trial.has_plate else "there is no force plate"
-    left = f"; left out, because they change no length: {', '.join(others)}" if others else ""
+    left_out = f"; left out, because they change no length: {', '.join(others)}" if others else ""
     if not possible:
-        lack = "no identified parameters" if trial.has_plate else "no force plate"
-        raise ConfigError(f"trial {trial.source.name} has {lack}, so nothing can be tried{left}")
-    return possible, f"{note}: only lengths and states are compared{left}"
+        missing = "no identified parameters" if trial.has_plate else "no force plate"
+        raise ConfigError(f"{name} has {missing}, so nothing can be tried{left_out}")
+    note = f"nothing was identified ({facts['why']})" if trial.has_plate else "there is no force plate"
+    return possible, f"{note}: only lengths and states are compared{left_out}"
 
 
-def _output(result: SensitivityResult) -> Result:
+def _make_output(result: SensitivityResult) -> Result:
     tables, own = make_tables(result), result.own
 
-    def page() -> dict[str, bytes]:
+    def make_page() -> dict[str, bytes]:
         from mocap_id.reporting.sensitivity.page import sensitivity_page  # noqa: PLC0415  it loads the page's templates
 
-        return {PAGE: sensitivity_page(_page_data(result, tables))}
+        return {PAGE: sensitivity_page(_collect_page_data(result, tables))}
 
     content = {
         "trial": result.trial,
@@ -159,27 +158,20 @@ def _output(result: SensitivityResult) -> Result:
         "note": result.note or None,
         "verdict": {"level": own.level, "codes": sorted(own.codes)},
         "condition_number": finite(own.condition),
-        "parameters": [_parameter(one) for one in own.parameters.values()],
+        "parameters": [_describe_parameter(one) for one in own.parameters.values()],
         "tolerates": tables["tolerates"].records,
         "perturbations": tables["perturbations"].records,
         "tables": {name: table.columns for name, table in tables.items()},
     }
-    return Result("sensitivity", DOCUMENT, content, tables, page, hashed=True)
+    return Result("sensitivity", DOCUMENT, content, tables, make_page, hashed=True)
 
 
-def _parameter(one: Parameter) -> dict[str, Any]:
-    return {
-        "name": one.name,
-        "unit": one.unit,
-        "value": finite(one.value),
-        "sd": finite(one.sd),
-        "size": finite(one.size),
-        "verdict": one.verdict or None,
-    }
+def _describe_parameter(one: Parameter) -> dict[str, Any]:
+    numbers = {name: finite(getattr(one, name)) for name in ("value", "sd", "size")}
+    return asdict(one) | numbers | {"verdict": one.verdict or None}
 
 
-def _page_data(result: SensitivityResult, tables: Mapping[str, ResultTable]) -> SensitivityData:
-    kinds = {run.perturbation.kind: run.perturbation.definition.title for run in result.runs}
+def _collect_page_data(result: SensitivityResult, tables: Mapping[str, ResultTable]) -> SensitivityData:
     return SensitivityData(
         trial=result.trial,
         verdict=result.own.level,
@@ -191,6 +183,6 @@ def _page_data(result: SensitivityResult, tables: Mapping[str, ResultTable]) -> 
             for name, one in result.own.parameters.items()
             if name in result.judged_parameters
         ),
-        titles=kinds,
+        titles={run.perturbation.kind: run.perturbation.definition.title for run in result.runs},
         tables={name: table.frame for name, table in tables.items()},
     )

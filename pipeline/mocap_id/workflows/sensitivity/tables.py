@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -13,16 +13,10 @@ from mocap_id.arrays import FloatArray
 from mocap_id.reporting.results.columns import ResultColumn as Column
 from mocap_id.reporting.results.columns import ResultTable, number, text, whole
 from mocap_id.store import TableSchema
-from mocap_id.workflows.sensitivity.responses import (
-    STATE_NAMES,
-    WRENCH_NAMES,
-    Parameter,
-    largest_ratio,
-    tolerance_ratio,
-)
+from mocap_id.workflows.sensitivity.kinds import COMPONENTS
+from mocap_id.workflows.sensitivity.responses import STATE_NAMES, Parameter, largest_ratio, tolerance_ratio
 from mocap_id.workflows.sensitivity.runs import PerturbationRun
-from mocap_id.workflows.sensitivity.sentences import sentence
-from mocap_id.workflows.sensitivity.tolerance import Point, Tolerance
+from mocap_id.workflows.sensitivity.tolerance import Tolerance, describe_tolerance
 
 if TYPE_CHECKING:
     from mocap_id.workflows.sensitivity.study import SensitivityResult
@@ -30,34 +24,32 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Response:
-    """The response of one parameter to one perturbation; ``after`` is None if the parameter is lost."""
+    """The response of one parameter to one perturbation."""
 
     run: PerturbationRun
     before: Parameter
-    after: Parameter | None
+    after: Parameter | None  # None if the perturbed trial does not have the parameter
     tolerance: float
 
     @property
     def change(self) -> float:
-        """Perturbed minus unperturbed value; NaN if the parameter is lost."""
+        """Perturbed minus unperturbed value; NaN if there is no perturbed value."""
         return math.nan if self.after is None else self.after.value - self.before.value
 
-    def change_by(self, size: float, factor: float = 1.0) -> float:
+    def divide_change(self, size: float, factor: float = 1.0) -> float:
         """Return the change relative to a size; NaN for a size of zero."""
         return factor * self.change / size if size > 0 else math.nan
 
 
-def _broken(name: str, missing: Any) -> Any:
-    def value(one: Tolerance) -> Any:
-        point: Point | None = one.broken
-        return missing if point is None else getattr(point, name)
-
-    return value
+def _broken(name: str, missing: Any) -> Callable[[Tolerance], Any]:
+    """Return a function that reads an attribute of the mildest level that is not tolerated."""
+    return lambda one: missing if one.broken is None else getattr(one.broken, name)
 
 
+_KIND = "kind of the perturbation"
 _PERTURBATION = (
     text("perturbation", "kind, target and level", lambda row: row.run.perturbation.name),
-    text("kind", "kind of the perturbation", lambda row: row.run.perturbation.kind),
+    text("kind", _KIND, lambda row: row.run.perturbation.kind),
     text(
         "target",
         "joint, component or marker sd (m) that it acted on; empty: everything",
@@ -66,119 +58,116 @@ _PERTURBATION = (
     number("level", "", "level of the perturbation, in `level_unit`", lambda row: row.run.perturbation.level),
     text("level_unit", "unit of the level; empty: a count", lambda row: row.run.perturbation.definition.unit),
 )
-
-RESPONSES = TableSchema(
-    "responses.parquet",
-    1,
-    (
-        *_PERTURBATION,
-        text("parameter", "base parameter, or length of a segment", lambda row: row.before.name),
-        text("unit", "unit of the parameter", lambda row: row.before.unit),
-        number("own_value", "", "unperturbed value, in `unit`", lambda row: row.before.value),
-        number("own_sd", "", "its stated standard deviation, in `unit`", lambda row: row.before.sd),
-        number("value", "", "perturbed value, in `unit`", lambda row: row.after and row.after.value),
-        number("sd", "", "its stated standard deviation, in `unit`", lambda row: row.after and row.after.sd),
-        number("change", "", "perturbed minus unperturbed value, in `unit`", lambda row: row.change),
-        number(
-            "change_percent",
-            "%",
-            "change relative to the parameter's size",
-            lambda row: row.change_by(row.before.size, 100),
-        ),
-        number(
-            "change_sd",
-            "1",
-            "change in stated standard deviations of the unperturbed parameter",
-            lambda row: row.change_by(row.before.sd),
-        ),
-        number(
-            "ratio",
-            "1",
-            "absolute change divided by the tolerated change; infinite if the parameter is lost",
-            lambda row: tolerance_ratio(row.before, row.after, row.tolerance),
-        ),
-        text(
-            "judged",
-            "known, weak or not identifiable in the perturbed trial",
-            lambda row: row.after and row.after.verdict,
-        ),
-    ),
-)
-
-PERTURBATIONS = TableSchema(
-    "perturbations.parquet",
-    1,
-    (
-        *_PERTURBATION,
-        text("enters", "the first stage that the perturbation affects"),
-        text("verdict", "ok or caution; refused or failed if there is no result"),
-        text("raised", "codes that are new in the perturbed verdict"),
-        text("fallen", "codes of the unperturbed verdict that no longer occur"),
-        number("ratio", "1", "largest change of a parameter divided by the tolerated change"),
-        text("parameter", "the parameter with this change"),
-        Column("tolerated", "bool", "", "whether the ratio is at most 1"),
-        whole("samples", "number of samples of the fit"),
-        number("condition_number", "1", "condition number of the regressor"),
-        number("clock_offset", "s", "clock offset that the program estimated"),
-        *(number(f"{name}_r2", "1", "r² of the model against the measurement") for name in WRENCH_NAMES),
-        number("cop_rms", "m", "rms error of the model's centre of pressure"),
-        number("theta_r2", "1", "r² of the worst joint's angle against the unperturbed one"),
-        number("dtheta_r2", "1", "r² of the worst joint's velocity against the unperturbed one"),
-        number("ddtheta_r2", "1", "r² of the worst joint's acceleration against the unperturbed one"),
-        number("theta_rms", "rad", "change of the worst joint's angle, rms"),
-    ),
-    (number("tau_{k}_rms", "N*m", "change of the joint's torque, rms"),),
-    ((text("why", "why there is no result; else empty"),),),
-)
-
-TOLERATES = TableSchema(
-    "tolerates.parquet",
-    1,
-    (
-        text("kind", "kind of the perturbation", lambda one: one.kind.name),
-        text("target", "what it acted on; empty: everything", lambda one: one.target),
-        number("low", "", "lowest tolerated level, in `level_unit`", lambda one: one.low),
-        number("high", "", "highest tolerated level, interpolated, in `level_unit`", lambda one: one.high),
-        text("level_unit", "unit of the levels; empty: a count", lambda one: one.kind.unit),
-        number("least_tried", "", "mildest level tried", lambda one: one.points[0].level if one.points else None),
-        number("most_tried", "", "worst level tried", lambda one: one.points[-1].level if one.points else None),
-        number("breaks_at", "", "level that is not tolerated", _broken("level", None)),
-        text("parameter", "the parameter with the largest change there", _broken("parameter", "")),
-        number("change_percent", "%", "its change, relative to its size", _broken("percent", None)),
-        text(
-            "silent",
-            "levels that are not tolerated and give no new caution in the verdict",
-            lambda one: ", ".join(f"{level:g}" for level in one.silent),
-        ),
-        text("sentence", "the same as a sentence", sentence),
-    ),
-)
+_SD = "its stated standard deviation, in `unit`"
 
 TABLES: Mapping[str, TableSchema] = {
-    "responses": RESPONSES,
-    "perturbations": PERTURBATIONS,
-    "tolerates": TOLERATES,
+    "responses": TableSchema(
+        "responses.parquet",
+        1,
+        (
+            *_PERTURBATION,
+            text("parameter", "base parameter, or length of a segment", lambda row: row.before.name),
+            text("unit", "unit of the parameter", lambda row: row.before.unit),
+            number("own_value", "", "unperturbed value, in `unit`", lambda row: row.before.value),
+            number("own_sd", "", _SD, lambda row: row.before.sd),
+            number("value", "", "perturbed value, in `unit`", lambda row: row.after and row.after.value),
+            number("sd", "", _SD, lambda row: row.after and row.after.sd),
+            number("change", "", "perturbed minus unperturbed value, in `unit`", lambda row: row.change),
+            number(
+                "change_percent",
+                "%",
+                "change relative to the parameter's size",
+                lambda row: row.divide_change(row.before.size, 100),
+            ),
+            number(
+                "change_sd",
+                "1",
+                "change in stated standard deviations of the unperturbed parameter",
+                lambda row: row.divide_change(row.before.sd),
+            ),
+            number(
+                "ratio",
+                "1",
+                "absolute change divided by the tolerated change; infinite if there is no perturbed value",
+                lambda row: tolerance_ratio(row.before, row.after, row.tolerance),
+            ),
+            text(
+                "judged",
+                "known, weak or not identifiable in the perturbed trial",
+                lambda row: row.after and row.after.verdict,
+            ),
+        ),
+    ),
+    "perturbations": TableSchema(
+        "perturbations.parquet",
+        1,
+        (
+            *_PERTURBATION,
+            text("enters", "the first stage that the perturbation affects"),
+            text("verdict", "ok or caution; refused or failed if there is no result"),
+            text("raised", "codes that are new in the perturbed verdict"),
+            text("fallen", "codes of the unperturbed verdict that no longer occur"),
+            number("ratio", "1", "largest change of a parameter divided by the tolerated change"),
+            text("parameter", "the parameter with this change"),
+            Column("tolerated", "bool", "", "whether the ratio is at most 1"),
+            whole("samples", "number of samples of the fit"),
+            number("condition_number", "1", "condition number of the regressor"),
+            number("clock_offset", "s", "clock offset that the program estimated"),
+            *(number(f"{name}_r2", "1", "r² of the model against the measurement") for name in COMPONENTS),
+            number("cop_rms", "m", "rms error of the model's centre of pressure"),
+            number("theta_r2", "1", "r² of the worst joint's angle against the unperturbed one"),
+            number("dtheta_r2", "1", "r² of the worst joint's velocity against the unperturbed one"),
+            number("ddtheta_r2", "1", "r² of the worst joint's acceleration against the unperturbed one"),
+            number("theta_rms", "rad", "change of the worst joint's angle, rms"),
+        ),
+        (number("tau_{k}_rms", "N*m", "change of the joint's torque, rms"),),
+        ((text("why", "why there is no result; else empty"),),),
+    ),
+    "tolerates": TableSchema(
+        "tolerates.parquet",
+        1,
+        (
+            text("kind", _KIND, lambda one: one.kind.name),
+            text("target", "what it acted on; empty: everything", lambda one: one.target),
+            number("low", "", "lowest tolerated level, in `level_unit`", lambda one: one.low),
+            number("high", "", "highest tolerated level, interpolated, in `level_unit`", lambda one: one.high),
+            text("level_unit", "unit of the levels; empty: a count", lambda one: one.kind.unit),
+            number("least_tried", "", "mildest level tried", lambda one: one.points[0].level if one.points else None),
+            number("most_tried", "", "worst level tried", lambda one: one.points[-1].level if one.points else None),
+            number("breaks_at", "", "level that is not tolerated", _broken("level", None)),
+            text("parameter", "the parameter with the largest change there", _broken("parameter", "")),
+            number("change_percent", "%", "its change, relative to its size", _broken("percent", None)),
+            text(
+                "silent",
+                "levels that are not tolerated and give no new caution in the verdict",
+                lambda one: ", ".join(f"{level:g}" for level in one.silent),
+            ),
+            text("sentence", "the same as a sentence", describe_tolerance),
+        ),
+    ),
 }
-"""The schemas by table name."""
+"""Schemas of the tables by name."""
 
 
 def make_tables(result: SensitivityResult) -> dict[str, ResultTable]:
-    """Return every table of a sensitivity study."""
-    return {
-        "responses": ResultTable.of(RESPONSES, _responses(result)),
-        "perturbations": ResultTable.of(PERTURBATIONS, (_perturbation(result, run) for run in result.runs)),
-        "tolerates": ResultTable.of(TOLERATES, result.tolerances),
+    """Return the tables of a sensitivity study by name."""
+    rows = {
+        "responses": _list_responses(result),
+        "perturbations": (_describe_run(result, run) for run in result.runs),
+        "tolerates": result.tolerances,
     }
+    return {name: ResultTable.of(schema, rows[name]) for name, schema in TABLES.items()}
 
 
-def _responses(result: SensitivityResult) -> Iterator[Response]:
+def _list_responses(result: SensitivityResult) -> Iterator[Response]:
     for run in result.runs:
         after = {} if run.estimates is None else run.estimates.parameters
         for name, before in result.own.parameters.items():
             yield Response(run, before, after.get(name), result.options.tolerance)
 
 
-def _perturbation(result: SensitivityResult, run: PerturbationRun) -> dict[str, Any]:
+def _describe_run(result: SensitivityResult, run: PerturbationRun) -> dict[str, Any]:
+    """Return the row of a run in the table `perturbations`."""
     own, now, change = result.own, run.estimates, run.perturbation
     ratio, parameter = largest_ratio(own, now, result.judged_parameters, result.options.tolerance)
     row = {
@@ -196,8 +185,8 @@ def _perturbation(result: SensitivityResult, run: PerturbationRun) -> dict[str, 
         "why": run.why,
     }
     row |= {f"tau_{j}_rms": float(rms) for j, rms in enumerate(run.changes.torque_rms, start=1)}
-    row |= {f"{name}_r2": _least(r2) for name, r2 in zip(STATE_NAMES, run.changes.state_r2, strict=True)}
-    row["theta_rms"] = -_least(-run.changes.angle_rms)
+    row |= {f"{name}_r2": _find_least(r2) for name, r2 in zip(STATE_NAMES, run.changes.state_r2, strict=True)}
+    row["theta_rms"] = -_find_least(-run.changes.angle_rms)
     if now is None:
         return row
     return row | {
@@ -207,11 +196,11 @@ def _perturbation(result: SensitivityResult, run: PerturbationRun) -> dict[str, 
         "samples": now.samples,
         "condition_number": now.condition,
         "clock_offset": now.offset,
-        **{f"{name}_r2": r2 for name, r2 in zip(WRENCH_NAMES, now.wrench_r2, strict=True)},
+        **{f"{name}_r2": r2 for name, r2 in zip(COMPONENTS, now.wrench_r2, strict=True)},
         "cop_rms": now.cop_rms,
     }
 
 
-def _least(values: FloatArray) -> float:
+def _find_least(values: FloatArray) -> float:
     known = values[np.isfinite(values)]
     return float(known.min()) if len(known) else math.nan

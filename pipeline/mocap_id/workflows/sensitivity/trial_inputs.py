@@ -1,4 +1,4 @@
-"""The inputs of a sensitivity study: artefacts, keys and settings of the trial, read once and never written."""
+"""The inputs of a sensitivity study: artefacts, keys and settings of the trial, which are only read."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ FIRST, LAST = "fit-joints", "identify-dim"
 
 @dataclass(frozen=True)
 class TrialSource:
-    """The folder of a trial's artefacts, and the settings of its stages."""
+    """The run folder of a trial, and the settings of its stages."""
 
     name: str
     folder: Path  # the run folder
-    keys: TrialKeys  # keys of the trial, without those for the report's comparison with other systems
+    keys: TrialKeys  # keys of the trial, without the keys for the report's comparison with other systems
     settings: Mapping[str, Settings]  # settings of the stages that are run again
 
 
@@ -41,7 +41,7 @@ class TrialInputs:
     settings: Mapping[str, Settings]  # settings by stage
 
     def table(self, file: str) -> Table:
-        """Return a Parquet artefact."""
+        """Return a Parquet artefact with a row for every sample or object."""
         return cast(Table, self.artefacts[file])
 
     def long(self, file: str) -> LongTable:
@@ -53,11 +53,11 @@ class TrialInputs:
         return cast(Tree, self.artefacts[file])
 
     def with_artefacts(self, *changed: Artefact) -> TrialInputs:
-        """Return the same inputs with some artefacts replaced."""
+        """Return the inputs with some artefacts replaced."""
         return replace(self, artefacts={**self.artefacts, **{one.schema.file: one for one in changed}})
 
     def with_settings(self, stage: str, **values: object) -> TrialInputs:
-        """Return the same inputs with some settings of a stage replaced."""
+        """Return the inputs with some settings of a stage replaced."""
         changed = self.settings[stage].model_copy(update=values)
         return replace(self, settings={**self.settings, stage: changed})
 
@@ -66,14 +66,14 @@ class TrialInputs:
         """Names of the joints."""
         return self.tree("chain.h5").texts("joints/name")
 
-    def states(self, name: str) -> FloatArray:
-        """Return a state of every joint, (T, n)."""
-        return joint_columns(self.table("states.parquet"), name, len(self.joints))
-
     @property
-    def has_imus(self) -> bool:
-        """Whether the trial has inertial sensors."""
-        return bool(self.source.keys.imus)
+    def time(self) -> FloatArray:
+        """Times of the states (T,), s."""
+        return self.table("states.parquet")["time"]
+
+    def states(self, name: str) -> FloatArray:
+        """Return a state of every joint (T, n)."""
+        return joint_columns(self.table("states.parquet"), name, len(self.joints))
 
     @property
     def has_plate(self) -> bool:
@@ -88,7 +88,7 @@ def repeated_stages() -> tuple[Stage, ...]:
 
 
 def locate_trial(path: Path, progress: runner.Progress = lambda step: None) -> TrialSource:
-    """Find a trial's artefacts; what is missing for a YAML file is computed first.
+    """Return the run folder and settings of a trial; for a YAML file, missing artefacts are computed first.
 
     Parameters
     ----------
@@ -108,14 +108,13 @@ def locate_trial(path: Path, progress: runner.Progress = lambda step: None) -> T
     """
     folder, trial = open_run_to(path, LAST, progress)
     if trial is None:
-        return _of_folder(path)
+        return _read_source(path)
     keys = trial.keys.model_copy(update={"compare": None})
-    return TrialSource(
-        trial.name, folder.path, keys, {stage.name: trial.settings[stage.name] for stage in repeated_stages()}
-    )
+    settings = {stage.name: trial.settings[stage.name] for stage in repeated_stages()}
+    return TrialSource(trial.name, folder.path, keys, settings)
 
 
-def _of_folder(path: Path) -> TrialSource:
+def _read_source(path: Path) -> TrialSource:
     """Return the trial of a run folder, with the settings that its artefacts were made with."""
     folder, settings, parameters = Folder(path), {}, dict[str, Any]()
     for stage in repeated_stages():
@@ -131,11 +130,10 @@ def _of_folder(path: Path) -> TrialSource:
         raise ConfigError(f"{path}: its states come from an encoder's file: give the trial's YAML file instead")
     if parameters.get("imus"):
         raise ConfigError(f"{path}: its inertial sensors have files of their own: give the trial's YAML file instead")
-    known = {
-        "trial": parameters["trial"],
-        "protocol": parameters["protocol"],
-    }  # no stage that is run again reads the recording
-    keys = TrialKeys.model_construct(**known, recording=None, subject=Subject.model_validate(parameters["subject"]))
+    known = {name: parameters[name] for name in ("trial", "protocol")}
+    subject = Subject.model_validate(parameters["subject"])
+    # No stage that is run again reads the recording.
+    keys = TrialKeys.model_construct(**known, recording=None, subject=subject)
     return TrialSource(str(parameters["trial"]), path, keys, settings)
 
 
@@ -145,7 +143,7 @@ def read_inputs(source: TrialSource) -> TrialInputs:
     Raises
     ------
     StoreError
-        An artefact is missing or damaged, or was not made from those beside it.
+        An artefact is missing or damaged, or was not made from the other artefacts in the folder.
     """
     folder = Folder(source.folder)
     files = {file for stage in repeated_stages() for file in (*stage.inputs, *stage.outputs)} - {"markers.parquet"}
