@@ -63,7 +63,7 @@ def context(
         "wrench.parquet": Table.from_frame(WRENCH, wrench, told),
         "chain.h5": Tree(CHAIN, chain),
         "poses.parquet": Table(POSES, {"time": recorded.time}, {"bodies": []}),
-        "skin.h5": skin_artefact.as_tree(skin, [f"M{k}" for k in range(moves.sum())], 5e-4, "supposed"),
+        "skin.h5": skin_artefact.make_skin_tree(skin, [f"M{k}" for k in range(moves.sum())], 5e-4, "supposed"),
     }
     return Context(keys, IdentifyDimSettings(**settings), inputs)
 

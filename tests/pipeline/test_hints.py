@@ -16,7 +16,7 @@ from mocap_id.runner import run
 from mocap_id.simulation import Options, simulate
 from mocap_id.stages import STAGES
 from mocap_id.stages.base import Context
-from mocap_id.stages.marker_names import marker_columns
+from mocap_id.stages.marker_names import find_markers
 from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id.store import Folder, LongTable, Table, Tree
 from mocap_id_cli.__main__ import main
@@ -215,21 +215,21 @@ def test_a_mistake_within_a_stage_names_trial_and_stage(
 
 def test_names_and_patterns() -> None:
     labels = ("LTHI", "LTHI2", "RTHI", "C7", "Bob:LWRA")
-    assert marker_columns(labels, (), "key") == ()
-    assert marker_columns(labels, ("LTHI",), "key") == (0,)  # a name is no beginning of one
-    assert marker_columns(labels, ("RTHI", "LTHI"), "key") == (0, 2)
-    assert marker_columns(labels, ("LTHI*",), "key") == (0, 1)
-    assert marker_columns(labels, ("?THI", "LTHI*"), "key") == (0, 1, 2)
-    assert marker_columns(labels, ("*:LWR?",), "key") == (4,)
+    assert find_markers(labels, (), "key") == ()
+    assert find_markers(labels, ("LTHI",), "key") == (0,)  # a name is no beginning of one
+    assert find_markers(labels, ("RTHI", "LTHI"), "key") == (0, 2)
+    assert find_markers(labels, ("LTHI*",), "key") == (0, 1)
+    assert find_markers(labels, ("?THI", "LTHI*"), "key") == (0, 1, 2)
+    assert find_markers(labels, ("*:LWR?",), "key") == (4,)
     with pytest.raises(ConfigError, match="key: no marker is called c7"):
-        marker_columns(labels, ("C7", "c7"), "key")
+        find_markers(labels, ("C7", "c7"), "key")
 
 
 @pytest.mark.parametrize("label", ["*12", "M[1]", "what?"])
 def test_a_label_that_looks_like_a_pattern_selects_itself(label: str) -> None:
     """Cameras call unlabelled markers ``*12``."""
     labels = ("M1", "A*12", label, "whatX")
-    assert marker_columns(labels, (label,), "key") == (2,)
+    assert find_markers(labels, (label,), "key") == (2,)
 
 
 def test_a_marker_ignored_and_in_a_group_stays_ignored(planar: LongTable, plain: Table) -> None:

@@ -1,8 +1,8 @@
 """The stages of the pipeline, in order. ``STAGES`` are their records, imported on first access.
 
 ``STAGE_HELP`` is the only list of stages: commands, Makefile rules, settings and documentation are made from it. A
-stage comes after the stages whose outputs it reads. The last one is the report; if a stage refuses a trial, the report
-is made from the existing artefacts. The record of a stage such as ``fit-joints`` is ``STAGE`` in ``stages/fit_joints``.
+stage comes after the stages whose outputs it reads. The last stage is the report, which is also made if an earlier
+stage refuses the trial. The record of a stage such as ``fit-joints`` is ``STAGE`` in ``stages/fit_joints``.
 """
 
 from __future__ import annotations
@@ -30,10 +30,10 @@ STAGE_HELP = {
 
 def __getattr__(name: str) -> Any:
     if name == "STAGES":
-        found: Any = tuple(import_module(f"{__name__}.{stage.replace('-', '_')}").STAGE for stage in STAGE_HELP)
+        value: Any = tuple(import_module(f"{__name__}.{stage.replace('-', '_')}").STAGE for stage in STAGE_HELP)
     elif name == "Stage":
-        found = import_module(f"{__name__}.base").Stage
+        value = import_module(f"{__name__}.base").Stage
     else:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    globals()[name] = found
-    return found
+    globals()[name] = value
+    return value

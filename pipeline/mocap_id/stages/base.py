@@ -17,11 +17,13 @@ if TYPE_CHECKING:
     from mocap_id.store import Artefact, Document, LongTable, Table, Tree
 
 Only: TypeAlias = Mapping[str, tuple[str, ...]]
-"""Settings that exist in one kind of trial only: by name, the values that exist only there; empty for all values."""
+"""Settings that exist in the plane only, or in space only, by name.
+
+The values are the choices that exist only there; an empty tuple stands for all choices."""
 
 
 class Settings(BaseModel):
-    """Base of all models of the configuration: immutable, without unknown keys.
+    """Base class of all models of the configuration: immutable, without unknown keys.
 
     ``plane_only`` settings exist only with `space: plane`, ``space_only`` settings only with `space: 3d`.
     """
@@ -33,10 +35,10 @@ class Settings(BaseModel):
 
 @dataclass(frozen=True)
 class Context:
-    """Everything that a stage's function may read.
+    """Inputs of a stage's function: trial, settings and artefacts.
 
-    ``inputs`` are the stage's artefacts by file name. ``refused`` is set only for the report of a refused trial, which
-    gets the artefacts that exist. ``seconds`` are the computation times of earlier stages.
+    ``inputs`` are the input artefacts of the stage by file name. ``refused`` is set only for the report of a refused
+    trial; ``inputs`` are then the artefacts that exist. ``seconds`` are the computation times of earlier stages, s.
     """
 
     trial: TrialKeys
@@ -46,26 +48,26 @@ class Context:
     seconds: Mapping[str, float] | None = None
 
     def table(self, file: str) -> Table:
-        """Return a Parquet input."""
+        """Return an input in a Parquet file with one row for every sample."""
         artefact = self.inputs[file]
         assert isinstance(artefact, store.Table)
         return artefact
 
     def long(self, file: str) -> LongTable:
-        """Return a Parquet input with a row for every frame and marker."""
+        """Return an input in a Parquet file with one row for every frame and marker."""
         artefact = self.inputs[file]
         assert isinstance(artefact, store.LongTable)
         return artefact
 
     def tree(self, file: str) -> Tree:
-        """Return an HDF5 input."""
+        """Return an input in an HDF5 file."""
         artefact = self.inputs[file]
         assert isinstance(artefact, store.Tree)
         return artefact
 
     @property
     def reasons(self) -> tuple[Reason, ...]:
-        """Reasons of all inputs, without repetitions, in the order of the inputs."""
+        """Reasons in all inputs, each one once, in the order of the inputs."""
         return tuple(dict.fromkeys(reason for artefact in self.inputs.values() for reason in artefact.reasons))
 
 
@@ -81,19 +83,19 @@ class Stage:
     name : str
         Name on the command line, such as ``fit-joints``.
     version : int
-        Must be raised whenever the same inputs give different outputs.
+        Version of the computation; it must be raised whenever the same inputs give different outputs.
     inputs, outputs : tuple of str
         File names of artefacts and documents. A stage may return additional documents such as figures.
     uses : tuple of str
-        Keys of :class:`TrialKeys` that the function reads; with the settings they form the stage's slice.
+        Keys of :class:`TrialKeys` that the function reads. With the settings, they form the stage's slice.
     settings : type of Settings
         Model of the section with the stage's name in the YAML file.
     function : callable
-        Returns the outputs for a :class:`Context`, in the order of ``outputs``.
+        Function that returns the outputs for a :class:`Context`, in the order of ``outputs``.
     help : str
         One line for the command line and the documentation.
     uses_alone : tuple of str
-        More keys, which the function reads only if the trial has no recording: inertial sensors alone.
+        Additional keys that the function reads only if the trial has inertial sensors without a recording.
     """
 
     name: str
@@ -107,5 +109,5 @@ class Stage:
     uses_alone: tuple[str, ...] = ()
 
     def keys_of(self, trial: TrialKeys) -> tuple[str, ...]:
-        """Return the keys that the function reads for a trial."""
+        """Return the keys of the trial that the function reads."""
         return self.uses if trial.recording is not None else (*self.uses, *self.uses_alone)

@@ -1,27 +1,41 @@
-"""Artefacts of the calibration: a trial of the same person and markers whose chain is used."""
+"""Artefacts of the calibration trial, whose chain is used; trials of inertial sensors without markers need one."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 from mocap_id import store
 from mocap_id.errors import RecordingError
-from mocap_id.stages.trial_keys import Calibration
+from mocap_id.stages.trial_keys import Calibration, TrialKeys
 from mocap_id.store import Table, Tree, hdf5, parquet
 from mocap_id.store.schemas import CHAIN, STATES
 
 _T = TypeVar("_T")
 
+FORMAT = "inertial sensors"
+"""Format of a recording without markers in the facts of planar.parquet."""
+
+
+def has_no_markers(facts: Mapping[str, Any]) -> bool:
+    """Return True if the facts of planar.parquet describe a trial of inertial sensors without markers."""
+    return facts.get("format") == FORMAT
+
+
+def get_calibration(trial: TrialKeys) -> Calibration:
+    """Return the calibration of a trial without markers, which always has one."""
+    assert trial.calibration is not None
+    return trial.calibration
+
 
 def read_chain(calibration: Calibration) -> Tree:
-    """Return chain.h5 of the calibration.
+    """Read chain.h5 of the calibration trial.
 
     Raises
     ------
     RecordingError
-        The file is missing or damaged, or the chain is in space where one in the plane is needed, or the reverse.
+        The file is missing or damaged, or the chain is in space and not in the plane, or the reverse.
     """
     path = calibration.chain
     tree = _read(calibration, path, lambda content: hdf5.decode(content, CHAIN)[0])
@@ -33,7 +47,7 @@ def read_chain(calibration: Calibration) -> Tree:
 
 
 def read_states(calibration: Calibration) -> Table:
-    """Return states.parquet of the calibration of a trial without markers.
+    """Read states.parquet of the calibration trial, for a trial without markers.
 
     Raises
     ------
@@ -47,6 +61,7 @@ def read_states(calibration: Calibration) -> Table:
 
 
 def _read(calibration: Calibration, path: Path, decode: Callable[[bytes], _T]) -> _T:
+    """Return the decoded content of a file; RecordingError says how to compute the file again."""
     again = f"run `mocap-id run {calibration.trial}` again"
     try:
         return decode(path.read_bytes())

@@ -1,4 +1,4 @@
-"""Keys of a trial of curls: what they are done with, and the rules of their analysis."""
+"""Keys of a trial of curls: condition, loads, device, and rules of the analysis."""
 
 from __future__ import annotations
 
@@ -10,27 +10,27 @@ from mocap_id.stages.base import Settings
 
 Vector: TypeAlias = tuple[float, float, float]
 _FARTHEST = 0.6
-"""Largest distance of a body's mass from the origin of its segment, m."""
+"""Largest distance of a body from the origin of its segment, m."""
 
 
-def _as_text(value: object) -> object:
-    """Return the text of a whole number; `condition: 5` is a name."""
+def _convert_number(value: object) -> object:
+    """Return the text of a whole number, because `condition: 5` is a name; return other values unchanged."""
     return str(value) if type(value) is int else value
 
 
-ConditionName: TypeAlias = Annotated[str, BeforeValidator(_as_text)]
+ConditionName: TypeAlias = Annotated[str, BeforeValidator(_convert_number)]
 """Name of a condition of a study, such as C, AC or 5."""
 
 
 class Body(Settings):
-    """A rigid body on forearm or hand, in the frame of its segment."""
+    """A rigid body on forearm or hand, in the axes of its segment."""
 
-    mass: float = Field(gt=0, lt=100, description="kg")
-    centre: Vector = Field(description="centre of mass in the frame of its segment, m; y points to the elbow")
+    mass: float = Field(gt=0, lt=100, description="mass, kg")
+    centre: Vector = Field(description="centre of mass in the axes of its segment, m; y points to the elbow")
     inertia: Vector = Field(
-        (0.0, 0.0, 0.0), description="moments of inertia about the centre along the segment's axes, kg·m²"
+        (0.0, 0.0, 0.0), description="moments of inertia about the centre of mass along the segment's axes, kg·m²"
     )
-    segment: Literal["forearm", "hand"] = Field("hand", description="segment that carries it")
+    segment: Literal["forearm", "hand"] = Field("hand", description="segment on which the body is fixed")
 
     @model_validator(mode="after")
     def _in_metres(self) -> Body:
@@ -45,27 +45,36 @@ class Body(Settings):
 
 
 class CurlKeys(Settings):
-    """What curls are done with, and the rules of their analysis."""
+    """Keys of a trial of curls."""
 
     condition: ConditionName | None = Field(
-        None, max_length=40, description="name of the condition, for studies: C, AC, 5"
+        None, max_length=40, description="name of the condition, for studies, such as C, AC or 5"
     )
     metronome_hz: float | None = Field(
-        None, gt=0.05, lt=5, description="curls per second that the metronome asks for; no tempo is checked without it"
+        None, gt=0.05, lt=5, description="tempo of the metronome, curls per second; without it, no tempo is checked"
     )
     loads: dict[str, Body] = Field({}, description="dumbbell, brace and other added bodies, by name")
     forearm: Body | None = Field(None, description="inertia of the forearm; default: de Leva's table by the mass")
     hand: Body | None = Field(None, description="inertia of the hand; default: de Leva's table by the mass")
     device: Annotated[dict[str, Any], WithJsonSchema({"type": "string"})] | None = Field(
         None,
-        description="YAML file of a pneumatic device at the elbow; `condition` names its state, if the file has it",
+        description="YAML file of a pneumatic device at the elbow; `condition` is its state, if the file contains a "
+        "condition of this name",
     )
-    attempt_deg: float = Field(15.0, gt=0, lt=120, description="least flexion of an attempt")
-    complete: float = Field(0.6, gt=0, le=1, description="least flexion of a complete curl, share of the large ones")
-    tempo: float = Field(0.5, gt=0, description="largest deviation of a curl's duration, share of the metronome's")
+    attempt_deg: float = Field(15.0, gt=0, lt=120, description="smallest flexion of an attempt, degrees")
+    complete: float = Field(
+        0.6, gt=0, le=1, description="smallest flexion of a complete curl as a share of the large curls"
+    )
+    tempo: float = Field(
+        0.5, gt=0, description="largest difference of a curl's duration from the metronome's period, as a share of it"
+    )
     pause: float = Field(2.0, gt=0, description="longest pause between curls, in periods")
-    plane_deg: float = Field(20.0, gt=0, description="largest turn of the elbow's axis away from the first curl's")
-    compensation_deg: float = Field(10.0, gt=0, description="change of shoulder or thorax that is a compensation")
+    plane_deg: float = Field(
+        20.0, gt=0, description="largest rotation of the elbow's axis from its direction in the first curl, degrees"
+    )
+    compensation_deg: float = Field(
+        10.0, gt=0, description="smallest change of an angle of shoulder or thorax that is a compensation, degrees"
+    )
     sustained_s: float = Field(
-        0.25, ge=0, description="least duration of a compensation and of motion out of the plane"
+        0.25, ge=0, description="shortest duration of a compensation and of motion out of the plane, s"
     )

@@ -1,4 +1,4 @@
-"""Keys of a pneumatic device on one joint, as in its YAML file."""
+"""Keys in the YAML file of a pneumatic device on one joint."""
 
 from __future__ import annotations
 
@@ -21,20 +21,20 @@ _SHARES = {
     "dead_extension": ("dead_extension_m", 0.1),
     "coulomb": ("coulomb_Nm", 0.5),
     "viscous": ("viscous_Nms", 0.5),
-}  # field of the cylinder: its key, and the default deviation as a share of the value
+}  # field of the cylinder: key in the file, and default standard deviation as a share of the value
 _Lag = Annotated[float, Field(gt=0)]
 _CHAMBER = "absolute pressure at which it is sealed at full flexion, Pa, or `open` to the atmosphere"
 
 
 class Condition(Settings):
-    """State of both chambers."""
+    """State of both chambers of the device."""
 
     worn: bool = Field(True, description="false: the person does not wear the device")
     flexion_Pa: _Chamber = Field("open", description=f"flexion chamber: {_CHAMBER}")  # noqa: N815
     extension_Pa: _Chamber = Field("open", description=f"extension chamber: {_CHAMBER}")  # noqa: N815
 
     def setting(self) -> Setting:
-        """Return the setting of the cylinder; both chambers are open if the device is not worn."""
+        """Return the pressures at which the chambers are sealed, None for an open chamber."""
         return Setting(
             None if isinstance(self.flexion_Pa, str) else self.flexion_Pa,
             None if isinstance(self.extension_Pa, str) else self.extension_Pa,
@@ -42,7 +42,7 @@ class Condition(Settings):
 
 
 class Deviations(Settings):
-    """Standard deviations of the description, for the deviation of the torque."""
+    """Standard deviations of the keys of a device, from which that of the torque is computed."""
 
     pulley_radius_m: float | None = Field(None, ge=0, description="m; default: 1 % of the radius")
     area_flexion_m2: float | None = Field(None, ge=0, description="m²; default: 2 % of the area")
@@ -50,46 +50,50 @@ class Deviations(Settings):
     dead_flexion_m: float | None = Field(None, ge=0, description="m; default: 10 % of the length")
     dead_extension_m: float | None = Field(None, ge=0, description="m; default: 10 % of the length")
     full_flexion_deg: float = Field(2.0, ge=0, description="degrees")
-    polytropic: float = Field(0.1, ge=0, description="of the exponent: between slow and fast motion")
+    polytropic: float = Field(0.1, ge=0, description="standard deviation of the exponent")
     coulomb_Nm: float | None = Field(None, ge=0, description="N·m; default: half of the friction")  # noqa: N815
     viscous_Nms: float | None = Field(None, ge=0, description="N·m·s/rad; default: half of the friction")  # noqa: N815
-    gauge_Pa: float = Field(3000.0, ge=0, description="of each sealed pressure, Pa")  # noqa: N815
+    gauge_Pa: float = Field(3000.0, ge=0, description="standard deviation of a sealed pressure, Pa")  # noqa: N815
 
 
 class Settling(Settings):
-    """Time constants with which pressures settle after a change of setting."""
+    """Time constants of the pressures after a change of the condition."""
 
     fill_s: _Lag | tuple[_Lag, _Lag] = Field(
-        0.2, description="time constant of a chamber that is filled, or of [flexion, extension] side, s"
+        0.2, description="time constant of a chamber that is filled, s; or of the [flexion, extension] chamber"
     )
-    vent_s: _Lag | tuple[_Lag, _Lag] = Field(0.2, description="the same of a chamber that is vented, s")
+    vent_s: _Lag | tuple[_Lag, _Lag] = Field(
+        0.2, description="time constant of a chamber that is vented, s; or of the [flexion, extension] chamber"
+    )
 
     def lags(self) -> tuple[FloatArray, FloatArray]:
-        """Return the time constants (2,) of the flexion and the extension side for filling and for venting, s."""
+        """Return the time constants (2,) of flexion and extension chamber for filling and for venting, s."""
         return np.broadcast_to(self.fill_s, 2), np.broadcast_to(self.vent_s, 2)
 
 
 class Reservoir(Settings):
     """Reservoir of compressed air."""
 
-    volume_m3: float = Field(gt=0, description="m³")
-    pressure_Pa: float = Field(gt=0, description="absolute pressure when full, Pa")  # noqa: N815
+    volume_m3: float = Field(gt=0, description="volume, m³")
+    pressure_Pa: float = Field(gt=0, description="absolute pressure of the full reservoir, Pa")  # noqa: N815
 
 
 class DeviceFile(Settings):
-    """Keys of a device's file."""
+    """Keys in the file of a device."""
 
     device: str = Field(pattern=r"^\w[\w .+-]*$", max_length=100, description="name of the device")
     pulley_radius_m: float = Field(gt=0, lt=1, description="radius of the pulley at the joint, m")
     area_flexion_m2: float = Field(gt=0, lt=1, description="piston area of the chamber that flexes the joint, m²")
     area_extension_m2: float = Field(gt=0, lt=1, description="piston area of the chamber that extends the joint, m²")
     dead_flexion_m: float = Field(
-        gt=0, lt=100, description="volume of ports and hoses of the flexion side over its area, m"
+        gt=0, lt=100, description="volume of ports and hoses of the flexion chamber divided by its piston area, m"
     )
-    dead_extension_m: float = Field(gt=0, lt=100, description="the same of the extension side, m")
+    dead_extension_m: float = Field(
+        gt=0, lt=100, description="volume of ports and hoses of the extension chamber divided by its piston area, m"
+    )
     stroke_m: float = Field(gt=0, lt=10, description="stroke of the cylinder, m")
     full_flexion_deg: float = Field(
-        description="angle of the joint at the flexed end of the stroke, at which the chambers are sealed, degrees"
+        description="joint angle at the flexed end of the stroke, where the chambers are sealed, degrees"
     )
     polytropic: float = Field(1.2, ge=ISOTHERMAL, le=ADIABATIC, description="exponent n, from 1 (slow) to 1.4 (fast)")
     coulomb_Nm: float = Field(0.0, ge=0, description="Coulomb friction at the joint, N·m")  # noqa: N815
@@ -98,13 +102,13 @@ class DeviceFile(Settings):
     supply_Pa: float = Field(gt=0, description="absolute pressure of the supply, Pa")  # noqa: N815
     temperature_K: float = Field(293.15, gt=0, description="temperature of the gas, K")  # noqa: N815
     sealed: Condition = Field(Condition(), description="state of the chambers")
-    conditions: dict[str, Condition] = Field({}, description="named states of the chambers, such as those of a study")
+    conditions: dict[str, Condition] = Field({}, description="states of the chambers by name, for example for a study")
     settling: Settling = Field(Settling(), description="time constants of the pressures")
-    reservoir: Reservoir | None = Field(None, description="reservoir that the supply is taken from")
-    sd: Deviations = Field(Deviations(), description="standard deviations of this description")
+    reservoir: Reservoir | None = Field(None, description="reservoir of the supply")
+    sd: Deviations = Field(Deviations(), description="standard deviations of these keys")
 
     def cylinder(self) -> Cylinder:
-        """Return the cylinder on its pulley."""
+        """Return the cylinder of the device."""
         return Cylinder(
             self.pulley_radius_m,
             self.area_flexion_m2,
@@ -120,17 +124,17 @@ class DeviceFile(Settings):
         )
 
     def limits(self) -> PressureLimits:
-        """Return the pressures that can be sealed: from the atmosphere to the supply."""
+        """Return the lowest and highest pressure of a sealed chamber: atmosphere and supply."""
         return PressureLimits(self.atmosphere_Pa, self.supply_Pa)
 
     def deviations(self) -> dict[str, float]:
-        """Return the standard deviations by field of :class:`~mocap_id.pneumatics.cylinder.Cylinder`, and `gauge`."""
-        found = {"exponent": self.sd.polytropic, "gauge": self.sd.gauge_Pa}
-        found["full_flexion"] = float(np.radians(self.sd.full_flexion_deg))
+        """Return the standard deviations by field of :class:`~mocap_id.pneumatics.cylinder.Cylinder`, and ``gauge``."""
+        deviations = {"exponent": self.sd.polytropic, "gauge": self.sd.gauge_Pa}
+        deviations["full_flexion"] = float(np.radians(self.sd.full_flexion_deg))
         for field, (key, share) in _SHARES.items():
             given = getattr(self.sd, key)
-            found[field] = share * getattr(self, key) if given is None else given
-        return found
+            deviations[field] = share * getattr(self, key) if given is None else given
+        return deviations
 
     def torque(
         self,
@@ -139,13 +143,10 @@ class DeviceFile(Settings):
         velocity: FloatArray | None = None,
         angle_deviation: FloatArray | float = 0.0,
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the torque on the joint, and its standard deviation, N·m; zeros if the device is not worn.
+        """Return the torque on the joint and its standard deviation, N·m; zeros if the device is not worn.
 
-        Parameters
-        ----------
-        condition : Condition
-        angle, velocity, angle_deviation
-            As for :func:`~mocap_id.pneumatics.torque_deviation.torque_and_deviation`.
+        ``angle``, ``velocity`` and ``angle_deviation`` are arguments of
+        :func:`~mocap_id.pneumatics.torque_deviation.torque_and_deviation`.
         """
         if not condition.worn:
             return np.zeros(np.shape(angle)), np.zeros(np.shape(angle))

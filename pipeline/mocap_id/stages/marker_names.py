@@ -1,4 +1,4 @@
-"""Selection of markers by labels or patterns of a configuration."""
+"""Selection of markers by the labels or patterns in a configuration."""
 
 from __future__ import annotations
 
@@ -9,29 +9,28 @@ from fnmatch import fnmatchcase
 from mocap_id.errors import ConfigError
 
 
-def marker_columns(labels: Sequence[str], patterns: Sequence[str], key: str) -> tuple[int, ...]:
-    """Return the columns, ascending, of the markers that match some labels or patterns such as ``L*WR*``.
+def find_markers(labels: Sequence[str], patterns: Sequence[str], key: str) -> tuple[int, ...]:
+    """Return the ascending indices of the markers that match labels or patterns such as ``L*WR*``.
 
-    A text that is the label of a marker selects only that marker, even if it is a pattern: cameras name unlabelled
-    markers ``*12``.
+    A pattern that is also the label of a marker selects only this marker, because camera software gives unlabelled
+    markers names such as ``*12``.
 
     Raises
     ------
     ConfigError
-        No marker matches; the message begins with ``key``, the place in the configuration.
+        No marker matches a pattern; the message begins with ``key``, the key in the configuration.
     """
-    matches = {pattern: _matching(labels, pattern) for pattern in patterns}
-    unmatched = [pattern for pattern, found in matches.items() if not found]
+    matches = {pattern: _find_matches(labels, pattern) for pattern in patterns}
+    unmatched = [pattern for pattern, indices in matches.items() if not indices]
     if unmatched:
         near = get_close_matches(unmatched[0], labels, n=1)
-        hint = f"; did you mean {near[0]}?" if near else f"; there are {', '.join(labels)}"
+        hint = f"; did you mean {near[0]}?" if near else f"; the markers are {', '.join(labels)}"
         raise ConfigError(f"{key}: no marker is called {', '.join(unmatched)}{hint}")
     return tuple(sorted(set().union(*matches.values())))
 
 
-def _matching(labels: Sequence[str], pattern: str) -> set[int]:
-    return {
-        i
-        for i, label in enumerate(labels)
-        if label == pattern or (pattern not in labels and fnmatchcase(label, pattern))
-    }
+def _find_matches(labels: Sequence[str], pattern: str) -> set[int]:
+    """Return the index of the marker with this label, or else the indices of the markers that match the pattern."""
+    if pattern in labels:
+        return {i for i, label in enumerate(labels) if label == pattern}
+    return {i for i, label in enumerate(labels) if fnmatchcase(label, pattern)}

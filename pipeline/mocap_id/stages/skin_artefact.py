@@ -1,4 +1,4 @@
-"""Conversion between a model of skin motion and ``skin.h5``, which passes it from ukf-smooth to identify-dim."""
+"""Conversion between a model of skin motion and ``skin.h5``, which ukf-smooth writes and identify-dim reads."""
 
 from __future__ import annotations
 
@@ -12,16 +12,17 @@ from mocap_id.store import Tree
 from mocap_id.store.schemas import SKIN
 
 
-def as_tree(skin: SkinModel, labels: Sequence[str], camera_sd: float | None, basis: str) -> Tree:
-    """Return the tree of a skin model.
+def make_skin_tree(skin: SkinModel, labels: Sequence[str], camera_sd: float | None, basis: str) -> Tree:
+    """Return the content of skin.h5 for a model of skin motion.
 
     Parameters
     ----------
     skin : SkinModel
+        Model with K markers.
     labels : (K,) sequence of str
-        Labels of its markers.
+        Labels of the markers.
     camera_sd : float or None
-        Standard deviation of a coordinate by camera noise, m; None without cameras.
+        Standard deviation of the camera noise of a coordinate, m; None without cameras.
     basis : str
         Data from which the variances were estimated.
     """
@@ -41,8 +42,8 @@ def as_tree(skin: SkinModel, labels: Sequence[str], camera_sd: float | None, bas
     return Tree(SKIN, data, {"camera_sd_m": camera_sd, "basis": basis})
 
 
-def from_tree(tree: Tree) -> SkinModel:
-    """Return the skin model of a tree."""
+def read_skin_tree(tree: Tree) -> SkinModel:
+    """Return the model of skin motion from the content of skin.h5."""
     return SkinModel(
         centres=as_complex(tree.array("joints/centre")),
         local=as_complex(tree.array("markers/local")),

@@ -12,7 +12,7 @@ from mocap_id.stages.curl_keys import CurlKeys
 
 
 class Subject(Settings):
-    """The person who moves; all keys are optional."""
+    """Person who moves; all keys are optional."""
 
     height: float | None = Field(None, gt=0.3, lt=2.8, description="stature, m")
     mass: float | None = Field(None, gt=2, lt=400, description="body mass, kg")
@@ -22,31 +22,33 @@ class Subject(Settings):
 class BalanceBoard(Settings):
     """A balance board with four cells instead of a force plate."""
 
-    balance_board: Path = Field(description="CSV with time_s, tl_kg, tr_kg, bl_kg, br_kg: irregular times, own clock")
+    balance_board: Path = Field(
+        description="CSV with time_s, tl_kg, tr_kg, bl_kg, br_kg; the times may be irregular and of another clock"
+    )
     top: Literal["forwards", "backwards", "left", "right"] | None = Field(
-        None, description="where the board's top points, seen by the person; found from the movement if not given"
+        None, description="direction of the board's top as seen by the person; default: estimated from the movement"
     )
     centre_m: tuple[float, float, float] | None = Field(
-        None, description="centre of its surface in the recording's axes, m; found under the feet if not given"
+        None, description="centre of the board's surface in the recording's axes, m; default: from the feet"
     )
     loads: Path | None = Field(
         None, description="calibration: CSV with load_kg, tl_kg, tr_kg, bl_kg, br_kg, a row for each known load"
     )
     clock_offset_s: float = Field(
-        0.0, description="time on the recording's clock minus `time_s`, to about 0.1 s; the rest is found"
+        0.0, description="time on the recording's clock minus `time_s`, to about 0.1 s; the program refines it"
     )
 
 
 class Files(Settings):
-    """Files of a recording: markers, or a skeleton."""
+    """Files of a recording of markers or of a skeleton."""
 
     markers: Path | None = Field(
         None, description="file with the markers: TRC (or C3D), or an export of QTM, Motive or Nexus"
     )
     skeleton: Path | None = Field(
         None,
-        description="in space, in place of markers: joint positions of a depth camera (CSV with time_s, JOINT_x, "
-        "JOINT_y, JOINT_z[, JOINT_state] in m) or of markerless software (TRC)",
+        description="in space, instead of markers: joint positions from a depth camera (CSV with time_s, JOINT_x, "
+        "JOINT_y, JOINT_z[, JOINT_state] in m) or from markerless software (TRC)",
     )
     forces: Path | BalanceBoard | None = Field(None, description="MOT file with the ground forces, or a balance board")
 
@@ -55,12 +57,12 @@ class Files(Settings):
         if (self.markers is None) == (self.skeleton is None):
             raise ValueError("expected one of `markers` and `skeleton`")
         if self.skeleton is not None and self.forces is not None:
-            raise ValueError("`forces` belong to `markers`, not to a `skeleton`")
+            raise ValueError("`forces` can be used with `markers`, not with a `skeleton`")
         return self
 
     @property
     def motion(self) -> Path:
-        """The file with the markers or the skeleton."""
+        """File with the markers or the skeleton."""
         file = self.markers or self.skeleton
         assert file is not None
         return file
@@ -71,7 +73,7 @@ class Compare(Settings):
 
     angles: Path = Field(description="MOT, STO or CSV file with angles, on the recording's clock")
     columns: dict[str, str] = Field(
-        min_length=1, description="joint: column of the file, with a leading minus if its sense is opposite"
+        min_length=1, description="joint: column of the file, with a leading minus if its sign is opposite"
     )
 
 
@@ -79,7 +81,7 @@ PlateNumber: TypeAlias = Annotated[int, Field(ge=1)]
 
 
 class PlateUse(Settings):
-    """Use of the force plates, numbered from 1; found by the program if not given."""
+    """Numbers of the force plates under feet and chair, from 1; by default chosen by the program."""
 
     feet: tuple[PlateNumber, ...] = Field((), description="plates under the feet; their wrenches are added")
     seat: tuple[PlateNumber, ...] = Field((), description="plates under the chair; their wrench also acts on the body")
@@ -94,10 +96,12 @@ class PlateUse(Settings):
 
 
 class ExternalForce(Settings):
-    """A force sensor other than the plates, for example in a hand rail or a cable."""
+    """A force sensor that is not a force plate, for example in a hand rail or a cable."""
 
     file: Path = Field(description="CSV with time_s, Fx_N, Fy_N, Fz_N[, Mx_Nm, My_Nm, Mz_Nm] in the recording's axes")
-    name: str = Field(pattern=r"^\w[\w -]*$", max_length=40, description="name of the sensor, for messages: hand, rail")
+    name: str = Field(
+        pattern=r"^\w[\w -]*$", max_length=40, description="name of the sensor in messages, such as hand or rail"
+    )
     segment: str | int = Field(description="segment on which the force acts, by name or number (0 = base)")
     at: str | tuple[float, float, float] = Field(
         description="point of application: a marker, or a fixed point [x, y, z] in the recording's axes, m"
@@ -108,8 +112,8 @@ class ExternalForce(Settings):
     clock_offset_s: float = Field(0.0, description="time on the recording's clock minus `time_s`, s")
     measures: Literal["contact", "beyond"] = Field(
         "contact",
-        description="contact: a force of the surroundings; beyond: the sensor is built into the joint before `segment` "
-        "and carries it and everything beyond it; its axes must not turn",
+        description="contact: force of the surroundings on the segment; beyond: the sensor is in the joint before "
+        "`segment` and carries this segment and all segments after it; its axes must not rotate",
     )
 
 
@@ -141,12 +145,15 @@ Landmark: TypeAlias = Literal[
 
 
 class Calibration(Settings):
-    """Another trial of the same person with the same markers, whose chain is used."""
+    """Files of another trial of the same person, whose chain is used.
 
-    trial: Path = Field(description="YAML file of the trial")
-    chain: Path = Field(description="its chain.h5")
-    states: Path | None = Field(None, description="its states.parquet, for a trial of inertial sensors alone")
-    imus: dict[str, Path] = Field({}, description="its inertial sensors, for a trial of inertial sensors alone")
+    ``states`` and ``imus`` are given only if this trial has inertial sensors without markers.
+    """
+
+    trial: Path = Field(description="YAML file of the calibration trial")
+    chain: Path = Field(description="chain.h5 of the calibration trial")
+    states: Path | None = Field(None, description="states.parquet of the calibration trial")
+    imus: dict[str, Path] = Field({}, description="files of the inertial sensors in the calibration trial, by segment")
 
 
 class TrialKeys(Settings):
@@ -158,59 +165,61 @@ class TrialKeys(Settings):
         description="name of the trial: letters and digits, with . _ + - between them",
     )
     recording: Files | None = Field(
-        description="C3D file, or a TRC file with markers and a MOT file with forces; nothing if the trial has "
-        "inertial sensors alone"
+        description="C3D file, or a TRC file with markers and a MOT file with forces; left out if the trial has only "
+        "inertial sensors"
     )
     space: Literal["plane", "3d"] = Field(
         "plane",
         validate_default=True,
-        description="plane: hinges in one vertical plane; 3d: balls, two-axis joints and hinges in any direction",
+        description="plane: hinges in one vertical plane; 3d: ball joints, two-axis joints and hinges in any direction",
     )
     protocol: Protocol = Field(
         "free",
-        description="the movement: free; in the plane also sit-to-stand (squats too) or robot-joint; in space also "
-        "reach or curl",
+        description="kind of movement: free; in the plane also sit-to-stand (with squats) or robot-joint; in space "
+        "also reach or curl",
     )
-    subject: Subject = Field(Subject(), description="the person who moves; all keys are optional")
+    subject: Subject = Field(Subject(), description="person who moves; all keys are optional")
     encoder: Path | None = Field(
         None, description="robot-joint only: CSV with time_s, position_rad, velocity_rad_s[, torque_Nm]"
     )
     window: tuple[float, float] | None = Field(
-        None, description="first and last time to use, s on the recording's clock; proposed by the program if not given"
+        None, description="first and last time to use, s on the recording's clock; default: chosen by the program"
     )
-    plates: PlateUse = Field(PlateUse(), description="use of the force plates; found by the program if not given")
+    plates: PlateUse = Field(
+        PlateUse(), description="plates under the feet and the chair; default: chosen by the program"
+    )
 
     side: Literal["right", "left"] | None = Field(
         None,
-        description="in space: side of the arm; a left arm is mirrored, so that its angles mean the same. By the "
-        "markers' names if not given, else right",
+        description="in space: side of the arm; a left arm is mirrored, so that its angles have the same signs. "
+        "Default: from the names of the markers, or else right",
     )
     landmarks: dict[Landmark, str] = Field(
-        {}, description="in space: labels of the anatomical landmarks, where they are not the usual ones"
+        {}, description="in space: marker labels of anatomical landmarks whose labels are not the usual ones"
     )
     pointers: dict[Landmark, Path] = Field(
-        {}, description="in space: recordings in which a pointer touches a landmark, C3D files"
+        {}, description="in space: C3D files of recordings in which a pointer touches a landmark"
     )
     pointer: dict[str, float] = Field(
         {},
-        description="in space: markers of the pointer, with their distances from its tip, m; found from the pointer's "
-        "motion if not given",
+        description="in space: distance of each marker of the pointer from its tip, m; default: estimated from the "
+        "pointer's motion",
     )
     static: tuple[float, float] | None = Field(
         None,
-        description="in space: first and last time of a still pose that shows the landmarks, s; found if not given",
+        description="in space: first and last time of a still pose with all landmarks, s; default: chosen by the program",
     )
     calibration: Calibration | None = Field(
         None,
-        description="trial of the same person whose chain is used, a YAML file: in space one with the same markers; in "
-        "the plane, for inertial sensors alone, one with markers and the same sensors",
+        description="YAML file of a trial of the same person whose chain is used: in space, a trial with the same "
+        "markers; in the plane, for inertial sensors without markers, a trial with markers and the same sensors",
     )
     curl: CurlKeys = Field(CurlKeys(), description="curls: loads, device, metronome and the rules of the analysis")
     imus: dict[str, Path] = Field(
         {},
         validate_default=True,
-        description="inertial sensors, segment: file; CSV with time_s, gyro_x … (rad/s), acc_x … (m/s²), or an "
-        "export of Xsens or Delsys; each on its own clock",
+        description="files of inertial sensors by segment: CSV with time_s, gyro_x … (rad/s), acc_x … (m/s²), or an "
+        "export of Xsens or Delsys; every sensor may have its own clock",
     )
     compare: Compare | None = Field(None, description="joint angles from another system, for comparison")
     external: tuple[ExternalForce, ...] = Field((), description="other force sensors that act on the body")
@@ -228,7 +237,7 @@ class TrialKeys(Settings):
     def _imus_with_markers(cls, value: dict[str, Path], info: ValidationInfo) -> dict[str, Path]:
         files = info.data.get("recording")
         if value and files is not None and files.skeleton is not None:
-            raise ValueError("inertial sensors are used beside markers, not beside a skeleton")
+            raise ValueError("inertial sensors can be used with markers, not with a skeleton")
         if "recording" in info.data and files is None:
             if not value or info.data.get("calibration") is None:
                 raise ValueError("a trial without `recording` needs `imus` and `calibration`")
@@ -251,11 +260,11 @@ class TrialKeys(Settings):
         cls, value: tuple[ExternalForce, ...], info: ValidationInfo
     ) -> tuple[ExternalForce, ...]:
         if value and "recording" in info.data and info.data["recording"] is None:
-            raise ValueError("force sensors are used beside markers: name a `recording`")
+            raise ValueError("force sensors need markers: name a `recording`")
         if value and info.data.get("space") == "3d":
             raise ValueError(
-                "force sensors need `space: plane`. In space, only plates under a fixed base show inertial parameters; "
-                "the force at a hand does not: the wrench through the elbow is as unknown"
+                "force sensors need `space: plane`. In space, only plates under a fixed base determine inertial "
+                "parameters: with a force at the hand, the wrench through the elbow is still unknown"
             )
         return value
 
@@ -298,12 +307,12 @@ class TrialKeys(Settings):
         return value
 
 
-def recorded_files(trial: TrialKeys) -> Files:
-    """Return the files of a trial with markers or a skeleton."""
+def get_recording(trial: TrialKeys) -> Files:
+    """Return the recording of a trial that has markers or a skeleton."""
     assert trial.recording is not None
     return trial.recording
 
 
-def given_landmarks(trial: TrialKeys) -> dict[str, str]:
-    """Return the labels of the landmarks that the configuration names."""
+def get_landmark_labels(trial: TrialKeys) -> dict[str, str]:
+    """Return the marker labels under ``landmarks:``, by landmark."""
     return {str(name): label for name, label in trial.landmarks.items()}

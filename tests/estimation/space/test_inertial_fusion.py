@@ -18,7 +18,7 @@ from mocap_id.simulation.arm import SpatialTrial
 from mocap_id.simulation.arm.arm import generate_arm
 from mocap_id.simulation.arm.inertial_sensors import SimulatedSensor, simulate_sensors
 from mocap_id.simulation.arm.options import ArmOptions
-from mocap_id.stages.skin_twist import with_twist_errors
+from mocap_id.stages.skin_motion import add_axial_rotation_errors
 
 ON = (0, 1, 2)
 GAP = slice(840, 960)  # one second
@@ -140,7 +140,7 @@ def test_the_share_that_skin_misses_under_a_sensor_sets_the_rates(case, both) ->
     chain = replace(plain, skin=np.where(plain.segment == 1, 0.2, 0.0), skin_sd=np.full(len(plain.segment), 0.05))
     known = np.isfinite(both[0].sd_alpha[:, 1])
     wide, narrow, soft = (
-        with_twist_errors(both[0], chain, common=0.1, missed=missed) for missed in (None, {1: 0.05}, {1: 0.5})
+        add_axial_rotation_errors(both[0], chain, common=0.1, missed=missed) for missed in (None, {1: 0.05}, {1: 0.5})
     )
     for name in ("sd_omega", "sd_alpha"):
         small, middle, large = (getattr(each, name)[known, 1] for each in (narrow, wide, soft))

@@ -8,8 +8,7 @@ from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.geometry import so3
 from mocap_id.kinematics.space.chain_fit import fit_spatial_chain
 from mocap_id.simulation.arm import simulate_arm
-from mocap_id.stages.cluster_slides import without_cluster_slides
-from mocap_id.stages.skin_twist import cluster_poses
+from mocap_id.stages.skin_motion import correct_cluster_slides, fit_cluster_poses
 
 _CENTRE = np.array([0.1, -0.05, 0.15])
 _RATE = 60.0
@@ -39,8 +38,8 @@ def test_a_sliding_plate_keeps_its_rotation() -> None:
     points, segment, turns = _two_plates(0.008)
     chain = fit_spatial_chain(points, segment, (0,)).chain
     assert 0.003 < chain.joints[0].slide_sd < 0.009
-    steady = without_cluster_slides(points, chain, _RATE)
-    before, after = (cluster_poses(each, chain) for each in (points, steady))
+    steady = correct_cluster_slides(points, chain, _RATE)
+    before, after = (fit_cluster_poses(each, chain) for each in (points, steady))
     assert np.allclose(before[0], after[0])
     joint = chain.joints[0]
 
@@ -57,7 +56,7 @@ def test_plates_on_bones_and_single_markers_on_skin_do_not_slide_as_a_whole() ->
     points, segment, _ = _two_plates(0.0)
     chain = fit_spatial_chain(points, segment, (0,)).chain
     assert chain.joints[0].slide_sd == 0
-    assert without_cluster_slides(points, chain, _RATE) is points
+    assert correct_cluster_slides(points, chain, _RATE) is points
     arm = simulate_arm(2, "hard", cycles=1)
     up = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
     fit = fit_spatial_chain(arm.positions @ up.T, arm.assignment, (0, 1, 2))

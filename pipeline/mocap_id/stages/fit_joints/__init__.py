@@ -8,7 +8,7 @@ from pydantic import Field
 
 from mocap_id.stages import STAGE_HELP
 from mocap_id.stages.base import Context, Only, Outputs, Settings, Stage
-from mocap_id.stages.sensors_alone import without_markers
+from mocap_id.stages.calibration import has_no_markers
 
 
 class FitJointsSettings(Settings):
@@ -50,7 +50,7 @@ def _function(context: Context) -> Outputs:
         from mocap_id.stages.fit_joints.space import fit_chain_in_space  # noqa: PLC0415
 
         return fit_chain_in_space(context)
-    if without_markers(context.long("planar.parquet").facts):
+    if has_no_markers(context.long("planar.parquet").facts):
         from mocap_id.stages.fit_joints.sensors_alone import calibrated_chain  # noqa: PLC0415
 
         return calibrated_chain(context)

@@ -27,8 +27,8 @@ from mocap_id.stages.base import Context
 from mocap_id.stages.fit_joints import FitJointsSettings
 from mocap_id.stages.fit_joints.landmark_checks import landmark_doubts
 from mocap_id.stages.fit_joints.pointed_landmarks import MarkedChain, read_pointed_landmarks
-from mocap_id.stages.skin_twist import cluster_poses, without_skin_twist
-from mocap_id.stages.trial_keys import given_landmarks
+from mocap_id.stages.skin_motion import correct_axial_rotation, fit_cluster_poses
+from mocap_id.stages.trial_keys import get_landmark_labels
 from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
@@ -85,7 +85,7 @@ def in_anatomical_frames(
     """
     settings: FitJointsSettings = context.settings
     numbers = {name: k for k, name in enumerate(names)}
-    named = find_landmarks(view.labels, given_landmarks(context.trial), context.trial.side)
+    named = find_landmarks(view.labels, get_landmark_labels(context.trial), context.trial.side)
     wanted = {name: marker for name, marker in named.markers.items() if SEGMENTS[name] in numbers}
     known = {*wanted, *(str(name) for name in context.trial.pointers)}
     segment = {name: numbers[SEGMENTS[name]] for name in known if SEGMENTS[name] in numbers}
@@ -148,7 +148,7 @@ class _ClusterPoses:
 
     @classmethod
     def of(cls, points: FloatArray, chain: SpatialChain, still: slice) -> _ClusterPoses:
-        return cls(*cluster_poses(without_skin_twist(points, chain), chain), still)
+        return cls(*fit_cluster_poses(correct_axial_rotation(points, chain), chain), still)
 
     def standing(self) -> SegmentPoses:
         """Return the pose in the middle of the still frames that show all clusters; without any, in the first one."""
@@ -159,7 +159,7 @@ class _ClusterPoses:
 
 def points_near_joints(context: Context, view: Trajectories, names: Sequence[str]) -> dict[int, FloatArray]:
     """Return the middles of the landmarks beside the joints of an arm (F, 3), m, by the number of the segment."""
-    markers = find_landmarks(view.labels, given_landmarks(context.trial), context.trial.side).markers
+    markers = find_landmarks(view.labels, get_landmark_labels(context.trial), context.trial.side).markers
     found = {}
     for child, pair in _MIDDLES.items():
         if child in names and names.index(child) > 0 and all(name in markers for name in pair):

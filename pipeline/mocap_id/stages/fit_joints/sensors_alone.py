@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from mocap_id.stages.base import Context, Outputs
-from mocap_id.stages.calibration import read_chain
-from mocap_id.stages.sensors_alone import shown_by
+from mocap_id.stages.calibration import get_calibration, read_chain
 from mocap_id.store import Tree
 from mocap_id.store.schemas import CHAIN
 from mocap_id.verdict import Reason
@@ -12,7 +11,7 @@ from mocap_id.verdict import Reason
 
 def calibrated_chain(context: Context) -> Outputs:
     """Return chain.h5 of a trial without markers."""
-    calibration = shown_by(context.trial)
+    calibration = get_calibration(context.trial)
     tree = read_chain(calibration)
     name = calibration.trial.name
     note = Reason("calibrated", f"the joint centres and the segments' axes are those of {name}.", level="ok")

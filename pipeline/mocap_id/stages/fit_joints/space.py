@@ -18,8 +18,8 @@ from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.calibration import read_chain
 from mocap_id.stages.fit_joints import FitJointsSettings
 from mocap_id.stages.fit_joints.anatomy import AnatomicalChain, in_anatomical_frames, points_near_joints
-from mocap_id.stages.skin_twist import cluster_poses, without_skin_twist
-from mocap_id.stages.trial_keys import given_landmarks
+from mocap_id.stages.skin_motion import correct_axial_rotation, fit_cluster_poses
+from mocap_id.stages.trial_keys import get_landmark_labels
 from mocap_id.store import Tree
 from mocap_id.store.schemas import CHAIN
 from mocap_id.store.spatial_views import SpatialSkeleton, is_skeleton
@@ -48,7 +48,7 @@ def fit_chain_in_space(context: Context) -> Outputs:
     assert settings.estimator != "circle"
     near = points_near_joints(context, view, names)
     firm = [k for k, name in enumerate(names) if name == _GIRDLE]
-    acromion = find_landmarks(view.labels, given_landmarks(context.trial), context.trial.side).markers.get("AC")
+    acromion = find_landmarks(view.labels, get_landmark_labels(context.trial), context.trial.side).markers.get("AC")
     fit = fit_spatial_chain(
         points,
         segment,
@@ -178,7 +178,7 @@ def _refined_joints(context: Context, tree: Tree) -> tuple[Mapping[str, Any], li
     view = Trajectories(planar, context.table("segments.parquet").facts.get("bad_stretches", ()))
     columns = np.array([view.labels.index(label) for label in skeleton.markers], dtype=np.int64)
     points = view.read_positions(columns)[:: 1 + len(view.time) // _REFINED_BY]
-    rotations, _ = cluster_poses(without_skin_twist(points, skeleton.chain), skeleton.chain)
+    rotations, _ = fit_cluster_poses(correct_axial_rotation(points, skeleton.chain), skeleton.chain)
     chain, refined = refine_axes(skeleton.chain, rotations)
     return {**joints, **joint_arrays(chain.joints)}, [skeleton.joints[k] for k in refined]
 

@@ -110,7 +110,7 @@ def joint_names(context: Context) -> tuple[str, ...]:
 
 def read_kinematic_error(context: Context) -> KinematicError:
     """Return the effect of skin motion on the chain and on its angles, in the chain's own frames."""
-    skin = skin_artefact.from_tree(context.tree("skin.h5"))
+    skin = skin_artefact.read_skin_tree(context.tree("skin.h5"))
     centres, turned = skin.stored_chain_errors()
     return KinematicError(lambda q: skin.errors(q)[0] + turned, centres)
 

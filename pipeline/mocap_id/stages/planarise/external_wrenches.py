@@ -16,7 +16,7 @@ from mocap_id.geometry.plane_frame import PlaneFrame
 from mocap_id.kinematics.base_motion import BaseMotion
 from mocap_id.plates import PlateChoice, ZeroRule, find_contradictions, measure_empty_chair
 from mocap_id.recording import PlateSamples, Recording, ThinnedFrames
-from mocap_id.stages.marker_names import marker_columns
+from mocap_id.stages.marker_names import find_markers
 from mocap_id.stages.trial_keys import ExternalForce
 from mocap_id.verdict import Reason
 
@@ -153,7 +153,7 @@ def _point(sensor: ExternalForce, used: UsedFrames, source: Recording) -> FloatA
     """Return the point of application, (F, 3) or (3,), lab axes with Z up, m."""
     if not isinstance(sensor.at, str):
         return np.asarray(recording.to_z_up(source.vertical) @ np.array(sensor.at))
-    found = marker_columns(used.labels, (sensor.at,), f"external: {sensor.name}: at")
+    found = find_markers(used.labels, (sensor.at,), f"external: {sensor.name}: at")
     if len(found) > 1:
         raise ConfigError(f"external: {sensor.name}: at: {sensor.at} matches {len(found)} markers, expected one")
     return used.positions[:, found[0]]

@@ -31,7 +31,7 @@ from mocap_id.stages.planarise.external_wrenches import UsedFrames, measure_seat
 from mocap_id.stages.planarise.ground_wrench import ground_wrench, lateral_pressure
 from mocap_id.stages.planarise.plate_facts import unit_doubts, wrench_facts
 from mocap_id.stages.planarise.used_part import UsedPart, bursts, read_recording, trajectories, used_part
-from mocap_id.stages.trial_keys import BalanceBoard, recorded_files
+from mocap_id.stages.trial_keys import BalanceBoard, get_recording
 from mocap_id.store import LongTable, Table
 from mocap_id.store.schemas import PLANAR, WRENCH
 from mocap_id.verdict import Reason
@@ -101,7 +101,7 @@ def planarise(context: Context) -> Outputs:
 
 def _read(context: Context) -> tuple[BoardLog | None, Recording]:
     """Return the log of a balance board, if any, and the recording."""
-    files = recorded_files(context.trial)
+    files = get_recording(context.trial)
     return read_board_plate(files.forces, read_recording(files, context.settings))
 
 
@@ -115,7 +115,7 @@ def _on_board(
     context: Context, log: BoardLog, source: Recording, thinned: ThinnedFrames, frame: PlaneFrame
 ) -> tuple[PlacedBoard, Recording, PlaneFrame]:
     """Return the balance board in the laboratory, the recording with it, and the plane with its origin at its cells."""
-    forces = recorded_files(context.trial).forces
+    forces = get_recording(context.trial).forces
     assert isinstance(forces, BalanceBoard)
     faces = 1.0 if context.settings.facing == "+x" else -1.0
     board = place_board(forces, log, source, thinned, frame, faces=faces)

@@ -15,11 +15,10 @@ from mocap_id.plates import PlateChoice
 from mocap_id.recording import Recording, ThinnedFrames
 from mocap_id.recording.imu_log import read_imu
 from mocap_id.stages.base import Context, Outputs
-from mocap_id.stages.calibration import read_chain
+from mocap_id.stages.calibration import FORMAT, get_calibration, read_chain
 from mocap_id.stages.planarise.external_wrenches import ExternalWrenches
 from mocap_id.stages.planarise.ground_wrench import ground_wrench
 from mocap_id.stages.planarise.plate_facts import wrench_facts
-from mocap_id.stages.sensors_alone import FORMAT, shown_by
 from mocap_id.stages.trial_keys import TrialKeys
 from mocap_id.store import LongTable, Table
 from mocap_id.store.schemas import PLANAR, WRENCH
@@ -42,7 +41,7 @@ def upright_sensors(context: Context) -> Outputs:
     Refused
         A moving segment has no sensor, here or in the calibration.
     """
-    tree = read_chain(shown_by(context.trial))
+    tree = read_chain(get_calibration(context.trial))
     _check_complete(context.trial, tree.texts("segments/name"))
     files = context.trial.imus
     time = _common_times(files, context.trial.window)
@@ -88,7 +87,7 @@ def upright_sensors(context: Context) -> Outputs:
 
 def _check_complete(trial: TrialKeys, segments: Sequence[str]) -> None:
     """Raise Refused if a moving segment has no sensor, and ConfigError if a sensor is on no segment."""
-    calibration = shown_by(trial)
+    calibration = get_calibration(trial)
     without = [name for name in segments[1:] if name not in trial.imus or name not in calibration.imus]
     for name in trial.imus:
         if name not in segments:

@@ -16,7 +16,7 @@ from mocap_id.recording.axes import nearest_axis
 from mocap_id.recording.marker_positions import turn_z_up
 from mocap_id.recording.skeleton_log import read_skeleton
 from mocap_id.stages.planarise import PlanariseSettings
-from mocap_id.stages.trial_keys import TrialKeys, recorded_files
+from mocap_id.stages.trial_keys import TrialKeys, get_recording
 from mocap_id.verdict import Reason
 
 _BEHIND = 0.05  # m; hands and feet farther behind the trunk than this show a mirrored file
@@ -53,7 +53,7 @@ def read_upright(trial: TrialKeys, settings: PlanariseSettings) -> UprightSkelet
     Refused
         The skeleton has no arm with shoulder, elbow and wrist.
     """
-    file = recorded_files(trial).skeleton
+    file = get_recording(trial).skeleton
     assert file is not None
     read = read_skeleton(file, units=settings.units, vertical=settings.vertical)
     source, notes = read.recording, []

@@ -19,7 +19,7 @@ from mocap_id.stages.planarise.ground_wrench import ground_wrench_in_space, plat
 from mocap_id.stages.planarise.plate_facts import unit_doubts, wrench_facts
 from mocap_id.stages.planarise.skeleton import read_upright
 from mocap_id.stages.planarise.used_part import bursts, read_recording, trajectories, used_part
-from mocap_id.stages.trial_keys import given_landmarks, recorded_files
+from mocap_id.stages.trial_keys import get_landmark_labels, get_recording
 from mocap_id.store import LongTable, Table
 from mocap_id.store.schemas import PLANAR, WRENCH
 from mocap_id.verdict import Reason
@@ -34,13 +34,13 @@ def upright_recording(context: Context) -> Outputs:
     The frame is that of the lab with y up: x is the file's first horizontal axis, z = x × y. A left arm is mirrored.
     """
     settings: PlanariseSettings = context.settings
-    files = recorded_files(context.trial)
+    files = get_recording(context.trial)
     skeleton = None if files.skeleton is None else read_upright(context.trial, settings)
     source = read_recording(files, settings) if skeleton is None else skeleton.recording
     window = context.trial.window or (float(source.time[0]), float(source.time[-1]))
     part = used_part(source, window, settings.ignore)
     free = context.trial.protocol == "free"
-    side = context.trial.side or find_landmarks(part.labels, given_landmarks(context.trial)).side
+    side = context.trial.side or find_landmarks(part.labels, get_landmark_labels(context.trial)).side
     if skeleton is not None:
         side = skeleton.side
     left = side == "left"

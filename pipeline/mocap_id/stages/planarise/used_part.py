@@ -14,7 +14,7 @@ from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry.plane_frame import PlaneFrame
 from mocap_id.kinematics import find_bursts, propose_window
 from mocap_id.recording import Recording, ThinnedFrames
-from mocap_id.stages.marker_names import marker_columns
+from mocap_id.stages.marker_names import find_markers
 from mocap_id.stages.planarise import PlanariseSettings
 from mocap_id.stages.trial_keys import BalanceBoard, Files
 from mocap_id.verdict import Reason
@@ -75,7 +75,7 @@ def read_recording(files: Files, settings: PlanariseSettings) -> Recording:
 def used_part(source: Recording, window: tuple[float, float] | None, ignore: Sequence[str]) -> UsedPart:
     """Return the frames of the window, configured or proposed, and the markers visible in it."""
     file = source.files[0]
-    out = marker_columns(source.labels, ignore, f"{file}: planarise: ignore")
+    out = find_markers(source.labels, ignore, f"{file}: planarise: ignore")
     keep = [i for i in range(len(source.labels)) if i not in out]
     visible = _visible(source.positions)[:, keep]
     if not visible.any():

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from mocap_id.stages import STAGE_HELP
 from mocap_id.stages.base import Context, Only, Outputs, Settings, Stage
-from mocap_id.stages.sensors_alone import without_markers
+from mocap_id.stages.calibration import has_no_markers
 
 _Markers: TypeAlias = Annotated[tuple[str, ...], Field(min_length=1)]
 
@@ -56,7 +56,7 @@ def _function(context: Context) -> Outputs:
         from mocap_id.stages.segment.space import segment_bodies  # noqa: PLC0415
 
         return segment_bodies(context)
-    if without_markers(context.long("planar.parquet").facts):
+    if has_no_markers(context.long("planar.parquet").facts):
         from mocap_id.stages.segment.known_segments import calibrated_segments  # noqa: PLC0415
 
         return calibrated_segments(context)

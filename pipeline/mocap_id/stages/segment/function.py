@@ -20,7 +20,7 @@ from mocap_id.kinematics import (
 )
 from mocap_id.protocols.body_names import LONGEST, name_bodies
 from mocap_id.stages.base import Context, Outputs
-from mocap_id.stages.marker_names import marker_columns
+from mocap_id.stages.marker_names import find_markers
 from mocap_id.stages.segment import SegmentSettings
 from mocap_id.stages.segment.bad_markers import (
     SegmentedMarkers,
@@ -46,7 +46,7 @@ def segment(context: Context) -> Outputs:
     recorded = Trajectories(context.long("planar.parquet"))
     rules = search_rules(settings, LONGEST[trial.protocol])
     labels = recorded.labels
-    out = list(marker_columns(labels, settings.ignore, "segment: ignore"))
+    out = list(find_markers(labels, settings.ignore, "segment: ignore"))
     constraints = marker_constraints(labels, settings)
 
     def segmented(count: int | None) -> SegmentedMarkers:
@@ -221,7 +221,7 @@ def _joint_markers(
             f"segment: joint_markers: there is no joint {', '.join(unknown)}; expected one of {', '.join(joint_names)}"
         )
     return {
-        name: [labels[i] for i in marker_columns(labels, patterns, f"segment: joint_markers: {name}")]
+        name: [labels[i] for i in find_markers(labels, patterns, f"segment: joint_markers: {name}")]
         for name, patterns in given.items()
     }
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from mocap_id.errors import ConfigError
 from mocap_id.kinematics import Constraints, SegmentationRules
-from mocap_id.stages.marker_names import marker_columns
+from mocap_id.stages.marker_names import find_markers
 from mocap_id.stages.segment import SegmentSettings
 
 UNSURE = 0.5
@@ -31,8 +31,8 @@ def marker_constraints(
     labels: tuple[str, ...], settings: SegmentSettings, known: Sequence[list[int]] = ()
 ) -> Constraints:
     """Return the hints `together` and `apart` as columns of markers; ``known`` are more columns together."""
-    together = [*(marker_columns(labels, group, "segment: together") for group in settings.together), *known]
-    apart = [marker_columns(labels, group, "segment: apart") for group in settings.apart]
+    together = [*(find_markers(labels, group, "segment: together") for group in settings.together), *known]
+    apart = [find_markers(labels, group, "segment: apart") for group in settings.apart]
     found = Constraints.of(len(labels), together, apart)
     if found.contradictory.any():
         marker = labels[int(np.argmax(found.contradictory))]

@@ -9,8 +9,7 @@ import numpy as np
 
 from mocap_id.anatomy.skeleton_joints import ARM, TRUNK, find_roles
 from mocap_id.stages.base import Context, Outputs
-from mocap_id.stages.calibration import read_chain
-from mocap_id.stages.sensors_alone import shown_by
+from mocap_id.stages.calibration import get_calibration, read_chain
 from mocap_id.store import Table
 from mocap_id.store.schemas import SEGMENTS
 from mocap_id.store.views import Trajectories
@@ -44,7 +43,7 @@ def skeleton_segments(view: Trajectories) -> Table:
 
 def calibrated_segments(context: Context) -> Outputs:
     """Return segments.parquet of a trial of inertial sensors alone: the segments are those of the calibration."""
-    tree = read_chain(shown_by(context.trial))
+    tree = read_chain(get_calibration(context.trial))
     names = tree.texts("segments/name")
     segment = tree.integers("markers/segment")
     columns = {

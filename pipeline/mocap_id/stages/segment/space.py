@@ -16,12 +16,12 @@ from mocap_id.kinematics.space.rigid_body import rigid_poses
 from mocap_id.kinematics.space.segmentation import SpatialSegmentation, segment_in_space
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.calibration import read_chain
-from mocap_id.stages.marker_names import marker_columns
+from mocap_id.stages.marker_names import find_markers
 from mocap_id.stages.segment import SegmentSettings
 from mocap_id.stages.segment.bad_markers import bad_marker_notes, without_repeats
 from mocap_id.stages.segment.hints import UNSURE, given_names, marker_constraints, search_rules
 from mocap_id.stages.segment.known_segments import facts_without_search, skeleton_segments
-from mocap_id.stages.trial_keys import given_landmarks
+from mocap_id.stages.trial_keys import get_landmark_labels
 from mocap_id.store import Table
 from mocap_id.store.schemas import SEGMENTS
 from mocap_id.store.spatial_views import is_skeleton
@@ -59,7 +59,7 @@ def segment_bodies(context: Context) -> Outputs:
     if context.trial.calibration is not None:
         return (_calibrated(context, view),)
     labels = view.labels
-    out = list(marker_columns(labels, settings.ignore, "segment: ignore"))
+    out = list(find_markers(labels, settings.ignore, "segment: ignore"))
     points = view.read_positions(np.arange(len(labels)))
     points[:, out] = np.nan
     hints = marker_constraints(labels, settings)
@@ -110,7 +110,7 @@ def _strayed_wrist(
     if context.settings.names or not _splits_arm(names):
         return []
     tip = names.index("forearm")
-    named = find_landmarks(labels, given_landmarks(context.trial), context.trial.side).markers
+    named = find_landmarks(labels, get_landmark_labels(context.trial), context.trial.side).markers
     wrist = [m for name, m in named.items() if _SHOWS.get(name) == "forearm" and found.segment[m] == tip]
     before = np.flatnonzero(found.segment == tip - 1)
     away = np.linalg.norm(points[:, before] - points[:, wrist].mean(axis=1, keepdims=True), axis=2)
@@ -138,7 +138,7 @@ def _without_forearm(names: Sequence[str]) -> tuple[Reason, ...]:
 
 def _names(context: Context, labels: Sequence[str], found: SpatialSegmentation) -> tuple[str, ...]:
     """Return names of the segments: those of an arm where its landmarks are, in the arm's order."""
-    named = find_landmarks(labels, given_landmarks(context.trial), context.trial.side)
+    named = find_landmarks(labels, get_landmark_labels(context.trial), context.trial.side)
     counts: Counter[tuple[str, int]] = Counter()
     for landmark, marker in named.markers.items():
         if found.segment[marker] >= 0 and landmark in _SHOWS:
@@ -241,7 +241,7 @@ def _calibrated(context: Context, view: Trajectories) -> Table:
     tree = read_chain(context.trial.calibration)
     local, owner = tree.numbers("markers/local", (-1, 3)), tree.integers("markers/segment")
     place = {label: k for k, label in enumerate(tree.texts("markers/name"))}
-    out = marker_columns(view.labels, settings.ignore, "segment: ignore")
+    out = find_markers(view.labels, settings.ignore, "segment: ignore")
     there = np.array([m for m, label in enumerate(view.labels) if label in place and m not in out], dtype=np.int64)
     segment = np.full(len(view.labels), -1, dtype=np.int64)
     segment[there] = owner[[place[view.labels[m]] for m in there]]

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from mocap_id.stages import STAGE_HELP
 from mocap_id.stages.base import Context, Only, Outputs, Settings, Stage
-from mocap_id.stages.sensors_alone import without_markers
+from mocap_id.stages.calibration import has_no_markers
 
 
 class UkfSmoothSettings(Settings):
@@ -63,7 +63,7 @@ def _function(context: Context) -> Outputs:
         from mocap_id.stages.ukf_smooth.space import smooth_rotations  # noqa: PLC0415
 
         return smooth_rotations(context)
-    if without_markers(context.long("planar.parquet").facts):
+    if has_no_markers(context.long("planar.parquet").facts):
         from mocap_id.stages.ukf_smooth.sensors_alone import states_of_sensors  # noqa: PLC0415
 
         return states_of_sensors(context)

@@ -177,9 +177,9 @@ def _skin_tree(chain: Tree, skeleton: Skeleton, states: States, skin: SkinModel 
     labels = [skeleton.markers[k] for k in np.flatnonzero(moves)]
     if skin is None:
         assumed = assumed_skin(states, chain.array("markers/residual")[moves], skeleton.covariance)
-        return skin_artefact.as_tree(assumed, labels, camera, "residuals of the joint fit")
+        return skin_artefact.make_skin_tree(assumed, labels, camera, "residuals of the joint fit")
     counted = [labels[k] for k in np.flatnonzero(np.any(states.used, axis=0))]
-    return skin_artefact.as_tree(skin, counted, camera, "residuals of all frames")
+    return skin_artefact.make_skin_tree(skin, counted, camera, "residuals of all frames")
 
 
 def _facts(

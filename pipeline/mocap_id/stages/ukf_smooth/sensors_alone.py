@@ -19,8 +19,7 @@ from mocap_id.geometry.planar import marker_positions
 from mocap_id.recording.imu_log import read_imu
 from mocap_id.stages import skin_artefact
 from mocap_id.stages.base import Context, Outputs
-from mocap_id.stages.calibration import read_states
-from mocap_id.stages.sensors_alone import shown_by
+from mocap_id.stages.calibration import get_calibration, read_states
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
 from mocap_id.stages.ukf_smooth.columns import state_columns
 from mocap_id.stages.ukf_smooth.encoder_states import no_encoder
@@ -86,7 +85,7 @@ def states_of_sensors(context: Context) -> Outputs:
             _reasons(context, tracked, names, signals),
         ),
         LongTable(MARKERS, view.frames, view.time, skeleton.markers, _markers(tracked, skeleton)),
-        skin_artefact.as_tree(skin, labels, None, "no markers"),
+        skin_artefact.make_skin_tree(skin, labels, None, "no markers"),
         no_encoder("the trial has inertial sensors alone"),
         Table(POSES, {"time": view.time}, {"bodies": []}),
         Table(ANGLES, {"time": view.time}),
@@ -110,7 +109,7 @@ def _signals(context: Context, name: str, time: FloatArray) -> SensorSignals:
 
 def _shown(context: Context, skeleton: Skeleton) -> tuple[ShownChain, FloatArray]:
     """Return the chain with its sensors from the trial with markers, and the snap (n,) of its joints, rad/s⁴."""
-    calibration = shown_by(context.trial)
+    calibration = get_calibration(context.trial)
     table = read_states(calibration)
     joints = JointStates.from_table(table)
     dt = float(joints.time[1] - joints.time[0])
@@ -166,7 +165,7 @@ def _facts(tracked: Tracked, shown: ShownChain, k: int, signals: SensorSignals) 
 def _reasons(
     context: Context, tracked: Tracked, names: tuple[str, ...], signals: list[SensorSignals]
 ) -> tuple[Reason, ...]:
-    sd, name = np.degrees(np.nanmean(tracked.sd[..., 0])), shown_by(context.trial).trial.name
+    sd, name = np.degrees(np.nanmean(tracked.sd[..., 0])), get_calibration(context.trial).trial.name
     drift = float(np.degrees(np.max(tracked.heading_sd)))
     reasons = [
         Reason(

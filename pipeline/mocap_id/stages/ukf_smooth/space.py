@@ -21,8 +21,7 @@ from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.estimation.space import SpatialSettings, SpatialStates, smooth_in_space
 from mocap_id.geometry import so3
 from mocap_id.stages.base import Context, Outputs
-from mocap_id.stages.cluster_slides import without_cluster_slides
-from mocap_id.stages.skin_twist import with_twist_errors, without_skin_twist
+from mocap_id.stages.skin_motion import add_axial_rotation_errors, correct_axial_rotation, correct_cluster_slides
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
 from mocap_id.stages.ukf_smooth.arm_checks import arm_doubts
 from mocap_id.stages.ukf_smooth.gap_reasons import gap_reasons
@@ -56,7 +55,7 @@ def smooth_rotations(context: Context) -> Outputs:
     points = view.read_positions(columns)
     repeated = find_repeated_frames(points)
     points[repeated] = np.nan
-    points = without_cluster_slides(without_skin_twist(points, skeleton.chain), skeleton.chain, view.rate)
+    points = correct_cluster_slides(correct_axial_rotation(points, skeleton.chain), skeleton.chain, view.rate)
     given = SpatialSettings(
         settings.marker_sd, settings.sigma_v, settings.marker_sd_floor, settings.gate, settings.angle_sd_limit
     )
@@ -72,9 +71,9 @@ def smooth_rotations(context: Context) -> Outputs:
         files = context.trial.imus
         states, imus, sensed = smooth_with_imus(points, view.time, skeleton, files, given, mirrored=mirrored)
         missed = {skeleton.segments.index(s): abs(each["skin_share"]) for s, each in imus.items() if each["used"]}
-        states = with_twist_errors(states, skeleton.chain, common=_COMMON_WITH_IMUS, missed=missed)
+        states = add_axial_rotation_errors(states, skeleton.chain, common=_COMMON_WITH_IMUS, missed=missed)
     else:
-        states = with_twist_errors(smooth_in_space(points, view.rate, skeleton.chain, given), skeleton.chain)
+        states = add_axial_rotation_errors(smooth_in_space(points, view.rate, skeleton.chain, given), skeleton.chain)
     observed = bridge_repeated(states.observed, repeated, view.rate)
     angles = _angles(states, skeleton, tree.facts)
     angles = [shown_by_skeleton(each) for each in angles] if by_skeleton else angles

@@ -145,7 +145,7 @@ def _context(path: Path) -> Context:
 def _geometry(context: Context) -> Callable[[FloatArray], KinematicError]:
     """Return a function that predicts the chain's errors if it is found from other postures."""
     tree = context.tree("skin.h5")
-    skin, camera = skin_artefact.from_tree(tree), float(tree.facts["camera_sd_m"])
+    skin, camera = skin_artefact.read_skin_tree(tree), float(tree.facts["camera_sd_m"])
     frames = context.table("states.parquet").length
 
     def predict(q: FloatArray) -> KinematicError:

@@ -15,7 +15,7 @@ from mocap_id.errors import ConfigError
 from mocap_id.reporting.results.columns import ResultTable, finite
 from mocap_id.reporting.results.result import Result
 from mocap_id.reporting.sensitivity.page_data import ParameterEntry, SensitivityData
-from mocap_id.stages.sensors_alone import without_markers
+from mocap_id.stages.calibration import has_no_markers
 from mocap_id.store import Folder
 from mocap_id.store.views import Skeleton
 from mocap_id.workflows.sensitivity.kinds import KINDS
@@ -120,7 +120,7 @@ def sensitivity(
 def _select_possible(selections: Sequence[KindSelection], trial: TrialInputs) -> tuple[tuple[KindSelection, ...], str]:
     """Return the selections that are possible on a trial, and a note on the selections that are left out."""
     name = f"trial {trial.source.name}"
-    if without_markers(trial.long("planar.parquet").facts):
+    if has_no_markers(trial.long("planar.parquet").facts):
         raise ConfigError(
             f"{name} has only inertial sensors, and the lengths of its calibration: no perturbation can change them. "
             "Choose a trial with markers"

@@ -1,0 +1,184 @@
+"""Corrections of markers for motion of the skin: axial rotation of a limb, and clusters that slide on the bones."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+
+import numpy as np
+
+from mocap_id.arrays import FloatArray, chunks
+from mocap_id.estimation.space import SpatialStates
+from mocap_id.estimation.space.slips import slow_part
+from mocap_id.geometry import so3
+from mocap_id.geometry.spatial_chain import SpatialChain
+from mocap_id.kinematics.space.rigid_body import rigid_poses
+
+_ROUNDS = 4
+"""Each round multiplies the remaining error by the share of the axial rotation that the skin misses, about 0.2."""
+_COMMON = 0.05
+"""Share of the axial rotation that the skin beside the next joint may also miss."""
+_ALL_MISS = 0.5
+"""Share that all skin of a segment may miss, relative to what the skin under the sensor misses; in simulated arms."""
+
+
+def fit_cluster_poses(points: FloatArray, chain: SpatialChain) -> tuple[FloatArray, FloatArray]:
+    """Fit the poses of all segments to their markers, rotations (F, S, 3, 3) and origins (F, S, 3), m.
+
+    ``points`` (F, M, 3) are the markers, m. A pose is NaN if its segment has too few markers with a position.
+    """
+    segments = range(len(chain.joints) + 1)
+    rotations, origins = np.empty((len(points), len(segments), 3, 3)), np.empty((len(points), len(segments), 3))
+    _fit_clusters(points, chain, segments, rotations, origins)
+    return rotations, origins
+
+
+def _fit_clusters(
+    points: FloatArray, chain: SpatialChain, segments: Iterable[int], rotations: FloatArray, origins: FloatArray
+) -> None:
+    """Fit the poses of some segments and write them to ``rotations`` and ``origins``."""
+    for k in segments:
+        here = (chain.segment == k) & ~chain.on_glide
+        rotations[:, k], origins[:, k], _ = rigid_poses(points[:, here], chain.local[here])
+
+
+def correct_axial_rotation(points: FloatArray, chain: SpatialChain) -> FloatArray:
+    """Return the markers (F, M, 3) that the trial would have if the skin followed the axial rotation of the bones, m.
+
+    When a segment rotates by τ about its long axis l, the skin under a marker misses the share s of this rotation: in
+    the axes of the segment, the marker is at exp(-s τ l) x. The rotation follows from the poses of the segments, which
+    have the same error; poses and rotation are therefore computed in turn. The corrected marker is NaN if the pose of
+    its segment is unknown.
+
+    Parameters
+    ----------
+    points : (F, M, 3) array
+        Measured markers, m; NaN where missing.
+    chain : SpatialChain
+        Fitted chain with the shares that the skin misses.
+    """
+    if not np.any(chain.skin):
+        return points
+    rotations, origins = fit_cluster_poses(points, chain)
+    segments = np.unique(chain.segment[chain.skin != 0]).tolist()
+    for k in range(1, _ROUNDS + 1):
+        angles = _measure_axial_rotations(rotations, chain)
+        corrected = points.copy()
+        for part in chunks(len(points)):
+            _rotate_back(corrected[part], angles[part], rotations[part], origins[part], chain)
+        if k < _ROUNDS:
+            _fit_clusters(corrected, chain, segments, rotations, origins)
+    return corrected
+
+
+def _measure_axial_rotations(rotations: FloatArray, chain: SpatialChain) -> FloatArray:
+    """Return the axial rotation (F, n) of every moving segment, rad: continuous, interpolated where it is unknown."""
+    angles = np.zeros((len(rotations), len(chain.joints)))
+    every = np.arange(len(rotations))
+    for k, joint in enumerate(chain.joints):
+        relative = np.swapaxes(rotations[:, joint.parent], 1, 2) @ rotations[:, k + 1]
+        known = np.flatnonzero(np.isfinite(relative).all(axis=(1, 2)))
+        if len(known):
+            angle = np.unwrap(joint.twist(relative[known]))
+            angles[:, k] = np.interp(every, known, angle - 2 * np.pi * np.round(np.median(angle) / (2 * np.pi)))
+    return angles
+
+
+def _rotate_back(
+    points: FloatArray, angles: FloatArray, rotations: FloatArray, origins: FloatArray, chain: SpatialChain
+) -> None:
+    """Correct points (f, M, 3) in place by the share of the axial rotations ``angles`` (f, n) that the skin misses."""
+    for k, joint in enumerate(chain.joints, start=1):
+        here = np.flatnonzero((chain.segment == k) & (chain.skin != 0))
+        own, origin = rotations[:, k], origins[:, k, None]
+        seen = np.einsum("fji,fmj->fmi", own, points[:, here] - origin)
+        turn = so3.exp(angles[:, k - 1, None, None] * chain.skin[here, None] * joint.long_axis)
+        points[:, here] = np.einsum("fij,fmj->fmi", own, np.einsum("fmij,fmj->fmi", turn, seen)) + origin
+
+
+def add_axial_rotation_errors(
+    states: SpatialStates, chain: SpatialChain, *, common: float = _COMMON, missed: Mapping[int, float] | None = None
+) -> SpatialStates:
+    """Return the states with larger uncertainty, for the axial rotation that no marker of a segment follows.
+
+    If the share that the skin misses has the error c, the segment is rotated by c τ about its long axis, where τ is its
+    axial rotation. This is an error of the joint before the segment and, with opposite sign, of the joints after it.
+
+    Parameters
+    ----------
+    states : SpatialStates
+        Smoothed states.
+    chain : SpatialChain
+        Fitted chain with the standard deviations of the shares.
+    common : float
+        Standard deviation of the share that all markers of a segment miss.
+    missed : mapping from int to float, optional
+        Share that the skin under the inertial sensor of a segment misses in comparison with its markers. For these
+        segments, the uncertainty of the velocities follows from this share alone.
+    """
+    if not len(chain.skin_sd):
+        return states
+    covariance, omega, alpha = states.joint_covariance.copy(), states.sd_omega.copy(), states.sd_alpha.copy()
+    for k, joint in enumerate(chain.joints, start=1):
+        own = chain.skin_sd[(chain.segment == k) & np.isfinite(chain.skin_sd)]
+        if not len(own) or not np.any(chain.skin[chain.segment == k]):
+            continue
+        sd = float(np.hypot(np.mean(own), common))
+        of_rate = sd if missed is None or k not in missed else float(np.hypot(_COMMON, _ALL_MISS * missed[k]))
+        axis, twisting = joint.long_axis, joint.twist_axis(states.joint_rotations[:, k - 1])
+        size = np.stack(
+            [
+                sd * joint.twist(states.joint_rotations[:, k - 1]),
+                of_rate * np.sum(states.velocity[:, k - 1] * twisting, axis=1),
+                of_rate * np.sum(states.acceleration[:, k - 1] * twisting, axis=1),
+            ],
+            axis=1,
+        )
+        error = (size[:, :, None] * axis).reshape(-1, 9)
+        covariance[:, k - 1] += error[:, :, None] * error[:, None]
+        for below, other in enumerate(chain.joints):
+            if other.parent == k:
+                axis_below = np.einsum("fji,j->fi", states.joint_rotations[:, below], axis)
+                error = (size[:, :, None] * axis_below[:, None]).reshape(-1, 9)
+                covariance[:, below] += error[:, :, None] * error[:, None]
+        omega[:, k] = np.hypot(omega[:, k], np.abs(size[:, 1]) / np.sqrt(3))
+        alpha[:, k] = np.hypot(alpha[:, k], np.abs(size[:, 2]) / np.sqrt(3))
+    return replace(states, joint_covariance=covariance, sd_omega=omega, sd_alpha=alpha)
+
+
+def correct_cluster_slides(points: FloatArray, chain: SpatialChain, rate: float) -> FloatArray:
+    """Return the markers (F, M, 3) without slow slides of whole clusters of markers on the bones, m.
+
+    Each cluster is shifted so that its joint centre is where the cluster before it has this centre. Only the difference
+    between two clusters is known, so the mean shift of all clusters is set to zero. Rotations do not change.
+
+    Parameters
+    ----------
+    points : (F, M, 3) array
+        Markers, m; NaN where missing.
+    chain : SpatialChain
+        Fitted chain; joints without slides have the standard deviation 0 of a slide.
+    rate : float
+        Frames per second.
+    """
+    if not any(joint.slide_sd for joint in chain.joints):
+        return points
+    rotations, origins = fit_cluster_poses(points, chain)
+    shifts = np.zeros_like(origins)
+    for k, joint in enumerate(chain.joints, start=1):
+        shifts[:, k] = shifts[:, joint.parent]
+        if joint.slide_sd:
+            base = rotations[:, joint.parent]
+            centre = joint.origin(np.swapaxes(base, 1, 2) @ rotations[:, k])
+            apart = origins[:, k] - origins[:, joint.parent] - np.einsum("fij,fj->fi", base, centre)
+            shifts[:, k] += slow_part(_fill_gaps(apart), rate)
+    shifts -= shifts.mean(axis=1, keepdims=True)
+    return np.asarray(points - shifts[:, chain.segment])
+
+
+def _fill_gaps(series: FloatArray) -> FloatArray:
+    """Return a series (F, 3) with missing samples interpolated; 0 if all samples are missing."""
+    known = np.flatnonzero(np.isfinite(series).all(axis=1))
+    if not len(known):
+        return np.zeros_like(series)
+    return np.stack([np.interp(np.arange(len(series)), known, column[known]) for column in series.T], axis=1)
