@@ -135,7 +135,7 @@ def test_ignored_markers_are_on_no_segment_and_have_a_reason(planar: LongTable, 
         ({"apart": [["LANC", "RTOE"]]}, "segment: apart", "did you mean LANK?"),
         ({"ignore": ["PLT8"]}, "segment: ignore", "did you mean PLT"),
         ({"ignore": ["lank"]}, "segment: ignore", "no marker is called lank"),
-        ({"ignore": ["QQQ*"]}, "segment: ignore", "there are LFHD, RFHD"),
+        ({"ignore": ["QQQ*"]}, "segment: ignore", "the markers are LFHD, RFHD"),
         ({"joint_markers": {"ankle": ["LANKLE"]}}, "segment: joint_markers: ankle", "did you mean LANK?"),
     ],
 )

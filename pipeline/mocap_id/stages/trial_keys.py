@@ -207,7 +207,7 @@ class TrialKeys(Settings):
     )
     static: tuple[float, float] | None = Field(
         None,
-        description="in space: first and last time of a still pose with all landmarks, s; default: chosen by the program",
+        description="in space: first and last time of a still pose with all landmarks, s; default: from the markers",
     )
     calibration: Calibration | None = Field(
         None,
