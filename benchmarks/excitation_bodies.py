@@ -21,8 +21,8 @@ from mocap_id.errors import MocapIdError
 from mocap_id.geometry import planar
 from mocap_id.runner import run_to
 from mocap_id.simulation import JointMotion, Kind, Options, motion_through, simulate
+from mocap_id.simulation.body import draw_subject
 from mocap_id.simulation.joint_motion import smoothstep
-from mocap_id.simulation.subject import draw_subject
 from mocap_id.store import Folder
 from mocap_id.workflows.advice import Advice, AdviceOptions, advise
 

@@ -17,7 +17,7 @@ from mocap_id.simulation.body import Link, SimulatedBody
 from mocap_id.simulation.joint_motion import smoothstep
 from mocap_id.simulation.markers import PLATE, MarkerSet
 from mocap_id.simulation.plate import draw_plate
-from mocap_id.simulation.scene import Scene, Streams, draw_scene, streams
+from mocap_id.simulation.scene import Scene, Streams, draw_scene, random_streams
 from mocap_id.simulation.simulated_trial import measure_scene
 
 SEED = 930_000
@@ -62,7 +62,7 @@ def make(wanted: Wanted, place: Path) -> Path:
     if file.exists():
         return file
     options = Options(seed=SEED, rate=wanted.rate, analog_rate=wanted.analog, repetitions=REPETITIONS)
-    rng = streams(options.seed)
+    rng = random_streams(options.seed)
     scene = _chain(wanted, rng) if wanted.joints else _person(wanted, options, rng)
     made = measure_scene(scene, options, rng)
     points, signals = play(made, wanted)

@@ -20,7 +20,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.config import load
 from mocap_id.runner import run
 from mocap_id.simulation import Options, simulate
-from mocap_id.simulation.subject import draw_subject
+from mocap_id.simulation.body import draw_subject
 from mocap_id.store import Folder
 
 STRATEGIES = ("normal", "dynamic", "stable")

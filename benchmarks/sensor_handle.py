@@ -22,9 +22,9 @@ from mocap_id.simulation import JointMotion, Options, motion_through
 from mocap_id.simulation.body import Link, SimulatedBody
 from mocap_id.simulation.forces import TrueState
 from mocap_id.simulation.joint_motion import smoothstep
-from mocap_id.simulation.markers import MarkerSet, with_plate
+from mocap_id.simulation.markers import MarkerSet, add_plate_markers
 from mocap_id.simulation.plate import draw_plate
-from mocap_id.simulation.scene import Scene, Streams, streams
+from mocap_id.simulation.scene import Scene, Streams, random_streams
 from mocap_id.simulation.simulated_trial import SimulatedTrial, measure_scene
 from mocap_id.simulation.trial_files import c3d_bytes, write_trial
 from mocap_id.workflows.advice import AdviceOptions, advise
@@ -107,7 +107,7 @@ def measure(task: tuple[int, str]) -> FloatArray:
     Foreseen is what `advise` says of the trial with the handle's sensor, when there is one in the elbow too.
     """
     seed, known = task
-    rng, options = streams(seed), Options(seed=seed, plate_bias=1.0)
+    rng, options = random_streams(seed), Options(seed=seed, plate_bias=1.0)
     scene = _draw(rng, pulled=known != KNOWN[0])
     trial = measure_scene(scene, options, rng)
     with tempfile.TemporaryDirectory() as place:
@@ -181,7 +181,7 @@ def _draw_motion(rng: np.random.Generator) -> JointMotion:
 def _place_markers(rng: np.random.Generator) -> MarkerSet:
     labels, link, x, y, z, slide = zip(*_SITES, strict=True)
     count = len(labels)
-    return with_plate(
+    return add_plate_markers(
         rng,
         labels,
         np.array(link, dtype=np.int64),

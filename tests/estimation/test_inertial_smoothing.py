@@ -15,7 +15,7 @@ from mocap_id.estimation.inertial import SensorResult, SensorSignals
 from mocap_id.estimation.inertial_smoothing import smooth_with_sensors
 from mocap_id.simulation import Options
 from mocap_id.simulation.forces import TrueState
-from mocap_id.simulation.inertial_sensors import sensors_in_plane
+from mocap_id.simulation.inertial_sensors import simulate_plane_sensors
 from mocap_id.simulation.simulated_trial import generate
 
 GRAVITY = 9.81
@@ -39,7 +39,7 @@ class Case:
 @pytest.fixture(scope="module")
 def case() -> Case:
     trial = generate("sit-to-stand", Options(seed=11, repetitions=2, analog_rate=100))
-    scene, found = trial.scene, sensors_in_plane(11, trial.scene, trial.state, 1.0)
+    scene, found = trial.scene, simulate_plane_sensors(11, trial.scene, trial.state, 1.0)
     chain = (scene.body.centres.copy(), scene.markers.link.astype(np.int64), scene.markers.local[:, :2].copy())
     sensors = {s: SensorSignals(each.time, each.gyro, each.acc) for s, each in enumerate(found.values(), start=1)}
     middle = float(trial.state.time.mean())

@@ -9,9 +9,9 @@ from mocap_id.estimation import smooth
 from mocap_id.estimation.inertial import SensorSignals
 from mocap_id.estimation.inertial_tracking import show_chain, track_alone
 from mocap_id.simulation import Options
-from mocap_id.simulation.inertial_sensors import sensors_in_plane
+from mocap_id.simulation.body import draw_subject
+from mocap_id.simulation.inertial_sensors import simulate_plane_sensors
 from mocap_id.simulation.simulated_trial import SimulatedTrial, generate
-from mocap_id.simulation.subject import draw_subject
 
 pytestmark = pytest.mark.external
 PERSON = draw_subject(8, 1)
@@ -19,7 +19,7 @@ PERSON = draw_subject(8, 1)
 
 def _trial(seed: int) -> tuple[SimulatedTrial, dict[int, SensorSignals], list[float]]:
     trial = generate("sit-to-stand", Options(seed=seed, repetitions=2, analog_rate=100, subject=PERSON))
-    found = sensors_in_plane(seed, trial.scene, trial.state, 1.0, PERSON.seed)
+    found = simulate_plane_sensors(seed, trial.scene, trial.state, 1.0, PERSON.seed)
     sensors = {s: SensorSignals(each.time, each.gyro, each.acc) for s, each in enumerate(found.values(), start=1)}
     return trial, sensors, [float(each.truth["offset_s"]) for each in found.values()]
 

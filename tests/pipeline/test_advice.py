@@ -17,7 +17,7 @@ from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.recording.writer import write_c3d
 from mocap_id.runner import run_to
 from mocap_id.simulation import Options, generate, simulate
-from mocap_id.simulation.subject import draw_subject
+from mocap_id.simulation.body import draw_subject
 from mocap_id.workflows.advice import AdviceOptions, advice_output, advise, angle_range, support_range
 from mocap_id_cli.app import build
 

@@ -17,7 +17,7 @@ from mocap_id.geometry import planar
 from mocap_id.recording import write_c3d
 from mocap_id.runner import run
 from mocap_id.simulation import Options, generate, simulate
-from mocap_id.simulation.plate import measure
+from mocap_id.simulation.plate import measure_load
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE, IdentifyDimSettings
 from mocap_id.store import Folder, Table, Tree
@@ -211,7 +211,7 @@ def holding(tmp_path_factory: pytest.TempPathFactory) -> Finished:
     stamps = np.arange(len(made.signals.channels)) / OPTIONS.analog_rate + OPTIONS.clock_offset
     state = made.scene.at(stamps)
     load_now = made.scene.load_on_plate(replace(state, wrench=state.wrench - on_rail(stamps)))
-    signals = measure(np.random.default_rng(3), made.scene.plate, *load_now, OPTIONS.analog_rate)
+    signals = measure_load(np.random.default_rng(3), made.scene.plate, *load_now, OPTIONS.analog_rate)
     plates = (signals, made.seat_signals)
     write_c3d(folder / "trial.c3d", made.scene.markers.labels, made.points, OPTIONS.rate, plates=plates)
     logged = np.arange(0.0, made.scene.motion.duration, 1 / 400)

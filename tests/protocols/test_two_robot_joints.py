@@ -14,8 +14,8 @@ from mocap_id.runner import run_stage
 from mocap_id.simulation import Options
 from mocap_id.simulation.body import Link
 from mocap_id.simulation.joint_motion import Swing, motion_through
-from mocap_id.simulation.markers import with_plate
-from mocap_id.simulation.scene import draw_scene, streams
+from mocap_id.simulation.markers import add_plate_markers
+from mocap_id.simulation.scene import draw_scene, random_streams
 from mocap_id.simulation.simulated_trial import SimulatedTrial, measure_scene
 from mocap_id.store import Folder
 from mocap_id.store.views import Skeleton
@@ -27,7 +27,7 @@ MASS, INERTIA = 3.0, 0.03
 def two_joints(seed: int, amplitude: float) -> SimulatedTrial:
     """Simulate a robot whose second joint swings with an amplitude, rad."""
     options = Options(seed=seed, repetitions=4, analog_rate=100, occlusions=0.0)
-    rng = streams(seed)
+    rng = random_streams(seed)
     scene, places = draw_scene("robot", options, rng), np.random.default_rng(seed)
     base, arm = scene.body.links
     links = (
@@ -42,7 +42,7 @@ def two_joints(seed: int, amplitude: float) -> SimulatedTrial:
     link = np.repeat([0, 1, 2], 4)
     along = [(0.1 + 0.15 * k % 0.6) * links[segment].length for k, segment in enumerate(link)]
     local = np.column_stack([places.uniform(-0.05, 0.05, 12), along, places.uniform(-0.05, 0.1, 12)])
-    markers = with_plate(
+    markers = add_plate_markers(
         places,
         tuple(f"S{segment}M{k}" for k, segment in enumerate(link)),
         link,

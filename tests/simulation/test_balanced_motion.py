@@ -7,7 +7,7 @@ import pytest
 
 from mocap_id.simulation import Options, generate
 from mocap_id.simulation.joint_motion import smoothstep
-from mocap_id.simulation.scene import draw_scene, streams
+from mocap_id.simulation.scene import draw_scene, random_streams
 from mocap_id.simulation.schedule import STRATEGIES
 
 NAMES = sorted(STRATEGIES)
@@ -15,7 +15,7 @@ NAMES = sorted(STRATEGIES)
 
 def person(seed: int, strategy: str = "normal", repetitions: int = 2):
     options = Options(seed=seed, strategy=strategy, repetitions=repetitions)
-    scene = draw_scene("sit-to-stand", options, streams(seed))
+    scene = draw_scene("sit-to-stand", options, random_streams(seed))
     return scene, scene.at(np.arange(0, scene.motion.duration, 0.01))
 
 
@@ -77,7 +77,7 @@ def test_strategies_differ_as_they_should():
 
 @pytest.mark.parametrize("kind", ["sit-to-stand", "robot"])
 def test_derivatives_belong_together_and_the_snap_is_continuous(kind):
-    scene = draw_scene(kind, Options(seed=2, repetitions=2), streams(2))
+    scene = draw_scene(kind, Options(seed=2, repetitions=2), random_streams(2))
     time = np.linspace(0.5, scene.motion.duration - 0.5, 4001)
     step = 1e-4
     ahead, behind = scene.motion.at(time + step), scene.motion.at(time - step)

@@ -8,14 +8,14 @@ import pytest
 from mocap_id.errors import ConfigError
 from mocap_id.geometry import planar
 from mocap_id.simulation import Options
-from mocap_id.simulation.scene import Scene, draw_scene, streams
-from mocap_id.simulation.supports import POINT, TRUNK
+from mocap_id.simulation.forces import HAND, TRUNK
+from mocap_id.simulation.scene import Scene, draw_scene, random_streams
 
 STEP = 2e-3
 
 
 def scene(**options: float) -> Scene:
-    return draw_scene("sit-to-stand", Options(seed=21, repetitions=2, **options), streams(21))
+    return draw_scene("sit-to-stand", Options(seed=21, repetitions=2, **options), random_streams(21))
 
 
 @pytest.mark.parametrize("options", [{"attempts": 1}, {"hold": 0.8}, {"rail": 0.2}])
@@ -39,7 +39,7 @@ def test_what_the_plate_and_the_chair_do_not_carry_is_the_rail_s() -> None:
     assert share.max() == pytest.approx(0.2, abs=1e-3)
     assert np.abs(missing[:, 0]).max() < 1e-9
     angle, origin = planar.segment_poses(state.q, made.body.centres)
-    hand = origin[:, TRUNK] + planar.rotate(angle[:, TRUNK], np.array(POINT))
+    hand = origin[:, TRUNK] + planar.rotate(angle[:, TRUNK], np.array(HAND))
     np.testing.assert_allclose(missing[:, 2], hand[:, 0] * missing[:, 1], atol=1e-6)
     for each in made.protocol["reps"]:
         standing = (time > each["rise_end"]) & (time < each["sit_start"])

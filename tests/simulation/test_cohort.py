@@ -15,8 +15,8 @@ from mocap_id.errors import ConfigError, StoreError
 from mocap_id.geometry import planar
 from mocap_id.recording import read
 from mocap_id.simulation import Cohort, Options, generate, simulate_cohort, skin
+from mocap_id.simulation.body import draw_subject
 from mocap_id.simulation.cohort import cohort_trials
-from mocap_id.simulation.subject import draw_subject
 from mocap_id.store import Folder
 
 SHORT = Options(seed=5, repetitions=1, analog_rate=100)
@@ -103,7 +103,7 @@ def test_skin_slides_alike_in_every_motion(monkeypatch):
 
     def places(part: slice) -> np.ndarray:
         rng = (np.random.default_rng(1), np.random.default_rng(2))
-        moved, placed = skin.subject_displacement(*rng, markers, q[part], time[part])
+        moved, placed = skin.draw_subject_skin_motion(*rng, markers, q[part], time[part])
         return placed.local + moved
 
     np.testing.assert_allclose(places(slice(100, 250)), places(slice(None))[100:250], atol=1e-15)
@@ -170,7 +170,7 @@ def test_a_folder_with_something_in_it_is_left_alone(tmp_path):
         ({"trials": 0}, "trials is 0"),
         ({"strategies": ("normal", "slow")}, "strategies is 'normal,slow'; expected some of normal, dynamic, stable"),
         ({"strategies": ()}, "strategies is ''"),
-        ({"strategies": ("stable", "stable")}, "is repeated in 'stable,stable'"),
+        ({"strategies": ("stable", "stable")}, "expected each strategy once"),
     ],
 )
 def test_a_value_out_of_range_is_named_for_a_cohort(change, said):

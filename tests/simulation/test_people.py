@@ -11,9 +11,9 @@ from mocap_id.errors import ConfigError
 from mocap_id.geometry import planar
 from mocap_id.simulation import Options, PersonOptions, generate
 from mocap_id.simulation.body import draw_person
-from mocap_id.simulation.forces import true_state
+from mocap_id.simulation.forces import compute_state
 from mocap_id.simulation.multibody import divide_body
-from mocap_id.simulation.scene import draw_scene, streams
+from mocap_id.simulation.scene import draw_scene, random_streams
 
 ALL = PersonOptions(hip_gap_mm=14, lumbar_deg=15, arm_swing_deg=40, heel_lift_mm=10, held_mass_kg=2)
 ONE_EACH = {name: replace(PersonOptions(), **{name: value}) for name, value in vars(ALL).items()}
@@ -22,7 +22,7 @@ UP = np.array([0.0, 9.81])
 
 
 def drawn(people: PersonOptions, seed: int = 11, **more):
-    return draw_scene("sit-to-stand", Options(seed=seed, repetitions=2, people=people, **more), streams(seed))
+    return draw_scene("sit-to-stand", Options(seed=seed, repetitions=2, people=people, **more), random_streams(seed))
 
 
 @pytest.fixture(scope="module", params=["all", *ONE_EACH])
@@ -36,7 +36,7 @@ def times(scene):
 
 def rates(scene, time):
     """Return velocity and acceleration (T, B, 3) of the bodies' centres of mass and angles, by differences."""
-    coms = np.array([part.com for part in scene.loose.body.parts])
+    coms = np.array([part.com for part in scene.divided.body.parts])
 
     def centres(now):
         pose = scene.at(now).bodies.pose
@@ -48,8 +48,8 @@ def rates(scene, time):
 
 def needed(scene, time):
     """Return the force (T, B, 2) and the moment about the plane's origin (T, B) that each body requires."""
-    mass = np.array([part.mass for part in scene.loose.body.parts])
-    inertia = np.array([part.inertia for part in scene.loose.body.parts])
+    mass = np.array([part.mass for part in scene.divided.body.parts])
+    inertia = np.array([part.inertia for part in scene.divided.body.parts])
     place, change = rates(scene, time)
     force = mass[:, None] * (change[..., :2] + UP)
     return force, place[..., 0] * force[..., 1] - place[..., 1] * force[..., 0] + inertia * change[..., 2]
@@ -67,7 +67,7 @@ def test_torques_are_moments_of_all_that_is_beyond_the_joint(scene):
     time = times(scene)
     force, moment = needed(scene, time)
     state = scene.at(time)
-    parts, pose = scene.loose.body.parts, state.bodies.pose
+    parts, pose = scene.divided.body.parts, state.bodies.pose
     for j in range(5):
         nearer = pose[:, j]
         place = nearer[:, :2] + planar.rotate(nearer[:, 2], np.array(parts[j + 1].centre))
@@ -93,7 +93,7 @@ def test_parameters_and_accelerations_give_the_wrench_by_the_regressor(scene):
     state = scene.at(times(scene))
     pose, change, rate = state.bodies.pose, state.bodies.acceleration, state.bodies.velocity
     total = np.zeros((len(pose), 3))
-    for i, part in enumerate(scene.loose.body.parts):
+    for i, part in enumerate(scene.divided.body.parts):
         p, lift = pose[:, i, :2], change[:, i, :2] + UP
         r = planar.rotate(pose[:, i, 2], np.array(part.com))
         turned = np.stack([-r[:, 1], r[:, 0]], axis=1)
@@ -125,17 +125,17 @@ def test_the_bodies_together_are_the_pinned_one(seed):
 
 def test_a_trace_of_everything_is_the_pinned_chain():
     scene = drawn(PersonOptions(1e-6, 1e-6, 1e-6, 1e-6, 1e-6))
-    free, pinned = scene.at(times(scene)), true_state(scene.body, scene.motion, scene.chair, times(scene))
+    free, pinned = scene.at(times(scene)), compute_state(scene.body, scene.motion, scene.chair, times(scene))
     for name in ("q", "qd", "qdd", "joint_xy", "com", "wrench_total", "wrench", "tau", "chair_force", "chair_point"):
         np.testing.assert_allclose(getattr(free, name), getattr(pinned, name), atol=1e-4, err_msg=name)
     plain = drawn(PersonOptions())
-    assert plain.loose is None
+    assert plain.divided is None
     np.testing.assert_allclose(free.tau, plain.at(times(scene)).tau, atol=1e-3)
 
 
 def test_a_weight_alone_leaves_the_chain_on_its_pins():
     scene = drawn(ONE_EACH["held_mass_kg"])
-    free, pinned = scene.at(times(scene)), true_state(scene.body, scene.motion, scene.chair, times(scene))
+    free, pinned = scene.at(times(scene)), compute_state(scene.body, scene.motion, scene.chair, times(scene))
     np.testing.assert_allclose(free.tau, pinned.tau, atol=1e-6)
     np.testing.assert_allclose(free.wrench, pinned.wrench, atol=1e-6)
     assert scene.body.mass == pytest.approx(drawn(PersonOptions()).body.mass + 2)
@@ -157,7 +157,7 @@ def test_the_centre_of_pressure_stays_inside_the_foot(seed, strategy):
 @pytest.mark.parametrize("seed", range(4))
 def test_ranges_are_about_what_was_asked_for(seed):
     scene = drawn(ALL, seed)
-    moves = scene.loose.motion.at(np.arange(0, scene.motion.duration, 0.01))[0]
+    moves = scene.divided.motion.at(np.arange(0, scene.motion.duration, 0.01))[0]
     foot, _, _, x, y, _, bend, swing = np.ptp(moves, axis=0)
     low, high = scene.body.support
     assert 1e3 * max(x, y) == pytest.approx(14, rel=0.4)

@@ -40,7 +40,7 @@ def test_the_configuration_is_ready_to_run(tmp_path, kind):
 def test_a_folder_that_holds_a_trial_is_left_alone(tmp_path):
     simulate("robot", tmp_path / "trial", QUICK)
     before = (tmp_path / "trial" / "trial.c3d").read_bytes()
-    with pytest.raises(StoreError, match="already holds a trial: remove it or choose another folder"):
+    with pytest.raises(StoreError, match="already contains a trial: remove it or choose another folder"):
         simulate("robot", tmp_path / "trial", Options(seed=4, repetitions=1))
     assert (tmp_path / "trial" / "trial.c3d").read_bytes() == before
 

@@ -11,7 +11,7 @@ from mocap_id.geometry import inverse_dynamics, planar
 from mocap_id.simulation import Options
 from mocap_id.simulation.body import draw_person, draw_robot
 from mocap_id.simulation.forces import UP
-from mocap_id.simulation.scene import draw_scene, streams
+from mocap_id.simulation.scene import draw_scene, random_streams
 
 KINDS = ["sit-to-stand", "robot"]
 STEP = 1e-3
@@ -19,7 +19,7 @@ STEP = 1e-3
 
 @pytest.fixture(params=KINDS, scope="module")
 def scene(request):
-    return draw_scene(request.param, Options(seed=11, repetitions=2), streams(11))
+    return draw_scene(request.param, Options(seed=11, repetitions=2), random_streams(11))
 
 
 def times(scene):
@@ -86,7 +86,7 @@ def test_work_of_torques_and_chair_is_the_change_of_energy(scene):
 
 def test_the_chair_as_an_applied_wrench_gives_the_same_ground_and_torques():
     """The recursion with the seat's wrench on link 2 agrees with subtracting that wrench."""
-    scene = draw_scene("sit-to-stand", Options(seed=12, repetitions=2), streams(12))
+    scene = draw_scene("sit-to-stand", Options(seed=12, repetitions=2), random_streams(12))
     state = scene.at(times(scene))
     angle, _ = planar.segment_poses(state.q, scene.body.centres)
     local = planar.rotate(-angle[:, 2], state.chair_force)

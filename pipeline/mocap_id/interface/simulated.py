@@ -54,7 +54,7 @@ def simulate(kind: Kind, folder: str | PathLike[str], **options: Any) -> Path:
     ConfigError
         There is no such kind or option, or a value is out of range.
     StoreError
-        The folder already holds a trial, or cannot be written.
+        The folder already contains a trial, or cannot be written.
     """
     if kind not in {**_TRIALS, **_SETS}:
         raise ConfigError(f"simulate: there is no kind {kind!r}: {suggest_name(kind, (*_TRIALS, *_SETS))}")

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal, TypeAlias
 
 import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import spatial_inertia
-from mocap_id.simulation.subject import Subject
 
 GRAVITY = 9.81  # m/s²
 
@@ -38,33 +37,44 @@ centres of mass (from the lower joint) and radii of gyration (about them) of the
 BEHIND_ANKLE = 0.24  # share of the foot's length behind the ankle
 ANKLE = (-0.03, 0.03)  # m, range of the ankle's position from the plate's centre
 
+Sex: TypeAlias = Literal["female", "male"]
+_SEXES: tuple[Sex, ...] = ("female", "male")
+_HEIGHT = {"female": (1.52, 1.76), "male": (1.64, 1.92)}  # m
+_BODY_MASS_INDEX = (19.0, 29.0)  # kg/m²
+
+
+@dataclass(frozen=True)
+class Subject:
+    """A person who performs several trials with the same body, markers and skin."""
+
+    name: str
+    seed: int  # seed of the body's proportions, the markers' positions and the sliding of the skin
+    sex: Sex
+    height: float  # m
+    mass: float  # kg
+
+
+def draw_subject(seed: int, number: int) -> Subject:
+    """Draw person ``number`` (from 1) of a cohort, alternately female and male, independent of the cohort's size."""
+    source = np.random.SeedSequence([seed, number])
+    rng = np.random.default_rng(source)
+    sex = _SEXES[(number - 1) % len(_SEXES)]
+    height = float(rng.uniform(*_HEIGHT[sex]))
+    mass = float(rng.uniform(*_BODY_MASS_INDEX)) * height**2
+    return Subject(f"s{number:02d}", int(source.generate_state(2)[1]), sex, height, mass)
+
 
 @dataclass(frozen=True)
 class Link:
-    """One rigid segment in its own frame, with +y towards the next joint; m, kg, kg·m².
-
-    Parameters
-    ----------
-    name : str
-    joint : str or None
-        Name of the joint at its origin; None for the base.
-    centre : (x, y)
-        Centre of that joint in the previous link's frame.
-    length : float
-    mass : float
-    com : (x, y)
-        Centre of mass.
-    inertia : float
-        About the centre of mass, for rotation in the plane.
-    """
+    """One rigid segment, described in its own coordinate frame, with +y towards the next joint."""
 
     name: str
-    joint: str | None
-    centre: tuple[float, float]
-    length: float
-    mass: float
-    com: tuple[float, float]
-    inertia: float
+    joint: str | None  # joint at its origin; None for the base
+    centre: tuple[float, float]  # centre of that joint in the previous link's frame, m
+    length: float  # m
+    mass: float  # kg
+    com: tuple[float, float]  # centre of mass, m
+    inertia: float  # moment of inertia about the centre of mass, kg·m²
 
     @property
     def about_origin(self) -> float:
@@ -80,24 +90,12 @@ class Link:
 
 @dataclass(frozen=True)
 class SimulatedBody:
-    """A chain of links on a base that stands on the ground.
+    """A chain of links on a base that stands on the ground."""
 
-    Parameters
-    ----------
-    links : tuple of Link
-        Base first.
-    support : (low, high)
-        Extent of the base along x, m; the centre of pressure must stay inside.
-    scored_lengths : dict
-        Lengths that marker data determine, by their names in ``summary.json``, m.
-    description : dict
-        Description of the subject for the truth, as JSON values.
-    """
-
-    links: tuple[Link, ...]
-    support: tuple[float, float]
-    scored_lengths: Mapping[str, float]
-    description: Mapping[str, Any]
+    links: tuple[Link, ...]  # base first
+    support: tuple[float, float]  # extent of the base along x, m; the centre of pressure must stay inside
+    scored_lengths: Mapping[str, float]  # lengths that marker data determine, by their names in summary.json, m
+    description: Mapping[str, Any]  # entries of truth.json about the subject, as JSON values
 
     @property
     def mass(self) -> float:
@@ -147,10 +145,10 @@ def draw_person(
 ) -> SimulatedBody:
     """Draw a person on both feet, facing -x: foot, shank, thigh, and one segment for head, arms and trunk.
 
-    Each fraction of :data:`WINTER` varies by up to 10 %, and the mass fractions still sum to one. A ``subject`` has its
-    own height and mass; the generator ``feet`` then decides where the feet stand in this trial.
+    Each fraction of :data:`WINTER` varies by up to 10 %, and the mass fractions still sum to one. A ``subject`` gives
+    height and mass; the generator ``feet`` then determines the position of the feet in this trial.
     """
-    used = {name: value * rng.uniform(0.9, 1.1) for name, value in WINTER.items()} | _mass_shares(rng)
+    used = {name: value * rng.uniform(0.9, 1.1) for name, value in WINTER.items()} | _draw_mass_shares(rng)
     height, mass = rng.uniform(1.55, 1.9), rng.uniform(52.0, 92.0)
     ankle_x = rng.uniform(*ANKLE)
     if subject is not None:
@@ -182,7 +180,8 @@ def draw_person(
     return SimulatedBody(tuple(links), (toe, heel), scored, {"subject": description})
 
 
-def _mass_shares(rng: np.random.Generator) -> dict[str, float]:
+def _draw_mass_shares(rng: np.random.Generator) -> dict[str, float]:
+    """Return the share of each segment in the body's mass, by its key in :data:`WINTER`."""
     names = [name for name in WINTER if name.startswith("m_")]
     share = np.array([WINTER[name] for name in names])
     off = rng.uniform(-0.1, 0.1, len(names))
@@ -192,7 +191,7 @@ def _mass_shares(rng: np.random.Generator) -> dict[str, float]:
 
 
 def draw_robot(rng: np.random.Generator) -> SimulatedBody:
-    """Draw a robot bolted to the plate, with one revolute joint and values that vary by up to 10 %."""
+    """Draw a robot with one revolute joint, fixed to the plate, with values that vary by up to 10 %."""
     off = rng.uniform(0.9, 1.1, 7)
     base_mass, mass = 21.0 * off[0], 5.2 * off[1]
     reach, length = 0.52 * off[2], 0.50 * off[3]

@@ -30,35 +30,23 @@ class Burst:
 
 @dataclass(frozen=True)
 class Jump:
-    """A displacement of one marker by (3,) ``by``, m, in frames ``first`` … ``first + count - 1``."""
+    """A displacement of one marker in frames ``first`` … ``first + count - 1``."""
 
     label: str
     first: int
     count: int
-    by: FloatArray
+    by: FloatArray  # (3,) m
 
 
 def true_positions(
     scene: Scene, state: TrueState, skin: FloatArray, displacement: Displacement | None = None
 ) -> FloatArray:
-    """Return marker positions in the laboratory, without measurement error.
+    """Return marker positions (T, M, 3) in the laboratory without measurement error, m.
 
-    Parameters
-    ----------
-    scene : Scene
-    state : TrueState
-        State at T frames.
-    skin : (T, M, 3) array
-        Displacement of the markers in their links' frames, m.
-    displacement : Displacement, optional
-        Displacement of the whole person.
-
-    Returns
-    -------
-    (T, M, 3) array
-        m.
+    ``skin`` (T, M, 3) is the displacement of the markers in their links' frames, m; ``displacement`` concerns the whole
+    person.
     """
-    link, angle, origin, local = _carriers(scene, state)
+    link, angle, origin, local = _segment_poses(scene, state)
     local = local + skin
     flat = origin[:, link] + planar.rotate(angle[:, link], local[..., :2])
     depth = local[..., 2:] + scene.offset
@@ -68,13 +56,13 @@ def true_positions(
     return scene.plane.from_plane(positions)
 
 
-def _carriers(scene: Scene, state: TrueState) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
-    """Return each marker's body (M,), the bodies' angles (T, C) and origins (T, C, 2), and local positions (M, 3)."""
+def _segment_poses(scene: Scene, state: TrueState) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
+    """Return each marker's segment (M,), the segments' angles (T, C) and origins (T, C, 2), and local positions."""
     markers = scene.markers
-    if scene.loose is None or state.bodies is None:
+    if scene.divided is None or state.bodies is None:
         angle, origin = planar.segment_poses(state.q, scene.body.centres)
         return markers.link, angle, origin, markers.local
-    pose, body = state.bodies.pose, scene.loose.body
+    pose, body = state.bodies.pose, scene.divided.body
     pose = np.concatenate([np.zeros_like(pose[:, :1]), pose], axis=1)  # the plate first
     return body.part_of(markers) + 1, pose[..., 2], pose[..., :2], body.local(markers)
 
@@ -82,7 +70,7 @@ def _carriers(scene: Scene, state: TrueState) -> tuple[IntArray, FloatArray, Flo
 def draw_bursts(
     rng: np.random.Generator, markers: MarkerSet, frames: int, rate: float, often: float
 ) -> tuple[Burst, ...]:
-    """Draw occlusions of markers that can be hidden, with log-uniform lengths and ``often`` times the usual rate."""
+    """Draw occlusions of markers that can be hidden: log-uniform lengths, ``often`` times the usual number."""
     candidates = [label for label, hidden in zip(markers.labels, markers.hidden, strict=True) if hidden]
     bursts = []
     for _ in range(round(often * BURSTS_PER_SECOND * frames / rate)):
@@ -91,10 +79,10 @@ def draw_bursts(
     return tuple(bursts)
 
 
-def draw_jumps(rng: np.random.Generator, markers: MarkerSet, frames: int, often: int) -> tuple[Jump, ...]:
-    """Draw jumps of random markers at random times in random directions."""
+def draw_jumps(rng: np.random.Generator, markers: MarkerSet, frames: int, number: int) -> tuple[Jump, ...]:
+    """Draw a number of jumps of random markers at random times in random directions."""
     jumps = []
-    for _ in range(often):
+    for _ in range(number):
         count = int(rng.integers(JUMP_LENGTH[0], min(JUMP_LENGTH[1], frames // 2) + 1))
         direction = rng.normal(0, 1, 3)
         by = rng.uniform(*JUMP) * direction / np.linalg.norm(direction)
@@ -110,7 +98,7 @@ def jump_displacements(markers: MarkerSet, jumps: tuple[Jump, ...], frames: int)
     return added
 
 
-def visibility(markers: MarkerSet, bursts: tuple[Burst, ...], frames: int) -> BoolArray:
+def find_visible(markers: MarkerSet, bursts: tuple[Burst, ...], frames: int) -> BoolArray:
     """Return whether each marker is visible, (T, M)."""
     visible = np.ones((frames, len(markers.labels)), dtype=np.bool_)
     for burst in bursts:

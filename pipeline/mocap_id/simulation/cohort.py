@@ -1,8 +1,8 @@
 """Simulated cohorts on disk: recordings of several persons with their truth, and a study that is ready to run.
 
-A person keeps body, markers and skin in all trials. Motion, foot position, direction in the laboratory, drift of the
-skin, drop-outs and noise differ between trials. Each trial has its own seed, derived from the cohort's, so that adding
-persons, strategies or trials leaves the other trials unchanged.
+A person has the same body, markers and skin in all trials. Motion, foot position, direction in the laboratory, drift of
+the skin, drop-outs and noise differ between trials. The seed of each trial follows from the cohort's seed, so that
+additional persons, strategies or trials leave the other trials unchanged.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from pathlib import Path
 import numpy as np
 
 from mocap_id.errors import ConfigError
-from mocap_id.simulation.body import SimulatedBody
-from mocap_id.simulation.options import Options
+from mocap_id.simulation.body import SimulatedBody, Subject, draw_subject
+from mocap_id.simulation.options import Options, check_options, option
 from mocap_id.simulation.schedule import STRATEGIES, Strategy
 from mocap_id.simulation.simulated_trial import generate
-from mocap_id.simulation.subject import Subject, draw_subject
-from mocap_id.simulation.trial_files import c3d_bytes, new_folder, truth_json, truth_npz
+from mocap_id.simulation.trial_files import c3d_bytes, create_folder, write_study_trial
+from mocap_id.simulation.truth import arrays, document
 from mocap_id.simulation.yaml_files import study_yaml
-from mocap_id.store.atomic import replace_together, write_files
+from mocap_id.store.atomic import replace_together
 
 FILE = "study.yaml"
 _STRATEGIES = tuple(STRATEGIES)
@@ -29,41 +29,21 @@ _STRATEGIES = tuple(STRATEGIES)
 
 @dataclass(frozen=True)
 class Cohort:
-    """A cohort of simulated persons.
+    """A cohort of simulated persons; a value out of range raises ConfigError."""
 
-    Parameters
-    ----------
-    subjects : int
-        Number of persons, alternately female and male.
-    strategies : tuple of {"normal", "dynamic", "stable"}
-    trials : int
-        Trials of each person and strategy.
-    options : Options
-        Common options. The seed is the cohort's; each trial has its own strategy and subject.
-
-    Raises
-    ------
-    ConfigError
-        A value is out of range.
-    """
-
-    subjects: int = 6
+    subjects: int = option(6, "Number of persons, alternately female and male.", (1, 999))
     strategies: tuple[Strategy, ...] = _STRATEGIES
-    trials: int = 1
+    trials: int = option(1, "Trials of each person and strategy.", (1, 99))
+    # Common options. The seed is the cohort's; each trial has its own seed, strategy and subject.
     options: Options = field(default_factory=lambda: Options(seed=1))
 
     def __post_init__(self) -> None:
-        known = bool(self.strategies) and set(self.strategies) <= set(STRATEGIES)
-        checks = (
-            ("subjects", self.subjects, 1 <= self.subjects <= 999, "1 … 999"),
-            ("trials", self.trials, 1 <= self.trials <= 99, "1 … 99"),
-            ("strategies", ",".join(self.strategies), known, "some of " + ", ".join(STRATEGIES)),
-        )
-        for name, value, fine, expected in checks:
-            if not fine:
-                raise ConfigError(f"simulate cohort: {name} is {value!r}; expected {expected}")
+        check_options(self, "simulate cohort")
+        names = ",".join(self.strategies)
+        if not self.strategies or not set(self.strategies) <= set(STRATEGIES):
+            raise ConfigError(f"simulate cohort: strategies is {names!r}; expected some of {', '.join(STRATEGIES)}")
         if len(set(self.strategies)) < len(self.strategies):
-            raise ConfigError(f"simulate cohort: a strategy is repeated in {','.join(self.strategies)!r}")
+            raise ConfigError(f"simulate cohort: strategies is {names!r}; expected each strategy once")
 
 
 @dataclass(frozen=True)
@@ -82,7 +62,7 @@ class CohortTrial:
 
     @property
     def file(self) -> str:
-        """Path of its recording in the cohort's folder."""
+        """Path of the recording in the cohort's folder."""
         return f"{self.subject.name}/{self.strategy}-{self.number}.c3d"
 
 
@@ -99,7 +79,7 @@ def cohort_trials(cohort: Cohort) -> Iterator[CohortTrial]:
 
 
 def simulate_cohort(folder: Path, cohort: Cohort) -> Path:
-    """Simulate a cohort and write it with its exact truth.
+    """Simulate a cohort, write it with its exact truth, and return the path of ``study.yaml``.
 
     Parameters
     ----------
@@ -108,11 +88,6 @@ def simulate_cohort(folder: Path, cohort: Cohort) -> Path:
         ``truth.npz``, and finally ``study.yaml``.
     cohort : Cohort
 
-    Returns
-    -------
-    Path
-        ``study.yaml``.
-
     Raises
     ------
     StoreError
@@ -120,19 +95,15 @@ def simulate_cohort(folder: Path, cohort: Cohort) -> Path:
     NumericalError
         No lean of the trunk balances one of the bodies.
     """
-    new_folder(folder)
+    create_folder(folder)
     bodies: dict[Subject, SimulatedBody] = {}
     trials = tuple(cohort_trials(cohort))
     for trial in trials:
         simulated = generate("sit-to-stand", trial.options)
         bodies.setdefault(trial.subject, simulated.scene.body)
-        truth = f"truth/{trial.name}"
-        contents = {
-            trial.file: c3d_bytes(trial.options, simulated),
-            f"{truth}/truth.json": truth_json("sit-to-stand", trial.options, simulated),
-            f"{truth}/truth.npz": truth_npz(simulated),
-        }
-        write_files(folder, contents)
+        truth = document("sit-to-stand", trial.options, simulated)
+        recording = c3d_bytes(trial.options, simulated)
+        write_study_trial(folder, trial.name, trial.file, recording, truth, arrays(simulated))
     rows = [(trial.name, trial.subject.name, trial.strategy, trial.file) for trial in trials]
     text = study_yaml(cohort.options, bodies, rows)
     replace_together(folder, {FILE: text.encode()})

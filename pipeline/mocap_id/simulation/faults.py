@@ -19,70 +19,54 @@ if TYPE_CHECKING:
     from mocap_id.simulation.scene import Scene
 
 GHOST = "GHOST"
-"""Label of a trajectory that is no marker."""
+"""Label of a trajectory that belongs to no marker."""
 
 _WOBBLE_HZ = 4.0
+_X = (1.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
 class Displacement:
-    """Displacement of the whole person from the true chain.
+    """Displacement of the whole person from the true chain; rotations are about the plane's origin."""
 
-    Parameters
-    ----------
-    shift : (T,) array
-        Along the motion, m.
-    turn : (T,) array
-        About the vertical through the plane's origin, rad.
-    lean : float
-        About the motion's direction through the plane's origin, rad.
-    """
-
-    shift: FloatArray
-    turn: FloatArray
-    lean: float
+    shift: FloatArray  # (T,) translation along the motion, m
+    turn: FloatArray  # (T,) rotation about the vertical, rad
+    lean: float  # rotation about the direction of the motion, rad
 
     def positions(self, points: FloatArray) -> FloatArray:
         """Return displaced positions (T, M, 3) in the plane frame, m."""
-        return _leaned(_turned(points + self.shift[:, None, None] * (1.0, 0.0, 0.0), self.turn[:, None]), self.lean)
+        turned = _rotate_about_y(points + self.shift[:, None, None] * _X, self.turn[:, None])
+        return _rotate_about_x(turned, self.lean)
 
     def load(
         self, force: FloatArray, moment: FloatArray, weight: float, com: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the ground's force and moment (T, 3) on the displaced person, about the origin of the plane frame.
+        """Return force and moment (T, 3) of the ground on the displaced person about the plane's origin, N and N·m.
 
-        The weight stays vertical.
-
-        Parameters
-        ----------
-        force, moment : (T, 3) arrays
-            Of the ground on the upright person, N, N·m.
-        weight : float
-            N.
-        com : (T, 3) array
-            Centre of mass, m.
+        The weight, N, stays vertical. ``force`` and ``moment`` (T, 3) act on the upright person with the centre of mass
+        ``com`` (T, 3), m.
         """
-        moment = moment + np.cross(self.shift[:, None] * (1.0, 0.0, 0.0), force)
-        force, moment = _turned(force, self.turn), _turned(moment, self.turn)
+        moment = moment + np.cross(self.shift[:, None] * _X, force)
+        force, moment = _rotate_about_y(force, self.turn), _rotate_about_y(moment, self.turn)
         up = np.array([0.0, weight, 0.0])
-        com = _turned(com + self.shift[:, None] * (1.0, 0.0, 0.0), self.turn)
-        leaned = _leaned(com, self.lean)
+        com = _rotate_about_y(com + self.shift[:, None] * _X, self.turn)
+        leaned = _rotate_about_x(com, self.lean)
         return (
-            _leaned(force - up, self.lean) + up,
-            _leaned(moment - np.cross(com, up), self.lean) + np.cross(leaned, up),
+            _rotate_about_x(force - up, self.lean) + up,
+            _rotate_about_x(moment - np.cross(com, up), self.lean) + np.cross(leaned, up),
         )
 
 
 def draw_displacement(
     seed: int, faults: FaultOptions, schedule: Schedule | None, time: FloatArray
 ) -> Displacement | None:
-    """Draw the displacement at times (T,), s; it changes only while the person sits. None if there is none."""
+    """Draw the displacement at times (T,), s, which changes only while the person sits; None without these faults."""
     if not (faults.foot_slide_mm or faults.foot_moves_mm or faults.turn_deg or faults.plane_tilt_deg):
         return None
     rng = np.random.default_rng(seed)
     shift, turn = np.zeros_like(time), np.zeros_like(time)
-    done = () if schedule is None else schedule.repetitions
-    gaps = [(before.sit_end, after.rise_start) for before, after in pairwise(done)]
+    repetitions = () if schedule is None else schedule.repetitions
+    gaps = [(before.sit_end, after.rise_start) for before, after in pairwise(repetitions)]
     at = np.zeros(len(gaps) + 1)
     if gaps and faults.foot_slide_mm:
         at[1 + int(rng.integers(len(gaps))) :] += faults.foot_slide_mm / 1e3 * rng.choice((-1, 1))
@@ -96,25 +80,27 @@ def draw_displacement(
     return Displacement(shift + at[0], turn, float(np.radians(faults.plane_tilt_deg)))
 
 
-def _turned(vectors: FloatArray, angle: FloatArray) -> FloatArray:
-    """Return vectors (..., 3) of the plane frame turned about its y."""
+def _rotate_about_y(vectors: FloatArray, angle: FloatArray) -> FloatArray:
+    """Return vectors (..., 3) of the plane frame, rotated about its y."""
     c, s = np.cos(angle), np.sin(angle)
     x, y, z = np.moveaxis(vectors, -1, 0)
     return np.stack([c * x + s * z, y, -s * x + c * z], axis=-1)
 
 
-def _leaned(vectors: FloatArray, angle: float) -> FloatArray:
-    """Return vectors (..., 3) of the plane frame turned about its x."""
+def _rotate_about_x(vectors: FloatArray, angle: float) -> FloatArray:
+    """Return vectors (..., 3) of the plane frame, rotated about its x."""
     c, s = np.cos(angle), np.sin(angle)
     x, y, z = np.moveaxis(vectors, -1, 0)
     return np.stack([x, c * y - s * z, s * y + c * z], axis=-1)
 
 
-def skin_faults(rng: np.random.Generator, faults: FaultOptions, markers: MarkerSet, time: FloatArray) -> FloatArray:
-    """Return displacements (T, M, 3) in the links' frames, m: a reattached marker, and wobbling skin."""
+def draw_skin_faults(
+    rng: np.random.Generator, faults: FaultOptions, markers: MarkerSet, time: FloatArray
+) -> FloatArray:
+    """Return displacements (T, M, 3) in the links' frames, m: of a reattached marker, and of oscillating skin."""
     added = np.zeros((len(time), len(markers.labels), 3))
     if faults.reattached_mm:
-        marker = _moving(rng, markers)
+        marker = _draw_moving_marker(rng, markers)
         away = rng.normal(size=3) * (1, 1, 0.3)
         since = time >= time[0] + rng.uniform(0.3, 0.7) * np.ptp(time)
         added[since, marker] += faults.reattached_mm / 1e3 * away / np.linalg.norm(away)
@@ -128,25 +114,13 @@ def skin_faults(rng: np.random.Generator, faults: FaultOptions, markers: MarkerS
     return added
 
 
-def camera_faults(
+def add_camera_faults(
     rng: np.random.Generator, faults: FaultOptions, scene: Scene, points: FloatArray, rate: float
 ) -> tuple[tuple[str, ...], FloatArray, dict[str, Any]]:
-    """Add the cameras' faults to measured positions.
+    """Return labels, positions and truth after adding the cameras' faults to measured positions.
 
-    Parameters
-    ----------
-    rng : Generator
-    faults : FaultOptions
-    scene : Scene
-    points : (T, M, 3) array
-        Laboratory, m; NaN where not visible.
-    rate : float
-        Hz.
-
-    Returns
-    -------
-    labels, points, truth
-        With trajectories that are no markers last; the truth says which marker and when.
+    Positions (T, M, 3) are in the laboratory, m, and NaN where not visible; ``rate`` is in Hz. Trajectories that belong
+    to no marker come last. The truth names the markers with a fault and its time.
     """
     markers, truth = scene.markers, dict[str, Any]()
     points, labels, frames = points.copy(), markers.labels, len(points)
@@ -156,85 +130,85 @@ def camera_faults(
         waves = np.sin(2 * np.pi * frequency * (np.arange(frames) / rate)[:, None, None] + phase).sum(axis=0)
         points += faults.wander_mm / 1e3 * waves / 2
     if faults.frozen_s:
-        marker, (first, last) = _moving(rng, markers), _stretch(rng, frames, faults.frozen_s * rate)
+        marker, (first, last) = _draw_moving_marker(rng, markers), _draw_frames(rng, frames, faults.frozen_s * rate)
         seen = np.flatnonzero(np.isfinite(points[: last + 1, marker, 0]))
         points[first:last, marker] = points[seen[np.argmin(np.abs(seen - first))], marker]
         truth["frozen"] = {"label": labels[marker], "first_frame": first, "n_frames": last - first}
     if faults.mislabelled_s:
         one, other = rng.choice(np.flatnonzero(markers.link > 0), 2, replace=False)
-        first, last = _stretch(rng, frames, faults.mislabelled_s * rate)
+        first, last = _draw_frames(rng, frames, faults.mislabelled_s * rate)
         points[first:last, [one, other]] = points[first:last, [other, one]]
-        truth["mislabelled"] = {
-            "labels": [labels[one], labels[other]],
-            "first_frame": first,
-            "n_frames": last - first,
-        }
-    ghosts = _ghosts(rng, faults, markers, points)
+        names = [labels[one], labels[other]]
+        truth["mislabelled"] = {"labels": names, "first_frame": first, "n_frames": last - first}
+    ghosts = _draw_ghosts(rng, faults, markers, points)
     if ghosts:
         points = np.concatenate([points, np.stack(ghosts, axis=1)], axis=1)
         labels = (*labels, *(f"{GHOST}{k + 1}" for k in range(len(ghosts))))
         truth["ghosts"] = list(labels[-len(ghosts) :])
     if faults.filter_hz:
-        points = _filtered(points, faults.filter_hz, rate)
+        points = _filter_visible(points, faults.filter_hz, rate)
     if faults.repeated_share:
         source = np.maximum.accumulate(np.where(rng.uniform(size=frames) < faults.repeated_share, 0, np.arange(frames)))
         points = points[source]
     points *= 1 + faults.camera_scale
     if faults.tilt_deg:
-        points = points @ _about(scene.plane.axes[2], np.radians(faults.tilt_deg)).T
+        points = points @ _rotation_about(scene.plane.axes[2], np.radians(faults.tilt_deg)).T
     return labels, points, truth
 
 
-def _ghosts(rng: np.random.Generator, faults: FaultOptions, markers: MarkerSet, points: FloatArray) -> list[FloatArray]:
-    """Return trajectories (T, 3) that are no markers, m."""
+def _draw_ghosts(
+    rng: np.random.Generator, faults: FaultOptions, markers: MarkerSet, points: FloatArray
+) -> list[FloatArray]:
+    """Return trajectories (T, 3) that belong to no marker, m."""
     ghosts = []
     if faults.ghost_walks:
         start, end = rng.uniform(-1.5, 1.5, 3), rng.uniform(-1.5, 1.5, 3)
         start[2], end[2] = rng.uniform(0.2, 1.8, 2)
         ghosts.append(np.linspace(start, end, len(points)) + rng.normal(0, 5e-4, (len(points), 3)))
     if faults.ghost_reflects:
-        marker, normal = _moving(rng, markers), rng.normal(size=3)
+        marker, normal = _draw_moving_marker(rng, markers), rng.normal(size=3)
         normal /= np.linalg.norm(normal)
         mirror = np.nanmean(points[:, marker], axis=0) + rng.uniform(0.1, 0.4) * normal
         ghosts.append(points[:, marker] - 2 * ((points[:, marker] - mirror) @ normal)[:, None] * normal)
     return ghosts
 
 
-def plate_faults(faults: FaultOptions, signals: PlateSignals, along: FloatArray) -> PlateSignals:
-    """Return the channels with their gains and offset, and the corners moved ``along`` (3,)."""
+def add_plate_faults(faults: FaultOptions, signals: PlateSignals, along: FloatArray) -> PlateSignals:
+    """Return the plate's signals with errors of gains and offset, and of the corners ``along`` (3,) the motion."""
     gains = (1 + faults.gain) * np.array([1, 1, 1 + faults.gain_fz, *[1 + faults.gain_moments] * 3])
     offset = np.array([0, 0, faults.offset_fz_N, 0, 0, 0])
     corners = signals.corners + faults.corners_mm / 1e3 * along
     return replace(signals, channels=signals.channels * gains + offset, corners=corners)
 
 
-def _moving(rng: np.random.Generator, markers: MarkerSet) -> int:
+def _draw_moving_marker(rng: np.random.Generator, markers: MarkerSet) -> int:
+    """Return the index of a random marker that is not on the base."""
     return int(rng.choice(np.flatnonzero(markers.link > 0)))
 
 
-def _stretch(rng: np.random.Generator, frames: int, count: float) -> tuple[int, int]:
-    """Begin and end of ``count`` frames somewhere in the middle three quarters of the trial."""
+def _draw_frames(rng: np.random.Generator, frames: int, count: float) -> tuple[int, int]:
+    """Return begin and end of ``count`` frames at a random time in the middle three quarters of the trial."""
     count = min(round(count), frames // 2)
     first = int(rng.integers(frames // 8, max(frames - frames // 8 - count, frames // 8 + 1)))
     return first, first + count
 
 
-def _filtered(points: FloatArray, cut_off: float, rate: float) -> FloatArray:
-    """Return the visible samples after a zero-phase Butterworth low-pass; gaps are bridged for it and stay gaps."""
+def _filter_visible(points: FloatArray, cut_off: float, rate: float) -> FloatArray:
+    """Return the visible samples after a zero-phase Butterworth low-pass filter, which bridges gaps linearly."""
     from scipy.signal import butter, sosfiltfilt  # noqa: PLC0415  loads scipy.stats
 
-    seen, time = np.isfinite(points), np.arange(len(points))
+    visible, time = np.isfinite(points), np.arange(len(points))
     out = points.copy()
     for marker in range(points.shape[1]):
         for axis in range(3):
-            known = seen[:, marker, axis]
+            known = visible[:, marker, axis]
             if known.sum() > 30:
                 filled = np.interp(time, time[known], points[known, marker, axis])
                 out[known, marker, axis] = sosfiltfilt(butter(2, cut_off, fs=rate, output="sos"), filled)[known]
     return out
 
 
-def _about(axis: FloatArray, angle: float) -> FloatArray:
+def _rotation_about(axis: FloatArray, angle: float) -> FloatArray:
     """Return the rotation matrix (3, 3) about a unit axis."""
     x, y, z = axis
     skew = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])

@@ -1,4 +1,4 @@
-"""Exact state and forces of a simulated trial, by recursive dynamics of the chain in SE(3)."""
+"""Exact state and forces of a simulated trial, by recursive dynamics of the chain in SE(3), with chair and rail."""
 
 from __future__ import annotations
 
@@ -9,76 +9,81 @@ import numpy as np
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.geometry import inverse_dynamics, planar
 from mocap_id.simulation.body import GRAVITY, SimulatedBody
-from mocap_id.simulation.joint_motion import JointMotion
-from mocap_id.simulation.supports import POINT, TRUNK, Chair, Rail
+from mocap_id.simulation.joint_motion import JointMotion, smoothstep
+from mocap_id.simulation.schedule import Schedule
 
 UP = np.array([0.0, GRAVITY, 0.0, 0.0, 0.0, 0.0])
 THIGH = 2  # the link that the chair pushes on
+TRUNK = 3  # the link of the hand on the rail
+HAND = (-0.30, 0.30)  # position of that hand in the trunk's frame, in front of the person, m
+
+
+@dataclass(frozen=True)
+class Chair:
+    """A chair that pushes on a point of the thigh with 0 … ``share`` of the body's vertical load."""
+
+    point: tuple[float, float]  # point on the underside of the thigh, near the hip, in the thigh's frame, m
+    share: float  # share of the total vertical force while seated
+    friction: float  # horizontal over vertical force
+    schedule: Schedule
+
+    def load(self, time: FloatArray) -> FloatArray:
+        """Return the chair's share of the total vertical force at times (T,)."""
+        return self.share * self.schedule.chair_load(time)
+
+
+@dataclass(frozen=True)
+class Rail:
+    """A rail that carries up to ``share`` of the vertical load while the person rises; no plate measures it."""
+
+    share: float
+    schedule: Schedule
+
+    def load(self, time: FloatArray) -> FloatArray:
+        """Return the rail's share of the total vertical force at times (T,).
+
+        The rail is loaded from the start of each rise until shortly before its end.
+        """
+        level = np.zeros_like(time)
+        for each in self.schedule.repetitions:
+            length = each.rise_end - each.rise_start
+            level += smoothstep((time - each.rise_start) / (0.4 * length))
+            level -= smoothstep((time - each.rise_start - 0.75 * length) / (0.25 * length))
+        return self.share * level
 
 
 @dataclass(frozen=True)
 class BodiesState:
-    """True motion of a person's separate bodies at times (T,), in the plane frame, SI units.
+    """True motion of a person's separate bodies at times (T,), in the plane frame, SI units."""
 
-    Parameters
-    ----------
-    pose, velocity, acceleration : (T, B, 3) arrays
-        Position x, y of each body frame's origin and angle of the frame, with their time derivatives.
-    gap : (T, 2) array
-        Displacement of the pelvis's hip centre from the thigh's, along the thigh's x and y.
-    tau : (T, 5) array
-        Torques of ankle, knee, hip, lumbar joint and shoulder: moment about the joint centre in the proximal body of
-        the wrench that the proximal body exerts on all distal bodies.
-    """
-
-    pose: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
-    gap: FloatArray
+    pose: FloatArray  # (T, B, 3) position x, y of each body frame's origin, and angle of the frame
+    velocity: FloatArray  # (T, B, 3) first derivative of the pose
+    acceleration: FloatArray  # (T, B, 3) second derivative of the pose
+    gap: FloatArray  # (T, 2) displacement of the pelvis's hip centre from the thigh's, along the thigh's x and y
+    # (T, 5) torques of ankle, knee, hip, lumbar joint and shoulder: moment about the joint centre in the proximal body
+    # of the wrench that the proximal body exerts on all distal bodies
     tau: FloatArray
 
 
 @dataclass(frozen=True)
 class TrueState:
-    """True state and forces at times (T,), in the plane frame, SI units.
+    """True state and forces at times (T,), in the plane frame, SI units."""
 
-    Parameters
-    ----------
-    time : (T,) array
-    q, qd, qdd, qddd : (T, n) arrays
-        Joint angles and their derivatives.
-    seg_angle : (T, n) array
-        Angle of segments 1…n from the plane frame.
-    joint_xy : (T, n, 2) array
-        Joint centres.
-    com : (T, 2) array
-        Centre of mass of the whole body, including the base.
-    wrench_total : (T, 3) array
-        (Fx, Fy, tauz) of ground, chair and rail together on the body.
-    chair_force, chair_point : (T, 2) arrays
-        Force of the chair on the thigh and its point of application, NaN without a chair.
-    wrench : (T, 3) array
-        Wrench of the ground alone, which the plate carries.
-    tau : (T, n) array
-        Torque of segment j - 1 on segment j.
-    bodies : BodiesState or None
-        Separate bodies of a person who differs from the chain. The angles are then those of shank, thigh and trunk, and
-        the joint centres are those in foot, shank and thigh.
-    """
-
-    time: FloatArray
-    q: FloatArray
-    qd: FloatArray
+    time: FloatArray  # (T,)
+    q: FloatArray  # (T, n) joint angles
+    qd: FloatArray  # (T, n) their derivatives, of order one to three
     qdd: FloatArray
     qddd: FloatArray
-    seg_angle: FloatArray
-    joint_xy: FloatArray
-    com: FloatArray
-    wrench_total: FloatArray
-    chair_force: FloatArray
-    chair_point: FloatArray
-    wrench: FloatArray
-    tau: FloatArray
+    seg_angle: FloatArray  # (T, n) angles of segments 1…n from the plane frame
+    joint_xy: FloatArray  # (T, n, 2) joint centres
+    com: FloatArray  # (T, 2) centre of mass of the whole body, including the base
+    wrench_total: FloatArray  # (T, 3) Fx, Fy, tauz of ground, chair and rail together on the body
+    chair_force: FloatArray  # (T, 2) force of the chair on the thigh
+    chair_point: FloatArray  # (T, 2) its point of application; NaN without a chair
+    wrench: FloatArray  # (T, 3) wrench of the ground alone, which the plate carries
+    tau: FloatArray  # (T, n) torque of segment j - 1 on segment j
+    # Separate bodies of a person who differs from the pinned chain. The angles are then those of shank, thigh and
+    # trunk, and the joint centres are those in foot, shank and thigh.
     bodies: BodiesState | None = None
 
     @property
@@ -89,48 +94,36 @@ class TrueState:
 
 
 @dataclass(frozen=True)
-class SegmentPlacement:
-    """Poses of the chain's segments, and the joint centres.
+class SegmentPoses:
+    """Poses of the chain's segments, and the joint centres."""
 
-    Parameters
-    ----------
-    angle : (T, n + 1) array
-        Angles of the segments, base first, rad.
-    origin : (T, n + 1, 2) array
-        Origins of the segments' frames, m.
-    joints : (T, J, 2) array
-        Joint centres, m.
-    moves : (J,) int array
-        First segment beyond each joint.
-    """
-
-    angle: FloatArray
-    origin: FloatArray
-    joints: FloatArray
-    moves: IntArray
+    angle: FloatArray  # (T, n + 1) angles of the segments, base first, rad
+    origin: FloatArray  # (T, n + 1, 2) origins of the segments' frames, m
+    joints: FloatArray  # (T, J, 2) joint centres, m
+    distal: IntArray  # (J,) first segment distal to each joint
 
 
 @dataclass(frozen=True)
 class LoadShares:
-    """Force and point of the chair (T, 2), wrench of the ground (T, 3) and joint torques ``tau`` (T, J)."""
+    """Loads after the division of the total wrench between ground, chair and rail."""
 
-    force: FloatArray
-    point: FloatArray
-    ground: FloatArray
-    tau: FloatArray
+    force: FloatArray  # (T, 2) force of the chair, N
+    point: FloatArray  # (T, 2) its point of application, m
+    ground: FloatArray  # (T, 3) wrench of the ground, N and N·m
+    tau: FloatArray  # (T, J) joint torques, N·m
 
 
-def true_state(
+def compute_state(
     body: SimulatedBody, motion: JointMotion, chair: Chair | None, time: FloatArray, rail: Rail | None = None
 ) -> TrueState:
-    """Return state and forces at times (T,), s."""
+    """Return state and forces of the pinned chain at times (T,), s."""
     q, qd, qdd, qddd = motion.at(time)
     centres = body.centres
     angle, origin = planar.segment_poses(q, centres)
     loads = inverse_dynamics(planar.spatial_chain(centres), body.inertias, q, qd, qdd, base_acceleration=UP)
     total, tau = loads.base_wrench[:, [0, 1, 5]], loads.effort
-    placed = SegmentPlacement(angle, origin, origin[:, 1:], np.arange(1, len(centres) + 1))
-    shared = share_load(placed, total, tau, time, chair=chair, rail=rail)
+    poses = SegmentPoses(angle, origin, origin[:, 1:], np.arange(1, len(centres) + 1))
+    shared = share_load(poses, total, tau, time, chair=chair, rail=rail)
     coms = planar.marker_positions(q, centres, np.arange(len(body.links)), body.coms)
     return TrueState(
         time=time,
@@ -150,7 +143,7 @@ def true_state(
 
 
 def share_load(
-    placed: SegmentPlacement,
+    poses: SegmentPoses,
     total: FloatArray,
     tau: FloatArray,
     time: FloatArray,
@@ -159,21 +152,21 @@ def share_load(
     rail: Rail | None,
 ) -> LoadShares:
     """Divide the total wrench (T, 3) between ground, chair and rail, and correct the joint torques (T, J)."""
-    angle, origin, joints = placed.angle, placed.origin, placed.joints
+    angle, origin, joints = poses.angle, poses.origin, poses.joints
     force, point = np.zeros((len(time), 2)), np.full((len(time), 2), np.nan)
     ground = total
     if chair is not None:
         point = origin[:, THIGH] + planar.rotate(angle[:, THIGH], np.array(chair.point))
         vertical = chair.load(time) * total[:, 1]
         force = np.column_stack([chair.friction * vertical, vertical])
-        # the joints below the point of contact and the plate do not carry the chair's share
-        tau = tau - np.where(placed.moves <= THIGH, _moment(point[:, None] - joints, force), 0)
+        # the plate and the joints below the point of contact do not carry the chair's share
+        tau = tau - np.where(poses.distal <= THIGH, _moment(point[:, None] - joints, force), 0)
         ground = total - np.column_stack([force, _moment(point[:, None], force)])
     if rail is not None:
-        hand = origin[:, TRUNK] + planar.rotate(angle[:, TRUNK], np.array(POINT))
-        carried = np.column_stack([np.zeros(len(time)), rail.load(time) * total[:, 1]])
-        tau = tau - np.where(placed.moves <= TRUNK, _moment(hand[:, None] - joints, carried), 0)
-        ground = ground - np.column_stack([carried, _moment(hand[:, None], carried)])
+        hand = origin[:, TRUNK] + planar.rotate(angle[:, TRUNK], np.array(HAND))
+        on_rail = np.column_stack([np.zeros(len(time)), rail.load(time) * total[:, 1]])
+        tau = tau - np.where(poses.distal <= TRUNK, _moment(hand[:, None] - joints, on_rail), 0)
+        ground = ground - np.column_stack([on_rail, _moment(hand[:, None], on_rail)])
     return LoadShares(force, point, ground, tau)
 
 

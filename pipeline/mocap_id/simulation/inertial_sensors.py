@@ -15,7 +15,7 @@ from mocap_id.recording.imu_log import ImuLog, imu_csv
 from mocap_id.simulation.body import GRAVITY
 from mocap_id.simulation.forces import TrueState
 from mocap_id.simulation.scene import Scene
-from mocap_id.simulation.skin import turning
+from mocap_id.simulation.skin import draw_skin_rotation
 
 RATE = 100.0
 """Samples per second of a sensor's own clock."""
@@ -28,32 +28,22 @@ _DRIFTS = (5e-5, 1.3e-3)  # rad/s/√s and m/s²/√s
 _SCALE = 0.004
 _OFFSET = 0.05  # s
 _PPM = 30.0
-_TURN = 0.03  # rad, by which the skin turns at the ends of the motion, in any direction
-_SWITCHED_ON = 0.3  # of a bias changes from one recording to the next
-_FORWARDS, _ALONG, _ACROSS = 0.06, 0.6, 0.05  # m, share of the length, m: mean distance from the segment's origin
+_SKIN_ROTATION = 0.03  # rad, of the skin at the ends of the motion, in any direction
+_SWITCHED_ON = 0.3  # share of a bias that changes from one recording to the next
+_FORWARDS, _ALONG, _ACROSS = 0.06, 0.6, 0.05  # m, share of the length, m: mean position from the segment's origin
 
 
 @dataclass(frozen=True)
 class SimulatedSensor:
-    """Log and truth of one sensor.
+    """Log and truth of one sensor, with K samples."""
 
-    Parameters
-    ----------
-    time : (K,) array
-        Time stamps, s, on the sensor's clock.
-    gyro, acc : (K, 3) arrays
-        Angular velocity, rad/s, and specific force, m/s², in the sensor's axes.
-    truth : mapping
-        Clock, mounting, position and errors, for ``truth.json``.
-    """
-
-    time: FloatArray
-    gyro: FloatArray
-    acc: FloatArray
-    truth: Mapping[str, Any]
+    time: FloatArray  # (K,) time stamps on the sensor's clock, s
+    gyro: FloatArray  # (K, 3) angular velocity in the sensor's axes, rad/s
+    acc: FloatArray  # (K, 3) specific force in the sensor's axes, m/s²
+    truth: Mapping[str, Any]  # clock, mounting, position and errors, for truth.json
 
 
-def sensors_in_plane(
+def simulate_plane_sensors(
     seed: int, scene: Scene, state: TrueState, softness: float, person: int | None = None
 ) -> dict[str, SimulatedSensor]:
     """Return a sensor on every moving segment of a simulated person without separate bodies.
@@ -61,28 +51,30 @@ def sensors_in_plane(
     Parameters
     ----------
     seed : int
+        Seed of the trial.
     scene : Scene
     state : TrueState
-        At the frames.
+        State at the frames.
     softness : float
-        Factor on the turn of the skin, which follows the joints above and below the segment.
+        Factor on the rotation of the skin, which follows the joints at both ends of the segment.
     person : int, optional
-        Seed of a person who wears the same sensors at the same places in all trials.
+        Seed of a person who wears the same sensors at the same positions in all trials.
     """
-    found = {}
+    sensors = {}
     axes = scene.plane.axes.T
     for s, link in enumerate(scene.body.links[1:]):
         rng = np.random.default_rng([seed, SEED, s])
-        worn = None if person is None else np.random.default_rng([person, SEED, s])
-        place = np.array([-_FORWARDS, _ALONG * link.length, _ACROSS]) * (worn or rng).uniform(0.6, 1.4, 3)
-        skin = turning(rng, s + 1, softness * _TURN, state.q, state.time, worn)
-        own = so3.exp(state.seg_angle[:, s, None] * np.array([0.0, 0.0, 1.0]))
-        at = np.column_stack([state.joint_xy[:, s], np.full(len(own), scene.offset)]) + own @ place
-        truth = {"position_in_segment_m": place.tolist(), "skin_turn_rad": float(np.ptp(skin[:, 2]))}
-        found[link.name] = measure_motion(
-            rng, state.time, axes @ own @ so3.exp(skin), scene.plane.from_plane(at), worse=1.0, truth=truth, worn=worn
+        kept = None if person is None else np.random.default_rng([person, SEED, s])
+        position = np.array([-_FORWARDS, _ALONG * link.length, _ACROSS]) * (kept or rng).uniform(0.6, 1.4, 3)
+        skin = draw_skin_rotation(rng, s + 1, softness * _SKIN_ROTATION, state.q, state.time, kept)
+        segment = so3.exp(state.seg_angle[:, s, None] * np.array([0.0, 0.0, 1.0]))
+        points = np.column_stack([state.joint_xy[:, s], np.full(len(segment), scene.offset)]) + segment @ position
+        truth = {"position_in_segment_m": position.tolist(), "skin_turn_rad": float(np.ptp(skin[:, 2]))}
+        rotations, points = axes @ segment @ so3.exp(skin), scene.plane.from_plane(points)
+        sensors[link.name] = measure_motion(
+            rng, state.time, rotations, points, error_factor=1.0, truth=truth, kept=kept
         )
-    return found
+    return sensors
 
 
 def measure_motion(
@@ -91,31 +83,31 @@ def measure_motion(
     rotations: FloatArray,
     positions: FloatArray,
     *,
-    worse: float,
+    error_factor: float,
     truth: Mapping[str, Any],
-    worn: np.random.Generator | None = None,
+    kept: np.random.Generator | None = None,
 ) -> SimulatedSensor:
-    """Return what a sensor with its own clock, mounting and errors measures of a motion.
+    """Return the measurement of a motion by a sensor with its own clock, mounting and errors.
 
     Parameters
     ----------
     rng : Generator
     time : (F,) array
-        s.
+        Times of the frames, s.
     rotations : (F, 3, 3) array
-        From the skin under the sensor to the laboratory, z up.
+        Rotations from the skin under the sensor to the laboratory, z up.
     positions : (F, 3) array
-        m.
-    worse : float
+        Positions of the sensor in the laboratory, m.
+    error_factor : float
         Factor on all errors.
     truth : mapping
-        More entries for the truth.
-    worn : Generator, optional
-        Generator of what the sensor keeps in all trials: mounting, scale and most of its biases.
+        Further entries of the truth.
+    kept : Generator, optional
+        Generator of the properties that are the same in all trials: mounting, scale and most of the biases.
     """
-    kept = worn or rng
-    mount = so3.exp(kept.uniform(0, np.pi) * _direction(kept))
-    offset, ppm = worse * _OFFSET * rng.standard_normal(), worse * _PPM * rng.standard_normal()
+    own = kept or rng
+    mount = so3.exp(own.uniform(0, np.pi) * _draw_direction(own))
+    offset, ppm = error_factor * _OFFSET * rng.standard_normal(), error_factor * _PPM * rng.standard_normal()
     first = np.ceil((time[0] - offset) * RATE)
     stamps = np.arange(first, (time[-1] - offset) / (1 + 1e-6 * ppm) * RATE) / RATE
     at = offset + stamps * (1 + 1e-6 * ppm)
@@ -129,14 +121,14 @@ def measure_motion(
     for k, (name, pure) in enumerate(
         (("gyro", omega / 2 @ mount), ("acc", np.einsum("fji,fj->fi", turn, force) @ mount))
     ):
-        scale = 1 + worse * _SCALE * kept.standard_normal(3)
-        walk = np.cumsum(rng.standard_normal((len(at), 3)), axis=0) * worse * _DRIFTS[k] / np.sqrt(RATE)
-        bias = worse * _BIASES[k] * kept.standard_normal(3) + walk
-        if worn is not None:
-            bias += worse * _SWITCHED_ON * _BIASES[k] * rng.standard_normal(3)
-        density = worse * _DENSITIES[k] * rng.uniform(0.8, 1.5)
+        scale = 1 + error_factor * _SCALE * own.standard_normal(3)
+        walk = np.cumsum(rng.standard_normal((len(at), 3)), axis=0) * error_factor * _DRIFTS[k] / np.sqrt(RATE)
+        bias = error_factor * _BIASES[k] * own.standard_normal(3) + walk
+        if kept is not None:
+            bias += error_factor * _SWITCHED_ON * _BIASES[k] * rng.standard_normal(3)
+        density = error_factor * _DENSITIES[k] * rng.uniform(0.8, 1.5)
         noisy = scale * pure + bias + density * np.sqrt(RATE / 2) * rng.standard_normal(pure.shape)
-        signals.append(np.round(noisy / _STEPS[k]) * _STEPS[k] if worse else noisy)
+        signals.append(np.round(noisy / _STEPS[k]) * _STEPS[k] if error_factor else noisy)
         errors |= {f"{name}_bias_start": bias[0].tolist(), f"{name}_bias_end": bias[-1].tolist()}
         errors |= {f"{name}_scale": scale.tolist(), f"{name}_nd": density}
     clock = {"offset_s": offset, "ppm": ppm, "mount_R_sensor_to_segment": mount.tolist(), "n": len(at)}
@@ -148,6 +140,7 @@ def csv_bytes(sensor: SimulatedSensor) -> bytes:
     return imu_csv(ImuLog(sensor.time, sensor.gyro, sensor.acc))
 
 
-def _direction(rng: np.random.Generator) -> FloatArray:
+def _draw_direction(rng: np.random.Generator) -> FloatArray:
+    """Return a random unit vector (3,)."""
     v = rng.standard_normal(3)
     return np.asarray(v / np.linalg.norm(v))

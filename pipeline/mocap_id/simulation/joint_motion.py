@@ -1,4 +1,4 @@
-"""Joint motions as smooth splines with exact derivatives."""
+"""Smooth functions of time: joint motions with exact derivatives, steps, sway and tremor."""
 
 from __future__ import annotations
 
@@ -13,12 +13,43 @@ from mocap_id.arrays import FloatArray
 
 STEP = 0.005  # s, between the samples of a motion's spline
 DEGREE = 7  # six continuous derivatives: the snap of every joint is smooth
+TREMOR = (1.0, 5.0)  # Hz
+SWAY = (0.08, 0.6)  # Hz
+_WAVES = 8  # sine waves of a tremor or sway
 
 
 def smoothstep(phase: FloatArray, order: int = 6) -> FloatArray:
     """Return 0 below phase 0, 1 above phase 1, and between them a polynomial with ``order - 1`` smooth derivatives."""
     step: FloatArray = betainc(order, order, np.clip(phase, 0.0, 1.0))
     return step
+
+
+def ramp_up(time: FloatArray, start: float) -> FloatArray:
+    """Return a factor (T, 1) that rises smoothly from 0 at ``start`` to 1 one second later."""
+    return smoothstep(time - start)[:, None]
+
+
+def draw_tremor(rng: np.random.Generator, time: FloatArray, acceleration: FloatArray) -> FloatArray:
+    """Return random angles (T, n), rad, whose second derivatives have the given (n,) root mean squares, rad/s²."""
+    frequency, phase = _draw_waves(rng, TREMOR, len(acceleration))
+    omega = 2 * np.pi * frequency
+    waves = np.sin(omega * time[:, None, None] + phase) / omega**2
+    total: FloatArray = acceleration * waves.sum(axis=1) * np.sqrt(2 / _WAVES)
+    return total
+
+
+def draw_sway(rng: np.random.Generator, time: FloatArray, size: FloatArray) -> FloatArray:
+    """Return slow random motion (T, n) with the given (n,) standard deviations; lower frequencies are larger."""
+    frequency, phase = _draw_waves(rng, SWAY, len(size))
+    weight = 1 / frequency
+    waves = np.sin(2 * np.pi * frequency * time[:, None, None] + phase) * weight
+    total: FloatArray = size * waves.sum(axis=1) / np.sqrt((weight**2).sum(axis=0) / 2)
+    return total
+
+
+def _draw_waves(rng: np.random.Generator, band: tuple[float, float], count: int) -> tuple[FloatArray, FloatArray]:
+    """Return random frequencies, Hz, and phases, rad, (waves, count) each."""
+    return rng.uniform(*band, (_WAVES, count)), rng.uniform(0, 2 * np.pi, (_WAVES, count))
 
 
 @dataclass(frozen=True)
@@ -28,9 +59,9 @@ class JointMotion:
     Parameters
     ----------
     spline : BSpline
-        (n,) joint angles, rad.
+        Joint angles (n,), rad. The spline extends beyond both ends of the trial.
     duration : float
-        End of the trial, s; it starts at 0. The spline extends somewhat beyond both ends.
+        Duration of the trial, which starts at 0, s.
     """
 
     spline: BSpline
@@ -43,32 +74,19 @@ class JointMotion:
 
 
 def motion_through(time: FloatArray, angles: FloatArray, duration: float) -> JointMotion:
-    """Return the motion whose spline passes through ``angles`` (T, n) at evenly spaced times (T,)."""
+    """Return the motion through ``angles`` (T, n) at evenly spaced times (T,)."""
     return JointMotion(make_interp_spline(time, angles, k=DEGREE), duration)
 
 
 @dataclass(frozen=True)
 class Swing:
-    """Sinusoidal motion of a robot's joint.
+    """Sinusoidal motion of a robot's joint."""
 
-    Parameters
-    ----------
-    frequency : float
-        Hz.
-    amplitude : float
-        rad.
-    centre : float
-        Mean angle, rad.
-    periods : int
-    lead : float
-        Rest before and after the motion, s.
-    """
-
-    frequency: float
-    amplitude: float
-    centre: float
+    frequency: float  # Hz
+    amplitude: float  # rad
+    centre: float  # mean angle, rad
     periods: int
-    lead: float
+    lead: float  # rest before and after the motion, s
 
     @property
     def duration(self) -> float:
@@ -80,7 +98,7 @@ class Swing:
         return [{"start": float(start), "end": float(start + 1 / self.frequency)} for start in starts]
 
     def motion(self) -> JointMotion:
-        """Return the motion; it begins and ends at rest, with half a period of growing and fading amplitude."""
+        """Return the motion, which begins and ends at rest: the amplitude grows and fades during half a period."""
         time = np.arange(-1.0, self.duration + 1.0, STEP)
         phase = (time - self.lead) * self.frequency
         envelope = smoothstep(2 * phase) * smoothstep(2 * (self.periods - phase))

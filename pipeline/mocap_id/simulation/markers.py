@@ -17,36 +17,20 @@ PLACEMENT = 0.006  # m, standard deviation of a marker's placement
 
 @dataclass(frozen=True)
 class MarkerSet:
-    """Marker positions in the frames of their links.
-
-    Parameters
-    ----------
-    labels : tuple of str, length M
-    link : (M,) int array
-        Link of each marker; 0 is the base.
-    local : (M, 3) array
-        x, y in the link's frame and distance z from the body's mid-plane, m.
-    softness : (M,) array
-        Largest displacement by skin motion, m.
-    hidden : (M,) bool array
-        Whether the marker may be hidden from the cameras.
-    on_plate : (M,) bool array
-    at_joint : tuple of (str or None), length M
-        Joint on whose axis the marker lies.
-    """
+    """M markers in the coordinate frames of their links."""
 
     labels: tuple[str, ...]
-    link: IntArray
-    local: FloatArray
-    softness: FloatArray
-    hidden: BoolArray
-    on_plate: BoolArray
-    at_joint: tuple[str | None, ...]
+    link: IntArray  # (M,) link of each marker; 0 is the base
+    local: FloatArray  # (M, 3) x, y in the link's frame and distance z from the body's mid-plane, m
+    softness: FloatArray  # (M,) largest displacement by skin motion, m
+    hidden: BoolArray  # (M,) whether the cameras may lose sight of the marker
+    on_plate: BoolArray  # (M,)
+    at_joint: tuple[str | None, ...]  # joint on whose axis the marker lies
 
 
 @dataclass(frozen=True)
 class _Site:
-    """Nominal position of a marker: y in link lengths, x and z in m; ``paired`` for markers on both sides."""
+    """Nominal position of a marker: y in link lengths, x and z in m."""
 
     name: str
     link: int
@@ -54,7 +38,7 @@ class _Site:
     y: float
     z: float
     soft_mm: float
-    paired: bool = True
+    paired: bool = True  # whether both sides of the body have this marker
     hidden: bool = False
     at_joint: str | None = None
 
@@ -107,13 +91,9 @@ _ROBOT = (
     _Site("WRI4", 1, -0.034, 0.98, 0.070, 0.0, paired=False, hidden=True),
 )
 
+_ALSO_CONVENTIONAL = ("C7", "T10", "CLAV", "STRN", "SHO", "ASI")
 _CONVENTIONAL = (
-    _Site("C7", 3, 0.065, 1.17, 0.0, 2.0, paired=False, hidden=True),
-    _Site("T10", 3, 0.100, 0.72, 0.0, 3.0, paired=False, hidden=True),
-    _Site("CLAV", 3, -0.075, 1.02, 0.0, 2.0, paired=False, hidden=True),
-    _Site("STRN", 3, -0.110, 0.74, 0.0, 3.0, paired=False, hidden=True),
-    _Site("SHO", 3, 0.0, 1.07, 0.185, 3.0, hidden=True),
-    _Site("ASI", 3, -0.090, 0.17, 0.125, 4.0, hidden=True),
+    *(site for site in _PERSON if site.name in _ALSO_CONVENTIONAL),
     _Site("PSI", 3, 0.100, 0.20, 0.050, 3.0, hidden=True),
     _Site("THI", 2, -0.020, 0.45, 0.170, 4.0),
     _Site("KNE", 2, 0.0, 0.0, 0.140, 4.0, at_joint="knee"),
@@ -130,7 +110,7 @@ MARKER_SETS: Mapping[MarkerSetName, tuple[_Site, ...]] = {
     "plug-in-gait-without-wands": tuple(site for site in _CONVENTIONAL if site.name not in _WANDS),
     "joints": tuple(site for site in _CONVENTIONAL if site.name in _JOINTS),
 }
-"""Sites of each marker set of a person."""
+"""Nominal positions of each marker set of a person."""
 
 PLATE = ((-0.28, -0.18), (-0.24, 0.20), (-0.06, 0.24), (0.05, -0.22), (0.19, 0.18), (0.27, -0.14), (0.23, 0.02))
 
@@ -140,14 +120,8 @@ def place_markers(
 ) -> MarkerSet:
     """Place the body's markers with random placement errors; clusters have seven more on the plate.
 
-    Parameters
-    ----------
-    rng : Generator
-    body : SimulatedBody
-    name : str
-        Marker set of a person; a robot has its own.
-    without : str
-        Markers to leave out, separated by commas: on both sides (``KNE``), on one (``LKNE``) or a whole side (``R*``).
+    ``name`` is the marker set of a person; a robot has its own. ``without`` lists markers to leave out, separated by
+    commas: on both sides (``KNE``), on one side (``LKNE``), or all of one side (``R*``).
     """
     person = len(body.links) > 2
     left_out = {each.strip() for each in without.split(",")}
@@ -157,11 +131,11 @@ def place_markers(
         for one in _sides(site)
         if not {site.name, one.name, f"{one.name[0]}*" if site.paired else site.name} & left_out
     )
-    return with_plate(
+    return add_plate_markers(
         rng,
         tuple(site.name for site in sites),
         np.array([site.link for site in sites]),
-        np.array([_local(body, site) for site in sites]),
+        np.array([_local_position(body, site) for site in sites]),
         softness=np.array([site.soft_mm for site in sites]) / 1e3,
         hidden=np.array([site.hidden for site in sites]),
         at_joint=tuple(site.at_joint for site in sites),
@@ -169,15 +143,15 @@ def place_markers(
     )
 
 
-def knee_to_shank(markers: MarkerSet, body: SimulatedBody) -> MarkerSet:
-    """Return the markers with those at the knee fixed to the shank."""
+def fix_knee_to_shank(markers: MarkerSet, body: SimulatedBody) -> MarkerSet:
+    """Return the markers after fixing the knee markers to the shank."""
     at_knee = np.array([joint == "knee" for joint in markers.at_joint])
     local = markers.local.copy()
     local[at_knee, :2] += body.links[2].centre
     return replace(markers, link=markers.link - at_knee, local=local)
 
 
-def with_plate(
+def add_plate_markers(
     rng: np.random.Generator,
     labels: tuple[str, ...],
     link: IntArray,
@@ -188,30 +162,33 @@ def with_plate(
     at_joint: tuple[str | None, ...],
     plate: Sequence[tuple[float, float]] = PLATE,
 ) -> MarkerSet:
-    """Add markers on the ``plate`` and random placement errors; other parameters as for :class:`MarkerSet`."""
-    plain = len(plate)
-    on_plate = np.arange(len(labels) + plain) >= len(labels)
+    """Add markers at positions x, z on the ``plate``, and random placement errors to all markers.
+
+    The other parameters are the fields of :class:`MarkerSet`.
+    """
+    count = len(plate)
+    on_plate = np.arange(len(labels) + count) >= len(labels)
     local = np.concatenate([local, np.array([(x, 0.004, z) for x, z in plate]).reshape(-1, 3)])
     local += rng.normal(0, PLACEMENT, local.shape) * np.where(on_plate[:, None], (1.0, 0.1, 1.0), 1.0)
     return MarkerSet(
-        labels=(*labels, *(f"PLT{i + 1}" for i in range(plain))),
-        link=np.concatenate([link, np.zeros(plain, dtype=np.int64)]),
+        labels=(*labels, *(f"PLT{i + 1}" for i in range(count))),
+        link=np.concatenate([link, np.zeros(count, dtype=np.int64)]),
         local=local,
-        softness=np.concatenate([softness, np.zeros(plain)]),
-        hidden=np.concatenate([hidden, np.zeros(plain, dtype=np.bool_)]),
+        softness=np.concatenate([softness, np.zeros(count)]),
+        hidden=np.concatenate([hidden, np.zeros(count, dtype=np.bool_)]),
         on_plate=on_plate,
-        at_joint=at_joint + (None,) * plain,
+        at_joint=at_joint + (None,) * count,
     )
 
 
 def _sides(site: _Site) -> tuple[_Site, ...]:
-    """Return the left and right marker of a paired site; the subject faces -x, so the left side is at +z."""
+    """Return the left and right marker of a paired site; the person faces -x, so the left side is at +z."""
     if not site.paired:
         return (site,)
     return replace(site, name=f"L{site.name}"), replace(site, name=f"R{site.name}", z=-site.z)
 
 
-def _local(body: SimulatedBody, site: _Site) -> tuple[float, float, float]:
+def _local_position(body: SimulatedBody, site: _Site) -> tuple[float, float, float]:
     """Return coordinates in the link's frame; x of the base's markers is measured from the first joint."""
     link = body.links[site.link]
     start = body.links[1].centre[0] if site.link == 0 else 0.0

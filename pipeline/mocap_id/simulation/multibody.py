@@ -1,6 +1,6 @@
-"""A person with separate pelvis, trunk and arms, a foot that turns and a weight in the hands.
+"""A person with separate pelvis, trunk and arms, a foot that rotates and a weight in the hands.
 
-With all joints at the chain's pins, these bodies together equal the pinned chain exactly.
+While no joint leaves its position in the pinned chain, these bodies together equal the pinned chain exactly.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from mocap_id.simulation.body import Link, SimulatedBody
 from mocap_id.simulation.markers import MarkerSet
 
 LINKS = {"foot": 1, "shank": 2, "thigh": 3, "pelvis": 5, "trunk": 6, "arms": 7, "weight": 7}
-"""Link of the chain to which each body belongs; 0 is the ground and 4 the hip's slide, both massless."""
+"""Link of the chain to which each body belongs; link 0 is the ground and link 4 the hip's slide, both massless."""
 
 SLIDE = 4
 TORSO = 3  # segment of the pinned chain that is divided into several bodies
@@ -34,15 +34,10 @@ ON_PELVIS = ("ASI",)
 
 
 @dataclass(frozen=True)
-class _Gliding:
-    """A joint with commuting twists: its pose is the exponential of their sum, its subspace is constant.
+class _CommutingJoint:
+    """A joint with commuting twists: its pose is the exponential of their sum, its subspace is constant."""
 
-    Parameters
-    ----------
-    along : tuple of (vx, vy, vz, wx, wy, wz)
-    """
-
-    along: tuple[tuple[float, ...], ...]
+    along: tuple[tuple[float, ...], ...]  # the twists (vx, vy, vz, wx, wy, wz)
 
     @property
     def dimension(self) -> int:
@@ -60,21 +55,16 @@ class _Gliding:
 
 
 @dataclass(frozen=True)
-class LooseBody:
+class DividedBody:
     """The separate bodies of a person.
 
-    Parameters
-    ----------
-    parts : tuple of Link
-        Foot, shank, thigh, pelvis, trunk, arms and, if present, the weight. ``centre`` is the frame's origin in the
-        previous part; the foot's frame equals the plane frame while the foot is flat, and the weight is fixed to the
-        arms.
-    toe : float
-        Position on the ground of the point about which the foot turns, m.
+    The frame of the foot equals the plane frame while the foot is flat. The weight is fixed to the arms.
     """
 
+    # Foot, shank, thigh, pelvis, trunk, arms and, if present, the weight; `centre` is the origin of a part's frame in
+    # the previous part.
     parts: tuple[Link, ...]
-    toe: float
+    toe: float  # position on the ground of the point about which the foot rotates, m
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -85,15 +75,16 @@ class LooseBody:
     def chain(self) -> Chain:
         """Kinematic chain from the ground to the arms.
 
-        Its coordinates: foot, ankle, knee, hip gap along both axes of the thigh (m), hip, lumbar spine, shoulder (rad).
+        Its coordinates are foot, ankle, knee (rad), hip gap along both axes of the thigh (m), hip, lumbar joint and
+        shoulder (rad).
         """
         foot, shank, thigh, pelvis, trunk, arms = self.parts[:6]
-        turn = Revolute((0.0, 0.0, 1.0))
-        slide = _Gliding(((1.0, 0, 0, 0, 0, 0), (0, 1.0, 0, 0, 0, 0)))
-        about_toe = _Gliding(((0.0, -self.toe, 0, 0, 0, 1.0),))
-        places = [foot.centre, shank.centre, thigh.centre, pelvis.centre, (0.0, 0.0), trunk.centre, arms.centre]
-        placements = se3.pose(np.eye(3), np.array([(x, y, 0.0) for x, y in places]))
-        return Chain((about_toe, turn, turn, slide, turn, turn, turn), placements)
+        hinge = Revolute((0.0, 0.0, 1.0))
+        slide = _CommutingJoint(((1.0, 0, 0, 0, 0, 0), (0, 1.0, 0, 0, 0, 0)))
+        about_toe = _CommutingJoint(((0.0, -self.toe, 0, 0, 0, 1.0),))
+        centres = [foot.centre, shank.centre, thigh.centre, pelvis.centre, (0.0, 0.0), trunk.centre, arms.centre]
+        placements = se3.pose(np.eye(3), np.array([(x, y, 0.0) for x, y in centres]))
+        return Chain((about_toe, hinge, hinge, slide, hinge, hinge, hinge), placements)
 
     @cached_property
     def inertias(self) -> FloatArray:
@@ -118,11 +109,11 @@ class LooseBody:
 
     @property
     def in_segment(self) -> FloatArray:
-        """(B, 2) origin of each part's frame in its segment of the pinned chain, with joints at the pins, m."""
-        places = np.zeros((len(self.parts), 2))
+        """(B, 2) origin of each part's frame in its segment of the pinned chain, without joint displacements, m."""
+        origins = np.zeros((len(self.parts), 2))
         for i in range(TORSO + 1, len(self.parts)):
-            places[i] = places[i - 1] + self.parts[i].centre
-        return places
+            origins[i] = origins[i - 1] + self.parts[i].centre
+        return origins
 
     def part_of(self, markers: MarkerSet) -> IntArray:
         """Return the part that carries each marker, (M,); -1 for the plate."""
@@ -141,23 +132,10 @@ class LooseBody:
         return local
 
 
-def divide_body(rng: np.random.Generator, body: SimulatedBody, held_mass: float) -> tuple[LooseBody, SimulatedBody]:
-    """Divide a person into bodies whose masses and positions vary by up to 10 %.
+def divide_body(rng: np.random.Generator, body: SimulatedBody, held_mass: float) -> tuple[DividedBody, SimulatedBody]:
+    """Divide a person into bodies with masses and positions that vary by up to 10 %.
 
-    Parameters
-    ----------
-    rng : Generator
-    body : SimulatedBody
-        A person, as drawn by :func:`mocap_id.simulation.body.draw_person`.
-    held_mass : float
-        Mass of the weight in the hands, kg.
-
-    Returns
-    -------
-    LooseBody
-        The separate bodies.
-    SimulatedBody
-        The pinned chain, including the weight.
+    Return the bodies, and the pinned chain with the weight of ``held_mass``, kg, in the hands.
     """
     torso = body.links[TORSO]
     length = torso.length
@@ -169,26 +147,26 @@ def divide_body(rng: np.random.Generator, body: SimulatedBody, held_mass: float)
     pelvis = replace(pelvis, inertia=pelvis_mass * (PELVIS_RADIUS * off[5] * length) ** 2)
     arms = replace(torso, name="arms", mass=arms_mass, com=arms_com)
     arms = replace(arms, inertia=arms_mass * (ARMS_RADIUS * off[6] * length) ** 2)
-    trunk = _together("trunk", torso, [(1, torso), (-1, pelvis), (-1, arms)])
+    trunk = _sum_bodies("trunk", torso, [(1, torso), (-1, pelvis), (-1, arms)])
     lumbar, shoulder = (0.0, LUMBAR * off[7] * length), (0.0, SHOULDER * length)
     hands = (HANDS[0], HANDS[1] * length)
     reach = float(np.hypot(hands[0] - shoulder[0], hands[1] - shoulder[1]))
     parts = [
         *body.links[:TORSO],
         replace(pelvis, length=lumbar[1]),
-        _moved(trunk, "lumbar", (0.0, 0.0), lumbar, length - lumbar[1]),
-        _moved(arms, "shoulder", lumbar, shoulder, reach),
+        _move_frame(trunk, "lumbar", (0.0, 0.0), lumbar, length - lumbar[1]),
+        _move_frame(arms, "shoulder", lumbar, shoulder, reach),
     ]
     if held_mass > 0:
         weight = Link("weight", None, hands, 0.0, held_mass, hands, held_mass * WEIGHT_RADIUS**2)
-        parts.append(_moved(weight, None, shoulder, hands, 0.0))
-        loaded = _together("torso", torso, [(1, torso), (1, weight)])
+        parts.append(_move_frame(weight, None, shoulder, hands, 0.0))
+        loaded = _sum_bodies("torso", torso, [(1, torso), (1, weight)])
         body = replace(body, links=(*body.links[:TORSO], loaded))
-    return LooseBody(tuple(parts), body.support[0]), body
+    return DividedBody(tuple(parts), body.support[0]), body
 
 
-def _together(name: str, like: Link, signed: Sequence[tuple[int, Link]]) -> Link:
-    """Return the sum of rigid bodies in one frame; those with sign -1 are subtracted."""
+def _sum_bodies(name: str, like: Link, signed: Sequence[tuple[int, Link]]) -> Link:
+    """Return the sum of rigid bodies in one frame; bodies with sign -1 are subtracted."""
     mass = sum(sign * link.mass for sign, link in signed)
     com = np.sum([sign * link.mass * np.array(link.com) for sign, link in signed], axis=0) / mass
     about = sum(sign * link.about_origin for sign, link in signed)
@@ -197,10 +175,10 @@ def _together(name: str, like: Link, signed: Sequence[tuple[int, Link]]) -> Link
     )
 
 
-def _moved(
+def _move_frame(
     link: Link, joint: str | None, before: tuple[float, float], origin: tuple[float, float], length: float
 ) -> Link:
-    """Return a link with its frame moved to ``origin`` in the torso; ``before`` is the previous part's origin there."""
+    """Return a link with its frame moved to ``origin`` in the torso; the previous part's origin is at ``before``."""
     centre = (origin[0] - before[0], origin[1] - before[1])
     com = (link.com[0] - origin[0], link.com[1] - origin[1])
     return replace(link, joint=joint, centre=centre, com=com, length=length)

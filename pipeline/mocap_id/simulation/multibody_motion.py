@@ -1,7 +1,7 @@
-"""Motion of a person beyond the chain's three angles: hip gap, bending spine, swinging arms and lifted heels.
+"""Motion of a person in addition to the chain's three angles: hip gap, bending spine, swinging arms and lifted heels.
 
-The part that follows the posture belongs to the person: it is the same at the same angles in all trials. Variations
-between repetitions, and drifts, belong to the trial.
+The motion that depends on the posture belongs to the person: it is the same at the same angles in all trials.
+Variations between repetitions, and drifts, belong to the trial.
 """
 
 from __future__ import annotations
@@ -24,29 +24,17 @@ WAVES = 5
 
 @dataclass(frozen=True)
 class Habit:
-    """Dependence of a person's hip gap and spine on the posture.
+    """Dependence of a person's hip gap and spine on the posture."""
 
-    Parameters
-    ----------
-    sink : float
-        Unevenness of the torso's sinking during the rise, -0.3 … 0.3.
-    ripple, phase : (2,) arrays
-        Number of periods over the rise, and initial phase, rad, of the gap's oscillation in x and y.
-    forward : float
-        Share of the gap's range across the thigh.
-    slump : float
-        Share of the spine's bend caused by sitting; the rest is caused by the lean.
-    """
-
-    sink: float
-    ripple: FloatArray
-    phase: FloatArray
-    forward: float
-    slump: float
+    sink: float  # unevenness of the torso's sinking during the rise, -0.3 … 0.3
+    ripple: FloatArray  # (2,) number of periods over the rise of the gap's oscillation in x and y
+    phase: FloatArray  # (2,) initial phase of this oscillation, rad
+    forward: float  # share of the gap's range across the thigh
+    slump: float  # share of the spine's bend that depends on the knee; the rest depends on the lean
 
 
 def draw_habit(rng: np.random.Generator) -> Habit:
-    """Draw a person's habit."""
+    """Draw the dependence of a person's hip gap and spine on the posture."""
     return Habit(
         sink=float(rng.uniform(-0.3, 0.3)),
         ripple=rng.uniform(1.0, 1.8, 2),
@@ -58,36 +46,24 @@ def draw_habit(rng: np.random.Generator) -> Habit:
 
 @dataclass(frozen=True)
 class TrialVariation:
-    """Variations of one trial: size and timing of each repetition's swings, and drifts.
+    """Variations of one trial with R repetitions, relative to the usual size 1."""
 
-    Parameters
-    ----------
-    swing : (R, 3) array
-        Size of the arms' swing while rising, while sitting down, and at rest while standing; 1 is usual.
-    late : (R, 2) array
-        Delay of the first two swings, s.
-    heel : (R,) array
-        Size of the heel's lift; 1 is usual.
-    frequency, phase : (4, W) arrays
-        Frequency and phase of the sine waves of the :data:`DRIFTS`, Hz and rad.
-    """
+    swing: FloatArray  # (R, 3) size of the arms' swing while rising, while sitting down, and while standing
+    late: FloatArray  # (R, 2) delay of the first two swings, s
+    heel: FloatArray  # (R,) size of the heel's lift
+    frequency: FloatArray  # (4, W) frequency of the sine waves of the DRIFTS, Hz
+    phase: FloatArray  # (4, W) phase of these waves, rad
 
-    swing: FloatArray
-    late: FloatArray
-    heel: FloatArray
-    frequency: FloatArray
-    phase: FloatArray
-
-    def drift(self, which: str, time: FloatArray) -> FloatArray:
-        """Return the drift (T,) of one coordinate, with unit variance."""
-        i = DRIFTS.index(which)
+    def drift(self, name: str, time: FloatArray) -> FloatArray:
+        """Return the drift (T,) of one of the :data:`DRIFTS`, with unit variance."""
+        i = DRIFTS.index(name)
         waves = np.sin(2 * np.pi * self.frequency[i] * time[:, None] + self.phase[i])
         total: FloatArray = waves.sum(axis=1) * np.sqrt(2 / WAVES)
         return total
 
 
 def draw_trial_variation(rng: np.random.Generator, repetitions: int) -> TrialVariation:
-    """Draw the variations of a trial."""
+    """Draw the variations of a trial with a number of repetitions."""
     shape = (len(DRIFTS), WAVES)
     return TrialVariation(
         swing=rng.uniform(0.75, 1.25, (repetitions, 3)),
@@ -99,27 +75,17 @@ def draw_trial_variation(rng: np.random.Generator, repetitions: int) -> TrialVar
 
 
 @dataclass(frozen=True)
-class Looseness:
-    """Conversion of the pinned chain's angles into the coordinates of a :class:`LooseBody`.
-
-    Parameters
-    ----------
-    people : PersonOptions
-    habit : Habit
-    variation : TrialVariation
-    schedule : Schedule
-    foot : float
-        Length from toe to heel, m.
-    """
+class AdditionalMotion:
+    """Conversion of the pinned chain's angles into the coordinates of a divided body."""
 
     people: PersonOptions
     habit: Habit
     variation: TrialVariation
     schedule: Schedule
-    foot: float
+    foot: float  # length from toe to heel, m
 
     def motion(self, time: FloatArray, angles: FloatArray, duration: float) -> JointMotion:
-        """Return the motion for ankle, knee and hip angles (T, 3) at evenly spaced times (T,)."""
+        """Return the divided body's motion for ankle, knee and hip angles (T, 3) at evenly spaced times (T,)."""
         foot, gap, bend = self._foot(time), self._gap(time, angles), self._bend(time, angles)
         columns = [foot, angles[:, 0] - foot, angles[:, 1], gap[:, 0], gap[:, 1], angles[:, 2] - bend, bend]
         return motion_through(time, np.column_stack([*columns, self._arms(time)]), duration)
@@ -128,15 +94,15 @@ class Looseness:
         """Return the hip gap along the thigh's axes, (T, 2) m: the torso sinks and oscillates during the rise."""
         habit, size = self.habit, 1e-3 * self.people.hip_gap_mm
         risen, bent = 1 - angles[:, 1] / SEATED_KNEE, angles[:, 2] / SEATED_HIP
-        (turns_x, turns_y), (phase_x, phase_y) = habit.ripple, habit.phase
-        sunk = risen + habit.sink * risen * (1 - risen)
-        y = -0.7 * sunk + 0.1 * np.sin(2 * np.pi * turns_y * risen + phase_y)
-        x = habit.forward * np.sin(np.pi * turns_x * bent + phase_x)
-        drift = [0.05 * self.variation.drift(which, time) for which in ("gap x", "gap y")]
+        (periods_x, periods_y), (phase_x, phase_y) = habit.ripple, habit.phase
+        sinking = risen + habit.sink * risen * (1 - risen)
+        y = -0.7 * sinking + 0.1 * np.sin(2 * np.pi * periods_y * risen + phase_y)
+        x = habit.forward * np.sin(np.pi * periods_x * bent + phase_x)
+        drift = [0.05 * self.variation.drift(name, time) for name in ("gap x", "gap y")]
         return size * (np.column_stack([x, y]) + np.column_stack(drift))
 
     def _bend(self, time: FloatArray, angles: FloatArray) -> FloatArray:
-        """Return the trunk's rotation against the pelvis, forwards positive, (T,) rad."""
+        """Return the trunk's rotation relative to the pelvis, forwards positive, (T,) rad."""
         seated, lean = angles[:, 1] / SEATED_KNEE, angles.sum(axis=1) / LEANING
         slump = self.habit.slump
         shape = slump * seated + (1 - slump) * np.tanh(lean) / np.tanh(1.0)
@@ -154,8 +120,8 @@ class Looseness:
             rise, sit = each.rise_end - each.legs_start, each.legs_end - each.sit_start
             level -= 0.6 * up * _bump(time, (each.legs_start + each.rise_end) / 2 + late_up, 1.6 * rise)
             level -= 0.35 * down * _bump(time, (each.sit_start + each.legs_end) / 2 + late_down, 1.6 * sit)
-            stood = smoothstep((time - each.seat_off) / rise) - smoothstep((time - each.sit_start) / sit)
-            level += 0.25 * rest * stood
+            standing = smoothstep((time - each.seat_off) / rise) - smoothstep((time - each.sit_start) / sit)
+            level += 0.25 * rest * standing
         swing: FloatArray = np.radians(self.people.arm_swing_deg) * level
         return swing
 

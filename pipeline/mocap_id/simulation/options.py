@@ -1,4 +1,4 @@
-"""Options of simulated trials, each declared once with its default, limits and help text.
+"""Options of simulated trials: one field each, with its default, limits and help text.
 
 The command line and its documentation are generated from these fields.
 """
@@ -9,10 +9,10 @@ from dataclasses import dataclass, field, fields
 from typing import Any, Literal, TypeAlias
 
 from mocap_id.errors import ConfigError
+from mocap_id.simulation.body import Subject
 from mocap_id.simulation.markers import MARKER_SETS, MarkerSetName
 from mocap_id.simulation.plate import Sense
 from mocap_id.simulation.schedule import STRATEGIES, Strategy
-from mocap_id.simulation.subject import Subject
 from mocap_id.simulation.ur5 import FREQUENCY, REFERENCE, JointName, Speed
 
 Kind: TypeAlias = Literal["sit-to-stand", "robot"]
@@ -22,22 +22,19 @@ LARGEST = float("inf")
 def option(
     default: Any, help_text: str, limits: tuple[float, float] | None = None, unit: str = "", *, choices: Any = ()
 ) -> Any:
-    """Return a dataclass field whose values lie within ``limits``, or among ``choices``."""
+    """Return a dataclass field with a help text, and with limits or choices that :func:`check_options` checks."""
     metadata = {"help": help_text, "limits": limits, "unit": unit, "choices": tuple(choices)}
     return field(default=default, metadata=metadata)
 
 
-def check(options: Any, command: str) -> None:
-    """Raise ConfigError if an option is out of its limits or not among its choices."""
+def check_options(options: Any, command: str) -> None:
+    """Raise ConfigError if an option is outside its limits or not among its choices."""
     for each in fields(options):
-        value, limits, choices = (
-            getattr(options, each.name),
-            each.metadata.get("limits"),
-            each.metadata.get("choices"),
-        )
+        value, metadata = getattr(options, each.name), each.metadata
+        limits, choices = metadata.get("limits"), metadata.get("choices")
         if limits is not None and value is not None and not limits[0] <= value <= limits[1]:
             upper = " or more" if limits[1] == LARGEST else f" … {limits[1]:g}"
-            _refuse(command, each.name, value, f"{limits[0]:g}{upper} {each.metadata['unit']}".rstrip())
+            _refuse(command, each.name, value, f"{limits[0]:g}{upper} {metadata['unit']}".rstrip())
         if choices and value not in choices:
             _refuse(command, each.name, value, "one of " + ", ".join(filter(None, choices)))
 
@@ -48,14 +45,9 @@ def _refuse(command: str, name: str, value: object, expected: str) -> None:
 
 @dataclass(frozen=True)
 class PersonOptions:
-    """Differences between a simulated person and four rigid segments on pins; by default there are none.
+    """Differences between a simulated person and a pinned chain of four rigid segments; none by default.
 
-    Ranges are approximate for a sit-to-stand: the seed makes some repetitions larger than others.
-
-    Raises
-    ------
-    ConfigError
-        A value is out of range.
+    A range is approximate: the seed makes some repetitions larger than others. A value out of range raises ConfigError.
     """
 
     hip_gap_mm: float = option(
@@ -69,44 +61,43 @@ class PersonOptions:
     )
     arm_swing_deg: float = option(0.0, "Range of the arms' swing about the shoulders, degrees.", (0, 120), "degrees")
     heel_lift_mm: float = option(
-        0.0, "Height of the heel while the person rises and the foot turns about the toes, mm.", (0, 60), "mm"
+        0.0, "Height of the heel while the person rises and the foot rotates about the toes, mm.", (0, 60), "mm"
     )
     held_mass_kg: float = option(0.0, "Mass of a weight in the hands, in addition to the person's, kg.", (0, 20), "kg")
 
     def __post_init__(self) -> None:
-        check(self, "simulate: people")
+        check_options(self, "simulate: people")
 
     @property
-    def differ(self) -> bool:
-        """Whether the person differs from rigid segments on pins."""
+    def differs_from_chain(self) -> bool:
+        """Whether the person differs from the pinned chain."""
         return self != PersonOptions()
 
 
 @dataclass(frozen=True)
 class FaultOptions:
-    """Faults of a recording; by default there are none. The seed draws which marker, when and where.
+    """Faults of a recording; none by default. The seed decides which marker has a fault, when and where.
 
-    Raises
-    ------
-    ConfigError
-        A value is out of range.
+    A value out of range raises ConfigError.
     """
 
     frozen_s: float = option(0.0, "A moving marker keeps its last position for this time, s.", (0, 60), "s")
-    ghost_walks: float = option(0.0, "1 adds a trajectory that moves through the volume and is no marker.", (0, 1))
+    ghost_walks: float = option(0.0, "1 adds a moving trajectory that belongs to no marker.", (0, 1))
     ghost_reflects: float = option(0.0, "1 adds the mirror image of a marker.", (0, 1))
     reattached_mm: float = option(
         0.0, "A moving marker falls off and is attached again at this distance, mm.", (0, 200), "mm"
     )
     mislabelled_s: float = option(0.0, "Two moving markers exchange their names for this time, s.", (0, 60), "s")
-    wander_mm: float = option(0.0, "Slow wander (below 0.5 Hz) of every marker, mm rms.", (0, 10), "mm")
+    wander_mm: float = option(0.0, "Slow drift (below 0.5 Hz) of every marker, mm rms.", (0, 10), "mm")
     wobble_mm: float = option(
-        0.0, "Wobble at 4 Hz of the skin of each segment, all its markers alike, mm rms.", (0, 10), "mm"
+        0.0, "Oscillation at 4 Hz of the skin of each segment, equal for all its markers, mm rms.", (0, 10), "mm"
     )
     filter_hz: float = option(0.0, "Cut-off of a zero-phase low-pass filter on the markers, Hz.", (0, 50), "Hz")
-    repeated_share: float = option(0.0, "Share of the frames that repeat the frame before.", (0, 0.9))
+    repeated_share: float = option(0.0, "Share of the frames that repeat the previous frame.", (0, 0.9))
     camera_scale: float = option(0.0, "Relative error of all distances between markers.", (-0.2, 0.2))
-    tilt_deg: float = option(0.0, "Tilt of the cameras' frame in the plane of motion, degrees.", (-10, 10), "degrees")
+    tilt_deg: float = option(
+        0.0, "Tilt of the cameras' coordinate frame in the plane of motion, degrees.", (-10, 10), "degrees"
+    )
     rate_error: float = option(0.0, "Relative error of the frame rate and the analog rate in the file.", (-0.5, 0.5))
     gain: float = option(0.0, "Relative error of all channels of the plate.", (-0.9, 1))
     gain_fz: float = option(0.0, "Relative error of the plate's vertical force.", (-0.9, 1))
@@ -115,15 +106,15 @@ class FaultOptions:
     corners_mm: float = option(0.0, "Error of the plate's corners in the file along the motion, mm.", (0, 200), "mm")
     foot_slide_mm: float = option(0.0, "Distance by which the feet slide once, while seated, mm.", (0, 100), "mm")
     foot_moves_mm: float = option(
-        0.0, "Largest distance of the feet from their first place in the other repetitions, mm.", (0, 100), "mm"
+        0.0, "Largest distance of the feet from their first position in the later repetitions, mm.", (0, 100), "mm"
     )
     turn_deg: float = option(
-        0.0, "Angle by which the seated person turns about the vertical at mid-trial, degrees.", (0, 45), "degrees"
+        0.0, "Angle by which the seated person rotates about the vertical at mid-trial, degrees.", (0, 45), "degrees"
     )
     plane_tilt_deg: float = option(0.0, "Sideways lean of the plane of motion, degrees.", (-20, 20), "degrees")
 
     def __post_init__(self) -> None:
-        check(self, "simulate: faults")
+        check_options(self, "simulate: faults")
 
     @property
     def present(self) -> dict[str, float]:
@@ -135,87 +126,83 @@ class FaultOptions:
 class Options:
     """Options of a simulated trial; the same options give the same files.
 
-    The robot ignores the options of the person, and the person those of the robot. ``subject`` fixes the person: the
-    seed then determines only the motion, the place of the feet and the errors.
-
-    Raises
-    ------
-    ConfigError
-        A value is out of range.
+    A robot ignores the options of a person, and a person ignores the options of a robot. ``subject`` fixes the person:
+    the seed then determines only the motion, the position of the feet and the errors. A value out of range raises
+    ConfigError.
     """
 
     seed: int = option(0, "Seed of the body, its motion, the direction of the plane and every error.", (0, LARGEST))
     repetitions: int = option(5, "Number of sit-to-stands, or of the robot's swings.", (1, 50))
-    strategy: Strategy = option("normal", "How the person rises.", choices=STRATEGIES)  # noqa: RUF009  a dataclass field
+    strategy: Strategy = option("normal", "How the person rises.", choices=STRATEGIES)
     rate: float = option(100.0, "Frame rate, Hz.", (20, 2000), "Hz")
     analog_rate: float = option(1000.0, "Analog sampling rate, Hz; a multiple of the frame rate.")
     marker_noise: float = option(0.0005, "Standard deviation of each marker coordinate, m.", (0, 0.05), "m")
     soft_tissue: float = option(1.0, "Factor on the motion of the skin; 0 fixes the markers to the bones.", (0, 10))
-    occlusions: float = option(1.0, "Factor on how often markers vanish; 0 for never.", (0, 10))
+    occlusions: float = option(1.0, "Factor on how often markers are occluded; 0 for never.", (0, 10))
     jumps: int = option(
         0,
-        "Number of times that a marker is mistaken for a reflection 20 to 80 mm away, for 5 to 100 frames.",
+        "Number of jumps: a marker is measured 20 to 80 mm from its position for 5 to 100 frames.",
         (0, 10000),
     )
-    plate_sense: Sense = option(  # noqa: RUF009  a dataclass field
+    plate_sense: Sense = option(
         "reaction",
-        "Measured force: that of the plate on the body (reaction) or of the body on the plate (action).",
+        "Measured force: of the plate on the body (reaction) or of the body on the plate (action).",
         choices=("reaction", "action"),
     )
-    plate_moved: bool = option(False, "Shift, lift and turn the plate in the laboratory.")
+    plate_moved: bool = option(False, "Shift, lift and rotate the plate in the laboratory.")
     plate_origin_flipped: bool = option(False, "Write the plate's ORIGIN with the wrong sign.")
     plate_noise: float = option(1.0, "Factor on the usual noise (1 N, 0.3 N·m).", (0, 100))
     plate_bias: float = option(0.0, "Factor on the usual channel bias (3 N, 0.3 N·m).", (0, 100))
     clock_offset: float = option(
         0.0, "Time on the markers' clock at which the first analog sample is taken, s.", (-1, 1), "s"
     )
-    board: bool = option(False, "Put a balance board in the place of the plate, with its own clock; a person only.")
-    imus: bool = option(False, "Also an inertial sensor on every moving segment, each on its own clock; a person only.")
-    seat_plate: bool = option(False, "Put the chair on a plate of its own, the second one.")
+    board: bool = option(False, "Replace the plate by a balance board with its own clock; for a person only.")
+    imus: bool = option(False, "Add an inertial sensor with its own clock to every moving segment; for a person only.")
+    seat_plate: bool = option(False, "Put the chair on a second plate.")
     chair_mass: float = option(6.0, "Mass of the chair on that plate, kg.", (0, 50), "kg")
-    attempts: int = option(0, "Number of failed rises, one before each of the last repetitions.")
+    attempts: int = option(0, "Number of failed rises: one before each of the last repetitions.")
     hold: float = option(0.0, "Duration of a stop half-way through the last rise, s.", (0, 10), "s")
-    rail: float = option(0.0, "Share of the vertical load that a hand on a rail carries during each rise.", (0, 0.5))
+    rail: float = option(0.0, "Share of the vertical load on a rail that the person holds during each rise.", (0, 0.5))
     people: PersonOptions = field(default_factory=PersonOptions)
     rest_before: float = option(0.0, "Rest before the first rise, s.", (0, 600), "s")
-    rest_standing: float = option(0.0, "Additional rest in the first stand, s.", (0, 600), "s")
+    rest_standing: float = option(0.0, "Additional rest in the first standing phase, s.", (0, 600), "s")
     rest_after: float = option(0.0, "Rest after the last repetition, s.", (0, 600), "s")
-    marker_set: MarkerSetName = option(  # noqa: RUF009  a dataclass field
+    marker_set: MarkerSetName = option(
         "clusters",
         "Markers of the person: clusters on every segment and on the plate, Plug-in-Gait, or one at each joint.",
         choices=MARKER_SETS,
     )
     without: str = option("", "Markers to leave out, separated by commas, such as `KNE`, `LKNE` or `R*`.")
-    knee_on_shank: bool = option(False, "Fix the knee marker of a conventional set to the shank, not to the thigh.")
+    knee_on_shank: bool = option(False, "Fix the knee marker of Plug-in-Gait to the shank instead of the thigh.")
     faults: FaultOptions = field(default_factory=FaultOptions)
-    joint: JointName | None = option(  # noqa: RUF009  a dataclass field
-        None, "Joint of the thesis's UR5 robot that moves; a random robot if omitted.", choices=(None, *REFERENCE)
+    joint: JointName | None = option(
+        None, "Moving joint of the thesis's UR5 robot; a random robot if omitted.", choices=(None, *REFERENCE)
     )
-    speed: Speed = option("fast", "Speed of that joint: 0.25 or 0.5 Hz.", choices=FREQUENCY)  # noqa: RUF009  a dataclass field
+    speed: Speed = option("fast", "Speed of that joint: 0.25 or 0.5 Hz.", choices=FREQUENCY)
     orientation: float = option(0.0, "Yaw of the plane of that robot, degrees.", (-180, 180), "degrees")
     joint_sensor: bool = option(False, "Build a wrench sensor into the robot's joint: sensor.csv.")
     subject: Subject | None = None
 
     def __post_init__(self) -> None:
-        check(self, "simulate")
+        check_options(self, "simulate")
         multiple = self.analog_rate / self.rate
         if not (multiple >= 1 and multiple % 1 == 0):
             _refuse("simulate", "analog_rate", self.analog_rate, "a multiple of rate")
         if self.board and (self.seat_plate or self.joint is not None):
             _refuse("simulate", "board", self.board, "no plate under the chair, and no robot")
-        if self.imus and (self.joint is not None or self.people.differ):
+        if self.imus and (self.joint is not None or self.people.differs_from_chain):
             _refuse("simulate", "imus", self.imus, "a person of rigid segments")
         if not 0 <= self.attempts <= self.repetitions:
             _refuse("simulate", "attempts", self.attempts, "0 … repetitions")
 
 
 def read_people(text: str) -> PersonOptions:
-    """Read a person's options from text such as ``hip_gap_mm=10,held_mass_kg=2``; errors as for :func:`read_faults`."""
+    """Read a person's options from text like ``hip_gap_mm=10,held_mass_kg=2``; errors as in :func:`read_faults`."""
     return PersonOptions(**_read_numbers(text, "people", [each.name for each in fields(PersonOptions)]))
 
 
 def read_faults(text: str) -> FaultOptions:
-    """Read faults from text such as ``frozen_s=4,gain_fz=0.05``.
+    """Read faults from text like ``frozen_s=4,gain_fz=0.05``.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """A simulated force plate: its position in the laboratory, and its channels under a given load.
 
-The plate's own frame P is right-handed with z down. Its corners are listed in the order +x+y, -x+y, -x-y, +x-y of P.
+The plate's own axes P are right-handed with z down. Its corners are listed in the order +x+y, -x+y, -x-y, +x-y of P.
 ORIGIN points from the transducer to the centre of the working surface: M_sensor = M_surface + ORIGIN × F.
 """
 
@@ -24,33 +24,15 @@ MOMENT_BIAS = 0.3  # N·m
 
 @dataclass(frozen=True)
 class SimulatedPlate:
-    """A force plate of type 2: six channels, forces and moments about the transducer.
+    """A force plate of type 2: six channels, forces and moments about the transducer."""
 
-    Parameters
-    ----------
-    sense : {"reaction", "action"}
-        Sign convention: force of the plate on the body, or of the body on the plate.
-    centre : (3,) array
-        Centre of the working surface in the laboratory, m.
-    yaw : float
-        Angle about the vertical between the laboratory's x axis and P's, rad.
-    origin : (3,) array
-        ORIGIN in P, m.
-    flipped : bool
-        Whether the file holds -ORIGIN, as some old files do.
-    bias : (6,) array
-        Added to forces (N) and transducer moments (N·m).
-    noise : float
-        Factor on :data:`FORCE_NOISE` and :data:`MOMENT_NOISE`.
-    """
-
-    sense: Sense
-    centre: FloatArray
-    yaw: float
-    origin: FloatArray
-    flipped: bool
-    bias: FloatArray
-    noise: float
+    sense: Sense  # whether it measures the force of the plate on the body (reaction) or the opposite (action)
+    centre: FloatArray  # (3,) centre of the working surface in the laboratory, m
+    yaw: float  # angle about the vertical between the laboratory's x axis and P's, rad
+    origin: FloatArray  # (3,) ORIGIN in P, m
+    flipped: bool  # whether the file contains -ORIGIN, like some old files
+    bias: FloatArray  # (6,) constant error of forces, N, and transducer moments, N·m
+    noise: float  # factor on FORCE_NOISE and MOMENT_NOISE
 
     @property
     def axes(self) -> FloatArray:
@@ -68,7 +50,7 @@ class SimulatedPlate:
 def draw_plate(
     rng: np.random.Generator, sense: Sense, *, moved: bool, flipped: bool, noise: float, bias: float
 ) -> SimulatedPlate:
-    """Draw a plate at the laboratory's origin and aligned with its axes, or ``moved``: shifted, lifted and turned."""
+    """Draw a plate at the laboratory's origin, aligned with its axes; ``moved``: shifted, lifted and rotated."""
     centre = np.array([*rng.uniform(-0.6, 0.6, 2), rng.uniform(-0.02, 0.02)])
     yaw = rng.uniform(-np.pi / 6, np.pi / 6)
     origin = np.array([*rng.normal(0, 0.0005, 2), -rng.uniform(0.035, 0.055)])
@@ -84,23 +66,13 @@ def draw_plate(
     )
 
 
-def measure(
+def measure_load(
     rng: np.random.Generator, plate: SimulatedPlate, force: FloatArray, moment: FloatArray, rate: float
 ) -> PlateSignals:
-    """Return the plate's noisy channels, as stored in a file.
+    """Return the plate's noisy channels, as stored in a file with sampling rate ``rate``, Hz.
 
-    Parameters
-    ----------
-    rng : Generator
-    plate : SimulatedPlate
-    force, moment : (K, 3) arrays
-        Force and moment of the plate on the body in laboratory axes, about the working surface's centre, N and N·m.
-    rate : float
-        Sampling rate, Hz.
-
-    Returns
-    -------
-    PlateSignals
+    ``force`` and ``moment`` (K, 3) act from the plate on the body, in laboratory axes, about the centre of the
+    working surface, N and N·m.
     """
     sign = 1.0 if plate.sense == "reaction" else -1.0
     f, m = sign * force @ plate.axes, sign * moment @ plate.axes

@@ -1,7 +1,7 @@
 """The thesis's robot study as simulated trials: three joints, two speeds, two orientations, several repeats.
 
-The thesis did not move the shoulder fast because the robot might have tipped over; the simulation does. Each trial has
-its own seed, derived from the set's, so that changing the number of repeats leaves the other trials unchanged.
+The thesis did not move the shoulder fast, because the robot might have tipped over; the simulation does. The seed of
+each trial follows from the set's seed, so that another number of repeats leaves the other trials unchanged.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from pathlib import Path
 import numpy as np
 
 from mocap_id.errors import ConfigError
-from mocap_id.simulation.options import Options
-from mocap_id.simulation.trial_files import new_folder, simulate
+from mocap_id.simulation.options import Options, check_options, option
+from mocap_id.simulation.trial_files import create_folder, simulate
 from mocap_id.simulation.ur5 import FREQUENCY, REFERENCE, JointName, Speed
 from mocap_id.simulation.yaml_files import robot_study_yaml
 from mocap_id.store.atomic import replace_together
@@ -25,33 +25,19 @@ ORIENTATIONS = (0.0, 45.0)  # degrees
 
 @dataclass(frozen=True)
 class RobotSet:
-    """A set of simulated robot trials.
+    """A set of simulated robot trials; a value out of range raises ConfigError."""
 
-    Parameters
-    ----------
-    repeats : int
-        Trials of each joint, speed and orientation.
-    joints, speeds : tuples
-    orientations : tuple of float
-        Degrees.
-    options : Options
-        Common options. The seed is the set's; each trial has its own joint, speed and orientation.
-
-    Raises
-    ------
-    ConfigError
-        The set has no trials, or too many repeats.
-    """
-
-    repeats: int = 3
+    repeats: int = option(3, "Trials of each joint, speed and orientation.", (1, 99))
     joints: tuple[JointName, ...] = tuple(REFERENCE)
     speeds: tuple[Speed, ...] = tuple(FREQUENCY)
-    orientations: tuple[float, ...] = ORIENTATIONS
+    orientations: tuple[float, ...] = ORIENTATIONS  # degrees
+    # Common options. The seed is the set's; each trial has its own seed, joint, speed and orientation.
     options: Options = field(default_factory=lambda: Options(seed=1, rate=480.0, analog_rate=2400.0))
 
     def __post_init__(self) -> None:
-        if not 1 <= self.repeats <= 99 or not (self.joints and self.speeds and self.orientations):
-            raise ConfigError(f"simulate robot-set: repeats is {self.repeats!r}, expected 1 … 99, and some trials")
+        check_options(self, "simulate robot-set")
+        if not (self.joints and self.speeds and self.orientations):
+            raise ConfigError("simulate robot-set: expected at least one joint, speed and orientation")
 
 
 def robot_set_trials(robot_set: RobotSet) -> Iterator[tuple[str, Options]]:
@@ -68,19 +54,11 @@ def robot_set_trials(robot_set: RobotSet) -> Iterator[tuple[str, Options]]:
 
 
 def simulate_robot_set(folder: Path, robot_set: RobotSet) -> Path:
-    """Simulate the trials of a set and write them with their exact truth, one folder each.
+    """Simulate the trials of a set, and return the path of ``robot-study.yaml``, which is written last.
 
-    Returns
-    -------
-    Path
-        ``robot-study.yaml``, written last.
-
-    Raises
-    ------
-    StoreError
-        The folder is not empty, or cannot be written.
+    Every trial has a folder with its exact truth. StoreError is raised if the folder is not empty or cannot be written.
     """
-    new_folder(folder)
+    create_folder(folder)
     for name, options in robot_set_trials(robot_set):
         simulate("robot", folder / name, options)
     replace_together(folder, {FILE: robot_set_yaml(robot_set).encode()})

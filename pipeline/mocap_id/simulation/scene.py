@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -12,20 +12,18 @@ from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError
 from mocap_id.geometry import PlaneFrame
 from mocap_id.simulation import ur5
-from mocap_id.simulation.body import GRAVITY, SimulatedBody, draw_person, draw_robot
+from mocap_id.simulation.body import GRAVITY, SimulatedBody, Subject, draw_person, draw_robot
 from mocap_id.simulation.faults import Displacement
-from mocap_id.simulation.forces import TrueState, true_state
+from mocap_id.simulation.forces import Chair, Rail, TrueState, compute_state
 from mocap_id.simulation.joint_motion import JointMotion, Swing
-from mocap_id.simulation.markers import MarkerSet, knee_to_shank, place_markers
-from mocap_id.simulation.multibody import LooseBody, divide_body
-from mocap_id.simulation.multibody_forces import LoosePerson, perform_loose, true_loose_state
-from mocap_id.simulation.multibody_motion import Looseness, draw_habit, draw_trial_variation
+from mocap_id.simulation.markers import MarkerSet, fix_knee_to_shank, place_markers
+from mocap_id.simulation.multibody import DividedBody, divide_body
+from mocap_id.simulation.multibody_forces import DividedPerson, balance_divided, compute_divided_state
+from mocap_id.simulation.multibody_motion import AdditionalMotion, draw_habit, draw_trial_variation
 from mocap_id.simulation.options import Kind, Options
 from mocap_id.simulation.plate import SimulatedPlate, draw_plate
 from mocap_id.simulation.schedule import Schedule
 from mocap_id.simulation.sit_to_stand import balance, draw_plan
-from mocap_id.simulation.subject import Subject
-from mocap_id.simulation.supports import Chair, Rail
 
 _OLDEST = ("body", "motion", "place", "markers", "skin", "occlusion", "cameras", "plate", "channels", "encoder")
 _LATER = (
@@ -43,21 +41,16 @@ _LATER = (
 _STREAMS = (*_OLDEST, *_LATER)  # append new streams at the end, so that a seed always gives the same trial
 _OF_SUBJECT = ("body", "markers", "skin", "people")
 
-
-@dataclass(frozen=True)
-class Streams:
-    """Independent random generators for each purpose: changing the noise leaves body and motion unchanged."""
-
-    by_purpose: Mapping[str, np.random.Generator]
-
-    def __getitem__(self, purpose: str) -> np.random.Generator:
-        return self.by_purpose[purpose]
+Streams: TypeAlias = Mapping[str, np.random.Generator]
+"""Independent random generators by purpose: changing the noise leaves body and motion unchanged."""
 
 
-def streams(seed: int, subject: Subject | None = None) -> Streams:
-    """Return fresh generators for a seed; those of a subject's own properties use the subject's seed."""
-    own = _generators(seed)
-    return Streams(own if subject is None else own | {name: _generators(subject.seed)[name] for name in _OF_SUBJECT})
+def random_streams(seed: int, subject: Subject | None = None) -> Streams:
+    """Return fresh generators for a seed; the generators of a subject's properties use the subject's seed."""
+    streams = _generators(seed)
+    if subject is not None:
+        streams |= {name: _generators(subject.seed)[name] for name in _OF_SUBJECT}
+    return streams
 
 
 def _generators(seed: int) -> dict[str, np.random.Generator]:
@@ -67,89 +60,61 @@ def _generators(seed: int) -> dict[str, np.random.Generator]:
 
 @dataclass(frozen=True)
 class Scene:
-    """A body with its motion, markers, plates and supports in the laboratory.
-
-    Parameters
-    ----------
-    body, motion, chair, markers, plate
-    plane : PlaneFrame
-        The plane of motion, with its origin at the centre of the plate's surface.
-    offset : float
-        Distance of the body's mid-plane from that origin along z, m.
-    protocol : dict
-        Entries of the truth for this kind of trial, as JSON values.
-    seat_plate : SimulatedPlate or None
-        The plate under the chair.
-    chair_weight : float
-        Weight of the chair on that plate, N.
-    rail : Rail or None
-        A rail that carries an unmeasured share while the person rises.
-    loose : LoosePerson or None
-        The person's separate bodies and their motion, if any; ``body`` and ``motion`` then describe the equivalent
-        chain.
-    """
+    """A body with its motion, markers, plates and supports in the laboratory."""
 
     body: SimulatedBody
     motion: JointMotion
     chair: Chair | None
     markers: MarkerSet
     plate: SimulatedPlate
-    plane: PlaneFrame
-    offset: float
-    protocol: Mapping[str, Any]
-    seat_plate: SimulatedPlate | None = None
-    chair_weight: float = 0.0
+    plane: PlaneFrame  # the plane of motion, with its origin at the centre of the plate's surface
+    offset: float  # distance of the body's mid-plane from that origin along z, m
+    protocol: Mapping[str, Any]  # entries of the truth for this kind of trial, as JSON values
+    seat_plate: SimulatedPlate | None = None  # the plate under the chair
+    chair_weight: float = 0.0  # weight of the chair on that plate, N
     rail: Rail | None = None
-    loose: LoosePerson | None = None
+    # A person of several bodies with their motion; `body` and `motion` then describe the equivalent chain.
+    divided: DividedPerson | None = None
 
     def at(self, time: FloatArray) -> TrueState:
         """Return state and forces at times (T,), s."""
-        if self.loose is not None:
-            return true_loose_state(self.loose, self.chair, time, self.rail)
-        return true_state(self.body, self.motion, self.chair, time, self.rail)
+        if self.divided is not None:
+            return compute_divided_state(self.divided, self.chair, time, self.rail)
+        return compute_state(self.body, self.motion, self.chair, time, self.rail)
 
     def load_on_plate(
         self, state: TrueState, displacement: Displacement | None = None
     ) -> tuple[FloatArray, FloatArray]:
         """Return the plate's force on the body and moment about the surface's centre, (T, 3) each, laboratory axes."""
-        if displacement is None:
-            return self._in_laboratory(state.wrench)
-        com = np.column_stack([state.com, np.full(len(state.com), self.offset)])
-        force, moment = displacement.load(*self._in_plane(state.wrench), GRAVITY * self.body.mass, com)
-        return force @ self.plane.axes, moment @ self.plane.axes
+        load = self._in_plane(state.wrench)
+        if displacement is not None:
+            com = np.column_stack([state.com, np.full(len(state.com), self.offset)])
+            load = displacement.load(*load, GRAVITY * self.body.mass, com)
+        return load[0] @ self.plane.axes, load[1] @ self.plane.axes
 
     def load_on_seat_plate(
         self, state: TrueState, displacement: Displacement | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the load as :meth:`load_on_plate` for the plate under the chair, including the chair's weight."""
+        """Return the load on the plate under the chair as :meth:`load_on_plate`, including the chair's weight."""
         assert self.seat_plate is not None
         (x, y), (fx, fy) = state.chair_point.T, state.chair_force.T
-        wrench = np.column_stack([fx, fy, x * fy - y * fx])
-        force, moment = self._in_laboratory(wrench)
+        load = self._in_plane(np.column_stack([fx, fy, x * fy - y * fx]))
         if displacement is not None:
-            force, moment = displacement.load(*self._in_plane(wrench), 0.0, np.zeros((len(wrench), 3)))
-            force, moment = force @ self.plane.axes, moment @ self.plane.axes
+            load = displacement.load(*load, 0.0, np.zeros((len(x), 3)))
+        force, moment = (part @ self.plane.axes for part in load)
         moment = moment - np.cross(self.seat_plate.centre - self.plane.origin, force)
         return force + np.array([0.0, 0.0, self.chair_weight]), moment
 
-    def _in_laboratory(self, wrench: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return force and moment about the plane's origin in laboratory axes (T, 3) of a planar wrench (T, 3)."""
-        force, moment = self._in_plane(wrench)
-        return force @ self.plane.axes, moment @ self.plane.axes
-
     def _in_plane(self, wrench: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return force and moment about the plane's origin in its axes (T, 3) of a planar wrench (T, 3)."""
+        """Return force and moment (T, 3) of a planar wrench (T, 3) about the plane's origin, in the plane's axes."""
         fx, fy, tauz = wrench.T
-        still = np.zeros_like(fx)
-        force = np.column_stack([fx, fy, still])
+        force = np.column_stack([fx, fy, np.zeros_like(fx)])
         moment = np.column_stack([-self.offset * fy, self.offset * fx, tauz])
         return force, moment
 
 
 def draw_scene(kind: Kind, options: Options, rng: Streams, given: JointMotion | None = None) -> Scene:
-    """Draw the body, its motion and the laboratory.
-
-    With a ``given`` motion, the body performs it without a chair.
+    """Draw the body, its motion and the laboratory; a ``given`` motion replaces the usual one, without a chair.
 
     Raises
     ------
@@ -158,45 +123,46 @@ def draw_scene(kind: Kind, options: Options, rng: Streams, given: JointMotion | 
     NumericalError
         No lean of the trunk balances the body.
     """
-    people = kind == "sit-to-stand" and options.people.differ
+    people = kind == "sit-to-stand" and options.people.differs_from_chain
     if people and given is not None:
         raise ConfigError("simulate: people is set and a motion is given; expected only one of them")
-    body, ur5_joint = _body(kind, options, rng), options.joint if kind == "robot" else None
-    apart = None
+    body, ur5_joint = _draw_body(kind, options, rng), options.joint if kind == "robot" else None
+    divided = None
     if people:
-        apart, body = divide_body(rng["people"], body, options.people.held_mass_kg)
-    played = _Performance(given) if given else _performance(kind, options, body, apart, rng)
+        divided, body = divide_body(rng["people"], body, options.people.held_mass_kg)
+    movement = _Movement(given) if given else _draw_movement(kind, options, body, divided, rng)
     plate = _draw_plate(options, rng["plate"])
     if ur5_joint is not None:
         markers = ur5.place_markers(rng["markers"], ur5_joint)
     else:
         markers = place_markers(rng["markers"], body, options.marker_set, options.without)
     if options.knee_on_shank:
-        markers = knee_to_shank(markers, body)
+        markers = fix_knee_to_shank(markers, body)
     yaw = float(rng["place"].uniform(-np.pi, np.pi))
+    chair = movement.chair
     scene = Scene(
         body=body,
-        motion=played.motion,
-        chair=played.chair,
+        motion=movement.motion,
+        chair=chair,
         markers=replace(markers, softness=markers.softness * options.soft_tissue),
         plate=plate,
         plane=PlaneFrame(yaw if ur5_joint is None else np.radians(options.orientation), plate.centre),
         offset=float(rng["place"].normal(0, 0.01)),
-        protocol=played.protocol,
-        rail=Rail(options.rail, played.chair.schedule) if options.rail > 0 and played.chair is not None else None,
-        loose=played.loose,
+        protocol=movement.protocol,
+        rail=Rail(options.rail, chair.schedule) if options.rail > 0 and chair is not None else None,
+        divided=movement.divided,
     )
-    return _with_seat_plate(scene, options, rng["seat"]) if options.seat_plate and played.chair is not None else scene
+    return _add_seat_plate(scene, options, rng["seat"]) if options.seat_plate and chair is not None else scene
 
 
-def _body(kind: Kind, options: Options, rng: Streams) -> SimulatedBody:
+def _draw_body(kind: Kind, options: Options, rng: Streams) -> SimulatedBody:
     if kind == "robot":
         return draw_robot(rng["body"]) if options.joint is None else ur5.ur5_body(options.joint, options.speed)
     subject = options.subject
     return draw_person(rng["body"]) if subject is None else draw_person(rng["body"], subject, rng["feet"])
 
 
-def _swing(options: Options, rng: np.random.Generator) -> Swing:
+def _draw_swing(options: Options, rng: np.random.Generator) -> Swing:
     if options.joint is not None:
         return ur5.swing(options.speed, options.repetitions)
     return Swing(
@@ -219,8 +185,8 @@ def _draw_plate(options: Options, rng: np.random.Generator) -> SimulatedPlate:
     )
 
 
-def _with_seat_plate(scene: Scene, options: Options, rng: np.random.Generator) -> Scene:
-    """Add a plate under the chair, with its centre below the force of the seated person."""
+def _add_seat_plate(scene: Scene, options: Options, rng: np.random.Generator) -> Scene:
+    """Return the scene with a plate under the chair, whose centre is below the force of the seated person."""
     plate = _draw_plate(options, rng)
     seated = scene.at(np.zeros(1))
     (x, y), (fx, fy) = seated.chair_point[0], seated.chair_force[0]
@@ -230,37 +196,37 @@ def _with_seat_plate(scene: Scene, options: Options, rng: np.random.Generator) -
 
 
 @dataclass(frozen=True)
-class _Performance:
-    """A motion with its chair, its entries in truth.json, and the separate bodies of a person that has them."""
+class _Movement:
+    """A motion with its chair, its entries in truth.json, and the separate bodies of a person of several bodies."""
 
     motion: JointMotion
     chair: Chair | None = None
     protocol: Mapping[str, Any] = field(default_factory=lambda: {"reps": []})
-    loose: LoosePerson | None = None
+    divided: DividedPerson | None = None
 
 
-def _performance(
-    kind: Kind, options: Options, body: SimulatedBody, apart: LooseBody | None, rng: Streams
-) -> _Performance:
+def _draw_movement(
+    kind: Kind, options: Options, body: SimulatedBody, divided: DividedBody | None, rng: Streams
+) -> _Movement:
     if kind == "robot":
-        swing = _swing(options, rng["motion"])
+        swing = _draw_swing(options, rng["motion"])
         truth = {"freq_hz": swing.frequency, "amplitude_rad": swing.amplitude, "reps": swing.repetitions()}
-        return _Performance(swing.motion(), None, truth)
-    plan, loose = draw_plan(rng["motion"], body, options), None
+        return _Movement(swing.motion(), None, truth)
+    plan, person = draw_plan(rng["motion"], body, options), None
     schedule = plan.chair.schedule
-    if apart is None:
-        played = balance(body, plan)
+    if divided is None:
+        balanced = balance(body, plan)
     else:
-        habit, variation = (
-            draw_habit(rng["people"]),
-            draw_trial_variation(rng["people here"], len(schedule.repetitions)),
-        )
+        habit = draw_habit(rng["people"])
+        variation = draw_trial_variation(rng["people here"], len(schedule.repetitions))
         foot = body.support[1] - body.support[0]
-        played, loose = perform_loose(body, apart, plan, Looseness(options.people, habit, variation, schedule, foot))
-    return _Performance(played.motion, played.chair, _truth(options, schedule, played.seated_deg), loose)
+        additional = AdditionalMotion(options.people, habit, variation, schedule, foot)
+        balanced, person = balance_divided(body, divided, plan, additional)
+    return _Movement(balanced.motion, balanced.chair, _protocol(options, schedule, balanced.seated_deg), person)
 
 
-def _truth(options: Options, schedule: Schedule, seated_deg: Sequence[float]) -> Mapping[str, Any]:
+def _protocol(options: Options, schedule: Schedule, seated_deg: Sequence[float]) -> Mapping[str, Any]:
+    """Return the entries of truth.json about the sit-to-stands."""
     repetitions = [vars(each) for each in schedule.repetitions]
     truth: dict[str, Any] = {
         "strategy": options.strategy,

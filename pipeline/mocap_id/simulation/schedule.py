@@ -16,23 +16,21 @@ Strategy: TypeAlias = Literal["normal", "dynamic", "stable"]
 
 @dataclass(frozen=True)
 class StrategyParameters:
-    """Parameters of a strategy for rising and sitting; times in s, angles in degrees, distances in m.
+    """Parameters of a strategy for rising and sitting; times in s, angles in degrees.
 
-    ``lean`` is the trunk's lean with which the seated body would balance over the feet at seat-off; it determines how
-    far the feet are drawn back. ``seat_cop`` … ``stand_cop`` are centres of pressure under the feet, measured from the
-    ankle, negative towards the toes.
+    Centres of pressure are under the feet, measured from the ankle, negative towards the toes, m.
     """
 
-    rise: float
-    unload: float
-    sit: float
-    load: float
-    lean: float
-    dip: float
-    trunk: float
-    seat_cop: float
-    off_cop: float
-    stand_cop: float
+    rise: float  # duration of the rise
+    unload: float  # duration of unloading the chair
+    sit: float  # duration of sitting down
+    load: float  # duration of loading the chair
+    lean: float  # lean of the trunk at which the seated body balances at seat-off; determines the feet's position
+    dip: float  # additional rotation of the shank around seat-off and seat-on
+    trunk: float  # lean of the trunk at rest
+    seat_cop: float  # centre of pressure while seated
+    off_cop: float  # centre of pressure at seat-off
+    stand_cop: float  # centre of pressure while standing
 
 
 STRATEGIES: Mapping[Strategy, StrategyParameters] = {
@@ -59,34 +57,31 @@ class Repetition:
 
     @property
     def legs_start(self) -> float:
-        """Time at which the legs slowly begin to extend: the start of unloading."""
+        """Time at which the legs begin to extend and the chair to be unloaded."""
         return self.seat_off - self.unload
 
     @property
     def legs_end(self) -> float:
-        """Time at which the legs are bent again: the chair then carries its share."""
+        """Time at which the legs are bent again and the chair carries its full share."""
         return self.seat_on + self.load
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """A failed rise: the chair is unloaded, the hips come up a little, and the person falls back.
-
-    Times in s; ``height`` is a fraction of the way to standing.
-    """
+    """A failed rise: the chair is unloaded, the hips rise a little, and the person falls back; times in s."""
 
     start: float
     top: float
     end: float
-    height: float = 0.15
+    height: float = 0.15  # height of the hips at the top, as a fraction of the way to standing
 
     @property
     def unload(self) -> float:
         """Duration of unloading the chair, and of loading it again, s."""
         return 0.4 * (self.top - self.start)
 
-    def unloading(self, time: FloatArray) -> FloatArray:
-        """Return how far the chair is unloaded, (T,): 0 fully loaded … 1 free."""
+    def chair_release(self, time: FloatArray) -> FloatArray:
+        """Return the release of the chair at times (T,): 0 fully loaded … 1 free."""
         released = smoothstep((time - self.start) / self.unload, LOADED_ORDER)
         return released - smoothstep((time - (self.end - self.unload)) / self.unload, LOADED_ORDER)
 
@@ -98,13 +93,13 @@ class Attempt:
 
 @dataclass(frozen=True)
 class Hold:
-    """A stop half-way through a rise: repetition (from 0) and length, s."""
+    """A stop half-way through a rise."""
 
-    repetition: int
-    length: float
+    repetition: int  # counted from 0
+    length: float  # s
 
     def progress(self, time: FloatArray, begin: float, finish: float) -> FloatArray:
-        """Return the progress of the rise, (T,) 0 … 1, with a stop at 0.5."""
+        """Return the progress of the rise at times (T,), 0 … 1, with a stop at 0.5."""
         half = 0.5 * (finish - begin - self.length)
         first, second = smoothstep((time - begin) / half), smoothstep((time - finish + half) / half)
         return 0.5 * (first + second)
@@ -120,9 +115,9 @@ class Schedule:
     hold: Hold | None = None
 
     def height_at(self, time: FloatArray, late: float = 0.0, early: float = 0.0) -> FloatArray:
-        """Return the height, (T,): 0 seated … 1 standing.
+        """Return the height at times (T,): 0 seated … 1 standing.
 
-        ``late`` delays the start of the rise, ``early`` advances the end of sitting down, s.
+        ``late`` delays the start of the rise and ``early`` advances the end of sitting down, s.
         """
         level = sum((attempt.height_at(time) for attempt in self.attempts), np.zeros_like(time))
         for k, each in enumerate(self.repetitions):
@@ -134,7 +129,7 @@ class Schedule:
         return level
 
     def bumps(self, time: FloatArray) -> FloatArray:
-        """Return a short bump, (T,) 0 … 1, around each seat-off and seat-on."""
+        """Return short bumps of height 1 around each seat-off and seat-on, at times (T,)."""
         level = np.zeros_like(time)
         for each in self.repetitions:
             for middle, width in ((each.seat_off, each.rise_end - each.legs_start), (each.seat_on, each.load + 0.8)):
@@ -143,8 +138,8 @@ class Schedule:
         return level
 
     def chair_load(self, time: FloatArray) -> FloatArray:
-        """Return the load of the chair, (T,): 1 fully loaded … 0 free, exactly 0 from seat-off to seat-on."""
-        level = 1.0 - sum((attempt.unloading(time) for attempt in self.attempts), np.zeros_like(time))
+        """Return the load of the chair at times (T,): 1 fully loaded … 0 free, exactly 0 from seat-off to seat-on."""
+        level = 1.0 - sum((attempt.chair_release(time) for attempt in self.attempts), np.zeros_like(time))
         for each in self.repetitions:
             level -= smoothstep((time - (each.seat_off - each.unload)) / each.unload, LOADED_ORDER)
             level += smoothstep((time - each.seat_on) / each.load, LOADED_ORDER)
@@ -162,27 +157,27 @@ def draw_schedule(
 ) -> Schedule:
     """Draw a sequence of repetitions whose durations vary by up to 6 %.
 
-    A failed rise precedes each of the last ``attempts`` repetitions; the last rise stops half-way for ``hold`` s.
-    ``rests`` are s before the first rise, in the first stand and after the last repetition.
+    A failed rise precedes each of the last ``attempts`` repetitions; the last rise stops half-way for ``hold`` seconds.
+    ``rests`` are additional rests before the first rise, in the first stand and after the last repetition, s.
     """
 
-    def about(value: float) -> float:
+    def vary(value: float) -> float:
         return value * float(rng.uniform(0.94, 1.06))
 
-    done: list[Repetition] = []
+    completed: list[Repetition] = []
     failed: list[Attempt] = []
     now = 1.5 + rests[0]
     for k in range(repetitions):
         if k >= repetitions - attempts:
             failed.append(Attempt(now, now + 1.0, now + 2.0))
             now = failed[-1].end + 0.8
-        rise, unload, sit, load = (about(x) for x in (strategy.rise, strategy.unload, strategy.sit, strategy.load))
-        seat_off = now + about(0.8) + unload
+        rise, unload, sit, load = (vary(x) for x in (strategy.rise, strategy.unload, strategy.sit, strategy.load))
+        seat_off = now + vary(0.8) + unload
         rise_end = seat_off - unload + rise + (hold if k == repetitions - 1 else 0.0)
         sit_start = rise_end + float(rng.uniform(0.8, 1.3)) + (rests[1] if k == 0 else 0.0)
         seat_on = sit_start + sit - load
-        sit_end = seat_on + load + about(0.7)
-        done.append(Repetition(now, seat_off, rise_end, unload, sit_start, seat_on, sit_end, load))
+        sit_end = seat_on + load + vary(0.7)
+        completed.append(Repetition(now, seat_off, rise_end, unload, sit_start, seat_on, sit_end, load))
         now = sit_end + float(rng.uniform(0.8, 1.2))
     stop = Hold(repetitions - 1, hold) if hold > 0 else None
-    return Schedule(tuple(done), now + 0.5 + rests[2], tuple(failed), stop)
+    return Schedule(tuple(completed), now + 0.5 + rests[2], tuple(failed), stop)

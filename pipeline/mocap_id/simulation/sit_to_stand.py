@@ -1,8 +1,8 @@
 """A person rising from a chair and sitting down, with a prescribed centre of pressure.
 
-Shank and thigh follow the schedule. The trunk's lean is then solved for, over the whole trial at once, so that the
-moments of all forces balance about the combined point of application of ground and chair. That point lies inside the
-feet and moves towards the chair by the share that the chair carries. The forward lean before the rise is a result.
+Shank and thigh follow the schedule. The trunk's lean is then computed for the whole trial at once, so that the moments
+of all forces balance about the combined point of application of ground and chair. That point is under the feet and
+moves towards the chair in proportion to the chair's share. The forward lean before the rise is a result.
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from mocap_id.arrays import FloatArray
 from mocap_id.errors import NumericalError
 from mocap_id.geometry import planar
 from mocap_id.simulation.body import GRAVITY, SimulatedBody
+from mocap_id.simulation.forces import Chair
 from mocap_id.simulation.joint_motion import STEP, JointMotion, motion_through, smoothstep
 from mocap_id.simulation.options import Options
 from mocap_id.simulation.schedule import STRATEGIES, Schedule, StrategyParameters, draw_schedule
-from mocap_id.simulation.supports import Chair
 
 SEATED_THIGH = -np.pi / 2  # horizontal, pointing backwards
 STANDING_KNEE = np.radians(4.0)
@@ -29,45 +29,32 @@ MARGIN = 2.0  # s of rest beyond both ends of the trial
 
 
 @dataclass(frozen=True)
-class Performance:
-    """Motion and chair of a sit-to-stand trial, and the seated angles of the segments, degrees."""
+class BalancedMotion:
+    """Motion and chair of a sit-to-stand trial."""
 
     motion: JointMotion
     chair: Chair
-    seated_deg: tuple[float, float, float]
+    seated_deg: tuple[float, float, float]  # seated angles of shank, thigh and trunk from the vertical, degrees
 
 
 @dataclass(frozen=True)
 class Plan:
-    """A trial before the trunk's lean is solved for, on the solver's grid (K,).
+    """A trial before the trunk's lean is computed, on the solver's grid of K times."""
 
-    Parameters
-    ----------
-    time : (K,) array
-        Evenly spaced times, s.
-    legs : (K, 2) array
-        Angles of shank and thigh from the vertical, rad.
-    push : (K,) array
-        Combined point of application of ground and chair on the ground's level, m.
-    chair : Chair
-    trunk : float
-        Initial guess of the lean, rad.
-    """
-
-    time: FloatArray
-    legs: FloatArray
-    push: FloatArray
+    time: FloatArray  # (K,) evenly spaced times, s
+    legs: FloatArray  # (K, 2) angles of shank and thigh from the vertical, rad
+    push: FloatArray  # (K,) combined point of application of ground and chair on the ground's level, m
     chair: Chair
-    trunk: float
+    trunk: float  # initial guess of the lean, rad
 
 
 @dataclass(frozen=True)
-class _Task:
-    """Moment of foot and legs about ``push``, which the trunk balances, (K,), and hip positions (K, 2)."""
+class _TrunkTask:
+    """What the trunk has to balance."""
 
-    moment: FloatArray
-    push: FloatArray
-    hip: FloatArray
+    moment: FloatArray  # (K,) moment of foot and legs about ``push``, N·m
+    push: FloatArray  # (K,) as in Plan
+    hip: FloatArray  # (K, 2) hip positions, m
 
 
 def draw_plan(rng: np.random.Generator, body: SimulatedBody, options: Options) -> Plan:
@@ -82,10 +69,10 @@ def draw_plan(rng: np.random.Generator, body: SimulatedBody, options: Options) -
         rests=(options.rest_before, options.rest_standing, options.rest_after),
     )
     time = np.arange(-MARGIN, schedule.duration + MARGIN, STEP)
-    legs = _legs(body, strategy, schedule, time)
-    under_feet = _under_feet(rng, body, strategy, schedule, time)
+    legs = _leg_angles(body, strategy, schedule, time)
+    under_feet = _draw_pressure_centre(rng, body, strategy, schedule, time)
     trunk, chair = np.radians(strategy.trunk), _draw_chair(rng, body, schedule)
-    seat = _seat_reach(body, chair, legs[:, 0], legs[:, 1])
+    seat = _seat_force_on_ground(body, chair, legs[:, 0], legs[:, 1])
     at_rest = _com_x(body, legs[0, 0], legs[0, 1], trunk)
     share = (at_rest - under_feet[0]) / (seat[0] - under_feet[0])
     chair = Chair(chair.point, float(share), chair.friction, schedule)
@@ -93,36 +80,36 @@ def draw_plan(rng: np.random.Generator, body: SimulatedBody, options: Options) -
     return Plan(time, legs, push, chair, trunk)
 
 
-def balance(body: SimulatedBody, plan: Plan, more: FloatArray | None = None) -> Performance:
-    """Solve for the trunk's lean; ``more`` (K,) is an additional moment about the plan's ``push``, N·m.
+def balance(body: SimulatedBody, plan: Plan, additional: FloatArray | None = None) -> BalancedMotion:
+    """Compute the trunk's lean; ``additional`` (K,) is a further moment about the plan's ``push``, N·m.
 
     Raises
     ------
     NumericalError
         No lean of the trunk balances the body.
     """
-    task, legs, schedule = _task(body, plan.legs, plan.push), plan.legs, plan.chair.schedule
-    if more is not None:
-        task = replace(task, moment=task.moment + more)
+    task, legs, schedule = _trunk_task(body, plan.legs, plan.push), plan.legs, plan.chair.schedule
+    if additional is not None:
+        task = replace(task, moment=task.moment + additional)
     lean = _solve_lean(body, task, plan.trunk)
     angles = np.column_stack([legs[:, 0], legs[:, 1] - legs[:, 0], lean - legs[:, 1]])
     seated = tuple(float(x) for x in np.degrees([legs[0, 0], legs[0, 1], lean[0]]))
-    return Performance(
+    return BalancedMotion(
         motion_through(plan.time, angles, schedule.duration), plan.chair, (seated[0], seated[1], seated[2])
     )
 
 
-def _legs(body: SimulatedBody, strategy: StrategyParameters, schedule: Schedule, time: FloatArray) -> FloatArray:
+def _leg_angles(body: SimulatedBody, strategy: StrategyParameters, schedule: Schedule, time: FloatArray) -> FloatArray:
     """Return the angles of shank and thigh from the vertical, (K, 2) rad."""
     ankle = body.links[1].centre[0]
 
-    def standing_off(shank: float) -> float:
+    def standing_error(shank: float) -> float:
         return _com_x(body, shank, shank - STANDING_KNEE, STANDING_TRUNK) - (ankle + strategy.stand_cop)
 
-    def seated_off(shank: float) -> float:
+    def seated_error(shank: float) -> float:
         return _com_x(body, shank, SEATED_THIGH, np.radians(strategy.lean)) - (ankle + strategy.off_cop)
 
-    standing, seated = brentq(standing_off, -0.4, 0.4), brentq(seated_off, -0.2, 1.2)
+    standing, seated = brentq(standing_error, -0.4, 0.4), brentq(seated_error, -0.2, 1.2)
     late = 0.08 * strategy.rise
     lowered = seated + (standing - seated) * schedule.height_at(time, late, 0.1 * strategy.sit)
     lowered = lowered + np.radians(strategy.dip) * schedule.bumps(time)
@@ -130,30 +117,31 @@ def _legs(body: SimulatedBody, strategy: StrategyParameters, schedule: Schedule,
     return np.column_stack([lowered, thigh])
 
 
-def _under_feet(
+def _draw_pressure_centre(
     rng: np.random.Generator, body: SimulatedBody, strategy: StrategyParameters, schedule: Schedule, time: FloatArray
 ) -> FloatArray:
     """Return the centre of pressure under the feet, (K,) m, with some millimetres of sway."""
-    place = np.full_like(time, strategy.seat_cop)
+    shift = np.full_like(time, strategy.seat_cop)
     for each in schedule.repetitions:
         for begin, end, change in (
             (each.rise_start, each.seat_off, strategy.off_cop - strategy.seat_cop),
             (each.seat_off, each.rise_end, strategy.stand_cop - strategy.off_cop),
             (each.sit_start, each.sit_end, strategy.seat_cop - strategy.stand_cop),
         ):
-            place += change * smoothstep((time - begin) / (end - begin))
+            shift += change * smoothstep((time - begin) / (end - begin))
     frequency, phase = rng.uniform(0.08, 0.5, 4), rng.uniform(0, 2 * np.pi, 4)
     sway = np.sin(2 * np.pi * frequency * time[:, None] + phase) @ rng.uniform(0.0008, 0.0022, 4)
-    return body.links[1].centre[0] + place + np.asarray(sway)
+    return body.links[1].centre[0] + shift + np.asarray(sway)
 
 
 def _draw_chair(rng: np.random.Generator, body: SimulatedBody, schedule: Schedule) -> Chair:
+    """Draw point and friction of the chair; its share follows later from the balance at rest."""
     thigh = body.links[2].length
     return Chair((rng.uniform(0.05, 0.08), thigh * rng.uniform(0.90, 0.97)), 1.0, rng.uniform(-0.05, 0.05), schedule)
 
 
-def _seat_reach(body: SimulatedBody, chair: Chair, shank: FloatArray, thigh: FloatArray) -> FloatArray:
-    """Return where the line of the chair's force meets the ground's level, (K,) m."""
+def _seat_force_on_ground(body: SimulatedBody, chair: Chair, shank: FloatArray, thigh: FloatArray) -> FloatArray:
+    """Return the position at which the line of the chair's force meets the ground's level, (K,) m."""
     _, origin = planar.segment_poses(np.column_stack([shank, thigh - shank]), body.centres[:2])
     point = origin[:, 2] + planar.rotate(thigh, np.array(chair.point))
     return point[:, 0] - chair.friction * point[:, 1]
@@ -173,7 +161,8 @@ def _second_difference(values: FloatArray) -> FloatArray:
     return change
 
 
-def _task(body: SimulatedBody, legs: FloatArray, push: FloatArray) -> _Task:
+def _trunk_task(body: SimulatedBody, legs: FloatArray, push: FloatArray) -> _TrunkTask:
+    """Return the moment that foot and legs (K, 2) leave for the trunk to balance."""
     q = np.column_stack([legs[:, 0], legs[:, 1] - legs[:, 0], -legs[:, 1]])
     _, origin = planar.segment_poses(q, body.centres)
     coms = planar.marker_positions(q, body.centres, np.arange(3), body.coms[:3])
@@ -184,11 +173,11 @@ def _task(body: SimulatedBody, legs: FloatArray, push: FloatArray) -> _Task:
         moment += body.masses[i] * (arm * (change[:, i, 1] + GRAVITY) - coms[:, i, 1] * change[:, i, 0])
     for i in (1, 2):
         moment += body.links[i].inertia * _second_difference(legs[:, i - 1])
-    return _Task(moment, push, origin[:, 3])
+    return _TrunkTask(moment, push, origin[:, 3])
 
 
-def _solve_lean(body: SimulatedBody, task: _Task, start: float) -> FloatArray:
-    """Return the trunk's lean (K,), rad, for which the moments about ``push`` vanish (tridiagonal Newton steps)."""
+def _solve_lean(body: SimulatedBody, task: _TrunkTask, start: float) -> FloatArray:
+    """Return the trunk's lean (K,), rad, with which the moments about ``push`` vanish (tridiagonal Newton steps)."""
     lean = np.full(len(task.push), start)
     for _ in range(50):
         error, jacobian = _imbalance(body.links[3].mass, body.coms[3], body.links[3].inertia, task, lean)
@@ -201,14 +190,14 @@ def _solve_lean(body: SimulatedBody, task: _Task, start: float) -> FloatArray:
 
 
 def _imbalance(
-    mass: float, com: FloatArray, inertia: float, task: _Task, lean: FloatArray
+    mass: float, com: FloatArray, inertia: float, task: _TrunkTask, lean: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the residual moment (K,), N·m, and its banded derivative by the lean (3, K), N·m/rad."""
-    arm = planar.rotate(lean, com)  # hip to the trunk's centre of mass
-    place = task.hip + arm
-    change, turning = _second_difference(place), _second_difference(lean)
-    x, y, rise = place[:, 0] - task.push, place[:, 1], change[:, 1] + GRAVITY
-    error = task.moment + mass * (x * rise - y * change[:, 0]) + inertia * turning
+    arm = planar.rotate(lean, com)  # from the hip to the trunk's centre of mass
+    centre = task.hip + arm
+    change, rotation = _second_difference(centre), _second_difference(lean)
+    x, y, rise = centre[:, 0] - task.push, centre[:, 1], change[:, 1] + GRAVITY
+    error = task.moment + mass * (x * rise - y * change[:, 0]) + inertia * rotation
     dx, dy = -arm[:, 1], arm[:, 0]  # derivative of the arm by the lean
     jacobian = np.zeros((3, len(lean)))
     jacobian[0, 1:] = (mass * (x[:-1] * dy[1:] - y[:-1] * dx[1:]) + inertia) / STEP**2

@@ -11,36 +11,34 @@ from mocap_id.simulation.markers import MarkerSet
 
 WANDER = 0.15  # size of the slow drift relative to the largest displacement
 WANDER_PERIODS = (4.0, 20.0)  # s
-
-
 MIDDLE = np.array([0.35, -1.12, 1.10])  # rad, mid-range of ankle, knee and hip in sit-to-stands
 
 
-def trial_displacement(rng: np.random.Generator, markers: MarkerSet, q: FloatArray, time: FloatArray) -> FloatArray:
+def draw_trial_skin_motion(rng: np.random.Generator, markers: MarkerSet, q: FloatArray, time: FloatArray) -> FloatArray:
     """Return the displacement (T, M, 3) of every marker in a trial without a subject, m.
 
     The skin slides about the middle of the trial's own motion. The mean over the trial is removed, so that a marker's
-    position on its link is its mean position. Arguments as for :func:`displacement`.
+    position on its link is its mean position. Parameters as for :func:`draw_skin_motion`.
     """
-    moved = displacement(rng, markers, q, time, wander=rng, middle=(q.max(axis=0) + q.min(axis=0)) / 2)
+    moved = draw_skin_motion(rng, markers, q, time, wander=rng, middle=_mid_range(q))
     centred: FloatArray = moved - moved.mean(axis=0)
     return centred
 
 
-def subject_displacement(
+def draw_subject_skin_motion(
     rng: np.random.Generator, wander: np.random.Generator, markers: MarkerSet, q: FloatArray, time: FloatArray
 ) -> tuple[FloatArray, MarkerSet]:
-    """Return displacements (T, M, 3), m, that depend equally on the angles in all trials of a person, plus a drift.
+    """Return the displacement (T, M, 3) of a subject's markers, m, and the markers at their mean positions.
 
-    Their mean over the trial is added to the markers' positions, which are returned too. Arguments as for
-    :func:`displacement`.
+    The slide depends equally on the angles in all trials of the person; the drift belongs to the trial. The mean over
+    the trial is moved from the displacement to the markers' positions. Parameters as for :func:`draw_skin_motion`.
     """
-    moved = displacement(rng, markers, q, time, wander=wander, middle=MIDDLE)
+    moved = draw_skin_motion(rng, markers, q, time, wander=wander, middle=MIDDLE)
     mean = moved.mean(axis=0)
     return moved - mean, replace(markers, local=markers.local + mean)
 
 
-def displacement(
+def draw_skin_motion(
     rng: np.random.Generator,
     markers: MarkerSet,
     q: FloatArray,
@@ -49,58 +47,57 @@ def displacement(
     wander: np.random.Generator,
     middle: FloatArray,
 ) -> FloatArray:
-    """Return the displacement of every marker in its link's frame.
+    """Return the displacement (T, M, 3) of every marker in its link's frame, m.
 
     The dominant part is a slide along each marker's own direction, a smooth function of the two joints next to its
     link. A drift is added in three directions, with periods of 4 to 20 s.
 
     Parameters
     ----------
-    rng : Generator
-        Generator of the slide.
+    rng, wander : Generator
+        Generators of the slide and of the drift.
     markers : MarkerSet
         Markers, with ``softness`` already scaled.
     q : (T, n) array
         Joint angles, rad.
     time : (T,) array
-        s.
-    wander : Generator
-        Generator of the drift.
+        Times, s.
     middle : (n,) array
         Joint angles at which the slide is near zero, rad.
-
-    Returns
-    -------
-    (T, M, 3) array
-        m.
     """
     moved = np.zeros((len(time), len(markers.labels), 3))
     for i, (link, size) in enumerate(zip(markers.link, markers.softness, strict=True)):
-        moved[:, i] = size * (_sliding(rng, int(link), q, middle) + WANDER * _wander(wander, time))
+        moved[:, i] = size * (_draw_slide(rng, int(link), q, middle) + WANDER * _draw_wander(wander, time))
     return moved
 
 
-def turning(  # noqa: PLR0917
+def draw_skin_rotation(  # noqa: PLR0917
     rng: np.random.Generator,
     link: int,
     size: float,
     q: FloatArray,
     time: FloatArray,
-    worn: np.random.Generator | None = None,
+    person: np.random.Generator | None = None,
 ) -> FloatArray:
-    """Return the turn (T, 3) of a patch of skin on a link, rad, of about ``size`` at the ends of the motion.
+    """Return the rotation vectors (T, 3) of a patch of skin on a link, rad, of about ``size`` at the motion's ends.
 
-    ``worn`` is the generator of a patch that follows the angles equally in all trials of a person; ``rng`` then only
+    ``person`` is the generator of a patch that follows the angles equally in all trials of a person; ``rng`` then only
     adds a drift.
     """
-    if worn is not None:
-        return np.asarray(size * (_sliding(worn, link, q, MIDDLE) + WANDER * _wander(rng, time)))
-    moved = _sliding(rng, link, q, (q.max(axis=0) + q.min(axis=0)) / 2) + WANDER * _wander(rng, time)
+    if person is not None:
+        return np.asarray(size * (_draw_slide(person, link, q, MIDDLE) + WANDER * _draw_wander(rng, time)))
+    moved = _draw_slide(rng, link, q, _mid_range(q)) + WANDER * _draw_wander(rng, time)
     return np.asarray(size * (moved - moved.mean(axis=0)))
 
 
-def _sliding(rng: np.random.Generator, link: int, q: FloatArray, middle: FloatArray) -> FloatArray:
-    """Return a slide (T, 3) of length about 1 at the ends of the motion."""
+def _mid_range(q: FloatArray) -> FloatArray:
+    """Return the middle of the range of each joint angle (T, n), rad."""
+    middle: FloatArray = (q.max(axis=0) + q.min(axis=0)) / 2
+    return middle
+
+
+def _draw_slide(rng: np.random.Generator, link: int, q: FloatArray, middle: FloatArray) -> FloatArray:
+    """Return a slide (T, 3) with a length of about 1 at the ends of the motion."""
     total = np.zeros((len(q), 3))
     for joint, weight in ((link - 1, rng.uniform(0.3, 1.0)), (link, rng.uniform(0.3, 1.0))):
         direction = rng.normal(size=3)
@@ -111,7 +108,7 @@ def _sliding(rng: np.random.Generator, link: int, q: FloatArray, middle: FloatAr
     return total
 
 
-def _wander(rng: np.random.Generator, time: FloatArray) -> FloatArray:
+def _draw_wander(rng: np.random.Generator, time: FloatArray) -> FloatArray:
     """Return a drift (T, 3) of unit variance."""
     period = rng.uniform(*WANDER_PERIODS, (6, 3))
     phase = rng.uniform(0, 2 * np.pi, (6, 3))

@@ -1,8 +1,8 @@
 """The thesis's robot (ch. 5): a UR5 on a bracket, stretched upwards, with one swinging joint.
 
-Parameters are the reference rows of table 5.2 (Kufieta's model), distances those of ch. 5.3.2, and the motion that of
-ch. 5.2: five periods of amplitude pi/4 at 0.25 or 0.5 Hz. The moving mass, which the table does not list, is the sum of
-the manufacturer's link masses. The fixed base has the remaining mass.
+The parameters come from the reference rows of table 5.2 (Kufieta's model), the distances from ch. 5.3.2, and the motion
+from ch. 5.2: five periods of amplitude pi/4 at 0.25 or 0.5 Hz. The moving mass, which the table does not list, is the
+sum of the manufacturer's link masses. The fixed base has the remaining mass.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import numpy as np
 
 from mocap_id.simulation.body import Link, SimulatedBody
 from mocap_id.simulation.joint_motion import Swing
-from mocap_id.simulation.markers import MarkerSet, with_plate
+from mocap_id.simulation.markers import MarkerSet, add_plate_markers
 
 JointName: TypeAlias = Literal["shoulder", "elbow", "wrist"]
 Speed: TypeAlias = Literal["slow", "fast"]
@@ -28,12 +28,12 @@ LEAD = 1.0  # s of rest before and after the motion
 
 @dataclass(frozen=True)
 class Reference:
-    """Moving part beyond a joint: distance of the joint from the plate's centre (m), and m, my, Izz about it (SI)."""
+    """Moving part of the robot, distal to a joint."""
 
-    distance: float
-    mass: float
-    my: float
-    inertia: float
+    distance: float  # distance of the joint from the plate's centre, m
+    mass: float  # kg
+    my: float  # first moment about the joint, kg·m
+    inertia: float  # moment of inertia about the joint, kg·m²
 
 
 REFERENCE: Mapping[JointName, Reference] = {
@@ -62,7 +62,7 @@ _SITES = (
     ("WRI3", 0.040, 1.015, 0.025),
     ("WRI4", -0.034, 1.040, 0.070),
 )
-"""Eighteen markers: label, x, height above the plate and depth with the arm stretched upwards, m."""
+"""Eighteen markers: label, x, height above the plate and depth, m, while the arm is stretched upwards."""
 
 
 def ur5_body(joint: JointName, speed: Speed) -> SimulatedBody:
@@ -94,7 +94,7 @@ def ur5_body(joint: JointName, speed: Speed) -> SimulatedBody:
 
 
 def swing(speed: Speed, periods: int) -> Swing:
-    """Return the joint's motion about the stretched posture."""
+    """Return the motion of the joint about the stretched posture."""
     return Swing(FREQUENCY[speed], AMPLITUDE, 0.0, periods, LEAD)
 
 
@@ -105,4 +105,4 @@ def place_markers(rng: np.random.Generator, joint: JointName) -> MarkerSet:
     local = np.array([(x, height - distance * (height > distance), z) for _, x, height, z in _SITES])
     labels = tuple(label for label, *_ in _SITES)
     softness = np.zeros(count)
-    return with_plate(rng, labels, link, local, softness=softness, hidden=link > 0, at_joint=(None,) * count)
+    return add_plate_markers(rng, labels, link, local, softness=softness, hidden=link > 0, at_joint=(None,) * count)

@@ -5,16 +5,15 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 
-from mocap_id.simulation.body import SimulatedBody
-from mocap_id.simulation.joint_sensor import joint_place
+from mocap_id.simulation.body import SimulatedBody, Subject
 from mocap_id.simulation.options import Kind, Options
+from mocap_id.simulation.robot_sensors import joint_position
 from mocap_id.simulation.scene import Scene
-from mocap_id.simulation.subject import Subject
 from mocap_id.simulation.ur5 import REFERENCE, TOTAL, JointName
 
 _TRIAL = """\
 # {what}
-# Made by `mocap-id simulate` with seed {seed}. The exact truth is beside it, in truth.json and truth.npz.
+# Made by `mocap-id simulate` with seed {seed}. The exact truth is in truth.json and truth.npz.
 # Paths are relative to this file.
 trial: {name}
 recording: {recording}
@@ -72,7 +71,7 @@ def trial_yaml(kind: Kind, name: str, options: Options, scene: Scene) -> str:
     if kind == "robot":
         what, rest = f"A robot's joint, {options.repetitions} swings.", _ROBOT
         if options.joint_sensor:
-            at = ", ".join(f"{value:.6f}" for value in joint_place(scene))
+            at = ", ".join(f"{value:.6f}" for value in joint_position(scene))
             rest += _JOINT_SENSOR.format(segment=1, at=at)
     elif scene.chair is None:
         what, rest = "A person, a given movement.", _FREE.format(mass=scene.body.mass)
@@ -93,13 +92,7 @@ def study_yaml(
 ) -> str:
     """Return the text of a cohort's ``study.yaml``.
 
-    Parameters
-    ----------
-    options : Options
-        Options of the cohort.
-    bodies : mapping
-        Body of each person.
-    trials : sequence of (trial, subject, strategy, recording)
+    A trial is (trial, subject, strategy, recording); ``bodies`` has the body of each person.
     """
     chair = (
         "the force of the chair's own plate is included as measured"
@@ -117,17 +110,7 @@ def study_yaml(
 def robot_study_yaml(
     seed: int, periods: int, joints: Sequence[JointName], trials: Sequence[tuple[str, Options]]
 ) -> str:
-    """Return the text of ``robot-study.yaml``.
-
-    Parameters
-    ----------
-    seed : int
-        Seed of the set.
-    periods : int
-        Swings in each trial.
-    joints : sequence of str
-    trials : sequence of (name, Options)
-    """
+    """Return the text of ``robot-study.yaml`` for trials with a number of swings, given by name and options."""
     text = _ROBOT_STUDY.format(count=len(trials), periods=periods, seed=seed)
     for joint in joints:
         known = REFERENCE[joint]

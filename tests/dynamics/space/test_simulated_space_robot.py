@@ -76,7 +76,7 @@ def test_a_payload_changes_only_the_last_segment() -> None:
 
 
 def test_a_used_folder_and_impossible_options_are_refused(folder: Path) -> None:
-    with pytest.raises(StoreError, match="already holds a trial"):
+    with pytest.raises(StoreError, match="already contains a trial"):
         simulate_space_robot(folder, SMALL)
     with pytest.raises(ConfigError, match="joints is 0"):
         SpaceRobotOptions(joints=0)

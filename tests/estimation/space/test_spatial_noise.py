@@ -11,7 +11,7 @@ from mocap_id.estimation.space.chain_model import chain_model, empty_track
 from mocap_id.estimation.space.frame_poses import FramePoses
 from mocap_id.estimation.space.spatial_noise import process_noise
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
-from mocap_id.simulation.arm.irregularity import sway, tremor
+from mocap_id.simulation.joint_motion import draw_sway, draw_tremor
 
 DT, FRAMES, NOISE = 0.01, 1600, 0.015  # s, frames, rad
 CHAIN = SpatialChain(
@@ -46,7 +46,7 @@ def test_acceleration_is_nearly_as_accurate_as_with_the_best_snap() -> None:
     time, loss = np.arange(FRAMES) * DT, []
     for seed in range(24):
         rng = np.random.default_rng(seed)
-        angle = (tremor(rng, time, np.array([0.5])) + sway(rng, time, np.array([0.6])))[:, 0]
+        angle = (draw_tremor(rng, time, np.array([0.5])) + draw_sway(rng, time, np.array([0.6])))[:, 0]
         noise = NOISE * rng.normal(size=FRAMES)
         errors = acceleration_errors(angle, noise, np.append(np.geomspace(50, 5000, 60), found_snap(angle + noise)))
         loss.append(errors[-1] / errors[:-1].min())

@@ -62,5 +62,5 @@ def test_the_configuration_is_ready_to_run(tmp_path):
 
 def test_a_folder_that_holds_a_trial_is_left_alone(tmp_path):
     write_chain(tmp_path / "trial", CASES["chain"][1])
-    with pytest.raises(StoreError, match="already holds a trial"):
+    with pytest.raises(StoreError, match="already contains a trial"):
         write_chain(tmp_path / "trial", ChainOptions(seed=4))

@@ -11,24 +11,32 @@ from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 from mocap_id.simulation.arm.body import SEGMENTS, ArmBody, draw_arm
 from mocap_id.simulation.arm.curl_torque import curl_torques
-from mocap_id.simulation.arm.markers import ArmMarkers, draw_markers
+from mocap_id.simulation.arm.markers import ArmMarkers, axial_displacement, draw_markers, draw_slide
 from mocap_id.simulation.arm.movements import STILL, ArmMovement, draw_movement
 from mocap_id.simulation.arm.options import PRESETS, ArmOptions, Difficulty, Movement, Preset
-from mocap_id.simulation.arm.skin import slide, twist_displacement
-from mocap_id.simulation.arm.trial import SpatialTrial, carry, film
-from mocap_id.simulation.arm.turns import Attitude, Turn, X, Y, Z, elbow_angles, fixed, still
+from mocap_id.simulation.arm.rotations import (
+    Attitude,
+    AxisRotation,
+    X,
+    Y,
+    Z,
+    constant_attitude,
+    constant_rotation,
+    elbow_angles,
+)
+from mocap_id.simulation.arm.trial import SpatialTrial, film_markers, transform_points
 
 MIRROR = np.array([1.0, -1.0, 1.0])
-"""Turns the laboratory of a right arm into that of a left one."""
+"""Factors that convert laboratory positions of a right arm into those of a left arm."""
 _SHOULDER = ("shoulder_plane", "shoulder_elevation", "shoulder_axial")
 _ELBOW = ("elbow_flexion", "elbow_carrying", "elbow_pronation")
 _WRIST = ("wrist_flexion", "wrist_deviation")
-_SEAT = 0.60  # height of IJ, in statures
+_SEAT = 0.60  # height of IJ, as a share of the stature
 
 
 @dataclass(frozen=True)
 class _Scene:
-    """What is filmed: a person with markers, in motion."""
+    """A person with markers, in motion, before the recording."""
 
     body: ArmBody
     markers: ArmMarkers
@@ -38,13 +46,13 @@ class _Scene:
 
 @dataclass(frozen=True)
 class _Skeleton:
-    """Poses (F, 4, …) of the segments, coordinates and their derivatives (F, 7) and angles of the elbow (F, 3)."""
+    """Poses of the four segments and joint coordinates at F frames."""
 
     attitudes: tuple[Attitude, ...]
-    origins: FloatArray
-    coordinates: tuple[FloatArray, FloatArray, FloatArray]
-    elbow: tuple[FloatArray, FloatArray, FloatArray]
-    shoulder_centre: FloatArray
+    origins: FloatArray  # (F, 4, 3) m
+    coordinates: tuple[FloatArray, FloatArray, FloatArray]  # (F, 7) coordinates and their derivatives
+    elbow: tuple[FloatArray, FloatArray, FloatArray]  # (F, 3) angles of the elbow and their derivatives
+    shoulder_centre: FloatArray  # (F, 3) in the thorax, m
 
 
 def simulate_arm(seed: int = 0, preset: Preset = "default", movement: Movement = "reach", **more: Any) -> SpatialTrial:
@@ -79,8 +87,8 @@ def generate_arm(options: ArmOptions) -> SpatialTrial:
     sizes = replace(sizes, soft_tissue=sizes.soft_tissue * scale, twist_loss=sizes.twist_loss * min(scale, 1.0))
     person = person_seed(options)
     of_motion, of_sway, of_cameras = (np.random.default_rng([options.seed, 10 + i]) for i in range(3))
-    placed = person if options.markers is None else options.markers
-    of_markers, of_skin = (np.random.default_rng([placed, 20 + i]) for i in range(2))
+    session = person if options.markers is None else options.markers
+    of_markers, of_skin = (np.random.default_rng([session, 20 + i]) for i in range(2))
     movement = draw_movement(of_motion, options, sizes.tremor)
     body = draw_arm(person, options.glide_mm / 1e3 if options.movement == "reach" else 0.0)
     scene = _Scene(
@@ -89,67 +97,67 @@ def generate_arm(options: ArmOptions) -> SpatialTrial:
         movement=movement,
         time=np.arange(round(movement.motion.duration * options.rate)) / options.rate,
     )
-    bones = _skeleton(of_sway, scene)
-    trial = _filmed(of_cameras, options, sizes, scene, bones, skin=_skin(of_skin, of_sway, scene, bones))
+    bones = _draw_skeleton(of_sway, scene)
+    trial = _record(of_cameras, options, sizes, scene, bones, skin=_draw_skin(of_skin, of_sway, scene, bones))
     if options.movement == "reach":
         return trial
     return replace(trial, arrays={**trial.arrays, **curl_torques(options, trial)})
 
 
 def person_seed(options: ArmOptions) -> int:
-    """Return the seed of the person, the markers and the skin."""
+    """Return the seed of the person: ``subject``, or the trial's seed if it is omitted."""
     return options.seed if options.subject is None else options.subject
 
 
-def _skeleton(rng: np.random.Generator, scene: _Scene) -> _Skeleton:
+def _draw_skeleton(rng: np.random.Generator, scene: _Scene) -> _Skeleton:
     q, dq, ddq, _ = scene.movement.motion.at(scene.time)
     body, frames = scene.body, len(scene.time)
 
-    def turn(axis: FloatArray, column: int, sign: float = 1.0) -> Turn:
-        return Turn(axis, sign * q[:, column], sign * dq[:, column], sign * ddq[:, column])
+    def about(axis: FloatArray, column: int, sign: float = 1.0) -> AxisRotation:
+        return AxisRotation(axis, sign * q[:, column], sign * dq[:, column], sign * ddq[:, column])
 
-    unmoved = still(np.eye(3), frames)
-    axial = Turn(Y, *(each[:, 2] - each[:, 0] for each in (q, dq, ddq)))
+    axial = AxisRotation(Y, *(each[:, 2] - each[:, 0] for each in (q, dq, ddq)))
     joints = (
-        (turn(Y, 0), turn(X, 1, -1.0), axial),
-        (turn(body.elbow_axis, 3), fixed(X, body.carrying, frames), turn(body.pronation_axis, 4)),
-        (turn(Z, 5), turn(X, 6)),
+        (about(Y, 0), about(X, 1, -1.0), axial),
+        (about(body.elbow_axis, 3), constant_rotation(X, body.carrying, frames), about(body.pronation_axis, 4)),
+        (about(Z, 5), about(X, 6)),
     )
-    thorax = still(_start(rng), frames).turned((turn(X, 7), turn(Y, 8), turn(Z, 9)))
+    thorax = constant_attitude(_draw_start(rng), frames).rotate((about(X, 7), about(Y, 8), about(Z, 9)))
     attitudes = [thorax]
-    for turns in joints:
-        attitudes.append(attitudes[-1].turned(turns))
+    for rotations in joints:
+        attitudes.append(attitudes[-1].rotate(rotations))
     centre = body.shoulder + (1 - np.cos(q[:, 1:2])) / 2 * body.glide
-    place = np.array([*rng.uniform(-0.2, 0.2, 2), _SEAT * body.subject.height])
-    origins = [place + q[:, 10:13]]
+    seat = np.array([*rng.uniform(-0.2, 0.2, 2), _SEAT * body.subject.height])
+    origins = [seat + q[:, 10:13]]
     for attitude, step in zip(attitudes, (centre, body.elbow, body.wrist), strict=False):
         origins.append(origins[-1] + (attitude.rotation @ np.broadcast_to(step, (frames, 3))[..., None])[..., 0])
     return _Skeleton(
         attitudes=tuple(attitudes),
         origins=np.stack(origins, axis=1),
         coordinates=(q[:, :7], dq[:, :7], ddq[:, :7]),
-        elbow=elbow_angles(unmoved.turned(joints[1])),
+        elbow=elbow_angles(constant_attitude(np.eye(3), frames).rotate(joints[1])),
         shoulder_centre=centre,
     )
 
 
-def _start(rng: np.random.Generator) -> FloatArray:
-    """Return the attitude (3, 3) of the thorax at the start: upright within a few degrees, facing anywhere."""
+def _draw_start(rng: np.random.Generator) -> FloatArray:
+    """Return the attitude (3, 3) of the thorax at the start: upright within a few degrees, in any direction."""
     yaw = rng.uniform(-np.pi, np.pi)
     forward = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     upright = np.stack([forward, Z, np.cross(forward, Z)], axis=1)
     return upright @ so3.exp(np.radians(rng.normal(0, 1.5, 3)))
 
 
-def _skin(rng: np.random.Generator, wander: np.random.Generator, scene: _Scene, bones: _Skeleton) -> FloatArray:
+def _draw_skin(rng: np.random.Generator, wander: np.random.Generator, scene: _Scene, bones: _Skeleton) -> FloatArray:
     """Return the displacement (F, M, 3) of all markers in their segments' frames by soft tissue, m."""
     q, time = bones.coordinates[0], scene.time
     none = np.zeros(len(time))
-    twists = np.stack([none, q[:, 2], q[:, 4], none], axis=1)
-    return twist_displacement(scene.markers, twists) + slide(rng, wander, scene.markers, q[:, (1, 3, 4, 5)], time)
+    axial = np.stack([none, q[:, 2], q[:, 4], none], axis=1)
+    slide = draw_slide(rng, wander, scene.markers, q[:, (1, 3, 4, 5)], time)
+    return axial_displacement(scene.markers, axial) + slide
 
 
-def _filmed(
+def _record(
     rng: np.random.Generator,
     options: ArmOptions,
     sizes: Difficulty,
@@ -158,13 +166,14 @@ def _filmed(
     *,
     skin: FloatArray,
 ) -> SpatialTrial:
+    """Return the trial that the cameras record, with its truth."""
     markers = scene.markers
     rotations = np.stack([each.rotation for each in bones.attitudes], axis=1)
     girdle = (bones.shoulder_centre - bones.shoulder_centre[0])[:, None] * markers.on_glide[:, None]
-    true = carry(bones.origins, rotations, markers.segment, markers.local + skin + girdle)
+    true = transform_points(bones.origins, rotations, markers.segment, markers.local + skin + girdle)
     if options.side == "left":
         true = true * MIRROR
-    positions, bursts = film(rng, markers.labels, true, options.rate, sizes)
+    positions, bursts = film_markers(rng, markers.labels, true, options.rate, sizes)
     hinge, pronation = (np.stack([each[:, i] for each in bones.coordinates], axis=1) for i in (3, 4))
     angles, rates, accelerations = (
         _angles(each, elbow) for each, elbow in zip(bones.coordinates, bones.elbow, strict=True)
@@ -188,11 +197,7 @@ def _filmed(
         angles=angles,
         rates=rates,
         accelerations=accelerations,
-        arrays={
-            "gh_in_thorax": bones.shoulder_centre,
-            "q_hinge": hinge,
-            "q_pron": pronation,
-        },
+        arrays={"gh_in_thorax": bones.shoulder_centre, "q_hinge": hinge, "q_pron": pronation},
         document={"body": scene.body, "markers": markers, "protocol": scene.movement.protocol},
         still=STILL,
     )

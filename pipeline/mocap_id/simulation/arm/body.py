@@ -1,4 +1,4 @@
-"""The simulated arm: bones, joint axes and landmarks of a random person (axes of the ISB, Wu 2005)."""
+"""The simulated arm: bones, joint axes and landmarks of a random person, in axes of the ISB (Wu 2005)."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.simulation.subject import Subject, draw_subject
+from mocap_id.simulation.body import Subject, draw_subject
 
 SEGMENTS = ("thorax", "upper_arm", "forearm", "hand")
 THORAX, UPPER_ARM, FOREARM, HAND = range(4)
@@ -16,36 +16,19 @@ THORAX, UPPER_ARM, FOREARM, HAND = range(4)
 
 @dataclass(frozen=True)
 class ArmBody:
-    """A right arm on a thorax, in ISB axes: x forward, y up, z to the right.
-
-    Parameters
-    ----------
-    subject : Subject
-    upper_arm, forearm : float
-        Lengths GH to elbow centre and elbow centre to wrist along y, m.
-    shoulder : (3,) array
-        Centre of the shoulder GH in the thorax at zero elevation, m.
-    glide : (3,) array
-        Translation of GH in the thorax at 180° of elevation, m.
-    elbow_axis : (3,) array
-        Unit axis of the elbow's hinge in the upper arm.
-    carrying : float
-        Constant carrying angle of the bones, rad; negative as for most right elbows.
-    pronation_axis : (3,) array
-        Unit axis in the forearm.
-    landmarks : mapping
-        Name to segment and (3,) position of the bony landmark in it, m; AC at zero elevation.
-    """
+    """A right arm on a thorax, in ISB axes: x forward, y up, z to the right."""
 
     subject: Subject
-    upper_arm: float
-    forearm: float
-    shoulder: FloatArray
-    glide: FloatArray
-    elbow_axis: FloatArray
-    carrying: float
-    pronation_axis: FloatArray
-    landmarks: Mapping[str, tuple[int, FloatArray]]
+    upper_arm: float  # length from the shoulder centre GH to the elbow centre along y, m
+    forearm: float  # length from the elbow centre to the wrist centre along y, m
+    shoulder: FloatArray  # (3,) shoulder centre GH in the thorax at zero elevation, m
+    glide: FloatArray  # (3,) translation of GH in the thorax at 180° of elevation, m
+    elbow_axis: FloatArray  # (3,) unit axis of the elbow's hinge in the upper arm
+    carrying: float  # constant carrying angle of the bones, rad; negative as for most right elbows
+    pronation_axis: FloatArray  # (3,) unit axis in the forearm
+    landmarks: Mapping[
+        str, tuple[int, FloatArray]
+    ]  # segment and (3,) position of each landmark, m; AC at zero elevation
 
     @property
     def elbow(self) -> FloatArray:
@@ -60,7 +43,7 @@ class ArmBody:
 
 
 def draw_arm(seed: int, glide: float) -> ArmBody:
-    """Draw a person; ``glide`` is the translation of the shoulder at 180° of elevation, m."""
+    """Draw a person whose shoulder moves by ``glide``, m, at 180° of elevation."""
     subject = draw_subject(seed, 1 + seed % 2)
     rng = np.random.default_rng([seed, 1])
     height = subject.height
@@ -81,15 +64,15 @@ def draw_arm(seed: int, glide: float) -> ArmBody:
         forearm=forearm,
         shoulder=shoulder,
         glide=glide * direction / np.linalg.norm(direction),
-        elbow_axis=_unit(np.array([*rng.normal(0, 0.05, 2), 1.0])),
+        elbow_axis=_normalise(np.array([*rng.normal(0, 0.05, 2), 1.0])),
         carrying=-np.radians(np.clip(rng.normal(10, 3), 3, 17)),
-        pronation_axis=_unit(np.insert(rng.normal(0, 0.025, 2), 1, 1.0)),
+        pronation_axis=_normalise(np.insert(rng.normal(0, 0.025, 2), 1, 1.0)),
         landmarks=landmarks,
     )
 
 
 def _thorax_landmarks(rng: np.random.Generator, height: float) -> dict[str, tuple[int, FloatArray]]:
-    """Return IJ, PX, C7 and T8; the middles of PX, T8 and of IJ, C7 lie above each other."""
+    """Return the landmarks IJ, PX, C7 and T8; the middle of IJ and C7 is above the middle of PX and T8."""
     px = height * rng.normal((0.027, -0.095, 0.0), (0.003, 0.007, 0.0))
     c7 = height * rng.normal((-0.061, 0.028, 0.0), (0.002, 0.004, 0.0))
     t8 = np.array([c7[0] - px[0], height * rng.normal(-0.096, 0.003), 0.0])
@@ -97,6 +80,6 @@ def _thorax_landmarks(rng: np.random.Generator, height: float) -> dict[str, tupl
     return {name: (THORAX, point) for name, point in points.items()}
 
 
-def _unit(vector: FloatArray) -> FloatArray:
+def _normalise(vector: FloatArray) -> FloatArray:
     unit: FloatArray = vector / np.linalg.norm(vector)
     return unit

@@ -1,4 +1,4 @@
-"""A simulated chain of bodies with no names or anatomy, joined by balls, hinges and two-axis joints."""
+"""A simulated chain of bodies without names or anatomy, joined by balls, hinges and two-axis joints."""
 
 from __future__ import annotations
 
@@ -9,19 +9,18 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.geometry import so3
-from mocap_id.simulation.arm.irregularity import since, sway
 from mocap_id.simulation.arm.markers import marker_set
 from mocap_id.simulation.arm.options import PRESETS, ChainOptions, Preset
-from mocap_id.simulation.arm.trial import SpatialTrial, carry, film
-from mocap_id.simulation.arm.turns import Attitude, Turn, still
-from mocap_id.simulation.joint_motion import STEP, motion_through
-from mocap_id.simulation.skin import displacement
+from mocap_id.simulation.arm.rotations import Attitude, AxisRotation, constant_attitude
+from mocap_id.simulation.arm.trial import SpatialTrial, film_markers, transform_points
+from mocap_id.simulation.joint_motion import STEP, draw_sway, motion_through, ramp_up
+from mocap_id.simulation.skin import draw_skin_motion
 
-STILL = 1.0  # s at the start
+STILL = 1.0  # s of rest at the start
 _AXES = {"S": 3, "T": 2, "H": 1}
-_LEAST_BETWEEN = np.radians(60.0)  # between the axes of a two-axis joint
+_LEAST_BETWEEN = np.radians(60.0)  # least angle between the axes of a two-axis joint
 _FREQUENCIES = (0.15, 0.6)  # Hz
-_TILT = 2.0  # rad of a swaying base for each metre of its sway
+_TILT = 2.0  # rad of rotation of a swaying base for each metre of its sway
 
 
 def simulate_chain(
@@ -58,19 +57,19 @@ def generate_chain(options: ChainOptions) -> SpatialTrial:
     """Simulate a chain with the given options."""
     of_body, of_motion, of_skin, of_cameras = (np.random.default_rng([options.seed, 30 + i]) for i in range(4))
     lengths = of_body.uniform(0.25, 0.38, len(options.kinds))
-    axes = [_axes(of_body, kind) for kind in options.kinds]
-    centres = _centres(of_body, lengths)
-    labels, segment, local = _markers(of_body, lengths, options.markers)
+    axes = [_draw_axes(of_body, kind) for kind in options.kinds]
+    centres = _draw_centres(of_body, lengths)
+    labels, segment, local = _draw_markers(of_body, lengths, options.markers)
     time = np.arange(round(options.duration * options.rate)) / options.rate
-    q, shift, attitudes = _motion(of_motion, options, axes, time)
+    q, shift, attitudes = _draw_motion(of_motion, options, axes, time)
     origins = [shift]
     for attitude, centre in zip(attitudes, centres, strict=False):
         origins.append(origins[-1] + attitude.rotation @ centre)
     rotations = np.stack([each.rotation for each in attitudes], axis=1)
     placed = np.stack(origins, axis=1)
-    skin = _skin(of_skin, options, q, (labels, segment, local), time)
-    true = carry(placed, rotations, segment, local + skin)
-    positions, bursts = film(of_cameras, labels, true, options.rate, PRESETS[options.preset])
+    skin = _draw_skin(of_skin, options, q, (labels, segment, local), time)
+    true = transform_points(placed, rotations, segment, local + skin)
+    positions, bursts = film_markers(of_cameras, labels, true, options.rate, PRESETS[options.preset])
     return SpatialTrial(
         labels=labels,
         names=labels,
@@ -104,7 +103,7 @@ def generate_chain(options: ChainOptions) -> SpatialTrial:
     )
 
 
-def _axes(rng: np.random.Generator, kind: str) -> FloatArray:
+def _draw_axes(rng: np.random.Generator, kind: str) -> FloatArray:
     """Return the axes (3, d) of a joint: orthogonal for a ball, at 60 … 90° for a two-axis joint."""
     frame: FloatArray = so3.exp(rng.normal(0, 2, 3))
     if kind == "T":
@@ -113,7 +112,7 @@ def _axes(rng: np.random.Generator, kind: str) -> FloatArray:
     return frame[:, : _AXES[kind]]
 
 
-def _centres(rng: np.random.Generator, lengths: FloatArray) -> FloatArray:
+def _draw_centres(rng: np.random.Generator, lengths: FloatArray) -> FloatArray:
     """Return joint centres (n, 3) in the parents' frames, m: the chain hangs from the top of the base."""
     centres = rng.normal(0, 0.01, (len(lengths), 3))
     centres[1:, 2] = -lengths[:-1]
@@ -121,8 +120,10 @@ def _centres(rng: np.random.Generator, lengths: FloatArray) -> FloatArray:
     return centres
 
 
-def _markers(rng: np.random.Generator, lengths: FloatArray, each: int) -> tuple[tuple[str, ...], IntArray, FloatArray]:
-    """Return labels, segments and local positions (M, 3), m."""
+def _draw_markers(
+    rng: np.random.Generator, lengths: FloatArray, each: int
+) -> tuple[tuple[str, ...], IntArray, FloatArray]:
+    """Return labels, segments and local positions (M, 3), m, of ``each`` markers on every body."""
     labels, local = [], []
     for k, length in enumerate((None, *lengths)):
         around = rng.uniform(0, 2 * np.pi, each)
@@ -135,26 +136,27 @@ def _markers(rng: np.random.Generator, lengths: FloatArray, each: int) -> tuple[
     return tuple(labels), np.repeat(np.arange(len(lengths) + 1), each), np.concatenate(local)
 
 
-def _motion(
+def _draw_motion(
     rng: np.random.Generator, options: ChainOptions, axes: list[FloatArray], time: FloatArray
 ) -> tuple[FloatArray, FloatArray, list[Attitude]]:
-    """Return the first coordinate of every joint (F, n), the shift of the base (F, 3), and all attitudes."""
+    """Return the first coordinate of every joint (F, n), the translation of the base (F, 3), m, and all attitudes."""
     fine = np.arange(-1.0, options.duration + 1.0, STEP)
     count = sum(each.shape[1] for each in axes)
-    waves = _waves(rng, fine, count) * np.radians(options.arc_deg)
+    waves = _draw_waves(rng, fine, count) * np.radians(options.arc_deg)
     size = options.sway_mm / 1e3
-    base = sway(rng, fine, np.repeat([size * _TILT, size], 3))
-    motion = motion_through(fine, since(fine, STILL) * np.hstack([waves, base]), options.duration)
+    base = draw_sway(rng, fine, np.repeat([size * _TILT, size], 3))
+    motion = motion_through(fine, ramp_up(fine, STILL) * np.hstack([waves, base]), options.duration)
     q, dq, ddq, _ = motion.at(time)
-    turns = [Turn(axis, q[:, i], dq[:, i], ddq[:, i]) for i, axis in enumerate(np.concatenate([*axes, np.eye(3)], 1).T)]
-    attitudes = [still(np.eye(3), len(time)).turned(turns[count:])]
+    all_axes = np.concatenate([*axes, np.eye(3)], 1).T
+    rotations = [AxisRotation(axis, q[:, i], dq[:, i], ddq[:, i]) for i, axis in enumerate(all_axes)]
+    attitudes = [constant_attitude(np.eye(3), len(time)).rotate(rotations[count:])]
     first = np.cumsum([0, *(each.shape[1] for each in axes)])
     for start, end in pairwise(first):
-        attitudes.append(attitudes[-1].turned(turns[start:end]))
+        attitudes.append(attitudes[-1].rotate(rotations[start:end]))
     return q[:, first[:-1]], q[:, count + 3 :], attitudes
 
 
-def _waves(rng: np.random.Generator, time: FloatArray, count: int) -> FloatArray:
+def _draw_waves(rng: np.random.Generator, time: FloatArray, count: int) -> FloatArray:
     """Return irregular waves (T, count) whose largest value is 1."""
     frequency = rng.uniform(*_FREQUENCIES, (3, count))
     weight = np.array([1.0, 0.5, 0.25])[:, None]
@@ -164,7 +166,7 @@ def _waves(rng: np.random.Generator, time: FloatArray, count: int) -> FloatArray
     return largest
 
 
-def _skin(
+def _draw_skin(
     rng: np.random.Generator,
     options: ChainOptions,
     q: FloatArray,
@@ -174,6 +176,6 @@ def _skin(
     """Return the sliding (F, M, 3) of all markers, m; it is zero at the first frame."""
     labels, segment, local = markers
     softness = np.full(len(labels), options.soft_tissue_mm / 1e3)
-    moved = displacement(rng, marker_set(labels, segment, local, softness), q, time, wander=rng, middle=q[0])
+    moved = draw_skin_motion(rng, marker_set(labels, segment, local, softness), q, time, wander=rng, middle=q[0])
     from_start: FloatArray = moved - moved[0]
     return from_start

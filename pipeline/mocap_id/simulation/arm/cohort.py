@@ -1,7 +1,7 @@
-"""Simulated reach studies on disk: several people of growing limitation, both arms, several sessions.
+"""Simulated reach studies on disk: several people with increasing limitation, both arms, several sessions.
 
 A person has the same body in all trials. Markers are placed again in every session and on each arm, so that palpation
-errors differ. Each trial has its own seed, derived from the cohort's.
+errors differ. The seed of each trial follows from the cohort's seed.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from typing import get_args
 
 import numpy as np
 
-from mocap_id.errors import ConfigError
 from mocap_id.simulation.arm.arm import generate_arm
 from mocap_id.simulation.arm.depth_camera import film_skeleton
 from mocap_id.simulation.arm.options import ArmOptions, Side
 from mocap_id.simulation.arm.truth import arm_document, arrays
 from mocap_id.simulation.cohort import FILE
-from mocap_id.simulation.trial_files import json_bytes, new_folder, npz_bytes, points_bytes
-from mocap_id.store.atomic import converting_errors, replace_together
+from mocap_id.simulation.options import check_options, option
+from mocap_id.simulation.trial_files import create_folder, points_bytes, write_study_trial
+from mocap_id.store.atomic import replace_together
 
 _STUDY = """\
 # {subjects} simulated people, each more limited than the one before; reaches of both arms in {sessions} sessions.
@@ -39,34 +39,16 @@ _SPREAD = 0.02  # half of the difference in severity between the arms
 
 @dataclass(frozen=True)
 class ReachCohort:
-    """A cohort of people who reach, from healthy to hardly any reach.
+    """A cohort of people who reach, from healthy to almost no reach; a value out of range raises ConfigError."""
 
-    Parameters
-    ----------
-    subjects : int
-        Number of people; their severities are evenly spaced from 0 to 0.8.
-    sessions : int
-        Sessions of each person, with one trial of each arm.
-    skeletons : bool
-        Skeletons of a depth camera instead of markers.
-    options : ArmOptions
-        Common options. The seed is the cohort's; each trial has its own subject, side and severity.
-
-    Raises
-    ------
-    ConfigError
-        A value is out of range.
-    """
-
-    subjects: int = 5
-    sessions: int = 2
-    skeletons: bool = False
+    subjects: int = option(5, "Number of people, with severities evenly spaced from 0 to 0.8.", (1, 99))
+    sessions: int = option(2, "Sessions of each person, with one trial of each arm.", (1, 9))
+    skeletons: bool = False  # skeletons of a depth camera instead of markers
+    # Common options. The seed is the cohort's; each trial has its own seed, subject, side and severity.
     options: ArmOptions = field(default_factory=lambda: ArmOptions(seed=1))
 
     def __post_init__(self) -> None:
-        for name, value, most in (("subjects", self.subjects, 99), ("sessions", self.sessions, 9)):
-            if not 1 <= value <= most:
-                raise ConfigError(f"simulate reach-cohort: {name} is {value!r}; expected 1 … {most}")
+        check_options(self, "simulate reach-cohort")
 
 
 @dataclass(frozen=True)
@@ -89,11 +71,11 @@ def reach_cohort_trials(cohort: ReachCohort) -> Iterator[ReachCohortTrial]:
     seed = cohort.options.seed
     for person in range(1, cohort.subjects + 1):
         severity = _MOST * (person - 1) / max(cohort.subjects - 1, 1)
-        body, *drawn = seeds(seed, person, 0, 0)
-        sign = 1 if drawn[0] % 2 else -1
+        body, *others = derive_seeds(seed, person, 0, 0)
+        sign = 1 if others[0] % 2 else -1
         for session in range(1, cohort.sessions + 1):
             for k, side in enumerate(get_args(Side)):
-                own, markers, _ = seeds(seed, person, session, 1 + k)
+                own, markers, _ = derive_seeds(seed, person, session, 1 + k)
                 limited = float(np.clip(severity + _SPREAD * (sign if k else -sign), 0, 1))
                 options = replace(cohort.options, seed=own, subject=body, markers=markers, side=side, severity=limited)
                 score = _SCORES.get(round(severity / 0.2))
@@ -101,26 +83,17 @@ def reach_cohort_trials(cohort: ReachCohort) -> Iterator[ReachCohortTrial]:
 
 
 def simulate_reach_cohort(folder: Path, cohort: ReachCohort) -> Path:
-    """Simulate a cohort and write it with its exact truth.
+    """Simulate a cohort, write it with its exact truth, and return the path of ``study.yaml``.
 
-    Parameters
-    ----------
-    folder : Path
-        A new or empty folder; receives ``<subject>/<session>/<side>.c3d`` (``.csv`` for skeletons),
-        ``truth/<trial>/truth.json`` and ``truth.npz``, and finally ``study.yaml``.
-    cohort : ReachCohort
-
-    Returns
-    -------
-    Path
-        ``study.yaml``.
+    The folder must be new or empty. It receives ``<subject>/<session>/<side>.c3d`` (``.csv`` for skeletons),
+    ``truth/<trial>/truth.json`` and ``truth.npz``, and finally ``study.yaml``.
 
     Raises
     ------
     StoreError
         The folder is not empty, or cannot be written.
     """
-    new_folder(folder)
+    create_folder(folder)
     people: dict[str, int | None] = {}
     rows = ""
     for trial in reach_cohort_trials(cohort):
@@ -128,7 +101,14 @@ def simulate_reach_cohort(folder: Path, cohort: ReachCohort) -> Path:
         file = f"{trial.subject}/{trial.session}/{trial.options.side}.{'csv' if cohort.skeletons else 'c3d'}"
         recording = f"{{skeleton: {file}}}" if cohort.skeletons else file
         rows += _TRIAL.format(trial.name, trial.subject, trial.session, trial.options.side, recording)
-        _write(folder, trial, file, skeleton=cohort.skeletons)
+        simulated = generate_arm(trial.options)
+        content = (
+            film_skeleton(simulated, trial.options).csv()
+            if cohort.skeletons
+            else points_bytes(simulated.labels, simulated.positions, simulated.rate)
+        )
+        truth = arm_document(trial.options, simulated)
+        write_study_trial(folder, trial.name, file, content, truth, arrays(simulated))
     text = _STUDY.format(subjects=cohort.subjects, sessions=cohort.sessions, seed=cohort.options.seed)
     for subject, score in people.items():
         text += f"  {subject}: {{}}\n" if score is None else f"  {subject}: {{score: {score}}}\n"
@@ -136,24 +116,6 @@ def simulate_reach_cohort(folder: Path, cohort: ReachCohort) -> Path:
     return folder / FILE
 
 
-def _write(folder: Path, trial: ReachCohortTrial, file: str, *, skeleton: bool) -> None:
-    simulated, truth = generate_arm(trial.options), f"truth/{trial.name}"
-    with converting_errors(folder):
-        for name in (file, f"{truth}/truth.json"):
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-    recording = (
-        film_skeleton(simulated, trial.options).csv()
-        if skeleton
-        else points_bytes(simulated.labels, simulated.positions, simulated.rate)
-    )
-    contents = {
-        file: recording,
-        f"{truth}/truth.json": json_bytes(arm_document(trial.options, simulated)),
-        f"{truth}/truth.npz": npz_bytes(arrays(simulated)),
-    }
-    replace_together(folder, contents)
-
-
-def seeds(*key: int) -> tuple[int, ...]:
+def derive_seeds(*key: int) -> tuple[int, ...]:
     """Return three seeds that follow from the numbers of a trial."""
     return tuple(int(each) for each in np.random.SeedSequence(key).generate_state(3))

@@ -12,34 +12,34 @@ from mocap_id.dynamics.allometry import arm_segment
 from mocap_id.simulation.arm.body import FOREARM, HAND, UPPER_ARM, ArmBody
 from mocap_id.simulation.arm.options import ArmOptions
 from mocap_id.simulation.arm.pneumatic_device import device_torque
+from mocap_id.simulation.arm.rotations import Z
 from mocap_id.simulation.arm.trial import SpatialTrial
-from mocap_id.simulation.arm.turns import Z
 from mocap_id.simulation.body import GRAVITY
 from mocap_id.stages.curl_keys import Body
 
-_PLACES = {"forearm": FOREARM, "hand": HAND}
+_SEGMENTS = {"forearm": FOREARM, "hand": HAND}
 _DUMBBELL = Body(mass=3.59, centre=(0.0, -0.075, 0.0), inertia=(0.009, 0.0014, 0.009))
 _BRACE = Body(mass=0.2, centre=(0.0, -0.11, 0.03), inertia=(0.0005, 0.0003, 0.0005), segment="forearm")
 
 
-def own_bodies(body: ArmBody) -> dict[str, Body]:
-    """Return forearm and hand of a person, by de Leva's table."""
-    found: dict[str, Body] = {}
+def arm_bodies(body: ArmBody) -> dict[str, Body]:
+    """Return forearm and hand of a person, with inertial parameters from de Leva's table."""
+    bodies: dict[str, Body] = {}
     forearm = arm_segment("forearm", body.subject.sex)
     for name, segment in (("forearm", forearm), ("hand", arm_segment("hand", body.subject.sex))):
         mass, length = segment.mass * body.subject.mass, body.forearm * segment.length / forearm.length
         across = mass * (segment.gyration * length) ** 2
-        found[name] = Body(
+        bodies[name] = Body(
             mass=mass,
             centre=(0.0, -segment.centre * length, 0.0),
             inertia=(across, 0.0, across),
             segment="forearm" if name == "forearm" else "hand",
         )
-    return found
+    return bodies
 
 
-def loads(condition: str) -> dict[str, Body]:
-    """Return what a person carries: the dumbbell of the thesis, and a brace if the device is worn."""
+def carried_loads(condition: str) -> dict[str, Body]:
+    """Return the loads that a person carries: the dumbbell of the thesis, and a brace if the device is worn."""
     return {"dumbbell": _DUMBBELL} if condition == "C" else {"dumbbell": _DUMBBELL, "brace": _BRACE}
 
 
@@ -48,35 +48,35 @@ def curl_keys(options: ArmOptions, body: ArmBody) -> dict[str, Any]:
     keys: dict[str, Any] = {"condition": options.condition, "metronome_hz": 0.5}
     if options.condition != "C":
         keys["device"] = "device.yaml"
-    keys["loads"] = {name: described(one) for name, one in loads(options.condition).items()}
-    return keys | {name: described(one) for name, one in own_bodies(body).items()}
+    keys["loads"] = {name: body_keys(one) for name, one in carried_loads(options.condition).items()}
+    return keys | {name: body_keys(one) for name, one in arm_bodies(body).items()}
 
 
-def described(body: Body) -> dict[str, Any]:
-    """Return the keys of a body, rounded."""
+def body_keys(body: Body) -> dict[str, Any]:
+    """Return the keys and rounded values of a body in a configuration."""
     keys = body.model_dump(mode="json")
     rounded = {name: [round(each, 6) for each in keys[name]] for name in ("centre", "inertia")}
     return {"mass": round(body.mass, 5), **rounded, "segment": body.segment}
 
 
 def curl_torques(options: ArmOptions, trial: SpatialTrial) -> Mapping[str, FloatArray]:
-    """Return the torques (F,) about the elbow's hinge, positive if they flex, N·m: total = human + device."""
+    """Return the torques (F,) about the elbow's hinge, positive in flexion, N·m: total = human + device."""
     body: ArmBody = trial.document["body"]
     elbow = trial.origins[:, FOREARM]
     step = 1 / trial.rate
 
-    def change(values: FloatArray) -> FloatArray:
+    def rate(values: FloatArray) -> FloatArray:
         return np.asarray(np.gradient(values, step, axis=0, edge_order=2))
 
     moment = np.zeros((len(trial.time), 3))
-    for one in (*own_bodies(body).values(), *loads(options.condition).values()):
-        k = _PLACES[one.segment]
-        turn = trial.rotations[:, k]
-        centre = trial.origins[:, k] + turn @ np.array(one.centre)
-        about = turn @ np.diag(one.inertia) @ turn.transpose(0, 2, 1)
+    for one in (*arm_bodies(body).values(), *carried_loads(options.condition).values()):
+        k = _SEGMENTS[one.segment]
+        rotation = trial.rotations[:, k]
+        centre = trial.origins[:, k] + rotation @ np.array(one.centre)
+        about = rotation @ np.diag(one.inertia) @ rotation.transpose(0, 2, 1)
         spin = (about @ trial.omega[:, k, :, None])[..., 0]
-        force = one.mass * (change(change(centre)) + GRAVITY * Z)
-        moment += np.cross(centre - elbow, force) + change(spin)
+        force = one.mass * (rate(rate(centre)) + GRAVITY * Z)
+        moment += np.cross(centre - elbow, force) + rate(spin)
     total = np.einsum("ti,ti->t", trial.rotations[:, UPPER_ARM] @ body.elbow_axis, moment)
     flexion, velocity = trial.angles["elbow_flexion"], trial.rates["elbow_flexion"]
     person = options.seed if options.subject is None else options.subject

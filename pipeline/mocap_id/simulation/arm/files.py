@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +20,7 @@ from mocap_id.simulation.trial_files import json_bytes, npz_bytes, points_bytes,
 
 _TRIAL = """\
 # {what}
-# Made by `mocap-id simulate {kind}` with seed {seed}. The exact truth is beside it, in truth.json and truth.npz.
+# Made by `mocap-id simulate {kind}` with seed {seed}. The exact truth is in truth.json and truth.npz.
 # Paths are relative to this file.
 trial: {name}
 recording: trial.c3d  # markers
@@ -31,24 +30,15 @@ protocol: {protocol}
 
 
 def write_arm(folder: Path, options: ArmOptions) -> Path:
-    """Simulate an arm and write it with its exact truth.
+    """Simulate an arm, write it with its exact truth, and return the path of ``trial.yaml``.
 
-    Parameters
-    ----------
-    folder : Path
-        Created if necessary; receives ``trial.c3d``, ``truth.json``, ``truth.npz`` and ``trial.yaml``, possibly
-        ``kinect.csv``, ``imu_<segment>.csv`` and ``device.yaml``. The trial is named after the folder.
-    options : ArmOptions
-
-    Returns
-    -------
-    Path
-        ``trial.yaml``.
+    The folder is created if necessary. It receives ``trial.c3d``, ``truth.json``, ``truth.npz``, ``trial.yaml`` and,
+    depending on the options, ``kinect.csv``, ``imu_<segment>.csv`` and ``device.yaml``. It gives the trial its name.
 
     Raises
     ------
     StoreError
-        The folder already holds a trial, or cannot be written.
+        The folder already contains a trial, or cannot be written.
     """
 
     def make(name: str) -> dict[str, bytes]:
@@ -64,7 +54,8 @@ def write_arm(folder: Path, options: ArmOptions) -> Path:
         if options.calibration:
             text += f"calibration: {json.dumps(options.calibration, ensure_ascii=False)}\n"
         if not reach:
-            text += _curl_yaml(curl_keys(options, trial.document["body"]))
+            keys = curl_keys(options, trial.document["body"])
+            text += "curl:\n" + "".join(f"  {key}: {json.dumps(value)}\n" for key, value in keys.items())
             more |= {"device.yaml": device_yaml()} if options.condition != "C" else {}
         if options.imus:
             sensors = simulate_sensors(trial, options)
@@ -72,8 +63,8 @@ def write_arm(folder: Path, options: ArmOptions) -> Path:
             more |= {f"imu_{segment}.csv": csv_bytes(sensor) for segment, sensor in sensors.items()}
             text += "imus: {" + ", ".join(f"{segment}: imu_{segment}.csv" for segment in sensors) + "}\n"
         if options.skeleton:
-            seen = film_skeleton(trial, options)
-            document["kinect"], more["kinect.csv"] = seen.document(), seen.csv()
+            skeleton = film_skeleton(trial, options)
+            document["kinect"], more["kinect.csv"] = skeleton.document(), skeleton.csv()
             text += "# from the depth camera alone: recording: {skeleton: kinect.csv}\n"
         return _contents(trial, document, text) | more
 
@@ -81,7 +72,7 @@ def write_arm(folder: Path, options: ArmOptions) -> Path:
 
 
 def write_chain(folder: Path, options: ChainOptions) -> Path:
-    """Simulate a chain of bodies and write it with its exact truth; parameters as for :func:`write_arm`."""
+    """Simulate a chain of bodies, write it with its exact truth, and return the path of ``trial.yaml``."""
 
     def make(name: str) -> dict[str, bytes]:
         trial = generate_chain(options)
@@ -90,10 +81,6 @@ def write_chain(folder: Path, options: ChainOptions) -> Path:
         return _contents(trial, chain_document(options, trial), text)
 
     return write_trial(folder, make)
-
-
-def _curl_yaml(keys: Mapping[str, Any]) -> str:
-    return "curl:\n" + "".join(f"  {name}: {json.dumps(value)}\n" for name, value in keys.items())
 
 
 def _contents(trial: SpatialTrial, document: dict[str, Any], text: str) -> dict[str, bytes]:

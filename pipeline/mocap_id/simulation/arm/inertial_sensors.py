@@ -4,28 +4,23 @@ from __future__ import annotations
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
-from mocap_id.simulation.arm.options import ArmOptions
+from mocap_id.simulation.arm.options import PRESETS, ArmOptions
+from mocap_id.simulation.arm.rotations import Y
 from mocap_id.simulation.arm.trial import SpatialTrial
-from mocap_id.simulation.arm.turns import Y
 from mocap_id.simulation.inertial_sensors import SEED, SimulatedSensor, measure_motion
 
-_WORSE = {"clean": 0.0, "default": 1.0, "hard": 2.0}
-_DISTANCE = {"thorax": (0.04, -0.06, 0.0), "upper_arm": (0.0, -0.19, 0.05), "forearm": (-0.01, -0.21, 0.03)}
+_ERROR_FACTOR = {"clean": 0.0, "default": 1.0, "hard": 2.0}
+_POSITION = {"thorax": (0.04, -0.06, 0.0), "upper_arm": (0.0, -0.19, 0.05), "forearm": (-0.01, -0.21, 0.03)}
 _ON_HAND = (-0.03, -0.06, 0.0)
-_LOSS = {"upper_arm": 0.25, "forearm": 0.12}  # share of the twist that the skin misses
+_LOSS = {"upper_arm": 0.25, "forearm": 0.12}  # share of the axial rotation that the skin does not follow
 
 
 def simulate_sensors(trial: SpatialTrial, options: ArmOptions) -> dict[str, SimulatedSensor]:
-    """Return a sensor on every segment of a simulated arm.
+    """Return a sensor on every segment of a simulated arm that was generated with these options.
 
-    Parameters
-    ----------
-    trial : SpatialTrial
-        Made with these options.
-    options : ArmOptions
-        The preset scales the errors; its factor of soft tissue also scales how far the skin turns the sensors.
+    The preset scales the errors of the sensors. The preset and the factor of soft tissue scale the rotation of the skin
+    under the sensors.
 
     Examples
     --------
@@ -34,30 +29,25 @@ def simulate_sensors(trial: SpatialTrial, options: ArmOptions) -> dict[str, Simu
     >>> sorted(simulate_sensors(generate_arm(options), options))
     ['forearm', 'hand', 'thorax', 'upper_arm']
     """
-    twists = {"upper_arm": _upper_arm_twist(trial), "forearm": trial.arrays["q_pron"][:, 0]}
-    worse = _WORSE[options.preset]
-    loss = min(options.soft_tissue, 1.0) * {"clean": 0.0, "default": 1.0, "hard": 1.5}[options.preset]
-    found = {}
+    upper_arm = np.unwrap(np.asarray(trial.angles["shoulder_axial"] + trial.angles["shoulder_plane"]))
+    axial = {"upper_arm": upper_arm, "forearm": trial.arrays["q_pron"][:, 0]}
+    factor = _ERROR_FACTOR[options.preset]
+    loss = min(options.soft_tissue, 1.0) * PRESETS[options.preset].twist_loss
+    sensors = {}
     for s, name in enumerate(trial.segments):
         rng = np.random.default_rng([options.seed, SEED, s])
-        lost = loss * _LOSS.get(name, 0.0)
-        twist = twists.get(name, np.zeros(len(trial.time)))
-        place = np.array(_DISTANCE.get(name, _ON_HAND)) * np.where(np.arange(3) == 1, rng.uniform(0.9, 1.1), 1.0)
-        turn = so3.exp(-lost * (twist - twist[0])[:, None] * Y)
-        rotations = trial.rotations[:, s] @ turn
-        positions = trial.origins[:, s] + np.einsum("fij,j->fi", rotations, place)
-        truth = {"position_in_segment_m": place.tolist(), "twist_loss": lost}
-        found[name] = measure_motion(rng, trial.time, rotations, positions, worse=worse, truth=truth)
+        share = loss * _LOSS.get(name, 0.0)
+        angle = axial.get(name, np.zeros(len(trial.time)))
+        position = np.array(_POSITION.get(name, _ON_HAND)) * np.where(np.arange(3) == 1, rng.uniform(0.9, 1.1), 1.0)
+        rotations = trial.rotations[:, s] @ so3.exp(-share * (angle - angle[0])[:, None] * Y)
+        points = trial.origins[:, s] + np.einsum("fij,j->fi", rotations, position)
+        truth = {"position_in_segment_m": position.tolist(), "twist_loss": share}
+        sensors[name] = measure_motion(rng, trial.time, rotations, points, error_factor=factor, truth=truth)
     if options.side == "left":
-        return {name: _mirrored(sensor) for name, sensor in found.items()}
-    return found
+        return {name: _mirror(sensor) for name, sensor in sensors.items()}
+    return sensors
 
 
-def _upper_arm_twist(trial: SpatialTrial) -> FloatArray:
-    """Return the axial rotation (F,) of the upper arm that its skin follows in part."""
-    return np.unwrap(np.asarray(trial.angles["shoulder_axial"] + trial.angles["shoulder_plane"]))
-
-
-def _mirrored(sensor: SimulatedSensor) -> SimulatedSensor:
-    """Return what the mirrored sensor on a left arm measures."""
+def _mirror(sensor: SimulatedSensor) -> SimulatedSensor:
+    """Return the measurement of the mirrored sensor on a left arm."""
     return SimulatedSensor(sensor.time, sensor.gyro * [-1.0, -1.0, 1.0], sensor.acc * [1.0, 1.0, -1.0], sensor.truth)

@@ -1,4 +1,4 @@
-"""Markers on a simulated arm: palpated landmarks, and clusters."""
+"""Markers on a simulated arm: palpated landmarks and clusters, and the soft tissue under them."""
 
 from __future__ import annotations
 
@@ -7,9 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.geometry import so3
 from mocap_id.simulation.arm.body import FOREARM, HAND, THORAX, UPPER_ARM, ArmBody
 from mocap_id.simulation.arm.options import Difficulty
+from mocap_id.simulation.arm.rotations import Y
 from mocap_id.simulation.markers import MarkerSet
+from mocap_id.simulation.skin import draw_skin_motion
 
 _LANDMARK_SLIDE = {"IJ": 1.0, "PX": 1.5, "C7": 1.5, "T8": 1.5, "AC": 4.0, "EL": 3.0, "EM": 4.0, "US": 1.0, "RS": 1.0}
 _LANDMARK_LOSS = {"EL": 0.05, "EM": 0.05, "US": 0.08, "RS": 0.03}
@@ -24,32 +27,15 @@ JITTER = 0.003  # m
 
 @dataclass(frozen=True)
 class ArmMarkers:
-    """Markers in the frames of their segments at the start.
+    """M markers in the coordinate frames of their segments at the start."""
 
-    Parameters
-    ----------
-    labels, names : tuples of str, length M
-        Names in the file, and what the markers are.
-    segment : (M,) int array
-    local : (M, 3) array
-        m.
-    bone : mapping from name to (3,) array
-        The true landmarks.
-    slide : (M,) array
-        Size of the skin's sliding, m.
-    twist_loss : (M,) array
-        Share of the segment's twist that the skin does not follow.
-    on_glide : (M,) bool array
-        Markers of the thorax that move with the shoulder girdle.
-    """
-
-    labels: tuple[str, ...]
-    names: tuple[str, ...]
-    segment: IntArray
-    local: FloatArray
-    slide: FloatArray
-    twist_loss: FloatArray
-    on_glide: BoolArray
+    labels: tuple[str, ...]  # names in the file
+    names: tuple[str, ...]  # names of the landmarks and cluster markers, also of an anonymous recording
+    segment: IntArray  # (M,)
+    local: FloatArray  # (M, 3) m
+    slide: FloatArray  # (M,) size of the skin's sliding, m
+    twist_loss: FloatArray  # (M,) share of the segment's axial rotation that the skin does not follow
+    on_glide: BoolArray  # (M,) markers of the thorax that move with the shoulder girdle
 
 
 def draw_markers(rng: np.random.Generator, body: ArmBody, sizes: Difficulty, anonymous: bool) -> ArmMarkers:
@@ -90,6 +76,27 @@ def draw_markers(rng: np.random.Generator, body: ArmBody, sizes: Difficulty, ano
 
 
 def marker_set(labels: tuple[str, ...], segment: IntArray, local: FloatArray, softness: FloatArray) -> MarkerSet:
-    """Return markers as the cameras and the skin expect them; all may be hidden."""
+    """Return the markers in the form for cameras and skin; any of them may be hidden."""
     every = np.ones(len(labels), dtype=np.bool_)
     return MarkerSet(labels, segment, local, softness, every, ~every, (None,) * len(labels))
+
+
+def draw_slide(
+    rng: np.random.Generator, wander: np.random.Generator, markers: ArmMarkers, angles: FloatArray, time: FloatArray
+) -> FloatArray:
+    """Return the sliding (F, M, 3) of every marker in its segment's frame, m; it is zero at the first frame.
+
+    ``rng`` and ``wander`` are the generators of the slide and of a slow drift. ``angles`` (F, 4) are elevation, elbow
+    flexion, pronation and wrist flexion, rad: a segment's skin slides with the two angles next to it.
+    """
+    soft = marker_set(markers.labels, markers.segment, markers.local, markers.slide)
+    moved = draw_skin_motion(rng, soft, angles, time, wander=wander, middle=angles[0])
+    from_start: FloatArray = moved - moved[0]
+    return from_start
+
+
+def axial_displacement(markers: ArmMarkers, axial: FloatArray) -> FloatArray:
+    """Return the displacement (F, M, 3), m, of skin that follows a part of its segment's axial rotation (F, 4), rad."""
+    angle = -markers.twist_loss * (axial - axial[0])[:, markers.segment]
+    rotated: FloatArray = np.einsum("fmij,mj->fmi", so3.exp(angle[..., None] * Y), markers.local)
+    return rotated - markers.local

@@ -12,7 +12,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.stages.device import Condition, DeviceFile
 
 CurlCondition: TypeAlias = Literal["C", "AC", "2", "3", "4", "5"]
-"""Conditions of thesis figure 8.5: without the device, with open chambers, and its modes."""
+"""Conditions of thesis figure 8.5: without the device, with open chambers, and the modes of the device."""
 _HIGH, _ATMOSPHERE = 446_063.0, 101_325.0  # Pa, absolute: 50 psi above the atmosphere, and the atmosphere
 DEVICE = DeviceFile(
     device="simulated-elbow",
@@ -36,7 +36,7 @@ DEVICE = DeviceFile(
         "5": Condition(flexion_Pa=_HIGH, extension_Pa=_ATMOSPHERE),
     },
 )
-"""The description; the thesis publishes no sizes of its device."""
+"""Description of the device; its sizes are assumed, because the thesis publishes none."""
 
 
 def device_yaml() -> bytes:
@@ -46,26 +46,19 @@ def device_yaml() -> bytes:
 
 
 def device_torque(seed: int, condition: CurlCondition, angle: FloatArray, velocity: FloatArray) -> FloatArray:
-    """Return the torque (T,) of the device on the elbow, N·m.
+    """Return the torque (T,) of the device on the elbow, N·m, for flexion ``angle``, rad, and ``velocity``, rad/s.
 
-    The true cylinder differs from the description by the standard deviations that the description states, and is the
-    same for the same seed.
-
-    Parameters
-    ----------
-    seed : int
-    condition : str
-    angle, velocity : (T,) arrays
-        Flexion of the elbow, rad and rad/s.
+    The true cylinder differs from the description by random errors with the standard deviations of the description. The
+    same seed gives the same cylinder.
     """
     state = DEVICE.conditions[condition]
     if not state.worn:
         return np.zeros(len(angle))
     rng = np.random.default_rng([seed, 30])
     cylinder, setting = DEVICE.cylinder(), state.setting()
-    sizes = {name: float(rng.normal(0, sd)) for name, sd in DEVICE.deviations().items()}
-    gauge = sizes.pop("gauge")
-    true = replace(cylinder, **{name: max(getattr(cylinder, name) + size, 0.0) for name, size in sizes.items()})
+    errors = {name: float(rng.normal(0, sd)) for name, sd in DEVICE.deviations().items()}
+    gauge = errors.pop("gauge")
+    true = replace(cylinder, **{name: max(getattr(cylinder, name) + error, 0.0) for name, error in errors.items()})
     true = replace(true, exponent=float(np.clip(true.exponent, 1.0, 1.4)))
     sealed = [None if pressure is None else pressure + gauge for pressure in (setting.flexion, setting.extension)]
     spring = true.torque(angle, replace(setting, flexion=sealed[0], extension=sealed[1]))

@@ -1,4 +1,4 @@
-"""A simulated trial in space, in memory: what the cameras saw, and the exact truth."""
+"""A simulated trial in space, in memory: the recording and the exact truth."""
 
 from __future__ import annotations
 
@@ -11,87 +11,50 @@ import numpy as np
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.simulation.arm.markers import marker_set
 from mocap_id.simulation.arm.options import Difficulty
-from mocap_id.simulation.cameras import Burst, draw_bursts, measure_positions, visibility
+from mocap_id.simulation.cameras import Burst, draw_bursts, find_visible, measure_positions
 
 _OCCLUSIONS = 0.4 / 24  # times the usual number of bursts, for one marker
 
 
 @dataclass(frozen=True)
 class SpatialTrial:
-    """A trial of S segments and M markers at F frames; all vectors in laboratory axes with z up.
+    """A trial of S segments and M markers at F frames; all vectors are in laboratory axes with z up."""
 
-    Parameters
-    ----------
-    labels, names : tuples of str, length M
-        Names in the file, and what the markers are.
-    rate : float
-        Hz.
-    time : (F,) array
-        s.
-    positions : (F, M, 3) array
-        Measured positions, m; NaN where a marker was not seen.
-    true_positions : (F, M, 3) array
-        Without noise and occlusions, with soft tissue, m.
-    bursts : tuple of Burst
-        Occlusions.
-    segments : tuple of str, length S
-    assignment : (M,) int array
-        Segment of every marker.
-    local : (M, 3) array
-        Marker positions in the segments' frames in the still start, m.
-    skin : (F, M, 3) array
-        Displacement by soft tissue in the segments' frames, m.
-    origins : (F, S, 3) array
-        Origins of the segments' frames, m.
-    rotations : (F, S, 3, 3) array
-        Segment to laboratory.
-    omega, alpha : (F, S, 3) arrays
-        Angular velocities and accelerations, rad/s and rad/s².
-    angles, rates, accelerations : mappings from str to (F,) array
-        Angles as ``angles.parquet`` names them, rad, and their derivatives; empty for a plain chain.
-    arrays : mapping from str to array
-        Further arrays of ``truth.npz``.
-    document : mapping
-        Further entries of ``truth.json``.
-    still : float
-        Duration of the still start, s.
-    """
-
-    labels: tuple[str, ...]
-    names: tuple[str, ...]
-    rate: float
-    time: FloatArray
-    positions: FloatArray
-    true_positions: FloatArray
-    bursts: tuple[Burst, ...]
+    labels: tuple[str, ...]  # names of the markers in the file
+    names: tuple[str, ...]  # names of the landmarks and cluster markers, also of an anonymous recording
+    rate: float  # Hz
+    time: FloatArray  # (F,) s
+    positions: FloatArray  # (F, M, 3) measured positions, m; NaN where a marker was not seen
+    true_positions: FloatArray  # (F, M, 3) positions with soft tissue, without noise and occlusions, m
+    bursts: tuple[Burst, ...]  # occlusions
     segments: tuple[str, ...]
-    assignment: IntArray
-    local: FloatArray
-    skin: FloatArray
-    origins: FloatArray
-    rotations: FloatArray
-    omega: FloatArray
-    alpha: FloatArray
-    angles: Mapping[str, FloatArray]
-    rates: Mapping[str, FloatArray]
-    accelerations: Mapping[str, FloatArray]
-    arrays: Mapping[str, FloatArray]
-    document: Mapping[str, Any]
-    still: float
+    assignment: IntArray  # (M,) segment of every marker
+    local: FloatArray  # (M, 3) positions in the segments' frames while the body is still at the start, m
+    skin: FloatArray  # (F, M, 3) displacement by soft tissue in the segments' frames, m
+    origins: FloatArray  # (F, S, 3) origins of the segments' frames, m
+    rotations: FloatArray  # (F, S, 3, 3) from the segment to the laboratory
+    omega: FloatArray  # (F, S, 3) angular velocities, rad/s
+    alpha: FloatArray  # (F, S, 3) angular accelerations, rad/s²
+    angles: Mapping[str, FloatArray]  # angles (F,) by their names in angles.parquet, rad; empty for a plain chain
+    rates: Mapping[str, FloatArray]  # their first derivatives, rad/s
+    accelerations: Mapping[str, FloatArray]  # their second derivatives, rad/s²
+    arrays: Mapping[str, FloatArray]  # further arrays of truth.npz
+    document: Mapping[str, Any]  # further entries of truth.json
+    still: float  # duration of the rest at the start, s
 
 
-def carry(origins: FloatArray, rotations: FloatArray, segment: IntArray, local: FloatArray) -> FloatArray:
-    """Return points (F, M, 3) in the laboratory; ``local`` (F, M, 3) is in the segments' frames."""
+def transform_points(origins: FloatArray, rotations: FloatArray, segment: IntArray, local: FloatArray) -> FloatArray:
+    """Return points (F, M, 3) in the laboratory from positions ``local`` (F, M, 3) in their segments' frames."""
     points: FloatArray = origins[:, segment] + np.einsum("fmij,fmj->fmi", rotations[:, segment], local)
     return points
 
 
-def film(
+def film_markers(
     rng: np.random.Generator, labels: tuple[str, ...], positions: FloatArray, rate: float, sizes: Difficulty
 ) -> tuple[FloatArray, tuple[Burst, ...]]:
-    """Return measured positions (F, M, 3), m, NaN where not visible, and the occlusions."""
+    """Return measured positions (F, M, 3), m, and the occlusions during which they are NaN."""
     frames, count = positions.shape[:2]
     markers = marker_set(labels, np.zeros(count, dtype=np.int64), np.zeros((count, 3)), np.zeros(count))
     often = sizes.occlusions * count * _OCCLUSIONS
     bursts = draw_bursts(rng, markers, frames, rate, often)
-    return measure_positions(rng, positions, sizes.marker_noise, visibility(markers, bursts, frames)), bursts
+    return measure_positions(rng, positions, sizes.marker_noise, find_visible(markers, bursts, frames)), bursts

@@ -11,7 +11,7 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.simulation.arm.arm import person_seed
 from mocap_id.simulation.arm.body import ArmBody
-from mocap_id.simulation.arm.curl_torque import described, loads, own_bodies
+from mocap_id.simulation.arm.curl_torque import arm_bodies, body_keys, carried_loads
 from mocap_id.simulation.arm.markers import ArmMarkers
 from mocap_id.simulation.arm.options import PRESETS, ArmOptions, ChainOptions
 from mocap_id.simulation.arm.reach_volume import reach_volume
@@ -20,25 +20,25 @@ from mocap_id.simulation.body import GRAVITY
 
 CONVENTIONS = """\
 SI units unless a name ends in _mm, _deg or _hz. The laboratory's z is up; all vectors are in its axes unless their
-names say otherwise. Of a left arm the file holds the mirror image (y negated): the truth is that of the right arm.
+names say otherwise. The file of a left arm contains the mirror image (y negated): the truth is that of the right arm.
 seg_R[n, s] takes segment axes to the laboratory; seg_origin is the origin of the segment's frame.
 Frames of the ISB (Wu 2005), right arm, x forward, y up, z to the right. Thorax: origin IJ, y from mid(PX, T8) to
 mid(IJ, C7). Upper arm: origin GH, y from mid(EL, EM) to GH, x normal to GH, EL, EM. Forearm: origin mid(EL, EM),
 y from US to it, x normal to US, RS and it. Hand: origin mid(RS, US), parallel to the forearm at zero wrist angles.
-thorax from upper arm: R_y(plane) R_x(-elevation) R_y(axial); isb_shoulder holds plane, -elevation, axial. Plane 0 is
+thorax from upper arm: R_y(plane) R_x(-elevation) R_y(axial); isb_shoulder contains plane, -elevation, axial. Plane 0 is
 abduction, 90° forward flexion; internal rotation is positive. isb_condition = 1 / |sin elevation|.
 upper arm from forearm: R_z(flexion) R_x(carrying) R_y(pronation) = R(elbow_axis, q_hinge) R_x(carry0)
 R(pronation_axis, q_pron). forearm from hand: R_z(flexion) R_x(deviation).
-_rate and _acc are derivatives of the angles; q_hinge and q_pron hold angle, rate and acceleration.
+_rate and _acc are derivatives of the angles; q_hinge and q_pron contain angle, rate and acceleration.
 GH in the thorax: gh0_in_thorax_m + sc_translation_m (1 - cos elevation) / 2 along sc_direction. AC moves with it.
-Markers: local_xyz_m is their place at the first frame, where soft tissue is zero; in the still start (t < static_s)
-the skin only drifts. bone_xyz_m is the landmark itself. The skin follows all but twist_loss of the twist of the upper
-arm and of the pronation.
-Plain chains: joint_R is child to parent, the product of exp(s_k axis_k) over the columns of joint_axes; a child's
-origin is its joint's centre.
-curls: tau_total = tau_human + tau_device, about the hinge of the elbow, positive if they flex, N m; bodies are forearm,
-hand and what they carry. The device is drawn around its description in device.yaml.
-reach: volume that the end of the forearm's y axis sweeps in the thorax over box_rad, the ranges of plane, elevation,
+Markers: local_xyz_m is the position at the first frame, where soft tissue is zero; in the still start (t < static_s)
+the skin only drifts. bone_xyz_m is the position of the landmark. The skin does not follow the share twist_loss of the
+axial rotation of the upper arm and of the pronation.
+Plain chains: joint_R is child to parent, the product of exp(s_k axis_k) over the columns of joint_axes; the origin of a
+child is the centre of its joint.
+curls: tau_total = tau_human + tau_device about the hinge of the elbow, positive in flexion, N m; the bodies are
+forearm, hand and carried loads. The true device is drawn at random around its description in device.yaml.
+reach: volume in the thorax that the end of the forearm's y axis reaches within box_rad, the ranges of plane, elevation,
 axial and hinge (plane and axial where sin elevation > sin 15°)."""
 Ranges: TypeAlias = Mapping[str, list[float]]
 _STEEP = np.sin(np.radians(15.0))
@@ -54,10 +54,10 @@ def arrays(trial: SpatialTrial) -> dict[str, np.ndarray[Any, Any]]:
         "alpha": trial.alpha,
         "markers_true_mm": (1e3 * trial.true_positions).astype(np.float32),
     }
-    return common | dict(trial.arrays) | (_isb(trial) if trial.angles else {})
+    return common | dict(trial.arrays) | (_isb_angles(trial) if trial.angles else {})
 
 
-def _isb(trial: SpatialTrial) -> dict[str, FloatArray]:
+def _isb_angles(trial: SpatialTrial) -> dict[str, FloatArray]:
     out: dict[str, FloatArray] = {}
     for suffix, values in (("", trial.angles), ("_rate", trial.rates), ("_acc", trial.accelerations)):
         shoulder = (values["shoulder_plane"], -values["shoulder_elevation"], values["shoulder_axial"])
@@ -74,10 +74,10 @@ def arm_document(options: ArmOptions, trial: SpatialTrial) -> dict[str, Any]:
     body: ArmBody = trial.document["body"]
     protocol = dict(trial.document["protocol"])
     if options.movement == "curl":
-        carried = {**own_bodies(body), **loads(options.condition)}
-        protocol["bodies"] = {name: described(one) for name, one in carried.items()}
+        bodies = {**arm_bodies(body), **carried_loads(options.condition)}
+        protocol["bodies"] = {name: body_keys(one) for name, one in bodies.items()}
         protocol["repetitions"] = [each | _compensation(trial, each) for each in protocol["repetitions"]]
-    every = _ranges(trial, np.ones(len(trial.time), dtype=np.bool_))
+    ranges = _ranges(trial, np.ones(len(trial.time), dtype=np.bool_))
     gated = _ranges(trial, np.sin(trial.angles["shoulder_elevation"]) > _STEEP)
     return {
         **_common(options, trial, options.movement),
@@ -86,16 +86,16 @@ def arm_document(options: ArmOptions, trial: SpatialTrial) -> dict[str, Any]:
         "subject": _subject(body),
         "markers": _arm_markers(trial, body),
         **protocol,
-        "ranges_rad": every,
+        "ranges_rad": ranges,
         "ranges_gated_rad": gated,
-        **({"reach": _volume(body, every, gated)} if options.movement == "reach" else {}),
+        **({"reach": _volume(body, ranges, gated)} if options.movement == "reach" else {}),
     }
 
 
-def _volume(body: ArmBody, every: Ranges, gated: Ranges) -> dict[str, Any]:
-    box = np.array([gated["plane"], every["elevation"], gated["axial"], every["hinge"]])
-    result = reach_volume(body, box, float(np.mean(every["pronation"])))
-    return {"volume_m3": result.volume, "mc_sd_m3": result.sd, "box_rad": box.tolist()}
+def _volume(body: ArmBody, ranges: Ranges, gated: Ranges) -> dict[str, Any]:
+    box = np.array([gated["plane"], ranges["elevation"], gated["axial"], ranges["hinge"]])
+    volume, sd = reach_volume(body, box, float(np.mean(ranges["pronation"])))
+    return {"volume_m3": volume, "mc_sd_m3": sd, "box_rad": box.tolist()}
 
 
 def chain_document(options: ChainOptions, trial: SpatialTrial) -> dict[str, Any]:
@@ -165,6 +165,7 @@ def _arm_markers(trial: SpatialTrial, body: ArmBody) -> list[Mapping[str, Any]]:
 
 
 def _ranges(trial: SpatialTrial, where: BoolArray) -> Ranges:
+    """Return the lowest and highest value of each angle in the frames ``where`` (F,), rad."""
     values = {name.split("_")[1]: trial.angles[name] for name in trial.angles if not name.startswith("wrist")}
     values |= {"hinge": trial.arrays["q_hinge"][:, 0], "pronation": trial.arrays["q_pron"][:, 0]}
     return {name: [float(each[where].min()), float(each[where].max())] for name, each in values.items()}

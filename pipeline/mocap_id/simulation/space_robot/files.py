@@ -36,34 +36,25 @@ identify-dim:  # standard deviations of the instruments' errors
   camera_tilt_sd_deg: {degrees:.3g}
 """
 _CONVENTIONS = (
-    "Lab axes, Z up, SI. seg_R takes segment axes to the lab; seg_origin is the segment's joint, or the base's origin. "
-    "Ten parameters of a segment in its own frame about its origin: m, mx, my, mz, Ixx, Iyy, Izz, Ixy, Ixz, Iyz. "
-    "wrench: true force and moment of the ground about the lab's origin at the frames. torque: about each joint's axis."
-    " joint_axes: axis in the parent's frame, then in the child's. The plate's sample with time t was taken at t + "
-    "clock_offset_s. base_parameters: in frames with z along the hinge (the base: lab axes X, Z, -Y), moments of the "
-    "base about its origin."
+    "Laboratory axes, Z up, SI. seg_R takes segment axes to the laboratory; seg_origin is the segment's joint, or the "
+    "base's origin. Ten parameters of a segment in its own frame about its origin: m, mx, my, mz, Ixx, Iyy, Izz, Ixy, "
+    "Ixz, Iyz. wrench: true force and moment of the ground about the laboratory's origin at the frames. torque: about "
+    "each joint's axis. joint_axes: axis in the frame of the parent, then in the frame of the child. A plate sample "
+    "with time t was measured at t + clock_offset_s. base_parameters: in frames with z along the hinge (the base: "
+    "laboratory axes X, Z, -Y), with the moments of the base about its origin."
 )
 
 
 def simulate_space_robot(folder: Path, options: SpaceRobotOptions) -> Path:
-    """Simulate a robot in space and write it with its exact truth.
+    """Simulate a robot in space, write it with its exact truth, and return the path of ``trial.yaml``.
 
-    Parameters
-    ----------
-    folder : Path
-        Created if necessary; receives ``trial.c3d``, ``truth.json``, ``truth.npz`` and ``trial.yaml``. The trial is
-        named after the folder.
-    options : SpaceRobotOptions
-
-    Returns
-    -------
-    Path
-        ``trial.yaml``.
+    The folder is created if necessary. It receives ``trial.c3d``, ``truth.json``, ``truth.npz`` and ``trial.yaml``, and
+    gives the trial its name.
 
     Raises
     ------
     StoreError
-        The folder already holds a trial, or cannot be written.
+        The folder already contains a trial, or cannot be written.
     """
     return write_trial(folder, lambda name: _contents(generate_space_robot(options), name))
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Literal
+from dataclasses import dataclass
+from typing import Literal, get_args
 
 from mocap_id.dynamics.space.calibration import SpatialCalibration, no_errors
 from mocap_id.errors import ConfigError
+from mocap_id.simulation.options import check_options, option
 from mocap_id.simulation.plate import FORCE_BIAS, MOMENT_BIAS, SIZE
 
 Preset = Literal["clean", "default"]
@@ -28,46 +29,22 @@ SMALL_ERRORS = SpatialCalibration(
 class SpaceRobotOptions:
     """Options of a simulated robot in space, whose base stands on a force plate.
 
-    Parameters
-    ----------
-    seed : int
-        The same seed gives the same robot and movement, with or without a payload.
-    preset : {"clean", "default"}
-        Without errors of the instruments, or with small ones.
-    joints : int
-        Number of hinges, 1 to 6.
-    payload : float
-        Mass at the end of the last segment, kg.
-    duration : float
-        s.
-    rate, analog_rate : float
-        Frames and plate samples per second.
-
-    Raises
-    ------
-    ConfigError
-        A value is out of range.
+    A value out of range raises ConfigError.
     """
 
-    seed: int = field(default=0, metadata={"help": "Robot and movement; the same with or without a payload."})
-    preset: Preset = field(default="default", metadata={"help": "clean: exact instruments; default: small errors."})
-    joints: int = field(default=2, metadata={"help": "Number of hinges, 1 to 6."})
-    payload: float = field(default=0.0, metadata={"help": "Mass at the end of the last segment, kg."})
-    duration: float = field(default=30.0, metadata={"help": "Duration, s."})
-    rate: float = field(default=120.0, metadata={"help": "Frames per second."})
-    analog_rate: float = field(default=1200.0, metadata={"help": "Plate samples per second."})
+    seed: int = option(0, "Seed of robot and movement, which are the same with and without a payload.")
+    preset: Preset = option("default", "clean: exact instruments; default: small errors.", choices=get_args(Preset))
+    joints: int = option(2, "Number of hinges, 1 to 6.", (1, 6))
+    payload: float = option(0.0, "Mass at the end of the last segment, kg.", (0, 100), "kg")
+    duration: float = option(30.0, "Duration, s.", (5, 600), "s")
+    rate: float = option(120.0, "Frames per second.", (30, 2000), "Hz")
+    analog_rate: float = option(1200.0, "Plate samples per second, a multiple of the frame rate.")
 
     def __post_init__(self) -> None:
-        limits = {"joints": (1, 6), "payload": (0, 100), "duration": (5, 600), "rate": (30, 2000)}
-        for name, (low, high) in limits.items():
-            value = getattr(self, name)
-            if not low <= value <= high:
-                raise ConfigError(f"simulate robot-in-space: {name} is {value!r}, expected {low} … {high}")
-        if self.preset not in ("clean", "default"):
-            raise ConfigError(f"simulate robot-in-space: preset is {self.preset!r}, expected clean or default")
+        check_options(self, "simulate robot-in-space")
         if not (self.analog_rate / self.rate).is_integer():
             raise ConfigError(
-                f"simulate robot-in-space: analog_rate is {self.analog_rate:g} Hz, expected a multiple of the rate, "
+                f"simulate robot-in-space: analog_rate is {self.analog_rate:g} Hz; expected a multiple of the rate, "
                 f"{self.rate:g} Hz"
             )
 

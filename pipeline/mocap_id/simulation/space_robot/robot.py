@@ -15,34 +15,21 @@ from mocap_id.simulation.joint_motion import STEP, JointMotion, motion_through, 
 _LENGTH = (0.42, 0.39, 0.30, 0.22, 0.18, 0.15)  # m, of the moving segments
 _MASS = (12.0, 8.0, 5.0, 3.0, 2.0, 1.2, 0.8)  # kg, base first
 _PEDESTAL = 0.30  # m: height of the first joint above the plate
-_CROSSING = 0.6  # rad: least angle between neighbouring axes
-_POINTS = 40  # point masses of a segment
-_MARKERS = 6  # on every segment
+_LEAST_ANGLE = 0.6  # rad, between neighbouring axes
+_POINTS = 40  # number of point masses of a segment
+_MARKERS = 6  # number of markers on every segment
 _FREQUENCIES = (0.1, 0.6)  # Hz, of the movement
 _WAVES, _AMPLITUDE, _REST = 4, 0.55, 1.0  # waves per joint, rad, s
 
 
 @dataclass(frozen=True)
 class SpaceRobot:
-    """A robot in space on a base at rest.
+    """A robot in space on a base at rest."""
 
-    Parameters
-    ----------
-    chain : SpatialChain
-        n hinges, and the markers.
-    base : (4, 4) array
-        Pose of the base in a frame with y up and its origin at the plate's centre, m.
-    parameters : (n + 1, 10) array
-        Inertial parameters of every segment in its frame, with the payload, SI.
-    payload : (10,) array
-        Parameters of the payload in the frame of the last segment; zeros without.
-    motion : JointMotion
-    """
-
-    chain: SpatialChain
-    base: FloatArray
-    parameters: FloatArray
-    payload: FloatArray
+    chain: SpatialChain  # n hinges, and the markers
+    base: FloatArray  # (4, 4) pose of the base in a frame with y up and its origin at the plate's centre, m
+    parameters: FloatArray  # (n + 1, 10) inertial parameters of every segment in its frame, with the payload, SI units
+    payload: FloatArray  # (10,) parameters of the payload in the frame of the last segment; zeros without a payload
     motion: JointMotion
 
     @property
@@ -55,61 +42,56 @@ class SpaceRobot:
 
 
 def draw_robot(rng: np.random.Generator, joints: int, payload: float, duration: float) -> SpaceRobot:
-    """Draw a robot with hinges in general directions, and its movement.
+    """Draw a robot with hinges in general directions, and its movement for a duration, s.
 
-    Parameters
-    ----------
-    rng : Generator
-        The payload and the duration do not change the robot.
-    joints : int
-    payload : float
-        kg.
-    duration : float
-        s.
+    The payload, kg, and the duration do not change the robot.
     """
     along = np.array([0.0, 1.0, 0.0])  # long axis of a segment in its frame
     base = se3.pose(so3.exp(rng.normal(0, 0.5, 3) * [0, 1, 0]), np.array([*rng.uniform(-0.05, 0.05, 3)]) * [1, 0, 1])
-    axis, links, parameters = _unit(rng), [], [_cloud(rng, _MASS[0], _PEDESTAL, 0.12)]
+    axis, links, parameters = _draw_direction(rng), [], [_draw_parameters(rng, _MASS[0], _PEDESTAL, 0.12)]
     for k in range(joints):
         before = axis
-        while np.linalg.norm(np.cross(before, axis)) < np.sin(_CROSSING) or abs(axis @ along) > np.cos(_CROSSING):
-            axis = _unit(rng)
+        while np.linalg.norm(np.cross(before, axis)) < np.sin(_LEAST_ANGLE) or abs(axis @ along) > np.cos(_LEAST_ANGLE):
+            axis = _draw_direction(rng)
         height = _PEDESTAL if k == 0 else _LENGTH[k - 1]
         centre = height * along + rng.normal(0, 0.02, 3)
         offset = so3.exp(rng.normal(0, 0.35, 3))
         links.append(SpatialJoint("hinge", k, centre, first_axis=axis, offset=offset))
-        parameters.append(_cloud(rng, _MASS[k + 1], _LENGTH[k], 0.05))
+        parameters.append(_draw_parameters(rng, _MASS[k + 1], _LENGTH[k], 0.05))
         axis = offset.T @ axis
     segment = np.repeat(np.arange(joints + 1), _MARKERS)
-    local = np.concatenate([_places(rng, length) for length in (_PEDESTAL, *_LENGTH[:joints])])
+    local = np.concatenate([_draw_positions(rng, length) for length in (_PEDESTAL, *_LENGTH[:joints])])
     chain = SpatialChain(tuple(links), segment, local, np.zeros(len(segment), dtype=np.bool_))
-    motion = _movement(rng, joints, duration)
-    load = payload * _cloud(rng, 1.0, 0.08, 0.05, _LENGTH[joints - 1])
+    motion = _draw_movement(rng, joints, duration)
+    load = payload * _draw_parameters(rng, 1.0, 0.08, 0.05, _LENGTH[joints - 1])
     parameters[-1] = parameters[-1] + load
     return SpaceRobot(chain, base, np.array(parameters), load, motion)
 
 
-def _unit(rng: np.random.Generator) -> FloatArray:
+def _draw_direction(rng: np.random.Generator) -> FloatArray:
+    """Return a random unit vector (3,)."""
     vector = rng.normal(size=3)
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-def _cloud(rng: np.random.Generator, mass: float, length: float, width: float, start: float = 0.0) -> FloatArray:
-    """Return the parameters (10,) of point masses along y, from ``start`` on."""
-    places = rng.uniform(-1, 1, (_POINTS, 3)) * [width, length / 2, width] + [0, start + length / 2, 0]
+def _draw_parameters(
+    rng: np.random.Generator, mass: float, length: float, width: float, start: float = 0.0
+) -> FloatArray:
+    """Return the inertial parameters (10,) of random point masses along y, beginning at ``start``, m."""
+    positions = rng.uniform(-1, 1, (_POINTS, 3)) * [width, length / 2, width] + [0, start + length / 2, 0]
     share = rng.dirichlet(np.full(_POINTS, 2.0))
-    return np.asarray(sum(mass * part * point_mass(place) for part, place in zip(share, places, strict=True)))
+    return np.asarray(sum(mass * part * point_mass(position) for part, position in zip(share, positions, strict=True)))
 
 
-def _places(rng: np.random.Generator, length: float) -> FloatArray:
-    """Return the places (M, 3) of a segment's markers, around its long axis."""
+def _draw_positions(rng: np.random.Generator, length: float) -> FloatArray:
+    """Return the positions (M, 3) of a segment's markers, around its long axis, m."""
     angle = np.arange(_MARKERS) * 2.4 + rng.uniform(0, 2 * np.pi)
     radius = rng.uniform(0.06, 0.11, _MARKERS)
     height = length * (0.15 + 0.75 * np.arange(_MARKERS) / (_MARKERS - 1)) + rng.normal(0, 0.01, _MARKERS)
     return np.column_stack([radius * np.cos(angle), height, radius * np.sin(angle)])
 
 
-def _movement(rng: np.random.Generator, joints: int, duration: float) -> JointMotion:
+def _draw_movement(rng: np.random.Generator, joints: int, duration: float) -> JointMotion:
     """Return a movement of all joints together, at rest in the first and last second."""
     time = np.arange(-1.0, duration + 1.0, STEP)
     envelope = smoothstep((time - _REST) / 2) * smoothstep((duration - _REST - time) / 2)

@@ -13,93 +13,60 @@ from mocap_id.dynamics.space.motion import SpatialMotion, joint_motion, segment_
 from mocap_id.geometry import PlaneFrame, so3
 from mocap_id.recording.plate_types import PlateSignals
 from mocap_id.simulation.body import GRAVITY
-from mocap_id.simulation.plate import Sense, SimulatedPlate, draw_plate, measure
+from mocap_id.simulation.plate import Sense, SimulatedPlate, draw_plate, measure_load
 from mocap_id.simulation.space_robot.options import SpaceRobotOptions
 from mocap_id.simulation.space_robot.robot import SpaceRobot, draw_robot
 
 MARKER_NOISE = 5e-4  # m, each axis
 FRAME = PlaneFrame(0.0)
-"""The frame of a trial in space in the laboratory."""
+"""Coordinate frame of a trial in space, in the laboratory."""
 CLOCK_OFFSET = 0.04  # s: largest offset between cameras and plate
 
 
 @dataclass(frozen=True)
 class InstrumentErrors:
-    """Errors of the instruments; the fields are those of :class:`SpatialCalibration`.
-
-    Parameters
-    ----------
-    gain, moments : float
-    position : (3,) array
-        Laboratory axes, m.
-    yaw : float
-        rad.
-    lengths : float
-    tilt : (2,) array
-        About x and z of the trial's frame, rad.
-    """
+    """Errors of the instruments; the fields correspond to :class:`SpatialCalibration`."""
 
     gain: float
     moments: float
-    position: FloatArray
-    yaw: float
+    position: FloatArray  # (3,) laboratory axes, m
+    yaw: float  # rad
     lengths: float
-    tilt: FloatArray
+    tilt: FloatArray  # (2,) about x and z of the trial's frame, rad
 
 
 @dataclass(frozen=True)
 class SpaceRobotTrial:
-    """A trial in memory. Vectors are in the frame of a trial in space (y up) with the origin of the laboratory.
-
-    Parameters
-    ----------
-    options : SpaceRobotOptions
-    robot : SpaceRobot
-    origin : (3,) array
-        The plate's centre in that frame, m.
-    time : (T,) array
-        s.
-    q, dq, ddq : (T, n) arrays
-    motion : SpatialMotion
-        True motion.
-    wrench : (T, 6) array
-        True force and moment of the ground, about the origin, N and N·m.
-    torque : (T, n) array
-        True joint torques, N·m.
-    points : (T, M, 3) array
-        Measured markers, laboratory axes with Z up, m.
-    signals : PlateSignals
-    clock_offset : float
-        The plate's sample with time t was taken at t + offset, s.
-    errors : InstrumentErrors
-    """
+    """A trial in memory. Vectors are in the frame of a trial in space (y up) with the origin of the laboratory."""
 
     options: SpaceRobotOptions
     robot: SpaceRobot
-    origin: FloatArray
-    time: FloatArray
-    q: FloatArray
-    dq: FloatArray
-    ddq: FloatArray
-    motion: SpatialMotion
-    wrench: FloatArray
-    torque: FloatArray
-    points: FloatArray
+    origin: FloatArray  # (3,) the plate's centre in that frame, m
+    time: FloatArray  # (T,) s
+    q: FloatArray  # (T, n) rad
+    dq: FloatArray  # (T, n) rad/s
+    ddq: FloatArray  # (T, n) rad/s²
+    motion: SpatialMotion  # true motion
+    wrench: FloatArray  # (T, 6) true force and moment of the ground about the origin, N and N·m
+    torque: FloatArray  # (T, n) true joint torques, N·m
+    points: FloatArray  # (T, M, 3) measured markers, laboratory axes with z up, m
     signals: PlateSignals
-    clock_offset: float
+    clock_offset: float  # the plate's sample with time t was measured at t + offset, s
     errors: InstrumentErrors
 
 
 def generate_space_robot(options: SpaceRobotOptions) -> SpaceRobotTrial:
     """Draw a robot and measure it; the same options give the same numbers.
 
-    Robot, movement and errors of the instruments are the same with and without a payload; noise and clocks are not.
+    A payload changes the noise and the clock offset, but not the robot, its movement and the errors of the instruments.
     """
-    own, lab, here = (np.random.default_rng([options.seed, k]) for k in (0, 1, 2 if options.payload == 0 else 3))
-    robot = draw_robot(own, options.joints, options.payload, options.duration)
-    sense: Sense = "reaction" if lab.random() < 0.5 else "action"
-    plate = draw_plate(lab, sense, moved=True, flipped=False, noise=options.noise, bias=options.noise)
-    errors = draw_errors(lab, options.errors)
+    of_robot, of_laboratory, of_recording = (
+        np.random.default_rng([options.seed, k]) for k in (0, 1, 2 if options.payload == 0 else 3)
+    )
+    robot = draw_robot(of_robot, options.joints, options.payload, options.duration)
+    sense: Sense = "reaction" if of_laboratory.random() < 0.5 else "action"
+    plate = draw_plate(of_laboratory, sense, moved=True, flipped=False, noise=options.noise, bias=options.noise)
+    errors = _draw_errors(of_laboratory, options.errors)
     origin = FRAME.to_plane(plate.centre)
     time = np.arange(round(options.duration * options.rate)) / options.rate
     base = robot.base.copy()
@@ -107,7 +74,7 @@ def generate_space_robot(options: SpaceRobotOptions) -> SpaceRobotTrial:
     states = robot.motion.at(time)[:3]
     motion = joint_motion(robot.chain, base, *states)
     regressor = segment_regressor(motion, GRAVITY)
-    offset = float(here.uniform(-CLOCK_OFFSET, CLOCK_OFFSET)) * options.noise
+    offset = float(of_recording.uniform(-CLOCK_OFFSET, CLOCK_OFFSET)) * options.noise
     loaded = _wrench(robot, np.arange(round(options.duration * options.analog_rate)) / options.analog_rate + offset)
     parameters = robot.parameters.ravel()
     return SpaceRobotTrial(
@@ -121,14 +88,14 @@ def generate_space_robot(options: SpaceRobotOptions) -> SpaceRobotTrial:
         motion=motion,
         wrench=regressor @ parameters,
         torque=torque_regressor(motion, regressor) @ parameters,
-        points=_measured(here, options, errors, _markers(robot, motion)),
-        signals=_signals(here, options, errors, plate, loaded),
+        points=_measure_markers(of_recording, options, errors, _markers(robot, motion)),
+        signals=_measure_wrench(of_recording, options, errors, plate, loaded),
         clock_offset=offset,
         errors=errors,
     )
 
 
-def draw_errors(rng: np.random.Generator, sd: SpatialCalibration) -> InstrumentErrors:
+def _draw_errors(rng: np.random.Generator, sd: SpatialCalibration) -> InstrumentErrors:
     """Draw the errors of cameras and plate."""
     return InstrumentErrors(
         gain=float(rng.normal(0, sd.gain)),
@@ -142,15 +109,15 @@ def draw_errors(rng: np.random.Generator, sd: SpatialCalibration) -> InstrumentE
 
 def _markers(robot: SpaceRobot, motion: SpatialMotion) -> FloatArray:
     """Return the true positions of the markers (T, M, 3), m."""
-    own = robot.chain.segment
-    turned = np.einsum("tmij,mj->tmi", motion.rotation[:, own], robot.chain.local)
-    return np.asarray(motion.origin[:, own] + turned)
+    segment = robot.chain.segment
+    rotated = np.einsum("tmij,mj->tmi", motion.rotation[:, segment], robot.chain.local)
+    return np.asarray(motion.origin[:, segment] + rotated)
 
 
-def _measured(
+def _measure_markers(
     rng: np.random.Generator, options: SpaceRobotOptions, errors: InstrumentErrors, points: FloatArray
 ) -> FloatArray:
-    """Return the measured markers in the laboratory."""
+    """Return the measured positions of the markers (T, M, 3) in the laboratory, m."""
     tilt = so3.exp(np.array([errors.tilt[0], 0.0, errors.tilt[1]]))
     noise = rng.normal(0, 1, points.shape) * MARKER_NOISE * options.noise
     return FRAME.from_plane((1 + errors.lengths) * points @ tilt.T + noise)
@@ -162,15 +129,15 @@ def _wrench(robot: SpaceRobot, time: FloatArray) -> FloatArray:
     return np.asarray(segment_regressor(motion, GRAVITY) @ robot.parameters.ravel())
 
 
-def _signals(
+def _measure_wrench(
     rng: np.random.Generator,
     options: SpaceRobotOptions,
     errors: InstrumentErrors,
     plate: SimulatedPlate,
     wrench: FloatArray,
 ) -> PlateSignals:
-    """Return the plate's channels, with the corners that the file gives."""
+    """Return the plate's channels, and the erroneous corners of the file."""
     force, moment = (wrench[:, part] @ FRAME.axes * (1 + errors.gain) for part in (slice(3), slice(3, 6)))
-    signals = measure(rng, plate, force, (1 + errors.moments) * moment, options.analog_rate)
+    signals = measure_load(rng, plate, force, (1 + errors.moments) * moment, options.analog_rate)
     placed = replace(plate, centre=plate.centre + errors.position, yaw=plate.yaw + errors.yaw)
     return replace(signals, corners=placed.corners)

@@ -57,7 +57,7 @@ def soft_tissue(trial: TrialInputs, change: Perturbation) -> TrialInputs:
         on_plate=np.zeros(count, dtype=np.bool_),
         at_joint=(None,) * count,
     )
-    slide = skin.trial_displacement(change.rng(), markers, q, trial.time)[..., :2]
+    slide = skin.draw_trial_skin_motion(change.rng(), markers, q, trial.time)[..., :2]
     angle = np.cumsum(q, axis=1)[:, segment[moving] - 1]  # (T, M) angle of each marker's segment
     return _shift(trial, moving, change.level * rotate(angle, slide))
 
