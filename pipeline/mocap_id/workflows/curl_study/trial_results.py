@@ -11,8 +11,8 @@ import numpy as np
 
 from mocap_id.config.study import Study, StudyTrial
 from mocap_id.workflows.parallel import TrialRun
-from mocap_id.workflows.study.study_outcome import Measure, StudyOutcome, number_or_nan, read_event_facts
-from mocap_id.workflows.trial_outcome import read_summary
+from mocap_id.workflows.study.study_outcome import Measure, StudyOutcome, read_event_facts
+from mocap_id.workflows.trial_outcome import number_or_nan, read_summary
 
 
 @dataclass(frozen=True, kw_only=True)

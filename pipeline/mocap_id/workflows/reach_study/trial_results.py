@@ -16,8 +16,8 @@ from mocap_id.reporting.reach_study.page_data import Shape
 from mocap_id.reporting.study.page_data import CohortData
 from mocap_id.workflows.parallel import TrialRun
 from mocap_id.workflows.study.statistics import Estimate
-from mocap_id.workflows.study.study_outcome import Measure, StudyOutcome, number_or_nan, read_event_facts
-from mocap_id.workflows.trial_outcome import read_summary
+from mocap_id.workflows.study.study_outcome import Measure, StudyOutcome, read_event_facts
+from mocap_id.workflows.trial_outcome import number_or_nan, read_summary
 
 SIDES = ("right", "left")
 

@@ -11,21 +11,21 @@ from mocap_id.arrays import FloatArray
 from mocap_id.reporting.robot_study.page_data import AveragedWrench, Recovery, StateTraces
 from mocap_id.workflows.robot_study.method_results import WRENCH, MethodResult
 from mocap_id.workflows.robot_study.methods import CAMERAS, DIFFERENCES, ENCODER
-from mocap_id.workflows.robot_study.trial_results import RobotTrialResult, reference_series
+from mocap_id.workflows.robot_study.trial_results import RobotTrialResult, predict_reference
 
 _PHASE = np.linspace(0.0, 100.0, 51)  # % of a repetition
-_FRAMES = 60  # of a marker's path that are drawn
+_FRAMES = 60  # number of drawn frames of a marker's path
 
 
-def trials_of_cell(trials: Sequence[RobotTrialResult], joint: str, speed: str) -> list[RobotTrialResult]:
-    """Return the trials of a cell that have results, or those of the first cell if this one has none."""
+def select_cell(trials: Sequence[RobotTrialResult], joint: str, speed: str) -> list[RobotTrialResult]:
+    """Return the trials of a cell that have results; if there are none, the trials of the first cell with results."""
     passed = [trial for trial in trials if trial.by_method]
-    wanted = [trial for trial in passed if trial.cell == (joint, speed)]
-    return wanted or [trial for trial in passed if trial.cell == passed[0].cell]
+    in_cell = [trial for trial in passed if trial.cell == (joint, speed)]
+    return in_cell or [trial for trial in passed if trial.cell == passed[0].cell]
 
 
-def recovery(trial: RobotTrialResult) -> Recovery:
-    """Return how skeleton and states of a trial were found (figures 5.2 and 5.3)."""
+def collect_recovery(trial: RobotTrialResult) -> Recovery:
+    """Return the data of the figures about skeleton and states of a trial (figures 5.2 and 5.3)."""
     identified = trial.by_method[CAMERAS.name].identified
     planar, skeleton = identified.planar, identified.skeleton
     thinned = slice(None, None, max(1, len(planar.frames) // _FRAMES))
@@ -41,12 +41,12 @@ def recovery(trial: RobotTrialResult) -> Recovery:
         segment=dict(zip(skeleton.markers, skeleton.segment.tolist(), strict=True)),
         local=dict(zip(skeleton.markers, skeleton.local, strict=True)),
         centre=skeleton.centres[0],
-        traces=state_traces(trial),
+        traces=collect_traces(trial),
     )
 
 
-def state_traces(trial: RobotTrialResult) -> StateTraces:
-    """Return the joint states over time from the cameras and from finite differences, in the robot's frame."""
+def collect_traces(trial: RobotTrialResult) -> StateTraces:
+    """Return the joint states over time by cameras and by finite differences, in the robot's coordinate frame."""
     first = trial.by_method[CAMERAS.name]
     zero = np.array([first.frame.zero, 0.0, 0.0])
     curves = {
@@ -58,15 +58,18 @@ def state_traces(trial: RobotTrialResult) -> StateTraces:
 
 
 def average_wrench(trials: Sequence[RobotTrialResult]) -> AveragedWrench | None:
-    """Return the wrench over all repetitions of a cell's trials (figures 5.4 and 5.5); None if none is complete."""
+    """Return the wrench averaged over all complete repetitions of a cell's trials (figures 5.4 and 5.5).
+
+    None if no repetition is complete.
+    """
     measured: list[FloatArray] = []
     models: dict[str, list[FloatArray]] = {}
     for trial in trials:
         first = trial.by_method[CAMERAS.name]
-        for start, end in _repetitions(first):
-            measured.append(_cut(first, _wrench(first.identified.dynamics, ""), start, end))
-            for name, series in _models(trial).items():
-                models.setdefault(name, []).append(_cut(first, series, start, end))
+        for start, end in _find_repetitions(first):
+            measured.append(_sample(first, _read_wrench(first.identified.dynamics, ""), start, end))
+            for name, series in _predict_wrench(trial).items():
+                models.setdefault(name, []).append(_sample(first, series, start, end))
     if not measured:
         return None
     own, stacked = np.stack(measured), {name: np.stack(series) for name, series in models.items()}
@@ -74,38 +77,38 @@ def average_wrench(trials: Sequence[RobotTrialResult]) -> AveragedWrench | None:
     return AveragedWrench(" ".join(trials[0].cell).strip(), len(own), _PHASE, own, stacked, errors)
 
 
-def _models(trial: RobotTrialResult) -> Mapping[str, FloatArray]:
+def _predict_wrench(trial: RobotTrialResult) -> Mapping[str, FloatArray]:
     """Return the wrench (T, 3) of every model, by its label in the thesis."""
-    found = {
-        method.thesis: _wrench(trial.by_method[method.name].identified.dynamics, "_model")
+    models = {
+        method.thesis: _read_wrench(trial.by_method[method.name].identified.dynamics, "_model")
         for method in (ENCODER, CAMERAS)
         if method.name in trial.by_method
     }
-    through = trial.for_reference
-    return found if through is None else found | {"Ref.": reference_series(trial, through)[0]}
+    through = trial.method_of_reference
+    return models if through is None else models | {"Ref.": predict_reference(trial, through)[0]}
 
 
-def _wrench(dynamics: pd.DataFrame, suffix: str) -> FloatArray:
+def _read_wrench(dynamics: pd.DataFrame, suffix: str) -> FloatArray:
     return dynamics[[f"{name}{suffix}" for name in WRENCH]].to_numpy(dtype=np.float64)
 
 
-def _cut(result: MethodResult, wrench: FloatArray, start: float, end: float) -> FloatArray:
-    """Return the wrench of one repetition at each phase (P, 3), with x in the robot's direction."""
+def _sample(result: MethodResult, wrench: FloatArray, start: float, end: float) -> FloatArray:
+    """Return the wrench (P, 3) of one repetition at the phases, with x in the direction of the robot's x axis."""
     at = start + _PHASE / 100 * (end - start)
     direction = np.array([result.frame.sign, 1.0, result.frame.sign])
     return np.asarray(np.column_stack([np.interp(at, result.time, column) for column in wrench.T]) * direction)
 
 
-def _repetitions(result: MethodResult) -> list[tuple[float, float]]:
-    """Start and end of the complete repetitions, s, each beginning towards the robot's positive side."""
+def _find_repetitions(result: MethodResult) -> list[tuple[float, float]]:
+    """Return start and end of the complete repetitions, s; each begins with a movement in the positive direction."""
     events = result.folder.table("events.parquet")
-    whole = events["complete"]
+    complete = events["complete"]
     time, speed = result.time, result.frame.sign * result.identified.dq[:, 0]
     kept = []
-    for start, end in zip(events["start"][whole], events["end"][whole], strict=True):
-        within = (time > start) & (time < start + 0.2 * (end - start))
-        forwards = within.any() and np.nanmean(speed[within]) > 0
-        half = 0.0 if forwards else 0.5 * (end - start)
+    for start, end in zip(events["start"][complete], events["end"][complete], strict=True):
+        first = (time > start) & (time < start + 0.2 * (end - start))
+        is_positive = first.any() and np.nanmean(speed[first]) > 0
+        half = 0.0 if is_positive else 0.5 * (end - start)
         if end + half <= time[-1]:
             kept.append((float(start + half), float(end + half)))
     return kept

@@ -26,7 +26,7 @@ class Method:
 
     name: str  # name of its folder in the trial's folder
     thesis: str  # label in the thesis's tables
-    settings: Mapping[str, str | float]  # settings of `ukf-smooth` that replace the trial's own
+    settings: Mapping[str, str | float]  # settings of `ukf-smooth` that replace the settings of the trial
 
 
 CAMERAS = Method("cameras", "P", {})
@@ -40,7 +40,7 @@ METHODS = (CAMERAS, ENCODER, DIFFERENCES, SMOOTHER, SPLINE)
 def run_all_methods(trial: Trial) -> TrialRun:
     """Run a trial with its report, then its dynamics by every other method; a failure is a result, not an error.
 
-    The encoder's method is left out if the trial names no encoder. The first method that fails ends the run.
+    The encoder's method is omitted if the trial has no encoder. The first method that fails ends the run.
     """
     done = run_trial(trial)
     if done.exit_code != 0:
@@ -50,7 +50,7 @@ def run_all_methods(trial: Trial) -> TrialRun:
             continue
         variant = with_method(trial, method)
         try:
-            _share(trial.out, variant.out)
+            _share_artefacts(trial.out, variant.out)
             outcome = runner.run_to(variant, DYNAMICS)
             if outcome.refused is not None:
                 raise outcome.refused
@@ -68,24 +68,24 @@ def run_all_methods(trial: Trial) -> TrialRun:
 
 
 def with_method(trial: Trial, method: Method) -> Trial:
-    """Return the trial with its states by a method, in a folder of its own."""
+    """Return the trial with its states computed by a method, in the run folder of this method."""
     if method is CAMERAS:
         return trial
     settings = trial.settings[_STATES].model_copy(update=dict(method.settings))
     return replace(trial, settings={**trial.settings, _STATES: settings}, out=trial.out / "methods" / method.name)
 
 
-def _share(source: Path, target: Path) -> None:
-    """Link or copy into a method's folder the artefacts that no method changes."""
+def _share_artefacts(source: Path, target: Path) -> None:
+    """Link or copy the artefacts of the stages before the joint states into the run folder of a method."""
     before = STAGES[: next(k for k, stage in enumerate(STAGES) if stage.name == _STATES)]
     with converting_errors(target):
         for file in (file for stage in before for file in (*stage.outputs, record_file(stage.name))):
-            there = target / file
-            there.parent.mkdir(parents=True, exist_ok=True)
-            if there.exists() and there.samefile(source / file):
+            copy = target / file
+            copy.parent.mkdir(parents=True, exist_ok=True)
+            if copy.exists() and copy.samefile(source / file):
                 continue
-            there.unlink(missing_ok=True)
+            copy.unlink(missing_ok=True)
             try:
-                os.link(source / file, there)
+                os.link(source / file, copy)
             except OSError:
-                shutil.copy2(source / file, there)
+                shutil.copy2(source / file, copy)

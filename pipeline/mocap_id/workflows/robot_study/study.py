@@ -1,4 +1,4 @@
-"""``mocap-id validate robot``: every trial by every method, the thesis's tables and figures, and a page."""
+"""``mocap-id validate robot``: run every trial by every method; write the thesis's tables and figures, and a page."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from mocap_id.simulation.robot_set import FILE, robot_set_yaml
 from mocap_id.store import Folder
 from mocap_id.store.atomic import converting_errors, write_files
 from mocap_id.workflows.parallel import LocalBackend, TrialCallback, TrialRun, run_trials
-from mocap_id.workflows.robot_study.figure_data import average_wrench, recovery, state_traces, trials_of_cell
+from mocap_id.workflows.robot_study.figure_data import average_wrench, collect_recovery, collect_traces, select_cell
 from mocap_id.workflows.robot_study.methods import CAMERAS, run_all_methods
 from mocap_id.workflows.robot_study.tables import TABLES, make_tables
 from mocap_id.workflows.robot_study.trial_results import RobotTrialResult, read_trial_result
@@ -37,9 +37,9 @@ _ABOUT = (
 class RobotStudyResult:
     """The result of a robot study."""
 
-    folder: Path  # the folder of tables and page
+    folder: Path  # folder of tables and page
     trials: tuple[RobotTrialResult, ...]
-    frames: Mapping[str, pd.DataFrame]  # every table
+    frames: Mapping[str, pd.DataFrame]  # tables by name
     document: Mapping[str, Any]  # content of validation.json
 
     @property
@@ -67,9 +67,9 @@ def validate_robot(
     Parameters
     ----------
     files : sequence of Path
-        A study's file, or trials' files. Without any, a set is simulated in ``out/trials``, unless it exists.
+        A study's file, or trials' files. If empty, a set is simulated in ``out/trials``, unless it exists.
     out : Path
-        Folder of the tables and the page; the trials' run folders are in ``runs`` below it.
+        Folder of the tables and the page. The run folders of the trials are in its sub-folder ``runs``.
     generated : RobotSet, optional
         The set to simulate.
     jobs : int
@@ -77,7 +77,7 @@ def validate_robot(
     tell : callable, optional
         Called with each trial that ends.
     page : Path, optional
-        A Markdown page whose tables are replaced; the figures go into a folder beside it.
+        A Markdown page whose tables are replaced. The figures are written to a folder beside it.
 
     Raises
     ------
@@ -87,8 +87,8 @@ def validate_robot(
         The folder is in use or cannot be written. The failure of a trial is reported in its row instead.
     """
     out = out.absolute()
-    text = None if page is None else _readable(page)
-    study = load_robot_study(tuple(files) or (_simulated(out, generated or RobotSet()),))
+    text = None if page is None else _read_page(page)
+    study = load_robot_study(tuple(files) or (_simulate(out, generated or RobotSet()),))
     configs = [replace(one, trial=replace(one.trial, out=out / "runs" / one.trial.name)) for one in study.trials]
     with converting_errors(out):
         out.mkdir(parents=True, exist_ok=True)
@@ -96,40 +96,44 @@ def validate_robot(
         runs = run_trials([one.trial for one in configs], LocalBackend(jobs), tell, run=run_all_methods)
         trials = tuple(read_trial_result(one, run, study.reference) for one, run in zip(configs, runs, strict=True))
         tables = make_tables(trials)
-        data = _page_data(study, trials, tables)
-        result = Result("robot-study", DOCUMENT, _content(study, trials, tables), tables, lambda: _pages(data))
+        data = _collect_page_data(study, trials, tables)
+        content = _describe_study(study, trials, tables)
+        result = Result("robot-study", DOCUMENT, content, tables, lambda: _make_pages(data))
         result.write(out)
     if page is not None and text is not None:
         _replace_tables(page, text, data)
     return RobotStudyResult(out, trials, {name: table.frame for name, table in tables.items()}, result.document)
 
 
-def _simulated(out: Path, wanted: RobotSet) -> Path:
-    """Return the file of the simulated set in the study's folder, made if missing; ConfigError if it differs."""
+def _simulate(out: Path, options: RobotSet) -> Path:
+    """Return the file of the simulated set in the study's folder, which is simulated if it is missing.
+
+    ConfigError if a set with other options exists there.
+    """
     folder = out / "trials"
     if not (folder / FILE).exists():
-        return simulate_robot_set(folder, wanted)
-    if (folder / FILE).read_text("utf-8") != robot_set_yaml(wanted):
+        return simulate_robot_set(folder, options)
+    if (folder / FILE).read_text("utf-8") != robot_set_yaml(options):
         raise ConfigError(
-            f"{folder} contains a set with another seed or number of trials: give the options of that set, "
-            "or choose another `--out`"
+            f"{folder} contains a set with another seed or number of trials: give the same options as for that set, or "
+            "choose another `--out`"
         )
     return folder / FILE
 
 
-def _pages(data: RobotStudyData) -> dict[str, bytes]:
+def _make_pages(data: RobotStudyData) -> dict[str, bytes]:
     from mocap_id.reporting.robot_study.page import markdown, robot_page  # noqa: PLC0415  it loads the page's templates
 
     return {PAGE: robot_page(data), MARKDOWN: f"# {data.study}\n\n{markdown(data, {})}".encode()}
 
 
-def _readable(page: Path) -> str:
+def _read_page(page: Path) -> str:
     try:
         text = page.read_text("utf-8")
     except OSError as error:
         raise ConfigError(f"{page}: cannot be read ({error.strerror})") from error
     if _BEGIN not in text or _END not in text:
-        raise ConfigError(f"{page}: has no lines `{_BEGIN}` and `{_END}`, which enclose the tables")
+        raise ConfigError(f"{page}: expected the lines `{_BEGIN}` and `{_END}`, which enclose the tables")
     return text
 
 
@@ -139,39 +143,40 @@ def _replace_tables(page: Path, text: str, data: RobotStudyData) -> None:
     from mocap_id.reporting.robot_study.figures import robot_figures  # noqa: PLC0415
     from mocap_id.reporting.robot_study.page import markdown  # noqa: PLC0415
 
-    found = robot_figures(data)
-    shown = {one.title: f"{page.stem}/{one.name}.svg" for one in found.all if not one.missing}
+    drawings = robot_figures(data)
+    drawn = [one for one in drawings.all if not one.missing]
+    links = {one.title: f"{page.stem}/{one.name}.svg" for one in drawn}
+    files = paper_figures.figure_files(drawings)
+    figures = {links[one.title]: files[f"figures/{one.name}.svg"] for one in drawn}
     head, rest = text.split(_BEGIN, 1)
     tail = rest.split(_END, 1)[1]
-    drawn = paper_figures.figure_files(found)
-    figures = {f"{page.stem}/{one.name}.svg": drawn[f"figures/{one.name}.svg"] for one in found.all if not one.missing}
-    content = f"{head}{_BEGIN}\n\n{markdown(data, shown)}\n{_END}{tail}"
+    content = f"{head}{_BEGIN}\n\n{markdown(data, links)}\n{_END}{tail}"
     write_files(page.parent, {**figures, page.name: content.encode()})
 
 
-def _page_data(
+def _collect_page_data(
     study: RobotStudy, trials: Sequence[RobotTrialResult], tables: Mapping[str, ResultTable]
 ) -> RobotStudyData:
-    slow, fast = trials_of_cell(trials, "shoulder", "slow"), trials_of_cell(trials, "elbow", "fast")
+    slow, fast = select_cell(trials, "shoulder", "slow"), select_cell(trials, "elbow", "fast")
     chosen = {cell[0].name for cell in (slow, fast) if cell}
     return RobotStudyData(
         study=study.name,
-        trials=tuple(trial.entry(trial.name, _about(trial), f"runs/{trial.name}/report.html") for trial in trials),
+        trials=tuple(trial.entry(trial.name, _describe(trial), f"runs/{trial.name}/report.html") for trial in trials),
         overview=tables["trials"].frame,
         tables=tuple((one.title, tables[one.name].frame, one.quantities) for one in TABLES),
-        recoveries=tuple(recovery(trial) for trial in trials if trial.name in chosen),
+        recoveries=tuple(collect_recovery(trial) for trial in trials if trial.name in chosen),
         averaged=average_wrench(fast) if fast else None,
-        traces=state_traces(fast[0]) if fast else None,
+        traces=collect_traces(fast[0]) if fast else None,
     )
 
 
-def _about(trial: RobotTrialResult) -> str:
+def _describe(trial: RobotTrialResult) -> str:
     orientation = "" if trial.labels.orientation is None else f"{trial.labels.orientation:g}°"
     movement = " ".join(filter(None, (trial.labels.speed, orientation))) or "unlabelled"
     return f"{trial.labels.joint or 'joint'}, {movement}"
 
 
-def _content(
+def _describe_study(
     study: RobotStudy, trials: Sequence[RobotTrialResult], tables: Mapping[str, ResultTable]
 ) -> dict[str, Any]:
     return {

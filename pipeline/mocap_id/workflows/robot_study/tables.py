@@ -1,10 +1,15 @@
-"""The thesis's tables 5.1 to 5.6: each cell from the trials' rows, beside the thesis's."""
+"""The thesis's tables 5.1 to 5.6: each cell averaged over the trials, followed by the values in the thesis.
+
+The values in the thesis come from ``thesis_tables.csv``, in the units of the thesis. A cell is empty if the thesis does
+not give the value, or if our copy is illegible there.
+"""
 
 from __future__ import annotations
 
+import csv
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from importlib.resources import files
 from typing import Any
 
 import numpy as np
@@ -14,7 +19,6 @@ from mocap_id.arrays import FloatArray
 from mocap_id.reporting.results.columns import ResultTable, number
 from mocap_id.reporting.robot_study.tables import Quantity
 from mocap_id.store import TableSchema
-from mocap_id.workflows.robot_study import published_values
 from mocap_id.workflows.robot_study.trial_results import RobotTrialResult
 from mocap_id.workflows.robot_study.trials_table import (
     CELL,
@@ -36,18 +40,13 @@ _SYMBOLS = {
 
 @dataclass(frozen=True)
 class ThesisTable:
-    """A table of the thesis."""
+    """A table of the thesis with the quantities of its columns."""
 
     name: str
     title: str
-    methods: Mapping[str, str]  # the thesis's label of each method in the table
-    quantities: tuple[Quantity, ...]  # those of the thesis in its order, then ours
-    by_orientation: bool = False  # orientations have rows of their own
-
-    @cached_property
-    def published(self) -> Mapping[published_values.Cell, published_values.Row]:
-        """The thesis's rows."""
-        return published_values.published(self.name)
+    methods: Mapping[str, str]  # label in the thesis of each method
+    quantities: tuple[Quantity, ...]  # quantities in the thesis in its order, then additional ones
+    by_orientation: bool = False  # whether each orientation has its own row
 
     @property
     def schema(self) -> TableSchema:
@@ -60,7 +59,7 @@ class ThesisTable:
         return TableSchema(f"{self.name}.parquet", 1, (*CELL, *pairs))
 
 
-def _with_r2(name: str, unit: str, meaning: str, symbol: str) -> tuple[Quantity, Quantity]:
+def _add_r2(name: str, unit: str, meaning: str, symbol: str) -> tuple[Quantity, Quantity]:
     return (
         Quantity(name, unit, meaning, symbol, "error"),
         Quantity(f"{name}_r2", "1", f"{meaning}: r²", f"{symbol} r²", decimals=5),
@@ -70,10 +69,10 @@ def _with_r2(name: str, unit: str, meaning: str, symbol: str) -> tuple[Quantity,
 _DYNAMICS = (
     Quantity("condition", "1", "condition number of the stacked regressor", "condition"),
     *(Quantity(name, unit, f"base parameter {name}", _SYMBOLS[name]) for name, unit in PARAMETER_UNITS.items()),
-    *_with_r2("torque", "N*m", "torque of the model minus the encoder's", "ε_τ"),
+    *_add_r2("torque", "N*m", "torque of the model minus the encoder's", "ε_τ"),
 )
-_BOTH = {"encoder": "R", "cameras": "P"}
-_ALL = {"reference": "Ref.", **_BOTH}
+_MEASURED = {"encoder": "R", "cameras": "P"}
+_ALL = {"reference": "Ref.", **_MEASURED}
 
 TABLES = (
     ThesisTable(
@@ -83,9 +82,16 @@ TABLES = (
         (
             Quantity("base", "m", "distance of the joint from the plane's origin", "l₁", to_si=1e-3),
             Quantity("marker", "m", "distance of the markers from their prediction", "ε_M", "error", 1e-3),
-            Quantity("theta", "rad", "angle minus that of the truth or the encoder", "ε_θ", "error", np.pi / 180),
-            Quantity("dtheta", "rad/s", "velocity minus that of the truth or the encoder", "ε_θ̇", "error", np.pi / 180),
-            Quantity("base_error", "m", "distance minus that of the reference", "l₁ − reference"),
+            Quantity("theta", "rad", "angle minus the true or the encoder's angle", "ε_θ", "error", np.pi / 180),
+            Quantity(
+                "dtheta",
+                "rad/s",
+                "velocity minus the true or the encoder's velocity",
+                "ε_θ̇",
+                "error",
+                np.pi / 180,
+            ),
+            Quantity("base_error", "m", "distance minus the distance of the reference", "l₁ − reference"),
         ),
         by_orientation=True,
     ),
@@ -93,11 +99,11 @@ TABLES = (
     ThesisTable(
         "table_5_3",
         "Joint states against the truth or the encoder (thesis table 5.3)",
-        _BOTH,
+        _MEASURED,
         tuple(
             quantity
             for name, unit in STATE_UNITS.items()
-            for quantity in _with_r2(name, unit, f"{name} minus the truth's", _SYMBOLS[name])
+            for quantity in _add_r2(name, unit, f"{name} minus the truth's", _SYMBOLS[name])
         ),
     ),
     ThesisTable(
@@ -107,7 +113,7 @@ TABLES = (
         tuple(
             quantity
             for name, unit in WRENCH_UNITS.items()
-            for quantity in _with_r2(name, unit, f"{name} of the model minus the measured", _SYMBOLS[name])
+            for quantity in _add_r2(name, unit, f"{name} of the model minus the measured", _SYMBOLS[name])
         ),
     ),
     ThesisTable(
@@ -125,60 +131,75 @@ TABLES = (
 
 
 def make_tables(trials: Sequence[RobotTrialResult]) -> dict[str, ResultTable]:
-    """Return the table `trials` and the tables of the thesis."""
-    own = ResultTable.of(TRIALS, trial_rows(trials))
-    return {"trials": own} | {one.name: ResultTable.of(one.schema, _cell_rows(one, own.frame)) for one in TABLES}
+    """Return the table `trials` and the tables of the thesis by name."""
+    table = ResultTable.of(TRIALS, trial_rows(trials))
+    return {"trials": table} | {one.name: ResultTable.of(one.schema, _cell_rows(one, table.frame)) for one in TABLES}
 
 
 def _cell_rows(table: ThesisTable, trials: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return a table's rows: every cell that has trials, followed by the thesis's row of the same cell."""
+    """Return the rows of a table: each cell that has trials, followed by the row of the same cell in the thesis."""
+    in_thesis = read_published(table)
     passed = trials[trials["method"].isin(list(table.methods)) & (trials["verdict"] != "failed")]
     keys = ["joint", "speed"] + (["orientation"] if table.by_orientation else [])
     rows: list[dict[str, Any]] = []
     groups = [(key, group) for key, group in passed.groupby(keys, dropna=False, sort=False)]
-    for key, group in sorted(groups, key=lambda one: _order(one[0])):
+    for key, group in sorted(groups, key=lambda one: _sort_key(one[0])):
         cell = dict(zip(keys, key, strict=True))
         for method, obs in table.methods.items():
             own = group[group["method"] == method]
             if own.empty:
                 continue
             label = {"orientation": np.nan} | cell | {"obs": obs}
-            rows.append(label | {"source": OURS, "trials": len(own)} | _averages(table.quantities, own))
+            rows.append(label | {"source": OURS, "trials": len(own)} | _average(table.quantities, own))
             orientation: Any = cell.get("orientation")
-            published = table.published.get((str(cell["joint"]), str(cell["speed"]), orientation, obs))
+            published = in_thesis.get((str(cell["joint"]), str(cell["speed"]), orientation, obs))
             if published is not None:
-                rows.append(label | {"source": THESIS, "trials": 0} | _in_si(table.quantities, published))
+                rows.append(label | {"source": THESIS, "trials": 0} | published)
     return rows
 
 
-def _order(key: tuple[Any, ...]) -> tuple[Any, ...]:
+def read_published(table: ThesisTable) -> Mapping[tuple[str, str, float | None, str], dict[str, float]]:
+    """Return the values in the thesis, SI, by joint, speed, orientation (degrees; None if unknown), and method."""
+    text = files("mocap_id.workflows.robot_study").joinpath("thesis_tables.csv").read_text("utf-8")
+    _, *lines = csv.reader(text.splitlines())
+    rows = {}
+    for name, joint, speed, orientation, obs, *cells in lines:
+        if name == table.name:
+            numbers = [float(cell or "nan") for cell in cells]
+            key = (joint, speed, float(orientation) if orientation else None, obs)
+            rows[key] = _name_published(table.quantities, numbers)
+    return rows
+
+
+def _name_published(quantities: Sequence[Quantity], numbers: Sequence[float]) -> dict[str, float]:
+    """Return means and standard deviations, which alternate in the thesis, as columns in SI units."""
+    row: dict[str, float] = {}
+    for one, mean, sd in zip(quantities, numbers[::2], numbers[1::2], strict=False):  # the thesis has fewer quantities
+        row |= {f"{one.name}_mean": one.to_si * mean, f"{one.name}_sd": one.to_si * sd}
+    return row
+
+
+def _sort_key(key: tuple[Any, ...]) -> tuple[Any, ...]:
     known = [order.index(name) if name in order else len(order) for order, name in zip(_ORDER, key, strict=False)]
     return (*known, *(str(part) for part in key))
 
 
-def _averages(quantities: Sequence[Quantity], own: pd.DataFrame) -> dict[str, float]:
+def _average(quantities: Sequence[Quantity], own: pd.DataFrame) -> dict[str, float]:
     row = {}
     for one in quantities:
         if one.kind == "value":
-            values = _known(own[one.name])
+            values = _read_known(own[one.name])
             row[f"{one.name}_mean"] = float(np.mean(values)) if len(values) else np.nan
-            # a reference parameter is given, not estimated, so it has no spread
-            given = not one.name.endswith("_r2") and (own["method"] == REFERENCE).all()
-            row[f"{one.name}_sd"] = float(np.std(values, ddof=1)) if len(values) > 1 and not given else np.nan
+            # A reference parameter is given, not estimated, so it has no standard deviation.
+            is_given = not one.name.endswith("_r2") and (own["method"] == REFERENCE).all()
+            row[f"{one.name}_sd"] = float(np.std(values, ddof=1)) if len(values) > 1 and not is_given else np.nan
         else:
-            bias, sd = _known(own[f"{one.name}_bias"]), _known(own[f"{one.name}_sd"])
+            bias, sd = _read_known(own[f"{one.name}_bias"]), _read_known(own[f"{one.name}_sd"])
             row[f"{one.name}_mean"] = float(np.mean(bias)) if len(bias) else np.nan
             row[f"{one.name}_sd"] = float(np.sqrt(np.mean(sd**2))) if len(sd) else np.nan
     return row
 
 
-def _known(column: pd.Series[Any]) -> FloatArray:
+def _read_known(column: pd.Series[Any]) -> FloatArray:
     values = column.to_numpy(dtype=np.float64)
     return np.asarray(values[np.isfinite(values)])
-
-
-def _in_si(quantities: Sequence[Quantity], row: Sequence[tuple[float, float]]) -> dict[str, float]:
-    found: dict[str, float] = {}
-    for one, (mean, sd) in zip(quantities, row, strict=False):  # ours has more quantities, at the end
-        found |= {f"{one.name}_mean": one.to_si * mean, f"{one.name}_sd": one.to_si * sd}
-    return found

@@ -14,8 +14,8 @@ from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
 
 PARAMETERS = ("mass", "mx1", "mx2", "my2", "Izz2")
-"""The base parameters of one joint."""
-_FAST = 0.375  # Hz: half-way between the thesis's speeds
+"""Names of the base parameters of one joint."""
+_FAST = 0.375  # Hz: the mean of the thesis's two speeds
 
 
 @dataclass(frozen=True)
@@ -23,18 +23,15 @@ class Truth:
     """The exact states and the encoder's clock of a simulated trial."""
 
     document: Mapping[str, Any]  # content of truth.json
-    time: FloatArray  # (T,) on the recording's clock, s
-    states: FloatArray  # (T, 3) angle, velocity and acceleration of the joint, rad
+    time: FloatArray  # (T,) times of the frames on the recording's clock, s
+    states: FloatArray  # (T, 3) angle, velocity and acceleration of the joint, rad, rad/s, rad/s²
 
     def at(self, time: FloatArray) -> FloatArray:
-        """Return the states (N, 3) at frames of the recording; NaN outside them."""
-        nearest = np.clip(np.searchsorted(self.time, time - 0.5 * self._step), 0, len(self.time) - 1)
-        known = np.abs(self.time[nearest] - time) < 0.5 * self._step
+        """Return the states (N, 3) at times (N,) of frames, s; NaN for a time without a frame."""
+        step = float(np.median(np.diff(self.time)))
+        nearest = np.clip(np.searchsorted(self.time, time - 0.5 * step), 0, len(self.time) - 1)
+        known = np.abs(self.time[nearest] - time) < 0.5 * step
         return np.where(known[:, None], self.states[nearest], np.nan)
-
-    @property
-    def _step(self) -> float:
-        return float(np.median(np.diff(self.time)))
 
 
 @dataclass(frozen=True)
@@ -45,19 +42,19 @@ class Labels:
     speed: str = ""
     orientation: float | None = None
 
-    def over(self, other: Labels) -> Labels:
-        """Return these labels, completed by others where unknown."""
+    def completed_by(self, other: Labels) -> Labels:
+        """Return these labels, with the other labels in place of unknown ones."""
         orientation = other.orientation if self.orientation is None else self.orientation
         return Labels(self.joint or other.joint, self.speed or other.speed, orientation)
 
 
 def read_truth(recording: Path) -> Truth | None:
-    """Read truth.json and truth.npz beside a recording; None if there are none.
+    """Read truth.json and truth.npz beside a recording; None if one of them is missing.
 
     Raises
     ------
     RecordingError
-        They exist and cannot be read.
+        The files exist and cannot be read.
     """
     file, arrays = recording.parent / "truth.json", recording.parent / "truth.npz"
     if not (file.exists() and arrays.exists()):
@@ -71,8 +68,8 @@ def read_truth(recording: Path) -> Truth | None:
         raise RecordingError(f"{file}: not the truth of a simulated trial ({error}); remove it") from None
 
 
-def labels_of(truth: Truth | None) -> Labels:
-    """Return the labels in truth.json."""
+def read_labels(truth: Truth | None) -> Labels:
+    """Return the labels in truth.json; all unknown if there is no truth."""
     if truth is None:
         return Labels()
     frequency = truth.document.get("freq_hz")
@@ -81,10 +78,10 @@ def labels_of(truth: Truth | None) -> Labels:
     return Labels(str(truth.document.get("joint") or ""), speed, None if yaw is None else float(yaw))
 
 
-def reference_of(truth: Truth | None) -> dict[str, float]:
-    """Return the true parameters with the names of a study's `reference`."""
+def read_reference(truth: Truth | None) -> dict[str, float]:
+    """Return the true parameters, named as in the `reference` of a study's file; empty if there is no truth."""
     if truth is None:
         return {}
-    found = dict(zip(PARAMETERS, map(float, truth.document["base_parameters"]["values"]), strict=True))
+    parameters = dict(zip(PARAMETERS, map(float, truth.document["base_parameters"]["values"]), strict=True))
     lengths = truth.document.get("segment_lengths_m", {})
-    return found | ({"base": float(lengths["l1"])} if "l1" in lengths else {})
+    return parameters | ({"base": float(lengths["l1"])} if "l1" in lengths else {})

@@ -14,6 +14,7 @@ from mocap_id.store.views import joint_columns
 from mocap_id.verdict import Level, overall
 from mocap_id.workflows.sensitivity.kinds import COMPONENTS
 from mocap_id.workflows.sensitivity.trial_inputs import TrialInputs
+from mocap_id.workflows.trial_outcome import number_or_nan
 
 STATE_NAMES = ("theta", "dtheta", "ddtheta")
 _SAME_TIME = 1e-5  # s: frames with a smaller difference have the same time
@@ -69,10 +70,10 @@ def read_estimates(trial: TrialInputs) -> Estimates:
     reasons = [reason for artefact in trial.artefacts.values() for reason in artefact.reasons]
     return Estimates(
         parameters={one.name: one for one in (*_read_base(trial), *_read_lengths(trial))},
-        condition=_number_or_nan(facts["condition_number"]),
-        offset=_number_or_nan(facts["clock_offset_s"]),
-        cop_rms=_number_or_nan(facts["cop_rms_m"]),
-        wrench_r2=tuple(_number_or_nan((wrench.get(name) or {}).get("r2")) for name in COMPONENTS),
+        condition=number_or_nan(facts["condition_number"]),
+        offset=number_or_nan(facts["clock_offset_s"]),
+        cop_rms=number_or_nan(facts["cop_rms_m"]),
+        wrench_r2=tuple(number_or_nan((wrench.get(name) or {}).get("r2")) for name in COMPONENTS),
         samples=int(facts["samples"] or 0),
         level=overall(reasons),
         codes=frozenset(reason.code for reason in reasons if reason.level != "ok"),
@@ -102,10 +103,6 @@ def _read_lengths(trial: TrialInputs) -> list[Parameter]:
         for name, value, spread in zip(names[1:], length, sd, strict=False)  # the last segment has no length
         if math.isfinite(value)
     ]
-
-
-def _number_or_nan(value: object) -> float:
-    return float(value) if isinstance(value, int | float) else math.nan
 
 
 def compare_series(own: TrialInputs, changed: TrialInputs) -> SeriesChanges:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from mocap_id.config.study import StudyTrial
-from mocap_id.reporting.numbers import known
 from mocap_id.reporting.results.columns import ResultColumn, ResultTable, number, text, whole
 from mocap_id.store import Folder, TableSchema
 from mocap_id.workflows.parallel import TrialRun
@@ -87,12 +85,6 @@ def fill_tables(
     return {
         name: ResultTable.of(schema, rows[name](trials) if name in rows else trials) for name, schema in schemas.items()
     }
-
-
-def number_or_nan(value: object) -> float:
-    """Return a fact as a number; NaN if it is missing or not finite."""
-    number = known(value)
-    return math.nan if number is None else number
 
 
 def read_event_facts(trial: StudyTrial, run: TrialRun, protocol: str) -> Mapping[str, Any]:
