@@ -9,7 +9,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.config.robot_study import RobotReference, RobotTrial
-from mocap_id.stages.trial_keys import recorded_files
+from mocap_id.stages.trial_keys import get_recording
 from mocap_id.store import Folder
 from mocap_id.workflows.parallel import TrialRun
 from mocap_id.workflows.robot_study.method_results import MethodResult, read_method_result
@@ -48,7 +48,7 @@ class RobotTrialResult(TrialOutcome):
 def read_trial_result(trial: RobotTrial, run: TrialRun, reference: Mapping[str, RobotReference]) -> RobotTrialResult:
     """Read the result of a trial from its run folder and the run folders of the methods."""
     config = trial.trial
-    truth = read_truth(recorded_files(config.keys).motion)
+    truth = read_truth(get_recording(config.keys).motion)
     labels = Labels(trial.joint, trial.speed, trial.orientation).completed_by(read_labels(truth))
     given = reference.get(labels.joint)
     methods = [method for method in METHODS if method is not ENCODER or config.keys.encoder is not None]
