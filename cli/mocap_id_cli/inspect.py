@@ -11,7 +11,7 @@ from rich.console import Console
 from rich.table import Table
 
 from mocap_id import recording
-from mocap_id.recording.c3d_package import package_differences
+from mocap_id.recording.c3d_package import compare_with_package
 from mocap_id.workflows.recording_summary import describe
 from mocap_id_cli.console import AsJson, print_json
 
@@ -47,7 +47,7 @@ def inspect(
         )
     )
     if found["format"].startswith("C3D"):
-        found["oddities"] += package_differences(file)
+        found["oddities"] += compare_with_package(file)
     if as_json:
         print_json(found)
         return

@@ -24,7 +24,7 @@ from recording_cases import body, build_c3d, plate_parameters
 from mocap_id import recording
 from mocap_id.config import load
 from mocap_id.errors import ConfigError, RecordingError, StoreError
-from mocap_id.recording.c3d_package import package_differences
+from mocap_id.recording.c3d_package import compare_with_package
 from mocap_id.recording.text_tables import read_table
 from mocap_id.store import Folder
 
@@ -90,7 +90,7 @@ def test_a_parameter_block_where_the_library_looks_for_none(tmp_path: Path, bloc
     else:
         found = read_c3d(tmp_path, bytes(data))
         np.testing.assert_allclose(found.positions, POINTS * 1e-3, atol=1e-6)
-        assert any("cannot read this file" in said for said in package_differences(tmp_path / "case.c3d"))
+        assert any("cannot read this file" in said for said in compare_with_package(tmp_path / "case.c3d"))
 
 
 def test_a_channel_map_without_dimensions(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ import pytest
 from mocap_id.errors import ConfigError
 from mocap_id.plates import choose_plates, standing_mass
 from mocap_id.recording import Plate, PlateSamples
-from mocap_id.recording.marker_posture import upright
+from mocap_id.recording.marker_posture import find_upright
 
 RATE = 50.0
 TIME = np.arange(0, 20, 1 / RATE)
@@ -110,10 +110,10 @@ def test_no_mass_without_standing_still() -> None:
 
 def test_markers_with_gaps_do_not_change_the_posture() -> None:
     positions = person()
-    tall, low = upright(positions)
+    tall, low = find_upright(positions)
     positions[100:200, 5] = np.nan
     positions[300:, 4] = np.nan
-    again = upright(positions)
+    again = find_upright(positions)
     assert np.mean(again[0] == tall) > 0.97
     assert np.mean(again[1] == low) > 0.97
     assert np.all(RISE[tall] > 0.8)

@@ -14,8 +14,8 @@ from recording_cases import ORIGIN, signals
 from mocap_id import recording
 from mocap_id.plates.standing import find_dropouts
 from mocap_id.recording import PlateSignals
-from mocap_id.recording.marker_posture import upright
-from mocap_id.recording.plate_types import plate_axes, surface_wrench
+from mocap_id.recording.marker_posture import find_upright
+from mocap_id.recording.plate_types import compute_plate_axes, compute_surface_wrench
 from mocap_id.recording.saturation import find_clipped
 from mocap_id.simulation import Options
 from mocap_id.simulation.simulated_trial import SimulatedTrial, generate
@@ -124,7 +124,7 @@ def test_a_chair_that_carries_all_the_weight_is_not_a_dropout() -> None:
     rise = np.clip(2 * np.sin(2 * np.pi * time / 5), -1, 1) / 2 + 0.5
     positions = np.zeros((len(time), 4, 3))
     positions[:, :, 2] = np.array([0.05, 0.5, 1.0, 1.4]) + np.array([0, 0.1, 0.4, 0.4]) * rise[:, None]
-    tall, seated = upright(positions)[0], 700 * (rise > 0.1)
+    tall, seated = find_upright(positions)[0], 700 * (rise > 0.1)
     assert not find_dropouts(seated, tall, RATE, 700.0).any()
     flight = np.where((time > 1.0) & (time < 1.5), 0.0, 700.0)
     assert not find_dropouts(flight, tall, RATE, 700.0).any()
@@ -176,8 +176,8 @@ def test_one_foot_on_each_plate_equals_both_feet_on_one(tmp_path: Path) -> None:
 
 def in_lab(plate: PlateSignals) -> tuple[np.ndarray, np.ndarray]:
     """Return force and moment about the lab's origin."""
-    force, moment = surface_wrench(plate)
-    axes = plate_axes(plate.corners)
+    force, moment = compute_surface_wrench(plate)
+    axes = compute_plate_axes(plate.corners)
     force, moment = force @ axes.T, moment @ axes.T
     return force, moment + np.cross(plate.corners.mean(axis=0), force)
 

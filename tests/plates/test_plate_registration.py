@@ -19,8 +19,8 @@ from mocap_id.plates.direction import compare_directions
 from mocap_id.plates.feet import distance_outside, find_standing_feet
 from mocap_id.plates.placement import compare_with_feet, standing_lean
 from mocap_id.recording import Plate, PlateSamples, Recording
-from mocap_id.recording.lab_plates import centre_of_pressure
-from mocap_id.recording.plate_types import plate_axes
+from mocap_id.recording.lab_plates import compute_centre_of_pressure
+from mocap_id.recording.plate_types import compute_plate_axes
 from mocap_id.simulation import Options
 from mocap_id.simulation.simulated_trial import generate
 from mocap_id.stages.base import Context
@@ -204,7 +204,7 @@ def test_a_chair_on_the_plate_of_the_feet_is_no_misplacement() -> None:
     behind = 0.3 * (heel - toe) / np.linalg.norm(heel - toe)
     moment = feet.moment + seat.moment + np.cross(behind, seat.force)
     both = replace(feet, force=feet.force + seat.force, moment=moment)
-    pressure = centre_of_pressure(plates[0], both)
+    pressure = compute_centre_of_pressure(plates[0], both)
     behind_heels = (pressure - heel[:2]) @ behind[:2] / 0.3
     assert np.mean(behind_heels > 0.1) > 0.2
     assert check(plates[:1], [both], positions, 100.0, person=True).reasons == ()
@@ -289,7 +289,7 @@ def test_moving_a_plate_equals_moving_its_corners(tmp_path: Path) -> None:
     expected = moved(plain, (0.1, 0.0, 0.0), "z", 30.0)
     np.testing.assert_allclose(plate.force, expected.force, atol=1e-3)
     np.testing.assert_allclose(plate.moment, expected.moment, atol=1e-3)
-    assert plate_axes(plate.corners)[2, 2] == pytest.approx(-1.0)
+    assert compute_plate_axes(plate.corners)[2, 2] == pytest.approx(-1.0)
 
 
 def checked(

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.recording.plate_types import PlateSignals, plate_axes
+from mocap_id.recording.plate_types import PlateSignals, compute_plate_axes
 
 CORNERS = np.array([[0.232, -0.254, 0.0], [-0.232, -0.254, 0.0], [-0.232, 0.254, 0.0], [0.232, 0.254, 0.0]])
 """Corners of a plate at the lab's origin with z down, m."""
@@ -35,7 +35,7 @@ def signals(
     force: np.ndarray, moment: np.ndarray, corners: np.ndarray, rate: float, origin: np.ndarray = ORIGIN
 ) -> PlateSignals:
     """Return the channels of a type 2 plate under a wrench on the body (lab axes, about the lab origin)."""
-    axes = plate_axes(corners)
+    axes = compute_plate_axes(corners)
     f = force @ axes
     m = (moment - np.cross(corners.mean(axis=0), force)) @ axes + np.cross(origin, f)
     return PlateSignals(2, np.concatenate([f, m], axis=1), origin, corners, rate)

@@ -19,10 +19,10 @@ from recording_cases import body, build_c3d, save
 
 from mocap_id import recording
 from mocap_id.errors import RecordingError
-from mocap_id.recording.c3d_data import calibration, decode
+from mocap_id.recording.c3d_data import decode, read_calibration
 from mocap_id.recording.c3d_file import open_c3d
 from mocap_id.recording.c3d_layout import find_layout
-from mocap_id.recording.c3d_package import package_differences
+from mocap_id.recording.c3d_package import compare_with_package
 
 INTEL, DEC, MIPS = 84, 85, 86
 FRAMES, MARKERS, PER_FRAME, CHANNELS = 60, 5, 4, 8
@@ -35,7 +35,7 @@ def ours(data: bytes) -> tuple[np.ndarray, np.ndarray]:
     file = open_c3d(Path("x.c3d"), io.BytesIO(data))
     layout = find_layout(file)
     points, counts = decode(file, layout, range(layout.points), range(layout.channels))
-    offset, scale = calibration(file, layout)
+    offset, scale = read_calibration(file, layout)
     return points, (counts - offset) * scale
 
 
@@ -85,7 +85,7 @@ def test_every_encoding_is_decoded_as_other_libraries_do(
     for theirs, their_analog in others:
         np.testing.assert_allclose(theirs, points, rtol=1e-6, atol=1e-3)
         np.testing.assert_allclose(their_analog, analog, rtol=1e-6, atol=1e-3)
-    assert package_differences(save(tmp_path, data)) == []
+    assert compare_with_package(save(tmp_path, data)) == []
 
 
 def test_all_encodings_give_the_same_trial(tmp_path: Path) -> None:
@@ -103,7 +103,7 @@ def test_shared_recordings_are_decoded_as_the_package_does(recordings: Path) -> 
     for path in sorted(p for p in recordings.rglob("*") if p.suffix.lower() == ".c3d"):
         if path.name in (*UNREADABLE, "Empty.c3d", "badParameterOffset.c3d", "marche281.c3d", "walkingOptiTrack.c3d"):
             continue
-        assert package_differences(path) == []
+        assert compare_with_package(path) == []
         data = path.read_bytes()
         if len(data) > 4e6:
             continue
@@ -117,7 +117,7 @@ def test_shared_recordings_are_decoded_as_the_package_does(recordings: Path) -> 
 @pytest.mark.recordings
 def test_differences_of_the_package_are_reported(recordings: Path) -> None:
     def said(name: str) -> str:
-        (sentence,) = package_differences(recordings / "c3d" / name)
+        (sentence,) = compare_with_package(recordings / "c3d" / name)
         return sentence
 
     for name in UNREADABLE:
@@ -130,16 +130,16 @@ def test_different_values_are_reported(tmp_path: Path, monkeypatch: pytest.Monke
     path = save(tmp_path, made(INTEL, -1.0))
     read = c3d.Reader.read_frames
     monkeypatch.setattr(c3d.Reader, "read_frames", lambda self: ((n, p + 1, a + 9) for n, p, a in read(self)))
-    assert package_differences(path) == [
+    assert compare_with_package(path) == [
         "the c3d package reads different positions",
         "the c3d package reads different analog values",
     ]
     monkeypatch.setattr(c3d.Reader, "read_frames", lambda self: iter(()))
-    assert package_differences(path) == ["the c3d package reads no frames of this file"]
+    assert compare_with_package(path) == ["the c3d package reads no frames of this file"]
 
 
 def test_a_file_that_only_the_package_cannot_read_needs_no_action() -> None:
-    (said,) = package_differences(Path(__file__).parents[2] / "sample_trials" / "curl" / "trial.c3d")
+    (said,) = compare_with_package(Path(__file__).parents[2] / "sample_trials" / "curl" / "trial.c3d")
     assert "cannot read this file" in said
     assert said.endswith("read without that package, and you need to do nothing")
 

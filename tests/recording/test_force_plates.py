@@ -10,8 +10,8 @@ import pytest
 from recording_cases import CORNERS, ORIGIN, body, build_c3d, plate_parameters, save, signals, standing_wrench
 
 from mocap_id import recording
-from mocap_id.recording.lab_plates import centre_of_pressure
-from mocap_id.recording.plate_types import plate_axes
+from mocap_id.recording.lab_plates import compute_centre_of_pressure
+from mocap_id.recording.plate_types import compute_plate_axes
 
 FRAMES, PER_FRAME = 30, 5
 FORCE, MOMENT = standing_wrench(FRAMES * PER_FRAME, CORNERS)
@@ -231,7 +231,7 @@ def test_the_vertical_comes_from_the_plates(tmp_path: Path) -> None:
 
 def test_the_centre_of_pressure_is_where_the_load_acts(tmp_path: Path) -> None:
     (plate,) = read(tmp_path, CHANNELS, UNITS | plate_parameters(2, range(1, 7))).plates
-    point = centre_of_pressure(plate, plate)
+    point = compute_centre_of_pressure(plate, plate)
     arm = np.column_stack([point, np.zeros(len(point))])
     free = plate.moment - np.cross(arm, plate.force)
     np.testing.assert_allclose(free[:, :2], 0, atol=1e-3)
@@ -239,7 +239,7 @@ def test_the_centre_of_pressure_is_where_the_load_acts(tmp_path: Path) -> None:
 
 
 def test_plate_axes_are_a_right_handed_frame_with_z_down() -> None:
-    axes = plate_axes(CORNERS)
+    axes = compute_plate_axes(CORNERS)
     np.testing.assert_allclose(axes @ axes.T, np.eye(3), atol=1e-12)
     assert np.linalg.det(axes) == pytest.approx(1)
     assert axes[2, 2] == pytest.approx(-1)

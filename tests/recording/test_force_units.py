@@ -11,7 +11,7 @@ from recording_cases import CORNERS, body, build_c3d, plate_parameters, save, si
 
 from mocap_id import recording
 from mocap_id.errors import ConfigError
-from mocap_id.recording.units import force_scale, moment_scale
+from mocap_id.recording.units import find_force_scale, find_moment_scale
 from mocap_id.stages.base import Context
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
 from mocap_id.stages.trial_keys import Files, TrialKeys
@@ -48,7 +48,7 @@ def agree(plate: recording.Plate) -> None:
     ],
 )
 def test_units_of_force(name: str, newtons: float | None) -> None:
-    assert force_scale(name) == (None if newtons is None else pytest.approx(newtons))
+    assert find_force_scale(name) == (None if newtons is None else pytest.approx(newtons))
 
 
 @pytest.mark.parametrize(
@@ -64,7 +64,7 @@ def test_units_of_force(name: str, newtons: float | None) -> None:
     ],
 )
 def test_units_of_moment(name: str, newton_metres: float | None) -> None:
-    assert moment_scale(name) == (None if newton_metres is None else pytest.approx(newton_metres))
+    assert find_moment_scale(name) == (None if newton_metres is None else pytest.approx(newton_metres))
 
 
 @pytest.mark.parametrize(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocap_id.recording import Plate, ThinnedFrames, averaging_width, decimate
+from mocap_id.recording import Plate, ThinnedFrames, compute_averaging_width, decimate
 
 
 def plate(values: np.ndarray, rate: float, start: float = 0.0, ok: np.ndarray | None = None) -> Plate:
@@ -46,13 +46,13 @@ def test_a_parabola_is_flattened_as_by_a_mean_over_the_stated_width(ratio: int) 
     times = np.arange(1, 150) / rate
     analog = np.arange(200 * ratio) / (ratio * rate)
     found = decimate(plate(analog**2, ratio * rate), times, rate).force[:, 0]
-    width = averaging_width(ratio * rate, rate)
+    width = compute_averaging_width(ratio * rate, rate)
     np.testing.assert_allclose(found - times**2, width**2 / 12, atol=1e-12)
     assert (width > 1 / rate) == (ratio > 1)
 
 
 def test_without_plates_nothing_is_averaged() -> None:
-    assert averaging_width(None, 100.0) == 0.0
+    assert compute_averaging_width(None, 100.0) == 0.0
 
 
 @pytest.mark.parametrize("ratio", [2, 5, 10])

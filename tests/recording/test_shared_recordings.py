@@ -14,7 +14,7 @@ import pytest
 from mocap_id import plates, recording
 from mocap_id.errors import RecordingError
 from mocap_id.geometry.plane_frame import PlaneFrame
-from mocap_id.recording.lab_plates import centre_of_pressure
+from mocap_id.recording.lab_plates import compute_centre_of_pressure
 from mocap_id.workflows.recording_summary import describe
 
 pytestmark = pytest.mark.recordings
@@ -195,7 +195,7 @@ def test_the_load_acts_under_a_foot(recordings: Path, name: str, feet: str) -> N
     markers = found.positions[:, [found.labels.index(label) for label in feet.split()], :2]
     for plate in found.plates:
         ratio = round(plate.rate / found.rate)
-        point, vertical = centre_of_pressure(plate, plate)[::ratio], plate.force[::ratio, 2]
+        point, vertical = compute_centre_of_pressure(plate, plate)[::ratio], plate.force[::ratio, 2]
         loaded = np.flatnonzero(vertical[: len(markers)] > 0.5 * vertical.max())
         gaps = np.linalg.norm(markers[loaded] - point[loaded, None], axis=2)
         nearest = np.nanmin(np.where(np.isfinite(gaps), gaps, np.inf), axis=1)

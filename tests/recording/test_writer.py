@@ -11,7 +11,7 @@ import pytest
 from recording_cases import body, moved_corners, signals, standing_wrench
 
 from mocap_id import recording
-from mocap_id.recording.c3d_package import package_differences
+from mocap_id.recording.c3d_package import compare_with_package
 
 FRAMES, RATE, PER_FRAME = 50, 100.0, 5
 
@@ -36,7 +36,7 @@ def test_c3d_round_trip(tmp_path: Path, markers: int) -> None:
     path = tmp_path / "trial.c3d"
     recording.write_c3d(path, labels, positions, RATE, first_frame=91, plates=made)
     found = recording.read(path)
-    assert found.oddities == () and package_differences(path) == []
+    assert found.oddities == () and compare_with_package(path) == []
     assert found.labels == tuple(labels)
     assert found.vertical == "Z"
     assert (found.frames[0], found.time[0]) == (91, pytest.approx(0.9))
@@ -65,14 +65,14 @@ def test_another_library_reads_the_same(tmp_path: Path) -> None:
 
 def test_missing_markers_are_written_as_residual_minus_one(tmp_path: Path) -> None:
     from mocap_id.recording.c3d_file import open_c3d
-    from mocap_id.recording.c3d_layout import find_layout, raw_frames
+    from mocap_id.recording.c3d_layout import find_layout, read_frames
 
     labels, positions = trial()
     path = tmp_path / "trial.c3d"
     recording.write_c3d(path, labels, positions, RATE)
     with path.open("rb") as stream:
         file = open_c3d(path, stream)
-        ((stored,), _) = raw_frames(file, find_layout(file), slice(15, 16))
+        ((stored,), _) = read_frames(file, find_layout(file), slice(15, 16))
     np.testing.assert_array_equal(stored[3], [0, 0, 0, -1])
     assert (np.delete(stored, 3, axis=0)[:, 3] == 0).all()
 

@@ -11,7 +11,7 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.errors import ConfigError
 from mocap_id.recording.lab_plates import LOADED_N
-from mocap_id.recording.marker_posture import upright
+from mocap_id.recording.marker_posture import find_upright
 from mocap_id.recording.model import Plate
 from mocap_id.recording.resampling import PlateSamples
 
@@ -86,7 +86,7 @@ def choose_plates(
         The configuration names a plate that does not exist, or a plate twice.
     """
     _check_configured_plates(plates, feet, seat)
-    tall, low = upright(positions)
+    tall, low = find_upright(positions)
     loads = tuple(_mean_force(each.force[:, 2], each.ok) for each in samples)
     threshold = _load_threshold(samples)
     chosen: list[tuple[Use, str]] = []
@@ -124,7 +124,7 @@ def find_contradictions(samples: Sequence[PlateSamples], choice: PlateChoice, po
     dict of int to str
         Description of the contradiction, by the index of the plate (from 0).
     """
-    tall, low = upright(positions)
+    tall, low = find_upright(positions)
     if not low.any():
         return {}
     threshold = _load_threshold(samples)

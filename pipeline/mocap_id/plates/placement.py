@@ -16,10 +16,10 @@ from scipy.optimize import linear_sum_assignment
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, find_runs
 from mocap_id.plates.direction import mean_over_markers
 from mocap_id.plates.feet import distance_outside, find_standing_feet, largest_distance, least_width
-from mocap_id.recording.lab_plates import centre_of_pressure
-from mocap_id.recording.marker_posture import shows_standing, upright
+from mocap_id.recording.lab_plates import compute_centre_of_pressure
+from mocap_id.recording.marker_posture import find_upright, shows_standing
 from mocap_id.recording.model import Plate
-from mocap_id.recording.plate_types import plate_axes
+from mocap_id.recording.plate_types import compute_plate_axes
 from mocap_id.recording.resampling import PlateSamples
 
 _MIN_FORCE_N, _MIN_SHARE = 50.0, 0.25
@@ -128,7 +128,7 @@ def compare_with_feet(
                 allowance=allowance if known else 0.0,
                 over_surface=over,
                 # the z axis of a plate points down
-                normal=None if plate.corners is None else -plate_axes(plate.corners)[:, 2],
+                normal=None if plate.corners is None else -compute_plate_axes(plate.corners)[:, 2],
                 load=float(each.force[where, 2].mean()) if where.any() else 0.0,
             )
         )
@@ -142,7 +142,7 @@ def _samples_on_feet(positions: FloatArray, samples: Sequence[PlateSamples]) -> 
     then only samples of the standing person are returned.
     """
     loaded = [_find_loaded(each) for each in samples]
-    tall, low = upright(positions)
+    tall, low = find_upright(positions)
     total = np.sum([np.where(each.ok, each.force[:, 2], 0.0) for each in samples], axis=0) if samples else np.zeros(0)
     if low.any() and tall.any() and np.percentile(total[low], 10) > _WHOLE_WEIGHT * np.median(total[tall]):
         return [each & tall for each in loaded]
@@ -184,7 +184,7 @@ def standing_lean(force: FloatArray, positions: FloatArray, rate: float) -> Floa
     moved = mean_over_markers(positions[2 * half :] - positions[: -2 * half]) * rate / (2 * half)
     speed[half:-half] = np.linalg.norm(moved, axis=1)
     slow = np.nan_to_num(speed, nan=np.inf) < _SWAY_M_S
-    still = _keep_long_runs(upright(positions)[0] & np.isfinite(force).all(axis=1) & slow, round(_PAUSE_S * rate))
+    still = _keep_long_runs(find_upright(positions)[0] & np.isfinite(force).all(axis=1) & slow, round(_PAUSE_S * rate))
     if still.sum() < _MIN_TOTAL_S * rate or not shows_standing(positions, still):
         return None
     mean = force[still].mean(axis=0)
@@ -209,7 +209,7 @@ def _distance_from(outline: FloatArray, plate: Plate, samples: PlateSamples, loa
     """Return the distance of the centre of pressure from an outline (K, 3), m, negative inside; NaN without load."""
     if not loaded.any():
         return float("nan")
-    centres = centre_of_pressure(plate, samples)[loaded]
+    centres = compute_centre_of_pressure(plate, samples)[loaded]
     return float(np.percentile(distance_outside(centres, outline[:, :2]), _PERCENTILE))
 
 

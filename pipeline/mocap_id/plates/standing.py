@@ -8,7 +8,7 @@ from typing import Literal, TypeAlias
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, find_runs
-from mocap_id.recording.marker_posture import body_height, shows_standing, upright
+from mocap_id.recording.marker_posture import find_upright, measure_body_height, shows_standing
 
 ZeroRule: TypeAlias = Literal["standing", "none"]
 
@@ -60,9 +60,9 @@ def standing_mass(positions: FloatArray, rate: float, vertical: FloatArray) -> t
     why : str or None
         The reason why there is no estimate.
     """
-    tall, _ = upright(positions)
+    tall, _ = find_upright(positions)
     half = min(max(1, round(_SPEED_OVER_S * rate)), (len(positions) - 1) // 2)
-    height = body_height(positions)
+    height = measure_body_height(positions)
     speed, stop = np.full(len(positions), np.nan), len(positions) - half
     speed[half:stop] = (height[2 * half :] - height[: stop - half]) * rate / max(2 * half, 1)
     with np.errstate(invalid="ignore"):
@@ -123,7 +123,7 @@ def measure_empty_chair(
     """
     if rule == "none":
         return EmptyChairReading(np.zeros(3), None)
-    tall, low = upright(positions)
+    tall, low = find_upright(positions)
     empty = tall & ok & low.any()
     if empty.sum() < max(2, _MIN_TOTAL_S * rate):
         return EmptyChairReading(None, None)

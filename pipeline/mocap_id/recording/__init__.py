@@ -9,7 +9,7 @@ from mocap_id.recording.model import Plate, Recording
 from mocap_id.recording.opensim_text import format_motion_table, format_trc
 from mocap_id.recording.plate_types import PlateSignals
 from mocap_id.recording.reader import is_marker_text, read
-from mocap_id.recording.resampling import PlateSamples, ThinnedFrames, averaging_width, decimate
+from mocap_id.recording.resampling import PlateSamples, ThinnedFrames, compute_averaging_width, decimate
 from mocap_id.recording.text_tables import read_table
 from mocap_id.recording.writer import write_c3d, write_recording, write_recording_as_text, write_trc
 
@@ -21,7 +21,7 @@ __all__ = [
     "PlateSignals",
     "Recording",
     "ThinnedFrames",
-    "averaging_width",
+    "compute_averaging_width",
     "decimate",
     "format_motion_table",
     "format_trc",

@@ -1,10 +1,11 @@
-"""The upward axis of a file, and the rotation that turns it to Z."""
+"""Names of axes, and the rotation that brings the upward axis of a file to Z."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from mocap_id.arrays import FloatArray
+from mocap_id.errors import ConfigError
 
 AXES = ("X", "Y", "Z")
 
@@ -15,6 +16,44 @@ def parse_axis(text: str) -> str | None:
     sign = "-" if name.startswith("-") else ""
     name = name.lstrip("+-").strip()
     return sign + name if name in AXES else None
+
+
+def check_axis(vertical: str) -> str:
+    """Return the name of the upward axis in the user's ``vertical``; ConfigError if it is not an axis."""
+    axis = parse_axis(vertical)
+    if axis is None:
+        raise ConfigError(f"vertical: {vertical!r} is not an axis; expected X, Y or Z, with a minus if it points down")
+    return axis
+
+
+def choose_vertical(force: FloatArray | None, configured: str | None, assumed: str, oddities: list[str]) -> str:
+    """Return the upward axis of a file without one: configured, or along the mean ground force, or assumed.
+
+    Parameters
+    ----------
+    force : (3,) array or None
+        Mean ground force in the axes of the file; None if the file has no plates.
+    configured : str or None
+        Axis in the configuration.
+    assumed : str
+        Axis that is usual for the format, used without forces.
+    oddities : list of str
+        Extended by a note if the axis is assumed or contradicts the force.
+    """
+    axis = None if force is None or not np.any(force) else nearest_axis(force, 0.9)
+    along = None if axis is None else axis.lstrip("-")
+    if configured is not None:
+        if along not in (None, configured.lstrip("-")):
+            oddities.append(
+                f"the ground force acts along {along}, the configuration says {configured} is up: {configured} was used"
+            )
+        return configured
+    if along is None:
+        oddities.append(
+            f"the file does not say which axis is up: {assumed} was assumed, as is usual for its format (if it is "
+            "another, set `vertical:`)"
+        )
+    return along or assumed
 
 
 def axis_vector(axis: str) -> FloatArray:
@@ -35,7 +74,7 @@ _TO_Z_UP: dict[str, tuple[tuple[int, int, int], ...]] = {
 
 
 def to_z_up(axis: str) -> FloatArray:
-    """Return the rotation (3, 3) from the file's axes to the lab's, where Z is up.
+    """Return the rotation (3, 3) from the file's axes to the axes of the lab, where Z is up.
 
     The first horizontal axis of the file becomes the lab's X (X for files with Z or Y up, Y for files with X up).
     """
@@ -43,14 +82,9 @@ def to_z_up(axis: str) -> FloatArray:
 
 
 def nearest_axis(vector: FloatArray, least_cosine: float = 0.95) -> str | None:
-    """Return the signed axis that is nearly parallel to a vector; None if there is none.
+    """Return the signed axis that is nearly parallel to a vector (3,); None if there is none.
 
-    Parameters
-    ----------
-    vector : (3,) array
-        Non-zero vector of any length.
-    least_cosine : float
-        Cosine of the largest accepted angle between vector and axis.
+    ``least_cosine`` is the cosine of the largest accepted angle between vector and axis.
     """
     length = float(np.linalg.norm(vector))
     if not np.isfinite(length) or length == 0.0:

@@ -8,7 +8,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.recording.c3d_file import C3DFile
-from mocap_id.recording.c3d_layout import Layout, is_unsigned, raw_frames
+from mocap_id.recording.c3d_layout import Layout, is_unsigned, read_frames
 
 _BLOCK_BYTES = 1 << 20
 """Bytes of the file to decode at a time."""
@@ -17,7 +17,7 @@ _BLOCK_BYTES = 1 << 20
 def decode(
     file: C3DFile, layout: Layout, keep: Sequence[int], channels: Sequence[int], metres: float = 1.0
 ) -> tuple[FloatArray, FloatArray]:
-    """Decode all frames of the given trajectories and analog channels.
+    """Decode all frames of some trajectories and analog channels.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ def decode(
     Returns
     -------
     positions : (frames, keep, 3) array
-        Positions, m; NaN where the residual marks the point as not seen.
+        Positions, m; NaN if the residual marks the point as not seen.
     counts : (frames * per_frame, channels) array
         Analog samples as stored, without offset and scale.
     """
@@ -39,7 +39,7 @@ def decode(
     step = max(1, _BLOCK_BYTES // layout.frame_bytes)
     for first in range(0, layout.frames, step):
         part = slice(first, min(first + step, layout.frames))
-        points, analog = raw_frames(file, layout, part)
+        points, analog = read_frames(file, layout, part)
         np.multiply(points[:, kept, :3], metres, out=positions[part])
         residual = points[:, kept, 3]  # its size and the cameras are not used
         positions[part][~(residual >= 0)] = np.nan
@@ -47,11 +47,11 @@ def decode(
     return positions, counts.reshape(layout.frames * layout.per_frame, len(channels))
 
 
-def calibration(file: C3DFile, layout: Layout) -> tuple[FloatArray, FloatArray]:
-    """Return offset and scale of every channel, (channels,), for the conversion ``(count - offset) * scale``.
+def read_calibration(file: C3DFile, layout: Layout) -> tuple[FloatArray, FloatArray]:
+    """Return offset and scale (channels,) of every channel, for the conversion ``(count - offset) * scale``.
 
-    They are ANALOG:OFFSET and ANALOG:SCALE times GEN_SCALE. The scale is NaN for a channel without one. In a file with
-    FORMAT UNSIGNED the offsets are unsigned.
+    The offset is ANALOG:OFFSET, unsigned in a file with FORMAT UNSIGNED. The scale is ANALOG:SCALE times GEN_SCALE; it
+    is NaN for a channel without a scale.
     """
     general = file.numbers("ANALOG:GEN_SCALE")
     gain = 1.0 if general is None else float(general.ravel()[0])

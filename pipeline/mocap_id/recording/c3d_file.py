@@ -45,22 +45,18 @@ class Header:
 
 @dataclass(frozen=True)
 class C3DFile:
-    """Open C3D file with its header and parameters.
-
-    ``parameters`` maps ``"GROUP:NAME"`` (upper case) to the value. ``repeated`` lists parameters that occur more than
-    once; the first occurrence is used.
-    """
+    """Open C3D file with its header and parameters."""
 
     path: Path
     stream: BinaryIO
-    size: int
+    size: int  # bytes
     processor: int
     header: Header
-    parameters: Mapping[str, Value]
-    repeated: tuple[str, ...]
+    parameters: Mapping[str, Value]  # value by ``"GROUP:NAME"`` in upper case
+    repeated: tuple[str, ...]  # parameters that occur more than once; the first occurrence is used
 
     def read_bytes(self, start: int, stop: int) -> bytes:
-        """Read the bytes from ``start`` to ``stop``, or to the end of the file."""
+        """Read the bytes from ``start`` to ``stop``, or to the end of the file if it is shorter."""
         self.stream.seek(start)
         raw = self.stream.read(max(0, min(stop, self.size) - start))
         if len(raw) < min(stop, self.size) - start:
@@ -75,7 +71,10 @@ class C3DFile:
         return value.astype(np.float64)
 
     def words(self, name: str) -> list[int] | None:
-        """Return a numeric parameter as integers, 8- and 16-bit ones unsigned; None if missing, empty, text or NaN."""
+        """Return a numeric parameter as integers; None if it is missing, empty, text or not finite.
+
+        Values of 8 and 16 bits are read as unsigned.
+        """
         value = self.parameters.get(name)
         if not isinstance(value, np.ndarray) or value.size == 0 or not np.isfinite(value).all():
             return None
@@ -97,10 +96,7 @@ class C3DFile:
 def open_c3d(path: Path, stream: BinaryIO) -> C3DFile:
     """Parse the header and the parameters of an open C3D file.
 
-    Raises
-    ------
-    RecordingError
-        The file is not a C3D file, or its parameter section is damaged.
+    Raises RecordingError if the file is not a C3D file or its parameter section is damaged.
     """
     size = stream.seek(0, os.SEEK_END)
     stream.seek(0)
@@ -118,14 +114,14 @@ def open_c3d(path: Path, stream: BinaryIO) -> C3DFile:
             f"{path}: the parameter section is damaged: processor type {processor}, expected 84 (Intel), 85 (DEC) or "
             "86 (MIPS); the file is corrupt or truncated, export it again"
         )
-    header = _header(data, processor)
+    header = _read_header(data, processor)
     stop = (header.data_block - 1) * BLOCK if header.data_block else start + data[start + 2] * BLOCK
     data = data[:stop] + stream.read(max(0, stop - len(data)))
-    parameters, repeated = _parameters(path, data, start + 4, processor)
+    parameters, repeated = _read_parameters(path, data, start + 4, processor)
     return C3DFile(path, stream, size, processor, header, parameters, repeated)
 
 
-def floats(raw: bytes, processor: int) -> FloatArray:
+def convert_floats(raw: bytes, processor: int) -> FloatArray:
     """Convert 32-bit floats of the given processor to float64."""
     with np.errstate(invalid="ignore"):  # a damaged file may contain signalling NaN
         if processor == 85:  # DEC: 16-bit words swapped, exponent larger by two
@@ -140,18 +136,18 @@ def endian(processor: int) -> str:
     return ">" if processor == 86 else "<"
 
 
-def _header(data: bytes, processor: int) -> Header:
+def _read_header(data: bytes, processor: int) -> Header:
     points, analog_words, first, last = struct.unpack(endian(processor) + "HHHH", data[2:10])
     block, per_frame = struct.unpack(endian(processor) + "HH", data[16:20])
-    scale, rate = float(floats(data[12:16], processor)[0]), float(floats(data[20:24], processor)[0])
+    scale, rate = float(convert_floats(data[12:16], processor)[0]), float(convert_floats(data[20:24], processor)[0])
     return Header(points, analog_words, first, last, scale, block, per_frame, rate)
 
 
-def _parameters(path: Path, data: bytes, at: int, processor: int) -> tuple[dict[str, Value], tuple[str, ...]]:
+def _read_parameters(path: Path, data: bytes, at: int, processor: int) -> tuple[dict[str, Value], tuple[str, ...]]:
     """Read the linked list of groups and parameters; the name of a group may follow its parameters.
 
-    The list ends at the first block of the data: in some files the declared number of parameter blocks is too small,
-    and in others the closing zero is missing.
+    The list ends at the first block of the data, because some files declare too few parameter blocks and others lack
+    the closing zero.
     """
     groups: dict[int, str] = {}
     found: list[tuple[int, str, Value]] = []
@@ -160,13 +156,18 @@ def _parameters(path: Path, data: bytes, at: int, processor: int) -> tuple[dict[
         if length == 0 or group == 0:
             break
         name_end = at + 2 + abs(length)
-        step = _unsigned(path, data, name_end, processor)
+        if name_end + 2 > len(data):
+            raise RecordingError(
+                f"{path}: the parameter section runs past the end of the file; it is corrupt or truncated, export it "
+                "again"
+            )
+        step = int(struct.unpack(endian(processor) + "H", data[name_end : name_end + 2])[0])
         name = data[at + 2 : name_end].decode("latin-1").strip().upper()
         if group < 0:
             groups.setdefault(-group, name)
         else:
             end = name_end + step if step else len(data)
-            found.append((group, name, _value(path, name, data[name_end + 2 : end], processor)))
+            found.append((group, name, _read_value(path, name, data[name_end + 2 : end], processor)))
         if step == 0:
             break
         at = name_end + step
@@ -183,15 +184,7 @@ def _parameters(path: Path, data: bytes, at: int, processor: int) -> tuple[dict[
     return values, tuple(repeated)
 
 
-def _unsigned(path: Path, data: bytes, at: int, processor: int) -> int:
-    if at + 2 > len(data):
-        raise RecordingError(
-            f"{path}: the parameter section runs past the end of the file; it is corrupt or truncated, export it again"
-        )
-    return int(struct.unpack(endian(processor) + "H", data[at : at + 2])[0])
-
-
-def _value(path: Path, name: str, data: bytes, processor: int) -> Value:
+def _read_value(path: Path, name: str, data: bytes, processor: int) -> Value:
     """Decode type, dimensions and elements of a parameter; ``data`` ends where the next parameter begins."""
     kind, rank = struct.unpack("bB", data[:2]) if len(data) >= 2 else (0, 0)
     shape = tuple(data[2 : 2 + rank])
@@ -203,20 +196,13 @@ def _value(path: Path, name: str, data: bytes, processor: int) -> Value:
             f"{len(data)} bytes up to the next one); the file is corrupt, export it again"
         )
     if kind == -1:
-        return _texts(raw, shape)
+        width, count = shape[0] if shape else 1, math.prod(shape[1:])
+        return tuple(_decode(raw[i * width : (i + 1) * width]) for i in range(count))
     if kind == 4:
-        array: np.ndarray[Any, Any] = floats(raw, processor)
+        array: np.ndarray[Any, Any] = convert_floats(raw, processor)
     else:
         array = np.frombuffer(raw, np.int8 if kind == 1 else endian(processor) + "i2")
     return array.reshape(shape, order="F")
-
-
-def _texts(raw: bytes, shape: tuple[int, ...]) -> tuple[str, ...]:
-    width = shape[0] if shape else 1
-    count = math.prod(shape[1:])
-    if width == 0:
-        return ("",) * count
-    return tuple(_decode(raw[i * width : (i + 1) * width]) for i in range(count))
 
 
 def _decode(raw: bytes) -> str:

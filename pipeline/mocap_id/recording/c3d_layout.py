@@ -11,7 +11,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
-from mocap_id.recording.c3d_file import BLOCK, PROCESSORS, C3DFile, endian, floats
+from mocap_id.recording.c3d_file import BLOCK, PROCESSORS, C3DFile, convert_floats, endian
 
 _PADDING = 2 * BLOCK
 """Bytes. Writers pad the last block, and some add another block."""
@@ -21,31 +21,17 @@ _LARGEST_COUNT = 65535
 
 @dataclass(frozen=True)
 class Layout:
-    """Arrangement of the stored data, from the declarations and the size of the file.
+    """Arrangement of the stored data, from the declarations in the file and the size of the file."""
 
-    Parameters
-    ----------
-    points, channels, per_frame, frames, first : int
-        Numbers of trajectories, analog channels, analog samples per frame and frames; number of the first frame.
-    rate : float
-        Frames per second.
-    scale : float
-        Length units per integer count; negative in files that contain floats.
-    start : int
-        Position of the data in the file, bytes.
-    oddities : tuple of str
-        Contradictions, and how they were resolved.
-    """
-
-    points: int
-    channels: int
-    per_frame: int
-    frames: int
-    first: int
-    rate: float
-    scale: float
-    start: int
-    oddities: tuple[str, ...]
+    points: int  # number of trajectories
+    channels: int  # number of analog channels
+    per_frame: int  # analog samples per frame
+    frames: int  # number of frames
+    first: int  # number of the first frame
+    rate: float  # frames per second
+    scale: float  # length units per integer count; negative in files that contain floats
+    start: int  # position of the data in the file, bytes
+    oddities: tuple[str, ...]  # notes on contradictions and how they were resolved
 
     @property
     def real(self) -> bool:
@@ -64,21 +50,18 @@ class Layout:
 
 
 def find_layout(file: C3DFile) -> Layout:
-    """Determine the layout of a file, resolving contradictory declarations by the size of the file.
+    """Determine the layout of a file; the size of the file decides between contradictory declarations.
 
-    Raises
-    ------
-    RecordingError
-        The file is truncated, declares no frames, rate or points, or contradicts itself.
+    Raises RecordingError if the file is truncated, declares no frames, rate or points, or contradicts itself.
     """
     oddities: list[str] = []
-    scale, rate = _scale_and_rate(file, oddities)
-    start = _data_start(file, oddities)
+    scale, rate = _read_scale_and_rate(file, oddities)
+    start = _find_data_start(file, oddities)
     word = 4 if scale < 0 else 2
-    points, words, frames = _counts(file, word, file.size - start, oddities)
+    points, words, frames = _find_counts(file, word, file.size - start, oddities)
     _check_end(file, start, (4 * points + words) * word, frames, oddities)
-    channels, per_frame = _channels(file, words, rate, oddities)
-    first = _first_frame(file, frames, oddities)
+    channels, per_frame = _find_channels(file, words, rate, oddities)
+    first = _find_first_frame(file, frames, oddities)
     if file.repeated:
         names = ", ".join(file.repeated[:2]) + (" …" if len(file.repeated) > 2 else "")
         oddities.append(f"{len(file.repeated)} parameters occur more than once, the first was used: {names}")
@@ -90,15 +73,15 @@ def describe_encoding(file: C3DFile, layout: Layout) -> str:
     return f"C3D ({PROCESSORS[file.processor]}, {'real' if layout.real else 'integer'})"
 
 
-def raw_frames(file: C3DFile, layout: Layout, part: slice) -> tuple[FloatArray, FloatArray]:
-    """Read a slice of frames: points in the units of the file, and analog samples that are not scaled.
+def read_frames(file: C3DFile, layout: Layout, part: slice) -> tuple[FloatArray, FloatArray]:
+    """Read a slice of frames.
 
     Returns
     -------
     points : (F, points, 4) array
-        x, y, z in file units, and the residual word.
+        x, y, z in the unit of the file, and the residual word.
     analog : (F, per_frame, channels) array
-        Unscaled samples.
+        Analog samples as stored, without offset and scale.
 
     Raises
     ------
@@ -108,7 +91,7 @@ def raw_frames(file: C3DFile, layout: Layout, part: slice) -> tuple[FloatArray, 
     count, size = part.stop - part.start, layout.frame_bytes
     raw = file.read_bytes(layout.start + part.start * size, layout.start + part.stop * size)
     if layout.real:
-        values = floats(raw, file.processor)
+        values = convert_floats(raw, file.processor)
     else:
         values = np.frombuffer(raw, endian(file.processor) + "i2").astype(np.float64)
     rows = values.reshape(count, -1)
@@ -126,9 +109,9 @@ def is_unsigned(file: C3DFile) -> bool:
     return file.text("ANALOG:FORMAT").upper().startswith("UNSIGNED")
 
 
-def _scale_and_rate(file: C3DFile, oddities: list[str]) -> tuple[float, float]:
-    scale = _scalar(file, "POINT:SCALE", file.header.scale, oddities)
-    rate = _scalar(file, "POINT:RATE", file.header.rate, oddities)
+def _read_scale_and_rate(file: C3DFile, oddities: list[str]) -> tuple[float, float]:
+    scale = _read_scalar(file, "POINT:SCALE", file.header.scale, oddities)
+    rate = _read_scalar(file, "POINT:RATE", file.header.rate, oddities)
     if not (np.isfinite(scale) and scale != 0.0):
         raise RecordingError(
             f"{file.path}: POINT:SCALE is {scale}, expected a non-zero number; the file is corrupt, export it again"
@@ -140,7 +123,7 @@ def _scale_and_rate(file: C3DFile, oddities: list[str]) -> tuple[float, float]:
     return scale, rate
 
 
-def _scalar(file: C3DFile, name: str, header: float, oddities: list[str]) -> float:
+def _read_scalar(file: C3DFile, name: str, header: float, oddities: list[str]) -> float:
     value = file.numbers(name)
     if value is None:
         return header
@@ -150,7 +133,7 @@ def _scalar(file: C3DFile, name: str, header: float, oddities: list[str]) -> flo
     return declared
 
 
-def _data_start(file: C3DFile, oddities: list[str]) -> int:
+def _find_data_start(file: C3DFile, oddities: list[str]) -> int:
     """Return the byte offset of the data; the block in the header has priority."""
     declared = (file.words("POINT:DATA_START") or [0])[0]
     block = file.header.data_block or declared
@@ -167,9 +150,12 @@ def _data_start(file: C3DFile, oddities: list[str]) -> int:
     return start
 
 
-def _counts(file: C3DFile, word: int, available: int, oddities: list[str]) -> tuple[int, int, int]:
+def _find_counts(file: C3DFile, word: int, available: int, oddities: list[str]) -> tuple[int, int, int]:
     """Return points, analog words per frame and frames: the declared combination that fits the size of the file."""
-    points, words, frames = _declared_points(file), _declared_words(file), _declared_frames(file)
+    points = [*(file.words("POINT:USED") or [])[:1], file.header.points]
+    used = (file.words("ANALOG:USED") or [])[:1]
+    words = [file.header.analog_words, *(channels * file.header.analog_per_frame for channels in used)]
+    frames = _list_declared_frames(file)
     candidates = list(itertools.product(dict.fromkeys(points), dict.fromkeys(words), dict.fromkeys(frames)))
     candidates = [c for c in candidates if c[2] > 0 and 4 * c[0] + c[1] > 0]
     if not candidates:
@@ -177,13 +163,13 @@ def _counts(file: C3DFile, word: int, available: int, oddities: list[str]) -> tu
     surplus = {c: available - c[2] * (4 * c[0] + c[1]) * word for c in candidates}
     fitting = [c for c in candidates if 0 <= surplus[c] < _PADDING]
     if not fitting and _LARGEST_COUNT in frames:
-        fitting = _uncounted(file, word, available, candidates, oddities)
+        fitting = _count_beyond_limit(file, word, available, candidates, oddities)
         frames += [c[2] for c in fitting]
     if not fitting and len(candidates) == 1 and surplus[candidates[0]] >= 0:
         oddities.append(f"{surplus[candidates[0]]} bytes follow the last declared frame and were not read")
         fitting = candidates
     if not fitting:
-        raise _misfit(file, word, available, candidates)
+        raise _describe_misfit(file, word, available, candidates)
     votes = Counter(points), Counter(words), Counter(frames)
     best = max(fitting, key=lambda c: sum(vote[part] for vote, part in zip(votes, c, strict=True)))
     for name, declared, taken in zip(
@@ -196,7 +182,7 @@ def _counts(file: C3DFile, word: int, available: int, oddities: list[str]) -> tu
 
 
 def _check_end(file: C3DFile, start: int, size: int, frames: int, oddities: list[str]) -> None:
-    """Note blank frames before the declared end, and data after it."""
+    """Add notes on blank frames before the declared end, and on data after it."""
 
     def frame(index: int) -> bytes:
         return file.read_bytes(start + index * size, start + (index + 1) * size)
@@ -216,11 +202,14 @@ def _check_end(file: C3DFile, start: int, size: int, frames: int, oddities: list
 
 
 def _is_blank(frame: bytes) -> bool:
-    """Return whether a frame is padding; in a real frame without visible markers every eighth byte is not 0."""
+    """Return whether a frame is padding.
+
+    In a real frame without visible markers every eighth byte is not 0.
+    """
     return frame.count(0) >= 0.95 * len(frame)
 
 
-def _uncounted(
+def _count_beyond_limit(
     file: C3DFile, word: int, available: int, candidates: Iterable[tuple[int, int, int]], oddities: list[str]
 ) -> list[tuple[int, int, int]]:
     """Count the frames of a file whose counters stop at 65,535, without the padding of the last block."""
@@ -236,7 +225,9 @@ def _uncounted(
     return [(points, words, stored)]
 
 
-def _misfit(file: C3DFile, word: int, available: int, candidates: Iterable[tuple[int, int, int]]) -> RecordingError:
+def _describe_misfit(
+    file: C3DFile, word: int, available: int, candidates: Iterable[tuple[int, int, int]]
+) -> RecordingError:
     points, words, frames = min(candidates, key=lambda c: c[2] * (4 * c[0] + c[1]))
     frame = (4 * points + words) * word
     stored = available // frame
@@ -251,20 +242,10 @@ def _misfit(file: C3DFile, word: int, available: int, candidates: Iterable[tuple
     )
 
 
-def _declared_points(file: C3DFile) -> list[int]:
-    return [*(file.words("POINT:USED") or [])[:1], file.header.points]
-
-
-def _declared_words(file: C3DFile) -> list[int]:
-    """Return the analog words per frame by the header and by the parameters."""
-    used = (file.words("ANALOG:USED") or [])[:1]
-    return [file.header.analog_words, *(channels * file.header.analog_per_frame for channels in used)]
-
-
-def _declared_frames(file: C3DFile) -> list[int]:
+def _list_declared_frames(file: C3DFile) -> list[int]:
     header = file.header
     declared = [header.last - header.first + 1]
-    first, last = frame_field(file, "TRIAL:ACTUAL_START_FIELD"), frame_field(file, "TRIAL:ACTUAL_END_FIELD")
+    first, last = read_frame_number(file, "TRIAL:ACTUAL_START_FIELD"), read_frame_number(file, "TRIAL:ACTUAL_END_FIELD")
     if first is not None and last is not None:
         declared.append(last - first + 1)
     for name in ("POINT:FRAMES", "POINT:LONG_FRAMES"):
@@ -272,7 +253,7 @@ def _declared_frames(file: C3DFile) -> list[int]:
     return declared
 
 
-def frame_field(file: C3DFile, name: str) -> int | None:
+def read_frame_number(file: C3DFile, name: str) -> int | None:
     """Return a frame number stored as two 16-bit words, low word first, such as TRIAL:ACTUAL_START_FIELD."""
     words = file.words(name)
     if not words:
@@ -280,11 +261,11 @@ def frame_field(file: C3DFile, name: str) -> int | None:
     return words[0] + 65536 * words[1] if len(words) > 1 and max(words) < 65536 else words[0]
 
 
-def _first_frame(file: C3DFile, frames: int, oddities: list[str]) -> int:
-    header, trial = file.header.first, frame_field(file, "TRIAL:ACTUAL_START_FIELD")
+def _find_first_frame(file: C3DFile, frames: int, oddities: list[str]) -> int:
+    header, trial = file.header.first, read_frame_number(file, "TRIAL:ACTUAL_START_FIELD")
     if trial is None or trial == header:
         return header
-    last = frame_field(file, "TRIAL:ACTUAL_END_FIELD")
+    last = read_frame_number(file, "TRIAL:ACTUAL_END_FIELD")
     taken = trial if last is not None and last - trial + 1 == frames else header
     if header != _LARGEST_COUNT and trial % 65536 != header:
         oddities.append(
@@ -293,8 +274,8 @@ def _first_frame(file: C3DFile, frames: int, oddities: list[str]) -> int:
     return taken
 
 
-def _channels(file: C3DFile, words: int, rate: float, oddities: list[str]) -> tuple[int, int]:
-    """Return the number of analog channels and of samples per frame."""
+def _find_channels(file: C3DFile, words: int, rate: float, oddities: list[str]) -> tuple[int, int]:
+    """Return the number of analog channels and the number of samples per frame."""
     if words == 0:
         return 0, 0
     used = (file.words("ANALOG:USED") or [0])[0]
@@ -312,6 +293,6 @@ def _channels(file: C3DFile, words: int, rate: float, oddities: list[str]) -> tu
     if declared is not None and abs(float(declared.ravel()[0]) - per_frame * rate) > 1e-3 * per_frame * rate:
         oddities.append(
             f"ANALOG:RATE is {float(declared.ravel()[0]):g} Hz, but {per_frame} samples per frame at {rate:g} Hz make "
-            f"{per_frame * rate:g} Hz: the latter was used"
+            f"{per_frame * rate:g} Hz: {per_frame * rate:g} Hz was used"
         )
     return used, per_frame

@@ -11,22 +11,19 @@ import c3d
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.recording.c3d_data import calibration
+from mocap_id.recording.c3d_data import read_calibration
 from mocap_id.recording.c3d_file import C3DFile, open_c3d
-from mocap_id.recording.c3d_layout import Layout, find_layout, raw_frames
+from mocap_id.recording.c3d_layout import Layout, find_layout, read_frames
 from mocap_id.recording.text_tables import open_recording
 
 _FRAMES = 100
 """Number of frames to compare: a wrong position or stride shows at once."""
 
 
-def package_differences(path: Path) -> list[str]:
-    """List what the ``c3d`` package reads differently in the first 100 frames, one sentence each.
+def compare_with_package(path: Path) -> list[str]:
+    """Return sentences about what the ``c3d`` package reads differently in the first 100 frames.
 
-    Raises
-    ------
-    RecordingError
-        The file cannot be read at all.
+    Raises RecordingError if the file cannot be read at all.
     """
     with open_recording(path) as stream:
         file = open_c3d(path, stream)
@@ -45,32 +42,34 @@ def package_differences(path: Path) -> list[str]:
                 "was read without that package, and you need to do nothing"
             ]
         ours = layout.points, layout.channels, layout.frames
-        found = [
+        differences = [
             f"the c3d package counts {theirs} {what}, the file contains {own}"
             for what, theirs, own in zip(("points", "analog channels", "frames"), counted, ours, strict=True)
             if theirs != own
         ]
-        return found or _other_values(file, layout, frames)
+        return differences or _compare_values(file, layout, frames)
 
 
-def _other_values(file: C3DFile, layout: Layout, frames: list[tuple[int, FloatArray, FloatArray]]) -> list[str]:
-    """Compare the values of the package's frames: (number, points (P, 5), analog (channels, per frame))."""
+def _compare_values(file: C3DFile, layout: Layout, frames: list[tuple[int, FloatArray, FloatArray]]) -> list[str]:
+    """Return sentences about different values; ``frames``: (number, points (P, 5), analog (channels, per frame))."""
     if not frames:
         return ["the c3d package reads no frames of this file"]
-    found = []
-    points, counts = raw_frames(file, layout, slice(0, len(frames)))
+    differences = []
+    points, counts = read_frames(file, layout, slice(0, len(frames)))
     theirs = np.array([each for _, each, _ in frames])
     visible, visible_by_package = points[..., 3] >= 0, theirs[..., 3] >= 0
     both = visible & visible_by_package & np.isfinite(points).all(axis=2)
     if missing := int((visible & ~visible_by_package).sum()):
-        found.append(f"the c3d package treats {missing} measured samples of the first {len(frames)} frames as missing")
+        differences.append(
+            f"the c3d package treats {missing} measured samples of the first {len(frames)} frames as missing"
+        )
     if not np.allclose(theirs[both, :3], points[both, :3], rtol=1e-4, atol=1e-3):
-        found.append("the c3d package reads different positions")
+        differences.append("the c3d package reads different positions")
     if layout.channels:
-        offset, scale = calibration(file, layout)
+        offset, scale = read_calibration(file, layout)
         ours = (counts.reshape(-1, layout.channels) - offset) * scale
         analog = np.concatenate([each.T for _, _, each in frames])
         near = 1e-4 * float(np.abs(ours[np.isfinite(ours)]).max(initial=0))
         if analog.shape != ours.shape or not np.allclose(analog, ours, rtol=1e-4, atol=near, equal_nan=True):
-            found.append("the c3d package reads different analog values")
-    return found
+            differences.append("the c3d package reads different analog values")
+    return differences

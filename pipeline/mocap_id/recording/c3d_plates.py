@@ -8,10 +8,10 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.recording.c3d_data import calibration
+from mocap_id.recording.c3d_data import read_calibration
 from mocap_id.recording.c3d_file import C3DFile
 from mocap_id.recording.c3d_layout import Layout
-from mocap_id.recording.channel_units import ForceUnits, channel_scales
+from mocap_id.recording.channel_units import ForceUnits, find_channel_scales
 from mocap_id.recording.plate_types import CHANNELS, PlateSignals, UnusablePlateError
 from mocap_id.recording.saturation import find_saturated
 
@@ -24,44 +24,26 @@ _MEDIAN_WIDTH = 7
 
 @dataclass(frozen=True)
 class StoredPlate:
-    """Force plate as stored in the file.
+    """Force plate as stored in the file, with K samples."""
 
-    Parameters
-    ----------
-    index : int
-        From 1.
-    kind : int
-        FORCE_PLATFORM:TYPE.
-    signals : PlateSignals or None
-        None if the plate cannot be used.
-    ok : (K,) bool array
-        Whether every channel is finite and not saturated.
-    problem : str
-        Why the plate cannot be used, or empty.
-    oddities, assumptions : tuple of str
-        As in :class:`mocap_id.recording.model.Recording` and ``Plate``.
-    saturated : (K,) bool array or None
-        Whether a channel is at its limit; None if none ever is.
-    """
-
-    index: int
-    kind: int
-    signals: PlateSignals | None
-    ok: BoolArray
-    problem: str
-    oddities: tuple[str, ...]
-    assumptions: tuple[str, ...] = ()
-    saturated: BoolArray | None = None
+    index: int  # number in the file, from 1
+    kind: int  # FORCE_PLATFORM:TYPE
+    signals: PlateSignals | None  # None if the plate cannot be used
+    ok: BoolArray  # (K,) whether every channel is finite and not saturated
+    problem: str  # reason for which the plate cannot be used, or empty
+    oddities: tuple[str, ...]  # notes, as in ``Recording``
+    assumptions: tuple[str, ...] = ()  # as in ``Plate``
+    saturated: BoolArray | None = None  # (K,) whether a channel is at its limit; None if no channel ever is
 
 
-def plate_channels(file: C3DFile, layout: Layout) -> tuple[int, ...]:
+def list_plate_channels(file: C3DFile, layout: Layout) -> tuple[int, ...]:
     """Return the analog channels of force plates, from 0; other channels, such as EMG, are not read."""
     named = file.numbers("FORCE_PLATFORM:CHANNEL")
-    wanted = set() if named is None else {int(channel) for channel in named.ravel() if np.isfinite(channel)}
-    return tuple(channel for channel in range(layout.channels) if channel + 1 in wanted)
+    numbers = set() if named is None else {int(channel) for channel in named.ravel() if np.isfinite(channel)}
+    return tuple(channel for channel in range(layout.channels) if channel + 1 in numbers)
 
 
-def stored_plates(
+def read_stored_plates(
     file: C3DFile, layout: Layout, counts: FloatArray, metres: float, units: ForceUnits
 ) -> list[StoredPlate]:
     """Read the signals of every plate.
@@ -69,9 +51,9 @@ def stored_plates(
     Parameters
     ----------
     counts : (K, C) array
-        Samples of the :func:`plate_channels`, as stored.
+        Samples of the channels from :func:`list_plate_channels`, as stored.
     metres : float
-        Metres per POINT unit, in which CORNERS and ORIGIN are given.
+        Metres per POINT unit, which is the unit of CORNERS and ORIGIN.
     """
     kinds = tuple(file.words("FORCE_PLATFORM:TYPE") or ())
     used = (file.words("FORCE_PLATFORM:USED") or [len(kinds)])[0]
@@ -99,15 +81,15 @@ class _PlateReader:
 
     @property
     def kind(self) -> int:
-        return self.kinds[self.index - 1] if self.index <= len(self.kinds) else 0
+        return self.kinds[self.index - 1]
 
     def read(self) -> StoredPlate:
         try:
-            columns = self._columns()
-            corners = self._parameter("CORNERS", (3, 4)).T * self.metres
-            origin = self._origin()
-            values, ok, full = self._samples(columns)
-            channels = self._in_si(self._without_baseline(values), columns)
+            columns = self._find_columns()
+            corners = self._read_parameter("CORNERS", (3, 4)).T * self.metres
+            origin = self._read_origin()
+            values, ok, full = self._read_samples(columns)
+            channels = self._convert_to_si(self._subtract_baseline(values), columns)
         except UnusablePlateError as why:
             nothing = np.zeros(len(self.counts), bool)
             return StoredPlate(self.index, self.kind, None, nothing, str(why), tuple(self.oddities))
@@ -115,13 +97,13 @@ class _PlateReader:
             self._note(f"{int((~ok).sum())} analog samples are saturated or not finite")
         signals = PlateSignals(self.kind, channels, origin, corners, self.layout.per_frame * self.layout.rate)
         assumed = tuple(self.assumptions)
-        saturated_samples = full if full.any() else None
-        return StoredPlate(self.index, self.kind, signals, ok, "", tuple(self.oddities), assumed, saturated_samples)
+        saturated = full if full.any() else None
+        return StoredPlate(self.index, self.kind, signals, ok, "", tuple(self.oddities), assumed, saturated)
 
     def _note(self, oddity: str) -> None:
         self.oddities.append(f"plate {self.index}: {oddity}")
 
-    def _columns(self) -> list[int]:
+    def _find_columns(self) -> list[int]:
         """Return the analog channels of the plate, from 0."""
         if self.kind not in CHANNELS:
             raise UnusablePlateError(f"type {self.kind} is not supported (1, 2, 3 and 4 are)")
@@ -148,7 +130,7 @@ class _PlateReader:
             raise UnusablePlateError(f"FORCE_PLATFORM:CHANNEL names a channel twice: {channels}")
         return [channel - 1 for channel in channels]
 
-    def _parameter(self, name: str, shape: tuple[int, ...]) -> FloatArray:
+    def _read_parameter(self, name: str, shape: tuple[int, ...]) -> FloatArray:
         """Return this plate's part of a FORCE_PLATFORM parameter, whose last dimension is the plate."""
         value = self.file.numbers(f"FORCE_PLATFORM:{name}")
         size = int(np.prod(shape))
@@ -159,11 +141,11 @@ class _PlateReader:
             raise UnusablePlateError(f"FORCE_PLATFORM:{name} is not finite")
         return part.reshape(shape, order="F")
 
-    def _origin(self) -> FloatArray:
+    def _read_origin(self) -> FloatArray:
         """Return ORIGIN in m with negative z; old files contain the reverse vector."""
         if self.kind == 1:
             return np.zeros(3)
-        origin = self._parameter("ORIGIN", (3,)) * self.metres
+        origin = self._read_parameter("ORIGIN", (3,)) * self.metres
         if origin[2] > 0:
             self._note(f"ORIGIN points the wrong way (z = {origin[2]:.4f} m, expected negative): sign corrected")
             origin = origin * [1, 1, -1] if self.kind == 3 else -origin
@@ -173,12 +155,12 @@ class _PlateReader:
                 raise UnusablePlateError("ORIGIN has no sensor distances, which a type 3 plate needs")
         return np.asarray(origin)
 
-    def _samples(self, columns: list[int]) -> tuple[FloatArray, BoolArray, BoolArray]:
-        """Return the scaled samples (NaN where not finite), and which of them are valid and which saturated."""
-        offset, scale = (each[columns] for each in calibration(self.file, self.layout))
+    def _read_samples(self, columns: list[int]) -> tuple[FloatArray, BoolArray, BoolArray]:
+        """Return the scaled samples (NaN if not finite), and which of them are valid and which saturated."""
+        offset, scale = (each[columns] for each in read_calibration(self.file, self.layout))
         if not np.isfinite(scale).all():
             raise UnusablePlateError("ANALOG:SCALE does not cover its channels")
-        read = plate_channels(self.file, self.layout)
+        read = list_plate_channels(self.file, self.layout)
         counts = self.counts[:, [read.index(column) for column in columns]]
         values = counts - offset
         with np.errstate(over="ignore", invalid="ignore"):
@@ -194,7 +176,7 @@ class _PlateReader:
             raise UnusablePlateError("all of its samples are saturated or not finite")
         return values, ok, full
 
-    def _without_baseline(self, channels: FloatArray) -> FloatArray:
+    def _subtract_baseline(self, channels: FloatArray) -> FloatArray:
         """Subtract the mean over the baseline frames (ZERO), if the plate was unloaded in them."""
         zero = self.file.words("FORCE_PLATFORM:ZERO") or [0, 0]
         first, last = max(zero[0], 1), zero[-1]
@@ -222,27 +204,27 @@ class _PlateReader:
         )
         return channels
 
-    def _in_si(self, channels: FloatArray, columns: list[int]) -> FloatArray:
+    def _convert_to_si(self, channels: FloatArray, columns: list[int]) -> FloatArray:
         """Convert the channels to N, m and N·m."""
         if self.kind == 4:
             if self.units.configured:
                 self._note("its CAL_MATRIX gives N and N·mm: the units in the configuration were ignored")
-            return self._calibrated(channels, calibration(self.file, self.layout)[1][columns])
+            return self._apply_matrix(channels, read_calibration(self.file, self.layout)[1][columns])
         units = self.file.strings("ANALOG:UNITS")
         declared = [units[column] if column < len(units) else "" for column in columns]
-        found = channel_scales(self.kind, declared, self.metres, self.units)
-        self.assumptions.extend(found.assumptions)
-        for oddity in found.oddities:
+        scales = find_channel_scales(self.kind, declared, self.metres, self.units)
+        self.assumptions.extend(scales.assumptions)
+        for oddity in scales.oddities:
             self._note(oddity)
-        return np.asarray(channels * found.factors)
+        return np.asarray(channels * scales.factors)
 
-    def _calibrated(self, channels: FloatArray, scale: FloatArray) -> FloatArray:
+    def _apply_matrix(self, channels: FloatArray, scale: FloatArray) -> FloatArray:
         """Apply the 6 × 6 matrix of a type 4 plate, which gives N and N·mm, and convert to SI.
 
         In some files ANALOG:SCALE already contains the diagonal of the matrix (and the matrix is in N and N·m).
         Applying it again would make the forces several times too large.
         """
-        matrix = self._parameter("CAL_MATRIX", (6, 6))
+        matrix = self._read_parameter("CAL_MATRIX", (6, 6))
         if np.linalg.matrix_rank(matrix) < 6:
             raise UnusablePlateError("CAL_MATRIX is singular")
         to_si = np.array([1, 1, 1, 1e-3, 1e-3, 1e-3])

@@ -13,13 +13,13 @@ from mocap_id.recording.axes import axis_vector, nearest_axis, parse_axis, to_z_
 from mocap_id.recording.c3d_data import decode
 from mocap_id.recording.c3d_file import C3DFile, open_c3d
 from mocap_id.recording.c3d_layout import Layout, describe_encoding, find_layout
-from mocap_id.recording.c3d_plates import StoredPlate, plate_channels, stored_plates
+from mocap_id.recording.c3d_plates import StoredPlate, list_plate_channels, read_stored_plates
 from mocap_id.recording.channel_units import ForceUnits
 from mocap_id.recording.lab_plates import place_plate
 from mocap_id.recording.labels import name_markers
-from mocap_id.recording.marker_positions import clean, resolve_length_unit, thin_frames, turn_z_up
-from mocap_id.recording.model import Plate, Recording
-from mocap_id.recording.plate_types import plate_axes
+from mocap_id.recording.marker_positions import clean_positions, resolve_length_unit, rotate_z_up, thin_frames
+from mocap_id.recording.model import Recording
+from mocap_id.recording.plate_types import compute_plate_axes
 
 _OUTPUT_GROUPS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "MODELED_MARKERS", "VIRTUAL_MARKERS")
 """POINT parameters that list computed trajectories, not markers; POINT:TYPE_GROUPS may name more."""
@@ -37,23 +37,24 @@ def read_c3d(
     *,
     unit_required: bool = True,
 ) -> Recording:
-    """Read an open C3D file; see :func:`mocap_id.recording.read`."""
+    """Read an open C3D file; parameters and errors as for :func:`mocap_id.recording.read`."""
     file = open_c3d(path, stream)
     layout = find_layout(file)
     oddities = list(layout.oddities)
     unit, metres = resolve_length_unit(path, file.text("POINT:UNITS"), units, oddities, required=unit_required)
-    subjects = _subjects(file)
-    naming = name_markers(_labels(file, layout), _outputs(file), subjects)
-    oddities += [*naming.oddities, *_named_after(path, subjects)]
-    positions, counts = decode(file, layout, naming.keep, plate_channels(file, layout), metres)
-    clean(path, positions, unit, oddities)
-    stored = stored_plates(file, layout, counts, metres, force_units)
+    subjects = _read_subjects(file)
+    naming = name_markers(_read_labels(file, layout), _read_outputs(file), subjects)
+    oddities += [*naming.oddities, *_note_file_name(path, subjects)]
+    positions, counts = decode(file, layout, naming.keep, list_plate_channels(file, layout), metres)
+    clean_positions(path, positions, unit, oddities)
+    stored = read_stored_plates(file, layout, counts, metres, force_units)
     del counts  # large in a long recording
-    up = _vertical(file, stored, positions, vertical, oddities)
-    turn_z_up(positions, up)
+    up = _find_vertical(file, stored, positions, vertical, oddities)
+    rotate_z_up(positions, up)
     frames = layout.first + np.arange(layout.frames)
     time = (frames - min(layout.first, 1)) / layout.rate
-    plates = _plates(stored, to_z_up(up), float(time[0]), layout, oddities)
+    start, rotation = float(time[0]), to_z_up(up)
+    plates = tuple(place_plate(plate, rotation, start, layout.per_frame * layout.rate, oddities) for plate in stored)
     return Recording(
         files=(path,),
         format=describe_encoding(file, layout),
@@ -70,7 +71,7 @@ def read_c3d(
     )
 
 
-def _labels(file: C3DFile, layout: Layout) -> list[str]:
+def _read_labels(file: C3DFile, layout: Layout) -> list[str]:
     """Return one label per point, from POINT:LABELS, LABELS2 and so on."""
     labels = list(file.strings("POINT:LABELS"))
     number = 2
@@ -80,14 +81,14 @@ def _labels(file: C3DFile, layout: Layout) -> list[str]:
     return [*labels[: layout.points], *[""] * (layout.points - len(labels))]
 
 
-def _subjects(file: C3DFile) -> list[str]:
+def _read_subjects(file: C3DFile) -> list[str]:
     """Return the names and label prefixes of the subjects in the header."""
-    found = [*file.strings("SUBJECTS:NAMES"), *file.strings("SUBJECTS:LABEL_PREFIXES")]
-    return [name.strip() for name in found if name.strip()]
+    names = [*file.strings("SUBJECTS:NAMES"), *file.strings("SUBJECTS:LABEL_PREFIXES")]
+    return [name.strip() for name in names if name.strip()]
 
 
-def _named_after(path: Path, subjects: Sequence[str]) -> list[str]:
-    """Note a file name that contains the name of a subject."""
+def _note_file_name(path: Path, subjects: Sequence[str]) -> list[str]:
+    """Return a note if the file name contains the name of a subject."""
     stem = path.stem.casefold()
     if not any(len(name) > 2 and name.strip(":_-. ").casefold() in stem for name in subjects):
         return []
@@ -97,47 +98,47 @@ def _named_after(path: Path, subjects: Sequence[str]) -> list[str]:
     ]
 
 
-def _outputs(file: C3DFile) -> list[str]:
+def _read_outputs(file: C3DFile) -> list[str]:
     """Return the labels that the file declares as computed."""
     types = file.strings("POINT:TYPE_GROUPS")
     groups = [*_OUTPUT_GROUPS, *(name.strip().upper() for name in types[::2])]
-    found = [
+    labels = [
         label.strip()
         for group in dict.fromkeys(groups)
         if group != "LABELS"
         for label in (*file.strings(f"POINT:{group}"), *file.strings(f"POINT:{group}2"))
     ]
-    return [label for label in found if label]
+    return [label for label in labels if label]
 
 
-def _vertical(
+def _find_vertical(
     file: C3DFile, stored: Sequence[StoredPlate], positions: FloatArray, override: str | None, oddities: list[str]
 ) -> str:
     """Return the upward axis: configured, or normal to the plates, or POINT:Y_SCREEN, or Z as an assumption."""
     declared = parse_axis(file.text("POINT:Y_SCREEN"))
-    found = _plates_normal(stored, positions)
+    normal = _find_plates_normal(stored, positions)
     if override is not None:
-        for axis, source in ((found, "the force plates say"), (declared, "POINT:Y_SCREEN says")):
+        for axis, source in ((normal, "the force plates say"), (declared, "POINT:Y_SCREEN says")):
             if axis is not None and axis != override:
                 oddities.append(f"{source} that {axis} is up, the configuration says {override}: {override} was used")
         return override
-    if found is not None:
-        if declared is not None and declared != found:
-            oddities.append(f"POINT:Y_SCREEN says {declared} is up, the force plates say {found}: {found} was used")
-        return found
+    if normal is not None:
+        if declared is not None and declared != normal:
+            oddities.append(f"POINT:Y_SCREEN says {declared} is up, the force plates say {normal}: {normal} was used")
+        return normal
     if declared is not None:
         return declared
     oddities.append("the file does not say which axis is up: Z was assumed (if it is another, set `vertical:`)")
     return "Z"
 
 
-def _plates_normal(stored: Sequence[StoredPlate], positions: FloatArray) -> str | None:
-    """Return the axis normal to the surface of all usable plates, pointing to the side of the markers."""
+def _find_plates_normal(stored: Sequence[StoredPlate], positions: FloatArray) -> str | None:
+    """Return the axis that is normal to the surface of all usable plates and points to the side of the markers."""
     axes = set()
     for plate in stored:
         if plate.signals is None:
             continue
-        down = plate_axes(plate.signals.corners)[:, 2]
+        down = compute_plate_axes(plate.signals.corners)[:, 2]
         axis = nearest_axis(-down) if np.isfinite(down).all() else None
         if axis is None:
             return None
@@ -145,14 +146,3 @@ def _plates_normal(stored: Sequence[StoredPlate], positions: FloatArray) -> str 
         below = bool(np.isfinite(height).any()) and np.nanmedian(height) < -_BELOW_M
         axes.add(axis if not below else axis.removeprefix("-") if axis.startswith("-") else f"-{axis}")
     return axes.pop() if len(axes) == 1 else None
-
-
-def _plates(
-    stored: Sequence[StoredPlate], turn: FloatArray, start: float, layout: Layout, oddities: list[str]
-) -> tuple[Plate, ...]:
-    plates = []
-    for each in stored:
-        plate, found = place_plate(each, turn, start, layout.per_frame * layout.rate)
-        plates.append(plate)
-        oddities += found
-    return tuple(plates)

@@ -10,7 +10,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError
 from mocap_id.recording.plate_types import UnusablePlateError
-from mocap_id.recording.units import force_scale, length_scale, moment_scale, strip_padding
+from mocap_id.recording.units import find_force_scale, find_length_scale, find_moment_scale, strip_padding
 
 _QUANTITIES = {
     1: ("force",) * 3 + ("point",) * 2 + ("moment",),
@@ -20,20 +20,17 @@ _QUANTITIES = {
 """Quantity of each channel, by plate type. The channels of type 4 are inputs of a calibration matrix."""
 
 _SCALES: dict[str, Callable[[str], float | None]] = {
-    "force": force_scale,
-    "point": length_scale,
-    "moment": moment_scale,
+    "force": find_force_scale,
+    "point": find_length_scale,
+    "moment": find_moment_scale,
 }
 
 
 @dataclass(frozen=True)
 class ForceUnits:
-    """Configured units of force and moment, which replace those of the file; None if not configured.
+    """Configured units of force and moment, which replace the units in the file; None if not configured.
 
-    Raises
-    ------
-    ConfigError
-        A unit is unknown.
+    Raises ConfigError if a unit is unknown.
     """
 
     force: str | None = None
@@ -64,35 +61,29 @@ class ForceUnits:
 
 @dataclass(frozen=True)
 class ChannelScales:
-    """Factors that convert the channels of a plate to N, m and N·m.
+    """Factors that convert the C channels of a plate to N, m and N·m."""
 
-    Parameters
-    ----------
-    factors : (C,) array
-    assumptions : tuple of str
-        Units that the file does not declare and that were assumed.
-    oddities : tuple of str
-        Contradictory declarations.
-    """
-
-    factors: FloatArray
-    assumptions: tuple[str, ...]
-    oddities: tuple[str, ...]
+    factors: FloatArray  # (C,)
+    assumptions: tuple[str, ...]  # sentences about units that the file does not declare and that were assumed
+    oddities: tuple[str, ...]  # sentences about contradictory declarations
 
 
-def channel_scales(kind: int, declared: Sequence[str], metres: float, configured: ForceUnits) -> ChannelScales:
+def find_channel_scales(kind: int, declared: Sequence[str], metres: float, configured: ForceUnits) -> ChannelScales:
     """Return the unit factors of every channel of a plate of type 1, 2 or 3.
 
-    Every channel has its declared unit. A missing unit is that of the other channels of the same quantity or, if they
-    have none, the usual one: N, and POINT:UNITS for lengths. If all channels declare N, this is used for forces only,
-    and the units of moments and lengths count as missing.
+    Every channel has its declared unit. A missing unit is taken from the other channels of the same quantity. If they
+    have none, it is the usual unit: N, and POINT:UNITS for lengths. If all channels declare N, this is used for forces
+    only, and the units of moments and lengths count as missing.
 
     Parameters
     ----------
+    kind : int
+        FORCE_PLATFORM:TYPE.
     declared : sequence of str
         ANALOG:UNITS of the channels; empty if undeclared.
     metres : float
         Metres per POINT unit.
+    configured : ForceUnits
 
     Raises
     ------
@@ -101,7 +92,7 @@ def channel_scales(kind: int, declared: Sequence[str], metres: float, configured
     """
     quantities = np.array(_QUANTITIES[kind])
     names = [strip_padding(name) for name in declared]
-    only_newtons = {force_scale(name) for name in names} == {1.0} and len(set(quantities)) > 1
+    only_newtons = {find_force_scale(name) for name in names} == {1.0} and len(set(quantities)) > 1
     factors = np.ones(len(quantities))
     assumptions: list[str] = []
     oddities: list[str] = []
@@ -113,12 +104,12 @@ def channel_scales(kind: int, declared: Sequence[str], metres: float, configured
             oddities += found
         elif only_newtons and quantity != "force":
             own = [""] * len(own)
-        scales = _declared(quantity, own)
+        scales = _find_declared(quantity, own)
         if len(set(scales) - {None}) > 1:
             oddities.append(f"its {quantity} channels declare different units ({', '.join(own)}): each was converted")
         if None in scales:
             force = None if quantity == "force" else float(factors[0])
-            assumed, sentence = _assumed(quantity, own, scales, metres, force)
+            assumed, sentence = _assume(quantity, own, scales, metres, force)
             scales = [assumed if scale is None else scale for scale in scales]
             assumptions.append(sentence)
         factors[at] = np.array(scales, dtype=np.float64)
@@ -133,8 +124,8 @@ def _override_units(quantity: str, own: Sequence[str], override: str) -> tuple[l
     return [override] * len(own), [note] if other else []
 
 
-def _declared(quantity: str, own: Sequence[str]) -> list[float | None]:
-    """Return the SI factor of each channel, None where no unit is declared."""
+def _find_declared(quantity: str, own: Sequence[str]) -> list[float | None]:
+    """Return the SI factor of each channel; None if no unit is declared."""
     scales = [_SCALES[quantity](name) for name in own]
     wrong = sorted({name for name, scale in zip(own, scales, strict=True) if name and scale is None})
     if wrong:
@@ -150,7 +141,7 @@ def _declared(quantity: str, own: Sequence[str]) -> list[float | None]:
     return scales
 
 
-def _assumed(
+def _assume(
     quantity: str, own: Sequence[str], scales: Sequence[float | None], metres: float, force: float | None
 ) -> tuple[float, str]:
     """Return the factor for channels without a declared unit, and a sentence that states the assumption."""

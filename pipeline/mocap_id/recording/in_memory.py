@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from mocap_id.arrays import FloatArray, is_time_axis
-from mocap_id.errors import ConfigError, RecordingError
+from mocap_id.errors import RecordingError
 from mocap_id.extras import optional
-from mocap_id.recording.axes import parse_axis, to_z_up
+from mocap_id.recording.axes import check_axis, to_z_up
+from mocap_id.recording.lab_plates import rotate_plate
 from mocap_id.recording.model import Plate, Recording
-from mocap_id.recording.units import LENGTHS, length_scale
+from mocap_id.recording.units import check_length_unit
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,34 +27,28 @@ _EVEN = 1e-3
 
 
 def plate_from_arrays(
-    force: ArrayLike,
-    rate: float,
-    *,
-    moment: ArrayLike | None,
-    cop: ArrayLike | None,
-    free_moment: ArrayLike | None,
-    corners: ArrayLike | None,
-    units: str,
-    start: float,
+    force: ArrayLike, rate: float, units: str, start: float, **optional_arrays: ArrayLike | None
 ) -> Plate:
     """Return a plate; parameters and errors as for :meth:`mocap_id.recording.Plate.from_arrays`."""
-    metres = _metres(units)
-    found = _array("force", force)
+    metres, newtons = check_length_unit(units), _check_shape("force", force)
     _check_rate(rate)
-    if (moment is None) == (cop is None):
+    counts = {"moment": len(newtons), "cop": len(newtons), "free_moment": len(newtons), "corners": 4}
+    arrays = {
+        name: metres * _check_shape(name, values, counts[name])
+        for name, values in optional_arrays.items()
+        if values is not None
+    }
+    if ("moment" in arrays) == ("cop" in arrays):
         raise RecordingError("plate: expected either `moment` or `cop`")
-    if moment is not None and free_moment is not None:
-        raise RecordingError("plate: `free_moment` belongs to `cop`; `moment` is that about the lab's origin")
-    if moment is not None:
-        about = metres * _array("moment", moment, len(found))
+    if {"moment", "free_moment"} <= arrays.keys():
+        raise RecordingError("plate: `free_moment` belongs to `cop`; `moment` is the moment about the lab's origin")
+    if "moment" in arrays:
+        moment = arrays["moment"]
     else:
-        point = metres * _array("cop", cop, len(found))
-        point[(found == 0.0).all(axis=1)] = 0.0
-        free = 0.0 if free_moment is None else metres * _array("free_moment", free_moment, len(found))
-        about = np.cross(point, found) + free
-    corner = None if corners is None else metres * _array("corners", corners, 4)
-    ok = np.asarray(np.isfinite(np.hstack([found, about])).all(axis=1))
-    return Plate(1, "arrays", corner, found, about, ok, float(rate), start)
+        arrays["cop"][(newtons == 0.0).all(axis=1)] = 0.0
+        moment = np.cross(arrays["cop"], newtons) + arrays.get("free_moment", 0.0)
+    ok = np.asarray(np.isfinite(np.hstack([newtons, moment])).all(axis=1))
+    return Plate(1, "arrays", arrays.get("corners"), newtons, moment, ok, float(rate), start)
 
 
 def recording_from_arrays(
@@ -67,31 +62,32 @@ def recording_from_arrays(
     start: float,
 ) -> Recording:
     """Return a recording; parameters and errors as for :meth:`mocap_id.recording.Recording.from_arrays`."""
-    found = np.array(positions, np.float64) * _metres(units)
+    found = np.array(positions, np.float64) * check_length_unit(units)
     if found.ndim != 3 or not len(found) or found.shape[1:] != (len(labels), 3):
         raise RecordingError(
             f"positions: an array of shape {found.shape}; expected (frames, {len(labels)}, 3) for {len(labels)} labels"
         )
     if len(set(labels)) < len(labels):
-        raise RecordingError("labels: a name occurs twice; expected a name of its own for each marker")
+        raise RecordingError("labels: a name occurs twice; expected a unique name for each marker")
     _check_rate(rate)
-    axis = parse_axis(vertical)
-    if axis is None:
-        raise ConfigError(f"vertical: {vertical!r} is not an axis; expected X, Y or Z, with a minus if it points down")
-    turn = to_z_up(axis)
+    axis = check_axis(vertical)
+    if axis != "Z":
+        rotation = to_z_up(axis)
+        found = found @ rotation.T
+        plates = [rotate_plate(plate, rotation) for plate in plates]
     frames = np.arange(len(found)) + round(start * rate) + 1
     return Recording(
         files=(),
         format="arrays",
         labels=tuple(map(str, labels)),
-        positions=found if axis == "Z" else found @ turn.T,
+        positions=found,
         frames=frames,
         time=start + np.arange(len(found)) / rate,
         rate=float(rate),
         units=units,
         vertical=axis,
         analog_rate=plates[0].rate if plates else None,
-        plates=tuple(_placed(plate, None if axis == "Z" else turn, number) for number, plate in enumerate(plates, 1)),
+        plates=tuple(replace(plate, index=number) for number, plate in enumerate(plates, 1)),
         oddities=(),
     )
 
@@ -109,15 +105,15 @@ def to_frame(recording: Recording) -> pd.DataFrame:
 
 def from_frame(frame: pd.DataFrame, plates: Sequence[Plate], *, units: str, vertical: str) -> Recording:
     """Return a recording; parameters and errors as for :meth:`mocap_id.recording.Recording.from_frame`."""
-    labels = list(dict.fromkeys(name for name, *_ in _pairs(frame.columns)))
+    labels = list(dict.fromkeys(name for name, *_ in _list_pairs(frame.columns)))
     wanted = [(label, axis) for label in labels for axis in AXES]
-    if sorted(map(str, wanted)) != sorted(map(str, _pairs(frame.columns))):
+    if sorted(map(str, wanted)) != sorted(map(str, _list_pairs(frame.columns))):
         raise RecordingError(
             f"data frame: its columns are {list(frame.columns[:3])} …; expected x, y and z of each marker, "
             "as in Recording.to_frame"
         )
     positions = frame[wanted].to_numpy(np.float64).reshape(len(frame), len(labels), 3)
-    rate, start = _clock("data frame", np.asarray(frame.index))
+    rate, start = _measure_clock("data frame", np.asarray(frame.index))
     return recording_from_arrays(labels, positions, rate, plates, units=units, vertical=vertical, start=start)
 
 
@@ -154,23 +150,25 @@ def from_dataset(dataset: xr.Dataset, *, units: str, vertical: str) -> Recording
     if sorted(axes) != list(AXES):
         raise RecordingError(f"dataset: the coordinate `axis` is {', '.join(axes)}; expected x, y, z")
     ordered = dataset.sel(axis=list(AXES)).transpose("time", ..., "marker", "axis", missing_dims="ignore")
-    rate, start = _clock("dataset", ordered["time"].to_numpy())
+    rate, start = _measure_clock("dataset", ordered["time"].to_numpy())
     plates = []
     for name in ordered.data_vars:
         kind, _, number = str(name).partition("_")
         if kind == "force":
-            plates.append(_plate(ordered, number, units))
+            plates.append(_read_plate(ordered, number, units))
     labels = [str(label) for label in ordered["marker"].to_numpy()]
     positions = ordered["position"].to_numpy()
     return recording_from_arrays(labels, positions, rate, plates, units=units, vertical=vertical, start=start)
 
 
-def _plate(dataset: xr.Dataset, number: str, units: str) -> Plate:
-    """Return one plate of a dataset in which its variables end with this number."""
+def _read_plate(dataset: xr.Dataset, number: str, units: str) -> Plate:
+    """Return one plate of a dataset, from the variables that end with its number."""
     missing = [name for name in (f"moment_{number}", f"time_{number}") if name not in dataset]
     if missing:
-        raise RecordingError(f"dataset: plate {number} has no `{missing[0]}`; expected those of Recording.to_xarray")
-    rate, start = _clock("dataset", dataset[f"time_{number}"].to_numpy())
+        raise RecordingError(
+            f"dataset: plate {number} has no `{missing[0]}`; expected the variables that Recording.to_xarray writes"
+        )
+    rate, start = _measure_clock("dataset", dataset[f"time_{number}"].to_numpy())
     force, moment = (dataset[f"{kind}_{number}"].to_numpy() for kind in ("force", "moment"))
     corners = dataset[f"corners_{number}"].to_numpy() if f"corners_{number}" in dataset else None
     plate = Plate.from_arrays(force, rate, moment=moment, corners=corners, units=units, start=start)
@@ -178,12 +176,12 @@ def _plate(dataset: xr.Dataset, number: str, units: str) -> Plate:
     return replace(plate, ok=plate.ok & ok)
 
 
-def _pairs(columns: Iterable[Any]) -> list[tuple[Any, ...]]:
+def _list_pairs(columns: Iterable[Any]) -> list[tuple[Any, ...]]:
     return [column if isinstance(column, tuple) else (column,) for column in columns]
 
 
-def _clock(owner: str, time: FloatArray) -> tuple[float, float]:
-    """Return rate (Hz) and start (s) of evenly spaced times; RecordingError if they are not."""
+def _measure_clock(owner: str, time: FloatArray) -> tuple[float, float]:
+    """Return rate (Hz) and start (s) of evenly spaced times; RecordingError if they are not evenly spaced."""
     if time.dtype.kind not in "fiu" or not is_time_axis(np.asarray(time, np.float64)):
         raise RecordingError(f"{owner}: its times do not increase; expected the time of each frame in s")
     rate = (len(time) - 1) / float(time[-1] - time[0])
@@ -193,28 +191,13 @@ def _clock(owner: str, time: FloatArray) -> tuple[float, float]:
     return float(f"{rate:.9g}"), float(time[0])
 
 
-def _placed(plate: Plate, turn: FloatArray | None, number: int) -> Plate:
-    """Return a plate with its number, turned to Z up."""
-    if turn is None:
-        return replace(plate, index=number)
-    corners = None if plate.corners is None else plate.corners @ turn.T
-    return replace(plate, index=number, corners=corners, force=plate.force @ turn.T, moment=plate.moment @ turn.T)
-
-
-def _array(name: str, values: ArrayLike | None, count: int | None = None) -> FloatArray:
-    """Return values as (count, 3); RecordingError if they have another shape."""
-    found = np.array(values, np.float64)
-    if found.ndim != 2 or found.shape[1] != 3 or count not in (None, len(found)) or not len(found):
+def _check_shape(name: str, values: ArrayLike | None, count: int | None = None) -> FloatArray:
+    """Return values as an array (count, 3); RecordingError if they have another shape."""
+    array = np.array(values, np.float64)
+    if array.ndim != 2 or array.shape[1] != 3 or count not in (None, len(array)) or not len(array):
         expected = "(samples, 3)" if count is None else f"({count}, 3)"
-        raise RecordingError(f"plate: `{name}` has the shape {found.shape}; expected {expected}")
-    return found
-
-
-def _metres(units: str) -> float:
-    scale = length_scale(units)
-    if scale is None:
-        raise ConfigError(f"units: {units!r} is not a unit of length; expected one of {', '.join(LENGTHS)}")
-    return scale
+        raise RecordingError(f"plate: `{name}` has the shape {array.shape}; expected {expected}")
+    return array
 
 
 def _check_rate(rate: float) -> None:

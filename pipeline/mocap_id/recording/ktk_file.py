@@ -7,7 +7,7 @@ import os
 import re
 import zipfile
 import zlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -16,14 +16,12 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray, is_time_axis
 from mocap_id.errors import RecordingError
-from mocap_id.recording.axes import nearest_axis, to_z_up
 from mocap_id.recording.channel_units import ForceUnits
-from mocap_id.recording.lab_plates import is_force_on_plate
-from mocap_id.recording.labels import name_markers
-from mocap_id.recording.marker_positions import clean, resolve_length_unit, turn_z_up
+from mocap_id.recording.lab_plates import reverse_force_on_plate, rotate_plate
+from mocap_id.recording.marker_table import MarkerTable, assemble_recording
 from mocap_id.recording.model import Plate, Recording
 from mocap_id.recording.time_stamps import EvenClock, fit_even_clock
-from mocap_id.recording.units import force_scale, length_scale, moment_scale
+from mocap_id.recording.units import find_force_scale, find_length_scale, find_moment_scale
 
 MAGIC = b"PK\x03\x04"
 CLASS, SERIES = "class__", "ktk.TimeSeries"
@@ -38,16 +36,16 @@ _UNREADABLE = (zipfile.BadZipFile, zlib.error, EOFError, KeyError, NotImplemente
 
 @dataclass(frozen=True)
 class Series:
-    """A TimeSeries: its times (T,), s, its arrays by name, and the unit of each; empty where it has none."""
+    """A TimeSeries with T samples."""
 
     name: str
-    time: FloatArray
-    data: Mapping[str, FloatArray]
-    units: Mapping[str, str]
+    time: FloatArray  # (T,) s
+    data: Mapping[str, FloatArray]  # arrays with T rows, by name
+    units: Mapping[str, str]  # unit of each array; empty without a unit
 
     @property
     def points(self) -> list[str]:
-        """Names of the series of points: (T, 4) with a last column of ones, or (T, 3)."""
+        """Names of the arrays of points: (T, 4) with a last column of ones, or (T, 3)."""
         found = {name: values for name, values in self.data.items() if values.ndim == 2}
         return [
             name
@@ -68,62 +66,54 @@ def read_ktk(
 ) -> Recording:
     """Read markers and force platforms; parameters and errors as for :func:`mocap_id.recording.read`."""
     oddities: list[str] = []
-    found = read_series(path, stream)
-    points = _points(path, found)
-    clock = _clock(path, points, oddities)
+    series = read_series(path, stream)
+    points = _find_points(path, series)
+    clock = _fit_clock(path, points, oddities)
     labels = points.points
     declared = {points.units[name] for name in labels}
-    if len({length_scale(unit) for unit in declared}) > 1:
+    if len({find_length_scale(unit) for unit in declared}) > 1:
         raise RecordingError(f"{path}: the points have different units: {', '.join(sorted(map(repr, declared)))}")
-    unit, metres = resolve_length_unit(path, min(declared), units, oddities, required=unit_required)
-    naming = name_markers(labels)
-    oddities += naming.oddities
-    positions = np.stack([points.data[labels[k]][:, :3] for k in naming.keep], axis=1) * metres
-    clean(path, positions, unit, oddities)
-    plates = [] if PLATES not in found else _plates(path, found[PLATES], force_units, oddities)
-    up = _vertical(plates, vertical, oddities)
-    turn_z_up(positions, up)
-    turned = tuple(_turned(plate, to_z_up(up), oddities) for plate in plates)
-    frames = np.arange(len(positions)) + max(round(clock.start * clock.rate), 0) + 1
-    return Recording(
-        files=(path,),
-        format="Kinetics Toolkit",
-        labels=naming.labels,
-        positions=positions,
-        frames=frames,
-        time=clock.start + np.arange(len(positions)) / clock.rate,
-        rate=float(f"{clock.rate:.9g}"),
-        units=unit,
-        vertical=up,
-        analog_rate=turned[0].rate if turned else None,
-        plates=turned,
-        oddities=tuple(oddities),
+    positions = np.stack([points.data[label][:, :3] for label in labels], axis=1)
+    numbers = np.arange(len(positions))
+    frames = numbers + max(round(clock.start * clock.rate), 0) + 1
+    time, rate = clock.start + numbers / clock.rate, float(f"{clock.rate:.9g}")
+    table = MarkerTable("Kinetics Toolkit", labels, frames, time, positions, rate, min(declared), "Z")
+    plates = _read_plates(path, series[PLATES], force_units, oddities) if PLATES in series else []
+    force = sum((np.nan_to_num(plate.force).mean(axis=0) for plate in plates), np.zeros(3))
+    recording, rotation = assemble_recording(
+        path, table, force, oddities, units=units, vertical=vertical, unit_required=unit_required
     )
+    rotated = []
+    for plate in (rotate_plate(plate, rotation) for plate in plates):
+        ok = np.isfinite(plate.force[:, 2])
+        force, moment = reverse_force_on_plate(plate.index, plate.force, plate.moment, ok, oddities)
+        rotated.append(replace(plate, force=force, moment=moment))
+    analog_rate = rotated[0].rate if rotated else None
+    return replace(recording, plates=tuple(rotated), analog_rate=analog_rate, oddities=tuple(oddities))
 
 
 def read_series(path: Path, stream: BinaryIO) -> dict[str, Series]:
-    """Return every TimeSeries of a file by name; a single one is named ``Points``.
+    """Return every TimeSeries of a file by name; if the file contains a single TimeSeries, its name is ``Points``.
 
-    Raises
-    ------
-    RecordingError
-        The file is damaged, too large, or holds no TimeSeries.
+    Raises RecordingError if the file is damaged, too large, or contains no TimeSeries.
     """
     try:
-        content = json.loads(_text(path, stream))
+        content = json.loads(_read_text(path, stream))
         parts = {POINTS: content} if _is_series(content) else content
-        found = {str(name): _series(str(name), part) for name, part in parts.items() if _is_series(part)}
+        found = {str(name): _parse_series(str(name), part) for name, part in parts.items() if _is_series(part)}
     except (AttributeError, RecursionError, TypeError, ValueError) as error:
         text = str(error).partition("\n")[0][:80]
         raise RecordingError(f"{path}: not a valid file of Kinetics Toolkit ({text}); save it again") from None
     except _UNREADABLE as error:
         raise RecordingError(f"{path}: a damaged file of Kinetics Toolkit ({error}); save it again") from None
     if not found:
-        raise RecordingError(f"{path}: the file holds no TimeSeries; save those of `ktk.read_c3d` with `ktk.save`")
+        raise RecordingError(
+            f"{path}: the file contains no TimeSeries; save the TimeSeries from `ktk.read_c3d` with `ktk.save`"
+        )
     return found
 
 
-def _text(path: Path, stream: BinaryIO) -> bytes:
+def _read_text(path: Path, stream: BinaryIO) -> bytes:
     stream.seek(0, os.SEEK_END)
     most = _LARGEST + _BYTES_PER_BYTE * stream.tell()
     with zipfile.ZipFile(stream) as archive:
@@ -141,7 +131,7 @@ def _is_series(part: Any) -> bool:
     return isinstance(part, Mapping) and part.get(CLASS) == SERIES
 
 
-def _series(name: str, part: Mapping[str, Any]) -> Series:
+def _parse_series(name: str, part: Mapping[str, Any]) -> Series:
     time = np.asarray(part["time"], np.float64)
     data = {str(key): np.asarray(values, np.float64) for key, values in part["data"].items()}
     info = part.get("info") or part.get("data_info") or {}  # before version 0.17, `data_info`
@@ -151,19 +141,19 @@ def _series(name: str, part: Mapping[str, Any]) -> Series:
     return Series(name, time, data, {key: str((info.get(key) or {}).get("Unit", "")) for key in data})
 
 
-def _points(path: Path, found: Mapping[str, Series]) -> Series:
-    with_points = [each for name, each in found.items() if each.points and name != PLATES]
-    chosen = [each for each in with_points if each.name == POINTS] or with_points
+def _find_points(path: Path, found: Mapping[str, Series]) -> Series:
+    candidates = [each for name, each in found.items() if each.points and name != PLATES]
+    chosen = [each for each in candidates if each.name == POINTS] or candidates
     if len(chosen) != 1:
         names = ", ".join(each.name for each in chosen)
         raise RecordingError(
-            f"{path}: {f'several TimeSeries hold points, {names}' if chosen else 'no TimeSeries holds points'}; "
-            f"expected the markers in one of the name {POINTS!r}, as from `ktk.read_c3d`"
+            f"{path}: {f'several TimeSeries contain points, {names}' if chosen else 'no TimeSeries contains points'}; "
+            f"expected the markers in a TimeSeries named {POINTS!r}, as from `ktk.read_c3d`"
         )
     return chosen[0]
 
 
-def _clock(path: Path, series: Series, oddities: list[str]) -> EvenClock:
+def _fit_clock(path: Path, series: Series, oddities: list[str]) -> EvenClock:
     if not is_time_axis(series.time):
         raise RecordingError(f"{path}: the times of {series.name} do not increase from sample to sample")
     clock = fit_even_clock(path, series.time)
@@ -172,24 +162,24 @@ def _clock(path: Path, series: Series, oddities: list[str]) -> EvenClock:
     return clock
 
 
-def _plates(path: Path, series: Series, units: ForceUnits, oddities: list[str]) -> list[Plate]:
+def _read_plates(path: Path, series: Series, units: ForceUnits, oddities: list[str]) -> list[Plate]:
     """Return the platforms in the axes of the file, from the moment at their centre or at the centre of pressure."""
     names = [match[1] for name in series.data if (match := _FORCE.fullmatch(name))]
-    clock = _clock(path, series, oddities) if names else None
+    clock = _fit_clock(path, series, oddities) if names else None
     plates = []
     for index, name in enumerate(names, 1):
         assert clock is not None
-        force = _vector(path, series, f"{name}_Force", force_scale, units.force)
+        force = _read_vector(path, series, f"{name}_Force", find_force_scale, units.force)
         corners = [f"{name}_Corner{k}" for k in (1, 2, 3, 4)]
         known = all(corner in series.data for corner in corners)
-        corner = np.stack([_vector(path, series, one, length_scale)[0] for one in corners]) if known else None
+        corner = np.stack([_read_vector(path, series, one, find_length_scale)[0] for one in corners]) if known else None
         if corner is not None and f"{name}_MomentAtCenter" in series.data:
             point: FloatArray = corner.mean(axis=0)
-            moment = _vector(path, series, f"{name}_MomentAtCenter", moment_scale, units.moment)
+            moment = _read_vector(path, series, f"{name}_MomentAtCenter", find_moment_scale, units.moment)
         elif {f"{name}_COP", f"{name}_MomentAtCOP"} <= set(series.data):
-            point = _vector(path, series, f"{name}_COP", length_scale)
+            point = _read_vector(path, series, f"{name}_COP", find_length_scale)
             point[(force == 0.0).all(axis=1)] = 0.0
-            moment = _vector(path, series, f"{name}_MomentAtCOP", moment_scale, units.moment)
+            moment = _read_vector(path, series, f"{name}_MomentAtCOP", find_moment_scale, units.moment)
         else:
             raise RecordingError(
                 f"{path}: {name} has a force without {name}_MomentAtCenter and corners, or {name}_COP and "
@@ -201,7 +191,7 @@ def _plates(path: Path, series: Series, units: ForceUnits, oddities: list[str]) 
     return plates
 
 
-def _vector(path: Path, series: Series, name: str, scale: Any, configured: str | None = None) -> FloatArray:
+def _read_vector(path: Path, series: Series, name: str, scale: Any, configured: str | None = None) -> FloatArray:
     """Return a vector (T, 3) in SI units."""
     values, unit = series.data[name], configured or series.units[name]
     factor = scale(unit)
@@ -209,29 +199,3 @@ def _vector(path: Path, series: Series, name: str, scale: Any, configured: str |
         what = f"the unit {unit!r}" if factor is None else f"the shape {values.shape}"
         raise RecordingError(f"{path}: {name} has {what}; expected a vector of 4 columns in N, m or Nm")
     return np.asarray(values[:, :3] * factor)
-
-
-def _vertical(plates: Sequence[Plate], override: str | None, oddities: list[str]) -> str:
-    """Return the upward axis: configured, or along the mean force, or Z as `ktk.read_c3d` usually returns it."""
-    total = sum((np.nan_to_num(plate.force).mean(axis=0) for plate in plates), np.zeros(3))
-    axis = nearest_axis(total, 0.9) if np.any(total) else None
-    found = None if axis is None else axis.lstrip("-")
-    if override is not None:
-        if found not in (None, override.lstrip("-")):
-            oddities.append(
-                f"the ground force acts along {found}, the configuration says {override} is up: {override} was used"
-            )
-        return override
-    if found is None:
-        oddities.append("the file does not say which axis is up: Z was assumed (if it is another, set `vertical:`)")
-    return found or "Z"
-
-
-def _turned(plate: Plate, turn: FloatArray, oddities: list[str]) -> Plate:
-    """Return a plate with Z up and the force of the ground on the body."""
-    corners = None if plate.corners is None else plate.corners @ turn.T
-    force, moment = plate.force @ turn.T, plate.moment @ turn.T
-    if is_force_on_plate(force[np.isfinite(force[:, 2]), 2]):
-        force, moment = -force, -moment
-        oddities.append(f"plate {plate.index} measures the force of the body on the plate: reversed")
-    return replace(plate, corners=corners, force=force, moment=moment)

@@ -13,7 +13,7 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.recording.c3d_plates import StoredPlate
 from mocap_id.recording.model import Plate
-from mocap_id.recording.plate_types import plate_axes, surface_wrench
+from mocap_id.recording.plate_types import compute_plate_axes, compute_surface_wrench
 from mocap_id.recording.resampling import PlateSamples
 
 LOADED_N = 20.0
@@ -24,47 +24,43 @@ _SHARE_ON_PLATE = 0.8
 _SPIKE = 5.0
 
 
-def place_plate(stored: StoredPlate, turn: FloatArray, start: float, rate: float) -> tuple[Plate, list[str]]:
+def place_plate(stored: StoredPlate, rotation: FloatArray, start: float, rate: float, oddities: list[str]) -> Plate:
     """Convert a stored plate to the wrench of the ground on the body in the lab.
 
     Parameters
     ----------
     stored : StoredPlate
         Plate in the axes of the file.
-    turn : (3, 3) array
-        Rotation from the file's axes to the lab's (Z up).
+    rotation : (3, 3) array
+        Rotation from the file's axes to the axes of the lab (Z up).
     start : float
         Time of the first analog sample, s.
     rate : float
         Analog samples per second.
-
-    Returns
-    -------
-    plate : Plate
     oddities : list of str
+        Extended by notes about the plate.
     """
-    oddities = [*stored.oddities, *(f"plate {stored.index}: {text}" for text in stored.assumptions)]
-    problem = stored.problem
-    if stored.signals is not None:
-        corners = stored.signals.corners @ turn.T
-        axes = plate_axes(corners)
-        problem = _pose_problem(axes)
-        if not problem:
-            force, moment = surface_wrench(stored.signals)
-            force, moment, reversed_ = _reaction(force, moment, axes, corners.mean(axis=0), stored.ok)
-            if reversed_:
-                oddities.append(f"plate {stored.index} measures the force of the body on the plate: reversed")
-            plate = Plate(stored.index, f"type {stored.kind}", corners, force, moment, stored.ok, rate, start)
-            assumptions = tuple(f"plate {stored.index}: {text}" for text in stored.assumptions)
-            plate = replace(plate, assumptions=assumptions, saturated=stored.saturated)
-            return plate, oddities + _off_plate(plate)
-    nothing = np.full((len(stored.ok), 3), np.nan)
-    none = np.zeros(len(stored.ok), bool)
-    plate = Plate(stored.index, f"type {stored.kind}", None, nothing, nothing.copy(), none, rate, start, problem)
-    return plate, [*oddities, f"plate {stored.index} is not used: {problem}"]
+    assumptions = tuple(f"plate {stored.index}: {text}" for text in stored.assumptions)
+    oddities += [*stored.oddities, *assumptions]
+    kind, signals, problem = f"type {stored.kind}", stored.signals, stored.problem
+    if signals is not None:
+        corners = signals.corners @ rotation.T
+        axes = compute_plate_axes(corners)
+        problem = _find_pose_problem(axes)
+    if signals is None or problem:
+        oddities.append(f"plate {stored.index} is not used: {problem}")
+        missing = np.full((len(stored.ok), 3), np.nan)
+        ok = np.zeros(len(stored.ok), bool)
+        return Plate(stored.index, kind, None, missing, missing.copy(), ok, rate, start, problem)
+    force, moment = (part @ axes.T for part in compute_surface_wrench(signals))
+    force, moment = reverse_force_on_plate(stored.index, force, moment, stored.ok, oddities)
+    moment = moment + np.cross(corners.mean(axis=0), force)
+    plate = Plate(stored.index, kind, corners, force, moment, stored.ok, rate, start)
+    oddities += _note_load_off_plate(plate)
+    return replace(plate, assumptions=assumptions, saturated=stored.saturated)
 
 
-def _pose_problem(axes: FloatArray) -> str:
+def _find_pose_problem(axes: FloatArray) -> str:
     if not np.isfinite(axes).all():
         return "CORNERS do not form a rectangle"
     if axes[2, 2] > -0.5:
@@ -75,22 +71,30 @@ def _pose_problem(axes: FloatArray) -> str:
     return ""
 
 
-def _reaction(
-    force: FloatArray, moment: FloatArray, axes: FloatArray, centre: FloatArray, ok: BoolArray
-) -> tuple[FloatArray, FloatArray, bool]:
-    """Return the wrench on the body in lab axes about the lab origin, and whether its sign was reversed."""
-    force, moment = force @ axes.T, moment @ axes.T
-    reversed_ = is_force_on_plate(force[ok, 2])
-    if reversed_:
-        force, moment = -force, -moment
-    return force, moment + np.cross(centre, force), reversed_
+def rotate_plate(plate: Plate, rotation: FloatArray) -> Plate:
+    """Return a plate in rotated axes; ``rotation`` (3, 3) leads from the old to the new axes."""
+    corners = None if plate.corners is None else plate.corners @ rotation.T
+    return replace(plate, corners=corners, force=plate.force @ rotation.T, moment=plate.moment @ rotation.T)
+
+
+def reverse_force_on_plate(
+    index: int, force: FloatArray, moment: FloatArray, ok: BoolArray, oddities: list[str]
+) -> tuple[FloatArray, FloatArray]:
+    """Return force and moment (K, 3) with the sign of the wrench on the body, judged by the valid samples (K,).
+
+    ``oddities`` is extended by a note if the signs were reversed.
+    """
+    if not is_force_on_plate(force[ok, 2]):
+        return force, moment
+    oddities.append(f"plate {index} measures the force of the body on the plate: reversed")
+    return -force, -moment
 
 
 def is_force_on_plate(vertical: FloatArray) -> bool:
     """Return whether a force is that of the body on the plate: it points mostly down under load.
 
     The mean of all samples over 20 N decides, each limited to five times their median. A few spikes therefore do not
-    outweigh a person, nor does an offset of the unloaded plate outweigh a short contact.
+    outweigh a person, and an offset of the unloaded plate does not outweigh a short contact.
 
     Parameters
     ----------
@@ -104,7 +108,7 @@ def is_force_on_plate(vertical: FloatArray) -> bool:
     return bool(np.clip(loaded, -most, most).mean() < 0)
 
 
-def centre_of_pressure(plate: Plate, wrench: Plate | PlateSamples) -> FloatArray:
+def compute_centre_of_pressure(plate: Plate, wrench: Plate | PlateSamples) -> FloatArray:
     """Return the centre of pressure of a wrench on the working surface, (K, 2), lab, m; NaN below a load of 20 N."""
     centre = np.zeros(3) if plate.centre is None else plate.centre
     about = wrench.moment - np.cross(centre, wrench.force)
@@ -112,14 +116,14 @@ def centre_of_pressure(plate: Plate, wrench: Plate | PlateSamples) -> FloatArray
     return centre[:2] + np.column_stack([-about[:, 1], about[:, 0]]) / vertical[:, None]
 
 
-def _off_plate(plate: Plate) -> list[str]:
-    """Note a load that acts beside its plate, which means a wrong unit, origin or corner."""
+def _note_load_off_plate(plate: Plate) -> list[str]:
+    """Return a note if the load acts beside its plate, because a unit, the origin or a corner is wrong."""
     assert plate.corners is not None
     most = plate.force[plate.ok, 2].max(initial=0.0)
     good = plate.ok & (plate.force[:, 2] > max(LOADED_N, 0.1 * most))
     if not good.any():
         return []
-    point = centre_of_pressure(plate, plate)[good]
+    point = compute_centre_of_pressure(plate, plate)[good]
     x, y = plate.corners[0] - plate.corners[1], plate.corners[0] - plate.corners[3]
     away = point - plate.corners.mean(axis=0)[:2]
     inside = np.ones(len(point), bool)

@@ -1,4 +1,4 @@
-"""Marker names: subject prefixes, repeated labels, and trajectories that are not markers."""
+"""Names of markers: subject prefixes, repeated labels, and trajectories that are not markers."""
 
 from __future__ import annotations
 
@@ -9,10 +9,7 @@ from dataclasses import dataclass
 
 from mocap_id.recording.units import strip_padding
 
-_OUTPUT = re.compile(
-    r"(angles?|forces?|moments?|powers?|grf|centre_?of_?mass\w*|center_?of_?mass\w*)$",
-    re.IGNORECASE,
-)
+_OUTPUT = re.compile(r"(angles?|forces?|moments?|powers?|grf|cent(re|er)_?of_?mass\w*)$", re.IGNORECASE)
 """Outputs of gait models among the points: joint angles, forces, moments, powers, centres of mass."""
 
 _JOINT_CENTRE = re.compile(r"(?:^|[LR_.\s-])(?:H|K|A|S|E|W)JC(?:[_.\s-].*)?$|joint_?cent(?:re|er)", re.IGNORECASE)
@@ -27,21 +24,11 @@ _SEGMENT_AXES = ("O", "A", "L", "P")
 
 @dataclass(frozen=True)
 class MarkerNames:
-    """Trajectories to keep, and their names.
+    """Trajectories to keep, and their names."""
 
-    Parameters
-    ----------
-    keep : tuple of int
-        Trajectories of the file that are markers, from 0.
-    labels : tuple of str
-        Their unique names.
-    oddities : tuple of str
-        Notes on renamed and omitted trajectories.
-    """
-
-    keep: tuple[int, ...]
-    labels: tuple[str, ...]
-    oddities: tuple[str, ...]
+    keep: tuple[int, ...]  # trajectories of the file that are markers, from 0
+    labels: tuple[str, ...]  # unique names of these trajectories
+    oddities: tuple[str, ...]  # notes on renamed and omitted trajectories
 
 
 def name_markers(raw: Sequence[str], outputs: Iterable[str] = (), subjects: Iterable[str] = ()) -> MarkerNames:
@@ -58,26 +45,26 @@ def name_markers(raw: Sequence[str], outputs: Iterable[str] = (), subjects: Iter
         everything up to a colon. No message contains them.
     """
     known = sorted({name.strip() for name in subjects if name.strip()}, key=len, reverse=True)
-    split = [_split(strip_padding(text), known) for text in raw]
-    bare, oddities = _without_subject(split)
-    declared = {part for name in outputs for part in (name.strip(), _split(name.strip(), known)[1])}
-    dropped = _not_markers(bare, declared)
-    if dropped:
-        names = ", ".join(bare[i] for i in dropped[:4]) + (" …" if len(dropped) > 4 else "")
-        oddities.append(f"{len(dropped)} trajectories are computed, not measured, and were omitted: {names}")
+    split = [_split_prefix(strip_padding(text), known) for text in raw]
+    bare, oddities = _remove_subjects(split)
+    declared = {part for name in outputs for part in (name.strip(), _split_prefix(name.strip(), known)[1])}
+    computed = _find_computed(bare, declared)
+    if computed:
+        names = ", ".join(bare[i] for i in computed[:4]) + (" …" if len(computed) > 4 else "")
+        oddities.append(f"{len(computed)} trajectories are computed, not measured, and were omitted: {names}")
     unnamed = [i for i, name in enumerate(bare) if not name]
     if unnamed:
         oddities.append(f"{len(unnamed)} trajectories have no label and were named unlabelled-1, …")
         for number, i in enumerate(unnamed, start=1):
             bare[i] = f"unlabelled-{number}"
-    keep = [i for i in range(len(bare)) if i not in set(dropped)]
+    keep = [i for i in range(len(bare)) if i not in set(computed)]
     labels, repeated = _make_unique([bare[i] for i in keep])
     if repeated:
         oddities.append(f"labels that occur more than once were numbered (A, A#2, …): {', '.join(repeated)}")
     return MarkerNames(tuple(keep), tuple(labels), tuple(oddities))
 
 
-def _split(label: str, subjects: Sequence[str]) -> tuple[str, str]:
+def _split_prefix(label: str, subjects: Sequence[str]) -> tuple[str, str]:
     """Split a label into its prefix, possibly empty, and its name."""
     if ":" in label:
         prefix, name = label.split(":", 1)
@@ -89,7 +76,7 @@ def _split(label: str, subjects: Sequence[str]) -> tuple[str, str]:
     return "", label
 
 
-def _without_subject(split: Sequence[tuple[str, str]]) -> tuple[list[str], list[str]]:
+def _remove_subjects(split: Sequence[tuple[str, str]]) -> tuple[list[str], list[str]]:
     """Remove the prefixes; if two markers would then share a name, number the subjects instead."""
     names = [name for _, name in split]
     prefixes = list(dict.fromkeys(prefix for prefix, _ in split if prefix))
@@ -108,11 +95,7 @@ def _without_subject(split: Sequence[tuple[str, str]]) -> tuple[list[str], list[
     return [number[prefix] + name for prefix, name in split], [oddity]
 
 
-def _repeats(names: Iterable[str]) -> set[str]:
-    return {name for name, count in Counter(names).items() if count > 1 and name}
-
-
-def _not_markers(names: Sequence[str], declared: set[str]) -> list[int]:
+def _find_computed(names: Sequence[str], declared: set[str]) -> list[int]:
     stems = {name[:-1] for name in names if all(name[:-1] + axis in names for axis in _SEGMENT_AXES) and name[:-1]}
     return [
         i
@@ -139,4 +122,4 @@ def _make_unique(names: Sequence[str]) -> tuple[list[str], list[str]]:
         taken.add(candidate)
         counts[name] = number
         unique.append(candidate)
-    return unique, sorted(_repeats(names))
+    return unique, sorted(name for name, count in counts.items() if count > 1 and name)

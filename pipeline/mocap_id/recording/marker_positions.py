@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.errors import ConfigError, RecordingError
+from mocap_id.errors import RecordingError
 from mocap_id.recording.axes import to_z_up
-from mocap_id.recording.units import LENGTHS, length_scale, strip_padding
+from mocap_id.recording.units import LENGTHS, check_length_unit, find_length_scale, strip_padding
 
 _MAX_DISTANCE_M = 1000.0
 """Larger than any laboratory: such coordinates are invalid."""
@@ -34,56 +34,54 @@ def resolve_length_unit(
     override : str or None
         Unit in the configuration (``units:``), which has priority.
     required : bool
-        Whether a unit is needed. If not, and it is unknown, the unit is empty and lengths are read as millimetres.
+        Whether a unit is needed. If it is neither needed nor known, it is empty and lengths are read as millimetres.
 
     Raises
     ------
     RecordingError
-        The unit is missing, unknown or ambiguous, and required.
+        The unit is required, but missing, unknown or ambiguous.
     ConfigError
         ``override`` is not a unit of length.
     """
     name = strip_padding(declared)
     if override is not None:
-        scale = length_scale(override)
-        if scale is None:
-            raise ConfigError(f"units: {override!r} is not a unit of length; expected one of {', '.join(LENGTHS)}")
-        if length_scale(name) not in (None, scale):
+        scale = check_length_unit(override)
+        if find_length_scale(name) not in (None, scale):
             oddities.append(f"the file declares lengths in {name!r}, the configuration {override}: {override} was used")
         return override, scale
-    scale = length_scale(name)
-    if scale is None:
+    own_scale = find_length_scale(name)
+    if own_scale is None:
         found = f"the length unit {name!r}, which is ambiguous or unknown" if name else "no length unit"
         if not required:
             oddities.append(f"the file declares {found}: a run needs it, `planarise: {{units: mm}}` (or m, cm)")
             return "", _MILLIMETRE
         raise RecordingError(f"{path}: the file declares {found}; set `planarise: {{units: mm}}` (or m, cm)")
     if name.lower() not in LENGTHS:
-        oddities.append(f"the length unit {name!r} is truncated: read as {'metres' if scale == 1 else name}")
-    return name, scale
+        oddities.append(f"the length unit {name!r} is truncated: read as {'metres' if own_scale == 1 else name}")
+    return name, own_scale
 
 
 def thin_frames(positions: FloatArray) -> FloatArray:
-    """Return about a thousand evenly spaced frames, enough to find the size of a trial."""
+    """Return about a thousand evenly spaced frames, enough to determine the size of a trial."""
     return positions[:: max(1, len(positions) // _BLOCK)]
 
 
-def turn_z_up(positions: FloatArray, up: str) -> None:
+def rotate_z_up(positions: FloatArray, up: str) -> None:
     """Rotate positions (F, M, 3) in place, so that the file's axis ``up`` becomes Z."""
-    turn = to_z_up(up)
+    rotation = to_z_up(up)
     for at in range(0, len(positions) if up != "Z" else 0, _BLOCK):
-        positions[at : at + _BLOCK] = positions[at : at + _BLOCK] @ turn.T
+        positions[at : at + _BLOCK] = positions[at : at + _BLOCK] @ rotation.T
 
 
-def clean(path: Path, positions: FloatArray, units: str, oddities: list[str]) -> None:
+def clean_positions(path: Path, positions: FloatArray, units: str, oddities: list[str]) -> None:
     """Set impossible samples to NaN, in place, and check the size of the trial.
 
     Parameters
     ----------
     positions : (F, M, 3) array
-        Positions, m; NaN where a marker is not visible.
+        Positions, m; NaN if a marker is not visible.
     units : str
-        Their unit in the file. If it is empty, the sizes in usual units are noted instead of checked.
+        Length unit of the file. If it is empty, the sizes in usual units are noted instead of checked.
 
     Raises
     ------
@@ -105,7 +103,7 @@ def clean(path: Path, positions: FloatArray, units: str, oddities: list[str]) ->
 
 
 def _mark_missing(positions: FloatArray) -> tuple[int, int, int, int]:
-    """Set invalid samples to NaN; return the number of non-finite, too far, exactly zero and valid ones."""
+    """Set invalid samples to NaN; return the number of non-finite, too far, exactly zero and valid samples."""
     x, y, z = np.abs(np.moveaxis(positions, 2, 0))
     largest = np.maximum(np.maximum(x, y), z)  # NaN if any coordinate is
     broken = ~np.isfinite(largest) & ~(np.isnan(x) & np.isnan(y) & np.isnan(z))
@@ -117,7 +115,7 @@ def _mark_missing(positions: FloatArray) -> tuple[int, int, int, int]:
 
 
 def _check_size(path: Path, positions: FloatArray, units: str, oddities: list[str]) -> None:
-    """Refuse a trial whose markers spread over less than 2 cm or mostly over more than 100 m."""
+    """Raise RecordingError if the markers spread over less than 2 cm or mostly over more than 100 m."""
     frames = thin_frames(positions)
     visible = np.isfinite(frames).all(axis=2)
     if not visible.any():
@@ -133,7 +131,7 @@ def _check_size(path: Path, positions: FloatArray, units: str, oddities: list[st
         return
     if spread > _MAX_SPREAD_M or (several and 0 < extent < _MIN_SPREAD_M):
         size = spread if spread > _MAX_SPREAD_M else extent
-        raw = size / (length_scale(units) or 1.0)
+        raw = size / (find_length_scale(units) or 1.0)
         sizes = {name: raw * LENGTHS[name] for name in ("mm", "cm", "m")}
         fits = ", ".join(
             f"{name} gives {at:.3g} m" for name, at in sizes.items() if _MIN_SPREAD_M <= at <= _MAX_SPREAD_M

@@ -15,14 +15,14 @@ _SHANKS, _THIGHS = (0.15, 0.33), (0.38, 0.56)
 """Height ranges of shanks and thighs of a standing person, as shares of the height of the highest trunk marker."""
 
 _KNEE = 0.26
-"""Height of the knee, as such a share; markers on the thigh stay above it."""
+"""Height of the knee, as a share of the same height; markers on the thigh stay above it."""
 
 _TRUNK_M, _PELVIS_SHARE = 1.15, 0.6
-"""If no marker is higher than this, the highest ones are on the pelvis, at this share of the trunk's height."""
+"""If no marker is higher than this, the highest markers are on the pelvis, at this share of the trunk's height."""
 
 _LEGS, _LEGS_THIN = (0.2, 0.55), 0.16
 """Height range of the legs and limit of their least horizontal width, both as shares of the markers' height. The width
-is 0.02 to 0.11 for a standing person and 0.21 to 0.48 for a seated one, whose thighs are level."""
+is 0.02 to 0.11 for a standing person and 0.21 to 0.48 for a seated person, whose thighs are level."""
 
 _BODY_THIN = 0.3
 """The same limit for all markers above the feet: up to 0.28 for a standing person with the arms forwards. It is needed
@@ -40,21 +40,11 @@ _SURE_M = 0.02
 
 @dataclass(frozen=True)
 class Facing:
-    """Facing direction of a body along a horizontal line.
+    """Facing direction of a body along a horizontal line."""
 
-    Parameters
-    ----------
-    forwards : bool
-        Whether the body faces the positive direction of the line.
-    displacement : float
-        Displacement along the line from which the rule concluded, m.
-    rule : {"knees", "reach", "none"}
-        Rule that was applied, see :func:`facing`.
-    """
-
-    forwards: bool
-    displacement: float
-    rule: str
+    forwards: bool  # whether the body faces the positive direction of the line
+    displacement: float  # displacement along the line on which the conclusion is based, m
+    rule: str  # "knees", "reach" or "none", see :func:`find_facing`
 
     @property
     def sure(self) -> bool:
@@ -62,29 +52,29 @@ class Facing:
         return abs(self.displacement) >= _SURE_M
 
 
-def body_height(positions: FloatArray) -> FloatArray:
+def measure_body_height(positions: FloatArray) -> FloatArray:
     """Return the mean height of the moving markers relative to their usual heights, (F,), m; NaN if none is visible.
 
-    Only markers whose height varies at least half as much as that of the most variable one are used. Their usual
+    Only markers are used whose height varies at least half as much as that of the most variable marker. Their usual
     heights and the common height are fitted together, so that markers with gaps do not shift the result.
     """
     height = positions[:, :, 2]
-    spread = np.sqrt(_means((height - _means(height)) ** 2))
+    spread = np.sqrt(_average((height - _average(height)) ** 2))
     with np.errstate(invalid="ignore"):
         height = height[:, spread >= 0.5 * np.nanmax(spread, initial=0.0)]
     common = np.zeros(len(height))
     for _ in range(_SWEEPS if np.isnan(height).any() else 1):
-        usual = _means(height - common[:, None])
-        common = _means((height - usual).T)
+        usual = _average(height - common[:, None])
+        common = _average((height - usual).T)
     return common
 
 
-def upright(positions: FloatArray) -> tuple[BoolArray, BoolArray]:
-    """Return the frames (F,) in which the body is upright and those in which it is low.
+def find_upright(positions: FloatArray) -> tuple[BoolArray, BoolArray]:
+    """Return the frames (F,) in which the body is upright and the frames (F,) in which it is low.
 
     If the height of the body does not change, all frames are upright.
     """
-    height = body_height(positions)
+    height = measure_body_height(positions)
     finite = np.isfinite(height)
     if not finite.any():
         return np.ones(len(height), bool), np.zeros(len(height), bool)
@@ -98,15 +88,15 @@ def upright(positions: FloatArray) -> tuple[BoolArray, BoolArray]:
 def shows_standing(positions: FloatArray, samples: BoolArray) -> bool:
     """Return whether the arrangement of the markers shows a standing person.
 
-    The weight on the plates does not show this, as that of a seated person is equally steady. The upright legs of a
-    standing person are thin in some horizontal direction. The level thighs of a person who sits, kneels or squats are
-    broad in all directions. Flat marker sets show neither and count as standing only if the body rises or lowers within
-    the recording.
+    The weight on the plates cannot show this, because the weight of a seated person is equally steady. The upright legs
+    of a standing person are thin in some horizontal direction. The level thighs of a person who sits, kneels or squats
+    are broad in all directions. Flat marker sets show neither. They count as standing only if the body rises or lowers
+    within the recording.
 
     Parameters
     ----------
     positions : (F, M, 3) array
-        Markers, lab axes with Z up, m; NaN where not visible.
+        Markers, lab axes with Z up, m; NaN if not visible.
     samples : (F,) bool array
         Frames to consider, all in one posture.
     """
@@ -114,53 +104,48 @@ def shows_standing(positions: FloatArray, samples: BoolArray) -> bool:
     if not visible.any():
         return False
     middle = np.nanmedian(positions[samples][:, visible], axis=0)
-    legs, body = _thinness(middle, *_LEGS), _thinness(middle, _LEGS[0], 1.0)
+    legs, body = _measure_thinness(middle, *_LEGS), _measure_thinness(middle, _LEGS[0], 1.0)
     if legs > _LEGS_THIN or body > _BODY_THIN:
         return False
-    return legs > _FLAT or bool(upright(positions)[1].any())
+    return legs > _FLAT or bool(find_upright(positions)[1].any())
 
 
-def facing(positions: FloatArray, direction: FloatArray) -> Facing:
-    """Find which way a body faces along a horizontal line.
+def find_facing(positions: FloatArray, direction: FloatArray) -> Facing:
+    """Determine in which direction a body faces along a horizontal line.
 
     Rule "knees": if the body changes its height, the hips move backwards relative to the knees. From upright to low,
-    the markers of the shanks therefore move forwards relative to those of the thighs. Both are recognised by their
-    height above the floor. Rule "reach": if limbs move and the trunk rests, the moving markers are in front of the
-    resting ones.
+    the markers of the shanks therefore move forwards relative to the markers of the thighs. Both are recognised by
+    their height above the floor. Rule "reach": if limbs move and the trunk rests, the moving markers are in front of
+    the resting markers. If no rule applies, ``forwards`` is False and ``displacement`` 0.
 
     Parameters
     ----------
     positions : (F, M, 3) array
-        Markers, lab axes with Z up, m; NaN where not visible.
+        Markers, lab axes with Z up, m; NaN if not visible.
     direction : (2,) array
         Horizontal unit vector of the line.
-
-    Returns
-    -------
-    Facing
-        If no rule applies: ``forwards`` False, ``displacement`` 0 and rule "none".
     """
     along = positions[:, :, :2] @ direction
-    tall, low = upright(positions)
-    moves = _range(positions) > max(0.25 * float(np.nanmax(_range(positions), initial=0.0)), _SURE_M)
-    heights = _means(positions[:, :, 2])
-    if _above(heights, moves, ~moves) and low.any():
-        found, rule = _knees(positions, along, tall, low), "knees"
+    tall, low = find_upright(positions)
+    moves = _measure_spread(positions) > max(0.25 * float(np.nanmax(_measure_spread(positions), initial=0.0)), _SURE_M)
+    heights = _average(positions[:, :, 2])
+    if low.any() and (moves.all() or _compare_means(heights, moves, ~moves) > 0):
+        displacement, rule = _compare_legs(positions, along, tall, low), "knees"
     elif moves.any() and not moves.all():
-        found, rule = _difference(_means(along), moves, ~moves), "reach"
+        displacement, rule = _compare_means(_average(along), moves, ~moves), "reach"
     else:
-        found, rule = 0.0, "none"
-    return Facing(found > 0, found, rule)
+        displacement, rule = 0.0, "none"
+    return Facing(displacement > 0, displacement, rule)
 
 
-def _knees(positions: FloatArray, along: FloatArray, tall: BoolArray, low: BoolArray) -> float:
+def _compare_legs(positions: FloatArray, along: FloatArray, tall: BoolArray, low: BoolArray) -> float:
     """Return the displacement of the shanks relative to the thighs from upright to low, m."""
-    heights = _means(positions[tall][:, :, 2])
+    heights = _average(positions[tall][:, :, 2])
     floor, top = float(np.nanmin(heights)), float(np.nanmax(heights))
     trunk = top - floor if top - floor > _TRUNK_M else (top - floor) / _PELVIS_SHARE
     share = (heights - floor) / trunk
-    shift = _means(along[low]) - _means(along[tall])
-    drop = heights - _means(positions[low][:, :, 2])
+    shift = _average(along[low]) - _average(along[tall])
+    drop = heights - _average(positions[low][:, :, 2])
     with np.errstate(invalid="ignore"):
         shanks = (share > _SHANKS[0]) & (share < _SHANKS[1]) & np.isfinite(shift)
         thighs = (share > _THIGHS[0]) & (share < _THIGHS[1]) & np.isfinite(shift)
@@ -171,7 +156,7 @@ def _knees(positions: FloatArray, along: FloatArray, tall: BoolArray, low: BoolA
     return float(np.median(shift[shanks]) - np.median(shift[thighs])) if thighs.any() else 0.0
 
 
-def _thinness(points: FloatArray, low: float, high: float) -> float:
+def _measure_thinness(points: FloatArray, low: float, high: float) -> float:
     """Return the least horizontal width of the points (M, 3) in a range of heights, relative to the total height."""
     height = float(np.ptp(points[:, 2]))
     share = (points[:, 2] - points[:, 2].min()) / max(height, 1e-9)
@@ -182,23 +167,20 @@ def _thinness(points: FloatArray, low: float, high: float) -> float:
     return float(np.ptp(inside @ np.stack([np.cos(angles), np.sin(angles)]), axis=0).min()) / height
 
 
-def _means(values: FloatArray) -> FloatArray:
+def _average(values: FloatArray) -> FloatArray:
     """Return the mean (M,) of the finite values in each column (F, M); NaN if there are none."""
     finite = np.isfinite(values)
     counts = finite.sum(axis=0)
     return np.asarray(np.where(counts > 0, np.where(finite, values, 0.0).sum(axis=0), np.nan) / np.maximum(counts, 1))
 
 
-def _range(positions: FloatArray) -> FloatArray:
-    """Return the rms distance (M,) of each marker from its mean, m; 0 if it is never visible."""
-    away = positions - np.stack([_means(positions[:, :, axis]) for axis in range(3)], axis=1)
-    return np.sqrt(np.nan_to_num(_means(np.sum(away**2, axis=2))))
+def _measure_spread(positions: FloatArray) -> FloatArray:
+    """Return the rms distance (M,) of each marker from its mean position, m; 0 if it is never visible."""
+    away = positions - np.stack([_average(positions[:, :, axis]) for axis in range(3)], axis=1)
+    return np.sqrt(np.nan_to_num(_average(np.sum(away**2, axis=2))))
 
 
-def _difference(values: FloatArray, these: BoolArray, others: BoolArray) -> float:
+def _compare_means(values: FloatArray, these: BoolArray, others: BoolArray) -> float:
+    """Return the mean of some values minus the mean of other values; 0 if a group has no finite value."""
     both = [values[group & np.isfinite(values)] for group in (these, others)]
     return float(both[0].mean() - both[1].mean()) if all(group.size for group in both) else 0.0
-
-
-def _above(heights: FloatArray, these: BoolArray, others: BoolArray) -> bool:
-    return not others.any() or _difference(heights, these, others) > 0

@@ -1,4 +1,4 @@
-"""Marker trajectories of a text file in the units and axes of the file, and checks that all text formats share."""
+"""Marker trajectories of a file without C3D's structure, checks that such files share, and their conversion."""
 
 from __future__ import annotations
 
@@ -10,6 +10,10 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray, is_time_axis
 from mocap_id.errors import RecordingError
+from mocap_id.recording.axes import choose_vertical, to_z_up
+from mocap_id.recording.labels import name_markers
+from mocap_id.recording.marker_positions import clean_positions, resolve_length_unit, rotate_z_up
+from mocap_id.recording.model import Recording
 from mocap_id.recording.time_stamps import fit_even_clock
 
 _MAX_FRAME_NUMBER = 1e15  # larger floats are not exact integers
@@ -18,53 +22,65 @@ _MAX_RATE_ERROR = 0.02  # a larger difference is not rounding (59.94 written as 
 
 @dataclass(frozen=True)
 class MarkerTable:
-    """Content of a text file with markers, in its own units and axes.
+    """Marker trajectories in the units and axes of the file: F frames of M markers."""
 
-    Parameters
-    ----------
-    format : str
-        ``"TRC"``, ``"QTM TSV"``, ``"Motive CSV"`` or ``"Nexus CSV"``.
-    labels : sequence of str, length M
-        Marker names as in the file.
-    frames : (F,) int array
-        Frame numbers in the file.
-    time : (F,) array
-        Even times, s.
-    positions : (F, M, 3) array
-        Positions in the unit of the file; NaN where missing.
-    rate : float
-        Frames per second.
-    units : str
-        Length unit that the file or its format declares, possibly empty.
-    up : str
-        Upward axis that is usual for the format.
-    usual : str
-        Programs in which this axis is usual, for a note.
-    outputs : sequence of str
-        Labels that the file declares as computed.
+    format: str  # name of the format, such as ``"TRC"`` or ``"Motive CSV"``
+    labels: Sequence[str]  # M marker names as in the file
+    frames: IntArray  # (F,) frame numbers in the file
+    time: FloatArray  # (F,) times with a constant step, s
+    positions: FloatArray  # (F, M, 3) in the unit of the file; NaN if missing
+    rate: float  # frames per second
+    units: str  # length unit that the file or its format declares, possibly empty
+    up: str  # upward axis that is usual for the format
+    outputs: Sequence[str] = ()  # labels that the file declares as computed, not measured
+
+
+def assemble_recording(
+    path: Path,
+    table: MarkerTable,
+    force: FloatArray | None,
+    oddities: list[str],
+    *,
+    units: str | None,
+    vertical: str | None,
+    unit_required: bool,
+) -> tuple[Recording, FloatArray]:
+    """Convert a table to a recording without plates, and return it with the rotation (3, 3) of its axes to Z up.
+
+    ``force`` (3,) is the mean ground force in the axes of the file, None without plates; the other parameters and the
+    errors are those of :func:`mocap_id.recording.read`.
     """
-
-    format: str
-    labels: Sequence[str]
-    frames: IntArray
-    time: FloatArray
-    positions: FloatArray
-    rate: float
-    units: str
-    up: str
-    usual: str
-    outputs: Sequence[str] = ()
+    unit, metres = resolve_length_unit(path, table.units, units, oddities, required=unit_required)
+    naming = name_markers(table.labels, table.outputs)
+    oddities += naming.oddities
+    positions = table.positions[:, list(naming.keep)] * metres
+    clean_positions(path, positions, unit, oddities)
+    up = choose_vertical(force, vertical, table.up, oddities)
+    rotate_z_up(positions, up)
+    recording = Recording(
+        files=(path,),
+        format=table.format,
+        labels=naming.labels,
+        positions=positions,
+        frames=table.frames,
+        time=table.time,
+        rate=table.rate,
+        units=unit,
+        vertical=up,
+        analog_rate=None,
+        plates=(),
+        oddities=tuple(oddities),
+    )
+    return recording, to_z_up(up)
 
 
 def fit_clock(path: Path, declared: str, time: FloatArray, oddities: list[str], name: str) -> tuple[FloatArray, float]:
-    """Return evenly spaced times fitted to a time column, and the frame rate.
+    """Return evenly spaced times (F,) fitted to a time column (F,), s, and the frame rate.
 
     Parameters
     ----------
     declared : str
         Rate in the header, possibly not a number.
-    time : (F,) array
-        Time column, s.
     name : str
         Name of the rate in the header, for messages.
 
@@ -83,7 +99,9 @@ def fit_clock(path: Path, declared: str, time: FloatArray, oddities: list[str], 
             "export it again, or correct the wrong one"
         )
     if stated is not None and clock.rate != stated:
-        oddities.append(f"{name} is {declared} Hz, the Time column has {clock.rate:.6g} Hz: the latter was used")
+        oddities.append(
+            f"{name} is {declared} Hz, the Time column has {clock.rate:.6g} Hz: {clock.rate:.6g} Hz was used"
+        )
     if clock.rounding_note:
         oddities.append(f"{path.name}: {clock.rounding_note}")
     return clock.times(len(time)), clock.rate
@@ -100,13 +118,10 @@ def parse_rate(path: Path, declared: str, name: str) -> float | None:
     return stated
 
 
-def frame_numbers(path: Path, column: FloatArray, *, consecutive: bool) -> IntArray:
+def check_frame_numbers(path: Path, column: FloatArray, *, consecutive: bool) -> IntArray:
     """Return frame numbers (F,) as integers.
 
-    Raises
-    ------
-    RecordingError
-        A number is missing or too large, or the numbers must be consecutive and are not.
+    Raises RecordingError if a number is missing or too large, or if the numbers must be consecutive and are not.
     """
     bad = ~np.isfinite(column) | (np.abs(column) >= _MAX_FRAME_NUMBER)
     if bad.any():
@@ -121,8 +136,3 @@ def frame_numbers(path: Path, column: FloatArray, *, consecutive: bool) -> IntAr
             "missing; export every frame, with missing markers blank"
         )
     return frames
-
-
-def join_positions(values: FloatArray) -> FloatArray:
-    """Return positions (F, M, 3) from columns (F, 3M)."""
-    return values.reshape(len(values), -1, 3)

@@ -11,7 +11,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
 from mocap_id.recording.channel_units import ForceUnits
-from mocap_id.recording.lab_plates import is_force_on_plate
+from mocap_id.recording.lab_plates import reverse_force_on_plate
 from mocap_id.recording.model import Plate
 from mocap_id.recording.saturation import find_clipped
 from mocap_id.recording.text_tables import MotionTable
@@ -23,7 +23,7 @@ _WORDS = re.compile(r"ground|force|torque|moment|free|grf|grm|cop|fp|plate|_|\.|
 
 @dataclass(frozen=True)
 class ForceColumns:
-    """Columns of one plate: name, and indices of force, point and moment (None if the table lacks them)."""
+    """Name of one plate, and indices of the columns of its force, point and moment; None if the table lacks them."""
 
     name: str
     force: tuple[int, int, int]
@@ -31,16 +31,12 @@ class ForceColumns:
     moment: tuple[int, int, int] | None
 
 
-def find_forces(path: Path, table: MotionTable) -> list[ForceColumns]:
-    """Group the columns of a MOT table by plate.
+def find_force_columns(path: Path, table: MotionTable) -> list[ForceColumns]:
+    """Return the columns of each plate of a MOT table.
 
     Accepted names are ``ground_force_1_vx / _px / _mx``, ``1_ground_force_vx``, ``ground_force_vx``,
-    ``ground_force_r_vx``, and for the moment ``ground_torque_x``, ``1_ground_torque_x``, ``ground_torque_1_x``.
-
-    Raises
-    ------
-    RecordingError
-        There is no force column, or a force lacks a component.
+    ``ground_force_r_vx``, and for the moment ``ground_torque_x``, ``1_ground_torque_x``, ``ground_torque_1_x``. Raises
+    RecordingError if there is no force column, or if a force lacks a component.
     """
     found: dict[str, dict[str, dict[str, int]]] = {}
     for index, column in enumerate(table.columns):
@@ -59,10 +55,10 @@ def find_forces(path: Path, table: MotionTable) -> list[ForceColumns]:
             f"{path}: no column is a ground force ({', '.join(table.columns[:3])} …); expected names such as "
             "ground_force_1_vx, ground_force_1_px, ground_torque_1_x"
         )
-    return [_columns(path, name, parts) for name, parts in groups.items()]
+    return [_find_triples(path, name, parts) for name, parts in groups.items()]
 
 
-def _columns(path: Path, name: str, parts: dict[str, dict[str, int]]) -> ForceColumns:
+def _find_triples(path: Path, name: str, parts: dict[str, dict[str, int]]) -> ForceColumns:
     triples: dict[str, tuple[int, int, int] | None] = {}
     for what in ("force", "point", "moment"):
         axes = parts.get(what, {})
@@ -74,51 +70,54 @@ def _columns(path: Path, name: str, parts: dict[str, dict[str, int]]) -> ForceCo
     return ForceColumns(name, force, triples["point"], triples["moment"])
 
 
-def mot_plates(
+def read_mot_plates(
     path: Path,
     table: MotionTable,
     columns: list[ForceColumns],
     oddities: list[str],
     *,
-    turn: FloatArray,
+    rotation: FloatArray,
     units: ForceUnits,
 ) -> tuple[Plate, ...]:
     """Return the plates of a MOT table in the lab; its units are m, N and N·m unless configured otherwise.
 
     Parameters
     ----------
-    turn : (3, 3) array
-        Rotation from the table's axes to the lab's (Z up).
+    rotation : (3, 3) array
+        Rotation from the table's axes to the axes of the lab (Z up).
     units : ForceUnits
         Configured units of force and moment.
     """
     clock = fit_even_clock(path, table.time)
     if clock.rounding_note:
         oddities.append(f"{path.name}: {clock.rounding_note}")
-    plates = []
-    for index, each in enumerate(columns, start=1):
-        plate, found = _plate(table, each, index, clock, turn=turn, units=units)
-        plates.append(plate)
-        oddities += found
-    return tuple(plates)
+    return tuple(
+        _read_plate(table, each, index, clock, oddities, rotation=rotation, units=units)
+        for index, each in enumerate(columns, start=1)
+    )
 
 
-def _plate(
-    table: MotionTable, columns: ForceColumns, index: int, clock: EvenClock, *, turn: FloatArray, units: ForceUnits
-) -> tuple[Plate, list[str]]:
-    oddities = []
-    newtons, newton_metres = units.factor("force"), units.factor("moment")
-    force = table.values[:, columns.force] @ turn.T * newtons
+def _read_plate(
+    table: MotionTable,
+    columns: ForceColumns,
+    index: int,
+    clock: EvenClock,
+    oddities: list[str],
+    *,
+    rotation: FloatArray,
+    units: ForceUnits,
+) -> Plate:
+    force = table.values[:, columns.force] @ rotation.T * units.factor("force")
     if columns.point is None:
         moment, problem = np.full_like(force, np.nan), "the table has no point of application"
     else:
-        free = 0.0 if columns.moment is None else table.values[:, columns.moment] @ turn.T * newton_metres
-        moment, problem = np.cross(table.values[:, columns.point] @ turn.T, force) + free, ""
+        free: FloatArray | float = 0.0
         if columns.moment is None:
             oddities.append(f"plate {index} ({columns.name}): no moment columns, a free moment of 0 was assumed")
-    if is_force_on_plate(force[np.isfinite(force[:, 2]), 2]):
-        force, moment = -force, -moment
-        oddities.append(f"plate {index} measures the force of the body on the plate: reversed")
+        else:
+            free = table.values[:, columns.moment] @ rotation.T * units.factor("moment")
+        moment, problem = np.cross(table.values[:, columns.point] @ rotation.T, force) + free, ""
+    force, moment = reverse_force_on_plate(index, force, moment, np.isfinite(force[:, 2]), oddities)
     if not np.any(force):
         oddities.append(f"plate {index} ({columns.name}) is zero throughout")
     if problem:
@@ -129,4 +128,4 @@ def _plate(
     if full.any():
         oddities.append(f"plate {index}: {int(full.sum())} samples are saturated: they repeat an extreme of the load")
     plate = Plate(index, "mot", None, force, moment, finite & ~full, clock.rate, clock.start, problem)
-    return replace(plate, saturated=full if full.any() else None), oddities
+    return replace(plate, saturated=full if full.any() else None)

@@ -16,7 +16,7 @@ _MILLIMETRES = 1e3
 def format_trc(
     name: str, labels: Sequence[str], positions: FloatArray, *, time: FloatArray, frames: IntArray, rate: float
 ) -> str:
-    """Format markers as the text of a TRC file in mm; missing markers are blank.
+    """Return markers as the text of a TRC file in mm; missing markers are blank.
 
     Parameters
     ----------
@@ -24,7 +24,7 @@ def format_trc(
         File name for the first line.
     labels : sequence of str, length M
     positions : (F, M, 3) array
-        Marker positions, axes with Y up, m; NaN where missing.
+        Marker positions, axes with Y up, m; NaN if missing.
     time : (F,) array
         Times, s.
     frames : (F,) int array
@@ -50,12 +50,12 @@ def format_trc(
         "",
     ]
     numbers = zip(frames.tolist(), time.tolist(), (positions.reshape(count, -1) * _MILLIMETRES).tolist(), strict=True)
-    rows = [f"{frame}\t{at:.9g}\t{_cells(row)}" for frame, at, row in numbers]
+    rows = [f"{frame}\t{at:.9g}\t{_format_row(row)}" for frame, at, row in numbers]
     return "\n".join([*header, *rows, ""])
 
 
-def _cells(row: Sequence[float]) -> str:
-    """Format the coordinates of a frame; after a blank last cell OpenSim needs another tab."""
+def _format_row(row: Sequence[float]) -> str:
+    """Return the coordinates of a frame as text; after a blank last cell OpenSim needs another tab."""
     cells = "\t".join("" if isnan(value) else f"{value:.5f}" for value in row)
     return f"{cells}\t" if row and isnan(row[-1]) else cells
 
@@ -63,16 +63,16 @@ def _cells(row: Sequence[float]) -> str:
 def format_motion_table(
     name: str, columns: Sequence[str], values: FloatArray, *, time: FloatArray, in_degrees: bool = False
 ) -> str:
-    """Format a table as the text of a MOT or STO file.
+    """Return a table as the text of a MOT or STO file.
 
     Parameters
     ----------
     name : str
         Name of the table for the first line.
     columns : sequence of str, length C
-        Names of all columns but time.
+        Names of all columns except time.
     values : (T, C) array
-        Values; NaN is written as ``nan``, at which OpenSim's own tools stop reading.
+        Values; NaN is written as ``nan``, at which OpenSim's own programs stop reading.
     time : (T,) array
         Times, s.
     in_degrees : bool

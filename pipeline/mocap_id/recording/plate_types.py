@@ -1,7 +1,7 @@
 """Force and moment of plates of types 1 to 4, in the plate frame about the centre of the working surface.
 
-The plate frame is right-handed with z down. Sign convention: that of the channels. Whether they measure the force on
-the plate or on the body is decided in :mod:`mocap_id.recording.lab_plates`.
+The plate frame is right-handed with z down. The sign convention is that of the channels;
+:mod:`mocap_id.recording.lab_plates` decides whether they measure the force on the plate or on the body.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ CHANNELS = {1: 6, 2: 6, 3: 8, 4: 6}
 
 
 class UnusablePlateError(Exception):
-    """A plate cannot be decoded. The recording is read without it; the message says why."""
+    """Error for a plate that cannot be decoded; the recording is read without it, and the message says why."""
 
 
 @dataclass(frozen=True)
@@ -47,28 +47,23 @@ class PlateSignals:
     rate: float
 
 
-def surface_wrench(plate: PlateSignals) -> tuple[FloatArray, FloatArray]:
+def compute_surface_wrench(plate: PlateSignals) -> tuple[FloatArray, FloatArray]:
     """Return force (K, 3), N, and moment (K, 3), N·m, about the centre of the working surface, plate frame."""
     if plate.kind == 1:
-        return _from_centre_of_pressure(plate.channels)
+        force = plate.channels[:, :3]
+        point = np.column_stack([plate.channels[:, 3:5], np.zeros(len(force))])
+        moment = np.cross(point, force)
+        moment[:, 2] += plate.channels[:, 5]
+        return force, moment
     if plate.kind == 3:
-        force, moment = _from_four_sensors(plate.channels, plate.origin)
+        force, moment = _add_four_sensors(plate.channels, plate.origin)
         arm = np.array([0.0, 0.0, plate.origin[2]])
     else:
         force, moment, arm = plate.channels[:, :3], plate.channels[:, 3:6], plate.origin
     return force, moment - np.cross(arm, force)
 
 
-def _from_centre_of_pressure(channels: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return force and moment of a type 1 plate, from force, point of application and free moment."""
-    force = channels[:, :3]
-    point = np.column_stack([channels[:, 3:5], np.zeros(len(channels))])
-    moment = np.cross(point, force)
-    moment[:, 2] += channels[:, 5]
-    return force, moment
-
-
-def _from_four_sensors(channels: FloatArray, origin: FloatArray) -> tuple[FloatArray, FloatArray]:
+def _add_four_sensors(channels: FloatArray, origin: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return force and moment of a type 3 plate, which has a three-component sensor near each corner.
 
     The sensors 1 (+x+y), 2 (-x+y), 3 (-x-y) and 4 (+x-y) are at ±a along x and ±b along y.
@@ -76,17 +71,11 @@ def _from_four_sensors(channels: FloatArray, origin: FloatArray) -> tuple[FloatA
     x12, x34, y14, y23, z1, z2, z3, z4 = channels.T
     a, b = origin[0], origin[1]
     force = np.column_stack([x12 + x34, y14 + y23, z1 + z2 + z3 + z4])
-    moment = np.column_stack(
-        [
-            b * (z1 + z2 - z3 - z4),
-            a * (-z1 + z2 + z3 - z4),
-            b * (-x12 + x34) + a * (y14 - y23),
-        ]
-    )
-    return force, moment
+    mx, my, mz = b * (z1 + z2 - z3 - z4), a * (-z1 + z2 + z3 - z4), b * (-x12 + x34) + a * (y14 - y23)
+    return force, np.column_stack([mx, my, mz])
 
 
-def plate_axes(corners: FloatArray) -> FloatArray:
+def compute_plate_axes(corners: FloatArray) -> FloatArray:
     """Return the plate's axes in the lab as columns, (3, 3); NaN if the corners do not form a rectangle.
 
     x points from corners 2 and 3 to 1 and 4, y from 3 and 4 to 1 and 2, and z = x × y.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from mocap_id.errors import ConfigError, RecordingError
-from mocap_id.recording.axes import parse_axis
+from mocap_id.recording.axes import check_axis
 from mocap_id.recording.c3d_reader import read_c3d
 from mocap_id.recording.channel_units import ForceUnits
 from mocap_id.recording.ktk_file import MAGIC, read_ktk
@@ -37,38 +37,36 @@ def read(
     forces : Path, optional
         MOT file with the ground forces; not with a C3D file.
     units : str, optional
-        Length unit of the markers, if the one in the file is missing or wrong.
+        Length unit of the markers, if the unit in the file is missing or wrong.
     vertical : str, optional
         Axis of the file that points up (``"X"``, ``"Y"``, ``"Z"``; with a minus if it points down). If omitted, it is
-        found from the force plates or the file.
+        determined from the force plates or the file.
     force_unit, moment_unit : str, optional
-        Units of the force-plate channels (such as ``"N"``, ``"Nmm"``), if those in the file are missing or wrong. They
-        do not apply to plates of type 4, whose calibration matrix defines the units.
+        Units of the force-plate channels (such as ``"N"``, ``"Nmm"``), if the units in the file are missing or wrong.
+        They do not apply to plates of type 4, whose calibration matrix defines the units.
     unit_required : bool
-        Whether a file without a length unit is refused. If not, its lengths are read as millimetres and ``units`` is
-        empty: the recording shows what the file contains, but nothing can be computed from it.
+        Whether a file without a length unit is refused. If it is not refused, its lengths are read as millimetres and
+        ``units`` is empty: the recording shows what the file contains, but nothing can be computed from it.
 
     Returns
     -------
     Recording
-        SI units, lab axes with Z up, NaN where missing. ``oddities`` lists repairs, omissions and assumptions.
+        SI units, lab axes with Z up, NaN if missing. ``oddities`` lists repairs, omissions and assumptions.
 
     Raises
     ------
     RecordingError
         A file is missing, unreadable, truncated, without units or markers, or contradicts itself.
     ConfigError
-        A unit or an axis is unknown, or a file has the format expected of the other one.
+        A unit or an axis is unknown, or the two files are exchanged or of the wrong format.
     """
-    axis = None if vertical is None else parse_axis(vertical)
-    if vertical is not None and axis is None:
-        raise ConfigError(f"vertical: {vertical!r} is not an axis; expected X, Y or Z, with a minus if it points down")
+    axis = None if vertical is None else check_axis(vertical)
     plate_units = ForceUnits(force_unit, moment_unit)
     markers, forces = Path(markers), None if forces is None else Path(forces)
     _check_kinds(markers, forces)
     with open_recording(markers) as stream:
         start = stream.read(HEAD_BYTES)
-        parse = None if start.startswith(MAGIC) else _parser(markers, start)
+        parse = None if start.startswith(MAGIC) else _choose_parser(markers, start)
         if parse is None:
             if forces is not None:
                 raise ConfigError(f"{forces}: {markers} contains its own force plates; `forces` belongs to a TRC file")
@@ -80,22 +78,16 @@ def read(
 
 
 def is_marker_text(path: Path) -> bool:
-    """Return whether a text file contains markers in a supported format, from its first lines.
-
-    Raises
-    ------
-    RecordingError
-        The file cannot be read.
-    """
+    """Return whether a text file contains markers in a supported format; RecordingError if it cannot be read."""
     with open_recording(path) as stream:
         return find_parser(stream.read(HEAD_BYTES)) is not None
 
 
-def _parser(path: Path, start: bytes) -> Parser | None:
+def _choose_parser(path: Path, start: bytes) -> Parser | None:
     """Return the parser of a text file from its first bytes; None for a C3D file."""
     parse = find_parser(start)
     if parse is None and path.suffix.lower() == ".trc":
-        return parse_trc  # it says what is wrong
+        return parse_trc  # its error says what is wrong
     if parse is None and path.suffix.lower() in _TEXTS:
         raise RecordingError(
             f"{path}: neither a QTM TSV, Motive CSV nor Nexus CSV export with its header; export it again with the "
@@ -105,7 +97,7 @@ def _parser(path: Path, start: bytes) -> Parser | None:
 
 
 def _check_kinds(markers: Path, forces: Path | None) -> None:
-    """Refuse files whose name endings show that they are under the wrong key."""
+    """Raise ConfigError if the file names show that a file is under the wrong key."""
     if markers.suffix.lower() in _TABLES:
         if forces is not None and forces.suffix.lower() not in _TABLES:
             raise ConfigError(

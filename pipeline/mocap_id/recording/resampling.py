@@ -22,23 +22,15 @@ _THINNED_HZ = 60.0
 
 @dataclass(frozen=True)
 class PlateSamples:
-    """Wrench of a plate at given times, as in :class:`mocap_id.recording.Plate`.
+    """Wrench of a plate at F given times, as in :class:`mocap_id.recording.Plate`."""
 
-    Parameters
-    ----------
-    force, moment : (F, 3) array
-        Force, N, and moment about the lab origin, N·m; NaN where ``ok`` is False.
-    ok : (F,) bool array
-        Whether every analog sample behind the value is valid.
-    """
-
-    force: FloatArray
-    moment: FloatArray
-    ok: BoolArray
+    force: FloatArray  # (F, 3) N; NaN where ``ok`` is False
+    moment: FloatArray  # (F, 3) about the lab origin, N·m; NaN where ``ok`` is False
+    ok: BoolArray  # (F,) whether every analog sample of the average is valid
 
 
 def decimate(plate: Plate, times: FloatArray, rate: float) -> PlateSamples:
-    """Average the samples of a plate over one marker interval, centred on every marker time.
+    """Return the samples of a plate averaged over one marker interval, centred on every marker time.
 
     The mean of the piecewise linear signal over [t - T/2, t + T/2] is symmetric about t for every ratio of the rates,
     so there is no lag; averaging blocks of samples could shift the wrench by half a block. At the ends of the signal
@@ -62,52 +54,39 @@ def decimate(plate: Plate, times: FloatArray, rate: float) -> PlateSamples:
     centre = np.clip(at, 0, last)
     ratio = plate.rate / rate
     half = np.minimum(ratio / 2 if ratio > _FASTER else 0.0, np.minimum(centre, last - centre))
-    mean = np.where((half > 1e-9)[:, None], _interval_mean(samples, centre, half), _interpolated(samples, centre))
-    ok = inside & ~_any_bad(~plate.ok, centre - half, centre + half)
+    mean = np.where((half > 1e-9)[:, None], _average_intervals(samples, centre, half), _interpolate(samples, centre))
+    ok = inside & ~_contains_bad(~plate.ok, centre - half, centre + half)
     mean[~ok] = np.nan
     return PlateSamples(mean[:, :3], mean[:, 3:], ok)
 
 
 @dataclass(frozen=True)
 class ThinnedFrames:
-    """Frames of a recording thinned to 60 to 120 Hz for statistics, with plates averaged to the same times.
+    """L frames of a recording, thinned to 60 to 120 Hz for statistics, with plates averaged to the same times.
 
     Thinning changes means, percentiles, principal axes and speeds over 0.1 s by less than their uncertainty, since skin
     motion and sway hardly change within a tenth of a second. Markers are sampled, not averaged, so that gaps and jumps
-    do not spread and motion above 30 Hz keeps its mean and variance. Plates are averaged, because mains hum sampled at
+    do not spread, and motion above 30 Hz keeps its mean and variance. Plates are averaged, because mains hum sampled at
     60 Hz would become a constant force. Recordings below 120 Hz keep all frames. Computations that count single frames
     (swaps, jumps, gaps, saturation) need all frames and must not use this class.
-
-    Parameters
-    ----------
-    step : int
-        Every ``step``-th frame is kept, starting with the first.
-    positions : (L, M, 3) array
-        Markers, lab axes with Z up, m; a view of the original array.
-    time : (L,) array
-        Times of these frames, s.
-    rate : float
-        Frames per second after thinning.
-    samples : tuple of PlateSamples
-        Wrench of every plate at these times.
     """
 
-    step: int
-    positions: FloatArray
-    time: FloatArray
-    rate: float
-    samples: tuple[PlateSamples, ...]
+    step: int  # every ``step``-th frame is kept, starting with the first
+    positions: FloatArray  # (L, M, 3) markers, lab axes with Z up, m; a view of the original array
+    time: FloatArray  # (L,) s
+    rate: float  # frames per second after thinning
+    samples: tuple[PlateSamples, ...]  # wrench of every plate at these times
 
     @classmethod
     def of(cls, positions: FloatArray, time: FloatArray, rate: float, plates: Sequence[Plate] = ()) -> ThinnedFrames:
-        """Thin the frames with positions (F, M, 3), m, and times (F,), s, and average the plates."""
+        """Thin frames with positions (F, M, 3), m, and times (F,), s, and average the plates to the thinned frames."""
         step = max(1, int(rate / _THINNED_HZ))
         time, rate = time[::step], rate / step
         return cls(step, positions[::step], time, rate, tuple(decimate(plate, time, rate) for plate in plates))
 
 
-def averaging_width(analog_rate: float | None, rate: float) -> float:
-    """Return the width of the moving average that is equivalent to :func:`decimate`, s.
+def compute_averaging_width(analog_rate: float | None, rate: float) -> float:
+    """Return the width of the moving average that is equivalent to :func:`decimate`, s; 0 if nothing is averaged.
 
     The mean over a width W adds W²/24 of the second derivative. :func:`decimate` adds T²/24 by the mean over the frame
     interval T, and Δ²/12 by the linear interpolation between samples at intervals Δ.
@@ -118,24 +97,19 @@ def averaging_width(analog_rate: float | None, rate: float) -> float:
         Samples of the plate per second; None without plates.
     rate : float
         Marker frames per second.
-
-    Returns
-    -------
-    float
-        0 if nothing is averaged.
     """
     if analog_rate is None or analog_rate / rate <= _FASTER:
         return 0.0
     return float(np.sqrt(rate**-2 + 2.0 * analog_rate**-2))
 
 
-def _interpolated(samples: FloatArray, at: FloatArray) -> FloatArray:
+def _interpolate(samples: FloatArray, at: FloatArray) -> FloatArray:
     low = np.minimum(at.astype(np.int64), len(samples) - 2)
     part = (at - low)[:, None]
     return np.asarray(samples[low] * (1 - part) + samples[low + 1] * part)
 
 
-def _interval_mean(samples: FloatArray, centre: FloatArray, half: FloatArray) -> FloatArray:
+def _average_intervals(samples: FloatArray, centre: FloatArray, half: FloatArray) -> FloatArray:
     """Return the mean of the piecewise linear signal over centre ± half, both in samples."""
     integral = np.zeros_like(samples)
     np.cumsum((samples[1:] + samples[:-1]) / 2, axis=0, out=integral[1:])
@@ -149,8 +123,8 @@ def _interval_mean(samples: FloatArray, centre: FloatArray, half: FloatArray) ->
     return np.asarray((primitive(centre + half) - primitive(centre - half)) / width)
 
 
-def _any_bad(bad: BoolArray, start: FloatArray, stop: FloatArray) -> BoolArray:
-    """Return whether any sample in the interval is invalid."""
+def _contains_bad(bad: BoolArray, start: FloatArray, stop: FloatArray) -> BoolArray:
+    """Return whether any sample in each interval is invalid."""
     count = np.concatenate([[0], np.cumsum(bad)])
     low = np.floor(start + _ROUNDING).astype(np.int64)
     high = np.minimum(np.ceil(stop - _ROUNDING).astype(np.int64), len(bad) - 1)

@@ -17,7 +17,7 @@ _REST = 0.1
 
 
 def find_saturated(counts: FloatArray, offset: FloatArray, bits: int | None) -> BoolArray:
-    """Find the samples at which any channel is saturated.
+    """Return the samples (K,) at which any channel is saturated.
 
     If the counts are integers, the limits of the converter follow from its resolution. Otherwise a channel is clipped
     if it repeats its extreme exactly but is never constant elsewhere.
@@ -30,10 +30,6 @@ def find_saturated(counts: FloatArray, offset: FloatArray, bits: int | None) -> 
         Counts at zero input; about half the range for unsigned converters.
     bits : int or None
         Resolution, ANALOG:BITS.
-
-    Returns
-    -------
-    (K,) bool array
     """
     flags = np.zeros(len(counts), bool)
     for stored, zero in zip(counts.T, offset, strict=True):
@@ -42,14 +38,14 @@ def find_saturated(counts: FloatArray, offset: FloatArray, bits: int | None) -> 
         if finite.size == 0 or np.ptp(finite) == 0:
             continue
         if np.abs(finite - np.round(finite)).max() < 1e-3:
-            low, high = _limits(float(zero), bits)
+            low, high = _find_limits(float(zero), bits)
             flags |= (column <= low + 0.5) | (column >= high - 0.5)
         else:
             flags |= find_clipped(column - zero)
     return flags
 
 
-def _limits(offset: float, bits: int | None) -> tuple[float, float]:
+def _find_limits(offset: float, bits: int | None) -> tuple[float, float]:
     """Return the lowest and highest count of a converter, offset binary or two's complement."""
     resolution = bits if bits in (12, 14, 16) else (12 if 1900 < abs(offset) < 2200 else 16)
     span = 2.0**resolution
@@ -57,16 +53,9 @@ def _limits(offset: float, bits: int | None) -> tuple[float, float]:
 
 
 def find_clipped(column: FloatArray) -> BoolArray:
-    """Find the samples of a channel that repeat an extreme far from zero, if the channel is not constant elsewhere.
+    """Return the samples (K,) that repeat an extreme far from zero, if the channel is not constant elsewhere.
 
-    Parameters
-    ----------
-    column : (K,) array
-        Signal minus its zero level; NaN where unknown.
-
-    Returns
-    -------
-    (K,) bool array
+    ``column`` (K,) is the signal minus its zero level; NaN if missing.
     """
     flags = np.zeros(len(column), bool)
     low, high = float(np.nanmin(column)), float(np.nanmax(column))

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, is_time_axis
-from mocap_id.errors import ConfigError, RecordingError
-from mocap_id.recording.axes import parse_axis
-from mocap_id.recording.marker_positions import clean, resolve_length_unit, turn_z_up
+from mocap_id.errors import RecordingError
+from mocap_id.recording.axes import check_axis
+from mocap_id.recording.marker_positions import clean_positions, resolve_length_unit, rotate_z_up
 from mocap_id.recording.model import Recording
 from mocap_id.recording.text_tables import TextTable, read_csv, read_text
 from mocap_id.recording.trc_table import parse_trc
@@ -35,43 +35,35 @@ _FASTEST = 500.0  # Hz
 
 @dataclass(frozen=True)
 class SkeletonRecording:
-    """A skeleton at even times.
+    """A skeleton at times with a constant step: F frames of M joints."""
 
-    Parameters
-    ----------
-    recording : Recording
-        Joint positions in place of markers, NaN where a joint is lost.
-    inferred : (F, M) bool array
-        Positions that the sensor inferred, because it did not see the joint.
-    """
-
-    recording: Recording
-    inferred: BoolArray
+    recording: Recording  # joint positions in place of markers; NaN if a joint is missing
+    inferred: BoolArray  # (F, M) positions that the sensor inferred because it did not see the joint
 
 
 @dataclass(frozen=True)
 class _Rows:
-    """Rows of a file: times (K,), s; joints (K, M, 3) in the file's unit, NaN where lost; inferred ones (K, M)."""
+    """Rows of a file: K times, M joints."""
 
     format: str
     labels: tuple[str, ...]
-    time: FloatArray
-    positions: FloatArray
-    inferred: BoolArray
+    time: FloatArray  # (K,) s
+    positions: FloatArray  # (K, M, 3) in the file's unit; NaN if missing
+    inferred: BoolArray  # (K, M)
     units: str
 
 
 def read_skeleton(path: Path, *, units: str | None = None, vertical: str | None = None) -> SkeletonRecording:
-    """Read the joint positions of a skeleton and bring them to even times.
+    """Read the joint positions of a skeleton and interpolate them to times with a constant step.
 
     Parameters
     ----------
     path : Path
         CSV with ``time_s`` (or ``time``) and ``JOINT_x``, ``JOINT_y``, ``JOINT_z``, optionally ``JOINT_state`` (2
-        tracked, 1 inferred, 0 lost), in m, in small or capital letters; TRC; or rows of 75 or 175 numbers: the 25
+        tracked, 1 inferred, 0 missing), in m, in small or capital letters; TRC; or rows of 75 or 175 numbers: the 25
         joints of a Kinect v2, each as x y z or as x y z and a quaternion, in m at 30 Hz.
     units : str, optional
-        Length unit, if it is not the usual or declared one.
+        Length unit, if it is not the usual or declared unit.
     vertical : str, optional
         Axis of the file that points up; Y if omitted.
 
@@ -82,17 +74,15 @@ def read_skeleton(path: Path, *, units: str | None = None, vertical: str | None 
     ConfigError
         ``units`` or ``vertical`` is unknown.
     """
-    axis = "Y" if vertical is None else parse_axis(vertical)
-    if axis is None:
-        raise ConfigError(f"vertical: {vertical!r} is not an axis; expected X, Y or Z, with a minus if it points down")
+    axis = "Y" if vertical is None else check_axis(vertical)
     oddities: list[str] = []
     rows = _read_rows(path, oddities)
     unit, metres = resolve_length_unit(path, rows.units, units, oddities, required=True)
     rows.positions[:] *= metres
-    clean(path, rows.positions, unit, oddities)
-    time, positions, inferred = _evenly(path, rows, oddities)
-    turn_z_up(positions, axis)
-    found = Recording(
+    clean_positions(path, rows.positions, unit, oddities)
+    time, positions, inferred = _interpolate(path, rows, oddities)
+    rotate_z_up(positions, axis)
+    recording = Recording(
         files=(path,),
         format=rows.format,
         labels=rows.labels,
@@ -106,7 +96,7 @@ def read_skeleton(path: Path, *, units: str | None = None, vertical: str | None 
         plates=(),
         oddities=tuple(oddities),
     )
-    return SkeletonRecording(found, inferred)
+    return SkeletonRecording(recording, inferred)
 
 
 def _read_rows(path: Path, oddities: list[str]) -> _Rows:
@@ -117,12 +107,12 @@ def _read_rows(path: Path, oddities: list[str]) -> _Rows:
         return _Rows("skeleton (TRC)", tuple(table.labels), table.time, table.positions, inferred, table.units)
     first = text[:20000].lstrip("\ufeff \t\r\n").split("\n", 1)[0]
     if first[:1] and first[:1] in "-+.0123456789":
-        return _kinect_rows(path, text, oddities)
-    return _csv_rows(path)
+        return _read_kinect_rows(path, text, oddities)
+    return _read_csv_rows(path)
 
 
-def _kinect_rows(path: Path, text: str, oddities: list[str]) -> _Rows:
-    """Return the rows of a Kinect v2 without header and times."""
+def _read_kinect_rows(path: Path, text: str, oddities: list[str]) -> _Rows:
+    """Return the rows of a Kinect v2, which have no header and no times."""
     lines = [line.replace(",", " ") for line in text.splitlines()]
     width = len(lines[0].split())
     joints = len(KINECT_V2)
@@ -141,7 +131,7 @@ def _kinect_rows(path: Path, text: str, oddities: list[str]) -> _Rows:
     return _Rows("skeleton (Kinect v2 text)", KINECT_V2, time, values[:, :, :3].copy(), inferred, "m")
 
 
-def _csv_rows(path: Path) -> _Rows:
+def _read_csv_rows(path: Path) -> _Rows:
     table = read_csv(path)
     spelled = [name.strip() for name in table.names]
     names = [name.lower() for name in spelled]
@@ -166,9 +156,9 @@ def _csv_rows(path: Path) -> _Rows:
     return _Rows("skeleton (CSV)", tuple(labels), values[:, time].copy(), positions, inferred, "m")
 
 
-def _evenly(path: Path, rows: _Rows, oddities: list[str]) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Return even times, and the rows there: linear between neighbours, missing where rows are."""
-    rows = _increasing(path, rows, oddities)
+def _interpolate(path: Path, rows: _Rows, oddities: list[str]) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Return times with a constant step, and the rows there: interpolated linearly, missing where rows are missing."""
+    rows = _drop_repeated_times(path, rows, oddities)
     steps = np.diff(rows.time)
     usual = float(np.median(steps)) if len(steps) else 0.0
     if not is_time_axis(rows.time) or len(rows.time) < _LEAST_ROWS or usual < 1 / _FASTEST:
@@ -183,22 +173,22 @@ def _evenly(path: Path, rows: _Rows, oddities: list[str]) -> tuple[FloatArray, F
     near = steps[after - 1] <= _LONGEST_STEP * usual
     low, high = rows.positions[after - 1], rows.positions[after]
     positions = low * (1 - share[..., None]) + high * share[..., None]
-    for ends, at in ((low, share < _ON_ROW), (high, share > 1 - _ON_ROW)):  # on a row, its neighbour need not be there
+    for ends, at in ((low, share < _ON_ROW), (high, share > 1 - _ON_ROW)):  # on a row, its neighbour may be missing
         exact = np.flatnonzero(at[:, 0])
         positions[exact] = ends[exact]
         near[exact] = True
     positions[~near] = np.nan
     inferred = rows.inferred[after - 1] & (share < 1 - _ON_ROW) | rows.inferred[after] & (share > _ON_ROW)
     if np.max(np.abs(steps - usual)) > 0.05 * usual:
-        lost = int(np.count_nonzero(~near))
+        missing = int(np.count_nonzero(~near))
         oddities.append(
             f"{path.name}: its times are uneven: the joints were interpolated at {1 / usual:.6g} Hz"
-            + (f"; {lost} of {count} samples, where rows are missing, were left empty" if lost else "")
+            + (f"; {missing} of {count} samples, where rows are missing, were left empty" if missing else "")
         )
     return time, positions, inferred
 
 
-def _increasing(path: Path, rows: _Rows, oddities: list[str]) -> _Rows:
+def _drop_repeated_times(path: Path, rows: _Rows, oddities: list[str]) -> _Rows:
     """Return the rows without repeated times."""
     if not np.isfinite(rows.time).all() or (np.diff(rows.time) < 0).any():
         k = int(np.argmax(~(np.isfinite(rows.time) & (np.diff(rows.time, prepend=-np.inf) >= 0))))

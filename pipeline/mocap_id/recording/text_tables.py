@@ -35,34 +35,19 @@ _ARROW_ERROR = re.compile("column #([0-9]+): Row #([0-9]+): .*?'(.*)'", re.DOTAL
 
 @dataclass(frozen=True)
 class TextTable:
-    """Text table whose cells are not yet parsed.
-
-    Parameters
-    ----------
-    path : Path
-    names : sequence of str, length C
-        Column names.
-    lines : sequence of str
-        Lines below the names; blank lines are ignored.
-    first : int
-        Number of the first of these lines in the file, from 1.
-    separator : str or None
-        None if cells are separated by any white space.
-    """
+    """Text table whose cells are not yet parsed."""
 
     path: Path
-    names: Sequence[str]
-    lines: Sequence[str]
-    first: int
-    separator: str | None
+    names: Sequence[str]  # column names
+    lines: Sequence[str]  # lines below the names; blank lines are ignored
+    first: int  # number of the first of these lines in the file, from 1
+    separator: str | None  # None if any white space separates the cells
 
     def numbers(self) -> FloatArray:
-        """Parse the cells as numbers (K, C); NaN where a cell is empty, or missing at the end of a line.
+        """Parse the cells as numbers (K, C); NaN if a cell is empty, or missing at the end of a line.
 
-        Raises
-        ------
-        RecordingError
-            A cell contains text, a line has too many cells, most cells are omitted, or a quote spans several lines.
+        Raises RecordingError if a cell contains text, a line has too many cells, most cells are omitted, or a quote
+        spans several lines.
         """
         between = self.separator or "\t"
         rows = [row for line in self.lines if (row := line.rstrip())]
@@ -75,8 +60,8 @@ class TextTable:
         if max(breaks) >= width:
             worst = breaks.index(max(breaks))
             raise RecordingError(
-                f"{self.path}: line {self._line(worst)} has {breaks[worst] + 1} cells, expected at most {width}; "
-                "export it again"
+                f"{self.path}: line {self._line_number(worst)} has {breaks[worst] + 1} cells, expected at most "
+                f"{width}; export it again"
             )
         if width * len(rows) > _MAX_OMITTED_CELLS + sum(map(len, rows)):
             raise RecordingError(f"{self.path}: {len(rows)} lines omit most of {width} columns; export it again")
@@ -92,13 +77,17 @@ class TextTable:
                 arrow.ConvertOptions(column_types=dict.fromkeys(columns, pa.float64())),
             )
         except pa.ArrowInvalid as error:
-            raise RecordingError(f"{self.path}: not a table of numbers: {self._explain(str(error))}") from None
+            raise RecordingError(f"{self.path}: not a table of numbers: {self._explain_error(str(error))}") from None
         if len(table) != len(rows):
             raise RecordingError(
                 f"{self.path}: {len(rows)} lines follow the names but contain {len(table)} rows: a quote or other "
                 "character spans several lines; export it again"
             )
         return np.concatenate([part.to_tensor(null_to_nan=True).to_numpy() for part in table.to_batches()])
+
+    def select(self, names: Sequence[str]) -> FloatArray:
+        """Parse the cells of some columns as numbers, (K, len(names)); errors as for :meth:`numbers`."""
+        return self.numbers()[:, [self.names.index(name) for name in names]]
 
     def check_count(self, declared: int | None, values: FloatArray, *, ended: bool) -> list[str]:
         """Compare the number of rows with the header; return a note if they differ and the last row is whole.
@@ -137,41 +126,28 @@ class TextTable:
         values[-1, -1] = np.nan
         return [f"{found}: all were read; the file may end within the last cell, which was set to missing"]
 
-    def _line(self, row: int) -> int:
+    def _line_number(self, row: int) -> int:
         """Return the line number of a row in the file, from 1."""
         return [number for number, line in enumerate(self.lines, self.first) if line.strip()][row]
 
-    def _explain(self, arrow_message: str) -> str:
-        found = _ARROW_ERROR.search(arrow_message)
-        if found is None:
+    def _explain_error(self, arrow_message: str) -> str:
+        """Return the text for a cell that is not a number, from Arrow's message."""
+        match = _ARROW_ERROR.search(arrow_message)
+        if match is None:
             return " ".join(arrow_message.split())[:160]
-        name, line = self.names[int(found[1])], self._line(int(found[2]) - 1)
-        return f"`{name}` is {found[3].strip()[:40]!r} in line {line}; expected a number or an empty cell"
+        name, line = self.names[int(match[1])], self._line_number(int(match[2]) - 1)
+        return f"`{name}` is {match[3].strip()[:40]!r} in line {line}; expected a number or an empty cell"
 
 
 @dataclass(frozen=True)
 class MotionTable:
-    """Content of a MOT or STO file.
+    """Content of a MOT or STO file: T rows, C columns."""
 
-    Parameters
-    ----------
-    time : (T,) array
-        Times, s.
-    columns : tuple of str
-        Names of all columns but time.
-    values : (T, C) array
-        Values as in the file.
-    in_degrees : bool
-        ``inDegrees`` of the header; False if it is missing.
-    notes : tuple of str
-        Contradictions between header and rows, and how they were read.
-    """
-
-    time: FloatArray
-    columns: tuple[str, ...]
-    values: FloatArray
-    in_degrees: bool
-    notes: tuple[str, ...] = ()
+    time: FloatArray  # (T,) s
+    columns: tuple[str, ...]  # names of all columns except time
+    values: FloatArray  # (T, C) as in the file
+    in_degrees: bool  # ``inDegrees`` of the header; False if it is missing
+    notes: tuple[str, ...] = ()  # contradictions between header and rows, and how they were read
 
     def __getitem__(self, column: str) -> FloatArray:
         return self.values[:, self.columns.index(column)]
@@ -180,22 +156,25 @@ class MotionTable:
 def read_table(path: Path) -> MotionTable:
     """Read a MOT or STO table.
 
-    Raises
-    ------
-    RecordingError
-        The file is missing or not such a table, it ends within a row, or its time does not increase.
+    Raises RecordingError if the file is missing or not such a table, if it ends within a row, or if its time does not
+    increase.
     """
     return parse_table(path, read_text(path))
 
 
 def read_text(path: Path) -> str:
-    """Read a text file as UTF-8, or else as Latin-1."""
+    """Read a text file as UTF-8 or, if it is not UTF-8, as Latin-1."""
     with open_recording(path) as stream:
         data = stream.read()
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
         return data.decode("latin-1")
+
+
+def has_final_line_end(text: str) -> bool:
+    """Return whether a line end follows the last line of a text."""
+    return text.endswith(("\n", "\r"))
 
 
 def split_lines(text: str) -> list[str]:
@@ -221,12 +200,12 @@ def open_recording(path: Path) -> Iterator[BinaryIO]:
 
 
 def parse_table(path: Path, text: str) -> MotionTable:
-    """Parse a MOT or STO table; errors as in :func:`read_table`."""
+    """Parse the text of a MOT or STO table; errors as in :func:`read_table`."""
     lines = split_lines(text)
     header = next((i for i, line in enumerate(lines[:_HEADER_LINES]) if line.strip().lower() == "endheader"), None)
     if header is None:
         raise RecordingError(f"{path}: not a MOT or STO table: no 'endheader' in its first {_HEADER_LINES} lines")
-    keys = _header_values(lines[:header])
+    keys = _read_header_values(lines[:header])
     start = next((i for i in range(header + 1, len(lines)) if lines[i].strip()), len(lines))
     sample = next((line for line in lines[start + 1 :] if line.strip()), None)
     if sample is None:
@@ -236,10 +215,10 @@ def parse_table(path: Path, text: str) -> MotionTable:
     table = TextTable(path, names, lines[start + 1 :], start + 2, separator)
     values = table.numbers()
     declared = parse_count(keys.get("nrows") or keys.get("datarows"))
-    notes = table.check_count(declared, values, ended=text.endswith(("\n", "\r")))
+    notes = table.check_count(declared, values, ended=has_final_line_end(text))
     filled = np.flatnonzero(~np.isnan(values).all(axis=0))
     columns, values = [names[column] for column in filled], values[:, filled]
-    columns, values = _with_time(path, columns, values, keys.get("range", ""), notes)
+    columns, values = _put_time_first(path, columns, values, keys.get("range", ""), notes)
     time = values[:, 0]
     if not is_time_axis(time):
         problem = "has only one row" if len(time) == 1 else "has a time column that does not increase from row to row"
@@ -248,7 +227,7 @@ def parse_table(path: Path, text: str) -> MotionTable:
     return MotionTable(time, tuple(columns[1:]), values[:, 1:], in_degrees, tuple(notes))
 
 
-def _header_values(lines: Sequence[str]) -> dict[str, str]:
+def _read_header_values(lines: Sequence[str]) -> dict[str, str]:
     """Return the values of a header by lower-case name: ``name=value`` of OpenSim, or ``name value`` of SIMM."""
     found: dict[str, str] = {}
     for line in lines:
@@ -258,10 +237,13 @@ def _header_values(lines: Sequence[str]) -> dict[str, str]:
     return found
 
 
-def _with_time(
+def _put_time_first(
     path: Path, columns: list[str], values: FloatArray, declared: str, notes: list[str]
 ) -> tuple[list[str], FloatArray]:
-    """Return the columns with the time first; a SIMM table without times spans the range in its header evenly."""
+    """Return the columns with the time first.
+
+    The rows of a SIMM table without times span the range in its header evenly.
+    """
     if columns and columns[0].lower() in _TIME:
         return columns, values
     span = [float(word) for word in declared.split() if _DECIMAL.fullmatch(word)]
@@ -282,10 +264,7 @@ def parse_count(declared: str | None) -> int | None:
 def read_csv(path: Path) -> TextTable:
     """Read a CSV table with the column names in its first line.
 
-    Raises
-    ------
-    RecordingError
-        The file is missing, empty or not a CSV table.
+    Raises RecordingError if the file is missing, empty or not a CSV table.
     """
     lines = split_lines(read_text(path))
     start = next((i for i, line in enumerate(lines) if line.strip()), None)

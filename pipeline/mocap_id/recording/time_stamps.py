@@ -1,4 +1,4 @@
-"""Fit of an evenly running clock to rounded time stamps."""
+"""Fit of a clock with a constant rate to rounded time stamps."""
 
 from __future__ import annotations
 
@@ -23,21 +23,11 @@ _MAX_DECIMALS = 9
 
 @dataclass(frozen=True)
 class EvenClock:
-    """Evenly running clock: sample k is at ``start + k / rate``.
+    """Clock with a constant rate: sample k is at ``start + k / rate``."""
 
-    Parameters
-    ----------
-    start : float
-        Time of the first sample, s.
-    rate : float
-        Samples per second.
-    largest_error : float
-        Largest error of a time stamp, in samples.
-    """
-
-    start: float
-    rate: float
-    largest_error: float
+    start: float  # time of the first sample, s
+    rate: float  # samples per second
+    largest_error: float  # largest error of a time stamp, in samples
 
     def times(self, count: int) -> FloatArray:
         """Return the times of the first ``count`` samples, s."""
@@ -45,21 +35,21 @@ class EvenClock:
 
     @property
     def rounding_note(self) -> str:
-        """Sentence that says that the stamps are coarsely rounded, or empty."""
+        """Sentence that says that the stamps are coarsely rounded; empty if they are not."""
         if self.largest_error <= _MAX_ERROR:
             return ""
         return f"its times are rounded by up to {self.largest_error:.2f} of a sample: even times were used instead"
 
 
 def fit_even_clock(path: Path, time: FloatArray, stated: float | None = None) -> EvenClock:
-    """Fit an even clock to increasing time stamps by least squares.
+    """Fit a clock with a constant rate to increasing time stamps by least squares.
 
     Parameters
     ----------
     time : (T,) array
         Time stamps as printed in the file, s.
     stated : float, optional
-        Samples per second declared in the file; it is used if it agrees with all stamps.
+        Samples per second declared in the file; this rate is used if it agrees with all stamps.
 
     Raises
     ------
@@ -79,14 +69,14 @@ def fit_even_clock(path: Path, time: FloatArray, stated: float | None = None) ->
         raise RecordingError(
             f"{path}: the time column steps by {period:.4g} s, which is not plausible; is it in seconds?"
         )
-    rounding = np.minimum(_rounding(time), _MAX_ROUNDING * period)
+    rounding = np.minimum(_estimate_rounding(time), _MAX_ROUNDING * period)
     errors = np.abs(time - middle - number * period)
     jumps = np.abs(steps - period)
-    for found, allowed in ((errors, rounding), (jumps, rounding[1:] + rounding[:-1])):
-        worst = int(np.argmax(found - allowed))
-        if found[worst] - allowed[worst] > _MAX_ERROR * period:
+    for error, allowed in ((errors, rounding), (jumps, rounding[1:] + rounding[:-1])):
+        worst = int(np.argmax(error - allowed))
+        if error[worst] - allowed[worst] > _MAX_ERROR * period:
             raise RecordingError(
-                f"{path}: the time column is uneven: at {time[worst]:.6g} s it is off by {found[worst] / period:.2f} "
+                f"{path}: the time column is uneven: at {time[worst]:.6g} s it is off by {error[worst] / period:.2f} "
                 f"of a frame at {1 / period:.6g} Hz; export the trial at a constant rate, with a row for every frame"
             )
     limit = (_MAX_ERROR * period + float(rounding.max())) / float(number[-1])
@@ -96,7 +86,7 @@ def fit_even_clock(path: Path, time: FloatArray, stated: float | None = None) ->
     return EvenClock(middle + float(number[0]) * period, rate, float(errors.max()) / period)
 
 
-def _rounding(time: FloatArray) -> FloatArray:
+def _estimate_rounding(time: FloatArray) -> FloatArray:
     """Return the largest rounding error (T,) of each stamp, from its number of digits, s.
 
     Stamps have a fixed number of decimals or of significant digits. As numbers have no trailing zeros, the longest

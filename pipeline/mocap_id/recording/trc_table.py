@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from mocap_id.errors import RecordingError
-from mocap_id.recording.marker_table import MarkerTable, fit_clock, frame_numbers, join_positions
-from mocap_id.recording.text_tables import TextTable, parse_count, split_lines
+from mocap_id.recording.marker_table import MarkerTable, check_frame_numbers, fit_clock
+from mocap_id.recording.text_tables import TextTable, has_final_line_end, parse_count, split_lines
 
 _HEADER_LINES = 12
 _NAMES = re.compile(r"\W*frame\b", re.IGNORECASE)
@@ -22,46 +22,42 @@ _SHORT_KEYS = {"nummarker": "nummarkers", "numframe": "numframes"}
 
 @dataclass(frozen=True)
 class _Header:
-    """Header of a TRC file: its named values, the cells of the lines with names and axes, and where the rows start."""
+    """Header of a TRC file."""
 
-    values: dict[str, str]
-    names: list[str]
-    axes: int
-    first_row: int
-    separator: str | None
+    values: dict[str, str]  # named values, by lower-case name
+    names: list[str]  # cells of the line with marker names
+    axes: int  # number of cells such as X1
+    first_row: int  # index of the first row of numbers
+    separator: str | None  # None if white space separates the cells
 
 
 def parse_trc(path: Path, text: str, oddities: list[str]) -> MarkerTable:
     """Parse the text of a TRC file.
 
     The number of markers follows from NumMarkers, the line with names, the line with X1 Y1 Z1 … and the widest row. If
-    they contradict each other, the reading that all lines but one support is used, and a note says so.
-
-    Raises
-    ------
-    RecordingError
-        The text is not a TRC file, or is contradictory or cut.
+    they contradict each other, the number that all lines but one support is used, and a note says so. Raises
+    RecordingError if the text is not a TRC file, or is contradictory or cut.
     """
     lines = split_lines(text)
-    header = _header(path, lines)
+    header = _find_header(path, lines)
     body = lines[header.first_row :]
     if all(row[:1] in ("\t", "") for row in body):  # a blank first column
         body = [row[1:] for row in body]
-    separator = _row_separator(body[0], header.separator)
-    labels, table = _table(path, header, body, separator, oddities)
+    separator = _find_row_separator(body[0], header.separator)
+    labels, table = _cut_table(path, header, body, separator, oddities)
     rows = table.numbers()
     declared = parse_count(header.values.get("numframes"))
     if declared is None:
         stated = header.values.get("numframes", "")[:40]
         oddities.append(f"the header has no valid number of frames ({stated!r}): {len(rows)} were read")
-    oddities += table.check_count(declared, rows, ended=text.endswith(("\n", "\r")))
-    frames = frame_numbers(path, np.where(np.isfinite(rows[:, 1]), rows[:, 0], np.nan), consecutive=False)
+    oddities += table.check_count(declared, rows, ended=has_final_line_end(text))
+    frames = check_frame_numbers(path, np.where(np.isfinite(rows[:, 1]), rows[:, 0], np.nan), consecutive=False)
     time, rate = fit_clock(path, header.values.get("datarate", ""), rows[:, 1], oddities, "DataRate")
     units = header.values.get("units", "")
-    return MarkerTable("TRC", labels, frames, time, join_positions(rows[:, 2:]), rate, units, "Y", "OpenSim")
+    return MarkerTable("TRC", labels, frames, time, rows[:, 2:].reshape(len(rows), -1, 3), rate, units, "Y")
 
 
-def _header(path: Path, lines: Sequence[str]) -> _Header:
+def _find_header(path: Path, lines: Sequence[str]) -> _Header:
     """Find the lines of the header by their content; lines may be missing or added."""
     if not lines:
         raise RecordingError(f"{path}: the file is empty")
@@ -71,11 +67,12 @@ def _header(path: Path, lines: Sequence[str]) -> _Header:
     if names is None:
         raise RecordingError(f"{path}: the file ends within its header; copy or export it again")
     keys = next((k for k in range(1, names) if "datarate" in lines[k].lower()), None)
-    values = {} if keys is None else _values(lines[keys], [line for line in lines[keys + 1 : names] if line.strip()])
     if keys is None:
         raise RecordingError(
             f"{path}: the second line should contain DataRate, NumMarkers, Units …; export it again as TRC"
         )
+    following = next((line for line in lines[keys + 1 : names] if line.strip()), "")
+    values = _parse_values(lines[keys], following)
     first = next((k for k in range(names + 1, len(lines)) if lines[k].lstrip()[:1].isdigit()), None)
     if first is None:
         raise RecordingError(f"{path}: no frames follow the header")
@@ -87,11 +84,10 @@ def _header(path: Path, lines: Sequence[str]) -> _Header:
     return _Header(values, [cell.strip() for cell in cells], axes, first, separator)
 
 
-def _values(names: str, following: Sequence[str]) -> dict[str, str]:
+def _parse_values(names: str, line: str) -> dict[str, str]:
     """Return the values of the header by lower-case name; a value has no white space, except between tabs."""
     separator = "," if "," in names and "\t" not in names else "\t"
     keys = [key.lower() for key in names.replace(separator, " ").split()]
-    line = following[0] if following else ""
     cells = [cell.strip() for cell in line.split(separator)]
     words = line.replace(separator, " ").split()
     if len(words) >= len(keys) and len(cells) != len(keys):  # a blank cell would shift the words
@@ -99,7 +95,7 @@ def _values(names: str, following: Sequence[str]) -> dict[str, str]:
     return dict(zip((_SHORT_KEYS.get(key, key) for key in keys), cells, strict=False))
 
 
-def _row_separator(row: str, separator: str | None) -> str | None:
+def _find_row_separator(row: str, separator: str | None) -> str | None:
     """Return the separator of the rows; None if white space separates them, so that no cell can be blank."""
     separator = separator if separator == "," else "\t"
     if separator in row and len(row.split(separator, 1)[0].split()) == 1:
@@ -107,13 +103,13 @@ def _row_separator(row: str, separator: str | None) -> str | None:
     return None
 
 
-def _table(
+def _cut_table(
     path: Path, header: _Header, body: Sequence[str], separator: str | None, oddities: list[str]
 ) -> tuple[list[str], TextTable]:
-    """Return the marker names and the rows, cut to the named columns."""
+    """Return the marker names, and the rows without columns to the right of the named markers."""
     filled = [row.rstrip() if separator is None else row.rstrip().rstrip(separator) for row in body]
     counts = [len(row.split()) if separator is None else row.count(separator) + 1 for row in filled]
-    labels = _labels(path, header, max(counts), oddities)
+    labels = _find_labels(path, header, max(counts), oddities)
     width = 2 + 3 * len(labels)
     if separator is None:
         odd = next((k for k, count in enumerate(counts) if count not in (0, width)), None)
@@ -130,7 +126,7 @@ def _table(
     return labels, TextTable(path, names, rows, header.first_row + 1, separator)
 
 
-def _labels(path: Path, header: _Header, widest: int, oddities: list[str]) -> list[str]:
+def _find_labels(path: Path, header: _Header, widest: int, oddities: list[str]) -> list[str]:
     """Return the marker names in the order of the columns.
 
     Names usually start three columns apart. If they do not, they belong to the columns in their order, provided that
@@ -168,7 +164,7 @@ def _labels(path: Path, header: _Header, widest: int, oddities: list[str]) -> li
 
 
 def _note_extra_columns(path: Path, named: int, columns: int, stated: dict[str, int], oddities: list[str]) -> None:
-    """Note whole triples of columns to the right of the named markers; refuse any other surplus."""
+    """Add a note on whole triples of columns to the right of the named markers; refuse other extra columns."""
     if columns % 3 or named not in stated.values():
         found = ", ".join(f"{name} {count}" for name, count in stated.items()) or "no NumMarkers"
         raise RecordingError(

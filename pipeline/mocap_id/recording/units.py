@@ -1,8 +1,10 @@
-"""Conversion factors of declared units to SI. Unknown and ambiguous units have none."""
+"""Conversion factors from declared units to SI; unknown and ambiguous units have none."""
 
 from __future__ import annotations
 
 import re
+
+from mocap_id.errors import ConfigError
 
 LENGTHS: dict[str, float] = {
     **dict.fromkeys(("m", "meter", "meters", "metre", "metres"), 1.0),
@@ -28,14 +30,14 @@ _ARMS: dict[str, float] = {**LENGTHS, **_FEET}
 _SHORTEST_PREFIX = 3
 
 
-def length_scale(declared: str) -> float | None:
+def find_length_scale(declared: str) -> float | None:
     """Return the metres per declared unit; None if the name is empty, unknown or ambiguous.
 
     C3D files truncate strings. A prefix of at least three letters is accepted if all matching names are the same unit.
 
     Examples
     --------
-    >>> length_scale("MM"), length_scale("mete"), length_scale("furlong")
+    >>> find_length_scale("MM"), find_length_scale("mete"), find_length_scale("furlong")
     (0.001, 1.0, None)
     """
     name = strip_padding(declared).strip("()").lower()
@@ -47,29 +49,37 @@ def length_scale(declared: str) -> float | None:
     return meanings.pop() if len(meanings) == 1 else None
 
 
-def force_scale(declared: str) -> float | None:
+def check_length_unit(units: str) -> float:
+    """Return the metres per unit of length in the user's ``units``; ConfigError if the unit is unknown."""
+    scale = find_length_scale(units)
+    if scale is None:
+        raise ConfigError(f"units: {units!r} is not a unit of length; expected one of {', '.join(LENGTHS)}")
+    return scale
+
+
+def find_force_scale(declared: str) -> float | None:
     """Return the newtons per declared unit of force; None if the name is empty or not a force.
 
     Examples
     --------
-    >>> force_scale("N"), force_scale("lbf"), force_scale("V")
+    >>> find_force_scale("N"), find_force_scale("lbf"), find_force_scale("V")
     (1.0, 4.4482216152605, None)
     """
-    return FORCES.get(_folded(declared))
+    return FORCES.get(_fold_case(declared))
 
 
-def moment_scale(declared: str) -> float | None:
+def find_moment_scale(declared: str) -> float | None:
     """Return the newton metres per declared unit of moment; None if the name is empty or not a moment.
 
-    The unit is a force and a length, with or without a separator. The length may come first; without a separator only
-    if it is in feet or inches, since ``mN`` is a millinewton.
+    The unit is a force and a length, with or without a separator. The length may come first, but without a separator
+    only if it is in feet or inches, since ``mN`` is a millinewton.
 
     Examples
     --------
-    >>> moment_scale("N.mm"), round(moment_scale("ft-lb"), 4), moment_scale("N")
+    >>> find_moment_scale("N.mm"), round(find_moment_scale("ft-lb"), 4), find_moment_scale("N")
     (0.001, 1.3558, None)
     """
-    match = _MOMENT.fullmatch(_folded(declared))
+    match = _MOMENT.fullmatch(_fold_case(declared))
     if match is None:
         return None
     force = match["force"] or match["second_force"] or match["last_force"]
@@ -82,19 +92,19 @@ def strip_padding(declared: str) -> str:
     return declared.strip().strip("\x00").strip()
 
 
-def _folded(declared: str) -> str:
+def _fold_case(declared: str) -> str:
     """Convert a unit to lower case; ``mN`` becomes ``millinewton``, so that it differs from ``MN``."""
     return re.sub("^mN", "millinewton", strip_padding(declared)).lower()
 
 
-def _any_of(names: dict[str, float]) -> str:
+def _join_names(names: dict[str, float]) -> str:
     return "|".join(sorted(names, key=len, reverse=True))
 
 
 _TIMES = r"[\s.*·x-]"
-_IMPERIAL = _any_of({**_FEET, **dict.fromkeys(("in", "inch", "inches"), 0.0254)})
+_IMPERIAL = _join_names({**_FEET, **dict.fromkeys(("in", "inch", "inches"), 0.0254)})
 _MOMENT = re.compile(
-    rf"(?P<force>{_any_of(FORCES)}){_TIMES}*(?P<arm>{_any_of(_ARMS)})"
-    rf"|(?P<first_arm>{_any_of(_ARMS)}){_TIMES}+(?P<second_force>{_any_of(FORCES)})"
-    rf"|(?P<feet>{_IMPERIAL})(?P<last_force>{_any_of(FORCES)})"
+    rf"(?P<force>{_join_names(FORCES)}){_TIMES}*(?P<arm>{_join_names(_ARMS)})"
+    rf"|(?P<first_arm>{_join_names(_ARMS)}){_TIMES}+(?P<second_force>{_join_names(FORCES)})"
+    rf"|(?P<feet>{_IMPERIAL})(?P<last_force>{_join_names(FORCES)})"
 )

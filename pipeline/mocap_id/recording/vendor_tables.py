@@ -1,4 +1,4 @@
-"""Markers in the text exports of Qualisys QTM (TSV), OptiTrack Motive (CSV) and Vicon Nexus (CSV)."""
+"""Parsers of markers in the text exports of Qualisys QTM (TSV), OptiTrack Motive (CSV) and Vicon Nexus (CSV)."""
 
 from __future__ import annotations
 
@@ -10,14 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from mocap_id.errors import RecordingError
-from mocap_id.recording.marker_table import (
-    MarkerTable,
-    fit_clock,
-    frame_numbers,
-    join_positions,
-    parse_rate,
-)
-from mocap_id.recording.text_tables import TextTable, parse_count, split_lines
+from mocap_id.recording.marker_table import MarkerTable, check_frame_numbers, fit_clock, parse_rate
+from mocap_id.recording.text_tables import TextTable, has_final_line_end, parse_count, split_lines
 
 NEXUS_SECTIONS = frozenset(("trajectories", "devices", "joints", "model outputs", "segments"))
 """Names of the parts of a Nexus export, in lower case."""
@@ -30,20 +24,16 @@ _PADDING = ",;\t \ufeff"
 
 
 def parse_qtm(path: Path, text: str, oddities: list[str]) -> MarkerTable:
-    """Parse the text of a QTM motion data file (TSV, 3D data). Its positions are in mm.
+    """Parse the text of a QTM motion data file (TSV, 3D data), whose positions are in mm.
 
-    Source: Qualisys Track Manager manual, "Motion data (.tsv)".
-
-    Raises
-    ------
-    RecordingError
-        The file contains other data, its header is incomplete, or its rows contradict the header.
+    Source: Qualisys Track Manager manual, "Motion data (.tsv)". Raises RecordingError if the file contains other data,
+    its header is incomplete, or its rows contradict the header.
     """
     lines = split_lines(text)
-    first = _first_qtm_row(lines)
+    first = _find_first_qtm_row(lines)
     split = [line.rstrip().split("\t") for line in lines[:first]]
     header = {cells[0].strip().lower(): cells[1:] for cells in split if len(cells) > 1}
-    included = _first(header, "data_included")
+    included = _get_first(header, "data_included")
     labels = [cell.strip() for cell in header.get("marker_names", [])]
     if included.upper() not in ("", "3D") or not labels:
         raise RecordingError(
@@ -52,60 +42,56 @@ def parse_qtm(path: Path, text: str, oddities: list[str]) -> MarkerTable:
         )
     if first == len(lines):
         raise RecordingError(f"{path}: no frames follow the header")
-    timed = "frame" in header or _timed(path, lines[first:], len(labels))
+    timed = "frame" in header or _has_times(path, lines[first:], len(labels))
     names = [*(["Frame", "Time"] if timed else ["Frame"]), *(f"{label} {axis}" for label in labels for axis in "XYZ")]
-    body = _trim(lines[first:], "\t")
-    table = TextTable(path, names, body if timed else _numbered(path, body, first), first + 1, "\t")
+    body = [line.removesuffix("\t") for line in lines[first:]]  # some versions end each line with a separator
+    table = TextTable(path, names, body if timed else _number_rows(path, body, first), first + 1, "\t")
     rows = table.numbers()
-    declared = parse_count(_first(header, "no_of_frames"))
+    declared = parse_count(_get_first(header, "no_of_frames"))
     if not timed and declared != len(rows):  # a missing row could be anywhere
         raise RecordingError(
             f"{path}: NO_OF_FRAMES is {declared}, the file contains {len(rows)} rows without frame numbers; export it "
             "again, with the time data"
         )
-    oddities += table.check_count(declared, rows, ended=_ended(text))
-    stated = _first(header, "frequency")
-    frames = frame_numbers(path, rows[:, 0], consecutive=True)
+    oddities += table.check_count(declared, rows, ended=has_final_line_end(text))
+    stated = _get_first(header, "frequency")
+    frames = check_frame_numbers(path, rows[:, 0], consecutive=True)
     if timed:
         time, rate = fit_clock(path, stated, rows[:, 1], oddities, "FREQUENCY")
     else:
-        time, rate = _time_of_frames(path, frames - 1, stated, "FREQUENCY")
-    count = parse_count(_first(header, "no_of_markers"))
+        time, rate = _compute_times(path, frames - 1, stated, "FREQUENCY")
+    count = parse_count(_get_first(header, "no_of_markers"))
     if count is not None and count != len(labels):
         oddities.append(f"the header declares {count} markers but names {len(labels)}: the rows have {len(labels)}")
     kinds = [kind.strip().lower() for kind in header.get("trajectory_types", [])]
     virtual = [label for label, kind in zip(labels, kinds, strict=False) if kind == "virtual"]
-    positions = join_positions(rows[:, len(names) - 3 * len(labels) :])
-    return MarkerTable("QTM TSV", labels, frames, time, positions, rate, "mm", "Z", "QTM", virtual)
+    positions = rows[:, len(names) - 3 * len(labels) :].reshape(len(rows), -1, 3)
+    return MarkerTable("QTM TSV", labels, frames, time, positions, rate, "mm", "Z", virtual)
 
 
 def parse_motive(path: Path, text: str, oddities: list[str]) -> MarkerTable:
-    """Parse the text of a Motive CSV export. Only measured markers are read, not those solved from bodies.
+    """Parse the text of a Motive CSV export: measured markers only, not markers that Motive computed from bodies.
 
-    Source: OptiTrack documentation, "Data Export: CSV".
-
-    Raises
-    ------
-    RecordingError
-        There are no measured markers, the coordinates are local, or rows and header contradict each other.
+    Source: OptiTrack documentation, "Data Export: CSV". Raises RecordingError if there are no measured markers, the
+    coordinates are local, or rows and header contradict each other.
     """
     lines = split_lines(text)
     first = next((k for k, line in enumerate(lines[:_HEADER_LINES]) if line.lower().startswith("frame,")), None)
-    above = [] if first is None else [_cells(line) for line in lines[1:first] if line.strip(_PADDING)]
+    above = [] if first is None else [_split_cells(line) for line in lines[1:first] if line.strip(_PADDING)]
     if first is None or len(above) < 3:
         raise RecordingError(
             f"{path}: the Motive file has no complete header above its frames; export it with a header"
         )
-    info = _cells(lines[0])
-    space = _after(info, "Coordinate Space")
+    info = _split_cells(lines[0])
+    space = _get_after(info, "Coordinate Space")
     if space.lower() not in ("", "global"):
         raise RecordingError(f"{path}: the coordinates are {space}; export them in the Global coordinate space")
-    axes = _cells(lines[first])
-    kinds, names, quantities = (_padded(row, len(axes)) for row in (above[0], above[1], above[-1]))
-    wanted = [
+    axes = _split_cells(lines[first])
+    kinds, names, quantities = (_pad(row, len(axes)) for row in (above[0], above[1], above[-1]))
+    chosen = [
         k for k in range(2, len(axes)) if kinds[k].lower() == "marker" and quantities[k].lower() in ("position", "")
     ]
-    labels = _labels_of_triples(path, [names[k] for k in wanted], [axes[k] for k in wanted])
+    labels = _name_triples(path, [names[k] for k in chosen], [axes[k] for k in chosen])
     others = sorted({kind for kind in kinds[2:] if kind and kind.lower() != "marker"})
     if not labels:
         raise RecordingError(
@@ -119,23 +105,20 @@ def parse_motive(path: Path, text: str, oddities: list[str]) -> MarkerTable:
     rows = table.numbers()
     if not len(rows):
         raise RecordingError(f"{path}: no frames follow the header")
-    declared = parse_count(_after(info, "Total Exported Frames"))
-    oddities += table.check_count(declared, rows, ended=_ended(text))
-    frames = frame_numbers(path, rows[:, 0], consecutive=True)
-    time, rate = fit_clock(path, _after(info, "Export Frame Rate"), rows[:, 1], oddities, "Export Frame Rate")
-    units = _after(info, "Length Units")
-    return MarkerTable("Motive CSV", labels, frames, time, join_positions(rows[:, wanted]), rate, units, "Y", "Motive")
+    declared = parse_count(_get_after(info, "Total Exported Frames"))
+    oddities += table.check_count(declared, rows, ended=has_final_line_end(text))
+    frames = check_frame_numbers(path, rows[:, 0], consecutive=True)
+    time, rate = fit_clock(path, _get_after(info, "Export Frame Rate"), rows[:, 1], oddities, "Export Frame Rate")
+    units = _get_after(info, "Length Units")
+    positions = rows[:, chosen].reshape(len(rows), -1, 3)
+    return MarkerTable("Motive CSV", labels, frames, time, positions, rate, units, "Y")
 
 
 def parse_nexus(path: Path, text: str, oddities: list[str]) -> MarkerTable:
     """Parse the section ``Trajectories`` of a Nexus ASCII export; commas, semicolons or tabs separate its cells.
 
-    Source: Vicon Nexus user guide, "Export ASCII".
-
-    Raises
-    ------
-    RecordingError
-        There is no such section, or its lines contradict each other.
+    Source: Vicon Nexus user guide, "Export ASCII". Raises RecordingError if there is no such section, or if its lines
+    contradict each other.
     """
     lines = split_lines(text)
     sections = {line.strip(_PADDING).lower(): k for k, line in enumerate(lines) if line[:1].isalpha()}
@@ -150,11 +133,15 @@ def parse_nexus(path: Path, text: str, oddities: list[str]) -> MarkerTable:
     if before not in (1, 2) or not axes[0].lower().startswith("frame"):
         raise RecordingError(f"{path}: line {start + 4} should begin with Frame, Sub Frame, X, Y, Z; export it again")
     width = before + len([cell for cell in axes[before:] if cell])
-    labels = _labels_of_triples(path, _spread(path, _padded(names, width)[before:width]), axes[before:width])
-    found = sorted({unit for unit in units[before:width] if unit})
-    if len(found) > 1:
-        raise RecordingError(f"{path}: the trajectories have several units ({', '.join(found)}); export them in one")
-    body = _section(lines[start + 5 :])
+    own = _pad(names, width)[before:width]
+    repeated = [name or own[k - k % 3] for k, name in enumerate(own)]  # the file names only the column of X
+    labels = _name_triples(path, repeated, axes[before:width])
+    declared = sorted({unit for unit in units[before:width] if unit})
+    if len(declared) > 1:
+        raise RecordingError(f"{path}: the trajectories have several units ({', '.join(declared)}); export them in one")
+    body = lines[start + 5 :]
+    end = next((k for k, line in enumerate(body) if not line.strip(_PADDING)), len(body))
+    body = body[:end]
     if separator == ";":
         body = [line.replace(",", ".") for line in body]
     columns = [*axes[:before], *(f"{label} {axis}" for label in labels for axis in "XYZ")]
@@ -162,22 +149,23 @@ def parse_nexus(path: Path, text: str, oddities: list[str]) -> MarkerTable:
     rows = table.numbers()
     if not len(rows):
         raise RecordingError(f"{path}: no frames follow the header")
-    ended = _ended(text) or start + 5 + len(body) < len(lines)
+    ended = has_final_line_end(text) or start + 5 + len(body) < len(lines)
     oddities += table.check_count(None, rows, ended=ended)
     if before == 2 and np.nan_to_num(rows[:, 1]).any():
         raise RecordingError(f"{path}: the trajectories have sub-frames, expected one row for a frame; export it again")
-    frames = frame_numbers(path, rows[:, 0], consecutive=True)
-    time, hertz = _time_of_frames(path, frames - min(int(frames[0]), 1), rate[0], "the rate of the trajectories")
+    frames = check_frame_numbers(path, rows[:, 0], consecutive=True)
+    time, hertz = _compute_times(path, frames - min(int(frames[0]), 1), rate[0], "the rate of the trajectories")
     if "devices" in sections:
         oddities.append(
             "the section Devices was not read: the file does not say where its force plates are; export the trial as "
             "C3D to use them"
         )
-    unit = found[0] if found else ""
-    return MarkerTable("Nexus CSV", labels, frames, time, join_positions(rows[:, before:]), hertz, unit, "Z", "Nexus")
+    unit = declared[0] if declared else ""
+    positions = rows[:, before:].reshape(len(rows), -1, 3)
+    return MarkerTable("Nexus CSV", labels, frames, time, positions, hertz, unit, "Z")
 
 
-def _labels_of_triples(path: Path, names: Sequence[str], axes: Sequence[str]) -> list[str]:
+def _name_triples(path: Path, names: Sequence[str], axes: Sequence[str]) -> list[str]:
     """Return one name for every three columns X, Y and Z."""
     if len(axes) % 3 or any(axis.upper() != "XYZ"[k % 3] for k, axis in enumerate(axes)):
         raise RecordingError(f"{path}: the columns of the markers are not X, Y, Z for each marker; export it again")
@@ -186,14 +174,7 @@ def _labels_of_triples(path: Path, names: Sequence[str], axes: Sequence[str]) ->
     return [name.strip() for name in names[::3]]
 
 
-def _spread(path: Path, names: Sequence[str]) -> list[str]:
-    """Repeat the name above each X over its three columns."""
-    if any(name for k, name in enumerate(names) if k % 3):
-        raise RecordingError(f"{path}: the names of the markers are not above their columns X, Y, Z; export it again")
-    return [names[k - k % 3] for k in range(len(names))]
-
-
-def _first_qtm_row(lines: Sequence[str]) -> int:
+def _find_first_qtm_row(lines: Sequence[str]) -> int:
     """Return the index of the first row of numbers: after the last key, and after a line with column names."""
     keys = [k for k, line in enumerate(lines[:_HEADER_LINES]) if _QTM_KEY.match(line)]
     first = keys[-1] + 1 if keys else 0
@@ -203,12 +184,12 @@ def _first_qtm_row(lines: Sequence[str]) -> int:
 
 
 def _has_words(line: str) -> bool:
-    """Return whether a cell is neither blank nor a number nor missing."""
+    """Return whether a cell contains text other than a number or a mark for a missing value."""
     return any(cell.strip() and not _NUMBER.fullmatch(cell.strip()) for cell in line.split("\t"))
 
 
-def _numbered(path: Path, rows: Sequence[str], first: int) -> list[str]:
-    """Put a frame number, from 1, before each row: a row without any visible marker must not be lost."""
+def _number_rows(path: Path, rows: Sequence[str], first: int) -> list[str]:
+    """Put a frame number, from 1, before each row, so that rows without any visible marker are kept."""
     kept = list(rows)
     while kept and not kept[-1]:
         kept.pop()
@@ -217,8 +198,8 @@ def _numbered(path: Path, rows: Sequence[str], first: int) -> list[str]:
     return [f"{number}\t{row}" for number, row in enumerate(kept, start=1)]
 
 
-def _timed(path: Path, rows: Sequence[str], markers: int) -> bool:
-    """Return whether a frame number and a time precede the coordinates, from the number of cells."""
+def _has_times(path: Path, rows: Sequence[str], markers: int) -> bool:
+    """Return whether a frame number and a time precede the coordinates, judged by the number of cells."""
     width = max(row.rstrip("\r\n ").rstrip("\t").count("\t") + 1 for row in rows)
     most = max(row.count("\t") + 1 for row in rows)
     for extra in (0, 2):
@@ -230,7 +211,7 @@ def _timed(path: Path, rows: Sequence[str], markers: int) -> bool:
     )
 
 
-def _time_of_frames(path: Path, frames: np.ndarray, declared: str, name: str) -> tuple[np.ndarray, float]:
+def _compute_times(path: Path, frames: np.ndarray, declared: str, name: str) -> tuple[np.ndarray, float]:
     rate = parse_rate(path, declared.split(",", maxsplit=1)[0], name)
     if rate is None:
         raise RecordingError(f"{path}: {name} is {declared[:40]!r}, expected a number of Hz; export it with the times")
@@ -239,36 +220,21 @@ def _time_of_frames(path: Path, frames: np.ndarray, declared: str, name: str) ->
     return frames / rate, rate
 
 
-def _section(lines: Sequence[str]) -> list[str]:
-    """Return the lines up to the next blank one."""
-    end = next((k for k, line in enumerate(lines) if not line.strip(_PADDING)), len(lines))
-    return list(lines[:end])
-
-
-def _trim(lines: Sequence[str], separator: str) -> list[str]:
-    """Remove the separator that some versions write at the end of each line."""
-    return [line.removesuffix(separator) for line in lines]
-
-
-def _cells(line: str) -> list[str]:
+def _split_cells(line: str) -> list[str]:
     try:
         return [cell.strip() for cell in next(csv.reader([line]), [])]
     except csv.Error:
         return [cell.strip() for cell in line.split(",")]
 
 
-def _padded(cells: Sequence[str], width: int) -> list[str]:
+def _pad(cells: Sequence[str], width: int) -> list[str]:
     return [*cells[:width], *[""] * (width - len(cells))]
 
 
-def _first(header: dict[str, list[str]], key: str) -> str:
+def _get_first(header: dict[str, list[str]], key: str) -> str:
     return next(iter(header.get(key, [])), "").strip()
 
 
-def _after(cells: Sequence[str], name: str) -> str:
-    """Return the cell after the one with a name, or an empty text."""
+def _get_after(cells: Sequence[str], name: str) -> str:
+    """Return the cell after the cell with this name, or an empty text."""
     return cells[cells.index(name) + 1].strip() if name in cells[:-1] else ""
-
-
-def _ended(text: str) -> bool:
-    return text.endswith(("\n", "\r"))

@@ -1,4 +1,4 @@
-"""Writers of C3D and TRC files, for simulated trials and export."""
+"""Writers of C3D, TRC and MOT files, for simulated trials and export."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mocap_id.errors import RecordingError
 from mocap_id.recording.axes import to_z_up
 from mocap_id.recording.model import Plate, Recording
 from mocap_id.recording.opensim_text import format_motion_table, format_trc
-from mocap_id.recording.plate_types import PlateSignals, plate_axes
+from mocap_id.recording.plate_types import PlateSignals, compute_plate_axes
 
 _CHANNEL_NAMES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 _SAME_FRAME = 0.01
@@ -71,15 +71,13 @@ def write_c3d(
 def write_recording(path: Path, recording: Recording) -> None:
     """Write a recording as a C3D file.
 
-    Raises
-    ------
-    RecordingError
-        A C3D file cannot hold it: the frames are not evenly spaced, or do not start at a whole frame from 0 s on; or a
-        plate has no corners, or does not cover every frame at a common rate that is a multiple of the frame rate.
+    Raises RecordingError if a C3D file cannot store the recording. This is so if the frames are not evenly spaced, or
+    do not start at a whole frame from 0 s on. It is also so if a plate has no corners, or does not cover every frame at
+    a common rate that is a multiple of the frame rate.
     """
     _check_even(recording)
-    first = _first_number(recording)
-    plates = [_signals(plate, recording) for plate in recording.plates if plate.usable]
+    first = _find_first_number(recording)
+    plates = [_compute_channels(plate, recording) for plate in recording.plates if plate.usable]
     try:
         write_c3d(path, recording.labels, recording.positions, recording.rate, first_frame=first, plates=plates)
     except ValueError as error:
@@ -89,13 +87,9 @@ def write_recording(path: Path, recording: Recording) -> None:
 def write_recording_as_text(path: Path, recording: Recording) -> None:
     """Write the markers of a recording as a TRC file, and its usable plates as a MOT file beside it.
 
-    The MOT file has each wrench as force and moment at the lab's origin, and no corners of plates. Both files have Y
-    up, as in OpenSim, and the times of the recording.
-
-    Raises
-    ------
-    RecordingError
-        The frames are not evenly spaced, a time is too large for the format, or the plates have different samples.
+    The MOT file contains each wrench as force and moment at the lab's origin, and no corners of plates. Both files have
+    Y up, as in OpenSim, and the times of the recording. Raises RecordingError if the frames are not evenly spaced, a
+    time is too large for the format, or the plates have different samples.
     """
     _check_even(recording)
     if np.abs(recording.time).max() > _LAST_TIME:
@@ -115,13 +109,13 @@ def write_recording_as_text(path: Path, recording: Recording) -> None:
         return
     rate, start, count = clocks.pop()
     time = start + np.arange(count) / rate
-    turn = to_z_up("Y").T
+    rotation = to_z_up("Y").T
     kinds = ("v", "p", "m")
     names = [f"ground_force_{k}_{kind}{axis}" for k in range(1, len(plates) + 1) for kind in kinds for axis in "xyz"]
     values = []
     for plate in plates:
         known = np.where(plate.ok[:, None], 1.0, np.nan)
-        values += [known * plate.force @ turn.T, np.zeros((count, 3)), known * plate.moment @ turn.T]
+        values += [known * plate.force @ rotation.T, np.zeros((count, 3)), known * plate.moment @ rotation.T]
     text = format_motion_table(path.stem, names, np.concatenate(values, axis=1), time=time)
     _write_atomically(path.with_suffix(".mot"), lambda partial: partial.write_text(text, encoding="utf-8"))
 
@@ -131,18 +125,18 @@ def _check_even(recording: Recording) -> None:
         raise RecordingError("the frames are not evenly spaced in time; expected one frame every 1/rate")
 
 
-def _first_number(recording: Recording) -> int:
+def _find_first_number(recording: Recording) -> int:
     """Return the number of the first frame from its time, since frame 1 of a C3D file is at 0 s."""
     at = float(recording.time[0] * recording.rate)
     if at < -_SAME_FRAME or abs(at - round(at)) > _SAME_FRAME:
         raise RecordingError(
-            f"the first frame is at {recording.time[0]:.9g} s; a C3D file holds times from 0 s on that are multiples "
-            f"of 1/{recording.rate:g} s: subtract a constant from all times, those of the plates too"
+            f"the first frame is at {recording.time[0]:.9g} s; a C3D file stores times from 0 s on that are multiples "
+            f"of 1/{recording.rate:g} s: subtract a constant from all times, also of the plates"
         )
     return round(at) + 1
 
 
-def _signals(plate: Plate, recording: Recording) -> PlateSignals:
+def _compute_channels(plate: Plate, recording: Recording) -> PlateSignals:
     """Return the channels of a plate of type 2 that give this wrench; NaN where the samples are not valid."""
     if plate.corners is None:
         raise RecordingError(f"plate {plate.index} has no corners; expected (4, 3), in m")
@@ -151,7 +145,7 @@ def _signals(plate: Plate, recording: Recording) -> PlateSignals:
             f"plate {plate.index} starts at {plate.start} s; expected {recording.time[0]} s, the time of the first "
             "frame: resample the plate"
         )
-    axes = plate_axes(plate.corners)
+    axes = compute_plate_axes(plate.corners)
     about_centre = plate.moment - np.cross(plate.corners.mean(axis=0), plate.force)
     channels = np.concatenate([plate.force @ axes, about_centre @ axes], axis=1)
     channels[~plate.ok] = np.nan
@@ -169,12 +163,8 @@ def write_trc(
 ) -> None:
     """Write markers as a TRC file (mm, Y up as in OpenSim); missing markers are blank.
 
-    Parameters
-    ----------
-    path, labels, positions, rate, first_frame
-        As in :func:`write_c3d`.
-    start : float, optional
-        Time of the first frame, s; by default that of its number, with frame 1 at 0 s.
+    Other parameters are those of :func:`write_c3d`; ``start`` is the time of the first frame, s. By default, the time
+    follows from the number of the first frame, with frame 1 at 0 s.
     """
     y_up = np.stack([positions[..., 0], positions[..., 2], -positions[..., 1]], axis=-1)
     numbers = first_frame + np.arange(len(positions))
@@ -213,7 +203,7 @@ def _put_frame_fields(content: Any, first_frame: int, frames: int) -> None:
     for name, number in (("ACTUAL_START_FIELD", first_frame), ("ACTUAL_END_FIELD", first_frame + frames - 1)):
         low, high = number % 65536, number // 65536
         content.add_parameter("TRIAL", name, [low - 65536 if low > 32767 else low, high])
-        content["parameters"]["TRIAL"][name]["type"] = 2  # 16-bit words; ezc3d takes them for floats otherwise
+        content["parameters"]["TRIAL"][name]["type"] = 2  # 16-bit words; without this, ezc3d writes floats
 
 
 def _put_plates(content: Any, plates: Sequence[PlateSignals], rate: float, frames: int) -> None:

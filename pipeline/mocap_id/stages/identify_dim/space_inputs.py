@@ -82,7 +82,7 @@ def read_spatial_inputs(context: Context) -> SpatialInputs:
         return replace(inputs, obstacle=base)
     centre = wrench.facts.get("centre_m")
     record = replace(_record(poses, inputs, base), plate=None if centre is None else np.array(centre))
-    width = recording.averaging_width(wrench.facts["analog_rate_hz"], record.rate)
+    width = recording.compute_averaging_width(wrench.facts["analog_rate_hz"], record.rate)
     trial = prepare(replace(record, averaged=width), _fit_settings(settings))
     return replace(inputs, trial=trial, obstacle=_not_excited(settings, trial))
 

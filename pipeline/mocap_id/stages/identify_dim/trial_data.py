@@ -62,7 +62,7 @@ def read_trial_data(context: Context, chain: Skeleton) -> TrialData:
         built_in=_external_wrenches(context, chain.segments, "beyond"),
         knee=max(0, _thigh(chain.segments) - 1),
     )
-    averaged = recording.averaging_width(wrench.facts["analog_rate_hz"], recorded.rate)
+    averaged = recording.compute_averaging_width(wrench.facts["analog_rate_hz"], recorded.rate)
     if board is None:
         return replace(recorded, averaged=averaged)
     averaged, surface = float(np.hypot(averaged, board["averaged_s"])), float(board["cells_below_surface_m"])

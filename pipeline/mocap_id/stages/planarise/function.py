@@ -17,7 +17,7 @@ from mocap_id.kinematics.lone_markers import find_lone_markers
 from mocap_id.kinematics.plane import find_feet
 from mocap_id.plates import GRAVITY, PlateChoice, choose_plates, find_dropouts
 from mocap_id.recording import BoardLog, PlateSamples, Recording, ThinnedFrames
-from mocap_id.recording.marker_posture import Facing, facing, upright
+from mocap_id.recording.marker_posture import Facing, find_facing, find_upright
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.planarise import (
     PlanariseSettings,
@@ -132,7 +132,7 @@ def _plane(
     if settings.yaw_deg is not None:
         yaw, fit = float(np.radians(settings.yaw_deg)), replace(fit, lean=0.0)
     else:
-        faced = facing(thinned.positions, np.array([np.cos(yaw), np.sin(yaw)]))
+        faced = find_facing(thinned.positions, np.array([np.cos(yaw), np.sin(yaw)]))
         if faced.forwards != (settings.facing == "+x"):
             yaw += np.pi
     yaw = float(np.pi - (np.pi - yaw) % (2 * np.pi))  # in (-pi, pi]
@@ -161,7 +161,7 @@ def _dropouts(
     if mass is None:
         return np.zeros(len(part.time), np.bool_)
     vertical = sum((samples[index].force[:, 2] for index in choice.indices("feet")), np.zeros(len(part.time)))
-    tall = np.repeat(upright(thinned.positions)[0], thinned.step)[: len(part.time)]
+    tall = np.repeat(find_upright(thinned.positions)[0], thinned.step)[: len(part.time)]
     return find_dropouts(vertical, tall, part.source.rate, mass * GRAVITY)
 
 

@@ -13,7 +13,7 @@ from mocap_id.arrays import BoolArray, FloatArray, find_runs
 from mocap_id.errors import Refused
 from mocap_id.recording import Recording
 from mocap_id.recording.axes import nearest_axis
-from mocap_id.recording.marker_positions import turn_z_up
+from mocap_id.recording.marker_positions import rotate_z_up
 from mocap_id.recording.skeleton_log import read_skeleton
 from mocap_id.stages.planarise import PlanariseSettings
 from mocap_id.stages.trial_keys import TrialKeys, get_recording
@@ -102,7 +102,7 @@ def _upright(source: Recording, roles: dict[str, int], notes: list[str]) -> Reco
     tilt = float(np.degrees(np.arctan2(np.linalg.norm(up[:2]), up[2]))) if np.isfinite(up).all() else float("nan")
     if axis not in (None, "Z"):
         positions = source.positions.copy()
-        turn_z_up(positions, str(axis))
+        rotate_z_up(positions, str(axis))
         notes.append("the trunk shows which axis points up (if it is another, set `vertical:`)")
         return replace(source, positions=positions, vertical=f"{source.vertical} ({axis})")
     notes.append(
