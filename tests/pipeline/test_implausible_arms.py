@@ -17,7 +17,7 @@ from mocap_id.recording.writer import write_c3d
 from mocap_id.runner import run
 from mocap_id.runner.execution import run_to
 from mocap_id.simulation.arm import ArmOptions, write_arm
-from mocap_id.stages.fit_joints.landmark_checks import implausible_lengths
+from mocap_id.stages.fit_joints.landmark_checks import check_lengths
 from mocap_id.store import Folder
 from mocap_id.verdict import Reason
 
@@ -67,7 +67,7 @@ def test_exchanged_landmarks_are_reported(arm: Path, exchanged: str, said: str) 
 
 @pytest.mark.parametrize(("scale", "wrong"), [(1.0, 0), (2.54, 2), (1 / 2.54, 2)])
 def test_lengths_in_a_wrong_unit_are_reported(scale: float, wrong: int) -> None:
-    found = implausible_lengths({"upper_arm": 0.30 * scale, "forearm": 0.26 * scale})
+    found = check_lengths({"upper_arm": 0.30 * scale, "forearm": 0.26 * scale})
     assert len(found) == wrong
 
 

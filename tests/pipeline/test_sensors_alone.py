@@ -161,7 +161,7 @@ def test_perturbations_need_markers(place: Path) -> None:
 
 def test_forces_need_markers(place: Path) -> None:
     sensor = "[{file: a.csv, name: rail, segment: shank, at: [0, 0, 0]}]"
-    with pytest.raises(ConfigError, match="beside markers"):
+    with pytest.raises(ConfigError, match="need markers"):
         load(without_recording(place / "trial/trial.yaml", external=sensor))
 
 

@@ -1,4 +1,4 @@
-"""fit-joints: joint centres, marker coordinates and segment lengths of the whole chain."""
+"""Settings and record of the stage fit-joints: joint centres, marker positions in the segments, segment lengths."""
 
 from __future__ import annotations
 
@@ -8,7 +8,6 @@ from pydantic import Field
 
 from mocap_id.stages import STAGE_HELP
 from mocap_id.stages.base import Context, Only, Outputs, Settings, Stage
-from mocap_id.stages.calibration import has_no_markers
 
 
 class FitJointsSettings(Settings):
@@ -27,22 +26,25 @@ class FitJointsSettings(Settings):
 
     estimator: Literal["bundle", "rigid-body", "circle", "score", "sphere", "helical"] = Field(
         "bundle",
-        description="the whole chain. For comparison in the plane: pairs of rigid bodies, or the circles of the "
-        "thesis; in space: symmetrical centres of rotation, spheres, or helical axes",
+        description="method: bundle fits the whole chain. The others are for comparison. In the plane: rigid-body "
+        "(pairs of rigid bodies) or circle (thesis); in space: score (symmetrical centres of rotation), sphere or "
+        "helical (helical axes)",
     )
     kinds: dict[str, Literal["ball", "two-axis", "hinge"]] = Field(
-        {}, description="in space: kinds of joints, by their name; found if not given"
+        {}, description="in space: kinds of joints by name; default: from the motion"
     )
     humerus: Literal[1, 2] = Field(
-        1, description="in space: frame of the upper arm by the ISB's first option, or by its second, from the forearm"
+        1, description="in space: axes of the upper arm by the ISB's first option, or by its second (from the forearm)"
     )
     palpation_sd_m: float = Field(
-        0.005, gt=0, description="in space: standard deviation of a landmark along each axis by palpation, m"
+        0.005, gt=0, description="in space: standard deviation of a palpated landmark along each axis, m"
     )
-    frames: int = Field(400, ge=50, description="number of frames fitted, evenly along the path of the markers")
+    frames: int = Field(400, ge=50, description="number of frames in the fit, evenly along the path of the markers")
     lambda_a: float = Field(0.01, gt=0, description="weight of the markers in `segment: joint_markers` (3.16)")
     small_arc_deg: float = Field(10.0, ge=0, description="smallest rotation of a joint without a caution, degrees")
-    large_sd_m: float = Field(0.02, gt=0, description="largest standard deviation of a centre without a caution, m")
+    large_sd_m: float = Field(
+        0.02, gt=0, description="largest standard deviation of a joint centre without a caution, m"
+    )
 
 
 def _function(context: Context) -> Outputs:
@@ -50,10 +52,6 @@ def _function(context: Context) -> Outputs:
         from mocap_id.stages.fit_joints.space import fit_chain_in_space  # noqa: PLC0415
 
         return fit_chain_in_space(context)
-    if has_no_markers(context.long("planar.parquet").facts):
-        from mocap_id.stages.fit_joints.sensors_alone import calibrated_chain  # noqa: PLC0415
-
-        return calibrated_chain(context)
     from mocap_id.stages.fit_joints.function import fit_joints  # noqa: PLC0415  loads its libraries only when run
 
     return fit_joints(context)

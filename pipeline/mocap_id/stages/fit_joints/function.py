@@ -1,8 +1,8 @@
-"""Function of the stage fit-joints: fits joint centres, marker coordinates and lengths of the whole chain."""
+"""Function of the stage fit-joints in the plane: joint centres, marker positions and lengths of the whole chain."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Container, Mapping
+from collections.abc import Container, Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -15,18 +15,21 @@ from mocap_id.kinematics.chain_equations import ChainState
 from mocap_id.kinematics.links import chain_angles
 from mocap_id.kinematics.rigid_body import count_positions
 from mocap_id.stages.base import Context, Outputs
+from mocap_id.stages.calibration import get_calibration, has_no_markers, read_chain
 from mocap_id.stages.fit_joints import FitJointsSettings
 from mocap_id.store import Tree
 from mocap_id.store.schemas import CHAIN
 from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
-_MARKED_SD = 0.005  # m; for a joint that a marker represents, and for a first joint with few markers beyond it
-_FEW_PLACES = 3
+_MARKED_SD = 0.005  # m; limit for a joint that a marker represents, and for the first joint if its segment has few
+_FEW_POSITIONS = 3  # different marker positions on the first segment
 
 
 def fit_joints(context: Context) -> Outputs:
-    """Return chain.h5."""
+    """Return chain.h5 of a trial in the plane."""
+    if has_no_markers(context.long("planar.parquet").facts):
+        return (_use_calibration(context),)
     settings: FitJointsSettings = context.settings
     segments = context.table("segments.parquet")
     view = Trajectories(context.long("planar.parquet"), segments.facts.get("bad_stretches", ()))
@@ -34,14 +37,14 @@ def fit_joints(context: Context) -> Outputs:
     labels, segment = [str(label) for label in segments["marker"][assigned]], segments["segment"][assigned]
     points, own = view.read_plane(), _columns(view, labels)
     joint_names = segments.facts["joint_names"]
-    named: Mapping[str, list[str]] = segments.facts["joint_markers"]
-    at_joint = {joint_names.index(name) + 1: _columns(view, about) for name, about in named.items()}
+    marked: Mapping[str, list[str]] = segments.facts["joint_markers"]
+    at_joint = {joint_names.index(name) + 1: _columns(view, about) for name, about in marked.items()}
     links = segments.facts.get("links")
     tracks = {joint: points[:, about].mean(axis=1) for joint, about in at_joint.items()}
-    start = None if links is None else _start(links, points[:, own], segment, labels, tracks)
-    useful = np.flatnonzero(_shown(points, own, segment) if start is None else np.isfinite(start.angles).all(axis=1))
-    if len(useful) > settings.frames:
-        frames = frames_along_motion(points, settings.frames, useful)
+    start = None if links is None else _make_start(links, points[:, own], segment, labels, tracks)
+    usable = _has_two_markers(points, own, segment) if start is None else np.isfinite(start.angles).all(axis=1)
+    if np.count_nonzero(usable) > settings.frames:
+        frames = frames_along_motion(points, settings.frames, np.flatnonzero(usable))
         points = points[frames]
         start = None if start is None else replace(start, angles=start.angles[frames])
         tracks = {joint: track[frames] for joint, track in tracks.items()}
@@ -72,33 +75,46 @@ def fit_joints(context: Context) -> Outputs:
         "reprojection_rms_m": float(np.sqrt(np.mean(fit.residual[segment > 0] ** 2))),
         "single_markers": links is not None,
     }
+    critical = set(() if links is None else marked)
+    if count_positions(fit.local[fit.segment == 1]) < _FEW_POSITIONS:
+        critical |= set(joint_names[:1])
     reasons = (
-        _for_comparison(settings)
-        + _pulled(named, settings)
-        + _weak_joints(fit, joint_names, settings, _closely(fit, joint_names, () if links is None else named))
+        *explain_estimator(settings),
+        *_explain_joint_markers(marked, settings),
+        *_explain_weak_joints(fit, joint_names, settings, critical),
     )
     return (Tree(CHAIN, data, facts, reasons),)
+
+
+def _use_calibration(context: Context) -> Tree:
+    """Return chain.h5 of a trial without markers: the chain of the calibration trial."""
+    calibration = get_calibration(context.trial)
+    tree = read_chain(calibration)
+    name = calibration.trial.name
+    note = Reason("calibrated", f"the joint centres and the segments' axes come from {name}.", level="ok")
+    cautions = tuple(reason for reason in tree.reasons if reason.level != "ok")
+    return Tree(CHAIN, tree.data, {**tree.facts, "calibration": name}, (note, *cautions))
 
 
 def _columns(view: Trajectories, labels: list[str]) -> IntArray:
     return np.array([view.labels.index(label) for label in labels], dtype=np.int64)
 
 
-def _shown(points: ComplexArray, own: IntArray, segment: IntArray) -> BoolArray:
-    """Return whether each frame (F,) shows at least two markers of every moving segment."""
+def _has_two_markers(points: ComplexArray, own: IntArray, segment: IntArray) -> BoolArray:
+    """Return True (F,) for the frames with at least two markers of every moving segment."""
     visible = np.isfinite(points)
     moving = [own[segment == k] for k in range(1, segment.max() + 1)]
     return np.asarray(np.all([visible[:, markers].sum(axis=1) >= 2 for markers in moving], axis=0))
 
 
-def _start(
+def _make_start(
     links: Mapping[str, Any],
     points: ComplexArray,
     segment: IntArray,
     labels: list[str],
     tracks: Mapping[int, ComplexArray],
 ) -> ChainState:
-    """Return the chain that segment found, with the angles of all frames."""
+    """Return the chain that the stage segment has fitted, with the angles of all frames."""
     centres = np.array([complex(x, y) for x, y in links["centres"]])
     local = np.array([complex(*links["local"][label]) for label in labels])
     return ChainState(centres, local, chain_angles(points, segment, centres, local, tracks))
@@ -111,34 +127,35 @@ def _estimate(
     settings: FitJointsSettings,
     start: ChainState | None,
 ) -> ChainFit:
+    """Fit the chain by the estimator of the settings; ConfigError if it cannot use this trial's markers."""
     if settings.estimator == "bundle":
         return fit_chain(points, segment, auxiliary, settings.lambda_a, start)
     if start is not None:
         raise ConfigError(
-            f"fit-joints: a segment has a single marker, and `estimator: {settings.estimator}` needs two of each; "
-            "expected `estimator: bundle`"
+            f"fit-joints: a segment has a single marker, and `estimator: {settings.estimator}` needs two markers on "
+            "every segment; expected `estimator: bundle`"
         )
     if auxiliary:
         raise ConfigError(f"segment: joint_markers: `fit-joints: {{estimator: {settings.estimator}}}` cannot use them")
     return fit_links(points, segment, "circle" if settings.estimator == "circle" else "rigid-body")
 
 
-def _for_comparison(settings: FitJointsSettings) -> tuple[Reason, ...]:
-    """Return a caution if the estimator is not the default."""
+def explain_estimator(settings: FitJointsSettings) -> tuple[Reason, ...]:
+    """Return a caution if the estimator is not the default, in the plane or in space."""
     if settings.estimator == "bundle":
         return ()
-    spread = "; its joints and lengths have no standard deviations" if settings.estimator == "circle" else ""
+    without_sd = "" if settings.estimator == "rigid-body" else "; its joints and lengths have no standard deviations"
     return (
         Reason(
             "estimator",
-            f"the joints are fitted by `{settings.estimator}`, which is only for comparison{spread}. Remove "
+            f"the joints are fitted by `{settings.estimator}`, which is only for comparison{without_sd}. Remove "
             "`fit-joints: {estimator: …}` to fit the whole chain.",
         ),
     )
 
 
-def _pulled(named: Mapping[str, list[str]], settings: FitJointsSettings) -> tuple[Reason, ...]:
-    """Return a note for each joint whose centre is attracted by markers."""
+def _explain_joint_markers(marked: Mapping[str, list[str]], settings: FitJointsSettings) -> tuple[Reason, ...]:
+    """Return a note for each joint whose centre is attracted by markers; ``marked`` are their labels by joint."""
     return tuple(
         Reason(
             "joint-markers",
@@ -147,23 +164,18 @@ def _pulled(named: Mapping[str, list[str]], settings: FitJointsSettings) -> tupl
             settings.lambda_a,
             level="ok",
         )
-        for name, about in named.items()
+        for name, about in marked.items()
     )
 
 
-def _closely(fit: ChainFit, names: list[str], marked: Collection[str]) -> set[str]:
-    """Return the joints whose centre must be known closely, since the weight on it is an error of the torque.
-
-    They are ``marked`` joints and a first joint whose segment has few markers: both are in conventional marker sets.
-    """
-    few = count_positions(fit.local[fit.segment == 1]) < _FEW_PLACES
-    return {*marked, *(names[:1] if few else ())}
-
-
-def _weak_joints(
-    fit: ChainFit, names: list[str], settings: FitJointsSettings, closely: Container[str]
+def _explain_weak_joints(
+    fit: ChainFit, names: list[str], settings: FitJointsSettings, critical: Container[str]
 ) -> tuple[Reason, ...]:
-    """Return a caution for every joint that turns too little or whose centre is uncertain."""
+    """Return a caution for every joint that rotates too little or whose centre is uncertain.
+
+    The limit is smaller for ``critical`` joints, which occur in conventional marker sets: an error of their centre,
+    times the weight on it, is an error of the torque.
+    """
     reasons = []
     for name, arc, covariance in zip(names, np.degrees(fit.arcs), fit.covariance, strict=True):
         sd = float(np.sqrt(np.linalg.eigvalsh(covariance)[-1])) if np.isfinite(covariance).all() else None
@@ -171,19 +183,18 @@ def _weak_joints(
             reasons.append(
                 Reason(
                     "small-arc",
-                    f"the {name} turns by only {arc:.1f}°: skin motion of 2 mm then shifts its centre by "
-                    f"{2 / np.radians(arc):.0f} mm unnoticed. Record a movement in which it turns more.",
+                    f"the {name} rotates by only {arc:.1f}°: skin motion of 2 mm then moves its centre by "
+                    f"{2 / np.radians(arc):.0f} mm unnoticed. Record a movement in which it rotates more.",
                     float(arc),
                     settings.small_arc_deg,
                 )
             )
-        elif sd is not None and sd > (limit := min(settings.large_sd_m, _MARKED_SD if name in closely else np.inf)):
-            reasons.append(
-                Reason(
-                    "joint-uncertain",
-                    f"the centre of the {name} has a standard deviation of {1e3 * sd:.0f} mm.",
-                    sd,
-                    limit,
-                )
-            )
+        elif sd is not None and sd > (limit := min(settings.large_sd_m, _MARKED_SD if name in critical else np.inf)):
+            reasons.append(explain_uncertain_centre(name, sd, limit))
     return tuple(reasons)
+
+
+def explain_uncertain_centre(name: str, sd: float, limit: float) -> Reason:
+    """Return a caution about a joint centre whose standard deviation ``sd``, m, is above the limit."""
+    text = f"the centre of the {name} has a standard deviation of {1e3 * sd:.0f} mm."
+    return Reason("joint-uncertain", text, sd, limit)

@@ -1,4 +1,4 @@
-"""Checks of an arm's landmarks: exchanged names, a wrong vertical axis or a wrong unit make an impossible skeleton."""
+"""Checks of the landmarks of an arm: exchanged names, a wrong vertical axis or a wrong unit give an impossible arm."""
 
 from __future__ import annotations
 
@@ -14,51 +14,58 @@ from mocap_id.kinematics.space.chain_result import SpatialFit
 from mocap_id.verdict import Reason
 
 _ABOVE = (("IJ", "PX"), ("C7", "T8"))
-"""Pairs of landmarks of the thorax, the upper one first."""
-_BELOW = 0.05  # m; in a person who lies, the heights are nearly the same
-_OUT_OF_PLANE = 0.025  # m, rms, of the thorax's landmarks from the plane that fits them
-_BESIDE = 0.05  # m, of the middle of two landmarks from the centre that the motion shows
-_SURE = 0.02  # m; in directions with a larger standard deviation, the distance counts less
-_ACROSS = 45.0  # degrees, between the epicondyles and the axis that the motion shows
+"""Pairs of landmarks of the thorax; the first one is above the second."""
+_BELOW = 0.05  # m; in a person who lies, the heights are nearly equal
+_OUT_OF_PLANE = 0.025  # m, rms distance of the thorax's landmarks from the plane through them
+_BESIDE = 0.05  # m, distance of the middle of two landmarks from the joint centre by the motion
+_SURE = 0.02  # m; the distance has less weight in directions in which the standard deviation is larger
+_ACROSS = 45.0  # degrees, angle between the line through the epicondyles and the axis by the motion
 _LENGTHS = {"upper_arm": (0.15, 0.45), "forearm": (0.12, 0.40)}
 """Shortest and longest segments of children and adults, m."""
 _NEXT = {"upper_arm": "forearm", "forearm": "hand"}
-_PAIRS = {"forearm": ("EL", "EM"), "hand": ("RS", "US")}
+PAIRS = {"forearm": ("EL", "EM"), "hand": ("RS", "US")}
+"""Landmarks on both sides of the joint before a segment."""
 
 
-def landmark_doubts(
+def check_landmarks(
     fit: SpatialFit,
     places: Mapping[str, LandmarkPosition],
     frames: AnatomicalFrames,
     where: Mapping[str, int],
     standing: SegmentPoses,
 ) -> tuple[Reason, ...]:
-    """Return a caution with everything that contradicts the anatomy of an arm; none if nothing does.
+    """Return a caution that lists all contradictions to the anatomy of an arm; an empty tuple without contradictions.
 
     Parameters
     ----------
     fit : SpatialFit
-        Before its centres are moved to landmarks.
+        Fitted chain before its joint centres are moved to landmarks.
     places : mapping
-        Landmarks in the frames of their segments.
+        Landmarks in the axes of their segments, by name.
     frames : AnatomicalFrames
+        Anatomical frames of the segments.
     where : mapping
-        Number of each segment.
+        Number of each segment, by name.
     standing : SegmentPoses
-        A pose at rest; y is up.
+        Poses at rest; y is up.
     """
     at = {name: place.local for name, place in places.items()}
-    found = [*_thorax(at, frames, where, standing, fit), *_joints(fit, at, where), *_sizes(fit, where)]
-    return implausible(found)
+    doubts = [
+        *_check_thorax(at, frames, where, standing, fit),
+        *_check_joints(fit, at, where),
+        *_check_segment_lengths(fit, where),
+    ]
+    return explain_implausible_arm(doubts)
 
 
-def _thorax(
+def _check_thorax(
     at: Mapping[str, FloatArray],
     frames: AnatomicalFrames,
     where: Mapping[str, int],
     standing: SegmentPoses,
     fit: SpatialFit,
 ) -> Iterator[str]:
+    """Yield a text for each contradiction in the landmarks of the thorax."""
     frame = frames.frames.get("thorax")
     if frame is None:
         return
@@ -78,8 +85,9 @@ def _thorax(
             yield "the shoulder is on the other side of the thorax, as if IJ and C7 were exchanged"
 
 
-def _joints(fit: SpatialFit, at: Mapping[str, FloatArray], where: Mapping[str, int]) -> Iterator[str]:
-    for child, pair in _PAIRS.items():
+def _check_joints(fit: SpatialFit, at: Mapping[str, FloatArray], where: Mapping[str, int]) -> Iterator[str]:
+    """Yield a text for each contradiction between landmarks and the joint centres and axes by the motion."""
+    for child, pair in PAIRS.items():
         if child not in where or where[child] == 0 or not all(name in at for name in pair):
             continue
         joint = fit.chain.joints[where[child] - 1]
@@ -97,17 +105,18 @@ def _joints(fit: SpatialFit, at: Mapping[str, FloatArray], where: Mapping[str, i
                 yield f"the line through EL and EM is {angle:.0f}° from the axis about which the elbow bends"
 
 
-def _sizes(fit: SpatialFit, where: Mapping[str, int]) -> list[str]:
+def _check_segment_lengths(fit: SpatialFit, where: Mapping[str, int]) -> list[str]:
+    """Return a text for each segment of the fit with an impossible length."""
     lengths = {}
     for name, tip in _NEXT.items():
         joint = fit.chain.joints[where[tip] - 1] if where.get(tip, 0) else None
         if joint is not None and joint.known and joint.parent == where.get(name):
             lengths[name] = float(np.linalg.norm(joint.centre))
-    return implausible_lengths(lengths)
+    return check_lengths(lengths)
 
 
-def implausible_lengths(lengths: Mapping[str, float]) -> list[str]:
-    """Return what is wrong with the lengths of upper arm and forearm, m, in words."""
+def check_lengths(lengths: Mapping[str, float]) -> list[str]:
+    """Return a text for each impossible length of upper arm or forearm; ``lengths`` are in m, by segment."""
     return [
         f"the {name.replace('_', ' ')} is {length:.3g} m long, expected {shortest:g} to {longest:g} m"
         for name, length in lengths.items()
@@ -116,9 +125,9 @@ def implausible_lengths(lengths: Mapping[str, float]) -> list[str]:
     ]
 
 
-def implausible(found: Sequence[str]) -> tuple[Reason, ...]:
-    """Return a caution with everything that was found; none if nothing was."""
-    if not found:
+def explain_implausible_arm(doubts: Sequence[str]) -> tuple[Reason, ...]:
+    """Return a caution that lists all contradictions to the anatomy of an arm; an empty tuple if there are none."""
+    if not doubts:
         return ()
     text = "Check the names of the landmarks, and the unit and the vertical axis of the recording; the angles are wrong"
-    return (Reason("landmarks-implausible", f"{'; '.join(found)}. {text}", float(len(found)), 0.0),)
+    return (Reason("landmarks-implausible", f"{'; '.join(doubts)}. {text}", float(len(doubts)), 0.0),)

@@ -1,4 +1,4 @@
-"""Landmarks from the pointer trials that the configuration names."""
+"""Landmarks from recordings in which a pointer touches them (`pointers:` in the configuration)."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from mocap_id.verdict import Reason
 
 @dataclass(frozen=True)
 class MarkedChain:
-    """A chain with the labels of its markers, and whether the recordings must be mirrored."""
+    """Chain with the labels of its markers; ``left`` is True if the recordings must be mirrored."""
 
     chain: SpatialChain
     labels: tuple[str, ...]
@@ -33,30 +33,32 @@ class MarkedChain:
 def read_pointed_landmarks(
     trial: TrialKeys, marked: MarkedChain, segment: Mapping[str, int], labels: tuple[str, ...], palpation: float
 ) -> tuple[dict[str, LandmarkPosition], tuple[Reason, ...]]:
-    """Return the places of the pointed landmarks in the frames of their segments.
+    """Return the positions of the pointed landmarks in the axes of their segments, by name, and cautions about them.
 
     Parameters
     ----------
     trial : TrialKeys
+        Trial with the pointer and its recordings.
     marked : MarkedChain
+        Fitted chain.
     segment : mapping
-        Landmark to the number of its segment.
+        Number of the segment of each landmark.
     labels : tuple of str
-        All markers of the trial; the pointer's are not among them.
+        Labels of all markers of the trial, which does not contain the pointer.
     palpation : float
         Standard deviation of a landmark along each axis, m.
 
     Raises
     ------
     RecordingError
-        A pointer trial cannot be used; the message names the file.
+        A recording of the pointer cannot be used; the message names the file.
     """
     files = {str(name): path for name, path in trial.pointers.items() if str(name) in segment}
     if not files:
         return {}, ()
-    read = {name: recording.read(path) for name, path in files.items()}
-    rod = tuple(trial.pointer) or find_pointer_markers(labels, [each.labels for each in read.values()])
-    for name, each in read.items():
+    recordings = {name: recording.read(path) for name, path in files.items()}
+    rod = tuple(trial.pointer) or find_pointer_markers(labels, [each.labels for each in recordings.values()])
+    for name, each in recordings.items():
         missing = [label for label in rod if label not in each.labels]
         if missing:
             raise RecordingError(
@@ -65,36 +67,35 @@ def read_pointed_landmarks(
             )
     if len(rod) < 2:
         raise RecordingError(
-            f"{next(iter(files.values()))}: the pointer trials have {len(rod)} markers in common that this trial does "
+            f"{next(iter(files.values()))}: all recordings of the pointer have {len(rod)} markers that this trial does "
             "not have; expected the two or more markers of the pointer"
         )
-    touches = {name: _touch(each, rod, marked, segment[name]) for name, each in read.items()}
+    touches = {name: _read_touch(each, rod, marked, segment[name]) for name, each in recordings.items()}
     pointer = (
         Pointer(np.array(list(trial.pointer.values()))) if trial.pointer else calibrate_pointer(list(touches.values()))
     )
-    places: dict[str, LandmarkPosition] = {}
+    positions: dict[str, LandmarkPosition] = {}
     reasons: list[Reason] = []
     for name, touch in touches.items():
         try:
-            found = locate_pointed_landmark(*touch, pointer, palpation)
+            landmark = locate_pointed_landmark(*touch, pointer, palpation)
         except RecordingError as error:
             raise RecordingError(f"{files[name]}: {error}") from error
-        places[name] = found.place
-        reasons += [Reason(each.code, f"{name}: {each.message}.", each.value, each.limit) for each in found.reasons]
-    return places, tuple(reasons)
+        positions[name] = landmark.place
+        reasons += [Reason(each.code, f"{name}: {each.message}.", each.value, each.limit) for each in landmark.reasons]
+    return positions, tuple(reasons)
 
 
-def _touch(
+def _read_touch(
     trial: Recording, rod: tuple[str, ...], marked: MarkedChain, segment: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the pointer's markers (F, P, 3) and the pose of a segment (F, 3, 3), (F, 3) in a pointer trial."""
+    """Return the pointer's markers (F, P, 3), m, and the poses (F, 3, 3), (F, 3) of a segment in a recording."""
     points = PlaneFrame(0.0).to_plane(trial.positions)
     points = mirror_points(points) if marked.left else points
     own = [m for m in np.flatnonzero(marked.chain.segment == segment) if marked.labels[m] in trial.labels]
     if len(own) < 3:
         raise RecordingError(
-            f"{trial.files[0]}: the pointer trial shows {len(own)} markers of the landmark's segment, expected at "
-            "least 3"
+            f"{trial.files[0]}: the recording has {len(own)} markers of the landmark's segment, expected at least 3"
         )
     cluster = points[:, [trial.labels.index(marked.labels[m]) for m in own]]
     rotation, origin, _ = rigid_poses(cluster, marked.chain.local[own])

@@ -1,4 +1,4 @@
-"""Function of the stage fit-joints for a skeleton: an arm of constant lengths on a rigid trunk."""
+"""Function of the stage fit-joints for the skeleton of a camera: an arm of constant lengths on a rigid trunk."""
 
 from __future__ import annotations
 
@@ -20,59 +20,66 @@ from mocap_id.kinematics.space.skeleton import (
     fit_trunk,
 )
 from mocap_id.stages.base import Context, Outputs
-from mocap_id.stages.fit_joints.landmark_checks import implausible, implausible_lengths
-from mocap_id.stages.fit_joints.space import joint_arrays
+from mocap_id.stages.fit_joints.landmark_checks import check_lengths, explain_implausible_arm
+from mocap_id.stages.fit_joints.space import make_joint_arrays
 from mocap_id.store import Tree
 from mocap_id.store.schemas import CHAIN
 from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
 _CARRYING = float(np.radians(-10))
-"""Carrying angle of the elbow, rad, which no skeleton shows."""
+"""Assumed carrying angle of the elbow, rad; a skeleton does not contain it."""
 _WRIST = (0.08, 0.045)
-"""Place of the wrist's centre forward of and beside the axis from the elbow to the ulnar styloid, as shares of the
-length of the forearm: a tenth, turned forward by 60° of pronation."""
-_FRAME_SD = np.radians([2.7, 4.0, 4.0, 2.2, 8.0, 2.2, 2.7, 9.0, 4.0])
-"""Constant errors of the axes of thorax, upper arm and forearm, each about x, y, z, rad, for a usual sensor."""
-_USUAL_NOISE = 0.012
-"""Noise of a bone's length with a usual sensor, m.
+"""Position of the wrist's centre, forward of and beside the axis from elbow to ulnar styloid, as shares of the length.
 
-Lasting errors of others are taken as larger or smaller in proportion.
-"""
+Its distance from this axis is a tenth of the length of the forearm, rotated forward by 60° of pronation."""
+_FRAME_SD = np.radians([2.7, 4.0, 4.0, 2.2, 8.0, 2.2, 2.7, 9.0, 4.0])
+"""Constant errors of the axes of thorax, upper arm and forearm, each about x, y, z, rad, for a usual camera."""
+_USUAL_NOISE = 0.012
+"""Noise of a bone's length with a usual camera, m; constant errors are scaled in proportion to this noise."""
 _SCALES = (0.8, 2.5)
-_CENTRE_SD = 0.02  # m, of the shoulder's true centre about that of the skeleton
+"""Smallest and largest factor of the constant errors."""
+_CENTRE_SD = 0.02  # m, distance of the shoulder's centre from the skeleton's shoulder, along each axis
+_BIASES = Reason(
+    "skeleton-biases",
+    "the angles come from the skeleton of a camera, whose joints are centimetres from the anatomical joints. Expected "
+    "rms errors: plane of elevation 4–14°, elevation 2–6°, axial rotation 6–22°, flexion 3–10°. In recordings of a "
+    "real camera, the elevation was 6–20° too high on average; its interval contains this error. The carrying angle is "
+    "assumed (-10°), and pronation is unknown. Compare changes rather than values.",
+)
 
 
 def fit_skeleton_chain(context: Context) -> Outputs:
-    """Return chain.h5 of a skeleton."""
+    """Return chain.h5 for the skeleton of a camera."""
     view = Trajectories(context.long("planar.parquet"))
     side = view.planar.facts["side"]
     roles = find_roles(view.labels, side)
     points = view.read_positions(np.arange(len(view.labels)))
     tracks = {role: points[:, number] for role, number in roles.items()}
     trunk = fit_trunk({role: tracks[role] for role in TRUNK if role in roles})
-    inside = {role: _inside(trunk, tracks[role]) for role in ARM if role in roles}
+    inside = {role: _express_in_trunk(trunk, tracks[role]) for role in ARM if role in roles}
     shoulder = trunk.local[trunk.roles.index("near_shoulder")]
     upper = fit_bone(inside["elbow"], shoulder, np.sqrt(2) * LASTING_SD, rate=view.rate)
     lower = fit_bone(inside["wrist"] - inside["elbow"], np.zeros(3), np.sqrt(2) * LASTING_SD, rate=view.rate)
     bones = [upper, lower]
     if "hand" in inside:
         bones.append(fit_bone(inside["hand"] - inside["wrist"], np.zeros(3), LASTING_SD, rate=view.rate))
-    memory = fit_sensor_noise(_residuals(trunk, bones, inside, tracks), view.rate)
-    facts = {"estimator": context.settings.estimator, **_facts(bones, memory)}
-    doubts = implausible(implausible_lengths({"upper_arm": upper.length, "forearm": lower.length}))
-    return (Tree(CHAIN, _data(view, roles, trunk, bones, inside), facts, (_biases(), *doubts)),)
+    noise = fit_sensor_noise(_compute_residuals(trunk, bones, inside, tracks), view.rate)
+    facts = {"estimator": context.settings.estimator, **_make_facts(bones, noise)}
+    doubts = explain_implausible_arm(check_lengths({"upper_arm": upper.length, "forearm": lower.length}))
+    return (Tree(CHAIN, _make_data(view, roles, trunk, bones, inside), facts, (_BIASES, *doubts)),)
 
 
-def _inside(trunk: Trunk, track: FloatArray) -> FloatArray:
+def _express_in_trunk(trunk: Trunk, track: FloatArray) -> FloatArray:
     """Return a track (F, 3) in the axes of the trunk, m."""
     return np.asarray(np.einsum("fji,fj->fi", trunk.rotations, track - trunk.origins))
 
 
-def _joints(bones: list[Bone]) -> tuple[SpatialJoint, ...]:
+def _make_joints(bones: list[Bone]) -> tuple[SpatialJoint, ...]:
+    """Return shoulder, elbow and, if the skeleton has a hand, wrist."""
     upper, lower = bones[:2]
-    spread = np.full((2, 3, 3), np.nan)
-    spread[0] = np.diag([np.sin(_FRAME_SD[4]) ** 2, np.sin(_FRAME_SD[3]) ** 2, 0.0])
+    axes_covariance = np.full((2, 3, 3), np.nan)
+    axes_covariance[0] = np.diag([np.sin(_FRAME_SD[4]) ** 2, np.sin(_FRAME_SD[3]) ** 2, 0.0])
     joints = [
         SpatialJoint("ball", 0, upper.centre, upper.covariance[:3, :3] + _CENTRE_SD**2 * np.eye(3)),
         SpatialJoint(
@@ -80,7 +87,7 @@ def _joints(bones: list[Bone]) -> tuple[SpatialJoint, ...]:
             1,
             np.array([0.0, -upper.length, 0.0]),
             np.diag([1.0, 0.0, 1.0]) * LASTING_SD**2 + np.diag([0.0, _length_sd(upper) ** 2, 0.0]),
-            axes_covariance=spread,
+            axes_covariance=axes_covariance,
             offset=so3.exp(np.array([_CARRYING, 0.0, 0.0])),
         ),
     ]
@@ -89,7 +96,7 @@ def _joints(bones: list[Bone]) -> tuple[SpatialJoint, ...]:
             SpatialJoint(
                 "two-axis",
                 2,
-                _wrist(lower.length),
+                _locate_wrist(lower.length),
                 np.eye(3) * LASTING_SD**2,
                 second_axis=np.array([1.0, 0.0, 0.0]),
             )
@@ -97,24 +104,25 @@ def _joints(bones: list[Bone]) -> tuple[SpatialJoint, ...]:
     return tuple(joints)
 
 
-def _wrist(length: float) -> FloatArray:
-    """Return the centre of the wrist in the forearm, m."""
-    place = np.array([_WRIST[0], -1.0, _WRIST[1]])
-    return np.asarray(length * place / np.linalg.norm(place))
+def _locate_wrist(length: float) -> FloatArray:
+    """Return the centre of the wrist (3,) in the axes of a forearm of this length, m."""
+    position = np.array([_WRIST[0], -1.0, _WRIST[1]])
+    return np.asarray(length * position / np.linalg.norm(position))
 
 
 def _length_sd(bone: Bone) -> float:
-    """Return the standard deviation of a length, m; an error along the bone is not seen."""
+    """Return the standard deviation of a length, m, with the constant error along the bone."""
     return float(np.hypot(np.sqrt(bone.covariance[3, 3]), LASTING_SD / 2))
 
 
-def _data(
+def _make_data(
     view: Trajectories, roles: dict[str, int], trunk: Trunk, bones: list[Bone], inside: dict[str, FloatArray]
 ) -> dict[str, Any]:
-    """Return the nodes of chain.h5."""
-    joints = _joints(bones)
+    """Return the datasets of chain.h5."""
+    joints = _make_joints(bones)
     limbs = ARM[: len(bones)]
-    ends = [np.array([0.0, -bones[0].length, 0.0]), _wrist(bones[1].length)]
+    pairs = zip(("", *limbs[:-1]), limbs, strict=True)
+    ends = [np.array([0.0, -bones[0].length, 0.0]), _locate_wrist(bones[1].length)]
     ends += [np.array([0.0, -bone.length, 0.0]) for bone in bones[2:]]
     used = [*trunk.roles, *limbs]
     noise = np.array([bone.noise for bone in bones])
@@ -125,8 +133,8 @@ def _data(
         "joints": {
             "name": np.array(("shoulder", "elbow", "wrist")[: len(joints)], dtype=object),
             "parent": np.arange(len(joints), dtype=np.int64),
-            "arc": np.array([_arc(inside[limb], inside.get(before)) for before, limb in _pairs(limbs)]),
-            **joint_arrays(joints),
+            "arc": np.array([_measure_arc(inside[limb], inside.get(before)) for before, limb in pairs]),
+            **make_joint_arrays(joints),
         },
         "segments": {
             "name": np.array(("thorax", "upper_arm", "forearm", "hand")[: len(joints) + 1], dtype=object),
@@ -151,12 +159,8 @@ def _data(
     }
 
 
-def _pairs(limbs: tuple[str, ...]) -> list[tuple[str, str]]:
-    return list(zip(("", *limbs[:-1]), limbs, strict=True))
-
-
-def _arc(tip: FloatArray, start: FloatArray | None) -> float:
-    """Return the range of the angle of a bone about its mean direction, rad."""
+def _measure_arc(tip: FloatArray, start: FloatArray | None) -> float:
+    """Return the range of the angle of a bone about its mean direction, rad; it starts at the origin by default."""
     bone = tip if start is None else tip - start
     bone = bone[np.isfinite(bone).all(axis=1)]
     unit = bone / np.linalg.norm(bone, axis=1, keepdims=True)
@@ -164,7 +168,8 @@ def _arc(tip: FloatArray, start: FloatArray | None) -> float:
     return float(np.ptp(np.percentile(np.arcsin(np.clip(unit @ v[0], -1, 1)), [2.5, 97.5])))
 
 
-def _facts(bones: list[Bone], memory: SensorNoise) -> dict[str, Any]:
+def _make_facts(bones: list[Bone], noise: SensorNoise) -> dict[str, Any]:
+    """Return the facts of chain.h5."""
     scale = float(np.clip(np.mean([bone.noise for bone in bones[:2]]) / _USUAL_NOISE, *_SCALES))
     frames = np.diag((scale * _FRAME_SD) ** 2)
     return {
@@ -176,27 +181,19 @@ def _facts(bones: list[Bone], memory: SensorNoise) -> dict[str, Any]:
         "still_s": None,
         "frame_covariance": {"shoulder": frames[:6, :6].tolist(), "elbow": frames[3:, 3:].tolist()},
         "wrist_offset_m": bones[1].centre.tolist(),
-        "noise": {"white": memory.white, "memory_s": memory.memory, "length_m": [bone.noise for bone in bones]},
+        "noise": {"white": noise.white, "memory_s": noise.memory, "length_m": [bone.noise for bone in bones]},
         "lasting_scale": scale,
     }
 
 
-def _residuals(
+def _compute_residuals(
     trunk: Trunk, bones: list[Bone], inside: dict[str, FloatArray], tracks: dict[str, FloatArray]
 ) -> FloatArray:
-    """Return residuals (F, K) about the rigid trunk and the constant lengths, m."""
-    parts = [_inside(trunk, tracks[role]) - local for role, local in zip(trunk.roles, trunk.local, strict=True)]
+    """Return the residuals (F, K) of the positions on the rigid trunk and of the lengths, m."""
+    parts = [
+        _express_in_trunk(trunk, tracks[role]) - local for role, local in zip(trunk.roles, trunk.local, strict=True)
+    ]
     parts.append((np.linalg.norm(inside["elbow"] - bones[0].centre, axis=1) - bones[0].length)[:, None])
     lower = inside["wrist"] - inside["elbow"] - bones[1].centre
     parts.append((np.linalg.norm(lower, axis=1) - bones[1].length)[:, None])
     return np.hstack(parts)
-
-
-def _biases() -> Reason:
-    return Reason(
-        "skeleton-biases",
-        "the angles come from a skeleton, whose joints lie centimetres from the anatomical ones: expect errors (rms) "
-        "of 4–14° of the plane of elevation, 2–6° of the elevation, 6–22° of the axial rotation and 3–10° of the "
-        "flexion; recorded arms of a real camera were 6–20° too high on average, which the interval of the elevation "
-        "holds. The carrying angle is assumed (-10°), and pronation is not shown. Compare changes rather than values.",
-    )
