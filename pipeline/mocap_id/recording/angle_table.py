@@ -18,18 +18,10 @@ _TO_RAD = {"_deg": np.pi / 180.0, "_rad": 1.0}
 
 @dataclass(frozen=True)
 class AngleTable:
-    """Joint angles at the times of the file.
+    """Joint angles at the K times of the file."""
 
-    Parameters
-    ----------
-    time : (K,) array
-        Increasing times, s.
-    angles : dict of str to (K,) array
-        Angle by column name, rad; NaN where a cell is empty.
-    """
-
-    time: FloatArray
-    angles: dict[str, FloatArray]
+    time: FloatArray  # (K,) increasing times, s
+    angles: dict[str, FloatArray]  # angles (K,) by column name, rad; NaN if a cell is empty
 
 
 def read_angles(path: Path, columns: Collection[str]) -> AngleTable:
@@ -45,37 +37,37 @@ def read_angles(path: Path, columns: Collection[str]) -> AngleTable:
     RecordingError
         The file is missing or not such a table, its times do not increase, or a CSV column name has no unit.
     """
-    return _csv(path, columns) if path.suffix.lower() == ".csv" else _mot(path, columns)
+    return _read_csv_angles(path, columns) if path.suffix.lower() == ".csv" else _read_motion_angles(path, columns)
 
 
-def _mot(path: Path, columns: Collection[str]) -> AngleTable:
+def _read_motion_angles(path: Path, columns: Collection[str]) -> AngleTable:
     table = read_table(path)
-    _check(path, columns, table.columns)
+    _check_columns(path, columns, table.columns)
     factor = np.pi / 180.0 if table.in_degrees else 1.0
     return AngleTable(table.time, {name: table[name] * factor for name in columns})
 
 
-def _csv(path: Path, columns: Collection[str]) -> AngleTable:
+def _read_csv_angles(path: Path, columns: Collection[str]) -> AngleTable:
     table = read_csv(path)
     names = list(table.names)
     if names[0] not in _TIME:
         raise RecordingError(f"{path}: the first column is {names[:1]}, expected `time_s`")
-    _check(path, columns, names[1:])
+    _check_columns(path, columns, names[1:])
     values = table.numbers()
     time = values[:, 0]
     if not is_time_axis(time):
         raise RecordingError(f"{path}: `{names[0]}` must contain at least two increasing times")
-    return AngleTable(time, {name: values[:, names.index(name, 1)] * _factor(path, name) for name in columns})
+    return AngleTable(time, {name: values[:, names.index(name, 1)] * _find_factor(path, name) for name in columns})
 
 
-def _factor(path: Path, name: str) -> float:
+def _find_factor(path: Path, name: str) -> float:
     for ending, factor in _TO_RAD.items():
         if name.lower().endswith(ending):
             return factor
     raise RecordingError(f"{path}: column {name} has no unit in its name: the name must end in _deg or _rad")
 
 
-def _check(path: Path, columns: Collection[str], existing: Collection[str]) -> None:
+def _check_columns(path: Path, columns: Collection[str], existing: Collection[str]) -> None:
     absent = [name for name in columns if name not in existing]
     if absent:
         shown = ", ".join(list(existing)[:12]) + (" …" if len(existing) > 12 else "")

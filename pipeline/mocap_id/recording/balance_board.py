@@ -18,67 +18,50 @@ CELLS_BELOW_SURFACE_M = 0.053
 
 _GRAVITY = 9.81
 _WIDTH_M, _DEPTH_M = 0.433, 0.238  # distances of the cells, left to right and bottom to top
-_ACROSS = np.array([-1.0, 1.0, -1.0, 1.0]) * _WIDTH_M / 2.0  # place of each cell to the right of the centre
-_ALONG = np.array([1.0, 1.0, -1.0, -1.0]) * _DEPTH_M / 2.0  # and towards the top
-_RATE = 200.0  # Hz, of the even samples
-_WINDOW_S, _INTERVALS = 0.025, 2.0  # the window is at least this long, and this many intervals of the stamps
-_LONGEST_GAP_S = 0.15  # in a longer gap the load is unknown
+_ACROSS = np.array([-1.0, 1.0, -1.0, 1.0]) * _WIDTH_M / 2.0  # m, position of each cell to the right of the centre
+_ALONG = np.array([1.0, 1.0, -1.0, -1.0]) * _DEPTH_M / 2.0  # m, position of each cell towards the top
+_RATE = 200.0  # Hz, after resampling
+_WINDOW_S, _INTERVALS = 0.025, 2.0  # the window is as long as the larger of 25 ms and 2 intervals
+_LONGEST_GAP_S = 0.15  # in a longer gap the load is not known
 _LEAST_ROWS = 20
 _LARGEST_KG = 400.0
-_CELL_KG, _CELL_GAIN = 0.05, 0.02  # deviation of a reading, and of a cell's gain before its calibration
+_CELL_KG, _CELL_GAIN = 0.05, 0.02  # standard deviations: of a reading, and of a cell's gain before calibration
 
 
 @dataclass(frozen=True)
 class BoardLog:
-    """Load of a balance board at even times on its own clock.
+    """Load of a balance board at K times with a constant step, on the board's clock."""
 
-    Parameters
-    ----------
-    start, rate : float
-        Time of the first sample, s, and samples per second.
-    force : (K,) array
-        Downward load, N.
-    moment : (K, 2) array
-        Load times its place to the right of the board's centre, and towards its top, N·m.
-    ok : (K,) bool array
-        Whether the log has samples near each time.
-    averaged : float
-        Width of the moving average that smooths as much as the resampling, s.
-    interval : float
-        Median time between two different stamps, s.
-    gaps : int
-        Number of gaps too long to be bridged.
-    """
-
-    start: float
-    rate: float
-    force: FloatArray
-    moment: FloatArray
-    ok: BoolArray
-    averaged: float
-    interval: float
-    gaps: int
+    start: float  # time of the first sample, s
+    rate: float  # samples per second
+    force: FloatArray  # (K,) downward load, N
+    moment: FloatArray  # (K, 2) load times its distance to the right of the board's centre, and towards its top, N·m
+    ok: BoolArray  # (K,) whether the log has samples near each time
+    averaged: float  # width of the moving average that smooths as much as the resampling, s
+    interval: float  # median time between two different time stamps, s
+    gaps: int  # number of gaps that are too long to be bridged
 
 
 def read_board(path: Path, loads: Path | None = None) -> BoardLog:
-    """Read the log of a balance board and resample it to even times.
+    """Read the log of a balance board and resample it to times with a constant step.
 
     The columns are ``time_s`` and the loads ``tl_kg``, ``tr_kg``, ``bl_kg``, ``br_kg`` of the cells at the top left,
     top right, bottom left and bottom right. The times may be irregular and repeated. Rows with the same time are
-    averaged; each even sample is then the mean over a short window around it, as in SWARII (Audiffren & Contal 2016).
+    averaged. Each new sample is then the mean over a short window around its time, as in SWARII (Audiffren & Contal
+    2016).
 
     Parameters
     ----------
     path : Path
     loads : Path, optional
-        Calibration: the same cells and ``load_kg``, a row for each known load, for :func:`calibrate_cells`.
+        Calibration file with the same cells and ``load_kg``, a row for each known load, for :func:`calibrate_cells`.
 
     Raises
     ------
     RecordingError
         A file is missing, has another format or too few rows, or its times go backwards.
     """
-    values = _table(path, TIME)
+    values = _read_columns(path, TIME)
     values = values[np.isfinite(values).all(axis=1)]
     time, cells = values[:, 0], values[:, 1:]
     if len(time) < _LEAST_ROWS or np.ptp(time) <= 0.0:
@@ -92,17 +75,17 @@ def read_board(path: Path, loads: Path | None = None) -> BoardLog:
             "contain kilograms, not raw counts"
         )
     if loads is not None:
-        gain, zero = calibrate_cells(_table(loads, LOAD))
+        gain, zero = calibrate_cells(_read_columns(loads, LOAD))
         cells = (cells - zero) * gain
     newtons = cells * _GRAVITY
-    return _resampled(time, np.column_stack([newtons.sum(axis=1), newtons @ _ACROSS, newtons @ _ALONG]))
+    return _resample(time, np.column_stack([newtons.sum(axis=1), newtons @ _ACROSS, newtons @ _ALONG]))
 
 
 def calibrate_cells(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Find the gain and the zero of each cell from known loads.
+    """Compute the gain and the zero of each cell from known loads.
 
-    Rows with a load of 0 give the zeros. The gains are the ones nearest to 1 with which the cells add up to the loads;
-    put the load near each cell in turn, so that the four gains differ.
+    Rows with a load of 0 give the zeros. The gains are the values nearest to 1 with which the cells add up to the
+    loads. Put the load near each cell in turn, so that the four gains differ.
 
     Parameters
     ----------
@@ -129,8 +112,8 @@ def calibrate_cells(values: FloatArray) -> tuple[FloatArray, FloatArray]:
     return 1.0 + np.linalg.lstsq(rows, target, rcond=None)[0], zero
 
 
-def _table(path: Path, first: str) -> FloatArray:
-    """Return the columns ``first`` and those of the cells."""
+def _read_columns(path: Path, first: str) -> FloatArray:
+    """Return the columns ``first`` and the four cells, (K, 5)."""
     table = read_csv(path)
     expected = [first, *CELLS]
     missing = [name for name in expected if name not in table.names]
@@ -139,11 +122,11 @@ def _table(path: Path, first: str) -> FloatArray:
             f"{path}: has the columns {', '.join(table.names)[:120]}, without {', '.join(missing)}; expected "
             f"{', '.join(expected)}: the loads in kg at the top left, top right, bottom left and bottom right"
         )
-    return table.numbers()[:, [table.names.index(name) for name in expected]]
+    return table.select(expected)
 
 
-def _resampled(time: FloatArray, values: FloatArray) -> BoardLog:
-    """Return the means over a window around even times, of values (K, 3) with stamps (K,)."""
+def _resample(time: FloatArray, values: FloatArray) -> BoardLog:
+    """Return the means of values (K, 3) with time stamps (K,) over a window around times with a constant step."""
     stamps, row = np.unique(time, return_inverse=True)
     count = np.bincount(row)[:, None]
     values = np.stack([np.bincount(row, weights=column) for column in values.T], axis=1) / count

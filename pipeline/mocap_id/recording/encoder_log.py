@@ -24,22 +24,12 @@ _EXPECTED = f"expected {TIME}, {POSITION}, {VELOCITY} and optionally {TORQUE}"
 
 @dataclass(frozen=True)
 class EncoderLog:
-    """Signals of an encoder, on its own clock.
+    """Signals of an encoder on its own clock: K samples."""
 
-    Parameters
-    ----------
-    time : (K,) array
-        Increasing times, s.
-    position, velocity : (K,) arrays
-        Joint position, rad, and velocity, rad/s.
-    torque : (K,) array or None
-        Joint torque, N·m; NaN where a cell is empty. None if the file has no such column.
-    """
-
-    time: FloatArray
-    position: FloatArray
-    velocity: FloatArray
-    torque: FloatArray | None
+    time: FloatArray  # (K,) increasing times, s
+    position: FloatArray  # (K,) rad
+    velocity: FloatArray  # (K,) rad/s
+    torque: FloatArray | None  # (K,) N·m, NaN if a cell is empty; None if the file has no such column
 
     @property
     def rate(self) -> float:
@@ -51,23 +41,33 @@ def read_encoder(path: Path) -> EncoderLog:
     """Read an encoder log.
 
     The columns are ``time_s``, ``position_rad``, ``velocity_rad_s`` and optionally ``torque_Nm``. Their names contain
-    the units, so that no unit is guessed.
-
-    Raises
-    ------
-    RecordingError
-        The file is missing or not such a table, has other columns or empty cells, its times do not increase, or its
-        velocity is not the derivative of its position.
+    the units, so that no unit is guessed. Raises RecordingError if the file is missing or not such a table, has other
+    columns or empty cells, or its times do not increase. It is also raised if the velocity is not the derivative of the
+    position.
     """
-    columns = _columns(path)
+    columns = _read_columns(path)
     time, position, velocity = (columns[name] for name in (TIME, POSITION, VELOCITY))
-    _check_whole(path, columns)
-    _check_times(path, time)
+    if len(time) < _MIN_ROWS:
+        raise RecordingError(f"{path}: has {len(time)} rows, expected at least {_MIN_ROWS}")
+    for name in (TIME, POSITION, VELOCITY):
+        empty = np.flatnonzero(~np.isfinite(columns[name]))
+        if len(empty):
+            raise RecordingError(
+                f"{path}: `{name}` has no number in line {empty[0] + 2} ({len(empty)} such lines): remove these "
+                "lines; the times need not be evenly spaced"
+            )
+    back = np.flatnonzero(np.diff(time) <= 0)
+    if len(back):
+        k = int(back[0]) + 1
+        raise RecordingError(
+            f"{path}: `{TIME}` does not increase: line {k + 2} has {time[k]:g} s after {time[k - 1]:g} s; sort the "
+            "rows by time and remove repeated rows"
+        )
     _check_derivative(path, time, position, velocity)
     return EncoderLog(time, position, velocity, columns.get(TORQUE))
 
 
-def _columns(path: Path) -> dict[str, FloatArray]:
+def _read_columns(path: Path) -> dict[str, FloatArray]:
     table = read_csv(path)
     names = list(table.names)
     if len(names) == 1 and ";" in names[0]:
@@ -80,31 +80,8 @@ def _columns(path: Path) -> dict[str, FloatArray]:
     return dict(zip(names, table.numbers().T.copy(), strict=True))
 
 
-def _check_whole(path: Path, columns: dict[str, FloatArray]) -> None:
-    rows = len(columns[TIME])
-    if rows < _MIN_ROWS:
-        raise RecordingError(f"{path}: has {rows} rows, expected at least {_MIN_ROWS}")
-    for name in (TIME, POSITION, VELOCITY):
-        empty = np.flatnonzero(~np.isfinite(columns[name]))
-        if len(empty):
-            raise RecordingError(
-                f"{path}: `{name}` has no number in line {empty[0] + 2} ({len(empty)} such lines): remove these "
-                "lines; the times need not be evenly spaced"
-            )
-
-
-def _check_times(path: Path, time: FloatArray) -> None:
-    back = np.flatnonzero(np.diff(time) <= 0)
-    if len(back):
-        k = int(back[0]) + 1
-        raise RecordingError(
-            f"{path}: `{TIME}` does not increase: line {k + 2} has {time[k]:g} s after {time[k - 1]:g} s; sort the "
-            "rows by time and remove repeated rows"
-        )
-
-
 def _check_derivative(path: Path, time: FloatArray, position: FloatArray, velocity: FloatArray) -> None:
-    """Refuse a velocity that is not the derivative of the position: wrong unit, direction or joint."""
+    """Raise RecordingError if the velocity is not the derivative of the position: wrong unit, direction or joint."""
     apart = max(1, round(_SPAN / float(np.median(np.diff(time)))))
     summed = np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(time))])
     by_velocity, by_position = (each[apart:] - each[:-apart] for each in (summed, position))

@@ -1,4 +1,4 @@
-"""Logs of inertial sensors: the program's own CSV, exports of Xsens MTw and DOT, and of Delsys."""
+"""Logs of inertial sensors: the program's CSV, exports of Xsens MTw and DOT, and of Delsys."""
 
 from __future__ import annotations
 
@@ -19,47 +19,37 @@ _UNITS = {
     **{"deg/s": np.pi / 180, "°/s": np.pi / 180, "dps": np.pi / 180, "rad/s": 1.0},
     **{"g": 9.80665, "m/s^2": 1.0, "m/s²": 1.0, "m/s2": 1.0},
 }
-_HEADER = 40  # lines before the names of the columns
+_HEADER = 40  # largest number of lines above the names of the columns
 _LEAST_ROWS = 50
-_FASTEST = 100.0  # rad/s, beyond any sensor
+_FASTEST = 100.0  # rad/s, more than any sensor measures
 _RATE = re.compile(r"Update Rate:\s*([0-9.]+)")
-_TICKS = {"dot": 1e-6, "mtw": 1e-4}  # s; SampleTimeFine
+_TICKS = {"dot": 1e-6, "mtw": 1e-4}  # s, one step of SampleTimeFine
 _WRAPS = {"SampleTimeFine": 2.0**32, "PacketCounter": 2.0**16}
 _EXPECTED = f"expected {', '.join(_OWN)} (rad/s, m/s²), or an export of Xsens MTw or DOT, or of Delsys, of one sensor"
 
 
 @dataclass(frozen=True)
 class ImuLog:
-    """Samples of an inertial sensor on its own clock.
+    """Samples of an inertial sensor on its own clock: K samples."""
 
-    Parameters
-    ----------
-    time : (K,) array
-        Increasing times, s.
-    gyro, acc : (K, 3) arrays
-        Angular velocity, rad/s, and specific force, m/s², in the sensor's axes.
-    """
-
-    time: FloatArray
-    gyro: FloatArray
-    acc: FloatArray
+    time: FloatArray  # (K,) increasing times, s
+    gyro: FloatArray  # (K, 3) angular velocity in the sensor's axes, rad/s
+    acc: FloatArray  # (K, 3) specific force in the sensor's axes, m/s²
 
 
 def read_imu(path: Path) -> ImuLog:
     """Read the log of one inertial sensor.
 
-    The program's own CSV has the columns ``time_s, gyro_x, gyro_y, gyro_z, acc_x, acc_y, acc_z`` in rad/s and m/s².
-    Exports of Xsens have ``Gyr_X`` … and ``Acc_X`` …; the gyroscope is in rad/s in those of MTw, and in degrees per
-    second in those of DOT, which begin with the device's tag. Exports of Delsys state sensor, channel and unit in the
-    names of the columns, each channel after its own time.
+    The program's CSV has the columns ``time_s, gyro_x, gyro_y, gyro_z, acc_x, acc_y, acc_z`` in rad/s and m/s². Exports
+    of Xsens have ``Gyr_X`` … and ``Acc_X`` …. Their gyroscope is in rad/s for MTw, and in degrees per second for DOT,
+    whose files begin with the device's tag. Exports of Delsys state sensor, channel and unit in the names of the
+    columns; a column with its own times precedes each channel.
 
-    Raises
-    ------
-    RecordingError
-        The file is missing, has another format, several sensors or too few rows, or its times do not increase.
+    Raises RecordingError if the file is missing, has another format, several sensors or too few rows, or if its times
+    do not increase.
     """
     lines = split_lines(read_text(path))
-    start = next((k for k, line in enumerate(lines[:_HEADER]) if _is_head(line)), None)
+    start = next((k for k, line in enumerate(lines[:_HEADER]) if _is_header(line)), None)
     if start is None:
         raise RecordingError(f"{path}: no columns of an inertial sensor; {_EXPECTED}")
     separator = next((each for each in "\t;," if each in lines[start]), ",")
@@ -70,58 +60,60 @@ def read_imu(path: Path) -> ImuLog:
     values = TextTable(path, names, rows, start + 2, separator).numbers()
     columns = dict(zip(names, values.T, strict=True))
     if all(name in columns for name in _OWN):
-        log = _complete(columns[_OWN[0]], np.stack([columns[name] for name in _OWN[1:]], axis=1))
+        log = _keep_complete_rows(columns[_OWN[0]], np.stack([columns[name] for name in _OWN[1:]], axis=1))
     elif all(name in columns for name in _XSENS):
-        log = _from_xsens(path, columns, "\n".join(lines[:start]))
+        log = _read_xsens(path, columns, "\n".join(lines[:start]))
     else:
-        log = _from_delsys(path, names, values)
-    _check(path, log)
+        log = _read_delsys(path, names, values)
+    _check_log(path, log)
     return log
 
 
-def imu_csv(log: ImuLog) -> bytes:
-    """Return a log as the program's own CSV."""
+def format_imu_csv(log: ImuLog) -> bytes:
+    """Return a log as the program's CSV."""
     rows = np.column_stack([log.time, log.gyro, log.acc])
     lines = [",".join(_OWN), *(",".join(f"{value:.6f}" for value in row) for row in rows.tolist())]
     return ("\n".join(lines) + "\n").encode()
 
 
-def _is_head(line: str) -> bool:
-    return all(name in line for name in _OWN) or all(name in line for name in _XSENS) or bool(_delsys(line))
+def _is_header(line: str) -> bool:
+    return (
+        all(name in line for name in _OWN) or all(name in line for name in _XSENS) or bool(_find_delsys_channels(line))
+    )
 
 
-def _delsys(line: str) -> list[re.Match[str]]:
+def _find_delsys_channels(line: str) -> list[re.Match[str]]:
     return [found for cell in re.split("[,;\t]", line) if (found := _DELSYS.match(cell.strip().strip('"')))]
 
 
-def _complete(time: FloatArray, values: FloatArray) -> ImuLog:
+def _keep_complete_rows(time: FloatArray, values: FloatArray) -> ImuLog:
     kept = np.isfinite(time) & np.isfinite(values).all(axis=1)
     return ImuLog(time[kept], values[kept, :3], values[kept, 3:])
 
 
-def _from_xsens(path: Path, columns: dict[str, FloatArray], head: str) -> ImuLog:
+def _read_xsens(path: Path, columns: dict[str, FloatArray], head: str) -> ImuLog:
     kind = "dot" if "DeviceTag" in head or "sep=" in head else "mtw"
     values = np.stack([columns[name] for name in _XSENS], axis=1)
     values[:, :3] *= np.pi / 180 if kind == "dot" else 1.0
     fine, rate = columns.get("SampleTimeFine"), _RATE.search(head)
     if fine is not None and np.isfinite(fine).all():
-        return _complete(_unwrapped(fine, _WRAPS["SampleTimeFine"]) * _TICKS[kind], values)
+        return _keep_complete_rows(_unwrap(fine, _WRAPS["SampleTimeFine"]) * _TICKS[kind], values)
     if rate is None or "PacketCounter" not in columns:
         raise RecordingError(
             f"{path}: has no times: export it with SampleTimeFine, or with PacketCounter and the line 'Update Rate'"
         )
-    return _complete(_unwrapped(columns["PacketCounter"], _WRAPS["PacketCounter"]) / float(rate[1]), values)
+    return _keep_complete_rows(_unwrap(columns["PacketCounter"], _WRAPS["PacketCounter"]) / float(rate[1]), values)
 
 
-def _unwrapped(counter: FloatArray, wrap: float) -> FloatArray:
-    """Return a counter that starts at 0 and continues where the recorded one starts again."""
+def _unwrap(counter: FloatArray, wrap: float) -> FloatArray:
+    """Return a counter that starts at 0 and continues to increase where the recorded counter starts again."""
     back = np.concatenate([[0.0], np.cumsum(np.diff(counter) < -wrap / 2)])
     return np.asarray(counter - counter[0] + wrap * back)
 
 
-def _from_delsys(path: Path, names: list[str], values: FloatArray) -> ImuLog:
-    """Return the channels, each on the times of the column before it, at the times of the gyroscope."""
-    found: dict[str, tuple[FloatArray, FloatArray]] = {}
+def _read_delsys(path: Path, names: list[str], values: FloatArray) -> ImuLog:
+    """Return the channels at the times of the gyroscope; the column before each channel contains its times."""
+    channels: dict[str, tuple[FloatArray, FloatArray]] = {}
     sensors = set()
     for k, name in enumerate(names):
         match = _DELSYS.match(name)
@@ -133,17 +125,17 @@ def _from_delsys(path: Path, names: list[str], values: FloatArray) -> ImuLog:
         sensors.add(match["sensor"].strip())
         own = next(j for j in range(k - 1, -1, -1) if _DELSYS.match(names[j]) is None)
         kept = np.isfinite(values[:, own]) & np.isfinite(values[:, k])
-        found[f"{match['kind'].lower()}_{match['axis'].lower()}"] = (values[kept, own], factor * values[kept, k])
+        channels[f"{match['kind'].lower()}_{match['axis'].lower()}"] = (values[kept, own], factor * values[kept, k])
     if len(sensors) > 1:
         raise RecordingError(f"{path}: has {len(sensors)} sensors ({', '.join(sorted(sensors))}); export one to a file")
-    missing = [name for name in _OWN[1:] if name not in found]
+    missing = [name for name in _OWN[1:] if name not in channels]
     if missing:
         raise RecordingError(f"{path}: has no {', '.join(missing)}; {_EXPECTED}")
-    time = found["gyro_x"][0]
-    return _complete(time, np.stack([np.interp(time, *found[name]) for name in _OWN[1:]], axis=1))
+    time = channels["gyro_x"][0]
+    return _keep_complete_rows(time, np.stack([np.interp(time, *channels[name]) for name in _OWN[1:]], axis=1))
 
 
-def _check(path: Path, log: ImuLog) -> None:
+def _check_log(path: Path, log: ImuLog) -> None:
     if len(log.time) < _LEAST_ROWS:
         raise RecordingError(f"{path}: has {len(log.time)} complete rows, expected at least {_LEAST_ROWS}")
     back = np.flatnonzero(np.diff(log.time) <= 0)

@@ -28,9 +28,9 @@ class Plate:
     index : int
         Number in the file, from 1.
     kind : str
-        ``"type 1"`` … ``"type 4"`` (C3D) or ``"mot"``.
+        ``"type 1"`` … ``"type 4"`` (C3D), ``"mot"`` or the name of another source.
     corners : (4, 3) array or None
-        Corners of the working surface in the lab, m; None if the file does not give them.
+        Corners of the working surface in the lab, m; None if the file does not contain them.
     force : (K, 3) array
         Force of the ground on the body, N.
     moment : (K, 3) array
@@ -42,12 +42,12 @@ class Plate:
     start : float
         Time of sample 0 on the clock of the recording, s; sample k is at ``start + k / rate``.
     problem : str
-        Why the plate cannot be used, or empty; the samples of an unusable plate are NaN.
+        Reason for which the plate cannot be used, or empty; the samples of an unusable plate are NaN.
     assumptions : tuple of str
-        Assumptions about the plate that the file does not state and the forces depend on. They are also among the
-        oddities of the recording.
+        Assumptions that affect the forces and that the file does not confirm. They are also among the oddities of
+        the recording.
     saturated : (K,) bool array or None
-        Whether a channel is at the limit of its range; None if none ever is.
+        Whether a channel is at the limit of its range; None if no channel ever is.
     """
 
     index: int
@@ -90,7 +90,7 @@ class Plate:
         Parameters
         ----------
         force : (K, 3) array
-            Force of the ground on the body in the lab, N. NaN marks an invalid sample, here and below.
+            Force of the ground on the body in the lab, N. NaN marks an invalid sample in all arrays.
         rate : float
             Samples per second.
         moment : (K, 3) array, optional
@@ -98,7 +98,7 @@ class Plate:
         cop : (K, 3) array, optional
             Point of application of the force in the lab, instead of ``moment``. It may be NaN where the force is 0.
         free_moment : (K, 3) array, optional
-            Moment about that point; 0 by default.
+            Moment about the point of application; 0 by default.
         corners : (4, 3) array, optional
             Corners of the surface in the lab. Without them, nothing can check whether the force is on the plate.
         units : str
@@ -115,8 +115,9 @@ class Plate:
         """
         from mocap_id.recording.in_memory import plate_from_arrays  # noqa: PLC0415  it imports this module
 
-        options = {"moment": moment, "cop": cop, "free_moment": free_moment, "corners": corners}
-        return plate_from_arrays(force, rate, **options, units=units, start=start)
+        return plate_from_arrays(
+            force, rate, units, start, moment=moment, cop=cop, free_moment=free_moment, corners=corners
+        )
 
     def mean_vertical(self) -> float:
         """Return the mean upward force of the valid samples, N; NaN if there are none."""
@@ -137,7 +138,7 @@ class Recording:
     labels : tuple of str, length M
         Unique marker names.
     positions : (F, M, 3) array
-        Marker positions, m; NaN where a marker was not seen.
+        Marker positions, m; NaN if a marker was not seen.
     frames : (F,) int array
         Frame numbers in the file.
     time : (F,) array
@@ -147,7 +148,8 @@ class Recording:
     units : str
         Length unit declared in the file or by the caller.
     vertical : str
-        Axis of the file that points up (``"Z"``, ``"Y"``, ``"-Y"``, …); here it is already turned to Z.
+        Axis of the file that points up (``"Z"``, ``"Y"``, ``"-Y"``, …); the recording is already rotated so that Z
+        points up.
     analog_rate : float or None
         Samples per second of the analog channels; None if there are none.
     plates : tuple of Plate

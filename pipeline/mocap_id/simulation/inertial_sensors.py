@@ -11,7 +11,7 @@ from scipy.interpolate import make_interp_spline
 
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
-from mocap_id.recording.imu_log import ImuLog, imu_csv
+from mocap_id.recording.imu_log import ImuLog, format_imu_csv
 from mocap_id.simulation.body import GRAVITY
 from mocap_id.simulation.forces import TrueState
 from mocap_id.simulation.scene import Scene
@@ -137,7 +137,7 @@ def measure_motion(
 
 def csv_bytes(sensor: SimulatedSensor) -> bytes:
     """Return the log as a CSV file."""
-    return imu_csv(ImuLog(sensor.time, sensor.gyro, sensor.acc))
+    return format_imu_csv(ImuLog(sensor.time, sensor.gyro, sensor.acc))
 
 
 def _draw_direction(rng: np.random.Generator) -> FloatArray:

@@ -16,7 +16,7 @@ from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.dynamics.clock_offset import SampledWrench
 from mocap_id.geometry import so3
 from mocap_id.plates import GRAVITY
-from mocap_id.recording.imu_log import ImuLog, imu_csv, read_imu
+from mocap_id.recording.imu_log import ImuLog, format_imu_csv, read_imu
 from mocap_id.store import Table
 from mocap_id.workflows.sensitivity.kinds import ALL, COMPONENTS
 from mocap_id.workflows.sensitivity.plan import Perturbation
@@ -122,7 +122,7 @@ def perturb_logs(trial: TrialInputs, change: Perturbation, folder: Path) -> Tria
     for number, (segment, file) in enumerate(trial.source.keys.imus.items()):
         rng = np.random.default_rng([number, *change.rng().integers(2**32, size=4)])
         files[segment] = folder / f"{number}.csv"
-        files[segment].write_bytes(imu_csv(LOG_CHANGES[change.kind](read_imu(file), change.level, rng)))
+        files[segment].write_bytes(format_imu_csv(LOG_CHANGES[change.kind](read_imu(file), change.level, rng)))
     keys = trial.source.keys.model_copy(update={"imus": files})
     return replace(trial, source=replace(trial.source, keys=keys))
 
