@@ -18,9 +18,9 @@ from reporting_cases import LOST, Trial, contents, context, healthy
 from mocap_id.errors import Refused
 from mocap_id.kinematics.confidence import Evidence
 from mocap_id.reporting.embedding import read_figures
+from mocap_id.reporting.grids import list_facts
 from mocap_id.reporting.report import documents
 from mocap_id.reporting.segment_tables import AGAINST
-from mocap_id.reporting.tables import facts
 from mocap_id.stages.report import STAGE
 from mocap_id.stages.report.function import report_data
 from mocap_id.store import Artefact, LongTable, Table, Tree
@@ -166,7 +166,7 @@ def test_every_kind_of_evidence_has_a_text() -> None:
 
 def test_matrices_are_left_out_of_tables() -> None:
     given = {"together": [["LANK", "RANK"]], "window_s": [0.0, 2.5], "covariance": [[1.0, 0.5], [0.5, 2.0]]}
-    assert facts("Facts", given).rows == (("together", "LANK, RANK"), ("window (s)", "0.000, 2.500"))
+    assert list_facts("Facts", given).rows == (("together", "LANK, RANK"), ("window (s)", "0.000, 2.500"))
 
 
 def test_a_caution_is_at_the_top_with_what_to_do() -> None:

@@ -63,7 +63,7 @@ class Run:
     def _repr_html_(self) -> str:
         """Return verdict, main numbers and player for a notebook."""
         from mocap_id.reporting.notebook_view import notebook_view  # noqa: PLC0415  needs the page's templates
-        from mocap_id.reporting.page import trial_player  # noqa: PLC0415  needs the page's templates
+        from mocap_id.reporting.report import trial_player  # noqa: PLC0415  needs the page's templates
         from mocap_id.reporting.report_data import ReportData  # noqa: PLC0415  needs the page's templates
 
         if not self.summary:

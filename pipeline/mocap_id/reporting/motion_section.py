@@ -3,73 +3,106 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
-from mocap_id.reporting.dynamics_schema import ChannelEntry, GapEntry, MotionEntry
-from mocap_id.reporting.numbers import show, show_fixed
+from mocap_id.reporting.dynamics_schema import ChannelEntry, GapEntry, MotionEntry, PredictedEntry
+from mocap_id.reporting.grids import Grid, list_facts, millimetres, number, text, to_grid
+from mocap_id.reporting.numbers import show, show_fixed, show_millimetres
+from mocap_id.reporting.page import Section
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.summary_schema import Summary
-from mocap_id.reporting.tables import Grid, facts, grid, in_band, millimetres
+from mocap_id.reporting.tables import describe_band
 
 _COMPONENTS = {"Fx": "N", "Fy": "N", "tauz": "N·m"}
-_CONFIGURED = "it is configured"
 
 
-def text(data: ReportData, summary: Summary) -> tuple[str, ...]:
-    """Describe which motion was chosen and why, and the result of the comparison."""
+def motion_section(data: ReportData, summary: Summary) -> list[Section]:
+    """Return the section on the motion of the masses; empty in space, or if nothing was identified."""
     motion = summary.dynamics.motion
-    if motion is None:
-        return ()
-    if motion.source == "chain":
-        return (_of_chain(motion),)
-    chosen = (
-        f"In the dynamics, every body moves as its own markers were measured, because {motion.why}. Pinned joints "
-        "would hide this movement. Skeleton, lengths and angles are still those of the pinned chain."
-    )
-    return chosen, _compared(data, summary)
-
-
-def cost(data: ReportData, summary: Summary) -> Grid:
-    """Return the errors on left-out repetitions and the clock offset, for the pinned chain and measured poses."""
-    found = summary.dynamics.pins
-    sides = (
-        ("pinned chain", found.chain, found.clock_offset_s),
-        ("measured poses", found.segments, summary.dynamics.clock_offset_s),
-    )
-    rows = [
-        (
-            name,
-            *(show(_rms(of.wrench.get(part))) for part in _COMPONENTS),
-            millimetres(of.cop_rms_m),
-            show_fixed(None if clock is None else 1e3 * clock, 2),
+    if motion is None or data.in_space:
+        return []
+    sentences: tuple[str, ...] = (_describe_chain(motion),)
+    grids: tuple[Grid, ...] = (_errors(data, summary),)
+    if motion.source != "chain":
+        choice = (
+            f"In the dynamics, every body moves as its own markers were measured, because {motion.why}. Pinned joints "
+            "would hide this movement. Skeleton, lengths and angles are still those of the pinned chain."
         )
-        for name, of, clock in sides
-        if of is not None
-    ]
-    head = ("motion", *(f"{part} ({unit})" for part, unit in _COMPONENTS.items()), "centre of pressure (mm)")
-    caption = f"Pinned chain and measured poses: rms error on left-out repetitions, {in_band(data)}"
-    return grid(caption, (*head, "clock offset (ms)"), rows)
+        sentences = (choice, _compare_errors(data, summary, motion))
+        grids = (*grids, _joints(data, motion), _poses(motion))
+    return [Section("motion", "Motion of the masses", grids, text=sentences, needs="dynamics.h5")]
 
 
-def joints(data: ReportData, summary: Summary) -> Grid:
-    """Return the gap of each joint and whether it is pinned in the dynamics; empty for the pinned chain."""
-    motion = summary.dynamics.motion
-    if motion is None or motion.source == "chain":
-        return grid("", (), ())
-    rigid = _within_a_body(data)
-    rows = [
-        (name, millimetres(gap.gap_m), show(gap.acceleration_m_s2), _treatment(gap, rigid.get(name)))
+def _describe_chain(motion: MotionEntry) -> str:
+    """Return a sentence on the choice of the pinned chain, with the gaps of the joints if known."""
+    why = "it is configured" if motion.why == "asked for" else motion.why
+    gaps = ", ".join(
+        f"{name} {show_millimetres(gap.gap_m)} mm and {show(gap.acceleration_m_s2, 2)} m/s²"
         for name, gap in (motion.joints or {}).items()
-    ]
-    head = ("joint", "gap (mm)", "acceleration below 3 Hz (m/s²)", "in the dynamics")
-    caption = "Gap between the two sides of each joint (rms). Up to 0.03 m/s² counts as noise; the joint is pinned"
-    return grid(caption, head, rows, (0, 3))
+    )
+    return f"The masses move with the pinned chain, because {why}" + (f" (rms gaps: {gaps})." if gaps else ".")
 
 
-def poses(summary: Summary) -> Grid:
-    """Return bodies, cut-off frequencies and prior of a fit to measured poses; empty for the pinned chain."""
-    motion = summary.dynamics.motion
-    if motion is None or motion.source == "chain":
-        return grid("", (), ())
+def _compare_errors(data: ReportData, summary: Summary, motion: MotionEntry) -> str:
+    """Return sentences that compare the errors of the pinned chain and of the measured poses."""
+    pins, offset = summary.dynamics.pins, summary.dynamics.clock_offset_s
+    if pins.chain is None or pins.segments is None:
+        return f"The effect of pinned joints is unknown: {pins.why}."
+    errors = {part: (_rms(pins.chain.wrench.get(part)), _rms(pins.segments.wrench.get(part))) for part in _COMPONENTS}
+    errors["the centre of pressure"] = (pins.chain.cop_rms_m, pins.segments.cop_rms_m)
+    ratios = ", ".join(
+        f"{show_fixed(pinned / free, 1)} times as large for {name}"
+        for name, (pinned, free) in errors.items()
+        if pinned and free
+    )
+    clocks = ""
+    if pins.clock_offset_s is not None and offset is not None:
+        clocks = f" The two clock offsets differ by {show_fixed(1e3 * abs(pins.clock_offset_s - offset), 1)} ms."
+    others = ", and no body for the other markers (arms, head)" if "others" in (motion.bodies or ()) else ""
+    return (
+        f"Both motions were used to predict left-out repetitions, on the same {pins.samples} samples, "
+        f"{describe_band(data)}. With the pinned chain the error is {ratios}. Not all of this is due to the pins, "
+        f"because the chain has its own smoothing and fit{others}.{clocks}"
+    )
+
+
+def _errors(data: ReportData, summary: Summary) -> Grid:
+    """Return the errors on left-out repetitions and the clock offset, for the pinned chain and measured poses."""
+    pins = summary.dynamics.pins
+    motions = {
+        "pinned chain": (pins.chain, pins.clock_offset_s),
+        "measured poses": (pins.segments, summary.dynamics.clock_offset_s),
+    }
+    columns = (
+        *(number(f"{part} ({unit})", _rms_source(part)) for part, unit in _COMPONENTS.items()),
+        millimetres("centre of pressure (mm)", lambda row: row[0].cop_rms_m),
+        number("clock offset (ms)", lambda row: row[1], 2, 1e3),
+    )
+    caption = f"Pinned chain and measured poses: rms error on left-out repetitions, {describe_band(data)}"
+    return to_grid(caption, {name: row for name, row in motions.items() if row[0] is not None}, columns, "motion")
+
+
+def _joints(data: ReportData, motion: MotionEntry) -> Grid:
+    """Return the gap of each joint and whether it is pinned in the dynamics."""
+    inside = _joints_inside_bodies(data)
+
+    def treatment(row: tuple[str, GapEntry]) -> str:
+        if row[0] in inside:
+            return f"inside one body ({inside[row[0]]})"
+        return "pinned" if row[1].pinned else "free"
+
+    columns = (
+        text("joint", lambda row: row[0]),
+        millimetres("gap (mm)", lambda row: row[1].gap_m),
+        number("acceleration below 3 Hz (m/s²)", lambda row: row[1].acceleration_m_s2),
+        text("in the dynamics", treatment),
+    )
+    caption = "Gap between the two sides of each joint (rms). A joint with at most 0.03 m/s² (noise) is pinned"
+    return to_grid(caption, list((motion.joints or {}).items()), columns)
+
+
+def _poses(motion: MotionEntry) -> Grid:
+    """Return bodies, cut-off frequencies and prior of a fit to measured poses."""
     cutoffs = {f"cut-off frequency for {axis} (Hz)": f"{cutoff:g}" for axis, cutoff in (motion.bands_hz or {}).items()}
     values = {
         "bodies": motion.bodies,
@@ -77,45 +110,7 @@ def poses(summary: Summary) -> Grid:
         "reason for these cut-off frequencies": motion.bands_why,
         "source of the loose prior of the body parameters": motion.prior,
     }
-    return facts("Measured poses", values)
-
-
-def _of_chain(motion: MotionEntry) -> str:
-    """Return one sentence with the gaps, if known."""
-    why = _CONFIGURED if motion.why == "asked for" else motion.why
-    gaps = ", ".join(
-        f"{name} {millimetres(gap.gap_m)} mm and {show(gap.acceleration_m_s2, 2)} m/s²"
-        for name, gap in (motion.joints or {}).items()
-    )
-    return f"The masses move with the pinned chain, because {why}" + (f" (rms gaps: {gaps})." if gaps else ".")
-
-
-def _compared(data: ReportData, summary: Summary) -> str:
-    """Compare the errors of the pinned chain with those of the measured poses."""
-    found, own = summary.dynamics.pins, summary.dynamics.clock_offset_s
-    if found.chain is None or found.segments is None:
-        return f"The effect of pinned joints is unknown: {found.why}."
-    pairs = {
-        **{part: (_rms(found.chain.wrench.get(part)), _rms(found.segments.wrench.get(part))) for part in _COMPONENTS},
-        "the centre of pressure": (found.chain.cop_rms_m, found.segments.cop_rms_m),
-    }
-    ratios = ", ".join(
-        f"{show_fixed(pinned / free, 1)} times as large for {name}"
-        for name, (pinned, free) in pairs.items()
-        if pinned and free
-    )
-    clock = (
-        f" The two clock offsets differ by {show_fixed(1e3 * abs(found.clock_offset_s - own), 1)} ms."
-        if found.clock_offset_s is not None and own is not None
-        else ""
-    )
-    motion = summary.dynamics.motion
-    others = ", and no body for the other markers (arms, head)" if motion and "others" in (motion.bodies or ()) else ""
-    return (
-        f"Both motions were used to predict left-out repetitions, on the same {found.samples} samples, "
-        f"{in_band(data)}. With the pinned chain the error is {ratios}. Not all of this is due to the pins, because "
-        f"the chain has its own smoothing and fit{others}.{clock}"
-    )
+    return list_facts("Measured poses", values)
 
 
 def _rms(channel: ChannelEntry | None) -> float | None:
@@ -124,13 +119,11 @@ def _rms(channel: ChannelEntry | None) -> float | None:
     return math.hypot(channel.bias, channel.sd)
 
 
-def _treatment(gap: GapEntry, body: str | None) -> str:
-    if body is not None:
-        return f"inside one body ({body})"
-    return "pinned" if gap.pinned else "free"
+def _rms_source(part: str) -> Callable[[tuple[PredictedEntry, float | None]], float | None]:
+    return lambda row: _rms(row[0].wrench.get(part))
 
 
-def _within_a_body(data: ReportData) -> dict[str, str]:
+def _joints_inside_bodies(data: ReportData) -> dict[str, str]:
     """Return the joints whose two segments belong to one body of the dynamics, with the name of that body."""
     bodies = data.facts("poses.parquet").get("bodies") or ()
     used = (data.facts("dynamics.h5").get("motion") or {}).get("used") or ()

@@ -10,12 +10,13 @@ from mocap_id.reporting import style
 from mocap_id.reporting.embedding import embed
 from mocap_id.reporting.explanations import LEVELS
 from mocap_id.reporting.figure import Drawing, Drawings
-from mocap_id.reporting.numbers import UNKNOWN, show_fixed, show_interval, show_with_sd
-from mocap_id.reporting.page import environment, explained
+from mocap_id.reporting.grids import Grid, GridColumn, number, show_ends, text, to_grid, with_sd
+from mocap_id.reporting.numbers import UNKNOWN, show_fixed, show_interval
+from mocap_id.reporting.page import environment
 from mocap_id.reporting.player import Player
+from mocap_id.reporting.reasons import explain_reason
 from mocap_id.reporting.space import tables as spatial
 from mocap_id.reporting.summary_schema import Summary
-from mocap_id.reporting.tables import Grid, grid
 
 _PER_INCH = 104  # pixels of the page for an inch on paper, as in chart.js
 _TITLE = 0.35  # inches, the title of a panel and the space below
@@ -39,7 +40,7 @@ def notebook_view(document: Mapping[str, Any], player: Player | None = None) -> 
         trial=style.printable(summary.trial),
         headline=headline,
         lead=lead,
-        reasons=[explained(reason) for reason in summary.verdict.reasons],
+        reasons=[explain_reason(reason) for reason in summary.verdict.reasons],
         grids=[_lengths(summary), spatial.angles(summary), _reach(summary), _parameters(summary)],
     )
     return view if player is None else view + _frame(_page(summary.trial, player=player), _PLAYER_HEIGHT)
@@ -80,33 +81,30 @@ def _frame(page: str, height: int) -> str:
 
 
 def _lengths(summary: Summary) -> Grid:
-    found = (summary.lengths_m or {}).items()
-    rows = [(name, show_with_sd(one.value, one.sd), show_interval(one.value, one.sd)) for name, one in found]
-    return grid("Segment lengths", ("segment", "length ± sd (m)", "95 % interval"), rows)
+    columns = (
+        with_sd("length ± sd (m)", "value", "sd"),
+        GridColumn("95 % interval", lambda entry: show_interval(entry.value, entry.sd)),
+    )
+    return to_grid("Segment lengths", summary.lengths_m or {}, columns, "segment")
 
 
 def _reach(summary: Summary) -> Grid:
-    reach = summary.workspace
-    ends = " … ".join(show_fixed(end, 3) for end in reach.interval_m3 or ())
-    rows = [] if reach.volume_m3 is None else [("wrist", show_fixed(reach.volume_m3, 3), ends or UNKNOWN)]
-    return grid("Reachable volume", ("point", "volume (m³)", "95 % interval"), rows)
+    columns = (
+        number("volume (m³)", "volume_m3", 3),
+        GridColumn("95 % interval", lambda entry: show_ends(entry.interval_m3, 3)),
+    )
+    rows = {} if summary.workspace.volume_m3 is None else {"wrist": summary.workspace}
+    return to_grid("Reachable volume", rows, columns, "point")
 
 
 def _parameters(summary: Summary) -> Grid:
-    rows = [
-        (
-            one.name,
-            show_with_sd(one.value, one.sd),
-            show_interval(one.value, one.sd),
-            style.unit(one.unit),
-            one.verdict or UNKNOWN,
-        )
-        for one in summary.dynamics.base or ()
-    ]
-    caption = f"Base parameters; vertical force: r² {show_fixed(_fit(summary), 4)}"
-    return grid(caption, ("parameter", "value ± sd", "95 % interval", "unit", "verdict"), rows, (0, 3, 4))
-
-
-def _fit(summary: Summary) -> float | None:
+    columns = (
+        text("parameter", "name"),
+        with_sd("value ± sd", "value", "sd"),
+        GridColumn("95 % interval", lambda entry: show_interval(entry.value, entry.sd)),
+        text("unit", lambda entry: style.unit(entry.unit)),
+        text("verdict", "verdict", UNKNOWN),
+    )
     vertical = (summary.dynamics.wrench or {}).get("Fy")
-    return vertical.r2 if vertical else None
+    caption = f"Base parameters; vertical force: r² {show_fixed(vertical.r2 if vertical else None, 4)}"
+    return to_grid(caption, summary.dynamics.base or (), columns)

@@ -1,4 +1,4 @@
-"""Formatting of numbers in the report: finite or unknown, with a sensible number of digits."""
+"""Formatting of numbers in the report, with digits that suit the number; a dash for an unknown number."""
 
 from __future__ import annotations
 
@@ -18,6 +18,12 @@ def known(value: object) -> float | None:
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
         return None
     return float(value) if math.isfinite(value) else None
+
+
+def times(value: object, factor: float) -> float | None:
+    """Return a number times a factor; None if the number is unknown."""
+    number = known(value)
+    return None if number is None else factor * number
 
 
 def all_known(values: object) -> list[float] | None:
@@ -53,6 +59,16 @@ def show_fixed(value: object, decimals: int, unit: str = "") -> str:
     rounded = round(number, decimals) + 0.0  # no negative zero
     text = f"{rounded:.{decimals}f}".replace("-", "−")
     return f"{text} {unit}".rstrip()
+
+
+def show_millimetres(metres: object) -> str:
+    """Format a length in millimetres with one decimal; a dash if unknown."""
+    return show_fixed(times(metres, 1e3), 1)
+
+
+def show_percent(share: object) -> str:
+    """Format a share in per cent with one decimal; a dash if unknown."""
+    return show_fixed(times(share, 100), 1)
 
 
 def show_with_sd(value: object, sd: object, unit: str = "") -> str:

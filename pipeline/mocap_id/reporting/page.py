@@ -1,78 +1,77 @@
-"""``report.html``: a self-contained page whose only scripts draw its figures."""
+"""The common page of trials, studies and other results: one HTML file without other files and without network.
+
+Its only scripts draw the figures.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import TYPE_CHECKING
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 
+from mocap_id import __version__
 from mocap_id.reporting import style
 from mocap_id.reporting.embedding import embed
-from mocap_id.reporting.explanations import EXPLANATIONS, LEVELS
 from mocap_id.reporting.figure import Drawings
-from mocap_id.reporting.player import Player, player
-from mocap_id.reporting.report_data import ReportData
-from mocap_id.reporting.sections import key_numbers, sections
-from mocap_id.reporting.space.player import spatial_player
-from mocap_id.reporting.space.sections import spatial_sections
-from mocap_id.reporting.summary_schema import ReasonEntry, Summary
+from mocap_id.reporting.grids import Grid
 
-Prose: TypeAlias = tuple[tuple[str, bool], ...]
+if TYPE_CHECKING:
+    from mocap_id.reporting.player import Player
+    from mocap_id.reporting.reasons import ExplainedReason
+    from mocap_id.reporting.results.study_page import TrialEntry
 
 
 @dataclass(frozen=True)
-class ExplainedReason:
-    """A reason of the verdict with the explanation of its code.
+class Section:
+    """A section of a page: paragraphs, a list, figures, tables, and folded tables, in this order."""
 
-    Prose is a sequence of text pieces, each with a flag for code (text between backticks).
-    """
-
-    level: str
-    code: str
+    anchor: str
     title: str
-    message: Prose
-    meaning: Prose
-    action: Prose
+    grids: tuple[Grid, ...] = ()
+    figures: tuple[str, ...] = ()
+    folded: tuple[Grid, ...] = ()
+    folded_as: str = "Each person"  # label on which the reader clicks
+    text: tuple[str, ...] = ()
+    items: tuple[str, ...] = ()
+    needs: str = ""  # artefact without which the section is empty
 
 
-def page(data: ReportData, summary: Summary, figures: Drawings) -> bytes:
-    """Render the page as UTF-8.
+@dataclass(frozen=True)
+class KeyNumber:
+    """A key number at the top of a page, with a remark."""
 
-    Parameters
-    ----------
-    data, summary
-        Trial and its summary.
-    figures : Drawings
-        All figures of :data:`mocap_id.reporting.contents.FIGURES`.
-    """
-    headline, lead = LEVELS[summary.verdict.level]
-    motion_player = trial_player(data)
-    html = (
-        environment()
-        .get_template("report.html.j2")
-        .render(
-            trial=style.printable(data.trial),
-            product=data.product,
-            level=summary.verdict.level,
-            headline=headline,
-            lead=lead,
-            reasons=[explained(reason) for reason in summary.verdict.reasons],
-            notes=[explained(reason) for reason in summary.verdict.notes],
-            glance=key_numbers(data, summary),
-            sections=spatial_sections(data, summary) if data.in_space else sections(data, summary),
-            in_space=data.in_space,
-            figures=figures,
-            player=motion_player,
-            embedded=embed(figures, motion_player),
-        )
-    )
-    return html.encode("utf-8")
+    name: str
+    value: str
+    remark: str
 
 
-def trial_player(data: ReportData) -> Player | None:
-    """Return the player of a trial in the plane or in space; None if there are no moving markers."""
-    return spatial_player(data) if data.in_space else player(data)
+@dataclass(frozen=True)
+class Page:
+    """The content of a page."""
+
+    name: str  # name of the trial or study
+    headline: str  # the result in a few words
+    lead: str  # the result in a sentence
+    command: str  # command that writes the page, such as ``study``
+    sections: tuple[Section, ...]
+    figures: Drawings
+    footer: str
+    level: str = ""  # level of the verdict, for the colour of the box; empty for plain text
+    note: str = ""  # what could not be done; empty if nothing
+    reasons: tuple[ExplainedReason, ...] = ()
+    key_numbers: tuple[KeyNumber, ...] = ()
+    player: Player | None = None
+    trials: tuple[TrialEntry, ...] = ()  # their verdicts follow the sections
+    notes: tuple[ExplainedReason, ...] = ()  # the last section
+
+    def render(self) -> bytes:
+        """Return the page as UTF-8."""
+        template = environment().get_template("page.html.j2")
+        embedded = embed(self.figures, self.player)
+        return template.render(
+            page=self, name=style.printable(self.name), product=__version__, embedded=embedded
+        ).encode("utf-8")
 
 
 def environment() -> Environment:
@@ -84,29 +83,3 @@ def environment() -> Environment:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-
-
-def explained(reason: ReasonEntry) -> ExplainedReason:
-    """Return a reason together with the explanation of its code."""
-    explained = EXPLANATIONS.get(reason.code)
-    return ExplainedReason(
-        level=reason.level,
-        code=reason.code,
-        title=explained.title if explained else reason.code.replace("-", " ").capitalize(),
-        message=prose(sentence(style.printable(reason.message))),
-        meaning=prose(explained.meaning) if explained else (),
-        action=prose(explained.action) if explained else (),
-    )
-
-
-def prose(text: str) -> Prose:
-    """Split text at backticks into text and code; an unpaired backtick is text."""
-    pieces = text.split("`")
-    if len(pieces) % 2 == 0:
-        return ((text, False),)
-    return tuple((piece, k % 2 == 1) for k, piece in enumerate(pieces) if piece)
-
-
-def sentence(text: str) -> str:
-    """Add a capital letter and a full stop to a message, which has neither on the terminal."""
-    return f"{text[:1].upper()}{text[1:]}" + ("" if text.endswith((".", "?", "!", "…")) else ".")

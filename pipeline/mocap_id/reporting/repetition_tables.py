@@ -4,154 +4,134 @@ from __future__ import annotations
 
 import numpy as np
 
-from mocap_id.reporting.numbers import UNKNOWN, known, show_fixed
+from mocap_id.reporting.grids import Grid, GridColumn, number, percent, text, to_grid
+from mocap_id.reporting.numbers import UNKNOWN, show_fixed
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.summary_schema import RepetitionEntry, Summary
-from mocap_id.reporting.tables import Grid, grid, percent
-
-_PHASES = {"seated": "seated", "rising": "rising", "standing": "standing"}
 
 
 def repetitions(summary: Summary) -> Grid:
     """Return the events of each repetition."""
-    rows = [
-        (
-            str(k),
-            *(show_fixed(t, 2) for t in (entry.start_s, entry.seat_off_s, entry.stand_s, entry.seat_on_s, entry.end_s)),
-            "yes" if entry.complete else "no",
-            entry.remark or ("" if entry.complete else entry.why or ""),
-        )
-        for k, entry in enumerate(summary.repetitions or (), start=1)
-    ]
-    head = ("repetition", "start (s)", "seat-off (s)", "standing (s)", "seat-on (s)", "end (s)", "complete", "remark")
-    return grid("Events of each repetition, on the clock of the recording", head, rows, (0, 6, 7))
+    columns = (
+        number("start (s)", "start_s", 2),
+        number("seat-off (s)", "seat_off_s", 2),
+        number("standing (s)", "stand_s", 2),
+        number("seat-on (s)", "seat_on_s", 2),
+        number("end (s)", "end_s", 2),
+        text("complete", lambda entry: "yes" if entry.complete else "no"),
+        text("remark", lambda entry: entry.remark or ("" if entry.complete else entry.why)),
+    )
+    caption = "Events of each repetition, on the clock of the recording"
+    return to_grid(caption, summary.repetitions or (), columns, "repetition")
 
 
 def seat_off(summary: Summary) -> Grid:
     """Return seat-off by each rule, and height, pauses, attempts and support of each rise; empty if unknown."""
-    found = summary.repetitions or []
-    rows = [
-        (
-            str(k),
-            show_fixed(entry.seat_off_s, 3),
-            _before(entry, entry.seat_off_model_s),
-            _before(entry, entry.seat_off_72_s),
-            percent(entry.reached),
-            show_fixed(entry.held_s, 1),
-            UNKNOWN if entry.attempts is None else str(entry.attempts),
-            percent(entry.support),
-        )
-        for k, entry in enumerate(found, start=1)
-    ]
-    known_rises = any(entry.reached is not None for entry in found)
+    columns = (
+        number("seat-off (s)", "seat_off_s", 3),
+        _after_seat_off("model agreement (s)", "seat_off_model_s"),
+        _after_seat_off("72 % of weight (s)", "seat_off_72_s"),
+        percent("height (%)", "reached"),
+        number("paused (s)", "held_s", 1),
+        number("failed attempts", "attempts", 0),
+        percent("unexplained force (% of weight)", "support"),
+    )
     caption = (
         "Each rise: seat-off (zero chair force), time from it to seat-off by the two rules of the thesis, greatest hip "
         "height as a share of the rise, time in pauses, failed attempts before it, and unexplained vertical force"
     )
-    head = (
-        "repetition",
-        "seat-off (s)",
-        "model agreement (s)",
-        "72 % of weight (s)",
-        "height (%)",
-        "paused (s)",
-        "failed attempts",
-        "unexplained force (% of weight)",
-    )
-    return grid(caption, head, rows if known_rises else (), (0,))
+    entries = summary.repetitions or []
+    has_rises = any(entry.reached is not None for entry in entries)
+    return to_grid(caption, entries if has_rises else (), columns, "repetition")
+
+
+def _after_seat_off(head: str, name: str) -> GridColumn:
+    """Return the column of the time from seat-off to the seat-off by another rule."""
+
+    def cell(entry: RepetitionEntry) -> str:
+        other = getattr(entry, name)
+        return UNKNOWN if other is None or entry.seat_off_s is None else show_fixed(other - entry.seat_off_s, 3)
+
+    return GridColumn(head, cell)
 
 
 def attempts(summary: Summary) -> Grid:
     """Return the failed attempts to rise."""
-    rows = [(show_fixed(one.time_s, 2), percent(one.height), percent(one.unloaded)) for one in summary.attempts or ()]
-    head = ("time (s)", "hip height (% of the rise)", "unloading of the chair (% of its load)")
-    return grid("Failed attempts to rise", head, rows, ())
+    columns = (
+        number("time (s)", "time_s", 2),
+        percent("hip height (% of the rise)", "height"),
+        percent("unloading of the chair (% of its load)", "unloaded"),
+    )
+    return to_grid("Failed attempts to rise", summary.attempts or (), columns)
 
 
 def five_times(summary: Summary) -> Grid:
     """Return the times of the five-times-sit-to-stand test; empty for other protocols."""
     found = summary.five_times
     if found.repetitions is None:
-        return grid("", (), ())
-    spread = "" if found.cycle_sd_s is None else f" ± {show_fixed(found.cycle_sd_s, 2)}"
-    cycle = UNKNOWN if found.mean_cycle_s is None else show_fixed(found.mean_cycle_s, 2) + spread
-    rows = [
-        ("first rise to fifth stand (s)", show_fixed(found.to_fifth_stand_s, 2)),
-        ("first rise to fifth seat contact (s)", show_fixed(found.to_fifth_seat_contact_s, 2)),
-        ("first rise to seated rest (s)", show_fixed(found.to_fifth_seated_s, 2)),
-        ("cycle, stand to stand (s)", cycle),
-        ("rises that reach standing", str(found.repetitions)),
-    ]
-    if found.failed_attempts:
-        rows.append(("failed attempts within this time", str(found.failed_attempts)))
-    if found.why:
-        rows.append(("why unknown", found.why))
+        return Grid()
+    cycle = show_fixed(found.mean_cycle_s, 2)
+    if found.mean_cycle_s is not None and found.cycle_sd_s is not None:
+        cycle += f" ± {show_fixed(found.cycle_sd_s, 2)}"
+    rows = {
+        "first rise to fifth stand (s)": show_fixed(found.to_fifth_stand_s, 2),
+        "first rise to fifth seat contact (s)": show_fixed(found.to_fifth_seat_contact_s, 2),
+        "first rise to seated rest (s)": show_fixed(found.to_fifth_seated_s, 2),
+        "cycle, stand to stand (s)": cycle,
+        "rises that reach standing": str(found.repetitions),
+        "failed attempts within this time": str(found.failed_attempts or ""),
+        "why unknown": found.why,
+    }
     caption = (
         "Five-times sit-to-stand test by both stop rules, from the start of the first rise. A stopwatch, which starts "
         "at the command, shows longer times"
     )
-    return grid(caption, ("quantity", "value"), rows, (0, 1))
+    return to_grid(caption, {name: value for name, value in rows.items() if value}, [text("value", str)], "quantity")
 
 
 def published(summary: Summary) -> Grid:
     """Return published test times for comparison; empty if the trial has no time."""
-    found = summary.five_times
-    if found.to_fifth_stand_s is None:
-        return grid("", (), ())
-    rows = [(f"{one.limit_s:g}", one.people, one.meaning, one.stop, one.source) for one in found.published]
+    columns = (
+        GridColumn("longer than (s)", lambda one: f"{one.limit_s:g}"),
+        text("group", "people"),
+        text("meaning", "meaning"),
+        text("stop rule", "stop"),
+        text("source", "source"),
+    )
     caption = (
         "Published times, for context and not for diagnosis. The sources differ in chair, instruction and stop rule, "
         "and a motion-capture trial is not a clinical test"
     )
-    return grid(caption, ("longer than (s)", "group", "meaning", "stop rule", "source"), rows, (1, 2, 3, 4))
+    found = summary.five_times
+    return to_grid(caption, found.published if found.to_fifth_stand_s is not None else (), columns)
 
 
 def load_share(summary: Summary) -> Grid:
     """Return the load shares of the left and right foot."""
     found = summary.load_share
-    rows = [
-        (
-            _PHASES[phase],
-            percent(spread.mean),
-            percent(spread.sd),
-            percent(None if spread.mean is None else 1.0 - spread.mean),
-        )
-        for phase, spread in found.left.items()
-        if spread.mean is not None
-    ]
+    columns = (
+        percent("left (%)", "mean"),
+        percent("standard deviation (%)", "sd"),
+        percent("right (%)", lambda spread: 1.0 - spread.mean),
+    )
     caption = f"Load shares of the feet; left foot on plate {found.left_plate}, right foot on plate {found.right_plate}"
-    head = ("phase", "left (%)", "standard deviation (%)", "right (%)")
-    return grid(caption if rows else "", head, rows, (0,))
+    known_phases = {phase: spread for phase, spread in found.left.items() if spread.mean is not None}
+    return to_grid(caption, known_phases, columns, "phase")
 
 
-def compared(data: ReportData) -> Grid:
+def other_system(data: ReportData) -> Grid:
     """Return the agreement with the angles of another system."""
-    rows = [
-        (
-            str(one["joint"]),
-            str(one["column"]),
-            show_fixed(one.get("r"), 4),
-            _degrees(one.get("offset_rad")),
-            _degrees(one.get("rmse_rad")),
-            str(one.get("samples", "")),
-            str(one.get("why") or ""),
-        )
-        for one in data.facts("phases.parquet").get("compared") or ()
-    ]
+    columns = (
+        text("joint", "joint"),
+        text("column", "column"),
+        number("r", "r", 4),
+        number("mean difference (deg)", "offset_rad", 2, 180 / np.pi),
+        number("rms without it (deg)", "rmse_rad", 2, 180 / np.pi),
+        GridColumn("samples", lambda one: str(one.get("samples", ""))),
+        text("remark", "why"),
+    )
     caption = (
         "Agreement with the angles of another system. A negative r means the opposite sense; a minus sign before the "
         "column name in `compare:` corrects it"
     )
-    head = ("joint", "column", "r", "mean difference (deg)", "rms without it (deg)", "samples", "remark")
-    return grid(caption, head, rows, (0, 1, 6))
-
-
-def _degrees(angle: object) -> str:
-    number = known(angle)
-    return UNKNOWN if number is None else show_fixed(np.degrees(number), 2)
-
-
-def _before(entry: RepetitionEntry, other: float | None) -> str:
-    if other is None or entry.seat_off_s is None:
-        return UNKNOWN
-    return show_fixed(other - entry.seat_off_s, 3)
+    return to_grid(caption, data.facts("phases.parquet").get("compared") or (), columns)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Any
 
 from mocap_id.reporting.markers import Residual, residuals_by_marker
 from mocap_id.reporting.numbers import known
@@ -51,6 +52,14 @@ class ReportData(ArtefactSet):
         if self.refusal is not None:
             return f"the trial was refused ({self.refusal.code}) before {file} was computed"
         return f"{file} was not computed"
+
+    def rows(self, file: str) -> list[dict[str, Any]]:
+        """Return the rows of a table by column name; empty if the table is missing."""
+        table = self.table(file)
+        if table is None:
+            return []
+        columns = (values.tolist() for values in table.columns.values())
+        return [dict(zip(table.names, row, strict=True)) for row in zip(*columns, strict=True)]
 
     @cached_property
     def reasons(self) -> tuple[Reason, ...]:

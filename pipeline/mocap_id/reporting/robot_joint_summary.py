@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 
 from mocap_id.reporting.dynamics_schema import ChannelEntry
-from mocap_id.reporting.numbers import known, show, show_fixed
+from mocap_id.reporting.grids import Grid, to_grid
+from mocap_id.reporting.numbers import known
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.summary_schema import EncoderEntry, LengthEntry, Summary
-from mocap_id.reporting.tables import Grid, grid
+from mocap_id.reporting.tables import error_columns
 from mocap_id.store.views import Skeleton
 
 _COMPARED = {
@@ -68,15 +69,11 @@ def encoder_table(summary: Summary) -> Grid:
     """Return the errors of cameras and model against the encoder; empty without one."""
     found = summary.encoder
     if found.clock_offset_s is None or found.clock_offset_sd_s is None:
-        return grid("Encoder", (), ())
-    compared = {name: (found.camera or {}).get(key) for key, name in _COMPARED.items()}
-    compared["torque, identified model (N·m)"] = found.torque
-    rows = [
-        (name, show(channel.bias), show(channel.sd), show_fixed(channel.r2, 5))
-        for name, channel in compared.items()
-        if channel is not None
-    ]
+        return Grid()
+    errors = {name: (found.camera or {}).get(key) for key, name in _COMPARED.items()}
+    errors["torque, identified model (N·m)"] = found.torque
     clock = f"{1e3 * found.clock_offset_s:.2f} ± {1e3 * found.clock_offset_sd_s:.2f} ms"
     sense = "the same" if found.sign == 1 else "the opposite"
     caption = f"Error against the encoder ({sense} sense as the plane; clock {clock} after the cameras')"
-    return grid(caption, ("quantity", "bias", "standard deviation", "r²"), rows)
+    known_errors = {name: error for name, error in errors.items() if error is not None}
+    return to_grid(caption, known_errors, error_columns(5), "quantity")

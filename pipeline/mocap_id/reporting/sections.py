@@ -1,14 +1,18 @@
-"""Sections of the page in reading order, and its key numbers."""
+"""Sections of the report of a trial in reading order, and its key numbers."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Set
 
-from mocap_id.reporting import motion_section, repetition_tables, segment_tables, tables
+from mocap_id.reporting import repetition_tables, segment_tables, tables
 from mocap_id.reporting.dynamics_schema import BaseEntry
-from mocap_id.reporting.numbers import UNKNOWN, show, show_fixed
+from mocap_id.reporting.grids import Grid, list_facts
+from mocap_id.reporting.motion_section import motion_section
+from mocap_id.reporting.numbers import UNKNOWN, show, show_fixed, show_millimetres, times
+from mocap_id.reporting.page import KeyNumber, Section
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.robot_joint_summary import encoder_table
+from mocap_id.reporting.space.sections import spatial_results
 from mocap_id.reporting.space.tables import imus
 from mocap_id.reporting.summary_schema import Summary
 from mocap_id.store import Facts
@@ -20,43 +24,73 @@ _SHOWN = {
 """Facts of ``dynamics.h5`` that have their own tables, or are for programs alone."""
 
 
-@dataclass(frozen=True)
-class Section:
-    """A section of the page: paragraphs, then figures, then tables.
-
-    ``needs`` is the artefact without which the section is empty.
-    """
-
-    anchor: str
-    title: str
-    needs: str
-    figures: tuple[str, ...] = ()
-    grids: tuple[tables.Grid, ...] = ()
-    text: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class KeyNumber:
-    """A key number at the top of the page, with a remark."""
-
-    name: str
-    value: str
-    remark: str
-
-
 def sections(data: ReportData, summary: Summary) -> list[Section]:
-    """Return the sections of the page; a refused trial has fewer, up to the stage that refused."""
-    skeleton = "Markers as recorded" if data.skeleton is None else "Skeleton"
-    figures = ("skeleton",) if data.skeleton is None else ("skeleton", "recovery")
+    """Return the sections of the report; a refused trial has fewer, up to the stage that refused."""
+    results = spatial_results if data.in_space else _planar_results
+    filtering = _noise(data, summary)
+    residuals = ("residuals",) if "markers.parquet" in data.artefacts else ()
     parts = [
-        Section("skeleton", skeleton, "planar.parquet", figures, (tables.joints(summary), tables.lengths(summary))),
-        Section("states", "Joint states", "states.parquet", ("states",), _states(data, summary)),
-        *sensors(summary),
+        *results(data, summary, filtering, _sensors(summary)),
+        Section(
+            "wrench",
+            "Ground reaction wrench" if data.in_space else "Ground reaction forces",
+            (
+                tables.model_errors(data, summary),
+                tables.held_out(data, summary),
+                tables.reference_errors(data, summary),
+                _clock(summary),
+                tables.plates(data),
+            ),
+            ("wrench",),
+            needs="wrench.parquet",
+        ),
+        *motion_section(data, summary),
+        Section(
+            "parameters",
+            "Inertial parameters",
+            (
+                tables.base_parameters(data, summary),
+                tables.excitation(summary),
+                list_facts("Identification", _remove(data.facts("dynamics.h5"), _SHOWN)),
+            ),
+            ("parameters",) if data.in_space else ("parameters", "point_masses"),
+            needs="dynamics.h5",
+        ),
+        Section(
+            "markers",
+            "Markers and segments",
+            (
+                tables.markers(data),
+                segment_tables.evidence(data),
+                segment_tables.joint_confidences(data),
+                segment_tables.hypotheses(data),
+                list_facts("Segmentation", _remove(data.facts("segments.parquet"), segment_tables.SHOWN)),
+            ),
+            residuals,
+            needs="segments.parquet",
+        ),
+        Section("origin", "Provenance", _provenance(data, summary)),
+    ]
+    complete = data.level != "refused" and not data.in_space
+    return [part for part in parts if not part.needs or part.needs in data.artefacts or complete]
+
+
+def _planar_results(data: ReportData, summary: Summary, filtering: Grid, sensors: list[Section]) -> list[Section]:
+    """Return the sections on skeleton, states and repetitions of a trial in the plane."""
+    recovered = data.skeleton is not None
+    return [
+        Section(
+            "skeleton",
+            "Skeleton" if recovered else "Markers as recorded",
+            (tables.joints(summary), tables.lengths(summary)),
+            ("skeleton", "recovery") if recovered else ("skeleton",),
+            needs="planar.parquet",
+        ),
+        Section("states", "Joint states", (filtering, encoder_table(summary)), ("states",), needs="states.parquet"),
+        *sensors,
         Section(
             "repetitions",
             "Repetitions",
-            "events.parquet",
-            ("repetitions", "phases") if "phases.parquet" in data.artefacts else ("repetitions",),
             (
                 repetition_tables.repetitions(summary),
                 repetition_tables.seat_off(summary),
@@ -64,106 +98,53 @@ def sections(data: ReportData, summary: Summary) -> list[Section]:
                 repetition_tables.five_times(summary),
                 repetition_tables.published(summary),
                 repetition_tables.load_share(summary),
-                repetition_tables.compared(data),
+                repetition_tables.other_system(data),
             ),
+            ("repetitions", "phases") if "phases.parquet" in data.artefacts else ("repetitions",),
+            needs="events.parquet",
         ),
-        Section(
-            "wrench",
-            "Ground reaction forces",
-            "wrench.parquet",
-            ("wrench",),
-            (
-                tables.agreement(data, summary),
-                tables.held_out(data, summary),
-                tables.rivals(data, summary),
-                clock(summary),
-                tables.plates(data),
-            ),
-        ),
-        *_motion(data, summary),
-        Section(
-            "parameters",
-            "Inertial parameters",
-            "dynamics.h5",
-            ("parameters", "point_masses"),
-            (tables.base_parameters(data, summary), tables.excitation(summary), identification(data)),
-        ),
-        Section(
-            "markers",
-            "Markers and segments",
-            "segments.parquet",
-            ("residuals",) if "markers.parquet" in data.artefacts else (),
-            (
-                tables.markers(data),
-                segment_tables.against(data),
-                segment_tables.joints(data),
-                segment_tables.hypotheses(data),
-                segmentation(data),
-            ),
-        ),
-        Section("origin", "Provenance", "", (), origin(data, summary)),
     ]
-    return [part for part in parts if not part.needs or part.needs in data.artefacts or data.level != "refused"]
 
 
-def sensors(summary: Summary) -> tuple[Section, ...]:
-    """Return the section on inertial sensors; nothing without any."""
-    if not summary.imus:
-        return ()
-    return (Section("imus", "Inertial sensors", "states.parquet", (), (imus(summary),)),)
-
-
-def _motion(data: ReportData, summary: Summary) -> list[Section]:
-    """Return the section on the motion of the masses; empty if nothing was identified."""
-    if summary.dynamics.motion is None:
-        return []
-    grids = (motion_section.cost(data, summary), motion_section.joints(data, summary), motion_section.poses(summary))
-    return [Section("motion", "Motion of the masses", "dynamics.h5", (), grids, motion_section.text(data, summary))]
+def _sensors(summary: Summary) -> list[Section]:
+    """Return the section on inertial sensors; empty if the trial has none."""
+    grids = (imus(summary),)
+    return [Section("imus", "Inertial sensors", grids, needs="states.parquet")] if summary.imus else []
 
 
 def key_numbers(data: ReportData, summary: Summary) -> list[KeyNumber]:
-    """Return the key numbers that are known."""
+    """Return the key numbers at the top of the page that are known."""
     dynamics, segments = summary.dynamics, summary.segments
     mass = next((entry for entry in dynamics.base or () if entry.unit == "kg"), None)
     vertical = (dynamics.wrench or {}).get("Fy")
-    band = "" if data.low_pass is None else f", {tables.in_band(data)}"
-    found = (
-        KeyNumber("segments", _count(segments.count), f"confidence {show_fixed(segments.confidence, 2)}"),
+    band = "" if data.low_pass is None else f", {tables.describe_band(data)}"
+    missing = times(summary.markers.missing_fraction, 100)
+    numbers = (
+        KeyNumber("segments", show_fixed(segments.count, 0), f"confidence {show_fixed(segments.confidence, 2)}"),
         KeyNumber("reprojection error", show(summary.markers.reprojection_rms_mm, 3, "mm"), "rms over all markers"),
-        KeyNumber("missing samples", _scaled(summary.markers.missing_fraction, 100, 1, "%"), "of all marker samples"),
+        KeyNumber("missing samples", show_fixed(missing, 1, "%"), "of all marker samples"),
         _repetitions(summary),
         KeyNumber("five-times test", show_fixed(summary.five_times.to_fifth_stand_s, 2, "s"), "to the fifth stand"),
         KeyNumber("mass, measured", show(dynamics.mass_kg, 3, "kg"), "by the plates at rest"),
         KeyNumber("mass, identified", show(mass.value if mass else None, 3, "kg"), _mass_remark(mass)),
-        KeyNumber("mean CoP", _scaled(dynamics.cop_mean_m, 1e3, 1, "mm"), "along the motion, measured"),
-        KeyNumber(
-            "vertical force fit",
-            show_fixed(vertical.r2 if vertical else None, 4),
-            f"r² of the model{band}",
-        ),
-        KeyNumber("CoP error", _scaled(dynamics.cop_rms_m, 1e3, 1, "mm"), f"rms of the model{band}"),
+        KeyNumber("mean CoP", show_fixed(times(dynamics.cop_mean_m, 1e3), 1, "mm"), "along the motion, measured"),
+        KeyNumber("vertical force fit", show_fixed(vertical.r2 if vertical else None, 4), f"r² of the model{band}"),
+        KeyNumber("CoP error", show_fixed(times(dynamics.cop_rms_m, 1e3), 1, "mm"), f"rms of the model{band}"),
         KeyNumber("condition number", show(dynamics.condition_number), _condition_remark(summary)),
-        KeyNumber("clock offset", _scaled(dynamics.clock_offset_s, 1e3, 2, "ms"), "plates after cameras"),
+        KeyNumber("clock offset", show_fixed(times(dynamics.clock_offset_s, 1e3), 2, "ms"), "plates after cameras"),
     )
-    return [number for number in found if number.value != UNKNOWN]
+    return [number for number in numbers if number.value != UNKNOWN]
 
 
 def _repetitions(summary: Summary) -> KeyNumber:
+    """Return the number of repetitions or curls."""
     curls = summary.curls
     if curls.count is None:
-        return KeyNumber("repetitions", _count(len(summary.repetitions or ()) or None), "found")
+        return KeyNumber("repetitions", show_fixed(len(summary.repetitions or ()) or None, 0), "found")
     remark = "to the end of the recording"
     if curls.end_rule != "recording":
         remark = f"to the end of the trial at {show_fixed(curls.end_s, 1, 's')} ({curls.end_rule})"
     return KeyNumber("curls", str(curls.count), f"{remark}; {curls.partial} failed")
-
-
-def _count(value: int | None) -> str:
-    return UNKNOWN if value is None else str(value)
-
-
-def _scaled(value: float | None, factor: float, decimals: int, unit: str) -> str:
-    return show_fixed(None if value is None else factor * value, decimals, unit)
 
 
 def _mass_remark(mass: BaseEntry | None) -> str:
@@ -176,69 +157,50 @@ def _condition_remark(summary: Summary) -> str:
     return "of the regressor" if scaled is None else f"{show(scaled)} with unit-norm columns"
 
 
-def _states(data: ReportData, summary: Summary) -> tuple[tables.Grid, ...]:
-    return noise(data, summary), encoder_table(summary)
-
-
-def noise(data: ReportData, summary: Summary) -> tables.Grid:
+def _noise(data: ReportData, summary: Summary) -> Grid:
     """Return the noise and the residuals of the filter."""
     facts = data.facts("states.parquet")
     values = {
-        "marker noise per coordinate (mm)": _scaled(summary.noise.marker_sd_m, 1e3, 2, ""),
+        "marker noise per coordinate (mm)": show_fixed(times(summary.noise.marker_sd_m, 1e3), 2),
         "process noise σ_v of each joint (rad/s⁴)": facts.get("sigma_v"),
         "reprojection error, rms (mm)": show(summary.markers.reprojection_rms_mm),
-        **_without(facts, {"marker_sd_m", "sigma_v", "reprojection_rms_m"}),
+        **_remove(facts, {"marker_sd_m", "sigma_v", "reprojection_rms_m"}),
     }
-    return tables.facts("Filter: noise and residuals", values)
+    return list_facts("Filter: noise and residuals", values)
 
 
-def clock(summary: Summary) -> tables.Grid:
+def _clock(summary: Summary) -> Grid:
     """Return the clock offset of the plates, and what they measure."""
     dynamics = summary.dynamics
     not_predicted = dynamics.wrench is not None and dynamics.held_out.model is None
+    offsets = (show_fixed(1e3 * offset, 2) for offset in dynamics.held_out.clock_offset_s or ())
     values = {
-        "clock offset, plates after cameras (ms)": _scaled(dynamics.clock_offset_s, 1e3, 2, ""),
-        "standard deviation of the clock offset (ms)": _scaled(dynamics.clock_offset_sd_s, 1e3, 2, ""),
-        "clock offsets with one repetition left out (ms)": ", ".join(
-            _scaled(offset, 1e3, 2, "") for offset in dynamics.held_out.clock_offset_s or ()
-        ),
-        "rms error of the centre of pressure (mm)": _scaled(dynamics.cop_rms_m, 1e3, 1, ""),
+        "clock offset, plates after cameras (ms)": show_fixed(times(dynamics.clock_offset_s, 1e3), 2),
+        "standard deviation of the clock offset (ms)": show_fixed(times(dynamics.clock_offset_sd_s, 1e3), 2),
+        "clock offsets with one repetition left out (ms)": ", ".join(offsets),
+        "rms error of the centre of pressure (mm)": show_millimetres(dynamics.cop_rms_m),
         "samples in the fit": dynamics.samples,
         "mass measured by the plates (kg)": show(dynamics.mass_kg, 4),
-        "mean centre of pressure (mm)": _scaled(dynamics.cop_mean_m, 1e3, 1, ""),
+        "mean centre of pressure (mm)": show_millimetres(dynamics.cop_mean_m),
         "why unknown": dynamics.why,
         "why no left-out repetition was predicted": dynamics.held_out.why if not_predicted else None,
     }
-    return tables.facts("Plates and clock", values)
+    return list_facts("Plates and clock", values)
 
 
-def identification(data: ReportData) -> tables.Grid:
-    """Return the facts of ``dynamics.h5`` about the identification that no other table shows."""
-    return tables.facts("Identification", _without(data.facts("dynamics.h5"), _SHOWN))
+def _remove(facts: Facts, keys: Set[str]) -> Facts:
+    """Return the facts without some keys."""
+    return {key: value for key, value in facts.items() if key not in keys}
 
 
-def segmentation(data: ReportData) -> tables.Grid:
-    """Return the facts of ``segments.parquet`` that no other table shows, without those for programs alone."""
-    shown = {"names", "joint_names", "divisions", "bad_stretches", *segment_tables.SHOWN}  # reasons list the stretches
-    return tables.facts("Segmentation", _without(data.facts("segments.parquet"), shown))
-
-
-def _without(facts: Facts, shown: set[str]) -> Facts:
-    """Return the facts whose keys are not in ``shown``."""
-    return {key: value for key, value in facts.items() if key not in shown}
-
-
-def origin(data: ReportData, summary: Summary) -> tuple[tables.Grid, ...]:
+def _provenance(data: ReportData, summary: Summary) -> tuple[Grid, ...]:
     """Return the tables about recording, plane, joint fit, settings, run times and version."""
-    planar = dict(data.facts("planar.parquet"))
-    planar.pop("bursts", None)  # one interval per jump; the verdict gives their number
-    plane = planar.pop("plane", None) or {}
-    chain = data.facts("chain.h5")
+    planar = data.facts("planar.parquet")
     return (
-        tables.facts("Recording", planar),
-        tables.facts("Plane of motion", plane),
-        tables.facts("Joint fit", chain),
-        tables.facts("Settings of the trial", data.settings),
-        tables.facts("Run time of each stage (s)", summary.time_s or {}),
-        tables.facts("Software version", {"mocap-id": data.product}),
+        list_facts("Recording", _remove(planar, {"plane", "bursts"})),  # the verdict gives the number of bursts
+        list_facts("Plane of motion", planar.get("plane") or {}),
+        list_facts("Joint fit", data.facts("chain.h5")),
+        list_facts("Settings of the trial", data.settings),
+        list_facts("Run time of each stage (s)", summary.time_s or {}),
+        list_facts("Software version", {"mocap-id": data.product}),
     )

@@ -2,79 +2,89 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import itertools
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any
 
 import numpy as np
 
-from mocap_id.reporting.numbers import show, show_fixed
+from mocap_id.reporting.grids import Grid, GridColumn, number, text, to_grid
+from mocap_id.reporting.numbers import show_fixed, show_millimetres
 from mocap_id.reporting.report_data import ReportData
-from mocap_id.reporting.tables import Grid, grid, millimetres
 
-SHOWN = frozenset({"confidence", "against", "joint_confidences", "joint_ratios", "hypotheses"})
-"""Facts of ``segments.parquet`` that these tables show."""
+SHOWN = frozenset(
+    {
+        *("names", "confidence", "against", "joint_names", "joint_confidences", "joint_ratios", "hypotheses"),
+        *("divisions", "bad_stretches"),
+    }
+)
+"""Facts of ``segments.parquet`` that these tables or the reasons show, or that are for programs alone."""
 
 AGAINST: Mapping[str, str] = {
-    "skipped": "a segment could be omitted at little cost: the one beyond the joint with the least confidence",
+    "skipped": "a segment could be omitted at little cost: the segment beyond the joint with the lowest confidence",
     "left-out": "moving markers belong neither to a segment nor to another limb",
     "axis": "a still marker near the first joint may belong to its other side",
     "first-joint": "the first joint is not a fixed point of both bodies to within 8 mm",
-    "base": "the still markers are hardly stiller than the moving ones",
+    "base": "the still markers move almost as much as the moving markers",
     "runner-up": "another number of segments fits the markers almost as well",
     "links": "a segment has a single marker, and no marker is at either of its joints",
-    "ankle": "joint 1 turns little, and no marker is at it",
+    "ankle": "joint 1 rotates little, and no marker is at it",
 }
 """Text for each piece of evidence in :class:`mocap_id.kinematics.confidence.Confidence`."""
 
 _NEGLIGIBLE = 5e-4  # would be shown as 0.000
 
 
-def against(data: ReportData) -> Grid:
+def evidence(data: ReportData) -> Grid:
     """Return the evidence against the segments, strongest first."""
     facts = data.facts("segments.parquet")
-    weighed = facts.get("against")
-    if weighed is None:
-        return grid("", (), ())
-    found = sorted(((off, name) for name, off in weighed.items() if off >= _NEGLIGIBLE), reverse=True)
-    rows = [(AGAINST.get(name, name), show_fixed(off, 3), show_fixed(np.exp(off), 2)) for off, name in found]
+    if facts.get("against") is None:
+        return Grid()
+    reductions = ((off, name) for name, off in facts["against"].items() if off >= _NEGLIGIBLE)
+    rows = {AGAINST.get(name, name): off for off, name in sorted(reductions, reverse=True)}
     caption = f"Probability that the segments are right: {show_fixed(facts.get('confidence'), 2)}"
-    head = ("evidence against the segments", "reduction of the log odds", "factor on the odds")
-    return grid(caption, head, rows or [("none", "0", "1")])
+    columns = (
+        GridColumn("reduction of the log odds", lambda off: show_fixed(off, 3) if off else "0"),
+        GridColumn("factor on the odds", lambda off: show_fixed(np.exp(off), 2) if off else "1"),
+    )
+    return to_grid(caption, rows or {"none": 0.0}, columns, "evidence against the segments")
 
 
-def joints(data: ReportData) -> Grid:
+def joint_confidences(data: ReportData) -> Grid:
     """Return the confidence in each joint: how much worse the fit is without the segment beyond it."""
     facts = data.facts("segments.parquet")
     if not facts.get("joint_confidences"):  # segments of a calibration are not searched for
-        return grid("", (), ())
+        return Grid()
     keys = ("joint_names", "joint_confidences", "joint_ratios")
-    rows = [
-        (str(name), show_fixed(confidence, 2), show(ratio))
-        for name, confidence, ratio in zip(*(facts.get(key) or () for key in keys), strict=True)
-    ]
+    columns = (
+        text("joint", lambda row: row[0]),
+        number("confidence", lambda row: row[1], 2),
+        number("residual without the segment, factor", lambda row: row[2]),
+    )
     caption = (
         "Confidence in each joint. It is 0.5 if the residual is 3.5 times as large without the segment beyond it "
         "(1.5 times for the last joint)"
     )
-    return grid(caption, ("joint", "confidence", "residual without the segment, factor"), rows)
+    return to_grid(caption, zip(*(facts.get(key) or () for key in keys), strict=True), columns)
 
 
 def hypotheses(data: ReportData) -> Grid:
     """Return the segmentations that were considered, and why they were rejected."""
-    rows = [
-        (
-            str(entry.get("segments", "")),
-            show_fixed(entry.get("cost"), 1),
-            str(entry.get("why", "")),
-            ", ".join(millimetres(residual) for residual in entry.get("joint_residual_m") or ()),
-            ", ".join(show_fixed(arc, 1) for arc in entry.get("arc_deg") or ()),
-            " | ".join(", ".join(map(str, body)) for body in entry.get("markers") or ()),
-            ", ".join(str(label) for body in entry.get("left_out") or () for label in body),
-        )
-        for entry in data.facts("segments.parquet").get("hypotheses") or ()
-    ]
+    columns = (
+        GridColumn("segments", lambda entry: str(entry.get("segments", ""))),
+        number("cost", "cost", 1),
+        text("result", "why"),
+        text("joint residuals (mm)", lambda entry: _list(entry.get("joint_residual_m"), show_millimetres)),
+        text("arcs (deg)", lambda entry: _list(entry.get("arc_deg"), lambda arc: show_fixed(arc, 1))),
+        text("markers by segment", lambda entry: " | ".join(map(_list, entry.get("markers") or ()))),
+        text("left out", lambda entry: _list(itertools.chain.from_iterable(entry.get("left_out") or ()))),
+    )
     caption = (
         "Segmentations considered, lowest cost first: the best chain at each level of detail for each number of "
         "segments, including the base. A missing number has no chain with valid joints, or was not searched for"
     )
-    head = ("segments", "cost", "result", "joint residuals (mm)", "arcs (deg)", "markers by segment", "left out")
-    return grid(caption, head, rows, range(2, 7))
+    return to_grid(caption, data.facts("segments.parquet").get("hypotheses") or (), columns)
+
+
+def _list(values: Iterable[Any] | None, show: Callable[[Any], str] = str) -> str:
+    return ", ".join(map(show, values or ()))

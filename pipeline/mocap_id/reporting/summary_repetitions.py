@@ -27,11 +27,7 @@ _FILE = "events.parquet"
 
 def repetitions(data: ReportData) -> list[RepetitionEntry] | None:
     """Return one entry per repetition; None if repetitions were not searched for."""
-    events = data.table(_FILE)
-    if events is None:
-        return None
-    rows = zip(*(events[name].tolist() for name in events.names), strict=True)
-    return [_repetition(dict(zip(events.names, row, strict=True))) for row in rows]
+    return None if data.table(_FILE) is None else [_repetition(row) for row in data.rows(_FILE)]
 
 
 def five_times(data: ReportData) -> FiveTimesEntry:

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from mocap_id.reporting.results.trial_entries import TrialEntry
+    from mocap_id.reporting.results.study_page import TrialEntry
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -53,7 +53,7 @@ class TrialOutcome:
 
     def entry(self, name: str, about: str, report: str) -> TrialEntry:
         """Return the entry of the trial on a page; `report` is the path of its report, which a failed trial lacks."""
-        from mocap_id.reporting.results.trial_entries import TrialEntry  # noqa: PLC0415  it loads the page's templates
+        from mocap_id.reporting.results.study_page import TrialEntry  # noqa: PLC0415  it loads the page's templates
 
         reasons = [ReasonEntry(**reason) for reason in self.value("verdict", "reasons") or ()]
         link = None if self.summary is None else report

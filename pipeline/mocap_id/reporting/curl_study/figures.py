@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pandas as pd
 
+from mocap_id.arrays import FloatArray
 from mocap_id.reporting import style
 from mocap_id.reporting.curl_study.tables import NAMES
 from mocap_id.reporting.figure import Bars, Drawing, Drawings, Figure, Item, Line, Panel, Points, Rule, in_lines
 from mocap_id.reporting.study.page_data import CohortData
+from mocap_id.reporting.study.people_rows import spread_evenly
 
 _ANGLES = tuple(name for name in NAMES if name.startswith(("shoulder", "thorax")))
 _BOX = 0.3  # half of the height of a box, in rows
@@ -19,30 +21,31 @@ def curl_figures(data: CohortData, reference: str) -> Drawings:
     boxes = Drawing(
         "repetitions",
         "Repetitions by condition",
-        f"Counts (left), and counts over those of the person's trial of the same number in {reference} (right). A box "
-        "holds the middle half of the trials, its line is the median, the whiskers reach the lowest and the highest "
-        "trial. A dot is a trial; each person has a colour.",
-        _boxes(data),
+        "Number of repetitions (left), and the same divided by the number in the person's trial with the same number "
+        f"in {reference} (right). A box contains the middle half of the trials, its line is the median, and the "
+        "whiskers reach the lowest and the highest trial. A dot is a trial; each person has a colour.",
+        _draw_repetitions(data),
     )
     compensation = Drawing(
         "compensation",
         "Compensation by condition",
         "Mean range of each angle within a curl: dots are trials, rings the mean over people with its 95 % interval. "
         "Left of the dotted line a range can be due to errors alone.",
-        _compensation(data),
+        _draw_compensation(data),
     )
     return Drawings(style.printable(data.study), (boxes, compensation))
 
 
 def _conditions(data: CohortData) -> list[str]:
+    """Return the conditions in the order of the trials."""
     return list(dict.fromkeys(data.tables["trials"]["condition"]))
 
 
-def _rows(data: CohortData) -> tuple[str, ...]:
+def _row_names(data: CohortData) -> tuple[str, ...]:
     return tuple(style.printable(name, 16) for name in _conditions(data))
 
 
-def _boxes(data: CohortData) -> Figure | str:
+def _draw_repetitions(data: CohortData) -> Figure | str:
     trials = data.tables["trials"]
     if trials["repetitions"].isna().all():
         return "No repetitions: no trial has any."
@@ -55,11 +58,12 @@ def _boxes(data: CohortData) -> Figure | str:
             if len(values):
                 items += _box(values, row)
         items += _dots(data, name)
-        panels.append(Panel(tuple(items), x=NAMES[name], rows=_rows(data), height=height))
+        panels.append(Panel(tuple(items), x=NAMES[name], rows=_row_names(data), height=height))
     return Figure((tuple(panels),))
 
 
-def _box(values: np.ndarray, row: int) -> list[Item]:
+def _box(values: FloatArray, row: int) -> list[Item]:
+    """Return the box plot of the values (N,) in one row."""
     lowest, q1, median, q3, highest = np.quantile(values, (0, 0.25, 0.5, 0.75, 1))
     ends = np.array([lowest, q1, np.nan, q3, highest])
     return [
@@ -73,19 +77,19 @@ def _dots(data: CohortData, name: str, size: float = 3.0) -> list[Item]:
     """Return a dot for every trial in the row of its condition, coloured by person."""
     trials, conditions, people = data.tables["trials"], _conditions(data), data.subjects
     items: list[Item] = []
-    for k, subject in enumerate(people):
+    offsets = spread_evenly(len(people), 1.6 * _BOX)
+    for k, (subject, offset) in enumerate(zip(people, offsets, strict=True), start=1):
         own = trials[(trials["subject"] == subject) & trials[name].notna()]
         if own.empty:
             continue
-        place = np.array([conditions.index(one) for one in own["condition"]], dtype=np.float64)
-        aside = 1.6 * _BOX * (k / (len(people) - 1) - 0.5) if len(people) > 1 else 0.0
+        rows = np.array([conditions.index(condition) for condition in own["condition"]], dtype=np.float64)
         label, names = style.printable(subject, 16), tuple(style.printable(one, 30) for one in own["trial"])
         values = own[name].to_numpy(dtype=np.float64)
-        items.append(Points(values, place + aside, style.colour(k + 1), label, size=size, names=names))
+        items.append(Points(values, rows + offset, style.colour(k), label, size=size, names=names))
     return items
 
 
-def _compensation(data: CohortData) -> Figure | str:
+def _draw_compensation(data: CohortData) -> Figure | str:
     trials, means = data.tables["trials"], data.tables["conditions"]
     known = [name for name in _ANGLES if trials[name].notna().any()]
     if not known:
@@ -95,13 +99,15 @@ def _compensation(data: CohortData) -> Figure | str:
     for name in known:
         floor = float(trials[f"floor_{name}"].median())
         items = [Rule("x", floor, style.FAINT, ":"), *_dots(data, name, 2.5), *_means(data, means, name)]
-        panels.append(Panel(tuple(items), x=NAMES[name], rows=_rows(data), height=height))
+        panels.append(Panel(tuple(items), x=NAMES[name], rows=_row_names(data), height=height))
     return Figure(in_lines(tuple(panels), 3))
 
 
 def _means(data: CohortData, means: pd.DataFrame, name: str) -> list[Item]:
+    """Return a ring with its 95 % interval for the mean of every condition."""
     own = means[means["measure"] == name]
-    place = np.array([_conditions(data).index(one) for one in own["condition"]], dtype=np.float64)
+    conditions = _conditions(data)
+    rows = np.array([conditions.index(condition) for condition in own["condition"]], dtype=np.float64)
     value, low = (own[column].to_numpy(dtype=np.float64) for column in ("mean", "mean_low"))
     half = np.where(np.isfinite(low), value - low, 0.0)
-    return [Points(value, place, style.INK, symbol="ring", size=5.0, half=half)]
+    return [Points(value, rows, style.INK, symbol="ring", size=5.0, half=half)]

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from typing import Any
-
-import pandas as pd
 
 from mocap_id.reporting.curl_study import tables
 from mocap_id.reporting.curl_study.figures import curl_figures
-from mocap_id.reporting.results.grid_columns import records, show_estimate
-from mocap_id.reporting.results.page import ResultSection, study_page
-from mocap_id.reporting.sections import KeyNumber
+from mocap_id.reporting.grids import show_estimate
+from mocap_id.reporting.page import KeyNumber, Section
+from mocap_id.reporting.results.study_page import study_page
 from mocap_id.reporting.study.page_data import CohortData
 
 _FOOTER = (
@@ -37,14 +34,14 @@ _COMPENSATION = (
 
 def curl_cohort_page(data: CohortData, reference: str) -> bytes:
     """Return the page as UTF-8, from the tables conditions, comparisons and trials and the reference condition."""
-    numbers, sections = _key_numbers(data, reference), _sections(data, reference)
-    return study_page(data.study, data.trials, numbers, sections, curl_figures(data, reference), _FOOTER)
+    figures = curl_figures(data, reference)
+    return study_page(data, _key_numbers(data, reference), _sections(data, reference), figures, _FOOTER)
 
 
-def _sections(data: CohortData, reference: str) -> Iterator[ResultSection]:
+def _sections(data: CohortData, reference: str) -> Iterator[Section]:
     found, cohort, people = data.tables["conditions"], data.of_cohort("comparisons"), data.of_people("comparisons")
     to_reference, others = (cohort[(cohort["first"] == reference) == which] for which in (True, False))
-    yield ResultSection(
+    yield Section(
         "repetitions",
         "Repetitions (thesis figure 8.5)",
         (tables.conditions(found, tables.REPETITIONS, "Repetitions by condition, with 95 % intervals of the mean"),),
@@ -52,7 +49,7 @@ def _sections(data: CohortData, reference: str) -> Iterator[ResultSection]:
         text=_REPETITIONS,
     )
     if len(cohort):
-        yield ResultSection(
+        yield Section(
             "differences",
             f"Differences from {reference}",
             (tables.comparisons(to_reference, tables.REPETITIONS, "Paired differences of repetitions"),),
@@ -63,7 +60,7 @@ def _sections(data: CohortData, reference: str) -> Iterator[ResultSection]:
             folded_as="More differences",
             text=_DIFFERENCES,
         )
-    yield ResultSection(
+    yield Section(
         "compensation",
         "Compensation, tempo and torque by condition",
         (tables.comparisons(to_reference, tables.OTHERS, f"Paired differences from {reference}"),)
@@ -74,19 +71,12 @@ def _sections(data: CohortData, reference: str) -> Iterator[ResultSection]:
         folded_as="Each condition",
         text=_COMPENSATION,
     )
-    yield ResultSection("trials", "Trials", (tables.trials(data.tables["trials"]),))
+    yield Section("trials", "Trials", (tables.trials(data.tables["trials"]),))
 
 
 def _key_numbers(data: CohortData, reference: str) -> Iterator[KeyNumber]:
     yield KeyNumber("people", str(len(data.subjects)), f"{len(data.trials)} trials")
-    for row in _effects(data.of_cohort("comparisons"), reference):
-        yield KeyNumber(str(row["comparison"]), _percent(row), f"normalised repetitions, {row['people']} people")
-
-
-def _effects(frame: pd.DataFrame, reference: str) -> list[dict[str, Any]]:
-    kept = frame[(frame["measure"] == "normalised") & (frame["first"] == reference)]
-    return records(kept)
-
-
-def _percent(row: dict[str, object]) -> str:
-    return f"{show_estimate(row, 'difference', 100.0)} %"
+    frame = data.of_cohort("comparisons")
+    for row in frame[(frame["measure"] == "normalised") & (frame["first"] == reference)].to_dict("records"):
+        difference = f"{show_estimate(row, 'difference', 100.0)} %"
+        yield KeyNumber(row["comparison"], difference, f"normalised repetitions, {row['people']} people")

@@ -1,16 +1,12 @@
-"""The tables of a study of curls as text."""
+"""The tables of a study of curls."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
 import pandas as pd
 
-from mocap_id.reporting.numbers import UNKNOWN, show_fixed
-from mocap_id.reporting.results.grid_columns import GridColumn, estimate, number, records, text, to_grid
-from mocap_id.reporting.results.trial_entries import FATES
-from mocap_id.reporting.tables import Grid
+from mocap_id.reporting.grids import Grid, GridColumn, estimate, number, text, to_grid
+from mocap_id.reporting.numbers import show_fixed
+from mocap_id.reporting.results.study_page import VERDICT
 
 NAMES = {
     "repetitions": "repetitions",
@@ -28,12 +24,13 @@ NAMES = {
 """Names of the measures with their units."""
 REPETITIONS = ("repetitions", "normalised")
 OTHERS = tuple(name for name in NAMES if name not in REPETITIONS)
+_MEASURE = text("", lambda row: NAMES[row["measure"]])
 
 
 def conditions(frame: pd.DataFrame, measures: tuple[str, ...], caption: str) -> Grid:
-    """Return a row for every measure and condition."""
+    """Return a row for every condition and each of some measures."""
     columns = (
-        GridColumn("", _name, text=True),
+        _MEASURE,
         text("condition", "condition"),
         number("people", "people", 0),
         GridColumn("trials", lambda row: f"{row['trials']} of {row['of_trials']}"),
@@ -41,23 +38,23 @@ def conditions(frame: pd.DataFrame, measures: tuple[str, ...], caption: str) -> 
         number("median", "median"),
         GridColumn("half of the trials", lambda row: f"{show_fixed(row['q1'], 2)} … {show_fixed(row['q3'], 2)}"),
     )
-    return to_grid(caption, _rows(frame, measures), columns)
+    return to_grid(caption, frame[frame["measure"].isin(measures)], columns)
 
 
 def comparisons(frame: pd.DataFrame, measures: tuple[str, ...], caption: str) -> Grid:
-    """Return paired differences, of the cohort or of every person."""
+    """Return paired differences in some measures, of the cohort or of every person."""
     columns = (
-        GridColumn("", _name, text=True),
+        _MEASURE,
         text("difference", "comparison"),
         text("person", "subject"),
         number("people", "people", 0),
         number("pairs", "pairs", 0),
         estimate("mean difference", "difference"),
-        GridColumn("p", lambda row: show_fixed(row["p"], 3), optional=True),
+        number("p", "p", 3, optional=True),
         number("sd between people", "sd_between", optional=True),
         number("sd within a person", "sd_within", optional=True),
     )
-    return to_grid(caption, _rows(frame, measures), columns)
+    return to_grid(caption, frame[frame["measure"].isin(measures)], columns)
 
 
 def trials(frame: pd.DataFrame) -> Grid:
@@ -67,21 +64,12 @@ def trials(frame: pd.DataFrame) -> Grid:
         text("person", "subject"),
         text("condition", "condition"),
         number("number", "number", 0),
-        GridColumn("verdict", lambda row: FATES[row["verdict"]], text=True),
+        VERDICT,
         number("repetitions", "repetitions", 0),
         number("normalised", "normalised", 2),
-        GridColumn("failed attempts", lambda row: UNKNOWN if pd.isna(row["partial"]) else str(row["partial"])),
+        number("failed attempts", "partial", 0),
         number("end (s)", "end", 1),
         text("ended by", "end_rule"),
         text("", "why"),
     )
-    return to_grid("Every trial", frame.to_dict("records"), columns)
-
-
-def _rows(frame: pd.DataFrame, measures: tuple[str, ...]) -> list[dict[str, Any]]:
-    kept = frame[frame["measure"].isin(measures)]
-    return records(kept)
-
-
-def _name(row: Mapping[str, Any]) -> str:
-    return NAMES[row["measure"]]
+    return to_grid("Every trial", frame, columns)

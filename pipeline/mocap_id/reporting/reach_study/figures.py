@@ -3,24 +3,47 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
-import pandas as pd
 
+from mocap_id.arrays import FloatArray
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Drawing, Drawings, Figure, Item, Line, Panel, Points, in_lines
-from mocap_id.reporting.reach_study.page_data import Shape
 from mocap_id.reporting.reach_study.tables import show_score
-from mocap_id.reporting.study.figures import people
+from mocap_id.reporting.space.figures.reach import turnable_panel
+from mocap_id.reporting.study import people_rows
 from mocap_id.reporting.study.page_data import CohortData
 
 _SIDES = {"right": style.BLUE, "left": style.VERMILLION}
-_VIEW = (60.0, 15.0)  # degrees; from the front, on the side of the right arm
 _CAPTION = (
     "Surfaces of the reachable volumes of each person about the top of the breastbone, all on one scale, for joints "
     "that are independent of each other. On the page, each panel can be turned. The thick line is the arm at its "
     "furthest reach, the ring its shoulder. {drawn}"
 )
+
+
+@dataclass(frozen=True)
+class Shape:
+    """Surface of a reachable volume, in the frame of the thorax: forward, up, to the person's right, m.
+
+    Parameters
+    ----------
+    subject : str
+        Id of the person.
+    side : {"right", "left"}
+    session : str
+    wires : (K, 3) array
+        Lines on the surface, interrupted by NaN.
+    arm : (3, 3) array
+        Shoulder, elbow and wrist at the furthest reach.
+    """
+
+    subject: str
+    side: str
+    session: str
+    wires: FloatArray
+    arm: FloatArray
 
 
 def reach_figures(data: CohortData, shapes: Sequence[Shape]) -> Drawings:
@@ -29,101 +52,87 @@ def reach_figures(data: CohortData, shapes: Sequence[Shape]) -> Drawings:
         "volumes",
         "Reachable volume by person",
         "A dot for each trial with its 95 % interval, coloured by side. People are in the order of the table.",
-        _volumes(data),
+        _draw_volumes(data),
     )
     sides = Drawing(
         "reach-sides",
         "Reachable volumes, left and right",
         _CAPTION.format(drawn="Of several sessions, the last is drawn."),
-        _sides(data, shapes),
+        _draw_sides(data, shapes),
     )
     sessions = Drawing(
         "reach-sessions",
         "Reachable volumes, session and session",
         _CAPTION.format(drawn="A panel for each side, a colour for each session."),
-        _sessions(data, shapes),
+        _draw_sessions(data, shapes),
     )
     return Drawings(style.printable(data.study), (volumes, sides, sessions))
 
 
-def _named(data: CohortData) -> dict[str, str]:
+def _name_people(data: CohortData) -> dict[str, str]:
     """Return the label of every person, with the score, in the order of table 7.1."""
     frame = data.tables["people"]
-    scored = {subject: "" if np.isnan(score) else f" ({show_score(score)})" for subject, score in _scores(frame)}
-    return {subject: f"{style.printable(subject, 16)}{score}" for subject, score in scored.items()}
+    scores = zip(frame["subject"], frame["score"].to_numpy(dtype=np.float64), strict=True)
+    return {
+        subject: style.printable(subject, 16) + ("" if np.isnan(score) else f" ({show_score(score)})")
+        for subject, score in scores
+    }
 
 
-def _scores(frame: pd.DataFrame) -> Iterator[tuple[str, float]]:
-    return zip(frame["subject"], frame["score"].to_numpy(dtype=np.float64), strict=True)
-
-
-def _volumes(data: CohortData) -> Figure | str:
-    trials, named = data.tables["trials"], _named(data)
+def _draw_volumes(data: CohortData) -> Figure | str:
+    trials, labels = data.tables["trials"], _name_people(data)
     known = trials[trials["volume"].notna()]
     if known.empty:
         return "No reachable volume: no trial has one."
-    place = people.trial_places(data, known["trial"].tolist(), list(named))
-    items: list[Item] = people.separators(data)
+    rows = people_rows.trial_rows(data, known["trial"].tolist(), list(labels))
+    items: list[Item] = people_rows.separators(data)
     for side, colour in _SIDES.items():
         own = (known["side"] == side).to_numpy(dtype=np.bool_)
         if not own.any():
             continue
         value, low, high = (known.loc[own, f"volume{end}"].to_numpy(dtype=np.float64) for end in ("", "_low", "_high"))
-        y, gap = place[own], np.full(int(own.sum()), np.nan)
-        ends = np.column_stack([low, high, gap]).ravel()
+        ends = np.column_stack([low, high, np.full(int(own.sum()), np.nan)]).ravel()
         names = tuple(style.printable(name, 30) for name in known.loc[own, "trial"])
-        items += [
-            Line(ends, np.repeat(y, 3), colour),
-            Points(value, y, colour, side, names=names),
-        ]
-    height = 0.7 + 0.3 * len(named)
-    return Figure(((Panel(tuple(items), x="reachable volume (m³)", rows=tuple(named.values()), height=height),),))
+        items += [Line(ends, np.repeat(rows[own], 3), colour), Points(value, rows[own], colour, side, names=names)]
+    height = 0.7 + 0.3 * len(labels)
+    return Figure(((Panel(tuple(items), x="reachable volume (m³)", rows=tuple(labels.values()), height=height),),))
 
 
-def _sides(data: CohortData, shapes: Sequence[Shape]) -> Figure | str:
+def _draw_sides(data: CohortData, shapes: Sequence[Shape]) -> Figure | str:
     """Draw a panel for each person with the last session of each side."""
-    last = {(one.subject, one.side): one for one in shapes}
-    return _figure(
-        shapes,
-        [
-            (label, [(one, side, _SIDES[side]) for side in _SIDES if (one := last.get((subject, side)))])
-            for subject, label in _named(data).items()
-        ],
-    )
+    last = {(shape.subject, shape.side): shape for shape in shapes}
+    panels = [
+        (label, [(last[subject, side], side, colour) for side, colour in _SIDES.items() if (subject, side) in last])
+        for subject, label in _name_people(data).items()
+    ]
+    return _draw_shapes(shapes, panels)
 
 
-def _sessions(data: CohortData, shapes: Sequence[Shape]) -> Figure | str:
+def _draw_sessions(data: CohortData, shapes: Sequence[Shape]) -> Figure | str:
     """Draw a panel for each person and side with all sessions."""
-    names = list(dict.fromkeys(one.session for one in shapes))
-    if len(names) == 1:
+    sessions = list(dict.fromkeys(shape.session for shape in shapes))
+    if len(sessions) == 1:
         return "Every trial belongs to the same session."
     panels = []
-    for subject, label in _named(data).items():
+    for subject, label in _name_people(data).items():
         for side in _SIDES:
-            own = [one for one in shapes if (one.subject, one.side) == (subject, side)]
-            drawn = [(one, style.printable(one.session, 16), style.colour(names.index(one.session) + 1)) for one in own]
-            panels.append((f"{label}, {side}", drawn))
-    return _figure(shapes, panels)
+            own = [
+                (shape, style.printable(shape.session, 16), style.colour(sessions.index(shape.session) + 1))
+                for shape in shapes
+                if (shape.subject, shape.side) == (subject, side)
+            ]
+            panels.append((f"{label}, {side}", own))
+    return _draw_shapes(shapes, panels)
 
 
-def _figure(shapes: Sequence[Shape], panels: Sequence[tuple[str, list[tuple[Shape, str, str]]]]) -> Figure | str:
-    """Return turnable panels on one scale: titles, and shapes with their labels and colours."""
+def _draw_shapes(shapes: Sequence[Shape], panels: Sequence[tuple[str, list[tuple[Shape, str, str]]]]) -> Figure | str:
+    """Draw turnable panels on one scale: titles, and shapes with their labels and colours."""
     if not shapes:
         return "No reachable volume: no trial has one."
-    points = np.concatenate([part for one in shapes for part in (one.wires, one.arm)])
+    points = np.concatenate([part for shape in shapes for part in (shape.wires, shape.arm)])
     half = 1.02 * float(np.nanmax(np.linalg.norm(points, axis=1)))
     made = (
-        Panel(
-            tuple(item for one in drawn for item in _items(*one)),
-            title,
-            "across the view (m)",
-            "up the view (m)",
-            (-half, half),
-            (-half, half),
-            equal=True,
-            height=2.6,
-            view=_VIEW,
-        )
+        turnable_panel([item for one in drawn for item in _items(*one)], half, title, 2.6)
         for title, drawn in panels
         if drawn
     )
@@ -131,6 +140,7 @@ def _figure(shapes: Sequence[Shape], panels: Sequence[tuple[str, list[tuple[Shap
 
 
 def _items(shape: Shape, label: str, colour: str) -> Iterator[Item]:
+    """Yield the surface, the arm and the shoulder."""
     for points, hue, name, width, opacity in (
         (shape.wires, colour, label, 0.5, 0.6),
         (shape.arm, style.INK, "", 2.0, 1.0),

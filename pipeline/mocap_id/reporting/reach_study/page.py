@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any
 
-import pandas as pd
-
+from mocap_id.reporting.grids import show_estimate
 from mocap_id.reporting.numbers import show
+from mocap_id.reporting.page import KeyNumber, Section
 from mocap_id.reporting.reach_study import tables
-from mocap_id.reporting.reach_study.figures import reach_figures
-from mocap_id.reporting.reach_study.page_data import Shape
-from mocap_id.reporting.results.grid_columns import records, show_estimate
-from mocap_id.reporting.results.page import ResultSection, study_page
-from mocap_id.reporting.sections import KeyNumber
+from mocap_id.reporting.reach_study.figures import Shape, reach_figures
+from mocap_id.reporting.results.study_page import study_page
 from mocap_id.reporting.study.page_data import CohortData
 
 _FOOTER = (
@@ -48,31 +44,30 @@ def reach_cohort_page(data: CohortData, shapes: Sequence[Shape]) -> bytes:
     shapes : sequence of Shape
         Surfaces of reachable volumes, at most one for each person, side and session, in the order of the sessions.
     """
-    figures = reach_figures(data, shapes)
-    return study_page(data.study, data.trials, _key_numbers(data), _sections(data), figures, _FOOTER)
+    return study_page(data, _key_numbers(data), _sections(data), reach_figures(data, shapes), _FOOTER)
 
 
-def _sections(data: CohortData) -> Iterator[ResultSection]:
+def _sections(data: CohortData) -> Iterator[Section]:
     correlation = data.tables["correlation"]
     scored = bool(correlation["spearman"].notna().any())
     people = data.tables["people"]
     grids = (tables.people(people), *([tables.correlation(correlation)] if scored else []), tables.measures(people))
     text = (*_MEANING, _CORRELATION) if scored else _MEANING
-    yield ResultSection("volume", "Reachable volume", grids, ("volumes",), text=text)
-    yield ResultSection(
+    yield Section("volume", "Reachable volume", grids, ("volumes",), text=text)
+    yield Section(
         "shapes",
         "The volumes on one scale (thesis figures 7.3 and 7.4)",
         figures=("reach-sides", "reach-sessions"),
     )
     if len(data.tables["differences"]):
-        yield ResultSection(
+        yield Section(
             "differences",
             "Left and right, session and session",
             (tables.differences(data.of_cohort("differences"), "Mean differences over the people"),),
             folded=(tables.differences(data.of_people("differences"), "Differences of every person"),),
             text=(_DIFFERENCES,),
         )
-    yield ResultSection("trials", "Trials", (tables.trials(data.tables["trials"]),))
+    yield Section("trials", "Trials", (tables.trials(data.tables["trials"]),))
 
 
 def _key_numbers(data: CohortData) -> Iterator[KeyNumber]:
@@ -80,17 +75,12 @@ def _key_numbers(data: CohortData) -> Iterator[KeyNumber]:
     yield KeyNumber("people", str(len(frame)), f"{len(data.trials)} trials")
     volumes = frame["volume"].dropna()
     if len(volumes):
-        yield KeyNumber(
-            "volume", f"{show(volumes.min())} … {show(volumes.max())} m³", "smallest and largest of a person"
-        )
-    for row in _of_volume(data.tables["correlation"]):
+        extremes = f"{show(volumes.min())} … {show(volumes.max())} m³"
+        yield KeyNumber("volume", extremes, "smallest and largest volume of a person")
+    correlation, differences = data.tables["correlation"], data.of_cohort("differences")
+    for row in correlation[(correlation["measure"] == "volume") & correlation["spearman"].notna()].to_dict("records"):
         about = f"95 % interval {show(row['spearman_low'])} … {show(row['spearman_high'])}, {row['people']} people"
         yield KeyNumber("volume and score", show(row["spearman"]), f"Spearman's correlation, {about}")
-    for row in _of_volume(data.of_cohort("differences")):
+    known = differences[(differences["measure"] == "volume") & differences["difference"].notna()]
+    for row in known.to_dict("records"):
         yield KeyNumber(row["comparison"], show_estimate(row, "difference"), "mean difference of volume, m³")
-
-
-def _of_volume(frame: pd.DataFrame) -> list[dict[str, Any]]:
-    column = "spearman" if "spearman" in frame else "difference"
-    known = frame[(frame["measure"] == "volume") & frame[column].notna()]
-    return records(known)

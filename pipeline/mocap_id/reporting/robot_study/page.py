@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from mocap_id.reporting.results.page import ResultPage, ResultSection
-from mocap_id.reporting.results.trial_entries import headline
+from mocap_id.reporting.grids import Grid
+from mocap_id.reporting.page import Page, Section
+from mocap_id.reporting.results.study_page import count_passed
 from mocap_id.reporting.robot_study.figures import robot_figures
 from mocap_id.reporting.robot_study.page_data import RobotStudyData
 from mocap_id.reporting.robot_study.tables import overview, thesis_table
-from mocap_id.reporting.tables import Grid
 
 LEGEND = (
     "Mean (standard deviation): of values over the trials of a cell, of errors over all their samples. P: states from "
@@ -26,16 +26,16 @@ def robot_page(data: RobotStudyData) -> bytes:
     """Return the page as UTF-8."""
     figures = robot_figures(data)
     first, *tables = _grids(data)
-    return ResultPage(
+    return Page(
         name=data.study,
-        headline=headline(data.trials),
+        headline=count_passed(data.trials),
         lead=_lead(data),
         command="validate robot",
         level="ok" if all(trial.passed for trial in data.trials) else "caution",
         sections=(
-            ResultSection("trials", "Trials", (first,)),
-            ResultSection("tables", "Tables", tuple(tables), text=(LEGEND,)),
-            ResultSection("figures", "Figures", figures=tuple(one.name for one in figures.all)),
+            Section("trials", "Trials", (first,)),
+            Section("tables", "Tables", tuple(tables), text=(LEGEND,)),
+            Section("figures", "Figures", figures=tuple(one.name for one in figures.all)),
         ),
         trials=data.trials,
         figures=figures,

@@ -11,7 +11,7 @@ from mocap_id.arrays import FloatArray
 if TYPE_CHECKING:
     import pandas as pd
 
-    from mocap_id.reporting.results.trial_entries import TrialEntry
+    from mocap_id.reporting.results.study_page import TrialEntry
     from mocap_id.reporting.robot_study.tables import Quantity
 
 

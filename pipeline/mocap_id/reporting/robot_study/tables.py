@@ -1,4 +1,4 @@
-"""The tables of a robot study as text, in the form of the thesis's tables: mean (standard deviation)."""
+"""The tables of a robot study, in the form of the thesis's tables: mean (standard deviation)."""
 
 from __future__ import annotations
 
@@ -9,10 +9,9 @@ from typing import Any, Literal, TypeAlias
 import numpy as np
 import pandas as pd
 
+from mocap_id.reporting.grids import Grid, GridColumn, number, text, to_grid
 from mocap_id.reporting.numbers import UNKNOWN, known, show_fixed
-from mocap_id.reporting.results.grid_columns import GridColumn, number, text, to_grid
 from mocap_id.reporting.style import unit
-from mocap_id.reporting.tables import Grid
 
 Kind: TypeAlias = Literal["value", "error"]
 
@@ -28,16 +27,16 @@ class Quantity:
     name: str
     unit: str
     meaning: str
-    symbol: str  # the head of the column as it is shown
-    # a value has its mean and standard deviation over the trials. An error has the mean of the
-    # trials' biases, and the root mean square of their standard deviations: those of all samples together
+    symbol: str  # heading of the column
+    # A value has its mean and standard deviation over the trials. An error has the mean of the trials' biases, and
+    # the root mean square of their standard deviations, which is the standard deviation over all samples.
     kind: Kind = "value"
     to_si: float = 1.0  # factor from the thesis's unit to SI
-    decimals: int | None = None  # as shown; None for the usual number for the unit
+    decimals: int | None = None  # number of decimals; None for the usual number of the unit
 
     @property
     def grid_column(self) -> GridColumn:
-        """The column as it is shown: ``mean (standard deviation)``."""
+        """Column of a table with cells ``mean (standard deviation)``."""
         shown, factor = _UNITS.get(self.unit, (unit(self.unit), 1.0))
         decimals = _DECIMALS.get(shown, 3) if self.decimals is None else self.decimals
 
@@ -52,17 +51,17 @@ class Quantity:
 
 
 def thesis_table(title: str, frame: pd.DataFrame, quantities: Sequence[Quantity]) -> Grid:
-    """Return one of the thesis's tables, with its rows below ours."""
+    """Return one of the thesis's tables, with the rows of the thesis below the rows of the study."""
     columns = (
         text("joint", "joint", UNKNOWN),
         GridColumn("orientation (deg)", lambda row: show_fixed(row["orientation"], 0), text=True, optional=True),
         text("speed", "speed", UNKNOWN),
         text("obs.", "obs"),
-        GridColumn("by", lambda row: _SOURCES[row["source"]], text=True),
-        GridColumn("trials", lambda row: str(row["trials"] or UNKNOWN), text=True),
+        text("by", lambda row: _SOURCES[row["source"]]),
+        text("trials", "trials", UNKNOWN),
         *(quantity.grid_column for quantity in quantities),
     )
-    return to_grid(title, frame.to_dict("records"), columns)
+    return to_grid(title, frame, columns)
 
 
 def overview(trials: pd.DataFrame) -> Grid:
@@ -72,20 +71,21 @@ def overview(trials: pd.DataFrame) -> Grid:
         text("verdict", "verdict"),
         text("reasons", "codes", UNKNOWN),
         number("l₁ (mm)", "base", 2, 1e3),
-        number("off (mm)", "base_error", 2, 1e3),
+        number("error of l₁ (mm)", "base_error", 2, 1e3),
         number("acceleration r²", "ddtheta_r2", 4),
         number("condition", "condition"),
-        GridColumn("my₂ off (%)", lambda row: _relative_error(row, "my2")),
-        GridColumn("Izz₂ off (%)", lambda row: _relative_error(row, "Izz2")),
+        GridColumn("error of my₂ (%)", lambda row: _show_error(row, "my2")),
+        GridColumn("error of Izz₂ (%)", lambda row: _show_error(row, "Izz2")),
         text("Izz₂ is", "Izz2_verdict", UNKNOWN),
         number("torque r²", "torque_r2", 4),
-        number("encoder's clock (ms)", "encoder_offset", 3, 1e3),
+        number("clock of the encoder (ms)", "encoder_offset", 3, 1e3),
     )
     caption = "Every trial by its cameras; errors of my₂ and Izz₂ ± standard deviation, as shares of the reference"
-    return to_grid(caption, trials[trials["method"] == "cameras"].to_dict("records"), columns)
+    return to_grid(caption, trials[trials["method"] == "cameras"], columns)
 
 
-def _relative_error(row: Mapping[str, Any], name: str) -> str:
+def _show_error(row: Mapping[str, Any], name: str) -> str:
+    """Format the error of a parameter with its standard deviation, in per cent of the reference."""
     value, reference, sd = (known(row[key]) for key in (name, f"{name}_reference", f"{name}_sd"))
     if value is None or not reference or sd is None:
         return UNKNOWN

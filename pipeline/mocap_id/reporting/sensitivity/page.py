@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Drawings
-from mocap_id.reporting.numbers import UNKNOWN, show, show_fixed, show_with_sd
-from mocap_id.reporting.results.grid_columns import GridColumn, number, text, to_grid
-from mocap_id.reporting.results.page import ResultPage, ResultSection
-from mocap_id.reporting.sections import KeyNumber
+from mocap_id.reporting.grids import Grid, GridColumn, number, text, to_grid
+from mocap_id.reporting.numbers import show, show_fixed, show_with_sd
+from mocap_id.reporting.page import KeyNumber, Page, Section
 from mocap_id.reporting.sensitivity import tornado
 from mocap_id.reporting.sensitivity.page_data import SensitivityData
-from mocap_id.reporting.tables import Grid
 
 _FAILED = ("refused", "failed")
 _FOOTER = (
@@ -24,7 +27,7 @@ def sensitivity_page(data: SensitivityData) -> bytes:
     """Return the page as UTF-8."""
     drawing = tornado.drawing(data)
     sentences = tuple(style.printable(sentence) for sentence in data.tables["tolerates"]["sentence"])
-    return ResultPage(
+    return Page(
         name=data.trial,
         headline="what this trial tolerates",
         lead=f"{criterion(data.tolerance)} The limit between two tried levels is interpolated.",
@@ -32,9 +35,9 @@ def sensitivity_page(data: SensitivityData) -> bytes:
         command="sensitivity",
         key_numbers=_key_numbers(data),
         sections=(
-            ResultSection("tolerates", "Tolerated levels", items=sentences),
-            ResultSection("tornado", drawing.title, figures=(drawing.name,)),
-            ResultSection("numbers", "Numbers", (_parameters(data), _perturbations(data))),
+            Section("tolerates", "Tolerated levels", items=sentences),
+            Section("tornado", drawing.title, figures=(drawing.name,)),
+            Section("numbers", "Numbers", (_parameters(data), _perturbations(data))),
         ),
         figures=Drawings(style.printable(data.trial), (drawing,)),
         footer=_FOOTER,
@@ -63,7 +66,7 @@ def _key_numbers(data: SensitivityData) -> tuple[KeyNumber, ...]:
 
 def _parameters(data: SensitivityData) -> Grid:
     columns = (
-        GridColumn("parameter", lambda one: one.name, text=True),
+        text("parameter", "name"),
         GridColumn("value", lambda one: show_with_sd(one.value, one.sd, style.unit(one.unit))),
         GridColumn("size", lambda one: show(one.size, 3, style.unit(one.unit))),
         GridColumn("tolerated change", lambda one: show(100 * one.tolerated(data.tolerance), 2, "%")),
@@ -74,24 +77,25 @@ def _parameters(data: SensitivityData) -> Grid:
 def _perturbations(data: SensitivityData) -> Grid:
     tried = data.tables["perturbations"]
     torques = [name for name in tried.columns if name.startswith("tau_")]
+
+    def ratio(row: Mapping[str, Any]) -> str:
+        return "not identified" if row["ratio"] == float("inf") else show(row["ratio"], 2)
+
+    def largest_torque(row: Mapping[str, Any]) -> str:
+        return show(np.nanmax([row[name] for name in torques], initial=-np.inf), 2, "N·m")
+
     columns = (
         text("perturbation", "perturbation"),
-        GridColumn(
-            "change over tolerated", lambda row: "lost" if row["ratio"] == float("inf") else show(row["ratio"], 2)
-        ),
+        GridColumn("change divided by the tolerated change", ratio),
         text("parameter", "parameter"),
-        GridColumn(
-            "new cautions",
-            lambda row: row["raised"] or (row["verdict"] if row["verdict"] in _FAILED else ""),
-            text=True,
-        ),
+        text("new cautions", lambda row: row["raised"] or (row["verdict"] if row["verdict"] in _FAILED else "")),
         number("condition", "condition_number"),
         GridColumn(
             "r² Fx, Fy, tauz", lambda row: ", ".join(show_fixed(row[f"{name}_r2"], 4) for name in ("Fx", "Fy", "tauz"))
         ),
         GridColumn("CoP rms", lambda row: show_fixed(1e3 * row["cop_rms"], 1, "mm")),
-        GridColumn("worst torque", lambda row: show(row[torques].max(), 2, "N·m") if torques else UNKNOWN),
+        GridColumn("worst torque", largest_torque),
         number("acceleration r²", "ddtheta_r2", 4),
         GridColumn("offset found", lambda row: show_fixed(1e3 * row["clock_offset"], 2, "ms")),
     )
-    return to_grid("Every perturbation", (row for _, row in tried.iterrows()), columns)
+    return to_grid("Every perturbation", tried, columns)

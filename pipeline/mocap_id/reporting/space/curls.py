@@ -7,10 +7,11 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.reporting.numbers import UNKNOWN, known, show_fixed
+from mocap_id.reporting.grids import Grid, GridColumn, number, text, to_grid
+from mocap_id.reporting.numbers import UNKNOWN, known
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.space.schema import CompensationEntry, CurlsEntry, TrendEntry
-from mocap_id.reporting.tables import Grid, grid
+from mocap_id.reporting.space.tables import to_words
 
 _FILE = "events.parquet"
 
@@ -64,29 +65,23 @@ def _trend(found: Mapping[str, Any]) -> TrendEntry:
 
 def counts(data: ReportData) -> Grid:
     """Return one row for every curl and failed attempt."""
-    table, facts = data.table(_FILE), data.facts(_FILE).get("curl")
-    rows = []
-    if table is not None and facts is not None:
-        torques = facts.get("torque") or [None] * table.length
-        columns = [table[name] for name in ("start", "top", "end", "amplitude", "complete", "why")]
-        for (start, top, end, rise, complete, why), torque in zip(zip(*columns, strict=True), torques, strict=True):
-            times = [show_fixed(known(time), 2) for time in (start, top, end)]
-            peaks = [_peak(torque, who) for who in ("", "person_")]
-            rows.append((*times, show_fixed(float(np.degrees(rise)), 0), "yes" if complete else f"no: {why}", *peaks))
-    head = (
-        "start (s)",
-        "top (s)",
-        "end (s)",
-        "rise of the flexion (deg)",
-        "complete",
-        "largest torque (N·m)",
-        "of the person (N·m)",
+    facts = data.facts(_FILE).get("curl") or {}
+    rows = data.rows(_FILE) if facts else []
+    columns = (
+        number("start (s)", lambda row: row[0]["start"], 2),
+        number("top (s)", lambda row: row[0]["top"], 2),
+        number("end (s)", lambda row: row[0]["end"], 2),
+        number("rise of the flexion (deg)", lambda row: row[0]["amplitude"], 0, 180 / np.pi),
+        text("complete", lambda row: "yes" if row[0]["complete"] else f"no: {row[0]['why']}"),
+        GridColumn("largest torque (N·m)", lambda row: _peak(row[1], "")),
+        GridColumn("of the person (N·m)", lambda row: _peak(row[1], "person_")),
     )
-    ended = (facts or {}).get("end") or {}
+    end = facts.get("end") or {}
     caption = "Curls, with the largest torque about the elbow's axis ± one standard deviation"
-    if ended.get("rule") not in {None, "recording"}:
-        caption += f". The trial ends at {ended['time_s']:.1f} s ({ended['rule']}): {ended['why']}"
-    return grid(caption, head, rows, (4,))
+    if end.get("rule") not in {None, "recording"}:
+        caption += f". The trial ends at {end['time_s']:.1f} s ({end['rule']}): {end['why']}"
+    torques = facts.get("torque") or [None] * len(rows)
+    return to_grid(caption, zip(rows, torques, strict=True), columns)
 
 
 def _peak(torque: Mapping[str, Any] | None, who: str) -> str:
@@ -96,37 +91,39 @@ def _peak(torque: Mapping[str, Any] | None, who: str) -> str:
 
 
 def compensation(data: ReportData) -> Grid:
-    """Return the mean range of every angle that should not move, beside the range that errors alone can show."""
+    """Return the mean range of every angle that should not move, beside the range that errors alone can cause."""
     entry = curls(data)
-    rows = []
-    for name, found in entry.compensation.items():
-        ranges = [one for one in found.range_deg if one is not None]
-        floors = [one for one in found.floor_deg if one is not None]
-        if not ranges:
-            continue
-        slope = entry.fatigue.get(f"{name}_range_rad")
-        trend = UNKNOWN
-        if slope is not None:
-            low, high = (float(np.degrees(end)) for end in slope.interval)
-            trend = f"{np.degrees(slope.slope):+.2f} ({low:+.2f} … {high:+.2f})"
-        long = sum(1 for one in found.sustained_s if one)
-        cells = (
-            show_fixed(float(np.mean(ranges)), 1),
-            show_fixed(max(ranges), 1),
-            show_fixed(float(np.mean(floors)), 1),
-        )
-        rows.append((name.replace("_", " "), *cells, trend, str(long), _in_step(found)))
-    head = (
-        *("angle", "mean range (deg)", "largest range (deg)", "range by errors alone (deg)"),
-        *("change per curl, 95 % interval (deg)", "curls with a sustained compensation"),
-        "also in step with the flexion, 95 % interval (deg)",
+    rows = {
+        name: (found, entry.fatigue.get(f"{name}_range_rad"))
+        for name, found in entry.compensation.items()
+        if _known(found.range_deg)
+    }
+    columns = (
+        number("mean range (deg)", lambda row: np.mean(_known(row[0].range_deg)), 1),
+        number("largest range (deg)", lambda row: max(_known(row[0].range_deg)), 1),
+        number("range by errors alone (deg)", lambda row: np.mean(_known(row[0].floor_deg)), 1),
+        GridColumn("change per curl, 95 % interval (deg)", lambda row: _change(row[1])),
+        GridColumn("curls with a sustained compensation", lambda row: str(sum(1 for one in row[0].sustained_s if one))),
+        GridColumn("also in step with the flexion, 95 % interval (deg)", lambda row: _in_step(row[0])),
     )
     caption = (
         "Compensation: range of each angle within a curl. A range below that by errors alone may be no motion. Axial "
         "rotation excludes the part in step with the flexion in the first curl, because an error of the elbow's axis "
         "looks the same"
     )
-    return grid(caption, head, rows)
+    return to_grid(caption, to_words(rows), columns, "angle")
+
+
+def _known(values: list[float | None]) -> list[float]:
+    return [value for value in values if value is not None]
+
+
+def _change(trend: TrendEntry | None) -> str:
+    """Format the change per curl, degrees, with its interval."""
+    if trend is None:
+        return UNKNOWN
+    slope, low, high = np.degrees([trend.slope, *trend.interval])
+    return f"{slope:+.2f} ({low:+.2f} … {high:+.2f})"
 
 
 def _in_step(found: CompensationEntry) -> str:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from mocap_id.reporting.numbers import UNKNOWN, known, show, show_fixed
+from mocap_id.reporting.grids import Grid, GridColumn, millimetres, number, percent, show_ends, text, to_grid
+from mocap_id.reporting.numbers import show_fixed, show_millimetres
 from mocap_id.reporting.report_data import ReportData
-from mocap_id.reporting.space.schema import WorkspaceEntry
-from mocap_id.reporting.tables import Grid, grid, millimetres, percent
+from mocap_id.reporting.space.schema import RangeEntry, WorkspaceEntry
+from mocap_id.reporting.space.tables import to_words
 
 _FILE = "events.parquet"
 _VIEW_ONLY = {"mesh", "view", "why"}
@@ -23,8 +22,8 @@ def workspace(data: ReportData) -> WorkspaceEntry:
     return WorkspaceEntry(**{k: v for k, v in facts.items() if k not in _VIEW_ONLY}, why=facts.get("why") or None)
 
 
-def text(found: WorkspaceEntry) -> tuple[str, ...]:
-    """Return what the volumes mean, or why there is none."""
+def describe_volume(found: WorkspaceEntry) -> tuple[str, ...]:
+    """Return the meaning of the volumes, or why the volume is unknown."""
     if found.volume_m3 is None:
         return (f"The reachable volume is unknown: {found.why}.",)
     return () if found.visited is None else (found.visited.meaning,)
@@ -32,95 +31,91 @@ def text(found: WorkspaceEntry) -> tuple[str, ...]:
 
 def volumes(found: WorkspaceEntry) -> Grid:
     """Return the volume within both sets with interval, discretisation and convergence."""
-    rows = []
-    for name, one in (("box", found), ("visited", found.visited)):
-        if one is not None and one.volume_m3 is not None:
-            share = show_fixed(found.relative_volume, 3) if name == "box" else UNKNOWN
-            steps = ", ".join(show_fixed(each, 4) for each in one.convergence_m3 or ())
-            rows.append((_SETS[name], show_fixed(one.volume_m3, 4), _span(one.interval_m3, 4), share, steps))
-    head = (
-        "set",
-        "volume (m³)",
-        "95 % interval (m³)",
-        "share of a sphere, radius: arm's length",
-        "on finer and finer grids (m³)",
+    share = {"box": found.relative_volume}
+    columns = (
+        text("set", lambda row: _SETS[row[0]]),
+        number("volume (m³)", lambda row: row[1].volume_m3, 4),
+        GridColumn("95 % interval (m³)", lambda row: show_ends(row[1].interval_m3, 4)),
+        number("share of a sphere, radius: arm's length", lambda row: share.get(row[0]), 3),
+        GridColumn(
+            "on finer and finer grids (m³)",
+            lambda row: ", ".join(show_fixed(volume, 4) for volume in row[1].convergence_m3 or ()),
+        ),
     )
-    return grid("Volume that the wrist can reach", head, rows)
+    sets = (("box", found), ("visited", found.visited))
+    rows = [row for row in sets if row[1] is not None and row[1].volume_m3 is not None]
+    return to_grid("Volume that the wrist can reach", rows, columns)
 
 
 def ranges(found: WorkspaceEntry) -> Grid:
     """Return the robust range of every angle, and its share in the variance of the volume."""
-    rows = []
-    for name, one in (found.ranges or {}).items():
-        parts = [share for key, share in (found.sources or {}).items() if key.startswith(name)]
-        rows.append(
-            (
-                name.replace("_", " "),
-                *(show_fixed(value, 1) for value in (one.low_deg, one.high_deg, one.range_deg)),
-                _span(one.interval_deg, 1),
-                percent(one.used_share),
-                percent(sum(parts)) if parts else UNKNOWN,
-            )
-        )
-    head = (
-        *("angle", "lowest (deg)", "highest (deg)", "range (deg)", "95 % interval of the range (deg)"),
-        *("samples used (%)", "share in the variance of the volume (%)"),
+
+    def share(row: tuple[str, RangeEntry]) -> float | None:
+        parts = [share for key, share in (found.sources or {}).items() if key.startswith(row[0])]
+        return sum(parts) if parts else None
+
+    columns = (
+        text("angle", lambda row: row[0].replace("_", " ")),
+        number("lowest (deg)", lambda row: row[1].low_deg, 1),
+        number("highest (deg)", lambda row: row[1].high_deg, 1),
+        number("range (deg)", lambda row: row[1].range_deg, 1),
+        GridColumn("95 % interval of the range (deg)", lambda row: show_ends(row[1].interval_deg, 1)),
+        percent("samples used (%)", lambda row: row[1].used_share),
+        percent("share in the variance of the volume (%)", share),
     )
     caption = "Ranges, robust against single samples: an end counts if the angle is beyond it for 0.05 s in all"
-    return grid(caption, head, rows)
+    return to_grid(caption, (found.ranges or {}).items(), columns)
 
 
 def areas(found: WorkspaceEntry) -> Grid:
     """Return the relative area of the surface by quadrants."""
     names = ("total", "upper_medial", "upper_lateral", "lower_medial", "lower_lateral", "behind")
-    rows = [
-        (_SETS.get(name, name), *(show_fixed(one.get(each), 3) for each in names))
-        for name, one in (found.surface or {}).items()
-    ]
     caption = (
         "Relative area of the furthest reach about the shoulder. In front, 1 is half a sphere of the arm's length and "
         "0.25 a full quadrant; medial is towards the other arm"
     )
-    return grid(caption, ("set", *(name.replace("_", " ") for name in names)), rows)
+    rows = {_SETS.get(name, name): one for name, one in (found.surface or {}).items()}
+    return to_grid(caption, rows, [number(name.replace("_", " "), name, 3) for name in names], "set")
 
 
 def heights(found: WorkspaceEntry) -> Grid:
     """Return the heights that the hand reached."""
     one = found.heights
     if one is None:
-        return grid("", (), [])
-    levels = ((f"hand at the height of the {name}", "yes" if there else "no", "") for name, there in one.levels.items())
-    rows = [
-        ("wrist, highest", millimetres(one.highest_m), show_fixed(one.highest_share, 2)),
-        ("wrist, lowest", millimetres(one.lowest_m), show_fixed(one.lowest_share, 2)),
-        *((name.replace("height of the overhead", "height of an overhead shelf"), yes, no) for name, yes, no in levels),
-    ]
-    head = ("what", "height (mm)", "share of the arm's length")
-    return grid("Heights above the shoulder, along the thorax", head, rows)
+        return Grid()
+    rows = {
+        "wrist, highest": (show_millimetres(one.highest_m), show_fixed(one.highest_share, 2)),
+        "wrist, lowest": (show_millimetres(one.lowest_m), show_fixed(one.lowest_share, 2)),
+    }
+    for name, reached in one.levels.items():
+        level = "an overhead shelf" if name == "overhead" else f"the {name}"
+        rows[f"hand at the height of {level}"] = ("yes" if reached else "no", "")
+    columns = (
+        GridColumn("height (mm)", lambda row: row[0]),
+        GridColumn("share of the arm's length", lambda row: row[1]),
+    )
+    return to_grid("Heights above the shoulder, along the thorax", rows, columns, "level")
 
 
 def targets(found: WorkspaceEntry) -> Grid:
     """Return the number of reaches to each part of the body, and the distances by which they missed it."""
-    rows = [
-        (name.replace("_", " "), str(one.count), millimetres(one.best_miss_m), millimetres(one.median_miss_m))
-        for name, one in (found.tasks or {}).items()
-    ]
-    caption = "Targets: the part of the body nearest to the held hand. Tables of proportions give their places, ± 3 cm"
-    return grid(caption, ("target", "reaches", "smallest miss (mm)", "median miss (mm)"), rows)
+    columns = (
+        number("reaches", "count", 0),
+        millimetres("smallest miss (mm)", "best_miss_m"),
+        millimetres("median miss (mm)", "median_miss_m"),
+    )
+    caption = "Targets: the part of the body nearest to the held hand; positions from tables of proportions, ± 3 cm"
+    return to_grid(caption, to_words(found.tasks or {}), columns, "target")
 
 
 def list_reaches(data: ReportData) -> Grid:
     """Return one row for every reach."""
-    table, rows = data.table(_FILE), []
-    if table is not None and "target" in table.names:
-        columns = [table[name] for name in ("start", "top", "end", "target", "miss_m", "complete", "why")]
-        for start, top, end, target, miss, complete, why in zip(*columns, strict=True):
-            times = [show_fixed(known(time), 2) for time in (start, top, end)]
-            missed = show(known(1e3 * miss)) if np.isfinite(miss) else UNKNOWN
-            rows.append((*times, str(target).replace("_", " "), missed, "yes" if complete else f"no: {why}"))
-    head = ("start (s)", "held (s)", "end (s)", "target", "missed by (mm)", "complete")
-    return grid("Reaches", head, rows, (3, 5))
-
-
-def _span(ends: list[float] | None, decimals: int) -> str:
-    return UNKNOWN if ends is None else " … ".join(show_fixed(end, decimals) for end in ends)
+    columns = (
+        number("start (s)", "start", 2),
+        number("held (s)", "top", 2),
+        number("end (s)", "end", 2),
+        text("target", lambda row: row["target"].replace("_", " ")),
+        number("missed by (mm)", "miss_m", factor=1e3),
+        text("complete", lambda row: "yes" if row["complete"] else f"no: {row['why']}"),
+    )
+    return to_grid("Reaches", [row for row in data.rows(_FILE) if "target" in row], columns)

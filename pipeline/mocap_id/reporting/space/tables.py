@@ -1,148 +1,128 @@
-"""Tables of the report about joints, angles and landmarks in space."""
+"""Tables of the report about joints, angles, sensors and landmarks in space."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from typing import Any
 
-from mocap_id.reporting.numbers import UNKNOWN, show_fixed, show_with_sd
+from mocap_id.reporting.grids import (
+    Grid,
+    GridColumn,
+    element,
+    millimetres,
+    number,
+    percent,
+    show_ends,
+    text,
+    to_grid,
+    with_sd,
+)
+from mocap_id.reporting.numbers import show_millimetres
 from mocap_id.reporting.report_data import ReportData
+from mocap_id.reporting.space.schema import ImuEntry
 from mocap_id.reporting.summary_schema import Summary
-from mocap_id.reporting.tables import Grid, grid, millimetres, percent
 
 _KINDS = ("ball", "two-axis", "hinge")
 _AXES = "xyz"
 
 
-def joints(summary: Summary) -> Grid:
-    """Return kinds, centres and arcs of the joints."""
-    names = summary.segments.names or []
-    rows = []
-    for joint in summary.joints or ():
-        parent = names[joint.parent] if 0 <= joint.parent < len(names) else str(joint.parent)
-        centre = zip(_three(joint.centre_m), _three(joint.sd_m), strict=True)
-        shown = [show_with_sd(value, sd) for value, sd in centre] if joint.known else ["not shown by the motion"] * 3
-        rows.append((joint.name, joint.kind, parent, *shown, show_fixed(joint.arc_deg, 1)))
-    head = ("joint", "kind", "fixed to", *(f"{axis} (m)" for axis in _AXES), "arc (deg)")
-    caption = (
-        "Joint centres in the frame of the previous segment, ± one standard deviation. A hinge has a centre only "
-        "across its axis"
-    )
-    return grid(caption, head, rows, (0, 1, 2))
+def to_words(entries: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the entries with blanks instead of the underscores of their keys."""
+    return {name.replace("_", " "): entry for name, entry in entries.items()}
 
 
 def glides(summary: Summary) -> Grid:
     """Return the translations of joint centres with the elevation; empty without any."""
-    rows = []
-    for joint in summary.joints or ():
-        values = zip(joint.glide_m, _three(joint.glide_sd_m), strict=False)
-        shown = [show_with_sd(1e3 * value, None if sd is None else 1e3 * sd) for value, sd in values]
-        if shown:
-            rows.append((joint.name, *shown))
+    shifts = (
+        with_sd(f"{axis} (mm)", element("glide_m", k), element("glide_sd_m", k), 1e3) for k, axis in enumerate(_AXES)
+    )
     caption = "Glide: shift of the joint centre at an elevation of 180°, in the frame of the previous segment"
-    return grid(caption, ("joint", *(f"{axis} (mm)" for axis in _AXES)), rows)
-
-
-def _three(values: list[float] | None) -> list[float | None]:
-    return [None, None, None] if not values else [*values]
+    rows = [joint for joint in summary.joints or () if joint.glide_m]
+    return to_grid(caption, rows, (text("joint", "name"), *shifts))
 
 
 def axes(summary: Summary) -> Grid:
     """Return the axes of hinges and two-axis joints."""
     rows = []
     for joint in summary.joints or ():
-        found = joint.axis or []
-        listed = found if found and isinstance(found[0], list) else [found] if found else []
-        for k, axis in enumerate(listed):
-            sd = joint.axis_sd_deg[k] if k < len(joint.axis_sd_deg) else None
-            frame = "previous segment" if k == 0 else "own segment"
-            parts = [show_fixed(part, 3) for part in axis] if isinstance(axis, list) else []
-            rows.append((joint.name, str(k + 1), frame, *parts, show_fixed(sd, 1)))
-    head = ("joint", "axis", "in the frame of the", *_AXES, "sd (deg)")
-    return grid("Axes of hinges and two-axis joints", head, rows, (0, 2))
+        listed = joint.axis if joint.axis and isinstance(joint.axis[0], list) else [joint.axis] if joint.axis else []
+        sds = [*joint.axis_sd_deg, None, None]
+        rows += [(joint.name, k, axis, sds[k]) for k, axis in enumerate(listed)]
+    columns = (
+        text("joint", lambda row: row[0]),
+        GridColumn("axis", lambda row: str(row[1] + 1)),
+        text("in the frame of the", lambda row: "own segment" if row[1] else "previous segment"),
+        *(number(axis, element(lambda row: row[2], d), 3) for d, axis in enumerate(_AXES)),
+        number("sd (deg)", lambda row: row[3], 1),
+    )
+    return to_grid("Axes of hinges and two-axis joints", rows, columns)
 
 
 def kinds(summary: Summary) -> Grid:
     """Return the evidence for the kind of each joint."""
-    rows = [
-        (joint.name, joint.kind, *(show_fixed(joint.evidence.get(kind), 2) for kind in _KINDS))
-        for joint in summary.joints or ()
-        if joint.evidence
-    ]
+    columns = (
+        text("joint", "name"),
+        text("kind", "kind"),
+        *(number(kind, element("evidence", kind), 2) for kind in _KINDS),
+    )
     caption = (
         "Kinds of the joints: rotation that each kind leaves unexplained, as a multiple of the noise of the markers. "
-        "The simplest kind with a small multiple is chosen; a ball explains every rotation"
+        "The simplest kind with a small multiple is chosen; a ball joint explains every rotation"
     )
-    return grid(caption, ("joint", "kind", *_KINDS), rows, (0, 1))
+    return to_grid(caption, [joint for joint in summary.joints or () if joint.evidence], columns)
 
 
 def angles(summary: Summary) -> Grid:
     """Return range, interval and share of usable samples of each angle."""
-    rows = []
-    for name, entry in summary.angles.items():
-        interval = entry.interval_deg
-        ends = UNKNOWN if interval is None else " … ".join(show_fixed(end, 1) for end in interval)
-        values = (entry.low_deg, entry.high_deg, entry.range_deg)
-        rows.append(
-            (
-                name.replace("_", " "),
-                *(show_fixed(value, 1) for value in values),
-                ends,
-                show_fixed(entry.sd_deg, 2),
-                show_fixed(entry.constant_sd_deg, 1),
-                percent(entry.used_share),
-            )
-        )
-    head = (
-        *("angle", "lowest (deg)", "highest (deg)", "range (deg)", "95 % interval of the range (deg)"),
-        *("sd of changes (deg)", "sd of a constant error (deg)", "samples used (%)"),
+    columns = (
+        number("lowest (deg)", "low_deg", 1),
+        number("highest (deg)", "high_deg", 1),
+        number("range (deg)", "range_deg", 1),
+        GridColumn("95 % interval of the range (deg)", lambda entry: show_ends(entry.interval_deg, 1)),
+        number("sd of changes (deg)", "sd_deg", 2),
+        number("sd of a constant error (deg)", "constant_sd_deg", 1),
+        percent("samples used (%)", "used_share"),
     )
     caption = (
-        "Angles. Plane and axial rotation of the shoulder are judged only where the elevation is more than 15° from 0 "
-        "and 180°. The interval of the range holds both standard deviations"
+        "Angles. Plane and axial rotation of the shoulder are evaluated only where the elevation is more than 15° from "
+        "0 and 180°. The interval of the range contains both standard deviations"
     )
-    return grid(caption, head, rows)
+    return to_grid(caption, to_words(summary.angles), columns, "angle")
 
 
 def imus(summary: Summary) -> Grid:
-    """Return clock, bias, place and residuals of each inertial sensor."""
-    rows = []
-    for name, each in summary.imus.items():
-        bias = None if each.gyro_bias_rad_s is None else math.degrees(math.hypot(*each.gyro_bias_rad_s))
-        clock, sd = (None if value is None else 1e3 * value for value in (each.clock_offset_s, each.sd_s))
-        place = ", ".join(millimetres(value) for value in _three(each.position_m))
-        used = "yes" if each.used else f"no: {each.why}"
-        shown = "yes" if each.observable else "no"
-        rows.append(
-            (
-                *(name.replace("_", " "), used, show_with_sd(clock, sd), shown, show_fixed(each.ppm, 0)),
-                *(show_fixed(bias, 2), place, show_fixed(each.mounting_sd_deg, 1), show_fixed(each.skin_share, 2)),
-                *(show_fixed(each.gyro_residual_rad_s, 3), show_fixed(each.acc_residual_m_s2, 2)),
-            )
-        )
-    head = (
-        *("segment", "used", "clock offset (ms)", "shown by the motion", "clock drift (ppm)", "gyroscope bias (deg/s)"),
-        *("place (mm)", "sd of mounting (deg)", "twist that the skin does not follow"),
-        *("gyroscope against markers (rad/s)", "accelerometer against markers (m/s²)"),
+    """Return clock, bias, position and residuals of each inertial sensor."""
+
+    def bias(entry: ImuEntry) -> float | None:
+        return None if entry.gyro_bias_rad_s is None else math.degrees(math.hypot(*entry.gyro_bias_rad_s))
+
+    columns = (
+        text("used", lambda entry: "yes" if entry.used else f"no: {entry.why}"),
+        with_sd("clock offset (ms)", "clock_offset_s", "sd_s", 1e3),
+        text("determined by the motion", lambda entry: "yes" if entry.observable else "no"),
+        number("clock drift (ppm)", "ppm", 0),
+        number("gyroscope bias (deg/s)", bias, 2),
+        GridColumn("position (mm)", lambda entry: ", ".join(map(show_millimetres, entry.position_m or [None] * 3))),
+        number("sd of mounting (deg)", "mounting_sd_deg", 1),
+        number("share of axial rotation that the skin does not follow", "skin_share", 2),
+        number("gyroscope against markers (rad/s)", "gyro_residual_rad_s", 3),
+        number("accelerometer against markers (m/s²)", "acc_residual_m_s2", 2),
     )
     caption = "Inertial sensors: clock against the cameras, and what was estimated from the motion"
-    return grid(caption, head, rows, (0, 1, 3))
+    return to_grid(caption, to_words(summary.imus), columns, "segment")
 
 
 def landmarks(data: ReportData, summary: Summary) -> Grid:
     """Return the landmarks with their uncertainty, and the residual of the marker of the same name."""
     labels = dict(part.split(" ", 1) for part in data.settings.get("landmarks", "").split(", ") if " " in part)
-    rows = []
-    for name, entry in summary.landmarks.items():
-        residual = data.residuals.get(labels.get(name, name))
-        rows.append(
-            (
-                name,
-                entry.segment,
-                *(millimetres(value) for value in _three(entry.local_m)),
-                millimetres(entry.sd_m),
-                millimetres(None if residual is None else residual.rms),
-            )
-        )
-    head = ("landmark", "segment", "x (mm)", "y (mm)", "z (mm)", "sd (mm)", "residual of its marker, rms (mm)")
+    residuals = {name: data.residuals.get(labels.get(name, name)) for name in summary.landmarks}
+    columns = (
+        text("landmark", lambda row: row[0]),
+        text("segment", lambda row: row[1].segment),
+        *(millimetres(f"{axis} (mm)", element(lambda row: row[1].local_m, d)) for d, axis in enumerate(_AXES)),
+        millimetres("sd (mm)", lambda row: row[1].sd_m),
+        millimetres("residual of its marker, rms (mm)", lambda row: getattr(residuals[row[0]], "rms", None)),
+    )
     caption = "Anatomical landmarks in the frames of their segments. The residual is the motion against the chain"
-    return grid(caption, head, rows, (0, 1))
+    return to_grid(caption, list(summary.landmarks.items()), columns)

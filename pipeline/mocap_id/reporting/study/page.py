@@ -1,4 +1,4 @@
-"""``cohort.html``: the page of a study."""
+"""``cohort.html``: the page of a study of sit-to-stand trials."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ import numpy as np
 import pandas as pd
 
 from mocap_id.reporting.numbers import UNKNOWN, show, show_fixed
-from mocap_id.reporting.results.page import ResultSection, study_page
-from mocap_id.reporting.sections import KeyNumber
+from mocap_id.reporting.page import KeyNumber, Section
+from mocap_id.reporting.results.study_page import study_page
 from mocap_id.reporting.study import tables
 from mocap_id.reporting.study.figures import cohort_figures
 from mocap_id.reporting.study.page_data import CohortData
@@ -21,31 +21,31 @@ _FOOTER = (
 
 
 def cohort_page(data: CohortData) -> bytes:
-    """Return the page as UTF-8."""
+    """Return the page as UTF-8, from the tables trials, lengths, strategies, models, parameters and variation."""
     numbers = [number for number in _key_numbers(data) if number.value != UNKNOWN]
-    return study_page(data.study, data.trials, numbers, _sections(data), cohort_figures(data), _FOOTER)
+    return study_page(data, numbers, _sections(data), cohort_figures(data), _FOOTER)
 
 
-def _sections(data: CohortData) -> tuple[ResultSection, ...]:
+def _sections(data: CohortData) -> tuple[Section, ...]:
     people = {name: data.of_people(name) for name in ("strategies", "models", "variation")}
-    pairs, varied = people["models"]["pairs"] > 0, people["variation"]["trials"] > 1
+    predicted, varied = people["models"]["pairs"] > 0, people["variation"]["trials"] > 1
     return (
-        ResultSection("trials", "Trials", (tables.trials(data),)),
-        ResultSection(
+        Section("trials", "Trials", (tables.trials(data),)),
+        Section(
             "lengths",
             "Segment lengths",
             (tables.lengths(data), tables.strategies(data.of_cohort("strategies"), tables.BY_STRATEGY)),
             ("lengths",),
             (tables.strategies(people["strategies"], tables.BY_PERSON),),
         ),
-        ResultSection(
+        Section(
             "models",
             "Forces and torques by every model",
             (tables.models(data.of_cohort("models"), tables.MODELS), tables.doubtful(data)),
             ("pressure",),
-            (tables.models(people["models"][pairs], tables.MODELS_BY_PERSON),),
+            (tables.models(people["models"][predicted], tables.MODELS_BY_PERSON),),
         ),
-        ResultSection(
+        Section(
             "parameters",
             "Inertial parameters",
             (tables.variation(data.of_cohort("variation"), tables.VARIATION),),
@@ -61,18 +61,18 @@ def _key_numbers(data: CohortData) -> Iterator[KeyNumber]:
     yield KeyNumber("people", str(len(data.subjects)), f"{len(data.trials)} trials")
     yield KeyNumber("strategies", str(len(data.strategies)), ", ".join(data.strategies))
     yield KeyNumber("repetitions", str(int(complete.sum())) if complete.notna().any() else UNKNOWN, "complete")
-    yield KeyNumber("re-projection", _millimetres(trials["reprojection"]), "median of the trials' rms")
-    yield KeyNumber("CoP, own model", _millimetres(trials["cop_x_own_rms"]), "median of the trials' rms error")
-    yield KeyNumber("CoP, held out", _millimetres(trials["cop_x_held_out_rms"]), "on left-out repetitions")
-    yield KeyNumber("CoP, allometric", _millimetres(trials["cop_x_reference_rms"]), "on the samples of the own model")
+    for name, column, remark in (
+        ("re-projection", "reprojection", "median of the trials' rms"),
+        ("CoP, own model", "cop_x_own_rms", "median of the trials' rms error"),
+        ("CoP, held out", "cop_x_held_out_rms", "on left-out repetitions"),
+        ("CoP, allometric", "cop_x_reference_rms", "on the samples of the own model"),
+    ):
+        yield KeyNumber(name, show_fixed(1e3 * _median(trials[column]), 1, "mm"), remark)
     yield KeyNumber("condition number", show(_median(trials["condition_number"])), "median")
 
 
-def _millimetres(column: pd.Series[float]) -> str:
-    return show_fixed(1e3 * _median(column), 1, "mm")
-
-
 def _median(column: pd.Series[float]) -> float:
-    known = column.to_numpy(dtype=np.float64)
-    known = known[np.isfinite(known)]
-    return float(np.median(known)) if len(known) else float("nan")
+    """Return the median of the finite values; NaN without any."""
+    values = column.to_numpy(dtype=np.float64)
+    values = values[np.isfinite(values)]
+    return float(np.median(values)) if len(values) else float("nan")

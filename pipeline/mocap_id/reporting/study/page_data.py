@@ -1,4 +1,4 @@
-"""The data of a cohort's page: how each trial ended, and the study's tables."""
+"""The data of the page of a study of people: how each trial ended, and the study's tables."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import pandas as pd
 
-    from mocap_id.reporting.results.trial_entries import TrialEntry
+    from mocap_id.reporting.results.study_page import TrialEntry
 
 PAGE_FILE = "cohort.html"
 COHORT = "cohort"
@@ -18,11 +18,11 @@ COHORT = "cohort"
 
 @dataclass(frozen=True)
 class CohortData:
-    """The data of a cohort's page."""
+    """The data of the page of a study of people."""
 
     study: str  # name of the study
     trials: tuple[TrialEntry, ...]
-    tables: Mapping[str, pd.DataFrame]  # trials, lengths, strategies, models, parameters, variation
+    tables: Mapping[str, pd.DataFrame]  # the study's tables by name
 
     @property
     def subjects(self) -> tuple[str, ...]:

@@ -12,7 +12,7 @@ import numpy as np
 from mocap_id.arrays import NORMAL_95
 from mocap_id.config.study import Study, StudyTrial
 from mocap_id.reporting.numbers import all_known
-from mocap_id.reporting.reach_study.page_data import Shape
+from mocap_id.reporting.reach_study.figures import Shape
 from mocap_id.reporting.study.page_data import CohortData
 from mocap_id.workflows.parallel import TrialRun
 from mocap_id.workflows.study.statistics import Estimate

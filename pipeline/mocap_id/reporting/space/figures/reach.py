@@ -24,11 +24,14 @@ def draw(data: ReportData) -> Figure | str:
         return "No reachable set to draw: only `protocol: reach` has one."
     if not facts.get("mesh"):
         return f"No reachable set to draw: {facts.get('why')}."
-    half = 1.02 * float(facts["arm_length_m"])
+    return Figure(((turnable_panel(list(_items(facts)), 1.02 * float(facts["arm_length_m"]), "", 5.6),),))
+
+
+def turnable_panel(items: list[Item], half: float, title: str, height: float) -> Panel:
+    """Return a panel that the reader can turn, first seen from the front, with ranges of ± ``half`` m."""
     ends = (-half, half)
-    items = tuple(_items(facts))
-    panel = Panel(items, "", "across the view (m)", "up the view (m)", ends, ends, equal=True, height=5.6, view=_VIEW)
-    return Figure(((panel,),))
+    axes = ("across the view (m)", "up the view (m)", ends, ends)
+    return Panel(tuple(items), title, *axes, equal=True, height=height, view=_VIEW)
 
 
 def _items(facts: Mapping[str, Any]) -> Iterator[Item]:

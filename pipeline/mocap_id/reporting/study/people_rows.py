@@ -1,4 +1,4 @@
-"""Common parts of the figures over people: a row for each person, and within it a place for each trial."""
+"""Parts of figures with a row for each person, and within it a position for each trial."""
 
 from __future__ import annotations
 
@@ -12,20 +12,25 @@ from mocap_id.reporting import style
 from mocap_id.reporting.figure import Item, Points, Rule
 from mocap_id.reporting.study.page_data import CohortData
 
-_SPREAD = 0.6  # of a row's height, for the trials of one person
+_SPREAD = 0.6  # share of a row's height for the trials of one person
 
 
-def trial_places(data: CohortData, trials: Sequence[str], subjects: Sequence[str] = ()) -> FloatArray:
-    """Return the vertical place of each trial: the person's row, and within it the trials one below the other.
+def trial_rows(data: CohortData, trials: Sequence[str], subjects: Sequence[str] = ()) -> FloatArray:
+    """Return the vertical position of each trial: the row of the person, and within it the trials in their order.
 
     The rows have the order of ``subjects``, or of the trials if omitted.
     """
-    place: dict[str, float] = {}
+    rows: dict[str, float] = {}
     frame = data.tables["trials"]
     for row, subject in enumerate(subjects or data.subjects):
         own = frame[frame["subject"] == subject]["trial"]
-        place |= {name: row + _within(k, len(own)) for k, name in enumerate(own)}
-    return np.array([place[trial] for trial in trials], dtype=np.float64)
+        rows |= {name: row + offset for name, offset in zip(own, spread_evenly(len(own), _SPREAD), strict=True)}
+    return np.array([rows[trial] for trial in trials], dtype=np.float64)
+
+
+def spread_evenly(count: int, width: float) -> FloatArray:
+    """Return evenly spaced positions about zero over a width; zero for a single one."""
+    return width * (np.arange(count) / (count - 1) - 0.5) if count > 1 else np.zeros(count)
 
 
 def row_names(data: CohortData) -> tuple[str, ...]:
@@ -50,9 +55,5 @@ def dots(data: CohortData, frame: pd.DataFrame, value: str, sd: str, *, factor: 
         half = NORMAL_95 * factor * np.where(np.isfinite(spread), spread, 0.0)
         x = factor * own[value].to_numpy(dtype=np.float64)
         label, names = style.printable(strategy, 20), tuple(style.printable(trial, 30) for trial in trials)
-        items.append(Points(x, trial_places(data, trials), style.colour(k), label, size=3.5, half=half, names=names))
+        items.append(Points(x, trial_rows(data, trials), style.colour(k), label, size=3.5, half=half, names=names))
     return items
-
-
-def _within(k: int, count: int) -> float:
-    return 0.0 if count < 2 else _SPREAD * (k / (count - 1) - 0.5)

@@ -1,0 +1,219 @@
+"""Tables of a page: declarations of columns, and their rows as text."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, TypeAlias
+
+from mocap_id.reporting import style
+from mocap_id.reporting.numbers import UNKNOWN, show, show_fixed, show_with_sd, times
+
+Source: TypeAlias = str | Callable[[Any], Any]
+"""Source of a column's value: name of a key or attribute of the row, or a function of the row."""
+
+_SUFFIXES = {"s": "s", "m": "m", "hz": "Hz", "deg": "deg", "kg": "kg", "N": "N"}
+"""Units in the suffixes of fact keys."""
+_LABELS = {
+    "arc_deg": "arcs of the joints in the fitted samples (deg)",
+    "asked": "requested",
+    "asymmetry_deg": "angle between left and right (deg)",
+    "bridged_fraction": "share of bridged samples",
+    "condition_number_scaled": "condition number with unit-norm columns",
+    "count": "number of segments",
+    "cutoff_hz": "low-pass cut-off (Hz)",
+    "dual": "dual residual",
+    "kkt": "KKT residual",
+    "missing_fraction": "share of missing samples",
+    "noise_floor_m": "movement of still markers (m)",
+    "outlier_fraction": "share of outliers",
+    "price_of_consistency": "relative cost of physical consistency",
+    "primal": "primal residual",
+    "proven": "optimality proven",
+    "reference_pulls": "reference body used as a prior",
+    "reprojection_rms_m": "reprojection error, rms (m)",
+    "samples": "number of samples",
+    "sd_holds": "standard deviations include",
+    "static_gap": "movement of moving over still markers",
+    "untold": "torques not determined",
+    "window_proposed": "window chosen automatically",
+}
+"""Labels of fact keys that do not explain themselves."""
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A table of a page: caption, column headings and rows. The columns ``text`` are left-aligned.
+
+    A page omits a table without rows.
+    """
+
+    caption: str = ""
+    head: tuple[str, ...] = ()
+    rows: tuple[tuple[str, ...], ...] = ()
+    text: frozenset[int] = frozenset()
+
+
+@dataclass(frozen=True)
+class GridColumn:
+    """Declaration of a column: its heading, and the function that returns a row's cell.
+
+    Text columns are left-aligned. Optional columns are omitted if no row has a value.
+    """
+
+    head: str
+    cell: Callable[[Any], str]
+    text: bool = False
+    optional: bool = False
+
+
+def element(source: Source, key: int | str) -> Callable[[Any], Any]:
+    """Return the source of one element of a list or mapping; its value is None if the list or element is missing."""
+
+    def value(row: Any) -> Any:
+        values = _value(row, source)
+        return values.get(key) if isinstance(values, Mapping) else values[key] if values else None
+
+    return value
+
+
+def text(head: str, source: Source, missing: str = "") -> GridColumn:
+    """Return a column of texts, with ``missing`` for an empty value."""
+    return GridColumn(head, lambda row: str(_value(row, source) or missing), text=True)
+
+
+def whole(head: str, source: Source) -> GridColumn:
+    """Return a column of whole numbers, with a dash for a missing value."""
+    return GridColumn(head, lambda row: show_fixed(_value(row, source), 0))
+
+
+def number(
+    head: str, source: Source, decimals: int | None = None, factor: float = 1.0, *, optional: bool = False
+) -> GridColumn:
+    """Return a column of numbers times a factor, with the given decimals or else three significant digits."""
+
+    def cell(row: Any) -> str:
+        value = times(_value(row, source), factor)
+        return show(value) if decimals is None else show_fixed(value, decimals)
+
+    return GridColumn(head, cell, optional=optional)
+
+
+def millimetres(head: str, source: Source, *, optional: bool = False) -> GridColumn:
+    """Return a column of lengths in metres, shown in millimetres."""
+    return number(head, source, 1, 1e3, optional=optional)
+
+
+def percent(head: str, source: Source) -> GridColumn:
+    """Return a column of shares, shown in per cent."""
+    return number(head, source, 1, 100)
+
+
+def with_sd(head: str, value: Source, sd: Source, factor: float = 1.0) -> GridColumn:
+    """Return a column of values times a factor, with their standard deviations."""
+    return GridColumn(head, lambda row: show_with_sd(times(_value(row, value), factor), times(_value(row, sd), factor)))
+
+
+def mean_sd(head: str, name: str, factor: float = 1.0, decimals: int = 1) -> GridColumn:
+    """Return a column of ``mean ± sd`` from the columns ``<name>_mean`` and ``<name>_sd`` of a result table."""
+
+    def cell(row: Mapping[str, Any]) -> str:
+        mean, sd = (times(row[f"{name}_{part}"], factor) for part in ("mean", "sd"))
+        shown = show_fixed(mean, decimals)
+        return shown if sd is None else f"{shown} ± {show_fixed(sd, decimals)}"
+
+    return GridColumn(head, cell)
+
+
+def estimate(head: str, name: str) -> GridColumn:
+    """Return an optional column of values with their intervals, see :func:`show_estimate`."""
+    return GridColumn(head, lambda row: show_estimate(row, name), optional=True)
+
+
+def show_estimate(row: Mapping[Any, Any], name: str, factor: float = 1.0) -> str:
+    """Format a value of a result table with its interval, such as ``0.312 (0.287 … 0.330)``."""
+    value, low, high = (times(row[f"{name}{end}"], factor) for end in ("", "_low", "_high"))
+    return show(value) if low is None or high is None else f"{show(value)} ({show(low)} … {show(high)})"
+
+
+def show_ends(ends: Sequence[float] | None, decimals: int) -> str:
+    """Format the two ends of an interval; a dash if it is unknown."""
+    return UNKNOWN if ends is None else " … ".join(show_fixed(end, decimals) for end in ends)
+
+
+def to_grid(caption: str, rows: Iterable[Any], columns: Sequence[GridColumn], index: str = "") -> Grid:
+    """Return the table of some rows, with unprintable characters replaced.
+
+    Parameters
+    ----------
+    caption : str
+    rows : iterable, mapping or DataFrame
+        Mappings or objects from which the columns take their values.
+    columns : sequence of GridColumn
+    index : str, optional
+        Heading of an additional first column: the keys if ``rows`` is a mapping, else the numbers of the rows, from 1.
+    """
+    keys: Iterable[Any] = itertools.count(1)
+    if isinstance(rows, Mapping):
+        keys, rows = rows.keys(), rows.values()
+    elif hasattr(rows, "to_dict"):
+        rows = rows.to_dict("records")
+    cells = [[style.printable(column.cell(row)) for column in columns] for row in rows]
+    if index:
+        columns = [text(index, ""), *columns]
+        cells = [[style.printable(key), *row] for key, row in zip(keys, cells, strict=False)]
+    kept = [k for k, one in enumerate(columns) if not one.optional or any(row[k] != UNKNOWN for row in cells)]
+    left = frozenset(place for place, k in enumerate(kept) if columns[k].text)
+    return Grid(
+        caption, tuple(columns[k].head for k in kept), tuple(tuple(row[k] for k in kept) for row in cells), left
+    )
+
+
+def list_facts(caption: str, values: Mapping[str, Any]) -> Grid:
+    """Return a table of the known values; nested keys are joined by colons, and matrices are left out."""
+    return Grid(caption, ("quantity", "value"), tuple(_flat(values, "")), frozenset({0, 1}))
+
+
+def _value(row: Any, source: Source) -> Any:
+    if callable(source):
+        return source(row)
+    return row.get(source) if isinstance(row, Mapping) else getattr(row, source)
+
+
+def _flat(values: Mapping[str, Any], above: str) -> Iterator[tuple[str, str]]:
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{above}{_label(key)}: ")
+        elif value not in (None, "", UNKNOWN, [], ()) and not _is_matrix(value):
+            yield style.printable(above + _label(key)), style.printable(_format(value))
+
+
+def _is_matrix(value: object) -> bool:
+    rows = value if isinstance(value, list) else []
+    return any(isinstance(row, list) and any(isinstance(item, float) for item in row) for row in rows)
+
+
+def _label(key: str) -> str:
+    """Return the key of a fact as readable text: ``window_s`` as window (s)."""
+    if key in _LABELS or not key.isidentifier():
+        return _LABELS.get(key, key)
+    stem, _, suffix = key.rpartition("_")
+    return f"{stem.replace('_', ' ')} ({_SUFFIXES[suffix]})" if suffix in _SUFFIXES and stem else key.replace("_", " ")
+
+
+def _format(value: object) -> str:
+    """Format any JSON value as short text."""
+    match value:
+        case None:
+            return UNKNOWN
+        case bool():
+            return "yes" if value else "no"
+        case float():
+            return show(value, 4)
+        case Mapping():
+            return ", ".join(f"{key}: {_format(item)}" for key, item in value.items())
+        case list() | tuple():
+            nested = any(isinstance(item, (list, tuple)) for item in value)
+            return (" | " if nested else ", ").join(_format(item) for item in value)
+    return str(value)
