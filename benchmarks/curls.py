@@ -6,7 +6,6 @@ seconds per trial and core.
 
 from __future__ import annotations
 
-import json
 import tempfile
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,6 +14,7 @@ from typing import Any, get_args
 
 import harness
 import numpy as np
+from harness import share, sizes
 
 from mocap_id.arrays import FloatArray
 from mocap_id.config import load
@@ -40,7 +40,6 @@ class Curls:
 
     preset: str
     level: str
-    codes: tuple[str, ...]
     counted: bool  # the number of curls and of failed attempts is right
     times: FloatArray  # (n, 3) errors of start, top and end, ms
     ranges: FloatArray  # (n, 3) errors of the ranges of the shoulder's angles, °
@@ -73,8 +72,7 @@ def measure(task: tuple[Preset, int]) -> Curls:
         try:
             outcome = run(load(configuration))
         except MocapIdError as error:
-            failed = (type(error).__name__,)
-            return Curls(preset, "failed", failed, False, *[nothing] * 4, *_unknown())
+            return Curls(preset, type(error).__name__, False, *[nothing] * 4, *_unknown())
         return compare(preset, outcome.folder, configuration)
 
 
@@ -84,8 +82,7 @@ def _unknown() -> list[FloatArray]:
 
 def compare(preset: str, folder: Path, configuration: Path) -> Curls:
     """Compare the results of a trial with its truth."""
-    summary = json.loads((folder / "summary.json").read_text("utf-8"))
-    truth, artefacts = harness.read_truth(configuration), Folder(folder)
+    summary, truth, artefacts = harness.read_summary(folder), harness.read_truth(configuration), Folder(folder)
     events, dynamics = (artefacts.read(name) for name in ("events.parquet", "dynamics.parquet"))
     done, curls = events["complete"].astype(bool), truth["repetitions"]
     counted = [summary["curls"][name] for name in ("count", "partial")]
@@ -95,12 +92,12 @@ def compare(preset: str, folder: Path, configuration: Path) -> Curls:
         true = [[each["start"], (each["top"] + each["top_end"]) / 2, each["end"]] for each in curls]
         times = 1e3 * (events.stack(["start", "top", "end"])[done] - np.array(true))
         moved = [summary["curls"]["compensation"][f"shoulder_{name}"] for name in ANGLES]
-        sizes = np.degrees([[each["compensation_rad"][name] for name in ANGLES] for each in curls])
+        exact = np.degrees([[each["compensation_rad"][name] for name in ANGLES] for each in curls])
         found = np.array([one["range_deg"] for one in moved], dtype=float).T[done]
         ends = np.array([[end or [np.nan] * 2 for end in one["interval_deg"]] for one in moved])
         low, high = ends[..., 0].T[done], ends[..., 1].T[done]
-        ranges, width = found - sizes, high - low
-        inside = np.where(np.isfinite(found), (sizes >= low) & (sizes <= high), np.nan)
+        ranges, width = found - exact, high - low
+        inside = np.where(np.isfinite(found), (exact >= low) & (exact <= high), np.nan)
     torque, within, in_step, flexion = _unknown()
     if right and curls:
         in_step, flexion = compare_angles(artefacts, configuration, curls)
@@ -112,21 +109,8 @@ def compare(preset: str, folder: Path, configuration: Path) -> Curls:
             if np.isfinite(error).any():
                 torque[k] = np.sqrt(np.nanmean(error**2))
                 within[k] = np.nanmean(np.abs(error) <= 1.96 * dynamics[f"sd_elbow_torque{suffix}"][used])
-    codes = tuple(each["code"] for each in summary["verdict"]["reasons"])
-    return Curls(
-        preset,
-        summary["verdict"]["level"],
-        codes,
-        right,
-        times,
-        ranges,
-        inside,
-        width,
-        torque,
-        within,
-        in_step,
-        flexion,
-    )
+    level = summary["verdict"]["level"]
+    return Curls(preset, level, right, times, ranges, inside, width, torque, within, in_step, flexion)
 
 
 def compare_angles(
@@ -157,47 +141,33 @@ def table(preset: str, outcomes: Sequence[Curls]) -> str:
     """Return the table of a preset."""
     own = [each for each in outcomes if each.preset == preset]
 
-    def stacked(name: str) -> Any:
-        return np.concatenate([getattr(each, name) for each in own])
+    def stack(name: str) -> Any:
+        return np.concatenate([np.atleast_2d(getattr(each, name)) for each in own]).T
 
-    rows = [
-        ["trials with exact counts of curls and failed attempts", "100 %", _share([e.counted for e in own]), "", ""]
-    ]
-    for k, name in enumerate(("start", "top", "end")):
-        rows.append([f"{name}, ms", f"{TIME_LIMIT:g}", *_errors(stacked("times")[:, k], TIME_LIMIT)])
-    for k, name in enumerate(ANGLES):
-        limit = RANGE_LIMIT[preset]
-        rows.append([f"range of {name}, °", f"{limit:g}", *_errors(stacked("ranges")[:, k], limit)])
-        inside, width = stacked("inside")[:, k], np.nanmedian(stacked("width")[:, k])
-        rows.append([f"… inside its interval, {width:.1f}° wide", "88–99 %", _share(inside), "", ""])
-    apart, flexion = (np.array([getattr(each, name) for each in own]) for name in ("in_step", "flexion"))
-    rows.append(["axial in step with the flexion, first curl, °", "", "", *_errors(apart[:, 0], np.inf)[1:]])
-    width = np.nanmedian(apart[:, 2])
-    rows.append([f"… inside its interval, {width:.1f}° wide", "88–99 %", _share(apart[:, 1]), "", ""])
-    rows.append(["change of the flexion, rms, °", "", "", *_errors(flexion[:, 0], np.inf)[1:]])
-    for k, name in enumerate(("samples inside 1.96 standard deviations", "of the flexion itself"), start=1):
-        rows.append([f"… {name}", "88–99 %", _share(flexion[:, k]), "", ""])
-    for k, name in enumerate(("total torque", "person's torque")):
-        errors, within = (np.array([getattr(each, part)[k] for each in own]) for part in ("torque", "within"))
-        rows.append([f"{name}, rms, N·m", f"{TORQUE_LIMIT:g}", *_errors(errors, TORQUE_LIMIT)])
-        rows.append(["… samples inside 1.96 standard deviations", "", _share(within), "", ""])
+    def held(name: str, kept: Any, required: str = "88–99 %") -> list[str]:
+        return [f"… {name}", required, share(kept), "", ""]
+
+    counted = share([each.counted for each in own])
+    rows = [["trials with exact counts of curls and failed attempts", "100 %", counted, "", ""]]
+    for name, errors in zip(("start", "top", "end"), stack("times"), strict=True):
+        rows.append([f"{name}, ms", f"{TIME_LIMIT:g}", *sizes(errors, TIME_LIMIT, ".0f")])
+    limit = RANGE_LIMIT[preset]
+    for name, errors, inside, width in zip(ANGLES, *map(stack, ("ranges", "inside", "width")), strict=True):
+        rows.append([f"range of {name}, °", f"{limit:g}", *sizes(errors, limit, ".2f")])
+        rows.append(held(f"inside its interval, {np.nanmedian(width):.1f}° wide", inside))
+    errors, inside, width = stack("in_step")
+    rows.append(["axial in step with the flexion, first curl, °", "", "", *sizes(errors, np.inf, ".2f")[1:]])
+    rows.append(held(f"inside its interval, {np.nanmedian(width):.1f}° wide", inside))
+    errors, change, whole = stack("flexion")
+    rows.append(["change of the flexion, rms, °", "", "", *sizes(errors, np.inf, ".2f")[1:]])
+    rows.append(held("samples inside 1.96 standard deviations", change))
+    rows.append(held("of the flexion itself", whole))
+    for name, errors, inside in zip(("total", "person's"), stack("torque"), stack("within"), strict=True):
+        rows.append([f"{name} torque, rms, N·m", f"{TORQUE_LIMIT:g}", *sizes(errors, TORQUE_LIMIT, ".2f")])
+        rows.append(held("samples inside 1.96 standard deviations", inside, ""))
     levels = ", ".join(f"{level} {sum(e.level == level for e in own)}" for level in dict.fromkeys(e.level for e in own))
     head = f"**{preset}**, {len(own)} trials, {sum(len(each.times) for each in own)} curls. Verdicts: {levels}."
     return f"{head}\n\n" + harness.markdown(["quantity", "limit", "within it", "median", "80 %"], rows, numbers_from=1)
-
-
-def _share(kept: Any) -> str:
-    known = np.asarray(kept, dtype=float)
-    known = known[np.isfinite(known)]
-    return f"{100 * known.mean():.0f} %" if len(known) else "–"
-
-
-def _errors(errors: FloatArray, limit: float) -> list[str]:
-    """Return the share within the limit, the median and the 80 % quantile of the sizes of the errors."""
-    sizes = np.abs(errors[np.isfinite(errors)])
-    form = ".0f" if 10 < limit < np.inf else ".2f"
-    quantiles = np.quantile(sizes, (0.5, 0.8)) if len(sizes) else (np.nan, np.nan)
-    return [_share(sizes <= limit), *(f"{each:{form}}" for each in quantiles)]
 
 
 def main() -> None:

@@ -7,7 +7,6 @@ and core.
 
 from __future__ import annotations
 
-import json
 import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -133,7 +132,7 @@ def measure(task: tuple[str, int]) -> Outcome:
         summary_file = next(Path(place).rglob("summary.json"), None)
         if summary_file is None:
             return Outcome(("no result",), ("refused",))
-        summary = json.loads(summary_file.read_text("utf-8"))
+        summary = harness.read_summary(summary_file.parent)
         codes = tuple(reason["code"] for reason in summary["verdict"]["reasons"])
         if done is None:
             return Outcome(("no result",), codes or ("refused",))

@@ -16,8 +16,10 @@ import json
 import os
 import re
 import sys
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -43,6 +45,15 @@ QUANTILE = 1.96
 """Half the width of a 95 % interval, in standard deviations."""
 
 
+@dataclass(frozen=True)
+class Comparison:
+    """A trial compared with its truth: codes of its cautions, errors, and shares of samples inside 95 % intervals."""
+
+    codes: tuple[str, ...]
+    errors: Mapping[str, float] = field(default_factory=dict)
+    inside: Mapping[str, float] = field(default_factory=dict)
+
+
 def command_line(description: str | None, *, parallel: bool = False, **defaults: int) -> argparse.ArgumentParser:
     """Return a parser with ``--write``, an integer option for each default and, if ``parallel``, ``--jobs``."""
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
@@ -59,6 +70,14 @@ def recordings() -> Path | None:
     """Return the folder of the shared recordings, from MOCAP_ID_RECORDINGS."""
     folder = os.environ.get("MOCAP_ID_RECORDINGS")
     return Path(folder).resolve() if folder else None
+
+
+def write_real_trial(recording: Path, file: Path, **keys: Any) -> Path:
+    """Write the configuration of a sit-to-stand: ``recording`` without its endings ``.trc`` and ``_grf.mot``."""
+    files = {"markers": f"{recording}.trc", "forces": f"{recording}_grf.mot"}
+    text = json.dumps({"trial": file.stem, "recording": files, "protocol": "sit-to-stand", **keys})
+    file.write_text(text, encoding="utf-8")
+    return file
 
 
 def run_all(function: Callable[[Any], Any], tasks: Iterable[Any], jobs: int | None) -> list[Any]:
@@ -95,6 +114,17 @@ def read_truth(configuration: Path) -> dict[str, Any]:
     return truth
 
 
+def read_summary(folder: Path) -> dict[str, Any]:
+    """Return ``summary.json`` of a run folder."""
+    summary: dict[str, Any] = json.loads((folder / "summary.json").read_text("utf-8"))
+    return summary
+
+
+def caution_codes(summary: Mapping[str, Any]) -> tuple[str, ...]:
+    """Return the codes of cautions and refusals."""
+    return tuple(reason["code"] for reason in summary["verdict"]["reasons"] if reason.get("level") != "ok")
+
+
 def read_true_arrays(configuration: Path, time: FloatArray, names: Sequence[str]) -> dict[str, FloatArray]:
     """Return arrays of ``truth.npz`` at these times, s."""
     with np.load(configuration.with_name("truth.npz")) as arrays:
@@ -129,6 +159,12 @@ def rms(values: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.nanmean(values**2, axis=0)))
 
 
+def inside(error: FloatArray, sd: FloatArray) -> float:
+    """Return the share of the known errors inside their 95 % intervals."""
+    known = np.isfinite(error) & np.isfinite(sd)
+    return float(np.mean(np.abs(error[known]) < QUANTILE * sd[known]))
+
+
 def clopper_pearson(good: int, trials: int) -> tuple[float, float]:
     """Return the 95 % interval of a share."""
     low = beta.ppf(0.025, good, trials - good + 1) if good else 0.0
@@ -146,6 +182,48 @@ def markdown(head: Sequence[str], rows: Iterable[Sequence[str]], *, numbers_from
 def pairs(values: FloatArray, form: str = ".2f", quantiles: tuple[float, float] = (0.5, 0.9)) -> list[str]:
     """Return "median / 90th percentile" of each column, ignoring NaN."""
     return [f"{a:{form}} / {b:{form}}" for a, b in np.nanquantile(values, quantiles, axis=0).T]
+
+
+def share(kept: Any) -> str:
+    """Return the share of true values, ignoring NaN; – without any."""
+    known = np.asarray(kept, dtype=np.float64)
+    known = known[np.isfinite(known)]
+    return f"{100 * known.mean():.0f} %" if len(known) else "–"
+
+
+def sizes(errors: Any, limit: float, form: str) -> list[str]:
+    """Return the share within a limit, the median and the 80 % quantile of the sizes of known errors."""
+    values = np.abs(np.asarray(errors, dtype=np.float64))
+    values = values[np.isfinite(values)]
+    quantiles = np.quantile(values, (0.5, 0.8)) if len(values) else (np.nan, np.nan)
+    return [share(values <= limit), *(f"{value:{form}}" for value in quantiles)]
+
+
+def count_codes(codes: Iterable[str]) -> str:
+    """Return every code with its number."""
+    return ", ".join(f"`{code}` {count}" for code, count in Counter(codes).most_common()) or "none"
+
+
+def limit_table(limits: Mapping[str, float], trials: Sequence[Comparison]) -> str:
+    """Return for each quantity the share of trials within the limit, the median and the 80 % quantile.
+
+    The shares inside intervals follow, with their mean and their 10 % and 90 % quantiles. A missing error is infinite.
+    """
+    rows = []
+    for quantity, limit in limits.items():
+        values = np.array([each.errors.get(quantity, np.nan) for each in trials])
+        values = np.where(np.isfinite(values), values, np.inf)
+        share = f"{100 * np.mean(values <= limit):.0f} %" if len(values) else "–"
+        method: Any = "linear" if np.isfinite(values).all() else "higher"
+        quantiles = np.quantile(values, (0.5, 0.8), method=method) if len(values) else (np.nan, np.nan)
+        shown = (f"{value:.2f}" if value >= 1 or value == 0 else f"{value:.2g}" for value in quantiles)
+        rows.append([quantity, f"{limit:g}", share, *shown])
+    for quantity in dict.fromkeys(name for each in trials for name in each.inside):
+        values = np.array([each.inside[quantity] for each in trials if quantity in each.inside])
+        low, high = np.quantile(values, (0.1, 0.9))
+        rows.append([f"inside 95 %: {quantity}", "0.88–0.99", f"{np.mean(values):.3f}", f"{low:.3f}", f"{high:.3f}"])
+    head = ["quantity", "limit", "within it", "median (10 %)", "80 % (90 %)"]
+    return markdown(head, rows, numbers_from=1)
 
 
 def measured_by(file: str, trials: str) -> str:

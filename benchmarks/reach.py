@@ -10,7 +10,6 @@ import itertools
 import json
 import tempfile
 import time
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import nan
@@ -20,6 +19,7 @@ from typing import Any
 import harness
 import numpy as np
 import pandas as pd
+from harness import share, sizes
 
 from mocap_id.config import load
 from mocap_id.config.study import load_study
@@ -111,8 +111,7 @@ def measure(task: tuple[str, int, float]) -> Outcome:
         except MocapIdError as error:
             return Outcome(severity, "failed", (type(error).__name__,), time.process_time() - started)
         seconds = time.process_time() - started
-        summary = json.loads((outcome.folder / "summary.json").read_text("utf-8"))
-        return compare(summary, harness.read_truth(configuration), severity, seconds)
+        return compare(harness.read_summary(outcome.folder), harness.read_truth(configuration), severity, seconds)
 
 
 def compare(summary: Mapping[str, Any], truth: Mapping[str, Any], severity: float, seconds: float) -> Outcome:
@@ -146,53 +145,33 @@ def table(name: str, outcomes: Sequence[Outcome], first: int) -> str:
     known = np.isfinite(errors)
     far = ~(np.abs(errors) <= row.volume)
     flagged = np.array([each.level != "ok" for each in outcomes])
-    elevation = np.array([each.elevation for each in outcomes])
     inside = [each.low <= each.truth <= each.high for each in outcomes if np.isfinite(each.volume)]
-    codes = Counter(code for each in outcomes for code in each.codes)
+    held = [each.held for each in outcomes if np.isfinite(each.elevation)]
     head = (
         f"**{name}**, {len(outcomes)} trials, seeds from {first}: {int(known.sum())} with a volume, "
         f"{int(flagged.sum())} not `ok`, {int((far & ~flagged).sum())} beyond the limit and `ok`; "
         f"bias of the volume {np.mean(errors[known]):+.1f} %. "
-        f"Codes: {', '.join(f'`{code}` {count}' for code, count in codes.most_common()) or 'none'}."
+        f"Codes: {harness.count_codes(code for each in outcomes for code in each.codes)}."
     )
-    kept = ~far | flagged if row.flagged else ~far
+    kept = share(~far | flagged if row.flagged else ~far)
+    elevation = np.array([each.elevation for each in outcomes])
+    different = f"neighbours that differ by more than {100 * DIFFERENT:.0f} % in order"
     rows = [
-        ["volume, %" + (", or not `ok`" if row.flagged else ""), f"{row.volume:g}", _share(kept), *_quantiles(errors)],
-        ["inside the 95 % interval", "0.88–0.99", _share(inside), "", ""],
+        [f"volume, %{', or not `ok`' * row.flagged}", f"{row.volume:g}", kept, *sizes(errors, np.inf, ".1f")[1:]],
+        ["inside the 95 % interval", "0.88–0.99", share(inside), "", ""],
         [
             "range of elevation, °",
             f"{row.elevation:g}",
-            _share(np.abs(elevation) <= row.elevation),
-            *_quantiles(elevation),
+            share(np.abs(elevation) <= row.elevation),
+            *sizes(elevation, np.inf, ".1f")[1:],
         ],
-        [
-            "range of elevation inside its 95 % interval",
-            "",
-            _share([each.held for each in outcomes if np.isfinite(each.elevation)]),
-            "",
-            "",
-        ],
+        ["range of elevation inside its 95 % interval", "", share(held), "", ""],
         ["five severities in order, if the true ones are", "all", _ordered(outcomes), "", ""],
-        [f"neighbours that differ by more than {100 * DIFFERENT:.0f} % in order", "all", _neighbours(outcomes), "", ""],
-        [
-            "processor time, s",
-            "5",
-            _share([each.seconds <= 5 for each in outcomes]),
-            *_quantiles([e.seconds for e in outcomes]),
-        ],
+        [different, "all", _neighbours(outcomes), "", ""],
+        ["processor time, s", "5", *sizes([each.seconds for each in outcomes], 5, ".1f")],
     ]
     columns = ["quantity", "limit", "within it", "median", "80 %"]
     return head + "\n\n" + harness.markdown(columns, rows, numbers_from=1)
-
-
-def _share(kept: Any) -> str:
-    return f"{100 * np.mean(kept):.0f} %" if len(kept) else "–"
-
-
-def _quantiles(errors: Any) -> list[str]:
-    sizes = np.abs(np.asarray(errors, dtype=np.float64))
-    sizes = sizes[np.isfinite(sizes)]
-    return [f"{each:.1f}" for each in np.quantile(sizes, (0.5, 0.8))] if len(sizes) else ["–", "–"]
 
 
 def _cohorts(outcomes: Sequence[Outcome]) -> list[Sequence[Outcome]]:

@@ -7,7 +7,6 @@ stay as without the fault or inside their intervals, else *silent*.
 
 from __future__ import annotations
 
-import json
 import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -120,12 +119,7 @@ def _run(source: Path, folder: Path, name: str, fault: Fault) -> dict[str, Any] 
     """Write the trial with its fault, run it and return its reasons and results; None if it was refused."""
     folder.mkdir()
     _write(source, folder, name, fault)
-    files = {"markers": f"{name}.trc", "forces": f"{name}_grf.mot"}
-    yaml = folder / "trial.yaml"
-    yaml.write_text(
-        json.dumps({"trial": name, "recording": files, "protocol": "sit-to-stand", "subject": {"mass": 60.0}})
-    )
-    trial = load(yaml)
+    trial = load(harness.write_real_trial(folder / name, folder / "trial.yaml", subject={"mass": 60.0}))
     try:
         if any(run_stage(trial, stage).refused is not None for stage in STAGES):
             return None
@@ -133,7 +127,7 @@ def _run(source: Path, folder: Path, name: str, fault: Fault) -> dict[str, Any] 
         return None
     run = Folder(trial.out)
     states, dynamics, tree = harness.read_artefacts(run, "states.parquet", "dynamics.parquet", "dynamics.h5")
-    summary = json.loads((trial.out / "summary.json").read_text("utf-8"))
+    summary = harness.read_summary(trial.out)
     joints = range(1, len(summary["joints"]) + 1)
     notes = [
         reason.as_dict()

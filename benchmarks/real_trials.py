@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -10,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from harness import JOINTS, command_line, markdown, publish, recordings
+from harness import JOINTS, command_line, markdown, publish, recordings, write_real_trial
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.config import load
@@ -69,10 +68,7 @@ class Trial:
 
 def run(source: Path, folder: Path, recording: str, name: str, **keys: Any) -> Trial:
     """Run all stages up to identify-dim."""
-    files = {"markers": str(source / f"{recording}.trc"), "forces": str(source / f"{recording}_grf.mot")}
-    yaml = folder / f"{name}.yaml"
-    keys = {"protocol": "sit-to-stand", "subject": {"mass": 60.0}, **keys}
-    yaml.write_text(json.dumps({"trial": name, "recording": files, **keys}))
+    yaml = write_real_trial(source / recording, folder / f"{name}.yaml", **{"subject": {"mass": 60.0}, **keys})
     return Trial(open_identified_trial(yaml), yaml)
 
 

@@ -5,7 +5,6 @@ About ten seconds per seed and core: two trials each.
 
 from __future__ import annotations
 
-import json
 import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -52,7 +51,10 @@ def measure(task: tuple[Any, int]) -> Outcome:
         )
         loaded.write_text(loaded.read_text("utf-8") + "calibration: ../empty/trial.yaml\n", encoding="utf-8")
         found = find_payload(loaded, empty).payload
-        runs, truths = ([open_run(file) for file in (empty, loaded)], [_truth(file) for file in (empty, loaded)])
+        runs, truths = (
+            [open_run(file) for file in (empty, loaded)],
+            [harness.read_truth(file) for file in (empty, loaded)],
+        )
     tree = _tree(runs[0], "dynamics.h5")
     value, sd = tree.numbers("base/value"), tree.numbers("base/sd")
     frames = _frames(runs[0], truths[0])
@@ -68,11 +70,6 @@ def measure(task: tuple[Any, int]) -> Outcome:
         float(np.linalg.norm(found.value - carried) / np.linalg.norm(carried)),
         float(np.mean(np.abs(found.value - carried) <= harness.QUANTILE * found.sd)),
     )
-
-
-def _truth(trial: Path) -> Mapping[str, Any]:
-    found: Mapping[str, Any] = json.loads(trial.with_name("truth.json").read_text("utf-8"))
-    return found
 
 
 def _tree(run: RunFolder, file: str) -> Tree:

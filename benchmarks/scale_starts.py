@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import json
 import shutil
 import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
-from harness import recordings
+from harness import recordings, write_real_trial
 from scale_processes import PROGRAM, Spent, in_turns, read_script, spend
 from scale_recordings import Wanted, make
 
@@ -20,7 +19,6 @@ BARE = {
 RUN, AGAIN = "mocap-id run", "mocap-id run again"
 PERSON = "a run of STS1, a person, 14 s at 100 Hz"
 EARLIER = "a run by an earlier commit"
-_PERSON = {"markers": "STS1.trc", "forces": "STS1_grf.mot"}
 _TRIAL = "trial: sts-normal\nrecording: sts-normal.c3d\nprotocol: sit-to-stand\n"
 
 
@@ -72,10 +70,7 @@ def _person(place: Path) -> Path | None:
     folder = recordings()
     if not folder:
         return None
-    trial = place / "sts1.yaml"
-    files = {key: str(folder / "sit-to-stand" / name) for key, name in _PERSON.items()}
-    trial.write_text(json.dumps({"trial": "sts1", "recording": files, "protocol": "sit-to-stand"}), encoding="utf-8")
-    return trial
+    return write_real_trial(folder / "sit-to-stand" / "STS1", place / "sts1.yaml")
 
 
 def reference(place: Path, spare: Wanted) -> tuple[Path, str]:

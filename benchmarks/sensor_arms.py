@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-import json
-from collections.abc import Mapping, Sequence
+import tempfile
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import harness
 import numpy as np
+from harness import Comparison
+from sensor_conditions import clock_errors
 
 from mocap_id.arrays import FloatArray
 from mocap_id.config import load
@@ -22,7 +24,7 @@ from mocap_id.simulation.arm.options import Preset
 from mocap_id.simulation.trial_files import points_bytes
 from mocap_id.store import Folder
 
-LIMITS: Mapping[Preset, float] = {"default": 0.26, "hard": 0.30}
+ACCELERATION: Mapping[Preset, float] = {"default": 0.26, "hard": 0.30}
 """Largest angular acceleration error of the forearm with sensors, rad/s²."""
 _UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 _ON = ("thorax", "upper_arm", "forearm")
@@ -53,44 +55,54 @@ class _Run:
     sd: FloatArray
 
 
-def measure(seed: int, preset: Preset, place: Path) -> tuple[tuple[str, ...], dict[str, float], dict[str, float]]:
-    """Simulate an arm and run it three times; return cautions, errors, and shares inside 95 % intervals."""
+def limits(preset: Preset) -> dict[str, float]:
+    """Return the limits of the errors of :func:`measure`."""
+    accelerations = (
+        "acceleration of the forearm, rad/s²",
+        "from markers alone, rad/s²",
+        "acceleration of the upper arm, rad/s²",
+        "of the upper arm from markers alone, rad/s²",
+    )
+    rotations = [
+        f"{name} in {gap}, degrees"
+        for gap in ("2 s without markers", "the same 2 s with markers")
+        for name in ("upper arm", "forearm")
+    ]
+    clock = {"clock where the motion shows it, ms": 2.0}
+    return dict.fromkeys(accelerations, ACCELERATION[preset]) | clock | dict.fromkeys(rotations, 3.0)
+
+
+def measure(seed: int, preset: Preset) -> Comparison:
+    """Simulate an arm and run it with inertial sensors, without them, and with a gap of all markers."""
     options = ArmOptions(seed=seed, preset=preset, cycles=1, imus=True)
-    configuration = write_arm(place / "trial", options)
-    text = configuration.read_text("utf-8")
-    configuration.write_text(text.split("imus:")[0], "utf-8")
-    alone = _run(configuration)
-    if alone is None:
-        return ("no arm found",), {}, {}
-    configuration.write_text(text, "utf-8")
-    try:
-        both = _run(configuration)
-    except ConfigError:  # a segment that carries a sensor was not found
-        return ("segment of a sensor not found",), {}, {}
-    assert both is not None  # refused or not by its markers, as before
-    hidden = _hide(configuration, options)
-    gap = _run(configuration)
-    size = {name: [_size(each.gain[:, k]) for each in (both, alone)] for k, name in enumerate(_ON)}
-    clocks = _clock_errors(configuration, both.summary)
-    shown = [abs(off) for off, _, observable in clocks if observable]
-    errors = {
-        "acceleration of the forearm, rad/s²": size["forearm"][0],
-        "from markers alone, rad/s²": size["forearm"][1],
-        "acceleration of the upper arm, rad/s²": size["upper_arm"][0],
-        "of the upper arm from markers alone, rad/s²": size["upper_arm"][1],
-        "clock where the motion shows it, ms": 1e3 * max(shown, default=0.0),
-        "upper arm in 2 s without markers, degrees": _largest(gap, hidden, 1),
-        "forearm in 2 s without markers, degrees": _largest(gap, hidden, 2),
-        "upper arm in the same 2 s with markers, degrees": _largest(both, hidden, 1),
-        "forearm in the same 2 s with markers, degrees": _largest(both, hidden, 2),
-    }
+    with tempfile.TemporaryDirectory() as place:
+        configuration = write_arm(Path(place) / "trial", options)
+        text = configuration.read_text("utf-8")
+        configuration.write_text(text.split("imus:")[0], "utf-8")
+        alone = _run(configuration)
+        if alone is None:
+            return Comparison(("no arm found",))
+        configuration.write_text(text, "utf-8")
+        try:
+            both = _run(configuration)
+        except ConfigError:
+            return Comparison(("segment of a sensor not found",))
+        assert both is not None  # the markers are the same
+        hidden = _hide(configuration, options)
+        gap = _run(configuration)
+        truth = harness.read_truth(configuration)
+    sizes = [_size(each.gain[:, k]) for k in (2, 1) for each in (both, alone)]
+    clocks = clock_errors(both.summary, truth, truth["n_frames"] / truth["point_rate_hz"] / 2)
+    clock = 1e3 * max((abs(off) for off, _, observable in clocks if observable), default=0.0)
+    rotations = [_largest(each, hidden, k) for each in (gap, both) for k in (1, 2)]
     inside = {"clock": float(np.mean([abs(off) < harness.QUANTILE * sd for off, sd, _ in clocks]))}
     for k, name in ((1, "upper arm"), (2, "forearm")):
         inside[f"velocity of the {name}"] = _inside(both.rate[:, k], both.sd[1, :, k])
         inside[f"acceleration of the {name}"] = _inside(both.gain[:, k], both.sd[2, :, k])
         if gap is not None:
             inside[f"rotation of the {name} without markers"] = _inside(gap.turn[hidden, k], gap.sd[0, hidden, k])
-    return both.codes, errors, inside
+    errors = dict(zip(limits(preset), [*sizes, clock, *rotations], strict=True))
+    return Comparison(both.codes, errors, inside)
 
 
 def _run(configuration: Path) -> _Run | None:
@@ -101,7 +113,7 @@ def _run(configuration: Path) -> _Run | None:
     poses = Folder(outcome.folder).read("poses.parquet")
     if f"{_ON[-1]}_qw" not in poses.names:
         return None
-    summary: dict[str, Any] = json.loads((outcome.folder / "summary.json").read_text("utf-8"))
+    summary = harness.read_summary(outcome.folder)
     true = harness.read_true_arrays(configuration, poses["time"], ["seg_R", "omega", "alpha"])
     turn = np.stack([_turned(poses, name, _UP @ true["seg_R"][:, s]) for s, name in enumerate(_ON)], axis=1)
     rate, gain = (
@@ -110,8 +122,7 @@ def _run(configuration: Path) -> _Run | None:
         for key in ("omega", "alpha")
     )
     sd = np.stack([poses.stack([f"sd_{name}_{key}" for name in _ON]) for key in ("rotation", "omega", "alpha")])
-    codes = tuple(each["code"] for each in summary["verdict"]["reasons"] if each.get("level") != "ok")
-    return _Run(codes, summary, turn, rate, gain, sd)
+    return _Run(harness.caution_codes(summary), summary, turn, rate, gain, sd)
 
 
 def _turned(poses: Any, name: str, true: FloatArray) -> FloatArray:
@@ -152,17 +163,4 @@ def _size(error: FloatArray) -> float:
 
 
 def _inside(error: FloatArray, sd: FloatArray) -> float:
-    known = np.isfinite(error).all(axis=1) & np.isfinite(sd)
-    return float(np.mean(np.abs(error[known]) < harness.QUANTILE * sd[known, None]))
-
-
-def _clock_errors(configuration: Path, summary: Mapping[str, Any]) -> Sequence[tuple[float, float, bool]]:
-    """Return the error of every clock in the middle of the trial, its standard deviation, s, and if it is shown."""
-    truth = harness.read_truth(configuration)
-    middle, found = truth["n_frames"] / truth["point_rate_hz"] / 2, []
-    for name, each in summary["imus"].items():
-        if each["used"] and each["clock_offset_s"] is not None:
-            right = truth["imu"][name]
-            off = each["clock_offset_s"] - right["offset_s"] + 1e-6 * (each["ppm"] - right["ppm"]) * middle
-            found.append((off, each["sd_s"], each["observable"]))
-    return found
+    return harness.inside(error, np.repeat(sd[:, None], 3, axis=1))

@@ -6,14 +6,15 @@ has the same true motion in all three conditions.
 
 from __future__ import annotations
 
-import json
+import tempfile
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import harness
 import numpy as np
+from harness import Comparison
 from scipy.interpolate import CubicSpline
 
 from mocap_id.arrays import FloatArray
@@ -25,15 +26,6 @@ from mocap_id.store import Folder
 
 STRATEGIES = ("normal", "dynamic", "stable")
 _ENDS = 20  # frames at either end without figures
-
-
-@dataclass(frozen=True)
-class Result:
-    """What one condition shows of one trial: cautions, errors, and shares inside 95 % intervals."""
-
-    codes: tuple[str, ...]
-    errors: Mapping[str, float]
-    inside: Mapping[str, float]
 
 
 def options_of(seed: int) -> tuple[Options, Options]:
@@ -53,14 +45,14 @@ def without_recording(configuration: Path, calibration: Path) -> Path:
     return alone
 
 
-def run_alone(place: Path, seed: int) -> Result:
+def run_alone(place: Path, seed: int) -> Comparison:
     """Simulate both trials of a person, and run the second one with its inertial sensors alone."""
     first, second = options_of(seed)
     calibration = simulate("sit-to-stand", place / "calibration", first)
     configuration = simulate("sit-to-stand", place / "trial", second)
     alone = without_recording(configuration, calibration)
     out = run(load(alone)).folder
-    summary = _summary(out)
+    summary = harness.read_summary(out)
     shown = Folder(load(calibration).out).read("states.parquet")
     constant = np.nanmean(_away(calibration, shown, shown["time"])[..., 0], axis=0)
     states = Folder(out).read("states.parquet")
@@ -76,7 +68,20 @@ def run_alone(place: Path, seed: int) -> Result:
     errors["repetitions"] = float(_counted(summary) == 3)
     inside["clock"] = float(np.mean([abs(off[n]) < harness.QUANTILE * each["sd_s"] for n, each in _sensors(summary)]))
     inside["heading"] = _heading_inside(summary)
-    return Result(_codes(summary), errors, inside)
+    return Comparison(harness.caution_codes(summary), errors, inside)
+
+
+def clock_errors(
+    summary: Mapping[str, Any], truth: Mapping[str, Any], middle: float
+) -> list[tuple[float, float, bool]]:
+    """Return for every clock its error in mid-trial and its standard deviation, s, and if it is observable."""
+    found = []
+    for name, each in summary["imus"].items():
+        if each["used"] and each["clock_offset_s"] is not None:
+            right = truth["imu"][name]
+            off = each["clock_offset_s"] - right["offset_s"] + 1e-6 * (each["ppm"] - right["ppm"]) * middle
+            found.append((float(off), each["sd_s"], each["observable"]))
+    return found
 
 
 def _sensors(summary: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:
@@ -89,12 +94,12 @@ def _heading_inside(summary: Mapping[str, Any]) -> float:
     return float(np.mean(every))
 
 
-def run_cameras(place: Path, seed: int, *, board: bool) -> Result:
+def run_cameras(place: Path, seed: int, *, board: bool) -> Comparison:
     """Simulate the second trial of a person with markers and a plate or a balance board, and run it."""
     options = replace(options_of(seed)[1], imus=False, board=board)
     configuration = simulate("sit-to-stand", place / ("board" if board else "plate"), options)
     out = run(load(configuration)).folder
-    summary = _summary(out)
+    summary = harness.read_summary(out)
     states = Folder(out).read("states.parquet")
     away, sd = _away(configuration, states, states["time"]), harness.state_arrays(states, "sd_")
     away[..., 0] -= np.nanmean(away[..., 0], axis=0)
@@ -103,16 +108,7 @@ def run_cameras(place: Path, seed: int, *, board: bool) -> Result:
     if summary["dynamics"]["base"] and summary["dynamics"]["base"][0]["value"] is not None:
         more, intervals = _of_dynamics(configuration, Folder(out).read("dynamics.parquet"), summary)
         errors, inside = errors | more, inside | intervals
-    return Result(_codes(summary), errors, inside)
-
-
-def _summary(out: Path) -> dict[str, Any]:
-    found: dict[str, Any] = json.loads((out / "summary.json").read_text("utf-8"))
-    return found
-
-
-def _codes(summary: Mapping[str, Any]) -> tuple[str, ...]:
-    return tuple(reason["code"] for reason in summary["verdict"]["reasons"] if reason.get("level") != "ok")
+    return Comparison(harness.caution_codes(summary), errors, inside)
 
 
 def _counted(summary: Mapping[str, Any]) -> int:
@@ -172,18 +168,27 @@ def _of_dynamics(
     return errors, {name: float(each) for name, each in inside.items()}
 
 
-def conditions_table(rows: Sequence[Mapping[str, Result]]) -> str:
-    """Return the table of the conditions: median error, with the share of the samples inside 95 % intervals.
+def measure_alone(seed: int) -> Comparison:
+    """Simulate two trials of a person, and run the second one with its inertial sensors alone."""
+    with tempfile.TemporaryDirectory() as place:
+        return run_alone(Path(place), seed)
 
-    Parameters
-    ----------
-    rows : sequence of mapping of str to Result
-        For each person the results by condition, the most complete condition first.
-    """
-    names = list(rows[0])
-    quantities = dict.fromkeys(quantity for row in rows for quantity in row[names[0]].errors)
-    lines = []
-    for quantity in quantities:
+
+def measure(seed: int) -> dict[str, Comparison]:
+    """Simulate and run the same trial of a person in three conditions, the most complete one first."""
+    with tempfile.TemporaryDirectory() as place:
+        return {
+            "cameras and force plate": run_cameras(Path(place), seed, board=False),
+            "cameras and balance board": run_cameras(Path(place), seed, board=True),
+            "inertial sensors alone": run_alone(Path(place), seed),
+        }
+
+
+def table(seeds: Sequence[int], jobs: int | None) -> str:
+    """Return the median errors in each condition, and the shares of the samples inside 95 % intervals."""
+    rows = harness.run_all(measure, seeds, jobs)
+    names, lines = list(rows[0]), []
+    for quantity in dict.fromkeys(quantity for row in rows for quantity in row[names[0]].errors):
         cells = []
         for name in names:
             values = [row[name].errors[quantity] for row in rows if quantity in row[name].errors]

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import harness
 import numpy as np
@@ -84,11 +83,11 @@ class Held(Scene):
         return replace(state, wrench=state.wrench - self.handle(state))
 
 
-def handles(first: int, trials: int, jobs: int | None) -> str:
+def table(seeds: Sequence[int], jobs: int | None) -> str:
     """Return the table of an arm that moves a handle."""
     rows = []
     for known in KNOWN:
-        done = harness.run_all(measure, [(seed, known) for seed in range(first, first + trials)], jobs)
+        done = harness.run_all(measure, [(seed, known) for seed in seeds], jobs)
         for k, name in enumerate(NAMES):
             columns = np.array([each[:, k] for each in done])
             error, stated, foreseen = columns.T
@@ -114,7 +113,7 @@ def measure(task: tuple[int, str]) -> FloatArray:
         configuration = write_trial(
             Path(place) / "trial", lambda name: _files(name, options, known, scene, trial, rng["board"])
         )
-        summary: dict[str, Any] = json.loads((run(load(configuration)).folder / "summary.json").read_text("utf-8"))
+        summary = harness.read_summary(run(load(configuration)).folder)
         foreseen = _foreseen(configuration) if known == KNOWN[2] else None
     value, sd = (np.array([each[key] for each in summary["dynamics"]["base"]]) for key in ("value", "sd"))
     fore = scene.body.links[2].inertial_parameters

@@ -5,11 +5,9 @@ Rows and limits are those of docs/measured/sensors.md. About five seconds per tr
 
 from __future__ import annotations
 
-import json
 import tempfile
-from collections import Counter
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,60 +16,57 @@ import numpy as np
 import sensor_arms
 import sensor_conditions
 import sensor_handle
+from harness import Comparison
 
 from mocap_id.arrays import FloatArray
 from mocap_id.config import load
 from mocap_id.runner import run
 from mocap_id.simulation import Options, simulate
-from mocap_id.simulation.arm.options import Preset
 from mocap_id.simulation.simulated_trial import generate
 from mocap_id.simulation.trial_files import c3d_bytes
 from mocap_id.store import Folder
 
 _MOVING = 0.5  # rad/s, sum of the joints
-STRATEGIES = ("normal", "dynamic", "stable")
-LIMITS = {
-    "clock, ms": 5.0,
-    "centre of pressure at its own mean, mm": 4.0,
-    "place of the board, mm": 8.0,
-    "first moments, %": 4.0,
-}
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """What came of one trial: cautions, errors, and shares inside 95 % intervals."""
+class Row:
+    """A kind of trial: its name, its measurement by seed and arguments, and the limits of its errors."""
 
-    codes: tuple[str, ...]
-    errors: Mapping[str, float] = field(default_factory=dict)
-    inside: Mapping[str, float] = field(default_factory=dict)
+    name: str
+    measure: Callable[..., Comparison]
+    limits: Mapping[str, float]
+    arguments: tuple[Any, ...] = ()
 
 
-def measure_board(task: tuple[int, bool]) -> Outcome:
-    """Simulate and run a trial on a balance board, whose place is given or not, and compare it with its truth."""
-    seed, given = task
+def measure_board(seed: int, given: bool) -> Comparison:
+    """Simulate and run a trial on a balance board, whose position is given or not, and compare it with its truth."""
     offset = float(np.random.default_rng(seed).uniform(-0.1, 0.1))
     options = Options(
-        seed=seed, repetitions=3, analog_rate=100, board=True, strategy=STRATEGIES[seed % 3], clock_offset=offset
+        seed=seed,
+        repetitions=3,
+        analog_rate=100,
+        board=True,
+        strategy=sensor_conditions.STRATEGIES[seed % 3],
+        clock_offset=offset,
     )
     with tempfile.TemporaryDirectory() as place:
         configuration = simulate("sit-to-stand", Path(place) / "trial", options)
         truth = harness.read_truth(configuration)
         if given:
-            _give_place(configuration, truth)
+            _give_position(configuration, truth)
         out = run(load(configuration)).folder
-        summary: dict[str, Any] = json.loads((out / "summary.json").read_text("utf-8"))
-        codes = tuple(reason["code"] for reason in summary["verdict"]["reasons"] if reason.get("level") != "ok")
+        summary = harness.read_summary(out)
         base = summary["dynamics"]["base"]
         if not base or base[0]["value"] is None:
-            return Outcome(codes)
+            return Comparison(harness.caution_codes(summary))
         dynamics = Folder(out).read("dynamics.parquet")
         true = harness.read_true_arrays(configuration, dynamics["time"], ["cop_x"])["cop_x"]
-        return _compared(codes, summary, truth, dynamics, true)
+        return _compare_board(summary, truth, dynamics, true)
 
 
-def _give_place(configuration: Path, truth: Mapping[str, Any]) -> None:
-    """Add the true place and direction of the board to the configuration."""
+def _give_position(configuration: Path, truth: Mapping[str, Any]) -> None:
+    """Add the true position and direction of the board to the configuration."""
     board, yaw = truth["board"], np.radians(truth["plane"]["yaw_deg"])
     forwards = -np.array([np.cos(yaw), np.sin(yaw)])
     centre = board["centre"][0] * forwards + board["centre"][1] * np.array([-forwards[1], forwards[0]])
@@ -81,137 +76,86 @@ def _give_place(configuration: Path, truth: Mapping[str, Any]) -> None:
     configuration.write_text(configuration.read_text("utf-8").replace("board.csv", more), "utf-8")
 
 
-def _compared(
-    codes: tuple[str, ...], summary: Mapping[str, Any], truth: Mapping[str, Any], dynamics: Any, true: FloatArray
-) -> Outcome:
+def _compare_board(summary: Mapping[str, Any], truth: Mapping[str, Any], dynamics: Any, true: FloatArray) -> Comparison:
     fit, found = dynamics["in_fit"], summary["dynamics"]
-    away, sd = (dynamics["cop_x_model"] - true)[fit], dynamics["sd_cop_x_model"][fit]
+    error, sd = (dynamics["cop_x_model"] - true)[fit], dynamics["sd_cop_x_model"][fit]
     values, deviations = (np.array([each[key] for each in found["base"]]) for key in ("value", "sd"))
     right = np.array(truth["base_parameters"]["values"])
     first, inertia = [(2, 3), (5, 6), (8, 9)], [4, 7, 10]
     sizes = [(np.hypot(*values[list(pair)]), np.hypot(*right[list(pair)]), deviations[pair[1]]) for pair in first]
-    moments = [abs(got / real - 1.0) for got, real, _ in sizes]
     scores = [abs(got - real) / spread for got, real, spread in sizes]
     scores += [abs(values[k] - right[k]) / deviations[k] for k in (0, *inertia)]
     errors = {
         "clock, ms": 1e3 * abs((found["clock_offset_s"] or np.nan) - truth["board"]["clock_offset"]),
-        "centre of pressure at its own mean, mm": 1e3 * float(np.nanstd(away)),
-        "place of the board, mm": 1e3 * abs(float(np.nanmean(away))),
-        "first moments, %": 100 * max(moments),
+        "centre of pressure at its own mean, mm": 1e3 * float(np.nanstd(error)),
+        "place of the board, mm": 1e3 * abs(float(np.nanmean(error))),
+        "first moments, %": 100 * max(abs(got / real - 1.0) for got, real, _ in sizes),
     }
     inside = {
-        "centre of pressure": float(np.mean(np.abs(away) < harness.QUANTILE * sd)),
+        "centre of pressure": float(np.mean(np.abs(error) < harness.QUANTILE * sd)),
         "parameters": float(np.mean(np.array(scores) < harness.QUANTILE)),
     }
-    return Outcome(codes, errors, inside)
+    return Comparison(harness.caution_codes(summary), errors, inside)
 
 
-def table(name: str, outcomes: Sequence[Outcome], limits: Mapping[str, float] = LIMITS) -> str:
-    """Return the table of a row: quantity, limit, share within it, median and 80 % quantile."""
-    done = [each for each in outcomes if each.errors]
-    codes = Counter(code for each in outcomes for code in each.codes)
-    listed = ", ".join(f"`{code}` {count}" for code, count in codes.most_common()) or "none"
-    rows = []
-    for quantity, limit in limits.items():
-        values = np.array([each.errors[quantity] for each in done])
-        middle, high = np.quantile(values, (0.5, 0.8))
-        share = f"{100 * np.mean(values <= limit):.0f} %"
-        shown = (f"{value:.2f}" if value >= 1 or value == 0 else f"{value:.2g}" for value in (middle, high))
-        rows.append([quantity, f"{limit:g}", share, *shown])
-    for quantity in done[0].inside:
-        values = np.array([each.inside[quantity] for each in done])
-        low, high = np.quantile(values, (0.1, 0.9))
-        rows.append([f"inside 95 %: {quantity}", "0.88–0.99", f"{np.mean(values):.3f}", f"{low:.3f}", f"{high:.3f}"])
-    head = ["quantity", "limit", "within it", "median (10 %)", "80 % (90 %)"]
-    about = f"**{name}**, {len(outcomes)} trials, identified {len(done)}. Cautions: {listed}."
-    return about + "\n\n" + harness.markdown(head, rows, numbers_from=1)
-
-
-def boards(first: int, trials: int, jobs: int | None) -> str:
-    """Return the tables of the balance board."""
-    tables = []
-    for name, given in (("place found by the model", False), ("place and direction given", True)):
-        tasks = [(seed, given) for seed in range(first, first + trials)]
-        tables.append(table(name, harness.run_all(measure_board, tasks, jobs)))
-        harness.progress(tables[-1])
-    return "\n\n".join(tables)
-
-
-def measure_wrist(task: tuple[int, str, bool]) -> Outcome:
+def measure_wrist(seed: int, speed: Any, sensor: bool) -> Comparison:
     """Simulate and run a trial of the UR5's wrist, with or without a wrench sensor in the joint."""
-    seed, speed, sensor = task
-    options = Options(seed=seed, joint="wrist", speed="fast" if speed == "fast" else "slow", joint_sensor=sensor)
+    options = Options(seed=seed, joint="wrist", speed=speed, joint_sensor=sensor)
     with tempfile.TemporaryDirectory() as place:
         configuration = simulate("robot", Path(place) / "trial", options)
         truth = harness.read_truth(configuration)
-        out = run(load(configuration)).folder
-        summary: dict[str, Any] = json.loads((out / "summary.json").read_text("utf-8"))
-        codes = tuple(reason["code"] for reason in summary["verdict"]["reasons"] if reason.get("level") != "ok")
-        found, right = summary["dynamics"]["base"], truth["base_parameters"]["values"]
-        pairs = {"my2": (3, 3), "Izz2": (4, 4)}
-        away = {name: found[k]["value"] - right[j] for name, (k, j) in pairs.items()}
-        errors = {f"{name}, %": 100 * abs(away[name] / right[j]) for name, (_, j) in pairs.items()}
-        inside = {name: float(abs(away[name]) < harness.QUANTILE * found[k]["sd"]) for name, (k, _) in pairs.items()}
-        stated = {f"stated sd of {name}, %": 100 * found[k]["sd"] / right[j] for name, (k, j) in pairs.items()}
-        return Outcome(codes, errors | stated, inside)
+        summary = harness.read_summary(run(load(configuration)).folder)
+    found, right = summary["dynamics"]["base"], truth["base_parameters"]["values"]
+    errors, stated, inside = {}, {}, {}
+    for name, k in (("my2", 3), ("Izz2", 4)):
+        error = abs(found[k]["value"] - right[k])
+        errors[f"{name}, %"] = 100 * error / abs(right[k])
+        stated[f"stated sd of {name}, %"] = 100 * found[k]["sd"] / right[k]
+        inside[name] = float(error < harness.QUANTILE * found[k]["sd"])
+    return Comparison(harness.caution_codes(summary), errors | stated, inside)
 
 
-def wrists(first: int, trials: int, jobs: int | None) -> str:
-    """Return the tables of the UR5's wrist."""
-    limits = {"my2, %": 2.0, "Izz2, %": 5.0, "stated sd of my2, %": 2.0, "stated sd of Izz2, %": 5.0}
-    tables = []
-    for speed in ("fast", "slow"):
-        for sensor in (False, True):
-            name = f"{speed}, {'plate and sensor in the joint' if sensor else 'plate alone'}"
-            tasks = [(seed, speed, sensor) for seed in range(first, first + trials)]
-            tables.append(table(name, harness.run_all(measure_wrist, tasks, jobs), limits))
-            harness.progress(tables[-1])
-    return "\n\n".join(tables)
-
-
-def measure_inertial(seed: int) -> Outcome:
+def measure_inertial(seed: int) -> Comparison:
     """Simulate a sit-to-stand with three inertial sensors, and run it with them, without them, and with a gap."""
-    options = Options(seed=seed, repetitions=3, analog_rate=100, strategy=STRATEGIES[seed % 3], imus=True)
+    strategy = sensor_conditions.STRATEGIES[seed % 3]
+    options = Options(seed=seed, repetitions=3, analog_rate=100, strategy=strategy, imus=True)
     with tempfile.TemporaryDirectory() as place:
         configuration = simulate("sit-to-stand", Path(place) / "trial", options)
         text, truth = configuration.read_text("utf-8"), harness.read_truth(configuration)
-        summary, away, sd, time = _run_states(configuration)
+        summary, error, sd, time = _run_states(configuration)
         configuration.write_text(text.split("imus:")[0], "utf-8")
         without, alone, _, _ = _run_states(configuration)
         configuration.write_text(text, "utf-8")
         hidden = _hide(configuration, options)
         _, gap, gap_sd, _ = _run_states(configuration)
     gap[..., 0] -= np.nanmean(np.delete(gap[..., 0], np.r_[hidden], axis=0), axis=0)
-    codes = tuple(reason["code"] for reason in summary["verdict"]["reasons"] if reason.get("level") != "ok")
-    off = {name: _clock_error(each, truth["imu"][name], time.mean()) for name, each in summary["imus"].items()}
-    shown = [abs(off[name]) for name, each in summary["imus"].items() if each["observable"]]
-    ratio = harness.rms(away[..., 2]) / harness.rms(alone[..., 2])
+    clocks = sensor_conditions.clock_errors(summary, truth, time.mean())
+    shown = [abs(off) for off, _, observable in clocks if observable]
     right = truth["base_parameters"]["values"]
     inertia = [
         np.mean([abs(each["dynamics"]["base"][k]["value"] / right[k] - 1) for k in (4, 7, 10)])
         for each in (summary, without)
     ]
+    ratios = [float(np.mean(harness.rms(error[..., k]) / harness.rms(alone[..., k]))) for k in (2, 1)]
     errors = {
-        "acceleration, share of that of markers alone": float(np.mean(ratio)),
-        "velocity, share of that of markers alone": float(
-            np.mean(harness.rms(away[..., 1]) / harness.rms(alone[..., 1]))
-        ),
+        "acceleration, share of that of markers alone": ratios[0],
+        "velocity, share of that of markers alone": ratios[1],
         "clock where the motion shows it, ms": 1e3 * max(shown, default=0.0),
-        "sensors whose clock is not shown": float(len(off) - len(shown)),
+        "sensors whose clock is not shown": float(len(clocks) - len(shown)),
         "I2–I4, %": 100 * float(inertia[0]),
         "I2–I4 from markers alone, %": 100 * float(inertia[1]),
         "angle in 2 s without markers, degrees": float(np.degrees(np.abs(gap[hidden][..., 0]).max())),
     }
-    within = np.abs(away) < harness.QUANTILE * sd
-    bridged = np.abs(gap[hidden][..., 0]) < harness.QUANTILE * gap_sd[hidden][..., 0]
-    clocks = [abs(off[name]) < harness.QUANTILE * each["sd_s"] for name, each in summary["imus"].items()]
+    within = np.abs(error) < harness.QUANTILE * sd
     inside = {
         "velocity": float(within[..., 1].mean()),
         "acceleration": float(within[..., 2].mean()),
-        "angle without markers": float(bridged.mean()),
-        "clock": float(np.mean(clocks)),
+        "angle without markers": float(
+            np.mean(np.abs(gap[hidden][..., 0]) < harness.QUANTILE * gap_sd[hidden][..., 0])
+        ),
+        "clock": float(np.mean([abs(off) < harness.QUANTILE * each for off, each, _ in clocks])),
     }
-    return Outcome(codes, errors, inside)
+    return Comparison(harness.caution_codes(summary), errors, inside)
 
 
 def _run_states(configuration: Path) -> tuple[dict[str, Any], FloatArray, FloatArray, FloatArray]:
@@ -219,9 +163,8 @@ def _run_states(configuration: Path) -> tuple[dict[str, Any], FloatArray, FloatA
     out = run(load(configuration)).folder
     states = Folder(out).read("states.parquet")
     true = harness.read_true_arrays(configuration, states["time"], ["q", "qd", "qdd"])
-    away = harness.state_arrays(states) - np.stack([true[name] for name in ("q", "qd", "qdd")], axis=2)
-    summary: dict[str, Any] = json.loads((out / "summary.json").read_text("utf-8"))
-    return summary, away, harness.state_arrays(states, "sd_"), states["time"]
+    error = harness.state_arrays(states) - np.stack(list(true.values()), axis=2)
+    return harness.read_summary(out), error, harness.state_arrays(states, "sd_"), states["time"]
 
 
 def _hide(configuration: Path, options: Options) -> slice:
@@ -236,114 +179,92 @@ def _hide(configuration: Path, options: Options) -> slice:
     return slice(first, first + 200)
 
 
-def _clock_error(found: Mapping[str, Any], truth: Mapping[str, Any], middle: float) -> float:
-    """Return the error of a clock in the middle of the trial, s."""
-    return float(found["clock_offset_s"] - truth["offset_s"] + 1e-6 * (found["ppm"] - truth["ppm"]) * middle)
+_BOARD = {
+    "clock, ms": 5.0,
+    "centre of pressure at its own mean, mm": 4.0,
+    "place of the board, mm": 8.0,
+    "first moments, %": 4.0,
+}
+_WRIST = {"my2, %": 2.0, "Izz2, %": 5.0, "stated sd of my2, %": 2.0, "stated sd of Izz2, %": 5.0}
+_INERTIAL = {
+    "acceleration, share of that of markers alone": 0.6,
+    "velocity, share of that of markers alone": 1.0,
+    "clock where the motion shows it, ms": 2.0,
+    "sensors whose clock is not shown": 0.0,
+    "I2–I4, %": 3.0,
+    "I2–I4 from markers alone, %": 3.0,
+    "angle in 2 s without markers, degrees": 3.0,
+}
+_ALONE = {
+    "joint angles, degrees": 1.5,
+    "largest error of an angle, degrees": 3.0,
+    "joint velocities, rad/s": 0.03,
+    "joint accelerations, rad/s²": 0.15,
+    "clock between sensors, ms": 10.0,
+}
+_ON = "sit-to-stand, sensors on shank, thigh and trunk"
+TABLES: Mapping[str, Sequence[Row]] = {
+    "boards": [
+        Row("place found by the model", measure_board, _BOARD, (False,)),
+        Row("place and direction given", measure_board, _BOARD, (True,)),
+    ],
+    "wrists": [
+        Row(f"{speed}, {instruments}", measure_wrist, _WRIST, (speed, sensor))
+        for speed in ("fast", "slow")
+        for sensor, instruments in ((False, "plate alone"), (True, "plate and sensor in the joint"))
+    ],
+    "inertial": [Row(_ON, measure_inertial, _INERTIAL)],
+    "arms": [
+        Row(
+            f"reaches, {preset} errors, a sensor on every segment",
+            sensor_arms.measure,
+            sensor_arms.limits(preset),
+            (preset,),
+        )
+        for preset in sensor_arms.ACCELERATION
+    ],
+    "alone": [Row(f"{_ON}, no markers", sensor_conditions.measure_alone, _ALONE)],
+}
 
 
-def inertial(first: int, trials: int, jobs: int | None) -> str:
-    """Return the table of inertial sensors in the plane."""
-    limits = {
-        "acceleration, share of that of markers alone": 0.6,
-        "velocity, share of that of markers alone": 1.0,
-        "clock where the motion shows it, ms": 2.0,
-        "sensors whose clock is not shown": 0.0,
-        "I2–I4, %": 3.0,
-        "I2–I4 from markers alone, %": 3.0,
-        "angle in 2 s without markers, degrees": 3.0,
-    }
-    outcomes = harness.run_all(measure_inertial, range(first, first + trials), jobs)
-    found = table("sit-to-stand, sensors on shank, thigh and trunk", outcomes, limits)
-    harness.progress(found)
-    return found
+def measure_task(task: tuple[Row, int]) -> Comparison:
+    """Measure a trial of a row."""
+    row, seed = task
+    return row.measure(seed, *row.arguments)
 
 
-def measure_arm(task: tuple[int, Preset]) -> Outcome:
-    """Simulate an arm with inertial sensors, and run it with them, without them, and with a gap."""
-    with tempfile.TemporaryDirectory() as place:
-        return Outcome(*sensor_arms.measure(*task, Path(place)))
+def table(row: Row, seeds: Sequence[int], jobs: int | None) -> str:
+    """Measure a row and return its table."""
+    every = harness.run_all(measure_task, [(row, seed) for seed in seeds], jobs)
+    done = [each for each in every if each.errors]
+    codes = harness.count_codes(code for each in every for code in each.codes)
+    about = f"**{row.name}**, {len(every)} trials, identified {len(done)}. Cautions: {codes}."
+    text = f"{about}\n\n{harness.limit_table(row.limits, done)}"
+    harness.progress(text)
+    return text
 
 
-def arms(first: int, trials: int, jobs: int | None) -> str:
-    """Return the tables of inertial sensors beside the markers of an arm."""
-    tables = []
-    for preset, limit in sensor_arms.LIMITS.items():
-        limits = {
-            "acceleration of the forearm, rad/s²": limit,
-            "from markers alone, rad/s²": limit,
-            "acceleration of the upper arm, rad/s²": limit,
-            "of the upper arm from markers alone, rad/s²": limit,
-            "clock where the motion shows it, ms": 2.0,
-            "upper arm in 2 s without markers, degrees": 3.0,
-            "forearm in 2 s without markers, degrees": 3.0,
-            "upper arm in the same 2 s with markers, degrees": 3.0,
-            "forearm in the same 2 s with markers, degrees": 3.0,
-        }
-        outcomes = harness.run_all(measure_arm, [(seed, preset) for seed in range(first, first + trials)], jobs)
-        tables.append(table(f"reaches, {preset} errors, a sensor on every segment", outcomes, limits))
-        harness.progress(tables[-1])
-    return "\n\n".join(tables)
-
-
-def measure_alone(seed: int) -> Outcome:
-    """Simulate two trials of a person, and run the second one with its inertial sensors alone."""
-    with tempfile.TemporaryDirectory() as place:
-        found = sensor_conditions.run_alone(Path(place), seed)
-    return Outcome(found.codes, found.errors, found.inside)
-
-
-def alone(first: int, trials: int, jobs: int | None) -> str:
-    """Return the table of inertial sensors without markers."""
-    limits = {
-        "joint angles, degrees": 1.5,
-        "largest error of an angle, degrees": 3.0,
-        "joint velocities, rad/s": 0.03,
-        "joint accelerations, rad/s²": 0.15,
-        "clock between sensors, ms": 10.0,
-    }
-    outcomes = harness.run_all(measure_alone, range(first, first + trials), jobs)
-    found = table("sit-to-stand, sensors on shank, thigh and trunk, no markers", outcomes, limits)
-    harness.progress(found)
-    return found
-
-
-def measure_conditions(seed: int) -> dict[str, sensor_conditions.Result]:
-    """Simulate and run the same trial of a person in three conditions."""
-    with tempfile.TemporaryDirectory() as place:
-        return {
-            "cameras and force plate": sensor_conditions.run_cameras(Path(place), seed, board=False),
-            "cameras and balance board": sensor_conditions.run_cameras(Path(place), seed, board=True),
-            "inertial sensors alone": sensor_conditions.run_alone(Path(place), seed),
-        }
-
-
-def conditions(first: int, trials: int, jobs: int | None) -> str:
-    """Return the table of the three conditions."""
-    rows = harness.run_all(measure_conditions, range(first, first + trials), jobs)
-    found = sensor_conditions.conditions_table(rows)
-    harness.progress(found)
-    return found
-
-
-SECTIONS = {
-    "boards": boards,
-    "wrists": wrists,
-    "handles": sensor_handle.handles,
-    "inertial": inertial,
-    "arms": arms,
-    "alone": alone,
-    "conditions": conditions,
+OTHERS: Mapping[str, Callable[[Sequence[int], int | None], str]] = {
+    "handles": sensor_handle.table,
+    "conditions": sensor_conditions.table,
 }
 
 
 def main() -> None:
     """Measure all sections, or those given by ``--only``."""
     parser = harness.command_line(__doc__, parallel=True, trials=24, first=310_000)
-    parser.add_argument("--only", nargs="*", default=list(SECTIONS), choices=list(SECTIONS), help="sections to measure")
+    every = [*TABLES, *OTHERS]
+    parser.add_argument("--only", nargs="*", default=every, choices=every, help="sections to measure")
     given = parser.parse_args()
     about = harness.measured_by(__file__, f"{given.trials} trials a row, seeds from {given.first}")
-    sections = {f"sensors-{name}": SECTIONS[name](given.first, given.trials, given.jobs) for name in given.only}
-    harness.publish({name: f"{about}\n\n{text}" for name, text in sections.items()}, write=given.write)
+    seeds, sections = range(given.first, given.first + given.trials), {}
+    for name in given.only:
+        if name in OTHERS:
+            text = OTHERS[name](seeds, given.jobs)
+        else:
+            text = "\n\n".join(table(row, seeds, given.jobs) for row in TABLES[name])
+        sections[f"sensors-{name}"] = f"{about}\n\n{text}"
+    harness.publish(sections, write=given.write)
 
 
 if __name__ == "__main__":

@@ -6,7 +6,6 @@ trials. About two minutes.
 
 from __future__ import annotations
 
-import json
 import os
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
@@ -22,7 +21,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import clarabel
 import numpy as np
 import osqp
-from harness import command_line, markdown, measured_by, publish, recordings
+from harness import command_line, markdown, measured_by, publish, recordings, write_real_trial
 from scipy import sparse
 
 from mocap_id.arrays import FloatArray
@@ -272,10 +271,7 @@ def trials(count: int, place: Path) -> list[Case]:
     folder = recordings()
     if folder:
         for name in REAL:
-            source = folder / "sit-to-stand" / name
-            files = {"markers": f"{source}.trc", "forces": f"{source}_grf.mot"}
-            yaml = place / f"{name}.yaml"
-            yaml.write_text(json.dumps({"trial": name, "recording": files, "protocol": "sit-to-stand"}), "utf-8")
+            yaml = write_real_trial(folder / "sit-to-stand" / name, place / f"{name}.yaml")
             cases.append(trial_case(yaml, f"real, {name}"))
     return cases
 

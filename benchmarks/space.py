@@ -5,10 +5,8 @@ Rows and limits are those of docs/measured/space.md. About five seconds per tria
 
 from __future__ import annotations
 
-import json
 import tempfile
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import permutations
 from pathlib import Path
@@ -23,6 +21,7 @@ from mocap_id.errors import MocapIdError
 from mocap_id.geometry import so3
 from mocap_id.runner import run
 from mocap_id.simulation.arm import ArmOptions, ChainOptions, write_arm, write_chain
+from mocap_id.store import Folder, Table
 
 TO_TRIAL = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 """From the lab's axes, Z up, to those of the trial."""
@@ -72,15 +71,12 @@ ROWS: Mapping[str, Row] = {
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """What came of one trial: whether the chain is right, its confidence, errors, and shares inside 95 % intervals."""
+class Outcome(harness.Comparison):
+    """Comparison of one trial: also whether the chain and the kinds of its joints are right, and its confidence."""
 
-    right: bool
-    kinds: bool
-    confidence: float
-    codes: tuple[str, ...]
-    errors: Mapping[str, float] = field(default_factory=dict)
-    inside: Mapping[str, float] = field(default_factory=dict)
+    right: bool = False
+    kinds: bool = False
+    confidence: float = 0.0
 
 
 def measure(task: tuple[str, int]) -> Outcome:
@@ -96,35 +92,27 @@ def measure(task: tuple[str, int]) -> Outcome:
         try:
             outcome = run(load(configuration))
         except MocapIdError as error:
-            return Outcome(False, False, 0.0, (type(error).__name__,))
+            return Outcome((type(error).__name__,))
         return compare(configuration, outcome.folder)
 
 
 def compare(configuration: Path, out: Path) -> Outcome:
     """Compare a finished run with the truth beside its configuration."""
-    summary = json.loads((out / "summary.json").read_text("utf-8"))
-    truth = harness.read_truth(configuration)
-    codes = tuple(reason["code"] for reason in summary["verdict"]["reasons"] if reason.get("level") != "ok")
+    summary, truth = harness.read_summary(out), harness.read_truth(configuration)
+    codes = harness.caution_codes(summary)
     confidence = summary["segments"]["confidence"] or 0.0
     if summary["verdict"]["level"] == "refused" or not _assigned(summary, truth):
-        return Outcome(False, False, confidence, codes)
+        return Outcome(codes, confidence=confidence)
     with np.load(configuration.with_name("truth.npz")) as arrays:
         true = {key: arrays[key].astype(np.float64) for key in arrays}
-    poses, angles = (_columns(out / file) for file in ("poses.parquet", "angles.parquet"))
+    poses, angles = harness.read_artefacts(Folder(out), "poses.parquet", "angles.parquet")
     if truth["kind"] == "sphere":
         kinds = [joint["kind"] for joint in summary["joints"]] == [CHAIN_KINDS[each] for each in truth["types"]]
         errors, inside = _chain(poses, truth, true)
     else:
         kinds = all(joint["kind"] in ARM_KINDS.get(joint["name"], ()) for joint in summary["joints"])
         errors, inside = _arm(summary, poses, angles, truth, true)
-    return Outcome(True, kinds, confidence, codes, errors, inside)
-
-
-def _columns(file: Path) -> dict[str, FloatArray]:
-    import pyarrow.parquet as pq  # noqa: PLC0415
-
-    table = pq.read_table(file)
-    return {name: table.column(name).to_numpy().astype(np.float64) for name in table.column_names}
+    return Outcome(codes, errors, inside, right=True, kinds=kinds, confidence=confidence)
 
 
 def _assigned(summary: Mapping[str, Any], truth: Mapping[str, Any]) -> bool:
@@ -135,23 +123,17 @@ def _assigned(summary: Mapping[str, Any], truth: Mapping[str, Any]) -> bool:
     )
 
 
-def _stack(columns: Mapping[str, FloatArray], segment: str, names: Sequence[str]) -> FloatArray:
-    return np.stack([columns[f"{segment}_{name}"] for name in names], axis=1)
+def _stack(table: Table, segment: str, names: Iterable[str]) -> FloatArray:
+    return table.stack([f"{segment}_{name}" for name in names])
 
 
 def _rms(error: FloatArray) -> float:
-    """Return the root of the mean squared length of the rows (F, 3) that are known."""
-    known = error[np.isfinite(error).all(axis=1)]
-    return float(np.sqrt(np.mean(np.sum(known**2, axis=1))))
-
-
-def _inside(error: FloatArray, sd: FloatArray) -> float:
-    known = np.isfinite(error) & np.isfinite(sd)
-    return float(np.mean(np.abs(error[known]) <= harness.QUANTILE * sd[known]))
+    """Return the root of the mean squared length of the known rows (F, 3)."""
+    return float(np.sqrt(np.nanmean(np.sum(error**2, axis=1))))
 
 
 def _motion(
-    poses: Mapping[str, FloatArray], segment: str, k: int, truth: Mapping[str, Any], true: Mapping[str, FloatArray]
+    poses: Table, segment: str, k: int, truth: Mapping[str, Any], true: Mapping[str, FloatArray]
 ) -> tuple[float, dict[str, float]]:
     """Return the rms error of the angular acceleration, and the shares of velocity and acceleration inside."""
     moving = true["t"] > truth["static_s"] + 0.5
@@ -161,15 +143,15 @@ def _motion(
     }
     sd = {name: np.repeat(poses[f"sd_{segment}_{name}"][moving, None], 3, axis=1) for name in off}
     return _rms(off["alpha"]), {
-        "velocity": _inside(off["omega"], sd["omega"]),
-        "acceleration": _inside(off["alpha"], sd["alpha"]),
+        "velocity": harness.inside(off["omega"], sd["omega"]),
+        "acceleration": harness.inside(off["alpha"], sd["alpha"]),
     }
 
 
 def _arm(
     summary: Mapping[str, Any],
-    poses: Mapping[str, FloatArray],
-    angles: Mapping[str, FloatArray],
+    poses: Table,
+    angles: Table,
     truth: Mapping[str, Any],
     true: Mapping[str, FloatArray],
 ) -> tuple[dict[str, float], dict[str, float]]:
@@ -189,19 +171,18 @@ def _arm(
         error = (angles[name] - sign * true[key][:, column] + np.pi) % (2 * np.pi) - np.pi
         error = error[keep]
         errors[f"{name}, °"] = float(np.degrees(np.sqrt(np.nanmean(error**2))))
-        covered.append(_inside(error - np.nanmean(error), angles[f"sd_{name}"][keep]))
-    inside["angles"] = float(np.mean(covered))
-    return errors, inside
+        covered.append(harness.inside(error - np.nanmean(error), angles[f"sd_{name}"][keep]))
+    return errors, {"angles": float(np.mean(covered)), **inside}
 
 
-def false_side(poses: Mapping[str, FloatArray], origin: FloatArray) -> bool:
+def false_side(poses: Table, origin: FloatArray) -> bool:
     """Return whether the run took a left arm for a right one: its shoulder is then on the other side."""
     return _rms(_stack(poses, "upper_arm", "xyz") - origin[:, 1]) > 0.1
 
 
 def _elbow_axis(
     summary: Mapping[str, Any],
-    poses: Mapping[str, FloatArray],
+    poses: Table,
     truth: Mapping[str, Any],
     true: Mapping[str, FloatArray],
 ) -> float:
@@ -225,10 +206,10 @@ def _rotation(quaternion: FloatArray) -> FloatArray:
 
 
 def _chain(
-    poses: Mapping[str, FloatArray], truth: Mapping[str, Any], true: Mapping[str, FloatArray]
+    poses: Table, truth: Mapping[str, Any], true: Mapping[str, FloatArray]
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Return the largest error of a centre (of a hinge across its axis), mm, and the shares inside."""
-    names = [name.removesuffix("_qw") for name in poses if name.endswith("_qw")]
+    names = [name.removesuffix("_qw") for name in poses.names if name.endswith("_qw")]
     centres = true["joint_lab"]
     found = [_stack(poses, name, "xyz") @ TO_TRIAL for name in names]
     best = np.inf
@@ -249,29 +230,12 @@ def table(name: str, outcomes: Sequence[Outcome], first: int) -> str:
     """Return the table of a row: quantity, limit, share within it, median and 80 % quantile."""
     right = [each for each in outcomes if each.right]
     flagged = sum(not each.right and (each.confidence < 0.5 or bool(each.codes)) for each in outcomes)
-    codes = Counter(code for each in outcomes for code in each.codes)
-    lines = [
+    about = (
         f"**{name}**, {len(outcomes)} trials, seeds from {first}: chain right {len(right)}, else "
         f"flagged {flagged}, kinds right {sum(each.kinds for each in outcomes)}. Cautions: "
-        + (", ".join(f"`{code}` {count}" for code, count in codes.most_common()) or "none")
-        + "."
-    ]
-    rows = []
-    for quantity, limit in ROWS[name].limits.items():
-        values = np.array([each.errors.get(quantity, np.nan) for each in right])
-        values = np.where(np.isfinite(values), values, np.inf)
-        share = float(np.mean(values <= limit)) if len(values) else 0.0
-        middle, high = np.quantile(values, (0.5, 0.8), method="higher") if len(values) else (np.nan, np.nan)
-        rows.append([quantity, f"{limit:g}", f"{100 * share:.0f} %", f"{middle:.2f}", f"{high:.2f}"])
-    for quantity in ("angles", "velocity", "acceleration"):
-        values = np.array([each.inside[quantity] for each in right if quantity in each.inside])
-        if len(values):
-            rows.append(
-                [f"inside 95 %: {quantity}", "0.88–0.99", f"{np.mean(values):.3f}"]
-                + [f"{q:.3f}" for q in np.quantile(values, (0.1, 0.9))]
-            )
-    head = ["quantity", "limit", "within it", "median (10 %)", "80 % (90 %)"]
-    return lines[0] + "\n\n" + harness.markdown(head, rows, numbers_from=1)
+        f"{harness.count_codes(code for each in outcomes for code in each.codes)}."
+    )
+    return f"{about}\n\n{harness.limit_table(ROWS[name].limits, right)}"
 
 
 def main() -> None:
