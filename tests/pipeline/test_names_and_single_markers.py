@@ -14,7 +14,7 @@ from mocap_id.config import load
 from mocap_id.runner import run_stage
 from mocap_id.simulation import Options, simulate
 from mocap_id.simulation.options import FaultOptions
-from mocap_id.stages.segment.known_names import contradicted_names
+from mocap_id.stages.segment.known_names import check_marker_names
 from mocap_id.store import Folder
 
 STAGES = ("planarise", "segment", "fit-joints", "ukf-smooth", "identify-dim")
@@ -35,15 +35,15 @@ def codes(tree: Any) -> dict[str, str]:
 
 
 def test_names_that_agree_say_nothing() -> None:
-    assert contradicted_names(LABELS, SEGMENTS, NAMES, 0.9) == ()
-    assert contradicted_names(("A", "B", *LABELS[2:5]), SEGMENTS[:5] * 0, NAMES, 0.9) == ()  # too few known names
+    assert check_marker_names(LABELS, SEGMENTS, NAMES, 0.9) == ()
+    assert check_marker_names(("A", "B", *LABELS[2:5]), SEGMENTS[:5] * 0, NAMES, 0.9) == ()  # too few known names
 
 
 @pytest.mark.parametrize(("confidence", "level"), [(0.95, "ok"), (0.6, "caution")])
 def test_a_name_against_the_motion_is_named(confidence: float, level: str) -> None:
     moved = SEGMENTS.copy()
     moved[[3, 5]] = 2, 1
-    (reason,) = contradicted_names(LABELS, moved, NAMES, confidence)
+    (reason,) = check_marker_names(LABELS, moved, NAMES, confidence)
     assert reason.level == level
     assert reason.value == 2
     assert "LTIB is on the thigh, its name says shank" in reason.message
@@ -54,7 +54,7 @@ def test_a_name_against_the_motion_is_named(confidence: float, level: str) -> No
 def test_a_marker_on_no_segment_or_on_the_ground_contradicts_nothing() -> None:
     moved = SEGMENTS + 1
     moved[[0, 3]] = 0, -1
-    assert contradicted_names(LABELS, moved, ("ground", *NAMES), 0.9) == ()
+    assert check_marker_names(LABELS, moved, ("ground", *NAMES), 0.9) == ()
 
 
 def test_a_swap_is_said_once(tmp_path: Path) -> None:

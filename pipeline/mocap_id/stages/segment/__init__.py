@@ -1,4 +1,4 @@
-"""segment: groups of markers that move as rigid bodies, and the joints between them."""
+"""Settings and record of the stage segment: groups of markers that move as rigid bodies, and joints between them."""
 
 from __future__ import annotations
 
@@ -20,35 +20,40 @@ class SegmentSettings(Settings):
         ("joint_markers", "still_limit_m", "planarity_caution", "planarity_limit", "asymmetry_deg"), ()
     )
 
-    count: int | None = Field(None, ge=2, le=9, description="number of segments including the base; found if not given")
+    count: int | None = Field(
+        None, ge=2, le=9, description="number of segments including the base; default: from the motion"
+    )
     names: tuple[str, ...] | None = Field(None, description="names of the segments, base first")
     together: tuple[_Markers, ...] = Field(
-        (), description="groups of markers, by label or pattern; each group is on one segment"
+        (), description="groups of markers, by label or pattern; the markers of a group are on one segment"
     )
-    apart: tuple[_Markers, ...] = Field((), description="groups of markers that are all on different segments")
+    apart: tuple[_Markers, ...] = Field(
+        (), description="groups of markers, by label or pattern; all markers of a group are on different segments"
+    )
     ignore: tuple[str, ...] = Field((), description="markers, by label or pattern, that are on no segment")
     joint_markers: dict[str, _Markers] = Field(
         {},
-        description="markers around a joint, by its name; they attract its centre (3.15, `fit-joints: lambda_a`)",
+        description="markers around each joint, by the joint's name; they attract its centre (3.15, `fit-joints: "
+        "lambda_a`)",
     )
-    still_limit_m: float = Field(0.015, gt=0, description="largest scatter (rms) of a marker on the base, m")
+    still_limit_m: float = Field(0.015, gt=0, description="largest rms motion of a marker on the base, m")
     min_arc_deg: float = Field(6.0, gt=0, lt=180, description="smallest rotation of a joint, degrees")
     max_joint_residual_m: float = Field(
         0.05, gt=0, description="largest rms distance between two bodies at their joint, m"
     )
     max_body_residual_m: float = Field(
-        0.015, gt=0, description="largest rms distance of a marker from its place in a body, m"
+        0.015, gt=0, description="largest rms distance of a marker from its position on a body, m"
     )
     planarity_caution: float = Field(
-        0.03, ge=0, le=1, description="share of the motion out of the plane that gives a caution"
+        0.03, ge=0, le=1, description="share of the motion out of the plane above which there is a caution"
     )
     planarity_limit: float = Field(
-        0.15, ge=0, le=1, description="share of the motion out of the plane that refuses the trial"
+        0.15, ge=0, le=1, description="share of the motion out of the plane above which the trial is refused"
     )
     asymmetry_deg: float = Field(
         4.0, ge=0, description="largest rms difference between left and right without a caution, degrees"
     )
-    frames: int = Field(500, ge=50, description="number of frames used, evenly over the trial")
+    frames: int = Field(500, ge=50, description="number of frames used, evenly distributed over the trial")
 
 
 def _function(context: Context) -> Outputs:
@@ -57,9 +62,9 @@ def _function(context: Context) -> Outputs:
 
         return segment_bodies(context)
     if has_no_markers(context.long("planar.parquet").facts):
-        from mocap_id.stages.segment.known_segments import calibrated_segments  # noqa: PLC0415
+        from mocap_id.stages.segment.known_segments import assign_by_calibration  # noqa: PLC0415
 
-        return calibrated_segments(context)
+        return assign_by_calibration(context)
     from mocap_id.stages.segment.function import segment  # noqa: PLC0415  loads its libraries only when run
 
     return segment(context)

@@ -1,4 +1,4 @@
-"""Bad stretches of markers: search, facts and notes."""
+"""Bad stretches: times in which a marker is frozen, moved, mislabelled or no marker of the body."""
 
 from __future__ import annotations
 
@@ -16,52 +16,44 @@ from mocap_id.kinematics.repeated_positions import find_repeats
 from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
-_ROUNDS = 3
-_CLOSE = 0.1  # s
-_UNSURE = 0.5
-_LISTED = 5
-
-
-@dataclass(frozen=True)
-class _Cause:
-    """Code and words of a cause: what is seen, and what has probably happened."""
-
-    code: str
-    seen: str
-    reading: str
-
+_ROUNDS = 3  # largest number of searches
+_CLOSE = 0.1  # s: smaller differences of times are ignored
+_UNSURE = 0.5  # confidence below which the segments are doubtful
+_LISTED = 5  # stretches named in a note
 
 _CAUSES = {
-    "frozen": _Cause(
+    "frozen": (
         "marker-frozen",
-        "stands still in the laboratory while its segment moves",
-        "its last position was repeated",
+        "does not move in the laboratory while its segment moves; its last position was repeated",
     ),
-    "moved": _Cause(
-        "marker-moved", "is at another place on its segment", "it was probably taped on again, or it was pushed"
+    "moved": (
+        "marker-moved",
+        "is at another position on its segment; it was probably attached again, or it was pushed",
     ),
-    "elsewhere": _Cause(
-        "marker-elsewhere", "is away from its place on its segment", "it is probably mislabelled, or a reflection"
+    "elsewhere": (
+        "marker-elsewhere",
+        "is away from its position on its segment; it is probably mislabelled, or a reflection",
     ),
-    "ghost": _Cause(
+    "ghost": (
         "marker-ghost",
-        "is on no segment and keeps its distance from no other moving marker",
-        "it is probably no marker of the body",
+        "is on no segment and keeps its distance from no other moving marker; it is probably not on the body",
     ),
 }
+"""Code of the note, and observation with its probable cause, by the kind of a bad stretch."""
 
 
 @dataclass(frozen=True)
 class SegmentedMarkers:
-    """The segments, found without the bad stretches.
+    """Segments that were found without the bad stretches.
 
     Parameters
     ----------
     found : Segmentation
+        Segments of the markers.
     view : Trajectories
-        The markers without the bad stretches.
+        Markers without the bad stretches.
     points : (f, M, 3) array
-        The frames that were segmented, m.
+        Markers in the frames used for the segmentation, m.
     """
 
     found: Segmentation
@@ -69,84 +61,86 @@ class SegmentedMarkers:
     points: FloatArray
 
 
-def segment_without_bad(
-    recorded: Trajectories, frames: int, examined: IntArray, segmented: Callable[[FloatArray], Segmentation]
+def segment_without_bad_markers(
+    recorded: Trajectories, frames: int, examined: IntArray, segment: Callable[[FloatArray], Segmentation]
 ) -> SegmentedMarkers:
-    """Segment the markers, find their bad stretches, and segment again without them until no more are found.
+    """Segment the markers, find their bad stretches, and repeat this without them until no more are found.
 
     Parameters
     ----------
     recorded : Trajectories
+        Markers as recorded.
     frames : int
-        Number of frames to segment.
+        Number of frames used for the segmentation.
     examined : int array
-        Columns of the markers that may be bad.
-    segmented : callable
-        Return the segments of points (f, M, 3), m.
+        Indices of the markers that may be bad.
+    segment : callable
+        Function that returns the segments of points (f, M, 3), m.
 
     Raises
     ------
     Refused
-        The markers as recorded make no chain.
+        The markers as recorded do not form a chain.
     """
-    swapped = _swapped(recorded)
+    swapped = _find_swapped_stretches(recorded)
     rows = sample_rows(len(recorded.frames), recorded.rate)
     markers = RecordedMarkers(recorded.read_positions(frames=rows), rows, recorded.read_track, recorded.rate)
-    done = _segmented(Trajectories(recorded.planar, swapped), frames, segmented)
+    done = _segment(Trajectories(recorded.planar, swapped), frames, segment)
     bad: tuple[dict[str, Any], ...] = ()
     for _ in range(_ROUNDS):
         plane = done.points[..., 0] + 1j * done.points[..., 1]
-        found = tuple(
-            _fact(recorded, stretch, swapped) for stretch in find_bad_stretches(markers, done.found, plane, examined)
+        before = bad
+        bad = tuple(
+            _make_facts(recorded, stretch, swapped)
+            for stretch in find_bad_stretches(markers, done.found, plane, examined)
         )
-        again, bad = _same(found, bad), found
-        named = {each["marker"] for each in bad}  # with times that are surer than those of the swaps
-        others = (each for each in swapped if each["marker"] not in named)
+        bad_labels = {each["marker"] for each in bad}  # with more certain times than the swaps
+        others = (each for each in swapped if each["marker"] not in bad_labels)
         view = Trajectories(recorded.planar, (*others, *bad))
-        if again:
+        if _are_same(bad, before):
             return replace(done, view=view)
         try:
-            other = _segmented(view, frames, segmented)
-        except Refused:  # the rest of the markers shows no chain
+            other = _segment(view, frames, segment)
+        except Refused:  # the other markers do not form a chain
             break
-        if other.found.confidence.value < _UNSURE <= done.found.confidence.value:  # the bad samples did less harm
+        if other.found.confidence.value < _UNSURE <= done.found.confidence.value:  # better with the bad samples
             return replace(done, view=view, points=other.points)
         done = other
     return done
 
 
-def without_repeats(recorded: Trajectories) -> Trajectories:
+def remove_repeats(recorded: Trajectories) -> Trajectories:
     """Return the markers of a trial in space without stretches in which an exact position is repeated."""
     points = recorded.read_positions(np.arange(len(recorded.labels)))
     repeats = find_repeats(points, recorded.rate)
-    return Trajectories(recorded.planar, [_fact(recorded, each, ()) for each in repeats])
+    return Trajectories(recorded.planar, [_make_facts(recorded, each, ()) for each in repeats])
 
 
-def _segmented(view: Trajectories, frames: int, segmented: Callable[[FloatArray], Segmentation]) -> SegmentedMarkers:
+def _segment(view: Trajectories, frames: int, segment: Callable[[FloatArray], Segmentation]) -> SegmentedMarkers:
     points = view.read_positions(frames=frames_over_time(view.read_plane(), frames))
-    return SegmentedMarkers(segmented(points), view, points)
+    return SegmentedMarkers(segment(points), view, points)
 
 
-def _fact(view: Trajectories, stretch: BadStretch, swapped: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the facts of a stretch; a marker that is elsewhere during a known swap counts as swapped, once."""
+def _make_facts(view: Trajectories, stretch: BadStretch, swapped: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Return the facts of a stretch; its kind is "swapped" if the marker is elsewhere during a known swap."""
     marker, first, last = view.labels[stretch.marker], view.time[stretch.first], view.time[stretch.last]
     known = any(each["marker"] == marker and each["first_s"] < last and first < each["last_s"] for each in swapped)
     how = "swapped" if known and stretch.how == "elsewhere" else stretch.how
     return {"marker": marker, "first_s": float(first), "last_s": float(last), "how": how}
 
 
-def _same(found: Sequence[Mapping[str, Any]], before: Sequence[Mapping[str, Any]]) -> bool:
-    """Return whether two searches found the same stretches, to a tenth of a second."""
-    return len(found) == len(before) and all(
+def _are_same(bad: Sequence[Mapping[str, Any]], before: Sequence[Mapping[str, Any]]) -> bool:
+    """Return whether two searches found the same stretches, with times equal to a tenth of a second."""
+    return len(bad) == len(before) and all(
         one["marker"] == other["marker"]
         and abs(one["first_s"] - other["first_s"]) < _CLOSE
         and abs(one["last_s"] - other["last_s"]) < _CLOSE
-        for one, other in zip(found, before, strict=True)
+        for one, other in zip(bad, before, strict=True)
     )
 
 
-def _swapped(view: Trajectories) -> tuple[dict[str, Any], ...]:
-    """Return the stretches in which markers have each other's labels, unless planarise has exchanged them."""
+def _find_swapped_stretches(view: Trajectories) -> tuple[dict[str, Any], ...]:
+    """Return the stretches in which two markers have each other's label and planarise has not repaired this."""
     return tuple(
         {"marker": label, "first_s": swap["first_s"], "last_s": swap["last_s"], "how": "swapped"}
         for swap in view.planar.facts.get("swaps", ())
@@ -155,9 +149,9 @@ def _swapped(view: Trajectories) -> tuple[dict[str, Any], ...]:
     )
 
 
-def bad_marker_notes(bad: Sequence[Mapping[str, Any]]) -> Iterator[Reason]:
-    """Yield a note for every cause, with the markers and times."""
-    for how, cause in _CAUSES.items():
+def explain_bad_markers(bad: Sequence[Mapping[str, Any]]) -> Iterator[Reason]:
+    """Yield a note for every kind of bad stretch, with the markers and times."""
+    for how, (code, cause) in _CAUSES.items():
         stretches = [each for each in bad if each["how"] == how]
         if not stretches:
             continue
@@ -169,15 +163,15 @@ def bad_marker_notes(bad: Sequence[Mapping[str, Any]]) -> Iterator[Reason]:
         )
         rest = f"; and {len(stretches) - _LISTED} more" if len(stretches) > _LISTED else ""
         yield Reason(
-            cause.code,
-            f"a marker {cause.seen}; {cause.reading}: {listed}{rest}. These samples were left out; all others are "
-            "used. Check the marker in the camera software.",
+            code,
+            f"a marker {cause}: {listed}{rest}. These samples were left out; all others are used. Check the marker in "
+            "the camera software.",
             float(sum(each["last_s"] - each["first_s"] for each in stretches)),
             level="ok",
         )
 
 
-def left_out_words(label: str, bad: Sequence[Mapping[str, Any]]) -> str:
-    """Return when and why samples of a marker are left out, in words; empty if none are."""
+def describe_bad_stretches(label: str, bad: Sequence[Mapping[str, Any]]) -> str:
+    """Return a text with the times and kinds of the bad stretches of a marker; empty if it has none."""
     own = [each for each in bad if each["marker"] == label]
     return "".join(f"; left out from {each['first_s']:.2f} to {each['last_s']:.2f} s: {each['how']}" for each in own)

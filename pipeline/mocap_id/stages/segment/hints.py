@@ -1,4 +1,4 @@
-"""Settings of the segmentation as rules and constraints, in the plane and in space."""
+"""Settings of the segmentation as rules and constraints, and the caution about doubtful segments, in both spaces."""
 
 from __future__ import annotations
 
@@ -10,13 +10,14 @@ from mocap_id.errors import ConfigError
 from mocap_id.kinematics import Constraints, SegmentationRules
 from mocap_id.stages.marker_names import find_markers
 from mocap_id.stages.segment import SegmentSettings
+from mocap_id.verdict import Reason
 
 UNSURE = 0.5
-"""Confidence below which a caution is given."""
+"""Confidence below which there is a caution."""
 
 
-def search_rules(settings: SegmentSettings, longest: int) -> SegmentationRules:
-    """Return the limits of the search for segments; ``longest`` is the protocol's longest chain."""
+def make_rules(settings: SegmentSettings, longest: int) -> SegmentationRules:
+    """Return the limits of the search for segments; ``longest`` is the largest number of segments of the protocol."""
     return SegmentationRules(
         still_limit=settings.still_limit_m,
         min_arc=float(np.radians(settings.min_arc_deg)),
@@ -27,26 +28,42 @@ def search_rules(settings: SegmentSettings, longest: int) -> SegmentationRules:
     )
 
 
-def marker_constraints(
+def make_constraints(
     labels: tuple[str, ...], settings: SegmentSettings, known: Sequence[list[int]] = ()
 ) -> Constraints:
-    """Return the hints `together` and `apart` as columns of markers; ``known`` are more columns together."""
+    """Return the hints `together` and `apart` by marker indices; ``known`` are more groups on one segment each.
+
+    Raises ConfigError if the hints contradict each other.
+    """
     together = [*(find_markers(labels, group, "segment: together") for group in settings.together), *known]
     apart = [find_markers(labels, group, "segment: apart") for group in settings.apart]
-    found = Constraints.of(len(labels), together, apart)
-    if found.contradictory.any():
-        marker = labels[int(np.argmax(found.contradictory))]
+    constraints = Constraints.of(len(labels), together, apart)
+    if constraints.contradictory.any():
+        marker = labels[int(np.argmax(constraints.contradictory))]
         raise ConfigError(
             f"segment: `together` and `apart` contradict each other: they put {marker} on one segment and on two"
         )
-    return found
+    return constraints
 
 
-def given_names(names: tuple[str, ...], count: int) -> tuple[str, ...]:
-    """Return the user's names of ``count`` segments, or raise ConfigError if there are more or fewer."""
+def check_names(names: tuple[str, ...], count: int) -> tuple[str, ...]:
+    """Return the user's names of ``count`` segments; ConfigError if the number of names is different."""
     if len(names) != count:
         raise ConfigError(
             f"segment.names gives {len(names)} names for {count} segments ({', '.join(names)}); "
             "give one for each, base first, or set segment.count too"
         )
     return names
+
+
+def explain_doubt(why: str, confidence: float | None = None) -> tuple[Reason, ...]:
+    """Return a caution that the segments are doubtful, with the strongest evidence against them."""
+    return (
+        Reason(
+            "segments-unsure",
+            f"the segments are doubtful: {why}. Check the skeleton; if it is wrong, set `segment: {{count: …}}`, or "
+            "name markers that are `together` or `apart`, or markers to `ignore`.",
+            confidence,
+            None if confidence is None else UNSURE,
+        ),
+    )

@@ -1,4 +1,4 @@
-"""Names of known marker sets, compared with the segments that the motion shows. The motion decides."""
+"""Comparison of the segments by the motion with the marker names of known marker sets; the motion is used."""
 
 from __future__ import annotations
 
@@ -19,37 +19,38 @@ _PLUG_IN_GAIT = {
     ("thigh", *_TRUNK): ("GTR", "TROCH"),
     _TRUNK: ("ASI", "ASIS", "PSI", "PSIS", "SACR", "SHO", "SHOULDER", "C7", "T10", "CLAV", "STRN", "RBAK"),
 }
-"""Segments on which a marker may be, by the names of Plug-in Gait and usual synonyms, without the side."""
+"""Segments on which a marker may be, and its names in Plug-in Gait and usual synonyms, without the side."""
 _SEGMENTS_OF = {name: segments for segments, names in _PLUG_IN_GAIT.items() for name in names}
 _SIDES = re.compile(r"^(LEFT|RIGHT|L|R)[_. ]?|[_. ](LEFT|RIGHT|L|R)$")
-_LEAST = 5  # different names by which a set is known
-_SURE = 0.8  # confidence from which a contradiction is a note
-_LISTED = 6
+_LEAST = 5  # different known names in a known marker set
+_SURE = 0.8  # confidence from which a contradiction is only a note
+_LISTED = 6  # markers named in the message
 
 
-def contradicted_names(
+def check_marker_names(
     labels: Sequence[str], segment: IntArray, names: Sequence[str], confidence: float
 ) -> tuple[Reason, ...]:
-    """Return a note, or a caution if the segments are not sure, about markers on another segment than their names say.
+    """Return a note, or a caution if the segments are not certain, about markers whose names belong to other segments.
 
     Parameters
     ----------
     labels : sequence of str, length M
+        Labels of the markers.
     segment : (M,) int array
-        Segment of each marker by the motion; -1 = none.
+        Segment of each marker by the motion; -1 for none.
     names : sequence of str
         Names of the segments by the protocol.
     confidence : float
         Probability that the segments are right.
     """
-    places = [[name for name in _segments_of(label) if name in names] for label in labels]
-    known = {_plain(label) for label in labels if _segments_of(label)}
+    expected = [[name for name in _find_segments(label) if name in names] for label in labels]
+    known = {_remove_side(label) for label in labels if _find_segments(label)}
     if len(known) < _LEAST or "shank" not in names:
         return ()
     wrong = [
-        f"{label} is on the {names[k]}, its name says {' or '.join(place)}"
-        for label, place, k in zip(labels, places, segment, strict=True)
-        if k >= 0 and place and names[k] not in (*place, GROUND)
+        f"{label} is on the {names[k]}, its name says {' or '.join(segments)}"
+        for label, segments, k in zip(labels, expected, segment, strict=True)
+        if k >= 0 and segments and names[k] not in (*segments, GROUND)
     ]
     if not wrong:
         return ()
@@ -65,10 +66,11 @@ def contradicted_names(
     )
 
 
-def _segments_of(label: str) -> tuple[str, ...]:
-    return _SEGMENTS_OF.get(label.upper(), _SEGMENTS_OF.get(_plain(label), ()))
+def _find_segments(label: str) -> tuple[str, ...]:
+    """Return the segments on which a marker with this label may be; empty for an unknown label."""
+    return _SEGMENTS_OF.get(label.upper(), _SEGMENTS_OF.get(_remove_side(label), ()))
 
 
-def _plain(label: str) -> str:
-    """Return a name without its side, in capitals."""
+def _remove_side(label: str) -> str:
+    """Return a label without its side, in capitals."""
     return _SIDES.sub("", label.upper())

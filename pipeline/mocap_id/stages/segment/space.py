@@ -1,4 +1,4 @@
-"""Function of the stage segment for a trial in space: sorts the markers into the segments of a chain."""
+"""Function of the stage segment in space: assigns the markers to the segments of a chain."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.calibration import read_chain
 from mocap_id.stages.marker_names import find_markers
 from mocap_id.stages.segment import SegmentSettings
-from mocap_id.stages.segment.bad_markers import bad_marker_notes, without_repeats
-from mocap_id.stages.segment.hints import UNSURE, given_names, marker_constraints, search_rules
-from mocap_id.stages.segment.known_segments import facts_without_search, skeleton_segments
+from mocap_id.stages.segment.bad_markers import explain_bad_markers, remove_repeats
+from mocap_id.stages.segment.hints import UNSURE, check_names, explain_doubt, make_constraints, make_rules
+from mocap_id.stages.segment.known_segments import assign_skeleton, make_columns, make_facts
 from mocap_id.stages.trial_keys import get_landmark_labels
 from mocap_id.store import Table
 from mocap_id.store.schemas import SEGMENTS
@@ -28,13 +28,13 @@ from mocap_id.store.spatial_views import is_skeleton
 from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
-_LONGEST = 9
+_LONGEST = 9  # segments
 _ARM = ("thorax", "girdle", "upper_arm", "forearm", "hand")
 _ARM_JOINTS = {"girdle": "clavicle", "upper_arm": "shoulder", "forearm": "elbow", "hand": "wrist"}
 _SHOWS = {name: segment for name, segment in LANDMARK_SEGMENTS.items() if name != "GH"} | dict.fromkeys(
     ("AC", "AA", "AI", "TS", "PC"), "girdle"
 )
-"""Segment that a landmark shows: the acromion and the scapula move with the thorax, or are a girdle of their own."""
+"""Segment of a landmark, if the acromion and the scapula do not move with the thorax."""
 _WHY = {
     "weakest": "two neighbouring segments could nearly be one",
     "runner-up": "one of the segments could nearly be two",
@@ -43,9 +43,12 @@ _WHY = {
     "base": "both ends of the chain move about as much, so either could be the base",
     "not-rigid": "the markers of a segment move against each other",
     "left-out": "many markers are on no segment",
-    "one-joint": "only one joint turns, and segments that do not move against each other count as one. Name a trial in "
-    "which all joints move as `calibration:`",
+    "one-joint": "only one joint rotates, and segments that do not move against each other count as one. Name a trial "
+    "in which all joints move as `calibration:`",
 }
+"""Evidence against the segments."""
+_MOVED = 0.02
+"""Largest rms distance of a marker from its position in the calibration, m; beyond it, this is another marker."""
 
 
 def segment_bodies(context: Context) -> Outputs:
@@ -54,58 +57,53 @@ def segment_bodies(context: Context) -> Outputs:
     view = Trajectories(context.long("planar.parquet"))
     skeleton = is_skeleton(view.planar.facts)
     if skeleton and context.trial.calibration is None:
-        return (skeleton_segments(view),)
-    view = view if skeleton else without_repeats(view)
+        return (assign_skeleton(view),)
+    view = view if skeleton else remove_repeats(view)
     if context.trial.calibration is not None:
-        return (_calibrated(context, view),)
+        return (_use_calibration(context, view),)
     labels = view.labels
     out = list(find_markers(labels, settings.ignore, "segment: ignore"))
     points = view.read_positions(np.arange(len(labels)))
     points[:, out] = np.nan
-    hints = marker_constraints(labels, settings)
-    rules = search_rules(settings, _LONGEST)
+    hints = make_constraints(labels, settings)
+    rules = make_rules(settings, _LONGEST)
 
     def search(hints: Constraints) -> tuple[SpatialSegmentation, tuple[str, ...]]:
         found = segment_in_space(points, rules, hints, settings.frames)
-        return found, _names(context, labels, found)
+        return found, _name_segments(context, labels, found)
 
     found, names = search(hints)
-    before = _before_the_arm(names, found)
+    first = names.index("thorax") if "thorax" in names else 0
+    before = np.flatnonzero((found.segment >= 0) & (found.segment < first))  # for example a chair
     if len(before):
         points[:, before] = np.nan
         found, names = search(hints)
-    strayed = _strayed_wrist(context, points, labels, found, names)
+    strayed = _find_strayed_wrist(context, points, labels, found, names)
     if not hints.allow(np.array(strayed, dtype=np.int64)):  # the user puts them apart
         strayed = []
     if strayed:
-        found, names = search(marker_constraints(labels, settings, [strayed]))
+        found, names = search(make_constraints(labels, settings, [strayed]))
     if settings.names:
-        names = given_names(settings.names, found.count)
-    joint_names = _joint_names(names)
+        names = check_names(settings.names, found.count)
     why = list(found.reasons)
     for marker in strayed[1:]:
-        why[marker] = f"on the segment of {labels[strayed[0]]}, as its name says; {why[marker]}"
-    for marker in before:
+        why[marker] = f"on the segment of {labels[strayed[0]]}, because of its name; {why[marker]}"
+    for marker in before.tolist():
         why[marker] = "on a body before the thorax: not on the chain of the arm"
     for marker in out:
         why[marker] = "left out by `segment: ignore`"
-    columns = {
-        "marker": np.array(labels, dtype=object),
-        "segment": found.segment,
-        "residual": found.residual,
-        "reason": np.array(why, dtype=object),
-    }
-    facts = _facts(found, names, joint_names, labels) | {"bad_stretches": list(view.bad)}
-    doubts = _unsure(found) or _without_forearm(names)
-    return (Table(SEGMENTS, columns, facts, (*doubts, *_branches(found, labels), *bad_marker_notes(view.bad))),)
+    columns = make_columns(labels, found.segment, found.residual, why)
+    facts = _make_facts(found, names, labels) | {"bad_stretches": list(view.bad)}
+    reasons = (*_explain_doubts(found, names), *_explain_branches(found, labels), *explain_bad_markers(view.bad))
+    return (Table(SEGMENTS, columns, facts, reasons),)
 
 
-def _strayed_wrist(
+def _find_strayed_wrist(
     context: Context, points: FloatArray, labels: Sequence[str], found: SpatialSegmentation, names: Sequence[str]
 ) -> list[int]:
-    """Return a marker of the forearm and the wrist's landmarks that were assigned to the hand; or nothing.
+    """Return a marker of the forearm and the wrist's landmarks on the segment after it; or an empty list.
 
-    If the wrist hardly turns, only their names show that they belong to the forearm.
+    If the wrist hardly rotates, only the names of these landmarks indicate that they belong to the forearm.
     """
     if context.settings.names or not _splits_arm(names):
         return []
@@ -122,63 +120,34 @@ def _splits_arm(names: Sequence[str]) -> bool:
     return {"upper_arm", "forearm"} <= set(names) and names.index("forearm") > names.index("upper_arm") + 1
 
 
-def _without_forearm(names: Sequence[str]) -> tuple[Reason, ...]:
-    """Return a caution if a segment without landmarks is between upper arm and forearm."""
-    if not _splits_arm(names):
-        return ()
-    return (
-        Reason(
-            "segments-unsure",
-            "the segments are doubtful: a segment without landmarks is between those of the elbow and those of the "
-            "wrist. Check the skeleton and the names of the landmarks; if the segments are wrong, set `segment: "
-            "{count: …}`, or name markers that are `together` or `apart`, or markers to `ignore`.",
-        ),
-    )
-
-
-def _names(context: Context, labels: Sequence[str], found: SpatialSegmentation) -> tuple[str, ...]:
-    """Return names of the segments: those of an arm where its landmarks are, in the arm's order."""
+def _name_segments(context: Context, labels: Sequence[str], found: SpatialSegmentation) -> tuple[str, ...]:
+    """Return the names of the segments; they are anatomical if the landmarks of an arm are on them in its order."""
     named = find_landmarks(labels, get_landmark_labels(context.trial), context.trial.side)
     counts: Counter[tuple[str, int]] = Counter()
     for landmark, marker in named.markers.items():
         if found.segment[marker] >= 0 and landmark in _SHOWS:
             counts[_SHOWS[landmark], int(found.segment[marker])] += 1
-    place: dict[str, int] = {}
+    number: dict[str, int] = {}
     for (name, k), _ in counts.most_common():
-        if name not in place and k not in place.values():
-            place[name] = k
-    if "forearm" in place and "hand" not in place and place["forearm"] == found.count - 2:
-        place["hand"] = found.count - 1
-    order = [place[name] for name in _ARM if name in place]
-    if not {"thorax", "upper_arm"} <= place.keys() or order != sorted(order):
-        place = {}
-    names = {k: name for name, k in place.items()}
+        if name not in number and k not in number.values():
+            number[name] = k
+    if "forearm" in number and "hand" not in number and number["forearm"] == found.count - 2:
+        number["hand"] = found.count - 1
+    order = [number[name] for name in _ARM if name in number]
+    if not {"thorax", "upper_arm"} <= number.keys() or order != sorted(order):
+        number = {}
+    names = {k: name for name, k in number.items()}
     return tuple(names.get(k, "base" if k == 0 else f"segment_{k}") for k in range(found.count))
 
 
-def _before_the_arm(names: Sequence[str], found: SpatialSegmentation) -> IntArray:
-    """Return the markers of bodies before the thorax, such as a chair, which are no segments of the arm."""
-    first = names.index("thorax") if "thorax" in names else 0
-    return np.flatnonzero((found.segment >= 0) & (found.segment < first))
-
-
-def _joint_names(names: Sequence[str]) -> list[str]:
-    """Return names of the joints; joint k leads to segment k."""
+def _name_joints(names: Sequence[str]) -> list[str]:
+    """Return the names of the joints before the segments with these names."""
     return [_ARM_JOINTS.get(name, f"joint {k}") for k, name in enumerate(names[1:], start=1)]
 
 
-def _facts(
-    found: SpatialSegmentation, names: Sequence[str], joint_names: Sequence[str], labels: Sequence[str]
-) -> dict[str, Any]:
-    """Return the facts of segments.parquet; those of the plane alone are empty."""
-    return {
-        "count": found.count,
-        "names": list(names),
-        "joint_names": list(joint_names),
-        "parents": list(found.parents),
-        "joint_markers": {},
-        "links": None,
-        "bad_stretches": [],
+def _make_facts(found: SpatialSegmentation, names: Sequence[str], labels: Sequence[str]) -> dict[str, Any]:
+    """Return the facts of segments.parquet."""
+    return make_facts(names, _name_joints(names), found.parents) | {
         "confidence": found.confidence.value,
         "against": dict(found.confidence.against),
         "planarity": found.planarity,
@@ -186,10 +155,6 @@ def _facts(
         "joint_confidences": list(found.confidence.joints),
         "joint_ratios": list(found.ratios),
         "joint_residuals_m": list(found.joint_residuals),
-        "asymmetry_deg": [],
-        "noise_floor_m": None,
-        "static_gap": None,
-        "hypotheses": [],
         "divisions": [
             {
                 "parts": [[labels[m] for m in part] for part in each.parts],
@@ -202,25 +167,19 @@ def _facts(
     }
 
 
-def _unsure(found: SpatialSegmentation) -> tuple[Reason, ...]:
-    """Return a caution if the segments are more likely wrong than right, with the strongest evidence against them."""
+def _explain_doubts(found: SpatialSegmentation, names: Sequence[str]) -> tuple[Reason, ...]:
+    """Return a caution if the segments are more likely wrong than right, or if a segment splits the arm."""
     confidence = found.confidence
-    if confidence.value >= UNSURE:
-        return ()
-    gravest = max(confidence.against, key=lambda evidence: confidence.against[evidence])
-    return (
-        Reason(
-            "segments-unsure",
-            f"the segments are doubtful: {_WHY[gravest]}. Check the skeleton; if it is wrong, set `segment: {{count: "
-            "…}`, or name markers that are `together` or `apart`, or markers to `ignore`.",
-            confidence.value,
-            UNSURE,
-        ),
-    )
+    if confidence.value < UNSURE:
+        gravest = max(confidence.against, key=lambda evidence: confidence.against[evidence])
+        return explain_doubt(_WHY[gravest], confidence.value)
+    if _splits_arm(names):
+        return explain_doubt("a segment without landmarks is between the landmarks of elbow and wrist")
+    return ()
 
 
-def _branches(found: SpatialSegmentation, labels: Sequence[str]) -> tuple[Reason, ...]:
-    """Return a note about bodies that are not on the chain."""
+def _explain_branches(found: SpatialSegmentation, labels: Sequence[str]) -> tuple[Reason, ...]:
+    """Return a note about rigid bodies that are not on the chain."""
     if not found.branches:
         return ()
     groups = "; ".join(", ".join(labels[m] for m in branch) for branch in found.branches)
@@ -234,44 +193,39 @@ def _branches(found: SpatialSegmentation, labels: Sequence[str]) -> tuple[Reason
     )
 
 
-def _calibrated(context: Context, view: Trajectories) -> Table:
-    """Return the assignment of the calibration, for the markers that this trial has."""
+def _use_calibration(context: Context, view: Trajectories) -> Table:
+    """Return segments.parquet with the segments of the calibration, for the markers of this trial."""
     assert context.trial.calibration is not None
     settings: SegmentSettings = context.settings
     tree = read_chain(context.trial.calibration)
     local, owner = tree.numbers("markers/local", (-1, 3)), tree.integers("markers/segment")
-    place = {label: k for k, label in enumerate(tree.texts("markers/name"))}
+    index = {label: k for k, label in enumerate(tree.texts("markers/name"))}
     out = find_markers(view.labels, settings.ignore, "segment: ignore")
-    there = np.array([m for m, label in enumerate(view.labels) if label in place and m not in out], dtype=np.int64)
+    known = np.array([m for m, label in enumerate(view.labels) if label in index and m not in out], dtype=np.int64)
     segment = np.full(len(view.labels), -1, dtype=np.int64)
-    segment[there] = owner[[place[view.labels[m]] for m in there]]
+    segment[known] = owner[[index[view.labels[m]] for m in known]]
     residual = np.full(len(view.labels), np.nan)
-    points, own = view.read_positions(there), local[[place[view.labels[m]] for m in there]]
+    points, own = view.read_positions(known), local[[index[view.labels[m]] for m in known]]
     for k in range(int(owner.max()) + 1):
-        here = segment[there] == k
-        residual[there[here]] = _residuals(points[:, here], own[here])
+        here = segment[known] == k
+        residual[known[here]] = _compute_residuals(points[:, here], own[here])
     names = tree.texts("segments/name")
     why = [
         f"as in the calibration: {names[segment[m]].replace('_', ' ')}" if segment[m] >= 0 else "not in the calibration"
         for m in range(len(view.labels))
     ]
-    columns = {
-        "marker": np.array(view.labels, dtype=object),
-        "segment": segment,
-        "residual": residual,
-        "reason": np.array(why, dtype=object),
-    }
-    facts = facts_without_search(names, _joint_names(names), tree.integers("joints/parent").tolist())
-    doubts = _moved(view.labels, residual) + _few(names, segment)
-    return Table(SEGMENTS, columns, facts | {"bad_stretches": list(view.bad)}, (*doubts, *bad_marker_notes(view.bad)))
+    facts = make_facts(names, _name_joints(names), tree.integers("joints/parent").tolist())
+    facts["bad_stretches"] = list(view.bad)
+    reasons = (
+        *_explain_moved_markers(view.labels, residual),
+        *_explain_few_markers(names, segment),
+        *explain_bad_markers(view.bad),
+    )
+    return Table(SEGMENTS, make_columns(view.labels, segment, residual, why), facts, reasons)
 
 
-_MOVED = 0.02
-"""rms distance of a marker from its place in the calibration, m, beyond which it counts as another marker."""
-
-
-def _residuals(points: FloatArray, local: FloatArray) -> FloatArray:
-    """Return the rms distance of markers (F, k, 3) from their places on a rigid body (k, 3), m."""
+def _compute_residuals(points: FloatArray, local: FloatArray) -> FloatArray:
+    """Return the rms distance of markers (F, k, 3) from their positions ``local`` (k, 3) on a rigid body, m."""
     if points.shape[1] < 3:
         return np.full(points.shape[1], np.nan)
     rotation, origin, _ = rigid_poses(points, local)
@@ -281,33 +235,27 @@ def _residuals(points: FloatArray, local: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.where(seen, square, 0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)))
 
 
-def _moved(labels: Sequence[str], residual: FloatArray) -> tuple[Reason, ...]:
-    """Return a caution for markers that are not where the calibration has them."""
+def _explain_moved_markers(labels: Sequence[str], residual: FloatArray) -> tuple[Reason, ...]:
+    """Return a caution about markers that are not at their positions in the calibration."""
     far = np.flatnonzero(residual > _MOVED)
     if not len(far):
         return ()
     worst = int(far[np.argmax(residual[far])])
-    return (
-        Reason(
-            "calibration-differs",
-            f"{', '.join(labels[int(m)] for m in far)} are not where the calibration has them ({labels[worst]}: "
-            f"{1e3 * residual[worst]:.0f} mm rms away): markers were moved or exchanged between the trials. Use a "
-            "calibration with the same markers, or leave them out with `segment: {ignore: …}`.",
-            float(residual[worst]),
-            _MOVED,
-        ),
+    text = (
+        f"{', '.join(labels[int(m)] for m in far)} are not at their positions in the calibration ({labels[worst]}: "
+        f"{1e3 * residual[worst]:.0f} mm rms away): markers were moved or exchanged between the trials. Use a "
+        "calibration with the same markers, or leave them out with `segment: {ignore: …}`."
     )
+    return (Reason("calibration-differs", text, float(residual[worst]), _MOVED),)
 
 
-def _few(names: Sequence[str], segment: IntArray) -> tuple[Reason, ...]:
-    """Return a caution for segments of the calibration with fewer than three markers in this trial."""
+def _explain_few_markers(names: Sequence[str], segment: IntArray) -> tuple[Reason, ...]:
+    """Return a caution about segments of the calibration with fewer than three markers in this trial."""
     few = [name for k, name in enumerate(names) if np.count_nonzero(segment == k) < 3]
     if not few:
         return ()
-    return (
-        Reason(
-            "calibration-differs",
-            f"fewer than three markers of the calibration's {', '.join(few)} are in this trial; the poses of these "
-            "segments are uncertain. Use the same marker labels in both trials.",
-        ),
+    text = (
+        f"this trial has fewer than three markers on {', '.join(few)} of the calibration; the poses of these segments "
+        "are uncertain. Use the same marker labels in both trials."
     )
+    return (Reason("calibration-differs", text),)
