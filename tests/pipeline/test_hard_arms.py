@@ -73,7 +73,7 @@ def test_landmarks_of_the_wrist_are_on_the_forearm_where_the_wrist_hardly_turns(
     for label in ("RS", "US"):
         segment, why = of[label]
         assert segment == "forearm"
-        assert "as its name says" in why
+        assert "because of its name" in why
     assert of["M008"][0] == "forearm"
     assert of["M014"][0] == "hand"
 
@@ -88,7 +88,7 @@ def test_hints_of_the_user_count_more_than_names_of_the_wrist(stiff_wrist: tuple
     table = Folder(run_stage(load(configuration), "segment").folder).table("segments.parquet")
     of = dict(zip(table["marker"], table["segment"], strict=True))
     assert of[forearm] != of["RS"]
-    assert not any("as its name says" in why for why in table["reason"])
+    assert not any("because of its name" in why for why in table["reason"])
     assert "segments-unsure" in {reason.code for reason in table.reasons}
 
 
