@@ -17,7 +17,7 @@ from ruamel.yaml import YAML
 
 from mocap_id.arrays import FloatArray
 from mocap_id.config import load
-from mocap_id.dynamics.centre_of_pressure import centre_of_pressure
+from mocap_id.dynamics.comparison import centre_of_pressure
 from mocap_id.dynamics.parameter_transfer import transfer_parameters
 from mocap_id.runner import run_stage
 from mocap_id.store import Folder, LongTable, Table

@@ -13,7 +13,7 @@ from harness import JOINTS, command_line, markdown, publish, recordings, write_r
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.config import load
-from mocap_id.dynamics.centre_of_pressure import centre_of_pressure
+from mocap_id.dynamics.comparison import centre_of_pressure
 from mocap_id.dynamics.lowpass import known
 from mocap_id.dynamics.measured_motion import close_gaps
 from mocap_id.geometry import planar

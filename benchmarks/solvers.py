@@ -32,7 +32,7 @@ from mocap_id.dynamics.cone_solver import solve_links
 from mocap_id.dynamics.consistency_cone import ConeBodies
 from mocap_id.dynamics.least_squares import CompressedProblem
 from mocap_id.dynamics.optimality import SolverAnswer, check_optimality
-from mocap_id.dynamics.point_grid import PointGrid, segment_grid
+from mocap_id.dynamics.point_grid import PointGrid, build_grid
 from mocap_id.dynamics.point_masses import GridBodies, osqp_split, solve_nnls, solve_osqp
 from mocap_id.runner import run
 from mocap_id.simulation import Options, simulate
@@ -74,7 +74,7 @@ def random_case(seed: int) -> Case:
     centres = np.column_stack([rng.uniform(-0.1, 0.1, joints), rng.uniform(0.1, 0.5, joints)])
     segment = np.repeat(np.arange(joints + 1), 4)
     local = rng.uniform([-0.15, 0.0], [0.15, 0.6], size=(len(segment), 2))
-    grid = segment_grid(centres, segment, local)
+    grid = build_grid(centres, segment, local)
     regrouping = structural_base(centres).regrouping
     base = regrouping @ grid.moments() @ rng.exponential(0.3, len(grid.segment))
     if seed % 2:

@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from dynamics_cases import BODY, CENTRES, waves
 
-from mocap_id.dynamics.excitation import Excitation, excitation
+from mocap_id.dynamics.excitation import Excitation, measure_excitation
 from mocap_id.dynamics.identification import Identification, identify
 from mocap_id.dynamics.kinematic_error import KinematicError
-from mocap_id.dynamics.point_grid import segment_grid
+from mocap_id.dynamics.point_grid import build_grid
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, prepare
 from mocap_id.dynamics.regressor import planar_regressor
 
@@ -44,6 +44,6 @@ def recorded(
 
 def identified(made: TrialData, error: KinematicError = EXACT) -> tuple[PreparedTrial, Identification, Excitation]:
     prepared = prepare(made, FitSettings(cutoff=8.0))
-    grid = segment_grid(CENTRES, SEGMENT, LOCAL, (5, 9))
+    grid = build_grid(CENTRES, SEGMENT, LOCAL, (5, 9))
     found = identify(prepared, np.ones(len(made.time), bool), grid, np.full(16, np.nan), error)
-    return prepared, found, excitation(prepared, found)
+    return prepared, found, measure_excitation(prepared, found)

@@ -7,7 +7,7 @@ from dynamics_cases import BODY, CENTRES
 
 from mocap_id.dynamics.base_parameters import structural_base
 from mocap_id.dynamics.least_squares import CompressedProblem
-from mocap_id.dynamics.point_grid import segment_grid
+from mocap_id.dynamics.point_grid import build_grid
 
 SEGMENT = np.repeat([0, 1, 2, 3], 4)
 LOCAL = np.array(
@@ -18,7 +18,7 @@ LOCAL = np.array(
         *([-0.12, 0.1], [0.12, 0.3], [-0.1, 0.5], [0.05, 0.85]),
     ]
 )
-GRID = segment_grid(CENTRES, SEGMENT, LOCAL)
+GRID = build_grid(CENTRES, SEGMENT, LOCAL)
 BASE = structural_base(CENTRES)
 M = BASE.regrouping
 B = M @ GRID.moments()

@@ -35,7 +35,7 @@ def test_an_arm_that_does_not_move_is_a_part_of_the_torso() -> None:
     motion = moving(TIME, size=0.0, swing=0.0)
     q = slow(TIME)[0][:, :3]
     found = map_to_chain(poses_of(TIME, motion), q, EVERYTHING, NOTHING, NOTHING)
-    base = BASE.regrouping @ found.chain(BODIES.ravel())
+    base = BASE.regrouping @ found.apply(BODIES.ravel())
     torso = BODIES[3] + mean_transform(np.zeros(1), SHOULDER[None]) @ BODIES[4]
     truth = BASE.regrouping @ np.concatenate([BODIES[:3].ravel(), torso])
     np.testing.assert_allclose(base, truth, rtol=0, atol=1e-10)
@@ -148,17 +148,17 @@ def test_a_share_that_cannot_exist_moves_towards_an_even_one_and_the_sum_stays()
     poses, q, bodies = torso_as_one()
     total = merge_segments(FIVE, q, EVERYTHING, np.array([3, 4]))
     found = map_to_chain(poses, q, EVERYTHING, PEOPLE.ravel(), reference_deviations(PEOPLE.ravel(), 0.15))
-    np.testing.assert_allclose(found.chain(bodies), PEOPLE.ravel(), atol=1e-9)
+    np.testing.assert_allclose(found.apply(bodies), PEOPLE.ravel(), atol=1e-9)
     light = bodies.copy()
     light[12:] *= [0.2, 0.35, 0.2, 0.2]
     likely = found.matrix @ light + found.constant
     assert exists(light)
     assert not exists(likely)
-    for full in (found.chain(light), found.halves @ light):
+    for full in (found.apply(light), found.halves @ light):
         assert exists(full)
         np.testing.assert_allclose(total @ full[12:], light[12:], atol=1e-9)
         np.testing.assert_allclose(full[:12], light[:12], atol=1e-12)
-    moved, whole = found.chain(light) - likely, found.halves @ light - likely
+    moved, whole = found.apply(light) - likely, found.halves @ light - likely
     share = moved @ whole / (whole @ whole)
     np.testing.assert_allclose(moved, share * whole, atol=1e-9)
     assert 0 < share < 1

@@ -27,7 +27,7 @@ def test_offset_is_found_and_its_interval_holds_it(offset: float) -> None:
     found = fit(prepared, np.ones(len(prepared.recorded.time), dtype=bool))
     assert found.offset_known
     assert found.offset == pytest.approx(offset, abs=2e-4)
-    assert abs(found.found - offset) < 4 * np.sqrt(found.covariance[-1, -1])
+    assert abs(found.best_offset - offset) < 4 * np.sqrt(found.covariance[-1, -1])
 
 
 def test_without_noise_it_is_exact() -> None:
@@ -38,7 +38,7 @@ def test_without_noise_it_is_exact() -> None:
 def test_an_offset_beyond_the_limit_is_not_known_and_not_applied() -> None:
     prepared = prepare(late_plate(0.12), FitSettings(offset_limit=0.05))
     found = fit(prepared, np.ones(1500, dtype=bool))
-    assert abs(found.found) == pytest.approx(0.05)
+    assert abs(found.best_offset) == pytest.approx(0.05)
     assert not found.offset_known
     assert found.offset == 0.0
 
@@ -49,7 +49,7 @@ def test_no_minimum_within_any_limit_is_never_taken_for_one(limit: float, sign: 
     """Limits that are no multiple of the search's step: it must end at them, not short of or beyond them."""
     prepared = prepare(late_plate(sign * 0.12), FitSettings(offset_limit=limit))
     found = fit(prepared, np.ones(1500, dtype=bool))
-    assert found.found == pytest.approx(sign * limit)
+    assert found.best_offset == pytest.approx(sign * limit)
     assert not found.offset_known
 
 
@@ -62,7 +62,7 @@ def test_an_offset_close_to_the_limit_is_known() -> None:
 def test_it_can_be_found_and_left_in() -> None:
     prepared = prepare(late_plate(0.02), FitSettings(apply_offset=False))
     found = fit(prepared, np.ones(1500, dtype=bool))
-    assert found.found == pytest.approx(0.02, abs=2e-3)
+    assert found.best_offset == pytest.approx(0.02, abs=2e-3)
     assert found.offset == 0.0
 
 
@@ -88,7 +88,7 @@ def test_interpolation_keeps_gaps_open() -> None:
     found = sampled(between)
     np.testing.assert_allclose(found[[0, 2]], np.column_stack([np.sin(between), np.cos(between)])[[0, 2]], atol=1e-7)
     assert np.isnan(found[[1, 3]]).all()
-    np.testing.assert_allclose(sampled.rate_of_change(between)[0], [np.cos(0.505), -np.sin(0.505)], atol=1e-5)
+    np.testing.assert_allclose(sampled(between, derivative=1)[0], [np.cos(0.505), -np.sin(0.505)], atol=1e-5)
 
 
 def test_profile_needs_no_good_start() -> None:

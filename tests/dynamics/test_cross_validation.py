@@ -14,12 +14,12 @@ from mocap_id.dynamics.fit import Fit, fit
 from mocap_id.dynamics.identification import identify
 from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.dynamics.least_squares import CompressedProblem
-from mocap_id.dynamics.left_out_samples import number_parts
-from mocap_id.dynamics.point_grid import segment_grid
+from mocap_id.dynamics.point_grid import build_grid
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, prepare
 from mocap_id.dynamics.regressor import planar_regressor
+from mocap_id.dynamics.sample_choice import number_parts
 
-GRID = segment_grid(
+GRID = build_grid(
     CENTRES, np.repeat([0, 1, 2, 3], 2), np.array([[-0.25, 0.0], [0.08, 0.1], *3 * [[-0.12, 0.1], [0.12, 0.85]]])
 )
 NO_ERROR = KinematicError.none(3)

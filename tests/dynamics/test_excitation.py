@@ -9,7 +9,7 @@ import pytest
 from excitation_cases import EXACT, SLIDING, identified, recorded
 
 from mocap_id.design.recommendation import FACTOR, Recommendation, recommend_changes
-from mocap_id.dynamics.excitation import LOST, WEAK
+from mocap_id.dynamics.excitation import NOT_IDENTIFIABLE, WEAK
 from mocap_id.dynamics.kinematic_error import KinematicError
 
 SMALL = np.array([1.0, 0.4, 0.05])
@@ -37,7 +37,7 @@ def test_classification_follows_the_stated_rules() -> None:
     _, found, excited = identified(recorded(0.3 * SMALL, noise=(150.0, 150.0, 50.0)))
     assert set(excited.verdict) == {"known", "weak", "not identifiable"}
     for verdict, relative in zip(excited.verdict, excited.relative_sd, strict=True):
-        expected = "not identifiable" if relative > LOST else "weak" if relative > WEAK else "known"
+        expected = "not identifiable" if relative > NOT_IDENTIFIABLE else "weak" if relative > WEAK else "known"
         assert verdict == expected
     np.testing.assert_allclose(excited.relative_sd * excited.size, found.base_sd)
 

@@ -13,7 +13,7 @@ from mocap_id.dynamics.external_wrenches import SEAT, ExternalWrench
 from mocap_id.dynamics.fit import fit
 from mocap_id.dynamics.identification import Identification, identify
 from mocap_id.dynamics.kinematic_error import KinematicError
-from mocap_id.dynamics.point_grid import segment_grid
+from mocap_id.dynamics.point_grid import build_grid
 from mocap_id.dynamics.prediction import chain_noise, predict
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, prepare
 from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regressor
@@ -45,7 +45,7 @@ def supported(*pushes: tuple[int, str, bool], late: float = 0.0, seconds: float 
 
 def identified(recorded: TrialData) -> tuple[PreparedTrial, Identification]:
     prepared = prepare(recorded, FitSettings())
-    grid = segment_grid(CENTRES, np.repeat([0, 1, 2, 3], 2), np.tile([[-0.3, -0.2], [0.3, 1.0]], (4, 1)), (5, 9))
+    grid = build_grid(CENTRES, np.repeat([0, 1, 2, 3], 2), np.tile([[-0.3, -0.2], [0.3, 1.0]], (4, 1)), (5, 9))
     error = KinematicError.none(3)
     everything = np.ones(len(recorded.time), dtype=bool)
     return prepared, identify(prepared, everything, grid, np.full(16, np.nan), error)
@@ -81,7 +81,7 @@ def test_a_sensor_in_a_joint_carries_less_by_what_a_handle_carries() -> None:
 @pytest.mark.parametrize("late", [-0.04, 0.025])
 def test_plates_share_one_clock_and_a_sensor_keeps_its_own(late: float) -> None:
     prepared, found = identified(supported(CHAIR, HAND, late=late))
-    assert found.fit.found == pytest.approx(late, abs=2e-4)
+    assert found.fit.best_offset == pytest.approx(late, abs=2e-4)
     np.testing.assert_allclose(found.base[0], MASS, rtol=3e-4)
     inner = slice(60, -60)
     for each, name in zip(prepared.external(found.fit.offset), (CHAIR, HAND), strict=True):

@@ -15,14 +15,14 @@ from mocap_id.dynamics.body_prior import BodyPrior, table_prior
 from mocap_id.dynamics.chain_parameters import map_to_chain
 from mocap_id.dynamics.clock_offset import profile_offset
 from mocap_id.dynamics.cross_validation import predict_left_out
-from mocap_id.dynamics.fit import Fit, determined, fit
+from mocap_id.dynamics.fit import Fit, determines_parameters, fit
 from mocap_id.dynamics.least_squares import CompressedProblem
-from mocap_id.dynamics.left_out_samples import number_parts
 from mocap_id.dynamics.measured_motion import BodyPoses
 from mocap_id.dynamics.motion import chain_motion
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, prepare
 from mocap_id.dynamics.prior_weight import REFERENCE
 from mocap_id.dynamics.regressor import wrench_regressor
+from mocap_id.dynamics.sample_choice import number_parts
 from mocap_id.dynamics.uncertainty import block_covariance, time_blocks
 from mocap_id.geometry import planar
 
@@ -131,7 +131,7 @@ def test_on_an_exact_chain_it_says_what_the_chain_s_fit_says(wide: bool) -> None
     found = fit(prepared, EVERYTHING)
     base = structural_base(CENTRES)
     folded = map_to_chain(poses, q, found.in_fit, np.full(16, np.nan), np.full(16, np.nan))
-    value = base.regrouping @ folded.chain(found.problem.free_solution()[:16])
+    value = base.regrouping @ folded.apply(found.problem.free_solution()[:16])
     chain = fit(prepare(replace(recorded, measured=None), FitSettings(cutoff=5.0)), EVERYTHING)
     own = chain.problem.free_solution()[:11]
     np.testing.assert_allclose(own, base.regrouping @ BODY.ravel(), rtol=1e-5, atol=1e-5)
@@ -247,11 +247,11 @@ def test_a_prior_determines_what_a_rest_leaves_open() -> None:
     recorded = replace(recorded_of(TIME, motion), q=q, dq=q, ddq=q)
     still = prepare(replace(recorded, measured=None), FitSettings())
     assert (
-        not determined(prepare(replace(recorded, measured=None), FitSettings()), EVERYTHING)
+        not determines_parameters(prepare(replace(recorded, measured=None), FitSettings()), EVERYTHING)
         or len(still.base.kept) < 11
     )
-    assert determined(prepare(recorded, FitSettings(), PRIOR), EVERYTHING)
-    assert not determined(prepare(recorded, FitSettings(), PRIOR), TIME < 0.9)
+    assert determines_parameters(prepare(recorded, FitSettings(), PRIOR), EVERYTHING)
+    assert not determines_parameters(prepare(recorded, FitSettings(), PRIOR), TIME < 0.9)
 
 
 @pytest.mark.parametrize("column", [0, 6, 18])

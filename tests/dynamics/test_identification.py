@@ -13,20 +13,20 @@ from dynamics_cases import BODY, CENTRES, independent, moving_body
 from mocap_id.design.recommendation import describe_recommendations, recommend_if_doubtful
 from mocap_id.dynamics.base_parameters import base_names
 from mocap_id.dynamics.cautions import find_cautions
-from mocap_id.dynamics.centre_of_pressure import centre_of_pressure
-from mocap_id.dynamics.comparison import agreement
-from mocap_id.dynamics.excitation import excitation
-from mocap_id.dynamics.fit import determined, fit, select
+from mocap_id.dynamics.comparison import agreement, centre_of_pressure
+from mocap_id.dynamics.excitation import measure_excitation
+from mocap_id.dynamics.fit import determines_parameters, fit
 from mocap_id.dynamics.identification import Identification, identify
 from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.dynamics.optimality import Optimality
-from mocap_id.dynamics.point_grid import segment_grid
+from mocap_id.dynamics.point_grid import build_grid
 from mocap_id.dynamics.prediction import chain_noise, predict
-from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, arcs, prepare
+from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, measure_arcs, prepare
 from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regressor
+from mocap_id.dynamics.sample_choice import select_samples
 from mocap_id.verdict import Reason
 
-GRID = segment_grid(
+GRID = build_grid(
     CENTRES, np.repeat([0, 1, 2, 3], 2), np.array([[-0.25, 0.0], [0.08, 0.1], *3 * [[-0.12, 0.1], [0.12, 0.85]]])
 )
 NO_REFERENCE = np.full(16, np.nan)
@@ -39,7 +39,7 @@ def with_(recorded: TrialData, **changes: np.ndarray) -> TrialData:
 
 
 def cautions_of(prepared: PreparedTrial, found: Identification, **masses: float | None) -> tuple[Reason, ...]:
-    excited = excitation(prepared, found)
+    excited = measure_excitation(prepared, found)
     recommendations = recommend_if_doubtful(prepared, found, excited)
     text = describe_recommendations(excited, recommendations, ["joint 1", "joint 2", "joint 3"])
     return find_cautions(prepared, found, excited, text, **masses)
@@ -131,24 +131,24 @@ def test_selection_and_determination() -> None:
     recorded = moving_body(seconds=20.0)
     prepared = prepare(recorded, FitSettings())
     nothing, everything = np.zeros(2000, dtype=bool), np.ones(2000, dtype=bool)
-    assert not select(prepared, nothing).any()
-    assert determined(prepared, everything)
+    assert not select_samples(prepared, nothing).any()
+    assert determines_parameters(prepared, everything)
     short = nothing.copy()
     short[800:900] = True
-    assert not determined(prepared, short)
+    assert not determines_parameters(prepared, short)
     q, dq, ddq = (x.copy() for x in (recorded.q, recorded.dq, recorded.ddq))
     q[400:1600, 2], dq[400:1600, 2], ddq[400:1600, 2] = 0.1, 0.0, 0.0
     resting = prepare(with_(recorded, q=q, dq=dq, ddq=ddq), FitSettings())
     middle = nothing.copy()
     middle[600:1400] = True
-    assert not determined(resting, middle)
-    assert determined(resting, everything)
+    assert not determines_parameters(resting, middle)
+    assert determines_parameters(resting, everything)
 
 
 def test_arcs() -> None:
     q = np.column_stack([np.linspace(0, 1, 1001), np.zeros(1001)])
-    np.testing.assert_allclose(arcs(q, np.ones(1001, dtype=bool)), [0.95, 0.0], atol=1e-3)
-    np.testing.assert_array_equal(arcs(q, np.zeros(1001, dtype=bool)), [0.0, 0.0])
+    np.testing.assert_allclose(measure_arcs(q, np.ones(1001, dtype=bool)), [0.95, 0.0], atol=1e-3)
+    np.testing.assert_array_equal(measure_arcs(q, np.zeros(1001, dtype=bool)), [0.0, 0.0])
 
 
 def test_agreement() -> None:
@@ -169,7 +169,7 @@ def test_cautions() -> None:
 
     assert codes(mass, mass) == codes(mass, None) == codes(None, mass) == codes(None, None) == []
     assert codes(0.9 * mass, None) == codes(0.9 * mass, mass) == ["mass-contradiction"]
-    assert excitation(prepared, found).doubtful == ()
+    assert measure_excitation(prepared, found).doubtful == ()
 
 
 def test_caution_for_a_load_carried_by_something_else() -> None:
@@ -260,7 +260,7 @@ def test_caution_for_weak_excitation() -> None:
     prepared = prepare(with_(recorded, **states, wrench=exact + noise), FitSettings())
     assert len(prepared.base.kept) == 11
     found = identify(prepared, np.ones(1200, dtype=bool), GRID, NO_REFERENCE, NO_ERROR)
-    told = excitation(prepared, found)
+    told = measure_excitation(prepared, found)
     assert "I4" in [told.names[i] for i in told.doubtful]
     (reason,) = [
         reason for reason in cautions_of(prepared, found, given=None, standing=None) if reason.code[-4:] == "weak"
@@ -307,7 +307,7 @@ def test_parameters_and_centre_of_pressure(
     prepared = prepare(recorded, FitSettings())
     free = np.hypot(*arrays["chair_force"].T) == 0
     local = np.array([m["local_xyz_m"][:2] for m in told["markers"]])
-    grid = segment_grid(recorded.centres, np.array([m["segment"] for m in told["markers"]]), local)
+    grid = build_grid(recorded.centres, np.array([m["segment"] for m in told["markers"]]), local)
     joints = len(recorded.centres)
     error = KinematicError.none(joints)
     found = identify(prepared, free, grid, np.full(4 * (joints + 1), np.nan), error)

@@ -112,8 +112,8 @@ def test_gap_and_origin_are_those_of_the_motion() -> None:
     np.testing.assert_allclose(poses.origin, exact.origin, atol=1e-12)
     assert poses.joints == [0, 1, 2]
     for joint in (0, 1):
-        np.testing.assert_allclose(poses.gap(joint), 0.0, atol=1e-12)
-    middle = exact.joint[:, HIP] - (poses.gap(HIP) / 2)
+        np.testing.assert_allclose(poses.measure_gap(joint), 0.0, atol=1e-12)
+    middle = exact.joint[:, HIP] - (poses.measure_gap(HIP) / 2)
     foot = exact.origin[:, HIP] + planar.rotate(exact.angle[:, HIP], CENTRES[HIP])
     np.testing.assert_allclose(middle, foot, atol=1e-12)
 
@@ -171,9 +171,9 @@ def test_pins_close_the_gaps(joints: list[int]) -> None:
     poses = poses_of(TIME, moving(TIME, size=0.002), noise=0.5)
     closed = close_gaps(poses, joints)
     for joint in joints:
-        assert np.abs(closed.gap(joint)).max() < 1e-9
+        assert np.abs(closed.measure_gap(joint)).max() < 1e-9
     for joint in set(range(3)) - set(joints):
-        assert np.abs(closed.gap(joint)).max() > 1e-4
+        assert np.abs(closed.measure_gap(joint)).max() > 1e-4
     np.testing.assert_array_equal(closed.position[:, 4], poses.position[:, 4])
     assert close_gaps(poses, []) is poses
 
@@ -194,7 +194,7 @@ def test_pins_move_the_poses_as_little_as_they_can() -> None:
         jac=lambda change: 2 * change,
         constraints={
             "type": "eq",
-            "fun": lambda change: 1e3 * np.concatenate([at(change).gap(j)[0] for j in range(3)]),
+            "fun": lambda change: 1e3 * np.concatenate([at(change).measure_gap(j)[0] for j in range(3)]),
         },
         options={"ftol": 1e-9},
     )
@@ -211,7 +211,7 @@ def test_pins_leave_what_is_unknown_alone() -> None:
     poses = poses_of(TIME, moving(TIME, size=0.002))
     poses.angle[300:310, 1] = np.nan
     closed = close_gaps(poses, [1, HIP])
-    assert np.abs(closed.gap(HIP)[:300]).max() < 1e-9
+    assert np.abs(closed.measure_gap(HIP)[:300]).max() < 1e-9
     assert np.isnan(closed.angle[300:310, 1]).all()
     np.testing.assert_array_equal(closed.angle[300:310, 3], poses.angle[300:310, 3])
 

@@ -11,11 +11,11 @@ from dynamics_cases import CENTRES, independent, moving_body, random_chain
 from scipy.signal import butter, sosfiltfilt
 
 from mocap_id.dynamics.acceleration_noise import acceleration_correlation
-from mocap_id.dynamics.centre_of_pressure import centre_of_pressure
+from mocap_id.dynamics.comparison import centre_of_pressure
 from mocap_id.dynamics.identification import identify
 from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.dynamics.model_error import estimate_model_error
-from mocap_id.dynamics.point_grid import segment_grid
+from mocap_id.dynamics.point_grid import build_grid
 from mocap_id.dynamics.prediction import Prediction, chain_noise, predict
 from mocap_id.dynamics.preparation import FitSettings, TrialData, prepare
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
@@ -125,7 +125,7 @@ def trial(seed: int, strategy: str, tissue: float) -> tuple[SimulatedTrial, True
     prepared = prepare(recorded, FitSettings())
     free = np.hypot(*state.chair_force.T) == 0.0
     reference = np.full(4 * (len(centres) + 1), np.nan)
-    found = identify(prepared, free, segment_grid(centres, segment, local), reference, error)
+    found = identify(prepared, free, build_grid(centres, segment, local), reference, error)
     correlation = acceleration_correlation(recorded.q, centres, segment, local, states.noise.sigma_v)
     inner = (state.time > 0.5) & (state.time < state.time[-1] - 0.5)
     return made, state, predict(prepared, found, chain_noise(prepared, found, correlation), 20.0), free & inner
@@ -169,7 +169,7 @@ def test_the_torques_deviations_follow_those_of_tauz(component: int, factor: flo
     free, reference = np.ones(len(recorded.time), dtype=bool), np.full(16, np.nan)
     exact = KinematicError.none(3)
     prepared = prepare(recorded, FitSettings())
-    found = identify(prepared, free, segment_grid(CENTRES, SEGMENT, LOCAL), reference, exact)
+    found = identify(prepared, free, build_grid(CENTRES, SEGMENT, LOCAL), reference, exact)
     missed = recorded.wrench.copy()
     missed[:, component] += 10.0 * coloured(noise, len(missed))
     usual, wider = (
@@ -199,7 +199,7 @@ def test_a_joint_that_may_give_way_errs_by_the_force_through_it() -> None:
     recorded = moving_body(seconds=30.0, noise=(1.0, 1.0, 0.3))
     free, reference = np.ones(len(recorded.time), dtype=bool), np.full(16, np.nan)
     prepared = prepare(recorded, FitSettings())
-    found = identify(prepared, free, segment_grid(CENTRES, SEGMENT, LOCAL), reference, KinematicError.none(3))
+    found = identify(prepared, free, build_grid(CENTRES, SEGMENT, LOCAL), reference, KinematicError.none(3))
     correlation, hip = independent(recorded), np.array([0.0, 0.0, 0.003])
     loose, pinned = (chain_noise(prepared, found, correlation, sd).torque_lasting for sd in (hip, None))
     more = loose - pinned

@@ -7,7 +7,7 @@ import pytest
 from dynamics_cases import BODY, CENTRES
 from grid_cases import BASE, GRID, LOCAL, NO_REFERENCE, SEGMENT, B, M, problem
 
-from mocap_id.dynamics.point_grid import PointGrid, segment_grid
+from mocap_id.dynamics.point_grid import PointGrid, build_grid
 from mocap_id.dynamics.point_masses import solve_nnls, spread_masses
 from mocap_id.dynamics.reference_prior import reference_deviations
 
@@ -30,7 +30,7 @@ def test_grid_holds_joints_and_markers_of_every_segment() -> None:
 
 
 def test_a_grid_has_more_points_along_a_segment_than_across() -> None:
-    lying = segment_grid(np.array([[0.5, 0.0]]), np.array([1]), np.array([[0.4, 0.05]]), (3, 7))
+    lying = build_grid(np.array([[0.5, 0.0]]), np.array([1]), np.array([[0.4, 0.05]]), (3, 7))
     for k, axis in ((0, 0), (1, 0)):
         points = lying.position[lying.segment == k]
         assert len(np.unique(points[:, axis])) == 7

@@ -11,7 +11,7 @@ from pose_cases import BODIES, moving, poses_of, recorded_of
 from mocap_id.dynamics.body_prior import table_prior
 from mocap_id.dynamics.fit import Fit, fit
 from mocap_id.dynamics.measured_motion import BodyPoses, measured_motion
-from mocap_id.dynamics.pose_error import PoseErrors, SlidingBody, pose_effect, sliding_body
+from mocap_id.dynamics.pose_error import PoseErrors, SlidingBody, propagate_pose_errors, propagate_slides
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, prepare
 from mocap_id.dynamics.regressor import torque_regressor, wrench_regressor
 from mocap_id.geometry import planar
@@ -65,7 +65,7 @@ def test_an_error_does_what_a_fit_to_poses_with_it_shows(body: int, joint: int, 
     size = np.array([0.001, 0.001, 0.004])[axis]
     variance = np.diag(np.eye(3)[axis] * size**2)
     sliding = tuple(SlidingBody(variance, (joint,)) if k == body else STILL for k in range(5))
-    effect = pose_effect(prepared, found, BODIES.ravel(), PoseErrors(poses, sliding, BANDS))
+    effect = propagate_pose_errors(prepared, found, BODIES.ravel(), PoseErrors(poses, sliding, BANDS))
     angle = prepared.recorded.q[:, joint]
     own = angle[found.in_fit]
     shape, small = (angle - own.mean()) / own.std(), 0.05
@@ -94,7 +94,7 @@ def test_modes_of_all_bodies_and_joints_add_up() -> None:
 
     def effect(body: int, matrix: np.ndarray, joints: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
         sliding = tuple(SlidingBody(matrix, joints) if k == body else STILL for k in range(5))
-        one = pose_effect(prepared, found, full, PoseErrors(poses, sliding, BANDS))
+        one = propagate_pose_errors(prepared, found, full, PoseErrors(poses, sliding, BANDS))
         return one.parameters @ one.parameters.T, one.torque
 
     whole, torque = effect(2, covariance, (1, 2))
@@ -111,7 +111,7 @@ def test_poses_without_errors_leave_everything_as_it_is() -> None:
     poses = poses_of(TIME, moving(TIME))
     prepared = made(poses)
     found = fit(prepared, EVERYTHING)
-    effect = pose_effect(prepared, found, BODIES.ravel(), PoseErrors(poses, (STILL,) * 5, BANDS))
+    effect = propagate_pose_errors(prepared, found, BODIES.ravel(), PoseErrors(poses, (STILL,) * 5, BANDS))
     assert effect.parameters.shape == (22, 0)
     assert (effect.torque == 0.0).all()
 
@@ -125,7 +125,7 @@ def test_sliding_markers_move_the_pose_as_rigid_fits_say() -> None:
     middle = template.mean()
     rotation, position = rigid_poses(z, np.ones(z.shape, dtype=bool), template - middle)
     errors = np.stack([position.real - middle.real, position.imag - middle.imag, np.angle(rotation)])
-    found = sliding_body(LOCAL, sd**2, (0,))
+    found = propagate_slides(LOCAL, sd**2, (0,))
     size = np.sqrt(np.diag(found.covariance))
     np.testing.assert_allclose(
         np.cov(errors) / np.outer(size, size), found.covariance / np.outer(size, size), atol=0.03
@@ -134,6 +134,6 @@ def test_sliding_markers_move_the_pose_as_rigid_fits_say() -> None:
 
 
 def test_equal_slides_move_the_middle_by_their_mean_and_turn_by_their_spread() -> None:
-    found = sliding_body(LOCAL, np.full(4, 1e-6), ()).covariance
+    found = propagate_slides(LOCAL, np.full(4, 1e-6), ()).covariance
     spread = np.sum((LOCAL - LOCAL.mean(axis=0)) ** 2)
     np.testing.assert_allclose(found, np.diag([1e-6 / 4, 1e-6 / 4, 1e-6 / spread]), atol=1e-18)

@@ -10,9 +10,9 @@ from pose_cases import BODIES, moving, recorded_of
 
 from mocap_id.dynamics.body_prior import BodyPrior, table_prior
 from mocap_id.dynamics.fit import Fit, fit
-from mocap_id.dynamics.left_out_samples import number_parts, samples_without_part
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, prepare
 from mocap_id.dynamics.prior_weight import MEMORIES, REFERENCE, choose_memory, left_out_error, left_out_memory
+from mocap_id.dynamics.sample_choice import number_parts, select_samples
 
 TIME = np.arange(3000) / 100
 EVERYTHING = np.ones(len(TIME), dtype=bool)
@@ -58,7 +58,7 @@ def test_a_part_that_is_left_out_is_not_seen_through_the_filter() -> None:
     prepared = made(PRIOR)
     part = number_parts(TIME, SPANS)
     for k in range(5):
-        seen = samples_without_part(prepared, EVERYTHING, part, k)
+        seen = select_samples(prepared, EVERYTHING & (part != k))
         away = np.abs(np.flatnonzero(seen)[:, None] - np.flatnonzero(part == k)).min()
         assert away > prepared.lowpass.reach_samples
 

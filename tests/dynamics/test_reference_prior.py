@@ -38,7 +38,7 @@ def known(seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
 def test_the_problem_with_a_prior_is_its_two_sums_of_squares() -> None:
     rng, (base, covariance) = np.random.default_rng(0), known()
     prior = ReferencePrior(BODY.ravel(), reference_deviations(BODY.ravel(), 0.15))
-    both = prior.added_to(base, covariance, M, 7.0)
+    both = prior.add_to(base, covariance, M, 7.0)
     for _ in range(20):
         full = BODY.ravel() * rng.uniform(0.5, 1.5, 16)
         off = M @ full - base
@@ -55,7 +55,7 @@ def test_gain_and_covariance_are_those_of_bayes() -> None:
     expected = np.linalg.inv(np.linalg.inv(covariance) + np.linalg.inv(of_prior))
     np.testing.assert_allclose(prior.covariance(gain, M, covariance), expected, rtol=1e-6, atol=1e-12)
     mean = gain @ base + (np.eye(11) - gain) @ M @ prior.mean
-    np.testing.assert_allclose(M @ prior.added_to(base, covariance, M, 0.0).free_solution(), mean, rtol=1e-7)
+    np.testing.assert_allclose(M @ prior.add_to(base, covariance, M, 0.0).free_solution(), mean, rtol=1e-7)
 
 
 def test_units_do_not_matter_to_a_prior() -> None:
@@ -64,8 +64,8 @@ def test_units_do_not_matter_to_a_prior() -> None:
     base, covariance = known()
     own = unit[np.argmax(M == 1.0, axis=1)]
     mean, sd = 1.2 * BODY.ravel(), reference_deviations(1.2 * BODY.ravel(), 0.15)
-    here = ReferencePrior(mean, sd).added_to(base, covariance, M, 0.0).free_solution()
-    there = ReferencePrior(mean * unit, sd * unit).added_to(
+    here = ReferencePrior(mean, sd).add_to(base, covariance, M, 0.0).free_solution()
+    there = ReferencePrior(mean * unit, sd * unit).add_to(
         base * own, covariance * np.outer(own, own), M * own[:, None] / unit, 0.0
     )
     np.testing.assert_allclose(there.free_solution() / unit, here, rtol=1e-6, atol=1e-8)
@@ -121,6 +121,6 @@ def test_a_prior_needs_a_reference() -> None:
 
 def test_full_parameters_without_data_are_the_reference() -> None:
     prior = ReferencePrior(BODY.ravel(), reference_deviations(BODY.ravel(), 0.15))
-    nothing = prior.added_to(np.zeros(11), 1e12 * np.eye(11), M, 0.0)
+    nothing = prior.add_to(np.zeros(11), 1e12 * np.eye(11), M, 0.0)
     found = fit_consistent(nothing, np.eye(16), GRID, BODY.ravel(), consistency="cone", relative_sd=0.15)
     np.testing.assert_allclose(found.full, BODY.ravel(), rtol=1e-6)

@@ -11,11 +11,11 @@ from dynamics_cases import BODY, CENTRES, moving_body
 
 from mocap_id.config import load
 from mocap_id.dynamics.body_ratios import body_ratios
-from mocap_id.dynamics.calibration import Calibration, ScaleCheck, calibration_effect, calibration_torque_variance
+from mocap_id.dynamics.calibration import Calibration, ScaleCheck, calibration_torque_variance, propagate_calibration
 from mocap_id.dynamics.fit import Fit, fit
 from mocap_id.dynamics.identification import Identification, identify
 from mocap_id.dynamics.kinematic_error import KinematicError
-from mocap_id.dynamics.point_grid import segment_grid
+from mocap_id.dynamics.point_grid import build_grid
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, prepare
 from mocap_id.dynamics.scale_check import check_scales
 from mocap_id.runner import run_stage
@@ -23,7 +23,7 @@ from mocap_id.simulation import Options, simulate
 from mocap_id.simulation.options import FaultOptions
 from mocap_id.store import Folder
 
-GRID = segment_grid(
+GRID = build_grid(
     CENTRES, np.repeat([0, 1, 2, 3], 2), np.array([[-0.25, 0.0], [0.08, 0.1], *3 * [[-0.12, 0.1], [0.12, 0.85]]])
 )
 MASS = float(BODY[:, 0].sum())
@@ -119,14 +119,14 @@ def test_only_a_known_mass_shows_a_common_gain() -> None:
 )
 def test_a_mode_is_the_change_of_the_fit(mode: int, name: str, spoiled: TrialData) -> None:
     prepared, found = identified(with_wrench())
-    effect = calibration_effect(prepared, found.fit, found.base, {name: 0.01})
+    effect = propagate_calibration(prepared, found.fit, found.base, {name: 0.01})
     again = prepare(spoiled, prepared.settings)
     after = fit(again, np.ones(len(spoiled.time), dtype=bool), like=found.fit)  # with the same weights
     moved = (solution(after) - solution(found.fit))[: len(found.base)]
     assert moved == pytest.approx(effect.parameters[:, mode], abs=0.1 * np.max(np.abs(effect.parameters[:, mode])))
     others = np.delete(effect.parameters, mode, axis=1)
     assert not others.any()
-    rows = found.calibrated(effect, None)
+    rows = found.add_calibration(effect, None)
     assert np.trace(rows.covariance) > np.trace(found.covariance)
 
 
@@ -153,7 +153,7 @@ def test_a_prior_of_the_foot_for_the_torques_leaves_the_parameters_alone() -> No
     assert good.with_foot is not None
     assert good.with_foot.uses_reference
     assert good.with_foot.gain is not None
-    calibrated = good.calibrated(calibration_effect(prepared, good.fit, good.base, {"position": 0.005}), None)
+    calibrated = good.add_calibration(propagate_calibration(prepared, good.fit, good.base, {"position": 0.005}), None)
     assert calibrated.with_foot is not None
     assert calibrated.with_foot.base_sd[1] < calibrated.base_sd[1]
     assert displaced.with_foot is None
@@ -167,7 +167,9 @@ def test_a_prior_of_the_foot_leaves_a_displaced_plate_to_the_other_parameters() 
         identify(prepared, everything, GRID, BODY.ravel(), KinematicError.none(3), foot_sd=sd) for sd in (None, 1e-5)
     )
     size = {"position": 0.01}
-    free, fixed = (one.calibrated(calibration_effect(prepared, one.fit, one.base, size), None) for one in (alone, held))
+    free, fixed = (
+        one.add_calibration(propagate_calibration(prepared, one.fit, one.base, size), None) for one in (alone, held)
+    )
     assert free.calibration is not None
     assert fixed.calibration is not None
     first = prepared.base.kept.tolist().index(1)  # mx1
@@ -180,7 +182,7 @@ def test_a_prior_of_the_foot_leaves_a_displaced_plate_to_the_other_parameters() 
 
 def test_a_gain_changes_every_torque_in_proportion() -> None:
     prepared, found = identified(with_wrench())
-    effect = calibration_effect(prepared, found.fit, found.base, {"gain": 0.02})
+    effect = propagate_calibration(prepared, found.fit, found.base, {"gain": 0.02})
     sd = np.sqrt(calibration_torque_variance(prepared, found.base, effect))
     rows = (np.swapaxes(prepared.motion.jacobian, 1, 2) @ prepared.regressor)[:, 0]
     moving = rows * np.repeat(prepared.motion.beyond[0], 4)
@@ -189,8 +191,8 @@ def test_a_gain_changes_every_torque_in_proportion() -> None:
 
 
 def test_a_weighed_person_limits_the_gain() -> None:
-    assert Calibration().gain_with(70.0, 0.5) == 0.01
-    weighed = Calibration(mass=70.0, mass_sd=0.1).gain_with(70.0, 0.1)
+    assert Calibration().estimate_gain_error(70.0, 0.5) == 0.01
+    weighed = Calibration(mass=70.0, mass_sd=0.1).estimate_gain_error(70.0, 0.1)
     assert weighed == pytest.approx(0.002, rel=0.03)
 
 
@@ -200,11 +202,11 @@ def test_the_gain_of_a_weighed_person_is_as_uncertain_as_its_errors_are_large() 
     count = 20000
     gain = rng.normal(0.0, np.where(rng.uniform(size=count) < 0.05, 0.05, 0.01))
     scale = rng.normal(0.0, 1.0, count)
-    stated = [Calibration(mass=70 + s).gain_with(70 * (1 + g), 0.1) for g, s in zip(gain, scale, strict=True)]
+    stated = [Calibration(mass=70 + s).estimate_gain_error(70 * (1 + g), 0.1) for g, s in zip(gain, scale, strict=True)]
     assert np.mean(np.square(stated)) == pytest.approx(np.mean(gain**2), rel=0.1)
-    of_five_percent = Calibration(mass=70.0).gain_with(73.5, 0.1)
+    of_five_percent = Calibration(mass=70.0).estimate_gain_error(73.5, 0.1)
     assert 1.96 * of_five_percent > 0.05
-    assert Calibration(mass=70.0).gain_with(700.0, 0.1) > 1.0
+    assert Calibration(mass=70.0).estimate_gain_error(700.0, 0.1) > 1.0
 
 
 def test_heavy_people_show_a_wrong_mass_best() -> None:

@@ -16,7 +16,7 @@ from mocap_id.dynamics.consistency import fit_consistent
 from mocap_id.dynamics.consistency_cone import ConeBodies
 from mocap_id.dynamics.least_squares import CompressedProblem
 from mocap_id.dynamics.optimality import Optimality, SolverAnswer
-from mocap_id.dynamics.point_grid import PointGrid, segment_grid
+from mocap_id.dynamics.point_grid import PointGrid, build_grid
 from mocap_id.dynamics.point_masses import solve_nnls, solve_osqp
 from mocap_id.errors import NumericalError
 
@@ -201,7 +201,7 @@ def test_two_bad_answers_are_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_grid_of_one_point_a_segment() -> None:
-    point = segment_grid(np.array([[0.0, 0.4]]), np.array([1]), np.array([[0.0, 0.3]]), (1, 1))
+    point = build_grid(np.array([[0.0, 0.4]]), np.array([1]), np.array([[0.0, 0.3]]), (1, 1))
     regrouping = np.eye(8)[[0, 1, 4, 5, 6, 7]]
     rows = np.random.default_rng(0).normal(size=(50, 6))
     found = fit_consistent(CompressedProblem.of(rows, rows @ np.ones(6)), regrouping, point, np.full(8, np.nan))

@@ -10,11 +10,11 @@ from dynamics_cases import BODY, CENTRES, independent, moving_body, waves
 from scipy.signal import butter, lfilter, sosfiltfilt
 
 from mocap_id.dynamics.base_parameters import structural_base
-from mocap_id.dynamics.centre_of_pressure import centre_of_pressure, centre_of_pressure_rows
+from mocap_id.dynamics.comparison import centre_of_pressure, centre_of_pressure_rows
 from mocap_id.dynamics.fit import fit
 from mocap_id.dynamics.identification import identify
 from mocap_id.dynamics.kinematic_error import KinematicError, kinematic_response
-from mocap_id.dynamics.point_grid import segment_grid
+from mocap_id.dynamics.point_grid import build_grid
 from mocap_id.dynamics.prediction import chain_noise, predict
 from mocap_id.dynamics.preparation import FitSettings, TrialData, prepare
 from mocap_id.dynamics.regressor import planar_regressor
@@ -163,7 +163,7 @@ def test_a_mode_moves_the_parameters_as_a_fit_to_wrong_states_does() -> None:
 
 def test_the_plate_s_zero_is_in_the_mass_and_nowhere_else() -> None:
     prepared = {sd: prepare(moving_body(noise=(1, 1, 0.3)), FitSettings(plate_zero=sd)) for sd in ((0, 0), (2.0, 0.5))}
-    grid = segment_grid(CENTRES, np.array([3]), np.array([[0.0, 0.8]]))
+    grid = build_grid(CENTRES, np.array([3]), np.array([[0.0, 0.8]]))
     without, with_zero = (
         identify(p, EVERYTHING, grid, np.full(16, np.nan), NO_ERROR).base_sd for p in prepared.values()
     )
@@ -181,7 +181,7 @@ def test_predictions_are_as_far_off_as_they_say(told: float) -> None:
     noisy = recorded.ddq + noise * smooth / smooth.std()
     states = {"ddq": noisy, "ddq_sd": np.full_like(noisy, told * noise)}
     prepared = prepare(TrialData(**{**recorded.__dict__, **states}), FitSettings(cutoff=3.0))
-    grid = segment_grid(CENTRES, np.repeat([1, 2, 3], 2), np.tile([[-0.1, 0.0], [0.1, 0.8]], (3, 1)))
+    grid = build_grid(CENTRES, np.repeat([1, 2, 3], 2), np.tile([[-0.1, 0.0], [0.1, 0.8]], (3, 1)))
     found = identify(prepared, np.ones(len(noisy), dtype=bool), grid, np.full(16, np.nan), NO_ERROR)
     model = predict(prepared, found, chain_noise(prepared, found, independent(recorded)), 20.0)
     truth = planar_regressor(CENTRES, recorded.q, recorded.dq, recorded.ddq) @ BODY.ravel()

@@ -16,7 +16,7 @@ import pyarrow.parquet as pq
 import pytest
 from scipy.interpolate import CubicSpline
 
-from mocap_id.dynamics.centre_of_pressure import centre_of_pressure
+from mocap_id.dynamics.comparison import centre_of_pressure
 from mocap_id.dynamics.parameter_transfer import register_bodies, transfer_parameters
 from mocap_id.errors import ConfigError, RecordingError, StoreError
 from mocap_id.reporting.explanations import EXPLANATIONS

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from mocap_id.dynamics.centre_of_pressure import centre_of_pressure
+from mocap_id.dynamics.comparison import centre_of_pressure
 from mocap_id.dynamics.parameter_transfer import register_bodies, transfer_covariance, transfer_parameters
 from mocap_id.dynamics.reference_prior import ReferencePrior
 from mocap_id.errors import ConfigError
@@ -50,7 +50,7 @@ def test_the_full_covariance_contains_that_of_the_base_parameters() -> None:
     rng = np.random.default_rng(0)
     regrouping, root = rng.normal(size=(5, 8)), rng.normal(size=(5, 5))
     prior, known = ReferencePrior(rng.normal(size=8), rng.uniform(0.5, 2.0, 8)), root @ root.T
-    full = prior.completed(known, regrouping)
+    full = prior.complete(known, regrouping)
     np.testing.assert_allclose(regrouping @ full @ regrouping.T, known, atol=1e-10)
     half = np.diag(prior.sd)
     draws = half @ rng.normal(size=(8, 200_000))

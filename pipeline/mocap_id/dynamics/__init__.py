@@ -2,6 +2,27 @@
 
 The steps, in order: :func:`preparation.prepare`, :func:`fit.fit`, :func:`identification.identify`,
 :func:`prediction.predict`.
+
+Shapes: T samples, R of them in the fit, n joints, K bodies (the n + 1 segments of a chain, base first), c fitted
+components of the wrench, b base parameters, k constant errors of the plate, S error modes. Units are SI: m, rad, kg, N,
+N·m and s. Missing values are NaN.
+
+Many functions have these arguments. A docstring describes them only where they differ.
+
+prepared : PreparedTrial
+    A trial with regressor and filtered signals.
+gate : (T,) bool array
+    Samples in which the body touches only the ground.
+result : Fit or Identification
+    Result of the fit, or identified parameters.
+base : (b,) array
+    Base parameters.
+full : (4K,) array
+    Full parameters: m, mx, my, Izz of every body about the origin of its frame. In space there are ten for each body.
+centres : (n, 2) array
+    Centre of each joint in the frame of the segment before it.
+q, dq, ddq : (T, n) arrays
+    Joint angles and their time derivatives.
 """
 
 from mocap_id.dynamics.base_parameters import base_names, structural_base

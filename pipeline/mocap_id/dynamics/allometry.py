@@ -1,9 +1,9 @@
 """Reference bodies from height, mass and sex: the tables of Winter (2009) and de Leva (1996).
 
-The tables give fractions of body mass and of segment length; both legs are one segment here. A chain starts at the
-ground, so a leg's segment begins at its lower joint; centres of mass, which the tables give from the upper joint, are
+The tables give fractions of body mass and of segment length; here, both legs are one segment. A chain starts at the
+ground, so a leg's segment begins at its lower joint. The tables give centres of mass from the upper joint; they are
 converted. Head, arms and trunk are one rigid segment, HAT. If the chain has a joint within the trunk, HAT is divided
-into the pelvis and the rest so that both together, upright, are the table's HAT.
+into the pelvis and the rest. Both together, upright, are the table's HAT.
 """
 
 from __future__ import annotations
@@ -21,75 +21,43 @@ Sex = Literal["female", "male"]
 
 @dataclass(frozen=True)
 class SegmentFractions:
-    """One segment of a reference table, as fractions.
+    """One segment of a reference table, as fractions."""
 
-    Parameters
-    ----------
-    mass : float
-        Mass of both sides together, as a fraction of body mass.
-    centre : float
-        Distance of the centre of mass from the lower end (of the foot: from the heel), as a fraction of the length.
-    gyration : float
-        Radius of gyration about the transverse axis through the centre of mass, as a fraction of the length.
-    length : float
-        Length as a fraction of body height.
-    """
-
-    mass: float
+    mass: float  # mass of both sides together, as a fraction of body mass
+    # distance of the centre of mass from the lower end (of the foot: from the heel), as a fraction of the length
     centre: float
+    # radius of gyration about the transverse axis through the centre of mass, as a fraction of the length
     gyration: float
-    length: float
+    length: float  # length, as a fraction of body height
 
 
 @dataclass(frozen=True)
 class ReferenceTable:
-    """A table of a reference body.
+    """The segments of a reference body."""
 
-    Parameters
-    ----------
-    name : str
-    foot, shank, thigh, hat, pelvis : SegmentFractions
-        ``pelvis`` is the part of ``hat`` below a joint within the trunk.
-    ankle_height : float
-        As a fraction of body height.
-    """
-
-    name: str
+    name: str  # name of the table
     foot: SegmentFractions
     shank: SegmentFractions
     thigh: SegmentFractions
     hat: SegmentFractions
-    pelvis: SegmentFractions
-    ankle_height: float
+    pelvis: SegmentFractions  # part of ``hat`` below a joint within the trunk
+    ankle_height: float  # height of the ankle, as a fraction of body height
 
 
 def reference_table(name: TableName, sex: Sex | None) -> ReferenceTable:
-    """Return the reference table of this name.
-
-    Parameters
-    ----------
-    name : {"winter", "de-leva"}
-    sex : {"female", "male"} or None
-        Used for de Leva's table only; None gives the mean of both sexes.
-    """
+    """Return the reference table of this name; without a sex, the mean of de Leva's tables of both sexes."""
     if name == "winter":
-        return _winter()
+        return _build_winter()
     if sex is not None:
-        return _de_leva(sex)
-    female, male = _de_leva("female"), _de_leva("male")
-    return ReferenceTable(
-        "de-leva",
-        foot=_mean(female.foot, male.foot),
-        shank=_mean(female.shank, male.shank),
-        thigh=_mean(female.thigh, male.thigh),
-        hat=_mean(female.hat, male.hat),
-        pelvis=_mean(female.pelvis, male.pelvis),
-        ankle_height=(female.ankle_height + male.ankle_height) / 2,
-    )
+        return _build_de_leva(sex)
+    female, male = _build_de_leva("female"), _build_de_leva("male")
+    names = ("foot", "shank", "thigh", "hat", "pelvis")
+    means = {name: _average(getattr(female, name), getattr(male, name)) for name in names}
+    return ReferenceTable("de-leva", **means, ankle_height=female.ankle_height)
 
 
 def height_from_legs(reference: ReferenceTable, shank: float, thigh: float) -> float:
-    """Estimate the stature, m, from the lengths of shank and thigh, m."""
+    """Return the height of the body, m, estimated from the lengths of shank and thigh, m."""
     return (shank + thigh) / (reference.shank.length + reference.thigh.length)
 
 
@@ -102,54 +70,50 @@ def full_parameters(
     *,
     standing: FloatArray | None = None,
 ) -> FloatArray:
-    """Return the full planar parameters of a foot-shank-thigh-torso or foot-shank-thigh-pelvis-trunk chain.
+    """Return the full parameters of a reference body as a chain of 4 or 5 segments.
 
-    The lengths of shank, thigh and pelvis are those of the chain; those of foot and HAT follow from the height. The
-    foot is flat on the ground, with a quarter of its length behind the ankle. HAT is upright while the person stands;
-    the frame of the last segment follows its markers, which need not lie above the hip.
+    The segments are foot, shank, thigh and torso; with 4 joints the torso is divided into pelvis and trunk. The lengths
+    of shank, thigh and pelvis are taken from the chain; the lengths of foot and HAT follow from the height. The foot is
+    flat on the ground, with a quarter of its length behind the ankle. HAT is upright while the person stands.
 
     Parameters
     ----------
     reference : ReferenceTable
+        Reference table of the person.
     centres : (3, 2) or (4, 2) array
-        Centre of each joint in the frame of the segment before it, m; segment frames have +Y towards the next joint.
+        Centre of each joint in the frame of the segment before it, m. Segment frames have +Y towards the next joint.
     height, mass : float
-        m, kg.
+        Height, m, and mass, kg, of the body.
     facing : {-1, 1}
-        Sign of the plane frame's x in front of the subject.
+        Sign of the plane frame's x in front of the person.
     standing : (n,) array, optional
-        Angle of each segment's frame, without the base, in the plane frame while the person stands, rad; by default the
+        Angle of each segment's frame, without the base, in the plane frame while the person stands, rad. By default the
         frames from the hip on are upright.
-
-    Returns
-    -------
-    (16,) or (20,) array
-        m, mx, my, Izz of every segment about its frame's origin, base first.
     """
     if len(centres) not in (3, 4):
         raise ValueError(f"a reference body has 3 or 4 joints; this chain has {len(centres)}")
     foot_length = reference.foot.length * height
     heel = centres[0, 0] - facing * _HEEL * foot_length
     foot_centre = np.array([heel + facing * reference.foot.centre * foot_length, reference.ankle_height * height / 2])
-    links = [_point_form(reference.foot.mass * mass, foot_centre, reference.foot.gyration * foot_length)]
+    links = [_compute_moments(reference.foot.mass * mass, foot_centre, reference.foot.gyration * foot_length)]
     for link, end in ((reference.shank, centres[1]), (reference.thigh, centres[2])):
         length = float(np.linalg.norm(end))
-        links.append(_point_form(link.mass * mass, link.centre * end, link.gyration * length))
+        links.append(_compute_moments(link.mass * mass, link.centre * end, link.gyration * length))
     hat, angles = reference.hat, np.zeros(len(centres)) if standing is None else standing
-    whole = _on_the_hip(hat.mass * mass, hat.centre, hat.gyration, hat.length * height)
+    whole = _place_on_hip(hat, height, mass)
     if len(centres) == 3:
-        return np.concatenate([*links, _turned(whole, -angles[2])])
-    lower = reference.pelvis
-    pelvis = _on_the_hip(lower.mass * mass, lower.centre, lower.gyration, lower.length * height)
-    lumbar = _turn(angles[2]) @ centres[3]
-    return np.concatenate([*links, _turned(pelvis, -angles[2]), _turned(_shifted(whole - pelvis, -lumbar), -angles[3])])
+        return np.concatenate([*links, _rotate(whole, -angles[2])])
+    pelvis = _place_on_hip(reference.pelvis, height, mass)
+    lumbar = _rotation_matrix(angles[2]) @ centres[3]
+    trunk = _rotate(_shift(whole - pelvis, -lumbar), -angles[3])
+    return np.concatenate([*links, _rotate(pelvis, -angles[2]), trunk])
 
 
-_HEEL = 0.25  # of the foot's length: how far the ankle is in front of the heel
+_HEEL = 0.25  # distance of the ankle from the heel, as a fraction of the foot's length
 
 
-def _winter() -> ReferenceTable:
-    """Return the table of Winter (2009, 4.1); the pelvis's radius of gyration is that of de Leva's lower trunk."""
+def _build_winter() -> ReferenceTable:
+    """Return the table of Winter (2009, 4.1), with the pelvis's radius of gyration from de Leva's lower trunk."""
     return ReferenceTable(
         "winter",
         foot=SegmentFractions(2 * 0.0145, 0.50, 0.475, 0.152),
@@ -190,8 +154,8 @@ _STATURE: dict[Sex, float] = {"female": 1735.0, "male": 1741.0}  # mm, of the pe
 _SHOULDER: dict[Sex, float] = {"female": 497.9, "male": 515.5}  # mm, mid-shoulder above mid-hip
 
 
-def _de_leva(sex: Sex) -> ReferenceTable:
-    """Return table 4 of de Leva (1996); in HAT, the arms hang from the shoulders."""
+def _build_de_leva(sex: Sex) -> ReferenceTable:
+    """Return table 4 of de Leva (1996) for one sex; in HAT, the arms hang from the shoulders."""
     rows, stature = _DE_LEVA[sex], _STATURE[sex]
     total = sum(rows[n][0] for n in ("head", "trunk")) + 2 * sum(
         rows[n][0] for n in ("upper arm", "forearm", "hand", "thigh", "shank", "foot")
@@ -203,7 +167,7 @@ def _de_leva(sex: Sex) -> ReferenceTable:
         return SegmentFractions(sides * mass / total, fraction, gyration / 100, length / stature)
 
     lower = link("lower trunk", 1)
-    hat = _hat(rows, sex, total)
+    hat = _combine_hat(rows, sex, total)
     return ReferenceTable(
         "de-leva",
         foot=link("foot", from_top=True),
@@ -221,24 +185,24 @@ def _de_leva(sex: Sex) -> ReferenceTable:
 
 
 def arm_segment(name: Literal["forearm", "hand"], sex: Sex | None) -> SegmentFractions:
-    """Return one forearm or hand of de Leva's table; the centre is measured from the upper end.
+    """Return one forearm or hand of de Leva's table, with the centre measured from the upper end.
 
-    Without a sex it is the mean of both.
+    Without a sex, it is the mean of both sexes.
 
     Examples
     --------
     >>> round(arm_segment("forearm", "male").mass, 4)
     0.0162
     """
-    found = []
+    segments = []
     for each in ("female", "male") if sex is None else (sex,):
         mass, length, centre, gyration = _DE_LEVA[each][name]
-        found.append(SegmentFractions(mass / 100, centre / 100, gyration / 100, length / _STATURE[each]))
-    return found[0] if len(found) == 1 else _mean(*found)
+        segments.append(SegmentFractions(mass / 100, centre / 100, gyration / 100, length / _STATURE[each]))
+    return segments[0] if len(segments) == 1 else _average(*segments)
 
 
-def _hat(rows: dict[str, tuple[float, float, float, float]], sex: Sex, total: float) -> SegmentFractions:
-    """Return head, arms and trunk as one body above the hip, as long as from hip to shoulder (Winter's table)."""
+def _combine_hat(rows: dict[str, tuple[float, float, float, float]], sex: Sex, total: float) -> SegmentFractions:
+    """Return head, arms and trunk as one body above the hip; its length is from hip to shoulder, as in Winter."""
     tops = {"head": rows["trunk"][1] + rows["head"][1], "trunk": rows["trunk"][1], "upper arm": _SHOULDER[sex]}
     tops["forearm"] = tops["upper arm"] - rows["upper arm"][1]
     tops["hand"] = tops["forearm"] - rows["forearm"][1]
@@ -252,31 +216,33 @@ def _hat(rows: dict[str, tuple[float, float, float, float]], sex: Sex, total: fl
     return SegmentFractions(float(mass.sum()), whole / length, radius / length, length / _STATURE[sex])
 
 
-def _mean(a: SegmentFractions, b: SegmentFractions) -> SegmentFractions:
+def _average(a: SegmentFractions, b: SegmentFractions) -> SegmentFractions:
     return SegmentFractions(*((getattr(a, f) + getattr(b, f)) / 2 for f in ("mass", "centre", "gyration", "length")))
 
 
-def _point_form(mass: float, centre: FloatArray, gyration: float) -> FloatArray:
-    """Return m, mx, my, Izz about the frame's origin from the centre of mass (2,) and the radius of gyration."""
+def _compute_moments(mass: float, centre: FloatArray, gyration: float) -> FloatArray:
+    """Return m, mx, my, Izz about the frame's origin from mass, centre of mass (2,) and radius of gyration."""
     return np.array([mass, *(mass * centre), mass * (gyration**2 + float(centre @ centre))])
 
 
-def _on_the_hip(mass: float, centre: float, gyration: float, length: float) -> FloatArray:
-    """Return the parameters of a body upright above the hip; centre and radius of gyration are shares of the length."""
-    return _point_form(mass, np.array([0.0, centre * length]), gyration * length)
+def _place_on_hip(fractions: SegmentFractions, height: float, mass: float) -> FloatArray:
+    """Return the parameters of an upright segment above the hip, for a body of this height and mass."""
+    length = fractions.length * height
+    centre = np.array([0.0, fractions.centre * length])
+    return _compute_moments(fractions.mass * mass, centre, fractions.gyration * length)
 
 
-def _turn(angle: float) -> FloatArray:
+def _rotation_matrix(angle: float) -> FloatArray:
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
-def _turned(parameters: FloatArray, angle: float) -> FloatArray:
-    """Return the parameters of the body after a rotation about the origin."""
-    return np.array([parameters[0], *(_turn(angle) @ parameters[1:3]), parameters[3]])
+def _rotate(parameters: FloatArray, angle: float) -> FloatArray:
+    """Return the parameters of a body after a rotation about the origin."""
+    return np.array([parameters[0], *(_rotation_matrix(angle) @ parameters[1:3]), parameters[3]])
 
 
-def _shifted(parameters: FloatArray, shift: FloatArray) -> FloatArray:
-    """Return the parameters of the body after a translation by ``shift`` (2,)."""
+def _shift(parameters: FloatArray, shift: FloatArray) -> FloatArray:
+    """Return the parameters of a body after a translation (2,), m."""
     mass, first = parameters[0], parameters[1:3]
     moved = first + mass * shift
     inertia = parameters[3] + 2 * float(first @ shift) + mass * float(shift @ shift)

@@ -1,8 +1,8 @@
 """Base parameters: the combinations of inertial parameters that a wrench determines (thesis 4.1.1.2).
 
-The regressor's columns are taken in their natural order: base to tip, and m, mx, my, Izz within a segment. Columns of
-zeros are dropped. A column that depends linearly on the columns kept before it is regrouped into them. The order
-determines the set; this one gives eq. 6.1.
+The columns of the regressor are taken in their natural order: base to tip, and m, mx, my, Izz within a segment. Columns
+of zeros are dropped. A column that depends linearly on the columns kept before it is regrouped into them. Another order
+would give another set; this order gives eq. 6.1.
 """
 
 from __future__ import annotations
@@ -15,51 +15,45 @@ from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.dynamics.regressor import PLANAR_PARAMETERS, planar_regressor
 
 _UNITS = ("kg", "kg*m", "kg*m", "kg*m^2")
-_OUTSIDE = 1e-6  # of the largest entry: rows are outside the span by tenths, or by rounding
-_ENOUGH = 1000  # evenly spaced rows: a row outside the span is so in nearly every posture
+_OUTSIDE = 1e-6  # of the largest entry: larger distances from the span are not due to rounding
+_ENOUGH = 1000  # number of rows that are tested; in nearly every posture, the answer is the same
 
 
 @dataclass(frozen=True)
 class BaseSet:
-    """The identifiable combinations of the full parameters.
+    """The identifiable combinations of the full parameters."""
 
-    Parameters
-    ----------
-    kept : (b,) int array
-        Columns of the full regressor that are linearly independent.
-    regrouping : (b, p) array
-        Matrix M of eq. 4.24: base parameters = M · full parameters, and Y[:, kept] · M = Y.
-    """
-
-    kept: IntArray
+    kept: IntArray  # (b,) linearly independent columns of the full regressor
+    # (b, p) matrix M of eq. 4.24: base parameters = M · full parameters, and Y[:, kept] · M = Y.
     regrouping: FloatArray
 
     def columns(self, regressor: FloatArray) -> FloatArray:
         """Return the kept columns (..., b) of a regressor (..., p), without a copy if all are kept."""
         return regressor if len(self.kept) == regressor.shape[-1] else regressor[..., self.kept]
 
+    def expand(self, base: FloatArray) -> FloatArray:
+        """Return full parameters (p,) with these base parameters (b,): zero in all columns that are not kept."""
+        full = np.zeros(self.regrouping.shape[1])
+        full[self.kept] = base
+        return full
 
-def every_parameter(count: int) -> BaseSet:
+
+def keep_all_parameters(count: int) -> BaseSet:
     """Return the set that keeps all ``count`` full parameters, for a fit in which a prior determines them."""
     return BaseSet(np.arange(count), np.eye(count))
 
 
 def triangular_factor(rows: FloatArray) -> FloatArray:
-    """Return R (p, p) of the QR decomposition of rows (r, p), which is all that least squares needs."""
+    """Return R (p, p) of the QR decomposition of rows (r, p). Least squares needs only R."""
     return np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)
 
 
 def base_set(regressor: FloatArray) -> BaseSet:
-    """Split the columns into independent and regrouped ones (eq. 4.8, 4.9, 4.24).
+    """Split the columns of a stacked regressor (r, p) into independent and regrouped ones (eq. 4.8, 4.9, 4.24).
 
-    An unpivoted QR compresses the rows. The columns of its R are then orthogonalised in turn, without those that are
-    dependent. The diagonal of R alone is not enough: an earlier dependent column leaves an arbitrary direction in Q,
-    which can make a later column look dependent.
-
-    Parameters
-    ----------
-    regressor : (r, p) array
-        Stacked regressor, one row for each wrench component and sample.
+    An unpivoted QR compresses the rows. The columns of its R are then orthogonalised in turn, without the dependent
+    ones. The diagonal of R alone is not sufficient. A dependent column leaves an arbitrary direction in Q, which can
+    make a later column look dependent.
     """
     factor = triangular_factor(regressor)
     directions: list[FloatArray] = []
@@ -83,14 +77,15 @@ def base_set(regressor: FloatArray) -> BaseSet:
 
 
 def determines_rows(rows: FloatArray, base: BaseSet) -> bool:
-    """Return whether the base parameters determine what these rows predict.
+    """Return whether the base parameters determine what some rows predict.
 
     Parameters
     ----------
     rows : (r, p) array
-        Rows of a full regressor, such as one joint's torque; NaN where unknown.
+        Rows of a full regressor, such as one joint's torque; NaN where missing.
     base : BaseSet
-        Base parameters of other rows. A row outside their row space depends on parameters that they do not determine.
+        Base parameters of other rows. If a row is outside the span of these, its prediction also depends on parameters
+        that are not determined.
     """
     known = rows[np.isfinite(rows).all(axis=1)]
     known = known[:: max(1, len(known) // _ENOUGH)]
@@ -106,7 +101,7 @@ def structural_base(centres: FloatArray, components: tuple[int, ...] = (0, 1, 2)
     centres : (n, 2) array
         Centre of each joint in the frame of the segment before it, m.
     components : tuple of int
-        Rows of (Fx, Fy, tauz) in use.
+        Components of (Fx, Fy, tauz) that are fitted.
     """
     states = np.random.default_rng(0).normal(size=(3, 50, len(centres)))
     regressor = planar_regressor(centres, *states)[:, list(components), :]
@@ -115,8 +110,7 @@ def structural_base(centres: FloatArray, components: tuple[int, ...] = (0, 1, 2)
 
 def full_names(segments: int) -> tuple[str, ...]:
     """Return the names of the full parameters, numbered from 1 for the base as in the thesis: m1, mx1, my1, I1, m2 …"""
-    short = ("m", "mx", "my", "I")
-    return tuple(f"{symbol}{k}" for k in range(1, segments + 1) for symbol in short)
+    return tuple(f"{symbol}{k}" for k in range(1, segments + 1) for symbol in ("m", "mx", "my", "I"))
 
 
 def base_units(base: BaseSet) -> tuple[str, ...]:
@@ -125,44 +119,47 @@ def base_units(base: BaseSet) -> tuple[str, ...]:
 
 
 def base_names(base: BaseSet, centres: FloatArray) -> tuple[str, ...]:
-    """Return the base parameters as symbols, as in eq. 6.1.
+    """Return the names of the base parameters as symbols, as in eq. 6.1.
 
-    The coefficient of a regrouped mass m_j in a parameter of segment k is written as 1, p_{k+1,x}, p_{k+1,y} or
-    |p_{k+1}|² if it has that value, where p_{k+1} is the joint at the segment's end; otherwise as a number.
+    Let a mass m_j be regrouped into a parameter of segment k, and let p_{k+1} be the joint at the end of segment k. The
+    coefficient is written as 1, p_{k+1,x}, p_{k+1,y} or |p_{k+1}|² if it has this value, otherwise as a number.
 
     Parameters
     ----------
     base : BaseSet
+        Base parameters of the chain.
     centres : (n, 2) array
         Centre of each joint in the frame of the segment before it, m.
     """
     symbols = full_names(len(centres) + 1)
     return tuple(
-        _name(row, int(column), base, centres, symbols) for row, column in zip(base.regrouping, base.kept, strict=True)
+        _format_name(row, int(column), base, centres, symbols)
+        for row, column in zip(base.regrouping, base.kept, strict=True)
     )
 
 
 def _numerical_zero(samples: int, factor: FloatArray) -> float:
-    """Return the threshold below which a column counts as dependent (eq. 4.8)."""
+    """Return the norm below which a column counts as dependent (eq. 4.8)."""
     return samples * float(np.finfo(np.float64).eps) * float(np.max(np.abs(np.diagonal(factor)), initial=0.0))
 
 
-def _name(row: FloatArray, column: int, base: BaseSet, centres: FloatArray, symbols: tuple[str, ...]) -> str:
+def _format_name(row: FloatArray, column: int, base: BaseSet, centres: FloatArray, symbols: tuple[str, ...]) -> str:
+    """Return the name of one base parameter from its row of the regrouping and its kept column."""
     segment, kind = divmod(column, len(PLANAR_PARAMETERS))
     terms: dict[str, list[str]] = {}
     for other in np.setdiff1d(np.arange(len(row)), base.kept):
         beyond, other_kind = divmod(int(other), len(PLANAR_PARAMETERS))
         structural = other_kind == 0 and beyond > segment and segment < len(centres)
-        value, symbol = _lever(centres[segment], segment + 2, kind) if structural else (0.0, "")
+        value, symbol = _find_lever(centres[segment], segment + 2, kind) if structural else (0.0, "")
         if structural and np.isclose(row[other], value, rtol=1e-6, atol=1e-9):
             terms.setdefault(symbol, []).append(symbols[other])
         elif row[other] != 0.0:
             terms.setdefault(f"{row[other]:.4g}*", []).append(symbols[other])
-    return "+".join([symbols[column], *(_term(symbol, masses) for symbol, masses in terms.items())])
+    return "+".join([symbols[column], *(_format_term(symbol, masses) for symbol, masses in terms.items())])
 
 
-def _lever(centre: FloatArray, joint: int, kind: int) -> tuple[float, str]:
-    """Return the coefficient of a mass beyond the joint in m, mx, my or Izz of the segment before, and its symbol."""
+def _find_lever(centre: FloatArray, joint: int, kind: int) -> tuple[float, str]:
+    """Return the coefficient of a mass beyond the joint in m, mx, my or Izz of the segment before it, and its name."""
     x, y = float(centre[0]), float(centre[1])
     return (
         (1.0, ""),
@@ -172,7 +169,8 @@ def _lever(centre: FloatArray, joint: int, kind: int) -> tuple[float, str]:
     )[kind]
 
 
-def _term(symbol: str, masses: list[str]) -> str:
+def _format_term(symbol: str, masses: list[str]) -> str:
+    """Return a sum of masses with their common coefficient."""
     if not symbol or len(masses) == 1:
         return symbol + "+".join(masses)
     return f"{symbol}({'+'.join(masses)})"

@@ -1,17 +1,17 @@
 """Loose prior of every body's parameters: a reference table with wide standard deviations.
 
-The contact wrench hardly determines how the mass is divided between bodies that move alike. Without a prior, the fit
-predicts the wrench equally well, but gives feet without mass and torques that are wrong by 5 to 7 N·m. The standard
-deviations are half of a mass, 10 cm for a centre of mass, and the full size of a moment of inertia.
+The contact wrench hardly determines how the mass is divided between bodies with similar motion. Without a prior, the
+fit predicts the wrench equally well, but gives feet without mass and torques that are wrong by 5 to 7 N·m. The standard
+deviations are 50 % of a mass (25 % for the arms), 10 cm of a centre of mass, and 100 % of a moment of inertia.
 
-The standard deviation of the arms' mass is a quarter. Published tables (Winter; Plagenhoef and others 1983, men and
-women; de Leva 1996, men and women) give the thigh 10.0, 10.5, 11.8, 14.2 and 14.8 % of the body, and both arms 10.0,
-11.5, 9.9, 9.9 and 9.0 %: standard deviations of 18 and 9 % of the mean. Half and a quarter are 2.8 times these.
+Published tables (Winter; Plagenhoef and others 1983, men and women; de Leva 1996, men and women) give the thigh 10.0,
+10.5, 11.8, 14.2 and 14.8 % of the body, and both arms 10.0, 11.5, 9.9, 9.9 and 9.0 %. These are standard deviations of
+18 and 9 % of the mean; 50 % and 25 % are 2.8 times as large.
 
-The prior is loose so that the data decide wherever they can. They say nothing about the foot, which rests: its errors
-are those of the table. They count with the spread of published tables, the prior's standard deviation divided by 2.8
-(11 % of its mass, 18 mm of its centre); the masses of the foot in the same tables have a standard deviation of 5 %. The
-other bodies move, and real trials contradict their tables by more than the tables differ: their prior counts as it is.
+The prior is loose so that the data decide where they can. They contain nothing about the foot, which rests: its errors
+are the errors of the table. For the foot, they count with the spread of published tables, which is the prior's standard
+deviation divided by 2.8 (11 % of its mass, 18 mm of its centre). The other bodies move, and real trials differ from
+their tables by more than the tables differ from each other. Their prior therefore counts in full.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from scipy.linalg import block_diag, solve_triangular
 from mocap_id.arrays import FloatArray
 
 OTHERS_SHARE = 0.1
-"""Mass of both arms, as a fraction of the body's mass; they carry most of the markers that are on no segment."""
+"""Mass of both arms, as a fraction of the body's mass. Most markers that are on no segment are on the arms."""
 _FOOT_SPREAD = 1 / 2.8
 _MASS, _CENTRE, _INERTIA = 0.5, 0.10, 1.0
 _ARMS_MASS = 0.25
@@ -36,25 +36,14 @@ _LEAST = 1e-3  # kg
 
 @dataclass(frozen=True)
 class BodyPrior:
-    """Normal distribution of the full parameters of K bodies.
+    """Normal distribution of the full parameters of K bodies."""
 
-    Parameters
-    ----------
-    mean : (4K,) array
-        m, mx, my, Izz of every body about its frame's origin.
-    covariance : (4K, 4K) array
-    source : str
-        Source of the mean.
-    spans : (r, 2) array
-        First and last time of every repetition, s; errors of the poses recur in each repetition.
-    foot_spread : float
-        Standard deviations of the errors of the first body's mean, in standard deviations of this distribution.
-    """
-
-    mean: FloatArray
-    covariance: FloatArray
-    source: str
+    mean: FloatArray  # (4K,) full parameters
+    covariance: FloatArray  # (4K, 4K) covariance of the full parameters
+    source: str  # source of the mean, in words
+    # (r, 2) first and last time of every repetition, s; errors of the poses recur in each repetition
     spans: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
+    # standard deviation of the errors of the first body's mean, as a fraction of its standard deviation here
     foot_spread: float = 1.0
 
     @property
@@ -63,28 +52,28 @@ class BodyPrior:
         return np.concatenate([np.full(4, self.foot_spread), np.ones(len(self.mean) - 4)])
 
     def rows(self, columns: int) -> tuple[FloatArray, FloatArray]:
-        """Return the prior as least-squares rows (4K, columns) and right-hand side (4K,); free columns come last."""
+        """Return least-squares rows (4K, columns) and right-hand side (4K,); columns without a prior are last."""
         root = np.linalg.cholesky(self.covariance)
         own = solve_triangular(root, np.eye(len(self.mean)), lower=True)
         return np.pad(own, ((0, 0), (0, columns - len(self.mean)))), own @ self.mean
 
 
 def table_prior(mean: FloatArray, source: str, others: bool = False) -> BodyPrior:
-    """Return the prior around a table's bodies, the first of which is the foot.
+    """Return the prior around the bodies of a reference table, of which the first is the foot.
 
     Parameters
     ----------
     mean : (4K,) array
-        m, mx, my, Izz of every body.
+        Full parameters of the table's bodies.
     source : str
         The table's name.
     others : bool
-        Whether the last body is that of all other markers (arms and head).
+        Whether the last body is the body of all other markers (arms and head).
     """
     spread = [(_FOOT_MASS, _FOOT_CENTRE, _INERTIA), *[(_MASS, _CENTRE, _INERTIA)] * (len(mean) // 4 - 1)]
     if others:
         spread[-1] = (_ARMS_MASS, _CENTRE, _INERTIA)
-    blocks = [_block(body, *sd) for body, sd in zip(mean.reshape(-1, 4), spread, strict=True)]
+    blocks = [_body_covariance(body, *sd) for body, sd in zip(mean.reshape(-1, 4), spread, strict=True)]
     return BodyPrior(mean, block_diag(*blocks), source, foot_spread=_FOOT_SPREAD)
 
 
@@ -101,28 +90,30 @@ def even_prior(mass: float, centroid: FloatArray) -> BodyPrior:
     own = mass / len(centroid)
     inertia = own * (_GYRATION**2 + np.sum(centroid**2, axis=1))
     mean = np.column_stack([np.full(len(centroid), own), own * centroid, inertia])
-    blocks = [_block(body, _UNKNOWN_MASS, _UNKNOWN_CENTRE, _UNKNOWN_INERTIA) for body in mean]
+    blocks = [_body_covariance(body, _UNKNOWN_MASS, _UNKNOWN_CENTRE, _UNKNOWN_INERTIA) for body in mean]
     return BodyPrior(mean.reshape(-1), block_diag(*blocks), "an even share of the mass")
 
 
 def split_torso(torso: FloatArray, angle: FloatArray, shift: FloatArray, mass: float) -> tuple[FloatArray, FloatArray]:
     """Split a table's head, arms and trunk into the torso and the body of all other markers.
 
+    On average over the samples, the two bodies together equal the given torso.
+
     Parameters
     ----------
     torso : (4,) array
-        Head, arms and trunk together, in the torso's frame.
+        Parameters of head, arms and trunk together, in the torso's frame.
     angle : (T,) array
-        Angle of the others' frame in the torso's, rad.
+        Angle of the other body's frame in the torso's frame, rad.
     shift : (T, 2) array
-        Origin of the others' frame in the torso's, m; it is the centroid of their markers.
+        Origin of the other body's frame, the centroid of its markers, in the torso's frame, m.
     mass : float
         Mass of the whole body, kg.
 
     Returns
     -------
     torso, others : (4,) arrays
-        On average over the samples, the two together equal the given torso.
+        Parameters of the two bodies, each in its frame.
     """
     own = min(OTHERS_SHARE * mass, 0.5 * torso[0])
     others = np.array([own, 0.0, 0.0, own * _GYRATION**2])
@@ -138,9 +129,9 @@ def mean_transform(angle: FloatArray, shift: FloatArray) -> FloatArray:
     Parameters
     ----------
     angle : (T,) array
-        Angle of the body's frame in the other one, rad.
+        Angle of the body's frame in the other frame, rad.
     shift : (T, 2) array
-        Origin of the body's frame in the other one, m.
+        Origin of the body's frame in the other frame, m.
     """
     c, s, (x, y) = np.cos(angle), np.sin(angle), shift.T
     move = np.zeros((len(angle), 4, 4))
@@ -152,7 +143,7 @@ def mean_transform(angle: FloatArray, shift: FloatArray) -> FloatArray:
     return np.asarray(move.mean(axis=0))
 
 
-def _block(body: FloatArray, mass_sd: float, centre_sd: float, inertia_sd: float) -> FloatArray:
+def _body_covariance(body: FloatArray, mass_sd: float, centre_sd: float, inertia_sd: float) -> FloatArray:
     """Return the covariance (4, 4) of m, mx, my, Izz for independent errors of mass, centre and central moment."""
     mass = max(float(body[0]), _LEAST)
     x, y = body[1:3] / mass

@@ -1,8 +1,9 @@
 """Ratios of base parameters that are almost the same in all people.
 
-All mass above the shank acts at the knee, so the first moment of the shank with this mass is nearly the body's mass
-times the length of the shank: .931 ± .007 of it (Winter .931, de Leva .934 and .932). Above the knee the ratio is .78 ±
-.022. Both moments lie along the segments, and the foot's share moves the centre of pressure by a few millimetres only.
+All mass above the shank acts at the knee. The first moment of the shank with this mass is therefore nearly the mass of
+the body times the length of the shank: .931 ± .007 of it (Winter .931, de Leva .934 and .932). Above the knee the ratio
+is .78 ± .022. Both moments are along the segments. The foot's share moves the centre of pressure by only a few
+millimetres.
 """
 
 from __future__ import annotations
@@ -21,22 +22,12 @@ _SEGMENTS = ((5, 0.0056, 1), (6, 0.007, 1), (9, 0.0064, 2), (10, 0.022, 2))  # �
 
 @dataclass(frozen=True)
 class BodyRatios:
-    """Linear relations between parameters, in standard deviations.
+    """Linear relations between the parameters of any person, in standard deviations."""
 
-    Parameters
-    ----------
-    rows : (r, b) array
-    target : (r,) array
-    by_cause : dict of str to (r,) array
-        Effect of errors of scale on the relations.
-    weighed : bool
-        Whether the person's mass is known from a scale.
-    """
-
-    rows: FloatArray
-    target: FloatArray
-    by_cause: dict[str, FloatArray]
-    weighed: bool
+    rows: FloatArray  # (r, b) coefficients of the parameters
+    target: FloatArray  # (r,) value of each relation
+    by_cause: dict[str, FloatArray]  # dict of str to (r,) array: effect of each error of scale on the relations
+    weighed: bool  # whether the person's mass is known from a scale
 
 
 def body_ratios(
@@ -48,22 +39,23 @@ def body_ratios(
     *,
     chain: tuple[FloatArray, FloatArray] | None = None,
 ) -> BodyRatios:
-    """Return the relations for a person.
+    """Return the relations between the parameters of a person.
 
     Parameters
     ----------
     base : BaseSet
         Base parameters of the chain.
     centres : (n, 2) array
-        Centre of each joint in the segment before it, m.
+        Centre of each joint in the frame of the segment before it, m.
     reference : (4(n + 1),) array
-        Full parameters of a reference table on the chain, which gives the ratios.
+        Full parameters of a reference table on the chain, which give the ratios.
     mass : float
         Identified mass, kg.
     calibration : Calibration
-        With the mass from a scale.
+        Errors of the instruments, and the mass from a scale if there is one.
     chain : ((4(n + 1), p) array, (4(n + 1),) array), optional
-        Map from the fitted parameters to full parameters of the chain; default: the base parameters are fitted.
+        Matrix and constant that map the fitted parameters to full parameters of the chain; by default, the base
+        parameters are fitted.
     """
     usual, place = base.regrouping @ reference, {int(column): i for i, column in enumerate(base.kept)}
     matrix, constant = np.eye(len(base.kept)), np.zeros(len(base.kept))
@@ -72,7 +64,7 @@ def body_ratios(
     ratios = [(_FOOT[0], _FOOT[1], 1.0, -float(centres[0, 1]))]
     ratios += [(column, sd, float(np.linalg.norm(centres[k])), 0.0) for column, sd, k in _SEGMENTS if k < len(centres)]
     rows, target, lengths, tilt = [], [], [], []
-    for column, sd, length, turned in ratios:
+    for column, sd, length, tilted in ratios:
         if column not in place or 0 not in place:
             continue
         own, ratio = place[column], float(usual[place[column]] / usual[place[0]])
@@ -80,7 +72,7 @@ def body_ratios(
         rows.append((matrix[own] - ratio * matrix[place[0]]) / size)
         target.append(-(constant[own] - ratio * constant[place[0]]) / size)
         lengths.append(ratio * mass / size)
-        tilt.append(turned * mass / size)
+        tilt.append(tilted * mass / size)
     gain = np.zeros(len(rows))
     if calibration.mass is not None and 0 in place:
         rows.append(matrix[place[0]] / calibration.mass_sd)

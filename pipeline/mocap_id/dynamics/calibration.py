@@ -1,8 +1,9 @@
 """Errors of scale of the instruments, and their effect on parameters and torques.
 
-A wrong gain of the plate, or a wrong scale or tilt of the cameras, is the same in every sample, so no residual shows it
-fully. The usual size of such errors is therefore a component of every standard deviation. The wrench and the centre of
-pressure are predictions of what the same plate reads; these errors do not widen their intervals.
+A wrong gain of the plate, or a wrong scale or tilt of the cameras, is the same in every sample, so the residuals hardly
+contain it. The usual size of these errors is therefore a component of the standard deviations of parameters and
+torques. The predicted wrench and centre of pressure are compared with the same plate, so their standard deviations do
+not contain it.
 """
 
 from __future__ import annotations
@@ -14,53 +15,36 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.fit import Fit
-from mocap_id.dynamics.lowpass import known
+from mocap_id.dynamics.lowpass import interpolate_samples, known
 from mocap_id.dynamics.motion import PlanarMotion
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import torque_regressor, wrench_regressor
 
 _RATE = 10.0  # Hz: rate at which torques are evaluated; a movement's frequencies are below 3 Hz
 _STEP = 1e-4  # relative, or rad: step of numerical derivatives
-_SURE, _MASS_APART = 2.58, 0.05  # standard deviations, 99 %; relative difference of two masses
+_SURE, _MASS_APART = 2.58, 0.05  # standard deviations of a 99 % interval; relative difference of two masses
 _WRONG_PLATES, _WRONG_GAIN = 0.05, 0.05  # share of plates with a wrong gain, and standard deviation of their gain
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """Standard deviations of the instruments' errors of scale; the defaults are those of the stage.
+    """Standard deviations of the instruments' errors of scale, with the defaults of the stage."""
 
-    Parameters
-    ----------
-    gain : float
-        Relative error of all components of the plate's wrench alike.
-    moments : float
-        Relative error of its moments alone.
-    lengths : float
-        Relative error of all distances between markers.
-    tilt : float
-        Tilt between the cameras' frame and gravity, in the plane of motion, rad.
-    position : float
-        Error of the plate's position along the motion, m.
-    mass : float or None
-        Mass of the person from a scale, kg, which limits the error of the gain.
-    mass_sd : float
-        Its standard deviation, kg.
-    """
-
-    gain: float = 0.01
-    moments: float = 0.01
-    lengths: float = 0.003
-    tilt: float = 0.005
-    position: float = 0.005
+    gain: float = 0.01  # relative error that is common to all components of the plate's wrench
+    moments: float = 0.01  # relative error of the plate's moments alone
+    lengths: float = 0.003  # relative error of all distances between markers
+    tilt: float = 0.005  # tilt between the cameras' axes and gravity, in the plane of motion, rad
+    position: float = 0.005  # error of the plate's position along the motion, m
+    # mass of the person from a scale, kg, which limits the error of the gain; None if not weighed
     mass: float | None = None
-    mass_sd: float = 1.0
+    mass_sd: float = 1.0  # standard deviation of this mass, kg
 
-    def gain_with(self, mass: float, mass_sd: float) -> float:
-        """Return the rms error of the gain for a mass that the plates measure, kg; mostly less for a weighed person.
+    def estimate_gain_error(self, mass: float, mass_sd: float) -> float:
+        """Return the rms error of the gain, given the mass that the plates measure.
 
-        The person's mass estimates the gain, but the forces are not corrected by it. The difference between the two
-        masses therefore counts as far as it is an error of the gain. A large difference is more probably that of a
-        plate with a wrong gain, of which there are some, than an unusual error of a good plate.
+        The ratio of this mass to the mass from a scale estimates the gain, but the forces are not corrected by it. The
+        difference between the masses therefore counts as an error of the gain. If it is large, the plate probably has a
+        wrong gain, as some plates have; an unusual error of a good plate is less probable.
 
         Parameters
         ----------
@@ -79,26 +63,20 @@ class Calibration:
         return float(np.sqrt(evidence @ square / evidence.sum()))
 
     def mass_limit(self, mass: float) -> float:
-        """Return the relative difference from which the mass that the plates measure, kg, contradicts the person's.
+        """Return the relative difference above which the mass that the plates measure, kg, contradicts the scale.
 
-        It is 5 %, or less for a heavy person, where gain and scale allow less in 99 of 100 cases.
+        It is 5 %, or less for a heavy person, for whom the errors of plate and scale are smaller in 99 % of all cases.
         """
         return float(min(_MASS_APART, _SURE * np.hypot(self.gain, self.mass_sd / mass)))
 
 
 @dataclass(frozen=True)
 class CalibrationEffect:
-    """Effect of errors of scale, as modes of one standard deviation each.
+    """Effect of errors of scale, as modes of one standard deviation each."""
 
-    Parameters
-    ----------
-    parameters : (b, S) array
-        Change of the base parameters with each mode.
-    inertia, lengths, tilt : float
-        Standard deviations of the last three modes, which also change the motion: relative, and rad.
-    """
-
-    parameters: FloatArray
+    parameters: FloatArray  # (b, S) change of the base parameters with each mode
+    # inertia, lengths, tilt: standard deviations of the last three modes, which also change the motion: relative,
+    # relative and rad
     inertia: float
     lengths: float
     tilt: float
@@ -111,55 +89,36 @@ class CalibrationEffect:
 
 @dataclass(frozen=True)
 class ScaleCause:
-    """Estimate of one cause of a wrong scale, with the others held near zero.
+    """Estimate of one cause of a wrong scale, while the other causes are kept near zero."""
 
-    Parameters
-    ----------
-    value, sd : float
-        Estimate and its standard deviation: relative, or in N, m or rad, by the cause.
-    explains : float
-        Decrease of the cost.
-    limit : float
-        Size from which the value is significant.
-    """
-
+    # value, sd: estimate and its standard deviation: relative, or in N, m or rad, depending on the cause
     value: float
     sd: float
-    explains: float
-    limit: float
+    explains: float  # decrease of the cost
+    limit: float  # magnitude above which the value is significant
 
 
 @dataclass(frozen=True)
 class ScaleCheck:
-    """Result of the check.
+    """Result of the check for a wrong scale."""
 
-    Parameters
-    ----------
-    causes : dict of str to ScaleCause
-    suspects : tuple of str
-        Causes that explain a contradiction, the best first: none if all is well, one if the data name it.
-    """
-
-    causes: dict[str, ScaleCause]
+    causes: dict[str, ScaleCause]  # estimate of each cause
+    # causes that explain a contradiction, best first: none without a contradiction, one if the data identify the cause
     suspects: tuple[str, ...]
 
 
-def calibration_effect(
-    prepared: PreparedTrial, found: Fit, base: FloatArray, sd: Mapping[str, float]
+def propagate_calibration(
+    prepared: PreparedTrial, result: Fit, base: FloatArray, sd: Mapping[str, float]
 ) -> CalibrationEffect:
     """Propagate errors of scale through the fit.
 
     Parameters
     ----------
-    prepared : PreparedTrial
-    found : Fit
-    base : (b,) array
-        Base parameters.
     sd : mapping of str to float
-        Standard deviations: ``gain``, ``moments``, ``vertical gain``, ``inertia`` (relative), ``vertical force`` (N),
-        ``position`` (m), ``lengths`` (relative), ``tilt`` (rad). Errors that are not named are zero.
+        Standard deviations of the errors: ``gain``, ``moments``, ``vertical gain``, ``inertia`` and ``lengths``
+        (relative), ``vertical force`` (N), ``position`` (m), ``tilt`` (rad). Errors that are not named are zero.
     """
-    samples, components = found.samples, list(prepared.settings.components)
+    samples, components = result.samples, list(prepared.settings.components)
     gravity, kept = prepared.settings.gravity, prepared.base.kept
     plain, wrench = prepared.rows @ base, prepared.filtered[samples] @ base
 
@@ -177,21 +136,14 @@ def calibration_effect(
         column[:, :, 5] = -filtered(prepared.motion.scale(1 + _STEP)) / _STEP * sd["lengths"]
     if "tilt" in sd:
         column[:, :, 6] = -filtered(prepared.motion.tilt(_STEP)) / _STEP * sd["tilt"]
-    response = found.response(column[:, components] * found.weights[:, None])[: len(base)]
+    response = result.response(column[:, components] * result.weights[:, None])[: len(base)]
     gain = (sd.get("gain", 0.0) * base)[:, None]
     modes = np.concatenate([gain, response], axis=1)
     return CalibrationEffect(modes, sd.get("inertia", 0.0), sd.get("lengths", 0.0), sd.get("tilt", 0.0))
 
 
 def calibration_torque_variance(prepared: PreparedTrial, base: FloatArray, effect: CalibrationEffect) -> FloatArray:
-    """Return the variance (T, n) of the joint torques from errors of scale, (N·m)²; NaN where a torque is unknown.
-
-    Parameters
-    ----------
-    prepared : PreparedTrial
-    base : (b,) array
-    effect : CalibrationEffect
-    """
+    """Return the variance (T, n) of the joint torques from errors of scale, (N·m)²; NaN where missing."""
     time, joints = prepared.recorded.time, prepared.motion.joint.shape[1]
     valid = np.flatnonzero(known(prepared.regressor))
     steps = valid[:: max(1, round(prepared.recorded.rate / _RATE))]
@@ -200,8 +152,7 @@ def calibration_torque_variance(prepared: PreparedTrial, base: FloatArray, effec
     motion = prepared.motion.at(steps)
 
     def rows(moved: PlanarMotion, g: float = prepared.settings.gravity) -> FloatArray:
-        regressor = wrench_regressor(moved, g)
-        return torque_regressor(moved, regressor)[:, :, prepared.base.kept]
+        return torque_regressor(moved, wrench_regressor(moved, g))[:, :, prepared.base.kept]
 
     own = rows(motion)
     changed = own @ effect.parameters
@@ -209,7 +160,4 @@ def calibration_torque_variance(prepared: PreparedTrial, base: FloatArray, effec
         changed[:, :, -3] -= rows(motion, 0.0) @ base * effect.inertia
     for mode, moved, size in ((-2, motion.scale(1 + _STEP), effect.lengths), (-1, motion.tilt(_STEP), effect.tilt)):
         changed[:, :, mode] += (rows(moved) - own) @ base / _STEP * size
-    variance, out = np.sum(changed**2, axis=2), np.full((len(time), joints), np.nan)
-    for joint in range(joints):
-        out[valid, joint] = np.interp(time[valid], time[steps], variance[:, joint])
-    return out
+    return interpolate_samples(time, valid, steps, np.sum(changed**2, axis=2))

@@ -1,11 +1,11 @@
-"""Cautions about an identification: the reasons that its verdict is made of."""
+"""Cautions about an identification, from which its verdict follows."""
 
 from __future__ import annotations
 
 from typing import Protocol
 
 from mocap_id.dynamics.calibration import Calibration
-from mocap_id.dynamics.excitation import LOST, Excitation
+from mocap_id.dynamics.excitation import NOT_IDENTIFIABLE, Excitation
 from mocap_id.dynamics.filtered_trial import FilteredTrial
 from mocap_id.dynamics.fit import Fit
 from mocap_id.dynamics.identification import Identification
@@ -13,13 +13,13 @@ from mocap_id.dynamics.optimality import PROVEN, SolverAnswer
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.verdict import Reason
 
-_BOUNDED = 0.05  # relative increase of the cost by physical consistency
+_BOUNDED = 0.05  # relative increase of the cost because of physical consistency
 _MASS_APART = 0.05  # relative difference of two masses
-_OFFSET_SEEN, _OFFSET_LEAST = 3.0, 5e-4  # standard deviations; s
+_OFFSET_SEEN, _OFFSET_LEAST = 3.0, 5e-4  # significant clock offset: in standard deviations, and in s
 
 
 class CheckedSolution(Protocol):
-    """A solution among possible bodies, with the solver's report."""
+    """Physically consistent parameters, with the solver's report."""
 
     @property
     def answer(self) -> SolverAnswer: ...
@@ -42,25 +42,33 @@ class FittedModel(Protocol):
 
 
 def find_cautions_in_space(
-    trial: FilteredTrial, found: FittedModel, excited: Excitation, recommendation: str
+    trial: FilteredTrial, result: FittedModel, excited: Excitation, recommendation: str
 ) -> tuple[Reason, ...]:
-    """Return the reasons for the verdict of a trial in space: clock, solver, consistency and weak parameters.
+    """Return the cautions about a trial in space: clock, solver, consistency and weak parameters.
 
     Parameters
     ----------
     trial : FilteredTrial
-    found : FittedModel
+        The prepared trial.
+    result : FittedModel
+        Its identified parameters.
     excited : Excitation
+        How well each base parameter is known.
     recommendation : str
-        Sentence on the movement that would determine the weak parameters better.
+        Sentences on movements that would determine the weak parameters better.
     """
-    reasons = (_clock(trial, found), _solver(found), _bounded(found), _weakly_known(excited, recommendation))
+    reasons = (
+        _check_clock(trial, result),
+        _check_solver(result),
+        _check_consistency(result),
+        _check_parameters(excited, recommendation),
+    )
     return tuple(reason for reason in reasons if reason is not None)
 
 
 def find_cautions(
     prepared: PreparedTrial,
-    found: Identification,
+    result: Identification,
     excited: Excitation,
     recommendation: str = "",
     *,
@@ -68,88 +76,85 @@ def find_cautions(
     standing: float | None,
     calibration: Calibration | None = None,
 ) -> tuple[Reason, ...]:
-    """Return the reasons for the verdict.
+    """Return the cautions about a trial in the plane.
 
     Parameters
     ----------
-    prepared : PreparedTrial
-    found : Identification
-    excited : Excitation
-        How well each base parameter is known.
-    recommendation : str
-        Sentences on the movements that would determine the weak parameters better.
+    prepared, result, excited, recommendation
+        As for :func:`find_cautions_in_space`.
     given : float or None
-        The subject's mass as given by the user, kg.
+        Mass of the person from the configuration, kg; None if not given.
     standing : float or None
-        The mass that the plates measure while the person stands, kg.
+        Mass that the plates measure while the person stands, kg; None without plates or standing.
     calibration : Calibration, optional
         Errors of plate and scale, which limit the difference of these masses; by default those of the stage.
     """
     reasons = (
-        _clock(prepared, found),
-        _cone(found),
-        _solver(found),
-        _bounded(found),
-        _weakly_known(excited, recommendation),
-        _load_shared(prepared, found, standing),
-        _mass(prepared, found, given, standing, calibration or Calibration()),
+        _check_clock(prepared, result),
+        _check_cone(result),
+        _check_solver(result),
+        _check_consistency(result),
+        _check_parameters(excited, recommendation),
+        _check_load(prepared, result, standing),
+        _check_mass(prepared, result, given, standing, calibration or Calibration()),
     )
     return tuple(reason for reason in reasons if reason is not None)
 
 
-def identified_mass(prepared: PreparedTrial, found: Identification) -> float | None:
-    """Return the body's mass, kg; None if Fy was not fitted, since no other component determines it."""
-    return float(found.full[::4].sum()) if 1 in prepared.settings.components else None
+def identified_mass(prepared: PreparedTrial, result: Identification) -> float | None:
+    """Return the identified mass of the body, kg; None if Fy was not fitted, because only Fy determines it."""
+    return float(result.full[::4].sum()) if 1 in prepared.settings.components else None
 
 
-def _clock(prepared: FilteredTrial, found: FittedModel) -> Reason | None:
-    if found.fit.offset_known:
-        return None if prepared.settings.apply_offset else _offset_kept(found)
+def _check_clock(prepared: FilteredTrial, result: FittedModel) -> Reason | None:
+    if result.fit.offset_known:
+        return None if prepared.settings.apply_offset else _check_uncorrected_offset(result)
     limit = prepared.settings.offset_limit
     return Reason(
         "clock-offset-unknown",
         f"the clock offset between cameras and plate is not within ± {limit:g} s, or this movement does not determine "
-        f"it (standard deviation {1e3 * found.offset_sd:.0f} ms); it was taken as zero: check that markers and forces "
+        f"it (standard deviation {1e3 * result.offset_sd:.0f} ms); it was taken as zero: check that markers and forces "
         "belong together, or widen `identify-dim: {clock_offset_limit_s: …}`",
-        value=found.fit.found,
+        value=result.fit.best_offset,
         limit=limit,
     )
 
 
-def _offset_kept(found: FittedModel) -> Reason | None:
+def _check_uncorrected_offset(result: FittedModel) -> Reason | None:
     """Return a caution if the settings leave a significant clock offset uncorrected."""
-    offset, limit = abs(found.fit.found), max(_OFFSET_SEEN * found.offset_sd, _OFFSET_LEAST)
+    offset, limit = abs(result.fit.best_offset), max(_OFFSET_SEEN * result.offset_sd, _OFFSET_LEAST)
     if offset <= limit:
         return None
     return Reason(
         "clock-offset-kept",
-        f"cameras and plate are {1e3 * found.fit.found:.2f} ms apart (standard deviation {1e3 * found.offset_sd:.2f}), "
-        "and `identify-dim: {apply_clock_offset: false}` leaves the offset uncorrected: in a person's movement, one "
-        "millisecond changes a parameter by up to a third; remove the setting, or synchronise the clocks",
+        f"cameras and plate are {1e3 * result.fit.best_offset:.2f} ms apart (standard deviation "
+        f"{1e3 * result.offset_sd:.2f}), and `identify-dim: {{apply_clock_offset: false}}` leaves the offset "
+        "uncorrected: in a person's movement, one millisecond changes a parameter by up to a third; remove the "
+        "setting, or synchronise the clocks",
         value=offset,
         limit=limit,
     )
 
 
-def _cone(found: Identification) -> Reason | None:
-    solution = found.solution
+def _check_cone(result: Identification) -> Reason | None:
+    solution = result.solution
     if solution.consistency == solution.requested:
         return None
     return Reason(
         "cone-unproven",
         f"`identify-dim: {{consistency: {solution.requested}}}` was set, but Clarabel's solution does not pass the "
-        f"optimality check: the parameters are those of the grid (`{solution.consistency}`), whose solution "
-        + ("passes" if solution.answer.optimality.proven else "does not pass either"),
+        f"optimality check: the solution on the grid (`{solution.consistency}`) is used, which "
+        + ("passes it" if solution.answer.optimality.proven else "does not pass it either"),
     )
 
 
-def _solver(found: FittedModel) -> Reason | None:
-    answer = found.solution.answer
+def _check_solver(result: FittedModel) -> Reason | None:
+    answer = result.solution.answer
     if not answer.optimality.proven:
         return Reason(
             "solver-unproven",
-            f"no solver's solution passes the optimality check; that of {answer.solver} ({answer.status}) was taken; "
-            f"its cost may exceed the least one by a fraction of {answer.optimality.excess:.1e}",
+            f"no solver's solution passes the optimality check; the solution of {answer.solver} ({answer.status}) is "
+            f"used; its cost may exceed the least cost by a fraction of {answer.optimality.excess:.1e}",
             value=answer.optimality.excess,
             limit=PROVEN,
         )
@@ -157,36 +162,36 @@ def _solver(found: FittedModel) -> Reason | None:
         return None
     return Reason(
         "solver-fallback",
-        "the solution of non-negative least squares does not pass the optimality check; OSQP's, which passes it, was "
-        "taken",
+        "the solution of non-negative least squares does not pass the optimality check; the solution of OSQP passes it "
+        "and is used",
         level="ok",
     )
 
 
-def _bounded(found: FittedModel) -> Reason | None:
-    price = found.solution.price
+def _check_consistency(result: FittedModel) -> Reason | None:
+    price = result.solution.price
     if price <= _BOUNDED:
         return None
     return Reason(
         "parameters-bounded",
-        f"physically possible bodies fit {_times(price)} than free parameters: joints, markers or plate are wrong, "
-        "or mass lies far outside the markers",
+        f"physically possible parameters fit the wrench {_format_increase(price)} than unconstrained ones: check "
+        "joints, markers and plate, and whether a part of the mass is far from the markers",
         value=price,
         limit=_BOUNDED,
     )
 
 
-def _times(price: float) -> str:
+def _format_increase(price: float) -> str:
     return f"{100 * price:.0f} % worse" if price < 1 else f"{1 + price:.3g} times worse"
 
 
-def _weakly_known(excited: Excitation, recommendation: str) -> Reason | None:
+def _check_parameters(excited: Excitation, recommendation: str) -> Reason | None:
     doubtful = excited.doubtful
     if not doubtful:
         return None
-    lost = [excited.names[i] for i in doubtful if excited.verdict[i] == "not identifiable"]
+    unknown = [excited.names[i] for i in doubtful if excited.verdict[i] == "not identifiable"]
     listed = ", ".join(f"{excited.names[i]} ({100 * excited.relative_sd[i]:.0f} %)" for i in doubtful)
-    none = f"; not identifiable, above {100 * LOST:.0f} %: {', '.join(lost)}" if lost else ""
+    none = f"; not identifiable, above {100 * NOT_IDENTIFIABLE:.0f} %: {', '.join(unknown)}" if unknown else ""
     return Reason(
         "parameters-weak",
         f"weakly known, with a standard deviation above {100 * excited.weak:.0f} % of their size: {listed}{none}. "
@@ -195,9 +200,9 @@ def _weakly_known(excited: Excitation, recommendation: str) -> Reason | None:
     )
 
 
-def _load_shared(prepared: PreparedTrial, found: Identification, standing: float | None) -> Reason | None:
-    """Return a caution if the identified and the standing mass differ: something else carries a part of the body."""
-    total = identified_mass(prepared, found)
+def _check_load(prepared: PreparedTrial, result: Identification, standing: float | None) -> Reason | None:
+    """Return a caution if movement and standing give different masses: something else carries a part of the body."""
+    total = identified_mass(prepared, result)
     if total is None or standing is None or abs(total / standing - 1) <= _MASS_APART:
         return None
     return Reason(
@@ -211,21 +216,21 @@ def _load_shared(prepared: PreparedTrial, found: Identification, standing: float
     )
 
 
-def _mass(
+def _check_mass(
     prepared: PreparedTrial,
-    found: Identification,
+    result: Identification,
     given: float | None,
     standing: float | None,
     calibration: Calibration,
 ) -> Reason | None:
-    shown = standing if standing is not None else identified_mass(prepared, found)
-    if given is None or shown is None or abs(shown / given - 1) <= calibration.mass_limit(shown):
+    measured = standing if standing is not None else identified_mass(prepared, result)
+    if given is None or measured is None or abs(measured / given - 1) <= calibration.mass_limit(measured):
         return None
     return Reason(
         "mass-contradiction",
-        f"the plates measure {shown:.1f} kg and `subject: {{mass: …}}` says {given:g} kg: check the plates' "
+        f"the plates measure {measured:.1f} kg and `subject: {{mass: …}}` says {given:g} kg: check the plates' "
         "calibration, what else stands on them or carries a part of the body (a chair needs `protocol: sit-to-stand`), "
         "or the mass",
-        value=shown,
+        value=measured,
         limit=given,
     )

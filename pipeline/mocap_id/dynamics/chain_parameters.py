@@ -1,7 +1,7 @@
-"""Chain parameters: full and base parameters (eq. 6.1) of the chain from those of separately moving bodies.
+"""Parameters of the chain, full and base (eq. 6.1), from the parameters of separately moving bodies.
 
 The chain has no body for arms and head; they are added to its last segment at their mean position. One body can be two
-segments of the chain; it is then divided between them as in a reference table, as far as their sum allows.
+segments of the chain. It is then divided between them as in a reference table, as far as their sum allows.
 """
 
 from __future__ import annotations
@@ -17,55 +17,46 @@ from mocap_id.dynamics.measured_motion import BodyPoses
 from mocap_id.geometry import planar
 
 _STEP = 1e-5  # m, of a numerical derivative
-_SHARES = 21  # steps from the table's division of a body to an even one
+_SHARES = 21  # number of divisions of a body that are tried, from the table's division to an even one
 _ROUNDING = 1e-9  # of m·Izz
 
 
 @dataclass(frozen=True)
 class ChainMap:
-    """Linear map from the bodies' full parameters to the chain's: ``matrix @ bodies + constant``.
+    """Linear map from the full parameters of the bodies to those of the chain: ``matrix @ bodies + constant``."""
 
-    Parameters
-    ----------
-    matrix : (4(n + 1), 4K) array
-    constant : (4(n + 1),) array
-    open : (4(n + 1), 4(n + 1)) array
-        Covariance of the division of a body between two segments.
-    halves : (4(n + 1), 4K) array
-        Map with every body divided evenly between its segments, without a constant.
-    """
+    matrix: FloatArray  # (4(n + 1), 4K) linear part of the map
+    constant: FloatArray  # (4(n + 1),) constant part of the map
+    open: FloatArray  # (4(n + 1), 4(n + 1)) covariance of the division of bodies between two segments
+    halves: FloatArray  # (4(n + 1), 4K) linear map that divides every body evenly between its segments
 
-    matrix: FloatArray
-    constant: FloatArray
-    open: FloatArray
-    halves: FloatArray
+    def apply(self, full: FloatArray) -> FloatArray:
+        """Return physically possible full parameters (4(n + 1),) of the chain from those of the bodies (4K,).
 
-    def chain(self, full: FloatArray) -> FloatArray:
-        """Return the chain's full parameters (4(n + 1),) from the bodies' (4K,), with physically possible segments.
-
-        If the table's division of a body gives an impossible segment, it is shifted towards an even division as far as
+        If the table's division of a body gives an impossible segment, it is changed towards an even division as far as
         necessary. The sum does not change.
         """
         likely, even = self.matrix @ full + self.constant, self.halves @ full
         for share in np.linspace(0.0, 1.0, _SHARES):
-            found = (1.0 - share) * likely + share * even
-            if _exists(found):
-                return np.asarray(found)
+            chain = (1.0 - share) * likely + share * even
+            if _is_possible(chain):
+                return np.asarray(chain)
         return np.asarray(likely)
 
 
 def map_to_chain(
     poses: BodyPoses, q: FloatArray, samples: BoolArray, reference: FloatArray, reference_sd: FloatArray
 ) -> ChainMap:
-    """Compute the map from bodies to the segments of the chain.
+    """Compute the map from the bodies to the segments of the chain.
 
     Parameters
     ----------
     poses : BodyPoses
+        Poses of the bodies.
     q : (T, n) array
-        The chain's angles, rad.
+        Joint angles of the chain, rad.
     samples : (T,) bool array
-        Samples over which the mean position of the bodies is taken.
+        Samples over which the mean position of the bodies is computed.
     reference, reference_sd : (4(n + 1),) arrays
         Full parameters of a reference table and their standard deviations; NaN if no table applies.
     """
@@ -83,7 +74,7 @@ def map_to_chain(
             halves[rows, columns] = np.concatenate(
                 [np.linalg.inv(total[:, 4 * k : 4 * k + 4]) / len(own) for k in range(len(own))]
             )
-            gain, rest, left = _shared(total, reference[rows], reference_sd[rows])
+            gain, rest, left = _divide_sum(total, reference[rows], reference_sd[rows])
             matrix[rows, columns] += gain
             constant[rows] += rest
             spread[np.ix_(rows, rows)] += left
@@ -98,7 +89,7 @@ def map_to_chain(
 
 
 def relative_pose(poses: BodyPoses, body: int, other: int, samples: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Return the angle (S,), rad, and origin (S, 2), m, of one body's frame in another's where both are known."""
+    """Return angle (S,), rad, and origin (S, 2), m, of one body's frame in another's, where both are known."""
     origin, angle = poses.origin, poses.angle
     known = samples & np.isfinite(angle[:, [body, other]]).all(axis=1)
     shift = planar.rotate(-angle[known, other], origin[known, body] - origin[known, other])
@@ -106,7 +97,7 @@ def relative_pose(poses: BodyPoses, body: int, other: int, samples: BoolArray) -
 
 
 def merge_segments(centres: FloatArray, q: FloatArray, samples: BoolArray, segments: IntArray) -> FloatArray:
-    """Return the matrix (4, 4s) from parameters of neighbouring segments to those of their sum in the first frame."""
+    """Return the matrix (4, 4s) from parameters of adjacent segments to those of their sum, in the first frame."""
     known = samples & np.isfinite(q).all(axis=1)
     blocks, angle, shift = [np.eye(4)], np.zeros(int(known.sum())), np.zeros((int(known.sum()), 2))
     for segment in segments[1:]:
@@ -116,36 +107,38 @@ def merge_segments(centres: FloatArray, q: FloatArray, samples: BoolArray, segme
     return np.concatenate(blocks, axis=1)
 
 
-def base_covariance(folded: ChainMap, base: BaseSet, own: FloatArray) -> FloatArray:
+def base_covariance(chain_map: ChainMap, base: BaseSet, own: FloatArray) -> FloatArray:
     """Return the covariance (b, b) of the chain's base parameters for exact joint centres.
 
     Parameters
     ----------
-    folded : ChainMap
+    chain_map : ChainMap
+        Map from the bodies to the chain.
     base : BaseSet
         Base parameters of the chain.
     own : (4K, 4K) array
-        Covariance of the bodies' full parameters.
+        Covariance of the full parameters of the bodies.
     """
-    known = folded.matrix @ own @ folded.matrix.T + folded.open
+    known = chain_map.matrix @ own @ chain_map.matrix.T + chain_map.open
     return np.asarray(base.regrouping @ known @ base.regrouping.T)
 
 
 def centre_response(base: BaseSet, centres: FloatArray, q: FloatArray, chain: FloatArray) -> FloatArray:
     """Return the change (b, n, 2) of the base parameters with each joint centre, per metre in the segment before it.
 
-    A displaced joint changes the regrouping of the masses beyond it. It also moves the origin of the segment after it,
-    about which this segment's first moments and moment of inertia are taken.
+    A displaced joint changes the regrouping of the masses beyond it. It also moves the origin about which the
+    parameters of the next segment are taken.
 
     Parameters
     ----------
     base : BaseSet
+        Base parameters of the chain.
     centres : (n, 2) array
-        m.
+        Joint centres, m.
     q : (n,) array
         Mean joint angles, rad.
     chain : (4(n + 1),) array
-        Full parameters.
+        Full parameters of the chain.
     """
     out: FloatArray = np.zeros((len(base.kept), *centres.shape))
     undisturbed = structural_base(centres)
@@ -167,14 +160,14 @@ def centre_response(base: BaseSet, centres: FloatArray, q: FloatArray, chain: Fl
     return out
 
 
-def _exists(full: FloatArray) -> bool:
+def _is_possible(full: FloatArray) -> bool:
     """Return whether every segment is physically possible: m ≥ 0 and m·Izz ≥ mx² + my²."""
     mass, mx, my, inertia = full.reshape(-1, 4).T
     return bool(np.all((mass >= 0) & (mass * inertia * (1 + _ROUNDING) >= mx**2 + my**2)))
 
 
-def _shared(total: FloatArray, reference: FloatArray, sd: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return gain (4s, 4), constant (4s,) and covariance (4s, 4s) of segments with a given sum, nearest to a table."""
+def _divide_sum(total: FloatArray, reference: FloatArray, sd: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return gain (4s, 4), constant (4s,) and covariance (4s, 4s) of segments with a known sum, closest to a table."""
     if not np.isfinite(reference).all():
         gain = np.zeros((total.shape[1], 4))
         gain[:4] = np.eye(4)

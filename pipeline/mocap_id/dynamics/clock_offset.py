@@ -1,7 +1,7 @@
-"""Clock offset between cameras and plate, estimated by profiling the fit over it.
+"""Clock offset between cameras and plate, estimated as the offset with the best fit.
 
-``clock_offset_s`` = δ means that the plate's sample with time t was taken at t + δ on the markers' clock. The wrench at
-marker time t is therefore the plate's at t - δ.
+``clock_offset_s`` = δ means that the plate's sample with time t was taken at t + δ on the cameras' clock. The wrench at
+camera time t is therefore the plate's wrench at t - δ.
 """
 
 from __future__ import annotations
@@ -16,26 +16,18 @@ from scipy.optimize import minimize_scalar
 from mocap_id.arrays import FloatArray, find_runs
 from mocap_id.dynamics.lowpass import known
 
-_COARSE = 10e-3  # s; the cost is smooth over a tenth of the movement's period, some 0.1 s
+_COARSE = 10e-3  # s: a tenth of the time over which the cost is smooth
 _FINE = 1e-6  # s
-_AT_ONCE = 8  # offsets evaluated together in the coarse search, to bound the memory
+_AT_ONCE = 8  # number of offsets evaluated together, to limit the memory
 _EDGE = 1e-5  # s: a minimum this close to the end of the search counts as beyond it
 
 
 @dataclass(frozen=True)
 class SampledWrench:
-    """A sampled wrench, interpolated by cubic splines.
+    """A sampled wrench, interpolated by cubic splines."""
 
-    Parameters
-    ----------
-    stretches : tuple of (start, end, spline)
-        Finite stretches of the signal.
-    components : int
-        Number of columns.
-    """
-
-    stretches: tuple[tuple[float, float, Callable[[FloatArray], FloatArray]], ...]
-    components: int
+    stretches: tuple[tuple[float, float, CubicSpline], ...]  # intervals without missing samples, s
+    components: int  # number of columns
 
     @classmethod
     def of(cls, time: FloatArray, values: FloatArray) -> SampledWrench:
@@ -46,20 +38,12 @@ class SampledWrench:
         )
         return cls(splines, values.shape[1])
 
-    def __call__(self, time: FloatArray) -> FloatArray:
-        """Return the values (..., c) at times (...), s; NaN outside the stretches."""
+    def __call__(self, time: FloatArray, derivative: int = 0) -> FloatArray:
+        """Return the values, or their time derivative, (..., c) at times (...), s; NaN outside the intervals."""
         out = np.full((*time.shape, self.components), np.nan)
         for start, end, spline in self.stretches:
             inside = (time >= start) & (time <= end)
-            out[inside] = spline(time[inside])
-        return out
-
-    def rate_of_change(self, time: FloatArray) -> FloatArray:
-        """Return the time derivative (R, c) at times (R,), s; NaN outside the stretches."""
-        out = np.full((len(time), self.components), np.nan)
-        for start, end, spline in self.stretches:
-            inside = (time >= start) & (time <= end)
-            out[inside] = spline(time[inside], 1)  # type: ignore[call-arg]
+            out[inside] = spline(time[inside], derivative)
         return out
 
 
@@ -74,17 +58,17 @@ def profile_offset(
 ) -> tuple[float, bool]:
     """Find the clock offset with which the fitted parameters leave the least residual.
 
-    The parameters are fitted again for every offset. This costs one projection, because the regressor does not depend
-    on the offset. A coarse search over the whole range avoids local minima; a bounded search refines its result.
+    The parameters are fitted again for every offset. This needs only one projection, because the regressor does not
+    depend on the offset. A coarse search over the whole range avoids local minima; a bounded search refines its result.
 
     Parameters
     ----------
     regressor : (R, c, b) array
-        Filtered and gated, with the nuisance columns.
+        Filtered rows of the fit, with the columns of the nuisance parameters.
     wrench : callable
-        From plate times (o, R) to the wrench (o, R, c), with the same filter; defined within ``limit`` of every sample.
+        Function from plate times (o, R) to the filtered wrench (o, R, c); defined within ``limit`` of every sample.
     time : (R,) array
-        Marker times of the samples, s.
+        Camera times of the samples, s.
     weights : (c,) array
         Weight of each component's residual.
     limit : float
@@ -95,9 +79,9 @@ def profile_offset(
     Returns
     -------
     offset : float
-        δ, s.
+        Clock offset δ, s.
     at_edge : bool
-        Whether the least residual lies at an end of the search, so that there is no minimum inside.
+        Whether the least residual is at an end of the search, so that there is no minimum inside.
     """
     weighted = (regressor * weights[:, None]).reshape(-1, regressor.shape[-1])
     more, aim = (np.zeros((0, weighted.shape[1])), np.zeros(0)) if prior is None else prior
@@ -112,9 +96,9 @@ def profile_offset(
     grid = np.linspace(-limit, limit, 2 * int(np.ceil(limit / _COARSE)) + 1)
     best = int(np.argmin(np.concatenate([costs(grid[k : k + _AT_ONCE]) for k in range(0, len(grid), _AT_ONCE)])))
     bounds = (grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)])
-    found = minimize_scalar(
+    minimum = minimize_scalar(
         lambda offset: float(costs(np.array([offset]))[0]), bounds=bounds, method="bounded", options={"xatol": _FINE}
     )
-    if abs(found.x) > limit - _EDGE:
-        return float(np.copysign(limit, found.x)), True
-    return float(found.x), False
+    if abs(minimum.x) > limit - _EDGE:
+        return float(np.copysign(limit, minimum.x)), True
+    return float(minimum.x), False

@@ -1,4 +1,4 @@
-"""Comparison of a model's wrench and centre of pressure with the measured ones."""
+"""Centre of pressure, and agreement of a model's wrench and centre of pressure with the measured ones."""
 
 from __future__ import annotations
 
@@ -7,41 +7,58 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.dynamics.centre_of_pressure import centre_of_pressure
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """Difference between model and measurement over some samples.
+    """Difference between model and measurement over some samples."""
 
-    Parameters
-    ----------
-    bias, sd : float
-        Mean and standard deviation of model minus measurement.
-    r2 : float
-        Fraction of the measurement's variance that the model explains.
-    """
-
+    # bias, sd: mean and standard deviation of model minus measurement
     bias: float
     sd: float
-    r2: float
+    r2: float  # fraction of the measurement's variance that the model explains
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Agreement of each wrench component and of the centre of pressure.
+    """Agreement of each wrench component and of the centre of pressure."""
+
+    # agreement of each component by its name; None if there are fewer than two common samples
+    wrench: dict[str, Agreement | None]
+    cop_rms: float | None  # root mean square difference of the centre of pressure, m; None in the same case
+
+
+def centre_of_pressure(wrench: FloatArray, threshold: float) -> FloatArray:
+    """Return the x coordinate (...), m, at which the line of the ground's force crosses the plane y = 0.
 
     Parameters
     ----------
-    wrench : dict
-        Agreement of each component by its name; None if fewer than two samples are known in both.
-    cop_rms : float or None
-        Root mean square difference of the centre of pressure, m.
+    wrench : (..., 3) array
+        (Fx, Fy, tauz) about the origin of the plane frame, N and N·m.
+    threshold : float
+        Vertical force up to which there is no meaningful centre of pressure, N; the result is NaN there.
     """
+    vertical = wrench[..., 1]
+    loaded = vertical > threshold
+    return np.where(loaded, wrench[..., 2] / np.where(loaded, vertical, 1.0), np.nan)
 
-    wrench: dict[str, Agreement | None]
-    cop_rms: float | None
+
+def centre_of_pressure_rows(rows: FloatArray, wrench: FloatArray, threshold: float) -> FloatArray:
+    """Return the derivative (..., b) of the centre of pressure with respect to the parameters of a linear wrench model.
+
+    Parameters
+    ----------
+    rows : (..., 3, b) array
+        Regressor of the wrench.
+    wrench : (..., 3) array
+        The model's wrench at the parameters, N and N·m.
+    threshold : float
+        As for :func:`centre_of_pressure`.
+    """
+    cop = centre_of_pressure(wrench, threshold)
+    vertical = np.where(np.isfinite(cop), wrench[..., 1], np.nan)
+    return (rows[..., 2, :] - cop[..., None] * rows[..., 1, :]) / vertical[..., None]
 
 
 def compare(wrench: FloatArray, measured: FloatArray, samples: BoolArray, threshold: float) -> Comparison:
@@ -50,11 +67,11 @@ def compare(wrench: FloatArray, measured: FloatArray, samples: BoolArray, thresh
     Parameters
     ----------
     wrench, measured : (T, 3) arrays
-        Fx, Fy, tauz, N and N·m; NaN where unknown.
+        Fx, Fy, tauz, N and N·m; NaN where missing.
     samples : (T,) bool array
-        Samples to compare: those in which the body touches only the ground.
+        Samples in which the body touches only the ground.
     threshold : float
-        Vertical force up to which there is no centre of pressure, N.
+        As for :func:`centre_of_pressure`, N.
     """
     components = {name: agreement(wrench[:, k], measured[:, k], samples) for k, name in enumerate(WRENCH_COMPONENTS)}
     cop = agreement(centre_of_pressure(wrench, threshold), centre_of_pressure(measured, threshold), samples)
@@ -62,7 +79,7 @@ def compare(wrench: FloatArray, measured: FloatArray, samples: BoolArray, thresh
 
 
 def agreement(model: FloatArray, measured: FloatArray, samples: BoolArray) -> Agreement | None:
-    """Compare two series (T,) over the samples in which both are known; None if there are fewer than two."""
+    """Compare two series (T,) over the samples in which both have values; return None if there are fewer than two."""
     both = samples & np.isfinite(model) & np.isfinite(measured)
     if both.sum() < 2:
         return None

@@ -1,14 +1,14 @@
 """Composite inertia of a planar chain: the wrench and torques for a unit acceleration of each joint.
 
 From the tip to the base, the segments beyond joint k are treated as one body with a mass, a first moment U_k and a
-second moment Q_k about joint k. A unit acceleration of joint k requires the force z × U_k and, about a joint j before
-it, the moment
+second moment Q_k about joint k. A unit acceleration of joint k requires the force z × U_k and, about an earlier joint
+j, the moment
 
     ∫ (p - p_j) · (p - p_k) dm = Q_k + U_k · (p_k - p_j).
 
-These moments are the column of the mass matrix; about the plane frame's origin, they are the moment on the ground. The
-regressor gives the same at rest, without gravity and with a unit acceleration, but takes much longer. With a unit mass
-at each marker, the mass matrix is the information of the markers on the joint angles.
+These moments are a column of the mass matrix. The moment about the origin of the plane frame is the moment on the
+ground. The regressor at rest, without gravity and with a unit acceleration, gives the same result but takes much
+longer. With a unit mass at each marker, the mass matrix is the information of the markers on the joint angles.
 """
 
 from __future__ import annotations
@@ -23,42 +23,30 @@ from mocap_id.geometry import planar
 
 @dataclass(frozen=True)
 class CompositeInertia:
-    """Derivatives with respect to the joint accelerations.
+    """Derivatives with respect to the joint accelerations."""
 
-    Parameters
-    ----------
-    wrench : (T, 3, n) array
-        Of (Fx, Fy, tauz) of the ground about the plane frame's origin, N and N·m per rad/s².
-    torque : (T, n, n) array
-        Of the joint torques: the mass matrix, kg·m².
-    """
-
+    # (T, 3, n) derivatives of (Fx, Fy, tauz) of the ground about the origin of the plane frame, N and N·m per rad/s²
     wrench: FloatArray
-    torque: FloatArray
+    torque: FloatArray  # (T, n, n) derivatives of the joint torques: the mass matrix, kg·m²
 
 
 def composite_inertia(
     q: FloatArray, centres: FloatArray, mass: FloatArray, first: FloatArray, second: FloatArray
 ) -> CompositeInertia:
-    """Compute the composite inertia in every posture.
+    """Compute the composite inertia in every posture; it is NaN where an angle is missing.
 
     Parameters
     ----------
     q : (T, n) array
-        Joint angles, rad; NaN where unknown.
+        Joint angles, rad; NaN where missing.
     centres : (n, 2) array
         Centre of each joint in the frame of the segment before it, m.
     mass : (n + 1,) array
-        Mass of every segment, base first, kg. The base, which no joint moves, has no effect.
+        Mass of every segment, base first, kg. The base has no effect, because no joint moves it.
     first : (n + 1, 2) array
-        First moments in the segment's frame, kg·m.
+        First moments in the frame of each segment, kg·m.
     second : (n + 1,) array
-        Moments of inertia about the origin of the segment's frame, kg·m².
-
-    Returns
-    -------
-    CompositeInertia
-        NaN where an angle is unknown.
+        Moments of inertia about the origin of each segment's frame, kg·m².
     """
     size, joints = q.shape
     angle, origin = planar.segment_poses(q, centres)

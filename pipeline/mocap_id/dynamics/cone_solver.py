@@ -1,4 +1,4 @@
-"""Least squares over the consistency cone by Clarabel's interior-point method."""
+"""Least squares over the cone of physically possible parameters by Clarabel's interior-point method."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ from mocap_id.dynamics.optimality import SolverAnswer, check_optimality
 _ACCURACY, _ITERATIONS = 1e-12, 200
 _ROUNDS = 3
 _REGULARIZATION = 1e-6  # Clarabel's default is 1e-8
-_ENOUGH = 1e-9  # possible relative decrease of the cost that ends the rounds
-_NO_MASS = 1e-9  # of the total
+_ENOUGH = 1e-9  # possible relative decrease of the cost below which the rounds end
+_NO_MASS = 1e-9  # fraction of the total mass below which a link has no mass
 _TINY = 1e-200
-_DEPENDENT = 1e-10  # of the largest singular value
+_DEPENDENT = 1e-10  # fraction of the largest singular value
 _ROUNDING = 1e-7  # relative violation of the cone that counts as rounding
 
 
@@ -25,30 +25,33 @@ def solve_links(problem: CompressedProblem, bodies: ConicBodies) -> SolverAnswer
     """Minimise ‖R · mapping · body - d‖² over possible links.
 
     Clarabel's accuracy is relative to the whole wrench, whereas the cost is the small remaining residual. As long as
-    the optimality conditions do not hold, Clarabel is run for a correction in the scale of the residual. If they still
-    do not hold, because the least cost is attained only in a limit of ever larger links, it starts again with more
+    the optimality conditions do not hold, Clarabel is run again for a correction on the scale of the residual. They may
+    still not hold if the least cost is only approached by larger and larger links. Then Clarabel starts again with more
     regularization.
 
     Parameters
     ----------
     problem : CompressedProblem
-        b columns; free parameters are eliminated before (:meth:`CompressedProblem.over`).
+        Problem of b columns; free parameters are eliminated before (:meth:`CompressedProblem.over`).
     bodies : ConicBodies
+        The possible links.
 
     Returns
     -------
     SolverAnswer
         Full parameters: one of many solutions with the same base parameters.
     """
-    first = _corrected(problem, bodies, None)
+    first = _solve_with_corrections(problem, bodies, None)
     if first.optimality.proven:
         return first
-    second = _corrected(problem, bodies, _REGULARIZATION)
+    second = _solve_with_corrections(problem, bodies, _REGULARIZATION)
     return second if second.optimality.excess < first.optimality.excess else first
 
 
-def _corrected(problem: CompressedProblem, bodies: ConicBodies, regularization: float | None) -> SolverAnswer:
-    """Return Clarabel's solution after corrections, while these decrease the cost."""
+def _solve_with_corrections(
+    problem: CompressedProblem, bodies: ConicBodies, regularization: float | None
+) -> SolverAnswer:
+    """Return Clarabel's solution after corrections, as long as these decrease the cost."""
     mapped, body = problem.factor @ bodies.mapping, np.zeros(bodies.mapping.shape[1])
     answer, iterations = None, 0
     for _ in range(_ROUNDS):
@@ -80,8 +83,11 @@ def conic_step(
     Parameters
     ----------
     mapped : (b, v) array
+        Matrix from a step to the residual.
     target : (b,) array
+        Residual to remove.
     bodies : ConicBodies
+        The cone.
     body : (v,) array
         Start, in the cone.
     regularization : float, optional
@@ -89,11 +95,11 @@ def conic_step(
 
     Returns
     -------
-    (v,) array
-        The step; NaN if Clarabel finds none.
-    str
+    step : (v,) array
+        NaN if Clarabel finds none.
+    status : str
         Clarabel's status text.
-    int
+    iterations : int
         Number of iterations.
     """
     units = bodies.units
@@ -116,33 +122,31 @@ def conic_step(
 def closest_links(bodies: ConeBodies, body: FloatArray, aim: FloatArray, scale: FloatArray) -> FloatArray:
     """Return the links with given base parameters whose full parameters are closest to a target.
 
+    A link may have first moments but no mass. Its base parameters are then only approached by possible links with
+    larger and larger Izz, and its Izz is NaN.
+
     Parameters
     ----------
     bodies : ConeBodies
+        The possible links.
     body : (4(n + 1),) array
         Links of the fit.
     aim, scale : (4(n + 1),) arrays
-        Target for the full parameters, and its standard deviations.
-
-    Returns
-    -------
-    (4(n + 1),) array
-        NaN for the Izz of a link with first moments and no mass: these base parameters are attained only in a limit of
-        possible links with ever larger Izz.
+        Target of the full parameters, and its standard deviations.
     """
-    hollow = [link for link in range(bodies.links) if _hollow(bodies, body, link)]
+    hollow = [link for link in range(bodies.links) if _is_hollow(bodies, body, link)]
     limits = bodies if hollow else ConeBodies(np.eye(len(body)), bodies.boxes)  # also limits an unobservable Izz
-    found = limits.settled(body)
+    links = limits.settled(body)
     directions = null_space(bodies.mapping, rcond=_DEPENDENT)
     if directions.shape[1]:
-        moved = found + directions @ closest_step(limits, found, directions, (aim - found) / scale, scale)
-        found = limits.settled(moved) if limits.outside(moved) <= _ROUNDING else found
-    found[[4 * link + 3 for link in hollow]] = np.nan
-    return found
+        moved = links + directions @ closest_step(limits, links, directions, (aim - links) / scale, scale)
+        links = limits.settled(moved) if limits.outside(moved) <= _ROUNDING else links
+    links[[4 * link + 3 for link in hollow]] = np.nan
+    return links
 
 
-def _hollow(bodies: ConeBodies, body: FloatArray, link: int) -> bool:
-    """Return whether a link with an unobservable Izz has first moments and no mass."""
+def _is_hollow(bodies: ConeBodies, body: FloatArray, link: int) -> bool:
+    """Return whether a link with an unobservable Izz has first moments but no mass."""
     mass, *first = np.abs(body[4 * link : 4 * link + 3])
     least = _NO_MASS * bodies.mass(body)
     return not bodies.limited(link) and bool(mass <= least < max(first) / LENGTH)
@@ -151,22 +155,20 @@ def _hollow(bodies: ConeBodies, body: FloatArray, link: int) -> bool:
 def closest_step(
     limits: ConicBodies, start: FloatArray, directions: FloatArray, distance: FloatArray, scale: FloatArray
 ) -> FloatArray:
-    """Return the steps along directions from ``start`` that end closest to a target; NaN if none is found.
+    """Return the steps (d,) along given directions that lead closest to a target; NaN if Clarabel finds none.
 
     Parameters
     ----------
     limits : ConicBodies
+        The cone.
     start : (v,) array
         A body inside the cone.
     directions : (v, d) array
+        Directions of the steps.
     distance : (v,) array
         Target minus start, divided by the scale.
     scale : (v,) array
         Standard deviations of the target.
-
-    Returns
-    -------
-    (d,) array
     """
     sides, cones = limits.sides()
     rows = directions / scale[:, None]
@@ -190,10 +192,10 @@ def solve_cones(
     accuracy: float = _ACCURACY,
     regularization: float | None = None,
 ) -> tuple[FloatArray, str, int]:
-    """Run Clarabel on min ½ xᵀ quadratic x + linear·x with bound - matrix·x in the cones: x, status, iterations.
+    """Run Clarabel on min ½ xᵀ quadratic x + linear·x with bound - matrix·x in cones; return x, status, iterations.
 
     ``regularization`` is Clarabel's constant on the diagonal of its equations; None for the default. The solution is
-    NaN if Clarabel stops by an internal error.
+    NaN if Clarabel stops because of an internal error.
     """
     import clarabel  # noqa: PLC0415  not needed for a grid
 
@@ -213,7 +215,7 @@ def solve_cones(
     try:
         solution = clarabel.DefaultSolver(upper, linear, sparse.csc_matrix(matrix), bound, limits, settings).solve()
     except BaseException as error:
-        if type(error).__name__ != "PanicException":  # of its eigenvalue routine; not an Exception
+        if type(error).__name__ != "PanicException":  # from Clarabel's eigenvalue routine; not a subclass of Exception
             raise
         return np.full(len(linear), np.nan), "stopped by an internal error", 0
     return np.asarray(solution.x, dtype=np.float64), str(solution.status), int(solution.iterations)

@@ -1,13 +1,13 @@
-"""Physically consistent parameters: fits over bodies that can exist, as point masses on a grid or in the exact cone.
+"""Physically consistent parameters: fits over possible bodies, which are point masses on a grid or the exact cone.
 
-Non-negative least squares solves the fit on the grid (4.12, 4.25), Clarabel that in the cone. Every solution has to
-pass the optimality check (:mod:`mocap_id.dynamics.optimality`), which needs no second solver. OSQP is run only if the
-solution on the grid does not pass. The solution records its solver and the check.
+Non-negative least squares solves the fit on the grid (4.12, 4.25), Clarabel the fit in the cone. Every solution is
+checked for optimality (:mod:`mocap_id.dynamics.optimality`), which needs no second solver. OSQP is run only if the
+solution on the grid does not pass the check.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -23,38 +23,26 @@ from mocap_id.dynamics.reference_prior import reference_deviations
 from mocap_id.errors import NumericalError
 
 Consistency = Literal["grid", "cone", "bounded-cone"]
-"""Set of possible bodies: masses on the grid, anywhere, or anywhere within the grid's outlines."""
+"""Set of possible bodies: masses on the grid, masses anywhere, or masses anywhere within the outlines of the grid."""
 _TOLERABLE = 1e-3  # largest relative distance to the least cost with which a solution is accepted
 
 
 @dataclass(frozen=True)
 class ConsistentSolution:
-    """Consistent parameters and the solver's report.
+    """Consistent parameters and the solver's report."""
 
-    Parameters
-    ----------
-    requested, consistency : {"grid", "cone", "bounded-cone"}
-        The requested set of bodies, and the one used: ``grid`` if the solution in the cone could not be proven.
-    parameters : (b + k,) array
-        Parameters of the problem: first the parameters of the bodies, then the free ones.
-    full : (4(n + 1),) array
-        Full parameters of one body with these parameters: closest to the reference, otherwise of the most even point
-        masses. NaN for an Izz that is attained only in a limit of bodies.
-    masses : (p,) array
-        Point masses with these full parameters; NaN for the cone, whose bodies need not be on the grid.
-    answer : SolverAnswer
-        The solution used, checked on the whole problem.
-    price : float
-        Relative increase of the cost over that of unconstrained parameters.
-    """
-
+    # requested, consistency: the requested set of bodies, and the set used: ``grid`` if the solution in the cone was
+    # not proven to be optimal
     requested: Consistency
     consistency: Consistency
-    parameters: FloatArray
+    parameters: FloatArray  # (b + k,) parameters of the problem: first those of the bodies, then the free ones
+    # (4(n + 1),) full parameters of one body with these parameters: closest to the reference, or of evenly spread point
+    # masses. NaN for an Izz that possible bodies only approach.
     full: FloatArray
+    # (p,) point masses with these full parameters, kg; NaN for the cone, whose bodies need not be on the grid
     masses: FloatArray
-    answer: SolverAnswer
-    price: float
+    answer: SolverAnswer  # the solution used, checked on the whole problem
+    price: float  # relative increase of the cost over that of unconstrained parameters
 
 
 def fit_consistent(
@@ -71,13 +59,15 @@ def fit_consistent(
     Parameters
     ----------
     problem : CompressedProblem
-        b + k columns.
+        Problem of b + k columns.
     regrouping : (b, 4(n + 1)) array
-        Matrix M of eq. 4.24, from full parameters to the problem's first b.
+        Matrix M of eq. 4.24, from full parameters to the first b parameters of the problem.
     grid : PointGrid
+        Grid of point masses.
     reference : (4(n + 1),) array
         Full parameters to approach where the problem determines nothing; NaN for none.
     consistency : {"grid", "cone", "bounded-cone"}
+        The set of possible bodies.
     relative_sd : float
         Standard deviation of the reference, relative to each parameter's size.
 
@@ -88,7 +78,7 @@ def fit_consistent(
     """
     small, full_moments = problem.over(len(regrouping)), grid.moments()
     moments = regrouping @ full_moments
-    bodies = _bodies(regrouping, grid, consistency)
+    bodies = _choose_bodies(regrouping, grid, consistency)
 
     def spread(answer: SolverAnswer) -> FloatArray:
         return spread_masses(
@@ -100,33 +90,26 @@ def fit_consistent(
         if links.optimality.proven:
             aim = reference
             if not np.isfinite(aim).all():
-                aim = np.where(np.isfinite(aim), aim, full_moments @ spread(_point_masses(small, moments)))
+                aim = np.where(np.isfinite(aim), aim, full_moments @ spread(_fit_point_masses(small, moments)))
             full = closest_links(bodies, links.body, aim, reference_deviations(aim, relative_sd))
             nowhere = np.full(full_moments.shape[1], np.nan)
-            return _solution(problem, bodies, (consistency, consistency), (full, nowhere), links)
-    answer = _point_masses(small, moments)
-    found = spread(answer)
-    return _solution(problem, GridBodies(moments), (consistency, "grid"), (full_moments @ found, found), answer)
+            return _complete_solution(problem, bodies, (consistency, consistency), (full, nowhere), links)
+    answer = _fit_point_masses(small, moments)
+    masses = spread(answer)
+    return _complete_solution(
+        problem, GridBodies(moments), (consistency, "grid"), (full_moments @ masses, masses), answer
+    )
 
 
 def fit_quickly(
     problem: CompressedProblem, regrouping: FloatArray, grid: PointGrid, consistency: Consistency
 ) -> FloatArray:
-    """Return the parameters (b + k,) of :func:`fit_consistent` without the full body, in a fraction of the time.
+    """Return only the parameters (b + k,) of :func:`fit_consistent`, in a fraction of the time.
 
-    If the solution is not proven to be optimal, :func:`fit_consistent` is called.
-
-    Parameters
-    ----------
-    problem, regrouping, grid, consistency
-        As for :func:`fit_consistent`.
-
-    Raises
-    ------
-    NumericalError
-        As for :func:`fit_consistent`.
+    If the solution is not proven to be optimal, :func:`fit_consistent` is called. The arguments and errors are the
+    same.
     """
-    small, bodies = problem.over(len(regrouping)), _bodies(regrouping, grid, consistency)
+    small, bodies = problem.over(len(regrouping)), _choose_bodies(regrouping, grid, consistency)
     answer = solve_nnls(small, bodies.mapping) if isinstance(bodies, GridBodies) else solve_links(small, bodies)
     if answer.optimality.proven:
         return problem.completed(bodies.mapping @ answer.body)
@@ -134,14 +117,15 @@ def fit_quickly(
     return fit_consistent(problem, regrouping, grid, nowhere, consistency=consistency).parameters
 
 
-def _bodies(regrouping: FloatArray, grid: PointGrid, consistency: Consistency) -> GridBodies | ConeBodies:
+def _choose_bodies(regrouping: FloatArray, grid: PointGrid, consistency: Consistency) -> GridBodies | ConeBodies:
+    """Return the set of possible bodies."""
     if consistency == "grid":
         return GridBodies(regrouping @ grid.moments())
     return ConeBodies(regrouping, grid.boxes() if consistency == "bounded-cone" else None)
 
 
-def _point_masses(problem: CompressedProblem, moments: FloatArray) -> SolverAnswer:
-    """Return the non-negative least-squares solution, or if that is not proven, the better of it and OSQP's."""
+def _fit_point_masses(problem: CompressedProblem, moments: FloatArray) -> SolverAnswer:
+    """Return the non-negative least-squares solution; if it is not proven, the better of it and OSQP's solution."""
     first = solve_nnls(problem, moments)
     if first.optimality.proven:
         return first
@@ -149,20 +133,21 @@ def _point_masses(problem: CompressedProblem, moments: FloatArray) -> SolverAnsw
     excess = [answer.optimality.excess if np.isfinite(answer.cost) else np.inf for answer in (first, second)]
     if not min(excess) <= _TOLERABLE:
         raise NumericalError(
-            f"the point masses did not converge: {first.solver} reports {first.status!r}, up to {excess[0]:.1e} above "
-            f"the least cost, and {second.solver} reports {second.status!r}, up to {excess[1]:.1e} above it; the limit "
-            f"is {_TOLERABLE:.0e}. Check the chain for two joints at the same place, or for wrong units"
+            f"the fit of point masses did not converge: {first.solver} reports {first.status!r}, up to {excess[0]:.1e} "
+            f"above the least cost, and {second.solver} reports {second.status!r}, up to {excess[1]:.1e} above it; the "
+            f"limit is {_TOLERABLE:.0e}. Check the chain for two joints at the same place, or for wrong units"
         )
     return first if excess[0] <= excess[1] else second
 
 
-def _solution(
+def _complete_solution(
     problem: CompressedProblem,
     bodies: BodyCone,
     consistency: tuple[Consistency, Consistency],
-    found: tuple[FloatArray, FloatArray],
+    full_and_masses: tuple[FloatArray, FloatArray],
     answer: SolverAnswer,
 ) -> ConsistentSolution:
+    """Return the solution with its price, checked on the whole problem."""
     parameters = problem.completed(bodies.mapping @ answer.body)
     optimality = check_optimality(problem, bodies, answer.body, parameters[len(bodies.mapping) :])
     free = problem.cost(problem.free_solution())
@@ -170,8 +155,8 @@ def _solution(
         requested=consistency[0],
         consistency=consistency[1],
         parameters=parameters,
-        full=found[0],
-        masses=found[1],
-        answer=SolverAnswer(answer.solver, answer.body, answer.cost, optimality, answer.status, answer.iterations),
+        full=full_and_masses[0],
+        masses=full_and_masses[1],
+        answer=replace(answer, optimality=optimality),
         price=max(answer.cost - free, 0.0) / problem.floor(free),
     )

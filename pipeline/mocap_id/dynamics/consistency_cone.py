@@ -1,14 +1,13 @@
 """Physical consistency without a grid: all planar bodies that can exist, as second-order cones.
 
-A planar link can exist exactly if m·Izz ≥ mx² + my² and m ≥ 0: its second moment is at least that of its whole mass at
-the centre. This is a second-order cone, and equals the set of point masses anywhere in the plane. It is not bounded in
-space: a mass that tends to zero can have any first moment if it moves far enough away. For masses inside a box, mx and
-my are in addition within the box's sides times m, and Izz is at most that of masses at the corners with the same
-centre:
+A planar link can exist exactly if m·Izz ≥ mx² + my² and m ≥ 0. This is a second-order cone, and equals the set of point
+masses anywhere in the plane. A mass that tends to zero can have any first moment if it is far enough away. Masses
+inside a box meet more conditions: mx and my are within the sides of the box times m, and Izz is at most that of masses
+at the corners with the same centre:
 
     Izz ≤ (x₀ + x₁) mx + (y₀ + y₁) my - (x₀ x₁ + y₀ y₁) m.
 
-This is the limit of the point masses on ever finer grids over the box.
+This is the limit of point masses on finer and finer grids over the box.
 """
 
 from __future__ import annotations
@@ -26,12 +25,12 @@ LENGTH = 0.3
 UNITS = np.array([1.0, LENGTH, LENGTH, LENGTH**2])
 """Divisors of a link's m, mx, my and Izz that convert all four to kg."""
 FAR = 10.0
-"""Without a box, masses are searched up to this distance, m."""
+"""Distance up to which masses are searched without a box, m."""
 ConeKind: TypeAlias = Literal["round", "flat", "semidefinite"]
 
 
 class ConicBodies(BodyCone, Protocol):
-    """Bodies whose conditions are cones of Clarabel."""
+    """Bodies whose conditions are cones of Clarabel. They are given by v numbers each."""
 
     @property
     def units(self) -> FloatArray:
@@ -41,28 +40,21 @@ class ConicBodies(BodyCone, Protocol):
     def sides(self) -> tuple[FloatArray, tuple[tuple[ConeKind, int], ...]]:
         """Return rows (r, v) whose products with a body must be in cones, and the kind and size of each cone.
 
-        The size of a round cone and of a flat one is its number of rows; that of a semidefinite one the matrix's.
+        The size of a round or a flat cone is its number of rows; the size of a semidefinite cone is that of its matrix.
         """
         ...
 
     def settled(self, body: FloatArray) -> FloatArray:
-        """Return the body (v,) without rounding errors: inside the cone."""
+        """Return the body (v,) moved inside the cone, to remove rounding errors."""
         ...
 
 
 @dataclass(frozen=True)
 class ConeBodies:
-    """Possible links. Their full parameters are the numbers of :class:`~mocap_id.dynamics.optimality.BodyCone`.
+    """Possible links, given by their full parameters (:class:`~mocap_id.dynamics.optimality.BodyCone`)."""
 
-    Parameters
-    ----------
-    mapping : (b, 4(n + 1)) array
-        Matrix M of eq. 4.24, from full parameters to those of the problem.
-    boxes : (n + 1, 2, 2) array or None
-        Lowest and highest corner of each link in its frame, m; None for masses anywhere.
-    """
-
-    mapping: FloatArray
+    mapping: FloatArray  # (b, 4(n + 1)) matrix M of eq. 4.24, from full parameters to the parameters of the problem.
+    # (n + 1, 2, 2) lowest and highest corner of each link in its frame, m; None for masses anywhere
     boxes: FloatArray | None = None
 
     @property
@@ -82,13 +74,13 @@ class ConeBodies:
         return np.vstack([*round_, flat]), (*cones, ("flat", len(flat)))
 
     def limited(self, link: int) -> bool:
-        """Return whether the cone limits the link's first moments; it does not if Izz is unobservable."""
+        """Return whether the cone limits the link's first moments. Without a box, it needs an observable Izz."""
         return self.boxes is not None or bool(self.mapping[:, 4 * link + 3].any())
 
     def round_sides(self) -> FloatArray:
         """Return rows (l, 4, 4(n + 1)) whose products (m + J, m - J, 2 mx / L, 2 my / L), kg, are second-order cones.
 
-        J is Izz / L² with any length L.
+        J is Izz / L², with any length L.
         """
         limited = [link for link in range(self.links) if self.limited(link)]
         rows = np.zeros((len(limited), 4, 4 * self.links))
@@ -99,7 +91,7 @@ class ConeBodies:
         return rows
 
     def flat_sides(self) -> FloatArray:
-        """Return rows (r, 4(n + 1)) whose products, kg, must not be negative: masses and sides of the boxes."""
+        """Return rows (r, 4(n + 1)) whose products, kg, must not be negative: masses, and conditions of the boxes."""
         rows = np.zeros((self.links, 6, 4 * self.links))
         for link, row in enumerate(rows):
             own = slice(4 * link, 4 * link + 4)
@@ -112,7 +104,7 @@ class ConeBodies:
         return used.reshape(-1, 4 * self.links)
 
     def outside(self, body: FloatArray) -> float:
-        """Return the largest violation of any condition, kg, relative to the total mass."""
+        """Return the largest violation of any condition, kg, divided by the total mass."""
         sides = self.round_sides() @ body
         short = [*(np.linalg.norm(sides[:, 1:], axis=1) - sides[:, 0]), *(-(self.flat_sides() @ body))]
         return float(np.max([0.0, *short])) / max(self.mass(body), 1e-300)
@@ -127,12 +119,12 @@ class ConeBodies:
         for link in range(self.links):
             _, mx, my, izz = prices[4 * link : 4 * link + 4]
             (x0, y0), (x1, y1) = [[-FAR] * 2, [FAR] * 2] if self.boxes is None else self.boxes[link]
-            x, y = _lowest(mx, izz, x0, x1), _lowest(my, izz, y0, y1)
+            x, y = _find_minimum(mx, izz, x0, x1), _find_minimum(my, izz, y0, y1)
             columns[4 * link : 4 * link + 4, link] = 1.0, x, y, x * x + y * y
         return columns
 
     def settled(self, body: FloatArray) -> FloatArray:
-        """Return the body without rounding errors: no mass is negative, and no Izz too small."""
+        """Return the body without negative masses and without an Izz that is too small, to remove rounding errors."""
         links = body.reshape(-1, 4).copy()
         links[:, 0] = np.maximum(links[:, 0], 0.0)
         first = np.sum(links[:, 1:3] ** 2, axis=1)
@@ -142,7 +134,7 @@ class ConeBodies:
         return links.reshape(-1)
 
 
-def _lowest(linear: float, square: float, low: float, high: float) -> float:
+def _find_minimum(linear: float, square: float, low: float, high: float) -> float:
     """Return the point between two ends at which linear·x + square·x² is least."""
     inside = [] if square <= 0.0 else [float(np.clip(-linear / (2 * square), low, high))]
     return min([low, high, *inside], key=lambda x: linear * x + square * x * x)

@@ -1,6 +1,6 @@
 """Excitation: how well a movement determines each base parameter.
 
-The independent part of a regressor column is its part that is orthogonal to all other columns. The larger its norm, in
+The independent part of a regressor column is the part that is orthogonal to all other columns. The larger its norm, in
 standard deviations of the residual, the less noise affects the parameter.
 """
 
@@ -23,40 +23,25 @@ Identifiability: TypeAlias = Literal["known", "weak", "not identifiable"]
 WEAK = 0.2
 """Default limit of the relative standard deviation above which a parameter is weak."""
 WEAK_ROBOT = 0.05
-"""The same for robots, whose parameters are wanted to a few per cent."""
-LOST = 1.0
+"""The same limit for robots, whose parameters should be accurate to a few per cent."""
+NOT_IDENTIFIABLE = 1.0
 """Relative standard deviation above which a parameter is not identifiable."""
 _LEAST_LEVER = 0.05  # m
 
 
 @dataclass(frozen=True)
 class Excitation:
-    """How well each base parameter is known, and how strongly the movement excites it.
+    """How well each base parameter is known, and how strongly the movement excites it."""
 
-    Parameters
-    ----------
-    names : tuple of str
-    verdict : tuple of {"known", "weak", "not identifiable"}
-    size : (b,) array
-        Size of each parameter that its standard deviation is compared with, SI.
-    relative_sd : (b,) array
-        Standard deviation divided by the size.
-    own : (b,) array
-        Norm of the part of the column that is orthogonal to all others, in standard deviations of the residual per SI
-        unit of the parameter.
-    share : (b,) array
-        ``own`` as a fraction of the norm of the whole column, 0 to 1.
-    weak : float
-        Relative standard deviation above which a parameter is weak.
-    """
-
-    names: tuple[str, ...]
-    verdict: tuple[Identifiability, ...]
-    size: FloatArray
-    relative_sd: FloatArray
+    names: tuple[str, ...]  # names of the base parameters
+    verdict: tuple[Identifiability, ...]  # class of each parameter
+    size: FloatArray  # (b,) size of each parameter, with which its standard deviation is compared, SI
+    relative_sd: FloatArray  # (b,) standard deviation divided by the size
+    # (b,) norm of the part of the column that is orthogonal to all others, in standard deviations of the residual per
+    # SI unit of the parameter
     own: FloatArray
-    share: FloatArray
-    weak: float = WEAK
+    share: FloatArray  # (b,) ``own`` as a fraction of the norm of the whole column, 0 to 1
+    weak: float = WEAK  # relative standard deviation above which a parameter is weak
 
     @property
     def doubtful(self) -> tuple[int, ...]:
@@ -64,33 +49,20 @@ class Excitation:
         return tuple(i for i, verdict in enumerate(self.verdict) if verdict != "known")
 
 
-def excitation(prepared: PreparedTrial, found: Identification, weak: float = WEAK) -> Excitation:
-    """Measure the excitation of every base parameter and classify it.
-
-    Parameters
-    ----------
-    prepared : PreparedTrial
-    found : Identification
-    weak : float
-        Relative standard deviation above which a parameter is weak.
-    """
-    size = parameter_sizes(prepared, found)
-    return judge(base_names(prepared.base, prepared.recorded.centres), found.fit, found.base_sd, size, weak)
+def measure_excitation(prepared: PreparedTrial, result: Identification, weak: float = WEAK) -> Excitation:
+    """Measure the excitation of every base parameter; a relative standard deviation above ``weak`` makes it weak."""
+    size = parameter_sizes(prepared, result)
+    return classify_parameters(
+        base_names(prepared.base, prepared.recorded.centres), result.fit, result.base_sd, size, weak
+    )
 
 
-def judge(names: tuple[str, ...], found: Fit, base_sd: FloatArray, size: FloatArray, weak: float = WEAK) -> Excitation:
-    """Classify base parameters by their standard deviations and sizes (b,), SI.
-
-    Parameters
-    ----------
-    names : tuple of str, length b
-    found : Fit
-    base_sd, size : (b,) arrays
-    weak : float
-        Relative standard deviation above which a parameter is weak.
-    """
+def classify_parameters(
+    names: tuple[str, ...], result: Fit, base_sd: FloatArray, size: FloatArray, weak: float = WEAK
+) -> Excitation:
+    """Classify base parameters by their names, the fit, and their standard deviations and sizes (b,), SI."""
     relative = base_sd / np.maximum(size, 1e-300)
-    own, share = _own_parts(found.design, found.base)
+    own, share = _measure_own_parts(result.design, result.base)
     return Excitation(
         names=names,
         verdict=tuple(
@@ -105,30 +77,30 @@ def judge(names: tuple[str, ...], found: Fit, base_sd: FloatArray, size: FloatAr
     )
 
 
-def parameter_sizes(prepared: PreparedTrial, found: Identification) -> FloatArray:
-    """Return the size of each base parameter (b,), SI, that its standard deviation is compared with.
+def parameter_sizes(prepared: PreparedTrial, result: Identification) -> FloatArray:
+    """Return the size of each base parameter (b,), SI, with which its standard deviation is compared.
 
-    The size of a first moment is the norm of (mx, my), since mx alone may be zero. The base segment has no my. Its mx
+    The size of a first moment is the norm of (mx, my), because mx alone may be zero. The base segment has no my. Its mx
     is the mass times the centre of pressure of a person who stands straight; its size is at least the mass times 5 cm.
     """
     kept = prepared.base.kept
     segment, kind = kept // 4, kept % 4
-    mass = float(found.full[::4].sum()) if 1 in prepared.settings.components else 0.0
-    size = np.abs(found.base)
+    mass = float(result.full[::4].sum()) if 1 in prepared.settings.components else 0.0
+    size = np.abs(result.base)
     for i in np.flatnonzero((kind == 1) | (kind == 2)):
-        pair = found.base[(segment == segment[i]) & ((kind == 1) | (kind == 2))]
+        pair = result.base[(segment == segment[i]) & ((kind == 1) | (kind == 2))]
         size[i] = np.linalg.norm(pair) if segment[i] else max(size[i], _LEAST_LEVER * mass)
     return np.asarray(size)
 
 
 def classify(relative_sd: float, weak: float = WEAK) -> Identifiability:
-    """Classify a parameter by its relative standard deviation; above ``weak`` it is weak."""
-    if not np.isfinite(relative_sd) or relative_sd > LOST:
+    """Return the class of a parameter from its relative standard deviation; above ``weak`` it is weak."""
+    if not np.isfinite(relative_sd) or relative_sd > NOT_IDENTIFIABLE:
         return "not identifiable"
     return "weak" if relative_sd > weak else "known"
 
 
-def _own_parts(design: FloatArray, base: int) -> tuple[FloatArray, FloatArray]:
+def _measure_own_parts(design: FloatArray, base: int) -> tuple[FloatArray, FloatArray]:
     """Return the norm (b,) of each base column's part orthogonal to all others, and its share of the column's norm."""
     rows = design.reshape(-1, design.shape[-1])
     own = 1.0 / np.sqrt(np.diag(unit_covariance(rows))[:base])

@@ -1,4 +1,4 @@
-"""The part of a prepared trial that the fit reads, in the plane or in space."""
+"""The parts of a prepared trial that the fit reads, in the plane or in space."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ class Sampled(Protocol):
 
     @property
     def time(self) -> FloatArray:
-        """(T,) even steps, s."""
+        """Sample times (T,) with constant step, s."""
         ...
 
     @property
@@ -28,7 +28,7 @@ class Sampled(Protocol):
 
 
 class FilteredTrial(Protocol):
-    """Filtered regressor and wrench of c components, with the samples that may be used."""
+    """Filtered regressor and wrench of c components, with the usable samples."""
 
     @property
     def recorded(self) -> Sampled: ...
@@ -41,7 +41,7 @@ class FilteredTrial(Protocol):
 
     @property
     def filtered(self) -> FloatArray:
-        """(T, c, b) columns of the fitted parameters after the low-pass."""
+        """Columns (T, c, b) of the fitted parameters after the low-pass."""
         ...
 
     @property
@@ -64,5 +64,5 @@ class FilteredTrial(Protocol):
         ...
 
     def filtered_measured(self, samples: IntArray, stamped: FloatArray) -> FloatArray:
-        """Return the filtered wrench (..., R, c) of samples (R,) with times (..., R) on the plates' clock, s."""
+        """Return the filtered wrench (..., R, c) of samples (R,) at times (..., R) on the plates' clock, s."""
         ...

@@ -13,104 +13,76 @@ from mocap_id.dynamics.base_parameters import triangular_factor
 from mocap_id.dynamics.clock_offset import profile_offset
 from mocap_id.dynamics.filtered_trial import FilteredTrial
 from mocap_id.dynamics.least_squares import CompressedProblem
-from mocap_id.dynamics.left_out_samples import LEAST_SECONDS
-from mocap_id.dynamics.lowpass import erode
 from mocap_id.dynamics.prior_weight import REFERENCE, left_out_memory
+from mocap_id.dynamics.sample_choice import LEAST_SECONDS, select_samples
 from mocap_id.dynamics.uncertainty import block_covariance, time_blocks
 
 Rows: TypeAlias = tuple[FloatArray, FloatArray]
 """Rows (r, b) and right-hand side (r,) of a least-squares problem."""
 
-_ROUNDS = 2  # weights and offset depend on each other weakly: a second round changes them in the third digit
+_ROUNDS = 2  # weights and offset depend on each other only weakly
 DEPENDENT = 1e8
-"""Condition number with unit columns from which the columns count as linearly dependent."""
-_SHARP = 0.01  # s: an offset less certain than this is not applied
-_LEAST_SPREAD = 1e-4  # of a component's rms: smaller residuals are rounding and must not make a weight explode
+"""Condition number with unit columns above which the columns count as linearly dependent."""
+_SHARP = 0.01  # s: an offset with a larger standard deviation is not applied
+_LEAST_SPREAD = 1e-4  # fraction of a component's rms: smaller residuals are due to rounding
 
 
 @dataclass(frozen=True)
 class Fit:
-    """Unconstrained least-squares fit on chosen samples.
+    """Unconstrained least-squares fit on chosen samples."""
 
-    Parameters
-    ----------
-    in_fit : (T,) bool array
-        Usable samples within the gate, without the filter's reach at its edges.
-    samples : (R,) int array
-        Indices of the samples used in the fit: every :attr:`FilteredTrial.step`-th of ``in_fit``.
-    base : int
-        Number of base parameters b; the k nuisance parameters (constant errors of the plate) follow them.
-    found, offset_sd : float
-        Clock offset with the least residual and its standard deviation from the residuals, s. At the limit of the
-        search there is no minimum.
-    offset : float
-        The offset used: ``found``, or 0 if it is not applied or not known.
-    offset_known : bool
-        Whether there is a minimum within the search's limit, with a standard deviation below 10 ms.
-    applied : bool
-        Whether ``offset`` is ``found``.
-    weights : (c,) array
-        Inverse residual spread of each component. With a prior, multiplied by the square root of the share of
-        independent samples (:mod:`mocap_id.dynamics.prior_weight`), so that data and prior are weighted correctly.
-    problem : CompressedProblem
-        Weighted rows, b + k columns.
-    design : (R, c, b + k + 1) array
-        Weighted rows. The last column is the wrench's rate of change, along which a clock offset shifts the wrench.
-    target : (R, c) array
-        Weighted, filtered wrench at ``offset``.
-    covariance : (b + k + 1, b + k + 1) array
-        Covariance of base parameters, nuisance parameters and offset from the residuals.
-    condition, condition_scaled : float
-        Condition number of the stacked, filtered, gated minimal regressor, in SI units and with unit columns.
-    prior : ((p, b + k) array, (p,) array) or None
-        Rows and right-hand side of the prior; ``problem`` and ``covariance`` include it.
-    """
-
-    in_fit: BoolArray
-    samples: IntArray
-    base: int
-    found: float
+    in_fit: BoolArray  # (T,) usable samples within the gate, without the filter's reach at its edges
+    samples: IntArray  # (R,) indices of the samples used in the fit: every :attr:`FilteredTrial.step`-th of ``in_fit``
+    base: int  # number of base parameters b; the k nuisance parameters (constant errors of the plate) follow them
+    # best_offset, offset_sd: clock offset with the least residual and its standard deviation from the residuals, s. At
+    # the limit of the search there is no minimum.
+    best_offset: float
     offset_sd: float
-    offset: float
-    offset_known: bool
-    applied: bool
+    offset: float  # clock offset used in the fit, s: ``best_offset``, or 0 if it is not applied or not known
+    offset_known: bool  # whether there is a minimum within the search's limit, with a standard deviation below 10 ms
+    applied: bool  # whether ``best_offset`` is used in the fit
+    # (c,) inverse residual spread of each component. With a prior, it is multiplied by the square root of the fraction
+    # of independent samples (:mod:`mocap_id.dynamics.prior_weight`).
     weights: FloatArray
-    problem: CompressedProblem
+    problem: CompressedProblem  # weighted rows of b + k columns, with the prior
+    # (R, c, b + k + 1) weighted rows. The last column is the wrench's rate of change, along which a clock offset shifts
+    # the wrench.
     design: FloatArray
-    target: FloatArray
+    target: FloatArray  # (R, c) weighted, filtered wrench at ``offset``
+    # (b + k + 1, b + k + 1) covariance of base parameters, nuisance parameters and offset from the residuals, with the
+    # prior
     covariance: FloatArray
+    # condition, condition_scaled: condition number of the filtered rows of the base parameters, in SI units and with
+    # unit columns
     condition: float
     condition_scaled: float
+    # ((p, b + k) array, (p,) array) or None rows and right-hand side of the prior; None without a prior
     prior: Rows | None = None
 
     def response(self, wrench: FloatArray) -> FloatArray:
-        """Return the change of the solution (b + k + 1, s) that weighted errors (R, c, s) of the wrench cause."""
+        """Return the change (b + k + 1, s) of the solution due to weighted errors (R, c, s) of the wrench."""
         rows = self.design.reshape(-1, self.design.shape[-1])
-        errors = wrench.reshape(len(rows), -1)
-        both = rows if self.prior is None else np.concatenate([rows, np.pad(self.prior[0], ((0, 0), (0, 1)))])
-        factor = triangular_factor(both)
-        half = solve_triangular(factor, rows.T @ errors, trans="T")
+        factor = triangular_factor(np.concatenate([rows, self._prior_rows]))
+        half = solve_triangular(factor, rows.T @ wrench.reshape(len(rows), -1), trans="T")
         return np.asarray(solve_triangular(factor, half))
 
     @property
     def prior_precision(self) -> FloatArray:
         """Precision matrix (b + k + 1, b + k + 1) of the prior; zeros without a prior."""
-        size = self.design.shape[-1]
-        own = np.zeros((0, size)) if self.prior is None else np.pad(self.prior[0], ((0, 0), (0, 1)))
-        return np.asarray(own.T @ own)
+        return np.asarray(self._prior_rows.T @ self._prior_rows)
+
+    @property
+    def _prior_rows(self) -> FloatArray:
+        """Rows of the prior (p, b + k + 1); without a prior, p is 0."""
+        return np.zeros((0, self.design.shape[-1])) if self.prior is None else np.pad(self.prior[0], ((0, 0), (0, 1)))
 
 
-def select(prepared: FilteredTrial, gate: BoolArray) -> BoolArray:
-    """Return the samples to fit: usable ones within the gate, without the filter's reach at its edges."""
-    return prepared.usable & erode(gate, prepared.lowpass.reach_samples)
+def determines_parameters(prepared: FilteredTrial, gate: BoolArray) -> bool:
+    """Return whether the gated samples determine the base parameters.
 
-
-def determined(prepared: FilteredTrial, gate: BoolArray) -> bool:
-    """Return whether the gated samples determine the base parameters: a second of them, and no dependent columns.
-
-    Columns are dependent if a joint rests throughout the gated samples.
+    The samples must last a second, and no columns may be dependent, as they are if a joint rests in all samples.
     """
-    chosen = select(prepared, gate)
+    chosen = select_samples(prepared, gate)
     if chosen.sum() < LEAST_SECONDS * prepared.recorded.rate:
         return False
     if prepared.prior is not None:
@@ -125,45 +97,46 @@ def fit(prepared: FilteredTrial, gate: BoolArray, like: Fit | None = None) -> Fi
     Parameters
     ----------
     prepared : FilteredTrial
+        The prepared trial.
     gate : (T,) bool array
         Samples in which the body touches only the ground.
     like : Fit, optional
-        A fit of the same trial whose clock offset and weights are reused.
+        Fit of the same trial whose clock offset and weights are reused.
     """
     settings = prepared.settings
-    in_fit = select(prepared, gate)
+    in_fit = select_samples(prepared, gate)
     samples = np.flatnonzero(in_fit)[:: prepared.step]
     time = prepared.recorded.time[samples]
-    design = _design(prepared, samples)
+    design = _build_rows(prepared, samples)
     prior = _prior_rows(prepared, design)
     if like is not None:
-        spread, weights, found, known = like.weights, like.weights, like.found, like.offset_known
+        spread, weights, best_offset, known = like.weights, like.weights, like.best_offset, like.offset_known
     else:
-        spread, weights, found, known = _searched(prepared, gate, samples, design)
-    extended, covariance = _covariance(prepared, samples, found, design, weights)
-    offset, offset_sd = found, float(np.sqrt(covariance[-1, -1]))
+        spread, weights, best_offset, known = _search_offset(prepared, gate, samples, design)
+    extended, covariance = _compute_covariance(prepared, samples, best_offset, design, weights)
+    offset, offset_sd = best_offset, float(np.sqrt(covariance[-1, -1]))
     known = known and offset_sd < _SHARP
     applied = known and settings.apply_offset
     if not applied:
         offset = 0.0
-        target = _measured(prepared, samples, time)
-        spread = _weights(prepared, design, target, spread)
-        weights = _counted(prepared, gate, samples, design, target, weights=spread)
-        extended, covariance = _covariance(prepared, samples, offset, design, weights)
+        target = _sample_wrench(prepared, samples, time)
+        spread = _estimate_weights(prepared, design, target, spread)
+        weights = _scale_weights(prepared, gate, samples, design, target, weights=spread)
+        extended, covariance = _compute_covariance(prepared, samples, offset, design, weights)
     base = prepared.filtered.shape[-1]
-    target = _measured(prepared, samples, time - offset) * weights
+    target = _sample_wrench(prepared, samples, time - offset) * weights
     condition, condition_scaled = conditions(design[..., :base])
     return Fit(
         in_fit=in_fit,
         samples=samples,
         base=base,
-        found=found,
+        best_offset=best_offset,
         offset_sd=offset_sd,
         offset=offset,
         offset_known=known,
         applied=applied,
         weights=weights,
-        problem=_problem(extended[..., :-1], target, prior),
+        problem=_compress(extended[..., :-1], target, prior),
         design=extended,
         target=target,
         covariance=covariance,
@@ -173,41 +146,41 @@ def fit(prepared: FilteredTrial, gate: BoolArray, like: Fit | None = None) -> Fi
     )
 
 
-def _searched(
+def _search_offset(
     prepared: FilteredTrial, gate: BoolArray, samples: IntArray, design: FloatArray
 ) -> tuple[FloatArray, FloatArray, float, bool]:
-    """Return weights (without, with the share of independent samples), clock offset, whether it is a minimum."""
+    """Return weights (before and after :func:`_scale_weights`), clock offset, and whether the offset is a minimum."""
     prior, time = _prior_rows(prepared, design), prepared.recorded.time[samples]
     weights = spread = np.ones(len(prepared.settings.components))
-    found, at_edge = 0.0, True
+    best_offset, at_edge = 0.0, True
     for _ in range(_ROUNDS):
-        found, at_edge = profile_offset(
+        best_offset, at_edge = profile_offset(
             design,
-            lambda times: _measured(prepared, samples, times),
+            lambda times: _sample_wrench(prepared, samples, times),
             time,
             weights,
             prepared.settings.offset_limit,
             prior=prior,
         )
-        target = _measured(prepared, samples, time - found)
-        spread = _weights(prepared, design, target, spread)
-        weights = _counted(prepared, gate, samples, design, target, weights=spread)
-    return spread, weights, found, not at_edge
+        target = _sample_wrench(prepared, samples, time - best_offset)
+        spread = _estimate_weights(prepared, design, target, spread)
+        weights = _scale_weights(prepared, gate, samples, design, target, weights=spread)
+    return spread, weights, best_offset, not at_edge
 
 
-def _problem(design: FloatArray, target: FloatArray, prior: Rows | None) -> CompressedProblem:
-    """Return the least-squares problem of weighted rows (R, c, b + k) and the prior."""
+def _compress(design: FloatArray, target: FloatArray, prior: Rows | None) -> CompressedProblem:
+    """Return the compressed problem of weighted rows (R, c, b + k) and the prior."""
     rows, aim = design.reshape(-1, design.shape[-1]), target.reshape(-1)
     if prior is not None:
         rows, aim = np.concatenate([rows, prior[0]]), np.concatenate([aim, prior[1]])
     return CompressedProblem.of(rows, aim)
 
 
-def _design(prepared: FilteredTrial, samples: IntArray) -> FloatArray:
-    """Return the rows (R, c, b + k): filtered base columns and the nuisance columns.
+def _build_rows(prepared: FilteredTrial, samples: IntArray) -> FloatArray:
+    """Return the rows (R, c, b + k): filtered base columns, then a column for each constant error of the plate.
 
-    A constant error of Fx can be estimated, since gravity causes no constant Fx. A constant error of Fy or tauz has the
-    same column as m1 or mx1; it cannot be separated and remains in these parameters.
+    A constant error of Fx can be estimated, because gravity causes no constant Fx. A constant error of Fy or tauz has
+    the same column as m1 or mx1. It cannot be separated from these parameters and remains in them.
     """
     components = prepared.settings.components
     rows = prepared.filtered[samples][:, list(components), :]
@@ -219,33 +192,37 @@ def _design(prepared: FilteredTrial, samples: IntArray) -> FloatArray:
     return np.concatenate([rows, bias], axis=-1)
 
 
-def _measured(prepared: FilteredTrial, samples: IntArray, stamped: FloatArray) -> FloatArray:
+def _sample_wrench(prepared: FilteredTrial, samples: IntArray, stamped: FloatArray) -> FloatArray:
+    """Return the fitted components of the filtered wrench at times on the plates' clock, s."""
     return prepared.filtered_measured(samples, stamped)[..., list(prepared.settings.components)]
 
 
 def _prior_rows(prepared: FilteredTrial, design: FloatArray) -> Rows | None:
+    """Return the rows and right-hand side of the prior; None without a prior."""
     return None if prepared.prior is None else prepared.prior.rows(design.shape[-1])
 
 
-def _residual(design: FloatArray, target: FloatArray, prior: Rows | None) -> FloatArray:
+def _compute_residual(design: FloatArray, target: FloatArray, prior: Rows | None) -> FloatArray:
     """Return the least-squares residual (R, c) of the data."""
-    return target - design @ _problem(design, target, prior).free_solution()
+    return target - design @ _compress(design, target, prior).free_solution()
 
 
-def _weights(prepared: FilteredTrial, design: FloatArray, target: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return the inverse residual spread of each component after a fit; with a prior, at :data:`REFERENCE`."""
-    residual = _residual(design * weights[:, None], target * weights, _prior_rows(prepared, design)) / weights
+def _estimate_weights(
+    prepared: FilteredTrial, design: FloatArray, target: FloatArray, weights: FloatArray
+) -> FloatArray:
+    """Return the inverse residual spread of each component after a fit; with a prior, for :data:`REFERENCE`."""
+    residual = _compute_residual(design * weights[:, None], target * weights, _prior_rows(prepared, design)) / weights
     floor = _LEAST_SPREAD * np.sqrt(np.mean(target**2, axis=0))
-    found = np.asarray(1.0 / np.maximum(residual.std(axis=0), floor))
-    return found if prepared.prior is None else found * np.sqrt(_share(prepared, REFERENCE))
+    inverse = np.asarray(1.0 / np.maximum(residual.std(axis=0), floor))
+    return inverse if prepared.prior is None else inverse * np.sqrt(_independent_share(prepared, REFERENCE))
 
 
-def _share(prepared: FilteredTrial, seconds: float) -> float:
-    """Return the share of the fit's samples that are independent if this time counts as one sample."""
+def _independent_share(prepared: FilteredTrial, seconds: float) -> float:
+    """Return the fraction of the fit's samples that are independent if this time, s, counts as one sample."""
     return min(1.0, prepared.step / prepared.recorded.rate / seconds)
 
 
-def _counted(
+def _scale_weights(
     prepared: FilteredTrial,
     gate: BoolArray,
     samples: IntArray,
@@ -254,35 +231,35 @@ def _counted(
     *,
     weights: FloatArray,
 ) -> FloatArray:
-    """Return the weights times the share of independent samples that predicts left-out repetitions well."""
+    """Return the weights scaled for the number of independent samples that predicts left-out repetitions well."""
     prior = _prior_rows(prepared, design)
     if prior is None or prepared.prior is None:
         return weights
-    inverse = weights / np.sqrt(_share(prepared, REFERENCE))
+    inverse = weights / np.sqrt(_independent_share(prepared, REFERENCE))
     seconds = left_out_memory(
         prepared, gate, samples, rows=design * inverse[:, None], target=target * inverse, prior=prior
     )
-    return np.asarray(inverse * np.sqrt(_share(prepared, seconds)))
+    return np.asarray(inverse * np.sqrt(_independent_share(prepared, seconds)))
 
 
-def _covariance(
+def _compute_covariance(
     prepared: FilteredTrial, samples: IntArray, offset: float, design: FloatArray, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return weighted rows with the column of the offset, and the parameters' covariance from the residuals."""
+    """Return weighted rows with the column of the offset, and the covariance of the parameters from the residuals."""
     time = prepared.recorded.time[samples]
-    rate = prepared.filtered_wrench.rate_of_change(time - offset)[:, list(prepared.settings.components)]
+    rate = prepared.filtered_wrench(time - offset, derivative=1)[:, list(prepared.settings.components)]
     prior = _prior_rows(prepared, design)
     weighted = design * weights[:, None]
     extended = np.concatenate([weighted, (rate * weights)[..., None]], axis=-1)
-    residual = _residual(weighted, _measured(prepared, samples, time - offset) * weights, prior)
+    residual = _compute_residual(weighted, _sample_wrench(prepared, samples, time - offset) * weights, prior)
     blocks = time_blocks(time, prepared.settings.block)
     more = None if prior is None else np.pad(prior[0], ((0, 0), (0, 1)))
-    loose = 1.0 if prepared.prior is None else prepared.prior.spread
-    return extended, block_covariance(extended, residual, blocks, more, loose)
+    spread = 1.0 if prepared.prior is None else prepared.prior.spread
+    return extended, block_covariance(extended, residual, blocks, more, spread)
 
 
 def conditions(rows: FloatArray) -> tuple[float, float]:
-    """Return the 2-norm condition number of stacked rows (R, c, b), in SI units and with unit columns."""
+    """Return the 2-norm condition numbers of stacked rows (R, c, b), in SI units and with unit columns."""
     factor = triangular_factor(rows.reshape(-1, rows.shape[-1]))
     size = np.linalg.norm(factor, axis=0)
     return float(np.linalg.cond(factor)), float(np.linalg.cond(factor / np.where(size > 0.0, size, 1.0)))

@@ -9,7 +9,7 @@ from functools import partial
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.dynamics.calibration import CalibrationEffect, ScaleCheck, calibration_effect
+from mocap_id.dynamics.calibration import CalibrationEffect, ScaleCheck, propagate_calibration
 from mocap_id.dynamics.consistency import Consistency, ConsistentSolution, fit_consistent, fit_quickly
 from mocap_id.dynamics.fit import Fit, fit
 from mocap_id.dynamics.kinematic_error import KinematicError, kinematic_response
@@ -21,71 +21,46 @@ from mocap_id.dynamics.reference_prior import FOOT_MOMENT, ReferencePrior, foot_
 
 @dataclass(frozen=True)
 class Identification:
-    """The identified inertial parameters of an individual.
+    """The identified inertial parameters of an individual."""
 
-    Parameters
-    ----------
-    fit : Fit
-    base, base_sd : (b,) arrays
-        Base parameters (eq. 6.1) and their standard deviations, SI.
-    covariance : (b, b) array
-        Covariance of the base parameters from the residuals, the errors of the geometry, the plate's zero, and errors
-        of scale (:mod:`mocap_id.dynamics.calibration`).
-    residual_covariance : (b, b) array
-        The part from the residuals: it holds for predictions of the wrench with the same geometry.
-    error : KinematicError
-        Uncertainty of the geometry.
-    response : (b, S) array
-        Change of the base parameters with each mode of that error.
-    offset_sd : float
-        Standard deviation of the clock offset, s.
-    plate_bias, plate_bias_sd : float or None
-        Constant error of the plate's Fx, N; None if it was not estimated.
-    solution : ConsistentSolution
-        The solution among physically possible bodies, and the solver's report.
-    masses : (p,) array
-        Point masses with these base parameters, kg, closest to the reference or spread most evenly; NaN if the exact
-        cone was used instead of the grid.
-    full : (4(n + 1),) array
-        Full parameters: one of many consistent solutions.
-    uses_reference : bool
-        Whether the reference is a prior of the base parameters.
-    gain : (b, b) array or None
-        Weight of the ground's data in the base parameters, if the reference is a prior or if a joint has a sensor; None
-        if they follow from the ground's data alone.
-    refit : callable
-        Repeats the estimate with other data: from a compressed problem in the columns of ``fit.problem`` (b + k) to
-        parameters (b + k,). A prior has the same weight as in the whole trial.
-    calibration : CalibrationEffect or None
-        Effect of the instruments' errors of scale, which ``covariance`` contains; None if it does not.
-    scales : ScaleCheck or None
-        Result of the absolute check (:mod:`mocap_id.dynamics.scale_check`); None if it was not possible.
-    with_foot : Identification or None
-        The same with a prior of the foot, for the torques alone.
-    """
-
-    fit: Fit
+    fit: Fit  # unconstrained fit
+    # base, base_sd: (b,) base parameters (eq. 6.1) and their standard deviations, SI.
     base: FloatArray
     base_sd: FloatArray
+    # (b, b) covariance of the base parameters from residuals, geometry, plate zero and errors of scale
+    # (:mod:`mocap_id.dynamics.calibration`)
     covariance: FloatArray
+    # (b, b) the part from the residuals, which applies to predictions of the wrench with the same geometry
     residual_covariance: FloatArray
-    error: KinematicError
-    response: FloatArray
-    offset_sd: float
+    error: KinematicError  # uncertainty of the geometry
+    response: FloatArray  # (b, S) change of the base parameters with each mode of that error
+    offset_sd: float  # standard deviation of the clock offset, s
+    # plate_bias, plate_bias_sd: constant error of the plate's Fx and its standard deviation, N; None if it was not
+    # estimated
     plate_bias: float | None
     plate_bias_sd: float | None
-    solution: ConsistentSolution
-    masses: FloatArray
-    full: FloatArray
-    uses_reference: bool
+    solution: ConsistentSolution  # physically possible parameters, and the solver's report
+    uses_reference: bool  # whether the reference is a prior of the base parameters
+    # function from a compressed problem in the columns of ``fit.problem`` (b + k) to parameters (b + k,). It repeats
+    # the estimate with other data; a prior has the same weight as in the whole trial.
     refit: Callable[[CompressedProblem], FloatArray]
+    # (b, b) weight of the ground's data in the base parameters, if there is also a prior or a built-in sensor; None if
+    # the ground's data alone determine them
     gain: FloatArray | None = None
+    # effect of the instruments' errors of scale, which ``covariance`` contains; None if it does not
     calibration: CalibrationEffect | None = None
+    # result of the absolute check (:mod:`mocap_id.dynamics.scale_check`); None if it was not possible
     scales: ScaleCheck | None = None
+    # the same with a prior of the foot, for the torques alone; None without this prior
     with_foot: Identification | None = None
 
-    def calibrated(self, effect: CalibrationEffect, scales: ScaleCheck | None) -> Identification:
-        """Return the identification with the effect of errors of scale on the ground's data in its covariance."""
+    @property
+    def full(self) -> FloatArray:
+        """Full parameters (4(n + 1),): one of many consistent solutions."""
+        return self.solution.full
+
+    def add_calibration(self, effect: CalibrationEffect, scales: ScaleCheck | None) -> Identification:
+        """Return the identification with the effect of errors of scale on the ground's data added to its covariance."""
         if self.gain is not None:
             effect = replace(effect, parameters=self.gain @ effect.parameters)
         covariance = self.covariance + effect.covariance
@@ -95,7 +70,7 @@ class Identification:
             base_sd=np.sqrt(np.diag(covariance)),
             calibration=effect,
             scales=scales,
-            with_foot=None if self.with_foot is None else self.with_foot.calibrated(effect, scales),
+            with_foot=None if self.with_foot is None else self.with_foot.add_calibration(effect, scales),
         )
 
 
@@ -117,9 +92,11 @@ def identify(
     Parameters
     ----------
     prepared : PreparedTrial
+        The prepared trial.
     gate : (T,) bool array
         Samples in which the body touches only the ground.
     grid : PointGrid
+        Grid of point masses.
     reference : (4(n + 1),) array
         Full parameters to approach where the wrench determines nothing; NaN for none.
     error : KinematicError
@@ -131,32 +108,32 @@ def identify(
     reference_pulls : bool
         Whether the reference is also a prior of the base parameters (4.13).
     foot_sd : float, optional
-        Standard deviation of the foot's first moment in relation to the body's mass, m: the reference is a prior of the
-        foot alone.
+        Standard deviation of the foot's first moment divided by the body's mass, m. If it is given, the reference is a
+        prior of the foot alone.
     plate_sd : float, optional
-        Standard deviation of the plate's place along the motion, m, by which the data may differ from the prior of the
-        foot. If it is given, the prior is used for the torques alone, and not if data and prior differ by more than
-        three standard deviations: the fit to the plate would lose what only helps the torques.
+        Standard deviation of the plate's position along the motion, m, by which data and prior of the foot may differ.
+        If it is given, the prior of the foot is used for the torques alone. It is not used if data and prior differ by
+        more than three standard deviations.
 
     Raises
     ------
     NumericalError
         The constrained least squares did not converge.
     """
-    found = fit(prepared, gate)
+    result = fit(prepared, gate)
     solve = partial(fit_consistent, grid=grid, reference=reference, consistency=consistency, relative_sd=reference_sd)
     refit = partial(fit_quickly, regrouping=prepared.base.regrouping, grid=grid, consistency=consistency)
-    alone = _from_data(prepared, found, solve(found.problem, prepared.base.regrouping), error, refit)
+    alone = _identify_from_data(prepared, result, solve(result.problem, prepared.base.regrouping), error, refit)
     if not np.isfinite(reference).all() or (foot_sd is None and not reference_pulls):
         return alone
     if foot_sd is not None and not reference_pulls:
         deviations = foot_deviations(reference, foot_sd * float(reference[::4].sum()), reference_sd)
-        return _with_foot(prepared, alone, ReferencePrior(reference, deviations), solve, plate_sd)
+        return _identify_with_foot(prepared, alone, ReferencePrior(reference, deviations), solve, plate_sd)
     whole = ReferencePrior(reference, reference_deviations(reference, reference_sd))
-    return _with_reference(alone, prepared.base.regrouping, whole, solve)
+    return _identify_with_reference(alone, prepared.base.regrouping, whole, solve)
 
 
-def _with_foot(
+def _identify_with_foot(
     prepared: PreparedTrial,
     alone: Identification,
     foot: ReferencePrior,
@@ -166,48 +143,46 @@ def _with_foot(
     """Identify the parameters from the data and a prior of the foot; with ``plate_sd``, m, for the torques alone."""
     regrouping = prepared.base.regrouping
     if plate_sd is None:
-        return _with_reference(alone, regrouping, foot, solve)
-    of_plate = calibration_effect(prepared, alone.fit, alone.base, {"position": plate_sd}).covariance
+        return _identify_with_reference(alone, regrouping, foot, solve)
+    of_plate = propagate_calibration(prepared, alone.fit, alone.base, {"position": plate_sd}).covariance
     own = np.flatnonzero(prepared.base.kept == FOOT_MOMENT)
     if any(foot.contradicts(alone.base, alone.covariance + of_plate, regrouping, int(one)) for one in own):
         return alone
-    return replace(alone, with_foot=_with_reference(alone, regrouping, foot, solve, of_plate))
+    return replace(alone, with_foot=_identify_with_reference(alone, regrouping, foot, solve, of_plate))
 
 
-def _from_data(
+def _identify_from_data(
     prepared: PreparedTrial,
-    found: Fit,
+    result: Fit,
     solution: ConsistentSolution,
     error: KinematicError,
     refit: Callable[[CompressedProblem], FloatArray],
 ) -> Identification:
     """Identify the parameters from the data alone."""
-    base, own = solution.parameters[: found.base], slice(found.base)
-    response = kinematic_response(prepared, found, base, error)
+    base, own = solution.parameters[: result.base], slice(result.base)
+    response = kinematic_response(prepared, result, base, error)
     kinematic = response @ response.T
-    covariance = found.covariance + kinematic + _plate_covariance(prepared, found)
+    covariance = result.covariance + kinematic + _plate_covariance(prepared, result)
     sd = np.sqrt(np.diag(covariance))
-    biased = len(solution.parameters) > found.base
+    biased = len(solution.parameters) > result.base
     return Identification(
-        fit=found,
+        fit=result,
         base=base,
         base_sd=sd[own],
         covariance=covariance[own, own],
-        residual_covariance=found.covariance[own, own],
+        residual_covariance=result.covariance[own, own],
         error=error,
         response=response[own],
-        offset_sd=float(np.hypot(found.offset_sd, np.sqrt(kinematic[-1, -1]))),
+        offset_sd=float(np.hypot(result.offset_sd, np.sqrt(kinematic[-1, -1]))),
         plate_bias=float(solution.parameters[-1]) if biased else None,
-        plate_bias_sd=float(sd[found.base]) if biased else None,
+        plate_bias_sd=float(sd[result.base]) if biased else None,
         solution=solution,
-        masses=solution.masses,
-        full=solution.full,
         uses_reference=False,
         refit=refit,
     )
 
 
-def _with_reference(
+def _identify_with_reference(
     alone: Identification,
     regrouping: FloatArray,
     prior: ReferencePrior,
@@ -216,19 +191,19 @@ def _with_reference(
 ) -> Identification:
     """Identify the parameters from the data and a prior of the full parameters.
 
-    ``of_plate`` (b, b) is the covariance from errors of the plate that count for the weight of the data. They are not
-    in the covariance of the result, to which errors of scale are added later.
+    ``of_plate`` (b, b) is the covariance from errors of the plate that reduce the weight of the data. It is not in the
+    covariance of the result, to which errors of scale are added later.
     """
     problem = alone.fit.problem.over(alone.fit.base)
     independent = np.linalg.inv(problem.factor.T @ problem.factor)
-    # the first may be singular: there can be fewer blocks than parameters
+    # the first covariance may be singular: there can be fewer blocks than parameters
     known = alone.covariance + independent + of_plate
 
-    def solution_of(data: CompressedProblem) -> ConsistentSolution:
+    def solve_with_prior(data: CompressedProblem) -> ConsistentSolution:
         small = data.over(alone.fit.base)
-        return solve(prior.added_to(small.free_solution(), known, regrouping, small.rest), np.eye(len(prior.mean)))
+        return solve(prior.add_to(small.free_solution(), known, regrouping, small.rest), np.eye(len(prior.mean)))
 
-    solution = solution_of(alone.fit.problem)
+    solution = solve_with_prior(alone.fit.problem)
     base, gain = regrouping @ solution.parameters, prior.gain(known, regrouping)
     covariance = prior.covariance(gain, regrouping, alone.covariance)
     biased = alone.plate_bias is not None
@@ -241,26 +216,24 @@ def _with_reference(
         response=gain @ alone.response,
         plate_bias=float(alone.fit.problem.completed(base)[-1]) if biased else None,
         solution=solution,
-        masses=solution.masses,
-        full=solution.full,
         uses_reference=True,
         gain=gain,
-        refit=lambda data: data.completed(regrouping @ solution_of(data).parameters),
+        refit=lambda data: data.completed(regrouping @ solve_with_prior(data).parameters),
     )
 
 
-def _plate_covariance(prepared: PreparedTrial, found: Fit) -> FloatArray:
+def _plate_covariance(prepared: PreparedTrial, result: Fit) -> FloatArray:
     """Return the covariance of base parameters, nuisance and offset from constant errors of Fy and tauz.
 
-    Under gravity, m1 causes a constant Fy and mx1 a constant tauz, so a constant error of the plate changes only these
-    parameters. With a prior, the fit distributes it over the bodies.
+    Under gravity, m1 causes a constant Fy and mx1 a constant tauz. A constant error of the plate therefore changes only
+    these parameters. With a prior, the fit distributes it over the bodies.
     """
-    size, gravity = found.design.shape[-1], prepared.settings.gravity
-    if found.prior is not None:
+    size, gravity = result.design.shape[-1], prepared.settings.gravity
+    if result.prior is not None:
         components = prepared.settings.components
         sd = np.array([prepared.settings.plate_zero[c - 1] if c else 0.0 for c in components])
-        constant = np.broadcast_to(np.diag(sd * found.weights), (len(found.design), len(sd), len(sd)))
-        moved = found.response(constant)
+        constant = np.broadcast_to(np.diag(sd * result.weights), (len(result.design), len(sd), len(sd)))
+        moved = result.response(constant)
         return np.asarray(moved @ moved.T)
     variance = np.zeros(size)
     for column, sd_of in enumerate(prepared.settings.plate_zero):

@@ -1,7 +1,7 @@
 """Linear least squares after a QR decomposition, with as many rows as parameters.
 
-After the fit, the data are used only through the triangular factor R of their QR decomposition: the cost of parameters
-x is ‖R x - d‖² plus a constant. Thousands of rows become a dozen, and the condition number is not squared.
+After the fit, only the triangular factor R of the QR decomposition of the data is needed: the cost of parameters x is
+‖R x - d‖² plus a constant. Thousands of rows become a dozen, and the condition number is not squared.
 """
 
 from __future__ import annotations
@@ -16,21 +16,11 @@ from mocap_id.dynamics.base_parameters import triangular_factor
 
 @dataclass(frozen=True)
 class CompressedProblem:
-    """A least-squares problem after QR: cost = ‖R x - d‖² + rest.
+    """A least-squares problem after QR: cost = ‖R x - d‖² + rest."""
 
-    Parameters
-    ----------
-    factor : (b, b) array
-        R.
-    target : (b,) array
-        d = Qᵀ · right-hand side.
-    rest : float
-        The part of the squared residual that no parameters can remove.
-    """
-
-    factor: FloatArray
-    target: FloatArray
-    rest: float
+    factor: FloatArray  # (b, b) triangular factor R
+    target: FloatArray  # (b,) right-hand side d, which is Qᵀ times the original right-hand side
+    rest: float  # part of the squared residual that no parameters can remove
 
     @classmethod
     def of(cls, rows: FloatArray, target: FloatArray, rest: float = 0.0) -> CompressedProblem:
@@ -50,11 +40,11 @@ class CompressedProblem:
         return float(np.sum((self.factor @ parameters - self.target) ** 2)) + self.rest
 
     def floor(self, cost: float) -> float:
-        """Return the cost, but at least a value above rounding, so that other costs can be divided by it."""
+        """Return the cost, or a value above rounding if that is larger, so that costs can be divided by it."""
         return max(cost, 1e-9 * float(self.target @ self.target), 1e-300)
 
     def over(self, kept: int) -> CompressedProblem:
-        """Return the problem in the first ``kept`` parameters, with the others eliminated at their optimum."""
+        """Return the problem in the first ``kept`` parameters, with the others eliminated at their optimal values."""
         others = self.factor[:, kept:]
         if others.shape[1] == 0:
             return self
@@ -64,7 +54,7 @@ class CompressedProblem:
         return CompressedProblem.of(rows, self.target - basis @ (basis.T @ self.target), self.rest)
 
     def completed(self, parameters: FloatArray) -> FloatArray:
-        """Append the optimal values of the remaining parameters to the given first ones."""
+        """Return the given first parameters, followed by the optimal values of the remaining parameters."""
         rest = self.target - self.factor[:, : len(parameters)] @ parameters
         others = np.linalg.lstsq(self.factor[:, len(parameters) :], rest, rcond=None)[0]
         return np.concatenate([parameters, others])

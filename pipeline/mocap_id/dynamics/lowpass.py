@@ -1,8 +1,8 @@
-"""Zero-phase low-pass of regressor and wrench, and its reach.
+"""Zero-phase low-pass filter of regressor and wrench, and the reach of a sample.
 
-The wrench is linear in the regressor. The same linear filter on both therefore does not change the parameters, but
-removes noise of the accelerations, which would bias them. Samples beyond a gap or a contact affect their neighbours, so
-the usable samples are eroded by the filter's reach.
+The wrench is linear in the regressor. The same linear filter on both therefore does not change the parameters, but it
+removes noise of the accelerations, which would bias them. A sample in a gap or with a contact affects the filtered
+samples around it. The usable samples are therefore eroded by the filter's reach.
 """
 
 from __future__ import annotations
@@ -12,35 +12,29 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 
-from mocap_id.arrays import BoolArray, FloatArray, chunks, find_runs
+from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks, find_runs
 
 _SHARE, _MARGIN, _LOWEST, _HIGHEST = 0.999, 2.0, 3.0, 10.0
 _OVERSAMPLED = 10
-_COLUMNS = 8  # filtered at a time, to bound the memory
+_COLUMNS = 8  # number of columns filtered at a time, to limit the memory
 
 
 @dataclass(frozen=True)
 class LowPass:
     """Butterworth filter of order 2, run forwards and backwards.
 
-    It has no phase; its gain at the frequency f is 1 / (1 + (tan(πf/rate) / tan(π·cutoff/rate))⁴), which multiplies the
-    Fourier transform of a stretch. The straight line through the ends of the stretch passes unchanged and is subtracted
-    before; the remainder is extended beyond both ends by its reflection with the opposite sign.
-
-    Parameters
-    ----------
-    cutoff : float
-        Cut-off of a single pass, Hz.
-    rate : float
-        Samples per second.
+    It has no phase. Its gain at the frequency f is 1 / (1 + (tan(πf/rate) / tan(π·cutoff/rate))⁴), which multiplies the
+    Fourier transform of each interval without gaps. Before, the straight line through the ends of the interval is
+    subtracted; afterwards it is added again. The remainder is extended beyond both ends by its reflection with the
+    opposite sign.
     """
 
-    cutoff: float
-    rate: float
+    cutoff: float  # cut-off frequency of a single pass, Hz
+    rate: float  # samples per second
 
     @property
     def reach(self) -> float:
-        """Reach of one sample, s: 3 % of the impulse response's area is beyond it."""
+        """Reach of one sample, s: 3 % of the area of the impulse response is beyond it."""
         return 0.8 / self.cutoff
 
     @property
@@ -50,21 +44,14 @@ class LowPass:
 
     @property
     def step(self) -> int:
-        """Step between the samples of a filtered signal that are needed: ten per period of the cut-off."""
+        """Step between samples that preserves the information of a filtered signal: ten per period of the cut-off."""
         return max(1, int(self.rate / (_OVERSAMPLED * self.cutoff)))
 
     def __call__(self, signal: FloatArray) -> FloatArray:
-        """Filter each finite stretch along the first axis.
+        """Filter each interval without gaps of a signal (T, ...) along the first axis.
 
-        Parameters
-        ----------
-        signal : (T, ...) array
-            A sample with any NaN counts as missing.
-
-        Returns
-        -------
-        (T, ...) array
-            NaN where the sample is missing or its stretch is shorter than twice the filter's reach.
+        A sample with any NaN counts as missing. The result is NaN there, and in intervals that are shorter than twice
+        the filter's reach.
         """
         flat = signal.reshape(len(signal), -1)
         moving = np.flatnonzero(np.any(flat != 0.0, axis=0))  # columns of zeros stay zeros
@@ -74,11 +61,11 @@ class LowPass:
             if run.stop - run.start > 2 * self.reach_samples:
                 out[run] = 0.0
                 for columns in (moving[c] for c in chunks(len(moving), _COLUMNS)):
-                    out[run, columns] = self._stretch(flat[run, columns])
+                    out[run, columns] = self._filter_interval(flat[run, columns])
         return out.reshape(signal.shape)
 
-    def _stretch(self, signal: FloatArray) -> FloatArray:
-        """Filter a stretch (T, c) without gaps."""
+    def _filter_interval(self, signal: FloatArray) -> FloatArray:
+        """Filter an interval (T, c) without gaps."""
         count, beyond = len(signal), 2 * self.reach_samples
         place = np.arange(count)[:, None] / (count - 1)
         line: FloatArray = (1.0 - place) * signal[0] + place * signal[-1]
@@ -92,22 +79,11 @@ class LowPass:
 
 
 def cutoff_from_velocity(dq: FloatArray, rate: float) -> float:
-    """Return the default cut-off: twice the frequency below which 99.9 % of the fastest joint's velocity power lies.
+    """Return the default cut-off, Hz: twice the frequency below which 99.9 % of the velocity's power lies.
 
-    The velocity's spectrum shows the movement, whereas that of the acceleration is dominated by noise. The result is
-    between 3 and 10 Hz, and at most a fifth of the rate.
-
-    Parameters
-    ----------
-    dq : (T, n) array
-        Joint velocities, rad/s; the longest finite stretch is used.
-    rate : float
-        Samples per second.
-
-    Returns
-    -------
-    float
-        Hz.
+    The spectrum of the fastest joint's velocity shows the movement, whereas noise dominates the spectrum of the
+    acceleration. The result is between 3 and 10 Hz, and at most a fifth of the rate. Of the velocities (T, n), rad/s,
+    the longest interval without gaps is used.
     """
     longest = max(find_runs(known(dq)), key=lambda run: run.stop - run.start, default=slice(0, 0))
     signal = dq[longest]
@@ -120,23 +96,11 @@ def cutoff_from_velocity(dq: FloatArray, rate: float) -> float:
 
 
 def undo_averaging(filtered: FloatArray, samples: float) -> FloatArray:
-    """Correct a filtered signal for the averaging of its samples over a time window.
+    """Correct a filtered signal (T, c) for the averaging of its samples over a width W, in samples.
 
-    The mean of a smooth signal w over a width W is w + W²/24 · w'' plus a term in W⁴. The second derivative is taken
-    from the filtered signal, in which little noise is left to amplify. Below a tenth of the rate the correction is less
-    than 2 % for W of one sample.
-
-    Parameters
-    ----------
-    filtered : (T, c) array
-        Signal after the low-pass; NaN marks missing values.
-    samples : float
-        Width W in samples.
-
-    Returns
-    -------
-    (T, c) array
-        Unchanged at the ends of a stretch.
+    The mean of a smooth signal w over W is w + W²/24 · w'' plus a term in W⁴. The second derivative is taken from the
+    filtered signal, which contains little noise. For W of one sample and below a tenth of the rate, the correction is
+    less than 2 %. The ends of an interval without gaps are not changed.
     """
     bend = np.zeros_like(filtered)
     bend[1:-1] = np.diff(filtered, 2, axis=0)
@@ -144,13 +108,26 @@ def undo_averaging(filtered: FloatArray, samples: float) -> FloatArray:
 
 
 def known(values: FloatArray) -> BoolArray:
-    """Return the samples (T,) in which every value (T, ...) is finite."""
+    """Return whether every value of each sample (T, ...) is finite, (T,)."""
     return np.asarray(np.isfinite(values.reshape(len(values), -1)).all(axis=1), dtype=np.bool_)
 
 
 def erode(mask: BoolArray, samples: int) -> BoolArray:
-    """Remove ``samples`` from both ends of every stretch, also at the ends of the recording."""
+    """Remove ``samples`` from both ends of every run of true values, also at the ends of the recording."""
     out = np.zeros_like(mask)
     for run in find_runs(mask):
         out[run.start + samples : max(run.stop - samples, run.start + samples)] = True
+    return out
+
+
+def blank_incomplete(wrench: FloatArray) -> FloatArray:
+    """Return a wrench (T, c) with NaN in all components of a sample if any is missing."""
+    return np.where(known(wrench)[:, None], wrench, np.nan)
+
+
+def interpolate_samples(time: FloatArray, samples: IntArray, steps: IntArray, values: FloatArray) -> FloatArray:
+    """Return values (t, n), given at the samples ``steps`` (t,), interpolated at ``samples``; NaN at all others."""
+    out = np.full((len(time), values.shape[1]), np.nan)
+    for column, series in enumerate(values.T):
+        out[samples, column] = np.interp(time[samples], time[steps], series)
     return out

@@ -1,9 +1,9 @@
 """Motion of bodies from their measured poses: pinned joints, low-pass filters, derivatives.
 
 A person's joints are not perfect pins: at the hip, the thigh and the trunk move apart by a centimetre and more. The
-measured poses include this, and therefore the real motion of the mass. A zero-phase low-pass removes noise from each
-coordinate of the pose. Horizontal position, vertical position and angle have a cut-off each, because the wrench
-requires them up to different frequencies.
+measured poses contain this, and therefore the real motion of the mass. A zero-phase low-pass filter removes noise from
+each coordinate of the pose. Horizontal position, vertical position and angle have different cut-offs, because the
+wrench depends on them up to different frequencies.
 """
 
 from __future__ import annotations
@@ -19,55 +19,37 @@ from mocap_id.dynamics.motion import PlanarMotion, point_acceleration
 from mocap_id.geometry import planar
 
 BRIDGED = 0.25
-"""Longest interval without a pose that is filled, s."""
+"""Longest interval without a pose that is interpolated, s."""
 CUTOFFS = (2.5, 3.0, 3.5, 4.0, 5.0, 6.0, 8.0)
 """Cut-offs to choose from, Hz."""
 USUAL = (3.0, 5.0, 4.0)
 """Default cut-offs of x, y and angle, Hz."""
-_GAP_BAND = 3.0  # Hz: gaps are measured below; there, camera noise is small compared with movement
+_GAP_BAND = 3.0  # Hz: below this frequency, camera noise is small compared with movement
 GIVES_WAY = 0.03
-"""Rms acceleration of a gap above which a joint gives way, m/s². In simulated people with perfect joints, camera noise
-and skin reach 0.02 to 0.05."""
+"""Rms acceleration of a gap above which a joint does not count as a pin, m/s². In simulated people with perfect joints,
+camera noise and skin reach 0.02 to 0.05.
+"""
 SURELY = 0.1
-"""Rms acceleration of a gap above which a joint surely gives way, m/s². With perfect joints, skin reaches 0.06."""
+"""Rms acceleration of a gap above which a joint surely is no pin, m/s². With perfect joints, skin reaches 0.06."""
 
 
 @dataclass(frozen=True)
 class BodyPoses:
-    """Measured poses of K bodies, and the positions of the chain's joints in them.
+    """Measured poses of K bodies, and the positions of the chain's joints in them."""
 
-    Parameters
-    ----------
-    time : (T,) array
-        Even steps, s.
-    position : (T, K, 2) array
-        Centroid of each body's markers, plane frame, m; NaN where unknown.
-    angle : (T, K) array
-        Angle of each body's frame in the plane frame, rad; NaN where unknown.
-    centroid : (K, 2) array
-        Centroid of the markers in the body's frame, m.
-    information : (K, 2) array
-        Inverse variance of one frame's position, 1/m², and angle, 1/rad², up to a common factor.
-    body : (n + 1,) int array
-        The body of each segment of the chain.
-    centres : (n, 2) array
-        Centre of joint j in the frame of segment j - 1, m.
-    shift : (n, 2) array, optional
-        What the body beyond joint j shows of an error of the joint fit: added to the place of the joint for the
-        torques, in the frame of segment j - 1, m. Gaps and pins are those of the joint fit.
-    beyond : (n, 2) array, optional
-        Centre of joint j in the frame of segment j, m; its origin by default.
-    """
-
-    time: FloatArray
-    position: FloatArray
-    angle: FloatArray
-    centroid: FloatArray
+    time: FloatArray  # (T,) sample times with constant step, s
+    position: FloatArray  # (T, K, 2) centroid of each body's markers in the plane frame, m; NaN where missing
+    angle: FloatArray  # (T, K) angle of each body's frame in the plane frame, rad; NaN where missing
+    centroid: FloatArray  # (K, 2) centroid of the markers in the body's frame, m
+    # (K, 2) inverse variance of the position, 1/m², and angle, 1/rad², in one frame of the cameras, up to a common
+    # factor
     information: FloatArray
-    body: IntArray
-    centres: FloatArray
+    body: IntArray  # (n + 1,) body of each segment of the chain
+    centres: FloatArray  # (n, 2) centre of joint j in the frame of segment j - 1, m
+    # (n, 2) correction of each joint's position for the torques, in the frame of segment j - 1, m. It is an error of
+    # the joint fit, estimated from the body beyond the joint. Gaps and pins use the uncorrected position.
     shift: FloatArray | None = None
-    beyond: FloatArray | None = None
+    beyond: FloatArray | None = None  # (n, 2) centre of joint j in the frame of segment j, m; its origin by default
 
     @property
     def rate(self) -> float:
@@ -76,11 +58,11 @@ class BodyPoses:
 
     @property
     def joints(self) -> list[int]:
-        """Joints, from 0, between two different bodies."""
+        """Numbers of the joints, from 0, between two different bodies."""
         return [j for j in range(len(self.centres)) if self.body[j] != self.body[j + 1]]
 
-    def one(self, body: int) -> BodyPoses:
-        """Return one of the bodies alone, without joints."""
+    def select(self, body: int) -> BodyPoses:
+        """Return one body alone, without joints."""
         own = slice(body, body + 1)
         return BodyPoses(
             time=self.time,
@@ -98,49 +80,39 @@ class BodyPoses:
         return np.asarray(self.position - planar.rotate(self.angle, self.centroid))
 
     def sides(self, joint: int) -> tuple[tuple[int, FloatArray], tuple[int, FloatArray]]:
-        """Return the bodies before and after a joint, and its centre (2,) in the frame of each, m."""
+        """Return the bodies before and after a joint, and the joint's centre (2,) in the frame of each, m."""
         after = np.zeros(2) if self.beyond is None else self.beyond[joint]
         return (int(self.body[joint]), self.centres[joint]), (int(self.body[joint + 1]), after)
 
-    def gap(self, joint: int) -> FloatArray:
-        """Return the vector (T, 2) from the joint's centre on the segment before it to that on the one after it, m."""
+    def measure_gap(self, joint: int) -> FloatArray:
+        """Return the vector (T, 2) from a joint's centre on the segment before it to that on the next segment, m."""
         origin = self.origin
         before, after = (
             origin[:, body] + planar.rotate(self.angle[:, body], point) for body, point in self.sides(joint)
         )
         return np.asarray(after - before)
 
-    def place_variance(self, joint: int) -> float:
+    def joint_variance(self, joint: int) -> float:
         """Return the variance of a joint's position in the bodies on its two sides, m² per coordinate.
 
-        The residuals of the markers show how rigid a body is: where its markers move relative to each other, so does a
-        joint.
+        It follows from the residuals of the markers: where the markers of a body move relative to each other, a joint
+        does too.
         """
-        found = 0.0
+        variance = 0.0
         for body, point in self.sides(joint):
             position, angle = self.information[body]
             arm = point - self.centroid[body]
-            found += 0.5 / position + 0.25 * float(arm @ arm) / angle
-        return float(found)
+            variance += 0.5 / position + 0.25 * float(arm @ arm) / angle
+        return float(variance)
 
 
 @dataclass(frozen=True)
 class JointGap:
-    """Relative motion of the two sides of a joint.
+    """Relative motion of the two sides of a joint."""
 
-    Parameters
-    ----------
-    size : float
-        Rms change of the gap, m.
-    acceleration : float
-        Rms acceleration of the gap below 3 Hz, m/s²; NaN if no stretch is long enough.
-    place : float
-        Variance of the joint's position in the bodies on its two sides, m² per coordinate.
-    """
-
-    size: float
-    acceleration: float
-    place: float
+    size: float  # rms change of the gap, m; NaN without samples
+    acceleration: float  # rms acceleration of the gap below 3 Hz, m/s²; NaN if no interval is long enough
+    place: float  # variance of the joint's position in the bodies on its two sides, m² per coordinate
 
     @property
     def pinned(self) -> bool:
@@ -149,19 +121,12 @@ class JointGap:
 
     @property
     def excess(self) -> float:
-        """Variance of the gap beyond ``place``, m² per coordinate: what sliding skin does not explain; 0 if unknown."""
+        """Variance of the gap that sliding skin (``place``) does not explain, m² per coordinate; 0 if unknown."""
         return max(self.size**2 / 2 - self.place, 0.0) if np.isfinite(self.size) else 0.0
 
 
 def fill_gaps(poses: BodyPoses) -> tuple[BodyPoses, BoolArray]:
-    """Interpolate short intervals without poses linearly.
-
-    Returns
-    -------
-    BodyPoses
-    observed : (T,) bool array
-        Samples in which every pose was measured.
-    """
+    """Return the poses with short intervals interpolated, and the samples (T,) in which all poses were measured."""
     series = np.concatenate([poses.position, poses.angle[..., None]], axis=-1)  # (T, K, 3)
     longest = round(BRIDGED * poses.rate)
     observed = known(series)
@@ -179,50 +144,31 @@ def fill_gaps(poses: BodyPoses) -> tuple[BodyPoses, BoolArray]:
 
 
 def measure_gaps(poses: BodyPoses, samples: BoolArray) -> dict[int, JointGap]:
-    """Measure the relative motion in each joint between two bodies.
-
-    Parameters
-    ----------
-    poses : BodyPoses
-        Poses with short intervals filled.
-    samples : (T,) bool array
-        Samples to use.
-
-    Returns
-    -------
-    dict of int to JointGap
-        Gap of each joint, from 0.
-    """
+    """Return the relative motion in each joint (from 0) between two bodies, over some samples (T,)."""
     lowpass = LowPass(min(_GAP_BAND, poses.rate / 5), poses.rate)
-    found = {}
+    gaps = {}
     for joint in poses.joints:
-        gap = poses.gap(joint)
-        acceleration = _derivatives(lowpass(gap), poses.rate)[1]
+        gap = poses.measure_gap(joint)
+        acceleration = _differentiate(lowpass(gap), poses.rate)[1]
         use = samples & known(gap)
         moving = samples & known(acceleration)
         size = float(np.sqrt(np.sum(np.var(gap[use], axis=0)))) if use.any() else float("nan")
-        felt = float(np.sqrt(np.mean(np.sum(acceleration[moving] ** 2, axis=1)))) if moving.any() else float("nan")
-        found[joint] = JointGap(size, felt, poses.place_variance(joint))
-    return found
+        rms = float(np.sqrt(np.mean(np.sum(acceleration[moving] ** 2, axis=1)))) if moving.any() else float("nan")
+        gaps[joint] = JointGap(size, rms, poses.joint_variance(joint))
+    return gaps
 
 
 def close_gaps(poses: BodyPoses, joints: Sequence[int]) -> BodyPoses:
-    """Close the gaps of some joints by the smallest change of the poses.
+    """Close the gaps of some joints (from 0) by the smallest change of the poses.
 
     With the information W of the poses, the gaps g and their Jacobian J, the change is -W⁻¹ Jᵀ (J W⁻¹ Jᵀ)⁻¹ g. A second
-    step removes the remainder, which is due to the bodies' rotation.
-
-    Parameters
-    ----------
-    poses : BodyPoses
-    joints : sequence of int
-        Joints, from 0, each between two bodies.
+    step removes the remainder, which is due to the rotation of the bodies.
     """
     if not joints:
         return poses
     for _ in range(2):
-        gap = np.stack([poses.gap(joint) for joint in joints], axis=1)
-        step = np.concatenate([_closing(poses, joints, poses.angle[s], gap[s]) for s in chunks(len(gap))])
+        gap = np.stack([poses.measure_gap(joint) for joint in joints], axis=1)
+        step = np.concatenate([_solve_closing(poses, joints, poses.angle[s], gap[s]) for s in chunks(len(gap))])
         poses = replace(poses, position=poses.position + step[..., :2], angle=poses.angle + step[..., 2])
     return poses
 
@@ -230,8 +176,8 @@ def close_gaps(poses: BodyPoses, joints: Sequence[int]) -> BodyPoses:
 def gap_response(poses: BodyPoses, joints: Sequence[int], angle: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return derivatives of gaps by the poses of all bodies, J (f, 2j, 3K), and J W⁻¹ with the poses' information W.
 
-    Gaps of the joints are in order, x and y each; poses are x, y and angle of each body. ``angle`` (f, K) is that of
-    the bodies, rad; NaN where one is unknown.
+    The rows are x and y of each joint's gap; the columns are x, y and angle of each body. The argument ``angle`` (f, K)
+    contains the angles of the bodies, rad; NaN where missing.
     """
     size, bodies = angle.shape
     weak = 1.0 / np.concatenate([np.repeat(poses.information[:, :1], 2, axis=1), poses.information[:, 1:]], axis=1)
@@ -245,8 +191,8 @@ def gap_response(poses: BodyPoses, joints: Sequence[int], angle: FloatArray) -> 
     return flat, flat * weak.reshape(-1)
 
 
-def _closing(poses: BodyPoses, joints: Sequence[int], angle: FloatArray, gap: FloatArray) -> FloatArray:
-    """Change (f, K, 3) of positions and angles that closes gaps (f, j, 2) at angles (f, K); 0 where one is unknown."""
+def _solve_closing(poses: BodyPoses, joints: Sequence[int], angle: FloatArray, gap: FloatArray) -> FloatArray:
+    """Return the change (f, K, 3) of positions and angles that closes gaps (f, j, 2); 0 where a value is missing."""
     flat, spread = gap_response(poses, joints, angle)
     good = np.isfinite(flat).all(axis=(1, 2)) & np.isfinite(gap).all(axis=(1, 2))
     flat, spread = flat[good], spread[good]
@@ -257,27 +203,15 @@ def _closing(poses: BodyPoses, joints: Sequence[int], angle: FloatArray, gap: Fl
 
 
 class PoseFilter:
-    """Filter of poses for several cut-offs; every coordinate is filtered only once with each cut-off.
-
-    Parameters
-    ----------
-    poses : BodyPoses
-        Poses with joints closed and short intervals filled as needed.
-    """
+    """Low-pass filter of poses (without gaps as needed) that filters every coordinate only once with each cut-off."""
 
     def __init__(self, poses: BodyPoses) -> None:
         self._poses = poses
         self._series = np.concatenate([poses.position, poses.angle[..., None]], axis=-1)  # (T, K, 3)
-        self._known: dict[tuple[int, float], tuple[FloatArray, FloatArray, FloatArray]] = {}
+        self._filtered: dict[tuple[int, float], tuple[FloatArray, FloatArray, FloatArray]] = {}
 
     def motion(self, bands: tuple[float, float, float]) -> PlanarMotion:
-        """Return the filtered motion of the bodies; a joint's centre is the mean of those on its two sides.
-
-        Parameters
-        ----------
-        bands : (x, y, angle)
-            Cut-offs, Hz.
-        """
+        """Return the filtered motion of the bodies for cut-offs of x, y and angle, Hz."""
         poses = self._poses
         (x, _, ddx), (y, _, ddy), (angle, omega, alpha) = (self._smooth(c, bands[c]) for c in range(3))
         arm = planar.rotate(angle, -poses.centroid)  # from the centroid to the frame's origin
@@ -289,25 +223,20 @@ class PoseFilter:
         return PlanarMotion(angle, omega, alpha, origin, acceleration, joint_centres(poses, angle, origin), beyond)
 
     def _smooth(self, coordinate: int, cutoff: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return one filtered coordinate of all bodies (T, K) and its two derivatives."""
+        """Return one filtered coordinate of all bodies (T, K) and its two time derivatives."""
         key = coordinate, cutoff
-        if key not in self._known:
+        if key not in self._filtered:
             lowpass = LowPass(min(cutoff, self._poses.rate / 5), self._poses.rate)
             columns = self._series[..., coordinate].T
             smooth = np.stack([lowpass(column) for column in columns], axis=1)
-            self._known[key] = (smooth, *_derivatives(smooth, self._poses.rate))
-        return self._known[key]
+            self._filtered[key] = (smooth, *_differentiate(smooth, self._poses.rate))
+        return self._filtered[key]
 
 
 def joint_centres(poses: BodyPoses, angle: FloatArray, origin: FloatArray) -> FloatArray:
-    """Return the joints' positions (T, n, 2), m: shifted means of their two sides; NaN where both sides are one body.
+    """Return the joints' positions (T, n, 2), m: the mean of both sides, shifted; NaN where both sides are one body.
 
-    Parameters
-    ----------
-    poses : BodyPoses
-        Gives the positions of the joints in the bodies.
-    angle, origin : (T, K) and (T, K, 2) arrays
-        Angle and origin of the bodies' frames, rad and m.
+    ``angle`` (T, K), rad, and ``origin`` (T, K, 2), m, are those of the bodies' frames.
     """
     joint = np.full((len(angle), len(poses.centres), 2), np.nan)
     for j in poses.joints:
@@ -319,11 +248,11 @@ def joint_centres(poses: BodyPoses, angle: FloatArray, origin: FloatArray) -> Fl
 
 
 def measured_motion(poses: BodyPoses, bands: tuple[float, float, float]) -> PlanarMotion:
-    """Return the motion of the bodies, filtered with cut-offs of x, y and angle, Hz, by :meth:`PoseFilter.motion`."""
+    """Return the motion of the bodies, filtered with cut-offs of x, y and angle, Hz."""
     return PoseFilter(poses).motion(bands)
 
 
-def _derivatives(values: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
+def _differentiate(values: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
     """Return first and second time derivatives by central differences of fourth order; NaN at the ends."""
     first, second = np.full(values.shape, np.nan), np.full(values.shape, np.nan)
     back, before, now, after, ahead = (values[k : len(values) - 4 + k] for k in range(5))

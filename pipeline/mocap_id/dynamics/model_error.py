@@ -1,10 +1,10 @@
 """Size of the error of the model's wrench, estimated from the plate.
 
 The standard deviations of the states assume that the process noise acts all the time. Real movements are smooth and
-pause, so the accelerations are better by an unknown factor. Angles and geometry have errors too, which do not vary with
-those of the accelerations. When only the ground touches the body, the plate shows both: the difference between the
-measured and the modelled wrench is the model's error plus the plate's noise. They are separated by frequency, since the
-model is smooth and the plate's noise is white.
+contain pauses, so the errors of the accelerations are smaller by an unknown factor. Angles and geometry have errors
+too, which do not vary with those of the accelerations. When only the ground touches the body, the plate measures both.
+The difference between measured and modelled wrench is the error of the model plus the noise of the plate. They differ
+in frequency: the model is smooth and the plate's noise is white.
 """
 
 from __future__ import annotations
@@ -17,52 +17,42 @@ from scipy.optimize import nnls
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.lowpass import LowPass
 
-_BAND = 25.0  # Hz: smoothed accelerations of people and robots have no power above
-_SHARE = 0.25  # of the rate: largest band that leaves room above it to measure the noise
-_HIDDEN = 0.1  # of the variance within the band: a smaller part cannot be separated from the plate's noise
+_BAND = 25.0  # Hz: smoothed accelerations of people and robots have no power above this frequency
+_SHARE = 0.25  # largest band as a fraction of the rate: the noise is measured above it
+_HIDDEN = 0.1  # fraction of the variance in the band: a smaller one cannot be separated from the plate's noise
 
 
 @dataclass(frozen=True)
 class ModelError:
-    """Variance of the model's error in one component: ``steady + scale · (variance from the accelerations)``.
+    """Variance of the model's error in one component: ``steady + scale · (variance from the accelerations)``."""
 
-    Parameters
-    ----------
-    steady : float
-        Variance of the part that is independent of the accelerations, N² or (N·m)².
-    scale : float
-        Factor on the variances of the states.
-    overall : float
-        Mean variance of the error, divided by the mean variance that follows from the states.
-    """
-
-    steady: float
-    scale: float
-    overall: float
+    steady: float  # variance of the part that is independent of the accelerations, N² or (N·m)²
+    scale: float  # factor on the variances of the states
+    overall: float  # mean variance of the error, divided by the mean variance that follows from the states
 
 
 def estimate_model_error(residual: FloatArray, noise: FloatArray, samples: BoolArray, rate: float) -> ModelError | None:
     """Estimate the model's error in one component of the wrench.
 
-    The squared residual within the band is fitted, with non-negative coefficients, by a constant and the variance that
-    follows from the accelerations. White noise with the density measured above the band is subtracted. Plate noise that
-    is not white counts as an error of the model, so the result is then too large rather than too small.
+    The squared residual within the band is fitted, with non-negative coefficients, by a constant and by the variance
+    that follows from the accelerations. White noise with the density measured above the band is subtracted. Plate noise
+    that is not white counts as an error of the model. The result is then too large.
 
     Parameters
     ----------
     residual : (T,) array
-        Measured less modelled.
+        Measured minus modelled component.
     noise : (T,) array
         Variance of the component that follows from the standard deviations of the states.
     samples : (T,) bool array
         Samples in which only the ground touches the body.
     rate : float
-        Hz.
+        Samples per second.
 
     Returns
     -------
     ModelError or None
-        None if no stretch is long enough, or the component is not modelled.
+        None if no interval is long enough.
     """
     lowpass = LowPass(min(_BAND, _SHARE * rate), rate)
     low = lowpass(np.where(samples, residual, np.nan))
@@ -70,7 +60,7 @@ def estimate_model_error(residual: FloatArray, noise: FloatArray, samples: BoolA
     if valid.sum() < 2:
         return None
     mean, squares = float(np.mean(noise[valid])), (low[valid] - low[valid].mean()) ** 2
-    passed, stopped = _white_gains(lowpass)
+    passed, stopped = _split_white_noise(lowpass)
     plate = passed * float(np.var((residual - low)[valid])) / stopped
     size = max(float(squares.mean()) - plate, _HIDDEN * float(squares.mean()))
     if mean <= 0.0:
@@ -83,7 +73,7 @@ def estimate_model_error(residual: FloatArray, noise: FloatArray, samples: BoolA
     return ModelError(share * steady, share * moving / mean, size / mean)
 
 
-def _white_gains(lowpass: LowPass) -> tuple[float, float]:
+def _split_white_noise(lowpass: LowPass) -> tuple[float, float]:
     """Return the fractions of the variance of white noise that the filter passes and stops."""
     size = 20 * lowpass.reach_samples + 1
     impulse = np.zeros(size)

@@ -5,13 +5,14 @@ solution is therefore optimal exactly if it meets four conditions:
 
 - **primal feasibility**: it is in the cone;
 - **stationarity**: the cost does not change to first order with the free parameters;
-- **dual feasibility**: no mass at any point of the set would lower the cost. The derivative of the cost with respect to
-  a mass is the *price* of that mass. The prices are the multipliers of the constraints; none may be negative;
-- **complementarity**: points that carry mass have the price zero.
+- **dual feasibility**: no additional mass at any point of the set would reduce the cost. The derivative of the cost
+  with respect to a mass is the *price* of this mass. The prices are the multipliers of the constraints; none may be
+  negative;
+- **complementarity**: points with mass have the price zero.
 
 The last three are expressed as the decrease of the cost that they still allow, relative to the cost. Their sum is an
-upper bound of the distance to the least cost, because a convex function lies above its tangents. None can exceed the
-decrease without the cone.
+upper bound of the distance to the least cost, because a convex function is above its tangents. Each is limited to the
+decrease that would be possible without the cone.
 """
 
 from __future__ import annotations
@@ -25,9 +26,9 @@ from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.least_squares import CompressedProblem
 
 PROVEN = 1e-6
-"""Possible decrease of the cost, relative to it, below which a solution counts as optimal."""
+"""Possible decrease of the cost, relative to the cost, below which a solution counts as optimal."""
 _INSIDE = 1e-9  # relative violation that counts as rounding
-_HEAVIER = 2.0  # the bound holds against bodies of up to this multiple of the mass
+_HEAVIER = 2.0  # the bound is valid for bodies of up to this multiple of the mass
 
 
 class BodyCone(Protocol):
@@ -38,7 +39,7 @@ class BodyCone(Protocol):
         """Matrix (b, v) from the numbers to the parameters."""
 
     def outside(self, body: FloatArray) -> float:
-        """Return by how much a body (v,) violates the conditions of the cone, relative to its size; 0 inside."""
+        """Return the violation of the cone's conditions by a body (v,), relative to its size; 0 inside."""
 
     def mass(self, body: FloatArray) -> float:
         """Return the total mass of a body (v,), kg."""
@@ -49,17 +50,11 @@ class BodyCone(Protocol):
 
 @dataclass(frozen=True)
 class Optimality:
-    """Deviation of a solution from each optimality condition.
+    """Deviation of a solution from each optimality condition."""
 
-    Parameters
-    ----------
-    primal : float
-        Violation of the cone, relative to the body.
-    stationarity, dual, complementarity : float
-        Decrease of the cost that free parameters, absent masses and present masses still allow, relative to the cost.
-    """
-
-    primal: float
+    primal: float  # violation of the cone, relative to the body
+    # stationarity, dual, complementarity: decrease of the cost that is still possible by free parameters, by additional
+    # masses and by the present masses, relative to the cost
     stationarity: float
     dual: float
     complementarity: float
@@ -75,32 +70,16 @@ class Optimality:
         return self.primal <= _INSIDE and self.excess <= PROVEN
 
 
-_UNKNOWN = Optimality(np.inf, np.inf, np.inf, np.inf)
-
-
 @dataclass(frozen=True)
 class SolverAnswer:
-    """The solution and the report of a solver.
+    """The solution and the report of a solver."""
 
-    Parameters
-    ----------
-    solver : str
-    body : (v,) array
-        NaN if the solver found no solution.
-    cost : float
-    optimality : Optimality
-    status : str
-        The solver's own status text.
-    iterations : int
-        0 if the solver does not report it.
-    """
-
-    solver: str
-    body: FloatArray
-    cost: float
-    optimality: Optimality
-    status: str
-    iterations: int = 0
+    solver: str  # name of the solver
+    body: FloatArray  # (v,) numbers of the body; NaN if the solver found no solution
+    cost: float  # cost of the body
+    optimality: Optimality  # result of the check
+    status: str  # the solver's own status text
+    iterations: int = 0  # number of iterations; 0 if the solver does not report it
 
 
 _NO_OTHERS: FloatArray = np.zeros(0)
@@ -111,39 +90,40 @@ def check_optimality(
 ) -> Optimality:
     """Check the optimality conditions of min ‖R [mapping · body; others] - d‖² over bodies in a cone.
 
+    The bound of the result is valid for bodies of up to twice the mass.
+
     Parameters
     ----------
     problem : CompressedProblem
-        b + k columns: the parameters that the bodies map to, then k free parameters.
+        Problem of b + k columns: the parameters to which the bodies map, then k free parameters.
     bodies : BodyCone
+        The cone.
     body : (v,) array
+        The solution to check.
     others : (k,) array
         Values of the free parameters; by default there are none.
-
-    Returns
-    -------
-    Optimality
-        Its bound holds against bodies of up to twice the mass.
     """
     if not (np.isfinite(body).all() and np.isfinite(others).all()):
-        return _UNKNOWN
+        return Optimality(np.inf, np.inf, np.inf, np.inf)
     mapped = problem.factor[:, : len(bodies.mapping)] @ bodies.mapping
     free = problem.factor[:, len(bodies.mapping) :]
     rest = mapped @ body + free @ others - problem.target
     cost = problem.floor(float(rest @ rest) + problem.rest)
-    at_most = _gain(problem.factor, rest)
+    at_most = _gain_by_parameters(problem.factor, rest)
     prices = 2 * mapped.T @ rest
     points = bodies.cheapest(prices)
-    absent = max(_bound(prices @ points, bodies.mass(body)), _best_single(mapped @ points, rest))
+    # up to this additional mass, all at the lowest price
+    heavier = _HEAVIER * bodies.mass(body) * abs(float((prices @ points).min(initial=0.0)))
+    absent = max(heavier, _gain_by_point(mapped @ points, rest))
     return Optimality(
         primal=bodies.outside(body),
-        stationarity=_gain(free, rest) / cost,
+        stationarity=_gain_by_parameters(free, rest) / cost,
         dual=min(absent, at_most) / cost,
         complementarity=min(abs(float(prices @ body)), at_most) / cost,
     )
 
 
-def _gain(columns: FloatArray, rest: FloatArray) -> float:
+def _gain_by_parameters(columns: FloatArray, rest: FloatArray) -> float:
     """Return the decrease of the cost by the best free parameters: the residual's part in the columns' span."""
     if columns.shape[1] == 0:
         return 0.0
@@ -151,13 +131,8 @@ def _gain(columns: FloatArray, rest: FloatArray) -> float:
     return float(np.sum((columns @ step) ** 2))
 
 
-def _bound(prices: FloatArray, mass: float) -> float:
-    """Return the largest decrease of the cost by up to ``_HEAVIER`` times the mass, all at the lowest price (q,)."""
-    return _HEAVIER * mass * abs(float(prices.min(initial=0.0)))
-
-
-def _best_single(columns: FloatArray, rest: FloatArray) -> float:
-    """Return the decrease of the cost by the best single point mass, which matters if the solution has no mass."""
+def _gain_by_point(columns: FloatArray, rest: FloatArray) -> float:
+    """Return the decrease of the cost by the best single point mass, for the case of a solution without mass."""
     size = np.sum(columns**2, axis=0)
     downhill = np.maximum(-(columns.T @ rest), 0.0)
     gains = np.divide(downhill**2, size, out=np.zeros_like(size), where=size > 0.0)

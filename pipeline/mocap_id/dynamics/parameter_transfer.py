@@ -1,17 +1,17 @@
 """Parameter transfer: inertial parameters of one trial in the frames of another trial of the same person.
 
-Each trial has its own frames. A segment's +Y points to the joint as found in that trial, the last segment's to the
-centroid of its markers; the plane frame belongs to the plate, on which the feet may stand elsewhere. The mass, however,
-does not move relative to the markers of its segment. Each body's frame is therefore registered to that of the other
-trial by their common markers (Procrustes), and m, (mx, my), Izz are transformed accordingly:
+Each trial has its own frames. The +Y axis of a segment points to the joint that was fitted in this trial, and that of
+the last segment to the centroid of its markers. The plane frame belongs to the plate, on which the feet may stand
+elsewhere. The mass, however, does not move relative to the markers of its segment. Each body's frame is therefore
+registered to the frame in the other trial by the common markers (Procrustes), and m, (mx, my), Izz are transformed:
 
     m' = m,  c' = R c + m t,  Izz' = Izz + 2 t·R c + m |t|²,  c = (mx, my).
 
 The full, consistent parameters are transferred, not the base parameters. A base parameter such as my2 + p3y (m3 + m4)
-contains the joint position p3 of its own trial; the full parameters can be combined with that of the other trial. The
-contact wrench does not determine how a mass at a joint is divided between the two adjacent segments. This has no effect
-if both trials locate the joint at the same place among the markers. If the places differ by e, an unknown mass of μ kg
-causes a moment of μ e g and a displacement of the centre of pressure of μ e / M.
+contains the joint position p3 of its own trial; full parameters can be combined with the joint position of the other
+trial. The contact wrench does not determine how a mass at a joint is divided between the two adjacent segments. This
+has no effect if both trials locate the joint at the same position among the markers. If the positions differ by e, an
+unknown mass of μ kg causes a moment of μ e g and a displacement of the centre of pressure of μ e / M.
 """
 
 from __future__ import annotations
@@ -24,35 +24,19 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 
 LEAST_MARKERS = 2
 LEAST_SPREAD = 0.02
-"""Least rms distance of the common markers from their centroid that determines a body's orientation, m."""
+"""Least rms distance of the common markers from their centroid with which they determine a body's orientation, m."""
 
 
 @dataclass(frozen=True)
 class BodyFrames:
-    """The joints and markers that define the frames of a trial's bodies.
+    """The joints and markers that define the frames of a trial's bodies."""
 
-    Parameters
-    ----------
-    segments : tuple of str
-        Names of the K bodies, base first.
-    centres : (n, 2) array
-        Centre of each joint in the frame of the body before it, m; NaN where unknown.
-    between : (n, 2) int array
-        The bodies before and after each joint. A body of arms and head has no joint.
-    markers : tuple of str
-        Labels of the markers.
-    segment : (M,) int array
-        Body of each marker.
-    local : (M, 2) array
-        Markers in the body's frame, m.
-    """
-
-    segments: tuple[str, ...]
-    centres: FloatArray
-    between: IntArray
-    markers: tuple[str, ...]
-    segment: IntArray
-    local: FloatArray
+    segments: tuple[str, ...]  # names of the K bodies, base first
+    centres: FloatArray  # (n, 2) centre of each joint in the frame of the body before it, m; NaN where unknown
+    between: IntArray  # (n, 2) bodies before and after each joint; a body of arms and head has no joint
+    markers: tuple[str, ...]  # labels of the markers
+    segment: IntArray  # (M,) body of each marker
+    local: FloatArray  # (M, 2) markers in the body's frame, m
 
     @property
     def jointed(self) -> IntArray:
@@ -62,79 +46,57 @@ class BodyFrames:
 
 @dataclass(frozen=True)
 class Registration:
-    """Transformation of the frames of K bodies from one trial to another: a point c becomes R(angle) c + shift.
+    """Transformation of the frames of K bodies from one trial to another: a point c becomes R(angle) c + shift."""
 
-    Parameters
-    ----------
-    angle : (K,) array
-        rad; 0 for the base, whose frame is the plane frame in both trials.
-    shift : (K, 2) array
-        m; for the base, the displacement of the feet.
-    markers : (K,) int array
-        Number of common markers.
-    residual : (K,) array
-        Rms distance of the common markers after registration, m; NaN without any.
-    mirrored : (K,) array
-        The same for the best registration of the mirrored body, m; close to ``residual`` if the markers are collinear.
-    spread : (K,) array
-        Rms distance of the common markers from their centroid, m.
-    joint : (n,) array
-        Distance between the two trials' positions of each joint, relative to the markers of the body before it, m; NaN
-        where unknown.
-    """
-
-    angle: FloatArray
-    shift: FloatArray
-    markers: IntArray
-    residual: FloatArray
-    mirrored: FloatArray
-    spread: FloatArray
+    angle: FloatArray  # (K,) rotation, rad; 0 for the base, whose frame is the plane frame in both trials
+    shift: FloatArray  # (K, 2) translation, m; for the base, the displacement of the feet
+    markers: IntArray  # (K,) number of common markers
+    residual: FloatArray  # (K,) rms distance of the common markers after registration, m; NaN without any
+    mirrored: FloatArray  # (K,) residual for the mirrored body, m; close to ``residual`` if the markers are collinear
+    spread: FloatArray  # (K,) rms distance of the common markers from their centroid, m
+    # (n,) distance between the two trials' positions of each joint, relative to the markers of the body before it, m;
+    # NaN where unknown
     joint: FloatArray
 
 
 def register_bodies(there: BodyFrames, here: BodyFrames) -> Registration:
-    """Register the bodies of one trial to those of another.
+    """Return the registration of the bodies of one trial to those of another.
+
+    It uses the markers that both trials have on the same body. It is NaN for a body with fewer than two of them.
 
     Parameters
     ----------
     there, here : BodyFrames
-        With the same bodies and joints. A marker is used if both have it on the same body.
-
-    Returns
-    -------
-    Registration
-        From ``there`` to ``here``; NaN for a body with fewer than two common markers.
+        The trial from which, and the trial to which the parameters are transferred. Both have the same bodies and
+        joints.
     """
     count = len(here.segments)
     angle, shift = np.zeros(count), np.zeros((count, 2))
     markers, residual = np.zeros(count, dtype=np.int64), np.full(count, np.nan)
     mirrored, spread = np.full(count, np.nan), np.zeros(count)
     for k in range(count):
-        before, after = _common(there, here, k)
+        before, after = _match_markers(there, here, k)
         markers[k] = len(before)
         if k == 0:
-            shift[k], used = _feet(before, after, here.centres[0] - there.centres[0])
+            shift[k], used = _estimate_feet(before, after, here.centres[0] - there.centres[0])
             residual[k] = _rms(after[used] - before[used] - shift[k])
             continue
         if len(before) < LEAST_MARKERS:
             angle[k], shift[k] = np.nan, np.nan
             continue
-        angle[k], shift[k], residual[k] = _procrustes(before, after)
+        angle[k], shift[k], residual[k] = _register(before, after)
         spread[k] = _rms(before - before.mean(axis=0))
-        mirrored[k] = _procrustes(before * [-1.0, 1.0], after)[2]
+        mirrored[k] = _register(before * [-1.0, 1.0], after)[2]
     below = there.between[:, 0]
-    moved = [_turned(angle[k], centre) + shift[k] for k, centre in zip(below, there.centres, strict=True)]
+    moved = [_rotate(angle[k], centre) + shift[k] for k, centre in zip(below, there.centres, strict=True)]
     joint = np.linalg.norm(np.reshape(moved, (-1, 2)) - here.centres, axis=1)
     return Registration(angle, shift, markers, residual, mirrored, spread, joint)
 
 
 def transfer_parameters(full: FloatArray, registration: Registration) -> FloatArray:
     """Return the full parameters (4K,), base first, in the frames of the other trial."""
-    out = [
-        _moved(block, angle, shift)
-        for block, angle, shift in zip(full.reshape(-1, 4), registration.angle, registration.shift, strict=True)
-    ]
-    return np.concatenate(out)
+    each = zip(full.reshape(-1, 4), registration.angle, registration.shift, strict=True)
+    return np.concatenate([_transform(block, angle, shift) for block, angle, shift in each])
 
 
 def transfer_covariance(covariance: FloatArray, registration: Registration) -> FloatArray:
@@ -143,8 +105,8 @@ def transfer_covariance(covariance: FloatArray, registration: Registration) -> F
     return np.asarray(move @ covariance @ move.T)
 
 
-def _common(there: BodyFrames, here: BodyFrames, segment: int) -> tuple[FloatArray, FloatArray]:
-    """Return the local coordinates (k, 2) in both trials of the markers that both have on this body."""
+def _match_markers(there: BodyFrames, here: BodyFrames, segment: int) -> tuple[FloatArray, FloatArray]:
+    """Return the coordinates (k, 2) in the frames of both trials of the markers that both have on this body, m."""
     before, after = (
         {label: i for i, label in enumerate(of.markers) if of.segment[i] == segment} for of in (there, here)
     )
@@ -153,12 +115,12 @@ def _common(there: BodyFrames, here: BodyFrames, segment: int) -> tuple[FloatArr
     return there.local[indices[:, 0]], here.local[indices[:, 1]]
 
 
-def _feet(before: FloatArray, after: FloatArray, ankle: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Return the displacement of the feet (2,), m, and the markers (k,) that it is taken from.
+def _estimate_feet(before: FloatArray, after: FloatArray, ankle: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Return the displacement of the feet (2,), m, and the markers (k,) from which it is estimated.
 
-    Markers of the base are on the feet or on the plate, and those on the plate do not move. A marker counts as on the
-    feet if its displacement is closer to that of the ankle than to zero; if none is, all markers are used. The result
-    affects only the foot's own mass, since the other trial's ankle locates the joints beyond it.
+    Markers of the base are on the feet or on the plate; markers on the plate do not move. A marker counts as on the
+    feet if its displacement is closer to that of the ankle than to zero. If no marker is, all are used. The result
+    affects only the foot's own mass, because the ankle of the other trial locates the joints beyond it.
     """
     if not len(before):
         return ankle, np.zeros(0, dtype=bool)
@@ -168,15 +130,15 @@ def _feet(before: FloatArray, after: FloatArray, ankle: FloatArray) -> tuple[Flo
     return np.median(moved[used], axis=0), used
 
 
-def _procrustes(before: FloatArray, after: FloatArray) -> tuple[float, FloatArray, float]:
-    """Return angle, shift (2,) and rms residual of the rigid motion of points (k, 2) closest to others (k, 2)."""
+def _register(before: FloatArray, after: FloatArray) -> tuple[float, FloatArray, float]:
+    """Return angle, shift (2,) and rms residual of the rigid motion of points (k, 2) to other points (k, 2)."""
     middle, goal = before.mean(axis=0), after.mean(axis=0)
     a, b = before - middle, after - goal
     angle = float(np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b)))
-    return angle, goal - _turned(angle, middle), _rms(_turned(angle, a) - b)
+    return angle, goal - _rotate(angle, middle), _rms(_rotate(angle, a) - b)
 
 
-def _turned(angle: float, points: FloatArray) -> FloatArray:
+def _rotate(angle: float, points: FloatArray) -> FloatArray:
     c, s = np.cos(angle), np.sin(angle)
     return np.asarray(points @ np.array([[c, s], [-s, c]]))
 
@@ -185,8 +147,8 @@ def _rms(distances: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.sum(distances**2, axis=-1)))) if len(distances) else float("nan")
 
 
-def _moved(block: FloatArray, angle: float, shift: FloatArray) -> FloatArray:
-    """Transform m, mx, my, Izz of one body."""
-    mass, first = block[0], _turned(angle, block[1:3])
+def _transform(block: FloatArray, angle: float, shift: FloatArray) -> FloatArray:
+    """Return m, mx, my, Izz of one body after a rotation and a translation."""
+    mass, first = block[0], _rotate(angle, block[1:3])
     inertia = block[3] + 2 * float(shift @ first) + mass * float(shift @ shift)
     return np.array([mass, *(first + mass * shift), inertia])

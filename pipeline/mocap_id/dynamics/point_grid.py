@@ -1,8 +1,7 @@
 """Point-mass grid: physical consistency by construction (eq. 4.12, 4.25).
 
-A segment is a set of points with non-negative masses. Its m, mx, my, Izz therefore belong to a body that can exist,
-m·Izz ≥ mx² + my², and that lies within the grid. The grid covers the segment's joints and markers with a margin for
-flesh.
+A segment is a set of points with non-negative masses. Its m, mx, my, Izz therefore belong to a possible body (m·Izz ≥
+mx² + my²) within the grid. The grid covers the segment's joints and markers with a margin for flesh.
 """
 
 from __future__ import annotations
@@ -14,26 +13,16 @@ import numpy as np
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.dynamics.regressor import PLANAR_PARAMETERS
 
-_FLESH, _LEAST_FLESH = 0.1, 0.04  # of the segment's longest side; m
+_FLESH, _LEAST_FLESH = 0.1, 0.04  # margin: fraction of the box's longer side; least value, m
 
 
 @dataclass(frozen=True)
 class PointGrid:
-    """Grid points of all segments.
+    """Grid points of all segments."""
 
-    Parameters
-    ----------
-    segment : (p,) int array
-        Segment of each point, base first.
-    position : (p, 2) array
-        In the segment frame, m.
-    segments : int
-        Number of segments, base included.
-    """
-
-    segment: IntArray
-    position: FloatArray
-    segments: int
+    segment: IntArray  # (p,) segment of each point, base first
+    position: FloatArray  # (p, 2) position of each point in the frame of its segment, m
+    segments: int  # number of segments, base included
 
     def moments(self) -> FloatArray:
         """Return the matrix P (4(n + 1), p) of eq. 4.12: full parameters = P · masses."""
@@ -51,7 +40,7 @@ class PointGrid:
         return np.stack([[points.min(axis=0), points.max(axis=0)] for points in own])
 
 
-def segment_grid(
+def build_grid(
     centres: FloatArray, marker_segment: IntArray, marker_local: FloatArray, points: tuple[int, int] = (5, 9)
 ) -> PointGrid:
     """Return the grid over the box of each segment's joints and markers, with a margin for flesh.
@@ -61,13 +50,14 @@ def segment_grid(
     centres : (n, 2) array
         Centre of each joint in the frame of the segment before it, m.
     marker_segment : (M,) int array
+        Segment of each marker.
     marker_local : (M, 2) array
-        In the segment frame, m.
+        Markers in the frame of their segment, m.
     points : (across, along)
-        Number of points along the box's short and long side.
+        Number of points along the short and the long side of the box.
     """
     segments = len(centres) + 1
-    boxes = [_box(k, centres, marker_local[marker_segment == k], points) for k in range(segments)]
+    boxes = [_fill_box(k, centres, marker_local[marker_segment == k], points) for k in range(segments)]
     return PointGrid(
         segment=np.repeat(np.arange(segments), [len(box) for box in boxes]),
         position=np.concatenate(boxes),
@@ -75,7 +65,7 @@ def segment_grid(
     )
 
 
-def _box(segment: int, centres: FloatArray, markers: FloatArray, points: tuple[int, int]) -> FloatArray:
+def _fill_box(segment: int, centres: FloatArray, markers: FloatArray, points: tuple[int, int]) -> FloatArray:
     """Return the grid points (p, 2) of one segment."""
     corners = [np.zeros((1, 2)), markers.reshape(-1, 2)]
     if segment < len(centres):

@@ -1,10 +1,10 @@
 """Least squares over non-negative point masses (eq. 4.26), with a proof of optimality.
 
 With B = M P the cost is ‖R [B ρ; c] - d‖², ρ ≥ 0. Non-negative least squares, an exact active-set method, solves it.
-OSQP serves for problems in which this fails, and for comparison in tests. It gets the problem in split form, with
-variables ρ and y = R B ρ, so that the condition number is not squared. Its tolerances are relative to the whole wrench,
-whereas the cost is the small remaining residual; it can report "solved" when the cost is several per cent too high
-(docs/measured/dynamics.md). It is therefore run repeatedly for corrections in the scale of the residual, until the
+OSQP is used for problems in which this fails, and for comparison in tests. The problem is split, with variables ρ and y
+= R B ρ, so that the condition number is not squared. OSQP's tolerances are relative to the whole wrench, whereas the
+cost is the small remaining residual. It can report "solved" when the cost is several per cent too high
+(docs/measured/dynamics.md). It is therefore run repeatedly for corrections on the scale of the residual, until the
 optimality conditions hold.
 """
 
@@ -23,28 +23,22 @@ from mocap_id.errors import NumericalError
 
 _ACCURACIES = (1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11)  # of each round, relative to the residual at its start
 _ITERATIONS = 20_000  # per round
-_ENOUGH = 1e-9  # possible relative decrease of the cost that ends the rounds
-_EQUAL, _EVEN = 1e5, 1e-3
+_ENOUGH = 1e-9  # possible relative decrease of the cost below which the rounds end
+_EQUAL, _EVEN = 1e5, 1e-3  # weights of the base parameters and of evenly spread masses, relative to the target
 
 
 @dataclass(frozen=True)
 class GridBodies:
-    """Bodies of masses at given points; the masses are the numbers of :class:`~mocap_id.dynamics.optimality.BodyCone`.
+    """Bodies of masses at given points; the numbers of a body are its masses."""
 
-    Parameters
-    ----------
-    mapping : (b, p) array
-        Matrix B.
-    """
-
-    mapping: FloatArray
+    mapping: FloatArray  # (b, p) matrix B from masses to base parameters
 
     def outside(self, body: FloatArray) -> float:
-        """Return the size of the most negative mass, relative to the largest."""
+        """Return the magnitude of the most negative mass, relative to the largest."""
         return abs(float(body.min(initial=0.0))) / max(float(np.abs(body).max(initial=0.0)), 1e-300)
 
     def mass(self, body: FloatArray) -> float:
-        """Return the total mass, kg, of the point masses ``body`` (p,), kg."""
+        """Return the total of the point masses ``body`` (p,), kg."""
         return float(np.abs(body).sum())
 
     def cheapest(self, prices: FloatArray) -> FloatArray:
@@ -58,7 +52,7 @@ def solve_osqp(problem: CompressedProblem, moments: FloatArray) -> SolverAnswer:
     Parameters
     ----------
     problem : CompressedProblem
-        b columns; free parameters are eliminated before (:meth:`CompressedProblem.over`).
+        Problem of b columns; free parameters are eliminated before (:meth:`CompressedProblem.over`).
     moments : (b, p) array
         B = M P of eq. 4.25.
     """
@@ -73,7 +67,7 @@ def solve_osqp(problem: CompressedProblem, moments: FloatArray) -> SolverAnswer:
             masses = moved
         if check_optimality(problem, GridBodies(moments), masses).excess <= _ENOUGH:
             break
-    return _answer("osqp", problem, moments, masses, status=status, iterations=iterations)
+    return _build_answer("osqp", problem, moments, masses, status=status, iterations=iterations)
 
 
 def solve_nnls(problem: CompressedProblem, moments: FloatArray) -> SolverAnswer:
@@ -84,7 +78,7 @@ def solve_nnls(problem: CompressedProblem, moments: FloatArray) -> SolverAnswer:
         masses = np.asarray(nnls(problem.factor @ moments, problem.target, maxiter=50 * points)[0], dtype=np.float64)
     except RuntimeError as error:
         masses, status = np.full(points, np.nan), str(error)
-    return _answer("nnls", problem, moments, masses, status=status)
+    return _build_answer("nnls", problem, moments, masses, status=status)
 
 
 def osqp_split(
@@ -102,8 +96,9 @@ def osqp_split(
     mapped : (b, p) array
         R B.
     target : (b,) array
+        Right-hand side.
     least : (p,) array
-        kg.
+        Lower bounds of the masses, kg.
     accuracy : float
         OSQP's tolerances, relative to the target.
     iterations : int
@@ -111,11 +106,11 @@ def osqp_split(
 
     Returns
     -------
-    (p,) array
+    masses : (p,) array
         ρ, within OSQP's tolerance of its bounds; zero if OSQP finds no solution.
-    str
+    status : str
         OSQP's status text.
-    int
+    iterations : int
         Number of iterations.
     """
     import osqp  # noqa: PLC0415  rarely needed
@@ -146,9 +141,9 @@ def osqp_split(
 def spread_masses(
     moments: FloatArray, fitted: FloatArray, full_moments: FloatArray, target: FloatArray, scale: FloatArray
 ) -> FloatArray:
-    """Return the point masses with given base parameters whose full parameters are closest to a target.
+    """Return the point masses (p,) with given base parameters whose full parameters are closest to a target.
 
-    The data determine only B ρ. A penalty within the fit would change B ρ; here, a weight of 1e5 times that of the
+    The data determine only B ρ. A penalty within the fit would change B ρ. Here, a weight of 1e5 times that of the
     target keeps it constant. Without a target the masses are spread evenly.
 
     Parameters
@@ -163,11 +158,6 @@ def spread_masses(
         Target for the full parameters; NaN for none.
     scale : (f,) array
         Standard deviation of each full parameter of the target.
-
-    Returns
-    -------
-    (p,) array
-        ρ ≥ 0.
 
     Raises
     ------
@@ -194,7 +184,7 @@ def spread_masses(
         ) from error
 
 
-def _answer(
+def _build_answer(
     solver: str,
     problem: CompressedProblem,
     moments: FloatArray,
@@ -203,5 +193,6 @@ def _answer(
     status: str,
     iterations: int = 0,
 ) -> SolverAnswer:
+    """Return the masses with their cost and the check of optimality."""
     optimality = check_optimality(problem, GridBodies(moments), masses)
     return SolverAnswer(solver, masses, problem.cost(moments @ masses), optimality, status, iterations)

@@ -1,14 +1,14 @@
-"""Errors of measured poses that repeat with the movement, and their effect on parameters and torques.
+"""Errors of measured poses that recur with the movement, and their effect on parameters and torques.
 
-Skin slides over bone as the joints turn, with the same error in every repetition, which resampling the trial does not
-show. A slide d of one of the m markers of a body changes the body's measured pose by
+Skin slides over bone as the joints rotate, with the same error in every repetition, so resampling the trial does not
+contain it. A slide d of one of the m markers of a body changes the body's measured pose by
 
     (d / m, ρ × d / Σ|ρ|²),
 
 where ρ is the marker's position relative to the centroid. Slides follow the angle of the joint below or above the body,
-as in :mod:`mocap_id.kinematics.skin_slides`. The markers of a body together give a (3, 3) covariance of the pose's
+as in :mod:`mocap_id.kinematics.skin_slides`. Together, the markers of a body give a (3, 3) covariance of the pose's
 error in x, y and angle, for one standard deviation of the joint's angle. Its modes are propagated through the fit. The
-places of the joints in the torques have errors of their own, which contain the skin's.
+positions of the joints in the torques have errors with another estimate, which contain those of the skin.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from mocap_id.dynamics.fit import Fit
 from mocap_id.dynamics.measured_motion import BodyPoses, measured_motion
 from mocap_id.dynamics.motion import PlanarMotion
 from mocap_id.dynamics.preparation import PreparedTrial
-from mocap_id.dynamics.regressor import wrench_regressor
+from mocap_id.dynamics.regressor import torque_regressor, wrench_regressor
 from mocap_id.geometry import planar
 
 _RATE = 50.0  # Hz; movements are below 3 Hz
@@ -31,37 +31,24 @@ _STEP = 1e-4  # m, rad: step of numerical derivatives
 
 @dataclass(frozen=True)
 class SlidingBody:
-    """Error of one body's pose by sliding markers.
+    """Error of one body's pose due to sliding markers."""
 
-    Parameters
-    ----------
-    covariance : (3, 3) array
-        Covariance of the error in x, y (body's frame, m) and angle (rad), for one standard deviation of a joint angle.
-    joints : tuple of int
-        Joints, from 0, whose angles the slides follow.
-    """
-
+    # (3, 3) covariance of the error in x, y (body's frame, m) and angle (rad), for one standard deviation of a joint
+    # angle
     covariance: FloatArray
-    joints: tuple[int, ...]
+    joints: tuple[int, ...]  # joints, from 0, whose angles the slides follow
 
 
 @dataclass(frozen=True)
 class PoseEffect:
-    """Effect of the poses' errors, as modes of one standard deviation each.
+    """Effect of the poses' errors, as modes of one standard deviation each."""
 
-    Parameters
-    ----------
-    parameters : (b + k + 1, S) array
-        Changes of the fitted values with each mode, in the order of the fit's covariance.
-    torque : (T, n) array
-        Variance of the joint torques at fixed places of the joints, (N·m)².
-    """
-
+    # (b + k + 1, S) change of the fitted values with each mode, in the order of the fit's covariance
     parameters: FloatArray
-    torque: FloatArray
+    torque: FloatArray  # (T, n) variance of the joint torques for exact positions of the joints, (N·m)²
 
 
-def sliding_body(local: FloatArray, variance: FloatArray, joints: tuple[int, ...]) -> SlidingBody:
+def propagate_slides(local: FloatArray, variance: FloatArray, joints: tuple[int, ...]) -> SlidingBody:
     """Compute the covariance of a body's pose from the slides of its markers.
 
     Parameters
@@ -71,11 +58,11 @@ def sliding_body(local: FloatArray, variance: FloatArray, joints: tuple[int, ...
     variance : (m,) array
         Variance of each marker's slide, per coordinate, m².
     joints : tuple of int
-        Joints whose angles the slides follow.
+        Joints, from 0, whose angles the slides follow.
     """
     arm = local - local.mean(axis=0)
     count, spread = len(local), float(np.sum(arm**2))
-    gain = np.zeros((count, 3, 2))  # pose from a slide along x, along y
+    gain = np.zeros((count, 3, 2))  # change of the pose by a slide along x, along y
     gain[:, 0, 0] = gain[:, 1, 1] = 1.0 / count
     gain[:, 2, 0], gain[:, 2, 1] = -arm[:, 1] / spread, arm[:, 0] / spread
     return SlidingBody(np.einsum("kid,kjd,k->ij", gain, gain, variance), joints)
@@ -83,61 +70,58 @@ def sliding_body(local: FloatArray, variance: FloatArray, joints: tuple[int, ...
 
 @dataclass(frozen=True)
 class PoseErrors:
-    """Measured poses and their errors.
+    """Measured poses and their errors."""
 
-    Parameters
-    ----------
-    poses : BodyPoses
-        The poses from which the motion was computed.
-    sliding : tuple of SlidingBody
-        One for each body.
-    bands : (x, y, angle)
-        Cut-offs of the poses, Hz.
-    """
-
-    poses: BodyPoses
-    sliding: tuple[SlidingBody, ...]
-    bands: tuple[float, float, float]
+    poses: BodyPoses  # poses from which the motion was computed
+    sliding: tuple[SlidingBody, ...]  # error of each body
+    bands: tuple[float, float, float]  # cut-offs of the poses, Hz
 
 
-def pose_effect(prepared: PreparedTrial, found: Fit, full: FloatArray, errors: PoseErrors) -> PoseEffect:
+def propagate_pose_errors(prepared: PreparedTrial, result: Fit, full: FloatArray, errors: PoseErrors) -> PoseEffect:
     """Propagate the errors of every body's pose through the fit.
 
     Parameters
     ----------
     prepared : PreparedTrial
-        Prepared with the bodies' measured motion.
-    found : Fit
+        The trial, prepared with the measured motion of the bodies.
+    result : Fit
+        The fit.
     full : (4K,) array
-        Parameters of the bodies.
+        Full parameters of the bodies.
     errors : PoseErrors
+        The errors of the poses.
     """
     recorded, gravity = prepared.recorded, prepared.settings.gravity
     step = max(1, int(recorded.rate / _RATE))
     every = errors.poses
     thin = replace(every, time=every.time[::step], position=every.position[::step], angle=every.angle[::step])
     motion = measured_motion(thin, errors.bands)
-    trace = _Trace(thin, errors.bands, motion, full, gravity, _wrenches(motion, full, gravity))
-    shapes = _shapes(recorded.q, found.in_fit)[::step]
-    rows, torques = [np.zeros((found.design.shape[-1], 0))], [np.zeros((len(thin.time), recorded.q.shape[1], 0))]
+    trace = _ThinnedMotion(thin, errors.bands, motion, full, gravity, _compute_wrenches(motion, full, gravity))
+    shapes = _standardise(recorded.q, result.in_fit)[::step]
+    rows, torques = [np.zeros((result.design.shape[-1], 0))], [np.zeros((len(thin.time), recorded.q.shape[1], 0))]
     for body, own in enumerate(errors.sliding):
-        root = _root(own.covariance / max(len(own.joints), 1))
+        root = _take_root(own.covariance / max(len(own.joints), 1))
         for joint in own.joints:
             wrench, torque = trace.effects(body, shapes[:, joint])
             known = np.isfinite(wrench).all(axis=(1, 2))
-            wrench_errors = _at(recorded.time[found.samples], thin.time[known], wrench[known] @ root)
-            rows.append(-found.response(wrench_errors[:, list(prepared.settings.components)] * found.weights[:, None]))
+            wrench_errors = _interpolate(recorded.time[result.samples], thin.time[known], wrench[known] @ root)
+            rows.append(
+                -result.response(wrench_errors[:, list(prepared.settings.components)] * result.weights[:, None])
+            )
             torques.append(torque @ root)
     parameters = np.concatenate(rows, axis=1)
-    felt = np.concatenate(torques, axis=2) + _torque_rows(motion, gravity) @ parameters[: len(full)]  # (t, n, S)
-    variance = np.sum(felt**2, axis=2)
+    errors_of_torque = (
+        np.concatenate(torques, axis=2)
+        + torque_regressor(motion, wrench_regressor(motion, gravity)) @ parameters[: len(full)]
+    )  # (t, n, S)
+    variance = np.sum(errors_of_torque**2, axis=2)
     placed = np.isfinite(motion.joint).any(axis=(0, 2))
     known = np.isfinite(variance[:, placed]).all(axis=1)
-    return PoseEffect(parameters, _at(recorded.time, thin.time[known], variance[known]))
+    return PoseEffect(parameters, _interpolate(recorded.time, thin.time[known], variance[known]))
 
 
 @dataclass(frozen=True)
-class _Trace:
+class _ThinnedMotion:
     """Thinned poses, their motion, and the wrench (t, K, 3) that each body requires."""
 
     poses: BodyPoses
@@ -148,60 +132,53 @@ class _Trace:
     wrenches: FloatArray
 
     def effects(self, body: int, shape: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return derivatives of wrench (t, 3, 3) and torques (t, n, 3) by one body's x, y and angle, at fixed joints.
+        """Return derivatives of wrench (t, 3, 3) and torques (t, n, 3) by one body's x, y and angle, with fixed joints.
 
-        The errors are in the body's frame and vary over time as ``shape`` (t,).
+        The errors are in the body's frame, and their course over time is ``shape`` (t,).
         """
-        poses, base, wrench, torque = self.poses.one(body), self.motion, [], []
+        poses, base, wrench, torque = self.poses.select(body), self.motion, [], []
         for axis in range(3):
-            position, turned = poses.position.copy(), poses.angle.copy()
+            position, angle = poses.position.copy(), poses.angle.copy()
             if axis < 2:
                 position[:, 0] += planar.rotate(poses.angle[:, 0], _STEP * np.eye(2)[axis]) * shape[:, None]
             else:
-                turned[:, 0] += _STEP * shape
-            moved = measured_motion(replace(poses, position=position, angle=turned), self.bands)
+                angle[:, 0] += _STEP * shape
+            moved = measured_motion(replace(poses, position=position, angle=angle), self.bands)
             change = np.zeros_like(self.wrenches)
-            own = _wrenches(moved, self.full[4 * body : 4 * body + 4], self.gravity)[:, 0]
+            own = _compute_wrenches(moved, self.full[4 * body : 4 * body + 4], self.gravity)[:, 0]
             change[:, body] = (own - self.wrenches[:, body]) / _STEP
             wrench.append(change[:, body])
-            torque.append(_torques(base, change))
+            torque.append(_compute_torques(base, change))
         return np.stack(wrench, axis=-1), np.stack(torque, axis=-1)
 
 
-def _shapes(q: FloatArray, samples: BoolArray) -> FloatArray:
-    """Return joint angles (T, n) minus their mean over some samples, in standard deviations; 0 where unknown."""
+def _standardise(q: FloatArray, samples: BoolArray) -> FloatArray:
+    """Return joint angles (T, n) minus their mean over some samples, in standard deviations; 0 where missing."""
     own = q[samples]
     spread = np.nanstd(own, axis=0)
     return np.asarray(np.nan_to_num((q - np.nanmean(own, axis=0)) / np.where(spread > 0, spread, 1.0)))
 
 
-def _wrenches(motion: PlanarMotion, full: FloatArray, gravity: float) -> FloatArray:
+def _compute_wrenches(motion: PlanarMotion, full: FloatArray, gravity: float) -> FloatArray:
     """Return the wrench (t, K, 3) that each body requires, about the plane frame's origin."""
     regressor = wrench_regressor(motion, gravity)
     blocks = regressor.reshape(len(regressor), 3, -1, 4)
     return np.asarray(np.einsum("tckp,kp->tkc", blocks, full.reshape(-1, 4)))
 
 
-def _torques(motion: PlanarMotion, wrenches: FloatArray) -> FloatArray:
+def _compute_torques(motion: PlanarMotion, wrenches: FloatArray) -> FloatArray:
     """Return the moments (t, n) about the joints of the wrenches on the bodies beyond them."""
     distal_wrench = np.einsum("tkc,jk->tjc", wrenches, motion.beyond.astype(np.float64))
     return np.asarray(np.einsum("tcj,tjc->tj", motion.jacobian, distal_wrench))
 
 
-def _torque_rows(motion: PlanarMotion, gravity: float) -> FloatArray:
-    """Return the regressor (t, n, 4K) of the torques."""
-    regressor = wrench_regressor(motion, gravity)
-    distal = np.repeat(motion.beyond, 4, axis=1)
-    return np.asarray((np.swapaxes(motion.jacobian, 1, 2) @ regressor) * distal)
-
-
-def _root(covariance: FloatArray) -> FloatArray:
+def _take_root(covariance: FloatArray) -> FloatArray:
     """Return the square root (3, 3) of a covariance."""
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
-def _at(time: FloatArray, known: FloatArray, values: FloatArray) -> FloatArray:
+def _interpolate(time: FloatArray, known: FloatArray, values: FloatArray) -> FloatArray:
     """Return values (t, ...) at known times, interpolated linearly at other times."""
     flat = values.reshape(len(known), -1)
     out = np.stack([np.interp(time, known, column) for column in flat.T], axis=-1)

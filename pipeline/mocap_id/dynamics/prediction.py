@@ -9,53 +9,45 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.base_parameters import determines_rows
 from mocap_id.dynamics.calibration import calibration_torque_variance
-from mocap_id.dynamics.centre_of_pressure import centre_of_pressure, centre_of_pressure_rows
+from mocap_id.dynamics.comparison import centre_of_pressure, centre_of_pressure_rows
 from mocap_id.dynamics.composite_inertia import composite_inertia
 from mocap_id.dynamics.external_wrenches import external_effect, stack_wrenches
 from mocap_id.dynamics.identification import Identification
 from mocap_id.dynamics.kinematic_error import torque_variance
 from mocap_id.dynamics.lowpass import known
 from mocap_id.dynamics.model_error import ModelError, estimate_model_error
-from mocap_id.dynamics.preparation import PreparedTrial, TrialData
+from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import PLANAR_PARAMETERS, WRENCH_COMPONENTS, torque_regressor
 from mocap_id.dynamics.uncertainty import variance
 
-_MOMENT = WRENCH_COMPONENTS.index("tauz")  # fitted whenever torques are predicted: only it contains moments of inertia
-_UNSEEN = 2.0  # the error of Fx in terms of that of Fy, where no sensor measures Fx; with plates it is 0.7 to 2
+_MOMENT = WRENCH_COMPONENTS.index("tauz")  # always fitted if torques are predicted, because of the moments of inertia
+_UNSEEN = 2.0  # error of Fx divided by that of Fy, if no sensor measures Fx; with plates it is 0.7 to 2
 
 
 @dataclass(frozen=True)
 class Prediction:
-    """A model's wrench, centre of pressure and joint torques, with standard deviations.
+    """A model's wrench, centre of pressure and joint torques, with standard deviations."""
 
-    Parameters
-    ----------
-    wrench, wrench_sd : (T, 3) arrays
-        Fx, Fy, tauz of the ground, N and N·m: the wrench that the motion requires minus the measured external wrenches.
-    cop, cop_sd : (T,) arrays
-        Centre of pressure, m; NaN where the body does not load the plate.
-    torque, torque_sd : (T, n) arrays
-        Joint torques, N·m.
-    torque_lasting_sd, torque_noise_sd : (T, n) arrays
-        Two parts of ``torque_sd``, N·m: that from parameters and geometry, which is nearly one error per trial, and
-        that from noise of the motion. Errors of scale are in neither.
-    undetermined : tuple of str
-        Columns (Fx, Fy, tauz, cop_x, tau_1 …) that are NaN, because they depend on parameters that the fitted
-        components do not determine.
-    """
-
+    # wrench, wrench_sd: (T, 3) Fx, Fy, tauz of the ground, N and N·m: the wrench that the motion requires minus the
+    # measured external wrenches
     wrench: FloatArray
     wrench_sd: FloatArray
+    # cop, cop_sd: (T,) centre of pressure, m; NaN where the body does not load the plate
     cop: FloatArray
     cop_sd: FloatArray
+    # torque, torque_sd: (T, n) joint torques, N·m
     torque: FloatArray
     torque_sd: FloatArray
+    # torque_lasting_sd, torque_noise_sd: (T, n) two parts of ``torque_sd``, N·m: from parameters and geometry, which
+    # are nearly one error per trial, and from noise of the motion. Neither contains errors of scale.
     torque_lasting_sd: FloatArray
     torque_noise_sd: FloatArray
+    # columns (Fx, Fy, tauz, cop_x, tau_1 …) that are NaN, because they depend on parameters that the fitted components
+    # do not determine
     undetermined: tuple[str, ...]
 
-    def with_torques_of(self, other: Prediction) -> Prediction:
-        """Return the prediction with the torques of another body."""
+    def replace_torques(self, other: Prediction) -> Prediction:
+        """Return the prediction with the torques of another prediction."""
         return replace(
             self,
             torque=other.torque,
@@ -67,22 +59,16 @@ class Prediction:
 
 @dataclass(frozen=True)
 class PredictionNoise:
-    """Errors of a model's wrench and torques that are not due to its parameters.
+    """Errors of a model's wrench and torques that are not due to its parameters."""
 
-    Parameters
-    ----------
-    wrench : (T, 3, 3) array
-        Covariance, N² and (N·m)².
-    torque, torque_lasting : (T, n) arrays
-        Variances from noise of the motion, and from errors of the geometry that repeat with the movement, (N·m)².
-    """
-
-    wrench: FloatArray
+    wrench: FloatArray  # (T, 3, 3) covariance of the wrench, N² and (N·m)²
+    # torque, torque_lasting: (T, n) variances of the torques from noise of the motion, and from errors of the geometry
+    # that recur with the movement, (N·m)²
     torque: FloatArray
     torque_lasting: FloatArray
 
 
-def predict(prepared: PreparedTrial, found: Identification, noise: PredictionNoise, threshold: float) -> Prediction:
+def predict(prepared: PreparedTrial, result: Identification, noise: PredictionNoise, threshold: float) -> Prediction:
     """Predict wrench, centre of pressure and joint torques at every sample.
 
     If Fy and tauz were fitted, the base parameters determine all of these. A column outside the span of the fitted
@@ -91,27 +77,27 @@ def predict(prepared: PreparedTrial, found: Identification, noise: PredictionNoi
     Parameters
     ----------
     prepared : PreparedTrial
-    found : Identification
+        The prepared trial.
+    result : Identification
+        The identified parameters.
     noise : PredictionNoise
-        :func:`chain_noise` or :func:`residual_noise`.
+        Result of :func:`chain_noise` or :func:`residual_noise`.
     threshold : float
         Vertical force up to which there is no centre of pressure, N.
     """
-    base, own = found.base, found.residual_covariance
+    base, own = result.base, result.residual_covariance
     full_torque = torque_regressor(prepared.motion, prepared.regressor)
     placed = np.isfinite(prepared.motion.joint).any(axis=(0, 2))
-    determined, torque_determined = (
-        _determined_rows(prepared.regressor, prepared),
-        _determined_rows(full_torque, prepared) & placed,
-    )
+    determined = _find_determined(prepared.regressor, prepared)
+    torque_determined = _find_determined(full_torque, prepared) & placed
     rows = np.where(determined[:, None], prepared.rows, np.nan)
     torque_rows = np.where(torque_determined[:, None], full_torque[:, :, prepared.base.kept], np.nan)
-    elsewhere, relieved = _relief(prepared, found.fit.offset)
+    elsewhere, relieved = _subtract_external(prepared, result.fit.offset)
     wrench, torque = rows @ base - elsewhere, torque_rows @ base - relieved
     cop_rows = centre_of_pressure_rows(rows, wrench, threshold)
     cop_own = centre_of_pressure_rows(np.broadcast_to(np.eye(3), (len(wrench), 3, 3)), wrench, threshold)
     lasting = variance(torque_rows, own) + noise.torque_lasting
-    of_scale = 0.0 if found.calibration is None else calibration_torque_variance(prepared, base, found.calibration)
+    of_scale = 0.0 if result.calibration is None else calibration_torque_variance(prepared, base, result.calibration)
     return Prediction(
         wrench=wrench,
         wrench_sd=np.sqrt(variance(rows, own) + np.einsum("tkk->tk", noise.wrench)),
@@ -121,14 +107,14 @@ def predict(prepared: PreparedTrial, found: Identification, noise: PredictionNoi
         torque_sd=np.sqrt(lasting + noise.torque + of_scale),
         torque_lasting_sd=np.sqrt(lasting),
         torque_noise_sd=np.sqrt(noise.torque),
-        undetermined=_undetermined(determined, torque_determined),
+        undetermined=_list_undetermined(determined, torque_determined),
     )
 
 
 def chain_noise(
-    prepared: PreparedTrial, found: Identification, correlation: FloatArray, centre_sd: FloatArray | None = None
+    prepared: PreparedTrial, result: Identification, correlation: FloatArray, centre_sd: FloatArray | None = None
 ) -> PredictionNoise:
-    """Return the noise of a pinned chain from its accelerations; that from angles and velocities is negligible.
+    """Return the noise of a pinned chain due to its accelerations; that of angles and velocities is negligible.
 
     The states give the course of the noise over time and its correlation between the joints. The plate gives its size
     (:mod:`mocap_id.dynamics.model_error`), and the part of the wrench's error that is independent of the accelerations.
@@ -139,23 +125,25 @@ def chain_noise(
     Parameters
     ----------
     prepared : PreparedTrial
-    found : Identification
+        The prepared trial.
+    result : Identification
+        The identified parameters.
     correlation : (T, n, n) array
-        Correlation of the joint accelerations' errors.
+        Correlation of the errors of the joint accelerations.
     centre_sd : (n,) array, optional
-        Standard deviation of the centres of joints that may give way, m.
+        Standard deviation of the centres of joints that may be no pins, m.
     """
-    recorded, base = prepared.recorded, found.base
-    needed = np.where(_determined_rows(prepared.regressor, prepared)[:, None], prepared.rows, np.nan) @ base
+    recorded, base = prepared.recorded, result.base
+    needed = np.where(_find_determined(prepared.regressor, prepared)[:, None], prepared.rows, np.nan) @ base
     noise = correlation * recorded.ddq_sd[:, :, None] * recorded.ddq_sd[:, None, :]
-    wrench_gain, torque_gain = _acceleration_gains(recorded, base, prepared)
-    errors = _model_errors(prepared, found, needed, _variance_of(wrench_gain, noise))
+    wrench_gain, torque_gain = _differentiate(prepared, base)
+    errors = _estimate_model_errors(prepared, result, needed, _variance_of(wrench_gain, noise))
     wrench_gain *= np.sqrt([error.scale for error in errors])[:, None]
     torque_gain *= np.sqrt(errors[_MOMENT].overall)
     steady = np.diag([error.steady for error in errors])
-    geometry = torque_variance(prepared, base, found.error, found.response)
+    geometry = torque_variance(prepared, base, result.error, result.response)
     if centre_sd is not None:
-        geometry = geometry + _of_centres(prepared, found.full, centre_sd)
+        geometry = geometry + _propagate_centres(prepared, result.full, centre_sd)
     return PredictionNoise(
         wrench=wrench_gain @ noise @ np.swapaxes(wrench_gain, 1, 2) + steady,
         torque=_variance_of(torque_gain, noise),
@@ -165,7 +153,7 @@ def chain_noise(
 
 def residual_noise(
     prepared: PreparedTrial,
-    found: Identification,
+    result: Identification,
     residual: FloatArray,
     *,
     centre_sd: FloatArray,
@@ -177,20 +165,22 @@ def residual_noise(
     Parameters
     ----------
     prepared : PreparedTrial
-    found : Identification
+        The prepared trial.
+    result : Identification
+        The identified parameters.
     residual : (T, 3) array
-        Measured minus modelled wrench, without the fit's low-pass, of left-out repetitions if there are any; NaN
+        Measured minus modelled wrench, without the low-pass of the fit, of left-out repetitions if there are any; NaN
         elsewhere. The plate's white noise is subtracted here.
     centre_sd : (n,) array
         Standard deviation of each joint's centre, m. Its effect on the torque is proportional to the force through the
         joint.
     of_poses : (T, n) array
-        Variance of the torques from errors of the poses that repeat with the movement, (N·m)².
+        Variance of the torques from errors of the poses that recur with the movement, (N·m)².
     parameters : float
         Fraction of the squared residual that the fit has absorbed; 0 for left-out repetitions.
     """
     recorded, size = prepared.recorded, len(prepared.regressor)
-    alone = 0 not in recorded.measures  # no measurement shows the error of Fx
+    alone = 0 not in recorded.measures  # no sensor measures Fx
     residual = residual[:, [1, 1, 2]] if alone else residual
     valid = known(residual)
     correlation = np.corrcoef(residual[valid].T)
@@ -207,48 +197,48 @@ def residual_noise(
     return PredictionNoise(
         wrench=np.broadcast_to(covariance, (size, 3, 3)),
         torque=moment,
-        torque_lasting=_of_centres(prepared, found.base, centre_sd) + of_poses,
+        torque_lasting=_propagate_centres(prepared, result.base, centre_sd) + of_poses,
     )
 
 
-def _of_centres(prepared: PreparedTrial, full: FloatArray, centre_sd: FloatArray) -> FloatArray:
+def _propagate_centres(prepared: PreparedTrial, full: FloatArray, centre_sd: FloatArray) -> FloatArray:
     """Return the variance (T, n) of the torques from the joint centres: the force times the centre's error."""
     distal = np.repeat(prepared.motion.beyond, len(PLANAR_PARAMETERS), axis=1)  # (n, 4K)
     force = np.einsum("tcp,jp->tjc", prepared.regressor[:, :2], distal * full)
     return np.asarray(centre_sd**2 * np.sum(force**2, axis=2))
 
 
-def _relief(prepared: PreparedTrial, offset: float) -> tuple[FloatArray, FloatArray]:
+def _subtract_external(prepared: PreparedTrial, offset: float) -> tuple[FloatArray, FloatArray]:
     """Return the reduction of the ground's wrench (T, 3) and of the torques (T, n) by the external wrenches."""
     recorded = prepared.recorded
     wrenches, segment = stack_wrenches(recorded.external, prepared.external(offset), len(recorded.time))
     return external_effect(prepared.motion.jacobian, np.arange(1, recorded.q.shape[1] + 1), wrenches, segment)
 
 
-def _determined_rows(regressor: FloatArray, prepared: PreparedTrial) -> BoolArray:
+def _find_determined(regressor: FloatArray, prepared: PreparedTrial) -> BoolArray:
     """Return the rows (k,) of a full regressor (T, k, p) that the base parameters determine."""
     return np.array(
         [determines_rows(regressor[:, k], prepared.base) for k in range(regressor.shape[1])], dtype=np.bool_
     )
 
 
-def _undetermined(determined: BoolArray, torque_determined: BoolArray) -> tuple[str, ...]:
-    lost = [name for name, known in zip(WRENCH_COMPONENTS, determined, strict=True) if not known]
-    if {"Fy", "tauz"} & set(lost):
-        lost.append("cop_x")
-    return (*lost, *(f"tau_{j}" for j, known in enumerate(torque_determined, start=1) if not known))
+def _list_undetermined(determined: BoolArray, torque_determined: BoolArray) -> tuple[str, ...]:
+    """Return the names of the columns that are not determined."""
+    names = [name for name, known in zip(WRENCH_COMPONENTS, determined, strict=True) if not known]
+    if {"Fy", "tauz"} & set(names):
+        names.append("cop_x")
+    return (*names, *(f"tau_{j}" for j, known in enumerate(torque_determined, start=1) if not known))
 
 
-def _model_errors(
-    prepared: PreparedTrial, found: Identification, needed: FloatArray, noise: FloatArray
+def _estimate_model_errors(
+    prepared: PreparedTrial, result: Identification, needed: FloatArray, noise: FloatArray
 ) -> tuple[ModelError, ...]:
-    """Return the model's error in each component; if the plate does not show this error, from the states alone."""
+    """Return the model's error in each component; if it cannot be estimated, from the states alone."""
     recorded = prepared.recorded
-    residual = prepared.measured(found.fit.offset) - needed
-    shown = [estimate_model_error(residual[:, k], noise[:, k], found.fit.in_fit, recorded.rate) for k in range(3)]
-    found_errors = [error for error in shown if error is not None]
-    usual = ModelError(0.0, 1.0, max((error.overall for error in found_errors), default=1.0))
-    return tuple(usual if error is None else error for error in shown)
+    residual = prepared.measured(result.fit.offset) - needed
+    errors = [estimate_model_error(residual[:, k], noise[:, k], result.fit.in_fit, recorded.rate) for k in range(3)]
+    usual = ModelError(0.0, 1.0, max((error.overall for error in errors if error is not None), default=1.0))
+    return tuple(error or usual for error in errors)
 
 
 def _variance_of(gain: FloatArray, covariance: FloatArray) -> FloatArray:
@@ -257,15 +247,12 @@ def _variance_of(gain: FloatArray, covariance: FloatArray) -> FloatArray:
     return np.maximum(values, 0.0)
 
 
-def _acceleration_gains(
-    recorded: TrialData, base: FloatArray, prepared: PreparedTrial
-) -> tuple[FloatArray, FloatArray]:
+def _differentiate(prepared: PreparedTrial, base: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the derivatives of wrench (T, 3, n) and torques (T, n, n) by the joint accelerations.
 
-    They are computed for the body whose regrouped parameters are zero; it has the same base parameters.
+    They are computed for the body whose regrouped parameters are zero, which has the same base parameters.
     """
-    full = np.zeros(prepared.regressor.shape[-1])
-    full[prepared.base.kept] = base
-    mass, mx, my, inertia = full.reshape(-1, len(PLANAR_PARAMETERS)).T
+    recorded = prepared.recorded
+    mass, mx, my, inertia = prepared.base.expand(base).reshape(-1, len(PLANAR_PARAMETERS)).T
     gains = composite_inertia(recorded.q, recorded.centres, mass, np.column_stack([mx, my]), inertia)
     return gains.wrench, gains.torque

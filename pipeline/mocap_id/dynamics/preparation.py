@@ -9,83 +9,56 @@ from functools import cached_property
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.dynamics.base_parameters import BaseSet, base_set, every_parameter
+from mocap_id.dynamics.base_parameters import BaseSet, base_set, keep_all_parameters
 from mocap_id.dynamics.body_prior import BodyPrior
 from mocap_id.dynamics.clock_offset import SampledWrench
 from mocap_id.dynamics.external_wrenches import SEAT, ExternalWrench
-from mocap_id.dynamics.lowpass import LowPass, cutoff_from_velocity, erode, known, undo_averaging
+from mocap_id.dynamics.lowpass import LowPass, blank_incomplete, cutoff_from_velocity, erode, known, undo_averaging
 from mocap_id.dynamics.motion import PlanarMotion, chain_motion
 from mocap_id.dynamics.regressor import wrench_regressor
 
 MEASURED_CUTOFF = 5.0
-"""Cut-off of regressor and wrench for measured poses, Hz: people move below it, and the poses are already filtered."""
+"""Cut-off of regressor and wrench for measured poses, Hz: movements are slower, and the poses are already filtered."""
 
 
 @dataclass(frozen=True)
 class TrialData:
-    """Measured states and wrenches of a trial, sample by sample.
+    """Measured states and wrenches of a trial, sample by sample."""
 
-    Parameters
-    ----------
-    time : (T,) array
-        Even steps, s.
-    q, dq, ddq : (T, n) arrays
-        Joint angles and derivatives, rad; NaN where unknown.
-    ddq_sd : (T, n) array
-        Standard deviation of the accelerations, rad/s².
-    observed : (T,) bool array
-        Whether every angle is measured by markers.
-    wrench : (T, 3) array
-        (Fx, Fy, tauz) of the ground on the body in the plane frame, N and N·m, at the times of the plate's clock; NaN
-        where unknown.
-    centres : (n, 2) array
-        Centre of each joint in the frame of the segment before it, m.
-    external : tuple of ExternalWrench
-        Measured wrenches on the body other than the ground's.
-    averaged : float
-        Time over which each plate sample is averaged, s; 0 for instantaneous samples.
-    measured : PlanarMotion or None
-        Motion of the bodies from their own measured poses; None to use that of the pinned chain.
-    knee : int
-        Number of the knee among the joints, from 0.
-    measures : tuple of int
-        Components of ``wrench`` that the ground's sensor measures; the others are 0 there.
-    surface : float
-        Height above the plane's origin at which the centre of pressure is stated, m; 0 for plates.
-    position_sd : float or None
-        Standard deviation of the sensor's place along the motion, m, if it was found from the trial.
-    built_in : tuple of ExternalWrench
-        Wrenches measured inside the body, by sensors built into joints, on the segment beyond the joint.
-    """
-
-    time: FloatArray
+    time: FloatArray  # (T,) sample times with constant step, s
+    # q, dq, ddq: (T, n) joint angles, rad, and their time derivatives; NaN where missing
     q: FloatArray
     dq: FloatArray
     ddq: FloatArray
-    ddq_sd: FloatArray
-    observed: BoolArray
+    ddq_sd: FloatArray  # (T, n) standard deviation of the accelerations, rad/s²
+    observed: BoolArray  # (T,) whether every angle is measured by markers
+    # (T, 3) (Fx, Fy, tauz) of the ground on the body in the plane frame, N and N·m, at the times of the plate's clock;
+    # NaN where missing
     wrench: FloatArray
-    centres: FloatArray
-    external: tuple[ExternalWrench, ...] = ()
-    averaged: float = 0.0
+    centres: FloatArray  # (n, 2) centre of each joint in the frame of the segment before it, m
+    external: tuple[ExternalWrench, ...] = ()  # measured wrenches on the body other than the ground's
+    averaged: float = 0.0  # time over which each plate sample is averaged, s; 0 for instantaneous samples
+    # motion of the bodies from their measured poses; None to use the motion of the pinned chain
     measured: PlanarMotion | None = None
-    knee: int = 1
+    knee: int = 1  # number of the knee among the joints, from 0
+    # components of ``wrench`` that the ground's sensor measures; the others are 0 there
     measures: tuple[int, ...] = (0, 1, 2)
+    # height above the plane's origin of the surface on which the centre of pressure is, m; 0 for plates
     surface: float = 0.0
+    # standard deviation of the sensor's position along the motion, m; None if it was not estimated from the trial
     position_sd: float | None = None
+    # wrenches measured by sensors built into joints, on the segment beyond the joint
     built_in: tuple[ExternalWrench, ...] = ()
 
     def as_measured(self, wrench: FloatArray) -> FloatArray:
         """Return a wrench (..., 3) with NaN in the components that are not measured."""
-        return wrench if len(self.measures) == wrench.shape[-1] else np.where(self._measured, wrench, np.nan)
-
-    @property
-    def _measured(self) -> BoolArray:
-        return np.isin(np.arange(3), self.measures)
+        if len(self.measures) == wrench.shape[-1]:
+            return wrench
+        return np.where(np.isin(np.arange(3), self.measures), wrench, np.nan)
 
     @property
     def motion(self) -> PlanarMotion:
-        """The measured motion if there is one, otherwise that of the pinned chain."""
+        """The measured motion if there is one, otherwise the motion of the pinned chain."""
         return self.measured or chain_motion(self.centres, self.q, self.dq, self.ddq)
 
     @property
@@ -95,22 +68,22 @@ class TrialData:
 
     @property
     def seat(self) -> ExternalWrench | None:
-        """The chair's wrench if a plate of its own measures it."""
+        """The chair's wrench if a separate plate measures it, otherwise None."""
         return next((each for each in self.external if each.name == SEAT), None)
 
     @property
     def plates(self) -> FloatArray:
-        """Sum (T, 3) of all wrenches that follow the plates' clock."""
+        """Sum (T, 3) of all wrenches that follow the clock of the plates."""
         return self.wrench + self._sum(each for each in self.external if each.by_plates)
 
     @property
     def sensors(self) -> FloatArray:
-        """Sum (T, 3) of the wrenches that follow the cameras' clock; zeros if there are none."""
+        """Sum (T, 3) of the wrenches that follow the clock of the cameras; zeros if there are none."""
         return self._sum(each for each in self.external if not each.by_plates)
 
     @property
     def elsewhere(self) -> FloatArray:
-        """Sum (T, 3) of all wrenches but the ground's, without correction of the clock offset."""
+        """Sum (T, 3) of all wrenches except the ground's, without correction of the clock offset."""
         return self._sum(self.external)
 
     @property
@@ -124,75 +97,40 @@ class TrialData:
 
 @dataclass(frozen=True)
 class FitSettings:
-    """Settings of the identification; the defaults are those of the stage.
+    """Settings of the identification; the defaults are those of the stage."""
 
-    Parameters
-    ----------
-    components : tuple of int
-        Rows of (Fx, Fy, tauz) to fit.
-    cutoff : float or None
-        Low-pass of regressor and wrench, Hz; None for :func:`cutoff_from_velocity`, or 5 Hz for measured poses.
-    offset_limit : float
-        Largest clock offset that is searched, in both directions, s.
-    apply_offset : bool
-        Correct the wrench for the clock offset found.
-    plate_bias : bool
-        Estimate a constant error of the plate's Fx.
-    plate_zero : (float, float)
-        Standard deviation of the plate's constant errors in Fy, N, and tauz, N·m. No movement separates these from the
-        first two base parameters.
-    block : float
-        Length of the blocks between which residuals count as independent, s.
-    gravity : float
-        m/s².
-    """
-
-    components: tuple[int, ...] = (0, 1, 2)
+    components: tuple[int, ...] = (0, 1, 2)  # components of (Fx, Fy, tauz) to fit
+    # low-pass of regressor and wrench, Hz; None for :func:`cutoff_from_velocity`, or 5 Hz for measured poses
     cutoff: float | None = None
-    offset_limit: float = 0.15
-    apply_offset: bool = True
-    plate_bias: bool = True
+    offset_limit: float = 0.15  # largest clock offset that is searched, in both directions, s
+    apply_offset: bool = True  # correct the wrench for the clock offset found
+    plate_bias: bool = True  # estimate a constant error of the plate's Fx
+    # standard deviations of the plate's constant errors in Fy, N, and tauz, N·m. No movement separates them from the
+    # first two base parameters.
     plate_zero: tuple[float, float] = (3.0, 0.5)
-    block: float = 1.0
-    gravity: float = 9.81
+    block: float = 1.0  # length of the blocks between which residuals count as independent, s
+    gravity: float = 9.81  # gravitational acceleration, m/s²
 
 
 @dataclass(frozen=True)
 class PreparedTrial:
-    """A trial prepared for identification.
+    """A trial prepared for identification."""
 
-    Parameters
-    ----------
-    recorded : TrialData
-    settings : FitSettings
-    lowpass : LowPass
-    base : BaseSet
-        Base parameters that the motion determines.
-    regressor : (T, 3, 4(n + 1)) array
-        Full regressor without filtering; NaN where a state is.
-    filtered : (T, 3, b) array
-        Base columns after the low-pass.
-    wrench, filtered_wrench : SampledWrench
-        Sum of all plates, at the times of their clock; in the filtered one, the averaging of the samples is undone.
-    sensors, filtered_sensors : (T, 3) arrays
-        Sum of all other sensors, at the times of the cameras' clock.
-    usable : (T,) bool array
-        Samples with a known filtered regressor and a known filtered wrench at every offset within the limit.
-    prior : BodyPrior or None
-        Prior of the full parameters. With a prior, all full parameters are fitted and ``base`` keeps every column.
-    """
-
-    recorded: TrialData
-    settings: FitSettings
-    lowpass: LowPass
-    base: BaseSet
-    regressor: FloatArray
-    filtered: FloatArray
+    recorded: TrialData  # measured states and wrenches
+    settings: FitSettings  # settings of the identification
+    lowpass: LowPass  # filter of regressor and wrench
+    base: BaseSet  # base parameters that the motion determines
+    regressor: FloatArray  # (T, 3, 4(n + 1)) full regressor without filtering; NaN where a state is
+    filtered: FloatArray  # (T, 3, b) base columns after the low-pass
+    # wrench, filtered_wrench: sum of all plates, at the times of their clock; in the filtered one, the averaging of the
+    # samples is undone
     wrench: SampledWrench
     filtered_wrench: SampledWrench
+    # sensors, filtered_sensors: (T, 3) sum of all other sensors, at the times of the cameras' clock
     sensors: FloatArray
     filtered_sensors: FloatArray
-    usable: BoolArray
+    usable: BoolArray  # (T,) samples with filtered regressor, and with filtered wrench at every offset within the limit
+    # prior of the full parameters. With a prior, all full parameters are fitted and ``base`` keeps every column.
     prior: BodyPrior | None = None
 
     @property
@@ -207,7 +145,7 @@ class PreparedTrial:
 
     @cached_property
     def motion(self) -> PlanarMotion:
-        """The motion that the regressor is computed from."""
+        """The motion from which the regressor is computed."""
         return self.recorded.motion
 
     @cached_property
@@ -216,25 +154,25 @@ class PreparedTrial:
         return self.base.columns(self.regressor)
 
     def measured(self, offset: float) -> FloatArray:
-        """Return the total wrench (T, 3) at the markers' times, for a clock offset of the plates, s."""
+        """Return the total wrench (T, 3) at the cameras' times, for a clock offset of the plates, s."""
         return self.recorded.as_measured(self.wrench(self.recorded.time - offset) + self.sensors)
 
     def ground(self, offset: float) -> FloatArray:
-        """Return the ground's wrench (T, 3) at the markers' times, for a clock offset of the plates, s."""
+        """Return the ground's wrench (T, 3) at the cameras' times, for a clock offset of the plates, s."""
         return self.recorded.as_measured(self._ground(self.recorded.time - offset))
 
     @cached_property
     def _ground(self) -> SampledWrench:
-        return SampledWrench.of(self.recorded.time, _whole(self.recorded.wrench))
+        return SampledWrench.of(self.recorded.time, blank_incomplete(self.recorded.wrench))
 
     def external(self, offset: float, filtered: bool = False) -> list[FloatArray]:
-        """Return every external wrench (T, 3) at the markers' times, for a clock offset of the plates, s."""
+        """Return every external wrench (T, 3) at the cameras' times, for a clock offset of the plates, s."""
         time = self.recorded.time
         wrenches = []
         for each in self.recorded.external:
-            wrench = _whole(each.wrench)
+            wrench = blank_incomplete(each.wrench)
             if filtered:
-                wrench = _filtered(self.recorded, self.lowpass, wrench) if each.by_plates else self.lowpass(wrench)
+                wrench = _filter_wrench(self.recorded, self.lowpass, wrench) if each.by_plates else self.lowpass(wrench)
             wrenches.append(SampledWrench.of(time, wrench)(time - offset) if each.by_plates else wrench)
         return wrenches
 
@@ -243,33 +181,26 @@ class PreparedTrial:
         return sum(self.external(offset), np.zeros_like(self.recorded.wrench))
 
     def filtered_measured(self, samples: IntArray, stamped: FloatArray) -> FloatArray:
-        """Return the filtered total wrench (..., R, 3) of samples (R,) with times (..., R) on the plates' clock, s."""
+        """Return the filtered total wrench (..., R, 3) of samples (R,) at times (..., R) on the plates' clock, s."""
         return self.recorded.as_measured(self.filtered_wrench(stamped) + self.filtered_sensors[samples])
 
 
 def prepare(recorded: TrialData, settings: FitSettings, prior: BodyPrior | None = None) -> PreparedTrial:
     """Build the regressor, find the base parameters, filter regressor and wrench, and mark the usable samples.
 
-    Parameters
-    ----------
-    recorded : TrialData
-    settings : FitSettings
-    prior : BodyPrior, optional
-        Prior of the full parameters, all of which are then fitted.
+    With a prior of the full parameters, all of these are fitted.
     """
     regressor = wrench_regressor(recorded.motion, settings.gravity)
     moving = known(regressor)
-    lowpass = LowPass(_cutoff(recorded, settings), recorded.rate)
+    lowpass = LowPass(_choose_cutoff(recorded, settings), recorded.rate)
     if prior is None:
         selected = regressor[moving][:: lowpass.step, list(settings.components), :]
         base = base_set(selected.reshape(-1, regressor.shape[-1]))
     else:
-        base = every_parameter(regressor.shape[-1])
-    wrench, sensors = _whole(recorded.plates), _whole(recorded.sensors)
-    filtered_wrench = _filtered(recorded, lowpass, wrench)
-    limit = int(np.ceil(settings.offset_limit * recorded.rate)) + 1
-    usable = erode(moving & recorded.observed & known(sensors), lowpass.reach_samples)
-    usable &= erode(known(filtered_wrench), lowpass.reach_samples + limit)
+        base = keep_all_parameters(regressor.shape[-1])
+    wrench, sensors = blank_incomplete(recorded.plates), blank_incomplete(recorded.sensors)
+    filtered_wrench = _filter_wrench(recorded, lowpass, wrench)
+    observed = moving & recorded.observed & known(sensors)
     return PreparedTrial(
         recorded=recorded,
         settings=settings,
@@ -281,12 +212,13 @@ def prepare(recorded: TrialData, settings: FitSettings, prior: BodyPrior | None 
         filtered_wrench=SampledWrench.of(recorded.time, filtered_wrench),
         sensors=sensors,
         filtered_sensors=lowpass(sensors),
-        usable=usable,
+        usable=find_usable(lowpass, observed, filtered_wrench, settings.offset_limit),
         prior=prior,
     )
 
 
-def _cutoff(recorded: TrialData, settings: FitSettings) -> float:
+def _choose_cutoff(recorded: TrialData, settings: FitSettings) -> float:
+    """Return the cut-off of regressor and wrench, Hz."""
     if settings.cutoff is not None:
         return settings.cutoff
     if recorded.measured is not None:
@@ -294,17 +226,19 @@ def _cutoff(recorded: TrialData, settings: FitSettings) -> float:
     return cutoff_from_velocity(recorded.dq, recorded.rate)
 
 
-def _filtered(recorded: TrialData, lowpass: LowPass, wrench: FloatArray) -> FloatArray:
+def _filter_wrench(recorded: TrialData, lowpass: LowPass, wrench: FloatArray) -> FloatArray:
     """Return the plate wrench (T, 3) filtered like the regressor, with the averaging of its samples undone."""
     return undo_averaging(lowpass(wrench), recorded.averaged * recorded.rate)
 
 
-def _whole(wrench: FloatArray) -> FloatArray:
-    """Return a wrench (T, 3) with NaN in all components of a sample if any is unknown."""
-    return np.where(known(wrench)[:, None], wrench, np.nan)
+def find_usable(lowpass: LowPass, observed: BoolArray, filtered_wrench: FloatArray, offset_limit: float) -> BoolArray:
+    """Return the samples (T,) with filtered regressor, and with filtered wrench at every offset within the limit, s."""
+    limit = int(np.ceil(offset_limit * lowpass.rate)) + 1
+    usable = erode(observed, lowpass.reach_samples)
+    return usable & erode(known(filtered_wrench), lowpass.reach_samples + limit)
 
 
-def arcs(q: FloatArray, samples: BoolArray) -> FloatArray:
+def measure_arcs(q: FloatArray, samples: BoolArray) -> FloatArray:
     """Return the arc (n,) of each joint over some samples, from the 2.5 to the 97.5 % quantile, rad; 0 if empty."""
     if not samples.any():
         return np.zeros(q.shape[1])

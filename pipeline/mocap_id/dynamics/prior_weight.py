@@ -1,8 +1,8 @@
-"""Weight of the data against the prior: the time of the recording that counts as one independent sample.
+"""Weight of the data relative to the prior: the time of the recording that counts as one independent sample.
 
-Errors of poses are correlated over time and recur in every repetition. The residuals contain only the part of them that
-the parameters have not absorbed, and thus do not show how many samples are independent. The prediction of left-out
-repetitions hardly depends on the prior's weight over a wide range. The one-standard-error rule (Hastie, Tibshirani and
+Errors of poses are correlated over time and recur in every repetition. The residuals contain only the part that the
+parameters have not absorbed, so they do not give the number of independent samples. Over a wide range, the prediction
+of left-out repetitions hardly depends on the weight of the prior. The one-standard-error rule (Hastie, Tibshirani and
 Friedman, The Elements of Statistical Learning, 7.10) selects the strongest prior that is consistent with them.
 """
 
@@ -12,12 +12,14 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.dynamics.filtered_trial import FilteredTrial
-from mocap_id.dynamics.left_out_samples import LEAST_SECONDS, number_parts, samples_without_part
+from mocap_id.dynamics.sample_choice import LEAST_SECONDS, number_parts, select_samples
 
 MEMORIES = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
 """Candidates for the time of the recording that counts as one sample, s."""
 REFERENCE = 0.4
-"""The time used to estimate the residuals' spread, and if too few repetitions can be left out, s."""
+"""Time that counts as one sample while the residuals' spread is estimated, and if too few repetitions can be left out,
+s.
+"""
 _LEAST_FOLDS = 3  # fewer give no useful standard error
 
 
@@ -43,7 +45,7 @@ def left_out_memory(
     samples : (R,) int array
         Indices of the samples used in the fit.
     rows, target : (R, c, b) and (R, c) arrays
-        The fit's rows and the wrench, each component divided by the spread of its residual.
+        Rows of the fit and the wrench, each component divided by the spread of its residual.
     prior : ((p, b) array, (p,) array)
         Rows and right-hand side of the prior, in standard deviations.
     """
@@ -53,19 +55,16 @@ def left_out_memory(
     part = number_parts(prepared.recorded.time, prepared.prior.spans)
     errors = []
     for k in np.unique(part[samples]).tolist():
-        fitted = samples_without_part(prepared, gate, part, k)[samples]
+        fitted = select_samples(prepared, gate & (part != k))[samples]
         if apart * fitted.sum() >= LEAST_SECONDS:
             errors.append(left_out_error(rows, target, prior, apart=apart, fitted=fitted, predicted=part[samples] == k))
     return choose_memory(np.array(errors)) if len(errors) >= _LEAST_FOLDS else REFERENCE
 
 
 def choose_memory(errors: FloatArray) -> float:
-    """Return the longest time whose error is within one standard error of the least error.
+    """Return the longest of :data:`MEMORIES` whose error is within one standard error of the least error.
 
-    Parameters
-    ----------
-    errors : (K, M) array
-        Mean squared error of each left-out part with each of :data:`MEMORIES`.
+    ``errors`` (K, M) is the mean squared error of each left-out part for each of these times.
     """
     mean = errors.mean(axis=0)
     best = int(np.argmin(mean))
@@ -82,21 +81,21 @@ def left_out_error(
     fitted: BoolArray,
     predicted: BoolArray,
 ) -> FloatArray:
-    """Return the mean squared error (M,) of a fit on samples that were left out, with each of :data:`MEMORIES`.
+    """Return the mean squared error (M,) of a fit on left-out samples, for each of :data:`MEMORIES`.
 
     Parameters
     ----------
     rows, target, prior
-        As in :func:`left_out_memory`.
+        As for :func:`left_out_memory`.
     apart : float
         Time from one row to the next, s.
     fitted, predicted : (R,) bool arrays
-        Rows to fit to and rows to predict.
+        Rows to fit and rows to predict.
     """
     data = np.concatenate([rows[fitted], target[fitted, :, None]], axis=-1).reshape(-1, rows.shape[-1] + 1)
     known = np.column_stack(prior)
     share = np.minimum(1.0, apart / np.array(MEMORIES))[:, None, None]
     normal = share * (data.T @ data) + known.T @ known  # (M, b + 1, b + 1)
-    found = np.linalg.solve(normal[:, :-1, :-1], normal[:, :-1, -1:])[..., 0]
-    off = rows[predicted] @ found.T - target[predicted, :, None]
+    parameters = np.linalg.solve(normal[:, :-1, :-1], normal[:, :-1, -1:])[..., 0]
+    off = rows[predicted] @ parameters.T - target[predicted, :, None]
     return np.asarray(np.mean(off**2, axis=(0, 1)))

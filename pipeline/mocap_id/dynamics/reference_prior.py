@@ -1,10 +1,10 @@
 """Prior from a reference body (4.11, 4.13), with a standard deviation for each parameter.
 
 The thesis weights kg, kg·m and kg·m² with one λ. Here every full parameter of the reference has a standard deviation;
-for tables of people it is 10 to 20 % of the parameter's size. By default the reference determines only what the data
-leave open, and the base parameters depend on the data alone. Optionally it is a prior of the base parameters too. The
-data are then weighted by the covariance of the base parameters, and not by the number of rows, because the rows are
-correlated and do not show errors that repeat with the movement.
+for tables of people it is 10 to 20 % of the parameter's size. By default the reference determines only what the data do
+not determine, and the base parameters depend on the data alone. Optionally it is also a prior of the base parameters.
+The data are then weighted by the covariance of the base parameters, not by the number of rows, because the rows are
+correlated and do not contain errors that recur with the movement.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from mocap_id.dynamics.least_squares import CompressedProblem
 
 FOOT_MOMENT = 1
 """Column of the foot's mx among the full parameters."""
-_LEAST = 1e-6  # SI: least standard deviation, also of parameters that are zero
+_LEAST = 1e-6  # SI: least standard deviation, for parameters that are zero
 _APART = 3.0  # standard deviations
 _OPEN = 10.0  # relative standard deviation of parameters that are left to the data
 
@@ -27,12 +27,7 @@ _OPEN = 10.0  # relative standard deviation of parameters that are left to the d
 def reference_deviations(reference: FloatArray, relative: float) -> FloatArray:
     """Return the standard deviations (4(n + 1),) of a reference: a fraction of each segment's m, |(mx, my)| and Izz.
 
-    Parameters
-    ----------
-    reference : (4(n + 1),) array
-        m, mx, my, Izz of every segment; NaN stays NaN.
-    relative : float
-        The fraction.
+    ``reference`` (4(n + 1),) contains m, mx, my, Izz of every segment; NaN stays NaN.
     """
     blocks = np.abs(reference.reshape(-1, 4))
     first = np.hypot(blocks[:, 1], blocks[:, 2])
@@ -43,17 +38,17 @@ def reference_deviations(reference: FloatArray, relative: float) -> FloatArray:
 def foot_deviations(reference: FloatArray, first_moment: float, relative: float) -> FloatArray:
     """Return the standard deviations (4(n + 1),) of a reference that is known for the foot alone.
 
-    The foot's first moment differs little between people: its mass is small. The torque of the ankle then follows from
-    the centre of pressure and the place of the joint, and no longer from the masses above.
+    The mass of the foot is small, so its first moment differs little between people. With it, the torque of the ankle
+    follows from the centre of pressure and the position of the joint, and does not depend on the masses above.
 
     Parameters
     ----------
     reference : (4(n + 1),) array
-        m, mx, my, Izz of every segment; the foot is the first.
+        m, mx, my, Izz of every segment, foot first.
     first_moment : float
         Standard deviation of the foot's mx, kg·m.
     relative : float
-        That of its mass, as a fraction.
+        Standard deviation of the foot's mass, as a fraction.
     """
     deviations = reference_deviations(reference, _OPEN)
     deviations[:2] = relative * reference[0], first_moment
@@ -64,34 +59,20 @@ def foot_deviations(reference: FloatArray, first_moment: float, relative: float)
 class ReferencePrior:
     """A reference body as a normal distribution of the full parameters.
 
-    Parameters
-    ----------
-    mean, sd : (4(n + 1),) arrays
+    In the methods, ``covariance`` (b, b) is that of base parameters from data, and ``regrouping`` (b, f) the matrix M.
     """
 
+    # mean, sd: (4(n + 1),) full parameters and their standard deviations
     mean: FloatArray
     sd: FloatArray
 
-    def added_to(
+    def add_to(
         self, base: FloatArray, covariance: FloatArray, regrouping: FloatArray, rest: float
     ) -> CompressedProblem:
         """Return the least-squares problem of data and prior in the full parameters.
 
-        Parameters
-        ----------
-        base : (b,) array
-            Base parameters of the fit without constraint or prior.
-        covariance : (b, b) array
-            Their covariance, positive definite.
-        regrouping : (b, f) array
-            Matrix M.
-        rest : float
-            The part of the cost that no parameters can remove.
-
-        Returns
-        -------
-        CompressedProblem
-            Its cost is (M φ - base)ᵀ covariance⁻¹ (M φ - base) + ‖(φ - mean) / sd‖² + rest.
+        Its cost is (M φ - base)ᵀ covariance⁻¹ (M φ - base) + ‖(φ - mean) / sd‖² + rest, where ``base`` (b,) are the
+        base parameters of the fit without constraint or prior.
         """
         root = np.linalg.cholesky(covariance)
         rows = np.vstack([solve_triangular(root, regrouping, lower=True), np.diag(1 / self.sd)])
@@ -99,34 +80,26 @@ class ReferencePrior:
         return CompressedProblem.of(rows, target, rest)
 
     def gain(self, covariance: FloatArray, regrouping: FloatArray) -> FloatArray:
-        """Return the weight (b, b) of data with this covariance in the base parameters; the rest is the prior's."""
+        """Return the weight (b, b) of the data in the base parameters; the prior has the remaining weight."""
         spread = self._spread(regrouping)
         return np.asarray(np.linalg.solve(spread + covariance, spread).T)
 
     def contradicts(self, base: FloatArray, covariance: FloatArray, regrouping: FloatArray, parameter: int) -> bool:
-        """Return whether the prior would change a base parameter by more than three standard deviations of the change.
-
-        Parameters
-        ----------
-        base, covariance, regrouping
-            As for :meth:`added_to`.
-        parameter : int
-            Index of the base parameter.
-        """
+        """Return whether the prior would change a base parameter by more than 3 standard deviations of the change."""
         rest = np.eye(len(base)) - self.gain(covariance, regrouping)
         moved, variance = rest @ (base - regrouping @ self.mean), np.diag(rest @ covariance)
         return bool(moved[parameter] ** 2 > _APART**2 * variance[parameter])
 
     def covariance(self, gain: FloatArray, regrouping: FloatArray, of_data: FloatArray) -> FloatArray:
-        """Return the covariance (b, b) of base parameters that combine data of this covariance with the prior."""
+        """Return the covariance (b, b) of base parameters from data, with the covariance ``of_data``, and the prior."""
         rest = np.eye(len(gain)) - gain
         return np.asarray(gain @ of_data @ gain.T + rest @ self._spread(regrouping) @ rest.T)
 
-    def completed(self, covariance: FloatArray, regrouping: FloatArray) -> FloatArray:
-        """Return the covariance (f, f) of the full parameters, given that of the base parameters (b, b).
+    def complete(self, covariance: FloatArray, regrouping: FloatArray) -> FloatArray:
+        """Return the covariance (f, f) of the full parameters, given the covariance of the base parameters.
 
-        What the base parameters leave open has the prior's covariance. It matters for another trial that has its joints
-        at other places.
+        The part that the base parameters do not determine has the prior's covariance. It has an effect in another trial
+        with other joint positions.
         """
         spread = np.diag(self.sd**2)
         follow = np.linalg.solve(self._spread(regrouping), regrouping @ spread).T

@@ -1,8 +1,8 @@
 """Geometric regressor: the wrench and the joint torques as linear maps of the inertial parameters (thesis 4.2.1).
 
 A link has ten parameters, in the order of eq. 4.4: m, mx, my, mz, Ixx, Iyy, Izz, Ixy, Ixz, Iyz, all about the origin of
-the link's frame; Ixy is the matrix element. A planar link has four of them: m, mx, my, Izz. The columns run from the
-base to the tip. Gravity is modelled as an upward acceleration of the base.
+the link's frame; Ixy is the matrix element. A planar link has four of them: m, mx, my, Izz. The columns are ordered
+from the base to the tip. Gravity is modelled as an upward acceleration of the base.
 """
 
 from __future__ import annotations
@@ -21,16 +21,9 @@ WRENCH_COMPONENTS = ("Fx", "Fy", "tauz")
 
 
 def momentum_regressor(twist: FloatArray) -> FloatArray:
-    """Return the regressor Y_V of the momentum I V of one link (eq. 4.15; of an acceleration, eq. 4.16).
+    """Return the regressor Y_V (..., 6, 10) of the momentum I V of one link (eq. 4.15; of an acceleration, eq. 4.16).
 
-    Parameters
-    ----------
-    twist : (..., 6) array
-        (v, ω) or its time derivative, in the link frame.
-
-    Returns
-    -------
-    (..., 6, 10) array
+    ``twist`` (..., 6) is (v, ω) or its time derivative, in the link frame.
     """
     v, omega = twist[..., :3], twist[..., 3:]
     x, y, z = omega[..., 0], omega[..., 1], omega[..., 2]
@@ -45,57 +38,43 @@ def momentum_regressor(twist: FloatArray) -> FloatArray:
 
 
 def link_regressor(velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
-    """Return the regressor Y_i of the wrench on one link, in its own frame (eq. 4.17, 4.18).
+    """Return the regressor Y_i (..., 6, 10) of the wrench on one link, in the link frame (eq. 4.17, 4.18).
 
-    Parameters
-    ----------
-    velocity, acceleration : (..., 6) arrays
-        Body velocity and its derivative, in the link frame.
-
-    Returns
-    -------
-    (..., 6, 10) array
+    ``velocity`` and ``acceleration`` (..., 6) are the body velocity and its derivative, in the link frame.
     """
-    turned = np.swapaxes(se3.ad(velocity), -1, -2) @ momentum_regressor(velocity)
-    return momentum_regressor(acceleration) - turned
+    return momentum_regressor(acceleration) - np.swapaxes(se3.ad(velocity), -1, -2) @ momentum_regressor(velocity)
 
 
 def spatial_regressor(
     chain: Chain, q: FloatArray, dq: FloatArray, ddq: FloatArray, base_acceleration: FloatArray
 ) -> FloatArray:
-    """Return the regressor Y of the ground's wrench on the whole chain (eq. 4.19-4.22).
+    """Return the regressor Y (..., 6, 10(n + 1)) of the ground's wrench on the whole chain (eq. 4.19-4.22).
+
+    Its product with the full parameters, base first, is the wrench (F, τ) of the ground on the chain about the origin
+    of the world frame, in this frame.
 
     Parameters
     ----------
     chain : Chain
+        The chain.
     q, dq, ddq : (..., N) arrays
-        Coordinates and their time derivatives.
+        Coordinates of the joints and their time derivatives.
     base_acceleration : (6,) array
-        ``(g·up, 0)`` for gravity.
-
-    Returns
-    -------
-    (..., 6, 10(n + 1)) array
-        Its product with the full parameters, base first, is the wrench (F, τ) of the ground on the chain about the
-        origin of the world frame, in that frame.
+        Acceleration of the base; ``(g·up, 0)`` for gravity.
     """
     moving = link_motion(chain, q, dq, ddq, base_acceleration)
     return bodies_regressor(chain.poses(q), moving.velocity, moving.acceleration)
 
 
 def bodies_regressor(poses: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
-    """Return the regressor of the wrench on K bodies about the origin of the world frame, in that frame (eq. 4.19).
+    """Return the regressor (..., 6, 10K) of the wrench on K bodies about the origin of the world frame (eq. 4.19).
 
     Parameters
     ----------
     poses : (..., K, 4, 4) array
-        Pose of each body's frame in the world.
+        Pose of each body's frame in the world frame.
     velocity, acceleration : (..., K, 6) arrays
         Body velocity and its derivative, in the body's frame.
-
-    Returns
-    -------
-    (..., 6, 10K) array
     """
     to_world = np.swapaxes(se3.Ad(se3.inverse(poses)), -1, -2)  # (..., K, 6, 6)
     blocks = to_world @ link_regressor(velocity, acceleration)
@@ -103,69 +82,46 @@ def bodies_regressor(poses: FloatArray, velocity: FloatArray, acceleration: Floa
 
 
 def through_joints(jacobian: FloatArray, joint: IntArray, wrenches: FloatArray, segment: IntArray) -> FloatArray:
-    """Return the joint torques that wrenches on single segments cause, in space or in the plane.
+    """Return the joint torques (..., N, P) due to wrenches on single segments, in space or in the plane.
 
     The wrench through joint j is the sum of the wrenches on the segments beyond it. Its product with the joint's
-    spatial twist, a column of the spatial Jacobian (eq. 2.47), is the torque. Columns of a regressor and external
-    wrenches (:mod:`mocap_id.dynamics.external_wrenches`) are both wrenches on segments.
+    spatial twist, a column of the spatial Jacobian (eq. 2.47), is the torque. The wrenches are columns of a regressor
+    or external wrenches (:mod:`mocap_id.dynamics.external_wrenches`).
 
     Parameters
     ----------
     jacobian : (..., c, N) array
         Spatial Jacobian; c is 6 in space and 3 in the plane.
     joint : (N,) int array
-        The joint, from 1, to which each coordinate belongs.
+        Joint, from 1, to which each coordinate belongs.
     wrenches : (..., c, P) array
-        Wrenches about the origin of the world (plane) frame, in that frame.
+        Wrenches about the origin of the world (plane) frame, in this frame.
     segment : (P,) int array
-        The segment, from 0, on which each wrench acts.
-
-    Returns
-    -------
-    (..., N, P) array
-        N·m, or N·m per unit of a regressor's parameters.
+        Segment, from 0, on which each wrench acts.
     """
     torque = np.swapaxes(jacobian, -1, -2) @ wrenches
     return np.where(segment >= joint[:, None], torque, 0.0)
 
 
 def spatial_torque_regressor(chain: Chain, q: FloatArray, regressor: FloatArray) -> FloatArray:
-    """Return the regressor of the joint torques, given the regressor of the wrench.
+    """Return the regressor (..., N, 10(n + 1)) of the joint torques, given that of the wrench (..., 6, 10(n + 1)).
 
-    Parameters
-    ----------
-    chain : Chain
-    q : (..., N) array
-    regressor : (..., 6, 10(n + 1)) array
-        As :func:`spatial_regressor` returns it.
-
-    Returns
-    -------
-    (..., N, 10(n + 1)) array
+    ``q`` (..., N) are the coordinates; ``regressor`` is the result of :func:`spatial_regressor`.
     """
     segment = np.repeat(np.arange(len(chain.joints) + 1), len(LINK_PARAMETERS))
     return through_joints(spatial_jacobian(chain, q), joint_of_coordinate(chain), regressor, segment)
 
 
 def joint_of_coordinate(chain: Chain) -> IntArray:
-    """Return the joint, from 1, to which each of the N coordinates belongs."""
+    """Return the joint, from 1, to which each of the N coordinates of a chain belongs."""
     return np.repeat(np.arange(1, len(chain.joints) + 1), [joint.dimension for joint in chain.joints])
 
 
 def wrench_regressor(motion: PlanarMotion, gravity: float = 9.81) -> FloatArray:
-    """Return the regressor of the ground's wrench on K bodies in the plane (eq. 4.15 to 4.22 for planar links).
+    """Return the regressor (T, 3, 4K) of the ground's wrench on K bodies in the plane (eq. 4.15 to 4.22).
 
-    Parameters
-    ----------
-    motion : PlanarMotion
-    gravity : float
-        m/s², along -y.
-
-    Returns
-    -------
-    (T, 3, 4K) array
-        Rows: Fx, Fy, tauz of the ground on the bodies about the origin of the plane frame, in that frame. Columns: m,
-        mx, my, Izz of every body about its frame's origin, in the order of the bodies.
+    Rows: Fx, Fy, tauz of the ground on the bodies about the origin of the plane frame. Columns: m, mx, my, Izz of every
+    body about the origin of its frame. Gravity, m/s², is along -y.
     """
     acceleration = motion.acceleration.copy()
     acceleration[..., 1] += gravity
@@ -174,9 +130,9 @@ def wrench_regressor(motion: PlanarMotion, gravity: float = 9.81) -> FloatArray:
     for column, axis in ((1, np.array([1.0, 0.0])), (2, np.array([0.0, 1.0]))):
         unit = planar.rotate(motion.angle, axis)  # the body's x, then y, in the plane frame
         blocks[..., :2, column] = point_acceleration(unit, motion.omega, motion.alpha)
-        blocks[..., 2, column] = _cross(unit, acceleration)
+        blocks[..., 2, column] = _cross_product(unit, acceleration)
     blocks[..., 2, 3] = motion.alpha
-    blocks[..., 2, :3] += _cross(motion.origin[..., None, :], np.swapaxes(blocks[..., :2, :3], -1, -2))
+    blocks[..., 2, :3] += _cross_product(motion.origin[..., None, :], np.swapaxes(blocks[..., :2, :3], -1, -2))
     return np.moveaxis(blocks, 1, 2).reshape(len(motion.angle), 3, -1)
 
 
@@ -195,18 +151,9 @@ class JointedMotion(Protocol):
 
 
 def torque_regressor(motion: JointedMotion, regressor: FloatArray) -> FloatArray:
-    """Return the regressor of the joint torques, given the regressor of the wrench.
+    """Return the regressor (T, N, p K) of the joint torques, given that of the wrench (T, c, p K) on K bodies.
 
-    Parameters
-    ----------
-    motion : JointedMotion
-    regressor : (T, c, p K) array
-        Regressor of the wrench on K bodies with p parameters each.
-
-    Returns
-    -------
-    (T, N, p K) array
-        For tau_j, the moment about joint j of the wrench on the bodies beyond it, N·m; NaN where a joint has no centre.
+    The rows give the moment about joint j of the wrench on the bodies beyond it, N·m; NaN where a joint has no centre.
     """
     torque = np.swapaxes(motion.jacobian, -1, -2) @ regressor
     distal = np.repeat(motion.beyond, regressor.shape[-1] // motion.beyond.shape[1], axis=1)
@@ -216,9 +163,9 @@ def torque_regressor(motion: JointedMotion, regressor: FloatArray) -> FloatArray
 def planar_regressor(
     centres: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray, gravity: float = 9.81
 ) -> FloatArray:
-    """Return the regressor of the ground's wrench on a planar chain.
+    """Return the regressor (T, 3, 4(n + 1)) of the ground's wrench on a planar chain, with the segments base first.
 
-    It equals :func:`spatial_regressor` for such a chain and is eighty times faster; a test compares the two.
+    It equals :func:`spatial_regressor` for the same chain and is eighty times faster; a test compares the two.
 
     Parameters
     ----------
@@ -227,38 +174,32 @@ def planar_regressor(
     q, dq, ddq : (T, n) arrays
         Joint angles, rad, and their time derivatives.
     gravity : float
-        m/s², along -y.
-
-    Returns
-    -------
-    (T, 3, 4(n + 1)) array
-        As :func:`wrench_regressor` returns it, with the segments base first.
+        Gravitational acceleration along -y, m/s².
     """
     return wrench_regressor(chain_motion(centres, q, dq, ddq), gravity)
 
 
 def planar_torque_regressor(centres: FloatArray, q: FloatArray, regressor: FloatArray) -> FloatArray:
-    """Return the regressor of the joint torques of a planar chain, given the regressor of the wrench.
+    """Return the regressor (T, n, 4(n + 1)) of the joint torques of a planar chain, given that of the wrench.
+
+    tau_j is the torque of segment j - 1 on segment j, N·m: the moment about joint j of the wrench on the segments
+    beyond it.
 
     Parameters
     ----------
     centres : (n, 2) or (T, n, 2) array
+        Centre of joint j in the frame of segment j - 1, m.
     q : (T, n) array
+        Joint angles, rad.
     regressor : (T, 3, 4(n + 1)) array
-        As :func:`planar_regressor` returns it.
-
-    Returns
-    -------
-    (T, n, 4(n + 1)) array
-        For tau_j, the torque of segment j - 1 on segment j, N·m: the moment about joint j of the wrench on the segments
-        beyond it.
+        Result of :func:`planar_regressor`.
     """
     joints = np.arange(q.shape[1] + 1)
     jacobian = planar.spatial_jacobian(q, centres)
     return through_joints(jacobian, joints[1:], regressor, np.repeat(joints, len(PLANAR_PARAMETERS)))
 
 
-def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
+def _cross_product(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the z component of a × b for plane vectors (..., 2)."""
     product: FloatArray = a[..., 0] * b[..., 1] - a[..., 1] * b[..., 0]
     return product

@@ -1,12 +1,12 @@
 """Absolute check of the dynamics: do plate, cameras, clock rates and the person have the same scale?
 
-Residuals hide an error of scale, because the parameters adapt to it. Three facts show it. Gravity and inertia act on
-the same masses; forces and moments belong to one wrench; and nearly all mass above the shank acts at the knee, so that
-ratios of the parameters are almost the same in all people (:mod:`mocap_id.dynamics.body_ratios`).
+Residuals hide an error of scale, because the parameters adapt to it. Three facts make it visible. Gravity and inertia
+act on the same masses. Forces and moments belong to one wrench. Nearly all mass above the shank acts at the knee, so
+that ratios of the parameters are almost the same in all people (:mod:`mocap_id.dynamics.body_ratios`).
 
-The wrench is modelled as Y ρ plus a column for each cause of error. First every cause is held near zero, then one at a
-time is free. A cause is named if it lowers the cost by more than 6.6, the 1 % point of χ² with one degree of freedom,
-and no other cause comes within 6.6 of it.
+The wrench is modelled as Y ρ plus a column for each cause of error. First every cause is kept near zero, then one at a
+time is free. A cause is identified if it decreases the cost by more than 6.6, the 1 % point of χ² with one degree of
+freedom, and by at least 6.6 more than every other cause.
 """
 
 from __future__ import annotations
@@ -20,28 +20,28 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.dynamics.body_ratios import BodyRatios
 from mocap_id.dynamics.calibration import ScaleCause, ScaleCheck
 from mocap_id.dynamics.identification import Identification
-from mocap_id.dynamics.kinematic_error import wrench_effect
-from mocap_id.dynamics.long_rests import without_long_rests
+from mocap_id.dynamics.kinematic_error import propagate_to_wrench
 from mocap_id.dynamics.lowpass import LowPass, erode, known
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import wrench_regressor
+from mocap_id.dynamics.sample_choice import without_long_rests
 from mocap_id.dynamics.uncertainty import time_blocks
 
-_CUTOFF, _POSES_CUTOFF = 2.5, 4.0  # Hz: above the first, the chain's smoothed accelerations have errors
+_CUTOFF, _POSES_CUTOFF = 2.5, 4.0  # Hz, for a chain, whose accelerations have errors at higher ones, and for poses
 _THINNED, _CLEAN = 25.0, 10.0  # Hz: rate of the samples, and low-pass of the wrench before thinning
-_EVERY = 2  # every second of them is a row
-_SECONDS = 1.5  # s: least time with rows
+_EVERY = 2  # every second of these samples is a row
+_SECONDS = 1.5  # s: least duration of the rows
 _SEEN = 6.6  # of χ²
-_SURE = 2.58  # standard deviations, 99 %
+_SURE = 2.58  # standard deviations of a 99 % interval
 _ROUNDS = 3
 _STEP = 1e-4  # relative, or rad
-_LEAST_MODE = 0.1  # squared norm of a mode of the geometry's error, in standard deviations of the residual
-_FOLLOWED = np.array([2.5, 2.0])  # N rms of Fx and Fy, up to which a pinned chain follows the person
+_LEAST_MODE = 0.1  # least squared norm of a mode of the geometry's error, in standard deviations of the residual
+_FOLLOWED = np.array([2.5, 2.0])  # N: rms residuals of Fx and Fy below which a pinned chain describes the person
 
 
 @dataclass(frozen=True)
 class _Size:
-    """Standard deviations of one cause: while held near zero, while free, and of real people from a chain."""
+    """Standard deviations of one cause: while it is near zero, while it is free, and of people who are no chain."""
 
     held: float
     free: float
@@ -58,34 +58,33 @@ CAUSES: Mapping[str, _Size] = {
     "tilt": _Size(0.0015, 0.1, 0.02),
     "gain": _Size(0.003, 1.0, 0.05),
 }
-"""Causes of a wrong scale. ``inertia`` is the factor of the inertial terms less 1, which a wrong rate changes."""
+"""Causes of a wrong scale. ``inertia`` is the factor of the inertial terms minus 1, which a wrong rate changes."""
 _OF_MODEL = ("inertia", "lengths", "tilt")
 
 
 def check_scales(
-    prepared: PreparedTrial, gate: BoolArray, found: Identification, ratios: BodyRatios
+    prepared: PreparedTrial, gate: BoolArray, result: Identification, ratios: BodyRatios
 ) -> ScaleCheck | None:
-    """Look for a wrong scale of plate, cameras or clock rates.
+    """Return the result of a check for a wrong scale of plate, cameras or clock rates.
+
+    It is None if there are too few usable samples, or if a pinned chain does not describe the person.
 
     Parameters
     ----------
     prepared : PreparedTrial
+        The prepared trial.
     gate : (T,) bool array
         Samples in which the body touches only the ground.
-    found : Identification
+    result : Identification
+        The identified parameters.
     ratios : BodyRatios
-        What is known about the parameters of any person.
-
-    Returns
-    -------
-    ScaleCheck or None
-        None if too few samples are usable, or if a pinned chain does not follow the person.
+        Relations between the parameters of any person.
     """
-    problem = _problem(prepared, gate, found, ratios)
+    problem = _build_problem(prepared, gate, result, ratios)
     if problem is None or (problem.pinned and not problem.followed):
         return None
     share = 0.0 if problem.pinned else 1.0
-    held, start = problem.solve(None), found.base
+    held, start = problem.solve(None), result.base
     causes = {}
     for name, size in CAUSES.items():
         if name == "gain" and not ratios.weighed:
@@ -93,21 +92,24 @@ def check_scales(
         free = problem.solve(name, start)
         limit = float(_SURE * np.hypot(free.sd, share * size.spread))
         causes[name] = ScaleCause(free.value, free.sd, max(held.cost - free.cost, 0.0), limit)
-    return ScaleCheck(causes, _suspects(causes))
+    return ScaleCheck(causes, _find_suspects(causes))
 
 
-def _suspects(causes: Mapping[str, ScaleCause]) -> tuple[str, ...]:
-    seen = [name for name, each in causes.items() if each.explains > _SEEN and abs(each.value) > each.limit]
-    if not seen:
+def _find_suspects(causes: Mapping[str, ScaleCause]) -> tuple[str, ...]:
+    """Return the significant cause that explains most and the causes that explain almost as much; empty if none."""
+    significant = [name for name, each in causes.items() if each.explains > _SEEN and abs(each.value) > each.limit]
+    if not significant:
         return ()
-    seen.sort(key=lambda name: -causes[name].explains)
-    best = causes[seen[0]].explains
-    near = [name for name, each in causes.items() if name != seen[0] and best - each.explains <= _SEEN]
-    return (seen[0], *sorted(near, key=lambda name: -causes[name].explains))
+    significant.sort(key=lambda name: -causes[name].explains)
+    best = causes[significant[0]].explains
+    near = [name for name, each in causes.items() if name != significant[0] and best - each.explains <= _SEEN]
+    return (significant[0], *sorted(near, key=lambda name: -causes[name].explains))
 
 
 @dataclass(frozen=True)
 class _Solution:
+    """Cost of a solution, and the estimate of the free cause with its standard deviation."""
+
     cost: float
     value: float
     sd: float
@@ -115,9 +117,9 @@ class _Solution:
 
 @dataclass(frozen=True)
 class _Problem:
-    """Weighted rows of the check: columns of the model (R, c, b), of nuisances (R, c, k), of every cause.
+    """Weighted rows of the check: columns of the model (R, c, b), of nuisances (R, c, k) and of every cause.
 
-    ``of_model`` has the derivative of the model's columns with respect to a cause, ``of_data`` a cause's own column.
+    ``of_model`` has the derivative of the model's columns by a cause, ``of_data`` the column of a cause itself.
     """
 
     model: FloatArray
@@ -144,7 +146,7 @@ class _Problem:
             known_part = sum(value[name] * own[name] for name in _OF_MODEL)
             columns = np.stack([(own | self.of_data)[name] for name in CAUSES], axis=-1)
             rows = np.concatenate([model, self.nuisance, columns], axis=-1)
-            flat = np.concatenate([rows.reshape(-1, rows.shape[-1]), self.prior, self._sizes(free)])
+            flat = np.concatenate([rows.reshape(-1, rows.shape[-1]), self.prior, self._build_limits(free)])
             aim = np.concatenate([(self.target + known_part).reshape(-1), self.prior_target, np.zeros(len(self._zero))])
             scale = np.linalg.norm(flat, axis=0)
             normal = (flat / scale).T @ (flat / scale)
@@ -165,23 +167,27 @@ class _Problem:
 
     @property
     def _zero(self) -> IntArray:
-        """Columns that are zero on average: modes of the geometry's error, and causes."""
+        """Columns whose expected value is zero: modes of the geometry's error, and causes."""
         first = self.model.shape[-1] + self.nuisance.shape[-1] - self.modes
         return np.arange(first, first + self.modes + len(CAUSES))
 
-    def _sizes(self, free: str | None) -> FloatArray:
+    def _build_limits(self, free: str | None) -> FloatArray:
+        """Return rows that keep these columns near zero, except the free cause."""
         sd = [size.free if name == free else size.held for name, size in CAUSES.items()]
         rows = np.zeros((len(self._zero), self._zero[-1] + 1))
         rows[np.arange(len(rows)), self._zero] = np.concatenate([np.ones(self.modes), 1.0 / np.array(sd)])
         return rows
 
 
-def _problem(prepared: PreparedTrial, gate: BoolArray, found: Identification, ratios: BodyRatios) -> _Problem | None:
-    recorded, kept, base = prepared.recorded, prepared.base.kept, found.base
+def _build_problem(
+    prepared: PreparedTrial, gate: BoolArray, result: Identification, ratios: BodyRatios
+) -> _Problem | None:
+    """Return the problem, with filtered and thinned samples; None if there are too few."""
+    recorded, kept, base = prepared.recorded, prepared.base.kept, result.base
     step = max(1, int(recorded.rate / _THINNED))
     lowpass = LowPass(_CUTOFF if prepared.prior is None else _POSES_CUTOFF, recorded.rate / step)
     clean = LowPass(min(_CLEAN, recorded.rate / 5), recorded.rate)
-    measured = lowpass(clean(prepared.measured(found.fit.offset))[::step])
+    measured = lowpass(clean(prepared.measured(result.fit.offset))[::step])
     motion, gravity = prepared.motion.at(slice(None, None, step)), prepared.settings.gravity
     plain = prepared.regressor[::step]
     moved = {
@@ -203,21 +209,21 @@ def _problem(prepared: PreparedTrial, gate: BoolArray, found: Identification, ra
     if not (prepared.settings.plate_bias and 0 in components):
         extra = extra[:, :, 1:]
     of_model = {name: lowpass(each[:, :, kept])[rows] for name, each in moved.items()}
-    effect = wrench_effect(prepared, base, found.error, samples)
+    effect = propagate_to_wrench(prepared, base, result.error, samples)
     columns = np.concatenate([model[rows], extra], axis=-1)
-    weights = _weights(columns, target, time, prepared)
-    every = np.stack([*(each @ base for each in of_model.values()), *_of_data(target).values()], axis=-1)
-    residual = _residual(np.concatenate([columns, every], axis=-1), target, weights, prepared)
-    effect = _fewer_modes(effect * weights[:, None]) / weights[:, None]
+    weights = _estimate_weights(columns, target, time, prepared)
+    every = np.stack([*(each @ base for each in of_model.values()), *_build_plate_columns(target).values()], axis=-1)
+    residual = _compute_residual(np.concatenate([columns, every], axis=-1), target, weights, prepared)
+    effect = _reduce_modes(effect * weights[:, None]) / weights[:, None]
     own, rms = np.concatenate([extra, -effect], axis=-1), np.sqrt(np.mean(residual[:, :2] ** 2, axis=0))
-    prior, prior_target = _prior_rows(prepared, ratios, own.shape[-1])
+    prior, prior_target = _build_prior(prepared, ratios, own.shape[-1])
     scaled = weights[:, None]
     return _Problem(
         model=(model[rows] * scaled)[:, components],
         nuisance=(own * scaled)[:, components],
         modes=effect.shape[-1],
         of_model={name: (each * scaled)[:, components] for name, each in of_model.items()},
-        of_data={name: (each * weights)[:, components] for name, each in _of_data(target).items()},
+        of_data={name: (each * weights)[:, components] for name, each in _build_plate_columns(target).items()},
         target=(target * weights)[:, components],
         prior=prior,
         prior_target=prior_target,
@@ -227,8 +233,8 @@ def _problem(prepared: PreparedTrial, gate: BoolArray, found: Identification, ra
     )
 
 
-def _fewer_modes(effect: FloatArray) -> FloatArray:
-    """Return fewer modes with the same covariance, from independent modes (R, 3, S) in standard deviations."""
+def _reduce_modes(effect: FloatArray) -> FloatArray:
+    """Return fewer modes with nearly the same covariance, from independent modes (R, 3, S) in standard deviations."""
     if effect.shape[-1] == 0:
         return effect
     flat = effect.reshape(-1, effect.shape[-1])
@@ -236,18 +242,18 @@ def _fewer_modes(effect: FloatArray) -> FloatArray:
     return np.asarray((flat @ vectors[:, values > _LEAST_MODE]).reshape(*effect.shape[:2], -1))
 
 
-def _of_data(target: FloatArray) -> dict[str, FloatArray]:
-    """Return the columns (R, 3) of errors of the plate."""
+def _build_plate_columns(target: FloatArray) -> dict[str, FloatArray]:
+    """Return the columns (R, 3) of the plate's errors."""
     names = ("moments", "vertical gain", "vertical force", "position", "gain")
     columns = {name: np.zeros_like(target) for name in names}
     columns["moments"][:, 2] = target[:, 2]
     columns["vertical gain"][:, 1] = target[:, 1]
     columns["vertical force"][:, 1] = 1.0
     columns["position"][:, 2] = target[:, 1]
-    return columns  # a common gain changes the parameters alone: only a known mass shows it
+    return columns  # a common gain changes only the parameters: it is visible only with a known mass
 
 
-def _prior_rows(prepared: PreparedTrial, ratios: BodyRatios, nuisance: int) -> tuple[FloatArray, FloatArray]:
+def _build_prior(prepared: PreparedTrial, ratios: BodyRatios, nuisance: int) -> tuple[FloatArray, FloatArray]:
     """Return the rows and right-hand side of the fit's own prior and of the ratios."""
     columns = len(prepared.base.kept) + nuisance + len(CAUSES)
     causes = np.zeros((len(ratios.rows), len(CAUSES)))
@@ -261,8 +267,10 @@ def _prior_rows(prepared: PreparedTrial, ratios: BodyRatios, nuisance: int) -> t
     return np.concatenate([own, rows]), np.concatenate([its_aim, aim])
 
 
-def _residual(columns: FloatArray, target: FloatArray, weights: FloatArray, prepared: PreparedTrial) -> FloatArray:
-    """Residual (R, 3) of a fit of columns (R, 3, k), with the trial's own prior."""
+def _compute_residual(
+    columns: FloatArray, target: FloatArray, weights: FloatArray, prepared: PreparedTrial
+) -> FloatArray:
+    """Return the residual (R, 3) of a fit of columns (R, 3, k), with the trial's own prior."""
     prior, aim = np.zeros((0, columns.shape[-1])), np.zeros(0)
     if prepared.prior is not None:
         prior, aim = prepared.prior.rows(columns.shape[-1])
@@ -272,15 +280,15 @@ def _residual(columns: FloatArray, target: FloatArray, weights: FloatArray, prep
     return np.asarray(target - columns @ x)
 
 
-def _weights(columns: FloatArray, target: FloatArray, time: FloatArray, prepared: PreparedTrial) -> FloatArray:
+def _estimate_weights(columns: FloatArray, target: FloatArray, time: FloatArray, prepared: PreparedTrial) -> FloatArray:
     """Return the weights (3,) of the components, from the residual of a fit without causes.
 
-    A residual that is correlated in time counts as fewer samples. Their share is found from each column times the
-    residual: squared sums over blocks of time, divided by the sum of squares.
+    A residual that is correlated in time counts as fewer samples. Their fraction follows from the products of each
+    column and the residual: squared sums over blocks of time, divided by the sum of squares.
     """
     weights, residual = np.ones(3), target
     for _ in range(_ROUNDS):
-        residual = _residual(columns, target, weights, prepared)
+        residual = _compute_residual(columns, target, weights, prepared)
         weights = 1.0 / np.maximum(residual.std(axis=0), 1e-4 * np.sqrt(np.mean(target**2, axis=0)) + 1e-9)
     block = time_blocks(time, prepared.settings.block)
     scores = columns * residual[..., None]

@@ -1,4 +1,4 @@
-"""Standard deviations from residuals that are correlated in time."""
+"""Standard deviations of parameters from residuals that are correlated in time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from mocap_id.dynamics.base_parameters import triangular_factor
 
 
 def time_blocks(time: FloatArray, length: float) -> IntArray:
-    """Return the number of the block of ``length`` s of each time (R,), s; blocks without samples are not counted."""
+    """Return the block of each time (R,), for blocks of ``length`` s; blocks without samples are not numbered."""
     _, block = np.unique(np.floor((time - time[0]) / length), return_inverse=True)
     return block.astype(np.int64)
 
@@ -22,11 +22,11 @@ def block_covariance(
     prior: FloatArray | None = None,
     spread: FloatArray | float = 1.0,
 ) -> FloatArray:
-    """Return the covariance of least-squares parameters without assuming a model of the residuals within a block.
+    """Return the covariance (b, b) of least-squares parameters without a model of the residuals within a block.
 
     It is the sandwich (XᵀX)⁻¹ (Σ_g X_gᵀ r_g r_gᵀ X_g) (XᵀX)⁻¹ over blocks g, to which a block bootstrap converges.
     Residuals may be correlated and heteroscedastic within a block. Blocks count as independent, so they must be longer
-    than the correlation time of the residuals. The factor G/(G - 1) · (r - 1)/(r - b) is the usual one for few blocks.
+    than the correlation time of the residuals. The factor G/(G - 1) · (r - 1)/(r - b) corrects for few blocks.
 
     Parameters
     ----------
@@ -37,14 +37,10 @@ def block_covariance(
     block : (R,) int array
         Block of each sample, 0 … G - 1.
     prior : (p, b) array, optional
-        Rows of a prior that took part in the fit, in standard deviations. With X and P the rows of data and prior, the
-        covariance is (XᵀX + PᵀP)⁻¹ (Σ_g X_gᵀ r_g r_gᵀ X_g + PᵀS²P) (XᵀX + PᵀP)⁻¹.
+        Rows P of a prior that is part of the fit, in standard deviations. The covariance is then (XᵀX + PᵀP)⁻¹ (Σ_g
+        X_gᵀ r_g r_gᵀ X_g + PᵀS²P) (XᵀX + PᵀP)⁻¹.
     spread : (p,) array or float
         Diagonal of S: standard deviations of the prior's errors in these units; below 1 if a prior is loose on purpose.
-
-    Returns
-    -------
-    (b, b) array
     """
     columns = design.shape[-1]
     rows = design.reshape(-1, columns)
@@ -63,15 +59,15 @@ def block_covariance(
 
 
 def unit_covariance(rows: FloatArray) -> FloatArray:
-    """Return (XᵀX)⁻¹ of rows X (r, p); the columns are scaled internally, so that it is accurate at any condition."""
+    """Return (XᵀX)⁻¹ of rows X (r, p). The columns are scaled internally, for accuracy at any condition number."""
     length = np.linalg.norm(rows, axis=0)
     length = np.where(length > 0.0, length, 1.0)
-    _, size, turned = np.linalg.svd(triangular_factor(rows / length))
-    half = turned / (np.maximum(size, 1e-12 * size[0])[:, None] * length)
+    _, size, right = np.linalg.svd(triangular_factor(rows / length))
+    half = right / (np.maximum(size, 1e-12 * size[0])[:, None] * length)
     return np.asarray(half.T @ half)
 
 
 def variance(rows: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Return the variance (...) of rows (..., b) times parameters with this covariance (b, b)."""
+    """Return the variance (...) of the products of rows (..., b) and parameters with this covariance (b, b)."""
     values: FloatArray = np.einsum("...b,...b->...", rows @ covariance, rows)
     return np.maximum(values, 0.0)

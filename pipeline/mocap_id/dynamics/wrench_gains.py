@@ -1,8 +1,8 @@
 """Check of external wrenches: the factor on each component with which the forces add up.
 
-If a plate has the wrong sign or wrong corners, or a sensor reports the force of the body on it instead of the opposite
-one, then no body fits the samples in which it is loaded. A fit with a factor for each component of the wrench shows the
-error. A correct wrench has factors of 1.
+A plate may have the wrong sign or wrong corners, or a sensor may report the force of the body on it instead of the
+opposite force. Then no body fits the samples in which it is loaded. A fit with a factor for each component of the
+wrench shows the error. A correct wrench has factors of 1.
 """
 
 from __future__ import annotations
@@ -18,48 +18,35 @@ from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
 from mocap_id.dynamics.uncertainty import block_covariance, time_blocks
 
-_MATERIAL = 0.05  # of the weight: a smaller error of a force may be due to its calibration
-_LEVER = 0.5  # m: lever that converts the material error of a force to that of a moment
+_MATERIAL = 0.05  # fraction of the weight: a smaller error of a force may be due to its calibration
+_LEVER = 0.5  # m: converts this error of a force to that of a moment
 _SPREADS = 4.0
 _LOADED = 95.0  # percentile of a component's size that counts as its load
-_OWN = 0.25  # of the material error: a smaller independent part of a column is noise and error of the model
+_OWN = 0.25  # fraction of this error: a smaller independent part of a column is noise and error of the model
 
 
 @dataclass(frozen=True)
 class WrenchGain:
-    """The factor of one component of one external wrench.
+    """The factor of one component of one external wrench."""
 
-    Parameters
-    ----------
-    name : str
-        The external wrench.
-    component : str
-        Fx, Fy or tauz.
-    value, sd : float
-        Factor with which the forces add up, 1 for a correct wrench, and its standard deviation.
-    size : float
-        Size of the component under load, N or N·m.
-    limit : float
-        Smallest error that matters, N or N·m.
-    """
-
-    name: str
-    component: str
+    name: str  # name of the external wrench
+    component: str  # Fx, Fy or tauz
+    # value, sd: factor with which the forces add up, 1 for a correct wrench, and its standard deviation
     value: float
     sd: float
-    size: float
-    limit: float
+    size: float  # magnitude of the component under load, N or N·m
+    limit: float  # smallest error that is large enough for a caution, N or N·m
 
     @property
     def contradicts(self) -> bool:
-        """Whether the error of the component is significant and large enough to matter."""
+        """Whether the error of the component is significant and larger than the limit."""
         away = abs(self.value - 1.0)
         return away > _SPREADS * self.sd and away * self.size > self.limit
 
 
 @dataclass(frozen=True)
 class _Column:
-    """A component of an external wrench as a weighted column of the fit, ``values`` (R, c), with a minus sign."""
+    """A component of an external wrench as a weighted column (R, c) of the fit, ``values``, with a minus sign."""
 
     name: str
     component: str
@@ -69,57 +56,53 @@ class _Column:
     values: FloatArray
 
 
-def estimate_gains(prepared: PreparedTrial, found: Fit) -> tuple[WrenchGain, ...]:
-    """Estimate the factors of the external wrenches' components.
+def estimate_gains(prepared: PreparedTrial, result: Fit) -> tuple[WrenchGain, ...]:
+    """Return the factors of the components of the external wrenches; empty if the movement determines none.
 
-    Components that are too small, or too similar to the body's own wrench, have none.
+    Components that are too small, or too similar to the wrench of the body, have no factor.
 
     Parameters
     ----------
     prepared : PreparedTrial
-    found : Fit
+        The prepared trial.
+    result : Fit
         A fit on samples with external wrenches.
-
-    Returns
-    -------
-    tuple of WrenchGain
-        Empty if the movement determines none.
     """
-    candidates = _candidates(prepared, found)
+    candidates = _list_candidates(prepared, result)
     if not candidates:
         return ()
     finite = np.isfinite(np.stack([column.values for column in candidates]))
     known: BoolArray = np.all(finite, axis=(0, 2))
-    body = found.design[known, :, :-1]
-    columns = [column for column, own in zip(candidates, _own_parts(body, candidates, known), strict=True) if own]
+    body = result.design[known, :, :-1]
+    columns = [column for column, own in zip(candidates, _have_own_parts(body, candidates, known), strict=True) if own]
     if not columns:
         return ()
-    excess, sd = _solve(prepared, found, columns, known)
+    excess, sd = _solve(prepared, result, columns, known)
     return tuple(
         WrenchGain(column.name, column.component, 1.0 + float(away), float(spread), column.size, column.limit)
         for column, away, spread in zip(columns, excess, sd, strict=True)
     )
 
 
-def _candidates(prepared: PreparedTrial, found: Fit) -> list[_Column]:
+def _list_candidates(prepared: PreparedTrial, result: Fit) -> list[_Column]:
     """Return the components that are large enough to be tested."""
     weight = float(np.nanpercentile(np.abs(prepared.recorded.wrench[:, 1]), _LOADED))
     limits = _MATERIAL * weight * np.array([1.0, 1.0, _LEVER])
     columns = []
-    for external, wrench in zip(prepared.recorded.external, prepared.external(found.offset, True), strict=True):
+    for external, wrench in zip(prepared.recorded.external, prepared.external(result.offset, True), strict=True):
         for row, component in enumerate(prepared.settings.components):
-            force, limit = wrench[found.samples, component], float(limits[component])
+            force, limit = wrench[result.samples, component], float(limits[component])
             size = float(np.nanpercentile(np.abs(force), _LOADED))
-            if size > limit / 2:  # below, not even a wrong sign would matter
-                values = np.zeros(found.design.shape[:2])
-                values[:, row] = -force * found.weights[row]
+            if size > limit / 2:  # for a smaller component, not even a wrong sign would exceed the limit
+                values = np.zeros(result.design.shape[:2])
+                values[:, row] = -force * result.weights[row]
                 name = WRENCH_COMPONENTS[component]
-                columns.append(_Column(external.name, name, size, limit, float(found.weights[row]), values))
+                columns.append(_Column(external.name, name, size, limit, float(result.weights[row]), values))
     return columns
 
 
-def _own_parts(body: FloatArray, columns: list[_Column], known: BoolArray) -> list[bool]:
-    """Return whether a sufficient part of each column is explained by no parameter and no other column."""
+def _have_own_parts(body: FloatArray, columns: list[_Column], known: BoolArray) -> list[bool]:
+    """Return whether a sufficient part of each column is independent of all parameters and of the other columns."""
     rows = np.concatenate([body, np.stack([column.values[known] for column in columns], axis=-1)], axis=-1)
     flat = rows.reshape(-1, rows.shape[-1])
     norm = np.maximum(np.linalg.norm(flat, axis=0), np.finfo(float).tiny)
@@ -132,15 +115,15 @@ def _own_parts(body: FloatArray, columns: list[_Column], known: BoolArray) -> li
 
 
 def _solve(
-    prepared: PreparedTrial, found: Fit, columns: list[_Column], known: BoolArray
+    prepared: PreparedTrial, result: Fit, columns: list[_Column], known: BoolArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the factors of the columns minus 1 (k,), and their standard deviations."""
-    samples = found.samples[known]
+    samples = result.samples[known]
     time = prepared.recorded.time[samples]
     added = np.stack([column.values[known] for column in columns], axis=-1)
-    design = np.concatenate([found.design[known, :, :-1], added], axis=-1)
-    total = prepared.filtered_measured(samples, time - found.offset)[:, list(prepared.settings.components)]
-    target = (total * found.weights).reshape(-1)
+    design = np.concatenate([result.design[known, :, :-1], added], axis=-1)
+    total = prepared.filtered_measured(samples, time - result.offset)[:, list(prepared.settings.components)]
+    target = (total * result.weights).reshape(-1)
     rows = design.reshape(len(target), -1)
     scale = np.linalg.norm(rows, axis=0)
     solution = np.linalg.lstsq(rows / scale, target, rcond=None)[0] / scale

@@ -8,7 +8,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, find_runs
 from mocap_id.dynamics.external_wrenches import SEAT
-from mocap_id.dynamics.fit import determined, fit
+from mocap_id.dynamics.fit import determines_parameters, fit
 from mocap_id.dynamics.lowpass import LowPass
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.protocols import contact_rules
@@ -85,7 +85,7 @@ def find_contact(
         return Contact(True, by_weight, straight, weight, None, rule)
     first = contact_rules.find_samples_off_chair(posture) & ~by_weight
     # the chair force is the Fy missing under the feet, which only a model fitted to Fy can predict
-    if rule == "weight" or 1 not in prepared.settings.components or not determined(prepared, first):
+    if rule == "weight" or 1 not in prepared.settings.components or not determines_parameters(prepared, first):
         return Contact(True, by_weight, ~by_weight, weight, None, "weight")
     return _find_contact_by_seat_force(prepared, posture, first, weight)
 
@@ -93,7 +93,7 @@ def find_contact(
 def find_contact_by_seat_plate(prepared: PreparedTrial, posture: Posture) -> Contact:
     """Find the chair contact by the chair's own plate; all samples are free because all forces are measured."""
     everything = np.ones(len(prepared.recorded.time), dtype=bool)
-    offset = fit(prepared, everything).offset if determined(prepared, everything) else 0.0
+    offset = fit(prepared, everything).offset if determines_parameters(prepared, everything) else 0.0
     seat = prepared.external(offset)[[each.name for each in prepared.recorded.external].index(SEAT)][:, 1]
     weight = contact_rules.measure_standing_weight(posture, prepared.measured(offset)[:, 1])
     if np.isnan(weight):  # the person never stands, so feet and chair together carry the weight
@@ -124,14 +124,14 @@ def _find_contact_by_seat_force(prepared: PreparedTrial, posture: Posture, first
         threshold = contact_rules.compute_contact_threshold(seat_force, found.in_fit, weight)
         with np.errstate(invalid="ignore"):
             above_noise = contact_rules.find_contact_in_low_phases(posture, seat_force > threshold)
-        if not determined(prepared, ~above_noise):
+        if not determines_parameters(prepared, ~above_noise):
             break
         before, touching, free = touching, above_noise, ~above_noise
         converged = all(run.stop - run.start <= _SETTLED * rate for run in find_runs(before ^ touching))
         if converged:
             break
-    if not converged and determined(prepared, ~(touching | before)):
+    if not converged and determines_parameters(prepared, ~(touching | before)):
         touching = touching | before
     extended = contact_rules.extend_contact_to_release(prepared.recorded.time, touching, missing)
-    extended = extended if determined(prepared, ~extended) else touching
+    extended = extended if determines_parameters(prepared, ~extended) else touching
     return Contact(True, extended, ~extended, weight, threshold, "seat-force", converged, touching)

@@ -193,7 +193,7 @@ def _chain_covariance(dynamics: Tree, prior: ReferencePrior) -> FloatArray:
         known = known - np.asarray(common)  # the predicted wrench is measured by the same instruments
     if not (np.isfinite(known).all() and np.isfinite(prior.mean).all()):
         return np.full((len(prior.mean), len(prior.mean)), np.nan)
-    return prior.completed(known.astype(np.float64), regrouping.astype(np.float64))
+    return prior.complete(known.astype(np.float64), regrouping.astype(np.float64))
 
 
 def _chain_frames(chain: Skeleton) -> BodyFrames:

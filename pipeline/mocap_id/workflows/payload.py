@@ -110,7 +110,7 @@ def _dynamics(run: RunFolder) -> Tree:
     if not run.in_space:
         raise ConfigError(f"{run.source}: the trial is in the plane; a payload needs trials with `space: 3d`")
     tree = run.tree("dynamics.h5")
-    if tree is None or "error_modes" not in tree.facts:
+    if tree is None or "propagate_errors" not in tree.facts:
         raise ConfigError(f"{run.source}: no inertial parameters: {run.why_missing('dynamics.h5')}")
     if "unit_covariance" not in tree.facts:
         raise ConfigError(f"{run.source}: the run is by an earlier version: run the trial again by its YAML file")
@@ -119,7 +119,7 @@ def _dynamics(run: RunFolder) -> Tree:
 
 def _common_mapping(runs: list[RunFolder], trees: list[Tree]) -> FloatArray:
     """Return the mapping (b, 10K) from full to base parameters; ConfigError if the chains differ."""
-    errors, of_other = ([name for name, _ in tree.facts["error_modes"]] for tree in trees)
+    errors, of_other = ([name for name, _ in tree.facts["propagate_errors"]] for tree in trees)
     one, other = (np.asarray(tree.array("base/regrouping"), dtype=np.float64) for tree in trees)
     frames, others = (np.asarray(tree.facts["frames"]) for tree in trees)
     same = one.shape == other.shape and frames.shape == others.shape and errors == of_other
@@ -137,7 +137,7 @@ def _estimate(tree: Tree) -> dynamics.BaseEstimate:
         tree.numbers("base/value"),
         np.asarray(facts["unit_covariance"], dtype=np.float64),
         np.asarray(facts["residual_covariance"], dtype=np.float64),
-        np.array([parameters for _, parameters in facts["error_modes"]], dtype=np.float64),
+        np.array([parameters for _, parameters in facts["propagate_errors"]], dtype=np.float64),
     )
 
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from space_cases import SIX, identified, record, robot, true_base
 
-from mocap_id.dynamics.fit import determined
+from mocap_id.dynamics.fit import determines_parameters
 from mocap_id.dynamics.space.calibration import no_errors
-from mocap_id.dynamics.space.identification import SpatialIdentification, excitation_in_space, identify
+from mocap_id.dynamics.space.identification import SpatialIdentification, identify, measure_excitation_in_space
 from mocap_id.dynamics.space.payload import BaseEstimate, identify_payload
 from mocap_id.dynamics.space.prediction import predict
 from mocap_id.dynamics.space.trial import moved_wrench, prepare
@@ -25,8 +25,8 @@ def everywhere(trial: object) -> np.ndarray:
 def test_exact_instruments_give_exact_parameters(joints: int) -> None:
     trial, (prepared, found) = robot(5, "clean", joints), identified(5, "clean", joints)
     np.testing.assert_allclose(found.base, true_base(trial, prepared), atol=2e-4)
-    assert abs(found.fit.found) < 1e-4
-    assert set(excitation_in_space(prepared, found).verdict) == {"known"}
+    assert abs(found.fit.best_offset) < 1e-4
+    assert set(measure_excitation_in_space(prepared, found).verdict) == {"known"}
     model = predict(prepared, found)
     inside = found.fit.in_fit
     np.testing.assert_allclose(model.wrench[inside], trial.wrench[inside], atol=5e-3)
@@ -40,7 +40,7 @@ def test_intervals_contain_the_truth() -> None:
         true = true_base(trial, prepared)
         inside.append(np.abs(found.base - true) < 1.96 * found.base_sd)
         error.append(np.linalg.norm(found.base - true) / np.linalg.norm(true))
-        assert abs(found.fit.found - trial.clock_offset) < 5 * found.offset_sd + 1e-4
+        assert abs(found.fit.best_offset - trial.clock_offset) < 5 * found.offset_sd + 1e-4
     assert np.mean(inside) >= 0.8
     assert max(error) < 0.03
 
@@ -75,8 +75,8 @@ def test_a_joint_at_rest_is_not_identifiable() -> None:
     still = np.repeat(recorded.rotation[:1], len(recorded.time), axis=0)
     zeros = np.zeros_like(recorded.omega)
     resting = recorded.__class__(**{**vars_of(recorded), "rotation": still, "omega": zeros, "alpha": zeros})
-    assert determined(prepare(recorded, SIX), everywhere(trial))
-    assert not determined(prepare(resting, SIX), everywhere(trial))
+    assert determines_parameters(prepare(recorded, SIX), everywhere(trial))
+    assert not determines_parameters(prepare(resting, SIX), everywhere(trial))
 
 
 def vars_of(recorded: object) -> dict[str, object]:

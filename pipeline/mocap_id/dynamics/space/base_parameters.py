@@ -1,7 +1,8 @@
 """Base parameters of a chain in space: the combinations of ten parameters per segment that a wrench determines.
 
-They are found as in the plane (:mod:`mocap_id.dynamics.base_parameters`), in frames in which they are simple: the axes
-of the trial's frame for the base, and z along the axis of the hinge for every segment that turns on one.
+They are determined as in the plane (:mod:`mocap_id.dynamics.base_parameters`), but in other frames, in which they are
+simple. For the base, these are the axes of the trial's frame. For a segment beyond a hinge, z is along the axis of the
+hinge.
 """
 
 from __future__ import annotations
@@ -14,30 +15,22 @@ from scipy.linalg import block_diag
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.base_parameters import BaseSet, base_set
 from mocap_id.dynamics.regressor import LINK_PARAMETERS
-from mocap_id.dynamics.space.motion import joint_motion, segment_regressor, turn
+from mocap_id.dynamics.space.motion import joint_motion, rotation_from_z, segment_regressor
 from mocap_id.dynamics.space.pseudo_inertia import change_of_frame
 from mocap_id.geometry import se3
 from mocap_id.geometry.spatial_chain import SpatialChain
 
 _UNITS = ("kg", *["kg*m"] * 3, *["kg*m^2"] * 6)
-_STATES = 60  # random states from which the structure is found
+_STATES = 60  # number of random states from which the base parameters are determined
 _WRITTEN = 3  # largest number of regrouped parameters that a name lists
 
 
 @dataclass(frozen=True)
 class SpatialBase:
-    """Base parameters of a chain in space.
+    """Base parameters of a chain in space."""
 
-    Parameters
-    ----------
-    base : BaseSet
-        In the simple frames.
-    frames : (K, 4, 4) array
-        Pose of each simple frame in the frame of its segment.
-    """
-
-    base: BaseSet
-    frames: FloatArray
+    base: BaseSet  # base parameters in the simple frames
+    frames: FloatArray  # (K, 4, 4) pose of each simple frame in the frame of its segment
 
     @property
     def mapping(self) -> FloatArray:
@@ -46,10 +39,10 @@ class SpatialBase:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Base parameters as symbols in the simple frames; "…" stands for more than three regrouped parameters."""
+        """Base parameters as symbols in the simple frames; "…" replaces more than three regrouped parameters."""
         symbols = full_names(len(self.frames))
         return tuple(
-            _name(row, int(column), self.base, symbols)
+            _format_name(row, int(column), self.base, symbols)
             for row, column in zip(self.base.regrouping, self.base.kept, strict=True)
         )
 
@@ -67,43 +60,40 @@ def full_names(segments: int) -> tuple[str, ...]:
 def structural_base(chain: SpatialChain, base: FloatArray) -> SpatialBase:
     """Return the base parameters of a chain that moves every joint: all that a trial can determine.
 
-    Parameters
-    ----------
-    chain : SpatialChain
-    base : (4, 4) array
-        Pose of the base, which is at rest, in the trial's frame (y up), m.
+    ``base`` (4, 4) is the pose of the base, which is at rest, in the trial's frame, m.
     """
     size = sum(joint.dimension for joint in chain.joints)
     states = np.random.default_rng(0).normal(size=(3, _STATES, size))
-    frames = simple_frames(chain, base)
+    frames = build_simple_frames(chain, base)
     motion = joint_motion(chain, base, *states).in_frames(frames)
     rows = segment_regressor(motion)
     columns = np.abs(rows).max(axis=(0, 1))
-    rows = np.where(columns > 1e-9 * columns.max(), rows, 0.0)  # rounding of the turned axes
+    rows = np.where(columns > 1e-9 * columns.max(), rows, 0.0)  # rounding errors of the rotated axes
     return SpatialBase(base_set(rows.reshape(-1, rows.shape[-1])), frames)
 
 
-def simple_frames(chain: SpatialChain, base: FloatArray) -> FloatArray:
+def build_simple_frames(chain: SpatialChain, base: FloatArray) -> FloatArray:
     """Return frames in which the base parameters are simple, as poses (K, 4, 4) in the segments' frames."""
-    upright = se3.pose(base[:3, :3].T, np.zeros(3))
-    frames = [upright]
+    frames = [se3.pose(base[:3, :3].T, np.zeros(3))]
     for joint in chain.joints:
         axis = {
             "ball": np.array([0.0, 0.0, 1.0]),
             "two-axis": joint.second_axis,
             "hinge": joint.offset.T @ joint.first_axis,
         }[joint.kind]
-        frames.append(se3.pose(turn(axis), np.zeros(3)))
+        frames.append(se3.pose(rotation_from_z(axis), np.zeros(3)))
     return np.stack(frames)
 
 
-def _name(row: FloatArray, column: int, base: BaseSet, symbols: tuple[str, ...]) -> str:
+def _format_name(row: FloatArray, column: int, base: BaseSet, symbols: tuple[str, ...]) -> str:
+    """Return the name of one base parameter from its row of the regrouping and its kept column."""
     others = [int(k) for k in np.setdiff1d(np.flatnonzero(row), base.kept)]
     if len(others) > _WRITTEN and not np.allclose(row[others], 1.0):
         return f"{symbols[column]}+…"
-    return symbols[column] + "".join(_term(row[k], symbols[k]) for k in others)
+    return symbols[column] + "".join(_format_term(row[k], symbols[k]) for k in others)
 
 
-def _term(value: float, symbol: str) -> str:
+def _format_term(value: float, symbol: str) -> str:
+    """Return one regrouped parameter with its coefficient."""
     sign, size = ("-" if value < 0 else "+"), abs(value)
     return f"{sign}{symbol}" if np.isclose(size, 1.0) else f"{sign}{size:.4g}*{symbol}"

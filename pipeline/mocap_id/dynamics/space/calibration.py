@@ -1,4 +1,4 @@
-"""Errors of the instruments and of the joint centres that no residual shows, and their effect on the parameters."""
+"""Errors of the instruments and joint centres that residuals do not contain, and their effect on the parameters."""
 
 from __future__ import annotations
 
@@ -20,80 +20,45 @@ _STEP = 1e-4  # relative, m or rad: step of numerical derivatives
 
 @dataclass(frozen=True)
 class SpatialCalibration:
-    """Standard deviations of the instruments' errors; the defaults are those of the stage.
+    """Standard deviations of the instruments' errors, with the defaults of the stage."""
 
-    Parameters
-    ----------
-    gain : float
-        Relative error of all components of the plate's wrench alike.
-    moments : float
-        Relative error of its moments alone.
-    force, moment : float
-        Constant errors of Fy, N, and of taux and tauz, N·m, which are not separable from the first parameters.
-    position : float
-        Error of the plate's position, each axis, m.
-    yaw : float
-        Error of the plate's direction about the vertical, rad.
-    lengths : float
-        Relative error of all distances between markers.
-    tilt : float
-        Tilt between the cameras' frame and gravity about each horizontal axis, rad.
-    """
-
-    gain: float = 0.01
-    moments: float = 0.01
+    gain: float = 0.01  # relative error that is common to all components of the plate's wrench
+    moments: float = 0.01  # relative error of the plate's moments alone
+    # force, moment: constant errors of Fy, N, and of taux and tauz, N·m, which cannot be separated from the first
+    # parameters
     force: float = 5.0
     moment: float = 0.5
-    position: float = 0.005
-    yaw: float = 0.005
-    lengths: float = 0.003
-    tilt: float = 0.005
+    position: float = 0.005  # error of the plate's position along each axis, m
+    yaw: float = 0.005  # error of the plate's direction about the vertical, rad
+    lengths: float = 0.003  # relative error of all distances between markers
+    tilt: float = 0.005  # tilt between the cameras' axes and gravity about each horizontal axis, rad
 
 
 @dataclass(frozen=True)
 class ErrorMode:
-    """One standard deviation of one error.
+    """One standard deviation of one error."""
 
-    Parameters
-    ----------
-    name : str
-        Field of :class:`SpatialCalibration`, or ``centre``.
-    parameters : (b + k + 1,) array
-        Change of the fit's parameters, in the order of :attr:`Fit.covariance`.
-    motion : SpatialMotion or None
-        The motion after one numerical step of the error; None for errors of the plate.
-    size : float
-        Standard deviation in units of this step.
-    """
-
-    name: str
-    parameters: FloatArray
-    motion: SpatialMotion | None = None
-    size: float = 0.0
+    name: str  # field of :class:`SpatialCalibration`, or ``centre`` for a joint centre
+    parameters: FloatArray  # (b + k + 1,) change of the fit's parameters, in the order of :attr:`Fit.covariance`
+    motion: SpatialMotion | None = None  # motion after one numerical step of the error; None for errors of the plate
+    size: float = 0.0  # standard deviation in units of this step
 
 
-def error_modes(trial: SpatialTrial, found: Fit, base: FloatArray, sd: SpatialCalibration) -> tuple[ErrorMode, ...]:
-    """Propagate the errors through the fit.
-
-    Parameters
-    ----------
-    trial : SpatialTrial
-    found : Fit
-    base : (b,) array
-        Base parameters.
-    sd : SpatialCalibration
-    """
-    whole = np.zeros(found.design.shape[-1])
+def propagate_errors(
+    trial: SpatialTrial, result: Fit, base: FloatArray, sd: SpatialCalibration
+) -> tuple[ErrorMode, ...]:
+    """Return the effect of each error on the fit, for base parameters (b,) and standard deviations of the errors."""
+    whole = np.zeros(result.design.shape[-1])
     whole[: len(base)] = base
     effects: list[tuple[str, FloatArray, SpatialMotion | None, float]] = [
-        (name, wrench, None, 0.0) for name, wrench in _of_plate(trial.filtered[found.samples] @ base, sd)
+        (name, wrench, None, 0.0) for name, wrench in _list_plate_errors(trial.filtered[result.samples] @ base, sd)
     ]
     plain = trial.rows @ base
-    for name, motion, size in _of_motion(trial, sd):
-        changed = trial.lowpass(trial.rows_of(motion, trial.settings.gravity) @ base - plain)[found.samples]
+    for name, motion, size in _list_motion_errors(trial, sd):
+        changed = trial.lowpass(trial.rows_of(motion, trial.settings.gravity) @ base - plain)[result.samples]
         effects.append((name, -changed * (size / _STEP), motion, size / _STEP))
-    wrenches = np.stack([wrench * found.weights for _, wrench, _, _ in effects], axis=-1)
-    responses = found.response(wrenches).T
+    wrenches = np.stack([wrench * result.weights for _, wrench, _, _ in effects], axis=-1)
+    responses = result.response(wrenches).T
     modes = [
         ErrorMode(name, response, motion, size)
         for (name, _, motion, size), response in zip(effects, responses, strict=True)
@@ -101,8 +66,8 @@ def error_modes(trial: SpatialTrial, found: Fit, base: FloatArray, sd: SpatialCa
     return (ErrorMode("gain", sd.gain * whole), *modes)
 
 
-def covariance_of(modes: tuple[ErrorMode, ...], size: int) -> FloatArray:
-    """Return the covariance (size, size) of the first parameters from independent modes."""
+def sum_modes(modes: tuple[ErrorMode, ...], size: int) -> FloatArray:
+    """Return the covariance (size, size) of the first ``size`` parameters due to independent modes."""
     matrix = np.array([mode.parameters[:size] for mode in modes]).reshape(-1, size)
     return np.asarray(matrix.T @ matrix)
 
@@ -112,7 +77,7 @@ def no_errors() -> SpatialCalibration:
     return SpatialCalibration(**{each.name: 0.0 for each in fields(SpatialCalibration)})
 
 
-def _of_plate(wrench: FloatArray, sd: SpatialCalibration) -> Iterator[tuple[str, FloatArray]]:
+def _list_plate_errors(wrench: FloatArray, sd: SpatialCalibration) -> Iterator[tuple[str, FloatArray]]:
     """Yield the change (R, 6) of the measured wrench with each error of the plate."""
     force, moment = wrench[:, :3], wrench[:, 3:]
     none = np.zeros_like(force)
@@ -127,8 +92,8 @@ def _of_plate(wrench: FloatArray, sd: SpatialCalibration) -> Iterator[tuple[str,
     yield "yaw", np.hstack([np.cross(up, force), np.cross(up, moment)])
 
 
-def _of_motion(trial: SpatialTrial, sd: SpatialCalibration) -> Iterator[tuple[str, SpatialMotion, float]]:
-    """Yield the motion after one step of each error of the cameras and of the joint centres, and the error's size."""
+def _list_motion_errors(trial: SpatialTrial, sd: SpatialCalibration) -> Iterator[tuple[str, SpatialMotion, float]]:
+    """Yield the motion after one step of each error of cameras and joint centres, and the error's standard deviation."""
     recorded = trial.recorded
     yield "lengths", recorded.motion.scale(1 + _STEP), sd.lengths
     for axis in (0, 2):
@@ -136,19 +101,19 @@ def _of_motion(trial: SpatialTrial, sd: SpatialCalibration) -> Iterator[tuple[st
     for k, joint in enumerate(recorded.chain.joints):
         if not np.isfinite(joint.covariance).all():
             continue
-        variance, directions = np.linalg.eigh(_without_slides(recorded.chain, k))
+        variance, directions = np.linalg.eigh(_project_covariance(recorded.chain, k))
         for size, direction in zip(np.sqrt(np.maximum(variance, 0.0)), directions.T, strict=True):
             moved = replace(joint, centre=joint.centre + _STEP * direction)
-            chain = _with_joint(recorded.chain, k, moved)
+            chain = _replace_joint(recorded.chain, k, moved)
             motion = segment_motion(chain, recorded.centred, recorded.rotation, recorded.omega, recorded.alpha)
             yield "centre", motion, float(size)
 
 
-def _without_slides(chain: SpatialChain, k: int) -> FloatArray:
-    """Return the covariance (3, 3) of a joint's centre without the directions of hinges, m².
+def _project_covariance(chain: SpatialChain, k: int) -> FloatArray:
+    """Return the covariance (3, 3) of a joint's centre, m², without displacements along axes of hinges.
 
-    The origin of a segment may slide along the axis of its hinge, and the joints on the segment slide back: this
-    changes no motion.
+    The origin of a segment may be displaced along the axis of its hinge, and the joints on the segment are displaced
+    back: this changes no motion.
     """
     joint = chain.joints[k]
     axes = [joint.first_axis] if joint.kind == "hinge" else []
@@ -160,7 +125,6 @@ def _without_slides(chain: SpatialChain, k: int) -> FloatArray:
     return np.asarray(projection @ joint.covariance @ projection)
 
 
-def _with_joint(chain: SpatialChain, k: int, joint: SpatialJoint) -> SpatialChain:
-    joints = list(chain.joints)
-    joints[k] = joint
-    return replace(chain, joints=tuple(joints))
+def _replace_joint(chain: SpatialChain, k: int, joint: SpatialJoint) -> SpatialChain:
+    """Return the chain with another k-th joint."""
+    return replace(chain, joints=(*chain.joints[:k], joint, *chain.joints[k + 1 :]))

@@ -1,8 +1,8 @@
-"""Physical consistency in space: every segment's pseudo-inertia is positive semidefinite, with its mass within reach.
+"""Physical consistency in space: each segment's pseudo-inertia is positive semidefinite, and its mass is within a ball.
 
-Without a limit of space, the first moment of a segment whose second moments have no effect would cost nothing: a mass
-that tends to zero can have any first moment if it moves far enough away. The masses of a segment are therefore within
-:data:`REACH` of its origin, which is tr(Σ) ≤ REACH² m. Both conditions together are those of point masses in this ball.
+Without the ball, the first moment of a segment whose second moments have no effect would be free: a mass that tends to
+zero can have any first moment if it is far enough away. The masses of a segment are therefore within :data:`REACH` of
+its origin, which is tr(Σ) ≤ REACH² m. Both conditions together are those of point masses in this ball.
 """
 
 from __future__ import annotations
@@ -26,26 +26,20 @@ REACH = 2.0
 """Largest distance of a mass from the origin of its segment, m."""
 _UNITS = np.array([1.0, *[LENGTH] * 3, *[LENGTH**2] * 6])
 _ROWS, _COLUMNS = np.array([(row, column) for column in range(4) for row in range(column + 1)]).T
-_WEIGHTS = np.where(_ROWS == _COLUMNS, 1.0, np.sqrt(2.0))  # of Clarabel's triangles
-_ACCURACY = (1e-9, 1e-9, 1e-9, 1e-7)  # of Clarabel, in each round
+_WEIGHTS = np.where(_ROWS == _COLUMNS, 1.0, np.sqrt(2.0))  # of the entries of Clarabel's triangles
+_ACCURACY = (1e-9, 1e-9, 1e-9, 1e-7)  # tolerance of Clarabel in each round
 _REGULARIZATION = 1e-12  # Clarabel's default, 1e-8, hides parameters with little effect
 _TOLERABLE = 0.1  # largest relative distance to the least cost with which a solution is accepted
-_DEPENDENT = 1e-10  # of the largest singular value
+_DEPENDENT = 1e-10  # fraction of the largest singular value
 _ROUNDING = 1e-7  # relative violation of the cone that counts as rounding
-_SPREAD = 0.1  # m: radius of gyration of the bodies that are approached where nothing is known
+_SPREAD = 0.1  # m: radius of gyration of the bodies to approach where nothing is known
 
 
 @dataclass(frozen=True)
 class SemidefiniteBodies:
-    """Segments that can exist, by their full parameters, ten for each.
+    """Possible segments, given by their full parameters, ten for each."""
 
-    Parameters
-    ----------
-    mapping : (b, 10K) array
-        From full parameters to those of the problem.
-    """
-
-    mapping: FloatArray
+    mapping: FloatArray  # (b, 10K) matrix from full parameters to the parameters of the problem
 
     @property
     def segments(self) -> int:
@@ -58,17 +52,17 @@ class SemidefiniteBodies:
         return np.tile(_UNITS, self.segments)
 
     def sides(self) -> tuple[FloatArray, tuple[tuple[ConeKind, int], ...]]:
-        """Return the rows of all conditions, kg: the triangles of the pseudo-inertias, then the reach of the masses."""
-        triangle = _scaled(np.eye(10))[:, _ROWS, _COLUMNS].T * _WEIGHTS[:, None]
+        """Return the rows of all conditions, kg: triangles of the pseudo-inertias, then the reach of the masses."""
+        triangle = _scale_inertia(np.eye(10))[:, _ROWS, _COLUMNS].T * _WEIGHTS[:, None]
         every = np.eye(self.segments)
         cones: list[tuple[ConeKind, int]] = [("semidefinite", 4)] * self.segments
-        rows = np.concatenate([np.kron(every, triangle), np.kron(every, _spare(np.eye(10)))])
+        rows = np.concatenate([np.kron(every, triangle), np.kron(every, _measure_margin(np.eye(10)))])
         return rows, (*cones, ("flat", self.segments))
 
     def outside(self, body: FloatArray) -> float:
-        """Return the largest violation of any condition, kg, relative to the total mass."""
+        """Return the largest violation of any condition, kg, divided by the total mass."""
         links = body.reshape(-1, 10)
-        least = min(float(np.linalg.eigvalsh(_scaled(links)).min()), float(_spare(links).min()))
+        least = min(float(np.linalg.eigvalsh(_scale_inertia(links)).min()), float(_measure_margin(links).min()))
         return max(0.0, -least) / max(self.mass(body), 1e-300)
 
     def mass(self, body: FloatArray) -> float:
@@ -76,13 +70,13 @@ class SemidefiniteBodies:
         return float(np.abs(body[::10]).sum())
 
     def settled(self, body: FloatArray) -> FloatArray:
-        """Return the body without rounding errors: no eigenvalue is negative, and no mass too small for its reach."""
+        """Return the body without negative eigenvalues and with sufficient masses, to remove rounding errors."""
         if not np.isfinite(body).all():
             return body
-        size, vectors = np.linalg.eigh(_scaled(body.reshape(-1, 10)))
+        size, vectors = np.linalg.eigh(_scale_inertia(body.reshape(-1, 10)))
         matrix = (vectors * np.maximum(size, 0.0)[:, None, :]) @ np.swapaxes(vectors, 1, 2)
         links = body_parameters(matrix)
-        links[:, 0] += np.maximum(-_spare(links * _UNITS), 0.0) * (LENGTH / REACH) ** 2
+        links[:, 0] += np.maximum(-_measure_margin(links * _UNITS), 0.0) * (LENGTH / REACH) ** 2
         return np.asarray((links * _UNITS).reshape(-1))
 
     def cheapest(self, prices: FloatArray) -> FloatArray:
@@ -90,40 +84,29 @@ class SemidefiniteBodies:
         columns = np.zeros((len(prices), self.segments))
         for k in range(self.segments):
             own = slice(10 * k, 10 * k + 10)
-            columns[own, k] = point_mass(_cheapest_point(prices[own]))
+            columns[own, k] = point_mass(_find_cheapest_point(prices[own]))
         return columns
 
 
 @dataclass(frozen=True)
 class SemidefiniteSolution:
-    """Consistent parameters in space and the solver's report.
+    """Consistent parameters in space and the solver's report."""
 
-    Parameters
-    ----------
-    parameters : (b + k,) array
-        Parameters of the problem: first the parameters of the bodies, then the free ones.
-    full : (10K,) array
-        Full parameters of one body with these parameters, close to equal masses at the joints.
-    answer : SolverAnswer
-    price : float
-        Relative increase of the cost over that of unconstrained parameters.
-    """
-
-    parameters: FloatArray
-    full: FloatArray
-    answer: SolverAnswer
-    price: float
+    parameters: FloatArray  # (b + k,) parameters of the problem: first those of the bodies, then the free ones
+    full: FloatArray  # (10K,) full parameters of one body with these parameters, close to equal masses at the joints
+    answer: SolverAnswer  # the solution of the solver
+    price: float  # relative increase of the cost over that of unconstrained parameters
 
 
 def fit_semidefinite(problem: CompressedProblem, mapping: FloatArray) -> SemidefiniteSolution:
-    """Minimise ‖R [M φ; c] - d‖² over bodies φ that can exist and free parameters c.
+    """Minimise ‖R [M φ; c] - d‖² over possible bodies φ and free parameters c.
 
     Parameters
     ----------
     problem : CompressedProblem
-        b + k columns.
+        Problem of b + k columns.
     mapping : (b, 10K) array
-        Matrix M, from full parameters to the problem's first b.
+        Matrix M, from full parameters to the first b parameters of the problem.
 
     Raises
     ------
@@ -135,20 +118,20 @@ def fit_semidefinite(problem: CompressedProblem, mapping: FloatArray) -> Semidef
     if not answer.optimality.excess <= _TOLERABLE:
         raise NumericalError(
             f"the fit of physically consistent parameters did not converge: the solver Clarabel reports "
-            f"{answer.status!r}, and the cost may be {answer.optimality.excess:.1e} above the least one (limit "
+            f"{answer.status!r}, and the cost may be {answer.optimality.excess:.1e} above the least cost (limit "
             f"{_TOLERABLE:.0e}). Check the chain for two joints at the same place, or for wrong units"
         )
     free = problem.cost(problem.free_solution())
     return SemidefiniteSolution(
         parameters=problem.completed(mapping @ answer.body),
-        full=_even(bodies, answer.body),
+        full=_even_masses(bodies, answer.body),
         answer=answer,
         price=max(answer.cost - free, 0.0) / problem.floor(free),
     )
 
 
 def _solve(problem: CompressedProblem, bodies: SemidefiniteBodies) -> SolverAnswer:
-    """Return the best solution of several rounds; each corrects the last one in the scale of its residual."""
+    """Return the best solution of several rounds; each round corrects the last one on the scale of its residual."""
     units, (sides, cones) = bodies.units, bodies.sides()
     rows = problem.factor @ (bodies.mapping * units)
     body, best, iterations = np.zeros(len(units)), None, 0
@@ -178,7 +161,7 @@ def _solve(problem: CompressedProblem, bodies: SemidefiniteBodies) -> SolverAnsw
     return best
 
 
-def _even(bodies: SemidefiniteBodies, body: FloatArray) -> FloatArray:
+def _even_masses(bodies: SemidefiniteBodies, body: FloatArray) -> FloatArray:
     """Return the body with the same base parameters that is closest to equal masses at the joints."""
     share = bodies.mass(body) / bodies.segments
     sphere = np.array([1.0, 0.0, 0.0, 0.0, *[2 / 3 * _SPREAD**2] * 3, 0.0, 0.0, 0.0])
@@ -188,21 +171,21 @@ def _even(bodies: SemidefiniteBodies, body: FloatArray) -> FloatArray:
     return moved if np.isfinite(moved).all() and bodies.outside(moved) <= _ROUNDING else body
 
 
-def _scaled(links: FloatArray) -> FloatArray:
+def _scale_inertia(links: FloatArray) -> FloatArray:
     """Return the pseudo-inertias (K, 4, 4) of parameters (K, 10) in units of kg."""
     return pseudo_inertia(links / _UNITS)
 
 
-def _spare(links: FloatArray) -> FloatArray:
-    """Return REACH² m - tr(Σ) (K,) of parameters (K, 10), in units of kg."""
+def _measure_margin(links: FloatArray) -> FloatArray:
+    """Return REACH² m - tr(Σ) (K,) of parameters (K, 10), in units of kg; negative for masses that are too far away."""
     return np.asarray((REACH**2 * links[:, 0] - links[:, 4:7].sum(axis=1) / 2) / LENGTH**2)
 
 
-def _cheapest_point(prices: FloatArray) -> FloatArray:
+def _find_cheapest_point(prices: FloatArray) -> FloatArray:
     """Return the point (3,) within :data:`REACH` of the origin with the least price of 1 kg, for prices (10,).
 
-    The price is a quadratic function of the place. Its minimum in a ball is where the gradient of the price plus λ |x|²
-    vanishes, with the least λ ≥ 0 that makes this sum convex and the point reachable.
+    The price is a quadratic function of the position. Its minimum in a ball is where the gradient of the price plus λ
+    |x|² is zero, with the least λ ≥ 0 that makes this sum convex and the point reachable.
     """
     linear, (xx, yy, zz, xy, xz, yz) = prices[1:4], prices[4:]
     square = np.array([[yy + zz, -xy / 2, -xz / 2], [-xy / 2, xx + zz, -yz / 2], [-xz / 2, -yz / 2, xx + yy]])
@@ -210,14 +193,14 @@ def _cheapest_point(prices: FloatArray) -> FloatArray:
     half = -(vectors.T @ linear) / 2
     tiny = 1e-14 * max(float(np.abs(size).max()), float(np.abs(half).max()), 1e-300)
 
-    def place(weight: float) -> FloatArray:
+    def position(weight: float) -> FloatArray:
         return half / np.maximum(size + weight, tiny)
 
     low = max(0.0, -float(size[0]))
-    if np.linalg.norm(place(low)) > REACH:
+    if np.linalg.norm(position(low)) > REACH:
         high = low + 2 * float(np.linalg.norm(half)) / REACH
-        low = float(brentq(lambda weight: np.linalg.norm(place(weight)) - REACH, low, high, xtol=tiny))
-    inside = place(low)
+        low = float(brentq(lambda weight: np.linalg.norm(position(weight)) - REACH, low, high, xtol=tiny))
+    inside = position(low)
     if size[0] < 0.0:  # the minimum lies on the surface
         inside[0] += np.copysign(np.sqrt(max(REACH**2 - float(inside @ inside), 0.0)), inside[0])
     return np.asarray(vectors @ inside * min(1.0, REACH / max(float(np.linalg.norm(inside)), 1e-300)))

@@ -15,31 +15,20 @@ from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
 
 @dataclass(frozen=True)
 class SpatialMotion:
-    """Poses of K bodies, their derivatives, and the N coordinates of the joints between them, in the trial's frame.
+    """Poses of K bodies, their derivatives, and the N coordinates of the joints between them, in the trial's frame."""
 
-    Parameters
-    ----------
-    rotation : (T, K, 3, 3) array
-        Body to trial.
-    omega, alpha : (T, K, 3) arrays
-        Angular velocity and acceleration, rad/s and rad/s².
-    origin, acceleration : (T, K, 3) arrays
-        Origin of each body's frame, m, and its acceleration without gravity, m/s².
-    joint, axis : (T, N, 3) arrays
-        Centre of the joint, m, and unit direction of the torque of each coordinate. Directions for a ball are the axes
-        of the parent.
-    beyond : (N, K) bool array
-        Whether each body is distal to the joint of each coordinate.
-    """
-
-    rotation: FloatArray
+    rotation: FloatArray  # (T, K, 3, 3) rotation from the frame of each body to the trial's frame
+    # omega, alpha: (T, K, 3) angular velocity and acceleration, rad/s and rad/s²
     omega: FloatArray
     alpha: FloatArray
+    # origin, acceleration: (T, K, 3) origin of each body's frame, m, and its acceleration without gravity, m/s²
     origin: FloatArray
     acceleration: FloatArray
+    # joint, axis: (T, N, 3) centre of the joint, m, and unit direction of the torque of each coordinate. For a ball
+    # joint, the directions are the axes of the parent.
     joint: FloatArray
     axis: FloatArray
-    beyond: BoolArray
+    beyond: BoolArray  # (N, K) whether each body is distal to the joint of each coordinate
 
     @property
     def jacobian(self) -> FloatArray:
@@ -58,7 +47,7 @@ class SpatialMotion:
         )
 
     def rotate(self, rotation: FloatArray) -> SpatialMotion:
-        """Return the motion after a rotation (3, 3) about the origin of the trial's frame; gravity stays."""
+        """Return the motion after a rotation (3, 3) about the origin of the trial's frame; gravity is not rotated."""
         vectors = {
             name: getattr(self, name) @ rotation.T
             for name in ("omega", "alpha", "origin", "acceleration", "joint", "axis")
@@ -66,7 +55,7 @@ class SpatialMotion:
         return replace(self, rotation=rotation @ self.rotation, **vectors)
 
     def in_frames(self, frames: FloatArray) -> SpatialMotion:
-        """Return the motion of other frames on the same bodies, with poses (K, 4, 4) in the present frames."""
+        """Return the motion of other frames on the same bodies, given by their poses (K, 4, 4) in the old frames."""
         arm = np.einsum("tkij,kj->tki", self.rotation, frames[:, :3, 3])
         return replace(
             self,
@@ -82,22 +71,11 @@ def point_acceleration(arm: FloatArray, omega: FloatArray, alpha: FloatArray) ->
 
 
 def segment_regressor(motion: SpatialMotion, gravity: float = 9.81) -> FloatArray:
-    """Return the regressor of the ground's wrench on K bodies in space (eq. 4.15 to 4.22).
+    """Return the regressor (T, 6, 10K) of the ground's wrench on K bodies in space (eq. 4.15 to 4.22).
 
-    The wrench depends on the velocity of a body's origin only through the origin's acceleration, so this velocity is
-    set to zero.
-
-    Parameters
-    ----------
-    motion : SpatialMotion
-    gravity : float
-        m/s², along -y.
-
-    Returns
-    -------
-    (T, 6, 10K) array
-        Rows: force and moment of the ground on the bodies about the origin of the trial's frame, in that frame.
-        Columns: ten parameters of every body (:data:`mocap_id.dynamics.regressor.LINK_PARAMETERS`).
+    Rows: force and moment of the ground on the bodies about the origin of the trial's frame. Columns: ten parameters of
+    every body (:data:`mocap_id.dynamics.regressor.LINK_PARAMETERS`). Gravity, m/s², is along -y. The wrench depends on
+    the velocity of a body's origin only through the origin's acceleration, so this velocity is set to zero.
     """
     back = np.swapaxes(motion.rotation, -1, -2)
 
@@ -113,16 +91,16 @@ def segment_regressor(motion: SpatialMotion, gravity: float = 9.81) -> FloatArra
 def segment_motion(
     chain: SpatialChain, base: FloatArray, rotation: FloatArray, omega: FloatArray, alpha: FloatArray
 ) -> SpatialMotion:
-    """Return the motion of a chain from the rotations of its segments; the glide of joints is left out.
+    """Return the motion of a chain from the rotations of its segments, without displacements in the joints.
 
     Parameters
     ----------
     chain : SpatialChain
-        n joints.
+        Chain of n joints.
     base : (4, 4) array
         Pose of the base, which is at rest, in the trial's frame, m.
     rotation : (T, n, 3, 3) array
-        Of the moving segments, segment to trial.
+        Rotation from the frame of each moving segment to the trial's frame.
     omega, alpha : (T, n, 3) arrays
         Angular velocity and acceleration of the moving segments in the trial's axes, rad/s and rad/s².
     """
@@ -139,7 +117,7 @@ def segment_motion(
         origin[:, k] = origin[:, p] + arm
         acceleration[:, k] = acceleration[:, p] + point_acceleration(arm, omega[:, p], alpha[:, p])
         centres += [origin[:, k]] * joint.dimension
-        axes.append(_directions(joint, rotation[:, p], rotation[:, k]))
+        axes.append(_find_directions(joint, rotation[:, p], rotation[:, k]))
     return SpatialMotion(
         rotation=rotation,
         omega=omega,
@@ -148,7 +126,7 @@ def segment_motion(
         acceleration=acceleration,
         joint=np.stack(centres, axis=1),
         axis=np.concatenate(axes, axis=1),
-        beyond=np.repeat(_distal(chain), [joint.dimension for joint in chain.joints], axis=0),
+        beyond=np.repeat(_find_distal(chain), [joint.dimension for joint in chain.joints], axis=0),
     )
 
 
@@ -160,10 +138,11 @@ def joint_motion(
     Parameters
     ----------
     chain : SpatialChain
+        The chain.
     base : (4, 4) array
         Pose of the base, which is at rest, in the trial's frame, m.
     q, dq, ddq : (T, N) arrays
-        Coordinates of all joints in turn (:meth:`SpatialJoint.rotation`), rad, and their time derivatives.
+        Coordinates of all joints in order (:meth:`SpatialJoint.rotation`), rad, and their time derivatives.
     """
     rotation = [np.broadcast_to(base[:3, :3], (len(q), 3, 3))]
     omega, alpha = [np.zeros((len(q), 3))], [np.zeros((len(q), 3))]
@@ -171,8 +150,8 @@ def joint_motion(
     for joint in chain.joints:
         own, p = slice(start, start + joint.dimension), joint.parent
         start = own.stop
-        turned, speed, change = (rotation[p] @ each for each in _relative(joint, q[:, own], dq[:, own], ddq[:, own]))
-        rotation.append(turned)
+        rotated, speed, change = (rotation[p] @ each for each in _move_child(joint, q[:, own], dq[:, own], ddq[:, own]))
+        rotation.append(rotated)
         omega.append(omega[p] + speed[..., 0])
         alpha.append(alpha[p] + change[..., 0] + np.cross(omega[p], speed[..., 0]))
     return segment_motion(
@@ -180,7 +159,7 @@ def joint_motion(
     )
 
 
-def _relative(
+def _move_child(
     joint: SpatialJoint, q: FloatArray, dq: FloatArray, ddq: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return rotation (T, 3, 3), angular velocity and acceleration (T, 3, 1) of the child in the parent's frame."""
@@ -202,7 +181,7 @@ def _relative(
     return rotation, omega[..., None], alpha[..., None]
 
 
-def _directions(joint: SpatialJoint, parent: FloatArray, child: FloatArray) -> FloatArray:
+def _find_directions(joint: SpatialJoint, parent: FloatArray, child: FloatArray) -> FloatArray:
     """Return the directions (T, d, 3) of a joint's torques in the trial's frame."""
     if joint.kind == "ball":
         return np.swapaxes(parent, 1, 2)
@@ -210,7 +189,7 @@ def _directions(joint: SpatialJoint, parent: FloatArray, child: FloatArray) -> F
     return np.stack(axes if joint.kind == "hinge" else [*axes, child @ joint.second_axis], axis=1)
 
 
-def _distal(chain: SpatialChain) -> BoolArray:
+def _find_distal(chain: SpatialChain) -> BoolArray:
     """Return whether each segment (n + 1) is distal to each joint (n)."""
     distal = np.zeros((len(chain.joints), len(chain.joints) + 1), dtype=np.bool_)
     for k, joint in enumerate(chain.joints):
@@ -219,8 +198,8 @@ def _distal(chain: SpatialChain) -> BoolArray:
     return distal
 
 
-def turn(vector: FloatArray) -> FloatArray:
-    """Return the smallest rotation (3, 3) that turns the z axis to a unit vector (3,)."""
+def rotation_from_z(vector: FloatArray) -> FloatArray:
+    """Return the smallest rotation (3, 3) from the z axis to a unit vector (3,)."""
     axis = np.cross([0.0, 0.0, 1.0], vector)
     length = float(np.linalg.norm(axis))
     if length < 1e-12:

@@ -1,4 +1,4 @@
-"""A payload's parameters: the difference of two identifications of one chain, with and without it."""
+"""Parameters of a payload: the difference of two identifications of one chain, with and without it."""
 
 from __future__ import annotations
 
@@ -9,67 +9,53 @@ from scipy.linalg import null_space
 
 from mocap_id.arrays import FloatArray
 
-_UNKNOWN = 1e-6  # part of a unit vector in the null space from which a parameter is not determined
+_UNKNOWN = 1e-6  # part of a unit vector in the null space above which a parameter is not determined
 
 
 @dataclass(frozen=True)
 class BaseEstimate:
-    """Base parameters of one trial.
+    """Base parameters of one trial."""
 
-    Parameters
-    ----------
-    value : (b,) array
-        SI.
-    unit_covariance, residual_covariance : (b, b) arrays
-        As in :class:`mocap_id.dynamics.space.identification.SpatialIdentification`.
-    modes : (k, b) array
-        Change by one standard deviation of each error of the instruments, SI.
-    """
-
-    value: FloatArray
+    value: FloatArray  # (b,) base parameters, SI
+    # unit_covariance, residual_covariance: (b, b) as in
+    # :class:`mocap_id.dynamics.space.identification.SpatialIdentification`
     unit_covariance: FloatArray
     residual_covariance: FloatArray
-    modes: FloatArray
+    modes: FloatArray  # (k, b) change by one standard deviation of each error of the instruments, SI
 
 
 @dataclass(frozen=True)
 class Payload:
-    """Ten parameters of a payload.
+    """Ten parameters of a payload."""
 
-    Parameters
-    ----------
-    value, sd : (10,) arrays
-        m, mx, my, mz, Ixx, Iyy, Izz, Ixy, Ixz, Iyz in the frame of its segment about the origin, SI; NaN where the two
-        trials do not determine a parameter.
-    covariance : (10, 10) array
-    """
-
+    # value, sd: (10,) m, mx, my, mz, Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the origin of the segment's frame and their
+    # standard deviations, SI; NaN where the two trials do not determine a parameter
     value: FloatArray
     sd: FloatArray
-    covariance: FloatArray
+    covariance: FloatArray  # (10, 10) covariance of the parameters
 
     def centre(self) -> tuple[FloatArray, FloatArray]:
         """Return the centre of mass (3,) in the frame of the segment and its standard deviation, m; NaN if unknown."""
         mass, moments = self.value[0], self.value[1:4]
-        place = moments / mass
-        jacobian = np.column_stack([-place / mass, np.eye(3) / mass])
+        centre = moments / mass
+        jacobian = np.column_stack([-centre / mass, np.eye(3) / mass])
         own = np.stack([self.covariance[np.ix_([0, k], [0, k])] for k in (1, 2, 3)])
         rows = jacobian[np.arange(3)[:, None], np.array([[0, 1], [0, 2], [0, 3]])]
-        return place, np.sqrt(np.einsum("ki,kij,kj->k", rows, own, rows))
+        return centre, np.sqrt(np.einsum("ki,kij,kj->k", rows, own, rows))
 
 
 def identify_payload(mapping: FloatArray, loaded: BaseEstimate, empty: BaseEstimate, segment: int) -> Payload:
     """Return the parameters of a payload fixed to one segment, by weighted least squares on the change of eq. 4.24.
 
-    Both trials must have the same chain and base, as with ``calibration:``, and the same instruments: their errors are
-    common to both, so that they largely cancel.
+    Both trials must have the same chain and base, as with ``calibration:``, and the same instruments. The errors of the
+    instruments are common to both, so they largely cancel.
 
     Parameters
     ----------
     mapping : (b, 10K) array
-        From the full parameters of all segments to the base parameters of both trials.
+        Matrix from the full parameters of all segments to the base parameters of both trials.
     loaded, empty : BaseEstimate
-        With and without the payload.
+        Base parameters with and without the payload.
     segment : int
         Segment that carries the payload, 0 for the base.
 

@@ -1,8 +1,8 @@
 """Pseudo-inertia: the 4 × 4 matrix of a body's moments, positive semidefinite exactly if the body can exist.
 
 With the second moments Σ = ∫ x xᵀ dm it is [[Σ, m c], [m cᵀ, m]] (Wensing, Kim and Slotine 2018, Linear Matrix
-Inequalities for Physically Consistent Inertial Parameter Identification). The matrix of moments of inertia is
-tr(Σ) 1 - Σ.
+Inequalities for Physically Consistent Inertial Parameter Identification). The matrix of moments of inertia is tr(Σ) 1 -
+Σ.
 """
 
 from __future__ import annotations
@@ -35,19 +35,16 @@ def body_parameters(matrix: FloatArray) -> FloatArray:
     return np.concatenate([matrix[..., 3:, 3], matrix[..., :3, 3], entries], axis=-1)
 
 
-def point_mass(place: FloatArray) -> FloatArray:
+def point_mass(position: FloatArray) -> FloatArray:
     """Return the ten parameters (10,) of 1 kg at a point (3,), m."""
-    at = np.append(place, 1.0)
+    at = np.append(position, 1.0)
     return body_parameters(np.outer(at, at))
 
 
 def change_of_frame(pose: FloatArray) -> FloatArray:
     """Return the matrix (..., 10, 10) that expresses parameters in another frame.
 
-    Parameters
-    ----------
-    pose : (..., 4, 4) array
-        Pose of the present frame in the other one.
+    ``pose`` (..., 4, 4) is the pose of the present frame in the other one.
     """
     units = pseudo_inertia(np.eye(10))
     moved = pose[..., None, :, :] @ units @ np.swapaxes(pose, -1, -2)[..., None, :, :]

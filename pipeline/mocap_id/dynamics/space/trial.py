@@ -11,8 +11,8 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.dynamics.base_parameters import BaseSet
 from mocap_id.dynamics.body_prior import BodyPrior
 from mocap_id.dynamics.clock_offset import SampledWrench
-from mocap_id.dynamics.lowpass import LowPass, cutoff_from_velocity, erode, known, undo_averaging
-from mocap_id.dynamics.preparation import FitSettings
+from mocap_id.dynamics.lowpass import LowPass, blank_incomplete, cutoff_from_velocity, known, undo_averaging
+from mocap_id.dynamics.preparation import FitSettings, find_usable
 from mocap_id.dynamics.space.base_parameters import SpatialBase, structural_base
 from mocap_id.dynamics.space.motion import SpatialMotion, segment_motion, segment_regressor
 from mocap_id.geometry import se3, so3
@@ -20,50 +20,31 @@ from mocap_id.geometry.spatial_chain import SpatialChain
 
 COMPONENTS = ("Fx", "Fy", "Fz", "taux", "tauy", "tauz")
 """Components of a wrench in space."""
-_FAST = 1 / 3  # of the fastest coordinate's velocity
+_FAST = 1 / 3  # fraction of the fastest coordinate's velocity
 _FREE = (0, 2, 4)  # gravity along -y causes no constant Fx, Fz and tauy
 
 
 @dataclass(frozen=True)
 class SpatialRecord:
-    """Measured motion and wrench of a trial in space, sample by sample, in the trial's frame (y up).
+    """Measured motion and wrench of a trial in space, sample by sample, in the trial's frame (y up)."""
 
-    Parameters
-    ----------
-    time : (T,) array
-        Even steps, s.
-    chain : SpatialChain
-        n joints without glide.
-    base : (4, 4) array
-        Pose of the base, which is at rest, m.
-    rotation : (T, n, 3, 3) array
-        Of the moving segments, segment to trial; NaN where unknown.
-    omega, alpha : (T, n, 3) arrays
-        Their angular velocity and acceleration in the trial's axes, rad/s and rad/s².
-    alpha_sd : (T, n) array
-        Standard deviation of the acceleration per axis, rad/s².
-    observed : (T,) bool array
-        Whether every segment is measured by markers.
-    wrench : (T, 6) array
-        Force and moment of the ground on the body about the origin of the trial's frame, N and N·m, at the times of
-        the plate's clock; NaN where unknown.
-    averaged : float
-        Time over which each plate sample is averaged, s; 0 for instantaneous samples.
-    plate : (3,) array, optional
-        Centre of the plate's surface, m, about which its errors are: a wrong zero of Fx is no moment there. Default:
-        origin of the base.
-    """
-
-    time: FloatArray
-    chain: SpatialChain
-    base: FloatArray
+    time: FloatArray  # (T,) sample times with constant step, s
+    chain: SpatialChain  # chain of n joints
+    base: FloatArray  # (4, 4) pose of the base, which is at rest, m
+    # (T, n, 3, 3) rotation from the frame of each moving segment to the trial's frame; NaN where missing
     rotation: FloatArray
+    # omega, alpha: (T, n, 3) angular velocity and acceleration of the moving segments in the trial's axes, rad/s and
+    # rad/s²
     omega: FloatArray
     alpha: FloatArray
-    alpha_sd: FloatArray
-    observed: BoolArray
+    alpha_sd: FloatArray  # (T, n) standard deviation of the acceleration about each axis, rad/s²
+    observed: BoolArray  # (T,) whether every segment is measured by markers
+    # (T, 6) force and moment of the ground on the body about the origin of the trial's frame, N and N·m, at the times
+    # of the plate's clock; NaN where missing
     wrench: FloatArray
-    averaged: float = 0.0
+    averaged: float = 0.0  # time over which each plate sample is averaged, s; 0 for instantaneous samples
+    # (3,) centre of the plate's surface, m, by default the origin of the base. A wrong zero of Fx causes no moment
+    # about it.
     plate: FloatArray | None = None
 
     @property
@@ -73,12 +54,12 @@ class SpatialRecord:
 
     @property
     def centred(self) -> FloatArray:
-        """Pose (4, 4) of the base in the frame of the dynamics: the trial's axes, with the origin of the base."""
+        """Pose (4, 4) of the base in the frame of the dynamics: axes of the trial's frame, origin of the base."""
         return se3.pose(self.base[:3, :3], np.zeros(3))
 
     @property
     def reference(self) -> FloatArray:
-        """Point (3,) of the moments in the fit: the plate's centre, m."""
+        """Point (3,) of the moments in the fit: the centre of the plate, m."""
         return self.base[:3, 3] if self.plate is None else self.plate
 
     @property
@@ -88,11 +69,16 @@ class SpatialRecord:
 
     @property
     def to_trial(self) -> FloatArray:
-        """The inverse of :attr:`to_plate`."""
+        """Inverse matrix (6, 6) of :attr:`to_plate`."""
         return moved_wrench(self.reference)
 
+    @property
+    def plate_wrench(self) -> FloatArray:
+        """Wrench (T, 6) about the plate's centre, NaN in all components if any is missing."""
+        return blank_incomplete(self.wrench @ self.to_plate.T)
+
     def regressor(self, motion: SpatialMotion, frames: FloatArray, gravity: float) -> FloatArray:
-        """Return the regressor (T, 6, 10K) of the wrench about the plate's centre, in frames of the segments."""
+        """Return the regressor (T, 6, 10K) of the wrench about the plate's centre, in other frames of the segments."""
         return moved_wrench(self.base[:3, 3] - self.reference) @ segment_regressor(motion.in_frames(frames), gravity)
 
     @cached_property
@@ -103,33 +89,17 @@ class SpatialRecord:
 
 @dataclass(frozen=True)
 class SpatialTrial:
-    """A trial in space prepared for identification; moments are about the plate's centre.
+    """A trial in space prepared for identification; moments are about the plate's centre."""
 
-    Parameters
-    ----------
-    recorded : SpatialRecord
-    settings : FitSettings
-    lowpass : LowPass
-    structure : SpatialBase
-        Base parameters of the chain.
-    regressor : (T, 6, 10K) array
-        Full regressor in the simple frames of the structure, without filtering; NaN where a pose is.
-    filtered : (T, 6, b) array
-        Base columns after the low-pass.
-    filtered_wrench : SampledWrench
-        At the times of the plate's clock.
-    usable : (T,) bool array
-        Samples with a known filtered regressor and a known filtered wrench at every offset within the limit.
-    """
-
-    recorded: SpatialRecord
-    settings: FitSettings
-    lowpass: LowPass
-    structure: SpatialBase
+    recorded: SpatialRecord  # measured motion and wrench
+    settings: FitSettings  # settings of the identification
+    lowpass: LowPass  # filter of regressor and wrench
+    structure: SpatialBase  # base parameters of the chain
+    # (T, 6, 10K) full regressor in the simple frames of the structure, without filtering; NaN where a pose is
     regressor: FloatArray
-    filtered: FloatArray
-    filtered_wrench: SampledWrench
-    usable: BoolArray
+    filtered: FloatArray  # (T, 6, b) base columns after the low-pass
+    filtered_wrench: SampledWrench  # filtered wrench, at the times of the plate's clock
+    usable: BoolArray  # (T,) samples with filtered regressor, and with filtered wrench at every offset within the limit
 
     @property
     def base(self) -> BaseSet:
@@ -148,7 +118,7 @@ class SpatialTrial:
 
     @property
     def prior(self) -> BodyPrior | None:
-        """There is no prior of bodies in space."""
+        """Prior of the bodies; None, because there is none in space."""
         return None
 
     @property
@@ -157,12 +127,12 @@ class SpatialTrial:
         return _FREE if self.settings.plate_bias else ()
 
     def filtered_measured(self, samples: IntArray, stamped: FloatArray) -> FloatArray:
-        """Return the filtered wrench (..., R, 6) of samples (R,) with times (..., R) on the plates' clock, s."""
+        """Return the filtered wrench (..., R, 6) of samples (R,) at times (..., R) on the plates' clock, s."""
         return self.filtered_wrench(stamped)
 
     def measured(self, offset: float) -> FloatArray:
         """Return the wrench (T, 6) about the plate's centre at the cameras' times, for a clock offset, s."""
-        sampled = SampledWrench.of(self.recorded.time, _whole(self.recorded))
+        sampled = SampledWrench.of(self.recorded.time, self.recorded.plate_wrench)
         return sampled(self.recorded.time - offset)
 
     def rows_of(self, motion: SpatialMotion, gravity: float) -> FloatArray:
@@ -173,21 +143,14 @@ class SpatialTrial:
 def prepare(recorded: SpatialRecord, settings: FitSettings) -> SpatialTrial:
     """Build the regressor, find the base parameters, filter regressor and wrench, and mark the usable samples.
 
-    Parameters
-    ----------
-    recorded : SpatialRecord
-    settings : FitSettings
-        With six components (:data:`COMPONENTS`).
+    The settings must have six components (:data:`COMPONENTS`).
     """
     structure = structural_base(recorded.chain, recorded.centred)
     regressor = recorded.regressor(recorded.motion, structure.frames, settings.gravity)
-    moving = known(regressor)
-    cutoff = settings.cutoff or cutoff_from_velocity(_speeds(recorded), recorded.rate)
+    cutoff = settings.cutoff or cutoff_from_velocity(_find_fast_velocities(recorded), recorded.rate)
     lowpass = LowPass(cutoff, recorded.rate)
-    filtered_wrench = undo_averaging(lowpass(_whole(recorded)), recorded.averaged * recorded.rate)
-    limit = int(np.ceil(settings.offset_limit * recorded.rate)) + 1
-    usable = erode(moving & recorded.observed, lowpass.reach_samples)
-    usable &= erode(known(filtered_wrench), lowpass.reach_samples + limit)
+    filtered_wrench = undo_averaging(lowpass(recorded.plate_wrench), recorded.averaged * recorded.rate)
+    observed = known(regressor) & recorded.observed
     return SpatialTrial(
         recorded=recorded,
         settings=settings,
@@ -196,28 +159,22 @@ def prepare(recorded: SpatialRecord, settings: FitSettings) -> SpatialTrial:
         regressor=regressor,
         filtered=lowpass(regressor[:, :, structure.base.kept]),
         filtered_wrench=SampledWrench.of(recorded.time, filtered_wrench),
-        usable=usable,
+        usable=find_usable(lowpass, observed, filtered_wrench, settings.offset_limit),
     )
 
 
 def moved_wrench(arm: FloatArray) -> FloatArray:
-    """Return the matrix (6, 6) that adds the moment of the force with an arm (3,), m, to the moment."""
+    """Return the matrix (6, 6) that adds to the moment that of the force with an arm (3,), m."""
     matrix = np.eye(6)
     matrix[3:, :3] = so3.hat(arm)
     return matrix
 
 
-def _speeds(recorded: SpatialRecord) -> FloatArray:
-    """Return the velocities (T, c) of the coordinates that move most, rad/s; slow ones show the noise's spectrum."""
+def _find_fast_velocities(recorded: SpatialRecord) -> FloatArray:
+    """Return the velocities (T, c) of the coordinates that move most, rad/s; the spectrum of slow ones is noise."""
     motion, joints = recorded.motion, recorded.chain.joints
     relative = motion.omega[:, 1:] - motion.omega[:, [joint.parent for joint in joints]]
     each = np.repeat(relative, [joint.dimension for joint in joints], axis=1)
     speeds = np.sum(each * motion.axis, axis=2)
     size = np.nanstd(speeds, axis=0)
     return np.asarray(speeds[:, size >= _FAST * size.max()])
-
-
-def _whole(recorded: SpatialRecord) -> FloatArray:
-    """Return the wrench (T, 6) about the plate's centre, NaN in all components if any is unknown."""
-    wrench = recorded.wrench @ recorded.to_plate.T
-    return np.where(known(wrench)[:, None], wrench, np.nan)

@@ -11,15 +11,14 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.design.recommendation import Recommendations
 from mocap_id.dynamics.base_parameters import BaseSet, base_names, base_units, full_names, structural_base
-from mocap_id.dynamics.centre_of_pressure import centre_of_pressure
 from mocap_id.dynamics.chain_parameters import ChainMap
-from mocap_id.dynamics.comparison import compare
+from mocap_id.dynamics.comparison import centre_of_pressure, compare
 from mocap_id.dynamics.consistency import ConsistentSolution
 from mocap_id.dynamics.excitation import Excitation
 from mocap_id.dynamics.identification import Identification
 from mocap_id.dynamics.point_grid import PointGrid
 from mocap_id.dynamics.prediction import Prediction
-from mocap_id.dynamics.preparation import PreparedTrial, TrialData, arcs
+from mocap_id.dynamics.preparation import PreparedTrial, TrialData, measure_arcs
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS, planar_regressor
 from mocap_id.protocols.chair_contact import Contact
 from mocap_id.stages.identify_dim import validation
@@ -138,7 +137,7 @@ def dynamics_data(result: IdentifiedDynamics) -> dict[str, dict[str, Any]]:
             "reference": result.references.chosen.parameters,
             "covariance": _full_covariance(result),
         },
-        "grid": {"segment": result.grid.segment, "position": result.grid.position, "mass": found.masses},
+        "grid": {"segment": result.grid.segment, "position": result.grid.position, "mass": found.solution.masses},
         "held_out": _held_out(result),
     }
 
@@ -148,7 +147,7 @@ def _held_out(result: IdentifiedDynamics) -> dict[str, FloatArray]:
     data = validation.data(result.validation, result.found.fit.base)
     if result.chain_map is None or not len(data["base"]):
         return data | {"base": np.zeros((0, len(result.in_chain.base))) if result.chain_map else data["base"]}
-    full = np.array([result.chain_map.chain(each) for each in data["base"]])
+    full = np.array([result.chain_map.apply(each) for each in data["base"]])
     return data | {"base": full @ result.chain.base.regrouping.T}
 
 
@@ -223,7 +222,7 @@ def dynamics_facts(result: IdentifiedDynamics, joints: Sequence[str]) -> dict[st
     return empty_facts(None) | {
         "condition_number": fit.condition,
         "condition_number_scaled": fit.condition_scaled,
-        "clock_offset_s": fit.found if fit.offset_known else None,
+        "clock_offset_s": fit.best_offset if fit.offset_known else None,
         "clock_offset_sd_s": found.offset_sd if fit.offset_known else None,
         "wrench": {name: None if one is None else asdict(one) for name, one in compared.wrench.items()},
         "cop_rms_m": compared.cop_rms,
@@ -245,7 +244,7 @@ def dynamics_facts(result: IdentifiedDynamics, joints: Sequence[str]) -> dict[st
         "plate_bias_N": None if found.plate_bias is None else {"Fx": found.plate_bias, "Fx_sd": found.plate_bias_sd},
         "untold": list(result.model.undetermined),
         "why": _why_undetermined(result),
-        "arc_deg": np.degrees(arcs(prepared.recorded.q, samples)).tolist(),
+        "arc_deg": np.degrees(measure_arcs(prepared.recorded.q, samples)).tolist(),
         "contact": None if result.contact is None else _contact(result.contact),
         "advice": advice_facts(result, joints),
     }

@@ -7,9 +7,9 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.design.recommendation import describe_recommendations, recommend_if_doubtful
 from mocap_id.dynamics.acceleration_noise import acceleration_correlation
-from mocap_id.dynamics.built_in_sensors import with_sensors
+from mocap_id.dynamics.built_in_sensors import combine_with_sensors
 from mocap_id.dynamics.cautions import find_cautions
-from mocap_id.dynamics.excitation import WEAK, WEAK_ROBOT, excitation
+from mocap_id.dynamics.excitation import WEAK, WEAK_ROBOT, measure_excitation
 from mocap_id.dynamics.identification import Identification, identify
 from mocap_id.dynamics.point_grid import PointGrid
 from mocap_id.dynamics.prediction import Prediction, chain_noise, predict
@@ -87,7 +87,7 @@ def fit_chain(
         foot_sd=foot_sd(context, prepared.recorded),
         plate_sd=plate_sd(context, prepared.recorded),
     )
-    return with_sensors(found, prepared, movement.free, grid, reference, consistency=consistency)
+    return combine_with_sensors(found, prepared, movement.free, grid, reference, consistency=consistency)
 
 
 def _fit(
@@ -165,8 +165,8 @@ def _of_chain(
 
     model = model_of(found)
     if found.with_foot is not None:
-        model = model.with_torques_of(model_of(found.with_foot))
-    excited = excitation(prepared, found, weak_share(context))
+        model = model.replace_torques(model_of(found.with_foot))
+    excited = measure_excitation(prepared, found, weak_share(context))
     return artefacts.IdentifiedDynamics(
         prepared=prepared,
         found=found,
@@ -189,7 +189,7 @@ def _of_bodies(
     context: Context, inputs: TrialInputs, prepared: PreparedTrial, segments: SegmentFit
 ) -> artefacts.IdentifiedDynamics:
     threshold = _cop_threshold(context)
-    excited = excitation(prepared, segments.in_chain, weak_share(context))
+    excited = measure_excitation(prepared, segments.in_chain, weak_share(context))
     return artefacts.IdentifiedDynamics(
         prepared=segments.prepared,
         found=segments.found,

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.dynamics.fit import determined, select
-from mocap_id.dynamics.left_out_samples import LEAST_SECONDS
-from mocap_id.dynamics.preparation import PreparedTrial, TrialData, arcs
+from mocap_id.dynamics.fit import determines_parameters
+from mocap_id.dynamics.preparation import PreparedTrial, TrialData, measure_arcs
+from mocap_id.dynamics.sample_choice import LEAST_SECONDS, select_samples
 from mocap_id.protocols.movement import Movement
 from mocap_id.stages.base import Context
 
@@ -43,7 +43,7 @@ def check_wrench(context: Context, recorded: TrialData) -> NotIdentifiable | Non
 def check_excitation(context: Context, prepared: PreparedTrial, movement: Movement) -> NotIdentifiable | None:
     """Return why the usable samples do not determine the parameters, else None."""
     settings, recorded = context.settings, prepared.recorded
-    chosen = select(prepared, movement.free)
+    chosen = select_samples(prepared, movement.free)
     mass = context.table("wrench.parquet").facts.get("mass_kg")
     if not movement.free.any():
         return NotIdentifiable(
@@ -60,7 +60,7 @@ def check_excitation(context: Context, prepared: PreparedTrial, movement: Moveme
             "fewer gaps",
             mass,
         )
-    arc = np.degrees(np.max(arcs(recorded.q, chosen)))
+    arc = np.degrees(np.max(measure_arcs(recorded.q, chosen)))
     if arc < settings.still_arc_deg:
         if mass is None and _contact_excluded(context, movement, recorded.seat is not None):
             mass = float(np.nanmedian(recorded.surroundings[chosen, 1])) / settings.gravity
@@ -71,7 +71,7 @@ def check_excitation(context: Context, prepared: PreparedTrial, movement: Moveme
             f"{settings.still_arc_deg:g}°: {result} is known; record a movement",
             mass,
         )
-    if not determined(prepared, movement.free):
+    if not determines_parameters(prepared, movement.free):
         return NotIdentifiable(
             "not-excited",
             "a joint rests while only the ground touches the body, so the parameters of its segment cannot be "

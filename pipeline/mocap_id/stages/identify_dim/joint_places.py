@@ -102,7 +102,7 @@ def taken_for_places(poses: BodyPoses, loose: Sequence[int]) -> FloatArray:
     mean = np.stack([before, after], axis=-2).reshape(len(samples), len(joints), 2, 4) / 2  # of the two sides
     for row in (joints.index(joint) for joint in loose):
         shapes, size = _giving_way(
-            np.einsum("tji,tj->ti", before[:, row], poses.gap(joints[row])[samples]),
+            np.einsum("tji,tj->ti", before[:, row], poses.measure_gap(joints[row])[samples]),
             np.einsum("tji,tjk->tik", before[:, row], after[:, row]),
             angle[:, poses.body[joints[row] + 1]] - angle[:, poses.body[joints[row]]],
         )

@@ -22,7 +22,7 @@ from mocap_id.dynamics.measured_motion import (
     measure_gaps,
     measured_motion,
 )
-from mocap_id.dynamics.point_grid import PointGrid, segment_grid
+from mocap_id.dynamics.point_grid import PointGrid, build_grid
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, prepare
 from mocap_id.kinematics.cluster_poses import LEAST_MARKERS
 from mocap_id.kinematics.rigid_body import count_positions
@@ -82,7 +82,7 @@ class MeasuredBodies:
         ends = self.poses.centroid[: count - 1].copy()
         for joint in self.poses.joints:
             ends[self.poses.body[joint]] = self.poses.centres[joint]
-        return segment_grid(ends, body, local, points)
+        return build_grid(ends, body, local, points)
 
 
 def measured_bodies(context: Context, recorded: TrialData) -> Iterator[MeasuredBodies]:

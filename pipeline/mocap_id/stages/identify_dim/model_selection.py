@@ -10,13 +10,12 @@ from mocap_id.arrays import IntArray
 from mocap_id.dynamics.body_prior import BodyPrior
 from mocap_id.dynamics.cross_validation import LeftOutPrediction, predict_left_out
 from mocap_id.dynamics.cutoffs import Cutoffs, choose_cutoffs, left_out_cost
-from mocap_id.dynamics.fit import Fit, determined, fit
+from mocap_id.dynamics.fit import Fit, determines_parameters, fit
 from mocap_id.dynamics.least_squares import CompressedProblem
-from mocap_id.dynamics.left_out_samples import number_parts
-from mocap_id.dynamics.long_rests import with_short_rests
 from mocap_id.dynamics.lowpass import LowPass
 from mocap_id.dynamics.measured_motion import USUAL, PoseFilter
 from mocap_id.dynamics.preparation import MEASURED_CUTOFF, PreparedTrial, TrialData, prepare
+from mocap_id.dynamics.sample_choice import number_parts, with_short_rests
 from mocap_id.protocols.movement import Movement
 from mocap_id.stages.identify_dim import validation
 from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies
@@ -86,7 +85,7 @@ class RepetitionPredictor:
         """Predict with the pinned chain, with the cut-off of measured poses."""
         cutoff = self._settings.cutoff or MEASURED_CUTOFF
         ready = prepare(self._recorded, replace(self._settings, cutoff=cutoff))
-        return self._predict(ready, fit(ready, self._free)) if determined(ready, self._free) else None
+        return self._predict(ready, fit(ready, self._free)) if determines_parameters(ready, self._free) else None
 
     def _predict(self, ready: PreparedTrial, found: Fit) -> LeftOutPrediction | None:
         return predict_left_out(ready, self._free, found, self._part, CompressedProblem.free_solution)

@@ -70,7 +70,7 @@ def pinned_facts(
 
 def _clock(found: Identification) -> float | None:
     """Return the clock offset, s; None if the trial does not determine it."""
-    return found.fit.found if found.fit.offset_known else None
+    return found.fit.best_offset if found.fit.offset_known else None
 
 
 def comparison_facts(compared: Comparison) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.base_parameters import BaseSet
 from mocap_id.dynamics.body_ratios import body_ratios
-from mocap_id.dynamics.calibration import Calibration, ScaleCause, calibration_effect
+from mocap_id.dynamics.calibration import Calibration, ScaleCause, propagate_calibration
 from mocap_id.dynamics.chain_parameters import ChainMap
 from mocap_id.dynamics.identification import Identification
 from mocap_id.dynamics.preparation import PreparedTrial
@@ -83,7 +83,7 @@ def check_and_calibrate(
         )
         scales = check_scales(unsmoothed or prepared, movement.free, found, ratios)
     sd = {
-        "gain": usual.gain_with(mass, mass_sd) if 1 in prepared.settings.components else usual.gain,
+        "gain": usual.estimate_gain_error(mass, mass_sd) if 1 in prepared.settings.components else usual.gain,
         "moments": usual.moments,
         "position": prepared.recorded.position_sd or usual.position,
         "lengths": usual.lengths,
@@ -91,7 +91,7 @@ def check_and_calibrate(
     }
     for name in scales.suspects if scales is not None else ():
         sd[name] = max(sd.get(name, 0.0), abs(scales.causes[name].value)) if scales is not None else 0.0
-    return found.calibrated(calibration_effect(prepared, found.fit, found.base, sd), scales)
+    return found.add_calibration(propagate_calibration(prepared, found.fit, found.base, sd), scales)
 
 
 def scale_facts(found: Identification) -> dict[str, Any] | None:

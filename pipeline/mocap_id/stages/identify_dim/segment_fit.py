@@ -16,7 +16,7 @@ from mocap_id.dynamics.identification import Identification, identify
 from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.dynamics.measured_motion import USUAL
 from mocap_id.dynamics.point_grid import PointGrid
-from mocap_id.dynamics.pose_error import PoseEffect, PoseErrors, SlidingBody, pose_effect, sliding_body
+from mocap_id.dynamics.pose_error import PoseEffect, PoseErrors, SlidingBody, propagate_pose_errors, propagate_slides
 from mocap_id.dynamics.prediction import PredictionNoise, residual_noise
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.reference_prior import reference_deviations
@@ -155,7 +155,7 @@ def fit_segments(
     bodies, prior, cutoffs = _best_bodies(body_sets, prepared, movement, tables.chosen, mass)
     ready = prepare_bodies(bodies, recorded, prepared.settings, prior, cutoffs.bands)
     found = _identify_bodies(context, ready, movement, prior, grid := bodies.grid(settings.grid))
-    effect = pose_effect(
+    effect = propagate_pose_errors(
         ready, found.fit, found.base, PoseErrors(bodies.poses, _sliding(context, bodies), cutoffs.bands)
     )
     found, angles = _with_effect(found, effect), recorded.q[found.fit.in_fit]
@@ -245,7 +245,7 @@ def _sliding(context: Context, bodies: MeasuredBodies) -> tuple[SlidingBody, ...
         usual = bodies.residual[body] ** 2 / 2
         variance = np.array([size.get(label, usual) for label in markers])
         near = {joint for k in own.tolist() for joint in (k - 1, k) if 0 <= joint < joints}
-        found.append(sliding_body(np.array(list(markers.values())), variance, tuple(sorted(near)) or (joints - 1,)))
+        found.append(propagate_slides(np.array(list(markers.values())), variance, tuple(sorted(near)) or (joints - 1,)))
     return tuple(found)
 
 
@@ -256,7 +256,7 @@ def _in_chain(
     own, recorded = slice(found.fit.base), prepared.recorded
     covariance = base_covariance(chain_map, prepared.base, found.covariance)
     residual = base_covariance(chain_map, prepared.base, found.residual_covariance)
-    chain = chain_map.chain(found.full)
+    chain = chain_map.apply(found.full)
     mean = np.nanmean(recorded.q[found.fit.in_fit], axis=0)
     moved = centre_response(prepared.base, recorded.centres, mean, chain)
     covariance = covariance + np.einsum("bjx,jxy,cjy->bc", moved, centres, moved)
@@ -272,7 +272,6 @@ def _in_chain(
         base_sd=np.sqrt(np.diag(covariance)),
         covariance=covariance,
         residual_covariance=residual,
-        full=chain,
-        masses=np.full(len(pinned.masses), np.nan),
+        solution=replace(pinned.solution, full=chain, masses=np.full(len(pinned.solution.masses), np.nan)),
     )
     return in_chain, np.clip(share, 0.0, 1.0)

@@ -10,7 +10,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.cautions import find_cautions_in_space
 from mocap_id.dynamics.excitation import WEAK
-from mocap_id.dynamics.space.identification import SpatialIdentification, excitation_in_space, identify
+from mocap_id.dynamics.space.identification import SpatialIdentification, identify, measure_excitation_in_space
 from mocap_id.dynamics.space.prediction import SpatialPrediction, predict
 from mocap_id.dynamics.space.trial import COMPONENTS, SpatialTrial
 from mocap_id.stages.base import Context, Outputs
@@ -52,7 +52,7 @@ def _events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
 def _identified(context: Context, inputs: SpatialInputs, trial: SpatialTrial) -> tuple[Table, Tree]:
     settings = context.settings
     found = identify(trial, np.ones(len(inputs.time), dtype=np.bool_), calibration(settings))
-    excited = excitation_in_space(trial, found, settings.weak_share or WEAK)
+    excited = measure_excitation_in_space(trial, found, settings.weak_share or WEAK)
     model = predict(trial, found)
     facts = artefacts.facts(trial, found, model, _threshold(context))
     reasons = find_cautions_in_space(trial, found, excited, _ADVICE) + _unexplained(found)

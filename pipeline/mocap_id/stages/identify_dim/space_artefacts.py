@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.dynamics.centre_of_pressure import centre_of_pressure, centre_of_pressure_rows
-from mocap_id.dynamics.comparison import agreement
+from mocap_id.dynamics.comparison import agreement, centre_of_pressure, centre_of_pressure_rows
 from mocap_id.dynamics.excitation import Excitation
 from mocap_id.dynamics.space.base_parameters import full_names
 from mocap_id.dynamics.space.identification import SpatialIdentification
@@ -140,7 +139,7 @@ def facts(
     return empty_facts_in_space(trial.recorded.chain, None) | {
         "condition_number": fit.condition,
         "condition_number_scaled": fit.condition_scaled,
-        "clock_offset_s": fit.found if fit.offset_known else None,
+        "clock_offset_s": fit.best_offset if fit.offset_known else None,
         "clock_offset_sd_s": found.offset_sd if fit.offset_known else None,
         "wrench": {name: None if one is None else asdict(one) for name, one in compared.items()},
         "cop_rms_m": None if cop is None else float(np.hypot(cop.bias, cop.sd)),
@@ -161,7 +160,7 @@ def facts(
         "plate_bias": bias,
         "residual_covariance": found.residual_covariance.tolist(),
         "unit_covariance": found.unit_covariance.tolist(),
-        "error_modes": [[mode.name, mode.parameters[: len(found.base)].tolist()] for mode in found.modes],
+        "propagate_errors": [[mode.name, mode.parameters[: len(found.base)].tolist()] for mode in found.modes],
         "frames": trial.structure.frames[:, :3, :3].tolist(),
         "moments_about_m": trial.recorded.base[:3, 3].tolist(),
     }

@@ -8,10 +8,10 @@ import numpy as np
 
 from mocap_id import recording
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.dynamics.fit import determined, select
-from mocap_id.dynamics.left_out_samples import LEAST_SECONDS
+from mocap_id.dynamics.fit import determines_parameters
 from mocap_id.dynamics.lowpass import known
 from mocap_id.dynamics.preparation import FitSettings
+from mocap_id.dynamics.sample_choice import LEAST_SECONDS, select_samples
 from mocap_id.dynamics.space.calibration import SpatialCalibration
 from mocap_id.dynamics.space.trial import COMPONENTS, SpatialRecord, SpatialTrial, prepare
 from mocap_id.errors import StoreError
@@ -201,7 +201,7 @@ def segment_poses(poses: Table, segments: tuple[str, ...], k: int) -> tuple[Floa
 def _not_excited(settings: IdentifyDimSettings, trial: SpatialTrial) -> NotIdentifiable | None:
     """Return why the usable samples do not determine the parameters, else None."""
     everywhere = np.ones(len(trial.usable), dtype=np.bool_)
-    chosen = select(trial, everywhere)
+    chosen = select_samples(trial, everywhere)
     recorded = trial.recorded
     if chosen.sum() < LEAST_SECONDS * recorded.rate:
         return NotIdentifiable(
@@ -219,7 +219,7 @@ def _not_excited(settings: IdentifyDimSettings, trial: SpatialTrial) -> NotIdent
             "known; record a movement",
             mass,
         )
-    if not determined(trial, everywhere):
+    if not determines_parameters(trial, everywhere):
         return NotIdentifiable(
             "not-excited",
             "a joint rests, so the parameters of its segment cannot be separated from the others'; record a movement "

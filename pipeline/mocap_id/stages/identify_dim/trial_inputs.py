@@ -12,7 +12,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.body_prior import even_prior
 from mocap_id.dynamics.cutoffs import left_out_cost
 from mocap_id.dynamics.measured_motion import GIVES_WAY, SURELY, USUAL
-from mocap_id.dynamics.point_grid import PointGrid, segment_grid
+from mocap_id.dynamics.point_grid import PointGrid, build_grid
 from mocap_id.dynamics.preparation import PreparedTrial, TrialData, prepare
 from mocap_id.protocols.movement import Movement, find_movement
 from mocap_id.stages.base import Context
@@ -84,7 +84,7 @@ def read_inputs(context: Context) -> TrialInputs:
     if obstacle is None:
         prepared, chair_reasons = check_chair(prepare(recorded, fit_settings(settings, recorded)))
         recorded = prepared.recorded
-    grid = segment_grid(chain.centres, chain.marker_segment, chain.local, settings.grid)
+    grid = build_grid(chain.centres, chain.marker_segment, chain.local, settings.grid)
     movement = _movement(context, recorded, prepared, chair_reasons)
     board: dict[str, Any] | None = None
     if prepared is not None:

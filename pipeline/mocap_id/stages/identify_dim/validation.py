@@ -9,14 +9,12 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import NORMAL_95, BoolArray, FloatArray
-from mocap_id.dynamics.centre_of_pressure import centre_of_pressure
-from mocap_id.dynamics.comparison import Agreement, agreement
+from mocap_id.dynamics.comparison import Agreement, agreement, centre_of_pressure
 from mocap_id.dynamics.cross_validation import LeftOutPrediction, predict_left_out
 from mocap_id.dynamics.identification import Identification
-from mocap_id.dynamics.left_out_samples import number_parts
-from mocap_id.dynamics.long_rests import with_short_rests
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
+from mocap_id.dynamics.sample_choice import number_parts, with_short_rests
 from mocap_id.protocols.movement import Movement
 from mocap_id.protocols.repetitions import Repetition
 from mocap_id.verdict import Reason

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from mocap_id.dynamics.external_wrenches import SEAT, ExternalWrench
-from mocap_id.dynamics.fit import Fit, determined, fit
+from mocap_id.dynamics.fit import Fit, determines_parameters, fit
 from mocap_id.dynamics.preparation import PreparedTrial, prepare
 from mocap_id.dynamics.wrench_gains import WrenchGain, estimate_gains
 from mocap_id.verdict import Reason
@@ -21,7 +21,7 @@ def check_chair(prepared: PreparedTrial) -> tuple[PreparedTrial, tuple[Reason, .
     if recorded.seat is None:
         return prepared, ()
     everything = np.ones(len(recorded.time), dtype=bool)
-    gains = estimate_gains(prepared, fit(prepared, everything)) if determined(prepared, everything) else ()
+    gains = estimate_gains(prepared, fit(prepared, everything)) if determines_parameters(prepared, everything) else ()
     wrong = [gain for gain in gains if gain.name == SEAT and gain.contradicts]
     if not wrong:
         return prepared, (_measured(recorded.seat),)

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import NORMAL_95, BoolArray, FloatArray
-from mocap_id.dynamics.centre_of_pressure import centre_of_pressure, centre_of_pressure_rows
+from mocap_id.dynamics.comparison import centre_of_pressure, centre_of_pressure_rows
 from mocap_id.dynamics.parameter_transfer import Registration, transfer_covariance, transfer_parameters
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
 from mocap_id.dynamics.uncertainty import variance

@@ -1,0 +1,67 @@
+"""Choice of samples: for a fit, for parts of a trial that are left out, and without long rests."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.dynamics.filtered_trial import FilteredTrial
+from mocap_id.dynamics.lowpass import erode
+
+LEAST_SECONDS = 1.0
+"""Least duration of the samples of a fit, s."""
+_FOLDS = 5  # a fold takes about 20 ms; with more repetitions, neighbouring ones are left out together
+_RESTING = 0.05  # fraction of a fast joint velocity below which a joint rests
+_MOSTLY = 0.5  # fraction of rest above which all rest is left out
+_LONG = 0.75  # fraction of rest above which rest is thinned
+
+
+def select_samples(prepared: FilteredTrial, gate: BoolArray) -> BoolArray:
+    """Return the samples (T,) to fit: usable ones within the gate, without the filter's reach at its edges."""
+    return prepared.usable & erode(gate, prepared.lowpass.reach_samples)
+
+
+def number_parts(time: FloatArray, spans: FloatArray) -> IntArray:
+    """Return the part of each sample (T,), from 0: one repetition, or several neighbouring ones if there are many.
+
+    All samples belong to part 0 if there are fewer than two repetitions.
+
+    Parameters
+    ----------
+    time : (T,) array
+        Sample times, s.
+    spans : (r, 2) array
+        First and last time of every repetition, in order, s. A sample between two repetitions belongs to the nearer.
+    """
+    between = (spans[:-1, 1] + spans[1:, 0]) / 2
+    repetition = np.searchsorted(between, time)
+    folds = min(len(spans), _FOLDS)
+    return np.asarray(repetition * folds // max(len(spans), 1), dtype=np.int64)
+
+
+def without_long_rests(velocity: FloatArray) -> BoolArray:
+    """Return the samples in motion if a person mostly rests, otherwise all, from joint velocities (T, n), rad/s.
+
+    A constant posture repeats its errors, and would outweigh the motion in every mean.
+    """
+    moving = _find_motion(velocity)
+    return moving if len(moving) and moving.mean() < 1 - _MOSTLY else np.ones(len(moving), dtype=np.bool_)
+
+
+def with_short_rests(velocity: FloatArray) -> BoolArray:
+    """Return all samples, or after long rests those in motion and about as many at rest; as without_long_rests."""
+    moving = _find_motion(velocity)
+    if not len(moving) or moving.mean() >= 1 - _LONG:
+        return np.ones(len(moving), dtype=np.bool_)
+    rest, used = np.flatnonzero(~moving), moving.copy()
+    used[rest[:: len(rest) // max(int(moving.sum()), 1)]] = True
+    return used
+
+
+def _find_motion(velocity: FloatArray) -> BoolArray:
+    """Return the samples (T,) in which a joint moves."""
+    speed = np.abs(velocity).max(axis=1, initial=0.0)
+    if not len(speed):
+        return np.zeros(0, dtype=np.bool_)
+    fast = max(np.quantile(speed, 0.95), 0.5 * speed.max())  # if a person rests most of the time, the quantile is sway
+    return np.asarray(speed >= _RESTING * fast)
