@@ -32,7 +32,7 @@ def test_offset_is_found_and_its_interval_holds_it(offset: float) -> None:
 
 def test_without_noise_it_is_exact() -> None:
     prepared = prepare(late_plate(0.0123), FitSettings())
-    assert fit(prepared, np.ones(1500, dtype=bool)).found == pytest.approx(0.0123, abs=1e-5)
+    assert fit(prepared, np.ones(1500, dtype=bool)).best_offset == pytest.approx(0.0123, abs=1e-5)
 
 
 def test_an_offset_beyond_the_limit_is_not_known_and_not_applied() -> None:

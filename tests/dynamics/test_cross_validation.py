@@ -74,7 +74,7 @@ def reweighed(found: Fit, weights: np.ndarray) -> Fit:
 def test_a_fold_is_a_fit_to_the_rest() -> None:
     """Against the long way: gate the part out, erode, thin, filter, search the offset and fit, from scratch."""
     prepared, gate = trial(cutoff=10.0)
-    assert prepared.step == 1  # so that both fit the same samples
+    assert prepared.lowpass.step == 1  # so that both fit the same samples
     part, found, weights = (
         number_parts(prepared.recorded.time, SPANS),
         held(prepared, gate),

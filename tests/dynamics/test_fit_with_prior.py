@@ -228,7 +228,7 @@ def reweighed(found: Fit, weights: np.ndarray) -> np.ndarray:
 
 def test_a_fold_is_a_fit_to_the_rest_with_the_whole_prior() -> None:
     _, prepared = trial(cutoff=10.0)
-    assert prepared.step == 1  # so that both fit the same samples
+    assert prepared.lowpass.step == 1  # so that both fit the same samples
     part, whole = number_parts(TIME, SPANS), fit(prepared, EVERYTHING)
     held = predict_left_out(prepared, EVERYTHING, whole, part, CompressedProblem.free_solution)
     assert held is not None

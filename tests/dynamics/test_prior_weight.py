@@ -29,7 +29,7 @@ def counted(found: Fit, prepared: PreparedTrial) -> np.ndarray:
     """Seconds that one independent sample of each component stands for, from the weighted residuals."""
     rows = found.design[..., :-1].reshape(found.target.size, -1)
     residual = found.target - (rows @ found.problem.free_solution()).reshape(found.target.shape)
-    return np.asarray(prepared.step / prepared.recorded.rate / residual.var(axis=0))
+    return np.asarray(prepared.lowpass.step / prepared.recorded.rate / residual.var(axis=0))
 
 
 def test_the_longest_memory_within_one_standard_error_of_the_least() -> None:
@@ -69,7 +69,7 @@ def test_the_fit_counts_its_samples_by_what_is_chosen() -> None:
     seconds = counted(found, prepared)
     np.testing.assert_allclose(seconds, seconds[0], rtol=0.1)  # all components alike
     design = found.design[..., :-1] / found.weights[:, None]
-    spread = found.weights * np.sqrt(seconds.mean() * prepared.recorded.rate / prepared.step)
+    spread = found.weights * np.sqrt(seconds.mean() * prepared.recorded.rate / prepared.lowpass.step)
     assert found.prior is not None
     chosen = left_out_memory(
         prepared,
@@ -101,7 +101,7 @@ def test_parts_without_a_second_of_rest_do_not_count() -> None:
     """Three repetitions of which the gate leaves little beside the last: two folds have nothing to fit to."""
     prepared = made(PRIOR, SPANS[:3])
     gate = TIME > 11.0
-    samples = np.flatnonzero(prepared.usable & gate)[:: prepared.step]
+    samples = np.flatnonzero(prepared.usable & gate)[:: prepared.lowpass.step]
     rows = np.ones((len(samples), 3, 20))
     prior = PRIOR.rows(20)
     assert left_out_memory(prepared, gate, samples, rows=rows, target=rows[..., 0], prior=prior) == REFERENCE

@@ -80,16 +80,8 @@ def design_experiment(
 
     Parameters
     ----------
-    predictor : CovariancePredictor
-        Predictor of the trial.
-    limits : MovementLimits
-        Limits of the movement.
     rest : (n,) array
         Posture at the start and the end, rad.
-    joints : sequence of str
-        Names of the joints.
-    objective : {"intervals", "volume", "condition", "condition-scaled"}
-        Name of the objective.
     seconds : float, optional
         Duration of the recording, s; by default that of the trial.
     mixed : bool

@@ -37,19 +37,9 @@ class MovementLimits:
     def usage(self, movement: Trajectory, wrench: FloatArray, moment_sd: FloatArray | None = None) -> float:
         """Return the largest fraction of any limit that a movement uses; above 1 the movement is not allowed.
 
-        Parameters
-        ----------
-        movement : Trajectory
-            The movement; if it has fitted samples, only these count.
-        wrench : (T, 3) array
-            Wrench of the ground, N and N·m.
-        moment_sd : (T,) array, optional
-            Standard deviation of the predicted moment, N·m: a margin for the centre of pressure.
-
-        Returns
-        -------
-        float
-            Infinite if the movement has missing samples or lifts the body off the ground.
+        Only fitted samples count, if the movement has them. ``wrench`` (T, 3) is the wrench of the ground, N and N·m.
+        The standard deviation of its moment (T,), N·m, is a margin for the centre of pressure. The result is infinite
+        if the movement has missing samples or lifts the body off the ground.
         """
         counted = movement.known if movement.fitted is None else movement.fitted & movement.known
         if not counted.any() or (movement.fitted is None and not counted.all()):
@@ -132,16 +122,9 @@ def _compute_limits(values: FloatArray, factor: float, least: float, most: float
 
 
 def find_resting_posture(movement: Trajectory, centres: FloatArray, upright: bool) -> FloatArray:
-    """Return the posture (n,) in which a movement starts, rad: the median of the fitted samples.
+    """Return the posture (n,) in which a movement starts, rad: the median of the trial's fitted samples.
 
-    Parameters
-    ----------
-    movement : Trajectory
-        The trial's movement, with its fitted samples.
-    centres : (n, 2) array
-        Centre of each joint in the frame of the segment before it, m.
-    upright : bool
-        Use only the tenth of the samples in which the highest joint is highest.
+    ``upright`` uses only the tenth of the samples in which the highest joint is highest.
     """
     q = movement.q[movement.known if movement.fitted is None else movement.known & movement.fitted]
     if upright:

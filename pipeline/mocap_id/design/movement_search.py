@@ -38,14 +38,7 @@ def search_movement(
 ) -> Proposal | None:
     """Return the best movement of all joints together, or None if the limits allow none.
 
-    Parameters
-    ----------
-    family : MovementFamily
-        The movements among which to search.
-    rng : Generator
-        Generator of the random starts and steps.
-    starts : sequence of (WaveMovement, bool)
-        Movements to start from in addition to random ones, and whether each takes half of the recording.
+    ``starts`` are movements to start from in addition to random ones, and whether each takes half of the recording.
     """
     sharing = family.mixed and len(family.joints) > 1
     drawn = [(_draw_movement(family, rng), sharing and k % 2 == 1) for k in range(_STARTS)]

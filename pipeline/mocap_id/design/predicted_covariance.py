@@ -66,10 +66,8 @@ class IdentifiedBody:
     def weighted_rows(self, regressor: FloatArray, rate_of_change: FloatArray) -> FloatArray:
         """Return the rows (R, c, b + k + 1) of a fit, weighted as in the fit of the trial.
 
-        Parameters
-        ----------
-        regressor, rate_of_change : (R, 3, b) arrays
-            Base columns and their time derivative. A clock offset shifts the wrench along its rate of change.
+        ``regressor`` and ``rate_of_change`` (R, 3, b) are the base columns and their time derivative. A clock offset
+        shifts the wrench along its rate of change.
         """
         fit, chosen = self.result.fit, list(self.prepared.settings.components)
         rows, rate = regressor[:, chosen], rate_of_change[:, chosen] @ self.result.base
@@ -81,14 +79,8 @@ class IdentifiedBody:
     def response(self, states: FloatArray, rows: FloatArray, error: KinematicError) -> FloatArray:
         """Return the change (b, S) of the parameters with each error mode of the geometry; infinite if undetermined.
 
-        Parameters
-        ----------
-        states : (R, 3, n) array
-            Joint angles and their derivatives, rad, rad/s and rad/s².
-        rows : (R, c, b + k + 1) array
-            Weighted rows of the fit.
-        error : KinematicError
-            Error of the geometry.
+        ``states`` (R, 3, n) are joint angles and their derivatives; ``rows`` (R, c, b + k + 1) are the weighted rows of
+        the fit.
         """
         q, dq, ddq = np.swapaxes(states, 0, 1)
         moved = replace(self.prepared, recorded=replace(self.prepared.recorded, q=q, dq=dq, ddq=ddq))
@@ -131,16 +123,9 @@ class CovariancePredictor:
     ) -> PredictedUncertainty:
         """Predict the uncertainty of the parameters after a movement.
 
-        Parameters
-        ----------
-        movement : Trajectory
-            The movement to record.
-        seconds : float, optional
-            Duration of the fitted samples, s; by default all of the movement that can be fitted.
-        samples : int
-            Number of samples from which the variances are computed: fewer are faster.
-        exactly : bool
-            Filter as the identification does before computing the condition number; this takes longer.
+        ``seconds`` is the duration of the fitted samples, by default of all that can be fitted. The variances are
+        computed from a number of samples; fewer are faster. With ``exactly``, the regressor is filtered as in an
+        identification before its condition number is computed, which takes longer.
         """
         fitted = self.find_fitted(movement)
         seconds = float(fitted.sum()) / movement.rate if seconds is None else seconds

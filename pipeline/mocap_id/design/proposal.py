@@ -37,18 +37,9 @@ class Proposal:
 
 
 def objective_value(objective: Objective, predicted: PredictedUncertainty, size: FloatArray) -> float:
-    """Return the value of the objective, which is to be minimised.
+    """Return the value of the objective, which is to be minimised, for parameters of some sizes (b,), SI.
 
     It does not include the variance from errors of plate and cameras, which no movement changes.
-
-    Parameters
-    ----------
-    objective : {"intervals", "volume", "condition", "condition-scaled"}
-        Name of the objective, see :data:`OBJECTIVES`.
-    predicted : PredictedUncertainty
-        Uncertainty after the movement.
-    size : (b,) array
-        Size of each parameter, SI.
     """
     if objective == "condition":
         return predicted.condition
@@ -71,7 +62,7 @@ class MovementScorer:
 
     predictor: CovariancePredictor  # predictor of the trial
     limits: MovementLimits  # limits of the movements
-    objective: Objective  # name of the objective, see :data:`OBJECTIVES`
+    objective: Objective  # name of the objective, see `OBJECTIVES`
     size: FloatArray  # (b,) size of each parameter, SI
 
     @property

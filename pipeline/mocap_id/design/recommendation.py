@@ -59,17 +59,7 @@ def recommend_if_doubtful(prepared: PreparedTrial, result: Identification, excit
 def recommend_changes(
     prepared: PreparedTrial, result: Identification, wanted: BoolArray | None = None
 ) -> Recommendations:
-    """Return for each parameter the change of the movement that reduces its standard deviation most.
-
-    Parameters
-    ----------
-    prepared : PreparedTrial
-        The recorded trial.
-    result : Identification
-        Its identified parameters.
-    wanted : (b,) bool array, optional
-        Parameters whose standard deviation should decrease; all by default.
-    """
+    """Return for each parameter the change that reduces its standard deviation most; None where not ``wanted`` (b,)."""
     wanted = np.ones(len(result.base), dtype=np.bool_) if wanted is None else wanted
     own = get_recorded_trajectory(prepared.recorded, result.fit.in_fit).thin(_RATE)
     predictor = CovariancePredictor(IdentifiedBody(prepared, result), own)
@@ -129,18 +119,9 @@ def list_changes(joints: int) -> list[tuple[Change, int | None]]:
 
 
 def change_movement(own: Trajectory, change: Change, joint: int | None) -> Trajectory:
-    """Return the trajectory with one joint, or all joints, moved faster, larger or alone.
+    """Return the trajectory with one joint, or all joints (None), moved faster, larger or alone.
 
     For "alone", every second sample of the recording is replaced by a sample in which only this joint moves.
-
-    Parameters
-    ----------
-    own : Trajectory
-        The recorded movement, with its fitted samples.
-    change : {"faster", "larger", "alone"}
-        The change.
-    joint : int or None
-        The joint that moves differently, from 0; None for all joints.
     """
     joints = own.q.shape[1]
     ones, chosen = np.ones(joints), np.arange(joints) == joint if joint is not None else np.ones(joints, bool)

@@ -25,7 +25,7 @@ class WaveMovement:
     """Parameters of a wave movement of n joints."""
 
     rest: FloatArray  # (n,) angles at both ends, rad
-    centre: FloatArray  # (n,) centre of each swing relative to ``rest``, rad
+    centre: FloatArray  # (n,) centre of each swing relative to `rest`, rad
     frequency: FloatArray  # (n,) frequency of each joint's wave, Hz
     # amplitude, phase: (n, 2) amplitude and phase of the wave and of its first overtone, rad
     amplitude: FloatArray
@@ -67,20 +67,11 @@ def static_centre_of_pressure(body: IdentifiedBody, q: FloatArray) -> FloatArray
 
 
 def balance(body: IdentifiedBody, q: FloatArray, target: FloatArray, near: float) -> FloatArray:
-    """Return the angles of the first joint (T,), rad, that move the centre of pressure to a target.
+    """Return the angles of the first joint (T,), rad, that move the centre of pressure to a target (T,), m.
 
     All segments above the first joint rotate with it, so the centre of pressure is a constant plus a sine of its angle.
-
-    Parameters
-    ----------
-    body : IdentifiedBody
-        The body that keeps the balance.
-    q : (T, n) array
-        Postures, rad; the angle of the first joint is not used.
-    target : (T,) array
-        Centre of pressure to reach, m.
-    near : float
-        Of the two solutions, the one closer to this angle is returned, rad.
+    The postures ``q`` (T, n) give the other angles. Of the two solutions, the one closer to the angle ``near`` is
+    returned.
     """
     ahead, across = q.copy(), q.copy()
     ahead[:, 0], across[:, 0] = 0.0, np.pi / 2

@@ -30,8 +30,6 @@ def acceleration_correlation(
     ----------
     q : (T, n) array
         Joint angles, rad; NaN where missing. The correlation is NaN there too.
-    centres : (n, 2) array
-        Centre of each joint in the frame of the segment before it, m.
     segment : (M,) int array
         Segment of each marker.
     local : (M, 2) array

@@ -40,7 +40,7 @@ class ReferenceTable:
     shank: SegmentFractions
     thigh: SegmentFractions
     hat: SegmentFractions
-    pelvis: SegmentFractions  # part of ``hat`` below a joint within the trunk
+    pelvis: SegmentFractions  # part of `hat` below a joint within the trunk
     ankle_height: float  # height of the ankle, as a fraction of body height
 
 

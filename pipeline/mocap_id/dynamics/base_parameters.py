@@ -98,8 +98,6 @@ def structural_base(centres: FloatArray, components: tuple[int, ...] = (0, 1, 2)
 
     Parameters
     ----------
-    centres : (n, 2) array
-        Centre of each joint in the frame of the segment before it, m.
     components : tuple of int
         Components of (Fx, Fy, tauz) that are fitted.
     """
@@ -123,13 +121,6 @@ def base_names(base: BaseSet, centres: FloatArray) -> tuple[str, ...]:
 
     Let a mass m_j be regrouped into a parameter of segment k, and let p_{k+1} be the joint at the end of segment k. The
     coefficient is written as 1, p_{k+1,x}, p_{k+1,y} or |p_{k+1}|² if it has this value, otherwise as a number.
-
-    Parameters
-    ----------
-    base : BaseSet
-        Base parameters of the chain.
-    centres : (n, 2) array
-        Centre of each joint in the frame of the segment before it, m.
     """
     symbols = full_names(len(centres) + 1)
     return tuple(

@@ -59,16 +59,9 @@ class BodyPrior:
 
 
 def table_prior(mean: FloatArray, source: str, others: bool = False) -> BodyPrior:
-    """Return the prior around the bodies of a reference table, of which the first is the foot.
+    """Return the prior around the bodies (4K,) of a reference table, foot first.
 
-    Parameters
-    ----------
-    mean : (4K,) array
-        Full parameters of the table's bodies.
-    source : str
-        The table's name.
-    others : bool
-        Whether the last body is the body of all other markers (arms and head).
+    ``source`` is the table's name. With ``others``, the last body is the body of all other markers (arms and head).
     """
     spread = [(_FOOT_MASS, _FOOT_CENTRE, _INERTIA), *[(_MASS, _CENTRE, _INERTIA)] * (len(mean) // 4 - 1)]
     if others:
@@ -78,15 +71,7 @@ def table_prior(mean: FloatArray, source: str, others: bool = False) -> BodyPrio
 
 
 def even_prior(mass: float, centroid: FloatArray) -> BodyPrior:
-    """Return the prior if no table applies: equal masses, with their centres at the markers' centroids.
-
-    Parameters
-    ----------
-    mass : float
-        Mass of all bodies together, kg.
-    centroid : (K, 2) array
-        Centroid of each body's markers in its frame, m.
-    """
+    """Return the prior if no table applies: equal shares of the mass, kg, at the markers' centroids (K, 2), m."""
     own = mass / len(centroid)
     inertia = own * (_GYRATION**2 + np.sum(centroid**2, axis=1))
     mean = np.column_stack([np.full(len(centroid), own), own * centroid, inertia])
@@ -95,25 +80,18 @@ def even_prior(mass: float, centroid: FloatArray) -> BodyPrior:
 
 
 def split_torso(torso: FloatArray, angle: FloatArray, shift: FloatArray, mass: float) -> tuple[FloatArray, FloatArray]:
-    """Split a table's head, arms and trunk into the torso and the body of all other markers.
+    """Split a table's head, arms and trunk (4,) into the torso (4,) and the body of all other markers (4,).
 
-    On average over the samples, the two bodies together equal the given torso.
+    On average over the samples, the two bodies together equal the given one.
 
     Parameters
     ----------
     torso : (4,) array
         Parameters of head, arms and trunk together, in the torso's frame.
-    angle : (T,) array
-        Angle of the other body's frame in the torso's frame, rad.
-    shift : (T, 2) array
-        Origin of the other body's frame, the centroid of its markers, in the torso's frame, m.
+    angle, shift : (T,) and (T, 2) arrays
+        Angle, rad, and origin, m, of the other body's frame in the torso's frame. The origin is the markers' centroid.
     mass : float
         Mass of the whole body, kg.
-
-    Returns
-    -------
-    torso, others : (4,) arrays
-        Parameters of the two bodies, each in its frame.
     """
     own = min(OTHERS_SHARE * mass, 0.5 * torso[0])
     others = np.array([own, 0.0, 0.0, own * _GYRATION**2])
@@ -126,12 +104,7 @@ def split_torso(torso: FloatArray, angle: FloatArray, shift: FloatArray, mass: f
 def mean_transform(angle: FloatArray, shift: FloatArray) -> FloatArray:
     """Return the matrix (4, 4) that transforms a body's parameters into another frame, as a mean over samples.
 
-    Parameters
-    ----------
-    angle : (T,) array
-        Angle of the body's frame in the other frame, rad.
-    shift : (T, 2) array
-        Origin of the body's frame in the other frame, m.
+    ``angle`` (T,), rad, and ``shift`` (T, 2), m, are the angle and the origin of the body's frame in the other frame.
     """
     c, s, (x, y) = np.cos(angle), np.sin(angle), shift.T
     move = np.zeros((len(angle), 4, 4))

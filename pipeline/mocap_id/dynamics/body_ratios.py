@@ -26,7 +26,7 @@ class BodyRatios:
 
     rows: FloatArray  # (r, b) coefficients of the parameters
     target: FloatArray  # (r,) value of each relation
-    by_cause: dict[str, FloatArray]  # dict of str to (r,) array: effect of each error of scale on the relations
+    by_cause: dict[str, FloatArray]  # effect (r,) of each error of scale on the relations
     weighed: bool  # whether the person's mass is known from a scale
 
 
@@ -43,10 +43,6 @@ def body_ratios(
 
     Parameters
     ----------
-    base : BaseSet
-        Base parameters of the chain.
-    centres : (n, 2) array
-        Centre of each joint in the frame of the segment before it, m.
     reference : (4(n + 1),) array
         Full parameters of a reference table on the chain, which give the ratios.
     mass : float

@@ -56,7 +56,7 @@ class SensorNoise:
 
 
 def fit_sensor(prepared: PreparedTrial, gate: BoolArray, sensor: ExternalWrench) -> SensorFit | None:
-    """Fit the part of the body beyond a joint to the wrench through the joint.
+    """Fit the part of the body beyond a joint to the wrench through the joint; return None for too few samples.
 
     Parameters
     ----------
@@ -65,12 +65,7 @@ def fit_sensor(prepared: PreparedTrial, gate: BoolArray, sensor: ExternalWrench)
     gate : (T,) bool array
         Samples without an unmeasured contact.
     sensor : ExternalWrench
-        Its wrench on the segment, about the plane's origin.
-
-    Returns
-    -------
-    SensorFit or None
-        None if there are too few samples.
+        The sensor's wrench on the segment beyond the joint, about the plane's origin.
     """
     size, first = prepared.regressor.shape[-1], len(PLANAR_PARAMETERS) * sensor.segment
     to_joint = _move_to_joint(prepared, sensor.segment)
@@ -78,7 +73,7 @@ def fit_sensor(prepared: PreparedTrial, gate: BoolArray, sensor: ExternalWrench)
     there = known(sum(parts[1:], parts[0]))[:, None]
     filtered = [prepared.lowpass(np.einsum("tij,tj->ti", to_joint, np.where(there, each, np.nan))) for each in parts]
     wrench = sum(filtered[1:], filtered[0])
-    samples = np.flatnonzero(select_samples(prepared, gate) & known(wrench))[:: prepared.step]
+    samples = np.flatnonzero(select_samples(prepared, gate) & known(wrench))[:: prepared.lowpass.step]
     if len(samples) < _LEAST_SAMPLES:
         return None
     rows = prepared.lowpass(to_joint @ prepared.regressor[:, :, first:])[samples]
@@ -136,12 +131,8 @@ def combine_with_sensors(
 ) -> Identification:
     """Return the identification from the ground's wrench and the built-in sensors together.
 
-    Parameters
-    ----------
-    alone : Identification
-        Result from the ground's wrench; returned unchanged if there are no sensors.
-    prepared, gate, grid, reference, consistency
-        As for :func:`mocap_id.dynamics.identification.identify`.
+    ``alone`` is the result from the ground's wrench; it is returned unchanged if there are no sensors. The other
+    arguments are those of :func:`mocap_id.dynamics.identification.identify`.
     """
     fits = (fit_sensor(prepared, gate, each) for each in prepared.recorded.built_in)
     sensors, regrouping = [each for each in fits if each is not None], prepared.base.regrouping
@@ -184,7 +175,7 @@ def predict_with_sensor(
 
     The sensor's wrench is computed from the identified body, with noise and with the effect of wrong accelerations.
     Errors that residuals do not contain, such as a plate's zero, cannot be predicted; because of them, the real
-    improvement is larger.
+    improvement is larger. The result is None if there are too few samples.
 
     Parameters
     ----------
@@ -196,11 +187,6 @@ def predict_with_sensor(
         The segment beyond the joint with the sensor.
     noise : SensorNoise
         Noise of the sensor.
-
-    Returns
-    -------
-    array or None
-        None if there are too few samples.
     """
     recorded, rng = prepared.recorded, np.random.default_rng(_SEED)
     ddq = prepared.lowpass(rng.standard_normal(recorded.ddq.shape))

@@ -46,16 +46,7 @@ def find_cautions_in_space(
 ) -> tuple[Reason, ...]:
     """Return the cautions about a trial in space: clock, solver, consistency and weak parameters.
 
-    Parameters
-    ----------
-    trial : FilteredTrial
-        The prepared trial.
-    result : FittedModel
-        Its identified parameters.
-    excited : Excitation
-        How well each base parameter is known.
-    recommendation : str
-        Sentences on movements that would determine the weak parameters better.
+    ``recommendation`` contains sentences on movements that would determine the weak parameters better.
     """
     reasons = (
         _check_clock(trial, result),
@@ -80,8 +71,8 @@ def find_cautions(
 
     Parameters
     ----------
-    prepared, result, excited, recommendation
-        As for :func:`find_cautions_in_space`.
+    recommendation : str
+        Sentences on movements that would determine the weak parameters better.
     given : float or None
         Mass of the person from the configuration, kg; None if not given.
     standing : float or None

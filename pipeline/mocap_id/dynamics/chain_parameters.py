@@ -51,8 +51,6 @@ def map_to_chain(
 
     Parameters
     ----------
-    poses : BodyPoses
-        Poses of the bodies.
     q : (T, n) array
         Joint angles of the chain, rad.
     samples : (T,) bool array
@@ -110,14 +108,7 @@ def merge_segments(centres: FloatArray, q: FloatArray, samples: BoolArray, segme
 def base_covariance(chain_map: ChainMap, base: BaseSet, own: FloatArray) -> FloatArray:
     """Return the covariance (b, b) of the chain's base parameters for exact joint centres.
 
-    Parameters
-    ----------
-    chain_map : ChainMap
-        Map from the bodies to the chain.
-    base : BaseSet
-        Base parameters of the chain.
-    own : (4K, 4K) array
-        Covariance of the full parameters of the bodies.
+    ``own`` (4K, 4K) is the covariance of the full parameters of the bodies.
     """
     known = chain_map.matrix @ own @ chain_map.matrix.T + chain_map.open
     return np.asarray(base.regrouping @ known @ base.regrouping.T)
@@ -127,18 +118,8 @@ def centre_response(base: BaseSet, centres: FloatArray, q: FloatArray, chain: Fl
     """Return the change (b, n, 2) of the base parameters with each joint centre, per metre in the segment before it.
 
     A displaced joint changes the regrouping of the masses beyond it. It also moves the origin about which the
-    parameters of the next segment are taken.
-
-    Parameters
-    ----------
-    base : BaseSet
-        Base parameters of the chain.
-    centres : (n, 2) array
-        Joint centres, m.
-    q : (n,) array
-        Mean joint angles, rad.
-    chain : (4(n + 1),) array
-        Full parameters of the chain.
+    parameters of the next segment are taken. ``q`` (n,) are the mean joint angles, rad, and ``chain`` (4(n + 1),) the
+    full parameters of the chain.
     """
     out: FloatArray = np.zeros((len(base.kept), *centres.shape))
     undisturbed = structural_base(centres)

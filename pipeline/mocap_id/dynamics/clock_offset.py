@@ -56,10 +56,11 @@ def profile_offset(
     *,
     prior: tuple[FloatArray, FloatArray] | None = None,
 ) -> tuple[float, bool]:
-    """Find the clock offset with which the fitted parameters leave the least residual.
+    """Return the clock offset δ, s, with the least residual of the fit, and whether it is at an end of the search.
 
     The parameters are fitted again for every offset. This needs only one projection, because the regressor does not
     depend on the offset. A coarse search over the whole range avoids local minima; a bounded search refines its result.
+    At an end of the search, there is no minimum inside.
 
     Parameters
     ----------
@@ -75,13 +76,6 @@ def profile_offset(
         Largest offset in both directions, s.
     prior : ((p, b) array, (p,) array), optional
         Rows and right-hand side of a prior of the parameters.
-
-    Returns
-    -------
-    offset : float
-        Clock offset δ, s.
-    at_edge : bool
-        Whether the least residual is at an end of the search, so that there is no minimum inside.
     """
     weighted = (regressor * weights[:, None]).reshape(-1, regressor.shape[-1])
     more, aim = (np.zeros((0, weighted.shape[1])), np.zeros(0)) if prior is None else prior

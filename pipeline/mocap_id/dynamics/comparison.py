@@ -32,12 +32,8 @@ class Comparison:
 def centre_of_pressure(wrench: FloatArray, threshold: float) -> FloatArray:
     """Return the x coordinate (...), m, at which the line of the ground's force crosses the plane y = 0.
 
-    Parameters
-    ----------
-    wrench : (..., 3) array
-        (Fx, Fy, tauz) about the origin of the plane frame, N and N·m.
-    threshold : float
-        Vertical force up to which there is no meaningful centre of pressure, N; the result is NaN there.
+    ``wrench`` (..., 3) is (Fx, Fy, tauz) about the origin of the plane frame, N and N·m. The result is NaN where Fy is
+    at most ``threshold``, N.
     """
     vertical = wrench[..., 1]
     loaded = vertical > threshold
@@ -47,14 +43,7 @@ def centre_of_pressure(wrench: FloatArray, threshold: float) -> FloatArray:
 def centre_of_pressure_rows(rows: FloatArray, wrench: FloatArray, threshold: float) -> FloatArray:
     """Return the derivative (..., b) of the centre of pressure with respect to the parameters of a linear wrench model.
 
-    Parameters
-    ----------
-    rows : (..., 3, b) array
-        Regressor of the wrench.
-    wrench : (..., 3) array
-        The model's wrench at the parameters, N and N·m.
-    threshold : float
-        As for :func:`centre_of_pressure`.
+    ``rows`` (..., 3, b) is the regressor of the wrench; the other arguments are as for :func:`centre_of_pressure`.
     """
     cop = centre_of_pressure(wrench, threshold)
     vertical = np.where(np.isfinite(cop), wrench[..., 1], np.nan)
@@ -62,16 +51,9 @@ def centre_of_pressure_rows(rows: FloatArray, wrench: FloatArray, threshold: flo
 
 
 def compare(wrench: FloatArray, measured: FloatArray, samples: BoolArray, threshold: float) -> Comparison:
-    """Compare a model's wrench with the measured one.
+    """Compare a model's wrench (T, 3) with the measured one over some samples (T,).
 
-    Parameters
-    ----------
-    wrench, measured : (T, 3) arrays
-        Fx, Fy, tauz, N and N·m; NaN where missing.
-    samples : (T,) bool array
-        Samples in which the body touches only the ground.
-    threshold : float
-        As for :func:`centre_of_pressure`, N.
+    Missing values are NaN. The arguments are as for :func:`centre_of_pressure`.
     """
     components = {name: agreement(wrench[:, k], measured[:, k], samples) for k, name in enumerate(WRENCH_COMPONENTS)}
     cop = agreement(centre_of_pressure(wrench, threshold), centre_of_pressure(measured, threshold), samples)

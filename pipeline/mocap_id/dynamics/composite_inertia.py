@@ -39,8 +39,6 @@ def composite_inertia(
     ----------
     q : (T, n) array
         Joint angles, rad; NaN where missing.
-    centres : (n, 2) array
-        Centre of each joint in the frame of the segment before it, m.
     mass : (n + 1,) array
         Mass of every segment, base first, kg. The base has no effect, because no joint moves it.
     first : (n + 1, 2) array

@@ -22,24 +22,12 @@ _ROUNDING = 1e-7  # relative violation of the cone that counts as rounding
 
 
 def solve_links(problem: CompressedProblem, bodies: ConicBodies) -> SolverAnswer:
-    """Minimise ‖R · mapping · body - d‖² over possible links.
+    """Minimise ‖R · mapping · body - d‖² over possible links; return full parameters, one of many solutions.
 
     Clarabel's accuracy is relative to the whole wrench, whereas the cost is the small remaining residual. As long as
     the optimality conditions do not hold, Clarabel is run again for a correction on the scale of the residual. They may
     still not hold if the least cost is only approached by larger and larger links. Then Clarabel starts again with more
-    regularization.
-
-    Parameters
-    ----------
-    problem : CompressedProblem
-        Problem of b columns; free parameters are eliminated before (:meth:`CompressedProblem.over`).
-    bodies : ConicBodies
-        The possible links.
-
-    Returns
-    -------
-    SolverAnswer
-        Full parameters: one of many solutions with the same base parameters.
+    regularization. Free parameters are eliminated before (:meth:`CompressedProblem.over`).
     """
     first = _solve_with_corrections(problem, bodies, None)
     if first.optimality.proven:
@@ -78,7 +66,9 @@ def conic_step(
     *,
     regularization: float | None = None,
 ) -> tuple[FloatArray, str, int]:
-    """Find the step that minimises ‖mapped · step - target‖² with body + step in the cone.
+    """Return the step that minimises ‖mapped · step - target‖² with body + step in the cone.
+
+    Return also Clarabel's status text and the number of iterations. The step is NaN if Clarabel finds none.
 
     Parameters
     ----------
@@ -92,15 +82,6 @@ def conic_step(
         Start, in the cone.
     regularization : float, optional
         As for :func:`solve_cones`.
-
-    Returns
-    -------
-    step : (v,) array
-        NaN if Clarabel finds none.
-    status : str
-        Clarabel's status text.
-    iterations : int
-        Number of iterations.
     """
     units = bodies.units
     size, length = float(np.linalg.norm(mapped * units, axis=0).max()), float(np.linalg.norm(target))
@@ -120,19 +101,11 @@ def conic_step(
 
 
 def closest_links(bodies: ConeBodies, body: FloatArray, aim: FloatArray, scale: FloatArray) -> FloatArray:
-    """Return the links with given base parameters whose full parameters are closest to a target.
+    """Return the links with the base parameters of ``body`` whose full parameters are closest to a target.
 
-    A link may have first moments but no mass. Its base parameters are then only approached by possible links with
-    larger and larger Izz, and its Izz is NaN.
-
-    Parameters
-    ----------
-    bodies : ConeBodies
-        The possible links.
-    body : (4(n + 1),) array
-        Links of the fit.
-    aim, scale : (4(n + 1),) arrays
-        Target of the full parameters, and its standard deviations.
+    The target ``aim`` and its standard deviations ``scale`` are full parameters (4(n + 1),). A link may have first
+    moments but no mass. Its base parameters are then only approached by possible links with larger and larger Izz, and
+    its Izz is NaN.
     """
     hollow = [link for link in range(bodies.links) if _is_hollow(bodies, body, link)]
     limits = bodies if hollow else ConeBodies(np.eye(len(body)), bodies.boxes)  # also limits an unobservable Izz
@@ -155,20 +128,10 @@ def _is_hollow(bodies: ConeBodies, body: FloatArray, link: int) -> bool:
 def closest_step(
     limits: ConicBodies, start: FloatArray, directions: FloatArray, distance: FloatArray, scale: FloatArray
 ) -> FloatArray:
-    """Return the steps (d,) along given directions that lead closest to a target; NaN if Clarabel finds none.
+    """Return the steps (d,) along directions (v, d) that lead closest to a target; NaN if Clarabel finds none.
 
-    Parameters
-    ----------
-    limits : ConicBodies
-        The cone.
-    start : (v,) array
-        A body inside the cone.
-    directions : (v, d) array
-        Directions of the steps.
-    distance : (v,) array
-        Target minus start, divided by the scale.
-    scale : (v,) array
-        Standard deviations of the target.
+    ``start`` (v,) is a body inside the cone, ``scale`` (v,) are the standard deviations of the target, and ``distance``
+    (v,) is target minus start, divided by the scale.
     """
     sides, cones = limits.sides()
     rows = directions / scale[:, None]

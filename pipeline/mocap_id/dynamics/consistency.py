@@ -31,7 +31,7 @@ _TOLERABLE = 1e-3  # largest relative distance to the least cost with which a so
 class ConsistentSolution:
     """Consistent parameters and the solver's report."""
 
-    # requested, consistency: the requested set of bodies, and the set used: ``grid`` if the solution in the cone was
+    # requested, consistency: the requested set of bodies, and the set used: `grid` if the solution in the cone was
     # not proven to be optimal
     requested: Consistency
     consistency: Consistency
@@ -62,8 +62,6 @@ def fit_consistent(
         Problem of b + k columns.
     regrouping : (b, 4(n + 1)) array
         Matrix M of eq. 4.24, from full parameters to the first b parameters of the problem.
-    grid : PointGrid
-        Grid of point masses.
     reference : (4(n + 1),) array
         Full parameters to approach where the problem determines nothing; NaN for none.
     consistency : {"grid", "cone", "bounded-cone"}

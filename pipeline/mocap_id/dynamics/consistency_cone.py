@@ -35,18 +35,15 @@ class ConicBodies(BodyCone, Protocol):
     @property
     def units(self) -> FloatArray:
         """Divisors (v,) of a body's numbers that convert all of them to kg."""
-        ...
 
     def sides(self) -> tuple[FloatArray, tuple[tuple[ConeKind, int], ...]]:
         """Return rows (r, v) whose products with a body must be in cones, and the kind and size of each cone.
 
         The size of a round or a flat cone is its number of rows; the size of a semidefinite cone is that of its matrix.
         """
-        ...
 
     def settled(self, body: FloatArray) -> FloatArray:
         """Return the body (v,) moved inside the cone, to remove rounding errors."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -51,21 +51,16 @@ def predict_left_out(
 ) -> LeftOutPrediction | None:
     """Predict every part of a trial by a model that was fitted to the other parts.
 
+    The result is None if there is only one part, or if the other parts do not determine the parameters.
+
     Parameters
     ----------
-    prepared, gate
-        The trial and the gate of the whole fit.
-    result : Fit
-        The whole fit, whose weights are used.
+    prepared, gate, result
+        The trial, the gate of the whole fit, and the whole fit, whose weights are used.
     part : (T,) int array
         Part of each sample, from :func:`mocap_id.dynamics.sample_choice.number_parts`.
     solve : callable
         Function from a compressed problem of b + k columns to its consistent parameters (b + k,).
-
-    Returns
-    -------
-    LeftOutPrediction or None
-        None if there is only one part, or if the other parts do not determine the parameters.
     """
     used = np.stack([select_samples(prepared, gate & (part != k)) for k in range(int(part.max()) + 1)])  # (K, T)
     stacks = _compress_folds(result, used[:, result.samples])

@@ -38,7 +38,7 @@ def choose_cutoffs(predict: Callable[[Cutoffs], LeftOutPrediction | None]) -> Ch
                 best = _walk(predict, cost, best, axis, step)
         if best == before:
             break
-    return ChosenCutoffs(best, "left-out repetitions are predict best with these", cost[best])
+    return ChosenCutoffs(best, "left-out repetitions are predicted best with these", cost[best])
 
 
 def _walk(

@@ -40,7 +40,7 @@ class Excitation:
     # (b,) norm of the part of the column that is orthogonal to all others, in standard deviations of the residual per
     # SI unit of the parameter
     own: FloatArray
-    share: FloatArray  # (b,) ``own`` as a fraction of the norm of the whole column, 0 to 1
+    share: FloatArray  # (b,) `own` as a fraction of the norm of the whole column, 0 to 1
     weak: float = WEAK  # relative standard deviation above which a parameter is weak
 
     @property

@@ -40,14 +40,8 @@ def external_effect(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the reductions of the ground's wrench (..., c) and of the joint torques (..., N) by external wrenches.
 
-    Parameters
-    ----------
-    jacobian, joint
-        As for :func:`mocap_id.dynamics.regressor.through_joints`.
-    wrenches : (..., c, K) array
-        Wrenches about the origin.
-    segment : (K,) int array
-        Segment on which each wrench acts.
+    ``wrenches`` (..., c, K) are about the origin and act on ``segment`` (K,). ``jacobian`` and ``joint`` are as for
+    :func:`mocap_id.dynamics.regressor.through_joints`.
     """
     return wrenches.sum(axis=-1), through_joints(jacobian, joint, wrenches, segment).sum(axis=-1)
 

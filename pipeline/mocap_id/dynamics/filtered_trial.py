@@ -19,12 +19,10 @@ class Sampled(Protocol):
     @property
     def time(self) -> FloatArray:
         """Sample times (T,) with constant step, s."""
-        ...
 
     @property
     def rate(self) -> float:
         """Samples per second."""
-        ...
 
 
 class FilteredTrial(Protocol):
@@ -42,7 +40,6 @@ class FilteredTrial(Protocol):
     @property
     def filtered(self) -> FloatArray:
         """Columns (T, c, b) of the fitted parameters after the low-pass."""
-        ...
 
     @property
     def filtered_wrench(self) -> SampledWrench: ...
@@ -54,15 +51,8 @@ class FilteredTrial(Protocol):
     def prior(self) -> BodyPrior | None: ...
 
     @property
-    def step(self) -> int:
-        """Step between samples that preserves the information of the filtered signals."""
-        ...
-
-    @property
     def constants(self) -> tuple[int, ...]:
         """Components whose constant error is estimated: those in which gravity causes no constant."""
-        ...
 
     def filtered_measured(self, samples: IntArray, stamped: FloatArray) -> FloatArray:
         """Return the filtered wrench (..., R, c) of samples (R,) at times (..., R) on the plates' clock, s."""
-        ...

@@ -32,23 +32,23 @@ class Fit:
     """Unconstrained least-squares fit on chosen samples."""
 
     in_fit: BoolArray  # (T,) usable samples within the gate, without the filter's reach at its edges
-    samples: IntArray  # (R,) indices of the samples used in the fit: every :attr:`FilteredTrial.step`-th of ``in_fit``
+    samples: IntArray  # (R,) indices of the samples used in the fit: every `LowPass.step`-th of `in_fit`
     base: int  # number of base parameters b; the k nuisance parameters (constant errors of the plate) follow them
     # best_offset, offset_sd: clock offset with the least residual and its standard deviation from the residuals, s. At
     # the limit of the search there is no minimum.
     best_offset: float
     offset_sd: float
-    offset: float  # clock offset used in the fit, s: ``best_offset``, or 0 if it is not applied or not known
+    offset: float  # clock offset used in the fit, s: `best_offset`, or 0 if it is not applied or not known
     offset_known: bool  # whether there is a minimum within the search's limit, with a standard deviation below 10 ms
-    applied: bool  # whether ``best_offset`` is used in the fit
+    applied: bool  # whether `best_offset` is used in the fit
     # (c,) inverse residual spread of each component. With a prior, it is multiplied by the square root of the fraction
-    # of independent samples (:mod:`mocap_id.dynamics.prior_weight`).
+    # of independent samples (`prior_weight`).
     weights: FloatArray
     problem: CompressedProblem  # weighted rows of b + k columns, with the prior
     # (R, c, b + k + 1) weighted rows. The last column is the wrench's rate of change, along which a clock offset shifts
     # the wrench.
     design: FloatArray
-    target: FloatArray  # (R, c) weighted, filtered wrench at ``offset``
+    target: FloatArray  # (R, c) weighted, filtered wrench at `offset`
     # (b + k + 1, b + k + 1) covariance of base parameters, nuisance parameters and offset from the residuals, with the
     # prior
     covariance: FloatArray
@@ -56,7 +56,7 @@ class Fit:
     # unit columns
     condition: float
     condition_scaled: float
-    # ((p, b + k) array, (p,) array) or None rows and right-hand side of the prior; None without a prior
+    # rows (p, b + k) and right-hand side (p,) of the prior; None without a prior
     prior: Rows | None = None
 
     def response(self, wrench: FloatArray) -> FloatArray:
@@ -87,25 +87,18 @@ def determines_parameters(prepared: FilteredTrial, gate: BoolArray) -> bool:
         return False
     if prepared.prior is not None:
         return True
-    rows = prepared.filtered[np.flatnonzero(chosen)[:: prepared.step]]
+    rows = prepared.filtered[np.flatnonzero(chosen)[:: prepared.lowpass.step]]
     return conditions(rows[:, list(prepared.settings.components)])[1] < DEPENDENT
 
 
 def fit(prepared: FilteredTrial, gate: BoolArray, like: Fit | None = None) -> Fit:
     """Fit base parameters, plate bias and clock offset to the gated samples.
 
-    Parameters
-    ----------
-    prepared : FilteredTrial
-        The prepared trial.
-    gate : (T,) bool array
-        Samples in which the body touches only the ground.
-    like : Fit, optional
-        Fit of the same trial whose clock offset and weights are reused.
+    ``like`` is a fit of the same trial whose clock offset and weights are reused.
     """
     settings = prepared.settings
     in_fit = select_samples(prepared, gate)
-    samples = np.flatnonzero(in_fit)[:: prepared.step]
+    samples = np.flatnonzero(in_fit)[:: prepared.lowpass.step]
     time = prepared.recorded.time[samples]
     design = _build_rows(prepared, samples)
     prior = _prior_rows(prepared, design)
@@ -219,7 +212,7 @@ def _estimate_weights(
 
 def _independent_share(prepared: FilteredTrial, seconds: float) -> float:
     """Return the fraction of the fit's samples that are independent if this time, s, counts as one sample."""
-    return min(1.0, prepared.step / prepared.recorded.rate / seconds)
+    return min(1.0, prepared.lowpass.step / prepared.recorded.rate / seconds)
 
 
 def _scale_weights(

@@ -24,11 +24,11 @@ class Identification:
     """The identified inertial parameters of an individual."""
 
     fit: Fit  # unconstrained fit
-    # base, base_sd: (b,) base parameters (eq. 6.1) and their standard deviations, SI.
+    # base, base_sd: (b,) base parameters (eq. 6.1) and their standard deviations, SI
     base: FloatArray
     base_sd: FloatArray
     # (b, b) covariance of the base parameters from residuals, geometry, plate zero and errors of scale
-    # (:mod:`mocap_id.dynamics.calibration`)
+    # (`calibration`)
     covariance: FloatArray
     # (b, b) the part from the residuals, which applies to predictions of the wrench with the same geometry
     residual_covariance: FloatArray
@@ -41,15 +41,15 @@ class Identification:
     plate_bias_sd: float | None
     solution: ConsistentSolution  # physically possible parameters, and the solver's report
     uses_reference: bool  # whether the reference is a prior of the base parameters
-    # function from a compressed problem in the columns of ``fit.problem`` (b + k) to parameters (b + k,). It repeats
+    # function from a compressed problem in the columns of `fit.problem` (b + k) to parameters (b + k,). It repeats
     # the estimate with other data; a prior has the same weight as in the whole trial.
     refit: Callable[[CompressedProblem], FloatArray]
     # (b, b) weight of the ground's data in the base parameters, if there is also a prior or a built-in sensor; None if
     # the ground's data alone determine them
     gain: FloatArray | None = None
-    # effect of the instruments' errors of scale, which ``covariance`` contains; None if it does not
+    # effect of the instruments' errors of scale, which `covariance` contains; None if it does not
     calibration: CalibrationEffect | None = None
-    # result of the absolute check (:mod:`mocap_id.dynamics.scale_check`); None if it was not possible
+    # result of the absolute check (`scale_check`); None if it was not possible
     scales: ScaleCheck | None = None
     # the same with a prior of the foot, for the torques alone; None without this prior
     with_foot: Identification | None = None
@@ -91,16 +91,8 @@ def identify(
 
     Parameters
     ----------
-    prepared : PreparedTrial
-        The prepared trial.
-    gate : (T,) bool array
-        Samples in which the body touches only the ground.
-    grid : PointGrid
-        Grid of point masses.
     reference : (4(n + 1),) array
         Full parameters to approach where the wrench determines nothing; NaN for none.
-    error : KinematicError
-        Uncertainty of the geometry.
     consistency : {"grid", "cone", "bounded-cone"}
         The set of possible bodies (:mod:`mocap_id.dynamics.consistency`).
     reference_sd : float

@@ -32,7 +32,7 @@ class ModelError:
 
 
 def estimate_model_error(residual: FloatArray, noise: FloatArray, samples: BoolArray, rate: float) -> ModelError | None:
-    """Estimate the model's error in one component of the wrench.
+    """Estimate the model's error in one component of the wrench; return None if no interval is long enough.
 
     The squared residual within the band is fitted, with non-negative coefficients, by a constant and by the variance
     that follows from the accelerations. White noise with the density measured above the band is subtracted. Plate noise
@@ -48,11 +48,6 @@ def estimate_model_error(residual: FloatArray, noise: FloatArray, samples: BoolA
         Samples in which only the ground touches the body.
     rate : float
         Samples per second.
-
-    Returns
-    -------
-    ModelError or None
-        None if no interval is long enough.
     """
     lowpass = LowPass(min(_BAND, _SHARE * rate), rate)
     low = lowpass(np.where(samples, residual, np.nan))

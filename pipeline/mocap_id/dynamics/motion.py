@@ -60,12 +60,7 @@ class PlanarMotion:
 def chain_motion(centres: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> PlanarMotion:
     """Return the motion of the n + 1 segments of a pinned chain on a fixed base, base first.
 
-    Parameters
-    ----------
-    centres : (n, 2) or (T, n, 2) array
-        Centre of joint j in the frame of segment j - 1, m.
-    q, dq, ddq : (T, n) arrays
-        Joint angles, rad, and their time derivatives.
+    ``centres`` (n, 2) or (T, n, 2) contains the centre of joint j in the frame of segment j - 1, m.
     """
     angle, origin = planar.segment_poses(q, centres)  # (T, n + 1), (T, n + 1, 2)
     omega = np.concatenate([np.zeros_like(q[:, :1]), np.cumsum(dq, axis=1)], axis=1)

@@ -96,8 +96,6 @@ def check_optimality(
     ----------
     problem : CompressedProblem
         Problem of b + k columns: the parameters to which the bodies map, then k free parameters.
-    bodies : BodyCone
-        The cone.
     body : (v,) array
         The solution to check.
     others : (k,) array

@@ -52,7 +52,7 @@ class Registration:
     shift: FloatArray  # (K, 2) translation, m; for the base, the displacement of the feet
     markers: IntArray  # (K,) number of common markers
     residual: FloatArray  # (K,) rms distance of the common markers after registration, m; NaN without any
-    mirrored: FloatArray  # (K,) residual for the mirrored body, m; close to ``residual`` if the markers are collinear
+    mirrored: FloatArray  # (K,) residual for the mirrored body, m; close to `residual` if the markers are collinear
     spread: FloatArray  # (K,) rms distance of the common markers from their centroid, m
     # (n,) distance between the two trials' positions of each joint, relative to the markers of the body before it, m;
     # NaN where unknown
@@ -60,15 +60,10 @@ class Registration:
 
 
 def register_bodies(there: BodyFrames, here: BodyFrames) -> Registration:
-    """Return the registration of the bodies of one trial to those of another.
+    """Return the registration of the bodies of the trial ``there`` to those of the trial ``here``.
 
-    It uses the markers that both trials have on the same body. It is NaN for a body with fewer than two of them.
-
-    Parameters
-    ----------
-    there, here : BodyFrames
-        The trial from which, and the trial to which the parameters are transferred. Both have the same bodies and
-        joints.
+    Both trials have the same bodies and joints. The markers that both have on the same body are used. The registration
+    is NaN for a body with fewer than two of them.
     """
     count = len(here.segments)
     angle, shift = np.zeros(count), np.zeros((count, 2))

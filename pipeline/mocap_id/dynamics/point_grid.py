@@ -45,16 +45,8 @@ def build_grid(
 ) -> PointGrid:
     """Return the grid over the box of each segment's joints and markers, with a margin for flesh.
 
-    Parameters
-    ----------
-    centres : (n, 2) array
-        Centre of each joint in the frame of the segment before it, m.
-    marker_segment : (M,) int array
-        Segment of each marker.
-    marker_local : (M, 2) array
-        Markers in the frame of their segment, m.
-    points : (across, along)
-        Number of points along the short and the long side of the box.
+    The markers (M, 2) are in the frames of their segments (M,), m. ``points`` is the number of points along the short
+    and the long side of the box.
     """
     segments = len(centres) + 1
     boxes = [_fill_box(k, centres, marker_local[marker_segment == k], points) for k in range(segments)]

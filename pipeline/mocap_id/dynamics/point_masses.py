@@ -49,12 +49,7 @@ class GridBodies:
 def solve_osqp(problem: CompressedProblem, moments: FloatArray) -> SolverAnswer:
     """Solve for the point masses by OSQP in split form.
 
-    Parameters
-    ----------
-    problem : CompressedProblem
-        Problem of b columns; free parameters are eliminated before (:meth:`CompressedProblem.over`).
-    moments : (b, p) array
-        B = M P of eq. 4.25.
+    ``moments`` (b, p) is B = M P of eq. 4.25. Free parameters are eliminated before (:meth:`CompressedProblem.over`).
     """
     mapped = problem.factor @ moments
     masses, status, iterations = np.zeros(moments.shape[1]), "not run", 0
@@ -91,6 +86,9 @@ def osqp_split(
 ) -> tuple[FloatArray, str, int]:
     """Run one round of OSQP: min ‖y - target‖² over ρ ≥ least and y = mapped · ρ, both scaled to order one.
 
+    Return ρ (p,), OSQP's status text and the number of iterations. ρ is within OSQP's tolerance of its bounds, or zero
+    if OSQP finds no solution.
+
     Parameters
     ----------
     mapped : (b, p) array
@@ -103,15 +101,6 @@ def osqp_split(
         OSQP's tolerances, relative to the target.
     iterations : int
         Largest number of iterations.
-
-    Returns
-    -------
-    masses : (p,) array
-        ρ, within OSQP's tolerance of its bounds; zero if OSQP finds no solution.
-    status : str
-        OSQP's status text.
-    iterations : int
-        Number of iterations.
     """
     import osqp  # noqa: PLC0415  rarely needed
 

@@ -49,7 +49,7 @@ class PoseEffect:
 
 
 def propagate_slides(local: FloatArray, variance: FloatArray, joints: tuple[int, ...]) -> SlidingBody:
-    """Compute the covariance of a body's pose from the slides of its markers.
+    """Return the error of a body's pose due to the slides of its markers.
 
     Parameters
     ----------
@@ -78,19 +78,7 @@ class PoseErrors:
 
 
 def propagate_pose_errors(prepared: PreparedTrial, result: Fit, full: FloatArray, errors: PoseErrors) -> PoseEffect:
-    """Propagate the errors of every body's pose through the fit.
-
-    Parameters
-    ----------
-    prepared : PreparedTrial
-        The trial, prepared with the measured motion of the bodies.
-    result : Fit
-        The fit.
-    full : (4K,) array
-        Full parameters of the bodies.
-    errors : PoseErrors
-        The errors of the poses.
-    """
+    """Propagate the errors of every body's pose through the fit of a trial with the measured motion of the bodies."""
     recorded, gravity = prepared.recorded, prepared.settings.gravity
     step = max(1, int(recorded.rate / _RATE))
     every = errors.poses

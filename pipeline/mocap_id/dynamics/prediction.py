@@ -38,7 +38,7 @@ class Prediction:
     # torque, torque_sd: (T, n) joint torques, N·m
     torque: FloatArray
     torque_sd: FloatArray
-    # torque_lasting_sd, torque_noise_sd: (T, n) two parts of ``torque_sd``, N·m: from parameters and geometry, which
+    # torque_lasting_sd, torque_noise_sd: (T, n) two parts of `torque_sd`, N·m: from parameters and geometry, which
     # are nearly one error per trial, and from noise of the motion. Neither contains errors of scale.
     torque_lasting_sd: FloatArray
     torque_noise_sd: FloatArray
@@ -71,19 +71,9 @@ class PredictionNoise:
 def predict(prepared: PreparedTrial, result: Identification, noise: PredictionNoise, threshold: float) -> Prediction:
     """Predict wrench, centre of pressure and joint torques at every sample.
 
-    If Fy and tauz were fitted, the base parameters determine all of these. A column outside the span of the fitted
-    components is NaN and listed in ``undetermined``.
-
-    Parameters
-    ----------
-    prepared : PreparedTrial
-        The prepared trial.
-    result : Identification
-        The identified parameters.
-    noise : PredictionNoise
-        Result of :func:`chain_noise` or :func:`residual_noise`.
-    threshold : float
-        Vertical force up to which there is no centre of pressure, N.
+    ``noise`` is the result of :func:`chain_noise` or :func:`residual_noise`. The centre of pressure is NaN where the
+    vertical force is at most ``threshold``, N. If Fy and tauz were fitted, the base parameters determine all columns. A
+    column outside the span of the fitted components is NaN and listed in ``undetermined``.
     """
     base, own = result.base, result.residual_covariance
     full_torque = torque_regressor(prepared.motion, prepared.regressor)
@@ -124,10 +114,6 @@ def chain_noise(
 
     Parameters
     ----------
-    prepared : PreparedTrial
-        The prepared trial.
-    result : Identification
-        The identified parameters.
     correlation : (T, n, n) array
         Correlation of the errors of the joint accelerations.
     centre_sd : (n,) array, optional
@@ -164,10 +150,6 @@ def residual_noise(
 
     Parameters
     ----------
-    prepared : PreparedTrial
-        The prepared trial.
-    result : Identification
-        The identified parameters.
     residual : (T, 3) array
         Measured minus modelled wrench, without the low-pass of the fit, of left-out repetitions if there are any; NaN
         elsewhere. The plate's white noise is subtracted here.

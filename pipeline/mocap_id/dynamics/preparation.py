@@ -41,7 +41,7 @@ class TrialData:
     # motion of the bodies from their measured poses; None to use the motion of the pinned chain
     measured: PlanarMotion | None = None
     knee: int = 1  # number of the knee among the joints, from 0
-    # components of ``wrench`` that the ground's sensor measures; the others are 0 there
+    # components of `wrench` that the ground's sensor measures; the others are 0 there
     measures: tuple[int, ...] = (0, 1, 2)
     # height above the plane's origin of the surface on which the centre of pressure is, m; 0 for plates
     surface: float = 0.0
@@ -100,7 +100,7 @@ class FitSettings:
     """Settings of the identification; the defaults are those of the stage."""
 
     components: tuple[int, ...] = (0, 1, 2)  # components of (Fx, Fy, tauz) to fit
-    # low-pass of regressor and wrench, Hz; None for :func:`cutoff_from_velocity`, or 5 Hz for measured poses
+    # low-pass of regressor and wrench, Hz; None for `cutoff_from_velocity`, or 5 Hz for measured poses
     cutoff: float | None = None
     offset_limit: float = 0.15  # largest clock offset that is searched, in both directions, s
     apply_offset: bool = True  # correct the wrench for the clock offset found
@@ -130,13 +130,8 @@ class PreparedTrial:
     sensors: FloatArray
     filtered_sensors: FloatArray
     usable: BoolArray  # (T,) samples with filtered regressor, and with filtered wrench at every offset within the limit
-    # prior of the full parameters. With a prior, all full parameters are fitted and ``base`` keeps every column.
+    # prior of the full parameters. With a prior, all full parameters are fitted and `base` keeps every column.
     prior: BodyPrior | None = None
-
-    @property
-    def step(self) -> int:
-        """Step between samples that preserves the information of the filtered signals."""
-        return self.lowpass.step
 
     @property
     def constants(self) -> tuple[int, ...]:

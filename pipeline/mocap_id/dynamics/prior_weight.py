@@ -40,8 +40,6 @@ def left_out_memory(
     ----------
     prepared : FilteredTrial
         Trial with a prior, whose repetitions are left out in turn.
-    gate : (T,) bool array
-        Samples in which the body touches only the ground.
     samples : (R,) int array
         Indices of the samples used in the fit.
     rows, target : (R, c, b) and (R, c) arrays
@@ -51,7 +49,7 @@ def left_out_memory(
     """
     if prepared.prior is None or len(prepared.prior.spans) < _LEAST_FOLDS:
         return REFERENCE
-    apart = prepared.step / prepared.recorded.rate
+    apart = prepared.lowpass.step / prepared.recorded.rate
     part = number_parts(prepared.recorded.time, prepared.prior.spans)
     errors = []
     for k in np.unique(part[samples]).tolist():
@@ -83,14 +81,8 @@ def left_out_error(
 ) -> FloatArray:
     """Return the mean squared error (M,) of a fit on left-out samples, for each of :data:`MEMORIES`.
 
-    Parameters
-    ----------
-    rows, target, prior
-        As for :func:`left_out_memory`.
-    apart : float
-        Time from one row to the next, s.
-    fitted, predicted : (R,) bool arrays
-        Rows to fit and rows to predict.
+    ``fitted`` and ``predicted`` (R,) are the rows to fit and to predict, and ``apart`` is the time from one row to the
+    next, s. The other arguments are those of :func:`left_out_memory`.
     """
     data = np.concatenate([rows[fitted], target[fitted, :, None]], axis=-1).reshape(-1, rows.shape[-1] + 1)
     known = np.column_stack(prior)

@@ -36,19 +36,11 @@ def reference_deviations(reference: FloatArray, relative: float) -> FloatArray:
 
 
 def foot_deviations(reference: FloatArray, first_moment: float, relative: float) -> FloatArray:
-    """Return the standard deviations (4(n + 1),) of a reference that is known for the foot alone.
+    """Return the standard deviations (4(n + 1),) of a reference that is known for the foot, its first segment, alone.
 
     The mass of the foot is small, so its first moment differs little between people. With it, the torque of the ankle
     follows from the centre of pressure and the position of the joint, and does not depend on the masses above.
-
-    Parameters
-    ----------
-    reference : (4(n + 1),) array
-        m, mx, my, Izz of every segment, foot first.
-    first_moment : float
-        Standard deviation of the foot's mx, kg·m.
-    relative : float
-        Standard deviation of the foot's mass, as a fraction.
+    ``first_moment`` is the standard deviation of the foot's mx, kg·m, and ``relative`` that of its mass, as a fraction.
     """
     deviations = reference_deviations(reference, _OPEN)
     deviations[:2] = relative * reference[0], first_moment

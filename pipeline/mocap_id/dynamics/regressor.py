@@ -55,8 +55,6 @@ def spatial_regressor(
 
     Parameters
     ----------
-    chain : Chain
-        The chain.
     q, dq, ddq : (..., N) arrays
         Coordinates of the joints and their time derivatives.
     base_acceleration : (6,) array
@@ -69,12 +67,8 @@ def spatial_regressor(
 def bodies_regressor(poses: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
     """Return the regressor (..., 6, 10K) of the wrench on K bodies about the origin of the world frame (eq. 4.19).
 
-    Parameters
-    ----------
-    poses : (..., K, 4, 4) array
-        Pose of each body's frame in the world frame.
-    velocity, acceleration : (..., K, 6) arrays
-        Body velocity and its derivative, in the body's frame.
+    ``poses`` (..., K, 4, 4) are those of the bodies' frames in the world frame. ``velocity`` and ``acceleration`` (...,
+    K, 6) are the body velocity and its derivative, in the body's frame.
     """
     to_world = np.swapaxes(se3.Ad(se3.inverse(poses)), -1, -2)  # (..., K, 6, 6)
     blocks = to_world @ link_regressor(velocity, acceleration)
@@ -142,12 +136,10 @@ class JointedMotion(Protocol):
     @property
     def jacobian(self) -> FloatArray:
         """Unit twists of the coordinates in the world (plane) frame, (T, c, N)."""
-        ...
 
     @property
     def beyond(self) -> BoolArray:
         """Whether each body is distal to each coordinate's joint, (N, K)."""
-        ...
 
 
 def torque_regressor(motion: JointedMotion, regressor: FloatArray) -> FloatArray:
@@ -171,8 +163,6 @@ def planar_regressor(
     ----------
     centres : (n, 2) or (T, n, 2) array
         Centre of joint j in the frame of segment j - 1, m.
-    q, dq, ddq : (T, n) arrays
-        Joint angles, rad, and their time derivatives.
     gravity : float
         Gravitational acceleration along -y, m/s².
     """
@@ -183,16 +173,7 @@ def planar_torque_regressor(centres: FloatArray, q: FloatArray, regressor: Float
     """Return the regressor (T, n, 4(n + 1)) of the joint torques of a planar chain, given that of the wrench.
 
     tau_j is the torque of segment j - 1 on segment j, N·m: the moment about joint j of the wrench on the segments
-    beyond it.
-
-    Parameters
-    ----------
-    centres : (n, 2) or (T, n, 2) array
-        Centre of joint j in the frame of segment j - 1, m.
-    q : (T, n) array
-        Joint angles, rad.
-    regressor : (T, 3, 4(n + 1)) array
-        Result of :func:`planar_regressor`.
+    beyond it. The arguments are those of :func:`planar_regressor`, and its result.
     """
     joints = np.arange(q.shape[1] + 1)
     jacobian = planar.spatial_jacobian(q, centres)

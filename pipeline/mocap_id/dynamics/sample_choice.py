@@ -24,14 +24,8 @@ def select_samples(prepared: FilteredTrial, gate: BoolArray) -> BoolArray:
 def number_parts(time: FloatArray, spans: FloatArray) -> IntArray:
     """Return the part of each sample (T,), from 0: one repetition, or several neighbouring ones if there are many.
 
-    All samples belong to part 0 if there are fewer than two repetitions.
-
-    Parameters
-    ----------
-    time : (T,) array
-        Sample times, s.
-    spans : (r, 2) array
-        First and last time of every repetition, in order, s. A sample between two repetitions belongs to the nearer.
+    ``spans`` (r, 2) are the first and last time of every repetition, in order, s. A sample between two repetitions
+    belongs to the nearer. If there are fewer than two repetitions, all samples belong to part 0.
     """
     between = (spans[:-1, 1] + spans[1:, 0]) / 2
     repetition = np.searchsorted(between, time)

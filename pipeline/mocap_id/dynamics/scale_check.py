@@ -67,18 +67,8 @@ def check_scales(
 ) -> ScaleCheck | None:
     """Return the result of a check for a wrong scale of plate, cameras or clock rates.
 
-    It is None if there are too few usable samples, or if a pinned chain does not describe the person.
-
-    Parameters
-    ----------
-    prepared : PreparedTrial
-        The prepared trial.
-    gate : (T,) bool array
-        Samples in which the body touches only the ground.
-    result : Identification
-        The identified parameters.
-    ratios : BodyRatios
-        Relations between the parameters of any person.
+    It is None if there are too few usable samples, or if a pinned chain does not describe the person. ``ratios`` are
+    the relations between the parameters of any person.
     """
     problem = _build_problem(prepared, gate, result, ratios)
     if problem is None or (problem.pinned and not problem.followed):

@@ -59,14 +59,8 @@ class _Column:
 def estimate_gains(prepared: PreparedTrial, result: Fit) -> tuple[WrenchGain, ...]:
     """Return the factors of the components of the external wrenches; empty if the movement determines none.
 
-    Components that are too small, or too similar to the wrench of the body, have no factor.
-
-    Parameters
-    ----------
-    prepared : PreparedTrial
-        The prepared trial.
-    result : Fit
-        A fit on samples with external wrenches.
+    Components that are too small, or too similar to the wrench of the body, have no factor. ``result`` is a fit on
+    samples with external wrenches.
     """
     candidates = _list_candidates(prepared, result)
     if not candidates:

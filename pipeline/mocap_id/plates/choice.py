@@ -71,8 +71,6 @@ def choose_plates(
 
     Parameters
     ----------
-    plates : sequence of Plate
-        Plates of the recording.
     samples : sequence of PlateSamples
         Wrench of every plate at the marker times.
     positions : (F, M, 3) array
@@ -112,17 +110,7 @@ def choose_plates(
 def find_contradictions(samples: Sequence[PlateSamples], choice: PlateChoice, positions: FloatArray) -> dict[int, str]:
     """Return the plates whose load contradicts their use in the configuration, with a description.
 
-    Parameters
-    ----------
-    samples, positions
-        As for :func:`choose_plates`.
-    choice : PlateChoice
-        Result of :func:`choose_plates`.
-
-    Returns
-    -------
-    dict of int to str
-        Description of the contradiction, by the index of the plate (from 0).
+    The keys are the indices of the plates (from 0). ``choice`` is the result of :func:`choose_plates`.
     """
     tall, low = find_upright(positions)
     if not low.any():

@@ -37,21 +37,8 @@ def compare_directions(force: FloatArray, positions: FloatArray, rate: float) ->
     """Compare the direction of a horizontal force with the direction of the body's acceleration.
 
     The second difference of a position over a step h is the acceleration averaged over ± h with triangular weights. The
-    force is averaged with the same weights.
-
-    Parameters
-    ----------
-    force : (F, 3) array
-        Force on the body, lab axes, N; NaN where missing.
-    positions : (F, M, 3) array
-        Markers, lab axes with Z up, m; NaN where not visible.
-    rate : float
-        Frames per second.
-
-    Returns
-    -------
-    ForceDirection or None
-        None if there are too few samples to compare.
+    force (F, 3) on the body, lab axes, N, is averaged with the same weights. The result is None if there are too few
+    samples.
     """
     half, groups = max(1, round(_STEP_S * rate)), _group_by_height(positions)
     if len(positions) < 4 * half or not groups or not np.isfinite(force).any():

@@ -33,23 +33,16 @@ _DIRECTIONS = np.stack([np.cos(np.radians(np.arange(0, 360, 2))), np.sin(np.radi
 def find_standing_feet(
     positions: FloatArray, samples: BoolArray, surface: float | None, count: int
 ) -> list[FloatArray]:
-    """Return the marker positions of each foot that stands still under a leg.
+    """Return the marker positions (K, 3) of each foot that stands still under a leg, m, as means over some samples.
 
     Parameters
     ----------
-    positions : (F, M, 3) array
-        Markers, lab axes with Z up, m; NaN where not visible.
     samples : (F,) bool array
         Frames to consider.
     surface : float or None
         Height of the plates' surface, m, to exclude the markers on it; None if it is not known.
     count : int
         Number of feet to look for. Markers are separated into smaller groups until there are at least this many.
-
-    Returns
-    -------
-    list of (K, 3) arrays
-        Mean positions of the markers of each foot, m; empty if no foot stands still.
     """
     chosen = np.flatnonzero(samples)
     considered = positions[chosen[:: -(-len(chosen) // _FRAMES) or 1]]

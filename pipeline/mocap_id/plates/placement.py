@@ -67,7 +67,7 @@ class PlatePlacement:
     # 90th percentile of the distance of the centre of pressure from the outline of the feet, m, negative inside; None
     # if it cannot be determined
     off_feet: float | None
-    unknown: str | None  # the reason why ``off_feet`` is None
+    unknown: str | None  # the reason why `off_feet` is None
     allowance: float  # length by which the outline of the markers may be shorter than the foot, m
     # height of the lowest foot marker above the surface of the plate, m; None without foot markers or corners
     over_surface: float | None
@@ -86,15 +86,7 @@ def compare_with_feet(
     """Compare every plate under the feet with the markers of the feet.
 
     If there are as many feet as plates, each plate is compared with a different foot, otherwise with all feet together.
-
-    Parameters
-    ----------
-    plates : sequence of Plate
-        Plates under the feet.
-    samples : sequence of PlateSamples
-        Their wrenches at the marker times.
-    positions : (F, M, 3) array
-        Markers, lab axes with Z up, m; NaN where not visible.
+    ``samples`` are the wrenches of the plates at the marker times.
     """
     surfaces = [plate.centre[2] for plate in plates if plate.centre is not None]
     loaded = _samples_on_feet(positions, samples)
@@ -161,21 +153,10 @@ def _explain_missing_outline(feet: Sequence[FloatArray]) -> str | None:
 
 
 def standing_lean(force: FloatArray, positions: FloatArray, rate: float) -> FloatArray | None:
-    """Return the angle between the vertical and the mean ground force on the person who stands still.
+    """Return the angles (2,) between the vertical and the mean ground force on the person who stands still, rad.
 
-    Parameters
-    ----------
-    force : (F, 3) array
-        Total force of the plates under the feet, lab axes, N; NaN where missing.
-    positions : (F, M, 3) array
-        Markers, lab axes with Z up, m; NaN where not visible.
-    rate : float
-        Frames per second.
-
-    Returns
-    -------
-    (2,) array or None
-        Angles along the lab's X and Y, rad; None if the person stands still for less than a second in total.
+    The angles are along the lab's X and Y. The force (F, 3) is the total of the plates under the feet, lab axes, N. The
+    result is None if the person stands still for less than a second in total.
     """
     half = max(1, round(_STEP_S * rate))
     if len(positions) <= 2 * half:

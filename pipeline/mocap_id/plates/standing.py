@@ -40,25 +40,11 @@ class EmptyChairReading:
 
 
 def standing_mass(positions: FloatArray, rate: float, vertical: FloatArray) -> tuple[float | None, str | None]:
-    """Estimate the mass of the person from the force under the feet while standing still.
+    """Return the mass of the person, kg, estimated from the force under the feet while standing still.
 
     The load alone does not distinguish standing from sitting, so the markers must also show that the person stands.
-
-    Parameters
-    ----------
-    positions : (F, M, 3) array
-        Markers, lab axes, m.
-    rate : float
-        Frames per second.
-    vertical : (F,) array
-        Upward force of the plates under the feet, N; NaN where missing.
-
-    Returns
-    -------
-    mass : float or None
-        Mass, kg; None if there is no estimate.
-    why : str or None
-        The reason why there is no estimate.
+    ``vertical`` (F,) is the upward force of the plates under the feet, N. If there is no estimate, the result is None
+    and the reason.
     """
     tall, _ = find_upright(positions)
     half = min(max(1, round(_SPEED_OVER_S * rate)), (len(positions) - 1) // 2)
@@ -81,16 +67,8 @@ def standing_mass(positions: FloatArray, rate: float, vertical: FloatArray) -> t
 def find_dropouts(vertical: FloatArray, tall: BoolArray, rate: float, weight: float) -> BoolArray:
     """Return the samples (F,) at which the plates are unloaded although the person stands, as after a loose cable.
 
-    Parameters
-    ----------
-    vertical : (F,) array
-        Total upward force of the plates under the feet, N; NaN where missing.
-    tall : (F,) bool array
-        Whether the person stands upright.
-    rate : float
-        Frames per second.
-    weight : float
-        Force while the person stands, N.
+    ``vertical`` (F,) is the total upward force of the plates under the feet, and ``weight`` this force while the person
+    stands, N. ``tall`` (F,) marks samples in which the person stands upright.
     """
     with np.errstate(invalid="ignore"):
         unloaded = vertical < _UNLOADED * weight
@@ -114,10 +92,6 @@ def measure_empty_chair(
         Total (Fx, Fy, tauz) of the plates under the chair, N and N·m.
     ok : (F,) bool array
         Whether each sample has a value.
-    positions : (F, M, 3) array
-        Markers, lab axes with Z up, m.
-    rate : float
-        Frames per second.
     rule : {"standing", "none"}
         ``none`` if the plate was zeroed with the chair on it: the reading is then zero.
     """

@@ -38,8 +38,8 @@ class SpatialCalibration:
 class ErrorMode:
     """One standard deviation of one error."""
 
-    name: str  # field of :class:`SpatialCalibration`, or ``centre`` for a joint centre
-    parameters: FloatArray  # (b + k + 1,) change of the fit's parameters, in the order of :attr:`Fit.covariance`
+    name: str  # field of `SpatialCalibration`, or `centre` for a joint centre
+    parameters: FloatArray  # (b + k + 1,) change of the fit's parameters, in the order of `Fit.covariance`
     motion: SpatialMotion | None = None  # motion after one numerical step of the error; None for errors of the plate
     size: float = 0.0  # standard deviation in units of this step
 
@@ -93,7 +93,7 @@ def _list_plate_errors(wrench: FloatArray, sd: SpatialCalibration) -> Iterator[t
 
 
 def _list_motion_errors(trial: SpatialTrial, sd: SpatialCalibration) -> Iterator[tuple[str, SpatialMotion, float]]:
-    """Yield the motion after one step of each error of cameras and joint centres, and the error's standard deviation."""
+    """Yield the motion after one step of each error of cameras and joint centres, and its standard deviation."""
     recorded = trial.recorded
     yield "lengths", recorded.motion.scale(1 + _STEP), sd.lengths
     for axis in (0, 2):

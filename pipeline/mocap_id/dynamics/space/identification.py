@@ -22,7 +22,7 @@ class SpatialIdentification:
     """The identified inertial parameters of a chain in space."""
 
     fit: Fit  # unconstrained fit
-    # base, base_sd: (b,) base parameters in the simple frames (:class:`SpatialBase`) and their standard deviations, SI
+    # base, base_sd: (b,) base parameters in the simple frames (`SpatialBase`) and their standard deviations, SI
     base: FloatArray
     base_sd: FloatArray
     covariance: FloatArray  # (b, b) covariance from residuals, joint centres, plate zero and errors of the instruments
@@ -51,12 +51,8 @@ def identify(trial: SpatialTrial, gate: BoolArray, calibration: SpatialCalibrati
 
     Parameters
     ----------
-    trial : SpatialTrial
-        The prepared trial.
     gate : (T,) bool array
         Samples in which only the plate carries the body.
-    calibration : SpatialCalibration
-        Errors of the instruments.
 
     Raises
     ------

@@ -133,16 +133,10 @@ def segment_motion(
 def joint_motion(
     chain: SpatialChain, base: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray
 ) -> SpatialMotion:
-    """Return the motion of a chain from the coordinates of its joints.
+    """Return the motion of a chain from the coordinates (T, N) of its joints and their time derivatives.
 
-    Parameters
-    ----------
-    chain : SpatialChain
-        The chain.
-    base : (4, 4) array
-        Pose of the base, which is at rest, in the trial's frame, m.
-    q, dq, ddq : (T, N) arrays
-        Coordinates of all joints in order (:meth:`SpatialJoint.rotation`), rad, and their time derivatives.
+    The coordinates are in the order of the joints (:meth:`SpatialJoint.rotation`). ``base`` (4, 4) is the pose of the
+    base, which is at rest, in the trial's frame, m.
     """
     rotation = [np.broadcast_to(base[:3, :3], (len(q), 3, 3))]
     omega, alpha = [np.zeros((len(q), 3))], [np.zeros((len(q), 3))]

@@ -18,7 +18,7 @@ class BaseEstimate:
 
     value: FloatArray  # (b,) base parameters, SI
     # unit_covariance, residual_covariance: (b, b) as in
-    # :class:`mocap_id.dynamics.space.identification.SpatialIdentification`
+    # `space.identification.SpatialIdentification`
     unit_covariance: FloatArray
     residual_covariance: FloatArray
     modes: FloatArray  # (k, b) change by one standard deviation of each error of the instruments, SI

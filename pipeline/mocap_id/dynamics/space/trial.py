@@ -100,6 +100,7 @@ class SpatialTrial:
     filtered: FloatArray  # (T, 6, b) base columns after the low-pass
     filtered_wrench: SampledWrench  # filtered wrench, at the times of the plate's clock
     usable: BoolArray  # (T,) samples with filtered regressor, and with filtered wrench at every offset within the limit
+    prior: BodyPrior | None = None  # there is none in space
 
     @property
     def base(self) -> BaseSet:
@@ -110,16 +111,6 @@ class SpatialTrial:
     def rows(self) -> FloatArray:
         """Minimal regressor (T, 6, b), unfiltered (eq. 4.7)."""
         return self.regressor[:, :, self.base.kept]
-
-    @property
-    def step(self) -> int:
-        """Step between samples that preserves the information of the filtered signals."""
-        return self.lowpass.step
-
-    @property
-    def prior(self) -> BodyPrior | None:
-        """Prior of the bodies; None, because there is none in space."""
-        return None
 
     @property
     def constants(self) -> tuple[int, ...]:
