@@ -10,10 +10,10 @@ import pytest
 from reporting_cases import RATE, Trial, context, healthy
 
 from mocap_id.reporting import style
-from mocap_id.reporting.contents import FIGURES, FILES, FigureEntry
+from mocap_id.reporting.contents import FILES
 from mocap_id.reporting.embedding import read_figures
 from mocap_id.reporting.figure import Band, Bars, Figure, Heat, Item, Line, Panel, Points, Spans, from_json, to_json
-from mocap_id.reporting.figures import FIGURE_FUNCTIONS, drawings
+from mocap_id.reporting.figures import FIGURES, FigureEntry, drawings
 from mocap_id.reporting.figures.repetitions import on_normalised_time
 from mocap_id.reporting.figures.skeleton import two_moments
 from mocap_id.reporting.markers import positions_at
@@ -29,7 +29,7 @@ def motion_of(trial: Trial) -> JointStates:
 
 
 def shown(name: str, artefacts: dict[str, Artefact]) -> Figure:
-    found = FIGURE_FUNCTIONS[name](report_data(context(artefacts)))
+    found = next(entry for entry in FIGURES if entry.name == name).draw(report_data(context(artefacts)))
     assert isinstance(found, Figure)
     return found
 
@@ -200,7 +200,7 @@ def test_the_skeleton_has_the_posture_of_the_chosen_instant() -> None:
 
 @pytest.mark.parametrize("entry", FIGURES, ids=lambda entry: entry.name)
 def test_a_missing_figure_is_explained_in_a_sentence(entry: FigureEntry) -> None:
-    found = FIGURE_FUNCTIONS[entry.name](report_data(context({})))
+    found = entry.draw(report_data(context({})))
     assert isinstance(found, str) and found.startswith("No ") and found.endswith("was not computed.")
 
 

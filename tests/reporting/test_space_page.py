@@ -15,9 +15,9 @@ from mocap_id.reporting.figure import Band, Figure, Line, Points, Spans, from_js
 from mocap_id.reporting.figures import drawings
 from mocap_id.reporting.paper_figures import figure_files
 from mocap_id.reporting.player import Player
-from mocap_id.reporting.space.joint_motions import joint_motions
+from mocap_id.reporting.space.figures.angles import joint_motions
+from mocap_id.reporting.space.figures.skeleton import stick_figure
 from mocap_id.reporting.space.player import MOST, spatial_player
-from mocap_id.reporting.space.stick_figure import stick_figure
 from mocap_id.stages.report import STAGE
 from mocap_id.stages.report.function import report_data
 from mocap_id.store import Artefact, Document

@@ -1,45 +1,144 @@
-"""Figures of the report, one module each; a function returns a figure, or a sentence on why there is none."""
+"""Figures of the report: their names, captions and drawing functions, in reading order.
+
+A drawing function returns a figure, or a sentence that says why there is none.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 
 from mocap_id.reporting import style
-from mocap_id.reporting.contents import FIGURES
 from mocap_id.reporting.figure import Drawing, Drawings, Figure
-from mocap_id.reporting.figures import (
-    parameters,
-    phases,
-    point_masses,
-    recovery,
-    repetitions,
-    residuals,
-    skeleton,
-    states,
-    wrench,
-)
-from mocap_id.reporting.figures.captions import caption
+from mocap_id.reporting.figures import parameters, recovery, repetitions, skeleton, states, wrench
 from mocap_id.reporting.report_data import ReportData
 
-FIGURE_FUNCTIONS: Mapping[str, Callable[[ReportData], Figure | str]] = {
-    "skeleton": skeleton.draw,
-    "recovery": recovery.draw,
-    "states": states.draw,
-    "repetitions": repetitions.draw,
-    "phases": phases.draw,
-    "residuals": residuals.draw,
-    "wrench": wrench.draw,
-    "parameters": parameters.draw,
-    "point_masses": point_masses.draw,
+
+@dataclass(frozen=True)
+class FigureEntry:
+    """Name (stem of its files), drawing function, title and caption of a figure of the report."""
+
+    name: str
+    draw: Callable[[ReportData], Figure | str]
+    title: str
+    caption: str
+
+
+RESIDUALS = FigureEntry(
+    "residuals",
+    recovery.draw_residuals,
+    "Residual of each marker",
+    "Distance between measured and predicted markers: root mean square (bar) and 95 % quantile (tick). An "
+    "unusually long bar is a marker that slides, is swapped or is assigned to the wrong segment.",
+)
+"""Residuals, in the plane and in space."""
+
+FIGURES: tuple[FigureEntry, ...] = (
+    FigureEntry(
+        "skeleton",
+        skeleton.draw,
+        "Skeleton over the markers",
+        "Recovered chain, if one was found, in the plane of motion at two instants. Dots: measured markers. Small "
+        "circles: the same markers predicted by the chain. Large circles: joint centres. Crosses: markers without a "
+        "segment. Grey is the base; every other colour is one segment, here and in all figures below.",
+    ),
+    FigureEntry(
+        "recovery",
+        recovery.draw,
+        "How each joint was found",
+        "Top: markers of a segment in the frame of the previous segment, where they move on arcs about the joint "
+        "(large circle). Pluses: centres of circles fitted to single markers, if near the joint. Bottom: the same "
+        "markers in the frame of their own segment, where the markers of a rigid body would not move. Small circles: "
+        "markers of the chain. Large circles: joints at either end.",
+    ),
+    FigureEntry(
+        "states",
+        states.draw,
+        "Joint states",
+        "Angle, velocity and acceleration of every joint with 95 % confidence bands. Shaded: intervals in which a "
+        "joint angle is not observed by any marker and is bridged; the band shows its uncertainty. The bottom panel "
+        "shows which joint is bridged.",
+    ),
+    FigureEntry(
+        "repetitions",
+        repetitions.draw,
+        "Repetitions",
+        "Joint angles of each repetition (thin lines) over normalised time, with mean (thick line) and one standard "
+        "deviation (band). Dotted: mean time of seat-off, if the movement has one. Red: angles from another system, "
+        "if given, as mean and one standard deviation.",
+    ),
+    FigureEntry(
+        "phases",
+        repetitions.draw_phases,
+        "Wrench and torques over a repetition",
+        "Mean and one standard deviation over complete repetitions: ground reaction wrench and centre of pressure "
+        "(measured, identified model, allometric reference), and joint torques of the model. During chair contact, "
+        "the models give the sum of ground and chair forces.",
+    ),
+    RESIDUALS,
+    FigureEntry(
+        "wrench",
+        wrench.draw,
+        "Ground reaction wrench and centre of pressure",
+        "Wrench of the ground on the body about the origin of the plane frame: measured, identified model with its "
+        "95 % confidence band, and allometric reference, if one applies. Shaded: samples used for identification. "
+        "Outside them, a chair may carry part of the modelled force.",
+    ),
+    FigureEntry(
+        "parameters",
+        parameters.draw,
+        "Base parameters",
+        "Identified base parameters with 95 % confidence intervals. Crosses: allometric reference, if one applies.",
+    ),
+    FigureEntry(
+        "point_masses",
+        parameters.draw_point_masses,
+        "Point masses",
+        "One physically consistent set of point masses with the identified base parameters, in the frame of each "
+        "segment (origin at its proximal joint, +y towards the next joint). Grey dots: points without mass.",
+    ),
+)
+"""Figures of a trial in the plane."""
+
+_OF_POSES: Mapping[str, str] = {
+    "wrench": "The measured wrench is not filtered.",
+    "phases": "The measured wrench is not filtered.",
+    "parameters": "The parameters are computed from bodies that were fitted with a loose prior.",
+    "point_masses": "Each panel is a body of the fit. If a body is not a segment of the chain, its origin is the "
+    "centroid of its markers.",
+}
+_OF_CHAIN: Mapping[str, str] = {
+    "parameters": "The parameters contain all information about the body in the wrench.",
 }
 
 
 def drawings(data: ReportData) -> Drawings:
-    """Return all figures of :data:`mocap_id.reporting.contents.FIGURES`, or those of a trial in space."""
-    entries, functions = FIGURES, FIGURE_FUNCTIONS
+    """Return all figures of a trial in the plane or in space."""
+    entries = FIGURES
     if data.in_space:
-        from mocap_id.reporting.space import figures as spatial  # noqa: PLC0415  these use the figures above
+        from mocap_id.reporting.space import figures as spatial  # noqa: PLC0415  it imports this package
 
-        entries, functions = spatial.FIGURES, spatial.FIGURE_FUNCTIONS
-    made = (Drawing(one.name, one.title, caption(one, data), functions[one.name](data)) for one in entries)
+        entries = spatial.FIGURES
+    made = (Drawing(entry.name, entry.title, _caption(entry, data), entry.draw(data)) for entry in entries)
     return Drawings(style.printable(data.trial), tuple(made))
+
+
+def _caption(entry: FigureEntry, data: ReportData) -> str:
+    """Return the caption of a figure; for figures of the dynamics, including the motion of the masses."""
+    if entry.name not in _OF_POSES or data.facts("dynamics.h5").get("motion") is None:
+        return entry.caption
+    sentences = [entry.caption, *(_missing_torques(data) if entry.name == "phases" else ())]
+    if data.measured_poses:
+        cutoffs = ", ".join(f"{axis} {cutoff:g} Hz" for axis, cutoff in (data.bands or {}).items())
+        sentences += [f"The masses move with the measured poses, low-pass filtered ({cutoffs}).", _OF_POSES[entry.name]]
+    else:
+        sentences += ["The masses move with the pinned chain.", _OF_CHAIN.get(entry.name, "")]
+    return " ".join(sentences).rstrip()
+
+
+def _missing_torques(data: ReportData) -> list[str]:
+    """Return a sentence on the joints without a torque, if there are any."""
+    names = data.skeleton.joints if data.skeleton is not None else ()
+    missing = data.facts("dynamics.h5").get("untold") or ()
+    joints = [name for j, name in enumerate(names, start=1) if f"tau_{j}" in missing]
+    return [f"The fit does not determine the torque of: {', '.join(joints)}."] if joints else []

@@ -1,4 +1,4 @@
-"""Joint angles of all repetitions over normalised time (figure 6.5)."""
+"""Repetitions over normalised time: joint angles (figure 6.5), wrench and torques."""
 
 from __future__ import annotations
 
@@ -6,12 +6,19 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting import style
-from mocap_id.reporting.figure import Band, Figure, Item, Line, Panel, Rule, in_lines
-from mocap_id.reporting.figures.phases import SPAN, averaged
+from mocap_id.reporting.figure import Band, Dash, Figure, Item, Line, Panel, Rule, in_lines
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.store import Table
 from mocap_id.store.views import JointStates
 
+_SPAN = "time in the repetition (%)"
+_WRENCH = (("Fx", "Fx (N)"), ("Fy", "Fy (N)"), ("tauz", "τz (N·m)"), ("cop_x", "CoP x (m)"))
+_COP_TAIL = 0.02
+_SOURCES: tuple[tuple[str, str, Dash, str], ...] = (
+    ("", style.MEASURED, "-", "measured"),
+    ("_model", style.MODEL, "-", "identified model"),
+    ("_reference", style.REFERENCE, "--", "allometric reference"),
+)
 _COLUMNS = 3
 _GRID = np.linspace(0.0, 1.0, 101)
 
@@ -29,7 +36,7 @@ def draw(data: ReportData) -> Figure | str:
     for j in range(curves.shape[2]):
         items = [*_curves(curves[..., j], style.colour(j + 1)), *_other(data, j + 1), *_seat_off(events)]
         name = style.printable(names[j], 20) if j < len(names) else f"joint {j + 1}"
-        panels.append(Panel(tuple(items), name, SPAN, "angle (deg)", x_range=(0, 100), linked=True, height=2.4))
+        panels.append(Panel(tuple(items), name, _SPAN, "angle (deg)", x_range=(0, 100), linked=True, height=2.4))
     return Figure(in_lines(tuple(panels), _COLUMNS))
 
 
@@ -64,7 +71,7 @@ def _other(data: ReportData, joint: int) -> list[Item]:
     table = data.table("phases.parquet")
     if table is None:
         return []
-    mean, sd, percent = averaged(table, f"theta_{joint}_other")
+    mean, sd, percent = average_of(table, f"theta_{joint}_other")
     if not np.isfinite(mean).any():
         return []
     mean, sd = np.degrees(mean), np.degrees(sd)
@@ -78,3 +85,45 @@ def _seat_off(events: Table) -> list[Item]:
     share = (seat_off - start) / np.where(end > start, end - start, np.nan)
     share = share[np.isfinite(share)]
     return [Rule("x", 100 * float(share.mean()), style.INK, ":", 0.8)] if len(share) else []
+
+
+def draw_phases(data: ReportData) -> Figure | str:
+    """Draw four panels of the wrench and one of the torques: mean and one standard deviation."""
+    table = data.table("phases.parquet")
+    if table is None:
+        return f"No averages over repetitions: {data.why_missing('phases.parquet')}."
+    names = data.skeleton.joints if data.skeleton is not None else ()
+    wrench = tuple(_phase_panel(table, name, label) for name, label in _WRENCH)
+    torques = tuple(
+        item
+        for k, name in enumerate(names, start=1)
+        for item in _phase_curve(table, f"tau_{k}", style.colour(k), "-", f"{style.printable(name, 14)} torque")
+    )
+    if not torques and not any(panel.items for panel in wrench):
+        why = data.facts("phases.parquet").get("why") or "forces and torques are unknown"
+        return f"No averages over repetitions: {style.printable(why)}."
+    last = Panel(torques, "joint torques (N·m)", _SPAN, x_range=(0, 100), linked=True)
+    return Figure((wrench[:2], wrench[2:], *(((last,),) if torques else ())))
+
+
+def average_of(table: Table, quantity: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return mean, standard deviation and percent of a quantity over complete repetitions; empty if missing."""
+    own = (table["quantity"] == quantity) & (table["span"] == "repetition")
+    mean, sd, percent = table.stack(["mean", "sd", "percent"])[own].T
+    return mean, sd, percent
+
+
+def _phase_panel(table: Table, name: str, label: str) -> Panel:
+    items, curves = [], []
+    for suffix, colour, dash, what in _SOURCES:
+        items += _phase_curve(table, f"{name}{suffix}", colour, dash, what)
+        curves.append(average_of(table, f"{name}{suffix}")[0])
+    framed = style.framed(curves, _COP_TAIL if name == "cop_x" else 0.0)
+    return Panel(tuple(items), label, _SPAN, x_range=(0, 100), y_range=framed, linked=True)
+
+
+def _phase_curve(table: Table, quantity: str, colour: str, dash: Dash, label: str) -> list[Item]:
+    mean, sd, percent = average_of(table, quantity)
+    if not np.isfinite(mean).any():
+        return []
+    return [Band(percent, mean - sd, mean + sd, colour, 0.15), Line(percent, mean, colour, label, dash, 1.2)]

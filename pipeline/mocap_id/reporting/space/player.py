@@ -13,8 +13,8 @@ from mocap_id.reporting.figures import wrench
 from mocap_id.reporting.markers import positions_at
 from mocap_id.reporting.player import LOW, Part, Player, bounds, frame_times, marker_parts
 from mocap_id.reporting.report_data import ReportData
-from mocap_id.reporting.space.joint_motions import joint_motions
-from mocap_id.reporting.space.stick_figure import stick_figure
+from mocap_id.reporting.space.figures.angles import joint_motions
+from mocap_id.reporting.space.figures.skeleton import stick_figure
 
 MOST = 600
 """Maximum number of frames."""

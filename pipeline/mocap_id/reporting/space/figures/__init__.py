@@ -1,18 +1,14 @@
-"""Figures of a trial in space; those of residuals, wrench and parameters are shared with the plane."""
+"""Figures of a trial in space; residuals, wrench and parameters are drawn as in the plane."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-
-from mocap_id.reporting.contents import FigureEntry
-from mocap_id.reporting.figure import Figure
-from mocap_id.reporting.figures import parameters, residuals, wrench
-from mocap_id.reporting.report_data import ReportData
-from mocap_id.reporting.space.figures import angles, phase_portraits, reach, skeleton
+from mocap_id.reporting.figures import RESIDUALS, FigureEntry, parameters, wrench
+from mocap_id.reporting.space.figures import angles, reach, skeleton
 
 FIGURES: tuple[FigureEntry, ...] = (
     FigureEntry(
         "skeleton",
+        skeleton.draw,
         "Skeleton and markers in three views",
         "Recovered chain, if one was found, at the two extremes of the motion, without perspective: seen from the side "
         "of +z, from the side of −x, and from above. Dots: measured markers. Large circles: joint centres that the "
@@ -21,6 +17,7 @@ FIGURES: tuple[FigureEntry, ...] = (
     ),
     FigureEntry(
         "angles",
+        angles.draw,
         "Angles",
         "Angles of every joint with 95 % confidence bands of their changes; the table has the constant error by the "
         "landmarks. Grey: intervals in which a segment of the joint is not observed and is bridged. Blue: the "
@@ -29,11 +26,13 @@ FIGURES: tuple[FigureEntry, ...] = (
     ),
     FigureEntry(
         "rates",
+        angles.draw_rates,
         "Velocities and accelerations",
         "First and second derivatives of the angles above, with 95 % confidence bands and the same shades.",
     ),
     FigureEntry(
         "reach",
+        reach.draw,
         "What the wrist can reach",
         "Furthest reach of the wrist from the shoulder in every direction, in the axes of the thorax: by the ranges of "
         "all angles taken independently (grey), and by the postures between those recorded (blue). Orange: path of the "
@@ -42,38 +41,25 @@ FIGURES: tuple[FigureEntry, ...] = (
     ),
     FigureEntry(
         "phase_portraits",
+        angles.draw_phase_portraits,
         "Phase portraits",
         "Acceleration against angle in every complete curl: first third blue, middle third green, last third orange. "
         "Bands: 95 % intervals of the acceleration in the first and the last curl. A portrait within its band may be "
         "noise alone.",
     ),
-    FigureEntry(
-        "residuals",
-        "Residual of each marker",
-        "Distance between measured and predicted markers: root mean square (bar) and 95 % quantile (tick). An "
-        "unusually long bar is a marker that slides, is swapped or is assigned to the wrong segment.",
-    ),
+    RESIDUALS,
     FigureEntry(
         "wrench",
+        wrench.draw,
         "Ground reaction wrench",
         "Wrench of the ground on the base about the origin of the trial's frame: measured, and identified model with "
         "its 95 % confidence band. Shaded: samples used for identification.",
     ),
     FigureEntry(
         "parameters",
+        parameters.draw,
         "Base parameters",
         "Identified base parameters with 95 % confidence intervals.",
     ),
 )
 """Figures of a trial in space in reading order."""
-
-FIGURE_FUNCTIONS: Mapping[str, Callable[[ReportData], Figure | str]] = {
-    "skeleton": skeleton.draw,
-    "angles": angles.draw,
-    "rates": angles.draw_rates,
-    "reach": reach.draw,
-    "phase_portraits": phase_portraits.draw,
-    "residuals": residuals.draw,
-    "wrench": wrench.draw,
-    "parameters": parameters.draw,
-}

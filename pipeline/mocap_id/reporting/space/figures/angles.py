@@ -1,10 +1,90 @@
-"""Angles of every joint in space over time, and their derivatives."""
+"""Angles of every joint in space: over time, their derivatives, and phase portraits of curls (thesis 8.6 to 8.9)."""
 
 from __future__ import annotations
 
-from mocap_id.reporting.figure import Figure
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mocap_id.arrays import NORMAL_95, BoolArray
+from mocap_id.geometry.circle import shift_to_shortest_arc
+from mocap_id.reporting import style
+from mocap_id.reporting.downsampling import spans
+from mocap_id.reporting.figure import Band, Figure, Item, Line, Panel, Spans, in_lines
+from mocap_id.reporting.figures.states import panel
 from mocap_id.reporting.report_data import ReportData
-from mocap_id.reporting.space.joint_motions import joint_motions
+from mocap_id.store.spatial_views import MEANINGLESS_AT_POLE, SpatialAngles
+from mocap_id.store.views import JointStates
+
+_ANATOMICAL = {"upper_arm": "shoulder", "forearm": "elbow", "hand": "wrist"}
+"""Names of the angles of the joints that move these segments."""
+
+
+@dataclass(frozen=True)
+class JointMotion:
+    """The angles of one joint.
+
+    Parameters
+    ----------
+    title : str
+    names : tuple of str
+        Names of its angles.
+    states : JointStates
+        NaN where an angle has no meaning.
+    near_gimbal : (T,) array
+        Samples in which some of these angles have no meaning.
+    """
+
+    title: str
+    names: tuple[str, ...]
+    states: JointStates
+    near_gimbal: BoolArray
+
+    def panel(self, order: int, height: float, *, below: str = "") -> Panel:
+        """Return the angles (order 0), velocities or accelerations over time, with 95 % bands and shades."""
+        drawn = panel(self.states, order, self.names, height)
+        found = np.array(spans(self.states.time, self.near_gimbal)).reshape(-1, 2)
+        shade = (Spans(found[:, 0], found.sum(axis=1), style.SKY, 0.25),) if len(found) else ()
+        return replace(drawn, items=(*shade, *drawn.items), title=self.title, x=below)
+
+
+def joint_motions(data: ReportData) -> list[JointMotion]:
+    """Return the angles joint by joint; empty if nothing was estimated."""
+    angles = data.angles
+    if angles is None or not angles.names or not len(angles.time):
+        return []
+    found, left, skeleton = [], list(angles.names), data.spatial_skeleton
+    for j, joint in enumerate(() if skeleton is None else skeleton.joints):
+        moved = "" if skeleton is None else skeleton.segments[j + 1]
+        stems = (f"{_ANATOMICAL.get(moved, joint)}_", f"joint_{j + 1}_")
+        own = [name for name in left if name.startswith(stems)]
+        left = [name for name in left if name not in own]
+        if own:
+            found.append(_motion(joint, own, angles, _observed(data, j)))
+    return [*found, _motion("other angles", left, angles, _observed(data, None))] if left else found
+
+
+def _motion(joint: str, own: list[str], angles: SpatialAngles, observed: BoolArray) -> JointMotion:
+    columns = [angles.names.index(name) for name in own]
+    mean = angles.mean[:, columns].copy()
+    for k, name in enumerate(own):
+        usable = angles.find_usable(name)
+        if name in MEANINGLESS_AT_POLE and usable.any():
+            mean[usable, k, 0] = shift_to_shortest_arc(mean[usable, k, 0])
+        mean[~usable, k] = np.nan
+    states = JointStates(angles.time, mean, angles.sd[:, columns], np.tile(observed[:, None], (1, len(own))))
+    near = angles.near_gimbal & any(name in MEANINGLESS_AT_POLE for name in own)
+    names = tuple(style.printable(name.replace("_", " "), 24) for name in own)
+    return JointMotion(style.printable(joint.replace("_", " "), 24), names, states, near)
+
+
+def _observed(data: ReportData, joint: int | None) -> BoolArray:
+    """Return the samples (T,) in which both segments of a joint are observed."""
+    angles, poses, skeleton = data.angles, data.segment_poses, data.spatial_skeleton
+    assert angles is not None
+    if joint is None or poses is None or skeleton is None or len(poses.time) != len(angles.time):
+        return np.ones(len(angles.time), dtype=np.bool_)
+    return np.asarray(poses.observed[:, [skeleton.chain.parents[joint], joint + 1]].all(axis=1))
 
 
 def draw(data: ReportData) -> Figure | str:
@@ -24,3 +104,43 @@ def _panels(data: ReportData, what: str, derivatives: tuple[int, ...], height: f
     below = ["" for _ in found[1:]] + ["time (s)"]
     rows = zip(found, below, strict=True)
     return Figure(tuple(tuple(one.panel(order, height, below=x) for order in derivatives) for one, x in rows))
+
+
+_PORTRAITS = ("elbow_flexion", "shoulder_elevation", "shoulder_plane", "shoulder_axial")
+_COLOURS = (style.BLUE, style.GREEN, style.VERMILLION)  # first, middle and last third of the curls
+_HEIGHT = 2.4
+
+
+def draw_phase_portraits(data: ReportData) -> Figure | str:
+    """Draw all complete curls; the first and the last have a 95 % band of the acceleration."""
+    angles, table = data.angles, data.table("events.parquet")
+    if angles is None or table is None or "amplitude" not in table.names:
+        return "only `protocol: curl` has phase portraits"
+    turns = table.stack(["start", "top", "end"])[table["complete"].astype(bool)]
+    names = [name for name in _PORTRAITS if name in angles.names]
+    if not len(turns) or not names:
+        return "no complete curl was found"
+    panels = []
+    for name in names:
+        items: list[Item] = []
+        for k, (start, top, end) in enumerate(turns):
+            colour = _COLOURS[len(_COLOURS) * k // len(turns)]
+            halves = [(angles.time >= a) & (angles.time <= b) for a, b in ((start, top), (top, end))]
+            if k in {0, len(turns) - 1}:
+                items += [_band(angles, name, half, colour) for half in halves]
+            items.append(_curve(angles, name, halves[0] | halves[1], colour))
+        title = style.printable(name.replace("_", " "), 24)
+        panels.append(Panel(tuple(items), title, "angle (deg)", "acceleration (rad/s²)", height=_HEIGHT))
+    return Figure(in_lines(tuple(panels), 2))
+
+
+def _curve(angles: SpatialAngles, name: str, within: BoolArray, colour: str) -> Line:
+    mean = angles.mean[within, angles.names.index(name)]
+    return Line(np.degrees(mean[:, 0]), mean[:, 2], colour, width=0.8, opacity=0.7)
+
+
+def _band(angles: SpatialAngles, name: str, within: BoolArray, colour: str) -> Band:
+    j = angles.names.index(name)
+    mean, half = angles.mean[within, j], NORMAL_95 * angles.sd[within, j, 2]
+    order = np.argsort(mean[:, 0], kind="stable")
+    return Band(np.degrees(mean[order, 0]), (mean[:, 2] - half)[order], (mean[:, 2] + half)[order], colour, 0.15)
