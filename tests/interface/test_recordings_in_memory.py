@@ -235,7 +235,7 @@ def test_a_file_of_kinetics_toolkit_as_documented(tmp_path: Path) -> None:
         ("{", "not a valid file"),
         ("[" * 100_000, "not a valid file"),
         ([1, 2], "not a valid file"),
-        ({}, "holds no TimeSeries"),
+        ({}, "contains no TimeSeries"),
         ({"Points": {"class__": "ktk.TimeSeries", "time": [0, 1]}}, "damaged file"),
         (as_series({"A": [[1, 2, 3, 1]]}, [0, 1], {}), "A has 1 samples for 2 times"),
         (as_series({"A": [1, 2]}, [0, 1], {}), "no TimeSeries holds points"),

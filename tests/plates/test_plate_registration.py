@@ -25,7 +25,7 @@ from mocap_id.simulation import Options
 from mocap_id.simulation.simulated_trial import generate
 from mocap_id.stages.base import Context
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
-from mocap_id.stages.planarise.plate_registration import PlateCheck, check
+from mocap_id.stages.planarise.plate_registration import PlateCheck, check_registration
 from mocap_id.stages.trial_keys import Files, TrialKeys
 
 SEEDS = (21, 22)
@@ -189,7 +189,9 @@ def test_foot_markers_that_show_no_outline_give_a_note(kept: tuple[str, ...]) ->
     """No choice of foot markers gives a false alarm; all of them are a check, and one foot alone is none."""
     labels, positions, plates, samples = standing()
     used = [k for k, label in enumerate(labels) if label in kept or label not in FEET]
-    codes = [reason.code for reason in check(plates, samples, positions[:, used], 100.0, person=True).reasons]
+    codes = [
+        reason.code for reason in check_registration(plates, samples, positions[:, used], 100.0, person=True).reasons
+    ]
     assert codes in ([], ["plate-unchecked"])
     if len(kept) == len(FEET):
         assert codes == []
@@ -207,9 +209,9 @@ def test_a_chair_on_the_plate_of_the_feet_is_no_misplacement() -> None:
     pressure = compute_centre_of_pressure(plates[0], both)
     behind_heels = (pressure - heel[:2]) @ behind[:2] / 0.3
     assert np.mean(behind_heels > 0.1) > 0.2
-    assert check(plates[:1], [both], positions, 100.0, person=True).reasons == ()
+    assert check_registration(plates[:1], [both], positions, 100.0, person=True).reasons == ()
     away = np.cross([0.0, 0.3, 0.0], both.force)
-    moved_ = check(plates[:1], [replace(both, moment=both.moment + away)], positions, 100.0, person=True)
+    moved_ = check_registration(plates[:1], [replace(both, moment=both.moment + away)], positions, 100.0, person=True)
     assert "plate-misplaced" in [reason.code for reason in moved_.reasons]
 
 
@@ -262,7 +264,7 @@ def test_without_enough_data_there_is_no_result() -> None:
     assert compare_directions(force, positions, 100.0) is None
     assert standing_lean(force, positions, 100.0) is None
     assert compare_with_feet([], [], positions) == []
-    assert check([], [], positions, 100.0, person=True) == PlateCheck({}, ())
+    assert check_registration([], [], positions, 100.0, person=True) == PlateCheck({}, ())
 
 
 @cache
@@ -304,4 +306,6 @@ def checked(
         source.plates, [recording.decimate(plate, time, rate) for plate in source.plates], positions
     )
     moved = [move(source.plates[i]) if only in (-1, k) else source.plates[i] for k, i in enumerate(use.indices("feet"))]
-    return check(moved, [recording.decimate(plate, time, rate) for plate in moved], positions, rate, person=person)
+    return check_registration(
+        moved, [recording.decimate(plate, time, rate) for plate in moved], positions, rate, person=person
+    )

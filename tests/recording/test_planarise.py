@@ -225,7 +225,7 @@ def test_oddities_become_reasons(tmp_path: Path) -> None:
 
 
 def test_every_frame_of_a_long_trial_is_turned_into_the_plane(tmp_path: Path) -> None:
-    from mocap_id.stages.planarise.used_part import UsedPart, trajectories
+    from mocap_id.stages.planarise.used_part import UsedPart, express_trajectories
 
     path = tmp_path / "trial.c3d"
     recording.write_c3d(path, ["A"], body(10, 1), RATE)
@@ -235,7 +235,7 @@ def test_every_frame_of_a_long_trial_is_turned_into_the_plane(tmp_path: Path) ->
     positions[1000:1100, 2] = np.nan
     part = UsedPart(source, 0, count, tuple(f"M{i}" for i in range(markers)), positions, proposed=False)
     frame = PlaneFrame(0.3, np.array([1.0, 2.0, 3.0]))
-    values = trajectories(part, frame)
+    values = express_trajectories(part, frame)
     np.testing.assert_array_equal(np.stack([values[name] for name in "xyz"], axis=2), frame.to_plane(positions))
 
 

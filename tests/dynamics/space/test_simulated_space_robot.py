@@ -16,7 +16,7 @@ from mocap_id.plates import choose_plates
 from mocap_id.recording import ThinnedFrames
 from mocap_id.simulation.space_robot import SpaceRobotOptions, generate_space_robot, simulate_space_robot
 from mocap_id.simulation.space_robot.trial import FRAME
-from mocap_id.stages.planarise.ground_wrench import ground_wrench_in_space, plates_centre
+from mocap_id.stages.planarise.ground_wrench import compute_ground_wrench_in_space, find_plates_centre
 
 SMALL = SpaceRobotOptions(seed=7, preset="clean", duration=6, rate=60, analog_rate=600)
 
@@ -33,17 +33,19 @@ def test_the_wrench_in_the_file_is_the_true_one(folder: Path) -> None:
     thinned = ThinnedFrames.of(source.positions, source.time, source.rate, source.plates)
     choice = choose_plates(source.plates, thinned.samples, thinned.positions, feet=(), seat=())
     samples = [recording.decimate(plate, source.time, source.rate) for plate in source.plates]
-    columns = ground_wrench_in_space(source.time, samples, choice, PlaneFrame(0.0), 20.0)
+    columns = compute_ground_wrench_in_space(source.time, samples, choice, PlaneFrame(0.0), 20.0)
     true = np.hstack([truth["wrench"][:, :3] @ FRAME.axes.T, truth["wrench"][:, 3:] @ FRAME.axes.T])
     for k, name in enumerate(("Fx", "Fy", "Fz", "taux", "tauy", "tauz")):
         np.testing.assert_allclose(columns[name][5:-5], true[5:-5, k], atol=0.05)
     assert columns["plate_ok"].all()
     placed = generate_space_robot(SMALL).signals.corners.mean(axis=0)
     np.testing.assert_allclose(
-        plates_centre(source.plates, choice, PlaneFrame(0.0), mirrored=False), FRAME.to_plane(placed), atol=1e-5
+        find_plates_centre(source.plates, choice, PlaneFrame(0.0), mirrored=False), FRAME.to_plane(placed), atol=1e-5
     )
-    assert plates_centre(source.plates, choice, PlaneFrame(0.0), mirrored=True)[2] == pytest.approx(placed[1], abs=1e-5)
-    mirrored = ground_wrench_in_space(source.time, samples, choice, PlaneFrame(0.0), 20.0, mirrored=True)
+    assert find_plates_centre(source.plates, choice, PlaneFrame(0.0), mirrored=True)[2] == pytest.approx(
+        placed[1], abs=1e-5
+    )
+    mirrored = compute_ground_wrench_in_space(source.time, samples, choice, PlaneFrame(0.0), 20.0, mirrored=True)
     arm, force = np.array([0.3, 0.2, -0.4]), np.array([columns[name][9] for name in ("Fx", "Fy", "Fz")])
     moment = np.array([mirrored[name][9] - columns[name][9] for name in ("tauz",)])
     assert moment == pytest.approx(0.0)

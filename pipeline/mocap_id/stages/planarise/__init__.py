@@ -44,15 +44,15 @@ class PlanariseSettings(Settings):
     )
 
 
-def _function(context: Context) -> Outputs:
+def _planarise(context: Context) -> Outputs:
     if context.trial.space == "3d":
-        from mocap_id.stages.planarise.space import upright_recording  # noqa: PLC0415
+        from mocap_id.stages.planarise.space import planarise_in_space  # noqa: PLC0415
 
-        return upright_recording(context)
+        return planarise_in_space(context)
     if context.trial.recording is None:
-        from mocap_id.stages.planarise.sensors_alone import upright_sensors  # noqa: PLC0415
+        from mocap_id.stages.planarise.sensors_alone import planarise_sensors  # noqa: PLC0415
 
-        return upright_sensors(context)
+        return planarise_sensors(context)
     from mocap_id.stages.planarise.function import planarise  # noqa: PLC0415  loads its libraries only when run
 
     return planarise(context)
@@ -65,7 +65,7 @@ STAGE = Stage(
     outputs=("planar.parquet", "wrench.parquet"),
     uses=("recording", "space", "side", "landmarks", "protocol", "window", "plates", "external"),
     settings=PlanariseSettings,
-    function=_function,
+    function=_planarise,
     help=STAGE_HELP["planarise"],
     uses_alone=("imus", "calibration"),
 )

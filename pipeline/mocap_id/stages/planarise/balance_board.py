@@ -1,4 +1,4 @@
-"""A balance board as the ground's plate: vertical force and its place alone, in the laboratory."""
+"""A balance board in place of a force plate: vertical force and centre of pressure, in the lab."""
 
 from __future__ import annotations
 
@@ -19,43 +19,29 @@ from mocap_id.verdict import Reason
 
 _LOADED = 0.9  # share of the usual largest load: the person is off the chair
 _SMOOTH_S = 0.15
-_ALONG, _EXPLAINED = 2.0, 0.5  # the centre of pressure moves so much more along the motion, and so much as the body
-_TURNS = {"forwards": (1.0, 0.0), "backwards": (-1.0, 0.0), "left": (0.0, 1.0), "right": (0.0, -1.0)}
+_ALONG = 2.0  # smallest ratio of the movements of the centre of pressure along and across the motion
+_EXPLAINED = 0.5  # smallest share of its movement that the movement of the body explains
+_DIRECTIONS = {"forwards": (1.0, 0.0), "backwards": (-1.0, 0.0), "left": (0.0, 1.0), "right": (0.0, -1.0)}
 _FEW = 0.02
 _STANDS_N = 50.0
 
 
 @dataclass(frozen=True)
 class PlacedBoard:
-    """The board in the laboratory.
+    """The board in the lab."""
 
-    Parameters
-    ----------
-    plate : Plate
-        Vertical force and its moments; the horizontal force is 0 because it is not measured.
-    origin : (3,) array
-        Origin of the plane frame in the lab, at the height of the cells, m: the moment about it needs no horizontal
-        force.
-    facts : dict
-        Fact ``board`` of wrench.parquet.
-    reasons : tuple of Reason
-    """
-
-    plate: Plate
+    plate: Plate  # vertical force and its moments; the horizontal force is 0 because it is not measured
+    # (3,) origin of the plane frame at the height of the cells, so that tauz needs no horizontal force, m
     origin: FloatArray
-    facts: dict[str, Any]
+    facts: dict[str, Any]  # fact ``board`` of wrench.parquet
     reasons: tuple[Reason, ...]
 
 
 def read_board_plate(board: Path | BalanceBoard | None, source: Recording) -> tuple[BoardLog | None, Recording]:
-    """Return the log and the recording with the board as its only plate, whose moments are not known yet.
+    """Return the log, and the recording with the board as its only plate, whose moments are not known yet.
 
-    Without a board there is no log, and the recording does not change.
-
-    Raises
-    ------
-    RecordingError
-        The log is unusable or shares no time with the recording.
+    Without a board, the log is None and the recording does not change. Raises RecordingError if the log is unusable or
+    shares no time with the recording.
     """
     if not isinstance(board, BalanceBoard):
         return None, source
@@ -80,20 +66,20 @@ def place_board(
     *,
     faces: float,
 ) -> PlacedBoard:
-    """Place the board: as the configuration says, else by the movement of the body and under the feet.
+    """Determine the board's position: from the configuration, or else from the movement of the body and the feet.
 
-    The position along the motion is then only a first estimate; identify-dim finds it with the model.
+    The position along the motion is only a first estimate; identify-dim improves it with the model.
 
     Parameters
     ----------
     board : BalanceBoard
     log : BoardLog
     source : Recording
-        With the board's plate.
+        Recording with the board's plate.
     thinned : ThinnedFrames
     frame : PlaneFrame
     faces : float
-        1 if the person faces the plane's x, -1 if its opposite.
+        1 if the person faces the plane's x, -1 if the person faces the opposite direction.
     """
     plate, load = source.plates[0], thinned.samples[0].force[:, 2]
     forwards = faces * frame.axes[0, :2]
@@ -101,13 +87,13 @@ def place_board(
     on_board = replace(plate, force=np.pad(log.moment, ((0, 0), (0, 1))))
     sampled = recording.decimate(on_board, thinned.time, thinned.rate).force[:, :2]
     pressure = sampled / np.where(load > _STANDS_N, load, np.nan)[:, None]
-    top, sure = _direction(pressure, load, thinned.positions @ np.append(forwards, 0.0), thinned.rate)
+    top, sure = _find_direction(pressure, load, thinned.positions @ np.append(forwards, 0.0), thinned.rate)
     if board.top is not None:
         top, sure = board.top, True
-    up = np.array(_TURNS[top]) @ basis
+    up = np.array(_DIRECTIONS[top]) @ basis
     axes = np.stack([[up[1], -up[0]], up])  # to the right, towards the top
     usual = np.nan_to_num(np.nanmedian(pressure @ axes, axis=0))
-    centre = _centre(board, source, thinned.positions, usual)
+    centre = _find_centre(board, source, thinned.positions, usual)
     lever = log.force[:, None] * centre[:2] + log.moment @ axes
     moment = np.column_stack([lever[:, 1], -lever[:, 0], np.zeros(len(lever))])
     facts = {
@@ -122,27 +108,27 @@ def place_board(
     }
     placed = replace(plate, moment=moment)
     share = float(1.0 - log.ok.mean())
-    reasons = (_vertical_only(), _gaps(log.gaps, share)) if log.gaps else (_vertical_only(),)
+    reasons = (_VERTICAL_ONLY, _describe_gaps(log.gaps, share)) if log.gaps else (_VERTICAL_ONLY,)
     origin = np.array([0.0, 0.0, centre[2] - CELLS_BELOW_SURFACE_M])
     return PlacedBoard(placed, origin, facts, reasons)
 
 
-def _direction(pressure: FloatArray, load: FloatArray, along: FloatArray, rate: float) -> tuple[str, bool]:
-    """Return where the board's top points, and whether this is sure.
+def _find_direction(pressure: FloatArray, load: FloatArray, along: FloatArray, rate: float) -> tuple[str, bool]:
+    """Return the direction of the board's top seen by the person, and whether it is certain.
 
-    The centre of pressure moves mostly along the motion. Under a person off the chair it follows the body, less a part
+    The centre of pressure moves mostly along the motion. Under a person off the chair it follows the body, minus a part
     that is proportional to the body's acceleration.
 
     Parameters
     ----------
     pressure : (F, 2) array
-        To the right of the board and towards its top, m.
+        Centre of pressure to the right of the board's centre and towards its top, m.
     load : (F,) array
         N.
     along : (F, M) array
         Positions of the markers forwards, m.
     rate : float
-        Hz.
+        Frames per second.
     """
     body = np.nanmean(along - np.nanmean(along, axis=0), axis=1)
     width = max(1, round(_SMOOTH_S * rate))
@@ -163,26 +149,25 @@ def _direction(pressure: FloatArray, load: FloatArray, along: FloatArray, rate: 
     return name, bool(spread[axis] > _ALONG * spread[1 - axis] and explained > _EXPLAINED)
 
 
-def _centre(board: BalanceBoard, source: Recording, positions: FloatArray, pressure: FloatArray) -> FloatArray:
+def _find_centre(board: BalanceBoard, source: Recording, positions: FloatArray, pressure: FloatArray) -> FloatArray:
     """Return the centre (3,) of the board's surface in the lab, m."""
     if board.centre_m is not None:
         return np.asarray(recording.to_z_up(source.vertical) @ np.array(board.centre_m))
     feet = find_feet(positions)
     lowest = float(np.nanmin(np.nanmedian(positions[:, :, 2], axis=0)))
-    height = CELLS_BELOW_SURFACE_M if lowest >= CELLS_BELOW_SURFACE_M else 0.0  # it stands on the floor, or in it
+    height = CELLS_BELOW_SURFACE_M if lowest >= CELLS_BELOW_SURFACE_M else 0.0  # on the floor, or sunk into it
     return np.array([*(feet[:2] - pressure), height])
 
 
-def _vertical_only() -> Reason:
-    return Reason(
-        "board-vertical-only",
-        "the ground's force comes from a balance board, which measures the vertical force and the centre of pressure "
-        "at its cells. The parameters are fitted to Fy and tauz; Fx is the model's alone, and no measurement checks it",
-        level="ok",
-    )
+_VERTICAL_ONLY = Reason(
+    "board-vertical-only",
+    "the ground's force comes from a balance board, which measures the vertical force and the centre of pressure at "
+    "its cells. The parameters are fitted to Fy and tauz; Fx is computed by the model, and no measurement checks it",
+    level="ok",
+)
 
 
-def _gaps(gaps: int, share: float) -> Reason:
+def _describe_gaps(gaps: int, share: float) -> Reason:
     return Reason(
         "board-gaps",
         f"the balance board sent nothing for more than 0.15 s {gaps} times ({100 * share:.1f} % of its time): these "

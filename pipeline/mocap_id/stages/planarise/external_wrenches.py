@@ -26,12 +26,12 @@ COMPONENTS = ("Fx", "Fy", "tauz")
 
 @dataclass(frozen=True)
 class ExternalWrenches:
-    """Columns and fact ``external`` of wrench.parquet, reasons, and the vertical force at the thinned frames."""
+    """External wrenches at the F frames, for wrench.parquet."""
 
-    columns: dict[str, FloatArray] = field(default_factory=dict)
-    facts: tuple[dict[str, Any], ...] = ()
+    columns: dict[str, FloatArray] = field(default_factory=dict)  # (F,) by name
+    facts: tuple[dict[str, Any], ...] = ()  # items of the fact ``external``
     reasons: tuple[Reason, ...] = ()
-    vertical: FloatArray | float = 0.0
+    vertical: FloatArray | float = 0.0  # upward force at the thinned frames, N
 
     def __add__(self, other: ExternalWrenches) -> ExternalWrenches:
         return ExternalWrenches(
@@ -44,18 +44,20 @@ class ExternalWrenches:
 
 @dataclass(frozen=True)
 class UsedFrames:
-    """Frames used: labels, positions (F, M, 3) in the lab, times (F,), thinned frames, plane and motion of the base."""
+    """Frames that are used, with the plane and the motion of the base."""
 
-    labels: Sequence[str]
-    positions: FloatArray
-    time: FloatArray
+    labels: Sequence[str]  # M names
+    positions: FloatArray  # (F, M, 3) in the lab, m
+    time: FloatArray  # (F,) s
     thinned: ThinnedFrames
     frame: PlaneFrame
-    base: BaseMotion | None = None
+    base: BaseMotion | None = None  # None if the base is fixed
 
 
-def summed(samples: Sequence[PlateSamples], plates: Sequence[int], frame: PlaneFrame) -> tuple[FloatArray, BoolArray]:
-    """Return the sum of some plates' wrenches in the plane (F, 3), and where (F,) all of them are known."""
+def add_wrenches(
+    samples: Sequence[PlateSamples], plates: Sequence[int], frame: PlaneFrame
+) -> tuple[FloatArray, BoolArray]:
+    """Return the sum of some plates' wrenches in the plane (F, 3), and the samples (F,) in which all are valid."""
     each = [frame.wrench_to_plane(samples[index].force, samples[index].moment) for index in plates]
     return sum(each[1:], each[0]), np.logical_and.reduce([samples[index].ok for index in plates], axis=0)
 
@@ -66,19 +68,21 @@ def measure_seat(
     """Return the chair's wrench on the body, from the plates under the chair."""
     thinned = used.thinned
     doubts = find_contradictions(thinned.samples, choice, thinned.positions)
-    reasons = [_doubtful(index, choice, why) for index, why in doubts.items()]
+    reasons = [_describe_doubt(index, choice, why) for index, why in doubts.items()]
     plates = [index for index in choice.indices("seat") if index not in doubts]
     if not plates:
         return ExternalWrenches(reasons=tuple(reasons))
-    wrench, ok = summed(samples, plates, used.frame)
-    empty = measure_empty_chair(*summed(thinned.samples, plates, used.frame), thinned.positions, thinned.rate, zero)
+    wrench, ok = add_wrenches(samples, plates, used.frame)
+    empty = measure_empty_chair(
+        *add_wrenches(thinned.samples, plates, used.frame), thinned.positions, thinned.rate, zero
+    )
     if empty.reading is None:
-        reasons.append(_zero_unknown())
+        reasons.append(_describe_unknown_zero())
     else:
         wrench = wrench - empty.reading
     if used.base is not None:
         chair = np.zeros(3) if empty.reading is None else empty.reading
-        wrench = _without_chair([samples[index] for index in plates], chair, used, used.base)
+        wrench = _subtract_chair([samples[index] for index in plates], chair, used, used.base)
     wrench[~ok] = np.nan
     fact = {
         "name": "seat",
@@ -88,13 +92,16 @@ def measure_seat(
         "zero": None if empty.reading is None else _by_component(empty.reading),
         "zero_sd": None if empty.spread is None else _by_component(empty.spread),
     }
-    return ExternalWrenches(_columns(wrench, "seat"), (fact,), tuple(reasons))
+    return ExternalWrenches(_name_columns(wrench, "seat"), (fact,), tuple(reasons))
 
 
-def _without_chair(
+def _subtract_chair(
     samples: Sequence[PlateSamples], chair: FloatArray, used: UsedFrames, base: BaseMotion
 ) -> FloatArray:
-    """Return the wrench (F, 3) relative to a base that moves, from plates under a chair (3,) that does not move."""
+    """Return the wrench (F, 3) relative to a base that moves, from plates under a chair that does not move.
+
+    ``chair`` (3,) is the wrench of the empty chair in the plane.
+    """
     x, y, z = used.frame.axes
     weight = chair[0] * x + chair[1] * y
     force = sum((each.force for each in samples), -weight)
@@ -112,11 +119,11 @@ def measure_sensors(used: UsedFrames, sensors: Sequence[ExternalForce], source: 
     RecordingError
         A sensor's file is unusable or shares no time with the recording.
     """
-    each = [_sensor(number, sensor, used, source) for number, sensor in enumerate(sensors, start=1)]
+    each = [_measure_sensor(number, sensor, used, source) for number, sensor in enumerate(sensors, start=1)]
     return sum(each, ExternalWrenches())
 
 
-def _sensor(number: int, sensor: ExternalForce, used: UsedFrames, source: Recording) -> ExternalWrenches:
+def _measure_sensor(number: int, sensor: ExternalForce, used: UsedFrames, source: Recording) -> ExternalWrenches:
     log = recording.read_force_log(sensor.file)
     turn = recording.to_z_up(source.vertical) * (-1.0 if sensor.force == "on-sensor" else 1.0)
     ok = known(np.hstack([log.force, log.moment]))
@@ -129,7 +136,7 @@ def _sensor(number: int, sensor: ExternalForce, used: UsedFrames, source: Record
             f"recording; it runs from {start:g} to {log.end + sensor.clock_offset_s:g} s on the same clock (with "
             f"`clock_offset_s: {sensor.clock_offset_s:g}`): check `time_s` and the offset"
         )
-    moment = sampled.moment + np.cross(_point(sensor, used, source), sampled.force)
+    moment = sampled.moment + np.cross(_find_point(sensor, used, source), sampled.force)
     acting = sampled.force, moment
     wrench = used.frame.wrench_to_plane(*(acting if used.base is None else used.base.undo_wrench(*acting, used.time)))
     wrench[~known(wrench)] = np.nan
@@ -144,12 +151,12 @@ def _sensor(number: int, sensor: ExternalForce, used: UsedFrames, source: Record
         "measures": sensor.measures,
     }
     if sensor.measures == "beyond":  # not a force of the surroundings
-        return ExternalWrenches(_columns(wrench, f"external_{number}"), (fact,))
+        return ExternalWrenches(_name_columns(wrench, f"external_{number}"), (fact,))
     vertical = recording.decimate(plate, used.thinned.time, used.thinned.rate).force[:, 2]
-    return ExternalWrenches(_columns(wrench, f"external_{number}"), (fact,), (), vertical)
+    return ExternalWrenches(_name_columns(wrench, f"external_{number}"), (fact,), (), vertical)
 
 
-def _point(sensor: ExternalForce, used: UsedFrames, source: Recording) -> FloatArray:
+def _find_point(sensor: ExternalForce, used: UsedFrames, source: Recording) -> FloatArray:
     """Return the point of application, (F, 3) or (3,), lab axes with Z up, m."""
     if not isinstance(sensor.at, str):
         return np.asarray(recording.to_z_up(source.vertical) @ np.array(sensor.at))
@@ -159,7 +166,7 @@ def _point(sensor: ExternalForce, used: UsedFrames, source: Recording) -> FloatA
     return used.positions[:, found[0]]
 
 
-def _columns(wrench: FloatArray, suffix: str) -> dict[str, FloatArray]:
+def _name_columns(wrench: FloatArray, suffix: str) -> dict[str, FloatArray]:
     return {f"{name}_{suffix}": column for name, column in zip(COMPONENTS, wrench.T.copy(), strict=True)}
 
 
@@ -167,7 +174,7 @@ def _by_component(wrench: FloatArray) -> dict[str, float]:
     return dict(zip(COMPONENTS, wrench.tolist(), strict=True))
 
 
-def _doubtful(index: int, choice: PlateChoice, why: str) -> Reason:
+def _describe_doubt(index: int, choice: PlateChoice, why: str) -> Reason:
     if choice.uses[index] == "seat":
         advice = "a chair does not do this; its wrench was left out. Are they swapped in `plates: {feet: …, seat: …}`?"
     else:
@@ -175,7 +182,7 @@ def _doubtful(index: int, choice: PlateChoice, why: str) -> Reason:
     return Reason("plates-doubtful", f"plate {index + 1}, named under `{choice.uses[index]}:`, {why}: {advice}")
 
 
-def _zero_unknown() -> Reason:
+def _describe_unknown_zero() -> Reason:
     return Reason(
         "seat-zero-unknown",
         "the person never stands in these frames, so the reading of the empty chair's plate is unknown. It was not "

@@ -16,21 +16,23 @@ from mocap_id.kinematics.base_motion import find_base_motion
 from mocap_id.kinematics.lone_markers import find_lone_markers
 from mocap_id.kinematics.plane import find_feet
 from mocap_id.plates import GRAVITY, PlateChoice, choose_plates, find_dropouts
-from mocap_id.recording import BoardLog, PlateSamples, Recording, ThinnedFrames
+from mocap_id.recording import PlateSamples, Recording, ThinnedFrames
 from mocap_id.recording.marker_posture import Facing, find_facing, find_upright
 from mocap_id.stages.base import Context, Outputs
-from mocap_id.stages.planarise import (
-    PlanariseSettings,
-    label_swaps,
-    moved_base,
-    plate_losses,
-    plate_registration,
-)
-from mocap_id.stages.planarise.balance_board import PlacedBoard, place_board, read_board_plate
+from mocap_id.stages.planarise import PlanariseSettings, moved_base
+from mocap_id.stages.planarise.balance_board import place_board, read_board_plate
 from mocap_id.stages.planarise.external_wrenches import UsedFrames, measure_seat, measure_sensors
-from mocap_id.stages.planarise.ground_wrench import ground_wrench, lateral_pressure
-from mocap_id.stages.planarise.plate_facts import unit_doubts, wrench_facts
-from mocap_id.stages.planarise.used_part import UsedPart, bursts, read_recording, trajectories, used_part
+from mocap_id.stages.planarise.ground_wrench import compute_ground_wrench, measure_lateral_cop
+from mocap_id.stages.planarise.label_swaps import check_swaps
+from mocap_id.stages.planarise.plate_reasons import describe_losses, describe_plates, doubt_units
+from mocap_id.stages.planarise.plate_registration import PlateCheck, check_registration
+from mocap_id.stages.planarise.used_part import (
+    UsedPart,
+    express_trajectories,
+    list_bursts,
+    read_recording,
+    select_part,
+)
 from mocap_id.stages.trial_keys import BalanceBoard, get_recording
 from mocap_id.store import LongTable, Table
 from mocap_id.store.schemas import PLANAR, WRENCH
@@ -38,24 +40,24 @@ from mocap_id.verdict import Reason
 
 
 def planarise(context: Context) -> Outputs:
-    """Return planar.parquet and wrench.parquet."""
+    """Return planar.parquet and wrench.parquet of a trial in the plane."""
     settings: PlanariseSettings = context.settings
-    log, source = _read(context)
-    part = used_part(source, context.trial.window, settings.ignore)
-    frames = source.frames[part.first : part.stop]
-    swaps = label_swaps.check(
-        part.positions, part.labels, frames, part.time, rate=source.rate, repairing=settings.repair_swaps
-    )
-    part = replace(part, positions=swaps.positions)
+    threshold, person = settings.cop_threshold_N, context.trial.protocol != "robot-joint"
+    files, plates = get_recording(context.trial), context.trial.plates
+    log, source = read_board_plate(files.forces, read_recording(files, settings))
+    part = select_part(source, context.trial.window, settings.ignore)
+    positions, swaps, swap_reasons = check_swaps(part, repair=settings.repair_swaps)
+    part = replace(part, positions=positions)
     thinned = ThinnedFrames.of(part.positions, part.time, source.rate, source.plates)
     samples = [recording.decimate(plate, part.time, source.rate) for plate in source.plates]
-    choice = _choice(context, source, thinned)
+    choice = choose_plates(source.plates, thinned.samples, thinned.positions, feet=plates.feet, seat=plates.seat)
     base = find_base_motion(thinned.positions, thinned.time, thinned.rate)
     still = moved_base.undo_in_frames(base, thinned)
-    frame, faced, plane = _plane(still, source, choice, settings)
+    frame, faced, plane = _fit_frame(still, source, choice, settings)
     board = None
-    if log is not None:
-        board, source, frame = _on_board(context, log, source, still, frame)
+    if log is not None and isinstance(files.forces, BalanceBoard):
+        board = place_board(files.forces, log, source, still, frame, faces=1.0 if settings.facing == "+x" else -1.0)
+        source, frame = replace(source, plates=(board.plate,)), replace(frame, origin=board.origin)
         samples = [recording.decimate(board.plate, part.time, source.rate)]
         thinned = replace(thinned, samples=(recording.decimate(board.plate, thinned.time, thinned.rate),))
         still = moved_base.undo_in_frames(base, thinned)
@@ -67,62 +69,33 @@ def planarise(context: Context) -> Outputs:
     if plane.lean:
         part = replace(part, positions=plane.straighten(part.positions, find_feet(still.positions)))
     thinned, samples = still, moved_base.undo_in_samples(base, samples, part.time)
-    doubted = tuple(text for index in choice.indices("feet") for text in source.plates[index].assumptions)
-    notes = _notes(part, doubted, None if context.trial.protocol == "robot-joint" else faced, settings)
-    points = trajectories(part, frame)
-    visible = np.isfinite(points["x"])
-    moved = moved_base.describe(base, thinned, part.labels, frame, plane)
-    found = {
-        "swaps": swaps.facts,
-        "bursts": bursts(part, points),
-        **_planar_facts(part, frame, plane, faced),
-        "missing_fraction": float(1.0 - visible.mean()),
-        **moved.facts,
-    }
-    values = {**points, "visible": visible}
-    planar = LongTable(PLANAR, frames, part.time, part.labels, values, found, (*swaps.reasons, *moved.reasons, *notes))
-    facts, reasons = wrench_facts(source, thinned, choice, external, settings.cop_threshold_N)
-    lost = _dropouts(part, samples, thinned, choice, facts["mass_kg"])
-    thinned = replace(thinned, samples=_without(thinned.samples, choice, lost[:: thinned.step]))
-    kept = _without(samples, choice, lost)
-    wrench = ground_wrench(part.time, kept, choice, frame, settings.cop_threshold_N) | external.columns
-    if board is not None:
+    moved, moved_reasons = moved_base.describe_motion(base, thinned, part.labels, frame, plane)
+    feet = [source.plates[index] for index in choice.indices("feet")]
+    assumptions = tuple(text for plate in feet for text in plate.assumptions)
+    notes = (*swap_reasons, *moved_reasons, *_list_notes(part, assumptions, faced if person else None, settings))
+    planar = _build_planar_table(part, frame, plane, faced, more={"swaps": swaps, **moved}, reasons=notes)
+    facts, reasons = describe_plates(source, thinned, choice, external, threshold)
+    missing = _find_dropouts(part, samples, thinned, choice, facts["mass_kg"])
+    thinned = replace(thinned, samples=_mark_missing(thinned.samples, choice, missing[:: thinned.step]))
+    kept = _mark_missing(samples, choice, missing)
+    wrench = compute_ground_wrench(part.time, kept, choice, frame, threshold) | external.columns
+    check = PlateCheck({}, ())  # a balance board has no position in the file
+    if board is None:
+        loads = [thinned.samples[index] for index in choice.indices("feet")]
+        check = check_registration(feet, loads, thinned.positions, thinned.rate, person=person)
+    else:
         wrench["Fx"] = np.full(len(part.time), np.nan)
         facts, reasons = facts | {"board": board.facts}, (*reasons, *board.reasons)
-    placed = _placed(source, thinned, choice, board, person=context.trial.protocol != "robot-joint")
-    facts["registration"] = placed.facts
-    across = lateral_pressure(thinned.samples, frame, settings.cop_threshold_N)
+    facts["registration"] = check.facts
+    across = measure_lateral_cop(thinned.samples, frame, threshold)
     facts["plates"] = [plate | {"across_m": each} for plate, each in zip(facts["plates"], across, strict=True)]
-    losses = plate_losses.losses([source.plates[index] for index in choice.indices("feet")], part.time, lost)
-    registered = moved_base.without_lean(placed.reasons, plane)
-    reasons = (*unit_doubts(doubted), *reasons, *losses, *registered, *external.reasons)
+    losses = describe_losses(feet, part.time, missing)
+    registered = moved_base.remove_explained_by_lean(check.reasons, plane)
+    reasons = (*doubt_units(assumptions), *reasons, *losses, *registered, *external.reasons)
     return planar, Table(WRENCH, wrench, facts, reasons)
 
 
-def _read(context: Context) -> tuple[BoardLog | None, Recording]:
-    """Return the log of a balance board, if any, and the recording."""
-    files = get_recording(context.trial)
-    return read_board_plate(files.forces, read_recording(files, context.settings))
-
-
-def _choice(context: Context, source: Recording, thinned: ThinnedFrames) -> PlateChoice:
-    """Return the use of every plate."""
-    plates = context.trial.plates
-    return choose_plates(source.plates, thinned.samples, thinned.positions, feet=plates.feet, seat=plates.seat)
-
-
-def _on_board(
-    context: Context, log: BoardLog, source: Recording, thinned: ThinnedFrames, frame: PlaneFrame
-) -> tuple[PlacedBoard, Recording, PlaneFrame]:
-    """Return the balance board in the laboratory, the recording with it, and the plane with its origin at its cells."""
-    forces = get_recording(context.trial).forces
-    assert isinstance(forces, BalanceBoard)
-    faces = 1.0 if context.settings.facing == "+x" else -1.0
-    board = place_board(forces, log, source, thinned, frame, faces=faces)
-    return board, replace(source, plates=(board.plate,)), replace(frame, origin=board.origin)
-
-
-def _plane(
+def _fit_frame(
     thinned: ThinnedFrames, source: Recording, choice: PlateChoice, settings: PlanariseSettings
 ) -> tuple[PlaneFrame, Facing | None, PlaneFit]:
     """Return the plane's frame, the facing that determined the direction of its x, and the fit of the motion."""
@@ -141,20 +114,31 @@ def _plane(
     return PlaneFrame(yaw, origin), faced, fit
 
 
-def _planar_facts(part: UsedPart, frame: PlaneFrame, fit: PlaneFit, faced: Facing | None) -> dict[str, Any]:
-    return {
-        "plane": {
-            "yaw_deg": float(np.degrees(frame.yaw)),
-            "planarity": fit.planarity,
-            "lean_deg": float(np.degrees(fit.lean)),
-            "origin_m": [float(value) for value in frame.origin],
-            "facing": None if faced is None else {"rule": faced.rule, "displacement_m": abs(faced.displacement)},
-        },
-        **part.facts,
+def _build_planar_table(
+    part: UsedPart,
+    frame: PlaneFrame,
+    fit: PlaneFit,
+    faced: Facing | None,
+    *,
+    more: dict[str, Any],
+    reasons: tuple[Reason, ...],
+) -> LongTable:
+    """Return planar.parquet; ``more`` are facts about swaps and the base."""
+    points = express_trajectories(part, frame)
+    visible = np.isfinite(points["x"])
+    plane = {
+        "yaw_deg": float(np.degrees(frame.yaw)),
+        "planarity": fit.planarity,
+        "lean_deg": float(np.degrees(fit.lean)),
+        "origin_m": [float(value) for value in frame.origin],
+        "facing": None if faced is None else {"rule": faced.rule, "displacement_m": abs(faced.displacement)},
     }
+    facts = {"plane": plane, "bursts": list_bursts(part, points), "missing_fraction": float(1.0 - visible.mean())}
+    values = {**points, "visible": visible}
+    return LongTable(PLANAR, part.frames, part.time, part.labels, values, part.facts | facts | more, reasons)
 
 
-def _dropouts(
+def _find_dropouts(
     part: UsedPart, samples: Sequence[PlateSamples], thinned: ThinnedFrames, choice: PlateChoice, mass: float | None
 ) -> BoolArray:
     """Return frames (F,) in which the feet's plates show no load under a standing person; none without a known mass."""
@@ -165,45 +149,28 @@ def _dropouts(
     return find_dropouts(vertical, tall, part.source.rate, mass * GRAVITY)
 
 
-def _without(samples: Sequence[PlateSamples], choice: PlateChoice, lost: BoolArray) -> tuple[PlateSamples, ...]:
-    """Return the plates' samples, with the lost samples of the feet's plates marked as unknown."""
+def _mark_missing(samples: Sequence[PlateSamples], choice: PlateChoice, missing: BoolArray) -> tuple[PlateSamples, ...]:
+    """Return the plates' samples, with the missing samples of the feet's plates marked as invalid."""
     feet = choice.indices("feet")
-    return tuple(replace(each, ok=each.ok & ~lost) if index in feet else each for index, each in enumerate(samples))
+    return tuple(replace(each, ok=each.ok & ~missing) if index in feet else each for index, each in enumerate(samples))
 
 
-def _placed(
-    source: Recording, thinned: ThinnedFrames, choice: PlateChoice, board: PlacedBoard | None, *, person: bool
-) -> plate_registration.PlateCheck:
-    """Check the positions of the feet's plates in the file; a board has none."""
-    if board is not None:
-        return plate_registration.PlateCheck({}, ())
-    feet = choice.indices("feet")
-    plates, loads = [source.plates[index] for index in feet], [thinned.samples[index] for index in feet]
-    return plate_registration.check(plates, loads, thinned.positions, thinned.rate, person=person)
-
-
-def _notes(
-    part: UsedPart, doubted: Sequence[str], faced: Facing | None, settings: PlanariseSettings
-) -> tuple[Reason, ...]:
+def _list_notes(
+    part: UsedPart, assumptions: Sequence[str], faced: Facing | None, settings: PlanariseSettings
+) -> list[Reason]:
     """Return notes about reading the recording that cast no doubt on the results."""
-    notes = part.oddities(doubted)
+    notes = part.list_oddities(assumptions)
     if part.proposed:
-        notes.append(
-            Reason(
-                "window-proposed",
-                f"only {part.time[0]:g} to {part.time[-1]:g} s is used, the longest part in which some markers stay "
-                f"still and others move (the recording runs from {part.source.time[0]:g} to {part.source.time[-1]:g} "
-                "s); give `window:` to choose another.",
-                level="ok",
-            )
+        text = (
+            f"only {part.time[0]:g} to {part.time[-1]:g} s is used, the longest part in which some markers stay still "
+            f"and others move (the recording runs from {part.source.time[0]:g} to {part.source.time[-1]:g} s); give "
+            "`window:` to choose another part."
         )
+        notes.append(Reason("window-proposed", text, level="ok"))
     if faced is not None and not faced.sure:
-        notes.append(
-            Reason(
-                "facing-unsure",
-                "the motion does not show which way the subject faces, so x may point forwards instead of backwards; "
-                f"in that case set `planarise: {{facing: {'+x' if settings.facing == '-x' else '-x'}}}`.",
-                level="ok",
-            )
+        text = (
+            "the direction in which the subject faces does not follow from the motion, so x may point forwards instead "
+            f"of backwards; if so, set `planarise: {{facing: {'+x' if settings.facing == '-x' else '-x'}}}`."
         )
-    return tuple(notes)
+        notes.append(Reason("facing-unsure", text, level="ok"))
+    return notes

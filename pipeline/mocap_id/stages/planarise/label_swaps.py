@@ -1,74 +1,48 @@
-"""Markers that swap their labels: report, and repair on request."""
+"""Markers that swap their labels: facts and reasons, and repair on request."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
-from mocap_id.arrays import FloatArray, IntArray
-from mocap_id.kinematics import Swap, find_swaps, undo_swaps
+from mocap_id.arrays import FloatArray
+from mocap_id.kinematics import find_swaps, undo_swaps
+from mocap_id.stages.planarise.used_part import UsedPart
 from mocap_id.verdict import Reason
 
 _LISTED = 5  # swaps listed in the message; the facts list all
 
 
-@dataclass(frozen=True)
-class SwapCheck:
-    """Trajectories after the check for swaps.
+def check_swaps(part: UsedPart, *, repair: bool) -> tuple[FloatArray, list[dict[str, Any]], tuple[Reason, ...]]:
+    """Find swapped labels and, if ``repair``, correct them.
 
-    Parameters
-    ----------
+    Returns
+    -------
     positions : (F, M, 3) array
-        Lab, m; repaired if requested.
+        Positions in the lab, corrected if requested, m.
     facts : list of dict
-        Each swap: labels, first and last frame (numbers of the file), their times, whether it was repaired.
+        Each swap: labels, first and last frame (numbers of the file), their times, whether it was corrected.
     reasons : tuple of Reason
     """
-
-    positions: FloatArray
-    facts: list[dict[str, Any]]
-    reasons: tuple[Reason, ...]
-
-
-def check(
-    positions: FloatArray, labels: Sequence[str], frames: IntArray, time: FloatArray, *, rate: float, repairing: bool
-) -> SwapCheck:
-    """Find swapped labels and, if ``repairing``, correct them.
-
-    Parameters
-    ----------
-    positions : (F, M, 3) array
-        Lab, m; NaN where not visible.
-    labels : sequence of str, length M
-    frames : (F,) int array
-        Frame numbers of the file.
-    time : (F,) array
-        s.
-    rate : float
-        Frames per second.
-    repairing : bool
-    """
-    swaps = find_swaps(positions, rate)
-    facts = [_fact(swap, labels, frames, time, repairing) for swap in swaps]
+    swaps = find_swaps(part.positions, part.source.rate)
     if not swaps:
-        return SwapCheck(positions, facts, ())
-    return SwapCheck(undo_swaps(positions, swaps) if repairing else positions, facts, (_reason(facts, repairing),))
+        return part.positions, [], ()
+    facts = [
+        {
+            "labels": [part.labels[swap.first], part.labels[swap.second]],
+            "first_frame": int(part.frames[swap.start]),
+            "last_frame": int(part.frames[swap.stop - 1]),
+            "first_s": float(part.time[swap.start]),
+            "last_s": float(part.time[swap.stop - 1]),
+            "repaired": repair,
+        }
+        for swap in swaps
+    ]
+    positions = undo_swaps(part.positions, swaps) if repair else part.positions
+    return positions, facts, (_describe_swaps(facts, repair),)
 
 
-def _fact(swap: Swap, labels: Sequence[str], frames: IntArray, time: FloatArray, repaired: bool) -> dict[str, Any]:
-    last = swap.stop - 1
-    return {
-        "labels": [labels[swap.first], labels[swap.second]],
-        "first_frame": int(frames[swap.start]),
-        "last_frame": int(frames[last]),
-        "first_s": float(time[swap.start]),
-        "last_s": float(time[last]),
-        "repaired": repaired,
-    }
-
-
-def _reason(facts: Sequence[dict[str, Any]], repaired: bool) -> Reason:
+def _describe_swaps(facts: Sequence[dict[str, Any]], repaired: bool) -> Reason:
     listed = "; ".join(
         f"{fact['labels'][0]} and {fact['labels'][1]} in frames {fact['first_frame']} to {fact['last_frame']} "
         f"({fact['first_s']:.2f} to {fact['last_s']:.2f} s)"
@@ -79,7 +53,7 @@ def _reason(facts: Sequence[dict[str, Any]], repaired: bool) -> Reason:
     outcome = (
         "These frames were corrected in the results; the file was not changed."
         if repaired
-        else "Both are left out of the skeleton in these frames. To use them there, set "
+        else "Both markers are left out of the skeleton in these frames. To use them there, set "
         "`planarise: {repair_swaps: true}`, or relabel them and export the trial again."
     )
     return Reason(

@@ -1,9 +1,9 @@
-"""A base that is not fixed: feet that change their place, heels that lift, a plane that leans; facts and reasons."""
+"""A base that is not fixed: feet that move, heels that lift, a plane that leans; facts and reasons."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -13,20 +13,12 @@ from mocap_id.arrays import FloatArray
 from mocap_id.geometry.plane_frame import PlaneFrame
 from mocap_id.kinematics import PlaneFit
 from mocap_id.kinematics.base_motion import BaseMotion, BaseStretch
-from mocap_id.kinematics.heel_lift import HeelLift, find_heel_lift
+from mocap_id.kinematics.heel_lift import find_heel_lift
 from mocap_id.recording import PlateSamples, ThinnedFrames
 from mocap_id.verdict import Reason
 
 _LISTED = 5  # changes listed in the message; the facts list all
 _HIGH_M = 1.1  # largest height of the centre of mass
-
-
-@dataclass(frozen=True)
-class Finding:
-    """Facts of planar.parquet, None if the base is fixed, and reasons."""
-
-    facts: dict[str, Any]
-    reasons: tuple[Reason, ...]
 
 
 def undo_in_samples(base: BaseMotion | None, samples: Sequence[PlateSamples], time: FloatArray) -> list[PlateSamples]:
@@ -45,41 +37,49 @@ def undo_in_frames(base: BaseMotion | None, thinned: ThinnedFrames) -> ThinnedFr
     return replace(thinned, positions=positions, samples=tuple(undo_in_samples(base, thinned.samples, thinned.time)))
 
 
-def describe(
+def describe_motion(
     base: BaseMotion | None, still: ThinnedFrames, labels: Sequence[str], frame: PlaneFrame, plane: PlaneFit
-) -> Finding:
-    """Describe how the base moved, whether heels lift and whether the plane leans.
+) -> tuple[dict[str, Any], tuple[Reason, ...]]:
+    """Return facts of planar.parquet and reasons about a base that moves, heels that lift and a plane that leans.
 
     Parameters
     ----------
     base : BaseMotion or None
-        The motion that was undone.
+        The motion that was undone; None if the base is fixed.
     still : ThinnedFrames
         Frames relative to a base that stands still.
     labels : sequence of str
         Names of the markers.
     frame : PlaneFrame
-        The plane in the first stretch.
+        The plane's frame before the base moved.
     plane : PlaneFit
     """
     lift = find_heel_lift(still.positions, still.time, still.rate)
     facts = {
-        "base_motion": None if base is None else _motion_fact(base, labels, frame),
-        "heel_lift": None if lift is None else _lift_fact(lift, labels),
+        "base_motion": None if base is None else _list_motion(base, labels, frame),
+        "heel_lift": None
+        if lift is None
+        else {
+            "marker": labels[lift.marker],
+            "about": labels[lift.about],
+            "height_m": lift.height,
+            "turn_deg": float(np.degrees(lift.turn)),
+            "time_s": lift.time,
+        },
     }
-    moved = () if base is None else (_moved(base),)
-    return Finding(facts, (*moved, *_leans(plane)))
+    moved = () if base is None else (_describe_base(base),)
+    return facts, (*moved, *_describe_lean(plane))
 
 
-def without_lean(reasons: Sequence[Reason], plane: PlaneFit) -> tuple[Reason, ...]:
-    """Leave out `plate-misplaced` if the lean of the plane explains that the force acts beside the feet."""
+def remove_explained_by_lean(reasons: Sequence[Reason], plane: PlaneFit) -> tuple[Reason, ...]:
+    """Remove `plate-misplaced` if the lean of the plane explains that the force acts beside the feet."""
     beside = _HIGH_M * abs(np.sin(plane.lean))
     return tuple(
         each for each in reasons if each.code != "plate-misplaced" or (each.value or 0.0) - beside > (each.limit or 0.0)
     )
 
 
-def _motion_fact(base: BaseMotion, labels: Sequence[str], frame: PlaneFrame) -> dict[str, Any]:
+def _list_motion(base: BaseMotion, labels: Sequence[str], frame: PlaneFrame) -> dict[str, Any]:
     axes = frame.axes[[0, 2], :2]
     return {
         "stretches": [
@@ -103,48 +103,38 @@ def _motion_fact(base: BaseMotion, labels: Sequence[str], frame: PlaneFrame) -> 
     }
 
 
-def _moved(base: BaseMotion) -> Reason:
+def _describe_base(base: BaseMotion) -> Reason:
     changes = list(pairwise(base.stretches))
-    listed = "; ".join(_change(*each) for each in changes[:_LISTED])
+    listed = "; ".join(_describe_change(*each) for each in changes[:_LISTED])
     rest = f"; and {len(changes) - _LISTED} more changes" if len(changes) > _LISTED else ""
     farthest = max(float(np.linalg.norm(each.shift)) for each in base.stretches)
     first = base.stretches[0]
     if not base.rigid:
         return Reason(
             "base-moved",
-            f"the feet changed their place: {listed}{rest}. They did not move alike: their markers differ by "
+            f"the feet moved to another position: {listed}{rest}. They did not move alike: their markers differ by "
             f"{1e3 * max(each.misfit for each in base.stretches):.0f} mm rms from a common motion. Only their mean "
             "displacement was corrected, so the joints are less exact: analyse each part alone with `window:`",
             farthest,
         )
     return Reason(
         "base-moved",
-        f"the feet changed their place: {listed}{rest}. This was corrected: markers, forces and moments are expressed "
-        f"relative to the feet. x, tauz and the centre of pressure hold for the feet at their place from "
+        f"the feet moved to another position: {listed}{rest}. This was corrected: markers, forces and moments are "
+        f"expressed relative to the feet. x, tauz and the centre of pressure refer to the position of the feet from "
         f"{first.start:.1f} to {first.end:.1f} s.",
         farthest,
         level="ok",
     )
 
 
-def _change(before: BaseStretch, after: BaseStretch) -> str:
-    """Return the amount and the time of one change."""
+def _describe_change(before: BaseStretch, after: BaseStretch) -> str:
+    """Return the amount and the time of one change as text."""
     shift, turn = 1e2 * float(np.linalg.norm(after.shift - before.shift)), float(np.degrees(after.turn - before.turn))
-    turned = f" and turned by {abs(turn):.0f}°" if abs(turn) >= 1.0 else ""
-    return f"by {shift:.1f} cm{turned} between {before.end:.1f} and {after.start:.1f} s"
+    rotation = f" and rotated by {abs(turn):.0f}°" if abs(turn) >= 1.0 else ""
+    return f"by {shift:.1f} cm{rotation} between {before.end:.1f} and {after.start:.1f} s"
 
 
-def _lift_fact(lift: HeelLift, labels: Sequence[str]) -> dict[str, Any]:
-    return {
-        "marker": labels[lift.marker],
-        "about": labels[lift.about],
-        "height_m": lift.height,
-        "turn_deg": float(np.degrees(lift.turn)),
-        "time_s": lift.time,
-    }
-
-
-def _leans(plane: PlaneFit) -> tuple[Reason, ...]:
+def _describe_lean(plane: PlaneFit) -> tuple[Reason, ...]:
     if plane.lean == 0:
         return ()
     lean = abs(float(np.degrees(plane.lean)))

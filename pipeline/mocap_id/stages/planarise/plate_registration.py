@@ -41,19 +41,21 @@ class PlateCheck:
     reasons: tuple[Reason, ...]
 
 
-def check(
+def check_registration(
     plates: Sequence[Plate], samples: Sequence[PlateSamples], positions: FloatArray, rate: float, *, person: bool
 ) -> PlateCheck:
     """Compare the feet's plates with the markers.
 
     Parameters
     ----------
-    plates, samples : sequences
-        The plates under the feet, and their wrench at the times of the positions.
+    plates : sequence of Plate
+        Plates under the feet.
+    samples : sequence of PlateSamples
+        Wrench of each plate at the times of the positions.
     positions : (F, M, 3) array
         Lab axes with Z up, m.
     rate : float
-        Hz.
+        Frames per second.
     person : bool
         Whether a person moves; a robot has no feet.
     """
@@ -65,16 +67,16 @@ def check(
     whole = compare_directions(total, positions, rate)
     alone = [compare_directions(each.force, positions, rate) for each in samples] if len(plates) > 1 else []
     facts = {
-        "plates": [_fact(each) for each in found],
+        "plates": [_list_placement(each) for each in found],
         "standing_lean_deg": None if lean is None else np.degrees(lean).tolist(),
-        "turned": _direction(whole),
+        "turned": _list_direction(whole),
     }
-    reasons = [reason for each in found for reason in (_misplaced(each), _height(each))]
-    reasons += [_unchecked(found), _tilted(found, lean), *_turned(plates, whole, alone)]
+    reasons = [reason for each in found for reason in (_describe_misplacement(each), _describe_height(each))]
+    reasons += [_describe_unchecked(found), _describe_tilt(found, lean), *_describe_rotation(plates, whole, alone)]
     return PlateCheck(facts, tuple(reason for reason in reasons if reason is not None))
 
 
-def _fact(found: PlatePlacement) -> dict[str, Any]:
+def _list_placement(found: PlatePlacement) -> dict[str, Any]:
     return {
         "index": found.index,
         "cop_off_feet_m": found.off_feet,
@@ -84,13 +86,13 @@ def _fact(found: PlatePlacement) -> dict[str, Any]:
     }
 
 
-def _direction(found: ForceDirection | None) -> dict[str, float] | None:
+def _list_direction(found: ForceDirection | None) -> dict[str, float] | None:
     if found is None:
         return None
     return {"angle_deg": float(np.degrees(found.angle)), "coherence": found.coherence, "rms": found.size}
 
 
-def _misplaced(found: PlatePlacement) -> Reason | None:
+def _describe_misplacement(found: PlatePlacement) -> Reason | None:
     limit = _MARGIN_M + found.allowance
     if found.off_feet is None or found.off_feet <= limit:
         return None
@@ -105,7 +107,7 @@ def _misplaced(found: PlatePlacement) -> Reason | None:
     )
 
 
-def _unchecked(found: Sequence[PlatePlacement]) -> Reason | None:
+def _describe_unchecked(found: Sequence[PlatePlacement]) -> Reason | None:
     """Return a note if the position of a plate along the ground could not be compared with the feet."""
     unknown = [each for each in found if each.unknown is not None]
     if not unknown:
@@ -114,13 +116,13 @@ def _unchecked(found: Sequence[PlatePlacement]) -> Reason | None:
     return Reason(
         "plate-unchecked",
         f"whether plate {numbers} {'is' if len(unknown) == 1 else 'are'} where the file says could not be checked: "
-        f"{unknown[0].unknown}. Markers on heel and toes of both feet show it; for a robot bolted to the plate, set "
-        "`protocol: robot-joint`",
+        f"{unknown[0].unknown}. The check needs markers on heel and toes of both feet; for a robot bolted to the "
+        "plate, set `protocol: robot-joint`",
         level="ok",
     )
 
 
-def _height(found: PlatePlacement) -> Reason | None:
+def _describe_height(found: PlatePlacement) -> Reason | None:
     over = found.over_surface
     if over is None or -_SUNK_M <= over <= _HOVERING_M:
         return None
@@ -135,13 +137,13 @@ def _height(found: PlatePlacement) -> Reason | None:
     )
 
 
-def _tilted(found: Sequence[PlatePlacement], lean: FloatArray | None) -> Reason | None:
+def _describe_tilt(found: Sequence[PlatePlacement], lean: FloatArray | None) -> Reason | None:
     """Return a reason if the corners incline a plate, or if the force under a standing person is not vertical."""
     inclined = max((each.inclined for each in found if each.inclined is not None), default=0.0)
     corners = f"the corners incline a plate by {np.degrees(inclined):.1f}°, expected under {np.degrees(_INCLINED):.1f}°"
-    if inclined > _INCLINED and (lean is None or _explains(found, lean)):
+    if inclined > _INCLINED and (lean is None or _corners_explain(found, lean)):
         evidence = (
-            ", and nobody stands still, which would show whether it is inclined"
+            ", and nobody stands still, so the force cannot confirm this"
             if lean is None
             else f", and the force under the standing person leans with them, by {np.degrees(np.hypot(*lean)):.1f}°: "
             "the corners are wrong"
@@ -158,26 +160,28 @@ def _tilted(found: Sequence[PlatePlacement], lean: FloatArray | None) -> Reason 
         return Reason("plate-tilted", text, value=leaning, limit=float(np.degrees(_LEAN)))
     if inclined <= _INCLINED:
         return None
-    text = f"{corners}; the force under the standing person is vertical, so the plate is taken to be inclined"
+    text = f"{corners}; the force under the standing person is vertical, so the plate is assumed to be inclined"
     value, limit = float(np.degrees(inclined)), float(np.degrees(_INCLINED))
     return Reason("plate-tilted", text, value=value, limit=limit, level="ok")
 
 
-def _explains(found: Sequence[PlatePlacement], lean: FloatArray) -> bool:
+def _corners_explain(found: Sequence[PlatePlacement], lean: FloatArray) -> bool:
     """Return whether wrong corners explain the lean of the force: level plates would give about this lean."""
     total = sum(each.load for each in found)
     expected = sum((each.normal[:2] * each.load for each in found if each.normal is not None), np.zeros(2)) / total
     return bool(lean @ expected > 0.5 * (expected @ expected))
 
 
-def _turned(
+def _describe_rotation(
     plates: Sequence[Plate], whole: ForceDirection | None, alone: Sequence[ForceDirection | None]
 ) -> list[Reason]:
     """Return reasons for plates whose horizontal force does not point along the acceleration, first for their sum."""
     if whole is not None and _points_away(whole, _TURNED):
-        return [_turned_reason("the plates" if len(plates) > 1 else f"plate {plates[0].index}", whole, _TURNED)]
+        return [
+            _describe_rotated_plate("the plates" if len(plates) > 1 else f"plate {plates[0].index}", whole, _TURNED)
+        ]
     return [
-        _turned_reason(f"plate {plate.index}", each, _TURNED_ALONE)
+        _describe_rotated_plate(f"plate {plate.index}", each, _TURNED_ALONE)
         for plate, each in zip(plates, alone, strict=False)
         if each is not None and _points_away(each, _TURNED_ALONE)
     ]
@@ -187,13 +191,13 @@ def _points_away(found: ForceDirection, limit: float) -> bool:
     return found.coherence >= _COHERENT and found.size >= _FORCE_N and abs(found.angle) > limit
 
 
-def _turned_reason(name: str, found: ForceDirection, limit: float) -> Reason:
+def _describe_rotated_plate(name: str, found: ForceDirection, limit: float) -> Reason:
     angle = float(np.degrees(found.angle))
     return Reason(
         "plate-turned",
         f"the horizontal force of {name} points {angle:.0f}° away from the acceleration of the body (about the "
         f"vertical), expected within ± {np.degrees(limit):.0f}°: the corners are in another order, the plate's axes "
-        "are turned, or Fx and Fy have the wrong sign. Correct the file; Fx, tauz and all parameters are wrong",
+        "are rotated, or Fx and Fy have the wrong sign. Correct the file; Fx, tauz and all parameters are wrong",
         value=abs(angle),
         limit=float(np.degrees(limit)),
     )

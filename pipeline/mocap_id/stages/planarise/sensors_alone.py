@@ -1,4 +1,4 @@
-"""The stage planarise for a trial of inertial sensors alone: a recording in which no camera sees a marker."""
+"""The stage planarise for a trial of inertial sensors alone: a recording without any measured marker."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ from mocap_id.recording.imu_log import read_imu
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.calibration import FORMAT, get_calibration, read_chain
 from mocap_id.stages.planarise.external_wrenches import ExternalWrenches
-from mocap_id.stages.planarise.ground_wrench import ground_wrench
-from mocap_id.stages.planarise.plate_facts import wrench_facts
+from mocap_id.stages.planarise.ground_wrench import compute_ground_wrench
+from mocap_id.stages.planarise.plate_reasons import describe_plates
+from mocap_id.stages.planarise.used_part import UsedPart
 from mocap_id.stages.trial_keys import TrialKeys
 from mocap_id.store import LongTable, Table
 from mocap_id.store.schemas import PLANAR, WRENCH
@@ -27,8 +28,8 @@ _RATES = (50.0, 250.0)  # Hz, of the frames
 _LEAST_S = 5.0
 
 
-def upright_sensors(context: Context) -> Outputs:
-    """Return planar.parquet and wrench.parquet without any marker seen, at the times of the first sensor.
+def planarise_sensors(context: Context) -> Outputs:
+    """Return planar.parquet and wrench.parquet without any measured marker, at the times of the first sensor.
 
     The trajectories are those of the calibration's markers, all missing; there is no plate.
 
@@ -39,12 +40,12 @@ def upright_sensors(context: Context) -> Outputs:
     RecordingError
         A log cannot be read, or the sensors have too little time in common.
     Refused
-        A moving segment has no sensor, here or in the calibration.
+        A moving segment has no sensor, in this trial or in the calibration.
     """
     tree = read_chain(get_calibration(context.trial))
     _check_complete(context.trial, tree.texts("segments/name"))
     files = context.trial.imus
-    time = _common_times(files, context.trial.window)
+    time = _find_common_times(files, context.trial.window)
     labels = tree.texts("markers/name")
     rate = 1.0 / float(time[1] - time[0])
     missing = np.full((len(time), len(labels)), np.nan)
@@ -62,27 +63,21 @@ def upright_sensors(context: Context) -> Outputs:
         plates=(),
         oddities=(),
     )
-    found = {
+    planar_facts = {
+        **UsedPart(source, 0, len(time), source.labels, source.positions, proposed=False).facts,
         "swaps": [],
         "bursts": {},
         "plane": {"yaw_deg": None, "planarity": None, "lean_deg": None, "origin_m": None, "facing": None},
-        "window_s": [float(time[0]), float(time[-1])],
-        "window_proposed": False,
-        "rate_hz": rate,
-        "vertical": source.vertical,
-        "units": source.units,
-        "format": source.format,
-        "files": [file.name for file in source.files],
         "missing_fraction": 1.0,
     }
     values = {"x": missing, "y": missing, "z": missing, "visible": np.isfinite(missing)}
-    planar = LongTable(PLANAR, source.frames, time, source.labels, values, found, ())
+    planar = LongTable(PLANAR, source.frames, time, source.labels, values, planar_facts, ())
     choice, threshold = PlateChoice((), (), ()), context.settings.cop_threshold_N
     thinned = ThinnedFrames.of(source.positions, time, rate, ())
-    facts, reasons = wrench_facts(source, thinned, choice, ExternalWrenches(), threshold)
+    facts, reasons = describe_plates(source, thinned, choice, ExternalWrenches(), threshold)
     reasons = tuple(replace(each, level="ok") for each in reasons)  # nobody expects a plate here
     facts["registration"] = {}
-    return planar, Table(WRENCH, ground_wrench(time, (), choice, PlaneFrame(0.0), threshold), facts, reasons)
+    return planar, Table(WRENCH, compute_ground_wrench(time, (), choice, PlaneFrame(0.0), threshold), facts, reasons)
 
 
 def _check_complete(trial: TrialKeys, segments: Sequence[str]) -> None:
@@ -100,8 +95,8 @@ def _check_complete(trial: TrialKeys, segments: Sequence[str]) -> None:
         )
 
 
-def _common_times(files: Mapping[str, Path], window: tuple[float, float] | None) -> FloatArray:
-    """Return uniform times on the first sensor's clock that all sensors cover if their clocks agree."""
+def _find_common_times(files: Mapping[str, Path], window: tuple[float, float] | None) -> FloatArray:
+    """Return times with a constant step on the first sensor's clock that all sensors cover if their clocks agree."""
     logs = {segment: read_imu(file) for segment, file in files.items()}
     first, last = max(log.time[0] for log in logs.values()), min(log.time[-1] for log in logs.values())
     steps = [float(np.median(np.diff(log.time))) for log in logs.values()]

@@ -1,4 +1,4 @@
-"""Reading of a skeleton for the stage planarise: axes, side of the arm, and joints that the sensor guessed."""
+"""Reading of a skeleton for the stage planarise: axes, side of the arm, and joints that the sensor inferred."""
 
 from __future__ import annotations
 
@@ -28,36 +28,29 @@ class UprightSkeleton:
 
     recording: Recording
     side: Side
-    inferred: BoolArray
+    inferred: BoolArray  # (F, M) joint positions that the sensor inferred
     reasons: tuple[Reason, ...]
 
-    def inferred_times(self, labels: tuple[str, ...], first: int, stop: int) -> dict[str, list[list[float]]]:
-        """Return first and last time, s, of every stretch in which the sensor guessed a joint, by its label."""
-        time, found = self.recording.time, {}
+    def facts(self, labels: tuple[str, ...], first: int, stop: int) -> dict[str, Any]:
+        """Return the fact ``skeleton`` of planar.parquet: times of inferred stretches by joint, s."""
+        time, stretches = self.recording.time, {}
         for number, label in enumerate(self.recording.labels):
             runs = find_runs(self.inferred[first:stop, number])
             if label in labels and runs:
-                found[label] = [time[[first + run.start, first + run.stop - 1]].tolist() for run in runs]
-        return found
-
-    def facts(self, labels: tuple[str, ...], first: int, stop: int) -> dict[str, Any]:
-        """Return the fact ``skeleton`` of planar.parquet."""
-        return {"inferred": self.inferred_times(labels, first, stop)}
+                stretches[label] = [time[[first + run.start, first + run.stop - 1]].tolist() for run in runs]
+        return {"inferred": stretches}
 
 
 def read_upright(trial: TrialKeys, settings: PlanariseSettings) -> UprightSkeleton:
-    """Read the skeleton of a trial, and find the axis that points up and the arm that moves.
+    """Read the skeleton of a trial, and determine the axis that points up and the arm that moves.
 
-    Raises
-    ------
-    Refused
-        The skeleton has no arm with shoulder, elbow and wrist.
+    Raises Refused if the skeleton has no arm with shoulder, elbow and wrist.
     """
     file = get_recording(trial).skeleton
     assert file is not None
     read = read_skeleton(file, units=settings.units, vertical=settings.vertical)
     source, notes = read.recording, []
-    side = trial.side or _moving_side(source)
+    side = trial.side or _find_moving_side(source)
     roles = find_roles(source.labels, side)
     missing = [name for name in ("near_shoulder", "elbow", "wrist") if name not in roles]
     if missing:
@@ -69,14 +62,14 @@ def read_upright(trial: TrialKeys, settings: PlanariseSettings) -> UprightSkelet
     if trial.side is None:
         notes.append(f"the {side} arm moves most and is used (if it is the other one, set `side:`)")
     if settings.vertical is None:
-        source = _upright(source, roles, notes)
-    source, mirrored = _unmirrored(source, roles, side)
+        source = _rotate_upright(source, roles, notes)
+    source, mirrored = _undo_mirroring(source, roles, side)
     reasons = tuple(Reason("recording-oddity", f"{note}.", level="ok") for note in notes)
     return UprightSkeleton(source, side, read.inferred, reasons + mirrored)
 
 
-def _moving_side(source: Recording) -> Side:
-    """Return the side whose wrist moves more against its shoulder."""
+def _find_moving_side(source: Recording) -> Side:
+    """Return the side whose wrist moves more relative to its shoulder."""
     moved: dict[Side, float] = {"right": 0.0, "left": 0.0}
     for side in moved:
         roles = find_roles(source.labels, side)
@@ -86,7 +79,7 @@ def _moving_side(source: Recording) -> Side:
     return "left" if moved["left"] > moved["right"] else "right"
 
 
-def _trunk(source: Recording, roles: dict[str, int]) -> tuple[FloatArray, FloatArray]:
+def _find_trunk(source: Recording, roles: dict[str, int]) -> tuple[FloatArray, FloatArray]:
     """Return the directions (F, 3) up along the trunk and across it, from the far to the near shoulder."""
     near, far = (source.positions[:, roles.get(f"{part}_shoulder", roles["near_shoulder"])] for part in ("near", "far"))
     low = [source.positions[:, roles[name]] for name in ("pelvis", "near_hip", "far_hip", "spine") if name in roles]
@@ -95,15 +88,15 @@ def _trunk(source: Recording, roles: dict[str, int]) -> tuple[FloatArray, FloatA
     return (near + far) / 2 - np.mean(low[: 1 if "pelvis" in roles else 2], axis=0), near - far
 
 
-def _upright(source: Recording, roles: dict[str, int], notes: list[str]) -> Recording:
-    """Return the recording turned so that the axis nearest to the trunk points up."""
-    up = np.nanmedian(_trunk(source, roles)[0], axis=0) if len(source.time) else np.zeros(3)
+def _rotate_upright(source: Recording, roles: dict[str, int], notes: list[str]) -> Recording:
+    """Return the recording rotated so that the axis nearest to the trunk points up."""
+    up = np.nanmedian(_find_trunk(source, roles)[0], axis=0) if len(source.time) else np.zeros(3)
     axis = nearest_axis(up, 0.75)
     tilt = float(np.degrees(np.arctan2(np.linalg.norm(up[:2]), up[2]))) if np.isfinite(up).all() else float("nan")
     if axis not in (None, "Z"):
         positions = source.positions.copy()
         rotate_z_up(positions, str(axis))
-        notes.append("the trunk shows which axis points up (if it is another, set `vertical:`)")
+        notes.append("the upward axis was determined from the trunk (if it is another, set `vertical:`)")
         return replace(source, positions=positions, vertical=f"{source.vertical} ({axis})")
     notes.append(
         f"{source.vertical} of the file is taken as up; the trunk leans {tilt:.0f}° from it, with an unknown tilt of "
@@ -112,9 +105,9 @@ def _upright(source: Recording, roles: dict[str, int], notes: list[str]) -> Reco
     return source
 
 
-def _unmirrored(source: Recording, roles: dict[str, int], side: Side) -> tuple[Recording, tuple[Reason, ...]]:
-    """Return the recording as a mirror image, with a caution, if hands and feet are behind the trunk."""
-    up, across = _trunk(source, roles)
+def _undo_mirroring(source: Recording, roles: dict[str, int], side: Side) -> tuple[Recording, tuple[Reason, ...]]:
+    """Return the recording, as a mirror image and with a caution if hands and feet are behind the trunk."""
+    up, across = _find_trunk(source, roles)
     forward = np.cross(up, across if side == "right" else -across)
     with np.errstate(invalid="ignore"):
         forward /= np.linalg.norm(forward, axis=1, keepdims=True)

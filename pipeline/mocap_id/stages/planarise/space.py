@@ -1,4 +1,4 @@
-"""Function of the stage planarise for a trial in space: turns the recording upright."""
+"""Function of the stage planarise for a trial in space: expresses the recording in the lab's axes with y up."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from mocap_id.recording import ThinnedFrames
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.planarise import PlanariseSettings
 from mocap_id.stages.planarise.external_wrenches import ExternalWrenches
-from mocap_id.stages.planarise.ground_wrench import ground_wrench_in_space, plates_centre
-from mocap_id.stages.planarise.plate_facts import unit_doubts, wrench_facts
+from mocap_id.stages.planarise.ground_wrench import compute_ground_wrench_in_space, find_plates_centre
+from mocap_id.stages.planarise.plate_reasons import describe_plates, doubt_units
 from mocap_id.stages.planarise.skeleton import read_upright
-from mocap_id.stages.planarise.used_part import bursts, read_recording, trajectories, used_part
+from mocap_id.stages.planarise.used_part import express_trajectories, list_bursts, read_recording, select_part
 from mocap_id.stages.trial_keys import get_landmark_labels, get_recording
 from mocap_id.store import LongTable, Table
 from mocap_id.store.schemas import PLANAR, WRENCH
@@ -28,55 +28,56 @@ _PLANAR = 0.01
 """Share of the motion out of the best vertical plane below which a trial in the plane would do."""
 
 
-def upright_recording(context: Context) -> Outputs:
+def planarise_in_space(context: Context) -> Outputs:
     """Return planar.parquet and wrench.parquet of a trial in space.
 
-    The frame is that of the lab with y up: x is the file's first horizontal axis, z = x × y. A left arm is mirrored.
+    The trial's frame has the lab's axes with y up: x is the file's first horizontal axis, z = x × y. A left arm is
+    mirrored.
     """
     settings: PlanariseSettings = context.settings
     files = get_recording(context.trial)
     skeleton = None if files.skeleton is None else read_upright(context.trial, settings)
     source = read_recording(files, settings) if skeleton is None else skeleton.recording
     window = context.trial.window or (float(source.time[0]), float(source.time[-1]))
-    part = used_part(source, window, settings.ignore)
+    part = select_part(source, window, settings.ignore)
     free = context.trial.protocol == "free"
     side = context.trial.side or find_landmarks(part.labels, get_landmark_labels(context.trial)).side
     if skeleton is not None:
         side = skeleton.side
     left = side == "left"
     frame = PlaneFrame(0.0)
-    points = trajectories(part, frame)
+    points = express_trajectories(part, frame)
     if left:
         points["z"] = -points["z"]
     visible = np.isfinite(points["x"])
     thinned = ThinnedFrames.of(part.positions, part.time, source.rate, source.plates)
     planarity = fit_plane(thinned.positions).planarity
-    found = {
+    planar_facts = {
         "space": "3d",
         "side": "left" if left else "right",
-        "bursts": bursts(part, points),
+        "bursts": list_bursts(part, points),
         "plane": {"yaw_deg": 0.0, "planarity": planarity, "lean_deg": 0.0, "origin_m": [0.0, 0.0, 0.0], "facing": None},
         **part.facts,
         "missing_fraction": float(1.0 - visible.mean()),
         **({} if skeleton is None else {"skeleton": skeleton.facts(part.labels, part.first, part.stop)}),
     }
     choice = choose_plates(source.plates, thinned.samples, thinned.positions, feet=context.trial.plates.feet, seat=())
-    doubted = tuple(text for index in choice.indices("feet") for text in source.plates[index].assumptions)
-    notes = (*part.oddities(doubted), *(_planar(planarity) if free else ()))
+    assumptions = tuple(text for index in choice.indices("feet") for text in source.plates[index].assumptions)
+    notes = (*part.list_oddities(assumptions), *(_describe_planar_motion(planarity) if free else ()))
     notes += () if skeleton is None else skeleton.reasons
-    planar = LongTable(PLANAR, part.frames, part.time, part.labels, {**points, "visible": visible}, found, notes)
+    planar = LongTable(PLANAR, part.frames, part.time, part.labels, {**points, "visible": visible}, planar_facts, notes)
     samples = [recording.decimate(plate, part.time, source.rate) for plate in source.plates]
-    facts, reasons = wrench_facts(source, thinned, choice, ExternalWrenches(), settings.cop_threshold_N)
+    facts, reasons = describe_plates(source, thinned, choice, ExternalWrenches(), settings.cop_threshold_N)
     threshold = settings.cop_threshold_N
-    columns = ground_wrench_in_space(part.time, samples, choice, frame, threshold, mirrored=left)
-    facts["centre_m"] = plates_centre(source.plates, choice, frame, mirrored=left)
+    columns = compute_ground_wrench_in_space(part.time, samples, choice, frame, threshold, mirrored=left)
+    facts["centre_m"] = find_plates_centre(source.plates, choice, frame, mirrored=left)
     if not free:  # reaches and curls are recorded without plates
         reasons = tuple(replace(each, level="ok") for each in reasons)
-    return planar, Table(WRENCH, columns, facts, (*unit_doubts(doubted), *reasons))
+    return planar, Table(WRENCH, columns, facts, (*doubt_units(assumptions), *reasons))
 
 
-def _planar(planarity: float) -> tuple[Reason, ...]:
-    """Return a note if the motion is that of a trial in the plane."""
+def _describe_planar_motion(planarity: float) -> tuple[Reason, ...]:
+    """Return a note if all markers move in one plane."""
     if planarity > _PLANAR:
         return ()
     return (

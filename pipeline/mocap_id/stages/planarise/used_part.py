@@ -1,4 +1,4 @@
-"""The part of a recording that is used: markers and frames, their coordinates in the trial's frame, bursts."""
+"""The part of a recording that is used: its markers and frames, their coordinates in the trial's frame, and bursts."""
 
 from __future__ import annotations
 
@@ -22,17 +22,18 @@ from mocap_id.verdict import Reason
 
 @dataclass(frozen=True)
 class UsedPart:
-    """The frames and markers used: positions (F, M, 3) in the lab, m."""
+    """Frames and markers of a recording that are used."""
 
     source: Recording
-    first: int
-    stop: int
+    first: int  # index of the first frame
+    stop: int  # index after the last frame
     labels: tuple[str, ...]
-    positions: FloatArray
-    proposed: bool
+    positions: FloatArray  # (F, M, 3) in the lab, m
+    proposed: bool  # whether the program chose the window
 
     @property
     def time(self) -> FloatArray:
+        """(F,) s."""
         return self.source.time[self.first : self.stop]
 
     @property
@@ -54,10 +55,10 @@ class UsedPart:
             "files": [file.name for file in source.files],
         }
 
-    def oddities(self, doubted: Sequence[str]) -> list[Reason]:
-        """Return notes about the file; irregularities in ``doubted`` already have a caution and are left out."""
-        found = [oddity for oddity in self.source.oddities if oddity not in doubted]
-        return [Reason("recording-oddity", f"{oddity}.", level="ok") for oddity in found]
+    def list_oddities(self, doubted: Sequence[str]) -> list[Reason]:
+        """Return notes about the file, without the oddities in ``doubted``, for which there is a caution already."""
+        oddities = [oddity for oddity in self.source.oddities if oddity not in doubted]
+        return [Reason("recording-oddity", f"{oddity}.", level="ok") for oddity in oddities]
 
 
 def read_recording(files: Files, settings: PlanariseSettings) -> Recording:
@@ -72,12 +73,12 @@ def read_recording(files: Files, settings: PlanariseSettings) -> Recording:
     )
 
 
-def used_part(source: Recording, window: tuple[float, float] | None, ignore: Sequence[str]) -> UsedPart:
+def select_part(source: Recording, window: tuple[float, float] | None, ignore: Sequence[str]) -> UsedPart:
     """Return the frames of the window, configured or proposed, and the markers visible in it."""
     file = source.files[0]
     out = find_markers(source.labels, ignore, f"{file}: planarise: ignore")
     keep = [i for i in range(len(source.labels)) if i not in out]
-    visible = _visible(source.positions)[:, keep]
+    visible = _find_visible(source.positions)[:, keep]
     if not visible.any():
         raise RecordingError(
             f"{file}: no marker is visible in any of its {len(source.frames)} frames ({len(source.labels)} labels); "
@@ -105,22 +106,22 @@ def used_part(source: Recording, window: tuple[float, float] | None, ignore: Seq
     return UsedPart(source, first, stop, labels, positions if labels == source.labels else positions[:, kept], proposed)
 
 
-def _visible(positions: FloatArray) -> BoolArray:
+def _find_visible(positions: FloatArray) -> BoolArray:
     """Return whether each marker is visible in each frame, (F, M)."""
     return np.isfinite(positions[..., 0] + positions[..., 1] + positions[..., 2])
 
 
-def trajectories(part: UsedPart, frame: PlaneFrame) -> dict[str, FloatArray]:
-    """Return coordinates (F, M) in the plane, m; NaN where not visible."""
+def express_trajectories(part: UsedPart, frame: PlaneFrame) -> dict[str, FloatArray]:
+    """Return coordinates (F, M) in the plane, m; NaN if not visible."""
     x, y, z = (np.empty(part.positions.shape[:2]) for _ in range(3))
     for some in chunks(len(part.time)):
         local = frame.to_plane(part.positions[some])
-        local[~_visible(local)] = np.nan
+        local[~_find_visible(local)] = np.nan
         x[some], y[some], z[some] = np.moveaxis(local, 2, 0)
     return {"x": x, "y": y, "z": z}
 
 
-def bursts(part: UsedPart, points: Mapping[str, FloatArray]) -> dict[str, list[list[float]]]:
+def list_bursts(part: UsedPart, points: Mapping[str, FloatArray]) -> dict[str, list[list[float]]]:
     """Return first and last time, s, of every burst (a jump away and back), for the markers that have any."""
     found = {}
     for marker, label in enumerate(part.labels):
