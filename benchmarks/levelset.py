@@ -19,7 +19,7 @@ from mocap_id.prescription.level_set import (
     Scheme,
     StateGrid,
     compute_reachable_set,
-    grid_for,
+    make_grid,
     solve_level_set,
 )
 from mocap_id.prescription.one_joint import OneJoint
@@ -89,7 +89,7 @@ def main() -> None:
     """Print both times."""
     nodes = int(sys.argv[1]) if len(sys.argv) > 1 else 101
     dynamics, scheme = joint(), Scheme(nodes, nodes)
-    grid = grid_for(dynamics, scheme, HORIZON)
+    grid = make_grid(dynamics, scheme, HORIZON)
     first, free = first_set(dynamics, grid), np.full((len(grid.angle), len(grid.velocity)), -np.inf)
     whole, plain = least(lambda: solve_level_set(dynamics, grid, first, free, (HORIZON,), scheme).values[-1])
     band, _ = least(lambda: compute_reachable_set(dynamics, (HORIZON,), scheme))

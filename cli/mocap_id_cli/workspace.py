@@ -9,7 +9,7 @@ from typing import Annotated
 import numpy as np
 import typer
 
-from mocap_id.prescription.overlay import Overlay
+from mocap_id.prescription.workspace import Overlay
 from mocap_id.workflows import workspace as workflow
 from mocap_id_cli import progress
 from mocap_id_cli.console import AsJson, Quiet, Verbose, log_to_stderr, print_json

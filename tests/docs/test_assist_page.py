@@ -13,7 +13,7 @@ from pages_of_docs import DOCS, ROOT, blocks
 from typer.testing import CliRunner
 
 from mocap_id.config.device import load_device
-from mocap_id.pneumatics.identification import TorqueLog, predicted_torque
+from mocap_id.pneumatics.identification import TorqueLog, predict_torque
 from mocap_id_cli.app import build
 
 PAGE = DOCS / "assist.md"
@@ -26,7 +26,7 @@ def write_log(device: Path, file: Path) -> None:
     settings = tuple(config.condition(name).setting() for name in ("2", "4", "5"))
     time = np.linspace(0, 18, 900)
     angle, velocity, which = 1.2 + 0.9 * np.sin(1.3 * time), 1.17 * np.cos(1.3 * time), np.arange(900) // 300
-    torque = predicted_torque(true, TorqueLog(angle, angle, velocity, settings, which))
+    torque = predict_torque(true, TorqueLog(angle, angle, velocity, settings, which))
     torque += 0.05 * np.random.default_rng(0).normal(size=900)
     lines = ["time_s,angle_rad,torque_Nm,flexion_Pa,extension_Pa"]
     for t, q, tau, k in zip(time, angle, torque, which, strict=True):

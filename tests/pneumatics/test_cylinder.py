@@ -14,7 +14,7 @@ from scipy.integrate import quad
 
 from mocap_id.config.device import load_device
 from mocap_id.pneumatics.cylinder import ADIABATIC, ISOTHERMAL, Cylinder, Setting
-from mocap_id.pneumatics.torque_deviation import torque_and_deviation
+from mocap_id.pneumatics.torque_deviation import compute_torque_and_sd
 
 ROOT = Path(__file__).resolve().parents[2]
 ELBOW = Cylinder(0.03, 2.8e-4, 2.5e-4, 0.05, 0.07, 0.08, 2.4, 1.2, 0.2, 0.02)
@@ -102,7 +102,7 @@ def test_open_chambers_are_no_spring() -> None:
 def test_the_deviation_is_that_of_random_devices() -> None:
     angle, rng = np.linspace(0.0, 2.0, 9), np.random.default_rng(0)
     deviations = {"area_flexion": 5e-6, "dead_flexion": 0.004, "full_flexion": 0.03, "exponent": 0.03, "gauge": 3e3}
-    _, deviation = torque_and_deviation(ELBOW, FIVE, angle, deviations, np.full(9, 1.0), 0.02)
+    _, deviation = compute_torque_and_sd(ELBOW, FIVE, angle, deviations, np.full(9, 1.0), 0.02)
     drawn = []
     for _ in range(800):
         sizes = {k: getattr(ELBOW, k) + s * rng.normal() for k, s in deviations.items() if k != "gauge"}

@@ -7,9 +7,8 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from mocap_id.pneumatics.cylinder import Cylinder, PressureLimits, Setting
-from mocap_id.pneumatics.gas import gas_of_change, normal_litres
-from mocap_id.pneumatics.nearest_spring import nearest_setting
+from mocap_id.pneumatics.cylinder import Cylinder, PressureLimits, Setting, gas_of_change, normal_litres
+from mocap_id.pneumatics.nearest_spring import find_nearest_setting
 
 LIMITS = PressureLimits(101_325.0, 7e5)
 cylinders = st.builds(
@@ -34,7 +33,7 @@ def test_an_attainable_spring_is_reproduced(cylinder: Cylinder, flexion: float, 
     if rest is None:
         return
     stiffness = float(cylinder.stiffness(np.array(rest), Setting(flexion, extension)))
-    found = nearest_setting(cylinder, stiffness, rest, LIMITS)
+    found = find_nearest_setting(cylinder, stiffness, rest, LIMITS)
     assert found.setting.pressures() == pytest.approx([flexion, extension], rel=1e-6)
     assert (found.stiffness, found.rest, found.why) == (pytest.approx(stiffness), pytest.approx(rest), "")
 
@@ -44,7 +43,7 @@ def test_over_a_range_no_other_pressures_are_nearer() -> None:
     angles = np.linspace(0.5, 2.0, 50)
     side = np.linspace(LIMITS.lowest, LIMITS.supply, 31)
     for stiffness, rest in ((1.5, 1.4), (3.0, 1.0), (0.7, 5.0), (20.0, 1.2)):
-        found = nearest_setting(cylinder, stiffness, rest, LIMITS, angles)
+        found = find_nearest_setting(cylinder, stiffness, rest, LIMITS, angles)
         errors = [
             np.sqrt(np.mean((cylinder.torque(angles, Setting(a, b)) + stiffness * (angles - rest)) ** 2))
             for a in side.tolist()
@@ -56,14 +55,14 @@ def test_over_a_range_no_other_pressures_are_nearer() -> None:
 
 def test_what_is_not_attainable_is_told() -> None:
     cylinder = Cylinder(0.03, 2.8e-4, 2.5e-4, 0.05, 0.05, 0.08, 2.4, 1.2)
-    stiff = nearest_setting(cylinder, 20.0, 1.2, LIMITS)
+    stiff = find_nearest_setting(cylinder, 20.0, 1.2, LIMITS)
     assert stiff.setting.pressures().max() == pytest.approx(LIMITS.supply)
     assert "would need" in stiff.why
     assert stiff.stiffness < 20.0
-    far = nearest_setting(cylinder, 1.0, 6.0, LIMITS)
+    far = find_nearest_setting(cylinder, 1.0, 6.0, LIMITS)
     assert "beyond the stroke" in far.why
     with pytest.raises(ValueError, match="no angle of the range"):
-        nearest_setting(cylinder, 1.0, 1.0, LIMITS, np.array([5.0]))
+        find_nearest_setting(cylinder, 1.0, 1.0, LIMITS, np.array([5.0]))
 
 
 def test_gas_of_a_change() -> None:

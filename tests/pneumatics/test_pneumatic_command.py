@@ -13,7 +13,7 @@ from typer.testing import CliRunner, Result
 
 from mocap_id.config.device import load_device
 from mocap_id.errors import ConfigError
-from mocap_id.pneumatics.identification import TorqueLog, predicted_torque
+from mocap_id.pneumatics.identification import TorqueLog, predict_torque
 from mocap_id.store import Table
 from mocap_id.workflows.pneumatic import identify as identification
 from mocap_id_cli.app import build
@@ -136,7 +136,7 @@ def test_a_trial_in_space_of_a_relaxed_person(monkeypatch: pytest.MonkeyPatch) -
         (("curve", DEVICE, "--condition", "55"), "did you mean `5`"),
         (("curve", DEVICE, "--flexion", 9e6), "up to the supply's 700000 Pa"),
         (("curve", DEVICE, "--flexion", "nan"), "expected pressures above 0 Pa"),
-        (("curve", DEVICE, "--polytropic", 2), "between 1"),
+        (("curve", DEVICE, "--polytropic", 2), "expected 1 (isothermal)"),
         (("pressures", DEVICE, "--stiffness", -1, "--rest-angle", 1), "above zero"),
         (("pressures", DEVICE, "--stiffness", 1, "--rest-angle", 1, "--range", 2, 1), "is empty"),
         (("pressures", DEVICE, "--stiffness", 1, "--rest-angle", 1, "--range", 5, 6), "no angle of the range"),
@@ -155,7 +155,7 @@ def test_a_log_far_from_the_description_gives_a_caution(tmp_path: Path) -> None:
     time = np.linspace(0, 20, 800)
     angle, velocity, which = 1.2 + 0.9 * np.sin(time), 0.9 * np.cos(time), np.zeros(800, dtype=np.int64)
     log = TorqueLog(angle, angle, velocity, (device.keys.sealed.setting(),), which)
-    torque = predicted_torque(device.keys.cylinder(), log)
+    torque = predict_torque(device.keys.cylinder(), log)
     for unit, caution in ((1.0, False), (8.85, True)):
         rows = np.column_stack([angle, unit * torque, velocity])
         file = tmp_path / "log.csv"

@@ -8,8 +8,17 @@ import numpy as np
 import pytest
 
 from mocap_id.pneumatics.cylinder import Cylinder, PressureLimits, Setting
-from mocap_id.pneumatics.held_angles import held_range, holdable, setting_for_tasks, setting_that_holds_most
-from mocap_id.pneumatics.switching import STEP, Controller, Node, Person, Tour, depths, plan_tour, simulate_switching
+from mocap_id.pneumatics.held_angles import find_held_range, find_holdable, find_task_setting, find_widest_setting
+from mocap_id.pneumatics.switching import (
+    STEP,
+    Controller,
+    Node,
+    Person,
+    Tour,
+    compute_depths,
+    plan_tour,
+    simulate_switching,
+)
 from mocap_id.pneumatics.unsafe_states import map_transition
 from mocap_id.prescription.one_joint import OneJoint
 
@@ -24,25 +33,27 @@ def controller(hysteresis: float = np.radians(3.0)) -> Controller:
     angle = np.linspace(0.0, JOINT.upper, 721)
     nodes = []
     for name, low, high in TASKS:
-        found = setting_for_tasks(JOINT, CYLINDER, LIMITS, [(low, high)])
+        found = find_task_setting(JOINT, CYLINDER, LIMITS, [(low, high)])
         assert found is not None
-        nodes.append(Node(name, found[0], depths(holdable(JOINT, CYLINDER, found[0], angle), angle)))
+        nodes.append(Node(name, found[0], compute_depths(find_holdable(JOINT, CYLINDER, found[0], angle), angle)))
     return Controller(tuple(nodes), angle, np.radians(2.0), hysteresis, np.full(2, 0.2), np.full(2, 0.4))
 
 
 def test_depth_is_the_distance_from_the_boundary() -> None:
     angle = np.linspace(0.0, 1.0, 11)
     held = (angle > 0.25) & (angle < 0.75)
-    np.testing.assert_allclose(depths(held, angle), [-0.3, -0.2, -0.1, 0.1, 0.2, 0.3, 0.2, 0.1, -0.1, -0.2, -0.3])
-    assert (depths(angle > -1, angle) == 1.0).all()
-    assert depths(angle < 0.45, angle)[0] == pytest.approx(0.5)  # the end of the grid is no boundary
+    np.testing.assert_allclose(
+        compute_depths(held, angle), [-0.3, -0.2, -0.1, 0.1, 0.2, 0.3, 0.2, 0.1, -0.1, -0.2, -0.3]
+    )
+    assert (compute_depths(angle > -1, angle) == 1.0).all()
+    assert compute_depths(angle < 0.45, angle)[0] == pytest.approx(0.5)  # the end of the grid is no boundary
 
 
 def test_tasks_are_held_with_the_largest_margin() -> None:
     grid = np.linspace(LIMITS.lowest, LIMITS.supply, 61).tolist()
     weak = replace(JOINT, torque_low=-1.0, torque_high=1.0)  # no reserve is left: the margin is the largest
     low, high = np.radians([60.0, 130.0])
-    found = setting_for_tasks(weak, CYLINDER, LIMITS, [(low, high)])
+    found = find_task_setting(weak, CYLINDER, LIMITS, [(low, high)])
     assert found is not None
     angle = np.linspace(low, high, 41)
 
@@ -52,18 +63,18 @@ def test_tasks_are_held_with_the_largest_margin() -> None:
 
     assert found[1] == pytest.approx(margin(found[0]), abs=1e-6)
     assert found[1] >= max(margin(Setting(a, b)) for a in grid for b in grid) - 1e-9
-    assert setting_for_tasks(JOINT, CYLINDER, LIMITS, [(low, np.radians(150))]) is None
+    assert find_task_setting(JOINT, CYLINDER, LIMITS, [(low, np.radians(150))]) is None
 
 
 @pytest.mark.parametrize("required", [(), (0.3, 0.6)])
 def test_no_pressures_of_a_grid_hold_more(required: tuple[float, ...]) -> None:
     start = Setting(1.5e5, 1.1e5)
-    found = setting_that_holds_most(JOINT, CYLINDER, LIMITS, start, required)
-    best = held_range(JOINT, CYLINDER, found, required)
+    found = find_widest_setting(JOINT, CYLINDER, LIMITS, start, required)
+    best = find_held_range(JOINT, CYLINDER, found, required)
     assert best is not None
-    assert holdable(JOINT, CYLINDER, found, np.linspace(*best, 500)).all()
+    assert find_holdable(JOINT, CYLINDER, found, np.linspace(*best, 500)).all()
     grid = np.linspace(LIMITS.lowest, LIMITS.supply, 13).tolist()
-    parts = [held_range(JOINT, CYLINDER, Setting(a, b), required) for a in grid for b in grid]
+    parts = [find_held_range(JOINT, CYLINDER, Setting(a, b), required) for a in grid for b in grid]
     assert best[1] - best[0] >= max(part[1] - part[0] for part in parts if part) - np.radians(0.3)
     assert all(best[0] - 0.01 <= at <= best[1] + 0.01 for at in required)
 
@@ -77,7 +88,7 @@ def test_a_tour_is_held_within_the_strength_and_pressures_lag() -> None:
     assert np.degrees(np.abs(motion.angle - tour.angle)[-1]) < 1.0
     (k, before, after), *_ = motion.switches
     assert (before, after) == (0, 1)
-    assert rules.changes(0, 1, motion.angle[k])
+    assert rules.may_change(0, 1, motion.angle[k])
     target = rules.nodes[1].setting.flexion
     lag = int(rules.fill[0] / STEP)
     assert target is not None
@@ -106,7 +117,7 @@ def test_a_change_at_rest_is_unsafe_only_if_one_side_lags() -> None:
     angle = np.linspace(0.0, JOINT.upper, 721)
     nodes = []
     for name, setting in (("soft", Setting(3.2e5, 1.1e5)), ("stiff", Setting(5.8e5, 4.0e5))):
-        nodes.append(Node(name, setting, depths(holdable(JOINT, CYLINDER, setting, angle), angle)))
+        nodes.append(Node(name, setting, compute_depths(find_holdable(JOINT, CYLINDER, setting, angle), angle)))
     together = Controller(tuple(nodes), angle, 0.03, 0.05, np.full(2, 0.2), np.full(2, 0.2))
     apart = replace(together, fill=np.array([0.05, 0.5]), vent=np.array([0.5, 0.05]))
     for before, after in ((0, 1), (1, 0)):
@@ -135,7 +146,7 @@ def test_a_free_swing_keeps_its_energy() -> None:
     angle, velocity, seen = np.array([1.5]), np.zeros(1), []
     for _ in range(1500):
         seen.append((energy(angle, velocity), float(angle[0])))
-        needed = person.needed(angle, setting.pressures()[None])
+        needed = person.holding_torque(angle, setting.pressures()[None])
         angle, velocity, _torque = person.step(angle, velocity, needed, np.zeros(1))
     energies, angles = np.array(seen).T
     assert np.ptp(angles) > 0.3

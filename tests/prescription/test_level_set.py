@@ -13,7 +13,7 @@ from mocap_id.prescription.level_set import (
     Scheme,
     StateGrid,
     compute_reachable_set,
-    reached_holdable_angles,
+    find_reached_and_held,
     solve_level_set,
 )
 from mocap_id.prescription.one_joint import OneJoint
@@ -113,8 +113,8 @@ def test_the_front_is_where_bang_bang_trajectories_end() -> None:
 def test_table_7_2() -> None:
     dynamics, times = arm(), (1.0, 2.0, 3.0, 4.0)
     reached = compute_reachable_set(dynamics, times, Scheme(81, 81))
-    held = dynamics.joint.held(STIFFNESS, REST)
-    bounds = [reached_holdable_angles(dynamics, reached, k) for k in range(len(times))]
+    held = dynamics.joint.held_intervals(STIFFNESS, REST)
+    bounds = [find_reached_and_held(dynamics, reached, k) for k in range(len(times))]
     lower, upper = np.degrees([part[0][0] for part in bounds]), np.degrees([part[-1][1] for part in bounds])
     static = np.degrees([held[0][0], held[-1][1]])
     assert lower == pytest.approx(static[0], abs=0.1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocap_id.prescription.least_spring import least_spring
+from mocap_id.prescription.least_spring import find_least_spring
 from mocap_id.prescription.one_joint import OneJoint
 from mocap_id.prescription.one_spring import Prescription, SpringRequirements, prescribe_spring
 
@@ -62,9 +62,9 @@ def test_the_healthy_need_no_spring() -> None:
 
 def test_what_the_thesis_prints_is_held_with_its_own_weight() -> None:
     one = joint(-0.2, 0.2, weight=10.1)
-    widest = one.widest(0.075 * 180 / np.pi, np.radians(210.0))
+    widest = one.widest_interval(0.075 * 180 / np.pi, np.radians(210.0))
     assert widest is not None
-    parts = one.held(0.075 * 180 / np.pi, np.radians(210.0))
+    parts = one.held_intervals(0.075 * 180 / np.pi, np.radians(210.0))
     assert np.degrees([parts[0][0], parts[-1][1]]) == pytest.approx([63.0, 178.0], abs=1.5)
 
 
@@ -132,7 +132,7 @@ def test_turning_points_are_where_the_torque_turns() -> None:
     [
         ({"lower": 1.0, "upper": 1.0}, "limits of the angle are crossed"),
         ({"torque_low": 2.0}, "limits of the torque are crossed"),
-        ({"sine": 0.0}, "no moment of gravity"),
+        ({"sine": 0.0}, "moment of gravity is zero"),
     ],
 )
 def test_joints_that_cannot_be(changed: dict[str, float], told: str) -> None:
@@ -144,7 +144,7 @@ def test_joints_that_cannot_be(changed: dict[str, float], told: str) -> None:
 @pytest.mark.parametrize("interval", [(60.0, 100.0), (90.0, 90.0), (100.0, 170.0)])
 def test_the_softest_spring_is_no_stiffer_than_any_of_a_grid(interval: tuple[float, float]) -> None:
     one, span = joint(-0.2, 0.2), np.radians(interval)
-    found = least_spring(one, (float(span[0]), float(span[1])), (-2 * np.pi, 2 * np.pi))
+    found = find_least_spring(one, (float(span[0]), float(span[1])), (-2 * np.pi, 2 * np.pi))
     assert found is not None
     angle = np.linspace(*span, 201)
     assert np.abs(one.torque(angle, *found)).max() <= 0.2 + 1e-6
@@ -155,5 +155,5 @@ def test_the_softest_spring_is_no_stiffer_than_any_of_a_grid(interval: tuple[flo
 
 def test_a_spring_that_is_not_needed_or_will_not_do() -> None:
     one, rest = joint(-0.2, 0.2), (-2 * np.pi, 2 * np.pi)
-    assert least_spring(one, (-0.1, 0.1), rest)[0] == 0.0  # type: ignore[index]
-    assert least_spring(one, (LOWER, UPPER), rest) is None
+    assert find_least_spring(one, (-0.1, 0.1), rest)[0] == 0.0  # type: ignore[index]
+    assert find_least_spring(one, (LOWER, UPPER), rest) is None

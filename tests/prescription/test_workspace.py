@@ -14,12 +14,11 @@ from scipy.spatial import ConvexHull
 from mocap_id.config import load
 from mocap_id.errors import StoreError
 from mocap_id.geometry import Chain, Revolute, se3
-from mocap_id.prescription.alpha_shape import alpha_shape, enclosed
+from mocap_id.prescription.alpha_shape import compute_alpha_shape, compute_measure
 from mocap_id.prescription.arms import PlanarArm, SpatialArm
-from mocap_id.prescription.joint_limits import JointLimits, observed_limits
-from mocap_id.prescription.overlay import overlay_workspaces
+from mocap_id.prescription.joint_limits import JointLimits, find_limits
 from mocap_id.prescription.sampling import sample_box, sobol
-from mocap_id.prescription.workspace import compute_workspace
+from mocap_id.prescription.workspace import compute_workspace, overlay_workspaces
 from mocap_id.store import Folder, Tree
 from mocap_id.store.hdf5 import encode
 from mocap_id.workflows.workspace import measure, read_arm
@@ -82,23 +81,23 @@ def test_an_alpha_shape_keeps_a_hole_and_its_edge_encloses_it() -> None:
     angle, share = 2 * np.pi * sobol(6000, 2, 3)[:, 0], sobol(6000, 2, 4)[:, 1]
     radius = np.sqrt(0.3**2 + share * (1 - 0.3**2))
     ring = radius[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-    shape = alpha_shape(ring, 0.12)
+    shape = compute_alpha_shape(ring, 0.12)
     assert shape.measure == pytest.approx(np.pi * (1 - 0.3**2), rel=0.02)
-    assert enclosed(ring[shape.boundary()]) == pytest.approx(shape.measure, rel=1e-12)
+    assert compute_measure(ring[shape.boundary()]) == pytest.approx(shape.measure, rel=1e-12)
     assert shape.contains(np.array([[0.0, 0.0], [0.6, 0.0], [2.0, 0.0]])).tolist() == [False, True, False]
 
 
 def test_the_surface_of_a_ball_encloses_it() -> None:
     points = 2 * sobol(4000, 3, 0) - 1
     ball = points[np.linalg.norm(points, axis=1) < 1]
-    shape = alpha_shape(ball, 0.4)
-    assert enclosed(ball[shape.boundary()]) == pytest.approx(shape.measure, rel=1e-12)
-    assert alpha_shape(ball, np.inf).measure == pytest.approx(ConvexHull(ball).volume, rel=1e-12)
+    shape = compute_alpha_shape(ball, 0.4)
+    assert compute_measure(ball[shape.boundary()]) == pytest.approx(shape.measure, rel=1e-12)
+    assert compute_alpha_shape(ball, np.inf).measure == pytest.approx(ConvexHull(ball).volume, rel=1e-12)
 
 
 def test_points_on_a_line_have_no_area() -> None:
     with pytest.raises(ValueError, match="no area"):
-        alpha_shape(np.outer(np.linspace(0, 1, 50), [1.0, 2.0]), 1.0)
+        compute_alpha_shape(np.outer(np.linspace(0, 1, 50), [1.0, 2.0]), 1.0)
 
 
 def test_samples_fill_the_box_and_each_of_its_faces() -> None:
@@ -122,7 +121,7 @@ def test_limits_are_the_extremes_of_what_was_seen() -> None:
     sd[-2] = 0.03
     seen = np.ones_like(q, dtype=bool)
     seen[-1] = False
-    found = observed_limits(q, sd, seen)
+    found = find_limits(q, sd, seen)
     assert (found.lower[0], found.upper[0]) == (-1.0, q[-2, 0])
     assert (found.lower_sd[0], found.upper_sd[0]) == (0.01, 0.03)
 
@@ -133,8 +132,8 @@ def test_a_quantile_is_not_moved_by_a_few_wild_samples() -> None:
     wild = q.copy()
     wild[random.choice(5000, 20, replace=False)] += 1.5
     sd, seen = np.full_like(q, 0.01), np.ones_like(q, dtype=bool)
-    assert observed_limits(wild, sd, seen).upper[0] > 2.0
-    clean, robust = observed_limits(q, sd, seen, 0.01), observed_limits(wild, sd, seen, 0.01)
+    assert find_limits(wild, sd, seen).upper[0] > 2.0
+    clean, robust = find_limits(q, sd, seen, 0.01), find_limits(wild, sd, seen, 0.01)
     assert robust.upper[0] == pytest.approx(clean.upper[0], abs=0.01)
     assert clean.lower[0] == pytest.approx(np.quantile(q, 0.01), abs=1e-12)
 
@@ -147,7 +146,7 @@ def test_limits_that_are_crossed_or_unknown_are_refused(lower: float, upper: flo
 
 def test_gained_and_lost_areas_of_two_squares() -> None:
     grid = np.stack(np.meshgrid(np.linspace(0, 1, 41), np.linspace(0, 1, 41)), axis=-1).reshape(-1, 2)
-    square = alpha_shape(grid + 1e-6 * sobol(len(grid), 2, 0), 0.05)
+    square = compute_alpha_shape(grid + 1e-6 * sobol(len(grid), 2, 0), 0.05)
     found = overlay_workspaces(square, square, np.array([0.25, 0.0]))
     assert [found.gained, found.lost, found.kept] == pytest.approx([0.25, 0.25, 0.75], abs=4 * found.sd)
 

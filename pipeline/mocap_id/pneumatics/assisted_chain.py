@@ -1,8 +1,8 @@
-"""Torques of a person whose chain carries cylinders, and pressures that hold given postures.
+"""Torques of a person whose chain has cylinders at its joints, and pressures that hold given postures.
 
-The person needs τ = g(q) - Σ τ_device(q) at rest, and holds a posture if every torque is within the limits, for
-isothermal and for adiabatic changes of volume. The distance of a posture from the nearest one that is not held is, to
-first order, the smallest reserve of a torque over the length of its gradient.
+At rest, the person needs τ = g(q) - Σ τ_device(q). A posture is held if every torque is within the limits, for
+isothermal and for adiabatic changes of volume. The distance of a posture from the nearest posture that is not held is,
+to first order, the smallest reserve of a torque over the length of its gradient.
 """
 
 from __future__ import annotations
@@ -14,7 +14,14 @@ import numpy as np
 from scipy.optimize import linprog
 
 from mocap_id.arrays import FloatArray
-from mocap_id.pneumatics.cylinder import ADIABATIC, ISOTHERMAL, Cylinder, PressureLimits
+from mocap_id.pneumatics.cylinder import (
+    ADIABATIC,
+    ISOTHERMAL,
+    Cylinder,
+    PressureLimits,
+    excess_torque,
+    settle_pressures,
+)
 from mocap_id.pneumatics.held_angles import RESERVE
 
 _STEP = 1e-4  # rad, of the finite differences
@@ -22,52 +29,31 @@ _STEP = 1e-4  # rad, of the finite differences
 
 @dataclass(frozen=True)
 class Actuator:
-    """A cylinder that pulls the sum of its joints' angles; joints count from 0.
-
-    Parameters
-    ----------
-    cylinder : Cylinder
-    limits : PressureLimits
-    joints : tuple of int
-    fill, vent : (2,) arrays
-        Time constants of the flexion and the extension side for pressures that rise and that fall, s.
-    temperature : float
-        Of the gas, K.
-    """
+    """A cylinder that pulls the sum of its joints' angles."""
 
     cylinder: Cylinder
     limits: PressureLimits
-    joints: tuple[int, ...]
-    fill: FloatArray
-    vent: FloatArray
-    temperature: float
+    joints: tuple[int, ...]  # counted from 0
+    fill: FloatArray  # (2,) time constants of rising pressures on the flexion and the extension side, s
+    vent: FloatArray  # (2,) time constants of falling pressures, s
+    temperature: float  # temperature of the gas, K
 
 
 @dataclass(frozen=True)
 class AssistedChain:
-    """A chain of n joints with D cylinders.
+    """A chain of n joints with D cylinders."""
 
-    Parameters
-    ----------
-    passive : callable
-        Torques (M, n) that hold postures (M, n) without the cylinders, N·m; springs without a cylinder are part of it.
-    strength : (n, 2) array
-        Limits of the person's torques, N·m.
-    lower, upper : (n,) arrays
-        Limits of the joints, rad.
-    actuators : tuple of Actuator
-    """
-
+    # function that returns the torques (M, n), N·m, that hold postures (M, n) with other springs, but without cylinders
     passive: Callable[[FloatArray], FloatArray]
-    strength: FloatArray
-    lower: FloatArray
-    upper: FloatArray
+    strength: FloatArray  # (n, 2) limits of the person's torques, N·m
+    lower: FloatArray  # (n,) limits of the joints, rad
+    upper: FloatArray  # (n,)
     actuators: tuple[Actuator, ...]
 
-    def needed(self, q: FloatArray, pressures: FloatArray, exponent: float | None = None) -> FloatArray:
+    def holding_torques(self, q: FloatArray, pressures: FloatArray, exponent: float | None = None) -> FloatArray:
         """Return the person's torques (M, n), N·m, that hold postures (M, n) with sealed pressures (M or 1, D, 2), Pa.
 
-        ``exponent`` replaces those of the cylinders.
+        ``exponent`` replaces the exponents of the cylinders.
         """
         torque = self.passive(q).copy()
         for d, one in enumerate(self.actuators):
@@ -78,37 +64,37 @@ class AssistedChain:
         return torque
 
     def excess(self, needed: FloatArray) -> FloatArray:
-        """Return the largest torque (M,) beyond the person's limits, N·m; at least 0."""
-        beyond = np.maximum(needed - self.strength[:, 1], self.strength[:, 0] - needed)
-        return np.asarray(np.maximum(beyond, 0.0).max(axis=1))
+        """Return the largest part (M,) of the torques (M, n) beyond the person's limits, N·m; at least 0."""
+        return np.asarray(excess_torque(needed, self.strength[:, 0], self.strength[:, 1]).max(axis=1))
 
     def depth(self, q: FloatArray, pressures: FloatArray) -> FloatArray:
-        """Return the distance (M,) of postures from the nearest one that is not held with pressures (D, 2), rad.
+        """Return the distance (M,) of postures from the nearest posture that is not held with pressures (D, 2), rad.
 
-        It is negative for a posture that is not held, and a first-order estimate. Limits of joints are no boundary.
+        The distance is a first-order estimate, and negative for a posture that is not held. Limits of joints do not
+        count as a boundary.
         """
-        found = np.full(len(q), np.inf)
+        depth = np.full(len(q), np.inf)
         for one in self.actuators:
             low, high = one.cylinder.limits
             angle = q[:, list(one.joints)].sum(axis=1)
-            found = np.minimum(found, np.minimum(angle - low, high - angle) / np.sqrt(len(one.joints)))
+            depth = np.minimum(depth, np.minimum(angle - low, high - angle) / np.sqrt(len(one.joints)))
         steps = _STEP * np.eye(q.shape[1])
         for exponent in (ISOTHERMAL, ADIABATIC):
-            here = self.needed(q, pressures[None], exponent)
+            here = self.holding_torques(q, pressures[None], exponent)
             slopes = [
-                self.needed(q + step, pressures[None], exponent) - self.needed(q - step, pressures[None], exponent)
+                self.holding_torques(q + step, pressures[None], exponent)
+                - self.holding_torques(q - step, pressures[None], exponent)
                 for step in steps
             ]
             steep = np.linalg.norm(np.stack(slopes), axis=0) / (2 * _STEP)
             reserve = np.minimum(self.strength[:, 1] - here, here - self.strength[:, 0])
-            found = np.minimum(found, (reserve / np.maximum(steep, 1e-9)).min(axis=1))
-        return np.where(np.isfinite(found), found, -np.inf)
+            depth = np.minimum(depth, (reserve / np.maximum(steep, 1e-9)).min(axis=1))
+        return np.where(np.isfinite(depth), depth, -np.inf)
 
-    def settled(self, pressures: FloatArray, target: FloatArray, time: float) -> FloatArray:
-        """Return the pressures (D, 2), Pa, after a time, s, in which they settle towards a target, Pa."""
+    def settle(self, pressures: FloatArray, target: FloatArray, time: float) -> FloatArray:
+        """Return the pressures (D, 2), Pa, after a time, s, in which they approach a target, Pa."""
         fill, vent = (np.stack([getattr(one, way) for one in self.actuators]) for way in ("fill", "vent"))
-        lag = np.where(target > pressures, fill, vent)
-        return np.asarray(target + (pressures - target) * np.exp(-time / lag))
+        return settle_pressures(pressures, target, time, fill, vent)
 
     @property
     def slowest(self) -> float:
@@ -116,24 +102,25 @@ class AssistedChain:
         return float(max(np.max([one.fill, one.vent]) for one in self.actuators))
 
 
-def pressures_for_postures(chain: AssistedChain, q: FloatArray) -> tuple[FloatArray, float] | None:
-    """Find the lowest pressures (D, 2), Pa, that hold postures (M, n) with a reserve, and the share of it that is left.
+def find_pressures(chain: AssistedChain, q: FloatArray) -> tuple[FloatArray, float] | None:
+    """Return the lowest pressures (D, 2), Pa, that hold postures (M, n) with a reserve, and the share of the reserve.
 
-    The reserve of a joint is :data:`~mocap_id.pneumatics.held_angles.RESERVE` of half its range of torque, and the
-    Coulomb friction on it. If no pressures leave it, those with the largest share are returned; a negative share means
-    that a posture cannot be held. None if a posture is beyond a stroke.
+    The reserve of a joint is the share :data:`~mocap_id.pneumatics.held_angles.RESERVE` of half its range of torque,
+    plus the Coulomb friction at the joint. If no pressures have this reserve, the pressures with the largest share of
+    it are returned; a negative share means that a posture cannot be held. None is returned if a posture is beyond a
+    stroke.
     """
     count = len(chain.actuators)
     reserve = RESERVE * 0.5 * np.ptp(chain.strength, axis=1)
     rows, most, supply = [], [], np.array([one.limits.supply for one in chain.actuators])
     for one in chain.actuators:
-        if not one.cylinder.within(q[:, list(one.joints)].sum(axis=1)).all():
+        if not one.cylinder.allows(q[:, list(one.joints)].sum(axis=1)).all():
             return None
         reserve[list(one.joints)] += one.cylinder.coulomb
     unit = np.eye(2 * count).reshape(2 * count, count, 2) * supply[:, None]
     for exponent in (ISOTHERMAL, ADIABATIC):
-        none = chain.needed(q, np.zeros((1, count, 2)), exponent)
-        by = np.stack([chain.needed(q, each[None], exponent) - none for each in unit], axis=-1)  # (M, n, 2D)
+        none = chain.holding_torques(q, np.zeros((1, count, 2)), exponent)
+        by = np.stack([chain.holding_torques(q, each[None], exponent) - none for each in unit], axis=-1)  # (M, n, 2D)
         share = np.broadcast_to(reserve[:, None], (*none.shape, 1))
         for sign, limit in ((1.0, chain.strength[:, 1]), (-1.0, -chain.strength[:, 0])):
             rows.append(np.concatenate([sign * by, share], axis=-1).reshape(-1, 2 * count + 1))
@@ -145,5 +132,5 @@ def pressures_for_postures(chain: AssistedChain, q: FloatArray) -> tuple[FloatAr
         return None
     left = min(float(widest.x[-1]), 1.0)
     least = linprog([1.0] * (2 * count) + [0.0], matrix, bound, bounds=[*box, (left - 1e-9, None)])
-    found = widest.x if least.x is None else least.x
-    return found[:-1].reshape(count, 2) * supply[:, None], left
+    solution = widest.x if least.x is None else least.x
+    return solution[:-1].reshape(count, 2) * supply[:, None], left

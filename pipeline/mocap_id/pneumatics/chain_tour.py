@@ -1,8 +1,9 @@
 """A tour of a chain through the postures of tasks, with a controller that changes the pressures (thesis 9.6).
 
-The rule is that of one joint: the controller leaves a node where the depth of the posture is below a margin, for a node
-in which it is above margin plus hysteresis. Where its own node does not hold the posture, the deepest node that does is
-taken. Each posture of the tour is treated as at rest: torques of acceleration and friction are left out.
+The rule is the same as for one joint: the controller leaves a node where the depth of the posture is below a margin,
+for a node in which the depth is above margin plus hysteresis. If the current node does not hold the posture, the
+controller changes to the deepest node that holds it. Each posture of the tour is treated as at rest: torques of
+acceleration and friction are ignored.
 """
 
 from __future__ import annotations
@@ -23,10 +24,10 @@ from mocap_id.pneumatics.assisted_chain import AssistedChain
 STEP = 0.01
 """Step of the tour, s."""
 _NEIGHBOURS = 12
-_BETWEEN = 33  # postures on the straight way from one stop to the next
-_CHANGE = 1e-3  # rad: cost of a change of node in the search for a way
+_BETWEEN = 33  # number of postures on the straight line from one stop to the next
+_CHANGE = 1e-3  # rad: cost of a change of node in the search for a path
 _SETTLING_STEPS = 40
-_SETTLED = 4.0  # time constants that a change is followed
+_SETTLED = 4.0  # simulated time constants of a change
 
 
 @dataclass(frozen=True)
@@ -38,86 +39,68 @@ class ChainNode:
 
 
 @dataclass(frozen=True)
-class Rules:
-    """Margin and hysteresis of the controller, rad, and the tour's largest speed of a joint, rad/s, and hold, s."""
+class TourRules:
+    """Rules of the controller and of the tour."""
 
-    margin: float
-    hysteresis: float
-    speed: float
-    hold: float
+    margin: float  # rad
+    hysteresis: float  # rad
+    speed: float  # largest speed of a joint, rad/s
+    hold: float  # time for which each stop is held, s
 
 
 @dataclass(frozen=True)
 class ChainTour:
-    """A simulated tour, T samples of n joints with D cylinders.
+    """A simulated tour of n joints with D cylinders, with T samples."""
 
-    Parameters
-    ----------
-    time : (T,) array
-        s.
-    q : (T, n) array
-        rad.
-    node : (T,) int array
-    pressures : (T, D, 2) array
-        Sealed pressures, Pa.
-    excess : (T,) array
-        Torque beyond the person's limits that the posture needs, N·m.
-    switches : tuple of (sample, before, after)
-    visits : tuple of (stop, first sample, last sample)
-        The samples at which each stop is held.
-    no_way : tuple of (stop, stop)
-        Stops between which no way through held postures was found.
-    """
-
-    time: FloatArray
-    q: FloatArray
-    node: IntArray
-    pressures: FloatArray
-    excess: FloatArray
-    switches: tuple[tuple[int, int, int], ...]
-    visits: tuple[tuple[int, int, int], ...]
-    no_way: tuple[tuple[int, int], ...]
+    time: FloatArray  # (T,) s
+    q: FloatArray  # (T, n) rad
+    node: IntArray  # (T,)
+    pressures: FloatArray  # (T, D, 2) sealed pressures, Pa
+    excess: FloatArray  # (T,) part of the holding torque beyond the person's limits, N·m
+    switches: tuple[tuple[int, int, int], ...]  # sample, node before and node after each change
+    visits: tuple[tuple[int, int, int], ...]  # stop, and the first and last sample at which it is held
+    no_path: tuple[tuple[int, int], ...]  # pairs of stops without a path through held postures
 
 
-def depths_of(chain: AssistedChain, nodes: Sequence[ChainNode], q: FloatArray) -> FloatArray:
+def compute_node_depths(chain: AssistedChain, nodes: Sequence[ChainNode], q: FloatArray) -> FloatArray:
     """Return the depth (K, M) of postures (M, n) in every node, rad."""
     return np.stack([chain.depth(q, node.pressures) for node in nodes])
 
 
 def simulate_tour(
-    chain: AssistedChain, nodes: Sequence[ChainNode], stops: FloatArray, postures: FloatArray, rules: Rules
+    chain: AssistedChain, nodes: Sequence[ChainNode], stops: FloatArray, postures: FloatArray, rules: TourRules
 ) -> ChainTour:
-    """Move from stop to stop (P, n) and back, through sampled postures (N, n) that a node holds."""
+    """Return a tour from stop to stop (P, n) and back, through sampled postures (N, n) that a node holds."""
     order = [*range(len(stops)), *range(len(stops) - 2, -1, -1)]
     shares = np.linspace(0, 1, _BETWEEN)[1:-1, None]
     straight = [one + shares * (other - one) for one, other in itertools.pairwise(stops)]
     known = np.concatenate([stops, *straight, postures])
     deep = rules.margin + rules.hysteresis
-    ways = functools.cache(lambda least: _ways(chain, nodes, known, len(stops), least))
-    q, visits, no_way = [stops[order[0]][None]], [], []
+    paths = functools.cache(lambda least: _find_paths(chain, nodes, known, len(stops), least))
+    q, visits, no_path = [stops[order[0]][None]], [], []
     hold, count = max(int(rules.hold / STEP), 1), 1
     for a, b in [(order[0], order[0]), *itertools.pairwise(order)]:
-        way = next((way for least in (deep, 0.0) if (way := _way(*ways(least), a, b)) is not None), None)
-        if way is None:
-            no_way.append((a, b))
-        points = known[[a, b] if way is None else np.array(way) % len(known)]
-        pieces = [_moved(one, other, rules.speed) for one, other in itertools.pairwise(points)]
+        path = next((path for least in (deep, 0.0) if (path := _trace_path(*paths(least), a, b)) is not None), None)
+        if path is None:
+            no_path.append((a, b))
+        points = known[[a, b] if path is None else np.array(path) % len(known)]
+        pieces = [_move_straight(one, other, rules.speed) for one, other in itertools.pairwise(points)]
         q += [*pieces, np.repeat(stops[b][None], hold, axis=0)]
         count += sum(map(len, pieces)) + hold
         visits.append((b, count - hold, count - 1))
-    return _controlled(chain, nodes, np.concatenate(q), rules, tuple(visits), tuple(dict.fromkeys(no_way)))
+    return _control(chain, nodes, np.concatenate(q), rules, tuple(visits), tuple(dict.fromkeys(no_path)))
 
 
-def _controlled(  # noqa: PLR0917
+def _control(  # noqa: PLR0917
     chain: AssistedChain,
     nodes: Sequence[ChainNode],
     q: FloatArray,
-    rules: Rules,
+    rules: TourRules,
     visits: tuple[tuple[int, int, int], ...],
-    no_way: tuple[tuple[int, int], ...],
+    no_path: tuple[tuple[int, int], ...],
 ) -> ChainTour:
     """Return the tour with the node and the pressures of every sample."""
-    depth = depths_of(chain, nodes, q)
+    depth = compute_node_depths(chain, nodes, q)
     here = int(depth[:, 0].argmax())
     gas, node, switches = nodes[here].pressures, np.empty(len(q), dtype=np.int64), []
     pressures = np.empty((len(q), *gas.shape))
@@ -129,42 +112,43 @@ def _controlled(  # noqa: PLR0917
                 switches.append((k, here, better))
                 here = better
         node[k], pressures[k] = here, gas
-        gas = chain.settled(gas, nodes[here].pressures, STEP)
-    excess = chain.excess(chain.needed(q, pressures))
+        gas = chain.settle(gas, nodes[here].pressures, STEP)
+    excess = chain.excess(chain.holding_torques(q, pressures))
     time: FloatArray = STEP * np.arange(len(q), dtype=np.float64)
-    return ChainTour(time, q, node, pressures, excess, tuple(switches), visits, no_way)
+    return ChainTour(time, q, node, pressures, excess, tuple(switches), visits, no_path)
 
 
-def unsafe_changes(
+def find_unsafe_changes(
     chain: AssistedChain, before: ChainNode, after: ChainNode, q: FloatArray, tolerance: float
 ) -> tuple[BoolArray, FloatArray]:
     """Return whether a change of node at rest in postures (M, n) is unsafe, and the largest missing torque (M,), N·m.
 
-    It is unsafe if the posture needs more than the person's limits plus a tolerance, N·m, while the pressures settle.
+    A change is unsafe if the holding torque exceeds the person's limits by more than a tolerance, N·m, while the
+    pressures settle.
     """
     gas, worst = before.pressures, np.zeros(len(q))
     for _ in range(_SETTLING_STEPS + 1):
-        worst = np.maximum(worst, chain.excess(chain.needed(q, gas[None])))
-        gas = chain.settled(gas, after.pressures, _SETTLED * chain.slowest / _SETTLING_STEPS)
+        worst = np.maximum(worst, chain.excess(chain.holding_torques(q, gas[None])))
+        gas = chain.settle(gas, after.pressures, _SETTLED * chain.slowest / _SETTLING_STEPS)
     return worst > tolerance, worst
 
 
-def _ways(
+def _find_paths(
     chain: AssistedChain, nodes: Sequence[ChainNode], known: FloatArray, stops: int, least: float
 ) -> tuple[IntArray, IntArray]:
-    """Return the states at the stops, and the state before every state on the shortest way from each stop.
+    """Return the states at the stops, and the previous state of every state on the shortest path from each stop.
 
-    A state is a node and a known posture; away from the stops its depth is above ``least``, rad. If this is margin plus
-    hysteresis, the controller changes to this node as soon as it leaves another one. The state before is negative if
-    there is no way.
+    A state is a node and a known posture. Except at the stops, its depth is above ``least``, rad. If this is margin
+    plus hysteresis, the controller changes to this node as soon as it leaves another one. The previous state is
+    negative if there is no path.
     """
-    depth = depths_of(chain, nodes, known)
+    depth = compute_node_depths(chain, nodes, known)
     usable = depth > least
     usable[:, :stops] = depth[:, :stops] > 0
-    found = cKDTree(known).query(known, k=min(_NEIGHBOURS + 1, len(known)))
-    distance, other = np.asarray(found[0]), np.asarray(found[1])
+    neighbours = cKDTree(known).query(known, k=min(_NEIGHBOURS + 1, len(known)))
+    distance, other = np.asarray(neighbours[0]), np.asarray(neighbours[1])
     start, end, length = np.repeat(np.arange(len(known)), distance.shape[1]), other.reshape(-1), distance.reshape(-1)
-    between = depths_of(chain, nodes, 0.5 * (known[start] + known[end]))
+    between = compute_node_depths(chain, nodes, 0.5 * (known[start] + known[end]))
     edges = []
     for k in range(len(nodes)):
         free = (length > 0) & usable[k, start] & usable[k, end] & (between[k] > 0)
@@ -178,16 +162,17 @@ def _ways(
     return states, np.asarray(dijkstra(graph, directed=False, indices=states, return_predecessors=True)[1])
 
 
-def _way(states: IntArray, before: IntArray, start: int, end: int) -> list[int] | None:
-    way = [int(states[end])]
-    while way[-1] != states[start]:
-        if before[start, way[-1]] < 0:
+def _trace_path(states: IntArray, before: IntArray, start: int, end: int) -> list[int] | None:
+    """Return the states on the path from one stop to another; None if there is no path."""
+    path = [int(states[end])]
+    while path[-1] != states[start]:
+        if before[start, path[-1]] < 0:
             return None
-        way.append(int(before[start, way[-1]]))
-    return way[::-1]
+        path.append(int(before[start, path[-1]]))
+    return path[::-1]
 
 
-def _moved(start: FloatArray, end: FloatArray, speed: float) -> FloatArray:
-    """Return postures on the straight way between two, without the first, at most ``speed`` rad/s for every joint."""
+def _move_straight(start: FloatArray, end: FloatArray, speed: float) -> FloatArray:
+    """Return postures on the straight line between two, without the first, at most ``speed`` rad/s for every joint."""
     count = max(int(np.ceil(np.abs(end - start).max() / (speed * STEP))), 1)
     return np.asarray(start + np.linspace(0, 1, count + 1)[1:, None] * (end - start))

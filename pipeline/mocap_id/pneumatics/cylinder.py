@@ -1,4 +1,4 @@
-"""Torque and stiffness of a double-acting cylinder that turns a joint through a pulley (thesis 8.1.1, figure 8.1).
+"""Torque, stiffness and gas of a double-acting cylinder on a pulley at a joint (thesis 8.1.1, figure 8.1).
 
 Both chambers are sealed with the joint fully flexed. The rod then travels x = r(θ_full - θ). The gas of a sealed
 chamber follows P Vⁿ = constant, from n = 1 (slow, isothermal) to n = 1.4 (fast, adiabatic):
@@ -8,7 +8,7 @@ chamber follows P Vⁿ = constant, from n = 1 (slow, isothermal) to n = 1.4 (fas
     K = -dτ/dθ = n r² (A_f² P_f/V_f + A_e² P_e/V_e)
 
 Pressures are absolute, angles and torques are positive in flexion. The torque is linear in the sealed pressures P₀. A
-chamber that is open to the atmosphere gives no torque and no stiffness.
+chamber that is open to the atmosphere causes no torque and no stiffness.
 """
 
 from __future__ import annotations
@@ -20,10 +20,12 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 
 ISOTHERMAL, ADIABATIC = 1.0, 1.4
-"""Exponents of slow and fast changes of volume of air."""
+"""Exponents of air for slow and fast changes of volume."""
 _COULOMB_SPEED = 0.05  # rad/s: below this speed, Coulomb friction grows with the speed
-_GRID = 721  # angles between which the zero of the torque is searched
-_ROUNDING = 1e-12  # of the largest torque
+_GRID = 721  # number of angles between which the zero of the torque is searched
+_ROUNDING = 1e-12  # share of the largest torque
+_GAS_CONSTANT = 287.05  # J/(kg K), dry air
+_NORMAL_DENSITY = 1.2929  # kg/m³, air at 0 °C and 101,325 Pa
 
 
 @dataclass(frozen=True)
@@ -55,29 +57,7 @@ class PressureLimits:
 class Cylinder:
     """A double-acting cylinder on a pulley.
 
-    Parameters
-    ----------
-    pulley_radius : float
-        m.
-    area_flexion, area_extension : float
-        Piston area of the chamber that flexes the joint and of the one that extends it, m²; the rod makes one smaller.
-    dead_flexion, dead_extension : float
-        Volumes beside the stroke (ports, hoses), as a length of the chamber, m.
-    stroke : float
-        m.
-    full_flexion : float
-        Angle of the joint at one end of the stroke, at which the chambers are sealed, rad.
-    exponent : float
-        n.
-    coulomb, viscous : float
-        Friction at the joint, N·m and N·m·s/rad.
-    atmosphere : float
-        Pa.
-
-    Raises
-    ------
-    ValueError
-        A size is not above zero, or a friction or dead length is below zero.
+    ValueError is raised if a size is not above zero, or a friction or dead length is below zero.
 
     Examples
     --------
@@ -91,17 +71,17 @@ class Cylinder:
     5.9
     """
 
-    pulley_radius: float
-    area_flexion: float
-    area_extension: float
-    dead_flexion: float
-    dead_extension: float
-    stroke: float
-    full_flexion: float
-    exponent: float = ISOTHERMAL
-    coulomb: float = 0.0
-    viscous: float = 0.0
-    atmosphere: float = 101_325.0
+    pulley_radius: float  # m
+    area_flexion: float  # piston area of the chamber that flexes the joint, m²; the rod reduces one of the areas
+    area_extension: float  # piston area of the chamber that extends the joint, m²
+    dead_flexion: float  # volume of ports and hoses beside the stroke, as a length of the chamber, m
+    dead_extension: float  # m
+    stroke: float  # m
+    full_flexion: float  # angle of the joint at one end of the stroke, at which the chambers are sealed, rad
+    exponent: float = ISOTHERMAL  # n
+    coulomb: float = 0.0  # Coulomb friction at the joint, N·m
+    viscous: float = 0.0  # viscous friction at the joint, N·m·s/rad
+    atmosphere: float = 101_325.0  # Pa
 
     def __post_init__(self) -> None:
         sizes = (self.pulley_radius, self.area_flexion, self.area_extension, self.stroke, self.atmosphere)
@@ -115,7 +95,7 @@ class Cylinder:
         """Range of the joint that the stroke allows, rad."""
         return self.full_flexion - self.stroke / self.pulley_radius, self.full_flexion
 
-    def within(self, angle: FloatArray) -> BoolArray:
+    def allows(self, angle: FloatArray) -> BoolArray:
         """Return whether the stroke allows each angle, rad."""
         low, high = self.limits
         return np.asarray((angle >= low - 1e-9) & (angle <= high + 1e-9))
@@ -127,32 +107,27 @@ class Cylinder:
         return np.stack([flexion, self.area_extension * (self.dead_extension + x)], axis=-1)
 
     def compression(self, angle: FloatArray) -> FloatArray:
-        """Return P/P₀ (..., 2) of sealed chambers; NaN where no volume is left."""
+        """Return P/P₀ (..., 2) of sealed chambers at angles, rad; NaN where the volume is zero."""
         volumes = self.volumes(angle)
         ratio = self.volumes(np.asarray(self.full_flexion)) / np.where(volumes > 0, volumes, np.nan)
         return np.asarray(ratio**self.exponent)
 
     def torque_by_pressure(self, angle: FloatArray, sealed: tuple[bool, bool] = (True, True)) -> FloatArray:
-        """Return the derivatives (..., 2) of the torque with respect to the sealed pressures, N·m/Pa.
+        """Return the derivatives (..., 2) of the torque at angles, rad, by the sealed pressures, N·m/Pa.
 
-        Parameters
-        ----------
-        angle : (...) array
-            rad.
-        sealed : (bool, bool)
-            Whether the chambers of flexion and extension are sealed; the derivative of an open one is zero.
+        ``sealed`` is True for a sealed chamber of flexion and extension; the derivative for an open chamber is zero.
         """
         signed = np.array([self.area_flexion * sealed[0], -self.area_extension * sealed[1]])
         return np.asarray(self.pulley_radius * signed * self.compression(angle))
 
     def stiffness_by_pressure(self, angle: FloatArray, sealed: tuple[bool, bool] = (True, True)) -> FloatArray:
-        """Return the derivatives (..., 2) of the stiffness, N·m/(rad Pa); arguments as for `torque_by_pressure`."""
+        """Return the derivatives (..., 2) of the stiffness, N·m/(rad Pa), as :meth:`torque_by_pressure`."""
         areas = np.array([self.area_flexion * sealed[0], self.area_extension * sealed[1]])
         each = areas**2 * self.compression(angle) / self.volumes(angle)
         return np.asarray(self.exponent * self.pulley_radius**2 * each)
 
     def torque_of_atmosphere(self, sealed: tuple[bool, bool] = (True, True)) -> float:
-        """Return the torque of the atmosphere on the sealed chambers' areas, N·m."""
+        """Return the torque by the atmosphere on the areas of the sealed chambers, N·m."""
         signed = self.area_flexion * sealed[0] - self.area_extension * sealed[1]
         return -self.pulley_radius * signed * self.atmosphere
 
@@ -160,24 +135,24 @@ class Cylinder:
         """Return the torque on the joint without friction, N·m; NaN beyond the stroke."""
         by_pressure = self.torque_by_pressure(angle, setting.sealed)
         torque = by_pressure @ setting.pressures() + self.torque_of_atmosphere(setting.sealed)
-        return np.where(self.within(angle), torque, np.nan)
+        return np.where(self.allows(angle), torque, np.nan)
 
     def friction(self, velocity: FloatArray) -> FloatArray:
-        """Return the torque of friction on the joint, N·m, at velocities, rad/s; it acts against them."""
+        """Return the torque of friction against velocities, rad/s, of the joint, N·m."""
         velocity = np.asarray(velocity)
         return np.asarray(-self.coulomb * np.tanh(velocity / _COULOMB_SPEED) - self.viscous * velocity)
 
     def stiffness(self, angle: FloatArray, setting: Setting) -> FloatArray:
         """Return the stiffness -dτ/dθ without friction, N·m/rad; NaN beyond the stroke."""
         stiffness = self.stiffness_by_pressure(angle, setting.sealed) @ setting.pressures()
-        return np.where(self.within(angle), stiffness, np.nan)
+        return np.where(self.allows(angle), stiffness, np.nan)
 
     def rest_angle(self, setting: Setting) -> float | None:
         """Return the angle at which the torque is zero, rad; None if there is none within the stroke."""
         angle = np.linspace(*self.limits, _GRID)
         torque = self.torque(angle, setting)
         rounding = _ROUNDING * np.abs(torque).max()  # at an end of the stroke, rounding decides the sign of a zero
-        crossing = np.flatnonzero((torque[:-1] >= -rounding) & (torque[1:] < rounding))  # it falls with the angle
+        crossing = np.flatnonzero((torque[:-1] >= -rounding) & (torque[1:] < rounding))  # the torque decreases
         if not len(crossing):
             return None
         k = int(crossing[0])
@@ -195,3 +170,46 @@ class Cylinder:
     def at_exponent(self, exponent: float) -> Cylinder:
         """Return the cylinder with another exponent."""
         return replace(self, exponent=exponent)
+
+
+def settle_pressures(
+    pressures: FloatArray, target: FloatArray, time: float, fill: FloatArray, vent: FloatArray
+) -> FloatArray:
+    """Return the pressures (..., 2), Pa, after a time, s, in which they approach a target, Pa.
+
+    ``fill`` and ``vent`` are the time constants of rising and falling pressures, s.
+    """
+    lag = np.where(target > pressures, fill, vent)
+    return np.asarray(target + (pressures - target) * np.exp(-time / lag))
+
+
+def excess_torque(torque: FloatArray, low: FloatArray | float, high: FloatArray | float) -> FloatArray:
+    """Return the part of a torque beyond the limits ``low`` and ``high``, N·m; at least 0."""
+    return np.asarray(np.maximum(np.maximum(torque - high, low - torque), 0.0))
+
+
+def gas_of_change(cylinder: Cylinder, before: Setting, after: Setting, temperature: float = 293.15) -> float:
+    """Return the gas that a change of the setting takes from the supply, kg, at a temperature, K.
+
+    A chamber that loses pressure vents and takes no gas. An open chamber has the pressure of the atmosphere at full
+    flexion. The content of a chamber is P₀V₀/RT, independent of the angle at which the setting is changed. The hoses
+    between valve and supply are not included.
+    """
+    change = _sealed_pressures(after, cylinder) - _sealed_pressures(before, cylinder)
+    volumes = cylinder.volumes(np.asarray(cylinder.full_flexion))
+    return float(np.maximum(change, 0.0) @ volumes / (_GAS_CONSTANT * temperature))
+
+
+def normal_litres(gas: float) -> float:
+    """Return the volume of a mass of air, kg, at 0 °C and 101,325 Pa, in litres."""
+    return 1e3 * gas / _NORMAL_DENSITY
+
+
+def usable_gas(volume: float, pressure: float, supply: float, temperature: float = 293.15) -> float:
+    """Return the gas, kg, that a reservoir (m³, Pa) supplies until its pressure is that of the supply, Pa."""
+    return max(pressure - supply, 0.0) * volume / (_GAS_CONSTANT * temperature)
+
+
+def _sealed_pressures(setting: Setting, cylinder: Cylinder) -> FloatArray:
+    given = (setting.flexion, setting.extension)
+    return np.array([cylinder.atmosphere if pressure is None else pressure for pressure in given])

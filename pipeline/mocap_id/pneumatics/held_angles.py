@@ -1,10 +1,9 @@
 """Angles that a person can hold with a cylinder on one joint, and pressures for the widest range or for given tasks.
 
 The joint is held where g(θ) - τ(θ) is within the limits of the person's torque, for isothermal and for adiabatic
-changes of volume: a posture is reached fast, and the gas then takes the temperature of its surroundings. Friction is
-left out: it helps to hold.
-τ is linear in the sealed pressures, so the pressures that hold given angles with the largest margin are the solution
-of a linear programme.
+changes of volume: a posture is reached fast, and the gas then reaches the temperature of its surroundings. Friction is
+ignored, because it helps to hold the joint. τ is linear in the sealed pressures. The pressures that hold given angles
+with the largest margin are therefore the solution of a linear programme.
 """
 
 from __future__ import annotations
@@ -14,83 +13,76 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.optimize import linprog
 
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import BoolArray, FloatArray, find_runs
 from mocap_id.pneumatics.cylinder import ADIABATIC, ISOTHERMAL, Cylinder, PressureLimits, Setting
 from mocap_id.prescription.one_joint import OneJoint
 
 RESERVE = 0.1
-"""Reserve of torque of a setting for tasks, in addition to friction, as a share of half the person's torque range."""
-_SEARCH, _SIDE, _LEVELS, _FINE = 361, 33, 5, 2881
-_TASK = 41  # angles of each task
-_SLACK = 1e-6  # of the weight
+"""Reserve of torque in tasks, in addition to friction, as a share of half the range of the person's torque."""
+_SEARCH, _SIDE, _LEVELS, _FINE = 361, 33, 5, 2881  # angles and pressures of the grids; levels of the search
+_TASK = 41  # number of angles of each task
+_SLACK = 1e-6  # tolerance of the limits, as a share of the weight
 
 
-def holdable(joint: OneJoint, cylinder: Cylinder, setting: Setting, angle: FloatArray) -> BoolArray:
+def find_holdable(joint: OneJoint, cylinder: Cylinder, setting: Setting, angle: FloatArray) -> BoolArray:
     """Return whether each angle (N,) can be held with a setting; angles beyond the stroke cannot."""
     slack = _SLACK * joint.weight
-    torque = [joint.gravity(angle) - each.torque(angle, setting) for each in _limits_of(cylinder)]
+    torque = [joint.gravity(angle) - each.torque(angle, setting) for each in _slow_and_fast(cylinder)]
     return np.asarray(np.all([(t >= joint.torque_low - slack) & (t <= joint.torque_high + slack) for t in torque], 0))
 
 
-def _limits_of(cylinder: Cylinder) -> tuple[Cylinder, Cylinder]:
+def _slow_and_fast(cylinder: Cylinder) -> tuple[Cylinder, Cylinder]:
+    """Return the cylinder for isothermal and for adiabatic changes of volume."""
     return cylinder.at_exponent(ISOTHERMAL), cylinder.at_exponent(ADIABATIC)
 
 
-def held_range(
+def find_held_range(
     joint: OneJoint, cylinder: Cylinder, setting: Setting, required: Sequence[float] = ()
 ) -> tuple[float, float] | None:
     """Return the widest interval that can be held and contains all required angles, rad; None if there is none."""
     angle = np.linspace(joint.lower, joint.upper, _FINE)
-    held = holdable(joint, cylinder, setting, angle)
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], held, [False]]).astype(np.int8)))
-    parts = [(float(angle[a]), float(angle[b - 1])) for a, b in edges.reshape(-1, 2).tolist()]
+    held = find_holdable(joint, cylinder, setting, angle)
+    parts = [(float(angle[run.start]), float(angle[run.stop - 1])) for run in find_runs(held)]
     step = float(angle[1] - angle[0])
-    fitting = [part for part in parts if all(part[0] - step <= at <= part[1] + step for at in required)]
+    fitting = [part for part in parts if all(part[0] - step <= one <= part[1] + step for one in required)]
     return max(fitting, key=lambda part: part[1] - part[0], default=None)
 
 
-def setting_that_holds_most(
+def find_widest_setting(
     joint: OneJoint, cylinder: Cylinder, limits: PressureLimits, start: Setting, required: Sequence[float] = ()
 ) -> Setting:
-    """Find the pressures with the widest interval that can be held, on grids of pressures that become finer.
+    """Return the pressures with the widest interval that can be held, by a search on increasingly fine grids.
 
-    Parameters
-    ----------
-    joint : OneJoint
-    cylinder : Cylinder
-    limits : PressureLimits
-    start : Setting
-        Setting to improve, such as that of the nearest spring.
-    required : sequence of float
-        Angles that must be within the interval, rad.
+    The result is at least as good as ``start``, such as the setting of the nearest spring. The interval must contain
+    the ``required`` angles, rad.
     """
-    best, worth = start, _worth(joint, cylinder, start, required)
+    best, worth = start, _held_width(joint, cylinder, start, required)
     centre, half = 0.5 * (limits.lowest + limits.supply) * np.ones(2), 0.5 * (limits.supply - limits.lowest)
     angle = np.linspace(joint.lower, joint.upper, _SEARCH)
     for _ in range(_LEVELS):
         sides = [np.clip(np.linspace(c - half, c + half, _SIDE), limits.lowest, limits.supply) for c in centre]
         pressures = np.stack(np.meshgrid(*sides), axis=-1).reshape(-1, 2)
-        width = _widths(joint, cylinder, angle, pressures, required) - 1e-3 * pressures.sum(axis=1) / limits.supply
+        width = _held_widths(joint, cylinder, angle, pressures, required) - 1e-3 * pressures.sum(axis=1) / limits.supply
         for top in np.argsort(-width)[:3]:
             trial = Setting(*pressures[top].tolist())
-            other = _worth(joint, cylinder, trial, required)
+            other = _held_width(joint, cylinder, trial, required)
             if other > worth:
                 best, worth = trial, other
         centre, half = best.pressures(), half / 6
     return best
 
 
-def _worth(joint: OneJoint, cylinder: Cylinder, setting: Setting, required: Sequence[float]) -> float:
-    part = held_range(joint, cylinder, setting, required)
+def _held_width(joint: OneJoint, cylinder: Cylinder, setting: Setting, required: Sequence[float]) -> float:
+    part = find_held_range(joint, cylinder, setting, required)
     return -1.0 if part is None else part[1] - part[0]
 
 
-def _widths(
+def _held_widths(
     joint: OneJoint, cylinder: Cylinder, angle: FloatArray, pressures: FloatArray, required: Sequence[float]
 ) -> FloatArray:
-    """Return the width (M,) of the widest held interval for pressures (M, 2), rad; -1 if a required angle is lost."""
-    held = np.repeat(cylinder.within(angle)[:, None], len(pressures), axis=1)  # (N, M)
-    for each in _limits_of(cylinder):
+    """Return the width (M,) of the widest held interval for pressures (M, 2), rad; -1 without a required angle."""
+    held = np.repeat(cylinder.allows(angle)[:, None], len(pressures), axis=1)  # (N, M)
+    for each in _slow_and_fast(cylinder):
         torque = each.torque_by_pressure(angle) @ pressures.T + each.torque_of_atmosphere()
         needed = joint.gravity(angle)[:, None] - torque
         held &= (needed >= joint.torque_low) & (needed <= joint.torque_high)
@@ -109,26 +101,19 @@ def _widths(
     return np.where(most > 0, (most - 1) * step, -1.0)
 
 
-def setting_for_tasks(
+def find_task_setting(
     joint: OneJoint, cylinder: Cylinder, limits: PressureLimits, tasks: Sequence[tuple[float, float]]
 ) -> tuple[Setting, float] | None:
-    """Find the lowest pressures that hold all tasks with a reserve, and the margin that they leave, N·m.
+    """Return the lowest pressures that hold all tasks with a reserve, and the margin with these pressures, N·m.
 
-    The reserve is :data:`RESERVE` plus the Coulomb friction, so that the person can also move. If no pressures leave
-    it, those with the largest margin are returned. If the margin is negative, some angle of a task cannot be held.
-
-    Parameters
-    ----------
-    joint : OneJoint
-    cylinder : Cylinder
-    limits : PressureLimits
-    tasks : sequence of (low, high)
-        Intervals of angles, rad. None is returned if one is beyond the stroke.
+    Tasks are intervals of angles, rad; None is returned if one of them is beyond the stroke. The reserve is
+    :data:`RESERVE` plus the Coulomb friction, so that the person can also move. If no pressures have this reserve, the
+    pressures with the largest margin are returned. If the margin is negative, some angle of a task cannot be held.
     """
     angle = np.concatenate([np.linspace(low, high, _TASK) for low, high in tasks])
-    if not cylinder.within(angle).all():
+    if not cylinder.allows(angle).all():
         return None
-    by = np.concatenate([each.torque_by_pressure(angle) for each in _limits_of(cylinder)]) * limits.supply
+    by = np.concatenate([each.torque_by_pressure(angle) for each in _slow_and_fast(cylinder)]) * limits.supply
     needed = np.tile(joint.gravity(angle) - cylinder.torque_of_atmosphere(), 2)
     ones = np.ones((len(needed), 1))
     rows = np.concatenate([np.hstack([-by, ones]), np.hstack([by, ones])])  # variables: pressures / supply, margin

@@ -1,7 +1,7 @@
 """The two pressures with which a cylinder is nearest to a prescribed linear spring.
 
 The torque and the stiffness of a cylinder are linear in the sealed pressures. The pressures for a spring at its rest
-angle are therefore the solution of two linear equations; those nearest to it over a range are a linear least-squares
+angle are therefore the solution of two linear equations. The nearest pressures over a range are a linear least-squares
 solution. Both are bounded by the lowest pressure and the supply.
 """
 
@@ -16,40 +16,26 @@ from mocap_id.arrays import FloatArray
 from mocap_id.pneumatics.cylinder import Cylinder, PressureLimits, Setting
 
 _GRID = 361
-_CLOSE = 0.01  # of the stiffness, and rad: a spring within these is attained
+_CLOSE = 0.01  # share of the stiffness, and rad: largest differences of an attained spring
 
 
 @dataclass(frozen=True)
 class NearestSpring:
-    """A setting of the cylinder, and the spring that it gives.
-
-    Parameters
-    ----------
-    setting : Setting
-    stiffness, rest : float
-        Stiffness, N·m/rad, and rest angle, rad, that the setting gives: at the rest angle, or of the line fitted over
-        the range; NaN if the torque is not zero anywhere in the stroke.
-    largest_error, rms_error : float
-        Difference between the torques of the cylinder and of the prescribed spring over the range, N·m.
-    range : (low, high)
-        rad.
-    why : str
-        Why the spring is not attained; empty if it is.
-    """
+    """A setting of the cylinder, and the spring that it gives."""
 
     setting: Setting
-    stiffness: float
-    rest: float
-    largest_error: float
-    rms_error: float
-    range: tuple[float, float]
-    why: str
+    stiffness: float  # N·m/rad, at the rest angle, or of the line fitted over the range; NaN without a rest angle
+    rest: float  # rest angle, rad; NaN if the torque is not zero at any angle of the stroke
+    largest_error: float  # largest difference from the torque of the prescribed spring over the range, N·m
+    rms_error: float  # root mean square of this difference, N·m
+    range: tuple[float, float]  # rad
+    why: str  # reason why the spring is not attained; empty if it is attained
 
 
-def nearest_setting(
+def find_nearest_setting(
     cylinder: Cylinder, stiffness: float, rest: float, limits: PressureLimits, angles: FloatArray | None = None
 ) -> NearestSpring:
-    """Find the setting that is nearest to a linear spring with torque -k(θ - θ₀).
+    """Return the setting that is nearest to a linear spring with torque -k(θ - θ₀).
 
     Parameters
     ----------
@@ -58,8 +44,8 @@ def nearest_setting(
         k, N·m/rad, and θ₀, rad.
     limits : PressureLimits
     angles : (N,) array, optional
-        Angles over which the torque should agree, rad; those beyond the stroke are left out. By default, stiffness
-        and torque should agree at the rest angle, or the torque over the whole stroke if θ₀ is beyond it.
+        Angles over which the torque should agree, rad; angles beyond the stroke are ignored. By default, stiffness and
+        torque should agree at the rest angle, or the torque over the whole stroke if θ₀ is beyond it.
 
     Raises
     ------
@@ -75,40 +61,42 @@ def nearest_setting(
         )
     if local:
         weight = 0.25 * (high - low)  # rad: an error of stiffness counts as the torque at this distance
-        at = np.array(rest)
-        matrix = np.stack([cylinder.torque_by_pressure(at), -weight * cylinder.stiffness_by_pressure(at)])
-        wanted = np.array([-cylinder.torque_of_atmosphere(), -weight * stiffness])
+        angle = np.array(rest)
+        matrix = np.stack([cylinder.torque_by_pressure(angle), -weight * cylinder.stiffness_by_pressure(angle)])
+        target = np.array([-cylinder.torque_of_atmosphere(), -weight * stiffness])
     else:
         matrix = cylinder.torque_by_pressure(grid)
-        wanted = -stiffness * (grid - rest) - cylinder.torque_of_atmosphere()
-    free = np.linalg.lstsq(matrix * limits.supply, wanted, rcond=None)[0] * limits.supply
-    share = lsq_linear(matrix * limits.supply, wanted, (limits.lowest / limits.supply, 1.0), method="bvls").x
+        target = -stiffness * (grid - rest) - cylinder.torque_of_atmosphere()
+    free = np.linalg.lstsq(matrix * limits.supply, target, rcond=None)[0] * limits.supply
+    share = lsq_linear(matrix * limits.supply, target, (limits.lowest / limits.supply, 1.0), method="bvls").x
     setting = Setting(*(share * limits.supply).tolist())
-    found = _stiffness_and_rest(cylinder, setting, grid, local)
+    spring = _stiffness_and_rest(cylinder, setting, grid, local)
     error = cylinder.torque(grid, setting) + stiffness * (grid - rest)
-    why = _why(free, limits, (stiffness, rest), found, cylinder)
+    why = _explain(free, limits, (stiffness, rest), spring, cylinder)
     spread = float(np.abs(error).max()), float(np.sqrt(np.mean(error**2)))
-    return NearestSpring(setting, *found, *spread, (float(grid.min()), float(grid.max())), why)
+    return NearestSpring(setting, *spring, *spread, (float(grid.min()), float(grid.max())), why)
 
 
 def _stiffness_and_rest(cylinder: Cylinder, setting: Setting, grid: FloatArray, local: bool) -> tuple[float, float]:
+    """Return the stiffness, N·m/rad, and the rest angle, rad, at the rest angle or of a line fitted over the grid."""
     if local:
         rest = cylinder.rest_angle(setting)
-        at = np.nan if rest is None else rest
-        return float(cylinder.stiffness(np.array(at), setting)), at
+        angle = np.nan if rest is None else rest
+        return float(cylinder.stiffness(np.array(angle), setting)), angle
     line = np.stack([grid, np.ones_like(grid)], axis=1)
     slope, offset = np.linalg.lstsq(line, cylinder.torque(grid, setting), rcond=None)[0]
     return -float(slope), float(-offset / slope) if slope else np.nan
 
 
-def _why(
+def _explain(
     free: FloatArray,
     limits: PressureLimits,
-    wanted: tuple[float, float],
-    found: tuple[float, float],
+    target: tuple[float, float],
+    attained: tuple[float, float],
     cylinder: Cylinder,
 ) -> str:
-    (stiffness, rest), (low, high) = wanted, cylinder.limits
+    """Return the reasons why the target (stiffness, rest angle) is not attained; empty if it is attained."""
+    (stiffness, rest), (low, high) = target, cylinder.limits
     parts = []
     for name, pressure in zip(("flexion", "extension"), free.tolist(), strict=True):
         if pressure > limits.supply * (1 + 1e-9):
@@ -118,5 +106,5 @@ def _why(
     if not low <= rest <= high:
         limit = f"{np.degrees(low):.1f}° to {np.degrees(high):.1f}°"
         parts.append(f"the rest angle {np.degrees(rest):.1f}° is beyond the stroke, {limit}")
-    close = abs(found[0] - stiffness) <= _CLOSE * stiffness and abs(found[1] - rest) <= _CLOSE
+    close = abs(attained[0] - stiffness) <= _CLOSE * stiffness and abs(attained[1] - rest) <= _CLOSE
     return "" if close else "; ".join(parts or ["the torque of a cylinder is not linear over this range"])

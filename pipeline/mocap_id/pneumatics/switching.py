@@ -2,10 +2,9 @@
 
 Each node of the controller has a setting of the cylinder and the angles that the person can hold with it. The depth of
 an angle in a node is its distance from the nearest angle that is not held. The controller changes from node i to j
-where the depth in i is below a margin and the depth in j above margin plus hysteresis. To change back, the joint has to
-move by the hysteresis at least. After a change, each sealed pressure settles with a first-order lag.
-
-The person follows a reference with the torque that the motion needs, as far as the strength allows.
+where the depth in i is below a margin, and the depth in j is above margin plus hysteresis. Before the controller
+changes back, the joint has to move by at least the hysteresis. After a change, each sealed pressure settles with a
+first-order lag. The person follows a reference with the torque that the motion needs, as far as the strength allows.
 """
 
 from __future__ import annotations
@@ -16,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.pneumatics.cylinder import Cylinder, Setting
+from mocap_id.pneumatics.cylinder import Cylinder, Setting, excess_torque, settle_pressures
 from mocap_id.prescription.one_joint import OneJoint
 
 STEP = 0.002
@@ -36,25 +35,14 @@ class Node:
 
 @dataclass(frozen=True)
 class Controller:
-    """Nodes and rules of the controller.
-
-    Parameters
-    ----------
-    nodes : tuple of Node
-    angle : (N,) array
-        Grid of angles of the nodes' depths, rad.
-    margin, hysteresis : float
-        rad.
-    fill, vent : (2,) arrays
-        Time constants of the flexion and the extension side for pressures that rise and that fall, s.
-    """
+    """Nodes and rules of the controller."""
 
     nodes: tuple[Node, ...]
-    angle: FloatArray
-    margin: float
-    hysteresis: float
-    fill: FloatArray
-    vent: FloatArray
+    angle: FloatArray  # (N,) grid of angles of the nodes' depths, rad
+    margin: float  # rad
+    hysteresis: float  # rad
+    fill: FloatArray  # (2,) time constants of rising pressures on the flexion and the extension side, s
+    vent: FloatArray  # (2,) time constants of falling pressures, s
 
     @property
     def slowest(self) -> float:
@@ -65,29 +53,28 @@ class Controller:
         """Return the depth of angles in a node, rad."""
         return np.asarray(np.interp(angle, self.angle, self.nodes[node].depth))
 
-    def changes(self, before: int, after: int, angle: FloatArray) -> BoolArray:
-        """Return whether the controller may change from one node to another at each angle."""
+    def may_change(self, before: int, after: int, angle: FloatArray) -> BoolArray:
+        """Return whether the controller may change from one node to another at each angle, rad."""
         return np.asarray(
             (self.depth(before, angle) < self.margin) & (self.depth(after, angle) > self.margin + self.hysteresis)
         )
 
     def next_node(self, node: int, angle: float) -> int:
-        """Return the next node at an angle: the allowed one with the largest depth, or else the same node."""
+        """Return the next node at an angle, rad: the allowed node with the largest depth, or else the same node."""
         at = np.array(angle)
-        others = [k for k in range(len(self.nodes)) if k != node and bool(self.changes(node, k, at))]
+        others = [k for k in range(len(self.nodes)) if k != node and bool(self.may_change(node, k, at))]
         return max(others, key=lambda k: float(self.depth(k, at)), default=node)
 
-    def settled(self, pressures: FloatArray, target: FloatArray, time: float) -> FloatArray:
-        """Return the pressures (..., 2), Pa, after a time, s, in which they settle towards a target, Pa."""
-        lag = np.where(target > pressures, self.fill, self.vent)
-        return np.asarray(target + (pressures - target) * np.exp(-time / lag))
+    def settle(self, pressures: FloatArray, target: FloatArray, time: float) -> FloatArray:
+        """Return the pressures (..., 2), Pa, after a time, s, in which they approach a target, Pa."""
+        return settle_pressures(pressures, target, time, self.fill, self.vent)
 
 
-def depths(held: BoolArray, angle: FloatArray) -> FloatArray:
-    """Return the distance (N,) of each angle from the nearest one that is not held, rad.
+def compute_depths(held: BoolArray, angle: FloatArray) -> FloatArray:
+    """Return the distance (N,) of each angle from the nearest angle that is not held, rad.
 
-    For an angle that is not held it is minus the distance from the nearest held angle. The ends of the grid are no
-    boundary. If all angles are held, every depth is the width of the grid.
+    For an angle that is not held, it is minus the distance from the nearest held angle. The ends of the grid do not
+    count as a boundary. If all angles are held, every depth is the width of the grid.
     """
     width = float(angle[-1] - angle[0])
     if held.all() or not held.any():
@@ -99,10 +86,10 @@ def depths(held: BoolArray, angle: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Person:
-    """A person's joint with its limits of angle and torque, its inertia, kg·m², and the device on it."""
+    """A person's joint with its limits of angle and torque, and the device on it."""
 
     joint: OneJoint
-    inertia: float
+    inertia: float  # kg·m²
     cylinder: Cylinder
 
     @property
@@ -111,20 +98,19 @@ class Person:
         low, high = self.cylinder.limits
         return max(low, self.joint.lower), min(high, self.joint.upper)
 
-    def needed(self, angle: FloatArray, pressures: FloatArray) -> FloatArray:
+    def holding_torque(self, angle: FloatArray, pressures: FloatArray) -> FloatArray:
         """Return the person's torque (B,), N·m, that holds angles (B,), rad, with sealed pressures (B, 2), Pa."""
         device = (self.cylinder.torque_by_pressure(angle) * pressures).sum(axis=-1)
         return np.asarray(self.joint.gravity(angle) - device - self.cylinder.torque_of_atmosphere())
 
     def excess(self, needed: FloatArray) -> FloatArray:
-        """Return by how much a torque is beyond the person's limits, N·m; at least 0."""
-        beyond = np.maximum(needed - self.joint.torque_high, self.joint.torque_low - needed)
-        return np.asarray(np.maximum(beyond, 0.0))
+        """Return the part of a torque beyond the person's limits, N·m; at least 0."""
+        return excess_torque(needed, self.joint.torque_low, self.joint.torque_high)
 
     def step(
         self, angle: FloatArray, velocity: FloatArray, needed: FloatArray, acceleration: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return angle, velocity and the person's torque (B,) after a step with a wanted acceleration, rad/s²."""
+        """Return angle, velocity and the person's torque (B,) after a step with an intended acceleration, rad/s²."""
         friction = self.cylinder.friction(velocity)
         torque = np.clip(needed - friction + self.inertia * acceleration, self.joint.torque_low, self.joint.torque_high)
         velocity = velocity + STEP * (torque - needed + friction) / self.inertia
@@ -135,87 +121,60 @@ class Person:
 
 @dataclass(frozen=True)
 class Visit:
-    """A task in a tour, its time (start, end), and the last moment at which each of its ends is held, s."""
+    """A visit of a task in a tour."""
 
     task: str
-    time: tuple[float, float]
-    held_until: tuple[float, float]
+    time: tuple[float, float]  # start and end, s
+    held_until: tuple[float, float]  # last time at which each end of the task is held, s
 
 
 @dataclass(frozen=True)
 class Tour:
-    """Reference through all tasks.
+    """Reference motion through all tasks, with T samples."""
 
-    Parameters
-    ----------
-    time, angle, velocity, acceleration : (T,) arrays
-        s, rad, rad/s, rad/s².
-    visits : tuple of Visit
-    """
-
-    time: FloatArray
-    angle: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
+    time: FloatArray  # (T,) s
+    angle: FloatArray  # (T,) rad
+    velocity: FloatArray  # (T,) rad/s
+    acceleration: FloatArray  # (T,) rad/s²
     visits: tuple[Visit, ...]
 
 
 @dataclass(frozen=True)
 class SwitchedMotion:
-    """A simulated tour with the controller.
-
-    Parameters
-    ----------
-    tour : Tour
-    angle, velocity, torque, excess : (T,) arrays
-        Joint, rad and rad/s; the person's torque, N·m; how far the torque that holds the joint is beyond the limits.
-    node : (T,) int array
-    pressures : (T, 2) array
-        Sealed pressures, Pa.
-    switches : tuple of (sample, before, after)
-        Samples at which the node changed.
-    """
+    """A simulated tour with the controller, with T samples."""
 
     tour: Tour
-    angle: FloatArray
-    velocity: FloatArray
-    torque: FloatArray
-    excess: FloatArray
-    node: IntArray
-    pressures: FloatArray
-    switches: tuple[tuple[int, int, int], ...]
+    angle: FloatArray  # (T,) rad
+    velocity: FloatArray  # (T,) rad/s
+    torque: FloatArray  # (T,) the person's torque, N·m
+    excess: FloatArray  # (T,) part of the holding torque beyond the person's limits, N·m
+    node: IntArray  # (T,)
+    pressures: FloatArray  # (T, 2) sealed pressures, Pa
+    switches: tuple[tuple[int, int, int], ...]  # sample, node before and node after each change
 
 
 def plan_tour(tasks: Sequence[tuple[str, float, float]], speed: float, hold: float, tremor: float = 0.0) -> Tour:
-    """Return a tour that visits all tasks in order and back, and moves through the interval of each.
+    """Return a tour that visits all tasks (name, low, high), rad, in order and back, and moves through each interval.
 
-    Parameters
-    ----------
-    tasks : sequence of (name, low, high)
-        rad.
-    speed : float
-        Largest speed of a movement, rad/s; each movement has minimum jerk, and its acceleration is bounded too.
-    hold : float
-        Time for which the ends of each task are held, s.
-    tremor : float
-        Amplitude of a tremor of 5 Hz, rad.
+    ``speed`` is the largest speed of a movement, rad/s; each movement has minimum jerk and a bounded acceleration. The
+    ends of each task are held for ``hold``, s. ``tremor`` is the amplitude of a tremor of 5 Hz, rad.
     """
     order = [*tasks, *tasks[-2::-1]]
     pieces, visits, here, now = [np.array([order[0][1]])], [], order[0][1], 0.0
     for name, low, high in order:
         ends = (low, high) if abs(low - here) <= abs(high - here) else (high, low)
-        arrivals, leaves = [], []
+        arrivals, departures = [], []
         for end in ends:
-            far = abs(end - here)
-            duration = max(1.875 * far / speed, np.sqrt(5.7735 * far / (_STARTS * speed)), STEP)
+            distance = abs(end - here)
+            duration = max(1.875 * distance / speed, np.sqrt(5.7735 * distance / (_STARTS * speed)), STEP)
             s = np.arange(1, int(np.ceil(duration / STEP)) + 1) * STEP / duration
             s = np.minimum(s, 1.0)
             still = np.full(int(hold / STEP), end)
             pieces += [here + (end - here) * (10 * s**3 - 15 * s**4 + 6 * s**5), still]
             arrivals.append(now + len(s) * STEP)
             now, here = arrivals[-1] + len(still) * STEP, end
-            leaves.append(now)
-        visits.append(Visit(name, (arrivals[0], now), (leaves[0], leaves[1])))
+            departures.append(now)
+        visits.append(Visit(name, (arrivals[0], now), (departures[0], departures[1])))
     angle: FloatArray = np.concatenate(pieces)
     time = np.asarray(STEP * np.arange(len(angle)), dtype=np.float64)
     angle += tremor * np.sin(2 * np.pi * 5.0 * time)
@@ -225,16 +184,7 @@ def plan_tour(tasks: Sequence[tuple[str, float, float]], speed: float, hold: flo
 
 
 def simulate_switching(person: Person, controller: Controller, tour: Tour, start: int) -> SwitchedMotion:
-    """Simulate a tour from a start node.
-
-    Parameters
-    ----------
-    person : Person
-    controller : Controller
-    tour : Tour
-    start : int
-        Index of the first node.
-    """
+    """Return the simulated tour that starts in node ``start``."""
     count, node = len(tour.time), start
     angle, velocity = np.clip(tour.angle[:1], *person.limits), np.zeros(1)
     pressures = controller.nodes[start].setting.pressures()
@@ -245,13 +195,13 @@ def simulate_switching(person: Person, controller: Controller, tour: Tour, start
         if after != node:
             switches.append((k, node, after))
             node = after
-        needed = person.needed(angle, pressures[None])
+        needed = person.holding_torque(angle, pressures[None])
         track[k] = angle[0], velocity[0], 0.0, person.excess(needed)[0]
         nodes[k], gas[k] = node, pressures
-        off, rate = tour.angle[k] - angle, tour.velocity[k] - velocity
-        wanted = tour.acceleration[k] + 2 * _TRACKING * rate + _TRACKING**2 * off
-        angle, velocity, torque = person.step(angle, velocity, needed, wanted)
+        error, rate = tour.angle[k] - angle, tour.velocity[k] - velocity
+        intended = tour.acceleration[k] + 2 * _TRACKING * rate + _TRACKING**2 * error
+        angle, velocity, torque = person.step(angle, velocity, needed, intended)
         track[k, 2] = torque[0]
-        pressures = controller.settled(pressures, controller.nodes[node].setting.pressures(), STEP)
+        pressures = controller.settle(pressures, controller.nodes[node].setting.pressures(), STEP)
     angles, velocities, torques, excess = track.T
     return SwitchedMotion(tour, angles, velocities, torques, excess, nodes, gas, tuple(switches))

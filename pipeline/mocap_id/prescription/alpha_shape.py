@@ -16,39 +16,27 @@ from scipy.spatial import Delaunay, cKDTree
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 
 RADIUS_FACTOR = 2.0
-"""Radius of the shape, relative to the largest hole among the samples: gaps twice as wide as any hole are real."""
+"""Radius of the shape, relative to the largest hole among the samples: wider gaps are part of the shape."""
 
 
 @dataclass(frozen=True)
 class AlphaShape:
-    """A union of simplices.
+    """A union of simplices."""
 
-    Parameters
-    ----------
-    points : (N, d) array
-        m; d is 2 or 3.
-    triangulation : Delaunay
-        Triangulation of the points.
-    kept : (K,) bool array
-        Whether each of its simplices belongs to the shape.
-    radius : float
-        Largest allowed circumscribed radius, m.
-    """
-
-    points: FloatArray
-    triangulation: Delaunay
-    kept: BoolArray
-    radius: float
+    points: FloatArray  # (N, d) m; d is 2 or 3
+    triangulation: Delaunay  # triangulation of the points
+    kept: BoolArray  # (K,) whether each simplex of the triangulation belongs to the shape
+    radius: float  # largest allowed circumscribed radius, m
 
     @property
     def measure(self) -> float:
         """Area, m², or volume, m³."""
-        return float(np.abs(_signed(self.points[self.triangulation.simplices[self.kept]])).sum())
+        return float(np.abs(_signed_measure(self.points[self.triangulation.simplices[self.kept]])).sum())
 
     def boundary(self) -> IntArray:
         """Return the facets of the shape's boundary, (F, d) indices.
 
-        They are oriented with the outside to the right (d = 2) or outwards (d = 3), as :func:`enclosed` expects.
+        Their orientation is that of :func:`compute_measure`: outside to the right (d = 2), or outwards (d = 3).
         """
         simplices, d = self.triangulation.simplices, self.points.shape[1]
         facets = []
@@ -57,24 +45,24 @@ class AlphaShape:
             edge = self.kept & ((neighbour < 0) | ~self.kept[neighbour])
             facet = np.delete(simplices[edge], corner, axis=1)
             inner = self.points[simplices[edge, corner]]
-            inwards = _signed(np.concatenate([self.points[facet], inner[:, None]], axis=1)) > 0
+            inwards = _signed_measure(np.concatenate([self.points[facet], inner[:, None]], axis=1)) > 0
             facet[~inwards, :2] = facet[~inwards, 1::-1]
             facets.append(facet)
         return np.concatenate(facets).astype(np.int64)
 
     def contains(self, points: FloatArray) -> BoolArray:
-        """Return whether points (M, d) are in the shape."""
-        found = self.triangulation.find_simplex(points)
-        return np.asarray((found >= 0) & self.kept[found])
+        """Return whether each of the points (M, d) is in the shape."""
+        simplex = self.triangulation.find_simplex(points)
+        return np.asarray((simplex >= 0) & self.kept[simplex])
 
 
-def alpha_shape(points: FloatArray, radius: float) -> AlphaShape:
-    """Compute the alpha shape of points (N, d), d = 2 or 3, for a radius, m.
+def compute_alpha_shape(points: FloatArray, radius: float) -> AlphaShape:
+    """Return the alpha shape of points (N, d), d = 2 or 3, for a radius, m.
 
     Raises
     ------
     ValueError
-        There are fewer than d + 1 points, or all are on one line (plane).
+        There are fewer than d + 1 points, or all of them are on one line (or in one plane).
     """
     spread = points - points.mean(axis=0)
     d = points.shape[1]
@@ -86,29 +74,22 @@ def alpha_shape(points: FloatArray, radius: float) -> AlphaShape:
 
 
 def covering_radius(points: FloatArray, others: FloatArray) -> float:
-    """Return the radius of the largest ball around any of ``others`` (M, d) without any of the points (N, d), m."""
+    """Return the radius, m, of the largest ball around any of ``others`` (M, d) that contains no point (N, d)."""
     return float(np.max(cKDTree(points).query(others)[0]))
 
 
-def enclosed(corners: FloatArray) -> FloatArray:
-    """Return the area or volume within a closed, oriented boundary, by the divergence theorem.
+def compute_measure(corners: FloatArray) -> FloatArray:
+    """Return the area or volume (...) within a closed, oriented boundary, by the divergence theorem.
 
-    Parameters
-    ----------
-    corners : (..., F, d, d) array
-        Coordinates of the corners of all facets.
-
-    Returns
-    -------
-    (...) array
-        Sum of the determinants of the facets' corners, divided by d!; with the opposite sign in space.
+    ``corners`` (..., F, d, d) are the coordinates of the corners of all facets. The measure is the sum of their
+    determinants, divided by d!, with the opposite sign in space.
     """
     d = corners.shape[-1]
     sign = 1.0 if d == 2 else -1.0  # the apex comes last, behind d - 1 swaps
     return np.asarray(sign * np.linalg.det(corners).sum(axis=-1) / factorial(d))
 
 
-def _signed(corners: FloatArray) -> FloatArray:
+def _signed_measure(corners: FloatArray) -> FloatArray:
     """Return the signed area or volume (K,) of simplices (K, d + 1, d)."""
     edges = corners[:, 1:] - corners[:, :1]
     return np.asarray(np.linalg.det(edges) / factorial(corners.shape[-1]))

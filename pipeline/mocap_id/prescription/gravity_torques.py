@@ -13,38 +13,24 @@ from mocap_id.prescription.one_joint import OneJoint
 
 @dataclass(frozen=True)
 class ChainMasses:
-    """Masses of a planar chain.
+    """Masses of a planar chain; ValueError is raised if one is not finite, or if all are zero."""
 
-    Parameters
-    ----------
-    centres : (n, 2) array
-        Centre of each joint in the segment before it, m.
-    masses : (n, 3) array
-        m, mx, my of each moving segment in its own frame, kg and kg·m. Identified parameters are sufficient: only the
-        combinations that affect the torques matter.
-    gravity : float
-        m/s², along -y.
-
-    Raises
-    ------
-    ValueError
-        A value is not finite, or all are zero.
-    """
-
-    centres: FloatArray
+    centres: FloatArray  # (n, 2) centre of each joint in the frame of the previous segment, m
+    # (n, 3) m, mx, my of each moving segment in its own frame, kg and kg·m. Identified parameters are sufficient:
+    # only the combinations that they determine affect the torques.
     masses: FloatArray
-    gravity: float = 9.81
+    gravity: float = 9.81  # m/s², along -y
 
     def __post_init__(self) -> None:
         if not np.isfinite(self.masses).all():
-            raise ValueError("the masses are not known")
+            raise ValueError("a mass is not finite; expected finite masses and first moments of all segments")
         if not self.masses.any():
-            raise ValueError("the mass is zero: there is nothing to hold")
+            raise ValueError("all masses are zero; expected at least one segment with a mass")
 
     def torques(self, q: FloatArray) -> FloatArray:
-        """Return the torques (..., n), N·m, of the segment before each joint that hold postures (..., n), rad.
+        """Return the joint torques (..., n), N·m, that hold postures (..., n), rad, against gravity.
 
-        Each is the moment g Σ (m (x - x_joint) + mx cos α - my sin α) of the segments beyond the joint, at angles α.
+        Each is the moment g Σ (m (x - x_joint) + mx cos α - my sin α) of the segments distal to the joint, at angles α.
         """
         angle, origin = segment_poses(q, self.centres)
         lever = rotate(angle[..., 1:], self.masses[:, 1:])[..., 0]  # (..., n)
@@ -57,12 +43,9 @@ class ChainMasses:
     def one_joint(
         self, joint: int, posture: FloatArray, limits: tuple[float, float], torque: tuple[float, float]
     ) -> OneJoint:
-        """Return one joint, counted from 0, with the others fixed at ``posture`` (n,), rad.
+        """Return the model of one joint, counted from 0, while the others are fixed at ``posture`` (n,), rad.
 
-        Raises
-        ------
-        ValueError
-            As for :class:`~mocap_id.prescription.one_joint.OneJoint`.
+        ValueError is raised as for :class:`OneJoint`.
         """
         postures = np.tile(posture, (2, 1)).astype(np.float64)
         postures[:, joint] = 0.0, np.pi / 2

@@ -2,7 +2,7 @@
 
 A rest angle exists for a stiffness k if w = g + kθ meets three inequalities: max w - min w ≤ span, max w - τ_high ≤ k
 θ_most and min w - τ_low ≥ k θ_least. Each involves a maximum or minimum of functions that are linear in k, and is
-convex in k. The suitable stiffnesses therefore form an interval, and bisection finds its lower end globally.
+convex in k. The suitable stiffnesses therefore form an interval, and bisection finds its lower end.
 """
 
 from __future__ import annotations
@@ -18,22 +18,14 @@ _GRID = 721
 _STEPS = 200
 
 
-def least_spring(
+def find_least_spring(
     joint: OneJoint, interval: tuple[float, float], rest: tuple[float, float], stiffest: float | None = None
 ) -> tuple[float, float] | None:
-    """Find the stiffness, N·m/rad, and the rest angle, rad, of the softest spring.
+    """Return stiffness, N·m/rad, and rest angle, rad, of the softest spring that holds an interval of angles, rad.
 
-    The result is (0, NaN) if no spring is needed, and None if no spring is sufficient.
-
-    Parameters
-    ----------
-    joint : OneJoint
-    interval : (low, high)
-        Angles to hold, rad; both may be equal.
-    rest : (low, high)
-        Allowed rest angles, rad.
-    stiffest : float, optional
-        Largest stiffness, N·m/rad; by default twenty times the largest moment of gravity per radian.
+    The result is (0, NaN) if no spring is needed, and None if no spring is sufficient. ``rest`` contains the smallest
+    and largest rest angle, rad. ``stiffest`` is the largest stiffness; by default it is twenty times the largest moment
+    of gravity per radian.
     """
     grid = np.linspace(*interval, _GRID) if interval[1] > interval[0] else np.array([interval[0]])
     gravity = joint.gravity(grid)
@@ -46,18 +38,18 @@ def least_spring(
     if excess(0.0) <= 1e-9:
         return 0.0, np.nan
     low, high = 0.0, 20.0 * joint.weight if stiffest is None else stiffest
-    best = _lowest(excess, low, high)
+    best = _minimise(excess, low, high)
     if excess(best) > 1e-9:
         return None
     outside, inside = 0.0, best
     for _ in range(_STEPS):
         middle = 0.5 * (outside + inside)
         outside, inside = (outside, middle) if excess(middle) <= 1e-9 else (middle, inside)
-    return inside, _rest(joint, gravity + inside * grid, inside, rest)
+    return inside, _middle_rest(joint, gravity + inside * grid, inside, rest)
 
 
-def _lowest(excess: Callable[[float], float], low: float, high: float) -> float:
-    """Return the minimum of a convex function by ternary search, or the first point found where it is at most 0."""
+def _minimise(excess: Callable[[float], float], low: float, high: float) -> float:
+    """Return the minimiser of a convex function by ternary search, or the first point at which it is at most 0."""
     for _ in range(_STEPS):
         one, other = low + (high - low) / 3, high - (high - low) / 3
         here, there = excess(one), excess(other)
@@ -67,6 +59,7 @@ def _lowest(excess: Callable[[float], float], low: float, high: float) -> float:
     return 0.5 * (low + high)
 
 
-def _rest(joint: OneJoint, w: FloatArray, stiffness: float, rest: tuple[float, float]) -> float:
+def _middle_rest(joint: OneJoint, w: FloatArray, stiffness: float, rest: tuple[float, float]) -> float:
+    """Return the allowed rest angle that shifts w (M,) nearest to the middle of the torque's limits, rad."""
     middle = 0.5 * (w.max() - joint.torque_high + w.min() - joint.torque_low) / stiffness
     return float(np.clip(middle, *rest))

@@ -1,4 +1,4 @@
-"""States that a joint with a spring reaches in a given time, by level sets (thesis 7.4.2, eq. 7.12-7.20, corrected)."""
+"""States that a joint with a spring reaches within a time, by level sets (thesis 7.4.2, eq. 7.12-7.20, corrected)."""
 
 from __future__ import annotations
 
@@ -7,48 +7,35 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import FloatArray, find_runs
 from mocap_id.prescription.one_joint import OneJoint
 from mocap_id.prescription.upwind import MarchOptions, StateRates, march
 
 CFL = 0.8
 """Time step as a fraction of the largest stable one."""
 _PAD = 2
-_CAP = 3.0  # χ is not computed further than this from the set, in radii of the initial set
+_CAP = 3.0  # largest computed χ, in radii of the initial set
 
 
 @dataclass(frozen=True)
 class JointDynamics:
     """Dynamics of a joint with a spring (eq. 7.17).
 
-    Parameters
-    ----------
-    joint : OneJoint
-    inertia : float
-        I_T of arm and device about the joint, kg·m².
-    stiffness, rest : float
-        N·m/rad, rad.
-    damping : float
-        N·m·s/rad.
-
-    Raises
-    ------
-    ValueError
-        The inertia is not positive, or the stiffness or damping is negative.
+    ValueError is raised if the inertia is not positive, or the stiffness or damping is negative.
     """
 
     joint: OneJoint
-    inertia: float
-    stiffness: float = 0.0
-    rest: float = 0.0
-    damping: float = 0.0
+    inertia: float  # I_T of arm and device about the joint, kg·m²
+    stiffness: float = 0.0  # N·m/rad
+    rest: float = 0.0  # rad
+    damping: float = 0.0  # N·m·s/rad
 
     def __post_init__(self) -> None:
         if not self.inertia > 0:
             raise ValueError(f"the inertia is {self.inertia:g} kg·m²; expected more than 0")
         for name, value in (("stiffness", self.stiffness), ("damping", self.damping)):
             if not value >= 0:
-                raise ValueError(f"the {name} is negative: {value:g}")
+                raise ValueError(f"the {name} is {value:g}; expected 0 or more")
 
     def drift(self, angle: FloatArray, velocity: FloatArray) -> FloatArray:
         """Return the acceleration without the person's torque, rad/s²."""
@@ -66,10 +53,11 @@ class JointDynamics:
         middle = 0.5 * (self.joint.lower + self.joint.upper)
         return float(root[np.abs(root - middle).argmin()])
 
-    def fastest(self) -> float:
-        """Return an upper bound of the speed from rest at the equilibrium, rad/s.
+    def largest_speed(self) -> float:
+        """Return an upper bound of the speed after rest at the equilibrium, rad/s.
 
-        It is that of the full torque over the whole range, back and forth, plus the largest decrease of the potential.
+        It follows from the work of the full torque over the whole range, back and forth, and from the largest decrease
+        of the potential.
         """
         grid = np.linspace(self.joint.lower, self.joint.upper, 721)
         force = self.joint.torque(grid, self.stiffness, self.rest)
@@ -83,28 +71,14 @@ class JointDynamics:
 
 @dataclass(frozen=True)
 class Scheme:
-    """Numerical scheme of the level-set equation.
+    """Numerical scheme of the level-set equation."""
 
-    Parameters
-    ----------
-    angles, velocities : int
-        Number of grid nodes. The number of velocities is made odd, so that zero is one of them.
-    second_order : bool
-        Use second order in space and time.
-    friedrichs : bool
-        Use the Lax–Friedrichs Hamiltonian instead of Godunov's upwind one.
-    grows_only : bool
-        Compute the states reached within the time, instead of those reached exactly at the time.
-    radius : float
-        Radius of the initial set, in nodes.
-    """
-
-    angles: int = 121
-    velocities: int = 121
-    second_order: bool = True
-    friedrichs: bool = False
-    grows_only: bool = True
-    radius: float = 2.0
+    angles: int = 121  # number of angles of the grid
+    velocities: int = 121  # number of velocities of the grid; made odd, so that zero is one of them
+    second_order: bool = True  # second order in space and time
+    friedrichs: bool = False  # the Lax–Friedrichs Hamiltonian instead of Godunov's upwind one
+    grows_only: bool = True  # compute the states reached within the time, not those reached exactly at the time
+    radius: float = 2.0  # radius of the initial set, in nodes
 
 
 @dataclass(frozen=True)
@@ -122,44 +96,28 @@ class StateGrid:
 
 @dataclass(frozen=True)
 class ReachableSet:
-    """Reachable sets at some times.
-
-    Parameters
-    ----------
-    grid : StateGrid
-    times : tuple of float
-        s.
-    values : (len(times), N, M) array
-        Level-set function χ; a state is reached where χ ≤ 0.
-    arrival : (N, M) array
-        Time at which each state is first reached, s; infinite if it is not.
-    """
+    """Reachable sets at K times."""
 
     grid: StateGrid
-    times: tuple[float, ...]
-    values: FloatArray
-    arrival: FloatArray
+    times: tuple[float, ...]  # s
+    values: FloatArray  # (K, N, M) level-set function χ; a state is reached where χ ≤ 0
+    arrival: FloatArray  # (N, M) time at which each state is first reached, s; infinite if it is not reached
 
 
-def grid_for(dynamics: JointDynamics, scheme: Scheme, horizon: float) -> StateGrid:
-    """Return a grid of all angles of the joint and all velocities that are possible within a time, s."""
+def make_grid(dynamics: JointDynamics, scheme: Scheme, horizon: float) -> StateGrid:
+    """Return a grid of all angles of the joint and all velocities that are possible within ``horizon``, s."""
     joint = dynamics.joint
     angle = np.linspace(joint.lower, joint.upper, scheme.angles)
     widest = np.abs(dynamics.drift(angle, np.zeros_like(angle))).max()
     strength = max(abs(joint.torque_low), abs(joint.torque_high)) / dynamics.inertia
-    top = 1.05 * min(dynamics.fastest(), (widest + strength) * horizon)
+    top = 1.05 * min(dynamics.largest_speed(), (widest + strength) * horizon)
     return StateGrid(angle, np.linspace(-top, top, scheme.velocities | 1))
 
 
 def compute_reachable_set(dynamics: JointDynamics, times: Sequence[float], scheme: Scheme = Scheme()) -> ReachableSet:
-    """Compute the states that can be reached from rest at the equilibrium, within the joint's limits.
+    """Return the states within the joint's limits that can be reached from rest at the equilibrium.
 
-    Parameters
-    ----------
-    dynamics : JointDynamics
-    times : sequence of float
-        Times at which the set is returned, ascending, s.
-    scheme : Scheme
+    The ``times``, s, at which the set is returned must ascend.
 
     Raises
     ------
@@ -168,8 +126,8 @@ def compute_reachable_set(dynamics: JointDynamics, times: Sequence[float], schem
     """
     at = dynamics.equilibrium()
     if at is None:
-        raise ValueError("the joint has no stable equilibrium within its limits to start from")
-    grid = grid_for(dynamics, scheme, max(times))
+        raise ValueError("the joint has no stable equilibrium within its limits; the motion starts there")
+    grid = make_grid(dynamics, scheme, max(times))
     size = scheme.radius * grid.steps
     around = np.hypot((grid.angle - at)[:, None] / size[0], grid.velocity / size[1])
     edge = np.maximum(dynamics.joint.lower - grid.angle, grid.angle - dynamics.joint.upper)
@@ -186,7 +144,7 @@ def solve_level_set(  # noqa: PLR0917
     scheme: Scheme,
     cap: float = np.inf,
 ) -> ReachableSet:
-    """Advance χ from its first values (N, M) to each of the times, between the barrier (N, M) and the cap.
+    """Return χ at each of the times, advanced from its first values (N, M) between barrier (N, M) and cap.
 
     Raises
     ------
@@ -210,28 +168,25 @@ def solve_level_set(  # noqa: PLR0917
     return ReachableSet(grid, tuple(times), np.stack(values), arrival)
 
 
-def reached_holdable_angles(
-    dynamics: JointDynamics, reached: ReachableSet, index: int = -1
-) -> list[tuple[float, float]]:
-    """Return the intervals of angles, rad, that are reached at rest and can be held by eq. 7.8 (table 7.2)."""
+def find_reached_and_held(dynamics: JointDynamics, reached: ReachableSet, index: int = -1) -> list[tuple[float, float]]:
+    """Return the intervals of angles, rad, that are reached at rest and can then be held (eq. 7.8, table 7.2)."""
     grid, joint = reached.grid, dynamics.joint
     row = reached.values[index][:, len(grid.velocity) // 2]
     return sorted(
         (max(a, c), min(b, d))
-        for a, b in _negative_runs(grid.angle, row)
-        for c, d in joint.held(dynamics.stiffness, dynamics.rest)
+        for a, b in _find_negative(grid.angle, row)
+        for c, d in joint.held_intervals(dynamics.stiffness, dynamics.rest)
         if max(a, c) < min(b, d)
     )
 
 
-def _negative_runs(x: FloatArray, y: FloatArray) -> list[tuple[float, float]]:
+def _find_negative(x: FloatArray, y: FloatArray) -> list[tuple[float, float]]:
     """Return the intervals in which the piecewise linear curve through the points is 0 or less."""
-    below = np.concatenate([[False], y <= 0, [False]])
-    starts, ends = np.flatnonzero(~below[:-1] & below[1:]), np.flatnonzero(below[:-1] & ~below[1:]) - 1
 
     def crossing(inner: int, outer: int) -> float:
         if not 0 <= outer < len(x):
             return float(x[inner])
         return float(x[inner] + (x[outer] - x[inner]) * y[inner] / (y[inner] - y[outer]))
 
-    return [(crossing(s, s - 1), crossing(e, e + 1)) for s, e in zip(starts.tolist(), ends.tolist(), strict=True)]
+    runs = find_runs(y <= 0)
+    return [(crossing(run.start, run.start - 1), crossing(run.stop - 1, run.stop)) for run in runs]

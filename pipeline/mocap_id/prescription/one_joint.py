@@ -1,12 +1,13 @@
 """One joint under gravity with a spring, and the angles that a person can hold (eq. 7.8).
 
-The torque that holds the joint still is τ_H = g(θ) + k(θ - θ₀) with g(θ) = a sin θ + b cos θ. For an arm that hangs
+The torque that holds the joint at rest is τ_H = g(θ) + k(θ - θ₀) with g(θ) = a sin θ + b cos θ. For an arm that hangs
 down at θ = 0, a = mgl and b = 0. A person can hold the angles at which τ_H is within the limits of the torque.
 """
 
 from __future__ import annotations
 
 import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil, floor
 
@@ -14,33 +15,21 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 
-_SLACK = 1e-8  # of the torque's size: tolerance of the limits
+_SLACK = 1e-8  # tolerance of the limits, as a share of the size of the torque
 
 
 @dataclass(frozen=True)
 class OneJoint:
     """A joint under gravity, with limits of its angle and of the person's torque.
 
-    Parameters
-    ----------
-    sine, cosine : float
-        a and b, N·m; a is mgl of eq. 7.7.
-    lower, upper : float
-        Limits of the angle, rad.
-    torque_low, torque_high : float
-        Limits of the person's torque, N·m; extension is negative.
-
-    Raises
-    ------
-    ValueError
-        A lower limit is not below the upper one, or the moment of gravity is zero.
+    ValueError is raised if a lower limit is not below the upper one, or the moment of gravity is zero.
     """
 
-    sine: float
-    cosine: float
-    lower: float
+    sine: float  # a, N·m; mgl of eq. 7.7
+    cosine: float  # b, N·m
+    lower: float  # limits of the angle, rad
     upper: float
-    torque_low: float
+    torque_low: float  # limits of the person's torque, N·m; extension is negative
     torque_high: float
 
     def __post_init__(self) -> None:
@@ -54,7 +43,7 @@ class OneJoint:
                 f"the limits of the torque are crossed: {self.torque_low:g} N·m is not below {self.torque_high:g} N·m"
             )
         if not 0 < self.weight < np.inf:
-            raise ValueError("mass and lever give no moment of gravity; expected one that is finite and above zero")
+            raise ValueError("the moment of gravity is zero or not finite; expected a mass and a lever above zero")
 
     @property
     def weight(self) -> float:
@@ -62,66 +51,74 @@ class OneJoint:
         return float(np.hypot(self.sine, self.cosine))
 
     def gravity(self, angle: FloatArray) -> FloatArray:
-        """Return the moment of gravity g(θ), N·m."""
+        """Return the moment of gravity g(θ) at angles, rad, N·m."""
         return np.asarray(self.sine * np.sin(angle) + self.cosine * np.cos(angle))
 
     def torque(self, angle: FloatArray, stiffness: float, rest: float) -> FloatArray:
-        """Return the torque that holds the joint still, N·m (eq. 7.8)."""
+        """Return the torque that holds the joint at rest, N·m (eq. 7.8)."""
         return self.gravity(angle) + stiffness * (np.asarray(angle) - rest)
 
     def turning_points(self, stiffness: float) -> FloatArray:
         """Return the angles within the limits at which the torque has an extremum, rad (eq. 7.9, corrected).
 
-        With a sin θ + b cos θ = mgl sin(θ + φ), there cos(θ + φ) = -k/mgl; for k > mgl there are none.
+        With a sin θ + b cos θ = mgl sin(θ + φ), they satisfy cos(θ + φ) = -k/mgl; there are none for k > mgl.
         """
         share = -stiffness / self.weight
         if share < -1:
             return np.zeros(0)
         phase, half = np.arctan2(self.cosine, self.sine), np.arccos(share)
-        found = []
+        angles = []
         for base in (half - phase, -half - phase):
             first = ceil((self.lower - base) / (2 * np.pi))
             last = floor((self.upper - base) / (2 * np.pi))
-            found += [base + 2 * np.pi * turn for turn in range(first, last + 1)]
-        return np.unique(found)
+            angles += [base + 2 * np.pi * turn for turn in range(first, last + 1)]
+        return np.unique(angles)
 
-    def held(self, stiffness: float, rest: float) -> list[tuple[float, float]]:
+    def held_intervals(self, stiffness: float, rest: float) -> list[tuple[float, float]]:
         """Return the intervals of angles that a person with this spring can hold, in ascending order, rad."""
         slack = _SLACK * (self.torque_high - self.torque_low + self.weight)
         knots = np.unique(np.concatenate([[self.lower, self.upper], self.turning_points(stiffness)]))
-        found: list[tuple[float, float]] = []
+        intervals: list[tuple[float, float]] = []
         for start, end in itertools.pairwise(knots):  # the torque is monotone in between
-            part = self._part(float(start), float(end), stiffness, rest, slack)
+            part = self._held_part(float(start), float(end), stiffness, rest, slack)
             if part is None:
                 continue
-            if found and part[0] <= found[-1][1]:
-                found[-1] = (found[-1][0], part[1])
+            if intervals and part[0] <= intervals[-1][1]:
+                intervals[-1] = (intervals[-1][0], part[1])
             else:
-                found.append(part)
-        return found
+                intervals.append(part)
+        return intervals
 
-    def widest(self, stiffness: float, rest: float) -> tuple[float, float] | None:
-        """Return the widest interval of :meth:`held`; None if there is none."""
-        return max(self.held(stiffness, rest), key=lambda part: part[1] - part[0], default=None)
+    def widest_interval(
+        self, stiffness: float, rest: float, required: Sequence[float] = ()
+    ) -> tuple[float, float] | None:
+        """Return the widest of the held intervals that contain all required angles, rad; None if there is none."""
+        tolerance = 1e-6
+        fitting = [
+            part
+            for part in self.held_intervals(stiffness, rest)
+            if all(part[0] - tolerance <= angle <= part[1] + tolerance for angle in required)
+        ]
+        return max(fitting, key=lambda part: part[1] - part[0], default=None)
 
-    def _part(
+    def _held_part(
         self, start: float, end: float, stiffness: float, rest: float, slack: float
     ) -> tuple[float, float] | None:
-        """Return the part of an interval with monotone torque that can be held; None if no part can."""
+        """Return the part that can be held of an interval with monotone torque; None if no part can be held."""
         at_start, at_end = self.torque(np.array([start, end]), stiffness, rest).tolist()
         low, high = self.torque_low - slack, self.torque_high + slack
         if max(at_start, at_end) < low or min(at_start, at_end) > high:
             return None
 
-        def enter(here: float, there: float, value: float) -> float:
+        def find_end(here: float, there: float, value: float) -> float:
             if low <= value <= high:
                 return here
             return self._crossing(here, there, low if value < low else high, stiffness, rest)
 
-        return enter(start, end, at_start), enter(end, start, at_end)
+        return find_end(start, end, at_start), find_end(end, start, at_end)
 
     def _crossing(self, here: float, there: float, level: float, stiffness: float, rest: float) -> float:
-        """Return the angle between two angles at which the torque crosses a level, by bisection to rounding."""
+        """Return the angle between two angles at which the torque crosses a level, by bisection down to rounding."""
         sign = self.torque(np.array(here), stiffness, rest) > level
         for _ in range(60):
             middle = 0.5 * (here + there)

@@ -1,4 +1,4 @@
-"""Sampled postures of a planar chain with springs, and the count of those that a person can hold (eq. 7.6, at rest)."""
+"""Sampled postures of a planar chain with springs, and the number of holdable postures (eq. 7.6, at rest)."""
 
 from __future__ import annotations
 
@@ -14,59 +14,31 @@ from mocap_id.prescription.gravity_torques import ChainMasses
 from mocap_id.prescription.joint_limits import JointLimits
 from mocap_id.prescription.sampling import sobol
 
-_CELLS = 8  # average number of postures per cell: few cells are missed
-_REACHED = 1e-4  # m
+_CELLS = 8  # average number of postures per cell, so that few cells contain no posture
+_REACHED = 1e-4  # m: largest distance of the tip from a reached point
 
 
 @dataclass(frozen=True)
 class SpringPlace:
-    """A possible linear spring, which pulls the sum of its joints' angles towards its rest angle.
+    """A possible linear spring, which pulls the sum of its joints' angles towards its rest angle."""
 
-    Parameters
-    ----------
-    joints : tuple of int
-        One joint, or two that the spring spans, counted from 0.
-    stiffest : float
-        Largest stiffness, N·m/rad.
-    rest : (low, high)
-        Allowed rest angles of the sum, rad.
-    """
-
-    joints: tuple[int, ...]
-    stiffest: float
-    rest: tuple[float, float] = (-2 * np.pi, 2 * np.pi)
+    joints: tuple[int, ...]  # one joint, or two joints that the spring spans, counted from 0
+    stiffest: float  # largest stiffness, N·m/rad
+    rest: tuple[float, float] = (-2 * np.pi, 2 * np.pi)  # smallest and largest rest angle of the sum, rad
 
 
 @dataclass(frozen=True)
 class Postures:
-    """Sampled postures that represent a functional workspace.
+    """N sampled postures that represent a functional workspace."""
 
-    Parameters
-    ----------
-    gravity : (N, n) array
-        Torque that holds each joint without a spring, N·m.
-    stretch : (N, S) array
-        Sum of the angles of each spring's joints, rad.
-    cell : (N,) int array
-        Cell of the plane that contains the tip; required points have cells of their own, after all others.
-    cells : int
-        Number C of cells of the workspace.
-    required : int
-        Number R of required points; their cells are C … C + R - 1.
-    size : float
-        Area of a cell, m².
-    q, tips : (N, n), (N, 2) arrays
-        rad, m.
-    """
-
-    gravity: FloatArray
-    stretch: FloatArray
-    cell: IntArray
-    cells: int
-    required: int
-    size: float
-    q: FloatArray
-    tips: FloatArray
+    gravity: FloatArray  # (N, n) torque that holds each joint without a spring, N·m
+    stretch: FloatArray  # (N, S) sum of the angles of each spring's joints, rad
+    cell: IntArray  # (N,) cell of the plane that contains the tip; each required point has its own cell
+    cells: int  # number C of cells of the workspace
+    required: int  # number R of required points; their cells are C … C + R - 1
+    size: float  # area of a cell, m²
+    q: FloatArray  # (N, n) rad
+    tips: FloatArray  # (N, 2) m
 
 
 def sample_postures(  # noqa: PLR0917
@@ -78,18 +50,10 @@ def sample_postures(  # noqa: PLR0917
     count: int = 4096,
     seed: int = 0,
 ) -> Postures:
-    """Sample postures evenly over the box, and some that reach each required point.
+    """Sample postures evenly within the joint limits, and find further postures that reach each required point.
 
-    Parameters
-    ----------
-    arm : PlanarArm
-    weights : ChainMasses
-    limits : JointLimits
-    places : sequence of SpringPlace
-    required : (R, 2) array
-        Points at which the tip must be held, in the plane frame, m.
-    count, seed : int
-        Number and seed of the samples.
+    ``required`` (R, 2) are points in the plane frame at which the tip must be held, m. ``count`` and ``seed`` determine
+    the samples.
 
     Raises
     ------
@@ -105,11 +69,11 @@ def sample_postures(  # noqa: PLR0917
     cells = int(cell.max()) + 1
     parts, owners = [q], [cell.astype(np.int64)]
     for k, point in enumerate(required):
-        found = _reaching(arm, limits, point, q[np.argsort(np.linalg.norm(tips - point, axis=1))[:48]])
-        if not len(found):
+        postures = _find_postures(arm, limits, point, q[np.argsort(np.linalg.norm(tips - point, axis=1))[:48]])
+        if not len(postures):
             raise ValueError(f"the required point ({point[0]:g}, {point[1]:g}) m cannot be reached")
-        parts.append(found)
-        owners.append(np.full(len(found), cells + k, dtype=np.int64))
+        parts.append(postures)
+        owners.append(np.full(len(postures), cells + k, dtype=np.int64))
     q = np.concatenate(parts)
     stretch = np.zeros((len(q), len(places)))
     for s, place in enumerate(places):
@@ -117,8 +81,8 @@ def sample_postures(  # noqa: PLR0917
     return Postures(weights.torques(q), stretch, np.concatenate(owners), cells, len(required), side**2, q, arm.tips(q))
 
 
-def _reaching(arm: PlanarArm, limits: JointLimits, point: FloatArray, starts: FloatArray) -> FloatArray:
-    """Return postures (K, n) within the limits whose tip is at the point, by Gauss–Newton from each start."""
+def _find_postures(arm: PlanarArm, limits: JointLimits, point: FloatArray, starts: FloatArray) -> FloatArray:
+    """Return postures (K, n) within the limits that reach the point, by Gauss–Newton steps from each start."""
     q = starts.copy()
     step, n = 1e-6, limits.dimension
     for _ in range(40):
@@ -130,9 +94,9 @@ def _reaching(arm: PlanarArm, limits: JointLimits, point: FloatArray, starts: Fl
         normal = jacobian @ np.swapaxes(jacobian, -1, -2) + 1e-10 * np.eye(2)
         move = np.swapaxes(jacobian, -1, -2) @ np.linalg.solve(normal, off[..., None])
         q = np.clip(q + move[..., 0], limits.lower, limits.upper)
-    there = q[np.linalg.norm(arm.tips(q) - point, axis=1) < _REACHED]
-    apart = np.unique(np.round(there, 6), axis=0, return_index=True)[1]
-    return np.asarray(there[np.sort(apart)])
+    reached = q[np.linalg.norm(arm.tips(q) - point, axis=1) < _REACHED]
+    distinct = np.unique(np.round(reached, 6), axis=0, return_index=True)[1]
+    return np.asarray(reached[np.sort(distinct)])
 
 
 @compiled
@@ -147,9 +111,9 @@ def count_cells(  # noqa: PLR0917
     low: FloatArray,
     high: FloatArray,
 ) -> int:  # pragma: no cover
-    """Count the cells with a posture that springs within a box may hold; an upper bound for all springs of the box.
+    """Return an upper bound of the number of cells that can be held with any springs of a box.
 
-    If both corners are the same, it is the exact count for these springs.
+    The number is exact if both corners of the box are the same. It is -1 if a required point cannot be held.
 
     Parameters
     ----------
@@ -161,11 +125,6 @@ def count_cells(  # noqa: PLR0917
         The person's limits, N·m.
     low, high : (S, 2) arrays
         Corners of the box: stiffness, N·m/rad, and rest angle, rad, of each spring.
-
-    Returns
-    -------
-    int
-        -1 where a required point cannot be held.
     """
     held = np.zeros(cells + required, np.bool_)
     joints, springs = gravity.shape[1], stretch.shape[1]

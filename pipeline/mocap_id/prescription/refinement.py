@@ -1,4 +1,4 @@
-"""Local refinement of a spring: the thesis's optimisation (eq. 7.10), corrected, from near the global optimum."""
+"""Local refinement of a spring near the global optimum: the thesis's optimisation (eq. 7.10), corrected."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from scipy.optimize import Bounds, minimize
 from mocap_id.arrays import FloatArray
 from mocap_id.prescription.one_joint import OneJoint
 
-_WITHIN = 1e-7  # of the weight: margin larger than the solver's violation of its constraints
+_MARGIN = 1e-7  # share of the weight: larger than the solver's violation of its constraints
 
 
 def refine_spring(  # noqa: PLR0917
@@ -22,16 +22,17 @@ def refine_spring(  # noqa: PLR0917
     stiffest: float,
     penalty: float,
 ) -> tuple[float, float]:
-    """Find stiffness and rest angle with the widest range by sequential quadratic programming.
+    """Return stiffness, N·m/rad, and rest angle, rad, with the widest range, by sequential quadratic programming.
 
     The torques at both ends, at the turning points between them (eq. 7.9) and at required angles (eq. 7.11) are
-    constrained to the person's limits. The number of turning points is that of the start.
+    constrained to the person's limits. The number of turning points stays as at the start. The result is the start if
+    the solver fails, so the caller must check whether the range is wider.
 
     Parameters
     ----------
     joint : OneJoint
     start : (low, high, stiffness, rest)
-        A spring and the range that it holds; rad, N·m/rad.
+        Held range, rad, stiffness, N·m/rad, and rest angle, rad, of the spring to refine.
     required : sequence of float
         Required angles, rad.
     rest : (low, high)
@@ -40,12 +41,6 @@ def refine_spring(  # noqa: PLR0917
         Largest stiffness, N·m/rad.
     penalty : float
         Penalty per stiffness over the weight, rad.
-
-    Returns
-    -------
-    stiffness, rest : float
-        Stiffness and rest angle of the optimum, or of the start if none was found. The caller must check whether the
-        range is wider.
     """
     low, high, stiffness, at = start
     weight = joint.weight
@@ -54,40 +49,33 @@ def refine_spring(  # noqa: PLR0917
         np.array([joint.lower, joint.lower, 0.0, -np.inf]),
         np.array([joint.upper, joint.upper, stiffest / weight, np.inf]),
     )
-    within: Any = {"type": "ineq", "fun": _margins(joint, start, required, rest)}
+    constraint: Any = {"type": "ineq", "fun": _constraint_margins(joint, start, required, rest)}
     options: Any = {"ftol": 1e-12, "maxiter": 100}
 
     def cost(x: FloatArray) -> float:
         return float(x[0] - x[1] + penalty * x[2])
 
-    found = minimize(
-        cost,
-        first,
-        method="SLSQP",
-        bounds=bounds,
-        constraints=within,
-        options=options,
-    )
-    if not np.isfinite(found.x).all() or found.x[2] <= 0:
+    result = minimize(cost, first, method="SLSQP", bounds=bounds, constraints=constraint, options=options)
+    if not np.isfinite(result.x).all() or result.x[2] <= 0:
         return stiffness, at
-    return float(found.x[2] * weight), float(np.clip(found.x[3] / found.x[2], *rest))
+    return float(result.x[2] * weight), float(np.clip(result.x[3] / result.x[2], *rest))
 
 
-def _margins(
+def _constraint_margins(
     joint: OneJoint, start: tuple[float, float, float, float], required: Sequence[float], rest: tuple[float, float]
 ) -> Callable[[FloatArray], FloatArray]:
-    """Return the margins to each limit as a function of both ends, stiffness / weight and shift / weight."""
+    """Return a function of both ends, stiffness / weight and shift / weight that gives the margins to each limit."""
     low, high, stiffness, _ = start
     weight, phase = joint.weight, float(np.arctan2(joint.cosine, joint.sine))
     inside = joint.turning_points(stiffness)
     inside = inside[(inside > low) & (inside < high)]
     half = np.arccos(np.clip(-stiffness / weight, -1, 1))
     sign = np.sign(np.sin(inside + phase))
-    turn = inside + phase - sign * half
-    least, most = joint.torque_low / weight + _WITHIN, joint.torque_high / weight - _WITHIN
+    base = inside + phase - sign * half  # multiples of a full rotation
+    least, most = joint.torque_low / weight + _MARGIN, joint.torque_high / weight - _MARGIN
 
     def torques(x: FloatArray) -> FloatArray:
-        turning = turn - phase + sign * np.arccos(np.clip(-x[2], -1, 1))
+        turning = base - phase + sign * np.arccos(np.clip(-x[2], -1, 1))
         angles = np.concatenate([x[:2], turning, required])
         return np.asarray(np.sin(angles + phase) + x[2] * angles - x[3])
 

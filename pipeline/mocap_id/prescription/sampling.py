@@ -11,53 +11,32 @@ from scipy.stats import qmc
 from mocap_id.arrays import FloatArray
 
 ON_FACES = 5
-"""One sample in this number lies on a face of the box."""
+"""One of this number of samples is on a face of the box."""
 
 
 def sobol(count: int, dimension: int, seed: int) -> FloatArray:
-    """Return a scrambled Sobol' sequence (count, dimension) in [0, 1); its first half is also such a sequence.
-
-    Parameters
-    ----------
-    count : int
-    dimension : int
-    seed : int
-        Seed of the scrambling; another seed gives other, equally even points.
-    """
+    """Return a scrambled Sobol' sequence (count, dimension) in [0, 1); its first half is also a Sobol' sequence."""
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", message="The balance properties", category=UserWarning)
         return np.asarray(qmc.Sobol(dimension, rng=seed).random(count))
 
 
 def sample_box(lower: FloatArray, upper: FloatArray, count: int, seed: int, onto: int) -> FloatArray:
-    """Return low-discrepancy samples of a box and its faces.
+    """Return low-discrepancy samples (count, n) of a box and its faces.
 
-    The box is mapped to ``onto`` dimensions. The edge of the result comes from folds of the map and from faces of the
-    box with at least ``onto - 1`` dimensions. Inner samples accumulate at folds but hardly ever lie on a face.
-    Therefore one in :data:`ON_FACES` samples lies on a face, with the same number on each.
-
-    Parameters
-    ----------
-    lower, upper : (n,) arrays
-        The box.
-    count : int
-    seed : int
-    onto : int
-        Dimension of the space that the samples are mapped to.
-
-    Returns
-    -------
-    (count, n) array
-        Ordered so that the first N samples have the same distribution for any N.
+    The samples are later mapped to a space with ``onto`` dimensions. The edge of the result comes from folds of the map
+    and from faces of the box with at least ``onto - 1`` dimensions. Inner samples accumulate at folds, but are almost
+    never on a face. Therefore one of :data:`ON_FACES` samples is on a face, with the same number on each face. For any
+    N, the first N samples have the same distribution.
     """
     n = len(lower)
     faces = _faces(n, onto - 1)
     unit = np.empty((count, n))
     on_face = np.arange(count) % ON_FACES == ON_FACES - 1
     unit[~on_face] = sobol(int((~on_face).sum()), n, seed)
-    turn = np.flatnonzero(on_face)
-    for k, (joints, sides) in enumerate(faces):  # one sequence each, as a part of a sequence is not evenly spread
-        rows = turn[k :: len(faces)]
+    face_rows = np.flatnonzero(on_face)
+    for k, (joints, sides) in enumerate(faces):  # one sequence for each, because part of a sequence is not even
+        rows = face_rows[k :: len(faces)]
         unit[rows] = sobol(len(rows), n, seed + 1 + k)
         for joint, side in zip(joints, sides, strict=True):
             unit[rows, joint] = side

@@ -1,4 +1,4 @@
-"""Widest window of a sampled torque curve that fits between two limits with a common shift."""
+"""Widest interval of a sampled torque curve that fits between two limits after a constant shift."""
 
 from __future__ import annotations
 
@@ -9,25 +9,13 @@ from mocap_id.compilation import compiled
 
 
 @compiled
-def widest_window(  # noqa: PLR0917
+def find_widest_run(  # noqa: PLR0917
     curve: FloatArray, span: float, floor: float, ceiling: float, first: int, last: int
 ) -> tuple[int, int]:  # pragma: no cover
-    """Find the widest run of samples within floor and ceiling whose range is at most ``span``.
+    """Return first and last sample of the widest run between ``floor`` and ``ceiling`` with a range up to ``span``.
 
-    It takes one pass with two pointers and monotone queues.
-
-    Parameters
-    ----------
-    curve : (M,) array
-    span, floor, ceiling : float
-        In the curve's unit.
-    first, last : int
-        First and last sample that the run must include; ``first > last`` for none.
-
-    Returns
-    -------
-    start, end : int
-        First and last sample of the run; end < start if there is none.
+    The run must include the samples ``first`` to ``last``, or no samples if ``first > last``. The end is below the
+    start if there is no run. The method is one pass over the curve (M,) with two pointers and monotone queues.
     """
     size = curve.size
     largest, smallest = np.empty(size, np.int64), np.empty(size, np.int64)
@@ -61,7 +49,7 @@ def widest_window(  # noqa: PLR0917
 
 
 @compiled
-def widest_by_stiffness(  # noqa: PLR0917
+def find_widest_runs(  # noqa: PLR0917
     gravity: FloatArray,
     angle: FloatArray,
     stiffness: FloatArray,
@@ -71,38 +59,37 @@ def widest_by_stiffness(  # noqa: PLR0917
     first: int,
     last: int,
 ) -> FloatArray:  # pragma: no cover
-    """Find the widest runs for several stiffnesses.
+    """Return the widest run of holdable angles for each of K stiffnesses.
 
     Parameters
     ----------
     gravity, angle : (M,) arrays
-        N·m at rad, evenly spaced.
+        Moments of gravity, N·m, at evenly spaced angles, rad.
     stiffness : (K,) array
-        N·m/rad.
+        Stiffnesses, N·m/rad.
     half : float
-        With a value above 0, N·m/rad, the limits are widened so that the result is an upper bound for all stiffnesses
-        within this distance.
+        0, or a distance, N·m/rad: the result is then an upper bound for all stiffnesses within this distance.
     limits : (2,) array
         Limits of the torque, N·m.
     rest : (2,) array
         Smallest and largest rest angle, rad.
     first, last : int
-        As for :func:`widest_window`.
+        As for :func:`find_widest_run`.
 
     Returns
     -------
     (K, 3) array
-        Number of steps of the widest run (-1 for none), and the smallest and the largest g(θ) + k θ in it.
+        Number of steps of the widest run (-1 for none), and the smallest and the largest g(θ) + k θ in it, N·m.
     """
-    found = np.empty((stiffness.size, 3))
+    runs = np.empty((stiffness.size, 3))
     span = limits[1] - limits[0] + half * (angle[-1] - angle[0])
     below, above = np.abs(angle - rest[0]).max(), np.abs(angle - rest[1]).max()
     for k in range(stiffness.size):
         curve = gravity + stiffness[k] * angle
         floor = limits[0] + stiffness[k] * rest[0] - half * below
         ceiling = limits[1] + stiffness[k] * rest[1] + half * above
-        start, end = widest_window(curve, span, floor, ceiling, first, last)
-        found[k, 0] = -1.0 if end < start else end - start
-        found[k, 1] = curve[start : end + 1].min() if end >= start else np.nan
-        found[k, 2] = curve[start : end + 1].max() if end >= start else np.nan
-    return found
+        start, end = find_widest_run(curve, span, floor, ceiling, first, last)
+        runs[k, 0] = -1.0 if end < start else end - start
+        runs[k, 1] = curve[start : end + 1].min() if end >= start else np.nan
+        runs[k, 2] = curve[start : end + 1].max() if end >= start else np.nan
+    return runs

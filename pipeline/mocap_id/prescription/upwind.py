@@ -1,9 +1,9 @@
 """Compiled time steps of the level-set equation of a joint (eq. 7.13 to 7.20, corrected).
 
 χ_t + max[0, H(x, ∇χ)] = 0 with H = x₂ p₁ + max over the torques of p₂ (drift + torque / I). The reached set is χ ≤ 0;
-it can only grow. Derivatives are one-sided (first order, or second order with limited differences, ENO). Time steps
-follow Euler's or Heun's method, neither of which increases the total variation. The numerical Hamiltonian is Godunov's,
-which is exact for a plane front, or the local Lax–Friedrichs one of eq. 7.15 with the full dissipation of H.
+it can only grow. Derivatives are one-sided: first order, or second order with limited differences (ENO). Time steps
+follow Euler's or Heun's method; neither increases the total variation. The numerical Hamiltonian is Godunov's, which is
+exact for a plane front, or the local Lax–Friedrichs one of eq. 7.15 with the full dissipation of H.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ class StateRates(NamedTuple):
     slowest: FloatArray  # (N, M) least acceleration, rad/s²
     fastest: FloatArray  # (N, M) largest acceleration, rad/s²
     steps: FloatArray  # (2,) of the grid, rad and rad/s
-    barrier: FloatArray  # (N, M) χ is never less: positive where the joint cannot go
+    barrier: FloatArray  # (N, M) lower limit of χ: positive outside the joint's limits
 
 
 class MarchOptions(NamedTuple):
@@ -53,22 +53,22 @@ def fill_edges(padded: FloatArray) -> None:  # pragma: no cover
 
 
 @compiled
-def _limited(a: float, b: float) -> float:  # pragma: no cover
-    """Return the smaller number by size if both have the same sign, otherwise 0."""
+def _limit_slope(a: float, b: float) -> float:  # pragma: no cover
+    """Return the number with the smaller absolute value if both have the same sign, otherwise 0."""
     if a * b <= 0.0:
         return 0.0
     return a if abs(a) < abs(b) else b
 
 
 @compiled
-def _sides(
+def _one_sided_derivatives(
     before: float, left: float, right: float, after: float, second_order: bool
 ) -> tuple[float, float]:  # pragma: no cover
     """Return the left and right derivatives from four consecutive differences."""
     if not second_order:
         return left, right
     bend = right - left
-    return left + 0.5 * _limited(bend, left - before), right - 0.5 * _limited(bend, after - right)
+    return left + 0.5 * _limit_slope(bend, left - before), right - 0.5 * _limit_slope(bend, after - right)
 
 
 @compiled
@@ -98,20 +98,11 @@ def _godunov(
 def advance(
     padded: FloatArray, out: FloatArray, motion: StateRates, method: MarchOptions, dt: float
 ) -> float:  # pragma: no cover
-    """Compute one Euler step and return the largest rate at which anything crosses a node, 1/s.
+    """Compute one Euler step of ``dt``, s, and return the largest rate at which a state crosses a node, 1/s.
 
-    Nodes where χ and its neighbours are at the cap are skipped, because no front is near.
-
-    Parameters
-    ----------
-    padded : (N + 4, M + 4) array
-        χ with two extra values beyond every edge.
-    out : (N + 4, M + 4) array
-        Output; only its inner part is written.
-    motion : StateRates
-    method : MarchOptions
-    dt : float
-        s.
+    ``padded`` (N + 4, M + 4) is χ with two additional values beyond every edge. The inner part of ``out``, which has
+    the same shape, receives the result. Nodes are skipped if χ is at the cap there and at its neighbours, because no
+    front is near.
     """
     by1, by2, cap = 1.0 / motion.steps[0], 1.0 / motion.steps[1], method.cap
     velocity, slowest, fastest = motion.velocity, motion.slowest, motion.fastest
@@ -125,9 +116,9 @@ def advance(
                 out[a, b] = here
                 continue
             before, after = (west - padded[a - 2, b]) * by1, (padded[a + 2, b] - east) * by1
-            p1 = _sides(before, (here - west) * by1, (east - here) * by1, after, second_order)
+            p1 = _one_sided_derivatives(before, (here - west) * by1, (east - here) * by1, after, second_order)
             before, after = (south - padded[a, b - 2]) * by2, (padded[a, b + 2] - north) * by2
-            p2 = _sides(before, (here - south) * by2, (north - here) * by2, after, second_order)
+            p2 = _one_sided_derivatives(before, (here - south) * by2, (north - here) * by2, after, second_order)
             x2, low, high = velocity[b - 2], slowest[a - 2, b - 2], fastest[a - 2, b - 2]
             rate = max(rate, abs(x2) * by1 + max(abs(low), abs(high)) * by2)
             h = _friedrichs(x2, low, high, p1, p2) if friedrichs else _godunov(x2, low, high, p1, p2)
@@ -138,7 +129,7 @@ def advance(
 
 
 @compiled
-def _take(  # noqa: PLR0917
+def _store_step(  # noqa: PLR0917
     padded: FloatArray, new: FloatArray, arrival: FloatArray, motion: StateRates, time: float, dt: float, heun: bool
 ) -> None:  # pragma: no cover
     """Store the new values, at least at the barrier, and the arrival time of states reached for the first time."""
@@ -156,20 +147,10 @@ def _take(  # noqa: PLR0917
 def march(  # noqa: PLR0917
     padded: FloatArray, arrival: FloatArray, motion: StateRates, method: MarchOptions, start: float, end: float
 ) -> int:  # pragma: no cover
-    """Advance χ in place from one time to another and return the number of steps.
+    """Advance χ in place from time ``start`` to ``end``, s, and return the number of steps.
 
+    ``padded`` is as for :func:`advance`. ``arrival`` (N, M) receives the time at which each state is first reached, s.
     The length of a step follows from the rates near the front; it is reduced if the front meets faster states.
-
-    Parameters
-    ----------
-    padded : (N + 4, M + 4) array
-        As for :func:`advance`.
-    arrival : (N, M) array
-        Time at which each state was first reached, s; infinite before.
-    motion : StateRates
-    method : MarchOptions
-    start, end : float
-        s.
     """
     first, second = padded.copy(), padded.copy()
     time, taken = start, 0
@@ -184,7 +165,7 @@ def march(  # noqa: PLR0917
             rate = max(rate, advance(first, second, motion, method, dt))
         if rate * dt > 1.0:
             continue
-        _take(padded, second if method.second_order else first, arrival, motion, time, dt, method.second_order)
+        _store_step(padded, second if method.second_order else first, arrival, motion, time, dt, method.second_order)
         time += dt
         taken += 1
     return taken

@@ -9,8 +9,7 @@ from matplotlib.collections import LineCollection, PolyCollection
 from matplotlib.figure import Figure
 
 from mocap_id.arrays import FloatArray
-from mocap_id.prescription.overlay import Overlay
-from mocap_id.prescription.workspace import Workspace
+from mocap_id.prescription.workspace import Overlay, Workspace
 from mocap_id.reporting import paper_figures, style
 
 _TIPS, _CHANGES = 1500, 6000  # points drawn at most

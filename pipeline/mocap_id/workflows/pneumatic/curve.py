@@ -15,33 +15,26 @@ from mocap_id.reporting.results.columns import finite
 from mocap_id.reporting.results.result import Result
 from mocap_id.stages.device import Condition, DeviceFile
 
-_NONE = "the torque is not zero at any angle of the stroke"
-_NEVER = "the device gives no torque in this condition"
+_NO_ZERO = "the torque is not zero at any angle of the stroke"
+_NO_TORQUE = "the device gives no torque in this condition"
 
 
 def device_curve(
     config: DeviceConfig, condition: Condition, exponent: float | None = None, angles: int = 181
 ) -> Result:
-    """Return the torque and stiffness of a device over its stroke.
+    """Return torque and stiffness of a device over its stroke, at a number of angles.
 
-    Parameters
-    ----------
-    config : DeviceConfig
-    condition : Condition
-    exponent : float, optional
-        By default that of the device.
-    angles : int
-        Number of angles.
+    ``exponent`` replaces the exponent of the device.
 
     Raises
     ------
     ConfigError
         The exponent is not between 1 and 1.4, or a pressure is not above zero and up to that of the supply.
     """
-    keys = _checked(config.keys, condition, exponent)
+    keys = _apply_exponent(config.keys, condition, exponent)
     cylinder, setting = keys.cylinder(), condition.setting()
     angle = np.linspace(*cylinder.limits, angles)
-    torque, deviation = keys.torque(condition, angle)
+    torque, sd = keys.torque(condition, angle)
     none = np.zeros(angles)
     slow, fast = (
         cylinder.at_exponent(n).torque(angle, setting) if condition.worn else none for n in (ISOTHERMAL, ADIABATIC)
@@ -56,18 +49,18 @@ def device_curve(
         "polytropic": cylinder.exponent,
         "angle_rad": angle.tolist(),
         "torque_Nm": torque.tolist(),
-        "sd_torque_Nm": deviation.tolist(),
+        "sd_torque_Nm": sd.tolist(),
         "torque_isothermal_Nm": slow.tolist(),
         "torque_adiabatic_Nm": fast.tolist(),
         "torque_flexing_Nm": (torque - friction).tolist(),
         "torque_extending_Nm": (torque + friction).tolist(),
         "stiffness_Nm_rad": (cylinder.stiffness(angle, setting) if condition.worn else none).tolist(),
         "rest_angle_rad": finite(np.nan if rest is None else rest),
-        "why": "" if rest is not None else _NONE if torque.any() else _NEVER,
+        "why": "" if rest is not None else _NO_ZERO if torque.any() else _NO_TORQUE,
     }
 
     def draw() -> Figure:
-        return draw_curve(angle, torque, deviation, (slow, fast), friction)
+        return draw_curve(angle, torque, sd, (slow, fast), friction)
 
     return Result(
         "pneumatic-curve",
@@ -77,12 +70,14 @@ def device_curve(
     )
 
 
-def _checked(keys: DeviceFile, condition: Condition, exponent: float | None) -> DeviceFile:
-    """Return the device with the exponent."""
+def _apply_exponent(keys: DeviceFile, condition: Condition, exponent: float | None) -> DeviceFile:
+    """Return the device with the exponent; raise ConfigError if the exponent or a pressure is out of range."""
     if exponent is not None and not ISOTHERMAL <= exponent <= ADIABATIC:
-        raise ConfigError(f"the exponent {exponent:g} is not between 1 (isothermal) and 1.4 (adiabatic)")
+        raise ConfigError(f"the exponent is {exponent:g}; expected 1 (isothermal) to 1.4 (adiabatic)")
     for pressure in (condition.flexion_Pa, condition.extension_Pa):
         if not isinstance(pressure, str) and not 0 < pressure <= keys.supply_Pa * (1 + 1e-9):
             supply = f"{keys.supply_Pa:g} Pa"
-            raise ConfigError(f"{pressure:g} Pa: expected an absolute pressure above 0, up to the supply's {supply}")
+            raise ConfigError(
+                f"a pressure is {pressure:g} Pa; expected an absolute pressure above 0, up to the supply's {supply}"
+            )
     return keys if exponent is None else keys.model_copy(update={"polytropic": exponent})

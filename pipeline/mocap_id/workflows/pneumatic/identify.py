@@ -30,22 +30,23 @@ _KEYS = {
     "viscous": "viscous_Nms",
 }
 _LIMITS = {"area_flexion_m2": (0.25, True), "area_extension_m2": (0.25, True), "full_flexion_deg": (10.0, False)}
-"""Largest difference from the description: a share of it, or degrees. Dimensions are known better than this."""
-_LEAST = 20  # samples
+"""Largest plausible difference from the description: as a share of it (True), or in degrees (False)."""
+_LEAST = 20  # least number of samples
+_NOT_DETERMINED = "the log does not determine it"
 _IN_SPACE = "elbow_flexion", "delbow_flexion", "elbow_torque"
 
 
 def identify_device(config: DeviceConfig, source: Path, joint: int = 1) -> dict[str, Any]:
-    """Return the parameters of a device with their intervals, and name the parameters that the log does not show.
+    """Return the parameters of a device with their intervals, and name the parameters that the log does not determine.
 
     Parameters
     ----------
     config : DeviceConfig
     source : Path
-        A CSV file with ``angle_rad``, ``torque_Nm`` and optionally ``time_s`` or ``velocity_rad_s`` (for friction), and
-        ``flexion_Pa``, ``extension_Pa`` (sealed pressures; by default those of `sealed:`). Or a run folder or YAML file
-        of a trial with joint torques, in which the person is relaxed. In space it is a trial with `protocol: curl`;
-        its condition names the pressures.
+        A CSV file, or the run folder or YAML file of a trial with joint torques and a relaxed person. The CSV file has
+        the columns ``angle_rad`` and ``torque_Nm``. Optional columns are ``time_s`` or ``velocity_rad_s`` (for
+        friction), and the sealed pressures ``flexion_Pa`` and ``extension_Pa``, by default those of `sealed:`. A trial
+        in space needs `protocol: curl`; its condition determines the pressures.
     joint : int
         For a trial in the plane: the joint, from 1.
 
@@ -57,42 +58,43 @@ def identify_device(config: DeviceConfig, source: Path, joint: int = 1) -> dict[
         As for :func:`~mocap_id.pneumatics.identification.identify_cylinder`.
     """
     described = config.keys.cylinder()
-    log, left_out = _of_csv(config, source) if source.suffix.lower() == ".csv" else _of_trial(config, source, joint)
-    found = identify_cylinder(described, log)
+    is_csv = source.suffix.lower() == ".csv"
+    log, left_out = _read_csv_log(config, source) if is_csv else _read_trial_log(config, source, joint)
+    identified = identify_cylinder(described, log)
     parameters = []
     for name in ESTIMATED:
         unit = np.degrees(1.0) if name == "full_flexion" else 1.0
-        ends = found.interval.get(name)
-        shown = found.shown.get(name, False)
-        value = unit * getattr(found.cylinder, name)
+        ends = identified.interval.get(name)
+        determined = identified.determined.get(name, False)
+        value = unit * getattr(identified.cylinder, name)
         parameters.append(
             {
                 "name": _KEYS[name],
-                "value": value if shown else None,
-                "interval": None if ends is None or not shown else [unit * ends[0], unit * ends[1]],
+                "value": value if determined else None,
+                "interval": None if ends is None or not determined else [unit * ends[0], unit * ends[1]],
                 "described": unit * getattr(described, name),
-                "why": "" if shown else "the log does not show it" if ends else "friction needs `time_s` or a velocity",
+                "why": "" if determined else _NOT_DETERMINED if ends else "friction needs `time_s` or a velocity",
             }
         )
     return {
         "device": config.keys.device,
         "samples": len(log.angle),
         "left_out": left_out,
-        "residual_Nm": found.residual,
+        "residual_Nm": identified.residual,
         "parameters": parameters,
         "cautions": _cautions(parameters),
     }
 
 
 def _cautions(parameters: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return what is far from the description of the device, with the usual causes."""
+    """Return the parameters that are far from the description of the device, with the usual causes."""
     far = []
     for each in parameters:
         if each["value"] is None or each["name"] not in _LIMITS:
             continue
         limit, relative = _LIMITS[each["name"]]
-        off = abs(each["value"] - each["described"])
-        if off > limit * (abs(each["described"]) if relative else 1.0):
+        difference = abs(each["value"] - each["described"])
+        if difference > limit * (abs(each["described"]) if relative else 1.0):
             far.append(f"{each['name']} is {each['value']:.4g}, described as {each['described']:.4g}")
     if not far:
         return []
@@ -102,7 +104,8 @@ def _cautions(parameters: Sequence[Mapping[str, Any]]) -> list[str]:
     ]
 
 
-def _of_csv(config: DeviceConfig, path: Path) -> tuple[TorqueLog, int]:
+def _read_csv_log(config: DeviceConfig, path: Path) -> tuple[TorqueLog, int]:
+    """Return the log in a CSV file, and the number of rows with empty cells, which are left out."""
     table = read_csv(path)
     columns = dict(zip(table.names, table.numbers().T, strict=True))
     known = (ANGLE, TORQUE, TIME, VELOCITY, *PRESSURES)
@@ -113,14 +116,16 @@ def _of_csv(config: DeviceConfig, path: Path) -> tuple[TorqueLog, int]:
             f"{path}: has the columns {', '.join(columns)[:120]}, expected {ANGLE}, {TORQUE} and optionally {TIME}, "
             f"{VELOCITY}, and {' with '.join(PRESSURES)}"
         )
-    whole = np.all([np.isfinite(column) for column in columns.values()], axis=0)
-    columns = {name: column[whole] for name, column in columns.items()}
+    complete = np.all([np.isfinite(column) for column in columns.values()], axis=0)
+    columns = {name: column[complete] for name, column in columns.items()}
     if len(columns[ANGLE]) < _LEAST:
         raise RecordingError(f"{path}: has {len(columns[ANGLE])} rows without empty cells, expected at least {_LEAST}")
     velocity = columns.get(VELOCITY)
     if velocity is None and TIME in columns:
         if not np.all(np.diff(columns[TIME]) > 0):
-            raise RecordingError(f"{path}: `{TIME}` does not increase: let it go on from one condition to the next")
+            raise RecordingError(
+                f"{path}: `{TIME}` does not increase: continue the time from one condition to the next"
+            )
         velocity = np.gradient(columns[ANGLE], columns[TIME])
     if PRESSURES[0] in columns:
         pairs, which = np.unique(np.stack([columns[name] for name in PRESSURES], axis=1), axis=0, return_inverse=True)
@@ -128,10 +133,11 @@ def _of_csv(config: DeviceConfig, path: Path) -> tuple[TorqueLog, int]:
     else:
         settings, which = (config.keys.sealed.setting(),), np.zeros(len(columns[ANGLE]), dtype=np.int64)
     log = TorqueLog(columns[ANGLE], columns[TORQUE], velocity, settings, which.reshape(-1))
-    return log, int((~whole).sum())
+    return log, int((~complete).sum())
 
 
-def _of_trial(config: DeviceConfig, source: Path, joint: int) -> tuple[TorqueLog, int]:
+def _read_trial_log(config: DeviceConfig, source: Path, joint: int) -> tuple[TorqueLog, int]:
+    """Return the log of a joint in a trial, and the number of samples without a value, which are left out."""
     run = open_run(source)
     names = _IN_SPACE if run.in_space else (f"theta_{joint}", f"dtheta_{joint}", f"tau_{joint}")
     motion, dynamics = (
@@ -160,7 +166,7 @@ def _of_trial(config: DeviceConfig, source: Path, joint: int) -> tuple[TorqueLog
 def _lasting_errors(  # noqa: PLR0917
     config: DeviceConfig, setting: Setting, angle: FloatArray, angles: Table, dynamics: Table, good: BoolArray
 ) -> FloatArray:
-    """Return the errors (N, 2) of an elbow's torque that last: by the forearm's direction, and by the flexion."""
+    """Return the constant errors (N, 2) of an elbow's torque from the forearm's direction and from the flexion, N·m."""
     by_direction = _column(dynamics, "sd_elbow_torque")[good]
     slope = -np.nan_to_num(config.keys.cylinder().stiffness(angle, setting))
     by_flexion = slope * _column(angles, "constant_sd_elbow_flexion")[good]

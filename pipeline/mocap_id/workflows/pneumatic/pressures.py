@@ -1,14 +1,16 @@
-"""Pressures with which a device is nearest to a prescribed spring."""
+"""Pressures with which a device is nearest to a prescribed spring, and gas for changes between conditions."""
 
 from __future__ import annotations
 
+import itertools
 from typing import Any
 
 import numpy as np
 
 from mocap_id.config.device import DeviceConfig
 from mocap_id.errors import ConfigError
-from mocap_id.pneumatics.nearest_spring import NearestSpring, nearest_setting
+from mocap_id.pneumatics.cylinder import gas_of_change, normal_litres, usable_gas
+from mocap_id.pneumatics.nearest_spring import NearestSpring, find_nearest_setting
 from mocap_id.reporting.results.columns import finite
 
 _GRID = 361
@@ -23,7 +25,7 @@ def spring_pressures(
     ----------
     config : DeviceConfig
     stiffness, rest : float
-        N·m/rad, rad.
+        Stiffness, N·m/rad, and rest angle, rad, of the spring.
     span : (low, high), optional
         Range over which the torques should agree, rad; by default the spring should agree at its rest angle.
 
@@ -43,23 +45,55 @@ def spring_pressures(
     angles = None if span is None else np.linspace(*span, _GRID)
     keys = config.keys
     try:
-        found = nearest_setting(keys.cylinder(), stiffness, rest, keys.limits(), angles)
+        nearest = find_nearest_setting(keys.cylinder(), stiffness, rest, keys.limits(), angles)
     except ValueError as error:
         raise ConfigError(f"{keys.device}: {error}") from error
-    return {"device": keys.device, **nearest_spring(found)}
+    return {"device": keys.device, **spring_document(nearest)}
 
 
-def nearest_spring(found: NearestSpring) -> dict[str, Any]:
-    """Return a nearest spring as JSON."""
+def spring_document(spring: NearestSpring) -> dict[str, Any]:
+    """Return a nearest spring as JSON values."""
     return {
-        "flexion_Pa": found.setting.flexion,
-        "extension_Pa": found.setting.extension,
+        "flexion_Pa": spring.setting.flexion,
+        "extension_Pa": spring.setting.extension,
         "achieved": {
-            "stiffness_Nm_rad": finite(found.stiffness),
-            "rest_angle_rad": finite(found.rest),
-            "range_rad": list(found.range),
-            "largest_torque_error_Nm": found.largest_error,
-            "rms_torque_error_Nm": found.rms_error,
+            "stiffness_Nm_rad": finite(spring.stiffness),
+            "rest_angle_rad": finite(spring.rest),
+            "range_rad": list(spring.range),
+            "largest_torque_error_Nm": spring.largest_error,
+            "rms_torque_error_Nm": spring.rms_error,
         },
-        "why": found.why,
+        "why": spring.why,
     }
+
+
+def gas_budget(config: DeviceConfig) -> dict[str, Any]:
+    """Return the gas of every change between two worn conditions, and the number of changes that a reservoir allows.
+
+    Raises
+    ------
+    ConfigError
+        There are fewer than two worn conditions.
+    """
+    keys = config.keys
+    worn = {name: one.setting() for name, one in keys.conditions.items() if one.worn}
+    if len(worn) < 2:
+        where = config.source.where(("conditions",))
+        raise ConfigError(f"{where}: a budget needs at least two worn conditions in `conditions:`, found {len(worn)}")
+    cylinder, store = keys.cylinder(), keys.reservoir
+    usable = (
+        None if store is None else usable_gas(store.volume_m3, store.pressure_Pa, keys.supply_Pa, keys.temperature_K)
+    )
+    changes = []
+    for before, after in itertools.permutations(worn, 2):
+        gas = gas_of_change(cylinder, worn[before], worn[after], keys.temperature_K)
+        changes.append(
+            {
+                "from": before,
+                "to": after,
+                "gas_g": 1e3 * gas,
+                "normal_litres": normal_litres(gas),
+                "changes_per_reservoir": None if usable is None or gas == 0 else int(usable / gas),
+            }
+        )
+    return {"device": keys.device, "reservoir_g": None if usable is None else 1e3 * usable, "changes": changes}

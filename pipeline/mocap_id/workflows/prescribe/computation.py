@@ -15,7 +15,7 @@ from mocap_id.prescription.level_set import (
     JointDynamics,
     Scheme,
     compute_reachable_set,
-    reached_holdable_angles,
+    find_reached_and_held,
 )
 from mocap_id.prescription.one_joint import OneJoint
 from mocap_id.prescription.one_spring import REST, Prescription, SpringRequirements, prescribe_spring
@@ -141,8 +141,8 @@ def _timed(joint: OneJoint, body: AssistedBody, spring: Prescription, wish: Leve
         dynamics = JointDynamics(joint, inertia, spring.stiffness, 0.0 if spring.stiffness == 0 else spring.rest)
     scheme = Scheme(wish.angles, wish.velocities, wish.order == 2, wish.scheme == "lax-friedrichs")
     reached = compute_reachable_set(dynamics, wish.horizons_s, scheme)
-    bounds = tuple(_hull(reached_holdable_angles(dynamics, reached, k)) for k in range(len(wish.horizons_s)))
-    return Timed(dynamics, reached, bounds, _hull(joint.held(dynamics.stiffness, dynamics.rest)))
+    bounds = tuple(_hull(find_reached_and_held(dynamics, reached, k)) for k in range(len(wish.horizons_s)))
+    return Timed(dynamics, reached, bounds, _hull(joint.held_intervals(dynamics.stiffness, dynamics.rest)))
 
 
 def _hull(parts: list[tuple[float, float]]) -> tuple[float, float] | None:

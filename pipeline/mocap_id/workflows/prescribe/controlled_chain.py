@@ -11,10 +11,17 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.config.device import DeviceConfig
 from mocap_id.config.prescription import ControllerRules, Task
-from mocap_id.pneumatics.assisted_chain import Actuator, AssistedChain, pressures_for_postures
-from mocap_id.pneumatics.chain_tour import STEP, ChainNode, ChainTour, Rules, depths_of, simulate_tour, unsafe_changes
-from mocap_id.pneumatics.cylinder import Setting
-from mocap_id.pneumatics.gas import gas_of_change
+from mocap_id.pneumatics.assisted_chain import Actuator, AssistedChain, find_pressures
+from mocap_id.pneumatics.chain_tour import (
+    STEP,
+    ChainNode,
+    ChainTour,
+    TourRules,
+    compute_node_depths,
+    find_unsafe_changes,
+    simulate_tour,
+)
+from mocap_id.pneumatics.cylinder import Setting, gas_of_change
 from mocap_id.prescription.postures import sample_postures
 from mocap_id.prescription.sub_workspaces import SubWorkspace
 from mocap_id.workflows.prescribe.result import PrescriptionResult
@@ -101,7 +108,7 @@ class ControlledChain:
     def problems(self) -> tuple[str, ...]:
         """Sentences about every check that failed."""
         found = [f"no pressures hold the tasks of {name}" for name in self.left_out]
-        between = dict.fromkeys((self.stops[a], self.stops[b]) for a, b in self.tour.no_way)
+        between = dict.fromkeys((self.stops[a], self.stops[b]) for a, b in self.tour.no_path)
         found += [f"no way between {a} and {b} leads through postures that a node holds" for a, b in between]
         visits = zip(self.tour.visits, self.missing, strict=True)
         lost = dict.fromkeys(self.stops[stop] for (stop, _, _), missing in visits if missing > self.tolerance)
@@ -135,12 +142,12 @@ def control_chain(
     assert result.graph is not None and result.graph_postures is not None
     chain, q = _chain(result, devices), result.graph_postures
     margin, hysteresis, speed = np.radians([rules.margin_deg, rules.hysteresis_deg, rules.speed_deg_s]).tolist()
-    wished = Rules(margin, hysteresis, speed, rules.hold_s)
+    wished = TourRules(margin, hysteresis, speed, rules.hold_s)
     nodes, margins, stops, places = [], [], [], []
     groups, left_out = _groups(result, chain)
     joined = _joined(chain, [places for _, _, places in groups], 2 * (margin + hysteresis))
     for (name, names, own), whole in zip(groups, joined, strict=True):
-        pressures = pressures_for_postures(chain, whole)
+        pressures = find_pressures(chain, whole)
         assert pressures is not None
         nodes.append(ChainNode(name, pressures[0]))
         margins.append(pressures[1])
@@ -150,7 +157,7 @@ def control_chain(
         raise ValueError("no pressures of the devices hold the tasks of any group")
     tour = simulate_tour(chain, nodes, np.concatenate(places), q, wished)
     tolerance = _TOLERANCE * float(np.ptp(chain.strength, axis=1).min())
-    depth = depths_of(chain, nodes, q)
+    depth = compute_node_depths(chain, nodes, q)
     return ControlledChain(
         chain,
         tuple(nodes),
@@ -175,7 +182,7 @@ def _groups(
     groups, left_out = [], []
     for each in result.graph.nodes:
         found = None if each.stiffness is None else _postures(result, each, [tasks[name] for name in each.tasks])
-        pressures = None if found is None else pressures_for_postures(chain, found[1])
+        pressures = None if found is None else find_pressures(chain, found[1])
         if found is None or pressures is None or pressures[1] < -_TOLERANCE:
             left_out.append(each.name)
         else:
@@ -198,7 +205,7 @@ def _joined(chain: AssistedChain, groups: Sequence[FloatArray], overlap: float) 
             meeting = one[a] + share * (other[b] - one[a]) + np.array([[-0.5], [0.5]]) * overlap * along
             meeting = np.clip(meeting, chain.lower, chain.upper)
             sides = [np.concatenate([joined[k], meeting]), np.concatenate([other, meeting])]
-            found = [pressures_for_postures(chain, side) for side in sides]
+            found = [find_pressures(chain, side) for side in sides]
             margin = min((-np.inf if each is None else each[1]) for each in found)
             if margin > worth:
                 best, worth = sides, margin
@@ -264,13 +271,13 @@ def _changes(  # noqa: PLR0917
     nodes: Sequence[ChainNode],
     depth: FloatArray,
     q: FloatArray,
-    rules: Rules,
+    rules: TourRules,
     tolerance: float,
 ) -> Iterator[ChainChange]:
     for a, b in itertools.permutations(range(len(nodes)), 2):
         both = (depth[a] > 0) & (depth[b] > 0)
         if not both.any():
             continue
-        unsafe, missing = unsafe_changes(chain, nodes[a], nodes[b], q[both], tolerance)
+        unsafe, missing = find_unsafe_changes(chain, nodes[a], nodes[b], q[both], tolerance)
         switched = (depth[a, both] < rules.margin) & (depth[b, both] > rules.margin + rules.hysteresis)
         yield ChainChange(a, b, q[both], switched, unsafe, missing)

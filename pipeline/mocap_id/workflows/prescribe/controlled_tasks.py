@@ -11,16 +11,15 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.config.device import DeviceConfig
 from mocap_id.config.prescription import ControllerRules, Task
-from mocap_id.pneumatics.cylinder import Cylinder, PressureLimits, Setting
-from mocap_id.pneumatics.gas import gas_of_change
-from mocap_id.pneumatics.held_angles import holdable, setting_for_tasks
+from mocap_id.pneumatics.cylinder import Cylinder, PressureLimits, Setting, gas_of_change
+from mocap_id.pneumatics.held_angles import find_holdable, find_task_setting
 from mocap_id.pneumatics.switching import (
     STEP,
     Controller,
     Node,
     Person,
     SwitchedMotion,
-    depths,
+    compute_depths,
     plan_tour,
     simulate_switching,
 )
@@ -112,7 +111,7 @@ class ControlledTasks:
         _, low, high = self.tasks[after]
         if (depth[(angle >= low) & (angle <= high)] > 0).all():
             return True
-        return bool((self.controller.changes(before, after, angle) & (depth > 0)).any())
+        return bool((self.controller.may_change(before, after, angle) & (depth > 0)).any())
 
 
 def control_tasks(
@@ -132,11 +131,11 @@ def control_tasks(
     angle = np.linspace(joint.lower, joint.upper, _GRID)
     nodes, kept, margins, left_out = [], [], [], []
     for name, low, high in joined:
-        found = setting_for_tasks(joint, cylinder, limits, [(low, high)])
+        found = find_task_setting(joint, cylinder, limits, [(low, high)])
         if found is None or found[1] < -_TOLERANCE * (joint.torque_high - joint.torque_low):
             left_out.append(name)
             continue
-        nodes.append(Node(name, found[0], depths(holdable(joint, cylinder, found[0], angle), angle)))
+        nodes.append(Node(name, found[0], compute_depths(find_holdable(joint, cylinder, found[0], angle), angle)))
         kept.append((name, low, high))
         margins.append(found[1])
     if not nodes:
@@ -193,7 +192,7 @@ def _joined(
         for meeting in np.linspace(*between, _MEETINGS).tolist():
             lower = low, min(max(high, meeting + overlap / 2), joint.upper)
             upper = max(min(first, meeting - overlap / 2), joint.lower), last
-            sides = [setting_for_tasks(joint, cylinder, limits, [side]) for side in (lower, upper)]
+            sides = [find_task_setting(joint, cylinder, limits, [side]) for side in (lower, upper)]
             margin = min((-np.inf if side is None else side[1]) for side in sides)
             if margin > worth:
                 best, worth = (lower, upper), margin

@@ -10,7 +10,7 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.pneumatics.switching import STEP
 from mocap_id.pneumatics.unsafe_states import TransitionMap
-from mocap_id.workflows.pneumatic.pressures import nearest_spring
+from mocap_id.workflows.pneumatic.pressures import spring_document
 from mocap_id.workflows.prescribe.chain_output import chain_lines
 from mocap_id.workflows.prescribe.controlled_chain import ControlledChain
 from mocap_id.workflows.prescribe.controlled_tasks import ControlledTasks
@@ -29,7 +29,7 @@ def devices_document(found: PrescriptionResult) -> dict[str, Any]:
                 "device": each.device.keys.device,
                 "flexion_Pa": each.setting.flexion,
                 "extension_Pa": each.setting.extension,
-                "nearest_spring": nearest_spring(each.nearest),
+                "nearest_spring": spring_document(each.nearest),
             }
             for each in devices.springs
         ],

@@ -11,12 +11,12 @@ from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.config.device import DeviceConfig, load_device
 from mocap_id.config.prescription import PrescriptionConfig
 from mocap_id.pneumatics.cylinder import Cylinder, Setting
-from mocap_id.pneumatics.held_angles import held_range, setting_that_holds_most
-from mocap_id.pneumatics.nearest_spring import NearestSpring, nearest_setting
+from mocap_id.pneumatics.held_angles import find_held_range, find_widest_setting
+from mocap_id.pneumatics.nearest_spring import NearestSpring, find_nearest_setting
 from mocap_id.prescription.one_joint import OneJoint
 from mocap_id.prescription.one_spring import Prescription
 from mocap_id.prescription.postures import Postures, SpringPlace
-from mocap_id.prescription.several_springs import Springs, holdable_postures
+from mocap_id.prescription.several_springs import Springs, find_holdable
 
 
 @dataclass(frozen=True)
@@ -75,10 +75,10 @@ def device_of_joint(
         return DeviceSprings(())
     cylinder, limits = device.keys.cylinder(), device.keys.limits()
     angles = np.linspace(*found.range, 361)
-    nearest = nearest_setting(cylinder, found.stiffness, found.rest, limits, angles)
-    setting = setting_that_holds_most(joint, cylinder, limits, nearest.setting, required)
+    nearest = find_nearest_setting(cylinder, found.stiffness, found.rest, limits, angles)
+    setting = find_widest_setting(joint, cylinder, limits, nearest.setting, required)
     spring = DeviceSpring(0, device, setting, nearest)
-    return DeviceSprings((spring,), held_range(joint, cylinder, setting, required))
+    return DeviceSprings((spring,), find_held_range(joint, cylinder, setting, required))
 
 
 def devices_of_chain(
@@ -95,7 +95,7 @@ def devices_of_chain(
     ValueError
         The stroke of a device allows none of the held postures.
     """
-    held = holdable_postures(postures, places, strength, found)
+    held = find_holdable(postures, places, strength, found)
     needed, linear = postures.gravity.copy(), found.stiffness.copy()
     springs = []
     for s, device in enumerate(devices):
@@ -103,7 +103,7 @@ def devices_of_chain(
             continue
         cylinder = device.keys.cylinder()
         stretch = postures.stretch[:, s]
-        nearest = nearest_setting(
+        nearest = find_nearest_setting(
             cylinder, float(found.stiffness[s]), float(found.rest[s]), device.keys.limits(), stretch[held]
         )
         springs.append(DeviceSpring(s, device, nearest.setting, nearest))

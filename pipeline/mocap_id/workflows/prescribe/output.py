@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from mocap_id import __version__
-from mocap_id.prescription.several_springs import holdable_postures
+from mocap_id.prescription.several_springs import find_holdable
 from mocap_id.prescription.sub_workspaces import Graph
 from mocap_id.reporting.paper_figures import render
 from mocap_id.reporting.pneumatic_figures import draw_chain_tour, draw_switching
@@ -124,9 +124,9 @@ def _chain_files(found: ControlledChain, name: str) -> dict[str, bytes]:
 def _held(found: PrescriptionResult) -> Figure:
     springs, sampled, strength = found.several, found.postures, found.body.strength
     assert springs is not None and sampled is not None
-    none = holdable_postures(sampled, (), strength, springs)
+    none = find_holdable(sampled, (), strength, springs)
     return draw_holdable_postures(
-        sampled.tips, none, holdable_postures(sampled, found.places, strength, springs), found.body.arm.centres[0]
+        sampled.tips, none, find_holdable(sampled, found.places, strength, springs), found.body.arm.centres[0]
     )
 
 
@@ -197,7 +197,7 @@ def _map(springs: SpringMap) -> dict[str, Any]:
 def _graph(graph: Graph, postures: Any) -> dict[str, Any]:
     names = [node.name for node in graph.nodes]
     count = range(len(names))
-    ways = {(a, b): graph.way(a, b) for a in count for b in count if a < b}
+    ways = {(a, b): graph.find_path(a, b) for a in count for b in count if a < b}
     return {
         "nodes": [
             {

@@ -12,7 +12,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.config.prescription import SearchGrid
-from mocap_id.prescription.level_set import JointDynamics, Scheme, compute_reachable_set, reached_holdable_angles
+from mocap_id.prescription.level_set import JointDynamics, Scheme, compute_reachable_set, find_reached_and_held
 from mocap_id.prescription.one_joint import OneJoint
 from mocap_id.store.atomic import write_files
 
@@ -84,11 +84,11 @@ def _one(
 ) -> tuple[float | None, float]:
     """Return the width of the reached and held range, and of the held range alone, rad."""
     dynamics = JointDynamics(joint, inertia, stiffness, rest)
-    static = float(sum(high - low for low, high in joint.held(stiffness, rest)))
+    static = float(sum(high - low for low, high in joint.held_intervals(stiffness, rest)))
     if dynamics.equilibrium() is None:
         return None, static
     reached = compute_reachable_set(dynamics, (grid.horizon_s,), Scheme(grid.angles, grid.velocities))
-    return float(sum(high - low for low, high in reached_holdable_angles(dynamics, reached))), static
+    return float(sum(high - low for low, high in find_reached_and_held(dynamics, reached))), static
 
 
 def _ladder(given: tuple[float, float, float]) -> FloatArray:

@@ -8,10 +8,10 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.config.prescription import Task
-from mocap_id.prescription.least_spring import least_spring
+from mocap_id.prescription.least_spring import find_least_spring
 from mocap_id.prescription.one_spring import REST
 from mocap_id.prescription.postures import sample_postures
-from mocap_id.prescription.several_springs import holdable_postures, prescribe_several
+from mocap_id.prescription.several_springs import find_holdable, prescribe_several
 from mocap_id.prescription.sub_workspaces import Graph, SubWorkspace, build_graph
 from mocap_id.workflows.prescribe.result import PrescriptionResult
 
@@ -56,7 +56,7 @@ def _angle_node(name: str, tasks: Sequence[Task], found: PrescriptionResult, ang
             f"the tasks of `{name}`, {np.degrees(low):.1f}° to {np.degrees(high):.1f}°, go beyond the joint's limits"
         )
     allowed, stiffest = (found.places[0].rest, found.places[0].stiffest) if found.places else (REST, 0.0)
-    spring = least_spring(joint, (low, high), allowed, stiffest)
+    spring = find_least_spring(joint, (low, high), allowed, stiffest)
     members = tuple(task.name for task in tasks)
     if spring is None:
         return SubWorkspace(name, members, None, None, np.zeros(len(angles), dtype=bool))
@@ -77,7 +77,7 @@ def _tip_node(name: str, tasks: Sequence[Task], found: PrescriptionResult, free:
         springs = prescribe_several(sampled, found.places, body.strength, _LEAST_FIRST, wishes.boxes)
     except ValueError:
         return SubWorkspace(name, members, None, None, np.zeros(int(free.sum()), dtype=bool))
-    held = holdable_postures(found.postures, found.places, body.strength, springs)[free]
+    held = find_holdable(found.postures, found.places, body.strength, springs)[free]
     return SubWorkspace(name, members, springs.stiffness, springs.rest, held)
 
 

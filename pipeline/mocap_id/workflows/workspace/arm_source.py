@@ -14,7 +14,7 @@ from mocap_id.config.parsing import suggest_name
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry import Chain, Revolute, se3
 from mocap_id.prescription.arms import PlanarArm, SpatialArm
-from mocap_id.prescription.joint_limits import JointLimits, observed_limits
+from mocap_id.prescription.joint_limits import JointLimits, find_limits
 from mocap_id.store import Folder, Table, Tree
 from mocap_id.store.views import Skeleton, joint_columns
 from mocap_id.workflows.run_folder import check_provenance, open_run_to
@@ -95,7 +95,7 @@ def of_folder(folder: Folder, name: str, source: Path, tip: str | None, quantile
     if not np.isfinite(sd[seen & np.isfinite(q)]).all():
         notes.append("some angles have no standard deviation, so the interval is too narrow")
     try:
-        limits = observed_limits(q, np.nan_to_num(sd), seen, quantile)
+        limits = find_limits(q, np.nan_to_num(sd), seen, quantile)
     except ValueError as wrong:
         kind = ConfigError if "quantile" in str(wrong) else RecordingError
         raise kind(f"{source}: {wrong}") from wrong

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mocap_id import __version__
-from mocap_id.prescription.overlay import Overlay
+from mocap_id.prescription.workspace import Overlay
 from mocap_id.reporting.paper_figures import render
 from mocap_id.reporting.results.result import Result, text_file
 from mocap_id.reporting.workspace_figures import draw_area, draw_change, draw_volume

@@ -9,8 +9,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError
 from mocap_id.prescription.arms import PlanarArm, SpatialArm
-from mocap_id.prescription.overlay import Overlay, overlay_workspaces
-from mocap_id.prescription.workspace import SAMPLES, Workspace, compute_workspace
+from mocap_id.prescription.workspace import SAMPLES, Overlay, Workspace, compute_workspace, overlay_workspaces
 from mocap_id.workflows.workspace.arm_source import SubjectArm
 
 
