@@ -11,6 +11,7 @@ from mocap_id.reporting.dynamics_schema import ChannelEntry
 from mocap_id.reporting.grids import Grid, to_grid
 from mocap_id.reporting.numbers import known
 from mocap_id.reporting.report_data import ReportData
+from mocap_id.reporting.summary_entry import NOT_FINITE
 from mocap_id.reporting.summary_schema import EncoderEntry, LengthEntry, Summary
 from mocap_id.reporting.tables import error_columns
 from mocap_id.store.views import Skeleton
@@ -30,9 +31,7 @@ def base_length(data: ReportData, skeleton: Skeleton) -> dict[str, LengthEntry]:
     value = float(np.hypot(*skeleton.centres[0]))
     along = skeleton.centres[0] / value if value > 0 else np.zeros(2)
     sd = float(np.sqrt(along @ skeleton.covariance[0] @ along))
-    length, spread = known(value), known(sd)
-    why = None if length is not None and spread is not None else "the joint fit gave no finite value"
-    return {"base": LengthEntry(value=length, sd=spread, why=why)}
+    return {"base": LengthEntry.explain(NOT_FINITE, value=known(value), sd=known(sd))}
 
 
 def channels(found: Mapping[str, Mapping[str, object] | None] | None) -> dict[str, ChannelEntry]:
@@ -42,9 +41,7 @@ def channels(found: Mapping[str, Mapping[str, object] | None] | None) -> dict[st
 
 def _channel(channel: Mapping[str, object] | None) -> ChannelEntry:
     numbers = {key: known((channel or {}).get(key)) for key in ("bias", "sd", "r2")}
-    complete = all(number is not None for number in numbers.values())
-    why = None if complete else "it could not be computed from the samples of the fit"
-    return ChannelEntry(**numbers, why=why)
+    return ChannelEntry.explain("it could not be computed from the samples of the fit", **numbers)
 
 
 def encoder(data: ReportData) -> EncoderEntry:

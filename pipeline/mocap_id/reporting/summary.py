@@ -10,13 +10,13 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting.dynamics_schema import BaseEntry, DynamicsEntry, RivalEntry
-from mocap_id.reporting.numbers import all_known, known
+from mocap_id.reporting.numbers import all_known, known, times
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.robot_joint_summary import base_length, channels, encoder
 from mocap_id.reporting.space import summary as spatial
 from mocap_id.reporting.space.curls import curls
 from mocap_id.reporting.space.reaches import workspace
-from mocap_id.reporting.summary_entry import join_sentences, why_unknown
+from mocap_id.reporting.summary_entry import NOT_FINITE, join_sentences, why_unknown
 from mocap_id.reporting.summary_motion import held_out, motion, pins
 from mocap_id.reporting.summary_repetitions import attempts, five_times, load_share, repetitions
 from mocap_id.reporting.summary_schema import (
@@ -31,30 +31,22 @@ from mocap_id.reporting.summary_schema import (
     Summary,
     VerdictEntry,
 )
-from mocap_id.store import Table
-from mocap_id.store.views import IdentifiedDynamics
-from mocap_id.verdict import Reason
+from mocap_id.store import Facts, Table
+from mocap_id.store.views import IdentifiedDynamics, Skeleton
 
 _NO_PLANE = "yaw_deg, origin_m: a trial in space has no plane of motion"
-NOTHING_HELPS = "none of those tried"
-"""Text for a parameter that no tested movement would determine better."""
+_NO_MOVEMENT_HELPS = "none of those tried"
 
 
 def summarise(data: ReportData) -> Summary:
-    """Collect the summary of a trial from its artefacts.
-
-    Parameters
-    ----------
-    data : ReportData
-        Existing artefacts. Values of missing artefacts, as in a refused trial, are null with a ``why``.
-    """
-    joints = spatial.joints(data) if data.in_space else _joints(data)
+    """Return the summary of a trial; values of missing artefacts, as in a refused trial, are null with a ``why``."""
+    joints = spatial.joints(data) if data.in_space else _joints(data.skeleton)
     lengths = spatial.lengths(data) if data.in_space else _lengths(data)
-    found, failed = repetitions(data), attempts(data)
+    rises, failed = repetitions(data), attempts(data)
     seconds = _seconds(data)
     why = (
         why_unknown(f"joints and lengths_m: {data.why_missing('chain.h5')}", joints, lengths),
-        why_unknown(f"repetitions: {data.why_missing('events.parquet')}", found),
+        why_unknown(f"repetitions: {data.why_missing('events.parquet')}", rises),
         why_unknown("attempts: only a sit-to-stand has them", failed) if data.in_space else None,
         why_unknown("time_s: the run times of the stages were not recorded", seconds),
     )
@@ -73,7 +65,7 @@ def summarise(data: ReportData) -> Summary:
         markers=_markers(data),
         noise=_noise(data),
         dynamics=_dynamics(data),
-        repetitions=found,
+        repetitions=rises,
         five_times=five_times(data),
         attempts=failed,
         load_share=load_share(data),
@@ -92,17 +84,19 @@ def to_json(summary: Summary) -> bytes:
     return (text + "\n").encode("ascii")
 
 
-def _entry(reason: Reason) -> ReasonEntry:
-    value, limit = known(reason.value), known(reason.limit)
-    return ReasonEntry(code=reason.code, message=reason.message, value=value, limit=limit, level=reason.level)
-
-
 def _verdict(data: ReportData) -> VerdictEntry:
-    return VerdictEntry(
-        level=data.level,
-        reasons=[_entry(reason) for reason in data.reasons if reason.level != "ok"],
-        notes=[_entry(reason) for reason in data.reasons if reason.level == "ok"],
-    )
+    entries = [
+        ReasonEntry(
+            code=reason.code,
+            message=reason.message,
+            value=known(reason.value),
+            limit=known(reason.limit),
+            level=reason.level,
+        )
+        for reason in data.reasons
+    ]
+    reasons = [entry for entry in entries if entry.level != "ok"]
+    return VerdictEntry(level=data.level, reasons=reasons, notes=[entry for entry in entries if entry.level == "ok"])
 
 
 def _plane(data: ReportData) -> PlaneEntry:
@@ -122,30 +116,23 @@ def _plane(data: ReportData) -> PlaneEntry:
 
 
 def _segments(data: ReportData) -> SegmentsEntry:
-    facts, table = data.facts("segments.parquet"), data.table("segments.parquet")
-    count, confidence = known(facts.get("count")), known(facts.get("confidence"))
-    names = facts.get("names")
-    assignment = None
-    if table is not None:
-        assigned = zip(table["marker"], table["segment"].tolist(), strict=True)
-        assignment = {label: k for label, k in assigned if k >= 0}
-    why = facts.get("why") or data.why_missing("segments.parquet")
-    against, hypotheses = facts.get("against"), _hypotheses(data)
-    return SegmentsEntry(
+    facts = data.facts("segments.parquet")
+    count, names, against = known(facts.get("count")), facts.get("names"), facts.get("against")
+    assignment = {row["marker"]: row["segment"] for row in data.rows("segments.parquet") if row["segment"] >= 0}
+    return SegmentsEntry.explain(
+        facts.get("why") or data.why_missing("segments.parquet"),
         count=None if count is None else int(count),
         names=None if names is None else [str(name) for name in names],
-        assignment=assignment,
-        confidence=confidence,
+        assignment=None if data.table("segments.parquet") is None else assignment,
+        confidence=known(facts.get("confidence")),
         against=None if against is None else {str(evidence): float(off) for evidence, off in against.items()},
-        hypotheses=hypotheses,
-        why=why_unknown(why, count, names, assignment, confidence, against, hypotheses),
+        hypotheses=_hypotheses(facts),
     )
 
 
-def _hypotheses(data: ReportData) -> list[HypothesisEntry] | None:
+def _hypotheses(facts: Facts) -> list[HypothesisEntry] | None:
     """Return the segmentations that were considered, the chosen one first."""
-    found = data.facts("segments.parquet").get("hypotheses")
-    if found is None:
+    if facts.get("hypotheses") is None:
         return None
     return [
         HypothesisEntry(
@@ -157,37 +144,33 @@ def _hypotheses(data: ReportData) -> list[HypothesisEntry] | None:
             joint_residual_m=[float(residual) for residual in entry["joint_residual_m"]],
             arc_deg=[float(arc) for arc in entry["arc_deg"]],
         )
-        for k, entry in enumerate(found)
+        for k, entry in enumerate(facts["hypotheses"])
     ]
 
 
-def _joints(data: ReportData) -> list[JointEntry] | None:
-    skeleton = data.skeleton
+def _joints(skeleton: Skeleton | None) -> list[JointEntry] | None:
     if skeleton is None:
         return None
     return [
-        _joint(name, int(skeleton.parents[j]), skeleton.centres[j], skeleton.centre_sd[j], skeleton.arc[j])
+        JointEntry.explain(
+            NOT_FINITE,
+            name=name,
+            parent=int(skeleton.parents[j]),
+            centre_m=all_known(skeleton.centres[j]),
+            sd_m=all_known(skeleton.centre_sd[j]),
+            arc_deg=known(np.degrees(skeleton.arc[j])),
+        )
         for j, name in enumerate(skeleton.joints)
     ]
 
 
-def _joint(name: str, parent: int, centre: FloatArray, sd: FloatArray, arc: float) -> JointEntry:
-    centre_m, sd_m, arc_deg = all_known(centre), all_known(sd), known(np.degrees(arc))
-    why = why_unknown("the joint fit gave no finite value", centre_m, sd_m, arc_deg)
-    return JointEntry(name=name, parent=parent, centre_m=centre_m, sd_m=sd_m, arc_deg=arc_deg, why=why)
-
-
 def _lengths(data: ReportData) -> dict[str, LengthEntry] | None:
-    """Return the lengths of the segments between two joints, 1 … n - 1."""
+    """Return the lengths of the segments between two joints; for a robot also of its base."""
     skeleton = data.skeleton
     if skeleton is None:
         return None
-    entries = {}
-    for name, length, spread in zip(skeleton.segments[1:-1], skeleton.lengths, skeleton.lengths_sd, strict=True):
-        value, sd = known(length), known(spread)
-        entries[name] = LengthEntry(
-            value=value, sd=sd, why=why_unknown("the joint fit gave no finite value", value, sd)
-        )
+    lengths = zip(skeleton.segments[1:-1], skeleton.lengths, skeleton.lengths_sd, strict=True)
+    entries = {name: LengthEntry.explain(NOT_FINITE, value=known(m), sd=known(sd)) for name, m, sd in lengths}
     return base_length(data, skeleton) | entries
 
 
@@ -198,20 +181,19 @@ def _markers(data: ReportData) -> MarkersEntry:
         why_unknown(data.why_missing("states.parquet"), rms),
         why_unknown(data.why_missing("planar.parquet"), missing),
     )
-    return MarkersEntry(
-        reprojection_rms_mm=None if rms is None else 1e3 * rms,
-        missing_fraction=missing,
-        why=join_sentences(why),
-    )
+    return MarkersEntry(reprojection_rms_mm=times(rms, 1e3), missing_fraction=missing, why=join_sentences(why))
 
 
 def _noise(data: ReportData) -> NoiseEntry:
     facts = data.facts("states.parquet")
-    marker_sd, given = known(facts.get("marker_sd_m")), facts.get("sigma_v")
-    each = all_known(given if isinstance(given, (list, tuple)) else [given])
-    sigma_v = None if each is None else float(np.sqrt(np.mean(np.square(each))))
-    why = why_unknown(facts.get("why") or data.why_missing("states.parquet"), marker_sd, sigma_v)
-    return NoiseEntry(marker_sd_m=marker_sd, sigma_v=sigma_v, sigma_v_per_joint=each, why=why)
+    sigma_v = facts.get("sigma_v")
+    each = all_known(sigma_v if isinstance(sigma_v, (list, tuple)) else [sigma_v])
+    return NoiseEntry.explain(
+        facts.get("why") or data.why_missing("states.parquet"),
+        marker_sd_m=known(facts.get("marker_sd_m")),
+        sigma_v=None if each is None else float(np.sqrt(np.mean(np.square(each)))),
+        sigma_v_per_joint=each,
+    )
 
 
 def _dynamics(data: ReportData) -> DynamicsEntry:
@@ -238,7 +220,7 @@ def _dynamics(data: ReportData) -> DynamicsEntry:
         mass_kg=mass,
         cop_mean_m=cop,
         consistency=consistency,
-        rivals={str(name): _rival(rival) for name, rival in (facts.get("rivals") or {}).items()},
+        rivals={str(name): _reference_body(body) for name, body in (facts.get("rivals") or {}).items()},
         held_out=held_out(data),
         motion=moved,
         pins=pins(data),
@@ -257,10 +239,10 @@ def mean_cop(wrench: Table | None) -> float | None:
 
 
 def _base(data: ReportData) -> list[BaseEntry] | None:
-    dynamics = data.dynamics
+    """Return the base parameters; None if none was identified."""
+    dynamics, facts = data.dynamics, data.facts("dynamics.h5")
     if dynamics is None or not dynamics.names:
         return None
-    facts = data.facts("dynamics.h5")
     why = str(facts.get("why") or "the identification gave no finite value")
     advice = facts.get("advice") or []
     entries = [_base_entry(dynamics, i, why, advice[i] if i < len(advice) else {}) for i in range(len(dynamics.names))]
@@ -280,7 +262,7 @@ def _base_entry(dynamics: IdentifiedDynamics, i: int, why: str, advice: Mapping[
         relative_sd=_at(dynamics.relative_sd, i),
         excitation=_at(dynamics.excitation, i),
         own_share=_at(dynamics.own_share, i),
-        helps=(advice["text"] or NOTHING_HELPS) if advice else None,
+        helps=(advice["text"] or _NO_MOVEMENT_HELPS) if advice else None,
         prior_share=_at(dynamics.prior_share, i),
         sd_ratio=(1.0 if advice["sd_ratio"] is None else known(advice["sd_ratio"])) if advice else None,
         why=why_unknown(why, value, sd),
@@ -291,15 +273,14 @@ def _at(values: FloatArray, i: int) -> float | None:
     return known(values[i]) if i < len(values) else None
 
 
-def _rival(facts: Mapping[str, Any]) -> RivalEntry:
-    height, mass, cop = (known(facts.get(key)) for key in ("height_m", "mass_kg", "cop_rms_m"))
-    return RivalEntry(
-        height_m=height,
-        mass_kg=mass,
+def _reference_body(facts: Mapping[str, Any]) -> RivalEntry:
+    return RivalEntry.explain(
+        "no samples off the seat are available",
+        height_m=known(facts.get("height_m")),
+        mass_kg=known(facts.get("mass_kg")),
         assumed=[str(assumption) for assumption in facts.get("assumed") or ()],
         wrench=channels(facts.get("wrench")),
-        cop_rms_m=cop,
-        why=why_unknown("no samples off the seat are available", height, mass, cop),
+        cop_rms_m=known(facts.get("cop_rms_m")),
     )
 
 

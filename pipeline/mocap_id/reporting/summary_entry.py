@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict
 
@@ -12,6 +13,15 @@ class Entry(BaseModel):
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, defer_build=True)
 
+    @classmethod
+    def explain(cls, why: str, **values: Any) -> Self:
+        """Return the entry of some values, with ``why`` if any of them is None."""
+        return cls(**values | {"why": why_unknown(why, *values.values())})
+
+
+NOT_FINITE = "the joint fit gave no finite value"
+"""Why a quantity of the joint fit is unknown."""
+
 
 def why_unknown(why: str, *values: object) -> str | None:
     """Return ``why`` if any of the values is None, else None."""
@@ -20,6 +30,6 @@ def why_unknown(why: str, *values: object) -> str | None:
 
 def join_sentences(sentences: Iterable[str | None]) -> str | None:
     """Join sentences with semicolons and drop a sentence that is part of another one; None without sentences."""
-    found = dict.fromkeys(sentence for sentence in sentences if sentence)
-    whole = (one for one in found if not any(one != other and one in other for other in found))
+    distinct = dict.fromkeys(sentence for sentence in sentences if sentence)
+    whole = (one for one in distinct if not any(one != other and one in other for other in distinct))
     return "; ".join(whole) or None

@@ -36,16 +36,14 @@ def motion(data: ReportData) -> MotionEntry | None:
 def pins(data: ReportData) -> PinsEntry:
     """Return the errors of the pinned chain and the measured poses on the same left-out repetitions."""
     facts = data.facts("dynamics.h5")
-    found, moved = facts.get("pins") or {}, facts.get("motion")
-    samples, clock = known(found.get("samples")), known(found.get("clock_offset_s"))
-    chain, segments = (_predicted(found.get(of)) for of in ("chain", "segments"))
-    unknown = found.get("why") or (_PINNED if moved else facts.get("why") or data.why_missing("dynamics.h5"))
-    return PinsEntry(
+    found, samples = facts.get("pins") or {}, known((facts.get("pins") or {}).get("samples"))
+    unknown = _PINNED if facts.get("motion") else facts.get("why") or data.why_missing("dynamics.h5")
+    return PinsEntry.explain(
+        found.get("why") or unknown,
         samples=None if samples is None else int(samples),
-        chain=chain,
-        segments=segments,
-        clock_offset_s=clock,
-        why=why_unknown(unknown, samples, chain, segments, clock),
+        chain=_predicted(found.get("chain")),
+        segments=_predicted(found.get("segments")),
+        clock_offset_s=known(found.get("clock_offset_s")),
     )
 
 
@@ -80,14 +78,16 @@ def held_out(data: ReportData) -> HeldOutEntry:
 
 
 def _gap(found: Mapping[str, Any]) -> GapEntry:
-    size, acceleration = known(found["gap_m"]), known(found["acceleration_m_s2"])
-    why = why_unknown("no interval without gaps is long enough", size, acceleration)
-    return GapEntry(gap_m=size, acceleration_m_s2=acceleration, pinned=bool(found["pinned"]), why=why)
+    return GapEntry.explain(
+        "no interval without gaps is long enough",
+        gap_m=known(found["gap_m"]),
+        acceleration_m_s2=known(found["acceleration_m_s2"]),
+        pinned=bool(found["pinned"]),
+    )
 
 
 def _predicted(found: Mapping[str, Any] | None) -> PredictedEntry | None:
     if found is None:
         return None
-    cop = known(found["cop_rms_m"])
-    why = why_unknown("no sample has a centre of pressure", cop)
-    return PredictedEntry(wrench=channels(found["wrench"]), cop_rms_m=cop, why=why)
+    why = "no sample has a centre of pressure"
+    return PredictedEntry.explain(why, wrench=channels(found["wrench"]), cop_rms_m=known(found["cop_rms_m"]))

@@ -13,14 +13,13 @@ from mocap_id.geometry.spatial_chain import SpatialJoint
 from mocap_id.reporting.numbers import all_known, known
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.space.schema import AngleEntry, ImuEntry, LandmarkEntry
-from mocap_id.reporting.summary_entry import join_sentences, why_unknown
+from mocap_id.reporting.summary_entry import NOT_FINITE, join_sentences, why_unknown
 from mocap_id.reporting.summary_schema import JointEntry, LengthEntry
 from mocap_id.store.spatial_views import MEANINGLESS_AT_POLE, SpatialAngles
 
 AXES = {"ball": 0, "hinge": 1, "two-axis": 2}
 """Number of axes of each kind of joint."""
 
-_NOT_FINITE = "the joint fit gave no finite value"
 _HIDDEN = "the motion does not show the centre of this joint: use `calibration:`, or record a larger motion"
 
 
@@ -40,9 +39,9 @@ def _joint(name: str, joint: SpatialJoint, arc: float, weighed: Mapping[str, Any
     arc_deg = known(np.degrees(arc))
     axis = axes[0] if len(axes) == 1 else axes
     why = (
-        why_unknown(_NOT_FINITE if joint.known else _HIDDEN, centre, sd),
-        why_unknown("axis: a ball has no axis" if not axes else "axis: " + _NOT_FINITE, *(axes or [None])),
-        why_unknown(f"arc_deg: {_NOT_FINITE}", arc_deg),
+        why_unknown(NOT_FINITE if joint.known else _HIDDEN, centre, sd),
+        why_unknown("axis: a ball has no axis" if not axes else "axis: " + NOT_FINITE, *(axes or [None])),
+        why_unknown(f"arc_deg: {NOT_FINITE}", arc_deg),
     )
     return JointEntry(
         name=name,
@@ -83,12 +82,9 @@ def lengths(data: ReportData) -> dict[str, LengthEntry] | None:
     skeleton = data.spatial_skeleton
     if skeleton is None:
         return None
-    entries = {}
-    for name, (length, spread) in skeleton.lengths.items():
-        value, sd = known(length), known(spread)
-        why = why_unknown("the motion does not show both ends of the segment", value, sd)
-        entries[name] = LengthEntry(value=value, sd=sd, why=why)
-    return entries
+    why = "the motion does not determine both ends of the segment"
+    lengths = skeleton.lengths.items()
+    return {name: LengthEntry.explain(why, value=known(length), sd=known(sd)) for name, (length, sd) in lengths}
 
 
 def angles(data: ReportData) -> dict[str, AngleEntry]:
@@ -138,15 +134,18 @@ def landmarks(data: ReportData) -> dict[str, LandmarkEntry]:
     skeleton = data.spatial_skeleton
     if skeleton is None:
         return {}
-    entries = {}
     rows = zip(
         skeleton.landmarks, skeleton.landmark_segment, skeleton.landmark_local, skeleton.landmark_sd, strict=True
     )
-    for name, segment, local, spread in rows:
-        local_m, sd = all_known(local), known(spread)
-        why = why_unknown("no still pose and no pointer trial shows it", local_m, sd)
-        entries[name] = LandmarkEntry(segment=skeleton.segments[int(segment)], local_m=local_m, sd_m=sd, why=why)
-    return entries
+    return {
+        name: LandmarkEntry.explain(
+            "no still pose and no pointer trial shows it",
+            segment=skeleton.segments[int(segment)],
+            local_m=all_known(local),
+            sd_m=known(sd),
+        )
+        for name, segment, local, sd in rows
+    }
 
 
 def imus(data: ReportData) -> dict[str, ImuEntry]:
