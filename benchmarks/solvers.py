@@ -33,7 +33,7 @@ from mocap_id.dynamics.consistency_cone import ConeBodies
 from mocap_id.dynamics.least_squares import CompressedProblem
 from mocap_id.dynamics.optimality import SolverAnswer, check_optimality
 from mocap_id.dynamics.point_grid import PointGrid, build_grid
-from mocap_id.dynamics.point_masses import GridBodies, osqp_split, solve_nnls, solve_osqp
+from mocap_id.dynamics.point_masses import GridBodies, run_osqp, solve_nnls, solve_osqp
 from mocap_id.runner import run
 from mocap_id.simulation import Options, simulate
 
@@ -103,7 +103,7 @@ def osqp_once(case: Case) -> SolverAnswer:
     """Solve the split form without corrections, at 1e-8."""
     mapped = case.problem.factor @ case.moments
     nothing = np.zeros(mapped.shape[1])
-    masses, status, iterations = osqp_split(mapped, case.problem.target, nothing, accuracy=ONCE, iterations=ITERATIONS)
+    masses, status, iterations = run_osqp(mapped, case.problem.target, nothing, accuracy=ONCE, iterations=ITERATIONS)
     return grid_answer(case, "osqp, once", np.maximum(masses, 0.0), status, iterations)
 
 

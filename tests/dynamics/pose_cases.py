@@ -8,7 +8,7 @@ import numpy as np
 from dynamics_cases import BODY, CENTRES, waves
 
 from mocap_id.dynamics.measured_motion import BodyPoses
-from mocap_id.dynamics.motion import PlanarMotion, chain_motion
+from mocap_id.dynamics.motion import PlanarMotion, move_chain
 from mocap_id.dynamics.preparation import TrialData
 from mocap_id.dynamics.regressor import wrench_regressor
 from mocap_id.geometry import planar
@@ -42,7 +42,7 @@ def moving(time: np.ndarray, *, size: float = 0.012, swing: float = 1.0, seed: i
     states = slow(time, seed=seed)
     for values in states:
         values[:, 3] *= swing
-    whole = chain_motion(np.vstack([CENTRES, SHOULDER]), *states)
+    whole = move_chain(np.vstack([CENTRES, SHOULDER]), *states)
     gap, acceleration = hip_gap(time, size)
     origin, rise = whole.origin.copy(), whole.acceleration.copy()
     origin[:, HIP + 1 :] += gap[:, None]

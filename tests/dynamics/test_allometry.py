@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from mocap_id.dynamics.allometry import _DE_LEVA, _SHOULDER, full_parameters, height_from_legs, reference_table
+from mocap_id.dynamics.allometry import _DE_LEVA, _SHOULDER, estimate_height, look_up_table, scale_reference
 from mocap_id.dynamics.regressor import planar_regressor
 
 TABLES = [("winter", None), ("de-leva", "female"), ("de-leva", "male"), ("de-leva", None)]
@@ -17,7 +17,7 @@ tables = pytest.mark.parametrize(("name", "sex"), TABLES)
 @tables
 @pytest.mark.parametrize("centres", [FOUR, FIVE], ids=["torso", "pelvis and trunk"])
 def test_masses_sum_to_the_body_s_and_every_segment_can_exist(name, sex, centres) -> None:
-    m, mx, my, inertia = full_parameters(reference_table(name, sex), centres, 1.75, 70.0, -1).reshape(-1, 4).T
+    m, mx, my, inertia = scale_reference(look_up_table(name, sex), centres, 1.75, 70.0, -1).reshape(-1, 4).T
     assert m.sum() == pytest.approx(70.0, rel=1e-9)
     assert (m > 0).all()
     assert (m * inertia >= mx**2 + my**2).all()
@@ -25,8 +25,8 @@ def test_masses_sum_to_the_body_s_and_every_segment_can_exist(name, sex, centres
 
 @tables
 def test_a_divided_trunk_is_upright_the_whole_one(name, sex) -> None:
-    whole = full_parameters(reference_table(name, sex), FOUR, 1.75, 70.0, -1).reshape(-1, 4)
-    parts = full_parameters(reference_table(name, sex), FIVE, 1.75, 70.0, -1).reshape(-1, 4)
+    whole = scale_reference(look_up_table(name, sex), FOUR, 1.75, 70.0, -1).reshape(-1, 4)
+    parts = scale_reference(look_up_table(name, sex), FIVE, 1.75, 70.0, -1).reshape(-1, 4)
     np.testing.assert_allclose(parts[:3], whole[:3])
     pelvis, (m, mx, my, inertia) = parts[3], parts[4]
     x, y = FIVE[3]
@@ -50,7 +50,7 @@ def test_a_divided_trunk_is_upright_the_whole_one(name, sex) -> None:
 )
 def test_the_published_fractions(name, sex, segment, published) -> None:
     """Mass of one side, centre from the upper end, radius of gyration, length."""
-    link = getattr(reference_table(name, sex), segment)
+    link = getattr(look_up_table(name, sex), segment)
     mass, centre, gyration, length = published
     assert link.mass / 2 == pytest.approx(mass, abs=6e-5)
     assert link.gyration == pytest.approx(gyration, abs=6e-4)
@@ -124,7 +124,7 @@ def test_the_hat_is_composed_of_head_trunk_and_hanging_arms(sex) -> None:
             masses.append(mass * (0.5 if name in ("head", "trunk") else 1.0))
             heights.append(middle + side * gyration / 100 * length)
     masses, heights = np.array(masses), np.array(heights)
-    hat, whole = reference_table("de-leva", sex).hat, masses @ heights / masses.sum()
+    hat, whole = look_up_table("de-leva", sex).hat, masses @ heights / masses.sum()
     assert hat.centre * _SHOULDER[sex] == pytest.approx(whole)
     spread = np.sqrt(masses @ (heights - whole) ** 2 / masses.sum())
     assert hat.gyration * _SHOULDER[sex] == pytest.approx(spread)
@@ -133,10 +133,10 @@ def test_the_hat_is_composed_of_head_trunk_and_hanging_arms(sex) -> None:
 
 @pytest.mark.parametrize(("sex", "mass"), [("male", 0.603), ("female", 0.582)])
 def test_head_arms_and_trunk_of_de_leva(sex, mass) -> None:
-    hat = reference_table("de-leva", sex).hat
+    hat = look_up_table("de-leva", sex).hat
     assert hat.mass == pytest.approx(mass, abs=6e-4)
     assert 0.3 < hat.centre < 1
-    winter = reference_table("winter", None).hat
+    winter = look_up_table("winter", None).hat
     # composed from another source, yet a body of about the same size
     assert hat.centre * hat.length == pytest.approx(winter.centre * winter.length, rel=0.15)
     assert hat.gyration * hat.length == pytest.approx(winter.gyration * winter.length, rel=0.15)
@@ -144,14 +144,14 @@ def test_head_arms_and_trunk_of_de_leva(sex, mass) -> None:
 
 @tables
 def test_height_from_legs_inverts_the_table(name, sex) -> None:
-    reference = reference_table(name, sex)
-    assert height_from_legs(reference, 1.8 * reference.shank.length, 1.8 * reference.thigh.length) == pytest.approx(1.8)
+    reference = look_up_table(name, sex)
+    assert estimate_height(reference, 1.8 * reference.shank.length, 1.8 * reference.thigh.length) == pytest.approx(1.8)
 
 
 def test_facing_the_other_way_mirrors_the_body() -> None:
     mirrored = FOUR * [-1, 1]
-    left = full_parameters(reference_table("winter", None), FOUR, 1.75, 70.0, -1).reshape(-1, 4)
-    right = full_parameters(reference_table("winter", None), mirrored, 1.75, 70.0, 1).reshape(-1, 4)
+    left = scale_reference(look_up_table("winter", None), FOUR, 1.75, 70.0, -1).reshape(-1, 4)
+    right = scale_reference(look_up_table("winter", None), mirrored, 1.75, 70.0, 1).reshape(-1, 4)
     np.testing.assert_allclose(right, left * [1, -1, 1, 1])
 
 
@@ -171,8 +171,8 @@ def test_how_the_markers_turn_a_segment_s_frame_does_not_turn_the_person(name, s
         turned_centres[3] = [cos * centres[3, 0] + sin * centres[3, 1], -sin * centres[3, 0] + cos * centres[3, 1]]
         turned_q[:, 3] += second - first
         standing[3] = second
-    straight = full_parameters(reference_table(name, sex), centres, 1.75, 70.0, -1)
-    gauged = full_parameters(reference_table(name, sex), turned_centres, 1.75, 70.0, -1, standing=standing)
+    straight = scale_reference(look_up_table(name, sex), centres, 1.75, 70.0, -1)
+    gauged = scale_reference(look_up_table(name, sex), turned_centres, 1.75, 70.0, -1, standing=standing)
     np.testing.assert_allclose(
         planar_regressor(turned_centres, turned_q, dq, ddq) @ gauged,
         planar_regressor(centres, q, dq, ddq) @ straight,
@@ -181,10 +181,10 @@ def test_how_the_markers_turn_a_segment_s_frame_does_not_turn_the_person(name, s
 
 
 def test_the_toes_are_in_front() -> None:
-    foot = full_parameters(reference_table("winter", None), FOUR, 1.75, 70.0, -1)[:4]
+    foot = scale_reference(look_up_table("winter", None), FOUR, 1.75, 70.0, -1)[:4]
     assert foot[1] / foot[0] < FOUR[0, 0]
 
 
 def test_three_segments_are_no_person() -> None:
     with pytest.raises(ValueError, match="3 or 4 joints"):
-        full_parameters(reference_table("winter", None), FOUR[:2], 1.75, 70.0, -1)
+        scale_reference(look_up_table("winter", None), FOUR[:2], 1.75, 70.0, -1)

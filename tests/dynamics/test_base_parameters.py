@@ -9,10 +9,10 @@ from dynamics_cases import BODY, CENTRES, random_chain, waves
 from mocap_id.dynamics.base_parameters import (
     BaseSet,
     base_names,
-    base_set,
-    base_units,
     determines_rows,
-    full_names,
+    list_base_units,
+    name_parameters,
+    regroup_columns,
     structural_base,
 )
 from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regressor
@@ -39,9 +39,9 @@ def moving_rows(centres: np.ndarray, components: tuple[int, ...] = (0, 1, 2)) ->
 
 @pytest.mark.parametrize("centres", [CENTRES, random_chain(np.random.default_rng(1), 3)], ids=["straight", "crooked"])
 def test_foot_shank_thigh_torso_has_the_thesis_s_eleven(centres: np.ndarray) -> None:
-    base = base_set(moving_rows(centres))
+    base = regroup_columns(moving_rows(centres))
     assert base_names(base, centres) == EQUATION_6_1
-    assert base_units(base) == ("kg", "kg*m", *3 * ("kg*m", "kg*m", "kg*m^2"))
+    assert list_base_units(base) == ("kg", "kg*m", *3 * ("kg*m", "kg*m", "kg*m^2"))
 
 
 def test_their_values_are_those_of_the_equation() -> None:
@@ -52,13 +52,13 @@ def test_their_values_are_those_of_the_equation() -> None:
     for k in (1, 2):
         expected += [mx[k] + p[k, 0] * beyond[k], my[k] + p[k, 1] * beyond[k], inertia[k] + p[k] @ p[k] * beyond[k]]
     expected += [mx[3], my[3], inertia[3]]
-    base = base_set(moving_rows(CENTRES))
+    base = regroup_columns(moving_rows(CENTRES))
     np.testing.assert_allclose(base.regrouping @ BODY.ravel(), expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize(("components", "rank"), [((0, 1, 2), 11), ((1, 2), 11), ((2,), 10), ((0, 2), 10), ((0, 1), 7)])
 def test_rank_by_components(components: tuple[int, ...], rank: int) -> None:
-    assert len(base_set(moving_rows(CENTRES, components)).kept) == rank
+    assert len(regroup_columns(moving_rows(CENTRES, components)).kept) == rank
     assert np.linalg.matrix_rank(moving_rows(CENTRES, components), tol=1e-9) == rank
 
 
@@ -66,7 +66,7 @@ def test_rank_by_components(components: tuple[int, ...], rank: int) -> None:
 def test_regrouping_law(joints: int) -> None:
     centres = random_chain(np.random.default_rng(joints), joints)
     rows = moving_rows(centres)
-    base = base_set(rows)
+    base = regroup_columns(rows)
     assert len(base.kept) == 2 + 3 * joints
     np.testing.assert_allclose(rows[:, base.kept] @ base.regrouping, rows, atol=1e-10 * np.abs(rows).max())
     np.testing.assert_array_equal(base.regrouping[:, base.kept], np.eye(len(base.kept)))
@@ -97,7 +97,7 @@ def test_a_thousand_rows_tell_what_all_of_a_long_trial_do(components: tuple[int,
     for state, wave in zip(states, waves(np.linspace(0, 166, 20_000), 3), strict=True):
         state[moving] = wave[moving]
     regressor = planar_regressor(CENTRES, *states)
-    base = base_set(regressor[:, list(components)].reshape(-1, 16))
+    base = regroup_columns(regressor[:, list(components)].reshape(-1, 16))
     regressor[400:700] = np.nan
     rows = np.concatenate([regressor, planar_torque_regressor(CENTRES, states[0], regressor)], axis=1)
     for each in np.moveaxis(rows, 1, 0):
@@ -107,23 +107,23 @@ def test_a_thousand_rows_tell_what_all_of_a_long_trial_do(components: tuple[int,
 
 
 def test_structure_is_that_of_a_moving_trial() -> None:
-    base, moving = structural_base(CENTRES), base_set(moving_rows(CENTRES))
+    base, moving = structural_base(CENTRES), regroup_columns(moving_rows(CENTRES))
     np.testing.assert_array_equal(base.kept, moving.kept)
     np.testing.assert_allclose(base.regrouping, moving.regrouping, atol=1e-9)
 
 
 def test_another_order_of_the_columns_is_another_set() -> None:
     rows = moving_rows(CENTRES)
-    backwards = base_set(rows[:, ::-1])
+    backwards = regroup_columns(rows[:, ::-1])
     assert len(backwards.kept) == 11
-    assert set(rows.shape[1] - 1 - backwards.kept) != set(base_set(rows).kept)
+    assert set(rows.shape[1] - 1 - backwards.kept) != set(regroup_columns(rows).kept)
 
 
 def test_a_joint_at_rest_leaves_fewer_parameters_and_numbers_in_their_names() -> None:
     q, dq, ddq = (state.copy() for state in waves(np.linspace(0, 5, 300), 3))
     q[:, 2], dq[:, 2], ddq[:, 2] = 0.3, 0.0, 0.0
     rows = planar_regressor(CENTRES, q, dq, ddq).reshape(-1, 16)
-    base = base_set(rows)
+    base = regroup_columns(rows)
     assert len(base.kept) == 8
     np.testing.assert_allclose(rows[:, base.kept] @ base.regrouping, rows, atol=1e-10 * np.abs(rows).max())
     assert any("*mx4" in name for name in base_names(base, CENTRES))
@@ -134,8 +134,8 @@ def test_an_ankle_that_hardly_moves_keeps_the_rank() -> None:
     q, dq, ddq = (state.copy() for state in waves(np.linspace(0, 5, 300), 3))
     for state in (q, dq, ddq):
         state[:, 0] *= 0.01
-    assert len(base_set(planar_regressor(CENTRES, q, dq, ddq).reshape(-1, 16)).kept) == 11
+    assert len(regroup_columns(planar_regressor(CENTRES, q, dq, ddq).reshape(-1, 16)).kept) == 11
 
 
 def test_names_of_the_full_parameters_count_from_the_base_as_one() -> None:
-    assert full_names(2) == ("m1", "mx1", "my1", "I1", "m2", "mx2", "my2", "I2")
+    assert name_parameters(2) == ("m1", "mx1", "my1", "I1", "m2", "mx2", "my2", "I2")

@@ -7,11 +7,17 @@ import pytest
 from dynamics_cases import BODY
 from scipy.stats import multivariate_normal
 
-from mocap_id.dynamics.body_prior import OTHERS_SHARE, even_prior, mean_transform, split_torso, table_prior
+from mocap_id.dynamics.body_prior import (
+    OTHERS_SHARE,
+    average_transform,
+    build_even_prior,
+    build_table_prior,
+    split_torso,
+)
 from mocap_id.geometry import planar
 
 MASS = float(BODY[:, 0].sum())
-TABLE = table_prior(BODY.ravel(), "a table")
+TABLE = build_table_prior(BODY.ravel(), "a table")
 
 
 def of_points(mass: np.ndarray, place: np.ndarray) -> np.ndarray:
@@ -39,22 +45,22 @@ def test_a_body_moves_like_its_points() -> None:
     body = of_points(mass, place)
     each = [of_points(mass, s + planar.rotate(np.array(a), place)) for a, s in zip(angle, shift, strict=True)]
     for k in range(9):
-        np.testing.assert_allclose(mean_transform(angle[k : k + 1], shift[k : k + 1]) @ body, each[k], atol=1e-12)
-    np.testing.assert_allclose(mean_transform(angle, shift) @ body, np.mean(each, axis=0), atol=1e-12)
-    np.testing.assert_array_equal(mean_transform(np.zeros(3), np.zeros((3, 2))), np.eye(4))
+        np.testing.assert_allclose(average_transform(angle[k : k + 1], shift[k : k + 1]) @ body, each[k], atol=1e-12)
+    np.testing.assert_allclose(average_transform(angle, shift) @ body, np.mean(each, axis=0), atol=1e-12)
+    np.testing.assert_array_equal(average_transform(np.zeros(3), np.zeros((3, 2))), np.eye(4))
 
 
 def test_moves_follow_each_other() -> None:
     a, b, s, t = np.array([0.7]), np.array([-1.9]), np.array([[0.2, 0.5]]), np.array([[-0.4, 0.1]])
-    both = mean_transform(a + b, s + planar.rotate(a, t))
-    np.testing.assert_allclose(mean_transform(a, s) @ mean_transform(b, t), both, atol=1e-12)
+    both = average_transform(a + b, s + planar.rotate(a, t))
+    np.testing.assert_allclose(average_transform(a, s) @ average_transform(b, t), both, atol=1e-12)
 
 
 def test_torso_and_others_are_together_what_the_table_says() -> None:
     rng = np.random.default_rng(2)
     angle, shift = 0.4 * rng.normal(size=50), [0.1, 0.2] + 0.1 * rng.normal(size=(50, 2))
     torso, others = split_torso(BODY[3], angle, shift, MASS)
-    np.testing.assert_allclose(torso + mean_transform(angle, shift) @ others, BODY[3], atol=1e-12)
+    np.testing.assert_allclose(torso + average_transform(angle, shift) @ others, BODY[3], atol=1e-12)
     assert others[0] == pytest.approx(OTHERS_SHARE * MASS)
     np.testing.assert_array_equal(others[1:3], 0.0)
     for body in (torso, others):
@@ -65,7 +71,7 @@ def test_what_is_left_of_the_torso_can_exist() -> None:
     """Others far from the torso leave it no moment of inertia: it keeps the least there is; mass and moments stand."""
     angle, shift = np.zeros(4), np.tile([0.0, 2.5], (4, 1))
     torso, others = split_torso(BODY[3], angle, shift, MASS)
-    together = torso + mean_transform(angle, shift) @ others
+    together = torso + average_transform(angle, shift) @ others
     np.testing.assert_allclose(together[:3], BODY[3, :3], atol=1e-12)
     assert together[3] > BODY[3, 3]
     assert torso[0] * torso[3] > torso[1] ** 2 + torso[2] ** 2
@@ -75,7 +81,7 @@ def test_what_is_left_of_the_torso_can_exist() -> None:
 
 def test_without_a_table_the_mass_is_shared_evenly() -> None:
     centroid = np.array([[0.1, 0.02], [0.0, 0.2], [-0.03, 0.25]])
-    prior = even_prior(60.0, centroid)
+    prior = build_even_prior(60.0, centroid)
     m, mx, my, inertia = prior.mean.reshape(-1, 4).T
     np.testing.assert_allclose(m, 20.0)
     np.testing.assert_allclose(np.column_stack([mx, my]) / m[:, None], centroid)
@@ -108,7 +114,7 @@ def test_mass_centre_and_inertia_err_by_themselves(body: int) -> None:
 
 def test_the_mass_of_arms_is_surer_than_a_segment_s() -> None:
     """Half as wide, since published tables scatter half as much; centre and moment of inertia as a segment's."""
-    wide, arms = (table_prior(BODY.ravel(), "", others=others).covariance for others in (False, True))
+    wide, arms = (build_table_prior(BODY.ravel(), "", others=others).covariance for others in (False, True))
     assert arms[12, 12] == pytest.approx(0.25 * wide[12, 12])
     np.testing.assert_array_equal(arms[:12], wide[:12])
     x, y = BODY[3, 1:3] / BODY[3, 0]
@@ -118,5 +124,5 @@ def test_the_mass_of_arms_is_surer_than_a_segment_s() -> None:
 
 
 def test_a_body_without_mass_has_a_covariance_all_the_same() -> None:
-    prior = table_prior(np.concatenate([np.zeros(4), BODY[1:].ravel()]), "")
+    prior = build_table_prior(np.concatenate([np.zeros(4), BODY[1:].ravel()]), "")
     assert np.isfinite(prior.rows(16)[0]).all()

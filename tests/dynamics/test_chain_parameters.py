@@ -8,17 +8,17 @@ from dynamics_cases import BODY, CENTRES, random_chain
 from pose_cases import BODIES, CENTROID, INFORMATION, SHOULDER, moving, poses_of, slow
 
 from mocap_id.dynamics.base_parameters import structural_base
-from mocap_id.dynamics.body_prior import mean_transform
+from mocap_id.dynamics.body_prior import average_transform
 from mocap_id.dynamics.chain_parameters import (
-    base_covariance,
-    centre_response,
     map_to_chain,
+    measure_relative_pose,
     merge_segments,
-    relative_pose,
+    propagate_centres,
+    propagate_to_base,
 )
 from mocap_id.dynamics.measured_motion import BodyPoses
-from mocap_id.dynamics.motion import chain_motion
-from mocap_id.dynamics.reference_prior import reference_deviations
+from mocap_id.dynamics.motion import move_chain
+from mocap_id.dynamics.reference_prior import compute_reference_sd
 from mocap_id.geometry import planar
 
 TIME = np.arange(600) / 100
@@ -36,7 +36,7 @@ def test_an_arm_that_does_not_move_is_a_part_of_the_torso() -> None:
     q = slow(TIME)[0][:, :3]
     found = map_to_chain(poses_of(TIME, motion), q, EVERYTHING, NOTHING, NOTHING)
     base = BASE.regrouping @ found.apply(BODIES.ravel())
-    torso = BODIES[3] + mean_transform(np.zeros(1), SHOULDER[None]) @ BODIES[4]
+    torso = BODIES[3] + average_transform(np.zeros(1), SHOULDER[None]) @ BODIES[4]
     truth = BASE.regrouping @ np.concatenate([BODIES[:3].ravel(), torso])
     np.testing.assert_allclose(base, truth, rtol=0, atol=1e-10)
     assert (found.open == 0.0).all()
@@ -44,7 +44,7 @@ def test_an_arm_that_does_not_move_is_a_part_of_the_torso() -> None:
 
 
 def test_a_chain_of_its_own_bodies_is_itself() -> None:
-    motion = chain_motion(CENTRES, *(values[:, :3] for values in slow(TIME)))
+    motion = move_chain(CENTRES, *(values[:, :3] for values in slow(TIME)))
     poses = BodyPoses(
         TIME,
         motion.origin + planar.rotate(motion.angle, CENTROID[:4]),
@@ -77,7 +77,7 @@ def test_an_arm_that_swings_counts_where_it_is_on_average_over_these_samples() -
 def torso_as_one() -> tuple[BodyPoses, np.ndarray, np.ndarray]:
     """Poses of foot, shank, thigh, torso (pelvis and trunk together), the angles, and the true four bodies."""
     states = slow(TIME)
-    motion = chain_motion(FIVE, *states)
+    motion = move_chain(FIVE, *states)
     kept = [0, 1, 2, 3]
     poses = BodyPoses(
         TIME,
@@ -98,7 +98,9 @@ def test_gathering_is_moving_each_segment_into_the_first_one_s_frame() -> None:
     three = merge_segments(FIVE, q, some, np.array([2, 3, 4]))
     angle, origin = planar.segment_poses(q[123], FIVE)
     expected = sum(
-        mean_transform(np.array([angle[k] - angle[2]]), planar.rotate(np.array(-angle[2]), origin[k] - origin[2])[None])
+        average_transform(
+            np.array([angle[k] - angle[2]]), planar.rotate(np.array(-angle[2]), origin[k] - origin[2])[None]
+        )
         @ PEOPLE[k]
         for k in (2, 3, 4)
     )
@@ -110,7 +112,7 @@ def test_a_body_of_two_segments_is_shared_and_its_sum_kept(scale: float) -> None
     """As the table would; where the body is the table's, it is the table's."""
     poses, q, bodies = torso_as_one()
     table = (PEOPLE * [[1.0], [1.0], [1.0], [scale], [1 / scale]]).ravel()
-    found = map_to_chain(poses, q, EVERYTHING, table, reference_deviations(table, 0.15))
+    found = map_to_chain(poses, q, EVERYTHING, table, compute_reference_sd(table, 0.15))
     chain = found.matrix @ bodies + found.constant
     np.testing.assert_allclose(chain[:12], bodies[:12], atol=1e-12)
     total = merge_segments(FIVE, q, EVERYTHING, np.array([3, 4]))
@@ -122,7 +124,7 @@ def test_a_body_of_two_segments_is_shared_and_its_sum_kept(scale: float) -> None
 def test_how_a_body_is_shared_stays_as_uncertain_as_the_table() -> None:
     """Open is what the table's spread leaves where the sum is given: nothing along the sum, the rest as conditioned."""
     poses, q, _ = torso_as_one()
-    sd = reference_deviations(PEOPLE.ravel(), 0.15)
+    sd = compute_reference_sd(PEOPLE.ravel(), 0.15)
     found = map_to_chain(poses, q, EVERYTHING, PEOPLE.ravel(), sd)
     total, left = merge_segments(FIVE, q, EVERYTHING, np.array([3, 4])), found.open[12:, 12:]
     np.testing.assert_allclose(total @ left @ total.T, 0.0, atol=1e-9)
@@ -147,7 +149,7 @@ def test_a_share_that_cannot_exist_moves_towards_an_even_one_and_the_sum_stays()
     """The table's pelvis is heavier than the whole torso that was found."""
     poses, q, bodies = torso_as_one()
     total = merge_segments(FIVE, q, EVERYTHING, np.array([3, 4]))
-    found = map_to_chain(poses, q, EVERYTHING, PEOPLE.ravel(), reference_deviations(PEOPLE.ravel(), 0.15))
+    found = map_to_chain(poses, q, EVERYTHING, PEOPLE.ravel(), compute_reference_sd(PEOPLE.ravel(), 0.15))
     np.testing.assert_allclose(found.apply(bodies), PEOPLE.ravel(), atol=1e-9)
     light = bodies.copy()
     light[12:] *= [0.2, 0.35, 0.2, 0.2]
@@ -168,9 +170,9 @@ def test_the_covariance_is_carried_along() -> None:
     poses, q, bodies = torso_as_one()
     rng = np.random.default_rng(3)
     root, base = 0.1 * rng.normal(size=(16, 16)), structural_base(FIVE)
-    sd = reference_deviations(PEOPLE.ravel(), 0.15)
+    sd = compute_reference_sd(PEOPLE.ravel(), 0.15)
     found = map_to_chain(poses, q, EVERYTHING, PEOPLE.ravel(), sd)
-    covariance = base_covariance(found, base, root @ root.T)
+    covariance = propagate_to_base(found, base, root @ root.T)
     value = found.matrix @ bodies
     plus = [base.regrouping @ (found.matrix @ (bodies + column) - value) for column in root.T]
     of_bodies = np.stack(plus, axis=1) @ np.stack(plus)
@@ -182,7 +184,7 @@ def test_relative_poses_are_those_of_samples_where_both_are_known() -> None:
     motion = moving(TIME)
     poses = poses_of(TIME, motion)
     poses.angle[10:20, 4], poses.position[30:40, 2] = np.nan, np.nan
-    angle, shift = relative_pose(poses, 4, 3, EVERYTHING)
+    angle, shift = measure_relative_pose(poses, 4, 3, EVERYTHING)
     assert len(angle) == len(shift) == len(TIME) - 10
     back = planar.rotate(motion.angle[0, 3], shift[0]) + motion.origin[0, 3]
     np.testing.assert_allclose(back, motion.origin[0, 4], atol=1e-12)
@@ -204,14 +206,14 @@ def test_the_response_to_a_joint_s_place_is_that_of_the_same_masses_counted_from
     rng = np.random.default_rng(seed)
     centres, q = random_chain(rng, 3), rng.uniform(-1.5, 1.5, size=3)
     base = structural_base(centres)
-    found, step = centre_response(base, centres, q, BODY.ravel()), 1e-6
+    found, step = propagate_centres(base, centres, q, BODY.ravel()), 1e-6
     for joint in range(3):
         for axis in range(2):
             ends = []
             for sign in (1, -1):
                 moved, own = in_other_frames(centres, q, joint, sign * step * np.eye(2)[axis])
                 body = BODY.copy()
-                body[joint + 1] = mean_transform(np.zeros(1), -own[None]) @ BODY[joint + 1]
+                body[joint + 1] = average_transform(np.zeros(1), -own[None]) @ BODY[joint + 1]
                 ends.append(structural_base(moved).regrouping @ body.ravel())
             expected = (ends[0] - ends[1]) / (2 * step)
             np.testing.assert_allclose(
@@ -222,7 +224,7 @@ def test_the_response_to_a_joint_s_place_is_that_of_the_same_masses_counted_from
 def test_what_is_beyond_a_joint_weighs_on_its_place() -> None:
     """The first moment of the torso's segment about the hip falls by its mass for every metre that the hip moves."""
     upright = np.zeros(3)
-    found = centre_response(BASE, CENTRES, upright, BODY.ravel())
+    found = propagate_centres(BASE, CENTRES, upright, BODY.ravel())
     assert list(BASE.kept[-3:]) == [13, 14, 15]
     np.testing.assert_allclose(found[-3, 2], [-BODY[3, 0], 0.0], atol=1e-3)
     np.testing.assert_allclose(found[-2, 2], [0.0, -BODY[3, 0]], atol=1e-3)
@@ -231,7 +233,7 @@ def test_what_is_beyond_a_joint_weighs_on_its_place() -> None:
 def test_a_base_of_other_columns_is_only_moved() -> None:
     """Where a rest leaves fewer base parameters than the chain could have, the masses regroup as they did."""
     q, base = np.array([0.2, -0.5, 0.4]), structural_base(CENTRES, components=(0, 1))
-    found = centre_response(base, CENTRES, q, BODY.ravel())
+    found = propagate_centres(base, CENTRES, q, BODY.ravel())
     assert found.shape == (len(base.kept), 3, 2)
     torso = planar.rotate(-q[2], -BODY[3, 0] * np.eye(2)).T  # of its first moments, per metre of the hip
     np.testing.assert_allclose(found[-2:, 2], torso, atol=1e-3)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from dynamics_cases import BODY, CENTRES, random_chain
 
-from mocap_id.dynamics.base_parameters import base_set
+from mocap_id.dynamics.base_parameters import regroup_columns
 from mocap_id.dynamics.composite_inertia import composite_inertia
 from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regressor
 from mocap_id.geometry import planar
@@ -42,7 +42,7 @@ def test_what_the_regressor_says_of_unit_accelerations(joints: int) -> None:
 def test_base_parameters_stand_for_a_body() -> None:
     """Regrouping changes nothing that the joints' accelerations do."""
     states = np.random.default_rng(5).normal(size=(3, 60, len(CENTRES)))
-    base = base_set(planar_regressor(CENTRES, *states).reshape(-1, BODY.size))
+    base = regroup_columns(planar_regressor(CENTRES, *states).reshape(-1, BODY.size))
     regrouped = np.zeros(BODY.size)
     regrouped[base.kept] = base.regrouping @ BODY.ravel()
     assert np.count_nonzero(regrouped) < BODY.size

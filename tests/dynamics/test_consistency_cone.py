@@ -7,9 +7,9 @@ import pytest
 from dynamics_cases import BODY
 from grid_cases import GRID, B, M, impossible, problem
 
-from mocap_id.dynamics.cone_solver import closest_links, solve_links
+from mocap_id.dynamics.cone_solver import find_closest_links, solve_links
 from mocap_id.dynamics.consistency_cone import ConeBodies
-from mocap_id.dynamics.reference_prior import reference_deviations
+from mocap_id.dynamics.reference_prior import compute_reference_sd
 
 ANYWHERE = ConeBodies(np.eye(16))
 INSIDE = ConeBodies(np.eye(16), GRID.boxes())
@@ -54,8 +54,8 @@ def test_of_all_bodies_that_fit_the_closest_to_an_aim_is_given(boxes: np.ndarray
     small = problem(2, 1.0)
     fitted = solve_links(small, bodies).body
     aim = BODY.ravel() * np.random.default_rng(5).uniform(0.8, 1.2, 16)
-    scale = reference_deviations(aim, 0.15)
-    found = closest_links(bodies, fitted, aim, scale)
+    scale = compute_reference_sd(aim, 0.15)
+    found = find_closest_links(bodies, fitted, aim, scale)
     np.testing.assert_allclose(M @ found, M @ fitted, atol=1e-9)
     assert whole.outside(found) < 1e-9
     best = np.sum(((found - aim) / scale) ** 2)
@@ -73,7 +73,7 @@ def test_a_reference_that_fits_is_given_as_it_is() -> None:
     aim = BODY.ravel()
     fitted = solve_links(problem(0, 0.0), ConeBodies(M)).body
     np.testing.assert_allclose(
-        closest_links(ConeBodies(M), fitted, aim, reference_deviations(aim, 0.15)), aim, rtol=1e-3, atol=1e-3
+        find_closest_links(ConeBodies(M), fitted, aim, compute_reference_sd(aim, 0.15)), aim, rtol=1e-3, atol=1e-3
     )
 
 
@@ -94,7 +94,7 @@ def test_what_only_a_limit_of_bodies_has_is_not_given() -> None:
     assert found.optimality.proven
     assert found.body[0] < 1e-6
     assert abs(found.body[1]) > 1
-    closest = closest_links(ConeBodies(M), found.body, BODY.ravel(), reference_deviations(BODY.ravel(), 0.15))
+    closest = find_closest_links(ConeBodies(M), found.body, BODY.ravel(), compute_reference_sd(BODY.ravel(), 0.15))
     assert np.isnan(closest[3])
     assert np.isfinite(np.delete(closest, 3)).all()
     inside = solve_links(small, ConeBodies(M, GRID.boxes()))

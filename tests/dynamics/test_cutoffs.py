@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from mocap_id.dynamics.cross_validation import LeftOutPrediction
-from mocap_id.dynamics.cutoffs import Cutoffs, choose_cutoffs, left_out_cost
+from mocap_id.dynamics.cutoffs import Cutoffs, choose_cutoffs, score_left_out
 from mocap_id.dynamics.measured_motion import CUTOFFS, USUAL
 
 SAMPLES = 40
@@ -75,11 +75,11 @@ def test_cut_offs_without_predictions_are_not_better() -> None:
 
 def test_the_cost_is_the_sum_of_the_logarithms_of_the_rms_errors() -> None:
     rms = np.array([4.0, 0.5, 0.02])
-    assert left_out_cost(held(rms)) == pytest.approx(np.sum(np.log(rms)), abs=1e-6)
-    assert left_out_cost(None) == np.inf
+    assert score_left_out(held(rms)) == pytest.approx(np.sum(np.log(rms)), abs=1e-6)
+    assert score_left_out(None) == np.inf
     found = held(rms)
     found.filtered[2, 1] = np.nan  # a sample of which a part is unknown does not count
     found.filtered_measured[2] = 1e6
-    assert left_out_cost(found) == pytest.approx(np.sum(np.log(rms)), abs=1e-6)
+    assert score_left_out(found) == pytest.approx(np.sum(np.log(rms)), abs=1e-6)
     found.filtered[:] = np.nan
-    assert left_out_cost(found) == np.inf
+    assert score_left_out(found) == np.inf

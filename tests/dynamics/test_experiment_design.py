@@ -12,7 +12,7 @@ from excitation_cases import EXACT, SLIDING, identified, recorded
 from mocap_id.design.experiment import ExperimentDesign, design_experiment
 from mocap_id.design.movement_limits import MovementLimits, derive_limits, find_resting_posture
 from mocap_id.design.predicted_covariance import CovariancePredictor, IdentifiedBody
-from mocap_id.design.proposal import OBJECTIVES, objective_value
+from mocap_id.design.proposal import OBJECTIVES, compute_objective
 from mocap_id.design.recommendation import change_movement
 from mocap_id.design.trajectory import Trajectory, concatenate, fit_trajectory, get_recorded_trajectory
 from mocap_id.design.wave_movement import balance, hold_posture, static_centre_of_pressure
@@ -128,7 +128,7 @@ def test_the_search_reduces_its_objective(predictor: CovariancePredictor, object
     found = design_experiment(predictor, ROOM, REST, JOINTS, objective=objective, seconds=20.0)
     assert found.best is not None
     assert found.best.value < 0.5 * found.value
-    assert found.best.value == objective_value(objective, found.best.predicted, found.size)
+    assert found.best.value == compute_objective(objective, found.best.predicted, found.size)
 
 
 def test_without_freedom_to_move_nothing_helps(predictor: CovariancePredictor) -> None:

@@ -14,7 +14,7 @@ from mocap_id.dynamics.fit import fit
 from mocap_id.dynamics.identification import Identification, identify
 from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.dynamics.point_grid import build_grid
-from mocap_id.dynamics.prediction import chain_noise, predict
+from mocap_id.dynamics.prediction import estimate_chain_noise, predict
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, prepare
 from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regressor
 from mocap_id.dynamics.wrench_gains import estimate_gains
@@ -91,7 +91,7 @@ def test_plates_share_one_clock_and_a_sensor_keeps_its_own(late: float) -> None:
 
 def test_the_model_says_what_the_ground_and_the_joints_feel() -> None:
     prepared, found = identified(supported(CHAIR, HAND))
-    model = predict(prepared, found, chain_noise(prepared, found, independent(prepared.recorded)), 20.0)
+    model = predict(prepared, found, estimate_chain_noise(prepared, found, independent(prepared.recorded)), 20.0)
     recorded, inner = prepared.recorded, slice(5, -5)  # the plates' clock leaves no chair at the very ends
     np.testing.assert_allclose(model.wrench[inner], recorded.wrench[inner], atol=4.0)
     needed = planar_torque_regressor(CENTRES, recorded.q, prepared.regressor) @ BODY.ravel()
@@ -113,7 +113,7 @@ def test_a_sample_whose_external_wrench_is_unknown_is_not_fitted_and_has_no_grou
     gap[600:650, 1] = np.nan
     prepared, found = identified(replace(recorded, external=(replace(hand, wrench=gap),)))
     assert not found.fit.in_fit[600:650].any()
-    model = predict(prepared, found, chain_noise(prepared, found, independent(recorded)), 20.0)
+    model = predict(prepared, found, estimate_chain_noise(prepared, found, independent(recorded)), 20.0)
     assert np.isnan(model.wrench[600:650]).all()
     assert np.isfinite(model.wrench[700:]).all()
     np.testing.assert_allclose(found.base[0], MASS, rtol=5e-4)

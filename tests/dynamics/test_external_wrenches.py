@@ -7,16 +7,16 @@ import pinocchio as pin
 import pytest
 from dynamics_cases import random_chain
 
-from mocap_id.dynamics.external_wrenches import external_effect
+from mocap_id.dynamics.external_wrenches import sum_external
 from mocap_id.dynamics.regressor import (
     LINK_PARAMETERS,
     PLANAR_PARAMETERS,
-    joint_of_coordinate,
+    number_joints,
     planar_regressor,
     planar_torque_regressor,
+    project_on_joints,
     spatial_regressor,
     spatial_torque_regressor,
-    through_joints,
 )
 from mocap_id.geometry import Chain, Revolute, planar, se3, so3, spatial_jacobian
 
@@ -81,7 +81,7 @@ def in_space(
     """Ground's wrench and torques (T, 6 + N) by the spatial ten-parameter form; loads (T, 6, K) on segments (K,)."""
     q, (wrenches, segment) = states[0], loads
     regressor = spatial_regressor(chain, *states, np.concatenate([up, np.zeros(3)]))
-    ground, torque = external_effect(spatial_jacobian(chain, q), joint_of_coordinate(chain), wrenches, segment)
+    ground, torque = sum_external(spatial_jacobian(chain, q), number_joints(chain), wrenches, segment)
     return np.hstack([regressor @ phi - ground, spatial_torque_regressor(chain, q, regressor) @ phi - torque])
 
 
@@ -92,7 +92,7 @@ def in_plane(
     q = states[0]
     regressor = planar_regressor(centres, *states)
     joints = np.arange(1, len(centres) + 1)
-    ground, torque = external_effect(planar.spatial_jacobian(q, centres), joints, wrenches, segment)
+    ground, torque = sum_external(planar.spatial_jacobian(q, centres), joints, wrenches, segment)
     return np.hstack([regressor @ phi - ground, planar_torque_regressor(centres, q, regressor) @ phi - torque])
 
 
@@ -136,9 +136,9 @@ def test_the_plane_is_a_selection_of_space(seed: int, joints: int) -> None:
     np.testing.assert_allclose(flat, spatial_jacobian(chain, q)[:, IN_PLANE], atol=1e-12, rtol=0)
     wrenches, segment = rng.normal(size=(9, 6, 5)), rng.integers(0, joints + 1, size=5)
     joint = np.arange(1, joints + 1)
-    ours = external_effect(flat, joint, wrenches[:, IN_PLANE], segment)
+    ours = sum_external(flat, joint, wrenches[:, IN_PLANE], segment)
     wrenches[:, [2, 3, 4]] = 0.0
-    whole = external_effect(spatial_jacobian(chain, q), joint_of_coordinate(chain), wrenches, segment)
+    whole = sum_external(spatial_jacobian(chain, q), number_joints(chain), wrenches, segment)
     np.testing.assert_allclose(ours[0], whole[0][:, IN_PLANE], atol=1e-12, rtol=0)
     np.testing.assert_allclose(ours[1], whole[1], atol=1e-12, rtol=0)
 
@@ -163,5 +163,5 @@ def test_a_wrench_passes_through_the_joints_below_it_only() -> None:
     rng = np.random.default_rng(3)
     jacobian = planar.spatial_jacobian(rng.normal(size=(2, 3)), random_chain(rng, 3))
     joint, wrench = np.arange(1, 4), rng.normal(size=(2, 3, 4))
-    torque = through_joints(jacobian, joint, wrench, np.arange(4))
+    torque = project_on_joints(jacobian, joint, wrench, np.arange(4))
     np.testing.assert_array_equal(torque[0] != 0, joint[:, None] <= np.arange(4))

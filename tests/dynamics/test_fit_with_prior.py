@@ -11,26 +11,26 @@ from pose_cases import BODIES, CENTROID, INFORMATION, moving, poses_of, recorded
 from scipy.linalg import block_diag
 
 from mocap_id.dynamics.base_parameters import structural_base
-from mocap_id.dynamics.body_prior import BodyPrior, table_prior
+from mocap_id.dynamics.body_prior import BodyPrior, build_table_prior
 from mocap_id.dynamics.chain_parameters import map_to_chain
 from mocap_id.dynamics.clock_offset import profile_offset
 from mocap_id.dynamics.cross_validation import predict_left_out
 from mocap_id.dynamics.fit import Fit, determines_parameters, fit
 from mocap_id.dynamics.least_squares import CompressedProblem
 from mocap_id.dynamics.measured_motion import BodyPoses
-from mocap_id.dynamics.motion import chain_motion
+from mocap_id.dynamics.motion import move_chain
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, prepare
 from mocap_id.dynamics.prior_weight import REFERENCE
 from mocap_id.dynamics.regressor import wrench_regressor
 from mocap_id.dynamics.sample_choice import number_parts
-from mocap_id.dynamics.uncertainty import block_covariance, time_blocks
+from mocap_id.dynamics.uncertainty import estimate_covariance, number_blocks
 from mocap_id.geometry import planar
 
 TIME = np.arange(3000) / 100
 EVERYTHING = np.ones(len(TIME), dtype=bool)
 NOISE = (2.0, 2.0, 0.6)
 WRONG = BODIES * [1.2, 0.9, 1.1, 1.3]
-PRIOR = table_prior(WRONG.ravel(), "a table", others=True)
+PRIOR = build_table_prior(WRONG.ravel(), "a table", others=True)
 SPANS = np.array([[0.5, 9.0], [11.0, 19.0], [21.0, 29.5]])
 
 
@@ -112,7 +112,7 @@ def test_a_wide_prior_leaves_the_data_alone_and_a_tight_one_is_the_answer() -> N
 def on_chain() -> tuple[TrialData, BodyPoses, np.ndarray]:
     """A pinned chain whose four bodies count by their own motion, its poses and angles."""
     states = tuple(values[:, :3] for values in slow(TIME))
-    motion = chain_motion(CENTRES, *states)
+    motion = move_chain(CENTRES, *states)
     wrench = wrench_regressor(motion) @ BODY.ravel()
     recorded = TrialData(TIME, *states, np.zeros_like(states[0]), EVERYTHING, wrench, CENTRES, measured=motion)
     place = motion.origin + planar.rotate(motion.angle, CENTROID[:4])
@@ -125,7 +125,7 @@ def test_on_an_exact_chain_it_says_what_the_chain_s_fit_says(wide: bool) -> None
     """Both through the fold: base parameters of the truth under a wide prior, of the prior's mean under a tight one."""
     recorded, poses, q = on_chain()
     mean = (BODY * [1.2, 0.9, 1.1, 1.3]).ravel()
-    table = table_prior(mean, "")
+    table = build_table_prior(mean, "")
     prior = replace(table, covariance=(1e6 if wide else 1e-10) * table.covariance)
     prepared = prepare(recorded, FitSettings(cutoff=5.0), prior)
     found = fit(prepared, EVERYTHING)
@@ -143,15 +143,15 @@ def test_on_an_exact_chain_it_says_what_the_chain_s_fit_says(wide: bool) -> None
 def test_the_covariance_is_the_sandwich_with_the_prior_s_rows(spread: list[float]) -> None:
     rng = np.random.default_rng(0)
     design, residual = rng.normal(size=(400, 2, 4)), rng.normal(size=(400, 2))
-    prior, block = rng.normal(size=(3, 4)), time_blocks(np.arange(400) / 20, 1.0)
+    prior, block = rng.normal(size=(3, 4)), number_blocks(np.arange(400) / 20, 1.0)
     bread = np.linalg.inv(np.einsum("rca,rcb->ab", design, design) + prior.T @ prior)
     scores = [np.einsum("rcb,rc->b", design[block == g], residual[block == g]) for g in range(20)]
     few = 20 / 19 * 799 / 796
     expected = bread @ (few * sum(np.outer(s, s) for s in scores) + prior.T @ np.diag(spread) ** 2 @ prior) @ bread
-    found = block_covariance(design, residual, block, prior, np.array(spread))
+    found = estimate_covariance(design, residual, block, prior, np.array(spread))
     np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-15)
-    none = block_covariance(design, residual, block, np.zeros((0, 4)))
-    np.testing.assert_allclose(none, block_covariance(design, residual, block), rtol=1e-12)
+    none = estimate_covariance(design, residual, block, np.zeros((0, 4)))
+    np.testing.assert_allclose(none, estimate_covariance(design, residual, block), rtol=1e-12)
 
 
 def test_the_fit_s_covariance_holds_its_prior() -> None:

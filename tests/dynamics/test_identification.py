@@ -20,7 +20,7 @@ from mocap_id.dynamics.identification import Identification, identify
 from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.dynamics.optimality import Optimality
 from mocap_id.dynamics.point_grid import build_grid
-from mocap_id.dynamics.prediction import chain_noise, predict
+from mocap_id.dynamics.prediction import estimate_chain_noise, predict
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, measure_arcs, prepare
 from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regressor
 from mocap_id.dynamics.sample_choice import select_samples
@@ -108,7 +108,7 @@ def test_gaps_in_states_and_wrench_stay_out_of_the_fit() -> None:
         assert not used[low - reach : high + reach].any()
     assert used.sum() > 1000
     assert (np.abs(found.base - truth()) < 4 * found.base_sd).all()
-    model = predict(prepared, found, chain_noise(prepared, found, independent(holed)), 20.0)
+    model = predict(prepared, found, estimate_chain_noise(prepared, found, independent(holed)), 20.0)
     assert np.isnan(model.wrench[320]).all()
     assert np.isfinite(model.wrench[905]).all()
     assert np.isfinite(model.wrench_sd[905]).all()
@@ -233,7 +233,7 @@ def test_undetermined_columns_are_nan(components: tuple[int, ...], untold: tuple
     """Columns of the prediction are either correct or NaN."""
     recorded = moving_body(noise=NOISE)
     prepared, found = identified(recorded, FitSettings(components=components))
-    model = predict(prepared, found, chain_noise(prepared, found, independent(recorded)), 20.0)
+    model = predict(prepared, found, estimate_chain_noise(prepared, found, independent(recorded)), 20.0)
     assert model.undetermined == untold
     torque = planar_torque_regressor(CENTRES, recorded.q, prepared.regressor) @ BODY.ravel()
     wrench = prepared.regressor @ BODY.ravel()

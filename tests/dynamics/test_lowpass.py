@@ -8,7 +8,7 @@ from dynamics_cases import moving_body
 from scipy.signal import butter, sosfiltfilt
 
 from mocap_id.arrays import find_runs
-from mocap_id.dynamics.lowpass import LowPass, cutoff_from_velocity, erode
+from mocap_id.dynamics.lowpass import LowPass, choose_cutoff, erode
 from mocap_id.dynamics.regressor import planar_regressor
 
 RATE = 100.0
@@ -67,15 +67,15 @@ def test_a_stretch_shorter_than_the_reach_is_left_out() -> None:
 
 def test_cutoff_follows_the_fastest_joint() -> None:
     slow, fast = np.sin(2 * np.pi * 0.5 * TIME), 0.2 * np.sin(2 * np.pi * 2.0 * TIME)
-    assert cutoff_from_velocity(np.column_stack([slow, fast]), RATE) == pytest.approx(4.0, abs=0.3)
-    assert cutoff_from_velocity(slow[:, None], RATE) == 3.0
-    assert cutoff_from_velocity(np.sin(2 * np.pi * 9 * TIME)[:, None], RATE) == 10.0
-    assert cutoff_from_velocity(np.sin(2 * np.pi * 20 * TIME)[:, None], 40.0) == 8.0
+    assert choose_cutoff(np.column_stack([slow, fast]), RATE) == pytest.approx(4.0, abs=0.3)
+    assert choose_cutoff(slow[:, None], RATE) == 3.0
+    assert choose_cutoff(np.sin(2 * np.pi * 9 * TIME)[:, None], RATE) == 10.0
+    assert choose_cutoff(np.sin(2 * np.pi * 20 * TIME)[:, None], 40.0) == 8.0
 
 
 def test_cutoff_of_nothing_is_the_lowest() -> None:
-    assert cutoff_from_velocity(np.full((50, 2), np.nan), RATE) == 3.0
-    assert cutoff_from_velocity(np.zeros((50, 2)), RATE) == 3.0
+    assert choose_cutoff(np.full((50, 2), np.nan), RATE) == 3.0
+    assert choose_cutoff(np.zeros((50, 2)), RATE) == 3.0
 
 
 def test_runs_and_erosion() -> None:

@@ -18,8 +18,8 @@ from mocap_id.dynamics.measured_motion import (
     PoseFilter,
     close_gaps,
     fill_gaps,
+    filter_motion,
     measure_gaps,
-    measured_motion,
 )
 from mocap_id.geometry import planar
 
@@ -51,7 +51,7 @@ def stencils(frequency: float) -> tuple[float, float]:
 def test_polynomials_have_their_own_derivatives() -> None:
     """The low-pass is flat to the third order, the differences to the fourth."""
     t = TIME - 6.0
-    motion = measured_motion(single(0.3 * t**2, 0.05 * t**3 - t, 0.02 * t**3 + 0.1 * t**2, np.zeros(2)), WIDE)
+    motion = filter_motion(single(0.3 * t**2, 0.05 * t**3 - t, 0.02 * t**3 + 0.1 * t**2, np.zeros(2)), WIDE)
     np.testing.assert_allclose(motion.acceleration[INNER, 0, 0], 0.6, atol=1e-6)
     np.testing.assert_allclose(motion.acceleration[INNER, 0, 1], 0.3 * t[INNER], atol=1e-6)
     np.testing.assert_allclose(motion.omega[INNER, 0], 0.06 * t[INNER] ** 2 + 0.2 * t[INNER], atol=1e-6)
@@ -62,7 +62,7 @@ def test_polynomials_have_their_own_derivatives() -> None:
 def test_nothing_is_said_at_the_ends_of_a_stretch() -> None:
     poses = single(np.sin(TIME), np.cos(TIME), 0.3 * np.sin(TIME))
     poses.position[600:602] = np.nan
-    motion = measured_motion(poses, WIDE)
+    motion = filter_motion(poses, WIDE)
     there = known(motion.acceleration) & known(motion.alpha)
     expected = np.ones(len(TIME), dtype=bool)
     expected[[0, 1, -2, -1]] = False
@@ -77,7 +77,7 @@ def test_a_sine_keeps_what_the_low_pass_of_its_coordinate_passes(frequency: floa
     omega = 2 * np.pi * frequency
     wave, still = np.sin(omega * TIME), np.zeros(len(TIME))
     poses = single(*(wave if k == axis else still for k in range(3)))
-    motion = measured_motion(poses, tuple(cutoff if k == axis else 12.0 for k in range(3)))  # type: ignore[arg-type]
+    motion = filter_motion(poses, tuple(cutoff if k == axis else 12.0 for k in range(3)))  # type: ignore[arg-type]
     gain, (first, second) = passed(frequency, cutoff), stencils(frequency)
     found = motion.alpha[:, 0] if axis == 2 else motion.acceleration[:, 0, axis]
     np.testing.assert_allclose(found[INNER], -gain * second * omega**2 * wave[INNER], atol=2e-3 * omega**2)
@@ -90,7 +90,7 @@ def test_a_sine_keeps_what_the_low_pass_of_its_coordinate_passes(frequency: floa
 def test_slow_poses_give_the_exact_motion_of_every_body() -> None:
     """Frames' origins and their accelerations too, though it is the centroids that are measured."""
     exact = moving(TIME)
-    motion = measured_motion(poses_of(TIME, exact), WIDE)
+    motion = filter_motion(poses_of(TIME, exact), WIDE)
     for name in ("angle", "omega", "alpha", "origin", "acceleration", "joint"):
         np.testing.assert_allclose(getattr(motion, name)[INNER], getattr(exact, name)[INNER], atol=2e-3, err_msg=name)
     np.testing.assert_array_equal(motion.beyond, exact.beyond)
@@ -101,7 +101,7 @@ def test_other_cut_offs_before_leave_no_trace() -> None:
     filtered = PoseFilter(poses)
     filtered.motion((3.0, 5.0, 4.0))
     for bands in ((3.0, 2.5, 6.0), (3.0, 5.0, 4.0)):
-        once, alone = filtered.motion(bands), measured_motion(poses, bands)
+        once, alone = filtered.motion(bands), filter_motion(poses, bands)
         for name in ("angle", "omega", "alpha", "origin", "acceleration", "joint", "beyond"):
             np.testing.assert_array_equal(getattr(once, name), getattr(alone, name), err_msg=name)
 
@@ -131,7 +131,7 @@ def test_a_joint_between_segments_of_one_body_has_no_centre() -> None:
         body=np.array([0, 1, 1, 2]),
     )
     assert poses.joints == [0, 2]
-    motion = measured_motion(poses, WIDE)
+    motion = filter_motion(poses, WIDE)
     assert np.isnan(motion.joint[:, 1]).all()
     assert np.isfinite(motion.joint[INNER][:, [0, 2]]).all()
     np.testing.assert_array_equal(motion.beyond[0], [False, True, True, True])

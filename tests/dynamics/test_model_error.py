@@ -10,13 +10,13 @@ import pytest
 from dynamics_cases import CENTRES, independent, moving_body, random_chain
 from scipy.signal import butter, sosfiltfilt
 
-from mocap_id.dynamics.acceleration_noise import acceleration_correlation
+from mocap_id.dynamics.acceleration_noise import correlate_errors
 from mocap_id.dynamics.comparison import centre_of_pressure
 from mocap_id.dynamics.identification import identify
 from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.dynamics.model_error import estimate_model_error
 from mocap_id.dynamics.point_grid import build_grid
-from mocap_id.dynamics.prediction import Prediction, chain_noise, predict
+from mocap_id.dynamics.prediction import Prediction, estimate_chain_noise, predict
 from mocap_id.dynamics.preparation import FitSettings, TrialData, prepare
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
 from mocap_id.estimation import smooth
@@ -44,7 +44,7 @@ def spectral_correlation(q: np.ndarray, snap: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("snap", [np.ones(3), np.array([200.0, 450.0, 900.0])], ids=["alike", "unlike"])
 def test_correlation_is_that_of_the_smoother(snap: np.ndarray) -> None:
     q = np.array([[0.1, -0.8, 0.6], [0.0, 0.0, 0.0], [np.nan, 0.0, 0.0]])
-    found = acceleration_correlation(q, CENTRES, SEGMENT, LOCAL, snap)
+    found = correlate_errors(q, CENTRES, SEGMENT, LOCAL, snap)
     for posture, correlation in zip(q[:2], found, strict=False):
         np.testing.assert_allclose(correlation, spectral_correlation(posture, snap), atol=2e-4)
     assert (found[:2, 0, 1] < -0.2).all()  # what the ankle has too much the knee has too little
@@ -55,7 +55,7 @@ def test_correlation_is_that_of_the_smoother(snap: np.ndarray) -> None:
 def test_correlations_are_correlations(joints: int) -> None:
     rng = np.random.default_rng(joints)
     segment, local = np.repeat(np.arange(joints + 1), 3), rng.uniform(-0.2, 0.2, size=(3 * (joints + 1), 2))
-    found = acceleration_correlation(
+    found = correlate_errors(
         rng.normal(size=(20, joints)), random_chain(rng, joints), segment, local, rng.uniform(1, 9, joints)
     )
     np.testing.assert_allclose(np.diagonal(found, axis1=1, axis2=2), 1.0)
@@ -73,7 +73,7 @@ def test_it_is_that_of_the_markers_jacobian(joints: int) -> None:
     values, vectors = np.linalg.eigh(np.swapaxes(jacobian, 1, 2) @ jacobian)
     covariance = (vectors * values[:, None] ** (-3 / 8)) @ np.swapaxes(vectors, 1, 2) * np.outer(snap, snap)
     size = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    found = acceleration_correlation(q, centres, segment, local, snap)
+    found = correlate_errors(q, centres, segment, local, snap)
     np.testing.assert_allclose(found, covariance / (size[:, :, None] * size[:, None]), atol=1e-10)
 
 
@@ -126,9 +126,9 @@ def trial(seed: int, strategy: str, tissue: float) -> tuple[SimulatedTrial, True
     free = np.hypot(*state.chair_force.T) == 0.0
     reference = np.full(4 * (len(centres) + 1), np.nan)
     found = identify(prepared, free, build_grid(centres, segment, local), reference, error)
-    correlation = acceleration_correlation(recorded.q, centres, segment, local, states.noise.sigma_v)
+    correlation = correlate_errors(recorded.q, centres, segment, local, states.noise.sigma_v)
     inner = (state.time > 0.5) & (state.time < state.time[-1] - 0.5)
-    return made, state, predict(prepared, found, chain_noise(prepared, found, correlation), 20.0), free & inner
+    return made, state, predict(prepared, found, estimate_chain_noise(prepared, found, correlation), 20.0), free & inner
 
 
 TRIALS = [(0, "normal", 1.0), (1, "dynamic", 1.0), (2, "stable", 1.0), (3, "normal", 0.0), (4, "normal", 2.0)]
@@ -173,7 +173,7 @@ def test_the_torques_deviations_follow_those_of_tauz(component: int, factor: flo
     missed = recorded.wrench.copy()
     missed[:, component] += 10.0 * coloured(noise, len(missed))
     usual, wider = (
-        predict(with_wrench, found, chain_noise(with_wrench, found, independent(recorded)), 20.0)
+        predict(with_wrench, found, estimate_chain_noise(with_wrench, found, independent(recorded)), 20.0)
         for with_wrench in (prepared, prepare(replace(recorded, wrench=missed), FitSettings()))
     )
     assert np.mean(wider.wrench_sd[:, component]) > 3.0 * np.mean(usual.wrench_sd[:, component])
@@ -201,7 +201,7 @@ def test_a_joint_that_may_give_way_errs_by_the_force_through_it() -> None:
     prepared = prepare(recorded, FitSettings())
     found = identify(prepared, free, build_grid(CENTRES, SEGMENT, LOCAL), reference, KinematicError.none(3))
     correlation, hip = independent(recorded), np.array([0.0, 0.0, 0.003])
-    loose, pinned = (chain_noise(prepared, found, correlation, sd).torque_lasting for sd in (hip, None))
+    loose, pinned = (estimate_chain_noise(prepared, found, correlation, sd).torque_lasting for sd in (hip, None))
     more = loose - pinned
     np.testing.assert_allclose(more[:, :2], 0.0, atol=1e-9)
     force = prepared.regressor[:, :2, 12:] @ found.full[12:]

@@ -8,7 +8,7 @@ import pytest
 from dynamics_cases import CENTRES, random_chain, waves
 from pose_cases import SHOULDER, moving
 
-from mocap_id.dynamics.motion import PlanarMotion, chain_motion
+from mocap_id.dynamics.motion import PlanarMotion, move_chain
 from mocap_id.dynamics.regressor import planar_torque_regressor, torque_regressor, wrench_regressor
 from mocap_id.geometry import planar
 
@@ -104,8 +104,8 @@ def test_the_wrench_of_a_free_body_is_pinocchio_s(seed: int) -> None:
 def test_the_motion_of_a_chain_is_that_of_its_poses(seed: int) -> None:
     centres, step = random_chain(np.random.default_rng(seed), 4), 1e-3
     states = waves(TIME, 4, seed)
-    motion = chain_motion(centres, *states)
-    moved = [chain_motion(centres, *waves(TIME + k * step, 4, seed)) for k in (-2, -1, 1, 2)]
+    motion = move_chain(centres, *states)
+    moved = [move_chain(centres, *waves(TIME + k * step, 4, seed)) for k in (-2, -1, 1, 2)]
 
     def second(name: str) -> np.ndarray:
         back, before, after, ahead = (getattr(each, name) for each in moved)
@@ -123,7 +123,7 @@ def test_the_motion_of_a_chain_is_that_of_its_poses(seed: int) -> None:
 def test_the_torques_of_a_chain_are_the_chain_s(seed: int) -> None:
     centres = random_chain(np.random.default_rng(seed), 3)
     states = waves(TIME, 3, seed)
-    motion = chain_motion(centres, *states)
+    motion = move_chain(centres, *states)
     regressor = wrench_regressor(motion)
     expected = planar_torque_regressor(centres, states[0], regressor)
     np.testing.assert_allclose(torque_regressor(motion, regressor), expected, rtol=0, atol=1e-12)
@@ -148,5 +148,5 @@ def test_what_a_joint_carries_is_felt_there_alone() -> None:
     for joint in range(3):
         assert (torque[:, joint, : joint + 1] == 0.0).all()
         assert (np.abs(torque[:, joint, joint + 1 :]).max(axis=(0, 2)) > 0.1).all()
-    whole = chain_motion(np.vstack([CENTRES, SHOULDER]), *waves(TIME, 4))
+    whole = move_chain(np.vstack([CENTRES, SHOULDER]), *waves(TIME, 4))
     assert whole.beyond[:, 4].all()

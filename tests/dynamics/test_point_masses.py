@@ -9,7 +9,7 @@ from grid_cases import BASE, GRID, LOCAL, NO_REFERENCE, SEGMENT, B, M, problem
 
 from mocap_id.dynamics.point_grid import PointGrid, build_grid
 from mocap_id.dynamics.point_masses import solve_nnls, spread_masses
-from mocap_id.dynamics.reference_prior import reference_deviations
+from mocap_id.dynamics.reference_prior import compute_reference_sd
 
 
 def test_moments_of_a_point() -> None:
@@ -48,7 +48,7 @@ def test_spreading_leaves_the_base_parameters_alone(aim: str) -> None:
     fitted = solve_nnls(problem(7, 0.1), B).body
     moments = GRID.moments()
     target = BODY.ravel() if aim == "person" else NO_REFERENCE
-    masses = spread_masses(B, fitted, moments, target, reference_deviations(target, 0.15))
+    masses = spread_masses(B, fitted, moments, target, compute_reference_sd(target, 0.15))
     assert (masses >= 0).all()
     np.testing.assert_allclose(M @ (moments @ masses), B @ fitted, atol=1e-6)
     if aim == "person":  # the masses that the wrench cannot see come out at the reference's

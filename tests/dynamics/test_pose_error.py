@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from pose_cases import BODIES, moving, poses_of, recorded_of
 
-from mocap_id.dynamics.body_prior import table_prior
+from mocap_id.dynamics.body_prior import build_table_prior
 from mocap_id.dynamics.fit import Fit, fit
-from mocap_id.dynamics.measured_motion import BodyPoses, measured_motion
+from mocap_id.dynamics.measured_motion import BodyPoses, filter_motion
 from mocap_id.dynamics.pose_error import PoseErrors, SlidingBody, propagate_pose_errors, propagate_slides
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, prepare
 from mocap_id.dynamics.regressor import torque_regressor, wrench_regressor
@@ -21,14 +21,14 @@ TIME = np.arange(2000) / 100
 INNER = slice(300, -300)
 EVERYTHING = np.ones(len(TIME), dtype=bool)
 BANDS = (5.0, 5.0, 5.0)
-PRIOR = table_prior((BODIES * [1.1, 0.9, 1.1, 1.2]).ravel(), "", others=True)
+PRIOR = build_table_prior((BODIES * [1.1, 0.9, 1.1, 1.2]).ravel(), "", others=True)
 STILL = SlidingBody(np.zeros((3, 3)), ())
 LOCAL = np.array([[0.05, 0.02], [0.31, -0.04], [0.12, 0.2], [-0.04, 0.11]])
 
 
 def made(poses: BodyPoses) -> PreparedTrial:
     recorded = recorded_of(TIME, moving(TIME), noise=(1.0, 1.0, 0.3))
-    return prepare(replace(recorded, measured=measured_motion(poses, BANDS)), FitSettings(), PRIOR)
+    return prepare(replace(recorded, measured=filter_motion(poses, BANDS)), FitSettings(), PRIOR)
 
 
 def off(poses: BodyPoses, body: int, shape: np.ndarray, error: np.ndarray) -> BodyPoses:

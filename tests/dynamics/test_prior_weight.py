@@ -8,16 +8,16 @@ import numpy as np
 import pytest
 from pose_cases import BODIES, moving, recorded_of
 
-from mocap_id.dynamics.body_prior import BodyPrior, table_prior
+from mocap_id.dynamics.body_prior import BodyPrior, build_table_prior
 from mocap_id.dynamics.fit import Fit, fit
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, prepare
-from mocap_id.dynamics.prior_weight import MEMORIES, REFERENCE, choose_memory, left_out_error, left_out_memory
+from mocap_id.dynamics.prior_weight import MEMORIES, REFERENCE, choose_memory, estimate_memory, score_memories
 from mocap_id.dynamics.sample_choice import number_parts, select_samples
 
 TIME = np.arange(3000) / 100
 EVERYTHING = np.ones(len(TIME), dtype=bool)
 SPANS = np.array([[0.5, 6.0], [6.5, 12.0], [12.5, 18.0], [18.5, 24.0], [24.5, 29.5]])
-PRIOR = table_prior((BODIES * [1.2, 0.9, 1.1, 1.3]).ravel(), "a table", others=True)
+PRIOR = build_table_prior((BODIES * [1.2, 0.9, 1.1, 1.3]).ravel(), "a table", others=True)
 
 
 def made(prior: BodyPrior, spans: np.ndarray = SPANS) -> PreparedTrial:
@@ -45,7 +45,7 @@ def test_the_error_is_that_of_fits_from_scratch_to_the_rest() -> None:
     rows, target = rng.normal(size=(300, 3, 5)), rng.normal(size=(300, 3))
     prior = np.pad(np.diag([1.0, 2.0, 3.0, 4.0]), ((0, 0), (0, 1))), rng.normal(size=4)
     fitted, predicted = np.arange(300) > 120, np.arange(300) < 100
-    errors = left_out_error(rows, target, prior, apart=0.3, fitted=fitted, predicted=predicted)
+    errors = score_memories(rows, target, prior, apart=0.3, fitted=fitted, predicted=predicted)
     for seconds, error in zip(MEMORIES, errors, strict=True):
         size = np.sqrt(min(1.0, 0.3 / seconds))
         both = np.concatenate([size * rows[fitted].reshape(-1, 5), prior[0]])
@@ -71,7 +71,7 @@ def test_the_fit_counts_its_samples_by_what_is_chosen() -> None:
     design = found.design[..., :-1] / found.weights[:, None]
     spread = found.weights * np.sqrt(seconds.mean() * prepared.recorded.rate / prepared.lowpass.step)
     assert found.prior is not None
-    chosen = left_out_memory(
+    chosen = estimate_memory(
         prepared,
         EVERYTHING,
         found.samples,
@@ -104,7 +104,7 @@ def test_parts_without_a_second_of_rest_do_not_count() -> None:
     samples = np.flatnonzero(prepared.usable & gate)[:: prepared.lowpass.step]
     rows = np.ones((len(samples), 3, 20))
     prior = PRIOR.rows(20)
-    assert left_out_memory(prepared, gate, samples, rows=rows, target=rows[..., 0], prior=prior) == REFERENCE
+    assert estimate_memory(prepared, gate, samples, rows=rows, target=rows[..., 0], prior=prior) == REFERENCE
 
 
 def test_the_reference_is_one_of_those_tried() -> None:

@@ -13,20 +13,20 @@ from mocap_id.dynamics.consistency import fit_consistent
 from mocap_id.dynamics.identification import identify
 from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.dynamics.preparation import FitSettings, prepare
-from mocap_id.dynamics.reference_prior import ReferencePrior, reference_deviations
+from mocap_id.dynamics.reference_prior import ReferencePrior, compute_reference_sd
 
 NO_ERROR = KinematicError.none(3)
 NOISE = (0.5, 0.5, 0.15)
 
 
 def test_deviations_are_a_share_of_each_segment_s_own_size() -> None:
-    found = reference_deviations(BODY.ravel(), 0.1).reshape(-1, 4)
+    found = compute_reference_sd(BODY.ravel(), 0.1).reshape(-1, 4)
     np.testing.assert_allclose(found[:, 0], 0.1 * BODY[:, 0])
     np.testing.assert_allclose(found[:, 1], 0.1 * np.hypot(BODY[:, 1], BODY[:, 2]))
     np.testing.assert_allclose(found[:, 2], found[:, 1])  # mx may be zero: the pair has a size
     np.testing.assert_allclose(found[:, 3], 0.1 * BODY[:, 3])
-    assert np.isnan(reference_deviations(NO_REFERENCE, 0.1)).all()
-    assert (reference_deviations(np.zeros(16), 0.1) > 0).all()
+    assert np.isnan(compute_reference_sd(NO_REFERENCE, 0.1)).all()
+    assert (compute_reference_sd(np.zeros(16), 0.1) > 0).all()
 
 
 def known(seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
@@ -37,7 +37,7 @@ def known(seed: int = 3) -> tuple[np.ndarray, np.ndarray]:
 
 def test_the_problem_with_a_prior_is_its_two_sums_of_squares() -> None:
     rng, (base, covariance) = np.random.default_rng(0), known()
-    prior = ReferencePrior(BODY.ravel(), reference_deviations(BODY.ravel(), 0.15))
+    prior = ReferencePrior(BODY.ravel(), compute_reference_sd(BODY.ravel(), 0.15))
     both = prior.add_to(base, covariance, M, 7.0)
     for _ in range(20):
         full = BODY.ravel() * rng.uniform(0.5, 1.5, 16)
@@ -49,7 +49,7 @@ def test_the_problem_with_a_prior_is_its_two_sums_of_squares() -> None:
 def test_gain_and_covariance_are_those_of_bayes() -> None:
     """Against the sum of both sides' information matrices; the least cost is at the posterior's mean."""
     base, covariance = known()
-    prior = ReferencePrior(1.1 * BODY.ravel(), reference_deviations(BODY.ravel(), 0.15))
+    prior = ReferencePrior(1.1 * BODY.ravel(), compute_reference_sd(BODY.ravel(), 0.15))
     gain = prior.gain(covariance, M)
     of_prior = M @ np.diag(prior.sd**2) @ M.T
     expected = np.linalg.inv(np.linalg.inv(covariance) + np.linalg.inv(of_prior))
@@ -63,7 +63,7 @@ def test_units_do_not_matter_to_a_prior() -> None:
     unit = np.tile([1.0, 10.0, 10.0, 100.0], 4)
     base, covariance = known()
     own = unit[np.argmax(M == 1.0, axis=1)]
-    mean, sd = 1.2 * BODY.ravel(), reference_deviations(1.2 * BODY.ravel(), 0.15)
+    mean, sd = 1.2 * BODY.ravel(), compute_reference_sd(1.2 * BODY.ravel(), 0.15)
     here = ReferencePrior(mean, sd).add_to(base, covariance, M, 0.0).free_solution()
     there = ReferencePrior(mean * unit, sd * unit).add_to(
         base * own, covariance * np.outer(own, own), M * own[:, None] / unit, 0.0
@@ -88,7 +88,7 @@ def test_by_default_the_reference_leaves_the_base_parameters_alone(consistency: 
     np.testing.assert_allclose(M @ found.full, found.base, atol=1e-5)
     assert not found.uses_reference
     distance = [
-        np.sum(((one.full - reference) / reference_deviations(reference, 0.15)) ** 2) for one in (found, without)
+        np.sum(((one.full - reference) / compute_reference_sd(reference, 0.15)) ** 2) for one in (found, without)
     ]
     assert distance[0] < distance[1]
 
@@ -97,7 +97,7 @@ def test_by_default_the_reference_leaves_the_base_parameters_alone(consistency: 
 def test_a_pulling_reference_takes_its_share(consistency: str) -> None:
     """The tighter, the nearer; and what is known better from the data moves less."""
     _, reference, alone = identified(100.0, consistency=consistency)
-    unit, misfit, sd = reference_deviations(reference, 1.0), [], []
+    unit, misfit, sd = compute_reference_sd(reference, 1.0), [], []
     for relative in (0.5, 0.1, 0.01):
         _, _, found = identified(100.0, consistency=consistency, reference_sd=relative, reference_pulls=True)
         assert found.uses_reference
@@ -120,7 +120,7 @@ def test_a_prior_needs_a_reference() -> None:
 
 
 def test_full_parameters_without_data_are_the_reference() -> None:
-    prior = ReferencePrior(BODY.ravel(), reference_deviations(BODY.ravel(), 0.15))
+    prior = ReferencePrior(BODY.ravel(), compute_reference_sd(BODY.ravel(), 0.15))
     nothing = prior.add_to(np.zeros(11), 1e12 * np.eye(11), M, 0.0)
     found = fit_consistent(nothing, np.eye(16), GRID, BODY.ravel(), consistency="cone", relative_sd=0.15)
     np.testing.assert_allclose(found.full, BODY.ravel(), rtol=1e-6)

@@ -10,8 +10,8 @@ import pytest
 from dynamics_cases import BODY, CENTRES, moving_body
 
 from mocap_id.config import load
-from mocap_id.dynamics.body_ratios import body_ratios
-from mocap_id.dynamics.calibration import Calibration, ScaleCheck, calibration_torque_variance, propagate_calibration
+from mocap_id.dynamics.body_ratios import find_body_ratios
+from mocap_id.dynamics.calibration import Calibration, ScaleCheck, compute_scale_variance, propagate_calibration
 from mocap_id.dynamics.fit import Fit, fit
 from mocap_id.dynamics.identification import Identification, identify
 from mocap_id.dynamics.kinematic_error import KinematicError
@@ -70,7 +70,9 @@ def solution(found: Fit) -> np.ndarray:
 
 def checked(recorded: TrialData, mass: float | None = None) -> ScaleCheck:
     prepared, found = identified(recorded)
-    ratios = body_ratios(prepared.base, recorded.centres, BODY.ravel(), float(found.base[0]), Calibration(mass=mass))
+    ratios = find_body_ratios(
+        prepared.base, recorded.centres, BODY.ravel(), float(found.base[0]), Calibration(mass=mass)
+    )
     scales = check_scales(prepared, np.ones(len(recorded.time), dtype=bool), found, ratios)
     assert scales is not None
     return scales
@@ -183,7 +185,7 @@ def test_a_prior_of_the_foot_leaves_a_displaced_plate_to_the_other_parameters() 
 def test_a_gain_changes_every_torque_in_proportion() -> None:
     prepared, found = identified(with_wrench())
     effect = propagate_calibration(prepared, found.fit, found.base, {"gain": 0.02})
-    sd = np.sqrt(calibration_torque_variance(prepared, found.base, effect))
+    sd = np.sqrt(compute_scale_variance(prepared, found.base, effect))
     rows = (np.swapaxes(prepared.motion.jacobian, 1, 2) @ prepared.regressor)[:, 0]
     moving = rows * np.repeat(prepared.motion.beyond[0], 4)
     torque = moving[:, prepared.base.kept] @ found.base

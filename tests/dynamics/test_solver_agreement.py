@@ -154,7 +154,7 @@ def off(answer: SolverAnswer, optimality: Optimality) -> SolverAnswer:
 
 
 def test_osqp_that_says_solved_and_is_not_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    wrong = "mocap_id.dynamics.point_masses.osqp_split"
+    wrong = "mocap_id.dynamics.point_masses.run_osqp"
     monkeypatch.setattr(wrong, lambda mapped, *_, **__: (np.full(mapped.shape[1], 0.4), "solved", 1))
     found = solve_osqp(problem(6, 1.0, impossible(6)), B)
     assert found.status == "solved"

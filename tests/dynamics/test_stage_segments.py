@@ -14,7 +14,7 @@ from pose_cases import BODIES, hip_gap, moving, recorded_of
 from test_stage_identify_dim import LOCAL, SEGMENT, codes, context
 
 from mocap_id.dynamics.base_parameters import structural_base
-from mocap_id.dynamics.body_prior import mean_transform
+from mocap_id.dynamics.body_prior import average_transform
 from mocap_id.dynamics.measured_motion import USUAL
 from mocap_id.dynamics.motion import PlanarMotion
 from mocap_id.dynamics.preparation import TrialData
@@ -85,7 +85,7 @@ class Ran:
         used, motion = self.table["in_fit"], self.motion
         turn = motion.angle[used, 4] - motion.angle[used, 3]
         shift = planar.rotate(-motion.angle[used, 3], motion.origin[used, 4] - motion.origin[used, 3])
-        torso = BODIES[3] + mean_transform(turn, shift) @ BODIES[4]
+        torso = BODIES[3] + average_transform(turn, shift) @ BODIES[4]
         return structural_base(CENTRES).regrouping @ np.concatenate([BODIES[:3].ravel(), torso])
 
 

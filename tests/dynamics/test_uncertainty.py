@@ -13,12 +13,12 @@ from mocap_id.dynamics.base_parameters import structural_base
 from mocap_id.dynamics.comparison import centre_of_pressure, centre_of_pressure_rows
 from mocap_id.dynamics.fit import fit
 from mocap_id.dynamics.identification import identify
-from mocap_id.dynamics.kinematic_error import KinematicError, kinematic_response
+from mocap_id.dynamics.kinematic_error import KinematicError, propagate_to_parameters
 from mocap_id.dynamics.point_grid import build_grid
-from mocap_id.dynamics.prediction import chain_noise, predict
+from mocap_id.dynamics.prediction import estimate_chain_noise, predict
 from mocap_id.dynamics.preparation import FitSettings, TrialData, prepare
 from mocap_id.dynamics.regressor import planar_regressor
-from mocap_id.dynamics.uncertainty import block_covariance, time_blocks, variance
+from mocap_id.dynamics.uncertainty import estimate_covariance, number_blocks, variance
 
 EVERYTHING = np.ones(1200, dtype=bool)
 NO_ERROR = KinematicError.none(3)
@@ -31,7 +31,7 @@ def regression(rng: np.random.Generator, memory: float) -> tuple[np.ndarray, np.
     def coloured(*shape: int) -> np.ndarray:
         return lfilter([1.0], [1.0, -memory], rng.normal(size=shape), axis=0) * np.sqrt(1 - memory**2)
 
-    return coloured(len(time), 2, 3), coloured(len(time), 2), time_blocks(time, 1.0)
+    return coloured(len(time), 2, 3), coloured(len(time), 2), number_blocks(time, 1.0)
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.9])
@@ -41,7 +41,7 @@ def test_intervals_hold_the_truth(memory: float) -> None:
     for _ in range(300):
         design, noise, block = regression(rng, memory)
         error = np.linalg.lstsq(design.reshape(-1, 3), noise.reshape(-1), rcond=None)[0]
-        sd = np.sqrt(np.diag(block_covariance(design, noise - design @ error, block)))
+        sd = np.sqrt(np.diag(estimate_covariance(design, noise - design @ error, block)))
         inside.append(np.abs(error) < 1.96 * sd)
     assert 0.91 < np.mean(inside) < 0.98
 
@@ -53,13 +53,13 @@ def test_ignoring_the_memory_would_be_wrong() -> None:
     for _ in range(100):
         design, noise, _ = regression(rng, 0.9)
         error = np.linalg.lstsq(design.reshape(-1, 3), noise.reshape(-1), rcond=None)[0]
-        sd = np.sqrt(np.diag(block_covariance(design, noise - design @ error, np.arange(len(noise)))))
+        sd = np.sqrt(np.diag(estimate_covariance(design, noise - design @ error, np.arange(len(noise)))))
         inside.append(np.abs(error) < 1.96 * sd)
     assert np.mean(inside) < 0.75
 
 
 def test_blocks_are_counted_without_gaps() -> None:
-    np.testing.assert_array_equal(time_blocks(np.array([2.0, 2.4, 2.6, 9.1, 9.2]), 0.5), [0, 0, 1, 2, 2])
+    np.testing.assert_array_equal(number_blocks(np.array([2.0, 2.4, 2.6, 9.1, 9.2]), 0.5), [0, 0, 1, 2, 2])
 
 
 def test_variance_is_the_quadratic_form() -> None:
@@ -100,7 +100,7 @@ def test_skin_that_slides_is_covered() -> None:
         prepared = prepare(shifted, FitSettings())
         found = fit(prepared, EVERYTHING)
         base = found.problem.free_solution()[:11]
-        response = kinematic_response(prepared, found, base, following(recorded.q, size))
+        response = propagate_to_parameters(prepared, found, base, following(recorded.q, size))
         extra = response @ response.T
         error = np.abs(base - truth)
         plain.append(error < 1.96 * np.sqrt(np.diag(found.covariance)[:11]))
@@ -120,7 +120,7 @@ def test_misplaced_joints_are_covered() -> None:
         prepared = prepare(moved, FitSettings())
         found = fit(prepared, EVERYTHING)
         base = found.problem.free_solution()[:11]
-        response = kinematic_response(prepared, found, base, error)
+        response = propagate_to_parameters(prepared, found, base, error)
         covariance = found.covariance + response @ response.T
         inside.append(np.abs(base - truth) < 1.96 * np.sqrt(np.diag(covariance)[:11]))
     assert 0.88 < np.mean(inside) < 0.99
@@ -147,7 +147,7 @@ def test_a_mode_moves_the_parameters_as_a_fit_to_wrong_states_does() -> None:
     error = KinematicError(following(recorded.q, 1e-4).angle, centre)
     found = fit(prepare(recorded, settings), EVERYTHING)
     base = found.problem.free_solution()[:11]
-    said = kinematic_response(prepare(recorded, settings), found, base, error)[:11]
+    said = propagate_to_parameters(prepare(recorded, settings), found, base, error)[:11]
     states = np.split(error.states(recorded.q, recorded.dq, recorded.ddq), 3, axis=1)
     for mode in range(9):
         both = []
@@ -183,7 +183,7 @@ def test_predictions_are_as_far_off_as_they_say(told: float) -> None:
     prepared = prepare(TrialData(**{**recorded.__dict__, **states}), FitSettings(cutoff=3.0))
     grid = build_grid(CENTRES, np.repeat([1, 2, 3], 2), np.tile([[-0.1, 0.0], [0.1, 0.8]], (3, 1)))
     found = identify(prepared, np.ones(len(noisy), dtype=bool), grid, np.full(16, np.nan), NO_ERROR)
-    model = predict(prepared, found, chain_noise(prepared, found, independent(recorded)), 20.0)
+    model = predict(prepared, found, estimate_chain_noise(prepared, found, independent(recorded)), 20.0)
     truth = planar_regressor(CENTRES, recorded.q, recorded.dq, recorded.ddq) @ BODY.ravel()
     for error, sd in (
         (model.wrench - truth, model.wrench_sd),

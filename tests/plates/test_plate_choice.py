@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mocap_id.errors import ConfigError
-from mocap_id.plates import choose_plates, standing_mass
+from mocap_id.plates import choose_plates, weigh_person
 from mocap_id.recording import Plate, PlateSamples
 from mocap_id.recording.marker_posture import find_upright
 
@@ -94,18 +94,18 @@ def test_unusable_plates_are_ignored_with_their_reason() -> None:
 
 def test_mass_from_quiet_standing_among_sitting() -> None:
     noise = np.random.default_rng(0).normal(size=len(TIME)) * 20
-    mass, why = standing_mass(person(), RATE, FEET + noise)
+    mass, why = weigh_person(person(), RATE, FEET + noise)
     assert why is None
     assert mass == pytest.approx(70, rel=0.005)
 
 
 def test_no_mass_without_standing_still() -> None:
     bouncing = 0.5 + 0.5 * np.sin(2 * np.pi * 3 * TIME)
-    mass, why = standing_mass(person(bouncing), RATE, FEET)
+    mass, why = weigh_person(person(bouncing), RATE, FEET)
     assert mass is None
     assert why is not None
     assert "never stands still" in why
-    assert standing_mass(person(), RATE, np.full(len(TIME), np.nan))[0] is None
+    assert weigh_person(person(), RATE, np.full(len(TIME), np.nan))[0] is None
 
 
 def test_markers_with_gaps_do_not_change_the_posture() -> None:

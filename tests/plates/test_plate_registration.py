@@ -16,8 +16,8 @@ from scipy.spatial.transform import Rotation
 from mocap_id import plates, recording
 from mocap_id.kinematics import propose_window
 from mocap_id.plates.direction import compare_directions
-from mocap_id.plates.feet import distance_outside, find_standing_feet
-from mocap_id.plates.placement import compare_with_feet, standing_lean
+from mocap_id.plates.feet import find_standing_feet, measure_outside
+from mocap_id.plates.placement import compare_with_feet, measure_lean
 from mocap_id.recording import Plate, PlateSamples, Recording
 from mocap_id.recording.lab_plates import compute_centre_of_pressure
 from mocap_id.recording.plate_types import compute_plate_axes
@@ -227,9 +227,9 @@ def test_the_distance_from_a_hull() -> None:
     """Agrees with the distance to a circle that the points approximate."""
     circle = np.stack([np.cos(np.linspace(0, 2 * np.pi, 400)), np.sin(np.linspace(0, 2 * np.pi, 400))], axis=1)
     points = np.random.default_rng(0).normal(size=(50, 2)) * 2
-    np.testing.assert_allclose(distance_outside(points, circle), np.linalg.norm(points, axis=1) - 1, atol=2e-3)
+    np.testing.assert_allclose(measure_outside(points, circle), np.linalg.norm(points, axis=1) - 1, atol=2e-3)
     line = np.array([[0.0, 0.0], [1.0, 0.0]])
-    np.testing.assert_allclose(distance_outside(np.array([[0.5, 0.3], [1.4, 0.3]]), line), [0.3, 0.5], atol=1e-3)
+    np.testing.assert_allclose(measure_outside(np.array([[0.5, 0.3], [1.4, 0.3]]), line), [0.3, 0.5], atol=1e-3)
 
 
 def test_markers_on_plate_and_floor_are_not_feet() -> None:
@@ -262,7 +262,7 @@ def test_the_force_points_along_the_acceleration() -> None:
 def test_without_enough_data_there_is_no_result() -> None:
     positions, force = np.zeros((300, 3, 3)), np.full((300, 3), np.nan)
     assert compare_directions(force, positions, 100.0) is None
-    assert standing_lean(force, positions, 100.0) is None
+    assert measure_lean(force, positions, 100.0) is None
     assert compare_with_feet([], [], positions) == []
     assert check_registration([], [], positions, 100.0, person=True) == PlateCheck({}, ())
 

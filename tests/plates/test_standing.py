@@ -57,7 +57,7 @@ def shown(markers: Path, forces: Path | None, window: tuple[float, float]) -> tu
     positions, time = source.positions[inside], source.time[inside]
     samples = [recording.decimate(plate, time, source.rate) for plate in source.plates]
     feet = plates.choose_plates(source.plates, samples, positions).indices("feet")
-    return plates.standing_mass(positions, source.rate, sum(samples[index].force[:, 2] for index in feet))
+    return plates.weigh_person(positions, source.rate, sum(samples[index].force[:, 2] for index in feet))
 
 
 @pytest.mark.recordings

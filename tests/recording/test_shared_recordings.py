@@ -169,7 +169,7 @@ def test_masses_of_the_sit_to_stands(recordings: Path) -> None:
         choice = plates.choose_plates(found.plates, samples, found.positions)
         assert choice.uses == ("feet", "feet", "unloaded")
         total = samples[0].force[:, 2] + samples[1].force[:, 2]
-        mass, _ = plates.standing_mass(found.positions, found.rate, total)
+        mass, _ = plates.weigh_person(found.positions, found.rate, total)
         assert mass == pytest.approx(kg, abs=tolerance)
         assert not any("HJC" in label for label in found.labels)
 

@@ -15,10 +15,10 @@ from mocap_id.arrays import FloatArray
 from mocap_id.design.movement_limits import MovementLimits
 from mocap_id.design.movement_search import search_movement
 from mocap_id.design.predicted_covariance import CovariancePredictor, PredictedUncertainty
-from mocap_id.design.proposal import MovementScorer, Objective, Proposal, objective_value
+from mocap_id.design.proposal import MovementScorer, Objective, Proposal, compute_objective
 from mocap_id.design.recommendation import change_movement
 from mocap_id.design.simple_movements import MovementFamily, SimpleMovement, compose_trajectory, list_simple_movements
-from mocap_id.dynamics.excitation import parameter_sizes
+from mocap_id.dynamics.excitation import measure_sizes
 
 HELPS = 0.8
 """Factor on the objective below which a movement helps. A smaller gain is within the error of the prediction."""
@@ -90,7 +90,7 @@ def design_experiment(
         Seed of the search's random starts.
     """
     body = predictor.body
-    size = np.maximum(parameter_sizes(body.prepared, body.result), 1e-300)
+    size = np.maximum(measure_sizes(body.prepared, body.result), 1e-300)
     scorer = MovementScorer(predictor, limits, objective, size)
     family = MovementFamily(scorer, rest, predictor.own.seconds if seconds is None else seconds, tuple(joints), mixed)
     ranked = _rank_simple_movements(family)
@@ -101,7 +101,7 @@ def design_experiment(
         objective=objective,
         size=size,
         now=predictor.now,
-        value=objective_value(objective, predictor.now, size),
+        value=compute_objective(objective, predictor.now, size),
         simple=tuple(sorted(simple, key=lambda proposal: proposal.value)),
         designed=search_movement(family, np.random.default_rng(seed), starts),
         seconds=family.seconds,

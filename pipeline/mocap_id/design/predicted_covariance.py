@@ -18,8 +18,8 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.design.trajectory import Trajectory
 from mocap_id.dynamics.fit import conditions
 from mocap_id.dynamics.identification import Identification
-from mocap_id.dynamics.kinematic_error import KinematicError, kinematic_response
-from mocap_id.dynamics.lowpass import LowPass, cutoff_from_velocity, erode
+from mocap_id.dynamics.kinematic_error import KinematicError, propagate_to_parameters
+from mocap_id.dynamics.lowpass import LowPass, choose_cutoff, erode
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import planar_regressor
 from mocap_id.dynamics.uncertainty import unit_covariance, variance
@@ -86,7 +86,7 @@ class IdentifiedBody:
         moved = replace(self.prepared, recorded=replace(self.prepared.recorded, q=q, dq=dq, ddq=ddq))
         result = replace(self.result.fit, samples=np.arange(len(rows)), design=rows)
         try:
-            return kinematic_response(moved, result, self.result.base, error)[: result.base]
+            return propagate_to_parameters(moved, result, self.result.base, error)[: result.base]
         except np.linalg.LinAlgError:
             return np.full((result.base, 1), np.inf)
 
@@ -187,7 +187,7 @@ class CovariancePredictor:
         if movement is self.own:
             return self.now.condition, self.now.condition_scaled
         settings = self.body.prepared.settings
-        cutoff = settings.cutoff if settings.cutoff is not None else cutoff_from_velocity(movement.dq, movement.rate)
+        cutoff = settings.cutoff if settings.cutoff is not None else choose_cutoff(movement.dq, movement.rate)
         lowpass = LowPass(cutoff, movement.rate)
         regressor = lowpass(self.body.regressor(movement.q, movement.dq, movement.ddq))
         rows = regressor[fitted & np.isfinite(regressor).all(axis=(1, 2))][:: lowpass.step]

@@ -36,7 +36,7 @@ class Proposal:
     standalone: bool = False  # whether it contains no part of the recorded movement
 
 
-def objective_value(objective: Objective, predicted: PredictedUncertainty, size: FloatArray) -> float:
+def compute_objective(objective: Objective, predicted: PredictedUncertainty, size: FloatArray) -> float:
     """Return the value of the objective, which is to be minimised, for parameters of some sizes (b,), SI.
 
     It does not include the variance from errors of plate and cameras, which no movement changes.
@@ -82,9 +82,9 @@ class MovementScorer:
         if self.objective.startswith("condition"):
             return self.predictor.conditions(movement)[self.objective == "condition-scaled"]
         predicted = self.predictor.predict(movement, seconds, samples=_QUICK_SAMPLES, exactly=False)
-        return objective_value(self.objective, predicted, self.size)
+        return compute_objective(self.objective, predicted, self.size)
 
     def propose(self, words: str, movement: Trajectory, seconds: float | None = None) -> Proposal:
         """Return the movement as a proposal; ``seconds`` as for :meth:`CovariancePredictor.predict`."""
         predicted = self.predictor.predict(movement, seconds)
-        return Proposal(words, movement, predicted, objective_value(self.objective, predicted, self.size))
+        return Proposal(words, movement, predicted, compute_objective(self.objective, predicted, self.size))

@@ -21,7 +21,7 @@ _EXPONENT = -3.0 / 8.0
 _LEAST = 1e-12  # of the largest eigenvalue: avoids a division by zero for a joint without markers
 
 
-def acceleration_correlation(
+def correlate_errors(
     q: FloatArray, centres: FloatArray, segment: IntArray, local: FloatArray, snap: FloatArray
 ) -> FloatArray:
     """Return the correlation (T, n, n) of the errors of the joint accelerations in every posture.
@@ -40,7 +40,7 @@ def acceleration_correlation(
     correlation = np.full((*q.shape, q.shape[1]), np.nan)
     known = np.isfinite(q).all(axis=1)
     scale = snap / np.max(snap)
-    values, vectors = np.linalg.eigh(_marker_information(q[known], centres, segment, local) * scale[:, None] * scale)
+    values, vectors = np.linalg.eigh(_compute_information(q[known], centres, segment, local) * scale[:, None] * scale)
     values = np.maximum(values, _LEAST * values[:, -1:])
     covariance = (vectors * values[:, None, :] ** _EXPONENT) @ np.swapaxes(vectors, 1, 2)
     size = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
@@ -48,7 +48,7 @@ def acceleration_correlation(
     return correlation
 
 
-def _marker_information(q: FloatArray, centres: FloatArray, segment: IntArray, local: FloatArray) -> FloatArray:
+def _compute_information(q: FloatArray, centres: FloatArray, segment: IntArray, local: FloatArray) -> FloatArray:
     """Return Jᵀ J of the markers (eq. 2.47), (T, n, n), m²: the mass matrix of a chain with unit masses at markers."""
     segments = len(centres) + 1
 

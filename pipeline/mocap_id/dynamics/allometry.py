@@ -44,7 +44,7 @@ class ReferenceTable:
     ankle_height: float  # height of the ankle, as a fraction of body height
 
 
-def reference_table(name: TableName, sex: Sex | None) -> ReferenceTable:
+def look_up_table(name: TableName, sex: Sex | None) -> ReferenceTable:
     """Return the reference table of this name; without a sex, the mean of de Leva's tables of both sexes."""
     if name == "winter":
         return _build_winter()
@@ -56,12 +56,12 @@ def reference_table(name: TableName, sex: Sex | None) -> ReferenceTable:
     return ReferenceTable("de-leva", **means, ankle_height=female.ankle_height)
 
 
-def height_from_legs(reference: ReferenceTable, shank: float, thigh: float) -> float:
+def estimate_height(reference: ReferenceTable, shank: float, thigh: float) -> float:
     """Return the height of the body, m, estimated from the lengths of shank and thigh, m."""
     return (shank + thigh) / (reference.shank.length + reference.thigh.length)
 
 
-def full_parameters(
+def scale_reference(
     reference: ReferenceTable,
     centres: FloatArray,
     height: float,
@@ -184,14 +184,14 @@ def _build_de_leva(sex: Sex) -> ReferenceTable:
     )
 
 
-def arm_segment(name: Literal["forearm", "hand"], sex: Sex | None) -> SegmentFractions:
+def look_up_arm(name: Literal["forearm", "hand"], sex: Sex | None) -> SegmentFractions:
     """Return one forearm or hand of de Leva's table, with the centre measured from the upper end.
 
     Without a sex, it is the mean of both sexes.
 
     Examples
     --------
-    >>> round(arm_segment("forearm", "male").mass, 4)
+    >>> round(look_up_arm("forearm", "male").mass, 4)
     0.0162
     """
     segments = []

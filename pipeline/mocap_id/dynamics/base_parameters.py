@@ -43,23 +43,23 @@ def keep_all_parameters(count: int) -> BaseSet:
     return BaseSet(np.arange(count), np.eye(count))
 
 
-def triangular_factor(rows: FloatArray) -> FloatArray:
+def triangularise(rows: FloatArray) -> FloatArray:
     """Return R (p, p) of the QR decomposition of rows (r, p). Least squares needs only R."""
     return np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)
 
 
-def base_set(regressor: FloatArray) -> BaseSet:
+def regroup_columns(regressor: FloatArray) -> BaseSet:
     """Split the columns of a stacked regressor (r, p) into independent and regrouped ones (eq. 4.8, 4.9, 4.24).
 
     An unpivoted QR compresses the rows. The columns of its R are then orthogonalised in turn, without the dependent
     ones. The diagonal of R alone is not sufficient. A dependent column leaves an arbitrary direction in Q, which can
     make a later column look dependent.
     """
-    factor = triangular_factor(regressor)
+    factor = triangularise(regressor)
     directions: list[FloatArray] = []
     remainders = np.zeros(factor.shape[1])
     kept: list[int] = []
-    zero = _numerical_zero(len(regressor), factor)
+    zero = _compute_zero(len(regressor), factor)
     for column in np.flatnonzero(np.any(factor != 0.0, axis=0)):
         rest = factor[:, column]
         for _ in range(2):  # twice gives orthogonality to rounding
@@ -103,15 +103,15 @@ def structural_base(centres: FloatArray, components: tuple[int, ...] = (0, 1, 2)
     """
     states = np.random.default_rng(0).normal(size=(3, 50, len(centres)))
     regressor = planar_regressor(centres, *states)[:, list(components), :]
-    return base_set(regressor.reshape(-1, regressor.shape[-1]))
+    return regroup_columns(regressor.reshape(-1, regressor.shape[-1]))
 
 
-def full_names(segments: int) -> tuple[str, ...]:
+def name_parameters(segments: int) -> tuple[str, ...]:
     """Return the names of the full parameters, numbered from 1 for the base as in the thesis: m1, mx1, my1, I1, m2 …"""
     return tuple(f"{symbol}{k}" for k in range(1, segments + 1) for symbol in ("m", "mx", "my", "I"))
 
 
-def base_units(base: BaseSet) -> tuple[str, ...]:
+def list_base_units(base: BaseSet) -> tuple[str, ...]:
     """Return the SI unit of each base parameter."""
     return tuple(_UNITS[column % len(PLANAR_PARAMETERS)] for column in base.kept)
 
@@ -122,14 +122,14 @@ def base_names(base: BaseSet, centres: FloatArray) -> tuple[str, ...]:
     Let a mass m_j be regrouped into a parameter of segment k, and let p_{k+1} be the joint at the end of segment k. The
     coefficient is written as 1, p_{k+1,x}, p_{k+1,y} or |p_{k+1}|² if it has this value, otherwise as a number.
     """
-    symbols = full_names(len(centres) + 1)
+    symbols = name_parameters(len(centres) + 1)
     return tuple(
         _format_name(row, int(column), base, centres, symbols)
         for row, column in zip(base.regrouping, base.kept, strict=True)
     )
 
 
-def _numerical_zero(samples: int, factor: FloatArray) -> float:
+def _compute_zero(samples: int, factor: FloatArray) -> float:
     """Return the norm below which a column counts as dependent (eq. 4.8)."""
     return samples * float(np.finfo(np.float64).eps) * float(np.max(np.abs(np.diagonal(factor)), initial=0.0))
 

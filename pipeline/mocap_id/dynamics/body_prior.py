@@ -58,7 +58,7 @@ class BodyPrior:
         return np.pad(own, ((0, 0), (0, columns - len(self.mean)))), own @ self.mean
 
 
-def table_prior(mean: FloatArray, source: str, others: bool = False) -> BodyPrior:
+def build_table_prior(mean: FloatArray, source: str, others: bool = False) -> BodyPrior:
     """Return the prior around the bodies (4K,) of a reference table, foot first.
 
     ``source`` is the table's name. With ``others``, the last body is the body of all other markers (arms and head).
@@ -66,16 +66,16 @@ def table_prior(mean: FloatArray, source: str, others: bool = False) -> BodyPrio
     spread = [(_FOOT_MASS, _FOOT_CENTRE, _INERTIA), *[(_MASS, _CENTRE, _INERTIA)] * (len(mean) // 4 - 1)]
     if others:
         spread[-1] = (_ARMS_MASS, _CENTRE, _INERTIA)
-    blocks = [_body_covariance(body, *sd) for body, sd in zip(mean.reshape(-1, 4), spread, strict=True)]
+    blocks = [_compute_covariance(body, *sd) for body, sd in zip(mean.reshape(-1, 4), spread, strict=True)]
     return BodyPrior(mean, block_diag(*blocks), source, foot_spread=_FOOT_SPREAD)
 
 
-def even_prior(mass: float, centroid: FloatArray) -> BodyPrior:
+def build_even_prior(mass: float, centroid: FloatArray) -> BodyPrior:
     """Return the prior if no table applies: equal shares of the mass, kg, at the markers' centroids (K, 2), m."""
     own = mass / len(centroid)
     inertia = own * (_GYRATION**2 + np.sum(centroid**2, axis=1))
     mean = np.column_stack([np.full(len(centroid), own), own * centroid, inertia])
-    blocks = [_body_covariance(body, _UNKNOWN_MASS, _UNKNOWN_CENTRE, _UNKNOWN_INERTIA) for body in mean]
+    blocks = [_compute_covariance(body, _UNKNOWN_MASS, _UNKNOWN_CENTRE, _UNKNOWN_INERTIA) for body in mean]
     return BodyPrior(mean.reshape(-1), block_diag(*blocks), "an even share of the mass")
 
 
@@ -95,13 +95,13 @@ def split_torso(torso: FloatArray, angle: FloatArray, shift: FloatArray, mass: f
     """
     own = min(OTHERS_SHARE * mass, 0.5 * torso[0])
     others = np.array([own, 0.0, 0.0, own * _GYRATION**2])
-    rest = torso - mean_transform(angle, shift) @ others
+    rest = torso - average_transform(angle, shift) @ others
     centre = rest[1:3] / rest[0]
     floor = rest[0] * (float(centre @ centre) + _GYRATION**2)
     return np.array([*rest[:3], max(rest[3], floor)]), others
 
 
-def mean_transform(angle: FloatArray, shift: FloatArray) -> FloatArray:
+def average_transform(angle: FloatArray, shift: FloatArray) -> FloatArray:
     """Return the matrix (4, 4) that transforms a body's parameters into another frame, as a mean over samples.
 
     ``angle`` (T,), rad, and ``shift`` (T, 2), m, are the angle and the origin of the body's frame in the other frame.
@@ -116,7 +116,7 @@ def mean_transform(angle: FloatArray, shift: FloatArray) -> FloatArray:
     return np.asarray(move.mean(axis=0))
 
 
-def _body_covariance(body: FloatArray, mass_sd: float, centre_sd: float, inertia_sd: float) -> FloatArray:
+def _compute_covariance(body: FloatArray, mass_sd: float, centre_sd: float, inertia_sd: float) -> FloatArray:
     """Return the covariance (4, 4) of m, mx, my, Izz for independent errors of mass, centre and central moment."""
     mass = max(float(body[0]), _LEAST)
     x, y = body[1:3] / mass

@@ -30,7 +30,7 @@ class BodyRatios:
     weighed: bool  # whether the person's mass is known from a scale
 
 
-def body_ratios(
+def find_body_ratios(
     base: BaseSet,
     centres: FloatArray,
     reference: FloatArray,

@@ -15,7 +15,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.dynamics.base_parameters import base_set
+from mocap_id.dynamics.base_parameters import regroup_columns
 from mocap_id.dynamics.consistency import Consistency, fit_consistent
 from mocap_id.dynamics.external_wrenches import ExternalWrench
 from mocap_id.dynamics.identification import Identification
@@ -25,7 +25,7 @@ from mocap_id.dynamics.point_grid import PointGrid
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import PLANAR_PARAMETERS, planar_regressor
 from mocap_id.dynamics.sample_choice import select_samples
-from mocap_id.dynamics.uncertainty import block_covariance, time_blocks
+from mocap_id.dynamics.uncertainty import estimate_covariance, number_blocks
 from mocap_id.geometry.planar import marker_positions
 
 _ZEROS = (0, 2)  # components whose constant error is fitted too; that of Fy is the weight
@@ -77,7 +77,7 @@ def fit_sensor(prepared: PreparedTrial, gate: BoolArray, sensor: ExternalWrench)
     if len(samples) < _LEAST_SAMPLES:
         return None
     rows = prepared.lowpass(to_joint @ prepared.regressor[:, :, first:])[samples]
-    base = base_set(rows.reshape(-1, size - first))
+    base = regroup_columns(rows.reshape(-1, size - first))
     zero = np.broadcast_to(np.eye(3)[:, list(_ZEROS)], (len(samples), 3, len(_ZEROS)))
     design, target, weights = np.concatenate([rows[..., base.kept], zero], axis=-1), wrench[samples], np.ones(3)
     own, values = slice(len(base.kept)), np.zeros(design.shape[-1])
@@ -86,9 +86,9 @@ def fit_sensor(prepared: PreparedTrial, gate: BoolArray, sensor: ExternalWrench)
         values = _solve(design, target, weights)
         weights = 1.0 / np.maximum((target - design @ values).std(axis=0), 1e-9)
     weighted, residual = design * weights[:, None], (target - design @ values) * weights
-    blocks = time_blocks(prepared.recorded.time[samples], prepared.settings.block)
+    blocks = number_blocks(prepared.recorded.time[samples], prepared.settings.block)
     by_scale = [_solve(design, each[samples], fitted_with) for each in filtered]  # each sensor has a scale of its own
-    covariance = block_covariance(weighted, residual, blocks)
+    covariance = estimate_covariance(weighted, residual, blocks)
     covariance += sum(np.outer(each, each) for each in by_scale) * _GAIN_SD**2
     whole = np.zeros((len(base.kept), size))
     whole[:, first:] = base.regrouping

@@ -142,7 +142,7 @@ def propagate_calibration(
     return CalibrationEffect(modes, sd.get("inertia", 0.0), sd.get("lengths", 0.0), sd.get("tilt", 0.0))
 
 
-def calibration_torque_variance(prepared: PreparedTrial, base: FloatArray, effect: CalibrationEffect) -> FloatArray:
+def compute_scale_variance(prepared: PreparedTrial, base: FloatArray, effect: CalibrationEffect) -> FloatArray:
     """Return the variance (T, n) of the joint torques from errors of scale, (N·m)²; NaN where missing."""
     time, joints = prepared.recorded.time, prepared.motion.joint.shape[1]
     valid = np.flatnonzero(known(prepared.regressor))

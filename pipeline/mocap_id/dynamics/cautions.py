@@ -92,7 +92,7 @@ def find_cautions(
     return tuple(reason for reason in reasons if reason is not None)
 
 
-def identified_mass(prepared: PreparedTrial, result: Identification) -> float | None:
+def get_identified_mass(prepared: PreparedTrial, result: Identification) -> float | None:
     """Return the identified mass of the body, kg; None if Fy was not fitted, because only Fy determines it."""
     return float(result.full[::4].sum()) if 1 in prepared.settings.components else None
 
@@ -193,7 +193,7 @@ def _check_parameters(excited: Excitation, recommendation: str) -> Reason | None
 
 def _check_load(prepared: PreparedTrial, result: Identification, standing: float | None) -> Reason | None:
     """Return a caution if movement and standing give different masses: something else carries a part of the body."""
-    total = identified_mass(prepared, result)
+    total = get_identified_mass(prepared, result)
     if total is None or standing is None or abs(total / standing - 1) <= _MASS_APART:
         return None
     return Reason(
@@ -214,7 +214,7 @@ def _check_mass(
     standing: float | None,
     calibration: Calibration,
 ) -> Reason | None:
-    measured = standing if standing is not None else identified_mass(prepared, result)
+    measured = standing if standing is not None else get_identified_mass(prepared, result)
     if given is None or measured is None or abs(measured / given - 1) <= calibration.mass_limit(measured):
         return None
     return Reason(

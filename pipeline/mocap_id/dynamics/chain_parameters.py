@@ -12,7 +12,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.dynamics.base_parameters import BaseSet, structural_base
-from mocap_id.dynamics.body_prior import mean_transform
+from mocap_id.dynamics.body_prior import average_transform
 from mocap_id.dynamics.measured_motion import BodyPoses
 from mocap_id.geometry import planar
 
@@ -78,15 +78,15 @@ def map_to_chain(
             spread[np.ix_(rows, rows)] += left
     last = int(poses.body[-1])
     for body in np.setdiff1d(np.arange(bodies), poses.body):
-        angle, shift = relative_pose(poses, int(body), last, samples)
-        transform = mean_transform(angle, shift)
+        angle, shift = measure_relative_pose(poses, int(body), last, samples)
+        transform = average_transform(angle, shift)
         columns = slice(4 * body, 4 * body + 4)
         for each in (matrix, halves):
             each[:, columns] += each[:, 4 * last : 4 * last + 4] @ transform
     return ChainMap(matrix, constant, spread, halves)
 
 
-def relative_pose(poses: BodyPoses, body: int, other: int, samples: BoolArray) -> tuple[FloatArray, FloatArray]:
+def measure_relative_pose(poses: BodyPoses, body: int, other: int, samples: BoolArray) -> tuple[FloatArray, FloatArray]:
     """Return angle (S,), rad, and origin (S, 2), m, of one body's frame in another's, where both are known."""
     origin, angle = poses.origin, poses.angle
     known = samples & np.isfinite(angle[:, [body, other]]).all(axis=1)
@@ -101,11 +101,11 @@ def merge_segments(centres: FloatArray, q: FloatArray, samples: BoolArray, segme
     for segment in segments[1:]:
         shift = shift + planar.rotate(angle, centres[segment - 1])
         angle = angle + q[known, segment - 1]
-        blocks.append(mean_transform(angle, shift))
+        blocks.append(average_transform(angle, shift))
     return np.concatenate(blocks, axis=1)
 
 
-def base_covariance(chain_map: ChainMap, base: BaseSet, own: FloatArray) -> FloatArray:
+def propagate_to_base(chain_map: ChainMap, base: BaseSet, own: FloatArray) -> FloatArray:
     """Return the covariance (b, b) of the chain's base parameters for exact joint centres.
 
     ``own`` (4K, 4K) is the covariance of the full parameters of the bodies.
@@ -114,7 +114,7 @@ def base_covariance(chain_map: ChainMap, base: BaseSet, own: FloatArray) -> Floa
     return np.asarray(base.regrouping @ known @ base.regrouping.T)
 
 
-def centre_response(base: BaseSet, centres: FloatArray, q: FloatArray, chain: FloatArray) -> FloatArray:
+def propagate_centres(base: BaseSet, centres: FloatArray, q: FloatArray, chain: FloatArray) -> FloatArray:
     """Return the change (b, n, 2) of the base parameters with each joint centre, per metre in the segment before it.
 
     A displaced joint changes the regrouping of the masses beyond it. It also moves the origin about which the
@@ -131,7 +131,7 @@ def centre_response(base: BaseSet, centres: FloatArray, q: FloatArray, chain: Fl
             after = chain.copy()
             block = slice(4 * joint + 4, 4 * joint + 8)
             own = planar.rotate(-q[joint], shift[joint])  # in the frame of the segment after the joint
-            after[block] = mean_transform(np.zeros(1), -own[None]) @ chain[block]
+            after[block] = average_transform(np.zeros(1), -own[None]) @ chain[block]
             if joint + 1 < len(centres):  # the next joint stays where it is
                 shift[joint + 1] = -own
             moved = base.regrouping @ (after - chain)

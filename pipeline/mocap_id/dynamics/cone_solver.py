@@ -44,7 +44,7 @@ def _solve_with_corrections(
     answer, iterations = None, 0
     for _ in range(_ROUNDS):
         target = problem.target - mapped @ body
-        step, status, used = conic_step(mapped, target, bodies, body, regularization=regularization)
+        step, status, used = find_step(mapped, target, bodies, body, regularization=regularization)
         iterations += used
         body = bodies.settled(body + step)
         cost, optimality = problem.cost(bodies.mapping @ body), check_optimality(problem, bodies, body)
@@ -58,7 +58,7 @@ def _solve_with_corrections(
     return answer
 
 
-def conic_step(
+def find_step(
     mapped: FloatArray,
     target: FloatArray,
     bodies: ConicBodies,
@@ -100,7 +100,7 @@ def conic_step(
     return solution[: len(body)] * units * (length / size), status, iterations
 
 
-def closest_links(bodies: ConeBodies, body: FloatArray, aim: FloatArray, scale: FloatArray) -> FloatArray:
+def find_closest_links(bodies: ConeBodies, body: FloatArray, aim: FloatArray, scale: FloatArray) -> FloatArray:
     """Return the links with the base parameters of ``body`` whose full parameters are closest to a target.
 
     The target ``aim`` and its standard deviations ``scale`` are full parameters (4(n + 1),). A link may have first
@@ -112,7 +112,7 @@ def closest_links(bodies: ConeBodies, body: FloatArray, aim: FloatArray, scale: 
     links = limits.settled(body)
     directions = null_space(bodies.mapping, rcond=_DEPENDENT)
     if directions.shape[1]:
-        moved = links + directions @ closest_step(limits, links, directions, (aim - links) / scale, scale)
+        moved = links + directions @ find_closest_step(limits, links, directions, (aim - links) / scale, scale)
         links = limits.settled(moved) if limits.outside(moved) <= _ROUNDING else links
     links[[4 * link + 3 for link in hollow]] = np.nan
     return links
@@ -125,7 +125,7 @@ def _is_hollow(bodies: ConeBodies, body: FloatArray, link: int) -> bool:
     return not bodies.limited(link) and bool(mass <= least < max(first) / LENGTH)
 
 
-def closest_step(
+def find_closest_step(
     limits: ConicBodies, start: FloatArray, directions: FloatArray, distance: FloatArray, scale: FloatArray
 ) -> FloatArray:
     """Return the steps (d,) along directions (v, d) that lead closest to a target; NaN if Clarabel finds none.

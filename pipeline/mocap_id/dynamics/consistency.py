@@ -13,13 +13,13 @@ from typing import Literal
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.cone_solver import closest_links, solve_links
+from mocap_id.dynamics.cone_solver import find_closest_links, solve_links
 from mocap_id.dynamics.consistency_cone import ConeBodies
 from mocap_id.dynamics.least_squares import CompressedProblem
 from mocap_id.dynamics.optimality import BodyCone, SolverAnswer, check_optimality
 from mocap_id.dynamics.point_grid import PointGrid
 from mocap_id.dynamics.point_masses import GridBodies, solve_nnls, solve_osqp, spread_masses
-from mocap_id.dynamics.reference_prior import reference_deviations
+from mocap_id.dynamics.reference_prior import compute_reference_sd
 from mocap_id.errors import NumericalError
 
 Consistency = Literal["grid", "cone", "bounded-cone"]
@@ -80,7 +80,7 @@ def fit_consistent(
 
     def spread(answer: SolverAnswer) -> FloatArray:
         return spread_masses(
-            moments, answer.body, full_moments, reference, reference_deviations(reference, relative_sd)
+            moments, answer.body, full_moments, reference, compute_reference_sd(reference, relative_sd)
         )
 
     if isinstance(bodies, ConeBodies):
@@ -89,7 +89,7 @@ def fit_consistent(
             aim = reference
             if not np.isfinite(aim).all():
                 aim = np.where(np.isfinite(aim), aim, full_moments @ spread(_fit_point_masses(small, moments)))
-            full = closest_links(bodies, links.body, aim, reference_deviations(aim, relative_sd))
+            full = find_closest_links(bodies, links.body, aim, compute_reference_sd(aim, relative_sd))
             nowhere = np.full(full_moments.shape[1], np.nan)
             return _complete_solution(problem, bodies, (consistency, consistency), (full, nowhere), links)
     answer = _fit_point_masses(small, moments)

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.dynamics.base_parameters import triangular_factor
+from mocap_id.dynamics.base_parameters import triangularise
 from mocap_id.dynamics.fit import DEPENDENT, Fit
 from mocap_id.dynamics.least_squares import CompressedProblem
 from mocap_id.dynamics.preparation import PreparedTrial
@@ -104,9 +104,9 @@ def _compress_folds(result: Fit, used: BoolArray) -> list[FloatArray]:
     if result.prior is not None:  # the prior has the same weight in every fold
         prior = np.column_stack([np.pad(result.prior[0], ((0, 0), (0, 1))), result.prior[1]])
     patterns, pattern = np.unique(used, axis=1, return_inverse=True)
-    factors = [triangular_factor(rows[pattern == p].reshape(-1, rows.shape[-1])) for p in range(patterns.shape[1])]
+    factors = [triangularise(rows[pattern == p].reshape(-1, rows.shape[-1])) for p in range(patterns.shape[1])]
     return [
-        triangular_factor(np.concatenate([prior, *(f for f, has in zip(factors, fold, strict=True) if has)]))
+        triangularise(np.concatenate([prior, *(f for f, has in zip(factors, fold, strict=True) if has)]))
         for fold in patterns
     ]
 

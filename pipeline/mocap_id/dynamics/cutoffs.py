@@ -27,7 +27,7 @@ class ChosenCutoffs:
 
 def choose_cutoffs(predict: Callable[[Cutoffs], LeftOutPrediction | None]) -> ChosenCutoffs:
     """Choose cut-offs step by step along the list; ``predict`` returns the predictions of left-out repetitions."""
-    cost = {USUAL: left_out_cost(predict(USUAL))}
+    cost = {USUAL: score_left_out(predict(USUAL))}
     best = USUAL
     if not np.isfinite(cost[best]):
         return ChosenCutoffs(best, "the default ones: no repetition could be left out to compare others", cost[best])
@@ -54,14 +54,14 @@ def _walk(
         values[axis] = CUTOFFS[k]
         tried: Cutoffs = (values[0], values[1], values[2])
         if tried not in cost:
-            cost[tried] = left_out_cost(predict(tried))
+            cost[tried] = score_left_out(predict(tried))
         if not cost[tried] < cost[best] - _LEAST_GAIN:
             break
         best = tried
     return best
 
 
-def left_out_cost(prediction: LeftOutPrediction | None) -> float:
+def score_left_out(prediction: LeftOutPrediction | None) -> float:
     """Return the sum of the logarithms of the filtered rms errors of Fx, Fy and tauz; infinite without predictions."""
     if prediction is None:
         return float("inf")

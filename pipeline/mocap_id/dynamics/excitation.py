@@ -51,7 +51,7 @@ class Excitation:
 
 def measure_excitation(prepared: PreparedTrial, result: Identification, weak: float = WEAK) -> Excitation:
     """Measure the excitation of every base parameter; a relative standard deviation above ``weak`` makes it weak."""
-    size = parameter_sizes(prepared, result)
+    size = measure_sizes(prepared, result)
     return classify_parameters(
         base_names(prepared.base, prepared.recorded.centres), result.fit, result.base_sd, size, weak
     )
@@ -77,7 +77,7 @@ def classify_parameters(
     )
 
 
-def parameter_sizes(prepared: PreparedTrial, result: Identification) -> FloatArray:
+def measure_sizes(prepared: PreparedTrial, result: Identification) -> FloatArray:
     """Return the size of each base parameter (b,), SI, with which its standard deviation is compared.
 
     The size of a first moment is the norm of (mx, my), because mx alone may be zero. The base segment has no my. Its mx

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
-from mocap_id.dynamics.regressor import through_joints
+from mocap_id.dynamics.regressor import project_on_joints
 
 SEAT = "seat"
 """Name of the chair's wrench, if a separate force plate measures it."""
@@ -35,20 +35,20 @@ class ExternalWrench:
     by_plates: bool
 
 
-def external_effect(
+def sum_external(
     jacobian: FloatArray, joint: IntArray, wrenches: FloatArray, segment: IntArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the reductions of the ground's wrench (..., c) and of the joint torques (..., N) by external wrenches.
 
     ``wrenches`` (..., c, K) are about the origin and act on ``segment`` (K,). ``jacobian`` and ``joint`` are as for
-    :func:`mocap_id.dynamics.regressor.through_joints`.
+    :func:`mocap_id.dynamics.regressor.project_on_joints`.
     """
-    return wrenches.sum(axis=-1), through_joints(jacobian, joint, wrenches, segment).sum(axis=-1)
+    return wrenches.sum(axis=-1), project_on_joints(jacobian, joint, wrenches, segment).sum(axis=-1)
 
 
 def stack_wrenches(
     external: tuple[ExternalWrench, ...], wrenches: list[FloatArray], samples: int
 ) -> tuple[FloatArray, IntArray]:
-    """Return wrenches (T, 3, K) and segments (K,) as arguments of :func:`external_effect`; K may be 0."""
+    """Return wrenches (T, 3, K) and segments (K,) as arguments of :func:`sum_external`; K may be 0."""
     segment = np.array([each.segment for each in external], dtype=np.int64)
     return np.stack(wrenches, axis=-1) if wrenches else np.zeros((samples, 3, 0)), segment

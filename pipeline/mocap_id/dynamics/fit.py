@@ -9,13 +9,13 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.dynamics.base_parameters import triangular_factor
+from mocap_id.dynamics.base_parameters import triangularise
 from mocap_id.dynamics.clock_offset import profile_offset
 from mocap_id.dynamics.filtered_trial import FilteredTrial
 from mocap_id.dynamics.least_squares import CompressedProblem
-from mocap_id.dynamics.prior_weight import REFERENCE, left_out_memory
+from mocap_id.dynamics.prior_weight import REFERENCE, estimate_memory
 from mocap_id.dynamics.sample_choice import LEAST_SECONDS, select_samples
-from mocap_id.dynamics.uncertainty import block_covariance, time_blocks
+from mocap_id.dynamics.uncertainty import estimate_covariance, number_blocks
 
 Rows: TypeAlias = tuple[FloatArray, FloatArray]
 """Rows (r, b) and right-hand side (r,) of a least-squares problem."""
@@ -62,7 +62,7 @@ class Fit:
     def response(self, wrench: FloatArray) -> FloatArray:
         """Return the change (b + k + 1, s) of the solution due to weighted errors (R, c, s) of the wrench."""
         rows = self.design.reshape(-1, self.design.shape[-1])
-        factor = triangular_factor(np.concatenate([rows, self._prior_rows]))
+        factor = triangularise(np.concatenate([rows, self._prior_rows]))
         half = solve_triangular(factor, rows.T @ wrench.reshape(len(rows), -1), trans="T")
         return np.asarray(solve_triangular(factor, half))
 
@@ -229,7 +229,7 @@ def _scale_weights(
     if prior is None or prepared.prior is None:
         return weights
     inverse = weights / np.sqrt(_independent_share(prepared, REFERENCE))
-    seconds = left_out_memory(
+    seconds = estimate_memory(
         prepared, gate, samples, rows=design * inverse[:, None], target=target * inverse, prior=prior
     )
     return np.asarray(inverse * np.sqrt(_independent_share(prepared, seconds)))
@@ -245,14 +245,14 @@ def _compute_covariance(
     weighted = design * weights[:, None]
     extended = np.concatenate([weighted, (rate * weights)[..., None]], axis=-1)
     residual = _compute_residual(weighted, _sample_wrench(prepared, samples, time - offset) * weights, prior)
-    blocks = time_blocks(time, prepared.settings.block)
+    blocks = number_blocks(time, prepared.settings.block)
     more = None if prior is None else np.pad(prior[0], ((0, 0), (0, 1)))
     spread = 1.0 if prepared.prior is None else prepared.prior.spread
-    return extended, block_covariance(extended, residual, blocks, more, spread)
+    return extended, estimate_covariance(extended, residual, blocks, more, spread)
 
 
 def conditions(rows: FloatArray) -> tuple[float, float]:
     """Return the 2-norm condition numbers of stacked rows (R, c, b), in SI units and with unit columns."""
-    factor = triangular_factor(rows.reshape(-1, rows.shape[-1]))
+    factor = triangularise(rows.reshape(-1, rows.shape[-1]))
     size = np.linalg.norm(factor, axis=0)
     return float(np.linalg.cond(factor)), float(np.linalg.cond(factor / np.where(size > 0.0, size, 1.0)))

@@ -12,11 +12,11 @@ from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.calibration import CalibrationEffect, ScaleCheck, propagate_calibration
 from mocap_id.dynamics.consistency import Consistency, ConsistentSolution, fit_consistent, fit_quickly
 from mocap_id.dynamics.fit import Fit, fit
-from mocap_id.dynamics.kinematic_error import KinematicError, kinematic_response
+from mocap_id.dynamics.kinematic_error import KinematicError, propagate_to_parameters
 from mocap_id.dynamics.least_squares import CompressedProblem
 from mocap_id.dynamics.point_grid import PointGrid
 from mocap_id.dynamics.preparation import PreparedTrial
-from mocap_id.dynamics.reference_prior import FOOT_MOMENT, ReferencePrior, foot_deviations, reference_deviations
+from mocap_id.dynamics.reference_prior import FOOT_MOMENT, ReferencePrior, compute_foot_sd, compute_reference_sd
 
 
 @dataclass(frozen=True)
@@ -119,9 +119,9 @@ def identify(
     if not np.isfinite(reference).all() or (foot_sd is None and not reference_pulls):
         return alone
     if foot_sd is not None and not reference_pulls:
-        deviations = foot_deviations(reference, foot_sd * float(reference[::4].sum()), reference_sd)
+        deviations = compute_foot_sd(reference, foot_sd * float(reference[::4].sum()), reference_sd)
         return _identify_with_foot(prepared, alone, ReferencePrior(reference, deviations), solve, plate_sd)
-    whole = ReferencePrior(reference, reference_deviations(reference, reference_sd))
+    whole = ReferencePrior(reference, compute_reference_sd(reference, reference_sd))
     return _identify_with_reference(alone, prepared.base.regrouping, whole, solve)
 
 
@@ -152,9 +152,9 @@ def _identify_from_data(
 ) -> Identification:
     """Identify the parameters from the data alone."""
     base, own = solution.parameters[: result.base], slice(result.base)
-    response = kinematic_response(prepared, result, base, error)
+    response = propagate_to_parameters(prepared, result, base, error)
     kinematic = response @ response.T
-    covariance = result.covariance + kinematic + _plate_covariance(prepared, result)
+    covariance = result.covariance + kinematic + _propagate_plate_zero(prepared, result)
     sd = np.sqrt(np.diag(covariance))
     biased = len(solution.parameters) > result.base
     return Identification(
@@ -214,7 +214,7 @@ def _identify_with_reference(
     )
 
 
-def _plate_covariance(prepared: PreparedTrial, result: Fit) -> FloatArray:
+def _propagate_plate_zero(prepared: PreparedTrial, result: Fit) -> FloatArray:
     """Return the covariance of base parameters, nuisance and offset from constant errors of Fy and tauz.
 
     Under gravity, m1 causes a constant Fy and mx1 a constant tauz. A constant error of the plate therefore changes only

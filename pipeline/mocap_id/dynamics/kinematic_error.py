@@ -51,7 +51,9 @@ class KinematicError:
         return np.concatenate([now, velocity, acceleration], axis=1)
 
 
-def kinematic_response(prepared: PreparedTrial, result: Fit, base: FloatArray, error: KinematicError) -> FloatArray:
+def propagate_to_parameters(
+    prepared: PreparedTrial, result: Fit, base: FloatArray, error: KinematicError
+) -> FloatArray:
     """Return the change (b + k + 1, S) of the fitted parameters with every mode, in the order of ``result.covariance``.
 
     If q has the error e, the modelled wrench changes by its derivatives times e. The least-squares parameters change by
@@ -82,7 +84,7 @@ def propagate_to_wrench(
     )
 
 
-def torque_variance(
+def propagate_to_torques(
     prepared: PreparedTrial, base: FloatArray, error: KinematicError, response: FloatArray
 ) -> FloatArray:
     """Return the variance (T, n) of the joint torques from all modes, (N·m)²; NaN where a state is missing.

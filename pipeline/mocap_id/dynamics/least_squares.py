@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.base_parameters import triangular_factor
+from mocap_id.dynamics.base_parameters import triangularise
 
 
 @dataclass(frozen=True)
@@ -28,7 +28,7 @@ class CompressedProblem:
         columns = rows.shape[1]
         filled = np.zeros((max(len(rows), columns + 1), columns + 1))
         filled[: len(rows), :columns], filled[: len(rows), -1] = rows, target
-        factor = triangular_factor(filled)
+        factor = triangularise(filled)
         return cls(factor[:columns, :columns], factor[:columns, -1], float(factor[columns, -1] ** 2) + rest)
 
     def free_solution(self) -> FloatArray:

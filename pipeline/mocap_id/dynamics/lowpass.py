@@ -78,7 +78,7 @@ class LowPass:
         return line
 
 
-def cutoff_from_velocity(dq: FloatArray, rate: float) -> float:
+def choose_cutoff(dq: FloatArray, rate: float) -> float:
     """Return the default cut-off, Hz: twice the frequency below which 99.9 % of the velocity's power lies.
 
     The spectrum of the fastest joint's velocity shows the movement, whereas noise dominates the spectrum of the

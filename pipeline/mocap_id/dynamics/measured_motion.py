@@ -173,7 +173,7 @@ def close_gaps(poses: BodyPoses, joints: Sequence[int]) -> BodyPoses:
     return poses
 
 
-def gap_response(poses: BodyPoses, joints: Sequence[int], angle: FloatArray) -> tuple[FloatArray, FloatArray]:
+def differentiate_gaps(poses: BodyPoses, joints: Sequence[int], angle: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return derivatives of gaps by the poses of all bodies, J (f, 2j, 3K), and J W⁻¹ with the poses' information W.
 
     The rows are x and y of each joint's gap; the columns are x, y and angle of each body. The argument ``angle`` (f, K)
@@ -193,7 +193,7 @@ def gap_response(poses: BodyPoses, joints: Sequence[int], angle: FloatArray) -> 
 
 def _solve_closing(poses: BodyPoses, joints: Sequence[int], angle: FloatArray, gap: FloatArray) -> FloatArray:
     """Return the change (f, K, 3) of positions and angles that closes gaps (f, j, 2); 0 where a value is missing."""
-    flat, spread = gap_response(poses, joints, angle)
+    flat, spread = differentiate_gaps(poses, joints, angle)
     good = np.isfinite(flat).all(axis=(1, 2)) & np.isfinite(gap).all(axis=(1, 2))
     flat, spread = flat[good], spread[good]
     solved = np.linalg.solve(spread @ np.swapaxes(flat, 1, 2), gap[good].reshape(-1, 2 * len(joints), 1))
@@ -247,7 +247,7 @@ def joint_centres(poses: BodyPoses, angle: FloatArray, origin: FloatArray) -> Fl
     return joint
 
 
-def measured_motion(poses: BodyPoses, bands: tuple[float, float, float]) -> PlanarMotion:
+def filter_motion(poses: BodyPoses, bands: tuple[float, float, float]) -> PlanarMotion:
     """Return the motion of the bodies, filtered with cut-offs of x, y and angle, Hz."""
     return PoseFilter(poses).motion(bands)
 

@@ -1,6 +1,6 @@
 """Planar motion of a body's segments, the input of the regressor.
 
-It is computed from the joint angles of a chain whose segments are pinned to each other (:func:`chain_motion`), or from
+It is computed from the joint angles of a chain whose segments are pinned to each other (:func:`move_chain`), or from
 measured poses of marker clusters, in which every body moves separately (:mod:`mocap_id.dynamics.measured_motion`).
 """
 
@@ -57,7 +57,7 @@ class PlanarMotion:
         )
 
 
-def chain_motion(centres: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> PlanarMotion:
+def move_chain(centres: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> PlanarMotion:
     """Return the motion of the n + 1 segments of a pinned chain on a fixed base, base first.
 
     ``centres`` (n, 2) or (T, n, 2) contains the centre of joint j in the frame of segment j - 1, m.

@@ -55,7 +55,7 @@ def solve_osqp(problem: CompressedProblem, moments: FloatArray) -> SolverAnswer:
     masses, status, iterations = np.zeros(moments.shape[1]), "not run", 0
     for accuracy in _ACCURACIES:
         target = problem.target - mapped @ masses
-        step, status, used = osqp_split(mapped, target, -masses, accuracy=accuracy)
+        step, status, used = run_osqp(mapped, target, -masses, accuracy=accuracy)
         iterations += used
         moved = np.maximum(masses + step, 0.0)
         if problem.cost(moments @ moved) < problem.cost(moments @ masses):
@@ -76,7 +76,7 @@ def solve_nnls(problem: CompressedProblem, moments: FloatArray) -> SolverAnswer:
     return _build_answer("nnls", problem, moments, masses, status=status)
 
 
-def osqp_split(
+def run_osqp(
     mapped: FloatArray,
     target: FloatArray,
     least: FloatArray,

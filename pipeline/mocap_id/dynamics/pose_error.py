@@ -19,7 +19,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.fit import Fit
-from mocap_id.dynamics.measured_motion import BodyPoses, measured_motion
+from mocap_id.dynamics.measured_motion import BodyPoses, filter_motion
 from mocap_id.dynamics.motion import PlanarMotion
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import torque_regressor, wrench_regressor
@@ -83,7 +83,7 @@ def propagate_pose_errors(prepared: PreparedTrial, result: Fit, full: FloatArray
     step = max(1, int(recorded.rate / _RATE))
     every = errors.poses
     thin = replace(every, time=every.time[::step], position=every.position[::step], angle=every.angle[::step])
-    motion = measured_motion(thin, errors.bands)
+    motion = filter_motion(thin, errors.bands)
     trace = _ThinnedMotion(thin, errors.bands, motion, full, gravity, _compute_wrenches(motion, full, gravity))
     shapes = _standardise(recorded.q, result.in_fit)[::step]
     rows, torques = [np.zeros((result.design.shape[-1], 0))], [np.zeros((len(thin.time), recorded.q.shape[1], 0))]
@@ -131,7 +131,7 @@ class _ThinnedMotion:
                 position[:, 0] += planar.rotate(poses.angle[:, 0], _STEP * np.eye(2)[axis]) * shape[:, None]
             else:
                 angle[:, 0] += _STEP * shape
-            moved = measured_motion(replace(poses, position=position, angle=angle), self.bands)
+            moved = filter_motion(replace(poses, position=position, angle=angle), self.bands)
             change = np.zeros_like(self.wrenches)
             own = _compute_wrenches(moved, self.full[4 * body : 4 * body + 4], self.gravity)[:, 0]
             change[:, body] = (own - self.wrenches[:, body]) / _STEP

@@ -8,12 +8,12 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.base_parameters import determines_rows
-from mocap_id.dynamics.calibration import calibration_torque_variance
+from mocap_id.dynamics.calibration import compute_scale_variance
 from mocap_id.dynamics.comparison import centre_of_pressure, centre_of_pressure_rows
 from mocap_id.dynamics.composite_inertia import composite_inertia
-from mocap_id.dynamics.external_wrenches import external_effect, stack_wrenches
+from mocap_id.dynamics.external_wrenches import stack_wrenches, sum_external
 from mocap_id.dynamics.identification import Identification
-from mocap_id.dynamics.kinematic_error import torque_variance
+from mocap_id.dynamics.kinematic_error import propagate_to_torques
 from mocap_id.dynamics.lowpass import known
 from mocap_id.dynamics.model_error import ModelError, estimate_model_error
 from mocap_id.dynamics.preparation import PreparedTrial
@@ -71,9 +71,9 @@ class PredictionNoise:
 def predict(prepared: PreparedTrial, result: Identification, noise: PredictionNoise, threshold: float) -> Prediction:
     """Predict wrench, centre of pressure and joint torques at every sample.
 
-    ``noise`` is the result of :func:`chain_noise` or :func:`residual_noise`. The centre of pressure is NaN where the
-    vertical force is at most ``threshold``, N. If Fy and tauz were fitted, the base parameters determine all columns. A
-    column outside the span of the fitted components is NaN and listed in ``undetermined``.
+    ``noise`` is the result of :func:`estimate_chain_noise` or :func:`estimate_residual_noise`. The centre of pressure
+    is NaN where the vertical force is at most ``threshold``, N. If Fy and tauz were fitted, the base parameters
+    determine all columns. A column outside the span of the fitted components is NaN and listed in ``undetermined``.
     """
     base, own = result.base, result.residual_covariance
     full_torque = torque_regressor(prepared.motion, prepared.regressor)
@@ -87,7 +87,7 @@ def predict(prepared: PreparedTrial, result: Identification, noise: PredictionNo
     cop_rows = centre_of_pressure_rows(rows, wrench, threshold)
     cop_own = centre_of_pressure_rows(np.broadcast_to(np.eye(3), (len(wrench), 3, 3)), wrench, threshold)
     lasting = variance(torque_rows, own) + noise.torque_lasting
-    of_scale = 0.0 if result.calibration is None else calibration_torque_variance(prepared, base, result.calibration)
+    of_scale = 0.0 if result.calibration is None else compute_scale_variance(prepared, base, result.calibration)
     return Prediction(
         wrench=wrench,
         wrench_sd=np.sqrt(variance(rows, own) + np.einsum("tkk->tk", noise.wrench)),
@@ -101,7 +101,7 @@ def predict(prepared: PreparedTrial, result: Identification, noise: PredictionNo
     )
 
 
-def chain_noise(
+def estimate_chain_noise(
     prepared: PreparedTrial, result: Identification, correlation: FloatArray, centre_sd: FloatArray | None = None
 ) -> PredictionNoise:
     """Return the noise of a pinned chain due to its accelerations; that of angles and velocities is negligible.
@@ -127,7 +127,7 @@ def chain_noise(
     wrench_gain *= np.sqrt([error.scale for error in errors])[:, None]
     torque_gain *= np.sqrt(errors[_MOMENT].overall)
     steady = np.diag([error.steady for error in errors])
-    geometry = torque_variance(prepared, base, result.error, result.response)
+    geometry = propagate_to_torques(prepared, base, result.error, result.response)
     if centre_sd is not None:
         geometry = geometry + _propagate_centres(prepared, result.full, centre_sd)
     return PredictionNoise(
@@ -137,7 +137,7 @@ def chain_noise(
     )
 
 
-def residual_noise(
+def estimate_residual_noise(
     prepared: PreparedTrial,
     result: Identification,
     residual: FloatArray,
@@ -194,7 +194,7 @@ def _subtract_external(prepared: PreparedTrial, offset: float) -> tuple[FloatArr
     """Return the reduction of the ground's wrench (T, 3) and of the torques (T, n) by the external wrenches."""
     recorded = prepared.recorded
     wrenches, segment = stack_wrenches(recorded.external, prepared.external(offset), len(recorded.time))
-    return external_effect(prepared.motion.jacobian, np.arange(1, recorded.q.shape[1] + 1), wrenches, segment)
+    return sum_external(prepared.motion.jacobian, np.arange(1, recorded.q.shape[1] + 1), wrenches, segment)
 
 
 def _find_determined(regressor: FloatArray, prepared: PreparedTrial) -> BoolArray:

@@ -9,12 +9,12 @@ from functools import cached_property
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.dynamics.base_parameters import BaseSet, base_set, keep_all_parameters
+from mocap_id.dynamics.base_parameters import BaseSet, keep_all_parameters, regroup_columns
 from mocap_id.dynamics.body_prior import BodyPrior
 from mocap_id.dynamics.clock_offset import SampledWrench
 from mocap_id.dynamics.external_wrenches import SEAT, ExternalWrench
-from mocap_id.dynamics.lowpass import LowPass, blank_incomplete, cutoff_from_velocity, erode, known, undo_averaging
-from mocap_id.dynamics.motion import PlanarMotion, chain_motion
+from mocap_id.dynamics.lowpass import LowPass, blank_incomplete, choose_cutoff, erode, known, undo_averaging
+from mocap_id.dynamics.motion import PlanarMotion, move_chain
 from mocap_id.dynamics.regressor import wrench_regressor
 
 MEASURED_CUTOFF = 5.0
@@ -59,7 +59,7 @@ class TrialData:
     @property
     def motion(self) -> PlanarMotion:
         """The measured motion if there is one, otherwise the motion of the pinned chain."""
-        return self.measured or chain_motion(self.centres, self.q, self.dq, self.ddq)
+        return self.measured or move_chain(self.centres, self.q, self.dq, self.ddq)
 
     @property
     def rate(self) -> float:
@@ -100,7 +100,7 @@ class FitSettings:
     """Settings of the identification; the defaults are those of the stage."""
 
     components: tuple[int, ...] = (0, 1, 2)  # components of (Fx, Fy, tauz) to fit
-    # low-pass of regressor and wrench, Hz; None for `cutoff_from_velocity`, or 5 Hz for measured poses
+    # low-pass of regressor and wrench, Hz; None for `choose_cutoff`, or 5 Hz for measured poses
     cutoff: float | None = None
     offset_limit: float = 0.15  # largest clock offset that is searched, in both directions, s
     apply_offset: bool = True  # correct the wrench for the clock offset found
@@ -190,7 +190,7 @@ def prepare(recorded: TrialData, settings: FitSettings, prior: BodyPrior | None 
     lowpass = LowPass(_choose_cutoff(recorded, settings), recorded.rate)
     if prior is None:
         selected = regressor[moving][:: lowpass.step, list(settings.components), :]
-        base = base_set(selected.reshape(-1, regressor.shape[-1]))
+        base = regroup_columns(selected.reshape(-1, regressor.shape[-1]))
     else:
         base = keep_all_parameters(regressor.shape[-1])
     wrench, sensors = blank_incomplete(recorded.plates), blank_incomplete(recorded.sensors)
@@ -218,7 +218,7 @@ def _choose_cutoff(recorded: TrialData, settings: FitSettings) -> float:
         return settings.cutoff
     if recorded.measured is not None:
         return min(MEASURED_CUTOFF, recorded.rate / 5)
-    return cutoff_from_velocity(recorded.dq, recorded.rate)
+    return choose_cutoff(recorded.dq, recorded.rate)
 
 
 def _filter_wrench(recorded: TrialData, lowpass: LowPass, wrench: FloatArray) -> FloatArray:

@@ -23,7 +23,7 @@ s.
 _LEAST_FOLDS = 3  # fewer give no useful standard error
 
 
-def left_out_memory(
+def estimate_memory(
     prepared: FilteredTrial,
     gate: BoolArray,
     samples: IntArray,
@@ -55,7 +55,7 @@ def left_out_memory(
     for k in np.unique(part[samples]).tolist():
         fitted = select_samples(prepared, gate & (part != k))[samples]
         if apart * fitted.sum() >= LEAST_SECONDS:
-            errors.append(left_out_error(rows, target, prior, apart=apart, fitted=fitted, predicted=part[samples] == k))
+            errors.append(score_memories(rows, target, prior, apart=apart, fitted=fitted, predicted=part[samples] == k))
     return choose_memory(np.array(errors)) if len(errors) >= _LEAST_FOLDS else REFERENCE
 
 
@@ -70,7 +70,7 @@ def choose_memory(errors: FloatArray) -> float:
     return MEMORIES[int(np.flatnonzero(mean <= allowed)[-1])]
 
 
-def left_out_error(
+def score_memories(
     rows: FloatArray,
     target: FloatArray,
     prior: tuple[FloatArray, FloatArray],
@@ -82,7 +82,7 @@ def left_out_error(
     """Return the mean squared error (M,) of a fit on left-out samples, for each of :data:`MEMORIES`.
 
     ``fitted`` and ``predicted`` (R,) are the rows to fit and to predict, and ``apart`` is the time from one row to the
-    next, s. The other arguments are those of :func:`left_out_memory`.
+    next, s. The other arguments are those of :func:`estimate_memory`.
     """
     data = np.concatenate([rows[fitted], target[fitted, :, None]], axis=-1).reshape(-1, rows.shape[-1] + 1)
     known = np.column_stack(prior)

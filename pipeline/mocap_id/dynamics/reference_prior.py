@@ -24,7 +24,7 @@ _APART = 3.0  # standard deviations
 _OPEN = 10.0  # relative standard deviation of parameters that are left to the data
 
 
-def reference_deviations(reference: FloatArray, relative: float) -> FloatArray:
+def compute_reference_sd(reference: FloatArray, relative: float) -> FloatArray:
     """Return the standard deviations (4(n + 1),) of a reference: a fraction of each segment's m, |(mx, my)| and Izz.
 
     ``reference`` (4(n + 1),) contains m, mx, my, Izz of every segment; NaN stays NaN.
@@ -35,14 +35,14 @@ def reference_deviations(reference: FloatArray, relative: float) -> FloatArray:
     return np.maximum(scale, _LEAST).reshape(-1)
 
 
-def foot_deviations(reference: FloatArray, first_moment: float, relative: float) -> FloatArray:
+def compute_foot_sd(reference: FloatArray, first_moment: float, relative: float) -> FloatArray:
     """Return the standard deviations (4(n + 1),) of a reference that is known for the foot, its first segment, alone.
 
     The mass of the foot is small, so its first moment differs little between people. With it, the torque of the ankle
     follows from the centre of pressure and the position of the joint, and does not depend on the masses above.
     ``first_moment`` is the standard deviation of the foot's mx, kg·m, and ``relative`` that of its mass, as a fraction.
     """
-    deviations = reference_deviations(reference, _OPEN)
+    deviations = compute_reference_sd(reference, _OPEN)
     deviations[:2] = relative * reference[0], first_moment
     return np.maximum(deviations, _LEAST)
 

@@ -12,7 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.dynamics.motion import PlanarMotion, chain_motion, point_acceleration
+from mocap_id.dynamics.motion import PlanarMotion, move_chain, point_acceleration
 from mocap_id.geometry import Chain, link_motion, planar, se3, so3, spatial_jacobian
 
 LINK_PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
@@ -75,7 +75,7 @@ def bodies_regressor(poses: FloatArray, velocity: FloatArray, acceleration: Floa
     return np.moveaxis(blocks, -3, -2).reshape(*poses.shape[:-3], 6, -1)
 
 
-def through_joints(jacobian: FloatArray, joint: IntArray, wrenches: FloatArray, segment: IntArray) -> FloatArray:
+def project_on_joints(jacobian: FloatArray, joint: IntArray, wrenches: FloatArray, segment: IntArray) -> FloatArray:
     """Return the joint torques (..., N, P) due to wrenches on single segments, in space or in the plane.
 
     The wrench through joint j is the sum of the wrenches on the segments beyond it. Its product with the joint's
@@ -103,10 +103,10 @@ def spatial_torque_regressor(chain: Chain, q: FloatArray, regressor: FloatArray)
     ``q`` (..., N) are the coordinates; ``regressor`` is the result of :func:`spatial_regressor`.
     """
     segment = np.repeat(np.arange(len(chain.joints) + 1), len(LINK_PARAMETERS))
-    return through_joints(spatial_jacobian(chain, q), joint_of_coordinate(chain), regressor, segment)
+    return project_on_joints(spatial_jacobian(chain, q), number_joints(chain), regressor, segment)
 
 
-def joint_of_coordinate(chain: Chain) -> IntArray:
+def number_joints(chain: Chain) -> IntArray:
     """Return the joint, from 1, to which each of the N coordinates of a chain belongs."""
     return np.repeat(np.arange(1, len(chain.joints) + 1), [joint.dimension for joint in chain.joints])
 
@@ -166,7 +166,7 @@ def planar_regressor(
     gravity : float
         Gravitational acceleration along -y, m/s².
     """
-    return wrench_regressor(chain_motion(centres, q, dq, ddq), gravity)
+    return wrench_regressor(move_chain(centres, q, dq, ddq), gravity)
 
 
 def planar_torque_regressor(centres: FloatArray, q: FloatArray, regressor: FloatArray) -> FloatArray:
@@ -177,7 +177,7 @@ def planar_torque_regressor(centres: FloatArray, q: FloatArray, regressor: Float
     """
     joints = np.arange(q.shape[1] + 1)
     jacobian = planar.spatial_jacobian(q, centres)
-    return through_joints(jacobian, joints[1:], regressor, np.repeat(joints, len(PLANAR_PARAMETERS)))
+    return project_on_joints(jacobian, joints[1:], regressor, np.repeat(joints, len(PLANAR_PARAMETERS)))
 
 
 def _cross_product(a: FloatArray, b: FloatArray) -> FloatArray:

@@ -33,7 +33,7 @@ def number_parts(time: FloatArray, spans: FloatArray) -> IntArray:
     return np.asarray(repetition * folds // max(len(spans), 1), dtype=np.int64)
 
 
-def without_long_rests(velocity: FloatArray) -> BoolArray:
+def skip_long_rests(velocity: FloatArray) -> BoolArray:
     """Return the samples in motion if a person mostly rests, otherwise all, from joint velocities (T, n), rad/s.
 
     A constant posture repeats its errors, and would outweigh the motion in every mean.
@@ -42,8 +42,8 @@ def without_long_rests(velocity: FloatArray) -> BoolArray:
     return moving if len(moving) and moving.mean() < 1 - _MOSTLY else np.ones(len(moving), dtype=np.bool_)
 
 
-def with_short_rests(velocity: FloatArray) -> BoolArray:
-    """Return all samples, or after long rests those in motion and about as many at rest; as without_long_rests."""
+def shorten_rests(velocity: FloatArray) -> BoolArray:
+    """Return all samples, or after long rests those in motion and about as many at rest; as skip_long_rests."""
     moving = _find_motion(velocity)
     if not len(moving) or moving.mean() >= 1 - _LONG:
         return np.ones(len(moving), dtype=np.bool_)

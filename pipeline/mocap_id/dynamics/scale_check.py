@@ -24,8 +24,8 @@ from mocap_id.dynamics.kinematic_error import propagate_to_wrench
 from mocap_id.dynamics.lowpass import LowPass, erode, known
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import wrench_regressor
-from mocap_id.dynamics.sample_choice import without_long_rests
-from mocap_id.dynamics.uncertainty import time_blocks
+from mocap_id.dynamics.sample_choice import skip_long_rests
+from mocap_id.dynamics.uncertainty import number_blocks
 
 _CUTOFF, _POSES_CUTOFF = 2.5, 4.0  # Hz, for a chain, whose accelerations have errors at higher ones, and for poses
 _THINNED, _CLEAN = 25.0, 10.0  # Hz: rate of the samples, and low-pass of the wrench before thinning
@@ -188,7 +188,7 @@ def _build_problem(
     model = lowpass(plain[:, :, kept])
     usable = erode(known(model) & known(measured) & gate[::step], lowpass.reach_samples)
     rows = np.flatnonzero(usable)[::_EVERY]
-    rows = rows[without_long_rests(recorded.dq[::step][rows])]
+    rows = rows[skip_long_rests(recorded.dq[::step][rows])]
     if len(rows) * _EVERY < _SECONDS * lowpass.rate:
         return None
     components, samples = list(prepared.settings.components), rows * step
@@ -280,7 +280,7 @@ def _estimate_weights(columns: FloatArray, target: FloatArray, time: FloatArray,
     for _ in range(_ROUNDS):
         residual = _compute_residual(columns, target, weights, prepared)
         weights = 1.0 / np.maximum(residual.std(axis=0), 1e-4 * np.sqrt(np.mean(target**2, axis=0)) + 1e-9)
-    block = time_blocks(time, prepared.settings.block)
+    block = number_blocks(time, prepared.settings.block)
     scores = columns * residual[..., None]
     sums = np.zeros((int(block.max()) + 1, *scores.shape[1:]))
     np.add.at(sums, block, scores)

@@ -6,16 +6,16 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from mocap_id.arrays import FloatArray, IntArray
-from mocap_id.dynamics.base_parameters import triangular_factor
+from mocap_id.dynamics.base_parameters import triangularise
 
 
-def time_blocks(time: FloatArray, length: float) -> IntArray:
+def number_blocks(time: FloatArray, length: float) -> IntArray:
     """Return the block of each time (R,), for blocks of ``length`` s; blocks without samples are not numbered."""
     _, block = np.unique(np.floor((time - time[0]) / length), return_inverse=True)
     return block.astype(np.int64)
 
 
-def block_covariance(
+def estimate_covariance(
     design: FloatArray,
     residual: FloatArray,
     block: IntArray,
@@ -44,7 +44,7 @@ def block_covariance(
     """
     columns = design.shape[-1]
     rows = design.reshape(-1, columns)
-    factor = triangular_factor(rows if prior is None else np.concatenate([rows, prior]))
+    factor = triangularise(rows if prior is None else np.concatenate([rows, prior]))
     scores = np.einsum("rcb,rc->rb", design, residual)
     count = int(block.max()) + 1
     sums = np.zeros((count, columns))
@@ -62,7 +62,7 @@ def unit_covariance(rows: FloatArray) -> FloatArray:
     """Return (XᵀX)⁻¹ of rows X (r, p). The columns are scaled internally, for accuracy at any condition number."""
     length = np.linalg.norm(rows, axis=0)
     length = np.where(length > 0.0, length, 1.0)
-    _, size, right = np.linalg.svd(triangular_factor(rows / length))
+    _, size, right = np.linalg.svd(triangularise(rows / length))
     half = right / (np.maximum(size, 1e-12 * size[0])[:, None] * length)
     return np.asarray(half.T @ half)
 

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.dynamics.base_parameters import triangular_factor
+from mocap_id.dynamics.base_parameters import triangularise
 from mocap_id.dynamics.fit import DEPENDENT, Fit
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
-from mocap_id.dynamics.uncertainty import block_covariance, time_blocks
+from mocap_id.dynamics.uncertainty import estimate_covariance, number_blocks
 
 _MATERIAL = 0.05  # fraction of the weight: a smaller error of a force may be due to its calibration
 _LEVER = 0.5  # m: converts this error of a force to that of a moment
@@ -100,7 +100,7 @@ def _have_own_parts(body: FloatArray, columns: list[_Column], known: BoolArray) 
     rows = np.concatenate([body, np.stack([column.values[known] for column in columns], axis=-1)], axis=-1)
     flat = rows.reshape(-1, rows.shape[-1])
     norm = np.maximum(np.linalg.norm(flat, axis=0), np.finfo(float).tiny)
-    left, size, right = np.linalg.svd(triangular_factor(flat / norm))
+    left, size, right = np.linalg.svd(triangularise(flat / norm))
     inverse = (right.T / np.maximum(size, 1.0 / DEPENDENT)) @ left.T
     own = (norm / np.linalg.norm(inverse, axis=1))[-len(columns) :] / np.sqrt(len(rows))
     return [
@@ -122,5 +122,5 @@ def _solve(
     scale = np.linalg.norm(rows, axis=0)
     solution = np.linalg.lstsq(rows / scale, target, rcond=None)[0] / scale
     residual = (target - rows @ solution).reshape(len(time), -1)
-    covariance = block_covariance(design, residual, time_blocks(time, prepared.settings.block))
+    covariance = estimate_covariance(design, residual, number_blocks(time, prepared.settings.block))
     return solution[-len(columns) :], np.sqrt(np.diag(covariance)[-len(columns) :])

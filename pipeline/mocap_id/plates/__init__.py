@@ -13,7 +13,7 @@ samples : sequence of PlateSamples
 """
 
 from mocap_id.plates.choice import PlateChoice, choose_plates, find_contradictions
-from mocap_id.plates.standing import GRAVITY, ZeroRule, find_dropouts, measure_empty_chair, standing_mass
+from mocap_id.plates.standing import GRAVITY, ZeroRule, find_dropouts, measure_empty_chair, weigh_person
 
 __all__ = [
     "GRAVITY",
@@ -23,5 +23,5 @@ __all__ = [
     "find_contradictions",
     "find_dropouts",
     "measure_empty_chair",
-    "standing_mass",
+    "weigh_person",
 ]

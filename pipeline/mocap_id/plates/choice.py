@@ -85,16 +85,16 @@ def choose_plates(
     """
     _check_configured_plates(plates, feet, seat)
     tall, low = find_upright(positions)
-    loads = tuple(_mean_force(each.force[:, 2], each.ok) for each in samples)
-    threshold = _load_threshold(samples)
+    loads = tuple(_average_force(each.force[:, 2], each.ok) for each in samples)
+    threshold = _compute_threshold(samples)
     chosen: list[tuple[Use, str]] = []
     for plate, each in zip(plates, samples, strict=True):
         if not plate.usable or not each.ok.any():
             chosen.append(("ignored", plate.problem or "it has no valid sample in these frames"))
-        elif _peak_force(each) >= threshold and _is_constant(each):
+        elif _measure_peak(each) >= threshold and _is_constant(each):
             constant = each.force[each.ok, 2][0]
             chosen.append(("ignored", f"it reads the same {constant:.0f} N throughout: not connected, or saturated"))
-        elif plate.index in feet and _peak_force(each) < LOADED_N:
+        elif plate.index in feet and _measure_peak(each) < LOADED_N:
             chosen.append(("unloaded", f"named under `feet`, but its load stays under {LOADED_N:.0f} N"))
         elif feet or seat:
             use: Use = "feet" if plate.index in feet else "seat" if plate.index in seat else "ignored"
@@ -115,12 +115,12 @@ def find_contradictions(samples: Sequence[PlateSamples], choice: PlateChoice, po
     tall, low = find_upright(positions)
     if not low.any():
         return {}
-    threshold = _load_threshold(samples)
+    threshold = _compute_threshold(samples)
     contradictions: dict[int, str] = {}
     for index in (index for index, why in enumerate(choice.why) if why == _CONFIGURED):
         each = samples[index]
         expected, why = _classify(each, tall, low, threshold)
-        standing, loaded = _mean_force(each.force[:, 2], each.ok & tall), _force_before_standing(each, tall)
+        standing, loaded = _average_force(each.force[:, 2], each.ok & tall), _measure_load(each, tall)
         if choice.uses[index] == "seat" and expected == "feet" and standing > loaded / 2:
             contradictions[index] = f"carries {standing:.0f} N while the person stands and up to {loaded:.0f} N before"
         elif choice.uses[index] == "feet" and expected == "seat":
@@ -148,41 +148,41 @@ def _check_configured_plates(plates: Sequence[Plate], feet: Collection[int], sea
 def _classify(samples: PlateSamples, tall: BoolArray, low: BoolArray, threshold: float) -> tuple[Use, str]:
     """Return the use of a plate, and the reason, from its load while the body is tall and while it is low."""
     vertical = samples.force[:, 2]
-    if _peak_force(samples) < threshold:
-        return "unloaded", f"its load stays at {_peak_force(samples):.0f} N"
-    standing, seated = _mean_force(vertical, samples.ok & tall), _mean_force(vertical, samples.ok & low)
+    if _measure_peak(samples) < threshold:
+        return "unloaded", f"its load stays at {_measure_peak(samples):.0f} N"
+    standing, seated = _average_force(vertical, samples.ok & tall), _average_force(vertical, samples.ok & low)
     if np.isfinite(standing) and np.isfinite(seated):
         if seated > threshold and standing < seated / 2:
             return "seat", f"{seated:.0f} N while the body is low, {standing:.0f} N while it stands"
-        decrease = _force_before_standing(samples, tall) - standing
-        if decrease > threshold and _force_range(samples, tall) < _STEADY * decrease:
+        decrease = _measure_load(samples, tall) - standing
+        if decrease > threshold and _measure_range(samples, tall) < _STEADY * decrease:
             before = f"up to {standing + decrease:.0f} N before the body stands"
             return "seat", f"{before}, a constant {standing:.0f} N while it stands"
     return "feet", "it stays loaded while the body stands" if np.isfinite(seated) else "it is loaded"
 
 
-def _load_threshold(samples: Sequence[PlateSamples]) -> float:
+def _compute_threshold(samples: Sequence[PlateSamples]) -> float:
     """Return the force below which a plate counts as unloaded, N."""
-    return max([LOADED_N, *(_OFFSET_SHARE * _peak_force(each) for each in samples)])
+    return max([LOADED_N, *(_OFFSET_SHARE * _measure_peak(each) for each in samples)])
 
 
-def _peak_force(samples: PlateSamples) -> float:
+def _measure_peak(samples: PlateSamples) -> float:
     """Return the 95th percentile of the magnitude of the vertical force, N."""
     vertical = samples.force[samples.ok, 2]
     return float(np.percentile(np.abs(vertical), 95)) if vertical.size else 0.0
 
 
-def _force_before_standing(samples: PlateSamples, tall: BoolArray) -> float:
+def _measure_load(samples: PlateSamples, tall: BoolArray) -> float:
     """Return the 90th percentile of the vertical force while the body does not stand, N; 0 without samples."""
     vertical = samples.force[samples.ok & ~tall, 2]
     return float(np.percentile(vertical, 90)) if vertical.size else 0.0
 
 
-def _force_range(samples: PlateSamples, tall: BoolArray) -> float:
+def _measure_range(samples: PlateSamples, tall: BoolArray) -> float:
     """Return the range of the vertical force from the 10th to the 90th percentile while the body stands, N."""
     low, high = np.percentile(samples.force[samples.ok & tall, 2], [10, 90])
     return float(high - low)
 
 
-def _mean_force(values: FloatArray, where: BoolArray) -> float:
+def _average_force(values: FloatArray, where: BoolArray) -> float:
     return float(values[where].mean()) if where.any() else float("nan")

@@ -44,8 +44,8 @@ def compare_directions(force: FloatArray, positions: FloatArray, rate: float) ->
     if len(positions) < 4 * half or not groups or not np.isfinite(force).any():
         return None
     each = (positions[2 * half :] - 2 * positions[half:-half] + positions[: -2 * half]) * (rate / half) ** 2
-    acceleration = np.stack([mean_over_markers(each[:, group])[:, :2] for group in groups])  # (k, T, 2)
-    averaged = _triangular_mean(force, half)
+    acceleration = np.stack([average_markers(each[:, group])[:, :2] for group in groups])  # (k, T, 2)
+    averaged = _average_triangular(force, half)
     with np.errstate(invalid="ignore"):
         known = np.isfinite(acceleration).all(axis=(0, 2))
         known &= averaged[:, 2] > _MIN_SHARE * np.nanpercentile(force[:, 2], 95)
@@ -55,7 +55,7 @@ def compare_directions(force: FloatArray, positions: FloatArray, rate: float) ->
     return _fit_rotation(averaged[kept, :2], acceleration[:, kept])
 
 
-def mean_over_markers(values: FloatArray) -> FloatArray:
+def average_markers(values: FloatArray) -> FloatArray:
     """Return the mean (F, 3) over the visible markers of (F, M, 3) values; NaN if none is visible."""
     known: BoolArray = np.asarray(np.isfinite(values).all(axis=2))
     count = known.sum(axis=1)
@@ -63,7 +63,7 @@ def mean_over_markers(values: FloatArray) -> FloatArray:
     return np.asarray(np.where(count[:, None] > 0, total, np.nan) / np.maximum(count, 1)[:, None])
 
 
-def _triangular_mean(values: FloatArray, half: int) -> FloatArray:
+def _average_triangular(values: FloatArray, half: int) -> FloatArray:
     """Average a series (F, 3) with triangular weights over ± ``half`` samples; return (F - 2 half, 3)."""
     weights = np.concatenate([np.arange(1, half + 1), np.arange(half - 1, 0, -1)]) / half**2
     return np.stack([np.convolve(each, weights, "valid")[1:-1] for each in values.T], axis=1)
@@ -84,12 +84,12 @@ def _fit_rotation(measured: FloatArray, parts: FloatArray) -> ForceDirection:
     """Return the rotation of the accelerations (k, T, 2) that best explains the force (T, 2), each minus its mean."""
     measured, parts = measured - measured.mean(axis=0), parts - parts.mean(axis=1, keepdims=True)
     size = float(np.linalg.norm(measured))
-    residual, angle = min((_residual_norm(measured, parts, angle), angle) for angle in _ANGLES)
+    residual, angle = min((_compute_residual(measured, parts, angle), angle) for angle in _ANGLES)
     coherence = float(np.sqrt(max(0.0, 1.0 - (residual / max(size, 1e-300)) ** 2)))
     return ForceDirection(angle, coherence, size / float(np.sqrt(len(measured))))
 
 
-def _residual_norm(measured: FloatArray, parts: FloatArray, angle: float) -> float:
+def _compute_residual(measured: FloatArray, parts: FloatArray, angle: float) -> float:
     """Return the norm of the residual of the force (T, 2) after a fit of masses to rotated accelerations (k, T, 2)."""
     c, s = np.cos(angle), np.sin(angle)
     rows = (parts @ np.array([[c, s], [-s, c]])).reshape(len(parts), -1).T

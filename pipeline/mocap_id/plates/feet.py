@@ -69,31 +69,31 @@ def find_standing_feet(
     return groups
 
 
-def distance_outside(points: FloatArray, outline: FloatArray) -> FloatArray:
+def measure_outside(points: FloatArray, outline: FloatArray) -> FloatArray:
     """Return the distance (P,) of points (P, 2) from the convex hull of an outline (K, 2), m; negative inside.
 
     Examples
     --------
     >>> square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
-    >>> distance_outside(np.array([[0.5, 0.5], [1.2, 0.5]]), square).round(3)
+    >>> measure_outside(np.array([[0.5, 0.5], [1.2, 0.5]]), square).round(3)
     array([-0.5,  0.2])
     """
     support = (outline @ _DIRECTIONS).max(axis=0)
     return np.asarray((points @ _DIRECTIONS - support).max(axis=1))
 
 
-def least_width(outline: FloatArray) -> float:
+def measure_width(outline: FloatArray) -> float:
     """Return the least distance between two parallel lines that enclose an outline (K, 2), m.
 
     Examples
     --------
-    >>> round(least_width(np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 1.0], [0.0, 1.0]])), 3)
+    >>> round(measure_width(np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 1.0], [0.0, 1.0]])), 3)
     1.0
     """
     return float(np.ptp(outline @ _DIRECTIONS, axis=0).min())
 
 
-def largest_distance(outline: FloatArray) -> float:
+def measure_length(outline: FloatArray) -> float:
     """Return the largest distance between any two points of an outline (K, 2), m."""
     return float(np.max(np.linalg.norm(outline[:, None] - outline[None], axis=-1)))
 

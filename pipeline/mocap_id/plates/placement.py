@@ -14,8 +14,8 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, find_runs
-from mocap_id.plates.direction import mean_over_markers
-from mocap_id.plates.feet import distance_outside, find_standing_feet, largest_distance, least_width
+from mocap_id.plates.direction import average_markers
+from mocap_id.plates.feet import find_standing_feet, measure_length, measure_outside, measure_width
 from mocap_id.recording.lab_plates import compute_centre_of_pressure
 from mocap_id.recording.marker_posture import find_upright, shows_standing
 from mocap_id.recording.model import Plate
@@ -89,17 +89,20 @@ def compare_with_feet(
     ``samples`` are the wrenches of the plates at the marker times.
     """
     surfaces = [plate.centre[2] for plate in plates if plate.centre is not None]
-    loaded = _samples_on_feet(positions, samples)
+    loaded = _find_samples_on_feet(positions, samples)
     surface = float(np.mean(surfaces)) if surfaces else None
     feet = []
     if any(map(np.any, loaded)):
         feet = find_standing_feet(positions, np.logical_or.reduce(loaded), surface, len(plates))
-    feet = [foot for foot in feet if largest_distance(foot[:, :2]) > _FOOT_M / 2]
+    feet = [foot for foot in feet if measure_length(foot[:, :2]) > _FOOT_M / 2]
     unknown = _explain_missing_outline(feet)
     shared = len(feet) != len(plates)
     outlines = [] if unknown else [np.concatenate(feet)] * len(plates) if shared else feet
     distances = np.array(
-        [[_distance_from(outline, *each) for outline in outlines] for each in zip(plates, samples, loaded, strict=True)]
+        [
+            [_measure_distance(outline, *each) for outline in outlines]
+            for each in zip(plates, samples, loaded, strict=True)
+        ]
     )
     own: IntArray = linear_sum_assignment(np.nan_to_num(distances, nan=0.0))[1] if outlines else np.zeros(0, np.int64)
     lowest = min((foot[:, 2].min() for foot in feet), default=None)
@@ -127,7 +130,7 @@ def compare_with_feet(
     return placements
 
 
-def _samples_on_feet(positions: FloatArray, samples: Sequence[PlateSamples]) -> list[BoolArray]:
+def _find_samples_on_feet(positions: FloatArray, samples: Sequence[PlateSamples]) -> list[BoolArray]:
     """Return for each plate the samples (F,) in which only feet load it.
 
     These are all loaded samples. If the plates carry the whole weight while the body is low, a chair may stand on them;
@@ -145,14 +148,14 @@ def _explain_missing_outline(feet: Sequence[FloatArray]) -> str | None:
     """Return why the markers (K, 3) of the feet do not give an outline of the soles; None if they do."""
     if not feet:
         return "no foot with two markers stands still"
-    if min(largest_distance(foot[:, :2]) for foot in feet) < (_BOTH_ENDS_M if len(feet) > 1 else _TWO_FEET_M):
+    if min(measure_length(foot[:, :2]) for foot in feet) < (_BOTH_ENDS_M if len(feet) > 1 else _TWO_FEET_M):
         return "the markers show one foot alone, or not both ends of each foot"
-    if least_width(np.concatenate(feet)[:, :2]) < _BOTH_ENDS_M:
+    if measure_width(np.concatenate(feet)[:, :2]) < _BOTH_ENDS_M:
         return "the markers show one foot alone, or one end of the feet"
     return None
 
 
-def standing_lean(force: FloatArray, positions: FloatArray, rate: float) -> FloatArray | None:
+def measure_lean(force: FloatArray, positions: FloatArray, rate: float) -> FloatArray | None:
     """Return the angles (2,) between the vertical and the mean ground force on the person who stands still, rad.
 
     The angles are along the lab's X and Y. The force (F, 3) is the total of the plates under the feet, lab axes, N. The
@@ -162,7 +165,7 @@ def standing_lean(force: FloatArray, positions: FloatArray, rate: float) -> Floa
     if len(positions) <= 2 * half:
         return None
     speed = np.full(len(positions), np.inf)
-    moved = mean_over_markers(positions[2 * half :] - positions[: -2 * half]) * rate / (2 * half)
+    moved = average_markers(positions[2 * half :] - positions[: -2 * half]) * rate / (2 * half)
     speed[half:-half] = np.linalg.norm(moved, axis=1)
     slow = np.nan_to_num(speed, nan=np.inf) < _SWAY_M_S
     still = _keep_long_runs(find_upright(positions)[0] & np.isfinite(force).all(axis=1) & slow, round(_PAUSE_S * rate))
@@ -186,15 +189,15 @@ def _find_loaded(samples: PlateSamples) -> BoolArray:
     return np.asarray(vertical > max(_MIN_FORCE_N, _MIN_SHARE * float(np.percentile(vertical, 95))))
 
 
-def _distance_from(outline: FloatArray, plate: Plate, samples: PlateSamples, loaded: BoolArray) -> float:
+def _measure_distance(outline: FloatArray, plate: Plate, samples: PlateSamples, loaded: BoolArray) -> float:
     """Return the distance of the centre of pressure from an outline (K, 3), m, negative inside; NaN without load."""
     if not loaded.any():
         return float("nan")
     centres = compute_centre_of_pressure(plate, samples)[loaded]
-    return float(np.percentile(distance_outside(centres, outline[:, :2]), _PERCENTILE))
+    return float(np.percentile(measure_outside(centres, outline[:, :2]), _PERCENTILE))
 
 
 def _measure_shortfall(feet: Sequence[FloatArray], width: float = 0.0) -> float:
     """Return the length by which the markers (K, 3) of feet may be shorter or narrower than the soles, m."""
-    length = max(largest_distance(foot[:, :2]) for foot in feet)
-    return max(0.0, _FOOT_M - length, width - least_width(np.concatenate(feet)[:, :2]))
+    length = max(measure_length(foot[:, :2]) for foot in feet)
+    return max(0.0, _FOOT_M - length, width - measure_width(np.concatenate(feet)[:, :2]))

@@ -39,7 +39,7 @@ class EmptyChairReading:
     spread: FloatArray | None  # (3,) standard deviation of the samples of this median, N and N·m
 
 
-def standing_mass(positions: FloatArray, rate: float, vertical: FloatArray) -> tuple[float | None, str | None]:
+def weigh_person(positions: FloatArray, rate: float, vertical: FloatArray) -> tuple[float | None, str | None]:
     """Return the mass of the person, kg, estimated from the force under the feet while standing still.
 
     The load alone does not distinguish standing from sitting, so the markers must also show that the person stands.

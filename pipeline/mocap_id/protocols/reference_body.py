@@ -11,9 +11,9 @@ from mocap_id.dynamics.allometry import (
     ReferenceTable,
     Sex,
     TableName,
-    full_parameters,
-    height_from_legs,
-    reference_table,
+    estimate_height,
+    look_up_table,
+    scale_reference,
 )
 from mocap_id.verdict import Reason
 
@@ -84,7 +84,7 @@ def build_reference_body(
         return make_empty_reference(
             len(centres), "the mass of the person is unknown, as no plate measures it; give `subject: {mass: …}`"
         )
-    reference = reference_table(name, sex)
+    reference = look_up_table(name, sex)
     assumed: list[str] = []
     if mass is None:
         assert plate_mass is not None
@@ -97,7 +97,7 @@ def build_reference_body(
         assumed.append("the mean of the female and the male table")
     return ReferenceBody(
         table=name,
-        parameters=full_parameters(reference, centres, height, mass, facing, standing=standing),
+        parameters=scale_reference(reference, centres, height, mass, facing, standing=standing),
         height=height,
         mass=mass,
         assumed=tuple(assumed),
@@ -109,7 +109,7 @@ def build_reference_body(
 def _estimate_height(reference: ReferenceTable, centres: FloatArray) -> tuple[float, str]:
     """Return the height of the person, m, estimated from shank and thigh, and a text that states this assumption."""
     shank, thigh = (float(np.linalg.norm(end)) for end in centres[1:3])
-    height, factor = height_from_legs(reference, shank, thigh), reference.shank.length + reference.thigh.length
+    height, factor = estimate_height(reference, shank, thigh), reference.shank.length + reference.thigh.length
     legs = f"{shank + thigh:.3f} m / {factor:.3f}"
     return height, f"a height of {height:.2f} m, from the lengths of shank and thigh ({legs})"
 

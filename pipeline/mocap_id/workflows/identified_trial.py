@@ -16,9 +16,9 @@ from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.cutoffs import Cutoffs
 from mocap_id.dynamics.lowpass import LowPass
 from mocap_id.dynamics.measured_motion import USUAL
-from mocap_id.dynamics.motion import chain_motion
+from mocap_id.dynamics.motion import move_chain
 from mocap_id.dynamics.parameter_transfer import BodyFrames
-from mocap_id.dynamics.reference_prior import ReferencePrior, reference_deviations
+from mocap_id.dynamics.reference_prior import ReferencePrior, compute_reference_sd
 from mocap_id.dynamics.regressor import torque_regressor
 from mocap_id.store import Folder, LongTable, Table, Tree
 from mocap_id.store.views import Skeleton, Trajectories, joint_columns
@@ -160,12 +160,12 @@ def open_identified_trial(path: Path, progress: runner.Progress = lambda step: N
     q, dq, ddq = (joint_columns(states, name, len(skeleton.centres)) for name in ("theta", "dtheta", "ddtheta"))
     used, bands = _measured_bodies(dynamics.facts)
     reference = dynamics.numbers("bodies/reference")
-    prior = ReferencePrior(reference, reference_deviations(reference, float(parameters[_LAST]["reference_sd"])))
+    prior = ReferencePrior(reference, compute_reference_sd(reference, float(parameters[_LAST]["reference_sd"])))
     return IdentifiedTrial(
         name=str(parameters["trial"]),
         source=path,
         folder=folder.path,
-        chain=MovingBodies(frames, chain_motion(frames.centres, q, dq, ddq), gravity),
+        chain=MovingBodies(frames, move_chain(frames.centres, q, dq, ddq), gravity),
         measured=on_measured_poses(poses, frames.centres, used, bands, gravity) if used else None,
         q=q,
         dq=dq,

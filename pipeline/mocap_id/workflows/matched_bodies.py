@@ -13,7 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.dynamics.measured_motion import BodyPoses, fill_gaps, measured_motion
+from mocap_id.dynamics.measured_motion import BodyPoses, fill_gaps, filter_motion
 from mocap_id.dynamics.motion import PlanarMotion
 from mocap_id.dynamics.parameter_transfer import BodyFrames
 from mocap_id.errors import ConfigError
@@ -52,7 +52,7 @@ def match_bodies(source: IdentifiedTrial, target: IdentifiedTrial) -> MovingBodi
             centres=np.zeros((0, 2)),
         )
     )
-    motion, centres = _with_joints(measured_motion(poses, target.bands), frames, target)
+    motion, centres = _with_joints(filter_motion(poses, target.bands), frames, target)
     local = np.concatenate([pose.local for pose in found])
     every = np.concatenate(own)
     skeleton = replace(

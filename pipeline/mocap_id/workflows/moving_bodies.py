@@ -10,7 +10,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.cutoffs import Cutoffs
-from mocap_id.dynamics.measured_motion import measured_motion
+from mocap_id.dynamics.measured_motion import filter_motion
 from mocap_id.dynamics.motion import PlanarMotion
 from mocap_id.dynamics.parameter_transfer import BodyFrames
 from mocap_id.dynamics.regressor import torque_regressor, wrench_regressor
@@ -66,7 +66,7 @@ def on_measured_poses(
         m/s².
     """
     ready = pin(bridge(read_bodies(poses, centres, used)))
-    return MovingBodies(_skeleton(ready), measured_motion(ready.poses, bands), gravity)
+    return MovingBodies(_skeleton(ready), filter_motion(ready.poses, bands), gravity)
 
 
 def _skeleton(bodies: MeasuredBodies) -> BodyFrames:

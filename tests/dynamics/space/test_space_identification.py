@@ -9,11 +9,11 @@ import pytest
 from space_cases import SIX, identified, record, robot, true_base
 
 from mocap_id.dynamics.fit import determines_parameters
-from mocap_id.dynamics.space.calibration import no_errors
+from mocap_id.dynamics.space.calibration import make_exact
 from mocap_id.dynamics.space.identification import SpatialIdentification, identify, measure_excitation_in_space
 from mocap_id.dynamics.space.payload import BaseEstimate, identify_payload
 from mocap_id.dynamics.space.prediction import predict
-from mocap_id.dynamics.space.trial import moved_wrench, prepare
+from mocap_id.dynamics.space.trial import prepare, shift_wrench
 from mocap_id.geometry import se3, so3
 
 
@@ -96,10 +96,10 @@ def test_a_turned_and_shifted_laboratory_changes_nothing() -> None:
             "omega": recorded.omega @ turn.T,
             "alpha": recorded.alpha @ turn.T,
             "wrench": np.hstack([recorded.wrench[:, :3] @ turn.T, recorded.wrench[:, 3:] @ turn.T])
-            @ moved_wrench(shift).T,
+            @ shift_wrench(shift).T,
         }
     )
-    again = identify(prepare(moved, SIX), everywhere(trial), no_errors())
+    again = identify(prepare(moved, SIX), everywhere(trial), make_exact())
     of_segments = prepare(recorded, SIX).base.kept >= 10
     sd = np.sqrt(np.diag(found.residual_covariance))
     assert np.abs((again.base - found.base) / sd)[of_segments].max() < 1.0  # only the weights of x and z differ

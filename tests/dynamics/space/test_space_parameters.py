@@ -9,7 +9,7 @@ from space_cases import random_base, random_bodies, random_chain
 from mocap_id.dynamics.least_squares import CompressedProblem
 from mocap_id.dynamics.space.base_parameters import structural_base
 from mocap_id.dynamics.space.consistency import REACH, SemidefiniteBodies, fit_semidefinite
-from mocap_id.dynamics.space.motion import joint_motion, segment_regressor
+from mocap_id.dynamics.space.motion import move_joints, segment_regressor
 from mocap_id.dynamics.space.pseudo_inertia import body_parameters, change_of_frame, point_mass, pseudo_inertia
 from mocap_id.geometry import se3
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
@@ -26,10 +26,10 @@ def test_the_base_parameters_determine_the_wrench_of_every_motion(kinds: tuple[s
     structure = structural_base(chain, base)
     assert len(structure.names) == len(structure.units) == len(set(structure.names)) == count
     size = sum(joint.dimension for joint in chain.joints)
-    motion = joint_motion(chain, base, *rng.normal(size=(3, 6, size)))
+    motion = move_joints(chain, base, *rng.normal(size=(3, 6, size)))
     minimal = segment_regressor(motion.in_frames(structure.frames))[:, :, structure.base.kept]
     np.testing.assert_allclose(minimal @ structure.mapping, segment_regressor(motion), atol=1e-11)
-    rows = segment_regressor(joint_motion(chain, base, *rng.normal(size=(3, 60, size))))
+    rows = segment_regressor(move_joints(chain, base, *rng.normal(size=(3, 60, size))))
     assert np.linalg.matrix_rank(rows.reshape(-1, rows.shape[-1])) == count
 
 
@@ -44,7 +44,7 @@ def test_names_are_simple_for_a_robot_that_turns_about_the_vertical() -> None:
 def test_the_wrench_does_not_depend_on_the_frame_of_the_parameters(seed: int) -> None:
     rng = np.random.default_rng(seed)
     chain, base, bodies = random_chain(rng, ("ball", "hinge")), random_base(rng), random_bodies(rng, 3)
-    motion = joint_motion(chain, base, *rng.normal(size=(3, 3, 4)))
+    motion = move_joints(chain, base, *rng.normal(size=(3, 3, 4)))
     frames = se3.exp(rng.normal(size=(3, 6)))
     moved = np.stack([change_of_frame(se3.inverse(f)) @ body for f, body in zip(frames, bodies, strict=True)])
     here, there = (
@@ -75,7 +75,7 @@ def test_the_cheapest_point_is_the_cheapest(seed: int) -> None:
 def problem(rng: np.random.Generator, error: float) -> tuple[CompressedProblem, np.ndarray]:
     chain, base = random_chain(rng, ("hinge", "hinge")), random_base(rng)
     structure = structural_base(chain, base)
-    motion = joint_motion(chain, base, *rng.normal(size=(3, 80, 2)))
+    motion = move_joints(chain, base, *rng.normal(size=(3, 80, 2)))
     rows = segment_regressor(motion.in_frames(structure.frames))[:, :, structure.base.kept].reshape(480, -1)
     target = rows @ structure.mapping @ random_bodies(rng, 3).ravel() + error * rng.normal(size=480)
     return CompressedProblem.of(rows, target), structure.mapping

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from space_cases import random_base, random_bodies, random_chain
 
 from mocap_id.dynamics.regressor import LINK_PARAMETERS, spatial_regressor, torque_regressor
-from mocap_id.dynamics.space.motion import joint_motion, segment_motion, segment_regressor
+from mocap_id.dynamics.space.motion import move_joints, move_segments, segment_regressor
 from mocap_id.dynamics.space.pseudo_inertia import change_of_frame
 from mocap_id.geometry import Ball, Chain, Revolute, se3, so3
 
@@ -24,7 +24,7 @@ def test_balls_are_pinocchios(seed: int) -> None:
     rng = np.random.default_rng(seed)
     chain, base = random_chain(rng, BALLS), random_base(rng)
     states = rng.normal(size=(3, 3, 9))
-    motion = joint_motion(chain, base, *states)
+    motion = move_joints(chain, base, *states)
     wrench = segment_regressor(motion)
     model = pin.Model()
     model.gravity = pin.Motion(np.array([0, -9.81, 0]), np.zeros(3))
@@ -71,7 +71,7 @@ def test_it_is_that_of_the_chain_of_screws(seed: int) -> None:
     q, dq, ddq = rng.normal(size=(3, 5, 7))
     full = spatial_regressor(Chain(tuple(joints), np.stack(placements)), q, dq, ddq, np.array([0, 9.81, 0, 0, 0, 0]))
     bodies = random_bodies(rng, 5)
-    motion = joint_motion(chain, base, q, dq, ddq)
+    motion = move_joints(chain, base, q, dq, ddq)
     ours = segment_regressor(motion) @ np.concatenate([np.zeros(10), bodies[1:].ravel()])
     on_screws = np.zeros((len(joints) + 1, 10))
     for (link, frame), body in zip(links, bodies[1:], strict=True):
@@ -85,14 +85,14 @@ def test_accelerations_are_the_derivatives_of_the_poses(seed: int) -> None:
     chain, base, step = random_chain(rng, MIXED, parents=(0, 1, 0, 3)), random_base(rng), 1e-4
     q, dq, ddq = rng.normal(size=(3, 1, 7))
     time = step * np.arange(-1, 2)[:, None]
-    moving = joint_motion(chain, base, q + time * dq + time**2 / 2 * ddq, dq + time * ddq, ddq + 0 * time)
+    moving = move_joints(chain, base, q + time * dq + time**2 / 2 * ddq, dq + time * ddq, ddq + 0 * time)
     acceleration = (moving.origin[0] - 2 * moving.origin[1] + moving.origin[2]) / step**2
     np.testing.assert_allclose(moving.acceleration[1], acceleration, atol=1e-4)
     change = (moving.rotation[2] - moving.rotation[0]) / (2 * step)
     omega = so3.vee(change @ np.swapaxes(moving.rotation[1], 1, 2))
     np.testing.assert_allclose(moving.omega[1], omega, atol=1e-6)
     np.testing.assert_allclose(moving.alpha[1], (moving.omega[2] - moving.omega[0]) / (2 * step), atol=1e-6)
-    again = segment_motion(chain, base, moving.rotation[:, 1:], moving.omega[:, 1:], moving.alpha[:, 1:])
+    again = move_segments(chain, base, moving.rotation[:, 1:], moving.omega[:, 1:], moving.alpha[:, 1:])
     np.testing.assert_allclose(again.acceleration, moving.acceleration)
 
 
@@ -101,8 +101,8 @@ def test_a_turned_laboratory_turns_the_wrench() -> None:
     chain, base, bodies = random_chain(rng, MIXED), random_base(rng), random_bodies(rng, 5).ravel()
     states = rng.normal(size=(3, 4, 7))
     turn = so3.exp(np.array([0.0, 0.7, 0.0]))  # about the vertical
-    motion = joint_motion(chain, base, *states)
-    turned = joint_motion(chain, se3.pose(turn, np.zeros(3)) @ base, *states)
+    motion = move_joints(chain, base, *states)
+    turned = move_joints(chain, se3.pose(turn, np.zeros(3)) @ base, *states)
     np.testing.assert_allclose(motion.rotate(turn).jacobian, turned.jacobian, atol=1e-12)
     wrench, expected = segment_regressor(turned) @ bodies, segment_regressor(motion) @ bodies
     np.testing.assert_allclose(wrench.reshape(-1, 2, 3), expected.reshape(-1, 2, 3) @ turn.T, atol=1e-10)
@@ -117,7 +117,7 @@ def test_power_of_the_joints_is_the_rate_of_energy() -> None:
     q, dq, ddq = rng.normal(size=(3, 1, 3))
     step = 1e-4
     time = step * np.arange(-2, 3)[:, None]
-    motion = joint_motion(chain, base, q + time * dq + time**2 / 2 * ddq, dq + time * ddq, ddq + 0 * time)
+    motion = move_joints(chain, base, q + time * dq + time**2 / 2 * ddq, dq + time * ddq, ddq + 0 * time)
     energy = np.zeros(5)
     speed = np.gradient(motion.origin, step, axis=0)
     for k, body in enumerate(bodies):

@@ -13,9 +13,9 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.base_parameters import BaseSet, base_set
+from mocap_id.dynamics.base_parameters import BaseSet, regroup_columns
 from mocap_id.dynamics.regressor import LINK_PARAMETERS
-from mocap_id.dynamics.space.motion import joint_motion, rotation_from_z, segment_regressor
+from mocap_id.dynamics.space.motion import move_joints, rotate_z_to, segment_regressor
 from mocap_id.dynamics.space.pseudo_inertia import change_of_frame
 from mocap_id.geometry import se3
 from mocap_id.geometry.spatial_chain import SpatialChain
@@ -40,7 +40,7 @@ class SpatialBase:
     @property
     def names(self) -> tuple[str, ...]:
         """Base parameters as symbols in the simple frames; "…" replaces more than three regrouped parameters."""
-        symbols = full_names(len(self.frames))
+        symbols = name_parameters(len(self.frames))
         return tuple(
             _format_name(row, int(column), self.base, symbols)
             for row, column in zip(self.base.regrouping, self.base.kept, strict=True)
@@ -52,7 +52,7 @@ class SpatialBase:
         return tuple(_UNITS[column % 10] for column in self.base.kept)
 
 
-def full_names(segments: int) -> tuple[str, ...]:
+def name_parameters(segments: int) -> tuple[str, ...]:
     """Return the names of the full parameters, numbered from 1 for the base: m1, mx1, my1, mz1, Ixx1 … Iyz1, m2 …"""
     return tuple(f"{symbol}{k}" for k in range(1, segments + 1) for symbol in LINK_PARAMETERS)
 
@@ -65,11 +65,11 @@ def structural_base(chain: SpatialChain, base: FloatArray) -> SpatialBase:
     size = sum(joint.dimension for joint in chain.joints)
     states = np.random.default_rng(0).normal(size=(3, _STATES, size))
     frames = build_simple_frames(chain, base)
-    motion = joint_motion(chain, base, *states).in_frames(frames)
+    motion = move_joints(chain, base, *states).in_frames(frames)
     rows = segment_regressor(motion)
     columns = np.abs(rows).max(axis=(0, 1))
     rows = np.where(columns > 1e-9 * columns.max(), rows, 0.0)  # rounding errors of the rotated axes
-    return SpatialBase(base_set(rows.reshape(-1, rows.shape[-1])), frames)
+    return SpatialBase(regroup_columns(rows.reshape(-1, rows.shape[-1])), frames)
 
 
 def build_simple_frames(chain: SpatialChain, base: FloatArray) -> FloatArray:
@@ -81,7 +81,7 @@ def build_simple_frames(chain: SpatialChain, base: FloatArray) -> FloatArray:
             "two-axis": joint.second_axis,
             "hinge": joint.offset.T @ joint.first_axis,
         }[joint.kind]
-        frames.append(se3.pose(rotation_from_z(axis), np.zeros(3)))
+        frames.append(se3.pose(rotate_z_to(axis), np.zeros(3)))
     return np.stack(frames)
 
 

@@ -10,7 +10,7 @@ from scipy.linalg import null_space
 
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.fit import Fit
-from mocap_id.dynamics.space.motion import SpatialMotion, segment_motion
+from mocap_id.dynamics.space.motion import SpatialMotion, move_segments
 from mocap_id.dynamics.space.trial import SpatialTrial
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
@@ -72,7 +72,7 @@ def sum_modes(modes: tuple[ErrorMode, ...], size: int) -> FloatArray:
     return np.asarray(matrix.T @ matrix)
 
 
-def no_errors() -> SpatialCalibration:
+def make_exact() -> SpatialCalibration:
     """Return the calibration of exact instruments."""
     return SpatialCalibration(**{each.name: 0.0 for each in fields(SpatialCalibration)})
 
@@ -105,7 +105,7 @@ def _list_motion_errors(trial: SpatialTrial, sd: SpatialCalibration) -> Iterator
         for size, direction in zip(np.sqrt(np.maximum(variance, 0.0)), directions.T, strict=True):
             moved = replace(joint, centre=joint.centre + _STEP * direction)
             chain = _replace_joint(recorded.chain, k, moved)
-            motion = segment_motion(chain, recorded.centred, recorded.rotation, recorded.omega, recorded.alpha)
+            motion = move_segments(chain, recorded.centred, recorded.rotation, recorded.omega, recorded.alpha)
             yield "centre", motion, float(size)
 
 

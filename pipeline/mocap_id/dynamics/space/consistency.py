@@ -15,7 +15,7 @@ from scipy.linalg import null_space
 from scipy.optimize import brentq
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.cone_solver import closest_step, solve_cones
+from mocap_id.dynamics.cone_solver import find_closest_step, solve_cones
 from mocap_id.dynamics.consistency_cone import LENGTH, ConeKind
 from mocap_id.dynamics.least_squares import CompressedProblem
 from mocap_id.dynamics.optimality import PROVEN, SolverAnswer, check_optimality
@@ -124,7 +124,7 @@ def fit_semidefinite(problem: CompressedProblem, mapping: FloatArray) -> Semidef
     free = problem.cost(problem.free_solution())
     return SemidefiniteSolution(
         parameters=problem.completed(mapping @ answer.body),
-        full=_even_masses(bodies, answer.body),
+        full=_spread_masses(bodies, answer.body),
         answer=answer,
         price=max(answer.cost - free, 0.0) / problem.floor(free),
     )
@@ -161,13 +161,13 @@ def _solve(problem: CompressedProblem, bodies: SemidefiniteBodies) -> SolverAnsw
     return best
 
 
-def _even_masses(bodies: SemidefiniteBodies, body: FloatArray) -> FloatArray:
+def _spread_masses(bodies: SemidefiniteBodies, body: FloatArray) -> FloatArray:
     """Return the body with the same base parameters that is closest to equal masses at the joints."""
     share = bodies.mass(body) / bodies.segments
     sphere = np.array([1.0, 0.0, 0.0, 0.0, *[2 / 3 * _SPREAD**2] * 3, 0.0, 0.0, 0.0])
     aim, scale = np.tile(share * sphere, bodies.segments), share * bodies.units
     directions = null_space(bodies.mapping * bodies.units, rcond=_DEPENDENT) * bodies.units[:, None]
-    moved = body + directions @ closest_step(bodies, body, directions, (aim - body) / scale, scale)
+    moved = body + directions @ find_closest_step(bodies, body, directions, (aim - body) / scale, scale)
     return moved if np.isfinite(moved).all() and bodies.outside(moved) <= _ROUNDING else body
 
 

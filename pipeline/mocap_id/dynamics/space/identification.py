@@ -81,10 +81,10 @@ def identify(trial: SpatialTrial, gate: BoolArray, calibration: SpatialCalibrati
 
 def measure_excitation_in_space(trial: SpatialTrial, result: SpatialIdentification, weak: float = WEAK) -> Excitation:
     """Classify every base parameter as :func:`mocap_id.dynamics.excitation.measure_excitation` does."""
-    return classify_parameters(trial.structure.names, result.fit, result.base_sd, parameter_sizes(trial, result), weak)
+    return classify_parameters(trial.structure.names, result.fit, result.base_sd, measure_sizes(trial, result), weak)
 
 
-def parameter_sizes(trial: SpatialTrial, result: SpatialIdentification) -> FloatArray:
+def measure_sizes(trial: SpatialTrial, result: SpatialIdentification) -> FloatArray:
     """Return the size of each base parameter (b,), SI, with which its standard deviation is compared.
 
     A single component of the first or second moments may be zero, so its size is the norm of the segment's first or

@@ -88,7 +88,7 @@ def segment_regressor(motion: SpatialMotion, gravity: float = 9.81) -> FloatArra
     return bodies_regressor(se3.pose(motion.rotation, motion.origin), velocity, acceleration)
 
 
-def segment_motion(
+def move_segments(
     chain: SpatialChain, base: FloatArray, rotation: FloatArray, omega: FloatArray, alpha: FloatArray
 ) -> SpatialMotion:
     """Return the motion of a chain from the rotations of its segments, without displacements in the joints.
@@ -130,9 +130,7 @@ def segment_motion(
     )
 
 
-def joint_motion(
-    chain: SpatialChain, base: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray
-) -> SpatialMotion:
+def move_joints(chain: SpatialChain, base: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> SpatialMotion:
     """Return the motion of a chain from the coordinates (T, N) of its joints and their time derivatives.
 
     The coordinates are in the order of the joints (:meth:`SpatialJoint.rotation`). ``base`` (4, 4) is the pose of the
@@ -148,7 +146,7 @@ def joint_motion(
         rotation.append(rotated)
         omega.append(omega[p] + speed[..., 0])
         alpha.append(alpha[p] + change[..., 0] + np.cross(omega[p], speed[..., 0]))
-    return segment_motion(
+    return move_segments(
         chain, base, np.stack(rotation[1:], axis=1), np.stack(omega[1:], axis=1), np.stack(alpha[1:], axis=1)
     )
 
@@ -192,7 +190,7 @@ def _find_distal(chain: SpatialChain) -> BoolArray:
     return distal
 
 
-def rotation_from_z(vector: FloatArray) -> FloatArray:
+def rotate_z_to(vector: FloatArray) -> FloatArray:
     """Return the smallest rotation (3, 3) from the z axis to a unit vector (3,)."""
     axis = np.cross([0.0, 0.0, 1.0], vector)
     length = float(np.linalg.norm(axis))

@@ -11,7 +11,7 @@ from mocap_id.dynamics.lowpass import interpolate_samples, known
 from mocap_id.dynamics.model_error import ModelError, estimate_model_error
 from mocap_id.dynamics.regressor import torque_regressor
 from mocap_id.dynamics.space.identification import SpatialIdentification
-from mocap_id.dynamics.space.motion import SpatialMotion, segment_motion, segment_regressor
+from mocap_id.dynamics.space.motion import SpatialMotion, move_segments, segment_regressor
 from mocap_id.dynamics.space.trial import SpatialTrial
 from mocap_id.dynamics.uncertainty import variance
 
@@ -67,7 +67,7 @@ def _estimate_noise(
     As in the plane, the states give their course over time, and the plate gives their size
     (:mod:`mocap_id.dynamics.model_error`). Torques are moments, so their noise has the scale of the moments.
     """
-    wrench, torque = _acceleration_variance(trial, result.base, torque_rows)
+    wrench, torque = _propagate_accelerations(trial, result.base, torque_rows)
     samples = result.fit.in_fit & known(residual)
     estimates = (estimate_model_error(residual[:, k], wrench[:, k], samples, trial.recorded.rate) for k in range(6))
     errors = [each or ModelError(0.0, 1.0, 1.0) for each in estimates]
@@ -77,7 +77,7 @@ def _estimate_noise(
     return np.asarray(scaled), np.asarray(overall * torque)
 
 
-def _acceleration_variance(
+def _propagate_accelerations(
     trial: SpatialTrial, base: FloatArray, torque_rows: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return the variances of wrench (T, 6) and torques (T, N) due to the standard deviations of the accelerations.
@@ -89,7 +89,7 @@ def _acceleration_variance(
     wrench, torque = np.zeros((len(recorded.time), 6)), np.zeros(torque_rows.shape[:2])
     for j, beyond in enumerate(motion.beyond):
         alpha = recorded.alpha + beyond[1:, None] * motion.axis[:, j, None]
-        moved = segment_motion(recorded.chain, recorded.centred, recorded.rotation, recorded.omega, alpha)
+        moved = move_segments(recorded.chain, recorded.centred, recorded.rotation, recorded.omega, alpha)
         spread = recorded.alpha_sd[:, int(np.argmax(beyond)) - 1, None] ** 2
         wrench += spread * ((trial.rows_of(moved, gravity) - trial.rows) @ base) ** 2
         torque += spread * ((_compute_torque_rows(trial, moved) - torque_rows) @ base) ** 2

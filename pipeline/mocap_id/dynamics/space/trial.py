@@ -11,10 +11,10 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.dynamics.base_parameters import BaseSet
 from mocap_id.dynamics.body_prior import BodyPrior
 from mocap_id.dynamics.clock_offset import SampledWrench
-from mocap_id.dynamics.lowpass import LowPass, blank_incomplete, cutoff_from_velocity, known, undo_averaging
+from mocap_id.dynamics.lowpass import LowPass, blank_incomplete, choose_cutoff, known, undo_averaging
 from mocap_id.dynamics.preparation import FitSettings, find_usable
 from mocap_id.dynamics.space.base_parameters import SpatialBase, structural_base
-from mocap_id.dynamics.space.motion import SpatialMotion, segment_motion, segment_regressor
+from mocap_id.dynamics.space.motion import SpatialMotion, move_segments, segment_regressor
 from mocap_id.geometry import se3, so3
 from mocap_id.geometry.spatial_chain import SpatialChain
 
@@ -65,12 +65,12 @@ class SpatialRecord:
     @property
     def to_plate(self) -> FloatArray:
         """Matrix (6, 6) that moves wrenches from the origin of the trial's frame to the plate's centre."""
-        return moved_wrench(-self.reference)
+        return shift_wrench(-self.reference)
 
     @property
     def to_trial(self) -> FloatArray:
         """Inverse matrix (6, 6) of :attr:`to_plate`."""
-        return moved_wrench(self.reference)
+        return shift_wrench(self.reference)
 
     @property
     def plate_wrench(self) -> FloatArray:
@@ -79,12 +79,12 @@ class SpatialRecord:
 
     def regressor(self, motion: SpatialMotion, frames: FloatArray, gravity: float) -> FloatArray:
         """Return the regressor (T, 6, 10K) of the wrench about the plate's centre, in other frames of the segments."""
-        return moved_wrench(self.base[:3, 3] - self.reference) @ segment_regressor(motion.in_frames(frames), gravity)
+        return shift_wrench(self.base[:3, 3] - self.reference) @ segment_regressor(motion.in_frames(frames), gravity)
 
     @cached_property
     def motion(self) -> SpatialMotion:
         """Motion of the segments in the frame of the dynamics."""
-        return segment_motion(self.chain, self.centred, self.rotation, self.omega, self.alpha)
+        return move_segments(self.chain, self.centred, self.rotation, self.omega, self.alpha)
 
 
 @dataclass(frozen=True)
@@ -138,7 +138,7 @@ def prepare(recorded: SpatialRecord, settings: FitSettings) -> SpatialTrial:
     """
     structure = structural_base(recorded.chain, recorded.centred)
     regressor = recorded.regressor(recorded.motion, structure.frames, settings.gravity)
-    cutoff = settings.cutoff or cutoff_from_velocity(_find_fast_velocities(recorded), recorded.rate)
+    cutoff = settings.cutoff or choose_cutoff(_find_fast_velocities(recorded), recorded.rate)
     lowpass = LowPass(cutoff, recorded.rate)
     filtered_wrench = undo_averaging(lowpass(recorded.plate_wrench), recorded.averaged * recorded.rate)
     observed = known(regressor) & recorded.observed
@@ -154,7 +154,7 @@ def prepare(recorded: SpatialRecord, settings: FitSettings) -> SpatialTrial:
     )
 
 
-def moved_wrench(arm: FloatArray) -> FloatArray:
+def shift_wrench(arm: FloatArray) -> FloatArray:
     """Return the matrix (6, 6) that adds to the moment that of the force with an arm (3,), m."""
     matrix = np.eye(6)
     matrix[3:, :3] = so3.hat(arm)

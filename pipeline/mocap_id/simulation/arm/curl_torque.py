@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.allometry import arm_segment
+from mocap_id.dynamics.allometry import look_up_arm
 from mocap_id.simulation.arm.body import FOREARM, HAND, UPPER_ARM, ArmBody
 from mocap_id.simulation.arm.options import ArmOptions
 from mocap_id.simulation.arm.pneumatic_device import device_torque
@@ -25,8 +25,8 @@ _BRACE = Body(mass=0.2, centre=(0.0, -0.11, 0.03), inertia=(0.0005, 0.0003, 0.00
 def arm_bodies(body: ArmBody) -> dict[str, Body]:
     """Return forearm and hand of a person, with inertial parameters from de Leva's table."""
     bodies: dict[str, Body] = {}
-    forearm = arm_segment("forearm", body.subject.sex)
-    for name, segment in (("forearm", forearm), ("hand", arm_segment("hand", body.subject.sex))):
+    forearm = look_up_arm("forearm", body.subject.sex)
+    for name, segment in (("forearm", forearm), ("hand", look_up_arm("hand", body.subject.sex))):
         mass, length = segment.mass * body.subject.mass, body.forearm * segment.length / forearm.length
         across = mass * (segment.gyration * length) ** 2
         bodies[name] = Body(

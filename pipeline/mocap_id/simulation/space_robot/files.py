@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.space.base_parameters import full_names, structural_base
+from mocap_id.dynamics.space.base_parameters import name_parameters, structural_base
 from mocap_id.geometry import se3
 from mocap_id.simulation.space_robot.options import SpaceRobotOptions
 from mocap_id.simulation.space_robot.trial import FRAME, MARKER_NOISE, SpaceRobotTrial, generate_space_robot
@@ -103,7 +103,7 @@ def _truth(trial: SpaceRobotTrial) -> dict[str, Any]:
             name: value.tolist() if isinstance(value, np.ndarray) else value
             for name, value in vars(trial.errors).items()
         },
-        "parameters": dict(zip(full_names(len(robot.parameters)), robot.parameters.ravel().tolist(), strict=True)),
+        "parameters": dict(zip(name_parameters(len(robot.parameters)), robot.parameters.ravel().tolist(), strict=True)),
         "payload": {"segment": len(joints), "parameters": robot.payload.tolist()},
         "base_parameters": {
             "names": list(structure.names),

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from mocap_id.dynamics.space.calibration import SpatialCalibration, no_errors
+from mocap_id.dynamics.space.calibration import SpatialCalibration, make_exact
 from mocap_id.errors import ConfigError
 from mocap_id.simulation.options import check_options, option
 from mocap_id.simulation.plate import FORCE_BIAS, MOMENT_BIAS, SIZE
@@ -56,4 +56,4 @@ class SpaceRobotOptions:
     @property
     def errors(self) -> SpatialCalibration:
         """Standard deviations of the instruments' errors."""
-        return no_errors() if self.preset == "clean" else SMALL_ERRORS
+        return make_exact() if self.preset == "clean" else SMALL_ERRORS

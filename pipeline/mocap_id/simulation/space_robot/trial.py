@@ -9,7 +9,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.regressor import torque_regressor
 from mocap_id.dynamics.space.calibration import SpatialCalibration
-from mocap_id.dynamics.space.motion import SpatialMotion, joint_motion, segment_regressor
+from mocap_id.dynamics.space.motion import SpatialMotion, move_joints, segment_regressor
 from mocap_id.geometry import PlaneFrame, so3
 from mocap_id.recording.plate_types import PlateSignals
 from mocap_id.simulation.body import GRAVITY
@@ -72,7 +72,7 @@ def generate_space_robot(options: SpaceRobotOptions) -> SpaceRobotTrial:
     base = robot.base.copy()
     base[:3, 3] += origin
     states = robot.motion.at(time)[:3]
-    motion = joint_motion(robot.chain, base, *states)
+    motion = move_joints(robot.chain, base, *states)
     regressor = segment_regressor(motion, GRAVITY)
     offset = float(of_recording.uniform(-CLOCK_OFFSET, CLOCK_OFFSET)) * options.noise
     loaded = _wrench(robot, np.arange(round(options.duration * options.analog_rate)) / options.analog_rate + offset)
@@ -125,7 +125,7 @@ def _measure_markers(
 
 def _wrench(robot: SpaceRobot, time: FloatArray) -> FloatArray:
     """Return the true wrench (K, 6) of the ground about the plate's centre at times (K,), s."""
-    motion = joint_motion(robot.chain, robot.base, *robot.motion.at(time)[:3])
+    motion = move_joints(robot.chain, robot.base, *robot.motion.at(time)[:3])
     return np.asarray(segment_regressor(motion, GRAVITY) @ robot.parameters.ravel())
 
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.fit import Fit, fit
-from mocap_id.dynamics.kinematic_error import kinematic_response
+from mocap_id.dynamics.kinematic_error import propagate_to_parameters
 from mocap_id.dynamics.preparation import PreparedTrial, prepare
-from mocap_id.dynamics.reference_prior import foot_deviations, reference_deviations
+from mocap_id.dynamics.reference_prior import compute_foot_sd, compute_reference_sd
 from mocap_id.protocols.movement import Movement
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim.reference_bodies import reference_bodies
@@ -127,9 +127,9 @@ def _shift(context: Context, prepared: PreparedTrial, movement: Movement) -> _Sh
         return None
     found, base = fit(prepared, movement.free), prepared.base.regrouping
     values, relative = found.problem.free_solution()[: found.base], context.settings.reference_sd
-    deviations = reference_deviations(reference, relative)
-    deviations[:2] = foot_deviations(reference, _FOOT_SD * float(reference[::4].sum()), relative)[:2]
-    skin = kinematic_response(prepared, found, values, read_kinematic_error(context))[: found.base]
+    deviations = compute_reference_sd(reference, relative)
+    deviations[:2] = compute_foot_sd(reference, _FOOT_SD * float(reference[::4].sum()), relative)[:2]
+    skin = propagate_to_parameters(prepared, found, values, read_kinematic_error(context))[: found.base]
     spread = base @ np.diag(deviations**2) @ base.T + found.covariance[: found.base, : found.base] + skin @ skin.T
     kept = np.asarray(prepared.base.kept)
     spread[kept == 1, kept == 1] += (prepared.settings.plate_zero[1] / prepared.settings.gravity) ** 2

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.allometry import arm_segment
+from mocap_id.dynamics.allometry import look_up_arm
 from mocap_id.protocols.curl.elbow_torque import ElbowTorque, Mass, SegmentMotion, compute_elbow_torque
 from mocap_id.stages.base import Context
 from mocap_id.stages.curl_keys import Body
@@ -92,8 +92,8 @@ def _own_bodies(context: Context, skeleton: SpatialSkeleton, name: str, *, alone
         if given is not None:
             mass = _mass(given, _ADDED_SD)
         else:
-            share = arm_segment("forearm" if segment == "forearm" else "hand", subject.sex)
-            own = length if segment == "forearm" else length * share.length / arm_segment("forearm", subject.sex).length
+            share = look_up_arm("forearm" if segment == "forearm" else "hand", subject.sex)
+            own = length if segment == "forearm" else length * share.length / look_up_arm("forearm", subject.sex).length
             weight = share.mass * (subject.mass or np.nan)
             across = weight * (share.gyration * own) ** 2
             mass = Mass(weight, np.array([0.0, -share.centre * own, 0.0]), np.array([across, 0.0, across]), _TABLE_SD)

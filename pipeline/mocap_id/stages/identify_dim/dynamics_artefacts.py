@@ -10,7 +10,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.design.recommendation import Recommendations
-from mocap_id.dynamics.base_parameters import BaseSet, base_names, base_units, full_names, structural_base
+from mocap_id.dynamics.base_parameters import BaseSet, base_names, list_base_units, name_parameters, structural_base
 from mocap_id.dynamics.chain_parameters import ChainMap
 from mocap_id.dynamics.comparison import centre_of_pressure, compare
 from mocap_id.dynamics.consistency import ConsistentSolution
@@ -128,7 +128,7 @@ def dynamics_data(result: IdentifiedDynamics) -> dict[str, dict[str, Any]]:
             "prior_share": result.prior_share,
         },
         "full": {
-            "name": np.array(full_names(len(centres) + 1), dtype=object),
+            "name": np.array(name_parameters(len(centres) + 1), dtype=object),
             "value": chain.full,
             "reference": result.chain_reference,
         },
@@ -172,7 +172,11 @@ def empty_data(
     full = np.full(4 * (len(centres) + 1), np.nan)
     return {
         "base": _base(base, centres, value, np.full((len(value), len(value)), np.nan)) | _base_without_fit(value),
-        "full": {"name": np.array(full_names(len(centres) + 1), dtype=object), "value": full, "reference": reference},
+        "full": {
+            "name": np.array(name_parameters(len(centres) + 1), dtype=object),
+            "value": full,
+            "reference": reference,
+        },
         "bodies": {"value": full, "reference": reference, "covariance": np.full((len(full), len(full)), np.nan)},
         "grid": {"segment": grid.segment, "position": grid.position, "mass": np.full(len(grid.segment), np.nan)},
         "held_out": {"base": np.zeros((0, len(value))), "clock_offset": np.zeros(0)},
@@ -339,7 +343,7 @@ def _base(base: BaseSet, centres: FloatArray, value: FloatArray, covariance: Flo
         "value": value,
         "sd": np.sqrt(np.diag(covariance)),
         "covariance": covariance,
-        "unit": np.array(base_units(base), dtype=object),
+        "unit": np.array(list_base_units(base), dtype=object),
         "regrouping": base.regrouping,
     }
 

@@ -6,13 +6,13 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.design.recommendation import describe_recommendations, recommend_if_doubtful
-from mocap_id.dynamics.acceleration_noise import acceleration_correlation
+from mocap_id.dynamics.acceleration_noise import correlate_errors
 from mocap_id.dynamics.built_in_sensors import combine_with_sensors
 from mocap_id.dynamics.cautions import find_cautions
 from mocap_id.dynamics.excitation import WEAK, WEAK_ROBOT, measure_excitation
 from mocap_id.dynamics.identification import Identification, identify
 from mocap_id.dynamics.point_grid import PointGrid
-from mocap_id.dynamics.prediction import Prediction, chain_noise, predict
+from mocap_id.dynamics.prediction import Prediction, estimate_chain_noise, predict
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.protocols.movement import Movement
 from mocap_id.stages.base import Context, Outputs
@@ -158,10 +158,10 @@ def _of_chain(
 ) -> artefacts.IdentifiedDynamics:
     q, threshold, chain = prepared.recorded.q, _cop_threshold(context), inputs.chain
     snap = _snap(context, q.shape[1])
-    correlation = acceleration_correlation(q, chain.centres, chain.marker_segment, chain.local, snap)
+    correlation = correlate_errors(q, chain.centres, chain.marker_segment, chain.local, snap)
 
     def model_of(each: Identification) -> Prediction:
-        return predict(prepared, each, chain_noise(prepared, each, correlation, inputs.centre_sd), threshold)
+        return predict(prepared, each, estimate_chain_noise(prepared, each, correlation, inputs.centre_sd), threshold)
 
     model = model_of(found)
     if found.with_foot is not None:

@@ -24,7 +24,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.lowpass import known
-from mocap_id.dynamics.measured_motion import BodyPoses, gap_response
+from mocap_id.dynamics.measured_motion import BodyPoses, differentiate_gaps
 from mocap_id.geometry import planar
 from mocap_id.kinematics.bending_trunk import LEFT
 from mocap_id.stages.base import Context
@@ -90,7 +90,7 @@ def taken_for_places(poses: BodyPoses, loose: Sequence[int]) -> FloatArray:
     if not len(samples) or not loose:
         return found
     angle = poses.angle[samples]
-    flat, spread = gap_response(poses, joints, angle)
+    flat, spread = differentiate_gaps(poses, joints, angle)
     weight = np.linalg.inv(spread @ np.swapaxes(flat, 1, 2))  # (t, 2j, 2j) of the gaps
     before, after = (_turns(angle[:, poses.body[[joint + side for joint in joints]]]) for side in (0, 1))
     design = np.zeros((len(samples), len(joints), 2, len(joints), 4))  # of dn, df of every joint

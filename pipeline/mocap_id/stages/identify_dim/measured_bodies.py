@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, as_complex
-from mocap_id.dynamics.body_prior import BodyPrior, even_prior, split_torso, table_prior
-from mocap_id.dynamics.chain_parameters import merge_segments, relative_pose
+from mocap_id.dynamics.body_prior import BodyPrior, build_even_prior, build_table_prior, split_torso
+from mocap_id.dynamics.chain_parameters import measure_relative_pose, merge_segments
 from mocap_id.dynamics.cutoffs import Cutoffs
 from mocap_id.dynamics.lowpass import known
 from mocap_id.dynamics.measured_motion import (
@@ -19,8 +19,8 @@ from mocap_id.dynamics.measured_motion import (
     JointGap,
     close_gaps,
     fill_gaps,
+    filter_motion,
     measure_gaps,
-    measured_motion,
 )
 from mocap_id.dynamics.point_grid import PointGrid, build_grid
 from mocap_id.dynamics.preparation import FitSettings, PreparedTrial, TrialData, prepare
@@ -213,7 +213,7 @@ def make_body_prior(
     poses, reference, samples = bodies.poses, table.parameters, movement.free
     times = np.array(spans(movement))
     if not np.isfinite(reference).all():
-        return replace(even_prior(mass, poses.centroid), spans=times)
+        return replace(build_even_prior(mass, poses.centroid), spans=times)
     of_segment = reference.reshape(-1, 4)
     mean = np.zeros((len(bodies.names), 4))
     for body in range(len(bodies.names)):
@@ -222,14 +222,14 @@ def make_body_prior(
             mean[body] = merge_segments(poses.centres, q, samples, own) @ of_segment[own].reshape(-1)
     last = int(poses.body[-1])
     for body in np.setdiff1d(np.arange(len(bodies.names)), poses.body):
-        mean[last], mean[body] = split_torso(mean[last], *relative_pose(poses, int(body), last, samples), mass)
+        mean[last], mean[body] = split_torso(mean[last], *measure_relative_pose(poses, int(body), last, samples), mass)
     free = int(poses.body.max()) + 1 < len(bodies.names)
-    return replace(table_prior(mean.reshape(-1), str(table.table), others=free), spans=times)
+    return replace(build_table_prior(mean.reshape(-1), str(table.table), others=free), spans=times)
 
 
 def prepare_bodies(
     bodies: MeasuredBodies, recorded: TrialData, settings: FitSettings, prior: BodyPrior, cutoffs: Cutoffs = USUAL
 ) -> PreparedTrial:
     """Prepare a trial with the motion of the bodies instead of the chain's."""
-    moved = replace(recorded, measured=measured_motion(bodies.poses, cutoffs), observed=bodies.observed)
+    moved = replace(recorded, measured=filter_motion(bodies.poses, cutoffs), observed=bodies.observed)
     return prepare(moved, settings, prior)

@@ -9,13 +9,13 @@ import numpy as np
 from mocap_id.arrays import IntArray
 from mocap_id.dynamics.body_prior import BodyPrior
 from mocap_id.dynamics.cross_validation import LeftOutPrediction, predict_left_out
-from mocap_id.dynamics.cutoffs import Cutoffs, choose_cutoffs, left_out_cost
+from mocap_id.dynamics.cutoffs import Cutoffs, choose_cutoffs, score_left_out
 from mocap_id.dynamics.fit import Fit, determines_parameters, fit
 from mocap_id.dynamics.least_squares import CompressedProblem
 from mocap_id.dynamics.lowpass import LowPass
 from mocap_id.dynamics.measured_motion import USUAL, PoseFilter
 from mocap_id.dynamics.preparation import MEASURED_CUTOFF, PreparedTrial, TrialData, prepare
-from mocap_id.dynamics.sample_choice import number_parts, with_short_rests
+from mocap_id.dynamics.sample_choice import number_parts, shorten_rests
 from mocap_id.protocols.movement import Movement
 from mocap_id.stages.identify_dim import validation
 from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies
@@ -59,7 +59,7 @@ class RepetitionPredictor:
         self._poses = PoseFilter(replace(poses, time=poses.time[some], position=series[..., :2], angle=series[..., 2]))
         self._observed, self._free = bodies.observed[some], movement.free[some].copy()
         usable = np.flatnonzero(self._free & np.isfinite(self._recorded.dq).all(axis=1))
-        self._free[usable[~with_short_rests(self._recorded.dq[usable])]] = False
+        self._free[usable[~shorten_rests(self._recorded.dq[usable])]] = False
         self._part = _parts(prepared, movement)[some]
         self._settings, self._prior = prepared.settings, prior
         self._first: Fit | None = None
@@ -97,8 +97,8 @@ def poses_preferred(predictor: RepetitionPredictor) -> bool:
     In doubt the poses are preferred: their intervals are valid whether the joints give way or not. The chain must be
     clearly better than poses with the usual cut-offs, and also better than poses with the cut-offs of this trial.
     """
-    chain = left_out_cost(predictor.on_chain())
-    if left_out_cost(predictor.on_poses(USUAL)) <= chain + _CLEARLY:
+    chain = score_left_out(predictor.on_chain())
+    if score_left_out(predictor.on_poses(USUAL)) <= chain + _CLEARLY:
         return True
     return choose_cutoffs(predictor.on_poses).cost <= chain
 

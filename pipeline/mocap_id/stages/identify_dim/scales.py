@@ -9,7 +9,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.base_parameters import BaseSet
-from mocap_id.dynamics.body_ratios import body_ratios
+from mocap_id.dynamics.body_ratios import find_body_ratios
 from mocap_id.dynamics.calibration import Calibration, ScaleCause, propagate_calibration
 from mocap_id.dynamics.chain_parameters import ChainMap
 from mocap_id.dynamics.identification import Identification
@@ -73,7 +73,7 @@ def check_and_calibrate(
     scales = None
     if whole and np.isfinite(reference).all() and len(prepared.recorded.centres) >= _LEAST_JOINTS:
         base, map_ = (prepared.base, None) if chain is None else chain
-        ratios = body_ratios(
+        ratios = find_body_ratios(
             base,
             prepared.recorded.centres,
             reference,

@@ -10,16 +10,16 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.body_prior import BodyPrior
-from mocap_id.dynamics.chain_parameters import ChainMap, base_covariance, centre_response, map_to_chain
-from mocap_id.dynamics.cutoffs import ChosenCutoffs, choose_cutoffs, left_out_cost
+from mocap_id.dynamics.chain_parameters import ChainMap, map_to_chain, propagate_centres, propagate_to_base
+from mocap_id.dynamics.cutoffs import ChosenCutoffs, choose_cutoffs, score_left_out
 from mocap_id.dynamics.identification import Identification, identify
 from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.dynamics.measured_motion import USUAL
 from mocap_id.dynamics.point_grid import PointGrid
 from mocap_id.dynamics.pose_error import PoseEffect, PoseErrors, SlidingBody, propagate_pose_errors, propagate_slides
-from mocap_id.dynamics.prediction import PredictionNoise, residual_noise
+from mocap_id.dynamics.prediction import PredictionNoise, estimate_residual_noise
 from mocap_id.dynamics.preparation import PreparedTrial
-from mocap_id.dynamics.reference_prior import reference_deviations
+from mocap_id.dynamics.reference_prior import compute_reference_sd
 from mocap_id.protocols.movement import Movement
 from mocap_id.protocols.reference_body import ReferenceBody
 from mocap_id.stages.base import Context
@@ -92,7 +92,7 @@ class SegmentFit:
             residual = self._on_fit(measured - self.prepared.rows @ found.base)
             seconds = float(found.fit.in_fit.sum()) / self.prepared.recorded.rate
             share = len(found.base) / max(3 * seconds / _CORRELATED, 1.0)
-        return residual_noise(
+        return estimate_residual_noise(
             self.prepared,
             found,
             residual,
@@ -159,7 +159,7 @@ def fit_segments(
         ready, found.fit, found.base, PoseErrors(bodies.poses, _sliding(context, bodies), cutoffs.bands)
     )
     found, angles = _with_effect(found, effect), recorded.q[found.fit.in_fit]
-    usual = reference_deviations(reference, settings.reference_sd)
+    usual = compute_reference_sd(reference, settings.reference_sd)
     chain_map = map_to_chain(bodies.poses, recorded.q, found.fit.in_fit, reference, usual)
     plain = prepare_bodies(bodies, recorded, prepared.settings, prior, _UNSMOOTHED)
     on_chain = (prepared.base, chain_map)
@@ -214,7 +214,7 @@ def _best_bodies(
     for bodies in body_sets:
         prior = make_body_prior(bodies, prepared.recorded.q, movement, table, mass)
         candidates.append((bodies, prior, RepetitionPredictor(prepared, movement, bodies, prior)))
-    bodies, prior, predictor = min(reversed(candidates), key=lambda each: left_out_cost(each[2].on_poses(USUAL)))
+    bodies, prior, predictor = min(reversed(candidates), key=lambda each: score_left_out(each[2].on_poses(USUAL)))
     return bodies, prior, choose_cutoffs(predictor.on_poses)
 
 
@@ -254,11 +254,11 @@ def _in_chain(
 ) -> tuple[Identification, FloatArray]:
     """Return base and full parameters of the chain from the bodies', and the prior's share of each base parameter."""
     own, recorded = slice(found.fit.base), prepared.recorded
-    covariance = base_covariance(chain_map, prepared.base, found.covariance)
-    residual = base_covariance(chain_map, prepared.base, found.residual_covariance)
+    covariance = propagate_to_base(chain_map, prepared.base, found.covariance)
+    residual = propagate_to_base(chain_map, prepared.base, found.residual_covariance)
     chain = chain_map.apply(found.full)
     mean = np.nanmean(recorded.q[found.fit.in_fit], axis=0)
-    moved = centre_response(prepared.base, recorded.centres, mean, chain)
+    moved = propagate_centres(prepared.base, recorded.centres, mean, chain)
     covariance = covariance + np.einsum("bjx,jxy,cjy->bc", moved, centres, moved)
     rows = prepared.base.regrouping @ chain_map.matrix
     design = found.fit.design.reshape(-1, found.fit.design.shape[-1])

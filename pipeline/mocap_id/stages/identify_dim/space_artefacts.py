@@ -10,7 +10,7 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.comparison import agreement, centre_of_pressure, centre_of_pressure_rows
 from mocap_id.dynamics.excitation import Excitation
-from mocap_id.dynamics.space.base_parameters import full_names
+from mocap_id.dynamics.space.base_parameters import name_parameters
 from mocap_id.dynamics.space.identification import SpatialIdentification
 from mocap_id.dynamics.space.prediction import SpatialPrediction
 from mocap_id.dynamics.space.trial import COMPONENTS, SpatialTrial
@@ -92,7 +92,7 @@ def empty_data(segments: int, mass: float | None) -> dict[str, dict[str, Any]]:
     regrouping[0, ::10] = 1.0
     return _nodes(full, 1) | {
         "base": {
-            "name": np.array(["+".join(full_names(segments)[::10])], dtype=object),
+            "name": np.array(["+".join(name_parameters(segments)[::10])], dtype=object),
             "value": value,
             "sd": absent,
             "covariance": absent[:, None],
@@ -112,7 +112,7 @@ def _nodes(full: FloatArray, base: int) -> dict[str, dict[str, Any]]:
     absent = np.full(len(full), np.nan)
     return {
         "full": {
-            "name": np.array(full_names(len(full) // 10), dtype=object),
+            "name": np.array(name_parameters(len(full) // 10), dtype=object),
             "value": full,
             "reference": absent,
         },

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.body_prior import even_prior
-from mocap_id.dynamics.cutoffs import left_out_cost
+from mocap_id.dynamics.body_prior import build_even_prior
+from mocap_id.dynamics.cutoffs import score_left_out
 from mocap_id.dynamics.measured_motion import GIVES_WAY, SURELY, USUAL
 from mocap_id.dynamics.point_grid import PointGrid, build_grid
 from mocap_id.dynamics.preparation import PreparedTrial, TrialData, prepare
@@ -103,7 +103,7 @@ def read_inputs(context: Context) -> TrialInputs:
             "a joint's gap is little above the noise, and the pinned chain predicts left-out repetitions clearly better"
         )
         return replace(inputs, body_sets=(), motion_facts=facts | {"source": "chain", "why": why})
-    even = even_prior(_mass(context, recorded), bodies.poses.centroid)
+    even = build_even_prior(_mass(context, recorded), bodies.poses.centroid)
     on_poses = prepare_bodies(bodies, recorded, prepared.settings, even)
     movement = _movement(context, recorded, on_poses, chair_reasons)
     if check_excitation(context, prepared, movement) is not None:
@@ -134,7 +134,7 @@ def _best_bodies(context: Context, inputs: TrialInputs, prepared: PreparedTrial)
         return inputs.body_sets[0]
 
     def cost(bodies: MeasuredBodies) -> float:
-        return left_out_cost(_predictor(context, inputs, prepared, bodies).on_poses(USUAL))
+        return score_left_out(_predictor(context, inputs, prepared, bodies).on_poses(USUAL))
 
     return min(reversed(inputs.body_sets), key=cost)
 

@@ -14,7 +14,7 @@ from mocap_id.dynamics.cross_validation import LeftOutPrediction, predict_left_o
 from mocap_id.dynamics.identification import Identification
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
-from mocap_id.dynamics.sample_choice import number_parts, with_short_rests
+from mocap_id.dynamics.sample_choice import number_parts, shorten_rests
 from mocap_id.protocols.movement import Movement
 from mocap_id.protocols.repetitions import Repetition
 from mocap_id.verdict import Reason
@@ -66,7 +66,7 @@ def validate(prepared: PreparedTrial, movement: Movement, found: Identification,
         return Validation(len(found_spans), None, why)
     determined, samples = np.isfinite(model).any(axis=0), left_out.samples.copy()
     judged = np.flatnonzero(samples)
-    samples[judged[~with_short_rests(prepared.recorded.dq[judged])]] = False
+    samples[judged[~shorten_rests(prepared.recorded.dq[judged])]] = False
     predicted = np.where(determined, left_out.wrench, np.nan)
     return Validation(len(found_spans), replace(left_out, samples=samples, wrench=predicted), None)
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.plates import PlateChoice, standing_mass
+from mocap_id.plates import PlateChoice, weigh_person
 from mocap_id.recording import Plate, Recording, ThinnedFrames
 from mocap_id.stages.planarise.external_wrenches import ExternalWrenches
 from mocap_id.verdict import Reason
@@ -28,7 +28,7 @@ def describe_plates(
     reasons: tuple[Reason, ...] = ()
     if feet:
         vertical = sum((thinned.samples[index].force[:, 2] for index in feet), np.zeros(len(thinned.time)))
-        mass, why = standing_mass(thinned.positions, thinned.rate, vertical + external.vertical)
+        mass, why = weigh_person(thinned.positions, thinned.rate, vertical + external.vertical)
     else:
         if plates:
             causes = "; ".join(f"plate {plate.index}: {text}" for plate, text in zip(plates, choice.why, strict=True))

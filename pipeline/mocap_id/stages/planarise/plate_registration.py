@@ -10,7 +10,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.plates.direction import ForceDirection, compare_directions
-from mocap_id.plates.placement import PlatePlacement, compare_with_feet, standing_lean
+from mocap_id.plates.placement import PlatePlacement, compare_with_feet, measure_lean
 from mocap_id.recording import Plate, PlateSamples
 from mocap_id.verdict import Reason
 
@@ -63,7 +63,7 @@ def check_registration(
         return PlateCheck({}, ())
     total = np.sum([each.force for each in samples], axis=0)
     found = compare_with_feet(plates, samples, positions) if person else []
-    lean = standing_lean(total, positions, rate) if person else None
+    lean = measure_lean(total, positions, rate) if person else None
     whole = compare_directions(total, positions, rate)
     alone = [compare_directions(each.force, positions, rate) for each in samples] if len(plates) > 1 else []
     facts = {

@@ -15,7 +15,7 @@ from mocap_id.design.movement_limits import MovementLimits, derive_limits, find_
 from mocap_id.design.predicted_covariance import CovariancePredictor, IdentifiedBody
 from mocap_id.design.trajectory import get_recorded_trajectory
 from mocap_id.design.wave_movement import static_centre_of_pressure
-from mocap_id.dynamics.base_parameters import base_names, base_units
+from mocap_id.dynamics.base_parameters import base_names, list_base_units
 from mocap_id.dynamics.built_in_sensors import SensorNoise, predict_with_sensor
 from mocap_id.dynamics.identification import Identification
 from mocap_id.dynamics.kinematic_error import KinematicError
@@ -108,7 +108,7 @@ def advise(path: Path, options: AdviceOptions | None = None, progress: runner.Pr
         trial=identified.name,
         joints=joints,
         names=base_names(prepared.base, centres),
-        units=base_units(prepared.base),
+        units=list_base_units(prepared.base),
         value=found.base,
         design=chosen,
         limits=limits,

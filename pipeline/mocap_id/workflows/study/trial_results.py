@@ -12,7 +12,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.config.study import Person, Study, StudyTrial
-from mocap_id.dynamics.allometry import TableName, reference_table
+from mocap_id.dynamics.allometry import TableName, look_up_table
 from mocap_id.store import Folder
 from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
 from mocap_id.workflows.parallel import TrialRun
@@ -108,7 +108,7 @@ def read_trial_result(study: Study, trial: StudyTrial, run: TrialRun) -> TrialRe
 
 def find_length_reference(person: Person, name: TableName) -> LengthReference:
     """Return the reference for a person's lengths: landmarks if any is given, or else stature."""
-    table = reference_table(name, person.sex)
+    table = look_up_table(name, person.sex)
     by_stature = {
         segment: None if person.height is None else getattr(table, segment).length * person.height
         for segment in SEGMENTS
