@@ -35,10 +35,10 @@ def test_the_landmark_is_found_in_the_cluster() -> None:
     markers, rotation, origin, place = touch(0.02)
     markers[20:30, 2] = np.nan
     found = locate_pointed_landmark(markers, rotation, origin, Pointer(DISTANCES))
-    assert np.allclose(found.place.local, place, atol=5e-4)
+    assert np.allclose(found.position.local, place, atol=5e-4)
     assert found.rod_residual < 0.001
     assert not found.reasons
-    assert found.place.sd == pytest.approx(PALPATION, rel=0.05)
+    assert found.position.sd == pytest.approx(PALPATION, rel=0.05)
     tip, residual = locate_tip(markers, Pointer(DISTANCES))
     assert np.isnan(tip[20:30]).all() and np.isnan(residual[20:30]).all()
 
@@ -53,7 +53,7 @@ def test_a_wrong_geometry_or_a_sliding_tip_is_told() -> None:
     ]
     with pytest.raises(RecordingError, match="one for each marker"):
         locate_tip(markers, Pointer(DISTANCES[:2]))
-    with pytest.raises(RecordingError, match="never seen together"):
+    with pytest.raises(RecordingError, match="never visible in the same frame"):
         locate_pointed_landmark(markers, np.full_like(rotation, np.nan), origin, Pointer(DISTANCES))
 
 
@@ -72,5 +72,5 @@ def test_a_turning_pointer_shows_its_tip_and_its_error_is_covered(reverse: bool)
 
 def test_a_still_pointer_does_not_show_its_tip() -> None:
     markers, rotation, origin, _ = touch(0.003)
-    with pytest.raises(RecordingError, match="turns too little"):
+    with pytest.raises(RecordingError, match="rotates too little"):
         calibrate_pointer([(markers, rotation, origin)])

@@ -177,7 +177,7 @@ def test_pointer_trials_give_the_other_programs_angles_after_one_constant(
         found = locate_pointed_landmark(*touch, ROD)
         assert not found.reasons
         rotation, origin = poses[POINTED[name]]
-        track = np.einsum("fij,j->fi", rotation, found.place.local) + origin
+        track = np.einsum("fij,j->fi", rotation, found.position.local) + origin
         points[name] = mirror_points(track @ TO_TRIAL.T)
         off = np.linalg.norm(points[name] - recorded[name], axis=1)
         assert np.max(off) < (0.006 if name == "C7" else 0.002), name

@@ -9,8 +9,7 @@ from mocap_id.anatomy.frames import FOREARM, PALPATION, THORAX, UPPER_ARM, build
 from mocap_id.anatomy.segment_frames import SegmentPoses, fit_segment_frames, rotate_to_midline, set_middle_covariance
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
-from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
-from mocap_id.geometry.spatial_frames import change_frames
+from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint, change_frames
 
 SEGMENT = {
     **dict.fromkeys(("thorax", "IJ", "PX", "C7", "T8"), 0),

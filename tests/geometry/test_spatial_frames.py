@@ -6,8 +6,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
-from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
-from mocap_id.geometry.spatial_frames import change_frames
+from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint, change_frames
 
 
 def _unit(vector: FloatArray) -> FloatArray:

@@ -164,6 +164,6 @@ def test_a_joint_that_does_not_settle_is_named(chain, monkeypatch: pytest.Monkey
     """Whether a false joint settles within all iterations depends on the rounding of the processor."""
     monkeypatch.setattr("mocap_id.kinematics.bundle._ITERATIONS", 3)
     truth = chain(3, joints=2, markers=6, frames=120, noise=0.002)
-    with pytest.raises(Refused, match=r"centre of joint \d still moves.*`segment: \{count: …\}`") as caught:
+    with pytest.raises(Refused, match=r"centre of joint \d still changes.*`segment: \{count: …\}`") as caught:
         fit_chain(truth.points, split_tip(truth))
     assert caught.value.code == "joint-unsettled"

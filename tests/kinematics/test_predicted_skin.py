@@ -7,8 +7,7 @@ import pytest
 
 from mocap_id.geometry import planar
 from mocap_id.kinematics.chain_equations import ChainState
-from mocap_id.kinematics.predicted_skin import predict_skin
-from mocap_id.kinematics.skin_slides import SkinModel, fit_skin
+from mocap_id.kinematics.skin_slides import SkinModel, fit_skin, predict_skin
 
 CENTRES = np.array([0.0 + 0.1j, 0.0 + 0.4j])
 SEGMENT = np.repeat([1, 2], 4)

@@ -7,7 +7,7 @@ import pytest
 from test_summary import assert_nulls_explained
 
 from mocap_id.errors import Refused
-from mocap_id.geometry.circle import shift_to_shortest_arc
+from mocap_id.geometry.so3 import shift_to_shortest_arc
 from mocap_id.reporting.summary import summarise, to_json
 from mocap_id.reporting.summary_schema import Summary
 from mocap_id.stages.report.function import report_data

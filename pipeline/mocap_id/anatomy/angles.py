@@ -1,12 +1,12 @@
-"""Angles of the shoulder, elbow and wrist (ISB: Wu 2005) and the coordinates of other joints, with their uncertainty.
+"""Angles of shoulder, elbow and wrist (ISB: Wu 2005) and coordinates of other joints, with standard deviations.
 
-Rotations are those of a right arm, child to parent:
+Rotations are child to parent, of a right arm:
 
     shoulder  R_y(plane) R_x(-elevation) R_y(axial)         elevation 0 to π; plane 0: abduction, π/2: forward
     elbow     R_z(flexion) R_x(carrying) R_y(pronation)     carrying is negative at a normal elbow
-    wrist     R_z(flexion) R_x(deviation) R_y(rest)         the rest is not an angle of the wrist and is left out
+    wrist     R_z(flexion) R_x(deviation) R_y(rest)         the third rotation is not an angle of the wrist: left out
 
-Angles never come from filtered angles: the motion is filtered on SO(3) and decomposed afterwards.
+The filter works on rotations (SO(3)). They are decomposed into angles afterwards, so no angle is ever filtered.
 """
 
 from __future__ import annotations
@@ -33,59 +33,51 @@ ELBOW = ("elbow_flexion", "elbow_carrying", "elbow_pronation")
 WRIST = ("wrist_flexion", "wrist_deviation")
 
 GIMBAL = float(np.sin(np.radians(15)))
-"""Where the sine of the elevation is smaller, plane and axial rotation have no meaning of their own."""
+"""Least sine of the elevation at which plane and axial rotation are defined separately."""
 
 _X, _Y, _Z = np.eye(3)
 
 
 @dataclass(frozen=True)
 class AngleDeviations:
-    """Standard deviations of angles (F, k), rad, of rates, rad/s, and of accelerations, rad/s²."""
+    """Standard deviations of angles and of their derivatives, (F, k)."""
 
-    angle: FloatArray
-    rate: FloatArray
-    acceleration: FloatArray
+    angle: FloatArray  # rad
+    rate: FloatArray  # rad/s
+    acceleration: FloatArray  # rad/s²
 
 
 @dataclass(frozen=True)
 class JointAngles:
-    """Angles of one joint in time.
+    """Angles of one joint over time, with standard deviations.
 
-    Parameters
-    ----------
-    names : tuple of str, length k
-    angle, rate, acceleration : (F, k) arrays
-        rad, rad/s, rad/s²; continuous in time.
-    sd : AngleDeviations
-        Uncertainty of the angles' changes, of rates and of accelerations: by the motion, and by the landmarks' frames.
-    constant_sd : (k,) array
-        Uncertainty of the mean angles by the landmarks' frames, rad. An absolute angle has ``hypot(sd, constant_sd)``.
-    condition : (F,) array
-        Factor by which errors grow: 1/|sin elevation| at the shoulder, 1/|cos carrying| at the elbow, else 1.
-    near_gimbal : (F,) bool array
-        Samples within 15° of the pose in which two of the angles have no meaning of their own.
+    The uncertainty of the anatomical frames shifts the mean of an angle (``constant_sd``) and changes its course (part
+    of
+    ``sd``). The standard deviation of an absolute angle is ``hypot(sd.angle, constant_sd)``.
     """
 
-    names: tuple[str, ...]
-    angle: FloatArray
-    rate: FloatArray
-    acceleration: FloatArray
-    sd: AngleDeviations
-    constant_sd: FloatArray
+    names: tuple[str, ...]  # names of the k angles
+    angle: FloatArray  # (F, k) continuous in time, rad
+    rate: FloatArray  # (F, k) rad/s
+    acceleration: FloatArray  # (F, k) rad/s²
+    sd: AngleDeviations  # uncertainty of changes of the angles, of rates and of accelerations, from motion and frames
+    constant_sd: FloatArray  # (k,) uncertainty of the mean angles from the frames, rad
+    # (F,) amplification of errors: 1/|sin elevation| (shoulder), 1/|cos carrying| (elbow), else 1
     condition: FloatArray
-    near_gimbal: BoolArray
+    near_gimbal: BoolArray  # (F,) samples within 15° of the pose in which two angles are not defined separately
 
 
 def shoulder_angles(motion: RelativeMotion, frames: FloatArray | None = None) -> JointAngles:
-    """Return plane, elevation and axial rotation of the upper arm in the thorax.
+    """Return plane of elevation, elevation and axial rotation of the upper arm in the thorax.
 
-    The elevation is never negative. Near 0 only plane + axial means something, near π only plane - axial, and this one
-    is continuous there: if the arm passes through the pole, the plane may jump by up to π and the axial rotation makes
-    up for it. The first sample away from the poles lies in (-π, π].
+    The elevation is never negative. Near 0 only plane + axial is defined, near π only plane - axial; this sum or
+    difference is continuous. When the arm passes through such a pole, the plane may jump by up to π, and the axial
+    rotation jumps by the opposite amount. The first sample away from the poles lies in (-π, π].
 
     Parameters
     ----------
     motion : RelativeMotion
+        Motion of the upper arm's frame relative to the thorax.
     frames : (6, 6) array, optional
         Covariance of the errors of both frames (:func:`~mocap_id.anatomy.frames.frame_covariance`), rad².
     """
@@ -105,24 +97,26 @@ def elbow_angles(motion: RelativeMotion, frames: FloatArray | None = None) -> Jo
 
 
 def hinge_elbow_angles(motion: RelativeMotion, frames: FloatArray | None = None) -> JointAngles:
-    """Return flexion and carrying angle of a forearm whose pronation nothing shows."""
+    """Return flexion and carrying angle of the forearm, if no marker or joint determines its pronation."""
     return _flexion_angles(ELBOW[:2], motion, frames)
 
 
 def wrist_angles(motion: RelativeMotion, frames: FloatArray | None = None) -> JointAngles:
-    """Return flexion and deviation of the hand in the forearm; flexion and ulnar deviation are positive."""
+    """Return flexion and deviation of the hand in the forearm. Flexion and ulnar deviation are positive."""
     return _flexion_angles(WRIST, motion, frames)
 
 
 def joint_coordinates(motion: RelativeMotion, joint: SpatialJoint, names: tuple[str, ...]) -> JointAngles:
-    """Return a joint's own coordinates, rad: angle of a hinge, both angles of two axes, or rotation vector of a ball.
+    """Return a joint's own coordinates, rad: angle of a hinge, two angles, or rotation vector of a ball.
 
     Parameters
     ----------
     motion : RelativeMotion
+        Motion of the child relative to the parent.
     joint : SpatialJoint
+        Kind and axes of the joint.
     names : tuple of str
-        One for each coordinate.
+        Name of each coordinate.
     """
     r, one = motion.rotation, np.ones(len(motion.rotation))
     if joint.kind == "ball":
@@ -142,6 +136,7 @@ def joint_coordinates(motion: RelativeMotion, joint: SpatialJoint, names: tuple[
 
 
 def _flexion_angles(names: tuple[str, ...], motion: RelativeMotion, frames: FloatArray | None) -> JointAngles:
+    """Return flexion, carrying (or deviation) angle and pronation, as many as there are names."""
     r = motion.rotation
     cosine = np.hypot(r[:, 0, 1], r[:, 1, 1])
     flexion = _unwrap(np.arctan2(-r[:, 0, 1], r[:, 1, 1]))
@@ -162,7 +157,10 @@ def _build_joint_angles(
     *,
     sine: FloatArray,
 ) -> JointAngles:
-    """Return the first angles, as many as names, with rates, accelerations and standard deviations."""
+    """Return the first angles, as many as names, with rates, accelerations and standard deviations.
+
+    ``sine`` (F,) is the factor by which the angles lose accuracy; 0 where two angles are not defined separately.
+    """
     rate, acceleration, jacobian = compute_rates(axes, motion)
     keep, dimension = len(names), angles.shape[1]
     sd, constant, turned = propagate_covariance(jacobian, motion.covariance), np.zeros(keep), np.abs(sine) < GIMBAL
@@ -190,22 +188,22 @@ def _build_joint_angles(
 
 
 def _measure_rotation_about(axis: FloatArray, rotation: FloatArray) -> FloatArray:
-    """Return the angle (F,) of the rotation about an axis that is closest to a rotation (F, 3, 3)."""
+    """Return the angle (F,), rad, of the rotation about an axis that is closest to a rotation (F, 3, 3)."""
     sine = 2 * (so3.vee(rotation) @ axis)
     cosine = np.trace(rotation, axis1=1, axis2=2) - np.einsum("i,fij,j->f", axis, rotation, axis)
     return np.asarray(np.arctan2(sine, cosine))
 
 
 def _wrap(angle: FloatArray) -> FloatArray:
-    """Return an angle in (-π, π]."""
+    """Return an angle wrapped to (-π, π]."""
     return np.pi - np.mod(np.pi - angle, 2 * np.pi)
 
 
 def _unwrap(angle: FloatArray, meaningful: BoolArray | None = None) -> FloatArray:
-    """Return a continuous angle (F,), past gaps and past samples without meaning.
+    """Return an angle (F,) without jumps of 2π, ignoring gaps and samples in which the angle is not defined.
 
-    Whole turns between two meaningful stretches are not counted, since noise makes them. The first meaningful sample
-    lies in (-π, π].
+    Whole turns while the angle is not ``meaningful`` are noise and are not counted. The first meaningful sample lies in
+    (-π, π].
     """
     seen = np.isfinite(angle)
     result = angle.copy()
@@ -228,7 +226,7 @@ def _unwrap(angle: FloatArray, meaningful: BoolArray | None = None) -> FloatArra
 def _unwrap_through_poles(
     plane: FloatArray, axial: FloatArray, elevation: FloatArray, meaningful: BoolArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return continuous plane and axial rotation; their sum or difference is continuous where only it has a meaning."""
+    """Return continuous plane and axial rotation. Near a pole, only their sum or difference is continuous."""
     seen = np.isfinite(plane)
     plane = _unwrap(plane, meaningful)
     if not seen.any():
@@ -246,7 +244,7 @@ def _unwrap_through_poles(
 
 
 def _unwrap_rotation_vectors(vector: FloatArray) -> FloatArray:
-    """Return rotation vectors (F, 3) that are continuous beyond a half turn."""
+    """Return rotation vectors (F, 3) that are continuous beyond half a turn."""
     result = vector.copy()
     last: FloatArray | None = None
     for i in np.flatnonzero(np.isfinite(vector).all(axis=1)):

@@ -1,11 +1,11 @@
-"""Coordinates of a joint from its rotation: their rates, accelerations and uncertainty.
+"""Rates, accelerations and uncertainty of joint coordinates, from the rotation of the joint.
 
-The coordinates q turn the child about d axes b_i, given here in the child's frame:
+The coordinates q rotate the child about d axes b_i, which are given here in the child's frame:
 
     omega = B(q) dq,   alpha = B(q) ddq + dB/dt dq,   B = [b_1 … b_d]
 
-All equations hold for any B. Through first and second derivatives of B, the errors of rotation, angular velocity and
-angular acceleration are propagated to q, dq and ddq.
+All equations are valid for any B. The errors of rotation, angular velocity and angular acceleration are propagated to
+q, dq and ddq with the first and second derivatives of B.
 """
 
 from __future__ import annotations
@@ -20,30 +20,22 @@ from mocap_id.geometry import so3
 
 @dataclass(frozen=True)
 class RelativeMotion:
-    """Motion of a child segment against its parent.
+    """Motion of a child segment relative to its parent.
 
-    Parameters
-    ----------
-    rotation : (F, 3, 3) array
-        R, child to parent.
-    velocity, acceleration : (F, 3) arrays
-        The vector of Rᵀ dR/dt in the child's axes, rad/s, and its derivative, rad/s².
-    covariance : (F, 9, 9) array
-        Covariance of the errors of rotation, velocity and acceleration; that of the rotation is the vector e of
-        ``true = R exp(e)``, in the child's axes.
+    The error of the rotation is the vector e of ``true = R exp(e)``, in the child's axes.
     """
 
-    rotation: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
-    covariance: FloatArray
+    rotation: FloatArray  # (F, 3, 3) R, child to parent
+    velocity: FloatArray  # (F, 3) angular velocity in the child's axes, rad/s
+    acceleration: FloatArray  # (F, 3) derivative of this vector, rad/s²
+    covariance: FloatArray  # (F, 9, 9) covariance of the errors of rotation, velocity and acceleration
 
 
 def compose_motions(first: RelativeMotion, second: RelativeMotion) -> RelativeMotion:
-    """Return the motion of a grandchild against its grandparent, from parent and child, and child and grandchild.
+    """Return the motion of a grandchild relative to its grandparent, from two successive motions.
 
     With the second rotation R, omega = R^T omega_1 + omega_2 and alpha = R^T alpha_1 + (R^T omega_1) x omega_2 +
-    alpha_2. The errors of both motions count as independent.
+    alpha_2. The errors of the two motions are assumed to be independent.
     """
     back = np.swapaxes(second.rotation, 1, 2)
     carried = np.einsum("fij,fj->fi", back, first.velocity)
@@ -61,37 +53,26 @@ def compose_motions(first: RelativeMotion, second: RelativeMotion) -> RelativeMo
 
 @dataclass(frozen=True)
 class AxisDerivatives:
-    """The matrix B of a joint with its derivatives.
+    """Matrix B of a joint, with its derivatives with respect to the coordinates."""
 
-    Parameters
-    ----------
-    axes : (F, 3, d) array
-        B.
-    first : (F, 3, d, d) array
-        Derivative of column i by q_k at [:, :, i, k].
-    second : (F, 3, d, d, d) array
-        Derivative of column i by q_k and q_l at [:, :, i, k, l].
-    """
-
-    axes: FloatArray
-    first: FloatArray
-    second: FloatArray
+    axes: FloatArray  # (F, 3, d) B
+    first: FloatArray  # (F, 3, d, d) derivative of column i with respect to q_k at [:, :, i, k]
+    second: FloatArray  # (F, 3, d, d, d) derivative of column i with respect to q_k and q_l at [:, :, i, k, l]
 
 
 def axes_of_rotations(turns: FloatArray, q: FloatArray, offsets: FloatArray | None = None) -> AxisDerivatives:
-    """Return B for successive turns, ``R = exp(a_1 q_1) O_1 exp(a_2 q_2) O_2 … exp(a_d q_d)``.
+    """Return B of successive rotations, ``R = exp(a_1 q_1) O_1 exp(a_2 q_2) O_2 … exp(a_d q_d)``.
 
-    In the child's frame, every later coordinate turns an axis, hence db_i/dq_k = b_i × b_k for k > i, and zero
-    otherwise.
+    Later coordinates rotate an axis in the child's frame: db_i/dq_k = b_i × b_k for k > i, and zero otherwise.
 
     Parameters
     ----------
     turns : (d, 3) array
         Unit axes a_i.
     q : (F, d) array
-        rad.
+        Coordinates, rad.
     offsets : (d - 1, 3, 3) array, optional
-        Constant rotations O_i between them, the identity if omitted.
+        Constant rotations O_i between the axes; identity by default.
     """
     count, dimension = q.shape
     axes, later = np.empty((count, 3, dimension)), np.broadcast_to(np.eye(3), (count, 3, 3))
@@ -119,7 +100,7 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def axes_of_rotation_vector(q: FloatArray) -> AxisDerivatives:
-    """Return B for ``R = exp(q)`` with a rotation vector q (F, 3), rad.
+    """Return B of ``R = exp(q)`` for a rotation vector q (F, 3), rad.
 
     B = 1 - a(s) q^ + c(s) q^ q^ with s = |q|², a = (1 - cos |q|) / s and c = (|q| - sin |q|) / |q|³.
     """
@@ -145,7 +126,7 @@ def axes_of_rotation_vector(q: FloatArray) -> AxisDerivatives:
 
 
 def _sum_series(square: FloatArray) -> tuple[tuple[FloatArray, FloatArray, FloatArray], ...]:
-    """Return a(s) and c(s) with two derivatives by s, by their power series, which converge for every s."""
+    """Return a(s) and c(s), with two derivatives with respect to s, by power series, which always converge."""
     terms = 40
     results = []
     for shift in (2, 3):
@@ -165,19 +146,14 @@ def _sum_series(square: FloatArray) -> tuple[tuple[FloatArray, FloatArray, Float
 
 
 def compute_rates(axes: AxisDerivatives, motion: RelativeMotion) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return rates, accelerations and the Jacobian of everything by the errors of the motion.
-
-    Parameters
-    ----------
-    axes : AxisDerivatives
-    motion : RelativeMotion
+    """Return rates, accelerations, and the Jacobian of the coordinates with respect to the errors of the motion.
 
     Returns
     -------
     rate, acceleration : (F, d) arrays
-        rad/s and rad/s²; NaN where two axes coincide.
+        dq, rad/s, and ddq, rad/s²; NaN where two axes coincide.
     jacobian : (F, 3 d, 9) array
-        Derivatives of (q, dq, ddq) by the errors of rotation, velocity and acceleration.
+        Derivatives of (q, dq, ddq) with respect to the errors of rotation, velocity and acceleration.
     """
     inverse = _invert_axes(axes.axes)
     rate = np.einsum("fki,fi->fk", inverse, motion.velocity)
@@ -200,7 +176,7 @@ def compute_rates(axes: AxisDerivatives, motion: RelativeMotion) -> tuple[FloatA
 
 
 def _invert_axes(axes: FloatArray) -> FloatArray:
-    """Return the (pseudo)inverse (F, d, 3) of B; NaN where B is singular."""
+    """Return the (pseudo-)inverse (F, d, 3) of B; NaN where B is singular."""
     square = np.swapaxes(axes, 1, 2) @ axes
     usable = np.asarray(np.isfinite(square).all(axis=(1, 2)))
     usable &= np.linalg.det(np.where(usable[:, None, None], square, 0.0)) > 1e-16
@@ -210,7 +186,7 @@ def _invert_axes(axes: FloatArray) -> FloatArray:
 
 
 def frame_error_jacobian(motion: RelativeMotion) -> FloatArray:
-    """Return the effect (F, 9, 6) of constant errors of the two frames on a relative motion.
+    """Return the derivatives (F, 9, 6) of a relative motion with respect to constant errors of the two segment frames.
 
     The errors are the rotation vectors of the parent's and of the child's frame, each in its own axes, rad.
     """
@@ -223,6 +199,6 @@ def frame_error_jacobian(motion: RelativeMotion) -> FloatArray:
 
 
 def propagate_covariance(jacobian: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Return standard deviations (..., k) for a Jacobian (..., k, m) and a covariance (..., m, m)."""
+    """Return standard deviations (..., k) from a Jacobian (..., k, m) and a covariance (..., m, m)."""
     variance = np.sum((jacobian @ covariance) * jacobian, axis=-1)
     return np.asarray(np.sqrt(np.maximum(variance, 0)))

@@ -1,4 +1,4 @@
-"""Frames of the segments of the upper limb from landmarks (ISB: Wu 2005), with their uncertainty.
+"""Anatomical frames of the upper limb from landmarks (ISB: Wu 2005), with their uncertainty.
 
 All frames are those of a right arm: X forward, Y up along the segment, Z to the right. The landmarks of a left arm are
 mirrored first (:func:`mirror_points`).
@@ -23,28 +23,16 @@ _MIRROR = np.array([1.0, 1.0, -1.0])
 
 @dataclass(frozen=True)
 class FrameDefinition:
-    """The recipe of a frame: weighted sums of landmarks.
+    """Definition of an anatomical frame by weighted sums of landmarks."""
 
-    Parameters
-    ----------
-    origin : mapping
-        Landmark to its weight in the origin.
-    up : mapping
-        Weights of the vector along +Y.
-    across : mapping
-        Weights of a second vector. Its part normal to Y is the third axis.
-    third : {"x", "z"}
-        Axis that ``across`` gives.
-    """
-
-    origin: Mapping[str, float]
-    up: Mapping[str, float]
-    across: Mapping[str, float]
-    third: Literal["x", "z"]
+    origin: Mapping[str, float]  # weights of landmarks in the origin
+    up: Mapping[str, float]  # weights in the vector along +Y
+    across: Mapping[str, float]  # weights in a second vector, whose part normal to Y is the third axis
+    third: Literal["x", "z"]  # name of this third axis
 
     @property
     def landmarks(self) -> tuple[str, ...]:
-        """Landmarks that the frame needs."""
+        """Landmarks that define the frame."""
         return tuple(dict.fromkeys((*self.origin, *self.up, *self.across)))
 
 
@@ -56,51 +44,45 @@ UPPER_ARM = FrameDefinition({"GH": 1.0}, {"GH": 1.0, "EL": -0.5, "EM": -0.5}, {"
 UPPER_ARM_2 = FrameDefinition(
     {"GH": 1.0}, {"GH": 1.0, "EL": -0.5, "EM": -0.5}, {"US": 1.0, "EL": -0.5, "EM": -0.5}, "x"
 )
-"""Option 2 of the ISB, for the landmarks of a pose in which the elbow is bent."""
+"""Option 2 of the ISB, for landmarks in a pose with a bent elbow."""
 FOREARM = FrameDefinition(_ELBOW, {"EL": 0.5, "EM": 0.5, "US": -1.0}, {"RS": 1.0, "US": -1.0}, "z")
 HAND = FrameDefinition(_WRIST, {"RS": 0.5, "US": 0.5, "MCP2": -0.5, "MCP5": -0.5}, {"MCP2": 1.0, "MCP5": -1.0}, "z")
-"""Frame of the hand from its own landmarks. Without them: :func:`build_straight_hand`."""
+"""Frame of the hand from its landmarks. Without them, see :func:`build_straight_hand`."""
 
 DEFINITIONS = {"thorax": THORAX, "upper_arm": UPPER_ARM, "forearm": FOREARM, "hand": HAND}
 
 
 @dataclass(frozen=True)
 class SegmentFrame:
-    """A frame, or one for every sample.
+    """Anatomical frame, constant or for every sample.
 
-    Parameters
-    ----------
-    origin : (..., 3) array
-        m.
-    rotation : (..., 3, 3) array
-        Frame to the axes of the landmarks.
-    sensitivity : dict
-        Landmark to the (..., 3, 3) array J: if the landmark lies off by d (in the axes of the landmarks, m), the frame
-        is turned by the rotation vector J d, in its own axes, rad.
+    If a landmark is displaced by d (m, in the axes of the landmarks), the frame rotates by the vector J d (rad, in its
+    own axes). The matrices J are the sensitivities.
     """
 
-    origin: FloatArray
-    rotation: FloatArray
-    sensitivity: dict[str, FloatArray]
+    origin: FloatArray  # (..., 3) m
+    rotation: FloatArray  # (..., 3, 3) frame to the axes of the landmarks
+    sensitivity: dict[str, FloatArray]  # landmark to its matrix J, (..., 3, 3)
 
 
 def mirror_points(points: FloatArray) -> FloatArray:
     """Return points (..., 3) of the trial's frame (y up), mirrored from z to -z.
 
-    A left arm becomes a right one: all frames and angles then mean the same as on the right. A rotation R of the mirror
-    image is S R S with S = diag(1, 1, -1), and an angular velocity (x, y, z) becomes (-x, -y, z).
+    A left arm becomes a right one, so frames and angles have the same definitions on both sides. In the mirror image, a
+    rotation R is S R S with S = diag(1, 1, -1), and an angular velocity (x, y, z) is (-x, -y, z).
     """
     return np.asarray(points * _MIRROR)
 
 
 def build_frame(definition: FrameDefinition, points: Mapping[str, FloatArray]) -> SegmentFrame:
-    """Build a frame from landmarks.
+    """Build an anatomical frame from landmarks.
 
     Parameters
     ----------
     definition : FrameDefinition
+        Weights of the landmarks.
     points : mapping
-        Landmark to its (..., 3) position, m. Those of a left arm must be mirrored.
+        Position (..., 3) of each landmark, m; mirrored for a left arm.
 
     Raises
     ------
@@ -136,16 +118,16 @@ def build_frame(definition: FrameDefinition, points: Mapping[str, FloatArray]) -
 
 
 def build_straight_hand(forearm: SegmentFrame, points: Mapping[str, FloatArray]) -> SegmentFrame:
-    """Return the frame of a straight hand: parallel to the forearm, at the middle of the wrist.
+    """Return the frame of a hand that is straight in the landmarks' pose.
 
-    It is the frame of the hand if the wrist is straight in the pose of the landmarks; the angles of the wrist then
-    count from this pose.
+    It is parallel to the forearm, with its origin at the middle of the wrist. The angles of the wrist are then measured
+    from this pose.
     """
     return SegmentFrame(_sum_weighted(_WRIST, points), forearm.rotation, forearm.sensitivity)
 
 
 def has_bent_elbow(points: Mapping[str, FloatArray]) -> BoolArray:
-    """Return where the elbow is bent by 60 to 120°, so that option 2 of the upper arm is well defined."""
+    """Return whether the elbow is bent by 60 to 120° (...), so that option 2 of the upper arm is well defined."""
     upper, lower = _sum_weighted(UPPER_ARM.up, points), _sum_weighted(FOREARM.up, points)
     cosine = np.einsum("...i,...i->...", upper, lower)
     size = np.linalg.norm(upper, axis=-1) * np.linalg.norm(lower, axis=-1)
@@ -155,20 +137,17 @@ def has_bent_elbow(points: Mapping[str, FloatArray]) -> BoolArray:
 def frame_covariance(
     frames: tuple[SegmentFrame, ...], covariances: Mapping[str, FloatArray | float] | None = None
 ) -> FloatArray:
-    """Return the joint covariance of the orientations of frames that share landmarks.
+    """Return the joint covariance of the orientations of n frames that share landmarks, (..., 3 n, 3 n), rad².
+
+    The errors are the rotation vectors of the frames, each in its own axes.
 
     Parameters
     ----------
     frames : tuple of SegmentFrame, length n
-        Built from landmarks in the same axes.
+        Frames that were built from landmarks in the same axes.
     covariances : mapping, optional
-        Landmark to its (3, 3) covariance in the axes of the landmarks, m², or to its standard deviation along each
-        axis, m. Others have the standard deviation :data:`PALPATION`.
-
-    Returns
-    -------
-    (..., 3 n, 3 n) array
-        Covariance of the rotation vectors of the frames, each in its own axes, rad².
+        Covariance (3, 3), m², of each landmark in the axes of the landmarks, or its standard deviation along each axis,
+        m. Other landmarks have the standard deviation :data:`PALPATION`.
     """
     known = covariances or {}
     names = dict.fromkeys(name for frame in frames for name in frame.sensitivity)
@@ -184,6 +163,7 @@ def frame_covariance(
 
 
 def _sum_weighted(weights: Mapping[str, float], points: Mapping[str, FloatArray]) -> FloatArray:
+    """Return a weighted sum of landmark positions."""
     total: FloatArray = np.asarray(sum(w * np.asarray(points[name], dtype=np.float64) for name, w in weights.items()))
     return total
 
@@ -191,10 +171,10 @@ def _sum_weighted(weights: Mapping[str, float], points: Mapping[str, FloatArray]
 def _differentiate_rotation(
     x: FloatArray, z: FloatArray, *, length: FloatArray, lean: FloatArray, reach: FloatArray, third: Literal["x", "z"]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the rotation vectors (..., 3, 3) in the frame's axes for a change of ``up`` and of ``across``.
+    """Return the derivatives (..., 3, 3) of the frame's rotation vector with respect to ``up`` and ``across``.
 
     A rotation vector r moves Y by r × Y, hence r_x = Z · dY and r_z = -X · dY. The rotation about Y follows from the
-    third axis, which ``across`` and the turned Y give.
+    third axis, which ``across`` and the rotated Y define.
     """
     along_x, along_z = z / length[..., None], -x / length[..., None]
     zero = np.zeros_like(x)

@@ -1,7 +1,7 @@
-"""Landmarks of the upper limb by the names of markers.
+"""Recognition of upper-limb landmarks by the names of markers.
 
-A marker's name is read without separators and capitals, and without the name of a subject. A landmark of an arm has its
-side before or behind its name: ``REL``, ``EL_R``, ``Subject:right lateral epicondyle``.
+Separators, capitals and the name of a subject are ignored. A landmark of an arm has its side before or after its name:
+``REL``, ``EL_R``, ``Subject:right lateral epicondyle``.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ _DOUBTFUL = {
     "AC": "shoulder",
     "EL": "elbow",
 }
-"""Spellings in use for more than one place; they count only where no better name is found, and with a caution."""
+"""Spellings that are used for more than one landmark. They are used, with a caution, if no better name is found."""
 
 SEGMENTS = {
     **dict.fromkeys(("IJ", "PX", "C7", "T8", "AC", "AA", "AI", "TS", "PC"), "thorax"),
@@ -69,21 +69,11 @@ _SIDES: tuple[tuple[Side, tuple[str, ...]], ...] = (("right", ("right", "rt", "r
 
 @dataclass(frozen=True)
 class NamedLandmarks:
-    """The landmarks that a recording's names show.
+    """Landmarks that were recognised by the names of markers."""
 
-    Parameters
-    ----------
-    markers : dict
-        Landmark to the number of its marker.
-    side : {"right", "left"} or None
-        Arm of the landmarks; None if no name has a side.
-    reasons : tuple of Reason
-        Names in doubt.
-    """
-
-    markers: dict[str, int]
-    side: Side | None
-    reasons: tuple[Reason, ...]
+    markers: dict[str, int]  # landmark to the number of its marker
+    side: Side | None  # arm of the landmarks; None if no name has a side
+    reasons: tuple[Reason, ...]  # cautions for doubtful names
 
 
 def find_landmarks(
@@ -96,13 +86,9 @@ def find_landmarks(
     labels : sequence of str
         Names of all markers of the recording.
     given : mapping, optional
-        Landmark to the name of its marker; these come before every name that is recognised.
+        Marker names of landmarks that the user has set. They have priority over recognised names.
     side : {"right", "left"}, optional
-        Arm to use. Without it the arm with more landmarks, and the right one if both have as many.
-
-    Returns
-    -------
-    NamedLandmarks
+        Arm to use. By default the arm with more landmarks, and the right one if both have the same number.
 
     Raises
     ------
@@ -114,7 +100,7 @@ def find_landmarks(
     >>> find_landmarks(["Anna:CLAV", "Anna:RELB", "Anna:RELBM", "Anna:RUPA"]).markers
     {'IJ': 0, 'EL': 1, 'EM': 2}
     """
-    found = _read_all(labels)
+    found = [reading for marker, label in enumerate(labels) for reading in _read_label(label, marker)]
     reasons: list[Reason] = []
     chosen = _choose_side(found, side, labels, reasons)
     markers: dict[str, int] = {}
@@ -128,39 +114,32 @@ def find_landmarks(
 
 @dataclass(frozen=True)
 class _Reading:
-    """One way to read a marker's name; rank 0 is the ISB's own name, 1 another spelling, 2 a doubtful one."""
+    """Interpretation of a marker's name as a landmark."""
 
     landmark: str
     side: Side | None
     marker: int
-    rank: int
-
-
-def _read_all(labels: Sequence[str]) -> list[_Reading]:
-    readings: list[_Reading] = []
-    for marker, label in enumerate(labels):
-        readings.extend(_read_label(label, marker))
-    return readings
+    rank: int  # 0: name used by the ISB, 1: another spelling, 2: doubtful spelling
 
 
 def _read_label(label: str, marker: int) -> list[_Reading]:
-    """Return every reading of a name."""
+    """Return all interpretations of a marker's name."""
     text = label.rsplit(":", 1)[-1]
     words = [word for word in re.split(r"[^A-Za-z0-9]+", text) if word]
     if not words:
         return []
     bare = "".join(words).lower()
     for side, rest in _split_side(text, bare):
-        hits = _look_up(rest, side is not None)
+        hits = [hit for hit in _BY_NAME.get(rest, []) if side is None or hit[0] in SIDED]
         if hits:
             return [_Reading(name, side if name in SIDED else None, marker, rank) for name, rank in hits]
     return []
 
 
 def _split_side(text: str, bare: str) -> list[tuple[Side | None, str]]:
-    """Return the ways to read a name: with a side before it, without a side, with a side behind it.
+    """Return possible splits of a name into side and rest: side first, no side, side last.
 
-    Some programs put the letter p, for point, before everything.
+    Some programs write the letter p, for point, before every name.
     """
     before: list[tuple[Side | None, str]] = []
     behind: list[tuple[Side | None, str]] = []
@@ -173,12 +152,8 @@ def _split_side(text: str, bare: str) -> list[tuple[Side | None, str]]:
     return [*before, (None, bare), *([(None, bare[1:])] if bare.startswith("p") else []), *behind]
 
 
-def _look_up(bare: str, sided: bool) -> list[tuple[str, int]]:
-    hits = _BY_NAME.get(bare, [])
-    return [(name, rank) for name, rank in hits if not (sided and name in MIDDLE)]
-
-
 def _index_spellings() -> dict[str, list[tuple[str, int]]]:
+    """Return, for each spelling, the landmarks with this spelling and its rank."""
     index: dict[str, list[tuple[str, int]]] = {}
     for table, rank in ((MIDDLE, 1), (SIDED, 1), (_DOUBTFUL, 2)):
         for name, spellings in table.items():
@@ -193,7 +168,7 @@ _BY_NAME = _index_spellings()
 def _choose_side(
     found: Sequence[_Reading], side: Side | None, labels: Sequence[str], reasons: list[Reason]
 ) -> Side | None:
-    """Return the arm to use, with a caution if both arms have landmarks and none was asked for."""
+    """Return the arm to use. Add a caution if both arms have landmarks and the user has chosen none."""
     counts: dict[Side, int] = {each: len({r.landmark for r in found if r.side == each}) for each, _ in _SIDES}
     if side is not None:
         other: Side = "left" if side == "right" else "right"
@@ -225,7 +200,7 @@ def _choose_marker(
     labels: Sequence[str],
     reasons: list[Reason],
 ) -> int | None:
-    """Return the marker of a landmark, or None if there is none or two names are equally good."""
+    """Return the marker of a landmark; None if no name, or more than one equally good name, fits."""
     fitting = [r for r in found if r.landmark == name and (name in MIDDLE or r.side in (side, None))]
     if not fitting:
         return None
@@ -236,7 +211,7 @@ def _choose_marker(
         reasons.append(
             Reason(
                 "landmark-ambiguous",
-                f"the names {names} all fit the landmark {name}; none was used. Write the right one, such as "
+                f"the marker names {names} all fit the landmark {name}, so none was used. Name one of them, such as "
                 f"`landmarks: {{{name}: {labels[best[0].marker]}}}`",
             )
         )
@@ -245,22 +220,23 @@ def _choose_marker(
         reasons.append(
             Reason(
                 "landmark-doubtful",
-                f"{names} was taken as the landmark {name}, a name that is also used for other places. Write "
-                f"landmarks: {{{name}: {names}}} if this is right, or the name of the right marker",
+                f"the marker {names} was used as the landmark {name}, but this name is also used for other points. "
+                f"Write landmarks: {{{name}: {names}}} to confirm it, or give the correct marker",
             )
         )
     return best[0].marker
 
 
 def _find_given_markers(labels: Sequence[str], given: Mapping[str, str]) -> dict[str, int]:
+    """Return the markers of the landmarks that the user has set."""
     plain = [label.rsplit(":", 1)[-1] for label in labels]
     markers: dict[str, int] = {}
     for name, label in given.items():
         if name not in SEGMENTS:
-            raise RecordingError(f"landmarks: {name} is not a landmark; possible are {', '.join(SEGMENTS)}")
+            raise RecordingError(f"landmarks: {name} is not a landmark; expected one of {', '.join(SEGMENTS)}")
         hits = [i for i, (full, part) in enumerate(zip(labels, plain, strict=True)) if label in (full, part)]
         if len(hits) != 1:
             what = "several markers are called" if hits else "no marker is called"
-            raise RecordingError(f"landmarks: {name}: {what} {label!r}; there are {', '.join(labels)}")
+            raise RecordingError(f"landmarks: {name}: {what} {label!r}; the markers are {', '.join(labels)}")
         markers[name] = hits[0]
     return markers

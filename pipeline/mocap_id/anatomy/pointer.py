@@ -1,7 +1,7 @@
-"""Landmarks from pointer trials: the tip of a rod touches the landmark while the cluster of the segment is seen.
+"""Landmarks from pointer trials: the tip of a rod touches the landmark while the cluster of the segment is visible.
 
 The markers of the pointer lie on one line with its tip. The distances from the tip to the markers are measured on the
-pointer, or found from trials in which the pointer turns about its resting tip (:func:`calibrate_pointer`).
+pointer, or estimated from trials in which the pointer rotates about its resting tip (:func:`calibrate_pointer`).
 """
 
 from __future__ import annotations
@@ -17,49 +17,31 @@ from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
 from mocap_id.verdict import Reason
 
-_SD_TIP = 0.005  # m, largest standard deviation of a tip that is usable
-_BEND = 0.005  # m, rms distance of the markers from the rod
-_LASTING = 50.0  # frames in which errors of skin and hand repeat
-_MOVES = 0.005  # m, rms motion of the tip in the cluster
+_SD_TIP = 0.005  # m; largest usable standard deviation of the tip
+_BEND = 0.005  # m; largest rms distance of the markers from the rod
+_LASTING = 50.0  # frames that share one error of skin and hand
+_MOVES = 0.005  # m; largest rms motion of the tip in the cluster's frame
 
 
 @dataclass(frozen=True)
 class Pointer:
-    """A straight pointer.
+    """Straight pointer with markers."""
 
-    Parameters
-    ----------
-    distances : (P,) array
-        From the tip to each marker, m.
-    sd : float
-        Standard deviation of the tip along the rod, m.
-    """
-
-    distances: FloatArray
-    sd: float = 0.0
+    distances: FloatArray  # (P,) distances from the tip to the markers, m
+    sd: float = 0.0  # standard deviation of the tip's position along the rod, m
 
 
 @dataclass(frozen=True)
 class PointedLandmark:
-    """A landmark from one pointer trial.
+    """Landmark from one pointer trial."""
 
-    Parameters
-    ----------
-    place : LandmarkPosition
-        In the frame of the cluster.
-    rod_residual : float
-        rms distance of the pointer's markers from their places on the rod, m.
-    reasons : tuple of Reason
-        Cautions: the rod does not fit its markers, or the tip moves.
-    """
-
-    place: LandmarkPosition
-    rod_residual: float
-    reasons: tuple[Reason, ...]
+    position: LandmarkPosition  # position in the frame of the segment's cluster
+    rod_residual: float  # rms distance of the pointer's markers from their positions on the rod, m
+    reasons: tuple[Reason, ...]  # cautions: the rod does not fit its markers, or the tip moves
 
 
 def find_pointer_markers(trial: Sequence[str], pointer_trials: Sequence[Sequence[str]]) -> tuple[str, ...]:
-    """Return the markers that every pointer trial has and the trial itself does not.
+    """Return the names of the markers that every pointer trial has and the trial itself does not have.
 
     Examples
     --------
@@ -71,22 +53,21 @@ def find_pointer_markers(trial: Sequence[str], pointer_trials: Sequence[Sequence
 
 
 def locate_tip(markers: FloatArray, pointer: Pointer) -> tuple[FloatArray, FloatArray]:
-    """Return the positions of the tip.
-
-    A line with the markers at their distances from the tip is fitted to each frame by least squares.
+    """Return the positions of the pointer's tip, by fitting a line to its markers in each frame (least squares).
 
     Parameters
     ----------
     markers : (F, P, 3) array
-        The pointer's markers, m; NaN where unseen.
+        Positions of the pointer's markers, m; NaN where missing.
     pointer : Pointer
+        Distances of the markers from the tip.
 
     Returns
     -------
     tip : (F, 3) array
-        NaN where a marker is unseen.
+        Position of the tip, m; NaN where a marker is missing.
     residual : (F,) array
-        rms distance of the markers from their places on the rod, m.
+        rms distance of the markers from their positions on the rod, m.
     """
     distances = np.asarray(pointer.distances, dtype=np.float64)
     if distances.shape != (markers.shape[1],) or len(distances) < 2 or np.ptp(distances) < 0.05:
@@ -115,25 +96,28 @@ def locate_pointed_landmark(
     Parameters
     ----------
     markers : (F, P, 3) array
-        The pointer's markers, m.
+        Positions of the pointer's markers, m.
     rotation : (F, 3, 3) array
-        Frame of the cluster to the trial; NaN where unknown.
+        Rotation from the cluster's frame to the trial; NaN where missing.
     origin : (F, 3) array
-        m.
+        Origin of the cluster's frame, m.
     pointer : Pointer
+        Distances of the markers from the tip.
     palpation : float
-        Standard deviation along each axis of where the tip is put, m.
+        Standard deviation of the touched position along each axis, m.
 
     Raises
     ------
     RecordingError
-        Pointer and cluster are never seen together.
+        Pointer and cluster are never visible in the same frame.
     """
     tip, residual = locate_tip(markers, pointer)
     local = np.einsum("fji,fj->fi", rotation, tip - origin)
     seen = np.isfinite(local).all(axis=1)
     if not seen.any():
-        raise RecordingError("the pointer is never seen together with the cluster of the landmark's segment")
+        raise RecordingError(
+            "the pointer and the markers of the landmark's segment are never visible in the same frame"
+        )
     mean = np.median(local[seen], axis=0)
     spread = float(np.sqrt(np.mean(np.sum((local[seen] - mean) ** 2, axis=1))))
     bend = float(np.sqrt(np.mean(residual[seen] ** 2)))
@@ -141,40 +125,40 @@ def locate_pointed_landmark(
     reasons: list[Reason] = []
     if bend > _BEND:
         message = (
-            f"the pointer's markers are {1000 * bend:.1f} mm from their places on a straight rod, expected below "
-            f"{1000 * _BEND:.0f} mm; check the distances under `pointer:` and their order"
+            f"the pointer's markers are {1000 * bend:.1f} mm rms from their positions on a straight rod, expected "
+            f"below {1000 * _BEND:.0f} mm; check the distances in `pointer:` and their order"
         )
         reasons.append(Reason("pointer-bent", message, bend, _BEND))
     if spread > _MOVES:
         message = (
-            f"the tip moves by {1000 * spread:.1f} mm against the segment, expected below {1000 * _MOVES:.0f} mm; "
-            "cut the trial to the touch"
+            f"the pointer's tip moves by {1000 * spread:.1f} mm rms in the segment, expected below {1000 * _MOVES:.0f} "
+            "mm; shorten the trial to the time in which the tip touches the landmark"
         )
         reasons.append(Reason("pointer-moves", message, spread, _MOVES))
     return PointedLandmark(LandmarkPosition(mean, sd, spread), bend, tuple(reasons))
 
 
 def calibrate_pointer(trials: Sequence[tuple[FloatArray, FloatArray, FloatArray]]) -> Pointer:
-    """Find the tip of a straight pointer from trials in which the tip rests while the pointer turns.
+    """Return the pointer, with its distances estimated from trials in which it rotates about its resting tip.
 
-    In the frame of the cluster the tip is constant: c(t) - l e(t) = p, with the middle c of the markers, the direction
-    e of the rod and the distance l from the tip to the middle. l and one p for each trial follow by least squares.
-    The noise of e, estimated from neighbouring frames, is not a rotation and is removed.
+    The tip p is constant in the frame of the cluster: c(t) - l e(t) = p. Here c is the mean of the markers, e the
+    direction of the rod, and l the distance from the tip to c. A least-squares fit gives l, and p of each trial. The
+    noise of e, estimated from neighbouring frames, is not a rotation and is subtracted.
 
     Parameters
     ----------
     trials : sequence of (markers, rotation, origin)
-        As in :func:`locate_pointed_landmark`. The order of the markers is the same in every trial.
+        Arrays as in :func:`locate_pointed_landmark`, with the markers in the same order in every trial.
 
     Returns
     -------
     Pointer
-        With the standard deviation of l, which holds for errors that last about half a second.
+        Its standard deviation assumes errors that persist for about half a second.
 
     Raises
     ------
     RecordingError
-        The pointer turned too little: the tip is uncertain by more than 5 mm.
+        The pointer rotates too little: the standard deviation of the tip is above 5 mm.
     """
     gain, noise, product = 0.0, 0.0, 0.0
     left, offsets = [], []
@@ -195,15 +179,16 @@ def calibrate_pointer(trials: Sequence[tuple[FloatArray, FloatArray, FloatArray]
     sd = float(np.sqrt(np.mean(off**2) * _LASTING / turn)) if turn > noise else np.inf
     if not sd < _SD_TIP:
         raise RecordingError(
-            f"the pointer turns too little to show its tip (± {1000 * sd:.0f} mm along the rod); give the distances "
-            "from the tip to its markers under `pointer:`, or a trial in which it turns by 45° about its resting tip"
+            f"the pointer rotates too little to locate its tip (± {1000 * sd:.0f} mm along the rod). Give "
+            "the distances from the tip to its markers in `pointer:`, or a trial in which it rotates by 45° about its "
+            "resting tip"
         )
     offset = np.mean(offsets, axis=0)
     return Pointer(length + offset if length > 0 else -length - offset, sd)
 
 
 def _measure_rod(markers: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the direction (F, 3) from the last marker to the first, and each marker's mean place (P,) along it, m."""
+    """Return the direction (F, 3) from the last marker to the first, and the markers' positions (P,) along it, m."""
     ends = markers[:, 0] - markers[:, -1]
     direction = ends / np.linalg.norm(ends, axis=1, keepdims=True)
     along = np.einsum("fpi,fi->fp", markers - markers.mean(axis=1, keepdims=True), direction)

@@ -1,4 +1,4 @@
-"""ISB frames in the frames of marker clusters."""
+"""Anatomical frames (ISB) relative to marker clusters."""
 
 from __future__ import annotations
 
@@ -26,61 +26,39 @@ from mocap_id.verdict import Reason
 
 @dataclass(frozen=True)
 class SegmentPoses:
-    """Poses of all clusters at one moment.
+    """Poses of all clusters at one moment."""
 
-    Parameters
-    ----------
-    rotations : (S, 3, 3) array
-        Frame of each segment's cluster to the trial.
-    origins : (S, 3) array
-        m.
-    """
-
-    rotations: FloatArray
-    origins: FloatArray
+    rotations: FloatArray  # (S, 3, 3) cluster to trial
+    origins: FloatArray  # (S, 3) m
 
     def place(self, local: FloatArray, segment: int) -> FloatArray:
-        """Return a point (3,) of a segment in the trial, m."""
+        """Return the position in the trial (3,), m, of a point in the frame of a cluster."""
         return np.asarray(self.rotations[segment] @ local + self.origins[segment])
 
 
 @dataclass(frozen=True)
 class AnatomicalFrames:
-    """ISB frames in the frames of their segments' clusters.
+    """Anatomical frames relative to the clusters of their segments.
 
-    Parameters
-    ----------
-    frames : dict
-        ``thorax``, ``upper_arm``, ``forearm``, ``hand`` to the frame. A sensitivity is by the displacement of the
-        landmark in the axes of its own segment.
-    covariances : mapping
-        Landmark to its (3, 3) covariance in the axes of its segment, m², or its standard deviation along each axis, m.
-    reasons : tuple of Reason
-        Frames that could not be built, and why.
+    The sensitivities of the frames refer to displacements of landmarks in the axes of the landmarks' own segments.
     """
 
-    frames: dict[str, SegmentFrame]
+    frames: dict[str, SegmentFrame]  # thorax, upper_arm, forearm, hand
+    # landmark to its (3, 3) covariance in its segment, m², or its standard deviation along each axis, m
     covariances: Mapping[str, FloatArray | float]
-    reasons: tuple[Reason, ...]
+    reasons: tuple[Reason, ...]  # why frames could not be built
 
     def covariance(self, parent: str, child: str) -> FloatArray:
-        """Return the (6, 6) covariance of the errors of two frames, each in its own axes, rad²."""
+        """Return the covariance (6, 6) of the errors of two frames, each in its own axes, rad²."""
         return frame_covariance((self.frames[parent], self.frames[child]), self.covariances)
 
 
 @dataclass(frozen=True)
 class ElbowAxis:
-    """The axis about which the elbow flexes, as the motion shows it.
+    """Flexion axis of the elbow, estimated from the motion."""
 
-    Parameters
-    ----------
-    direction : (3,) array
-        Unit vector in the frame of the upper arm's cluster, to the right.
-    covariance : (3, 3) array
-    """
-
-    direction: FloatArray
-    covariance: FloatArray
+    direction: FloatArray  # (3,) unit vector in the frame of the upper arm's cluster, to the right
+    covariance: FloatArray  # (3, 3)
 
 
 def fit_segment_frames(
@@ -91,22 +69,24 @@ def fit_segment_frames(
     covariances: Mapping[str, FloatArray | float] | None = None,
     bent: SegmentPoses | None = None,
 ) -> AnatomicalFrames:
-    """Return the ISB frames of the segments from landmarks in the frames of clusters.
+    """Return the anatomical frames of the segments from landmarks in the frames of clusters.
 
-    Frames that use landmarks of two segments (the forearm uses the elbow centre) hold for the still pose.
+    Frames that use landmarks of two segments (the forearm uses the elbow centre) are built in the still pose.
 
     Parameters
     ----------
     places : mapping
-        Landmark to its place (3,) in the frame of its segment's cluster, m. GH is the centre of the shoulder joint in
-        the frame of the upper arm.
+        Position (3,) of each landmark in the frame of its segment's cluster, m. GH is the centre of the shoulder joint,
+        in the frame of the upper arm.
     segment : mapping
-        Landmark to the number of its segment; ``thorax``, ``upper_arm``, ``forearm`` and ``hand`` to theirs.
+        Number of the segment of each landmark, and of ``thorax``, ``upper_arm``, ``forearm`` and ``hand``.
     still : SegmentPoses
+        Still pose.
     covariances : mapping, optional
-        As in :class:`AnatomicalFrames`; other landmarks have the standard deviation of palpation.
+        Covariances of landmarks as in :class:`AnatomicalFrames`. Other landmarks have the standard deviation of
+        palpation.
     bent : SegmentPoses, optional
-        A pose with the elbow near 90°, for option 2 of the upper arm; option 1 without it.
+        Pose with the elbow near 90°, for option 2 of the upper arm. Option 1 is used by default.
     """
     reasons: list[Reason] = []
     frames: dict[str, SegmentFrame] = {}
@@ -126,7 +106,7 @@ def fit_segment_frames(
             frames[name] = _express_in_segment(
                 build_straight_hand(build_frame(FOREARM, standing), standing), name, segment, still
             )
-            message = f"the hand has no landmarks {', '.join(missing)}; its wrist counts as straight in the still pose"
+            message = f"the hand has no landmarks {', '.join(missing)}; the wrist is assumed straight in the still pose"
             reasons.append(Reason("wrist-at-rest", message, level="ok"))
         else:
             message = f"no ISB frame of the {name.replace('_', ' ')}: the landmarks {', '.join(missing)} are missing"
@@ -135,19 +115,19 @@ def fit_segment_frames(
 
 
 def rotate_to_midline(thorax: SegmentFrame, places: Mapping[str, FloatArray]) -> SegmentFrame:
-    """Return the thorax's frame with Z normal to the plane through IJ, C7, PX and T8 (least squares).
+    """Return the thorax frame, rotated so that Z is normal to the plane that fits IJ, C7, PX and T8 best.
 
-    The four landmarks lie in the sagittal plane. The ISB takes only the middle of PX and T8 for its normal, so that the
-    direction depends on the palpation of IJ and C7, which are 0.1 m apart. With all four, its error about Y is half as
-    large; without errors, both are the same. Z is a x + b y + c in the ISB's frame, with least squares a and b; its
-    normal is (-a, -b, 1). See docs/concepts/isb-frames.md.
+    The four landmarks lie in the sagittal plane. The ISB defines Z by IJ, C7 and the mean of PX and T8, so its
+    direction depends strongly on IJ and C7, which are only 0.1 m apart. A least-squares plane through all four halves
+    the error about Y. In the ISB's frame, the plane is z = a x + b y + c, with the normal (-a, -b, 1). See
+    docs/concepts/isb-frames.md.
 
     Parameters
     ----------
     thorax : SegmentFrame
-        The ISB's frame, in the axes of the thorax's cluster.
+        Frame by the ISB's definition, in the axes of the thorax's cluster.
     places : mapping
-        Landmark to its place (3,) in these axes, m.
+        Position (3,) of each landmark in these axes, m.
     """
     names = tuple(THORAX.up)
     at = np.array([places[name] for name in names]) @ thorax.rotation
@@ -164,16 +144,16 @@ def rotate_to_midline(thorax: SegmentFrame, places: Mapping[str, FloatArray]) ->
 
 
 AXIS_SPREAD = np.radians(4.7)
-"""Standard deviation of the elbow's axis from the line of the epicondyles in one direction, rad; 6.6° in two."""
+"""Standard deviation of the angle between elbow axis and epicondyle line in one plane, rad; 6.6° in two planes."""
 
 _AXIS = "elbow axis"
 
 
 def rotate_to_elbow_axis(found: AnatomicalFrames, axis: ElbowAxis) -> AnatomicalFrames:
-    """Return the frames with the upper arm's turned about Y towards the axis of the elbow.
+    """Return the frames, with the frame of the upper arm rotated about Y towards the flexion axis of the elbow.
 
-    The line of the palpated epicondyles and the axis that the motion shows both lie near Z. Each counts by its
-    variance; that of the axis includes :data:`AXIS_SPREAD`.
+    The line of the palpated epicondyles and the axis from the motion are both near Z. Their mean is weighted by their
+    inverse variances; the variance of the axis includes :data:`AXIS_SPREAD`.
     """
     frame = found.frames["upper_arm"]
     x, y, z = frame.rotation.T
@@ -193,16 +173,16 @@ def rotate_to_elbow_axis(found: AnatomicalFrames, axis: ElbowAxis) -> Anatomical
 
 
 def set_middle_covariance(found: AnatomicalFrames, pair: tuple[str, str], covariance: FloatArray) -> AnatomicalFrames:
-    """Return the frames with the uncertainty of two landmarks whose middle is a joint centre.
+    """Return the frames with the uncertainty of two landmarks whose midpoint is a joint centre.
 
     Parameters
     ----------
     found : AnatomicalFrames
-        From landmarks that were moved together, so that their middle is the centre.
+        Frames from landmarks that were moved together, so that their midpoint is the centre.
     pair : (str, str)
-        Landmarks, such as EL and EM.
+        Names of the landmarks, such as EL and EM.
     covariance : (3, 3) array
-        Of the centre in the axes of the landmarks' segment, m².
+        Covariance of the centre in the axes of the landmarks' segment, m².
     """
     middle, apart = f"middle of {pair[0]} and {pair[1]}", f"half from {pair[0]} to {pair[1]}"
     frames = {}
@@ -219,6 +199,7 @@ def set_middle_covariance(found: AnatomicalFrames, pair: tuple[str, str], covari
 def _locate_in_trial(
     places: Mapping[str, FloatArray], segment: Mapping[str, int], pose: SegmentPoses
 ) -> dict[str, FloatArray]:
+    """Return the positions of all landmarks in the trial."""
     return {name: pose.place(local, segment[name]) for name, local in places.items()}
 
 
@@ -229,20 +210,20 @@ def _apply_second_option(
     bent: SegmentPoses | None,
     reasons: list[Reason],
 ) -> SegmentFrame:
-    """Return the upper arm's frame by option 2, or the given one by option 1 if the elbow is not bent."""
+    """Return the upper arm's frame by option 2; the given frame (option 1) if the elbow is not bent."""
     if bent is None:
         return first
     if all(name in places for name in UPPER_ARM_2.landmarks):
         points = _locate_in_trial(places, segment, bent)
         if bool(has_bent_elbow(points)):
             return _express_in_segment(build_frame(UPPER_ARM_2, points), "upper_arm", segment, bent)
-    message = "option 2 of the upper arm needs US and a pose with the elbow bent by 60 to 120°; option 1 was used"
+    message = "option 2 of the upper arm needs US and a pose with the elbow bent by 60 to 120°, so option 1 was used"
     reasons.append(Reason("elbow-not-bent", message))
     return first
 
 
 def _express_in_segment(frame: SegmentFrame, name: str, segment: Mapping[str, int], pose: SegmentPoses) -> SegmentFrame:
-    """Return a frame relative to its segment, with derivatives by displacements of landmarks in their segments."""
+    """Return a frame relative to its segment, with sensitivities to displacements of landmarks in their segments."""
     k = segment[name]
     turn = pose.rotations[k]
     return SegmentFrame(

@@ -1,4 +1,4 @@
-"""Joints of a skeleton by their names: Kinect v2, Azure Kinect, MediaPipe, Pose2Sim, OpenCap and their like."""
+"""Recognition of skeleton joints by name: Kinect v2, Azure Kinect, MediaPipe, Pose2Sim, OpenCap and similar."""
 
 from __future__ import annotations
 
@@ -27,25 +27,23 @@ _MIDDLE_ROLES = {name: role for role, names in _MIDDLE.items() for name in names
 _SIDED_ROLES = {name: role for role, names in _SIDED.items() for name in names.split()}
 
 TRUNK = ("near_shoulder", "far_shoulder", "near_hip", "far_hip", "pelvis", "spine", "spine_top", "neck")
-"""Roles of the joints that show the trunk."""
+"""Roles of the joints that determine the pose of the trunk."""
 ARM = ("elbow", "wrist", "hand")
 """Roles of the joints of the arm, from the shoulder outwards."""
 
 
 def find_roles(labels: Sequence[str], side: Side) -> dict[str, int]:
-    """Return the numbers of the joints by their roles for one arm.
+    """Return the number of the joint for each role, seen from one arm.
+
+    Roles are the names in :data:`TRUNK` and :data:`ARM`, and ``far_ankle``, ``near_foot`` and so on. The prefix
+    ``near_`` means the side of the chosen arm, ``far_`` the other side.
 
     Parameters
     ----------
     labels : sequence of str
         Names of the joints in the file.
     side : {"right", "left"}
-        The arm; ``near_`` joints are on its side of the trunk, ``far_`` ones on the other.
-
-    Returns
-    -------
-    dict
-        Roles are those in :data:`TRUNK` and :data:`ARM`, ``far_ankle``, ``near_foot`` and so on.
+        Chosen arm.
 
     Examples
     --------
@@ -61,6 +59,7 @@ def find_roles(labels: Sequence[str], side: Side) -> dict[str, int]:
 
 
 def _find_role(label: str, side: Side) -> str | None:
+    """Return the role of a joint's name; None if the name is not recognised."""
     name = re.sub(r"[^a-z]", "", label.rsplit(":", 1)[-1].lower().replace("_study", ""))
     if name in _MIDDLE_ROLES:
         return _MIDDLE_ROLES[name]
@@ -73,7 +72,7 @@ def _find_role(label: str, side: Side) -> str | None:
 
 
 def _split_side(name: str) -> list[tuple[str, str]]:
-    """Return the readings of a name as a side and the rest."""
+    """Return possible splits of a name into a side and the rest."""
     found = []
     for word in ("right", "left", "r", "l"):
         if name.startswith(word):

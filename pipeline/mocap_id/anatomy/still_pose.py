@@ -1,4 +1,4 @@
-"""The still pose of a recording, and the places of landmarks in the frames of marker clusters."""
+"""Still pose of a recording, and positions of landmarks in the frames of marker clusters."""
 
 from __future__ import annotations
 
@@ -12,76 +12,52 @@ from mocap_id.arrays import BoolArray, FloatArray, find_runs
 from mocap_id.errors import RecordingError
 from mocap_id.verdict import Reason
 
-_SPAN = 0.2  # s, over which a velocity is measured
-_QUIET = 0.02  # m/s, postural sway stays below it
-_SHORTEST = 0.3  # s
-_SHARE = 0.9  # of the visible markers that must be quiet: a lone shaking marker does not count
-_HOLES = 0.1  # s, runs of quiet frames closer than this are one
-_BENT = 0.01  # m, rms at which a landmark does not follow its cluster
+_SPAN = 0.2  # s; time over which a speed is measured
+_QUIET = 0.02  # m/s; postural sway is slower
+_SHORTEST = 0.3  # s; shortest still pose
+_SHARE = 0.9  # share of the visible markers that must be quiet, so that one shaking marker is ignored
+_HOLES = 0.1  # s; shorter gaps between quiet frames are closed
+_LOOSE = 0.01  # m; a landmark with a larger rms spread does not follow its cluster
 
 
 @dataclass(frozen=True)
 class StillPose:
-    """Frames in which the body stands still.
-
-    Parameters
-    ----------
-    frames : slice
-    speed : float
-        90th percentile of the markers' speeds in these frames, m/s.
-    reasons : tuple of Reason
-        Empty if the pose is still.
-    """
+    """Frames in which the body stands still."""
 
     frames: slice
-    speed: float
-    reasons: tuple[Reason, ...]
+    speed: float  # 90th percentile of the markers' speeds in these frames, m/s
+    reasons: tuple[Reason, ...]  # empty if the pose is still
 
 
 @dataclass(frozen=True)
 class LandmarkPosition:
-    """Place of a landmark in the frame of a cluster.
+    """Position of a landmark in the frame of a cluster."""
 
-    Parameters
-    ----------
-    local : (3,) array
-        Mean over the frames, m.
-    sd : float
-        Standard deviation along each axis, palpation included, m.
-    spread : float
-        rms distance from the mean while the place was measured, m.
-    """
-
-    local: FloatArray
-    sd: float
-    spread: float
+    local: FloatArray  # (3,) mean over the frames, m
+    sd: float  # standard deviation along each axis, including palpation, m
+    spread: float  # rms distance from the mean in the frames used, m
 
 
 def find_still_pose(points: FloatArray, rate: float, given: tuple[float, float] | None = None) -> StillPose:
     """Return the longest interval in which the markers hardly move.
 
-    A marker's speed is its displacement over 0.2 s. Frames are quiet if 90 % of the visible markers move at most at
-    20 mm/s, which is the sway of a standing person.
+    A marker's speed is its displacement over 0.2 s. A frame is quiet if 90 % of the visible markers move at 20 mm/s or
+    less, which is the sway of a standing person. If no interval of 0.3 s is quiet, the quietest 0.3 s are returned with
+    the caution ``no-still-pose``. A given interval that is not quiet has the same caution.
 
     Parameters
     ----------
     points : (F, M, 3) array
-        Markers, m; NaN where unseen.
+        Marker positions, m; NaN where missing.
     rate : float
-        Hz.
+        Frames per second.
     given : (float, float), optional
-        Start and end of the pose in s from the first frame, instead of a search.
-
-    Returns
-    -------
-    StillPose
-        With a caution, ``no-still-pose``, if no interval of 0.3 s is quiet, or the given one is not. In the first case
-        the frames are the quietest 0.3 s.
+        Start and end of the pose in s from the first frame, if the user has set it.
 
     Raises
     ------
     RecordingError
-        The given interval has no frames in the recording, or the recording is shorter than 0.5 s.
+        The given interval is outside the recording, or the recording is shorter than 0.5 s.
     """
     speed = _measure_speeds(points, rate)
     shortest = max(round(_SHORTEST * rate), 2)
@@ -104,19 +80,20 @@ def find_still_pose(points: FloatArray, rate: float, given: tuple[float, float] 
 
 
 def _judge_pose(frames: slice, speed: FloatArray) -> StillPose:
+    """Return a still pose of some frames, with a caution if the markers move in it."""
     inside = speed[frames]
     value = float(np.nanpercentile(inside, 90)) if np.isfinite(inside).any() else np.inf
     if value <= 1.5 * _QUIET:
         return StillPose(frames, value, ())
     message = (
-        f"no pose is still: the markers move at {1000 * value:.0f} mm/s, expected at most {1000 * _QUIET:.0f} mm/s. "
-        "Landmarks are tied to moving skin; record a second of rest, or name a still moment under `static:`"
+        f"no pose is still: the markers move at {1000 * value:.0f} mm/s, expected at most {1000 * _QUIET:.0f} mm/s, so "
+        "landmarks are located while the skin moves. Record one second of rest, or give a still interval in `static:`"
     )
     return StillPose(frames, value, (Reason("no-still-pose", message, value, _QUIET),))
 
 
 def _measure_speeds(points: FloatArray, rate: float) -> FloatArray:
-    """Return the speed (F,) below which 90 % of the visible markers move, m/s; NaN where none is seen."""
+    """Return the speed (F,), m/s, that 90 % of the visible markers do not exceed; NaN where no marker is visible."""
     half = max(round(_SPAN * rate / 2), 1)
     count = len(points)
     late, early = np.minimum(np.arange(count) + half, count - 1), np.maximum(np.arange(count) - half, 0)
@@ -127,6 +104,7 @@ def _measure_speeds(points: FloatArray, rate: float) -> FloatArray:
 
 
 def _close_holes(flags: BoolArray, longest: int) -> BoolArray:
+    """Return flags (F,) in which gaps of at most ``longest`` frames are set."""
     closed = flags.copy()
     for hole in find_runs(~flags):
         inside = hole.start > 0 and hole.stop < len(flags)
@@ -144,32 +122,32 @@ def locate_landmarks(
     frames: slice,
     palpation: float = PALPATION,
 ) -> tuple[dict[str, LandmarkPosition], tuple[Reason, ...]]:
-    """Return the places of landmarks in the frames of their segments, the means over a still pose.
+    """Return the positions of landmarks in the frames of their segments, averaged over the still pose.
 
-    A landmark that the still pose hides is averaged over the whole recording, where the skin has moved; its larger
-    spread is part of its standard deviation.
+    A landmark that is hidden in the still pose is averaged over the whole recording. The skin moves there, so the
+    larger spread is part of its standard deviation.
 
     Parameters
     ----------
     points : mapping
-        Landmark to its trajectory (F, 3), m; NaN where unseen.
+        Trajectory (F, 3) of each landmark, m; NaN where missing.
     segment : mapping
-        Landmark to the number of its segment.
+        Number of each landmark's segment.
     rotations : (F, S, 3, 3) array
-        Frame of each segment's cluster to the trial; NaN where unknown.
+        Rotation from each cluster's frame to the trial; NaN where missing.
     origins : (F, S, 3) array
-        m.
+        Origin of each cluster's frame, m.
     frames : slice
-        The still pose.
+        Frames of the still pose.
     palpation : float
         Standard deviation of each landmark along each axis, m.
 
     Returns
     -------
     places : dict
-        Landmark to :class:`LandmarkPosition`. Landmarks that are never seen together with their cluster are left out.
+        Position of each landmark. Landmarks that are never visible together with their cluster are left out.
     reasons : tuple of Reason
-        Landmarks left out, or hidden in the still pose.
+        Landmarks that were left out, or are hidden in the still pose.
     """
     places: dict[str, LandmarkPosition] = {}
     reasons: list[Reason] = []
@@ -179,24 +157,26 @@ def locate_landmarks(
         still = _average_positions(local[frames], palpation, 0.0)
         place = still or _average_positions(local, palpation, 1.0)
         if place is None:
-            message = f"{name} is never seen together with its segment and was left out"
+            message = f"the landmark {name} was left out, because it is never visible together with its segment"
             reasons.append(Reason("landmark-hidden", message))
             continue
         if still is None:
-            message = f"{name} is hidden in the still pose; its mean over the recording was used"
-            reasons.append(Reason("landmark-hidden", message, place.spread, level="ok"))
-        elif place.spread > _BENT:
             message = (
-                f"{name} moves by {1000 * place.spread:.0f} mm against its segment in the still pose, expected below "
-                f"{1000 * _BENT:.0f} mm; check the name of the marker and `static:`"
+                f"the landmark {name} is hidden in the still pose, so its mean position over the recording was used"
             )
-            reasons.append(Reason("landmark-loose", message, place.spread, _BENT))
+            reasons.append(Reason("landmark-hidden", message, place.spread, level="ok"))
+        elif place.spread > _LOOSE:
+            message = (
+                f"{name} moves by {1000 * place.spread:.0f} mm rms in its segment in the still pose, expected "
+                f"below {1000 * _LOOSE:.0f} mm; check the name of its marker, and `static:`"
+            )
+            reasons.append(Reason("landmark-loose", message, place.spread, _LOOSE))
         places[name] = place
     return places, tuple(reasons)
 
 
 def _average_positions(local: FloatArray, palpation: float, skin: float) -> LandmarkPosition | None:
-    """Return the mean of places (K, 3); ``skin`` is the share of their spread that does not average out."""
+    """Return the mean of positions (K, 3). The share ``skin`` of their spread is not reduced by averaging."""
     seen = np.isfinite(local).all(axis=1)
     count = int(seen.sum())
     if count == 0:

@@ -1,7 +1,6 @@
-"""Rigid-body geometry (thesis chapter 2): SO(3), SE(3), joints, chains and the plane frame. Only numpy is needed."""
+"""Rigid-body geometry (thesis chapter 2): rotations, rigid motions, joints, chains and the plane of motion."""
 
 from mocap_id.geometry import planar, se3, so3
-from mocap_id.geometry.ball import Ball
 from mocap_id.geometry.chain import (
     Chain,
     body_jacobian,
@@ -9,7 +8,7 @@ from mocap_id.geometry.chain import (
     spatial_jacobian,
     spatial_product,
 )
-from mocap_id.geometry.joints import Revolute
+from mocap_id.geometry.joints import Ball, Revolute
 from mocap_id.geometry.plane_frame import PlaneFrame
 from mocap_id.geometry.recursion import (
     inverse_dynamics,

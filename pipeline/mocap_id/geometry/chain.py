@@ -1,7 +1,7 @@
-"""A serial chain in SE(3): poses, product of exponentials and Jacobians (thesis 2.3.1, 2.3.2).
+"""Serial chains in SE(3): poses, product of exponentials and Jacobians (thesis 2.3.1, 2.3.2).
 
-Link 0 is the base and its frame is the world frame. Joint i (from 1) moves link i, and frame i moves with link i. The
-coordinates q (..., N) concatenate those of the joints from base to tip. Any leading axes are allowed.
+Link 0 is the base, and its frame is the world frame. Joint i (from 1) moves link i, and frame i is fixed to link i. The
+coordinates q (..., N) are the coordinates of all joints in order from base to tip. Leading axes are optional.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from mocap_id.geometry.joints import Joint
 
 @dataclass(frozen=True)
 class Chain:
-    """Serial chain: joints and their placements.
+    """Serial chain of joints.
 
     Parameters
     ----------
     joints : tuple of Joint, length n
-        From base to tip.
+        Joints from base to tip.
     placements : (n, 4, 4) array
-        Pose of each joint's frame in the frame of the link before it: g_{i-1,i} at q = 0.
+        Pose g_{i-1,i} of each joint's frame in the frame of the previous link at q = 0.
 
     Raises
     ------
     ValueError
-        There are not as many placements as joints.
+        The numbers of placements and joints differ.
     """
 
     joints: tuple[Joint, ...]
@@ -45,7 +45,7 @@ class Chain:
 
     @cached_property
     def slices(self) -> tuple[slice, ...]:
-        """Slice of q with the coordinates of each joint."""
+        """Slice of q for each joint."""
         ends = np.cumsum([joint.dimension for joint in self.joints]).tolist()
         return tuple(slice(end - joint.dimension, end) for end, joint in zip(ends, self.joints, strict=True))
 
@@ -56,14 +56,14 @@ class Chain:
 
     @cached_property
     def home(self) -> FloatArray:
-        """Pose g_{W,i} of every link at q = 0, (n, 4, 4)."""
+        """Poses g_{W,i} of all links at q = 0, (n, 4, 4)."""
         poses = [np.eye(4)]
         for placement in self.placements:
             poses.append(poses[-1] @ placement)
         return np.stack(poses[1:]) if self.joints else np.zeros((0, 4, 4))
 
     def relative_poses(self, q: FloatArray) -> FloatArray:
-        """Return the pose g_{i-1,i}(q) of every link in the previous frame, (..., n, 4, 4) (eq. 2.29, 2.41)."""
+        """Return the pose g_{i-1,i}(q) of each link in the previous link, (..., n, 4, 4) (eq. 2.29, 2.41)."""
         moved = [
             placement @ se3.exp(q[..., part] @ joint.twists.T)
             for joint, placement, part in zip(self.joints, self.placements, self.slices, strict=True)
@@ -71,7 +71,7 @@ class Chain:
         return np.stack(moved, axis=-3)
 
     def poses(self, q: FloatArray) -> FloatArray:
-        """Return the pose g_{W,i}(q) of every link including the base, (..., n + 1, 4, 4) (eq. 2.37)."""
+        """Return the poses g_{W,i}(q) of all links, including the base, (..., n + 1, 4, 4) (eq. 2.37)."""
         relative = self.relative_poses(q)
         poses = [np.broadcast_to(np.eye(4), (*q.shape[:-1], 4, 4))]
         for i in range(len(self.joints)):
@@ -79,28 +79,20 @@ class Chain:
         return np.stack(poses, axis=-3)
 
     def tool_pose(self, q: FloatArray, tool: FloatArray) -> FloatArray:
-        """Return the pose (..., 4, 4) of a tool whose pose in the last link's frame is ``tool`` (4, 4)."""
+        """Return the world pose (..., 4, 4) of a tool from its pose ``tool`` (4, 4) in the frame of the last link."""
         return self.poses(q)[..., -1, :, :] @ tool
 
 
-def spatial_exponentials(chain: Chain, q: FloatArray) -> FloatArray:
-    """Return exp(ξ^W q_i) of every joint, with its twists in the world frame at q = 0, (..., n, 4, 4) (eq. 2.38)."""
-    factors = [
-        se3.exp(q[..., part] @ (se3.Ad(home) @ joint.twists).T)
-        for joint, home, part in zip(chain.joints, chain.home, chain.slices, strict=True)
-    ]
-    return np.stack(factors, axis=-3)
-
-
 def spatial_product(chain: Chain, q: FloatArray, tool: FloatArray) -> FloatArray:
-    """Return the pose of a tool by the product of exponentials in spatial form (eq. 2.39, 2.40).
+    """Return the world pose of a tool by the product of exponentials in spatial form (eq. 2.39, 2.40).
 
     Parameters
     ----------
     chain : Chain
     q : (..., N) array
+        Coordinates of the joints.
     tool : (4, 4) array
-        Pose of the tool frame in the last link's frame.
+        Pose of the tool frame in the frame of the last link.
 
     Returns
     -------
@@ -108,17 +100,16 @@ def spatial_product(chain: Chain, q: FloatArray, tool: FloatArray) -> FloatArray
         g_{W,T}(q).
     """
     g: FloatArray = np.eye(4)
-    factors = spatial_exponentials(chain, q)
-    for i in range(len(chain.joints)):
-        g = g @ factors[..., i, :, :]
+    for joint, home, part in zip(chain.joints, chain.home, chain.slices, strict=True):
+        g = g @ se3.exp(q[..., part] @ (se3.Ad(home) @ joint.twists).T)
     at_home: FloatArray = chain.home[-1] @ tool
     return g @ at_home
 
 
 def body_product(chain: Chain, q: FloatArray, tool: FloatArray) -> FloatArray:
-    """Return the pose of a tool by the product of exponentials in body form (eq. 2.42).
+    """Return the world pose of a tool by the product of exponentials in body form (eq. 2.42).
 
-    The twists are in the tool frame at q = 0. Parameters and result are those of :func:`spatial_product`.
+    The twists are in the tool frame at q = 0. Parameters and result are as for :func:`spatial_product`.
     """
     at_home: FloatArray = chain.home[-1] @ tool
     g = at_home
@@ -129,13 +120,7 @@ def body_product(chain: Chain, q: FloatArray, tool: FloatArray) -> FloatArray:
 
 
 def spatial_jacobian(chain: Chain, q: FloatArray) -> FloatArray:
-    """Return the spatial Jacobian of the last link (eq. 2.45, 2.47).
-
-    Returns
-    -------
-    (..., 6, N) array
-        Spatial twist of the last link per unit of q̇, world frame.
-    """
+    """Return the spatial Jacobian of the last link, (..., 6, N), in the world frame (eq. 2.45, 2.47)."""
     poses = chain.poses(q)
     columns = [
         se3.Ad(poses[..., i, :, :]) @ joint.subspace(q[..., part])
@@ -145,11 +130,5 @@ def spatial_jacobian(chain: Chain, q: FloatArray) -> FloatArray:
 
 
 def body_jacobian(chain: Chain, q: FloatArray, tool: FloatArray) -> FloatArray:
-    """Return the body Jacobian of a tool on the last link (eq. 2.46; 2.48 with the primed twists).
-
-    Returns
-    -------
-    (..., 6, N) array
-        Body twist of the tool per unit of q̇, tool frame.
-    """
+    """Return the body Jacobian of a tool on the last link, (..., 6, N), in the tool frame (eq. 2.46, 2.48)."""
     return se3.Ad(se3.inverse(chain.tool_pose(q, tool))) @ spatial_jacobian(chain, q)

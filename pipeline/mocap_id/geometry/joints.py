@@ -1,7 +1,7 @@
-"""The joint protocol and the revolute joint.
+"""The joint protocol, the revolute joint and the ball joint.
 
-A joint moves its link along constant twists ξ_k in the joint frame. The pose of the link in the joint frame is
-exp(Σ ξ_k q_k), with the exponential coordinates q. Every lower pair has this form.
+A joint moves its link along constant twists ξ_k in the joint frame. The pose of the link in the joint frame is exp(Σ
+ξ_k q_k) with the coordinates q. All standard joints (hinge, slider, screw, ball and so on) have this form.
 """
 
 from __future__ import annotations
@@ -12,10 +12,13 @@ from typing import Protocol
 import numpy as np
 
 from mocap_id.arrays import FloatArray
+from mocap_id.geometry import so3
+
+_SMALL = 0.05  # rad; below this angle the series are exact to rounding, above it the closed forms are
 
 
 class Joint(Protocol):
-    """Members that :class:`mocap_id.geometry.chain.Chain` needs of a joint."""
+    """Protocol of a joint: the members that :class:`mocap_id.geometry.chain.Chain` uses."""
 
     @property
     def dimension(self) -> int:
@@ -24,26 +27,26 @@ class Joint(Protocol):
 
     @property
     def twists(self) -> FloatArray:
-        """Twists ξ_k in the joint frame, (6, d)."""
+        """Twists ξ_k of the coordinates in the joint frame, (6, d)."""
         ...
 
     def subspace(self, q: FloatArray) -> FloatArray:
-        """Return S (..., 6, d): the body velocity of the link relative to the joint frame is S(q) q̇."""
+        """Return S(q), (..., 6, d). Its product with q̇ is the body velocity of the link in the joint frame."""
         ...
 
     def subspace_rate(self, q: FloatArray, dq: FloatArray) -> FloatArray:
-        """Return the time derivative of :meth:`subspace`, (..., 6, d)."""
+        """Return the time derivative of :meth:`subspace`, (..., 6, d), from coordinates and rates (..., d)."""
         ...
 
 
 @dataclass(frozen=True)
 class Revolute:
-    """Rotation about one axis through the origin of the joint frame.
+    """Hinge: rotation about an axis through the origin of the joint frame.
 
     Parameters
     ----------
     axis : (x, y, z)
-        Direction of the axis in the joint frame; it is scaled to unit length.
+        Direction of the axis in the joint frame. It is scaled to unit length.
 
     Raises
     ------
@@ -68,9 +71,57 @@ class Revolute:
         return np.concatenate([np.zeros(3), self.axis])[:, None]
 
     def subspace(self, q: FloatArray) -> FloatArray:
-        """Return the constant twist, which commutes with its own exponential (eq. 2.49)."""
+        """Return the twist of the axis, (..., 6, 1), which does not depend on the angle (eq. 2.49)."""
         return np.broadcast_to(self.twists, (*q.shape[:-1], 6, 1))
 
     def subspace_rate(self, q: FloatArray, dq: FloatArray) -> FloatArray:
-        """Return zeros, as :meth:`subspace` is constant."""
+        """Return zeros, because :meth:`subspace` is constant."""
         return np.zeros((*q.shape[:-1], 6, 1))
+
+
+@dataclass(frozen=True)
+class Ball:
+    """Ball joint: any rotation about the origin of the joint frame. Its coordinates are a rotation vector, rad."""
+
+    @property
+    def dimension(self) -> int:
+        return 3
+
+    @property
+    def twists(self) -> FloatArray:
+        return np.eye(6)[:, 3:]
+
+    def subspace(self, q: FloatArray) -> FloatArray:
+        """Return S, (..., 6, 3): three rows of zeros, then the right Jacobian 1 - a q̂ + b q̂² of the exponential.
+
+        The right Jacobian times q̇ is the angular velocity of the link in its own frame (Chirikjian, Stochastic Models,
+        Information Theory, and Lie Groups, vol. 2, 10.86).
+        """
+        a, b, _, _ = _jacobian_coefficients(np.linalg.norm(q, axis=-1)[..., None, None])
+        cross = so3.hat(q)
+        return _stack_below_zeros(np.eye(3) - a * cross + b * cross @ cross)
+
+    def subspace_rate(self, q: FloatArray, dq: FloatArray) -> FloatArray:
+        """Return the time derivative of :meth:`subspace`, (..., 6, 3)."""
+        a, b, da, db = _jacobian_coefficients(np.linalg.norm(q, axis=-1)[..., None, None])
+        cross, change = so3.hat(q), so3.hat(dq)
+        along = np.sum(q * dq, axis=-1)[..., None, None]  # θ dθ/dt
+        square = cross @ change + change @ cross
+        return _stack_below_zeros(along * (db * cross @ cross - da * cross) - a * change + b * square)
+
+
+def _stack_below_zeros(rotation: FloatArray) -> FloatArray:
+    """Return matrices (..., 6, 3) with zeros above the given rotational part (..., 3, 3)."""
+    return np.concatenate([np.zeros_like(rotation), rotation], axis=-2)
+
+
+def _jacobian_coefficients(angle: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+    """Return a = (1 - cos θ)/θ² and b = (θ - sin θ)/θ³, and the derivatives of both with respect to θ, divided by θ."""
+    sine, a = so3.exp_coefficients(angle)
+    square = angle**2
+    small = angle < _SMALL
+    safe = np.where(small, 1.0, square)
+    b = np.where(small, 1 / 6 - square / 120 + square**2 / 5040 - square**3 / 362880, (1 - sine) / safe)
+    da = np.where(small, -1 / 12 + square / 180 - square**2 / 6720 + square**3 / 453600, (sine - 2 * a) / safe)
+    db = np.where(small, -1 / 60 + square / 1260 - square**2 / 60480 + square**3 / 4989600, (a - 3 * b) / safe)
+    return a, b, da, db

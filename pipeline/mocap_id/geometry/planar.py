@@ -1,8 +1,8 @@
-"""Forward map of a planar chain of revolute joints (eq. 3.18) and its Jacobian.
+"""Marker positions of a planar chain of hinges (eq. 3.18), and their Jacobian.
 
 All quantities are in the plane frame, which is also the frame of the base (segment 0). Joint j (from 1) moves segment
-j; its centre in the frame of segment j - 1 is ``centres[j - 1]``. Angles are right-handed about z and relative to the
-previous segment.
+j. Its centre in the frame of segment j - 1 is ``centres[j - 1]``, in m. The joint angles q, in rad, are right-handed
+about z and relative to the previous segment.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from mocap_id.geometry.joints import Revolute
 
 
 def rotate(angle: FloatArray, vector: FloatArray) -> FloatArray:
-    """Rotate plane vectors (..., 2) by angles (...), rad (eq. 2.4)."""
+    """Rotate vectors (..., 2) in the plane by angles (...), rad (eq. 2.4)."""
     c, s = np.cos(angle), np.sin(angle)
     x, y = vector[..., 0], vector[..., 1]
     turned = np.empty((*np.broadcast_shapes(c.shape, x.shape), 2))
@@ -37,9 +37,9 @@ def segment_poses(q: FloatArray, centres: FloatArray) -> tuple[FloatArray, Float
     Returns
     -------
     angle : (..., n + 1) array
-        Angle of each segment in the plane frame, rad; 0 for the base (index 0).
+        Angle of each segment in the plane frame, rad. The first is the base, with angle 0.
     origin : (..., n + 1, 2) array
-        Origin of each segment frame, m: the centre of joint j for segment j, 0 for the base.
+        Origin of each segment frame, m. It is the centre of joint j for segment j, and 0 for the base.
     """
     base = np.zeros((*q.shape[:-1], 1))
     angle = np.concatenate([base, np.cumsum(q, axis=-1)], axis=-1)
@@ -49,7 +49,7 @@ def segment_poses(q: FloatArray, centres: FloatArray) -> tuple[FloatArray, Float
 
 
 def marker_positions(q: FloatArray, centres: FloatArray, segment: IntArray, local: FloatArray) -> FloatArray:
-    """Return the positions of markers fixed to the segments (eq. 3.18).
+    """Return the positions of markers on the segments, (..., M, 2), m, in the plane frame (eq. 3.18).
 
     Parameters
     ----------
@@ -61,26 +61,16 @@ def marker_positions(q: FloatArray, centres: FloatArray, segment: IntArray, loca
         Segment of each marker; 0 is the base.
     local : (M, 2) array
         Coordinates of each marker in the frame of its segment, m.
-
-    Returns
-    -------
-    (..., M, 2) array
-        Positions in the plane frame, m.
     """
     angle, origin = segment_poses(q, centres)
     return _place_markers(angle, origin, segment, local)
 
 
 def marker_jacobian(q: FloatArray, centres: FloatArray, segment: IntArray, local: FloatArray) -> FloatArray:
-    """Return the derivative of :func:`marker_positions` with respect to the joint angles, m/rad.
+    """Return the derivatives of :func:`marker_positions` with respect to the joint angles, (..., M, 2, n), m/rad.
 
-    Parameters are those of :func:`marker_positions`.
-
-    Returns
-    -------
-    (..., M, 2, n) array
-        Column j - 1 is z × (marker - joint j) for markers on segment j and the segments after it, and zero for the
-        others: the planar part of the columns of the spatial Jacobian (eq. 2.47).
+    Column j - 1 is z × (marker - joint j) for the markers beyond joint j, and zero for the others. These are the planar
+    rows of the spatial Jacobian (eq. 2.47). Parameters are as for :func:`marker_positions`.
     """
     angle, origin = segment_poses(q, centres)
     position = _place_markers(angle, origin, segment, local)
@@ -93,7 +83,7 @@ def marker_jacobian(q: FloatArray, centres: FloatArray, segment: IntArray, local
 
 
 def _place_markers(angle: FloatArray, origin: FloatArray, segment: IntArray, local: FloatArray) -> FloatArray:
-    """Return marker positions (..., M, 2); sine and cosine are computed once for each segment."""
+    """Return marker positions (..., M, 2) from segment poses; sine and cosine are computed once for each segment."""
     c, s = np.cos(angle)[..., segment], np.sin(angle)[..., segment]
     x, y = local[:, 0], local[:, 1]
     position = np.empty((*c.shape, 2))
@@ -103,20 +93,10 @@ def _place_markers(angle: FloatArray, origin: FloatArray, segment: IntArray, loc
 
 
 def spatial_jacobian(q: FloatArray, centres: FloatArray) -> FloatArray:
-    """Return the rows v_x, v_y, ω_z of the spatial Jacobian of a planar chain (eq. 2.47).
+    """Return the rows v_x, v_y, ω_z of the spatial Jacobian, (..., 3, n), in the plane frame (eq. 2.47).
 
-    Parameters
-    ----------
-    q : (..., n) array
-        Joint angles, rad.
-    centres : (..., n, 2) array
-        Centre of each joint in the frame of the previous segment, m.
-
-    Returns
-    -------
-    (..., 3, n) array
-        Column j - 1 is the unit twist (p_y, -p_x, 1) of joint j at p, in the plane frame. Its product with a wrench
-        (Fx, Fy, tauz) about the plane-frame origin is the moment of that wrench about the joint.
+    Column j - 1 is the unit twist (p_y, -p_x, 1) of joint j at p. Its product with a wrench (Fx, Fy, tauz) about the
+    origin is the moment of the wrench about the joint. Parameters are as for :func:`segment_poses`.
     """
     _, origin = segment_poses(q, centres)
     x, y = origin[..., 1:, 0], origin[..., 1:, 1]
@@ -124,6 +104,6 @@ def spatial_jacobian(q: FloatArray, centres: FloatArray) -> FloatArray:
 
 
 def spatial_chain(centres: FloatArray) -> Chain:
-    """Return the same chain in SE(3): revolute joints about z, with centres (n, 2), m."""
+    """Return a planar chain as a chain in SE(3), with hinges about z at the centres (n, 2), m."""
     placements = se3.pose(np.eye(3), np.column_stack([centres, np.zeros(len(centres))]))
     return Chain(tuple(Revolute((0.0, 0.0, 1.0)) for _ in centres), placements)

@@ -1,8 +1,8 @@
 """Recursive kinematics and dynamics of a serial chain (thesis 2.3.3, 2.4).
 
-The motion is computed from base to tip, the wrenches from tip to base. Twists, accelerations and wrenches of link i are
-in frame i, about its origin; the base is link 0. An acceleration is the time derivative of the six components of the
-body velocity. Gravity is not a separate term: the base accelerates upwards with g, ``base_acceleration = (g·up, 0)``.
+The motion is computed from base to tip, and the wrenches from tip to base. Twists, accelerations and wrenches of link i
+are in frame i, about its origin; the base is link 0. An acceleration is the time derivative of the six components of
+the body velocity. Gravity enters as an upward acceleration g of the base: ``base_acceleration = (g·up, 0)``.
 """
 
 from __future__ import annotations
@@ -18,42 +18,26 @@ from mocap_id.geometry.chain import Chain
 
 @dataclass(frozen=True)
 class LinkMotion:
-    """Motion of every link, base first.
+    """Motion of all links, base first."""
 
-    Parameters
-    ----------
-    relative : (..., n, 4, 4) array
-        Pose g_{i-1,i} of each link in the frame of the previous one.
-    velocity, acceleration : (..., n + 1, 6) array
-        Body velocity (m/s, rad/s) and its derivative (m/s², rad/s²) in the link's frame.
-    """
-
-    relative: FloatArray
-    velocity: FloatArray
-    acceleration: FloatArray
+    relative: FloatArray  # (..., n, 4, 4) pose g_{i-1,i} of each link in the frame of the previous link
+    velocity: FloatArray  # (..., n + 1, 6) body velocities, m/s and rad/s
+    acceleration: FloatArray  # (..., n + 1, 6) derivatives of the body velocities, m/s² and rad/s²
 
 
 @dataclass(frozen=True)
 class JointLoads:
-    """Wrenches that cause the motion.
+    """Wrenches that cause a motion of a chain."""
 
-    Parameters
-    ----------
-    joint_wrench : (..., n, 6) array
-        Wrench of link i - 1 on link i, in frame i about its origin, N and N·m.
-    effort : (..., N) array
-        Generalised force of each joint coordinate; for a revolute joint its torque, N·m.
-    base_wrench : (..., 6) array
-        Wrench of the ground on the whole body, world frame, about the world origin.
-    """
-
-    joint_wrench: FloatArray
-    effort: FloatArray
-    base_wrench: FloatArray
+    joint_wrench: FloatArray  # (..., n, 6) wrench of link i - 1 on link i in frame i, N and N·m
+    effort: FloatArray  # (..., N) generalised force of each coordinate; the torque of a hinge, N·m
+    base_wrench: FloatArray  # (..., 6) wrench of the ground on the whole body, world frame, about its origin
 
 
 def spatial_inertia(mass: FloatArray, centre: FloatArray, about_centre: FloatArray) -> FloatArray:
-    """Return the spatial inertia matrix of a link about the origin of its frame (eq. 2.56).
+    """Return the spatial inertia matrix of a link about the origin of its frame, (..., 6, 6) (eq. 2.56).
+
+    The product of this matrix and a twist (v, ω) is the momentum of the link.
 
     Parameters
     ----------
@@ -63,11 +47,6 @@ def spatial_inertia(mass: FloatArray, centre: FloatArray, about_centre: FloatArr
         Centre of mass in the link frame, m.
     about_centre : (..., 3, 3) array
         Moment-of-inertia matrix about the centre of mass, kg·m².
-
-    Returns
-    -------
-    (..., 6, 6) array
-        Maps a twist (v, ω) to momentum.
     """
     mass = np.asarray(mass, dtype=np.float64)[..., None, None]
     cross = so3.hat(centre)
@@ -79,7 +58,7 @@ def spatial_inertia(mass: FloatArray, centre: FloatArray, about_centre: FloatArr
 
 
 def link_wrench(inertia: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
-    """Return the wrench (..., 6) that one link needs for its motion, in its frame about its origin (eq. 2.55)."""
+    """Return the wrench (..., 6) that causes the motion of one link, in its frame about its origin (eq. 2.55)."""
     momentum = inertia @ velocity[..., None]
     gyroscopic = np.swapaxes(se3.ad(velocity), -1, -2) @ momentum
     return (inertia @ acceleration[..., None] - gyroscopic)[..., 0]
@@ -96,11 +75,7 @@ def link_motion(
     q, dq, ddq : (..., N) arrays
         Coordinates and their time derivatives.
     base_acceleration : (6,) array
-        Acceleration of the base, which has zero velocity; ``(g·up, 0)`` for gravity.
-
-    Returns
-    -------
-    LinkMotion
+        Acceleration of the base, ``(g·up, 0)`` for gravity. The velocity of the base is zero.
     """
     relative = chain.relative_poses(q)
     lead = q.shape[:-1]
@@ -134,18 +109,14 @@ def inverse_dynamics(
     ----------
     chain : Chain
     inertias : (n + 1, 6, 6) array
-        :func:`spatial_inertia` of every link, base first.
+        :func:`spatial_inertia` of all links, base first.
     q, dq, ddq : (..., N) arrays
         Coordinates and their time derivatives.
     base_acceleration : (6,) array
-        ``(g·up, 0)`` for gravity.
+        Acceleration of the base, ``(g·up, 0)`` for gravity.
     applied : (..., n + 1, 6) array, optional
-        Wrench of the surroundings other than the ground (such as a seat) on each link, in the link's frame. The thesis
-        has the opposite sign: its Γ_E is the wrench of the body on the surroundings.
-
-    Returns
-    -------
-    JointLoads
+        Wrenches of the surroundings on the links except the ground's, such as a seat's, in the links' frames. The
+        thesis has the opposite sign: its Γ_E is the wrench of the body on the surroundings.
     """
     moving = link_motion(chain, q, dq, ddq, base_acceleration)
     needed = link_wrench(inertias, moving.velocity, moving.acceleration)

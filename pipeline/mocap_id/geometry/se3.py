@@ -1,7 +1,7 @@
-"""Rigid-body motions: SE(3), its Lie algebra, twists and wrenches in different frames (thesis 2.2.2, 2.2.3).
+"""Rigid motions: SE(3), its Lie algebra, twists and wrenches in different frames (thesis 2.2.2, 2.2.3).
 
-All functions accept any leading axes. A pose g_AB is a homogeneous matrix (..., 4, 4) that maps coordinates in B to
-coordinates in A. A twist is (v, ω) and a wrench (F, τ), both (..., 6), with the linear part first.
+A pose g_AB is a homogeneous matrix (..., 4, 4) that maps coordinates in frame B to coordinates in frame A. A twist (v,
+ω) and a wrench (F, τ) are (..., 6), with the linear part first. Leading axes are optional.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from mocap_id.geometry import so3
 
 
 def pose(rotation: FloatArray, position: FloatArray) -> FloatArray:
-    """Return the pose (..., 4, 4) of a rotation (..., 3, 3) and a position (..., 3), m (eq. 2.9, 2.16)."""
+    """Return the pose matrix of a rotation (..., 3, 3) and a position (..., 3), m (eq. 2.9, 2.16)."""
     shape = np.broadcast_shapes(rotation.shape[:-2], position.shape[:-1])
     g = np.zeros((*shape, 4, 4))
     g[..., :3, :3], g[..., :3, 3], g[..., 3, 3] = rotation, position, 1.0
@@ -27,12 +27,12 @@ def inverse(g: FloatArray) -> FloatArray:
 
 
 def act(g: FloatArray, points: FloatArray) -> FloatArray:
-    """Transform points (..., 3) from frame B to frame A, with g = g_AB (eq. 2.8)."""
+    """Transform points (..., 3) from frame B to frame A with the pose g = g_AB (eq. 2.8)."""
     return (g[..., :3, :3] @ points[..., None])[..., 0] + g[..., :3, 3]
 
 
 def hat(twist: FloatArray) -> FloatArray:
-    """Return the matrix (..., 4, 4) of a twist (eq. 2.19)."""
+    """Return the matrix (..., 4, 4) of a twist in se(3) (eq. 2.19)."""
     twist = np.asarray(twist, dtype=np.float64)
     matrix = np.zeros((*twist.shape[:-1], 4, 4))
     matrix[..., :3, :3], matrix[..., :3, 3] = so3.hat(twist[..., 3:]), twist[..., :3]
@@ -40,23 +40,12 @@ def hat(twist: FloatArray) -> FloatArray:
 
 
 def vee(matrix: FloatArray) -> FloatArray:
-    """Return the twist of an element of se(3); the inverse of :func:`hat`."""
+    """Return the twist of a matrix in se(3); the inverse of :func:`hat`."""
     return np.concatenate([matrix[..., :3, 3], so3.vee(matrix[..., :3, :3])], axis=-1)
 
 
 def exp(twist: FloatArray) -> FloatArray:
-    """Return the pose after moving along a constant twist for unit time (eq. 2.20).
-
-    Parameters
-    ----------
-    twist : (..., 6) array
-        (v, ω), m and rad; ξθ in the thesis.
-
-    Returns
-    -------
-    (..., 4, 4) array
-        Pose.
-    """
+    """Return the pose after motion along a constant twist (m, rad; ξθ in the thesis) for unit time (eq. 2.20)."""
     twist = np.asarray(twist, dtype=np.float64)
     v, omega = twist[..., :3], twist[..., 3:]
     angle = np.linalg.norm(omega, axis=-1)[..., None]
@@ -67,17 +56,7 @@ def exp(twist: FloatArray) -> FloatArray:
 
 
 def log(g: FloatArray) -> FloatArray:
-    """Return the twist whose :func:`exp` is this pose; its rotation angle is 0 to π.
-
-    Parameters
-    ----------
-    g : (..., 4, 4) array
-
-    Returns
-    -------
-    (..., 6) array
-        (v, ω), m and rad.
-    """
+    """Return the twist (m, rad) whose :func:`exp` is this pose. Its rotation angle is 0 to π."""
     omega, position = so3.log(g[..., :3, :3]), g[..., :3, 3]
     angle = np.linalg.norm(omega, axis=-1)[..., None]
     once = np.cross(omega, position)
@@ -95,7 +74,7 @@ def Ad(g: FloatArray) -> FloatArray:
 
 
 def ad(twist: FloatArray) -> FloatArray:
-    """Return the matrix (..., 6, 6) of the Lie bracket (eq. 2.35, 2.36).
+    """Return the matrix (..., 6, 6) of the Lie bracket with a twist (eq. 2.35, 2.36).
 
     ``hat(ad(a) @ b) == hat(a) @ hat(b) - hat(b) @ hat(a)``
     """
@@ -107,15 +86,15 @@ def ad(twist: FloatArray) -> FloatArray:
 
 
 def move_twist(g: FloatArray, twist: FloatArray) -> FloatArray:
-    """Transform twists (..., 6) from frame B to frame A, with g = g_AB (eq. 2.38)."""
+    """Transform twists from frame B to frame A with the pose g = g_AB (eq. 2.38)."""
     return (Ad(g) @ twist[..., None])[..., 0]
 
 
 def move_wrench(g: FloatArray, wrench: FloatArray) -> FloatArray:
-    """Transform wrenches (..., 6) from the axes and origin of B to those of A, with g = g_AB.
+    """Transform wrenches from the axes and origin of frame B to those of frame A with the pose g = g_AB.
 
-    The map is the transpose of the adjoint of the *inverse* pose (eq. 2.54 in the form of 2.57). Power, the product
-    of twist and wrench, is then the same in both frames.
+    The matrix is the transposed adjoint of the inverse pose (eq. 2.54 in the form of 2.57), so the power of the wrench,
+    its product with the twist, is the same in both frames.
     """
     return (np.swapaxes(Ad(inverse(g)), -1, -2) @ wrench[..., None])[..., 0]
 

@@ -1,19 +1,19 @@
-"""Chains of rigid segments in space, joined by balls, two-axis joints and hinges.
+"""Chains of rigid segments in space, connected by ball joints, two-axis joints and hinges.
 
-Segment 0 is the base, which may move freely. Every other segment has one joint to its parent; the origin of its frame
-is the centre of this joint. The pose of a segment in the frame of its parent is
+Segment 0 is the base, which may move freely. Every other segment has one joint with its parent, and the centre of this
+joint is the origin of the segment's frame. The pose of a segment in the frame of its parent is
 
     rotation  R = exp(a q1) O exp(b q2)        hinge: q2 = 0; ball: any rotation
     origin    c + u(R) g                       u(R) = (1 - cos elevation) / 2
 
-with the axis a, the constant rotation O, the centre c and the glide g in the parent's frame, and the axis b in the
+The axis a, the constant rotation O, the centre c and the glide g are in the parent's frame, and the axis b is in the
 child's frame. The glide is the translation of the shoulder girdle; it is zero for most joints. The elevation is the
 angle between the direction ``rest`` (parent's frame) and the ``long_axis`` (child's frame).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -25,71 +25,38 @@ JointKind: TypeAlias = Literal["ball", "two-axis", "hinge"]
 DIMENSION: dict[JointKind, int] = {"ball": 3, "two-axis": 2, "hinge": 1}
 """Number of coordinates of each kind."""
 
-_Z = (0.0, 0.0, 1.0)
-
-
-def _zeros() -> FloatArray:
-    return np.zeros(3)
-
-
-def _down() -> FloatArray:
-    return np.array([0.0, 1.0, 0.0])
-
 
 LEAST_TWIST = 0.1
-"""Least 1 + cos of the swing with which the rate of a twist is computed; the cosine is -0.9 at 154°."""
+"""Least value of 1 + cos(swing angle) in the rate of the axial rotation; the cosine is -0.9 at 154°."""
 
 
 @dataclass(frozen=True)
 class SpatialJoint:
-    """The joint between a segment and its parent.
-
-    Parameters
-    ----------
-    kind : {"ball", "two-axis", "hinge"}
-    parent : int
-        Number of the parent segment; smaller than the child's.
-    centre : (3,) array
-        Centre in the parent's frame without glide, m.
-    covariance : (3, 3) array
-        Covariance of the centre, m²; NaN where it is unknown.
-    first_axis : (3,) array
-        Unit axis a in the parent's frame (hinge, two-axis).
-    second_axis : (3,) array
-        Unit axis b in the child's frame (two-axis).
-    axes_covariance : (2, 3, 3) array
-        Covariance of both unit axes; NaN where there is no axis.
-    offset : (3, 3) array
-        The constant rotation O (hinge, two-axis).
-    glide : (3,) array
-        Translation g of the centre in the parent's frame at an elevation of 180°, m.
-    glide_covariance : (3, 3) array
-    rest, long_axis : (3,) arrays
-        Directions between which the elevation of the glide is measured: in the parent's and in the child's frame. The
-        skin's twist is about the long axis.
-    untwisted : (3, 3) array
-        Rotation of the joint at which the skin of the child does not twist.
-    known : bool
-        False if the motion does not show the centre; then the centre has no meaning.
-    slide_sd : float
-        Standard deviation, along each axis, of the slide of whole marker clusters on the bones beside the joint, m; 0
-        if only single markers slide.
-    """
+    """Joint between a segment and its parent. Centre and axes have covariances, NaN if unknown."""
 
     kind: JointKind
-    parent: int
-    centre: FloatArray
+    parent: int  # number of the parent segment, smaller than the number of the child
+    centre: FloatArray  # (3,) centre without glide in the parent's frame, m
+    # (3, 3) covariance of the centre, m²
     covariance: FloatArray = field(default_factory=lambda: np.full((3, 3), np.nan))
-    first_axis: FloatArray = field(default_factory=lambda: np.array(_Z))
-    second_axis: FloatArray = field(default_factory=lambda: np.array(_Z))
+    # (3,) unit axis a in the parent's frame (hinge, two-axis)
+    first_axis: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    # (3,) unit axis b in the child's frame (two-axis)
+    second_axis: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
+    # (2, 3, 3) covariance of both unit axes
     axes_covariance: FloatArray = field(default_factory=lambda: np.full((2, 3, 3), np.nan))
-    offset: FloatArray = field(default_factory=lambda: np.eye(3))
-    glide: FloatArray = field(default_factory=_zeros)
-    glide_covariance: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))
-    rest: FloatArray = field(default_factory=_down)
-    long_axis: FloatArray = field(default_factory=_down)
+    offset: FloatArray = field(default_factory=lambda: np.eye(3))  # constant rotation O (hinge, two-axis)
+    glide: FloatArray = field(default_factory=lambda: np.zeros(3))  # translation g at an elevation of 180°, m
+    glide_covariance: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))  # m²
+    # direction of zero elevation in the parent's frame
+    rest: FloatArray = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
+    # long axis of the segment in the child's frame, for the elevation and for the axial rotation of the skin
+    long_axis: FloatArray = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
+    # joint rotation at which the axial rotation is zero
     untwisted: FloatArray = field(default_factory=lambda: np.eye(3))
-    known: bool = True
+    known: bool = True  # False if the motion does not determine the centre; its value then has no meaning
+    # standard deviation, along each axis, of the slide of whole marker clusters on the bones beside the joint, m; 0 if
+    # only single markers slide
     slide_sd: float = 0.0
 
     @property
@@ -98,9 +65,9 @@ class SpatialJoint:
         return DIMENSION[self.kind]
 
     def rotation(self, q: FloatArray) -> FloatArray:
-        """Return the child's rotation in the parent's frame (..., 3, 3) for coordinates (..., d), rad.
+        """Return the child's rotation in the parent's frame (..., 3, 3) from the coordinates (..., d), rad.
 
-        The coordinates of a ball are a rotation vector.
+        The coordinates of a ball joint are a rotation vector.
         """
         if self.kind == "ball":
             return so3.exp(q)
@@ -108,53 +75,41 @@ class SpatialJoint:
         return turned if self.kind == "hinge" else turned @ so3.exp(q[..., 1:2] * self.second_axis)
 
     def twist(self, rotation: FloatArray) -> FloatArray:
-        """Return the child's twist (...,) about its long axis, rad, in (-π, π], for its rotation (..., 3, 3)."""
+        """Return the axial rotation (...,) about the long axis, in (-π, π], rad, of a child's rotation (..., 3, 3)."""
         quaternion = so3.quaternion(self.untwisted.T @ rotation)
         angle = 2 * np.arctan2(quaternion[..., 1:] @ self.long_axis, quaternion[..., 0])
         return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)
 
     def twist_axis(self, rotation: FloatArray) -> FloatArray:
-        """Return the vector (..., 3), in the child's axes, whose product with the joint's velocity is the twist's rate.
+        """Return the vector (..., 3) whose product with the joint's angular velocity is the rate of axial rotation.
 
-        With the long axis l and the direction l' that it has without swing, both in the child's axes, it is
-        (l + l') / (1 + l · l'): the twist is that of the shortest swing, so a swing that turns also changes it. Where
-        the segment points almost backwards, the rate has no limit; there it is reduced.
+        All vectors are in the child's axes. With the long axis l, and its direction l' in the pose ``untwisted``, the
+        vector is (l + l') / (1 + l · l'). The axial rotation is measured from the shortest swing of the long axis, so a
+        swing in a changing direction also changes it. The vector is limited where the segment points almost backwards
+        (:data:`LEAST_TWIST`), because it has no limit there.
         """
         rest = np.swapaxes(rotation, -1, -2) @ (self.untwisted @ self.long_axis)
         size = np.maximum(1.0 + rest @ self.long_axis, LEAST_TWIST)
         return np.asarray((self.long_axis + rest) / size[..., None])
 
     def origin(self, rotation: FloatArray) -> FloatArray:
-        """Return the child's origin in the parent's frame (..., 3), m, for its rotation (..., 3, 3)."""
+        """Return the child's origin in the parent's frame (..., 3), m, from the child's rotation (..., 3, 3)."""
         share = (1 - np.einsum("i,...ij,j->...", self.rest, rotation, self.long_axis)) / 2
         return np.asarray(self.centre + share[..., None] * self.glide)
 
 
 @dataclass(frozen=True)
 class SpatialChain:
-    """A tree of segments, in most cases a chain, with its markers.
+    """Tree of segments (in most cases a chain) with its markers."""
 
-    Parameters
-    ----------
-    joints : tuple of SpatialJoint, length n
-        Joint k - 1 leads to segment k.
-    segment : (M,) int array
-        Segment of each marker, 0 … n.
-    local : (M, 3) array
-        Marker coordinates in the frames of their segments, m.
-    on_glide : (M,) bool array
-        Markers of segment 0 that move with the glide of the first joint, such as AC on the shoulder girdle.
-    skin, skin_sd : (M,) arrays
-        Share of the twist of its segment that the skin under each marker misses, and its standard deviation; empty if
-        all follow the bone.
-    """
-
-    joints: tuple[SpatialJoint, ...]
-    segment: IntArray
-    local: FloatArray
+    joints: tuple[SpatialJoint, ...]  # joint k - 1 connects segment k with its parent
+    segment: IntArray  # (M,) segment of each marker, 0 … n
+    local: FloatArray  # (M, 3) marker coordinates in the frames of their segments, m
+    # (M,) markers of segment 0 that move with the glide of the first joint, such as AC on the shoulder girdle
     on_glide: BoolArray
+    # (M,) share of its segment's axial rotation that the skin under each marker does not follow; empty if zero for all
     skin: FloatArray = field(default_factory=lambda: np.zeros(0))
-    skin_sd: FloatArray = field(default_factory=lambda: np.zeros(0))
+    skin_sd: FloatArray = field(default_factory=lambda: np.zeros(0))  # (M,) standard deviation of this share
 
     @property
     def parents(self) -> tuple[int, ...]:
@@ -162,21 +117,21 @@ class SpatialChain:
         return tuple(joint.parent for joint in self.joints)
 
     def place(self, origin: FloatArray, rotation: FloatArray, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the poses of all segments.
+        """Return the poses of all segments in the frame of the trial.
 
         Parameters
         ----------
         origin, rotation : (F, 3) and (F, 3, 3) arrays
             Pose of the base in the frame of the trial, m.
         joints : (F, n, 3, 3) array
-            Rotation of every joint, child to parent.
+            Rotation of each joint, child to parent.
 
         Returns
         -------
         origins : (F, n + 1, 3) array
-            In the frame of the trial, m.
+            Origins of the segment frames, m.
         rotations : (F, n + 1, 3, 3) array
-            Segment to trial.
+            Rotations of the segment frames, segment to trial.
         """
         origins, rotations = [origin], [rotation]
         for k, joint in enumerate(self.joints):
@@ -185,3 +140,60 @@ class SpatialChain:
             origins.append(origins[joint.parent] + np.einsum("fij,fj->fi", base, step))
             rotations.append(base @ joints[:, k])
         return np.stack(origins, axis=1), np.stack(rotations, axis=1)
+
+
+def change_frames(chain: SpatialChain, rotations: FloatArray, origin: FloatArray) -> SpatialChain:
+    """Return the same chain with other axes of every segment frame and another origin of the base frame.
+
+    The origins of the moving segments stay the centres of their joints. The joint coordinates and the marker positions
+    in the trial do not change. The rotation R of a joint becomes N_parentᵀ R N_child.
+
+    Parameters
+    ----------
+    chain : SpatialChain
+    rotations : (n + 1, 3, 3) array
+        New axes N of each segment as columns, in its present frame.
+    origin : (3,) array
+        New origin of the base in its present frame, m.
+
+    Examples
+    --------
+    >>> chain = SpatialChain(
+    ...     (SpatialJoint("hinge", 0, np.array([0.1, 0, 0])),),
+    ...     np.array([0, 1]),
+    ...     np.array([[0.0, 0, 0], [0, 0.2, 0]]),
+    ...     np.zeros(2, bool),
+    ... )
+    >>> moved = change_frames(chain, np.stack([np.eye(3)] * 2), np.array([0.1, 0, 0]))
+    >>> moved.joints[0].centre.tolist(), moved.local[0].tolist()
+    ([0.0, 0.0, 0.0], [-0.1, 0.0, 0.0])
+    """
+    origins = np.zeros((len(chain.joints) + 1, 3))
+    origins[0] = origin
+    local = np.einsum("mji,mj->mi", rotations[chain.segment], chain.local - origins[chain.segment])
+    joints = tuple(
+        _change_joint_frames(joint, rotations[joint.parent], rotations[k + 1], origins[joint.parent])
+        for k, joint in enumerate(chain.joints)
+    )
+    return replace(chain, joints=joints, local=local)
+
+
+def _change_joint_frames(
+    joint: SpatialJoint, parent: FloatArray, child: FloatArray, origin: FloatArray
+) -> SpatialJoint:
+    """Return a joint for the new frames of its parent and its child."""
+    first, second = joint.axes_covariance
+    return replace(
+        joint,
+        centre=parent.T @ (joint.centre - origin),
+        covariance=parent.T @ joint.covariance @ parent,
+        first_axis=parent.T @ joint.first_axis,
+        second_axis=child.T @ joint.second_axis,
+        axes_covariance=np.stack([parent.T @ first @ parent, child.T @ second @ child]),
+        offset=parent.T @ joint.offset @ child,
+        glide=parent.T @ joint.glide,
+        glide_covariance=parent.T @ joint.glide_covariance @ parent,
+        rest=parent.T @ joint.rest,
+        long_axis=child.T @ joint.long_axis,
+        untwisted=parent.T @ joint.untwisted @ child,
+    )

@@ -1,4 +1,4 @@
-"""Marker trajectories to a planar chain: plane, window, rigid bodies, segments, joints (ch. 3.2.3 to 3.2.5)."""
+"""Planar chains from marker trajectories: plane, window, rigid bodies, segments and joints (3.2.3 to 3.2.5)."""
 
 from mocap_id.kinematics.bundle import fit_chain
 from mocap_id.kinematics.bursts import find_bursts
@@ -7,12 +7,12 @@ from mocap_id.kinematics.chain_fit import ChainFit, joint_angles, orient_frames
 from mocap_id.kinematics.constraints import Constraints
 from mocap_id.kinematics.frame_sampling import frames_along_motion, frames_over_time
 from mocap_id.kinematics.hypotheses import Hypothesis, SegmentationRules
+from mocap_id.kinematics.joint import measure_asymmetry
 from mocap_id.kinematics.links import LinkMethod, fit_links
 from mocap_id.kinematics.plane import PlaneFit, fit_plane
 from mocap_id.kinematics.segmentation import Segmentation, segment_markers
 from mocap_id.kinematics.skin_slides import SkinModel, angle_errors, fit_skin, skin_from_residuals
 from mocap_id.kinematics.swaps import Swap, find_swaps, undo_swaps
-from mocap_id.kinematics.symmetry import measure_asymmetry
 from mocap_id.kinematics.window import propose_window
 
 __all__ = [

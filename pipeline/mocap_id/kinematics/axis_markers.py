@@ -1,4 +1,4 @@
-"""Still markers on the axis of the first joint, such as those on the malleoli, which belong to segment 1."""
+"""Still markers on the axis of the first joint, such as malleolus markers, which belong to segment 1."""
 
 from __future__ import annotations
 
@@ -11,43 +11,35 @@ from mocap_id.arrays import IntArray
 from mocap_id.kinematics.hypotheses import SegmentationProblem
 from mocap_id.kinematics.rigid_body import RigidBody, fit_body, marker_residuals
 
-_PREFER_MOVING = 1.25  # a still marker joins segment 1 unless its residual there is larger by this factor
+_PREFER_MOVING = 1.25  # a still marker stays on the base if its residual on segment 1 is larger by this factor
 _PAIR = 0.03  # m; a left and a right marker this close in the side view are a pair
 _LEAST_BASE = 2  # markers that stay on the base
 
 
 @dataclass(frozen=True)
 class AxisMarkers:
-    """Base markers reassigned to segment 1.
+    """Base markers that are reassigned to segment 1."""
 
-    Parameters
-    ----------
-    residual : dict
-        For each reassigned marker (its column), the rms distance from its place on segment 1, m.
-    margin : float
-        How close the closest decision was: the ratio of the residuals on segment 1 and on the base, divided by the
-        ratio at which the marker changes sides, or the inverse. At least 1; inf without a candidate.
-    """
-
-    residual: dict[int, float]
-    margin: float
+    residual: dict[int, float]  # column of each marker to its rms distance from its position on segment 1, m
+    margin: float  # ratio between the threshold and the closest decision, at least 1; inf if no marker was considered
 
 
 def find_axis_markers(problem: SegmentationProblem, first: RigidBody, on_segment: IntArray) -> AxisMarkers:
     """Find still markers that belong to segment 1.
 
-    A marker on the axis of joint 1 hardly moves, so rigidity alone assigns it to the base. On segment 1 it pins the
-    joint. Segment 1 is refitted with each candidate, because with a fixed fit a few degrees of soft tissue would reject
-    it. The refit includes the markers accepted before, so that a heel cannot follow once a malleolus has pinned the
-    axis. A left and a right marker at the same place are judged together, because people and marker sets are symmetric.
+    A marker on the axis of joint 1 hardly moves, so rigidity alone assigns it to the base. On segment 1, it locates the
+    joint. Segment 1 is fitted again with each candidate, because soft tissue moves the candidate by a few degrees
+    against a fixed fit. The fit includes the markers accepted before: once a malleolus has located the axis, a heel
+    does not fit. A left and a right marker at the same position are judged together.
 
     Parameters
     ----------
     problem : SegmentationProblem
+        Markers, base and constraints.
     first : RigidBody
         Segment 1.
     on_segment : int array
-        Columns of all markers on segment 1, including those that it was not fitted to.
+        Columns of all markers on segment 1, also of markers that were not used in its fit.
     """
     points, constraints = problem.points, problem.constraints
     on_base = marker_residuals(problem.ground, points)
@@ -77,7 +69,7 @@ def find_axis_markers(problem: SegmentationProblem, first: RigidBody, on_segment
 def _compare_residuals(
     problem: SegmentationProblem, members: IntArray, unit: tuple[int, ...], on_base: np.ndarray
 ) -> tuple[float, list[float]]:
-    """Return the residual of some markers on segment 1 divided by that on the base, and each on segment 1, m."""
+    """Return the ratio of some markers' residuals on segment 1 and on the base, and each residual on segment 1, m."""
     body = fit_body(problem.points, np.append(members, unit))
     residual = marker_residuals(body, problem.points[:, list(unit)])
     before = float(np.sqrt(np.mean(on_base[list(unit)] ** 2)))
@@ -86,7 +78,7 @@ def _compare_residuals(
 
 
 def _pair_markers(problem: SegmentationProblem, markers: IntArray) -> Iterator[tuple[int, ...]]:
-    """Yield the markers, left and right ones at the same place as pairs."""
+    """Yield the markers; a left and a right marker at the same position as a pair."""
     if not len(markers):
         return
     place = np.nanmean(problem.points[:, markers], axis=0)

@@ -1,4 +1,4 @@
-"""Motion of the base: feet that stand still, then slide, are placed elsewhere or turn, and stand still again."""
+"""Motion of the base: feet that stand still, then slide, step or rotate, and stand still again."""
 
 from __future__ import annotations
 
@@ -11,81 +11,48 @@ from mocap_id.arrays import BoolArray, FloatArray, find_runs
 _BLOCK_S = 0.1  # positions are averaged over blocks of this length
 _STEP_S = 0.5  # a marker stands still if it moves less than _STILL_M in this time
 _STILL_M = 0.004
-_BODY_M = 0.03  # the body moves if a quarter of the markers move farther than this in that time
-_STANDING = 0.9  # least share of the body's motion in which a marker of the base stands still
+_BODY_M = 0.03  # the body moves if a quarter of the markers move farther than this in _STEP_S
+_STANDING = 0.9  # least share of the body's moving time in which a base marker stands still
 _LOW_M = 0.2  # markers of the feet are at most this much higher than the lowest marker that stands still
-_STRETCH_S = 1.5  # shortest stretch in which the base stands still
-_MARGIN_S = 0.3  # a change may begin this much before and end this much after the markers visibly move
-_SAME_M = 0.003  # smaller changes of place of a base that moves are within the motion of the skin
+_STRETCH_S = 1.5  # shortest interval in which the base stands still
+_MARGIN_S = 0.3  # a change of position may begin so much before, and end so much after, visible motion
+_SAME_M = 0.003  # smaller displacements of the base are motion of the skin
 _FIXED_M = 0.005  # markers that stay within this range stand on the floor or on a plate
 _STEP_M = 0.6  # markers on the other foot are at most this far away
-_AS_HIGH_M = 0.002  # markers on a plate are lower than those on feet by more than this
+_AS_HIGH_M = 0.002  # markers on a plate are lower than foot markers by more than this
 _RIGID_M = 0.005  # largest rms distance from a rigid motion of both feet
-_SPREAD_M = 0.05  # markers closer together than this do not show a turn
+_SPREAD_M = 0.05  # markers closer together than this do not determine a rotation
 
 MOVED_M = 0.008
-"""Least distance between two places of the base, m; standing feet roll by less."""
+"""Least displacement of the base, m; standing feet roll by less."""
 
 
 @dataclass(frozen=True)
 class BaseStretch:
-    """A stretch of time in which the base stands still.
+    """Time interval in which the base stands still."""
 
-    Parameters
-    ----------
-    start, end : float
-        s.
-    shift : (2,) array
-        Horizontal displacement from the first stretch, lab axes, m.
-    turn : float
-        Rotation about the vertical from the first stretch, rad.
-    misfit : float
-        Rms distance of the feet's markers from this rigid motion, m.
-    """
-
-    start: float
-    end: float
-    shift: FloatArray
-    turn: float
-    misfit: float
+    start: float  # s
+    end: float  # s
+    shift: FloatArray  # (2,) horizontal displacement since the first interval, lab axes, m
+    turn: float  # rotation about the vertical since the first interval, rad
+    misfit: float  # rms distance of the foot markers from this rigid motion, m
 
 
 @dataclass(frozen=True)
 class BaseMotion:
-    """Motion of the base from its place in the first stretch, to be removed from markers and wrench.
+    """Motion of the base since the first interval, to be removed from markers and wrench."""
 
-    Parameters
-    ----------
-    stretches : tuple of BaseStretch
-        At least two, in time.
-    feet : tuple of int
-        Markers that showed the motion.
-    fixed : (M,) bool array
-        Markers that stay where they are, on the floor or on a plate.
-    centre : (2,) array
-        Centre of the feet in the first stretch, lab, m.
-    knots : (K,) array
-        Times, s, at which the pose is known.
-    poses : (K, 3) array
-        Shift, m, and turn about ``centre``, rad.
-    """
-
-    stretches: tuple[BaseStretch, ...]
-    feet: tuple[int, ...]
-    fixed: BoolArray
-    centre: FloatArray
-    knots: FloatArray
-    poses: FloatArray
+    stretches: tuple[BaseStretch, ...]  # intervals in which the base stands still, at least two, in time order
+    feet: tuple[int, ...]  # columns of the markers that move with the base
+    fixed: BoolArray  # (M,) markers that keep their positions, on the floor or on a plate
+    centre: FloatArray  # (2,) centre of the feet in the first interval, lab, m
+    knots: FloatArray  # (K,) times of known poses, s
+    poses: FloatArray  # (K, 3) shift, m, and rotation about ``centre``, rad
 
     def undo_positions(self, positions: FloatArray, time: FloatArray) -> FloatArray:
-        """Return the positions (F, M, 3) without the motion of the base; fixed markers keep their positions.
+        """Return marker positions (F, M, 3), m, without the motion of the base. Fixed markers keep their positions.
 
-        Parameters
-        ----------
-        positions : (F, M, 3) array
-            Lab axes with Z up, m.
-        time : (F,) array
-            s.
+        Positions are in lab axes with Z up, at the times (F,), s.
         """
         pose = self._interpolate_pose(time)
         moved = self._rotate_back(positions - _set_zero_height(self.centre + pose[:, :2])[:, None], pose[:, 2, None])
@@ -94,7 +61,7 @@ class BaseMotion:
     def undo_wrench(self, force: FloatArray, moment: FloatArray, time: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return force and moment about the lab's origin (F, 3) for the body whose base stands still.
 
-        Body and wrench undergo the same rigid motion, so that the wrench relative to the body is exact.
+        Body and wrench undergo the same rigid motion, so the wrench relative to the body does not change.
         """
         pose = self._interpolate_pose(time)
         about = moment - np.cross(_set_zero_height(self.centre + pose[:, :2]), force)
@@ -103,10 +70,11 @@ class BaseMotion:
 
     @property
     def rigid(self) -> bool:
-        """Whether both feet moved alike, so that one rigid motion describes them."""
+        """Whether one rigid motion describes both feet."""
         return all(each.misfit <= _RIGID_M for each in self.stretches)
 
     def _interpolate_pose(self, time: FloatArray) -> FloatArray:
+        """Return shift and rotation (F, 3) of the base at some times."""
         from scipy.interpolate import PchipInterpolator  # noqa: PLC0415  a fixed base is usual
 
         inside = np.clip(time, self.knots[0], self.knots[-1])
@@ -114,30 +82,27 @@ class BaseMotion:
 
     @staticmethod
     def _rotate_back(vectors: FloatArray, turn: FloatArray) -> FloatArray:
+        """Return vectors (..., 3) rotated about the vertical by the negative angle."""
         c, s = np.cos(turn), np.sin(turn)
         x, y, z = np.moveaxis(vectors, -1, 0)
         return np.stack([c * x + s * y, c * y - s * x, z], axis=-1)
 
 
 def find_base_motion(positions: FloatArray, time: FloatArray, rate: float) -> BaseMotion | None:
-    """Find changes of place of the base.
+    """Find changes of the base's position; None if it keeps its position, or if fewer than two markers locate it.
 
-    The base is made of the low markers that stand still while the body moves. Where they move to another place and
-    stay there, the base has moved; the motion of the others relative to it is that of a body on a fixed base.
+    The base consists of the low markers that stand still while the body moves. If they move to another position and
+    stay there, the base has moved. The motion of the other markers relative to the base is that of a body on a fixed
+    base.
 
     Parameters
     ----------
     positions : (F, M, 3) array
-        Lab axes with Z up, m; NaN where not visible.
+        Marker positions in lab axes with Z up, m; NaN where missing.
     time : (F,) array
-        s.
+        Times of the frames, s.
     rate : float
         Frames per second.
-
-    Returns
-    -------
-    BaseMotion or None
-        None if the base keeps its place, or if fewer than two markers show where it is.
     """
     size = max(1, round(_BLOCK_S * rate))
     blocks, middle = block_means(positions, size), block_means(time[:, None, None], size)[:, 0, 0]
@@ -160,21 +125,16 @@ def find_base_motion(positions: FloatArray, time: FloatArray, rate: float) -> Ba
 
 
 def find_standing(blocks: FloatArray, block_s: float, least: float = _STANDING) -> BoolArray:
-    """Find the low markers that stand still while the body moves.
+    """Return the low markers (M,) that stand still while the body moves; none if the body hardly moves.
 
     Parameters
     ----------
     blocks : (K, M, 3) array
-        Mean positions over blocks of frames, m; NaN where not visible.
+        Mean positions over blocks of frames, m; NaN where missing.
     block_s : float
-        Length of a block, s.
+        Duration of a block, s.
     least : float
-        Least share of the body's motion in which they stand still.
-
-    Returns
-    -------
-    (M,) bool array
-        None if the body hardly moves.
+        Least share of the body's moving time in which these markers stand still.
     """
     none = np.zeros(blocks.shape[1], np.bool_)
     step = max(1, round(_STEP_S / block_s))
@@ -196,7 +156,7 @@ def find_standing(blocks: FloatArray, block_s: float, least: float = _STANDING) 
 
 
 def _measure_range(tracks: FloatArray) -> FloatArray:
-    """Return the range (N,) of each track (K, N, 2) between its 2.5 and 97.5 % quantiles, m."""
+    """Return the 2.5 to 97.5 % range (N,) of each track (K, N, 2), m."""
     ordered, seen = np.sort(tracks, axis=0), np.isfinite(tracks[..., 0]).sum(axis=0)  # NaN last
     low, high = ((share * (seen - 1)).astype(np.int64) for share in (0.025, 0.975))
     markers = np.arange(tracks.shape[1])
@@ -204,15 +164,10 @@ def _measure_range(tracks: FloatArray) -> FloatArray:
 
 
 def _find_other_foot(places: FloatArray, fixed: BoolArray, standing: BoolArray) -> BoolArray:
-    """Return markers (M,) on a foot that keeps its place: fixed, and beside the moving feet at the same height.
+    """Return the markers (M,) on a foot that keeps its position: fixed, near the moving feet, and at the same height.
 
-    Parameters
-    ----------
-    places : (N, 3) array
-        Mean positions of the N ``standing`` markers, m.
-    fixed : (N,) bool array
-        Which of them stay where they are.
-    standing : (M,) bool array
+    ``places`` (N, 3) are mean positions of the N ``standing`` (M,) markers, m; ``fixed`` (N,) of them keep their
+    positions.
     """
     feet = places[~fixed]
     near = np.linalg.norm(places[:, :2] - feet[:, :2].mean(axis=0), axis=1) < _STEP_M
@@ -222,7 +177,7 @@ def _find_other_foot(places: FloatArray, fixed: BoolArray, standing: BoolArray) 
 
 
 def _find_still_blocks(feet: FloatArray, step: int) -> BoolArray:
-    """Return the blocks (K,) in which most of the feet's markers (K, N, 3) stand still, or none is visible."""
+    """Return the blocks (K,) in which most of the foot markers (K, N, 3) stand still or none is visible."""
     travel = np.linalg.norm(feet[step:] - feet[:-step], axis=2)
     moved = (travel >= _STILL_M).sum(axis=1) * 2 > np.isfinite(travel).sum(axis=1)
     still = np.ones(len(feet), np.bool_)
@@ -232,7 +187,7 @@ def _find_still_blocks(feet: FloatArray, step: int) -> BoolArray:
 
 
 def _merge_stretches(runs: list[tuple[int, int]], feet: FloatArray) -> list[tuple[int, int]]:
-    """Join stretches between which no marker of the feet (K, N, 2) changed its place; at most one if none moved far."""
+    """Join intervals in which the foot markers (K, N, 2) have the same positions; return one if no marker moved far."""
     places = [_median_positions(feet, run) for run in runs]
     if not any(_measure_distance(places[0], place) >= MOVED_M for place in places[1:]):
         return runs[:1]
@@ -246,7 +201,7 @@ def _merge_stretches(runs: list[tuple[int, int]], feet: FloatArray) -> list[tupl
 
 
 def _median_positions(feet: FloatArray, run: tuple[int, int]) -> FloatArray:
-    """Return the median place (N, 2) of each marker in a stretch; NaN if it is not visible."""
+    """Return the median position (N, 2) of each marker in an interval; NaN if it is not visible."""
     part = feet[slice(*run)]
     places = np.full(part.shape[1:], np.nan)
     seen = np.isfinite(part[..., 0]).any(axis=0)
@@ -255,12 +210,13 @@ def _median_positions(feet: FloatArray, run: tuple[int, int]) -> FloatArray:
 
 
 def _measure_distance(here: FloatArray, there: FloatArray) -> float:
+    """Return the largest distance between two positions of the same markers, m; 0 if none is visible in both."""
     away = np.linalg.norm(here - there, axis=1)
     return float(np.nanmax(away, initial=0.0))
 
 
 def _fit_motion(tracks: FloatArray, time: FloatArray, runs: list[tuple[int, int]], margin: int) -> BaseMotion:
-    """Fit the motion of the feet's markers, tracks (K, N, 2), that are known in the first stretch."""
+    """Fit the motion of the base to tracks (K, N, 2) of foot markers that are visible in the first interval."""
     first = _median_positions(tracks, runs[0])
     centre = first.mean(axis=0)
     fits = [_fit_rigid_motion(first - centre, _median_positions(tracks, run) - centre) for run in runs]
@@ -285,7 +241,7 @@ def _fit_motion(tracks: FloatArray, time: FloatArray, runs: list[tuple[int, int]
 
 
 def _fit_rigid_motion(before: FloatArray, after: FloatArray, *, turning: bool = True) -> tuple[FloatArray, float]:
-    """Return shift and turn (3,) about the origin that move points (N, 2), and the rms distance that remains."""
+    """Return shift and rotation (3,) about the origin that move points (N, 2), and the remaining rms distance."""
     seen = np.isfinite(before[:, 0]) & np.isfinite(after[:, 0])
     if not seen.any():
         return np.zeros(3), 0.0
@@ -302,7 +258,7 @@ def _fit_rigid_motion(before: FloatArray, after: FloatArray, *, turning: bool = 
 
 
 def block_means(values: FloatArray, size: int) -> FloatArray:
-    """Return the means (K, M, C) over blocks of frames of values (F, M, C); NaN where nothing is known."""
+    """Return the means (K, M, C) of values (F, M, C) over blocks of frames; NaN where all values are missing."""
     count = len(values) // size
     parts = values[: count * size].reshape(count, size, *values.shape[1:])
     known = np.isfinite(parts)
@@ -311,5 +267,5 @@ def block_means(values: FloatArray, size: int) -> FloatArray:
 
 
 def _set_zero_height(points: FloatArray) -> FloatArray:
-    """Return horizontal points (..., 2) with the height 0."""
+    """Return horizontal points (..., 2) as points (..., 3) with height 0."""
     return np.concatenate([points, np.zeros((*points.shape[:-1], 1))], axis=-1)

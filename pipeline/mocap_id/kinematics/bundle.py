@@ -1,9 +1,9 @@
 """Joint centres, marker coordinates and angles of the whole chain, fitted together (3.13 to 3.16).
 
-The fit is Gauss-Newton on :mod:`mocap_id.kinematics.chain_equations`, robust against bursts. The orientation of a
-segment frame is a gauge freedom: each step is the shortest one, and :func:`orient_frames` sets the orientation
-afterwards (the purpose of lambda_phi in 3.16). Each marker is weighted by its residuals:
-skin over muscle slides more than over bone.
+The fit is Gauss-Newton on :mod:`mocap_id.kinematics.chain_equations`, robust against bursts. The data do not determine
+the orientation of a segment frame. Each step is the shortest one, and :func:`orient_frames` sets the orientation
+afterwards (the purpose of lambda_phi in 3.16). Each marker is weighted by its residuals, because skin over muscle
+slides more than skin over bone.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from mocap_id.kinematics.links import find_used_frames, rigid_body_links
 from mocap_id.kinematics.rigid_body import still_body
 
 _ITERATIONS = 300
-_ADAPTED = 100  # iterations in which the limits of bursts follow the residuals; held later, as they may alternate
+_ADAPTED = 100  # iterations in which the limits of bursts follow the residuals; later, they could alternate
 _CONVERGED = 1e-7  # relative decrease of the cost
 _NEARLY = 1e-3  # relative decrease of the cost at which the markers are weighted by their residuals
 _WEIGHINGS = 2
@@ -52,12 +52,12 @@ def fit_chain(
     Parameters
     ----------
     points : (F, M) complex array
-        Trajectories in the plane, m; NaN where unseen.
+        Trajectories in the plane, m; NaN where missing.
     segment : (M,) int array
-        Segment of each marker, 0 = base, 1 … n from base to tip; every segment has at least two markers
-        unless ``start`` is given.
+        Segment of each marker, 0 = base, 1 … n from base to tip. Every segment has at least two markers unless
+        ``start`` is given.
     auxiliary : mapping of int to (F,) complex array
-        Position in the plane, m, at which markers place joint 1 … n; NaN where unseen (p_A of 3.15).
+        Positions in the plane, m, of joints 1 … n according to markers at the joints; NaN where missing (p_A of 3.15).
     pull : float
         Weight of an auxiliary point relative to an average marker (lambda_A of 3.16).
     start : ChainState, optional
@@ -72,29 +72,15 @@ def fit_chain(
     joints = int(segment.max())
     start = start or rigid_body_links(points, segment)
     used = np.flatnonzero(find_used_frames(start.angles))
-    problem = _build_problem(points[np.ix_(used, moving)], segment[moving], auxiliary or {}, used, joints)
+    tracks = {joint: track[used] for joint, track in (auxiliary or {}).items()}
+    problem = ChainProblem.with_joint_markers(points[np.ix_(used, moving)], segment[moving], tracks, joints)
     local = np.concatenate([start.local[moving], np.zeros(int(problem.pinned.sum()))])
     state, problem, iterations = _solve(problem, ChainState(start.centres, local, start.angles[used]), pull)
     return replace(_collect(points, segment, used, problem, state), iterations=iterations)
 
 
-def _build_problem(
-    points: ComplexArray, segment: IntArray, auxiliary: Mapping[int, ComplexArray], used: IntArray, joints: int
-) -> ChainProblem:
-    """Return the fit's input, with the auxiliary points as markers pinned to their joint."""
-    columns = np.concatenate([points, *(track[used, None] for track in auxiliary.values())], axis=1)
-    seen = np.isfinite(columns)
-    return ChainProblem(
-        np.where(seen, columns, 0),
-        seen.astype(np.float64),
-        np.concatenate([segment, np.array(list(auxiliary), dtype=np.int64)]),
-        np.arange(columns.shape[1]) >= len(segment),
-        joints,
-    )
-
-
 def _solve(problem: ChainProblem, state: ChainState, pull: float) -> tuple[ChainState, ChainProblem, int]:
-    """Run reweighted Gauss-Newton: a burst beyond a few scales of its segment's residual loses weight."""
+    """Return state, problem and number of steps at the minimum of the cost. Bursts have less weight."""
     scale = np.where(problem.pinned, pull, 1.0)
     cost, weighings = np.inf, 0
     limits, moved, off = np.zeros(problem.joints), np.zeros(problem.joints), np.abs(residuals(problem, state))
@@ -113,19 +99,16 @@ def _solve(problem: ChainProblem, state: ChainState, pull: float) -> tuple[Chain
             return state, problem, iteration
     raise Refused(
         "joint-unsettled",
-        f"the centre of joint {np.argmax(moved) + 1} still moves after {_ITERATIONS} iterations of the joint fit: the "
-        "two segments beside it hardly turn relative to each other, or a marker is on the wrong segment. Check their "
-        "markers in the section on segments of the report; then set `segment: {count: …}`, name markers that are "
-        "`together` or `apart`, or markers to `ignore`",
+        f"the centre of joint {np.argmax(moved) + 1} still changes after {_ITERATIONS} iterations of the joint fit. "
+        "Either the two segments of this joint hardly rotate relative to each other, or a marker is on the wrong "
+        "segment. Check their markers in the report (segments), and set `segment: {count: …}`, list markers that are "
+        "`together` or `apart`, or list markers to `ignore`",
         float(moved.max()),
     )
 
 
 def _take_step(problem: ChainProblem, state: ChainState, off: FloatArray) -> tuple[ChainState, FloatArray]:
-    """Return the state after a Gauss-Newton step and its distances, shortened where it would increase the cost.
-
-    ``off`` (T, K) are the distances of the measured from the predicted markers before the step, m.
-    """
+    """Return the state after a step, halved while it increases the cost, and the residual distances (T, K), m."""
     common, turns = eliminate_angles(problem, state).step()
     before = _cost(problem, off)
     for _ in range(_SHORTENINGS):
@@ -143,27 +126,26 @@ def _cost(problem: ChainProblem, off: FloatArray) -> float:
 
 
 def _find_burst_limits(problem: ChainProblem, off: FloatArray) -> FloatArray:
-    """Return for each segment (n,) the distance, m, from which a residual is a burst."""
+    """Return the distance, m, above which a residual is a burst, for each segment (n,)."""
     seen = problem.weights > 0
     limits = np.zeros(problem.joints)
     for k in range(1, problem.joints + 1):
         members = (problem.segment == k) & ~problem.pinned
-        rayleigh = (
-            np.median(off[:, members][seen[:, members]]) / 1.1774
-        )  # scale of a Rayleigh distribution from its median
+        median = np.median(off[:, members][seen[:, members]])
+        rayleigh = median / 1.1774  # scale of a Rayleigh distribution from its median
         limits[k - 1] = _HUBER * max(rayleigh, 1e-9)
     return limits
 
 
 def _weight_bursts(problem: ChainProblem, off: FloatArray, scale: FloatArray, limits: FloatArray) -> ChainProblem:
-    """Return the problem with Huber weights by the limit of each segment."""
+    """Return the problem with Huber weights for residuals beyond the limit of their segment."""
     limit = limits[problem.segment - 1]
     bursts = np.where(problem.pinned, 1.0, limit / np.maximum(off, limit))
     return replace(problem, weights=np.where(problem.weights > 0, scale * bursts, 0.0))
 
 
 def _weight_markers(problem: ChainProblem, state: ChainState, off: FloatArray) -> FloatArray:
-    """Return the inverse variance of each marker that is not pinned, 1 on average."""
+    """Return the inverse variance, 1 on average, of each marker that is not pinned."""
     own = ~problem.pinned
     seen = (problem.weights > 0)[:, own]
     off = np.where(seen, off[:, own], 0)
@@ -177,7 +159,7 @@ def _weight_markers(problem: ChainProblem, state: ChainState, off: FloatArray) -
 def _collect(
     points: ComplexArray, segment: IntArray, used: IntArray, problem: ChainProblem, state: ChainState
 ) -> ChainFit:
-    """Return the fit with residuals, arcs and covariance of the solution."""
+    """Return the fit with residuals, arcs and covariance."""
     moving, still = np.flatnonzero(segment > 0), np.flatnonzero(segment == 0)
     base = still_body(points, still)
     local = np.zeros(len(segment), dtype=np.complex128)
@@ -207,7 +189,7 @@ def _collect(
 
 
 def _placement_covariance(problem: ChainProblem, state: ChainState, size: int) -> FloatArray:
-    """Return what pinned markers add to the covariance of the centres, m^2: they are not exactly at their joints."""
+    """Return the covariance of the centres, m^2, from the unknown distances between pinned markers and their joints."""
     total = np.zeros((size, size))
     at_rest = eliminate_angles(problem, state).step()[0] if problem.pinned.any() else np.zeros(size)
     for column in np.flatnonzero(problem.pinned):

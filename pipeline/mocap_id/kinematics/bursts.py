@@ -7,29 +7,24 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 
 _LONGEST = 1.5  # s; a longer excursion is a relabelled marker, not a burst
-_SHORT = 0.4  # s; up to this, ending at the expected position is enough, and the jumps need not cancel
+_SHORT = 0.4  # s; in a shorter burst, the jumps need not cancel if the marker returns to its expected position
 _JUMP = 4.0  # multiple of the 95th percentile of the change of a step between frames
 _LEAST = 0.012  # m; the robust fits handle smaller jumps
 _BESIDE = np.array([-2, -1, 1, 2])  # neighbouring steps that give the expected step
 
 
 def find_bursts(points: FloatArray, rate: float) -> BoolArray:
-    """Find samples between a jump away and the jump back.
+    """Return the samples (F, M) between a jump of a marker away from its path and the jump back.
 
-    A jump is a step that differs suddenly from the steps beside it. The second of two jumps is the way back if it
-    undoes the first or, within a short time, if it ends where the marker would have been.
+    A jump is a step that differs suddenly from the steps beside it. A second jump ends the burst if it cancels the
+    first, or if it soon leads to the position that the marker would have had.
 
     Parameters
     ----------
     points : (F, M, 3) array
-        Trajectories, m; NaN where unseen.
+        Trajectories, m; NaN where missing.
     rate : float
         Frames per second.
-
-    Returns
-    -------
-    (F, M) bool array
-        True for samples in a burst.
     """
     out = np.zeros(points.shape[:2], dtype=np.bool_)
     for marker in range(points.shape[1]):
@@ -41,7 +36,7 @@ def find_bursts(points: FloatArray, rate: float) -> BoolArray:
 
 
 def _find_marker_bursts(track: FloatArray, frames: IntArray, rate: float) -> BoolArray:
-    """Return the bursts (K,) among the seen samples (K, 3) of one marker, taken at ``frames``."""
+    """Return the bursts (K,) among the visible samples (K, 3) of one marker, in the frames ``frames``."""
     out = np.zeros(len(track), dtype=np.bool_)
     apart = np.diff(frames)
     velocity = np.diff(track, axis=0) / apart[:, None]  # m per frame
@@ -64,20 +59,20 @@ def _find_marker_bursts(track: FloatArray, frames: IntArray, rate: float) -> Boo
 
 
 def _mean_velocity(velocity: FloatArray, away: int, back: int) -> FloatArray:
-    """Return the velocity (3,) of the marker around two jumps, m per frame."""
+    """Return the mean velocity (3,) before and after two jumps, m per frame."""
     around = np.array([away - 2, away - 1, back + 1, back + 2])
     return np.asarray(velocity[around[(around >= 0) & (around < len(velocity))]].mean(axis=0))
 
 
 def find_jumps(velocity: FloatArray, apart: IntArray) -> tuple[IntArray, FloatArray]:
-    """Return the steps (J,) that are jumps, and their excess (J, 3) over the steps beside them, m.
+    """Return the steps (J,) that are jumps, and their difference (J, 3) from the steps beside them, m.
 
     Parameters
     ----------
     velocity : (K, 3) array
-        Steps of a marker between the samples in which it is seen, m per frame.
+        Steps of a marker between the samples in which it is visible, m per frame.
     apart : (K,) int array
-        Frames of every step.
+        Number of frames of each step.
     """
     bend = np.diff(velocity, axis=0)
     change = np.sqrt(np.einsum("ki,ki->k", bend, bend))

@@ -1,8 +1,8 @@
 """Covariance of the joint centres from camera noise and from skin that slides with the joints.
 
-Residuals of neighbouring frames are correlated, so the frames' scores are summed over blocks of time before they are
-squared (a sandwich estimator). Slides in step with a joint angle leave almost no residual. They are modelled and
-propagated through the normal equations: docs/concepts/sliding-skin.md.
+Residuals of neighbouring frames are correlated. The scores of the frames are therefore summed over blocks of time
+before they are squared (sandwich estimator). Slides in proportion to a joint angle leave almost no residual. They are
+modelled and propagated through the normal equations: docs/concepts/sliding-skin.md.
 """
 
 from __future__ import annotations
@@ -24,30 +24,26 @@ _BLOCKS = 20  # blocks of time assumed independent
 
 
 def centre_covariance(problem: ChainProblem, state: ChainState, reduced: Reduced) -> FloatArray:
-    """Return the covariance (2 n, 2 n) of the centres, m^2, x and y of each in turn.
+    """Return the covariance (2 n, 2 n) of the centres, m^2, in the order x, y of each centre.
 
-    Parameters
-    ----------
-    problem, state, reduced
-        Values at the solution.
+    The arguments are values at the solution of the joint fit.
     """
     return _noise_covariance(problem, reduced) + _slide_covariance(problem, state, reduced)
 
 
 def _noise_covariance(problem: ChainProblem, reduced: Reduced) -> FloatArray:
-    """Return the sandwich: inverse, summed outer products of the blocks' scores, inverse."""
+    """Return the sandwich covariance: inverse, summed outer products of the blocks' scores, inverse."""
     blocks = np.array_split(reduced.scores, min(_BLOCKS, len(reduced.scores)))
     sums = np.stack([block.sum(axis=0) for block in blocks]) @ reduced.inverse[:, : 2 * problem.joints]
     return np.asarray(len(sums) / max(len(sums) - 1, 1) * sums.T @ sums)
 
 
 def _slide_covariance(problem: ChainProblem, state: ChainState, reduced: Reduced) -> FloatArray:
+    """Return the covariance of the centres from slides of the skin."""
     size = slide_variances(problem, state)  # (K,) m^2 a coordinate
     centres = reduced.inverse[:, : 2 * problem.joints]
-    moved = (
-        slide_responses(problem, state, reduced, slide_shapes(problem, state), centres)
-        * np.sqrt(size)[:, None, None, None]
-    )
+    moved = slide_responses(problem, state, reduced, slide_shapes(problem, state), centres)
+    moved = moved * np.sqrt(size)[:, None, None, None]
     flat = moved.reshape(-1, 2 * problem.joints)
     return np.asarray(flat.T @ flat)
 
@@ -69,7 +65,10 @@ def slide_variances(problem: ChainProblem, state: ChainState) -> FloatArray:
 
 
 def lag_one_covariance(off: ComplexArray, seen: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Return the lag-one covariance (K,) of residuals (T, K), m^2, 0 where unseen, and twice its sd for white noise."""
+    """Return the lag-one covariance (K,) of residuals (T, K), m^2, and twice its standard deviation for white noise.
+
+    Residuals are 0 where a marker is not ``seen``.
+    """
     pairs = np.maximum((seen[1:] & seen[:-1]).sum(axis=0), 1)
     lasting = (np.conj(off[1:]) * off[:-1]).real.sum(axis=0) / pairs
     return lasting, np.mean(np.abs(off) ** 2, axis=0) * np.sqrt(2 / pairs)
@@ -78,21 +77,21 @@ def lag_one_covariance(off: ComplexArray, seen: BoolArray) -> tuple[FloatArray, 
 def slide_responses(
     problem: ChainProblem, state: ChainState, reduced: Reduced, shape: FloatArray, towards: FloatArray
 ) -> FloatArray:
-    """Return the change of the fit's common unknowns for each marker's slide.
+    """Return the change of the fit's common unknowns for slides of each marker.
 
     Parameters
     ----------
     problem, state, reduced
         Values at the solution.
     shape : (T, K, S) array
-        Time course of each marker's slides, the same in both directions of its segment, m.
+        Time courses of each marker's slides, equal in both directions of its segment, m.
     towards : (P, p) array
-        Columns of ``reduced.inverse`` of the wanted unknowns.
+        Columns of ``reduced.inverse`` for the requested unknowns.
 
     Returns
     -------
     (K, S, 2, p) array
-        Changes, m, for every marker, shape, and direction x and y of the segment.
+        Changes, m, for each marker, shape, and direction x and y of the segment.
     """
     joints = problem.joints
     _, turn = joint_positions(state)
@@ -112,14 +111,14 @@ def slide_responses(
 
 
 def _split_directions(pull: np.ndarray) -> FloatArray:
-    """Return the real pulls (..., 2, 2 n) of slides along x and y of the segment from complex ones (..., n) along x."""
+    """Return real gradients (..., 2, 2 n) for slides along x and y, from complex gradients (..., n) along x."""
     along = np.stack([pull.real, pull.imag], axis=-1).reshape(*pull.shape[:-1], -1)
     across = np.stack([-pull.imag, pull.real], axis=-1).reshape(*pull.shape[:-1], -1)
     return np.stack([along, across], axis=-2)
 
 
 def slide_shapes(problem: ChainProblem, state: ChainState) -> FloatArray:
-    """Return the centred angles (T, K, 2) of the joints below and above each marker's segment, joint rms 1."""
+    """Return the centred angles (T, K, 2) of the joints below and above each segment, with a joint rms of 1."""
     relative = np.diff(state.angles, axis=1, prepend=0.0, append=0.0)  # (T, n + 1)
     relative[:, -1] = 0
     relative = relative - relative.mean(axis=0)

@@ -1,16 +1,17 @@
-"""The marker positions of a chain and the weighted normal equations of its unknowns (3.13 to 3.16).
+"""Marker positions of a planar chain, and the weighted normal equations of its unknowns (3.13 to 3.16).
 
 In the plane, with complex numbers, a marker q on segment k has the position
 
     z = c_1 + e^{i a_1} c_2 + … + e^{i a_{k-1}} c_k + e^{i a_k} q,
 
-where a_j is the angle of segment j from the plane's x axis and c_j is the centre of joint j in the frame of segment
+where a_j is the angle of segment j from the plane's x axis, and c_j is the centre of joint j in the frame of segment
 j-1. All frames share the centres and coordinates, and each frame has its own angles. The normal equations are therefore
 bordered block-diagonal, and the angles are eliminated frame by frame (variable projection by the Schur complement).
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,62 +21,66 @@ from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 
 @dataclass(frozen=True)
 class ChainProblem:
-    """Trajectories of the moving markers and their assignment to segments.
+    """Trajectories of the moving markers, and their assignment to segments.
 
-    Parameters
-    ----------
-    points : (T, K) complex array
-        Positions, m; zero where unseen.
-    weights : (T, K) array
-        Weight of every residual; zero where unseen.
-    segment : (K,) int array
-        Segment of each marker, 1 … n.
-    pinned : (K,) bool array
-        Markers at their segment's own joint: their coordinates are zero and not unknowns (3.15).
-    joints : int
-        Number of joints n.
+    A pinned marker is at the joint below its segment: its coordinates are zero and not unknown (3.15).
     """
 
-    points: ComplexArray
-    weights: FloatArray
-    segment: IntArray
-    pinned: BoolArray
-    joints: int
+    points: ComplexArray  # (T, K) positions, m; zero where missing
+    weights: FloatArray  # (T, K) weight of every residual; zero where missing
+    segment: IntArray  # (K,) segment of each marker, 1 … n
+    pinned: BoolArray  # (K,)
+    joints: int  # number of joints n
+
+    @classmethod
+    def with_joint_markers(
+        cls, points: ComplexArray, segment: IntArray, joint_tracks: Mapping[int, ComplexArray], joints: int
+    ) -> ChainProblem:
+        """Return a problem with weights of 1, from markers (T, K) and tracks (T,) of markers at joints 1 … n, m."""
+        columns = np.concatenate([points, *(track[:, None] for track in joint_tracks.values())], axis=1)
+        seen = np.isfinite(columns)
+        return cls(
+            np.where(seen, columns, 0),
+            seen.astype(np.float64),
+            np.concatenate([segment, np.array(list(joint_tracks), dtype=np.int64)]),
+            np.arange(columns.shape[1]) >= len(segment),
+            joints,
+        )
 
     @classmethod
     def without_points(cls, weights: FloatArray, segment: IntArray, joints: int) -> ChainProblem:
-        """Return a problem without measurements, with weights (T, K), for computing a chain's derivatives."""
+        """Return a problem without measurements, with weights (T, K), to compute derivatives of a chain."""
         points, pinned = np.zeros(weights.shape, dtype=np.complex128), np.zeros(len(segment), dtype=np.bool_)
         return cls(points, weights, segment, pinned, joints)
 
     @property
     def unknowns(self) -> int:
-        """Return the number of real unknowns common to all frames, including those of pinned markers."""
+        """Number of real unknowns common to all frames, including the coordinates of pinned markers."""
         return 2 * (self.joints + len(self.segment))
 
     @property
     def free(self) -> IntArray:
-        """Return the indices of the common unknowns without those of pinned markers."""
+        """Indices of the common unknowns without the coordinates of pinned markers."""
         return np.flatnonzero(np.repeat(np.append(np.zeros(self.joints, dtype=np.bool_), self.pinned), 2) == 0)
 
 
 @dataclass(frozen=True)
 class ChainState:
-    """Values of the unknowns: centres and coordinates in m, absolute segment angles in rad."""
+    """Values of the unknowns."""
 
-    centres: ComplexArray  # (n,)
-    local: ComplexArray  # (K,)
-    angles: FloatArray  # (T, n)
+    centres: ComplexArray  # (n,) joint centres, m
+    local: ComplexArray  # (K,) marker coordinates, m
+    angles: FloatArray  # (T, n) absolute segment angles, rad
 
 
 def predict_markers(problem: ChainProblem, state: ChainState) -> ComplexArray:
-    """Return the marker positions (T, K), m."""
+    """Return the predicted marker positions (T, K), m."""
     origin, turn = joint_positions(state)
     return np.asarray(origin[:, problem.segment - 1] + turn[:, problem.segment - 1] * state.local)
 
 
 def residuals(problem: ChainProblem, state: ChainState) -> ComplexArray:
-    """Return the measured minus the predicted markers (T, K), m; meaningless where unseen."""
+    """Return measured minus predicted marker positions (T, K), m; without meaning where a marker is missing."""
     return problem.points - predict_markers(problem, state)
 
 
@@ -89,7 +94,7 @@ def joint_positions(state: ChainState) -> tuple[ComplexArray, ComplexArray]:
 
 
 def angle_jacobian(problem: ChainProblem, state: ChainState) -> ComplexArray:
-    """Return the derivatives (T, K, n) of the markers by the segments' absolute angles, m/rad."""
+    """Return the derivatives (T, K, n) of the markers with respect to the absolute segment angles, m/rad."""
     _, turn = joint_positions(state)
     below = np.arange(problem.joints) < problem.segment[:, None]
     swing = 1j * np.where(below, (turn * np.append(state.centres[1:], 0))[:, None, :], 0)
@@ -99,29 +104,20 @@ def angle_jacobian(problem: ChainProblem, state: ChainState) -> ComplexArray:
 
 @dataclass(frozen=True)
 class Normal:
-    """Weighted normal equations of all frames, bordered block-diagonal.
+    """Weighted normal equations of all frames, bordered block-diagonal, for P = 2 (n + K) common unknowns.
 
-    Parameters
-    ----------
-    common : (P, P) array
-        Block of the common unknowns, summed over frames; real and imaginary parts interleaved, P = 2 (n + K).
-    cross : (T, n, P) array
-        Blocks between a frame's angles and the common unknowns.
-    angles : (T, n, n) array
-        Blocks of a frame's angles.
-    pull, turn : (T, P) and (T, n) arrays
-        Right-hand sides of the common unknowns and of the angles.
+    Real and imaginary parts of the common unknowns alternate.
     """
 
-    common: FloatArray
-    cross: FloatArray
-    angles: FloatArray
-    pull: FloatArray
-    turn: FloatArray
+    common: FloatArray  # (P, P) block of the common unknowns, summed over frames
+    cross: FloatArray  # (T, n, P) blocks between a frame's angles and the common unknowns
+    angles: FloatArray  # (T, n, n) blocks of a frame's angles
+    pull: FloatArray  # (T, P) right-hand sides of the common unknowns
+    turn: FloatArray  # (T, n) right-hand sides of the angles
 
 
 def normal_equations(problem: ChainProblem, state: ChainState) -> Normal:
-    """Assemble without a dense Jacobian: a marker depends only on its own coordinates and the joints below it."""
+    """Return the normal equations, without a dense Jacobian: a marker depends on few of the unknowns."""
     derivatives = _derivatives(problem, state)
     lever, below, own, _, pulled = derivatives
     joints, markers, weights = problem.joints, len(problem.segment), problem.weights
@@ -149,8 +145,8 @@ def _derivatives(
 ) -> tuple[ComplexArray, BoolArray, ComplexArray, ComplexArray, ComplexArray]:
     """Return the derivatives of the markers.
 
-    They are: by the centres (T, n), for the joints below each marker (K, n); by the coordinates (T, K); by the angles
-    (T, K, n), and the last conjugated and weighted.
+    In order: with respect to the centres (T, n), for the joints below each marker (K, n); the coordinates (T, K); the
+    angles (T, K, n), and the same conjugated and weighted.
     """
     _, turn = joint_positions(state)
     lever = np.concatenate([np.ones((len(turn), 1)), turn[:, :-1]], axis=1)
@@ -163,6 +159,7 @@ def _derivatives(
 def _angle_blocks(
     lever: ComplexArray, below: BoolArray, own: ComplexArray, swing: ComplexArray, pulled: ComplexArray
 ) -> tuple[FloatArray, FloatArray]:
+    """Return the blocks of :func:`angle_blocks` from the derivatives of the markers."""
     turned = np.swapaxes(pulled, 1, 2)
     cross = np.concatenate([turned @ below.astype(np.complex128) * lever[:, None, :], turned * own[:, None]], axis=2)
     interleaved = np.stack([cross.real, -cross.imag], axis=3).reshape(*cross.shape[:2], -1)
@@ -170,7 +167,7 @@ def _angle_blocks(
 
 
 def _interleave(hermitian: ComplexArray) -> FloatArray:
-    """Return the real form (2P, 2P) of a Hermitian matrix (P, P), real and imaginary parts interleaved."""
+    """Return the real form (2P, 2P) of a Hermitian matrix (P, P), with real and imaginary parts alternating."""
     size = len(hermitian)
     real = np.empty((size, 2, size, 2))
     real[:, 0, :, 0] = real[:, 1, :, 1] = hermitian.real
@@ -181,22 +178,12 @@ def _interleave(hermitian: ComplexArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Reduced:
-    """Normal equations after elimination of the angles.
+    """Normal equations after elimination of the angles."""
 
-    Parameters
-    ----------
-    normal : Normal
-    inverse : (P, P) array
-        Pseudo-inverse of the Schur complement of the angles, without the gauge; zero for pinned coordinates.
-    scores : (T, P) array
-        Reduced gradient of every frame.
-    solved : (T, n, P + 1) array
-        Solutions of the angle blocks for the cross terms and for their own right-hand side.
-    """
-
-    normal: Normal
+    # (P, P) pseudo-inverse of the Schur complement, without frame orientations; zero for pinned coordinates
     inverse: FloatArray
-    scores: FloatArray
+    scores: FloatArray  # (T, P) reduced gradient of every frame
+    # (T, n, P + 1) solutions of the angle blocks for the cross terms and for their own right-hand side
     solved: FloatArray
 
     def step(self) -> tuple[FloatArray, FloatArray]:
@@ -213,11 +200,11 @@ def eliminate_angles(problem: ChainProblem, state: ChainState) -> Reduced:
     flat = normal.cross.reshape(-1, problem.unknowns)
     hessian = normal.common - flat.T @ solved[..., :-1].reshape(flat.shape)
     scores = normal.pull - np.einsum("tnp,tn->tp", normal.cross, solved[..., -1])
-    return Reduced(normal, _pseudo_inverse(hessian, problem), scores, solved)
+    return Reduced(_pseudo_inverse(hessian, problem), scores, solved)
 
 
 def _pseudo_inverse(hessian: FloatArray, problem: ChainProblem) -> FloatArray:
-    """Return the inverse without the gauge: turning a segment frame changes no marker."""
+    """Return the inverse without the orientations of the segment frames, which do not change any marker."""
     free = np.ix_(problem.free, problem.free)
     values, vectors = np.linalg.eigh((hessian[free] + hessian[free].T) / 2)
     kept = slice(problem.joints, None)
@@ -227,7 +214,7 @@ def _pseudo_inverse(hessian: FloatArray, problem: ChainProblem) -> FloatArray:
 
 
 def apply_step(state: ChainState, step: tuple[FloatArray, FloatArray]) -> ChainState:
-    """Return the state after a step."""
+    """Return the state after a step of the common unknowns (P,) and the angles (T, n)."""
     common, turns = step
     joints = len(state.centres)
     change = common[0::2] + 1j * common[1::2]
@@ -235,10 +222,10 @@ def apply_step(state: ChainState, step: tuple[FloatArray, FloatArray]) -> ChainS
 
 
 def remaining_share(weights: FloatArray, local: ComplexArray) -> FloatArray:
-    """Return the share (K,) of each coordinate's variance that remains after fitting the segment's pose.
+    """Return the share (K,) of each coordinate's variance that remains after the segment's pose is fitted.
 
-    The pose has two shifts and a turn, and the share is one minus the leverage. It is at least a fifth, because the
-    residual of a marker with more leverage says little about its error.
+    The pose has two translations and a rotation, and the share is one minus the leverage. It is limited to at least
+    0.2, because the residual of a marker with more leverage contains little information about its error.
 
     Parameters
     ----------
@@ -254,17 +241,18 @@ def remaining_share(weights: FloatArray, local: ComplexArray) -> FloatArray:
 
 
 def share_variance(square: FloatArray, weights: FloatArray, segment: IntArray, local: ComplexArray) -> FloatArray:
-    """Return the variance (K,) that weights each marker: one third its own, the rest its segment's mean.
+    """Return the variance (K,) that weights each marker: one third its own, two thirds the mean of its segment.
 
     With its own residual alone, a segment would finally follow only its two best markers.
 
     Parameters
     ----------
     square : (K,) array
-        Mean squared residual, m^2; the share absorbed by the pose is added back.
+        Mean squared residual, m^2. The share absorbed by the pose is added.
     weights : (K,) array
-        Weights of the fit that left the residuals.
+        Weights in the fit of the residuals.
     segment : (K,) int array
+        Segment of each marker.
     local : (K,) complex array
         Coordinates, m.
     """

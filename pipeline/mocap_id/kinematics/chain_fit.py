@@ -1,4 +1,4 @@
-"""The fitted chain and the orientation of its segment frames."""
+"""Fitted planar chain, and the orientation of its segment frames."""
 
 from __future__ import annotations
 
@@ -11,49 +11,26 @@ from mocap_id.arrays import ComplexArray, FloatArray, IntArray
 
 @dataclass(frozen=True)
 class ChainFit:
-    """A chain fitted to markers. Segment frames are final only after :func:`orient_frames`.
+    """Planar chain fitted to markers. Segment frames are final only after :func:`orient_frames`."""
 
-    Parameters
-    ----------
-    centres : (n,) complex array
-        Centre of joint j in the frame of segment j-1, m.
-    local : (M,) complex array
-        Marker coordinates in their segment's frame, m; base markers in the plane frame.
-    segment : (M,) int array
-        Segment of each marker, 0 = base.
-    angles : (F, n) array
-        Absolute segment angles, rad; NaN in frames that were not used.
-    covariance : (n, 2, 2) array
-        Covariance of each centre, m^2: a sandwich over blocks of time, which allows correlated residuals within a
-        block, plus the effect of skin that slides with the angle.
-    length_sd : (n - 1,) array
-        Standard deviations of the lengths of segments 1 … n-1, m.
-    residual : (M,) array
-        rms residual of each marker, m.
-    arcs : (n,) array
-        2.5 to 97.5 % range of each joint's relative angle, rad.
-    iterations : int
-        Number of Gauss-Newton steps.
-    """
-
-    centres: ComplexArray
-    local: ComplexArray
-    segment: IntArray
-    angles: FloatArray
-    covariance: FloatArray
-    length_sd: FloatArray
-    residual: FloatArray
-    arcs: FloatArray
-    iterations: int = 0
+    centres: ComplexArray  # (n,) centre of joint j in the frame of segment j-1, m
+    local: ComplexArray  # (M,) marker coordinates in their segment's frame, m; base markers in the plane frame
+    segment: IntArray  # (M,) segment of each marker, 0 = base
+    angles: FloatArray  # (F, n) absolute segment angles, rad; NaN in frames that were not used
+    covariance: FloatArray  # (n, 2, 2) covariance of each centre from camera noise and sliding skin, m^2
+    length_sd: FloatArray  # (n - 1,) standard deviations of the lengths of segments 1 … n-1, m
+    residual: FloatArray  # (M,) rms residual of each marker, m
+    arcs: FloatArray  # (n,) 2.5 to 97.5 % range of each joint angle, rad
+    iterations: int = 0  # number of Gauss-Newton steps
 
     @property
     def lengths(self) -> FloatArray:
-        """Return the distances (n - 1,) between the joints of segments 1 … n-1, m."""
+        """Distances (n - 1,) between the joints of segments 1 … n-1, m."""
         return np.asarray(np.abs(self.centres[1:]))
 
 
 def orient_frames(fit: ChainFit) -> ChainFit:
-    """Turn each segment frame so that +Y points to the next joint (last segment: to its markers' centroid)."""
+    """Rotate each segment frame so that +Y points to the next joint (last segment: to the markers' centroid)."""
     joints = len(fit.centres)
     tip = fit.local[fit.segment == joints].mean()
     towards = np.append(fit.centres[1:], tip)
@@ -63,7 +40,8 @@ def orient_frames(fit: ChainFit) -> ChainFit:
     per_segment = np.concatenate([[1], turn])
     covariance = fit.covariance.copy()
     for joint in range(1, joints):
-        rotation = _matrix(turn[joint - 1])
+        c, s = turn[joint - 1].real, turn[joint - 1].imag
+        rotation = np.array([[c, -s], [s, c]])
         covariance[joint] = rotation @ fit.covariance[joint] @ rotation.T
     return replace(
         fit,
@@ -75,23 +53,19 @@ def orient_frames(fit: ChainFit) -> ChainFit:
 
 
 def joint_angles(absolute: FloatArray) -> FloatArray:
-    """Return the angles (F, n) of each segment relative to its parent from the absolute angles, rad."""
+    """Return the angles (F, n) of each segment relative to its parent, rad, from the absolute angles."""
     return np.diff(absolute, axis=1, prepend=0.0)
 
 
 def length_sd(centres: ComplexArray, covariance: FloatArray) -> FloatArray:
-    """Return the standard deviations (n - 1,) of |c_j| for joints 2 … n."""
+    """Return the standard deviations (n - 1,) of the distances between neighbouring joints, m."""
     along = np.stack([centres.real, centres.imag], axis=1)[1:] / np.abs(centres[1:])[:, None]
     return np.asarray(np.sqrt(np.einsum("ji,jik,jk->j", along, covariance[1:], along)))
 
 
 def unwrap_angles(angles: FloatArray) -> FloatArray:
-    """Return the angles (F, n) unwrapped over the known frames, starting in (-pi, pi]."""
+    """Return angles (F, n) without jumps of 2 pi over the known frames, starting in (-pi, pi]."""
     known = np.isfinite(angles).all(axis=1)
     out = np.full(angles.shape, np.nan)
     out[known] = np.unwrap(angles[known], axis=0)
     return np.asarray(out - 2 * np.pi * np.round(out[known][0] / (2 * np.pi)))
-
-
-def _matrix(turn: complex) -> FloatArray:
-    return np.array([[turn.real, -turn.imag], [turn.imag, turn.real]])

@@ -1,7 +1,8 @@
 """Search for chains from the base to a tip over real joints, at every level of detail.
 
-A joint is real if its two bodies turn far enough about a point that is fixed in both (``SegmentationRules.is_joint``).
-The best chain of each number of segments is kept for the report. Only the best chain of a level can be chosen.
+A joint is real if its two bodies rotate far enough about a point that is fixed in both
+(``SegmentationRules.is_joint``). The best chain of each number of segments is kept for the report. Only the best chain
+of a level can be chosen.
 """
 
 from __future__ import annotations
@@ -21,14 +22,14 @@ _APART = 0.2  # m; least distance between two limbs on either side of their pare
 _MIDDLE = 0.03  # m; largest distance of their parent from the middle between two limbs
 _ASIDE = 0.05  # m; least distance of a limb to one side of its parent
 _SAME_PLACE = 0.15  # m; largest distance between the joints of a pair of limbs in the side view
-_NEEDED = 1.2  # least growth of the joint residual when a real segment is skipped
-_DEEPEST = 9  # most segments of a path, with the base
+_NEEDED = 1.2  # least ratio of the joint residuals without and with a real segment
+_DEEPEST = 9  # largest number of segments of a path, with the base
 _LEVELS = 12  # number of levels of detail
 
 
 @dataclass(frozen=True)
 class _Path:
-    """A chain as found by the search, before it is shortened to the allowed length."""
+    """Chain before it is shortened to the allowed length."""
 
     chain: tuple[RigidBody, ...]
     joints: tuple[PairJoint, ...]
@@ -36,7 +37,7 @@ class _Path:
 
 
 def find_hypotheses(problem: SegmentationProblem) -> Iterator[Hypothesis]:
-    """Yield the best chain of every level, then the level's best of every other length, each chain once."""
+    """Yield the best chain of every level, then the best chains of all other lengths, each chain once."""
     known: set[tuple[tuple[int, ...], ...]] = set()
     sorted_before: set[tuple[tuple[int, ...], ...]] = set()
     others: list[Hypothesis] = []
@@ -58,10 +59,12 @@ def find_hypotheses(problem: SegmentationProblem) -> Iterator[Hypothesis]:
 
 
 def _key(bodies: Sequence[RigidBody]) -> tuple[tuple[int, ...], ...]:
+    """Return the columns of all bodies' markers, to compare chains."""
     return tuple(tuple(int(marker) for marker in body.markers) for body in bodies)
 
 
 def _find_bodies(problem: SegmentationProblem, level: int) -> list[RigidBody]:
+    """Return the bodies of a level, merged where one body fits as well as two; none if the constraints forbid them."""
     bodies = problem.clusters.bodies_at(level)
     if not all(problem.constraints.allow(body.markers) for body in bodies):
         return []
@@ -69,7 +72,7 @@ def _find_bodies(problem: SegmentationProblem, level: int) -> list[RigidBody]:
 
 
 def _search_level(problem: SegmentationProblem, level: int, bodies: list[RigidBody]) -> Iterator[Hypothesis]:
-    """Yield the best chain of a level, shortened if too long, then the best of every other allowed length."""
+    """Yield the best chain of a level, shortened if too long, then the best chain of every other allowed length."""
     rules = problem.rules
     found = _best_chains(problem, bodies)
     if not found:
@@ -86,7 +89,7 @@ def _search_level(problem: SegmentationProblem, level: int, bodies: list[RigidBo
 def _build_hypothesis(
     problem: SegmentationProblem, level: int, bodies: list[RigidBody], path: _Path, cut: float | None = None
 ) -> Hypothesis:
-    """Return a path with the bodies that it leaves out; without ``cut`` it is the best of its level."""
+    """Return a path as a hypothesis, with the bodies that it leaves out; by default it is the best of its level."""
     carried = np.concatenate([link.markers for link in path.chain])
     left_out = tuple(body for body in bodies if not np.isin(body.markers, carried).all())
     predicted = _predict_residuals(problem, path.chain, path.joints)
@@ -122,13 +125,13 @@ def _best_chains(problem: SegmentationProblem, bodies: list[RigidBody]) -> list[
 
 
 def _is_disjoint(chain: tuple[RigidBody, ...]) -> bool:
-    """Return whether every marker is on one segment only: a merged tip may contain a body of the chain."""
+    """Return whether every marker is on one segment only; a merged tip may contain a body of the chain."""
     markers = np.concatenate([body.markers for body in chain])
     return len(np.unique(markers)) == len(markers)
 
 
 def _has_needless_segment(path: tuple[int, ...], joints: dict[tuple[int, int], PairJoint]) -> bool:
-    """Return whether a segment of the path can be skipped at little cost, and so is not between its neighbours."""
+    """Return whether a segment of the path can be skipped at little cost, so it is not between its neighbours."""
     triples = zip(path, path[1:], path[2:], strict=False)
     return any(joints[a, c].residual < _NEEDED * joints[a, b].residual for a, b, c in triples)
 
@@ -136,7 +139,7 @@ def _has_needless_segment(path: tuple[int, ...], joints: dict[tuple[int, int], P
 def _find_paired_limbs(
     real: set[tuple[int, int]], joints: dict[tuple[int, int], PairJoint], lateral: FloatArray
 ) -> set[tuple[int, int]]:
-    """Return the joints to paired limbs on both sides of one place: a serial chain cannot pass through them."""
+    """Return the joints to limbs on both sides of one position; a serial chain cannot pass through them."""
     aside = {(i, j): lateral[j] - lateral[i] for i, j in real}
     return {
         (i, j)
@@ -150,9 +153,9 @@ def _find_paired_limbs(
 
 
 def _is_pair_of_limbs(lateral: FloatArray, child: RigidBody, parent: RigidBody) -> bool:
-    """Return whether a body is two limbs that move alike on either side of their parent, such as arms on a trunk.
+    """Return whether a body consists of two limbs that move alike on both sides of their parent, such as arms.
 
-    Two legs that move alike are not such limbs: their neighbours (feet, pelvis) have markers on both sides too.
+    Two legs that move alike do not count, because their neighbours (feet, pelvis) also have markers on both sides.
     """
     across = np.sort(lateral[child.markers])
     between = int(np.argmax(np.diff(across)))
@@ -164,7 +167,7 @@ def _is_pair_of_limbs(lateral: FloatArray, child: RigidBody, parent: RigidBody) 
 def _extend_path(
     path: tuple[int, ...], real: set[tuple[int, int]], count: int, rules: SegmentationRules
 ) -> Iterator[tuple[int, ...]]:
-    """Yield every path from the base over real joints, of ``rules.count`` segments if given."""
+    """Yield every path from the base over real joints, with ``rules.count`` segments if given."""
     if len(path) > 1 and rules.count in (None, len(path)):
         yield path
     if len(path) < (rules.count or _DEEPEST):
@@ -176,7 +179,7 @@ def _extend_path(
 def _predict_residuals(
     problem: SegmentationProblem, chain: tuple[RigidBody, ...], joints: tuple[PairJoint, ...]
 ) -> FloatArray:
-    """Return the residuals (M,) of the markers predicted through their joint, m; the scatter for those left out."""
+    """Return the residuals (M,) of markers predicted through their joint, m, or the scatter of markers left out."""
     floor = max(problem.base.noise, FLOOR)
     residual = np.maximum(problem.base.scatter, floor)
     for body, joint in zip(chain, joints, strict=True):
@@ -185,6 +188,7 @@ def _predict_residuals(
 
 
 def _cost(problem: SegmentationProblem, predicted: FloatArray, segments: int) -> float:
+    """Return the cost of a chain: summed log residual of the moving markers, plus the price of its segments."""
     return float(np.sum(np.log(predicted[problem.moving]))) + problem.rules.split_gain * segments
 
 
@@ -194,28 +198,22 @@ def merge_tips(
     joined: Callable[[RigidBody, RigidBody], RigidBody | None],
     limit: float,
 ) -> Iterator[tuple[RigidBody, set[int]]]:
-    """Yield every two bodies with a real joint between them as one last segment.
+    """Yield every two bodies with a real joint between them as one last segment, and the links below it.
 
-    A chain of a given number of segments may end at a body that carries another one, such as a pelvis with a trunk.
-    Without a merged tip, the markers beyond would be on no segment, and a model based on the chain would add their mass
-    to the pelvis.
+    A chain with a given number of segments may end at a body that carries another one, such as a pelvis with a trunk.
+    Without a merged tip, the markers of the other body would be on no segment, and a model based on the chain would add
+    their mass to the pelvis.
 
     Parameters
     ----------
     links : sequence of RigidBody
         Bodies of a level, the base first.
     real : set of (int, int)
-        Pairs of links with a real joint, the lower one first.
+        Pairs of links with a real joint, the lower link first.
     joined : callable
         Returns two bodies as one; None if they must not be joined.
     limit : float
-        Largest rms distance of the markers from their places on the merged body, m.
-
-    Yields
-    ------
-    tip : RigidBody
-    below : set of int
-        Links with a real joint to one of the two.
+        Largest rms distance of the markers from their positions on the merged body, m.
     """
     for i, j in sorted({(min(pair), max(pair)) for pair in real if 0 not in pair}):
         tip = joined(links[i], links[j])

@@ -1,16 +1,16 @@
-"""Circles through the tracks of single markers, and a centre common to several tracks (3.8).
+"""Circles through the tracks of single markers, and a common centre of several tracks (3.8).
 
-The thesis places joints this way; it is kept for comparison. A single marker shows its joint only by the curvature of
-its track. The sagitta of the track is r arc^2 / 8, a millimetre or two at 10 degrees. A body of several markers also
-shows its rotation (:func:`mocap_id.kinematics.joint.fit_joint`). The four methods define the distance of a point from a
-circle differently, and so differ in the effect of noise on a short arc:
+The thesis locates joints with these methods; they are kept for comparison. A single marker determines its joint only by
+the curvature of its track. The sagitta of the track is r arc^2 / 8, which is one or two millimetres at 10 degrees. A
+body of several markers also provides its rotation (:func:`mocap_id.kinematics.joint.fit_joint`). The four methods
+define the distance of a point from a circle differently, so noise has different effects on a short arc:
 
 ``kasa``
-    The method of 3.8 (where r stands for r^2): squared distance minus squared radius, linear. Noise draws the
-    centre towards the track, by half the radius on an arc of r arc^2 = 27 standard deviations of the noise.
+    The method of 3.8 (where r stands for r^2): squared distance minus squared radius, linear. Noise shifts the centre
+    towards the track, by half the radius on an arc of r arc^2 = 27 standard deviations of the noise.
 ``taubin``, ``pratt``
-    The same algebraic distance, divided by its mean gradient (Taubin) or the discriminant of the circle's equation
-    (Pratt). Practically no bias, one small eigenproblem per marker, no iteration.
+    The same algebraic distance, divided by its mean gradient (Taubin) or by the discriminant of the circle's equation
+    (Pratt). Practically no bias, one small eigenvalue problem for each marker, no iteration.
 ``geometric``
     True distances, by Gauss-Newton with the radii eliminated, starting from Taubin's circle.
 
@@ -39,36 +39,23 @@ _FLAT = 1e-14  # determinant over squared trace; smaller for a line or a point
 
 @dataclass(frozen=True)
 class CircleFit:
-    """Circles of M markers about G centres: one centre for each (G = M) or one for all (G = 1).
+    """Circles of M markers about G centres: one centre for each marker (G = M), or one common centre (G = 1).
 
-    Parameters
-    ----------
-    method : str
-        Method of the fit.
-    centre : (G,) complex array
-        Centre in the plane of the points, m; NaN for a still or straight track, or fewer than three frames.
-    radius : (M,) array
-        Mean distance from the centre, m.
-    residual : (M,) array
-        rms distance of the points from their circle, m; inf without a circle.
-    covariance : (G, 2, 2) array
-        First-order covariance of the centre, m^2, for noise independent between frames; NaN without degrees of
-        freedom. ``kasa``: only the spread, not the bias, and too wide where there is a bias. If the standard error
-        exceeds a quarter of the radius, the covariance means little: such an arc is almost a straight line.
-    settled : (G,) bool array
-        False without a centre, or where ``geometric`` did not converge.
+    The covariance of the centres is first-order, for noise that is independent between frames. It has no meaning if the
+    standard error exceeds a quarter of the radius, because the arc is then almost straight. For ``kasa``, it does not
+    include the bias.
     """
 
-    method: CircleMethod
-    centre: ComplexArray
-    radius: FloatArray
-    residual: FloatArray
-    covariance: FloatArray
-    settled: BoolArray
+    method: CircleMethod  # method of the fit
+    centre: ComplexArray  # (G,) centres, m; NaN for a still or straight track, or fewer than three frames
+    radius: FloatArray  # (M,) mean distances from the centre, m
+    residual: FloatArray  # (M,) rms distances of the points from their circles, m; inf without a circle
+    covariance: FloatArray  # (G, 2, 2) covariance of the centres, m^2; NaN without degrees of freedom
+    settled: BoolArray  # (G,) False without a centre, or if ``geometric`` did not converge
 
     @property
     def standard_error(self) -> FloatArray:
-        """Return the standard deviations (G,) of the centres along their worst direction, the radial one, m."""
+        """Standard deviations (G,) of the centres in the direction of the radius, in which they are largest, m."""
         xx, xy, yy = self.covariance[:, 0, 0], self.covariance[:, 0, 1], self.covariance[:, 1, 1]
         return np.asarray(np.sqrt((xx + yy + np.hypot(xx - yy, 2 * xy)) / 2))
 
@@ -79,31 +66,31 @@ def fit_circles(points: ComplexArray, method: CircleMethod = "taubin") -> Circle
     Parameters
     ----------
     points : (F, M) complex array
-        Tracks in the frame of the segment before, m; NaN where unseen.
+        Tracks in the frame of the previous segment, m; NaN where missing.
     method : str
-        One of the methods of this module.
+        Method, as described in the module.
     """
     tracks = _normalise_tracks(points, common=False)
     return _build_fit(tracks, method, *_fit_centre(tracks, method))
 
 
 def fit_common_centre(points: ComplexArray, method: CommonMethod = "geometric") -> CircleFit:
-    """Fit circles with a common centre and a radius for each marker, as the thesis does for a known segment.
+    """Fit circles with a common centre and one radius for each marker, as the thesis does for a known segment.
 
     The cost is the sum of the squared residuals of the single fits over the markers. Tracks in different directions
-    from the joint determine it by the intersection of their normals, and then hardly need their curvature.
+    from the joint determine the centre by the intersection of their normals, and their curvature is hardly needed.
 
     Parameters
     ----------
     points : (F, M) complex array
-        Tracks of the markers of one segment in the frame of the segment before, m; NaN where unseen.
+        Tracks of the markers of one segment in the frame of the previous segment, m; NaN where missing.
     method : str
-        One of the methods of this module except ``pratt``, whose normalisation has no form for several radii.
+        Any method of this module except ``pratt``, which cannot have several radii.
 
     Raises
     ------
     ValueError
-        Another method.
+        The method has no common centre.
     """
     if method not in get_args(CommonMethod):
         raise ValueError(f"method {method!r} has no common centre; use one of {', '.join(get_args(CommonMethod))}")
@@ -113,7 +100,7 @@ def fit_common_centre(points: ComplexArray, method: CommonMethod = "geometric") 
 
 @dataclass(frozen=True)
 class _Tracks:
-    """Tracks about their mean, in units of their rms distance from it; tracks with a common centre share both."""
+    """Tracks minus their mean, in units of their rms distance from it. A common centre has common mean and unit."""
 
     z: ComplexArray  # (F, M), zero where unseen
     seen: BoolArray  # (F, M)
@@ -130,15 +117,15 @@ class _Tracks:
         return np.asarray(sums.sum(axis=0, keepdims=True)) if self.common else sums
 
     def mean(self, values: FloatArray) -> FloatArray:
-        """Return the mean (M,) over the frames in which each marker is seen."""
+        """Return the means (M,) over the frames in which each marker is visible."""
         return np.asarray((values * self.seen).sum(axis=0) / np.maximum(self.frames, 1))
 
     def centre(self, values: FloatArray) -> FloatArray:
-        """Return deviations (F, M) from each marker's mean, zero where unseen, to eliminate a constant per marker."""
+        """Return values (F, M) minus each marker's mean, zero where missing."""
         return np.asarray((values - self.mean(values)) * self.seen)
 
     def centre_points(self, z: ComplexArray) -> FloatArray:
-        """Return the centred coordinates (F, M, 2) of points."""
+        """Return the coordinates (F, M, 2) of points minus their means."""
         return np.stack([self.centre(z.real), self.centre(z.imag)], axis=2)
 
 
@@ -166,7 +153,7 @@ def _fit_centre(tracks: _Tracks, method: CircleMethod) -> tuple[ComplexArray, Bo
 
 
 def _fit_kasa(tracks: _Tracks) -> ComplexArray:
-    """Return the centres by Kåsa's method: linear least squares on |z|^2 = 2 p . z + a constant per marker (3.8)."""
+    """Return the centres by Kåsa's method: linear least squares on |z|^2 = 2 p . z + one constant per marker (3.8)."""
     design, target = 2 * tracks.centre_points(tracks.z), tracks.centre(np.abs(tracks.z) ** 2)
     pull = tracks.pool(np.einsum("fmi,fm->mi", design, target))
     return _solve(tracks.pool(np.einsum("fmi,fmj->mij", design, design)), pull)
@@ -182,7 +169,7 @@ def _fit_taubin(tracks: _Tracks) -> ComplexArray:
 
 
 def _fit_pratt(tracks: _Tracks) -> ComplexArray:
-    """Return the centres by Pratt's method: an eigenvector of moments relative to the discriminant B^2 - 4 A D."""
+    """Return the centres by Pratt's method: an eigenvector of the moments relative to the discriminant B^2 - 4 A D."""
     z = tracks.z
     design = np.stack([np.abs(z) ** 2, z.real, z.imag, np.ones(z.shape)], axis=2) * tracks.seen[..., None]
     moments = np.einsum("fmi,fmj->mij", design, design)
@@ -196,7 +183,7 @@ def _fit_pratt(tracks: _Tracks) -> ComplexArray:
 
 
 def _fit_geometric(tracks: _Tracks, start: ComplexArray) -> tuple[ComplexArray, BoolArray]:
-    """Return the centres of least |z - p| - r, by Gauss-Newton; r is the mean distance, steps are halved if needed."""
+    """Return the centres with the least |z - p| - r by Gauss-Newton, where r is the mean distance."""
     centre, settled = start, np.zeros(len(start), dtype=np.bool_)
     direction, off, cost = _measure_distances(tracks, centre)
     for _ in range(_ITERATIONS):
@@ -220,7 +207,7 @@ def _fit_geometric(tracks: _Tracks, start: ComplexArray) -> tuple[ComplexArray, 
 
 
 def _measure_distances(tracks: _Tracks, centre: ComplexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return centred unit vectors (F, M, 2) and distances (F, M) from the centre, and the cost (G,)."""
+    """Return centred unit vectors (F, M, 2) and centred distances (F, M) from the centre, and the cost (G,)."""
     arm = tracks.z - centre
     distance = np.abs(arm)
     off = tracks.centre(distance)
@@ -260,7 +247,7 @@ def _estimate_covariance(tracks: _Tracks, design: FloatArray, off: FloatArray) -
 
 
 def _invert(normal: FloatArray) -> FloatArray:
-    """Return inverses (G, 2, 2), NaN for singular matrices."""
+    """Return inverses (G, 2, 2) of symmetric matrices; NaN if singular."""
     xx, xy, yy = normal[:, 0, 0], normal[:, 0, 1], normal[:, 1, 1]
     determinant = xx * yy - xy**2
     regular = determinant > _FLAT * (xx + yy) ** 2
@@ -269,12 +256,12 @@ def _invert(normal: FloatArray) -> FloatArray:
 
 
 def _solve(normal: FloatArray, pull: FloatArray) -> ComplexArray:
-    """Return the solutions (G,) as complex numbers."""
+    """Return the solutions (G,) of normal equations as complex numbers."""
     solution = np.einsum("gij,gj->gi", _invert(normal), pull)
     return np.asarray(solution[:, 0] + 1j * solution[:, 1])
 
 
 def _divide_coefficients(above: ComplexArray, below: FloatArray, moments: FloatArray) -> ComplexArray:
-    """Return the centres (G,) from a circle's coefficients; NaN where the moments (G, 2, 2) are of a line or point."""
+    """Return the centres (G,) from circle coefficients; NaN if the moments (G, 2, 2) belong to a line or a point."""
     known = np.isfinite(_invert(moments)[:, 0, 0]) & (below != 0)
     return np.where(known, above / np.where(known, below, 1), np.nan + 0j)

@@ -1,7 +1,7 @@
 """Measured poses of single marker clusters, without joints between them.
 
-A chain pins its segments to each other. The pose of a cluster alone shows how the body really moved, including gaps at
-the joints. Its frame is the frame of the chain's segment, so that results in one frame are valid in the other.
+In a chain, joints connect the segments. The pose of a single cluster is independent of joints, so it also contains gaps
+at the joints. It is the pose of the chain's segment frame, so coordinates in both are the same.
 """
 
 from __future__ import annotations
@@ -25,47 +25,28 @@ _LEAST_RESIDUAL = 1e-3  # m; least residual for this limit
 
 @dataclass(frozen=True)
 class ClusterPose:
-    """Pose of one cluster in every frame.
+    """Pose of one cluster in every frame; NaN with fewer than two visible markers."""
 
-    Parameters
-    ----------
-    markers : (k,) int array
-        Columns of the markers used.
-    local : (k,) complex array
-        Their coordinates in the body's frame, m; x + i y.
-    position : (F,) complex array
-        Centroid of all k markers of the fitted shape in the plane frame, m; NaN with fewer than two markers.
-    angle : (F,) array
-        Unwrapped angle of the body's frame from the plane frame, rad; NaN with fewer than two markers.
-    count : (F,) int array
-        Number of markers used in each frame.
-    residual : float
-        rms distance of the markers from their places on the body, m.
-    """
-
-    markers: IntArray
-    local: ComplexArray
-    position: ComplexArray
-    angle: FloatArray
-    count: IntArray
-    residual: float
+    markers: IntArray  # (k,) columns of the markers used
+    local: ComplexArray  # (k,) coordinates of these markers in the body's frame, m
+    position: ComplexArray  # (F,) centroid of the fitted shape in the plane frame, m
+    angle: FloatArray  # (F,) unwrapped angle of the body's frame in the plane frame, rad
+    count: IntArray  # (F,) number of markers used
+    residual: float  # rms distance of the markers from their positions on the body, m
 
 
-def measure_cluster(points: ComplexArray, wanted: ComplexArray | None = None) -> ClusterPose | None:
+def measure_cluster(points: ComplexArray, target: ComplexArray | None = None) -> ClusterPose | None:
     """Fit a rigid shape to a cluster, and its pose to every frame.
+
+    The result is None for fewer than two markers, markers at one point, or markers that are never visible together.
 
     Parameters
     ----------
     points : (F, m) complex array
-        Markers in the plane frame, m; NaN where unseen.
-    wanted : (m,) complex array, optional
-        Coordinates of the markers that define the body's frame, m. By default the origin is the centroid of the
-        cluster, and the frame is parallel to the plane frame on average.
-
-    Returns
-    -------
-    ClusterPose or None
-        None for fewer than two markers, markers at one point, or markers that are never seen together.
+        Markers in the plane frame, m; NaN where missing.
+    target : (m,) complex array, optional
+        Coordinates of the markers in the requested body frame, m. By default, the origin is the centroid, and the axes
+        are parallel to the plane frame on average.
     """
     together = np.flatnonzero(np.isfinite(points).sum(axis=1) >= LEAST_MARKERS)
     if points.shape[1] < LEAST_MARKERS or len(together) < 2:
@@ -76,7 +57,7 @@ def measure_cluster(points: ComplexArray, wanted: ComplexArray | None = None) ->
     if len(markers) < LEAST_MARKERS:
         return None
     if not often.all():
-        points, wanted = points[:, markers], None if wanted is None else wanted[markers]
+        points, target = points[:, markers], None if target is None else target[markers]
     some = points[chosen]
     body = fit_body(some, np.arange(len(markers)))
     if not np.sqrt(np.mean(np.abs(body.template) ** 2)) > _LEAST_SPREAD:
@@ -87,7 +68,7 @@ def measure_cluster(points: ComplexArray, wanted: ComplexArray | None = None) ->
     for part in chunks(len(points)):
         rotation[part], position[part], count[part], off = _fit_poses(points[part], body.template, own)
         squares, used = squares + float(off @ off), used + len(off)
-    turn, shift = _align_frame(body.template, wanted, rotation[count >= LEAST_MARKERS])
+    turn, shift = _align_frame(body.template, target, rotation[count >= LEAST_MARKERS])
     angle = np.full(len(points), np.nan)
     known = count >= LEAST_MARKERS
     angle[known] = np.unwrap(np.angle(rotation[known] / turn))
@@ -104,7 +85,7 @@ def measure_cluster(points: ComplexArray, wanted: ComplexArray | None = None) ->
 def _fit_poses(
     points: ComplexArray, template: ComplexArray, own: FloatArray
 ) -> tuple[ComplexArray, ComplexArray, IntArray, FloatArray]:
-    """Return rotation and position (f,; NaN if unknown), markers used (f,), and their residual distances, m."""
+    """Return rotation and position (f,), NaN if unknown, number of markers used (f,), and their residuals, m."""
     seen = np.isfinite(points)
     rotation, position, off = _fit_template(points, seen, template)
     while True:
@@ -123,14 +104,14 @@ def _fit_poses(
 def _fit_template(
     points: ComplexArray, seen: BoolArray, template: ComplexArray
 ) -> tuple[ComplexArray, ComplexArray, FloatArray]:
-    """Return rotation and position (f,), and the distances of all markers from their places (f, m), m."""
+    """Return rotation and position (f,), and the distances (f, m) of all markers from the fitted template, m."""
     z = np.where(seen, points, 0)
     rotation, position = rigid_poses(z, seen, template)
     return rotation, position, np.abs(z - position[:, None] - rotation[:, None] * template)
 
 
 def _find_worst_marker(points: ComplexArray, seen: BoolArray, template: ComplexArray) -> IntArray:
-    """Return the marker (f,) whose removal improves the fit most; a marker that jumps distorts the fit of all."""
+    """Return the marker (f,) whose removal improves the fit most, since an outlier also displaces the other markers."""
     cost = np.full(seen.shape, np.inf)
     for k in range(seen.shape[1]):
         others = seen.copy()
@@ -141,13 +122,13 @@ def _find_worst_marker(points: ComplexArray, seen: BoolArray, template: ComplexA
 
 
 def _align_frame(
-    template: ComplexArray, wanted: ComplexArray | None, rotation: ComplexArray
+    template: ComplexArray, target: ComplexArray | None, rotation: ComplexArray
 ) -> tuple[complex, complex]:
-    """Return the turn and the shift from the template to the body's frame."""
-    if wanted is None:
+    """Return rotation and shift from the template to the body's frame."""
+    if target is None:
         return complex(np.exp(1j * np.angle(rotation.mean()))), 0j
-    known = np.isfinite(wanted)
-    a, b = template[known], wanted[known]
+    known = np.isfinite(target)
+    a, b = template[known], target[known]
     moment = np.sum((b - b.mean()) * np.conj(a - a.mean()))
     turn = moment / abs(moment)
     return complex(turn), complex(b.mean() - turn * a.mean())

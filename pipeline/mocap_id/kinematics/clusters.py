@@ -24,39 +24,28 @@ _WOBBLE = 6.0  # 2.5 to 97.5 % range of an angle of pure noise, in standard devi
 
 @dataclass(frozen=True)
 class Base:
-    """The markers that stand still.
+    """Markers that stand still."""
 
-    Parameters
-    ----------
-    markers : int array
-        Columns of the still markers; empty if there are none.
-    noise : float
-        rms of one coordinate of the still markers, m: the noise floor.
-    gap : float
-        Scatter of the stillest moving marker over that of the least still base marker.
-    scatter : (M,) array
-        rms distance of every marker from its mean, m.
-    """
-
-    markers: IntArray
-    noise: float
-    gap: float
-    scatter: FloatArray
+    markers: IntArray  # columns of the still markers
+    noise: float  # rms of one coordinate of the still markers, m
+    gap: float  # scatter of the stillest moving marker divided by the largest scatter of a base marker
+    scatter: FloatArray  # (M,) rms distance of every marker from its mean, m; inf if it is hardly visible
 
 
 def find_base(points: ComplexArray, limit: float, constraints: Constraints | None = None) -> Base:
-    """Find the markers of the base: those below the largest jump in the scatter of all markers.
+    """Find the base: the still markers below the largest jump in the sorted scatters of all markers.
 
-    A still marker in one unit with a moving marker is not on the base. Of two still markers that must be apart,
-    only the stiller one is.
+    A still marker that the user has put together with a moving marker is not on the base. Of two still markers that
+    must be apart, only the stiller one is.
 
     Parameters
     ----------
     points : (F, M) complex array
-        Trajectories in the plane, m.
+        Trajectories in the plane, m; NaN where missing.
     limit : float
         Largest scatter of a still marker, m.
     constraints : Constraints, optional
+        Markers that the user wants together or apart.
     """
     scatter = _measure_scatter(points)
     order = np.argsort(scatter)[: np.isfinite(scatter).sum()]
@@ -72,7 +61,7 @@ def find_base(points: ComplexArray, limit: float, constraints: Constraints | Non
 
 
 def _apply_constraints(still: IntArray, moving: IntArray, constraints: Constraints | None) -> IntArray:
-    """Return the still markers, given in order of scatter, that the constraints allow on the base together."""
+    """Return the still markers, from sorted ones, that may be on the base together."""
     if constraints is None:
         return np.sort(still)
     alone = still[~np.isin(constraints.unit[still], constraints.unit[moving])]
@@ -89,11 +78,11 @@ class Clusters:
     Parameters
     ----------
     points : (F, M) complex array
-        Trajectories in the plane, m; NaN where unseen.
+        Trajectories in the plane, m; NaN where missing.
     moving : int array
         Columns of the markers to sort.
     constraints : Constraints
-        Markers that belong together or apart.
+        Markers that the user wants together or apart.
     """
 
     def __init__(self, points: ComplexArray, moving: IntArray, constraints: Constraints) -> None:
@@ -109,8 +98,8 @@ class Clusters:
     def bodies_at(self, count: int) -> list[RigidBody]:
         """Return at most ``count`` bodies of at least two markers.
 
-        The bodies start from average linkage on the variance of the mutual distances. Every marker then moves to the
-        body that fits it best, until none changes. A marker that fits none of them is left out.
+        Average linkage on the variance of mutual distances gives the first bodies. Every marker then moves to the body
+        that fits it best, until none changes. A marker that fits no body is left out.
         """
         if self._tree is None:
             return []
@@ -137,12 +126,12 @@ class Clusters:
         Parameters
         ----------
         bodies : list of RigidBody
+            Bodies of one level of detail.
         min_arc : float
-            Two bodies that turn by less than this (rad) against each other, or by no more than their own wobble,
-            hardly turn.
+            Two bodies hardly rotate if their relative rotation is below this angle, rad, or below its noise.
         tolerance : float
-            Two bodies that hardly turn are merged if the merged residual stays below this multiple of their own.
-            Other bodies are merged only if it hardly grows.
+            Two bodies that hardly rotate are merged if the merged residual is below this multiple of their own. Others
+            are merged only if it hardly grows.
         """
         bodies = list(bodies)
         while len(bodies) > 1:
@@ -161,7 +150,7 @@ class Clusters:
         return bodies
 
     def join(self, first: RigidBody, second: RigidBody) -> RigidBody | None:
-        """Return two bodies as one, or None where the constraints keep their markers apart."""
+        """Return two bodies as one, or None if the constraints do not allow this."""
         markers = np.sort(np.concatenate([first.markers, second.markers]))
         return self._fit(markers) if self.constraints.allow(markers) else None
 
@@ -173,7 +162,7 @@ class Clusters:
         return self._joints[key]
 
     def _hardly_turn(self, first: RigidBody, second: RigidBody, min_arc: float) -> bool:
-        """Return whether two bodies turn against each other by less than ``min_arc`` (rad) or than their wobble."""
+        """Return whether the relative rotation of two bodies is below ``min_arc`` (rad) or below its noise."""
         wobble = _WOBBLE * np.hypot(first.angle_noise, second.angle_noise)
         return bool(self.joint(first, second).arc < max(min_arc, wobble))
 
@@ -195,26 +184,27 @@ class Clusters:
 
 
 def _find_outsiders(residual: FloatArray, body: IntArray) -> BoolArray:
-    """Return which markers (M,) fit even their nearest body much worse than the body's usual marker does."""
+    """Return which markers (M,) fit their nearest body much worse than its typical marker does."""
     usual = {index: float(np.median(residual[body == index])) for index in np.unique(body)}
     limit = np.maximum([_FOREIGN * usual[index] for index in body], _MIN_FOREIGN)
     return np.asarray(residual > limit)
 
 
 def _pool_residuals(first: RigidBody, second: RigidBody) -> float:
+    """Return the pooled rms residual of two bodies, m."""
     counts = len(first.markers), len(second.markers)
     square = (counts[0] * first.residual**2 + counts[1] * second.residual**2) / sum(counts)
     return float(max(np.sqrt(square), 1e-4))
 
 
 def _measure_scatter(points: ComplexArray) -> FloatArray:
-    """Return the rms distance (M,) of every marker from its mean, m; inf for a marker that is hardly ever seen."""
+    """Return the rms distance (M,) of every marker from its mean, m; inf for a marker that is hardly visible."""
     square, counts = variance_over_time(points)
     return np.where(counts >= max(2, 0.05 * len(points)), np.sqrt(square), np.inf)
 
 
 def _distance_variance(points: ComplexArray) -> FloatArray:
-    """Return the variance (M, M) of every mutual distance, m^2; the largest for pairs never seen together."""
+    """Return the variance (M, M) of mutual distances, m^2; the largest for pairs that are never visible together."""
     count = points.shape[1]
     variance = np.zeros((count, count))
     for marker in range(count):

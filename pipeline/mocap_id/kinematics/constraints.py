@@ -1,4 +1,4 @@
-"""The user's constraints on the markers: which share a segment, and which do not."""
+"""Constraints of the user: markers on the same segment, and markers on different segments."""
 
 from __future__ import annotations
 
@@ -12,22 +12,14 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 
 @dataclass(frozen=True)
 class Constraints:
-    """Markers that share a segment, and pairs that do not.
+    """Markers that share a segment, and pairs that do not."""
 
-    Parameters
-    ----------
-    unit : (M,) int array
-        Markers with the same number are assigned together.
-    barred : (M, M) bool array
-        Pairs that may not share a segment; symmetric, the same for all markers of a unit.
-    """
-
-    unit: IntArray
-    barred: BoolArray
+    unit: IntArray  # (M,) markers with the same number are assigned together
+    barred: BoolArray  # (M, M) pairs that may not share a segment; symmetric, the same for all markers of a unit
 
     @classmethod
     def of(cls, count: int, together: Iterable[Sequence[int]] = (), apart: Iterable[Sequence[int]] = ()) -> Constraints:
-        """Build from groups of columns: a group of ``together`` shares a segment, no two of a group of ``apart`` do."""
+        """Return constraints from groups of columns that are together on a segment, or all on different segments."""
         unit = np.arange(count)
         for group in together:
             unit[np.isin(unit, unit[list(group)])] = unit[group[0]]
@@ -41,28 +33,28 @@ class Constraints:
 
     @property
     def contradictory(self) -> BoolArray:
-        """Return the markers (M,) that the constraints require to be both together and apart."""
+        """Markers (M,) that the constraints require to be both together and apart."""
         return np.asarray(np.diagonal(self.barred))
 
     def allow(self, members: IntArray) -> bool:
-        """Return whether the members may share a segment: no two of them must be apart."""
+        """Return whether the members may share a segment."""
         return not self.barred[np.ix_(members, members)].any()
 
     def constrained_variance(self, variance: FloatArray, members: IntArray) -> FloatArray:
-        """Return the variance of mutual distances (K, K): zero within a unit, large for pairs that must be apart."""
+        """Return variances of mutual distances (K, K) with zero within a unit, and large values for barred pairs."""
         far = 10 * np.max(variance, initial=0.0) + 1.0
         shaped = np.where(self.barred[np.ix_(members, members)], far, variance)
         return np.where(self.unit[members][:, None] == self.unit[members], 0.0, shaped)
 
     def nearest_bodies(self, square: FloatArray, members: IntArray) -> IntArray:
-        """Return the body (K,) that fits each member best, with units together and, if possible, barred pairs apart.
+        """Return the body (K,) that fits each member best. Units stay together and, if possible, barred pairs apart.
 
         Parameters
         ----------
         square : (B, K) array
-            Mean squared distance of each member from its place on each of B bodies, m^2.
+            Mean squared distance of each member from its position on each of B bodies, m^2.
         members : (K,) int array
-            Columns of the trajectories.
+            Columns of the markers.
         """
         _, index = np.unique(self.unit[members], return_inverse=True)
         cost = np.zeros((len(square), index.max() + 1))
@@ -77,7 +69,7 @@ class Constraints:
 
     @staticmethod
     def _separate(cost: FloatArray, best: IntArray, barred: BoolArray, pair: tuple[int, int]) -> None:
-        """Move one of two units to its next best free body, the one for which this costs less."""
+        """Move one of two units to its next best free body, whichever costs less."""
         moves = []
         for unit in pair:
             taken = np.isin(np.arange(len(cost)), best[barred[unit]])

@@ -20,17 +20,17 @@ _CHUNK = 512  # continuations at a time, to limit memory
 
 
 class Continuations:
-    """Tests of whether two samples, (frame, column) and a later (frame, column), are the same marker.
+    """Tests of whether a sample (frame, column) and a later sample are the same marker.
 
-    Which distances stay constant depends on the lag: over one frame nearly all do, over half a second only those within
-    a rigid body. The scale of each distance is therefore a quantile of its own changes over the same lag, within three
-    seconds before in the one column and three seconds after in the other, whichever is larger. Scales from the whole
-    trial would fail: a column that shows another marker for half of it has the partners of both.
+    Which distances stay constant depends on the lag: over one frame nearly all do, over half a second only distances
+    within a rigid body. The scale of each distance is therefore a quantile of its own changes over the same lag: within
+    three seconds before in the one column, or three seconds after in the other, whichever is larger. Scales from the
+    whole trial would fail, because a column with exchanged labels contains two markers.
 
     Parameters
     ----------
     positions : (F, M, 3) array
-        Trajectories, m; NaN where unseen.
+        Trajectories, m; NaN where missing.
     rate : float
         Frames per second.
     """
@@ -42,10 +42,7 @@ class Continuations:
     def find_violations(self, column: IntArray, last: IntArray, following: IntArray) -> BoolArray:
         """Return whether (N,) two or more distances of a column change by more than usual over the lag.
 
-        Parameters
-        ----------
-        column, last, following : (N,) int arrays
-            The marker is seen in ``column`` at frame ``last`` and, next, at frame ``following``.
+        The marker is visible in ``column`` at frame ``last`` and next at frame ``following``, each (N,).
         """
         out = np.zeros(len(column), dtype=np.bool_)
         for rows in _chunks(len(column)):
@@ -58,17 +55,17 @@ class Continuations:
     def weigh_evidence(
         self, column: IntArray, last: IntArray, own: IntArray, other: IntArray, found: IntArray
     ) -> FloatArray:
-        """Return the evidence (N,) that a marker continues in another column, -inf where it does not.
+        """Return the evidence (N,) that a marker continues in another column, -inf if it does not.
 
-        Each distance's change r, in units of its scale, has the heavy-tailed likelihood 1 / (1 + r²). The evidence is
-        the log likelihood ratio of the two continuations, summed over the most rigid partners.
+        The change r of each distance, in units of its scale, has the heavy-tailed likelihood 1 / (1 + r²). The evidence
+        is the log likelihood ratio of the two continuations, summed over the most rigid partners.
 
         Parameters
         ----------
         column, last, own : (N,) int arrays
-            The marker is seen in ``column`` at frame ``last``; the column is seen next at frame ``own``.
+            The marker is visible in ``column`` at frame ``last``, and the column next at frame ``own``.
         other, found : (N,) int arrays
-            The other column, and its frame.
+            The other column, and the frame in which it is visible.
         """
         out = np.full(len(column), -np.inf)
         for rows in _chunks(len(column)):
@@ -94,7 +91,7 @@ class Continuations:
         return out
 
     def _changes(self, column: IntArray, last: IntArray, other: IntArray, found: IntArray) -> FloatArray:
-        """Return the changes of the distances to every marker (N, M), m."""
+        """Return the absolute changes (N, M) of the distances to all markers, m."""
         points = self._positions
         before = _norm(points[last] - points[last, column][:, None])
         return np.abs(_norm(points[found] - points[found, other][:, None]) - before)
@@ -117,7 +114,7 @@ class Continuations:
     def _expected_positions(
         self, i: IntArray, a: IntArray, c: IntArray, partners: IntArray, used: BoolArray
     ) -> FloatArray:
-        """Return the position (N, 3), m, to which the partners' motion from frame ``a`` to ``c`` moves column ``i``."""
+        """Return the position (N, 3) of column ``i``, m, if it moves like its partners from frame ``a`` to ``c``."""
         points = self._positions
         moved = np.where(used[..., None], points[c[:, None], partners] - points[a[:, None], partners], np.nan)
         return points[a, i] + _quantile(np.moveaxis(moved, 1, 2), 0.5)

@@ -1,4 +1,4 @@
-"""Frames for a fit: enough of every posture, and few of those that are held for long."""
+"""Choice of frames for a fit: enough frames of every posture, and few of postures that last long."""
 
 from __future__ import annotations
 
@@ -12,24 +12,19 @@ _WINDOWS = 200  # windows of a trial, over which the speed is measured
 
 
 def frames_along_motion(points: ComplexArray | FloatArray, count: int, among: IntArray | None = None) -> IntArray:
-    """Return at most ``count`` frames, evenly along the path of the markers.
+    """Return at most ``count`` frames, ascending, evenly spaced along the path of the markers.
 
-    Skin has the same error at the same posture. A hundred frames of quiet standing are worth one, but would count a
-    hundred times if frames were chosen evenly in time.
+    Skin has the same error in the same posture. A hundred frames of quiet standing contain as much information as one,
+    but would count a hundred times with frames evenly spaced in time.
 
     Parameters
     ----------
     points : (F, M) complex or (F, M, 3) array
-        Trajectories in the plane or in space, m; NaN where unseen.
+        Trajectories in the plane or in space, m; NaN where missing.
     count : int
         Largest number of frames.
     among : int array, optional
-        Frames to choose from, ascending; default: all.
-
-    Returns
-    -------
-    int array
-        Frames, ascending.
+        Frames to choose from, ascending; all by default.
     """
     among = np.arange(len(points)) if among is None else among
     frames = len(among)
@@ -45,15 +40,7 @@ def frames_along_motion(points: ComplexArray | FloatArray, count: int, among: In
 
 
 def frames_over_time(points: ComplexArray, count: int) -> IntArray:
-    """Return at most ``count`` frames, ascending, evenly over time; along the motion if the trial is mostly rest.
-
-    Parameters
-    ----------
-    points : (F, M) complex array
-        Trajectories in the plane, m; NaN where unseen.
-    count : int
-        Largest number of frames.
-    """
+    """Return at most ``count`` frames, evenly over time; along the motion of points (F, M) if they mostly rest."""
     every = np.arange(len(points))
     if len(every) <= count:
         return every
@@ -67,7 +54,7 @@ def frames_over_time(points: ComplexArray, count: int) -> IntArray:
 
 
 def _speed(points: ComplexArray | FloatArray, among: IntArray, window: int) -> FloatArray:
-    """Return the rms displacement (A,) over a window around each frame of ``among``, of markers seen at both ends."""
+    """Return the rms displacement (A,) of visible markers over a window around each frame of ``among``."""
     rms = np.empty(len(among) - window)
     for here in chunks(len(rms)):
         moved = points[among[window:][here]] - points[among[here]]

@@ -1,4 +1,4 @@
-"""Hypotheses of a segmentation: chains of bodies, their costs, and the reasons why they lost."""
+"""Hypotheses of a segmentation: chains of bodies, their costs, and the reasons for rejecting them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mocap_id.kinematics.joint import PairJoint
 from mocap_id.kinematics.rigid_body import RigidBody
 
 FLOOR = 3e-4
-"""Resolution of camera systems, m; smaller residuals are no better."""
+"""Resolution of camera systems, m; smaller residuals do not reduce a cost."""
 
 _REPORTED = 0.05  # smaller differences in cost are not reported
 _MINUS = "\N{MINUS SIGN}"
@@ -22,115 +22,61 @@ _MINUS = "\N{MINUS SIGN}"
 
 @dataclass(frozen=True)
 class SegmentationRules:
-    """Limits that define a still marker, a turning joint and a rigid body.
+    """Limits that define a still marker, a joint and a rigid body."""
 
-    Parameters
-    ----------
-    still_limit : float
-        Largest scatter of a base marker, m.
-    min_arc : float
-        Smallest arc of a joint, rad.
-    max_residual : float
-        Largest rms distance between the two bodies' points at a joint, m.
-    max_body_residual : float
-        Largest rms distance of a body's markers from their places on it, m.
-    merge_tolerance : float
-        Two bodies that hardly turn are merged if the merged residual stays below this multiple of their own.
-    split_gain : float
-        Least gain in summed log residual for one more segment.
-    count : int or None
-        Number of segments with the base, if known.
-    longest : int
-        Largest number of segments with the base; the rest of a longer chain is left out as a branch.
-    """
-
-    still_limit: float = 0.015
-    min_arc: float = float(np.radians(6.0))
-    max_residual: float = 0.05
-    max_body_residual: float = 0.015
+    still_limit: float = 0.015  # largest scatter of a base marker, m
+    min_arc: float = float(np.radians(6.0))  # smallest arc of a joint, rad
+    max_residual: float = 0.05  # largest rms distance between the two bodies' points at a joint, m
+    max_body_residual: float = 0.015  # largest rms distance of a body's markers from their positions on it, m
+    # two bodies that hardly rotate are merged if the merged residual is below this multiple of their own
     merge_tolerance: float = 3.0
-    split_gain: float = 4.0
-    count: int | None = None
-    longest: int = 6
+    split_gain: float = 4.0  # least gain in summed log residual for one more segment
+    count: int | None = None  # number of segments with the base, if known
+    longest: int = 6  # largest number of segments with the base; the rest of a longer chain is left out as a branch
 
     def is_joint(self, joint: PairJoint) -> bool:
-        """Return whether two bodies turn far enough about a point fixed in both."""
+        """Return whether two bodies rotate far enough about a point that is fixed in both."""
         return joint.residual <= self.max_residual and joint.arc >= self.min_arc
 
 
 @dataclass(frozen=True)
 class SegmentationProblem:
-    """Input of every hypothesis: markers, base, rules and constraints.
+    """Input of every hypothesis: markers, base, rules and constraints."""
 
-    Parameters
-    ----------
-    points : (F, M) complex array
-        Trajectories in the plane, m; NaN where unseen.
-    lateral : (M,) array
-        Mean out-of-plane coordinate of every marker, m.
-    base : Base
-        The still markers.
-    ground : RigidBody
-        The base as a rigid body.
-    moving : int array
-        Columns of the moving markers.
-    rules : SegmentationRules
-    constraints : Constraints
-    clusters : Clusters
-        Rigid bodies of the moving markers.
-    """
-
-    points: ComplexArray
-    lateral: FloatArray
-    base: Base
-    ground: RigidBody
-    moving: IntArray
+    points: ComplexArray  # (F, M) trajectories in the plane, m; NaN where missing
+    lateral: FloatArray  # (M,) mean out-of-plane coordinate, m
+    base: Base  # still markers
+    ground: RigidBody  # base as a rigid body
+    moving: IntArray  # columns of the moving markers
     rules: SegmentationRules
     constraints: Constraints
-    clusters: Clusters
+    clusters: Clusters  # rigid bodies of the moving markers
 
 
 @dataclass(frozen=True)
 class Hypothesis:
-    """One segmentation of the recording: bodies in order from base to tip, and its cost.
+    """One segmentation of the recording: bodies in order from base to tip, and its cost."""
 
-    Parameters
-    ----------
-    level : int
-        Level of detail: the number of bodies requested from the clustering.
-    chain : tuple of RigidBody
-        The moving segments.
-    joints : tuple of PairJoint
-        Each segment's joint with the segment before.
-    left_out : tuple of RigidBody
-        Bodies of the level that are not on the chain.
-    predicted : (M,) array
-        Residual of every marker predicted through its joint, m; its scatter if it is on no moving segment.
-    cost : float
-        Summed log of the moving markers' ``predicted``, plus ``split_gain`` per segment, plus ``cut``; lower is better.
-    best_of_level : bool
-        Whether this is the best chain of its level. Only these can be chosen.
-    cut : float
-        0 for the best chain of a level. For the others, the cost that the best chain gained when it was shortened
-        to the longest length allowed: the full chain was better than they are.
-    """
-
-    level: int
-    chain: tuple[RigidBody, ...]
-    joints: tuple[PairJoint, ...]
-    left_out: tuple[RigidBody, ...]
+    level: int  # level of detail: number of bodies requested from the clustering
+    chain: tuple[RigidBody, ...]  # moving segments
+    joints: tuple[PairJoint, ...]  # joint of each segment with the previous one
+    left_out: tuple[RigidBody, ...]  # bodies of the level that are not on the chain
+    # (M,) residual of every marker predicted through its joint, m; its scatter if it is on no moving segment
     predicted: FloatArray
+    # summed log of the moving markers' ``predicted``, plus ``split_gain`` per segment, plus ``cut``; lower is better
     cost: float
-    best_of_level: bool
+    best_of_level: bool  # whether this is the best chain of its level; only these can be chosen
+    # cost that the level's best chain gained when it was shortened to the largest allowed length; 0 for this chain
+    # itself
     cut: float
 
     @property
     def markers(self) -> IntArray:
-        """Return the columns of the markers on the moving segments, sorted."""
+        """Columns of the markers on the moving segments, sorted."""
         return np.sort(np.concatenate([body.markers for body in self.chain]))
 
     def explain_cost(self, best: Hypothesis) -> str:
-        """Return why the best hypothesis was chosen instead, or ``chosen`` for the best one itself.
+        """Return in words why the best hypothesis was chosen instead; ``chosen`` for the best one itself.
 
         The terms add up to the difference in cost: markers only on the best chain, markers only on this chain, markers
         on both, the number of segments, and the shortening of the chain.
@@ -144,9 +90,9 @@ class Hypothesis:
             f"leaves out {_format_count(len(out), 'marker')} of the chosen segments": self._compare_residuals(
                 best, out
             ),
-            f"carries {_format_count(len(extra), 'marker')} more": self._compare_residuals(best, extra),
+            f"includes {_format_count(len(extra), 'marker')} more": self._compare_residuals(best, extra),
             f"fits {'the others' if len(out) + len(extra) else 'the markers'} {'worse' if fit > 0 else 'better'}": fit,
-            "lost to a longer chain that was shortened afterwards": self.cut,
+            "a longer chain was better, and was shortened afterwards": self.cut,
         }
         more = len(self.chain) - len(best.chain)
         price = self.cost - best.cost - sum(terms.values())  # split_gain times the difference in the number of segments
@@ -155,12 +101,12 @@ class Hypothesis:
         )
 
     def _compare_residuals(self, best: Hypothesis, markers: IntArray) -> float:
-        """Return the difference in the summed log residual of some markers."""
+        """Return the difference in the summed log residual of some markers from the best hypothesis."""
         return float(np.sum(np.log(self.predicted[markers] / best.predicted[markers])))
 
 
 def _describe_cost(terms: Mapping[str, float]) -> str:
-    """Return a difference in cost in words: the terms against the costlier hypothesis, then those for it."""
+    """Return a difference in cost in words: first the terms that raise it, then the terms that reduce it."""
     shown = sorted((each for each in terms.items() if abs(each[1]) >= _REPORTED), key=lambda each: -abs(each[1]))
     against = ", ".join(f"{words} (+{value:.1f})" for words, value in shown if value > 0)
     in_favour = ", ".join(f"{words} ({_MINUS}{-value:.1f})" for words, value in shown if value < 0)

@@ -1,4 +1,4 @@
-"""The joint between two rigid bodies: the pair of body-fixed points that stay closest together."""
+"""Joint between two rigid bodies: the pair of body-fixed points that stay closest together."""
 
 from __future__ import annotations
 
@@ -6,51 +6,42 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import ComplexArray, FloatArray
-from mocap_id.kinematics.rigid_body import RigidBody
+from mocap_id.arrays import ComplexArray, FloatArray, IntArray
+from mocap_id.kinematics.rigid_body import RigidBody, fit_body
 
-_RIDGE = 1e-13  # above rounding; bodies that turn by less than a microradian get the smallest solution
+_RIDGE = 1e-13  # larger than rounding errors; without rotation, the smallest solution is returned
 _NORMAL_MEDIAN = 0.6745  # median modulus of a standard normal variable
+_ASIDE = 0.03  # m; markers closer to the mid-plane are on neither side
 _THIRD_DIFFERENCE = 20.0  # variance of a third difference of white noise of variance 1
 
 
 @dataclass(frozen=True)
 class PairJoint:
-    """A revolute joint between a parent and a child body.
+    """Hinge between a parent and a child body."""
 
-    Parameters
-    ----------
-    in_parent, in_child : complex
-        Centre of the joint in either body's frame, m.
-    residual : float
-        rms distance between the two points over the frames, m.
-    arc : float
-        2.5 to 97.5 % range of the relative angle, rad.
-    """
-
-    in_parent: complex
-    in_child: complex
-    residual: float
-    arc: float
+    in_parent: complex  # centre of the joint in the parent's frame, m
+    in_child: complex  # centre of the joint in the child's frame, m
+    residual: float  # rms distance between the two points over the frames, m
+    arc: float  # 2.5 to 97.5 % range of the relative angle, rad
 
 
 def fit_joint(parent: RigidBody, child: RigidBody) -> PairJoint:
     """Fit the centre of rotation of two bodies by linear least squares, corrected for the bias from angle noise.
 
     With the bodies' rotations r and s (unit complex numbers) and the vector g between their origins, the coincident
-    points p of the parent and q of the child obey r p - s q = g (the two-sided form of 3.13). Least squares over the
+    points p of the parent and q of the child satisfy r p - s q = g (the two-sided form of 3.13). Least squares over the
     frames gives
 
         [ 1    -C ] [p]   [ f]        C = mean(r* s),
         [-C*    1 ] [q] = [-h],       f = mean(r* g),  h = mean(s* g).
 
-    Angle noise of variance v shrinks the mean of a rotation by 1 - v/2. C, f and h then belong to the points (1 -
-    v_r/2) p and (1 - v_s/2) q, except for the diagonal: r* r stays 1 instead of (1 - v_r/2)^2. Uncorrected, this draws
-    the centre towards the markers, by the share of the noise in the variance 1 - |C|^2 of the relative angle. Therefore
-    v_r and v_s are subtracted from the diagonal (:func:`_angle_noise`). The noise of a body's origin, its centroid, is
-    independent of the noise of its angle. At most half of the variance is subtracted, and nothing if noise could
-    explain all of it. The centre is then poorly determined and stays at the least-squares solution near the noisier
-    body's centroid; ``arc`` shows this.
+    Angle noise of variance v multiplies the mean of a rotation by 1 - v/2. C, f and h then belong to the points (1 -
+    v_r/2) p and (1 - v_s/2) q, but r* r on the diagonal stays 1 instead of (1 - v_r/2)^2. This error moves the centre
+    towards the markers. Therefore v_r and v_s are subtracted from the diagonal (:func:`_angle_noise`). The noise of a
+    body's origin, its centroid, is independent of the noise of its angle.
+
+    At most half of the variance of the relative angle is subtracted, and nothing if noise could explain all of it. The
+    centre is then poorly determined and stays near the noisier body's centroid; ``arc`` shows this.
     """
     both = np.isfinite(parent.rotation) & np.isfinite(child.rotation)
     frames = int(both.sum())
@@ -72,10 +63,10 @@ def fit_joint(parent: RigidBody, child: RigidBody) -> PairJoint:
 def _angle_noise(angle: FloatArray, variance: float, *bodies: tuple[RigidBody, ComplexArray]) -> FloatArray:
     """Return the variances (2,) to subtract for the two bodies' rotations, rad^2.
 
-    The residual of a body and its rotation both bound the noise of its angle (the base has none). Skin that slides with
-    the angle also leaves a residual, but it does not scatter the angle. The two variances together are therefore
-    limited to the white part of the relative ``angle`` (F,): the variance of its third differences, in which the
-    movement has little share, over 20. The median of the differences ignores frames where the movement has more.
+    The residual of a body and the variance of its rotation are both upper limits of its angle noise (the base has
+    none). Skin that slides with the angle also leaves a residual, but no angle noise. The sum of the two variances is
+    therefore limited to the white part of the relative ``angle`` (F,): the variance of its third differences, to which
+    the movement contributes little, divided by 20. The median of the differences ignores frames with fast movement.
     """
     stated = np.array([min(body.angle_noise**2, max(1 - abs(u.mean()) ** 2, 0)) for body, u in bodies])
     total = float(stated.sum())
@@ -88,7 +79,7 @@ def _angle_noise(angle: FloatArray, variance: float, *bodies: tuple[RigidBody, C
 
 
 def arc(rotation: ComplexArray) -> float:
-    """Return the angle between the 2.5 and 97.5 % quantiles of an unwrapped rotation (F,), rad."""
+    """Return the 2.5 to 97.5 % range of an unwrapped rotation (F,), rad."""
     angle = unwrap_rotation(rotation)
     return _measure_range(angle[np.isfinite(angle)])
 
@@ -106,3 +97,35 @@ def unwrap_rotation(rotation: ComplexArray) -> FloatArray:
     known = np.isfinite(rotation)
     angle[known] = np.unwrap(np.angle(rotation[known]))
     return angle
+
+
+def measure_asymmetry(points: ComplexArray, lateral: FloatArray, segment: IntArray) -> FloatArray:
+    """Return the rms difference between left and right rotations of segments 1 … n, (n,), rad.
+
+    A sagittal segment represents both sides, which assumes that this difference is small. It is NaN with fewer than two
+    markers on a side.
+
+    Parameters
+    ----------
+    points : (F, M) complex array
+        Trajectories in the plane, m; NaN where missing.
+    lateral : (M,) array
+        Mean out-of-plane coordinate of every marker, m.
+    segment : (M,) int array
+        Segment of each marker, 0 = base, -1 = none.
+    """
+    middle = np.nanmean(lateral[segment > 0])
+    return np.array(
+        [_compare_sides(points, lateral - middle, np.flatnonzero(segment == k)) for k in range(1, segment.max() + 1)]
+    )
+
+
+def _compare_sides(points: ComplexArray, lateral: FloatArray, members: IntArray) -> float:
+    """Return the standard deviation of the angle between the left and the right markers of a segment, rad."""
+    sides = members[lateral[members] < -_ASIDE], members[lateral[members] > _ASIDE]
+    if min(len(side) for side in sides) < 2:
+        return np.nan
+    left, right = (fit_body(points, side) for side in sides)
+    difference = unwrap_rotation(left.rotation * np.conj(right.rotation))
+    known = difference[np.isfinite(difference)]
+    return float(np.std(known)) if len(known) else np.nan

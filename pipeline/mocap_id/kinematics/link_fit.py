@@ -1,7 +1,8 @@
-"""Fit of a chain with single-marker segments: which marker is on which segment, and which joints carry a marker.
+"""Fit of a chain with single-marker segments: the segment of each marker, and the joints that are at a marker.
 
-Markers and chain are fitted alternately. Every marker goes to the segment that fits it best; then the chain is fitted
-to the markers with a robust loss (Cauchy's, with a decreasing scale). This ends when no marker changes its segment.
+Assignment and chain are fitted alternately. Every marker goes to the segment that fits it best. Then the chain is
+fitted to the markers with a robust loss (Cauchy's, with a decreasing scale). This ends when no marker changes its
+segment.
 """
 
 from __future__ import annotations
@@ -28,12 +29,12 @@ SEGMENT_PRICE = 4.0
 """Cost of one more segment."""
 
 SCALE = 0.002
-"""m; residuals below this cost little."""
+"""Scale of the cost, m; smaller residuals cost little."""
 
-_ANNEALED = (4.0, 2.0, 1.0)  # multiples of it, one after the other
+_ANNEALED = (4.0, 2.0, 1.0)  # successive scales of the loss, in units of SCALE
 _LEFT_OUT = 0.05  # m; a marker on no segment costs as much as one with this residual
 _FOREIGN = 4.0  # a marker is on no segment beyond this multiple of the segment's median residual
-_FOREIGN_BETWEEN = (0.008, 0.025)  # m; that limit is never below or above
+_FOREIGN_BETWEEN = (0.008, 0.025)  # m; range of this limit
 _FRAMES = 150
 _ROUNDS = 3
 _STEPS = 20
@@ -44,60 +45,33 @@ _SHORTEST = 0.03  # m; a shorter link is not accepted
 
 @dataclass(frozen=True)
 class Pin:
-    """Markers that represent a joint.
+    """Markers that represent a joint."""
 
-    Parameters
-    ----------
-    joint : int
-        0 is the first joint.
-    unit : int array
-        Columns of the markers.
-    track : (F,) complex array
-        Position of the joint by these markers, m.
-    weight : float
-        Weight of one frame of the joint relative to one frame of a marker.
-    """
-
-    joint: int
-    unit: IntArray
-    track: ComplexArray
-    weight: float
+    joint: int  # number of the joint from 0
+    unit: IntArray  # columns of the markers
+    track: ComplexArray  # (F,) position of the joint according to these markers, m
+    weight: float  # weight of one frame of the joint relative to one frame of a marker
 
 
 @dataclass(frozen=True)
 class LinkFit:
-    """A chain fitted to all markers of a trial.
+    """Chain fitted to all markers of a trial."""
 
-    Parameters
-    ----------
-    cost : float
-        Sum over markers of the mean log residual, and the price of the segments.
-    segment : (M,) int array
-        0 = base, -1 = none.
-    residual : (M,) array
-        Typical residual of each marker on its segment, m.
-    state : ChainState
-        Centres, coordinates of the M markers on their segments, angles in the frames ``used``.
-    used : (T,) int array
-        Frames in which every angle is known.
-    pins : tuple of Pin
-    """
-
-    cost: float
-    segment: IntArray
-    residual: FloatArray
-    state: ChainState
-    used: IntArray
+    cost: float  # sum over markers of the mean log residual, plus the price of the segments
+    segment: IntArray  # (M,) 0 = base, -1 = none
+    residual: FloatArray  # (M,) typical residual of each marker on its segment, m
+    state: ChainState  # centres, coordinates of the M markers on their segments, angles in the frames ``used``
+    used: IntArray  # (T,) frames in which every angle is known
     pins: tuple[Pin, ...] = ()
 
     @property
     def arcs(self) -> FloatArray:
-        """(n,) relative angle that each joint travels, rad."""
+        """Arcs (n,) of the joint angles, rad."""
         turns = np.diff(self.state.angles, axis=1, prepend=0.0)
         return np.array([arc(np.exp(1j * turn)) for turn in turns.T])
 
     def ratios(self, points: ComplexArray) -> tuple[float, ...]:
-        """Return for each joint: residual of the markers beyond it if fixed to the parent / their own residual."""
+        """Return for each joint the residual of the markers beyond it without this joint, over that with it."""
         origin, turn = joint_positions(self.state)
         ratios = []
         for k in range(1, len(self.state.centres) + 1):
@@ -117,19 +91,19 @@ class LinkFit:
 
     @property
     def loose(self) -> tuple[int, ...]:
-        """Joints (0 is the first) of segments with a single point and no marker at either joint."""
+        """Joints (from 0) of segments with a single point and no marker at either joint."""
         count, held = len(self.state.centres), {pin.joint for pin in self.pins}
         weak = [k for k, points in enumerate(self.points) if not {k, k + 1} & held and points < 2]
         return tuple(sorted({joint for k in weak for joint in (k, k + 1) if 0 < joint < count}))
 
 
 def log_cost(residual: FloatArray) -> FloatArray:
-    """Return the cost of residuals, m; it does not grow beyond 50 mm."""
+    """Return the cost of residuals, m. It does not grow beyond a residual of 50 mm."""
     return np.asarray(np.minimum(_log_cost(residual), _log_cost(_LEFT_OUT)))
 
 
 def path_cost(problem: SegmentationProblem, path: Path) -> float:
-    """Return the cost of a path before any fit, on a few frames; inf where too few frames show it."""
+    """Return the cost of a path before any fit, on a few frames; inf if too few frames show it."""
     state, used = _start_chain(path)
     if len(used) < _FRAMES_A_SEGMENT * len(path):
         return np.inf
@@ -143,15 +117,7 @@ def path_cost(problem: SegmentationProblem, path: Path) -> float:
 
 
 def fit_path(problem: SegmentationProblem, path: Path, pins: tuple[Pin, ...] = ()) -> LinkFit | None:
-    """Fit the chain of a path to all markers; None if too few frames or markers support it.
-
-    Parameters
-    ----------
-    problem : SegmentationProblem
-    path : tuple of Step
-    pins : tuple of Pin
-        Markers that represent joints.
-    """
+    """Fit the chain of a path, with pinned joints, to all markers; None if too few frames or markers support it."""
     state, used = _start_chain(path)
     if len(used) < _FRAMES_A_SEGMENT * len(path):
         return None
@@ -197,7 +163,7 @@ def _start_chain(path: Path) -> tuple[ChainState, IntArray]:
 
 
 def costs_on_segments(points: ComplexArray, state: ChainState) -> tuple[FloatArray, ComplexArray]:
-    """Return cost (n + 1, M), inf where hardly seen, and coordinates, m, of every marker on every segment."""
+    """Return cost (n + 1, M), inf if hardly visible, and coordinates, m, of every marker on every segment."""
     origin, turn = joint_positions(state)
     counts = np.isfinite(points).sum(axis=0)
     costs = np.full((len(state.centres) + 1, points.shape[1]), np.inf)
@@ -215,12 +181,12 @@ def _log_cost(residual: FloatArray | float) -> FloatArray:
 
 
 def _invert_cost(cost: FloatArray) -> FloatArray:
-    """Return the residuals, m, that have these costs; the inverse of :func:`log_cost`."""
+    """Return the residuals, m, with these costs; the inverse of :func:`log_cost`."""
     return np.asarray(SCALE * np.sqrt(np.expm1(2 * cost)))
 
 
 def _assign_segments(problem: SegmentationProblem, costs: FloatArray) -> IntArray:
-    """Return the segment (M,) that fits each marker best; -1 where none does."""
+    """Return the segment (M,) that fits each marker best; -1 if none does."""
     segment = np.argmin(costs, axis=0)
     own = costs[segment, np.arange(costs.shape[1])]
     segment[~np.isfinite(own) | ~np.isfinite(problem.base.scatter)] = -1
@@ -241,20 +207,14 @@ def _select_own(local: ComplexArray, segment: IntArray) -> ComplexArray:
 def _fit_bundle(
     points: ComplexArray, segment: IntArray, state: ChainState, pins: tuple[Pin, ...], used: IntArray
 ) -> ChainState | None:
-    """Return the chain fitted to its moving markers by Gauss-Newton with Cauchy's loss; None where singular."""
+    """Return the chain fitted to its moving markers by Gauss-Newton with Cauchy's loss; None if singular."""
     moving = np.flatnonzero(segment > 0)
-    columns = np.concatenate([points[:, moving], *(pin.track[used, None] for pin in pins)], axis=1)
-    seen, weight = np.isfinite(columns), np.array([1.0] * len(moving) + [pin.weight for pin in pins])
-    chain = ChainProblem(
-        np.where(seen, columns, 0),
-        seen.astype(np.float64),
-        np.concatenate([segment[moving], np.array([pin.joint + 1 for pin in pins], dtype=np.int64)]),
-        np.arange(columns.shape[1]) >= len(moving),
-        len(state.centres),
-    )
+    tracks = {pin.joint + 1: pin.track[used] for pin in pins}
+    chain = ChainProblem.with_joint_markers(points[:, moving], segment[moving], tracks, len(state.centres))
+    seen, weight = chain.weights > 0, np.array([1.0] * len(moving) + [pin.weight for pin in pins])
 
     def loss(state: ChainState, scale: float) -> tuple[FloatArray, float]:
-        """Return the residuals' weights and the loss; pins keep their full weight at any distance."""
+        """Return the weights of the residuals, and the loss. The weight of a pin is constant."""
         off = np.abs(chain.points - predict_markers(chain, state)) / scale
         weights = np.where(chain.pinned, weight, weight / (1 + off**2))
         each = scale**2 * weight * np.where(chain.pinned, off**2, np.log1p(off**2))

@@ -1,13 +1,12 @@
 """Chains in which a segment has a single marker, or shares its only one with a neighbour (conventional marker sets).
 
-Two rigid bodies A and B may be connected by a segment that has no body of its own. Its marker u then runs on a circle
-about a joint a of A, and on another about a joint b of B:
+Two rigid bodies A and B may be connected by a segment without a body of its own. Its marker u then moves on a circle
+about a joint a of A, and on another circle about a joint b of B:
 
-- ``link marker``: the distance of a and b is constant. One segment from a to b carries u.
-- ``joint marker``: this distance varies. Two segments, from a to u and from u to b, carry u at the joint between
-  them.
+- ``link marker``: the distance of a and b is constant. One segment from a to b contains u.
+- ``joint marker``: this distance varies. Two segments, from a to u and from u to b, meet at a joint at u.
 
-A left and a right marker at the same place count as one point.
+A left and a right marker at the same position count as one point.
 """
 
 from __future__ import annotations
@@ -19,17 +18,16 @@ import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
 from mocap_id.kinematics.circle import fit_circles
-from mocap_id.kinematics.clusters import Clusters
 from mocap_id.kinematics.hypotheses import SegmentationProblem
 from mocap_id.kinematics.joint import arc
 from mocap_id.kinematics.rigid_body import RigidBody
 
-_ROUND = 0.012  # m; a link marker keeps this close to its circle, rms
+_ROUND = 0.012  # m; largest rms distance of a link marker from its circle
 _NEAREST = 0.06  # m; smallest radius of such a circle
-_CONSTANT = 0.015  # m; joints of one segment keep their distance to this, rms
+_CONSTANT = 0.015  # m; largest rms change of the distance between the joints of one segment
 _SHORTEST = 0.05  # m; shortest segment
-_AS_STILL = 0.012  # m; a still marker is a centre if the distance from it stays this constant, rms
-_USUAL = 0.88  # share of the frames that count for these residuals: the others may be faults
+_AS_STILL = 0.012  # m; largest rms change of the distance from a still marker at the centre
+_USUAL = 0.88  # share of the frames used for these residuals; the others may contain faults
 _FEWEST_FRAMES = 20
 _SAME_PLACE = 0.03  # m; a left and a right marker this close in the plane are one point
 _OTHER_SIDE = 0.08  # m; least distance across the plane between them
@@ -39,21 +37,11 @@ _LEVELS = 12
 
 @dataclass(frozen=True)
 class Step:
-    """One segment of a path and the joint at its near end.
+    """One segment of a path, and the joint at its near end."""
 
-    Parameters
-    ----------
-    joint : (F,) complex array
-        Track of that joint in the plane, m.
-    body : RigidBody or None
-        None for a segment without a body of its own.
-    unit : int array
-        Columns of the markers that such a segment carries, empty for a body.
-    """
-
-    joint: ComplexArray
-    body: RigidBody | None
-    unit: IntArray
+    joint: ComplexArray  # (F,) track of this joint in the plane, m
+    body: RigidBody | None  # rigid body of the segment; None if it has none
+    unit: IntArray  # columns of the markers of a segment without a body; empty for a body
 
     @property
     def markers(self) -> IntArray:
@@ -65,18 +53,12 @@ Path = tuple[Step, ...]
 
 
 def find_linked_paths(problem: SegmentationProblem) -> Iterator[Path]:
-    """Yield every path from the base over bodies, link markers and joint markers that has a single-marker segment.
-
-    Parameters
-    ----------
-    problem : SegmentationProblem
-        Trajectories, base and moving markers.
-    """
+    """Yield every path from the base over bodies, link markers and joint markers that has a single-marker segment."""
     yield from _Search(problem).paths()
 
 
 class _Search:
-    """Search over bodies and single points; each circle of a point about a joint of a body is fitted once."""
+    """Search over bodies and single points. Each circle of a point about a joint of a body is fitted once."""
 
     def __init__(self, problem: SegmentationProblem) -> None:
         self.problem = problem
@@ -88,7 +70,7 @@ class _Search:
         self._centres: dict[tuple[int, int], list[complex]] = {}
 
     def paths(self) -> Iterator[Path]:
-        """Yield the paths to all bodies by depth-first search, each marker at most once; body 0 is the ground."""
+        """Yield the paths to all bodies by depth-first search, each marker at most once. Body 0 is the ground."""
         edges = [list(self._find_connections(index)) for index in range(len(self.bodies))]
         longest = self.problem.rules.longest - 1
 
@@ -126,7 +108,7 @@ class _Search:
                             yield (Step(first, None, markers), end), following
 
     def _find_centres(self, index: int, unit: int) -> list[complex]:
-        """Return the places on a body, in its frame, about which a point runs on a circle."""
+        """Return the positions on a body, in its frame, about which a point moves on a circle."""
         key = index, unit
         if key not in self._centres:
             self._centres[key] = list(self._search_centres(index, unit))
@@ -139,23 +121,23 @@ class _Search:
         centre = _fit_circle(body.local(track[:, None])[:, 0], self.problem.rules.min_arc)
         if centre is not None:
             yield centre
-        for place in self.still if index == 0 else ():  # an arc of the ankle is too short to show its centre
+        for place in self.still if index == 0 else ():  # the arc of the ankle is too short to determine its centre
             radius, off = _measure_constancy(np.abs(track - place))
             if off <= _AS_STILL and radius >= _NEAREST:
                 yield place
 
 
 def group_points(points: ComplexArray, lateral: FloatArray, markers: IntArray) -> Iterator[IntArray]:
-    """Yield columns of markers, a left and a right one at the same place in the plane together.
+    """Yield columns of markers; a left and a right marker at the same position in the plane together.
 
     Parameters
     ----------
     points : (F, M) complex array
-        m.
+        Trajectories in the plane, m; NaN where missing.
     lateral : (M,) array
         Mean out-of-plane coordinate, m.
     markers : int array
-        Columns to sort.
+        Columns to group.
     """
     left = [int(marker) for marker in markers]
     while left:
@@ -175,7 +157,7 @@ def group_points(points: ComplexArray, lateral: FloatArray, markers: IntArray) -
 
 
 def average_track(points: ComplexArray, unit: IntArray) -> ComplexArray:
-    """Return the mean (F,) of the unit's markers where all of them are seen, m; NaN elsewhere."""
+    """Return the mean (F,) of some markers, m; NaN unless all of them are visible."""
     return np.asarray(points[:, unit].mean(axis=1))
 
 
@@ -183,8 +165,12 @@ def _find_bodies(problem: SegmentationProblem) -> list[RigidBody]:
     """Return the ground, then every body of any level whose rotation can be measured."""
     found: dict[bytes, RigidBody] = {}
     for level in range(1, min(_LEVELS, max(len(problem.moving) // 2, 1)) + 1):
-        for body in _find_level_bodies(problem.clusters, level, problem):
-            if body.residual <= problem.rules.max_body_residual and _measure_size(body) > _MIN_SPREAD:
+        bodies = problem.clusters.bodies_at(level)
+        merged = problem.clusters.merge(bodies, problem.rules.min_arc, problem.rules.merge_tolerance)
+        for body in (*merged, *bodies):
+            rigid = body.residual <= problem.rules.max_body_residual
+            large = float(np.sqrt(np.mean(np.abs(body.template) ** 2))) > _MIN_SPREAD
+            if rigid and large and problem.constraints.allow(body.markers):
                 found[body.markers.tobytes()] = body
     return [problem.ground, *found.values()]
 
@@ -199,23 +185,13 @@ def _find_loose_markers(problem: SegmentationProblem, bodies: list[RigidBody]) -
     return np.setdiff1d(problem.moving, np.concatenate(held)) if held else problem.moving
 
 
-def _find_level_bodies(clusters: Clusters, level: int, problem: SegmentationProblem) -> list[RigidBody]:
-    bodies = clusters.bodies_at(level)
-    merged = clusters.merge(bodies, problem.rules.min_arc, problem.rules.merge_tolerance)
-    return [body for body in (*merged, *bodies) if problem.constraints.allow(body.markers)]
-
-
-def _measure_size(body: RigidBody) -> float:
-    return float(np.sqrt(np.mean(np.abs(body.template) ** 2)))
-
-
 def _track_point(body: RigidBody, place: complex) -> ComplexArray:
-    """Return the track (F,) of a point fixed to a body, m."""
+    """Return the track (F,) of a point on a body, m."""
     return np.asarray(body.position + body.rotation * place)
 
 
 def _measure_constancy(distance: FloatArray) -> tuple[float, float]:
-    """Return the median (m) of a distance (F,), and its rms deviation from it without the largest deviations."""
+    """Return the median of a distance (F,), m, and the rms difference from it without the largest differences."""
     known = distance[np.isfinite(distance)]
     if len(known) < _FEWEST_FRAMES:
         return 0.0, np.inf
@@ -225,7 +201,7 @@ def _measure_constancy(distance: FloatArray) -> tuple[float, float]:
 
 
 def _fit_circle(track: ComplexArray, least_arc: float) -> complex | None:
-    """Return the centre of a point's circular track; None where the track is no circle."""
+    """Return the centre of a point's circular track; None if the track is no circle."""
     known = track[np.isfinite(track)]
     for _ in range(2):  # the second fit is without faults
         if len(known) < _FEWEST_FRAMES:

@@ -1,8 +1,8 @@
 """Search for the best chain with single-marker segments, and for the markers that represent its joints.
 
-The arc of an ankle is too short to show its centre, and an inner joint without a rigid body on both sides is not
-fixed. A marker near such a joint then represents it, with a standard deviation for the distance between the two. This
-is done only if it hardly raises the cost.
+The arc of an ankle is too short to determine its centre, and an inner joint without a rigid body on both sides is not
+fixed. A marker near this joint then represents it, with a standard deviation for the distance between the two. This is
+done only if it hardly raises the cost.
 """
 
 from __future__ import annotations
@@ -18,18 +18,18 @@ from mocap_id.kinematics.hypotheses import SegmentationProblem
 from mocap_id.kinematics.link_fit import SCALE, LinkFit, Pin, costs_on_segments, fit_path, path_cost
 from mocap_id.kinematics.link_markers import Path, average_track, find_linked_paths, group_points
 
-_MOST_POINTS = 24  # moving points of a conventional set; with more, segments are rigid bodies
-_TRIED = 4  # paths of every number of segments that are fitted
-_OFF_AXIS = 0.012  # m; distance of a marker from the joint that it is attached at, standard deviation
-_MORE_THAN_STILL = 1.12  # an ankle's marker moves this much more than the stillest ones; heels do not
-_RISE = 2.0  # by which the cost may rise for an ankle at a marker
-_INNER_RISE = 4.0
+_MOST_POINTS = 24  # most moving points of a conventional marker set; larger sets have rigid bodies
+_TRIED = 4  # number of fitted paths for every number of segments
+_OFF_AXIS = 0.012  # m; standard deviation of the distance of a marker from its joint
+_MORE_THAN_STILL = 1.12  # least ratio of the scatters of an ankle marker and of the stillest markers; heels are stiller
+_RISE = 2.0  # largest rise of the cost for an ankle at a marker
+_INNER_RISE = 4.0  # the same for an inner joint
 _NEAR = 0.04  # m; a marker this close to an inner joint may represent it
-_INNER_FRAMES = 30.0  # frames for which such a marker counts: its error is the same in all of them
+_INNER_FRAMES = 30.0  # weight of this marker in frames, because its error is the same in all of them
 
 
 def find_best_links(problem: SegmentationProblem) -> LinkFit | None:
-    """Return the cheapest chain that has a segment without a rigid body of its own; None where there is none."""
+    """Return the cheapest chain that has a segment without a rigid body of its own; None if there is none."""
     if len(list(group_points(problem.points, problem.lateral, problem.moving))) > _MOST_POINTS:
         return None
     paths = list(find_linked_paths(problem))
@@ -53,7 +53,7 @@ def find_best_links(problem: SegmentationProblem) -> LinkFit | None:
     fit, path = min(fits, key=lambda each: each[0].cost)
     fit = _add_joint_markers(problem, path, fit)
     alone = [points for step, points in zip(path, fit.points, strict=True) if step.body is None]
-    return fit if min(alone) < 2 else None  # rigid bodies are found without link markers
+    return fit if min(alone) < 2 else None  # other chains are found by the search for rigid bodies
 
 
 def _is_allowed(problem: SegmentationProblem, segment: IntArray) -> bool:

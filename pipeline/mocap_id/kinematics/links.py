@@ -1,17 +1,17 @@
-"""The chain fitted link by link: by rigid bodies, or by the circles of the thesis (3.2.1).
+"""Chain fitted link by link: by rigid bodies, or by the circles of the thesis (3.2.1).
 
 These are two alternatives to the fit of the whole chain (:mod:`mocap_id.kinematics.bundle`), for comparison. Both need
-the assignment of the markers:
+the assignment of the markers, ``segment`` (M,) with 0 = base and 1 … n from base to tip, and the trajectories
+``points`` (F, M) in the plane, m, with NaN where missing:
 
 ``rigid-body``
-    A rigid body for every segment, then the joint of every neighbouring pair. The bodies are fitted in the plane,
-    so an error at one joint does not propagate, but no joint uses the segments beyond its two.
+    A rigid body for every segment, then the joint of every neighbouring pair. The bodies are fitted in the plane, so an
+    error at one joint does not propagate, but no joint uses the segments beyond its two.
 ``circle``
-    The recursion of 3.2.1. In the frame of link i-1 the markers of link i move on circles with a common centre,
-    joint i (3.8, Kåsa's fit). The angles and coordinates of link i follow by least squares (3.16 with the centre
-    known), and everything farther out is mapped into the frame of link i. There is no filter between the links. The
-    centres have no covariance (NaN): most of their error is bias of Kåsa's fit, which propagates up the chain and
-    does not show as a spread over time.
+    The recursion of 3.2.1. In the frame of link i-1, the markers of link i move on circles with a common centre, joint
+    i (3.8, Kåsa's fit). The angles and coordinates of link i follow by least squares (3.16 with the centre known), and
+    everything beyond is mapped into the frame of link i. There is no filter between the links. The centres have no
+    covariance (NaN): most of their error is bias of Kåsa's fit, which propagates up the chain and is constant in time.
 """
 
 from __future__ import annotations
@@ -37,20 +37,11 @@ _BLOCKS = 20  # blocks of time, each left out once for the covariance
 _FRAMES_A_JOINT = 10
 _ITERATIONS = 50
 _TOLERANCE = 1e-9  # m
-_UNSEEN = 7.5  # slide with the angle over the slide visible in the residuals of body pairs
+_UNSEEN = 7.5  # ratio of the whole slide to its part that is visible in the residuals of body pairs
 
 
 def fit_links(points: ComplexArray, segment: IntArray, method: LinkMethod) -> ChainFit:
-    """Fit the chain link by link, with the same result type as :func:`mocap_id.kinematics.bundle.fit_chain`.
-
-    Parameters
-    ----------
-    points : (F, M) complex array
-        Trajectories in the plane, m; NaN where unseen.
-    segment : (M,) int array
-        Segment of each marker, 0 = base, 1 … n from base to tip; every segment has at least two markers.
-    method : str
-        ``rigid-body`` or ``circle``.
+    """Fit the chain link by link, by rigid bodies or circles; every segment has at least two markers.
 
     Raises
     ------
@@ -90,8 +81,8 @@ def rigid_body_links(points: ComplexArray, segment: IntArray) -> ChainState:
     Returns
     -------
     ChainState
-        Coordinates of all M markers, those of the base in the plane frame; angles in all F frames, NaN where fewer than
-        two markers of the segment are seen.
+        Coordinates of all M markers (base markers in the plane frame) and angles in all F frames, NaN where fewer than
+        two markers of the segment are visible.
     """
     joints = int(segment.max())
     bodies: list[RigidBody] = [still_body(points, np.flatnonzero(segment == 0))]
@@ -112,23 +103,23 @@ def chain_angles(
     local: ComplexArray,
     joint_markers: Mapping[int, ComplexArray],
 ) -> FloatArray:
-    """Return the segments' angles (F, n), rad, of a known chain; NaN where a frame does not show them.
+    """Return the segments' angles (F, n), rad, of a known chain; NaN where the markers do not determine them.
 
-    A segment with two distinct points shows its own angle. Any other segment has its angle from the joints at its ends,
-    which are known from a neighbouring segment with two points or from joint markers.
+    A segment with two distinct points determines its own angle. The angle of any other segment follows from the joints
+    at its ends, if a neighbouring segment with two points or joint markers locate them.
 
     Parameters
     ----------
     points : (F, M) complex array
-        m; NaN where unseen.
+        Trajectories in the plane, m; NaN where missing.
     segment : (M,) int array
-        0 = base, 1 … n.
+        Segment of each marker, 0 = base, 1 … n.
     centres : (n,) complex array
-        Each joint in the frame of the segment before, m.
+        Each joint in the frame of the previous segment, m.
     local : (M,) complex array
         Coordinates in the segments' frames, m.
     joint_markers : mapping of int to (F,) complex array
-        Position of a joint (1 … n) by its markers, m.
+        Position of a joint (1 … n) according to its markers, m.
     """
     joints = len(centres)
     angles = np.full((len(points), joints), np.nan)
@@ -156,7 +147,7 @@ def chain_angles(
 
 
 def circle_links(points: ComplexArray, segment: IntArray) -> ChainState:
-    """Fit the links by the recursion of 3.2.1 with known markers; the result is as for :func:`rigid_body_links`.
+    """Fit the links by the recursion of 3.2.1. The result is as for :func:`rigid_body_links`.
 
     Raises
     ------
@@ -172,7 +163,7 @@ def circle_links(points: ComplexArray, segment: IntArray) -> ChainState:
         centre = complex(fit_common_centre(seen_from[:, own], "kasa").centre[0])
         if not np.isfinite(centre):
             raise NumericalError(
-                f"the markers of segment {joint + 1} move on straight lines relative to segment {joint}: their "
+                f"the markers of segment {joint + 1} move on straight lines relative to segment {joint}, so their "
                 "circles have no centre. Use `fit-joints: {estimator: bundle}`."
             )
         centres[joint] = centre
@@ -183,7 +174,7 @@ def circle_links(points: ComplexArray, segment: IntArray) -> ChainState:
 
 
 def _predict_markers(state: ChainState, segment: IntArray) -> ComplexArray:
-    """Return the markers (F, M) predicted by the chain, with those of the base, m; NaN where an angle is unknown."""
+    """Return the markers (F, M) predicted by the chain, m, also on the base; NaN where an angle is unknown."""
     origin, turn = joint_positions(state)
     origin = np.concatenate([np.zeros((len(turn), 1)), origin], axis=1)
     turn = np.concatenate([np.ones((len(turn), 1)), turn], axis=1)
@@ -191,12 +182,9 @@ def _predict_markers(state: ChainState, segment: IntArray) -> ComplexArray:
 
 
 def _fit_rotations(arms: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
-    """Return rotation (F,) and coordinates (k,) of markers about a known centre, by least squares.
+    """Return rotation (F,) and coordinates (k,) of markers (F, k) about a known centre, by least squares.
 
-    Parameters
-    ----------
-    arms : (F, k) complex array
-        Markers relative to the centre, m. A frame with fewer than two has no rotation (NaN).
+    A frame with fewer than two markers has no rotation (NaN).
     """
     seen = np.isfinite(arms)
     z, counts = np.where(seen, arms, 0), np.maximum(seen.sum(axis=0), 1)
@@ -211,18 +199,13 @@ def _fit_rotations(arms: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
 
 
 def _directions(moment: ComplexArray) -> ComplexArray:
+    """Return complex numbers scaled to length 1; 1 for zero."""
     size = np.abs(moment)
     return np.where(size > 0, moment / np.where(size > 0, size, 1), 1)
 
 
 def find_used_frames(angles: FloatArray) -> BoolArray:
-    """Return the frames (F,) in which every angle (F, n) is known.
-
-    Raises
-    ------
-    Refused
-        ``too-few-frames``.
-    """
+    """Return the frames (F,) in which every angle (F, n) is known. Refuse the trial if there are too few."""
     used = np.asarray(np.isfinite(angles).all(axis=1))
     joints = angles.shape[1]
     needed = _FRAMES_A_JOINT * joints
@@ -230,7 +213,7 @@ def find_used_frames(angles: FloatArray) -> BoolArray:
         raise Refused(
             "too-few-frames",
             f"{used.sum()} of {len(used)} frames show at least two markers of each of {joints} moving segments; "
-            f"{needed} are needed to place their joints. Use a longer `window:`, or fill the gaps.",
+            f"{needed} are needed to fit their joints. Use a longer `window:`, or fill the gaps.",
             float(used.sum()),
             float(needed),
         )
@@ -240,7 +223,7 @@ def find_used_frames(angles: FloatArray) -> BoolArray:
 def _jackknife_covariance(points: ComplexArray, segment: IntArray, state: ChainState, used: IntArray) -> FloatArray:
     """Return the covariance (n, 2, 2) of the centres by leaving out one block of time at a time (jackknife), m^2.
 
-    It includes the dependence between joints and residuals that are correlated within a block, but not an error common
+    It includes the dependence between joints, and residuals that are correlated within a block, but not errors common
     to all blocks.
     """
     blocks = np.array_split(used, min(_BLOCKS, len(used)))
@@ -253,7 +236,7 @@ def _jackknife_covariance(points: ComplexArray, segment: IntArray, state: ChainS
 
 
 def _align_frames(state: ChainState, reference: ChainState, segment: IntArray) -> ComplexArray:
-    """Return the centres (n,) with every segment frame turned as close to the reference as possible (the gauge)."""
+    """Return the centres (n,) after each segment frame is rotated to match a reference chain."""
     joints = len(state.centres)
     centres = state.centres.copy()
     for k in range(1, joints):
@@ -266,10 +249,10 @@ def _align_frames(state: ChainState, reference: ChainState, segment: IntArray) -
 def slip_variance(off: ComplexArray, segment: IntArray, arcs: FloatArray, unseen: float) -> FloatArray:
     """Return the variance (n,) of each centre from skin that slides with the angle, m^2.
 
-    A slide of s over an arc shifts the centre by about s / arc without a residual. Its visible part is the part of the
-    residuals ``off`` (T, M; NaN where unseen) that persists to the next frame. The invisible part is ``unseen`` times
-    as large, calibrated on simulated bodies for each method. Each centre is placed relative to the joint below, whose
-    share is included.
+    A slide of s over an arc shifts the centre by about s / arc without a residual. The visible part of the slide is the
+    part of the residuals ``off`` (T, M; NaN where missing) that persists to the next frame. The invisible part is
+    ``unseen`` times as large, calibrated on simulated bodies for each method. Each centre is relative to the joint
+    below, whose slide is included.
     """
     joints = len(arcs)
     seen = np.isfinite(off)

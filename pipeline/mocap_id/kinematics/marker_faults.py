@@ -1,16 +1,15 @@
 """Markers that are bad for a part of a trial: frozen, attached again elsewhere, mislabelled, or no marker of the body.
 
-Every marker is followed in the frame of its own segment; the chain is fitted robustly to every frame. A good marker
-keeps its place there, within the motion of the skin. In a bad stretch it is elsewhere. The stretch also begins or ends
-with a jump, or the marker stands still in the laboratory while its segment moves. Limbs outside the chain leave their
-place too, but without a jump and without standing still.
+Every marker is followed in the frame of its own segment, after the chain is fitted robustly to every frame. A good
+marker keeps its position there, within the motion of the skin. In a bad interval it is elsewhere. The interval also
+begins or ends with a jump, or the marker stands still in the laboratory while its segment moves. Limbs outside the
+chain also leave their positions, but without a jump and without standing still.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal, TypeAlias
 
 import numpy as np
 
@@ -19,121 +18,77 @@ from mocap_id.kinematics.bursts import find_jumps
 from mocap_id.kinematics.chain_equations import ChainProblem, ChainState, angle_jacobian, joint_positions, residuals
 from mocap_id.kinematics.frame_sampling import frames_along_motion
 from mocap_id.kinematics.links import chain_angles, rigid_body_links
-from mocap_id.kinematics.lone_markers import find_lone_markers
 from mocap_id.kinematics.segmentation import Segmentation
-
-Fault: TypeAlias = Literal["frozen", "moved", "elsewhere", "ghost"]
+from mocap_id.kinematics.simple_faults import BadStretch, find_lone_markers
 
 _RATE = 15.0  # Hz; frames in which the chain is fitted
-_MOST = 3000  # of these frames
-_FEWEST = 50
-_ALONG = 300  # frames along the motion, for the place of a marker
-_TRIED = 40  # places of a marker that are tried
+_MOST = 3000  # largest number of these frames
+_FEWEST = 50  # smallest number of these frames
+_ALONG = 300  # frames along the motion, to locate a marker
+_TRIED = 40  # candidates for the position of a marker
 _SCALES = np.repeat([0.06, 0.02, 0.008], 3)  # m; scales of the loss
-_RIDGE = 1e-6  # m^2; an angle that no marker shows stays
-_HELD = 0.02  # m; a marker is on its place within this distance
-_LEAST_SHARE = 0.35  # of the motion in which a good marker is on its place
-_OFF = 5.0  # a bad sample is farther from the place than this multiple of the usual distance
-_LEAST_OFF = 0.015  # m; and than this
-_SHORTEST = 0.2  # s
-_BRIDGED = 0.5  # s; stretches closer than this are one
-_NEAR = 0.25  # s; a jump this close to the end of a stretch is its end
-_MOSTLY = 0.8  # of a still stretch
-_STEP = 0.6  # of the way to another place
-_STILL = 2e-3  # m; a marker within this distance stands still
-_SEGMENT_MOVES = 0.02  # m; its segment moves by more than this meanwhile
-_REPEATED_MOVES = 0.003  # m; or than this, if exactly the same coordinates are repeated
-
-
-@dataclass(frozen=True)
-class BadStretch:
-    """A stretch of time in which a trajectory does not show its marker.
-
-    Parameters
-    ----------
-    marker : int
-        Column.
-    first, last : int
-        First and last frame.
-    how : str
-        ``frozen`` in the laboratory, ``moved`` to another place for the rest (or the beginning) of the trial,
-        ``elsewhere`` for some time, or a ``ghost`` that is never on a segment.
-    """
-
-    marker: int
-    first: int
-    last: int
-    how: Fault
+_RIDGE = 1e-6  # m^2; angles that no marker determines do not change
+_HELD = 0.02  # m; largest distance of a good marker from its position
+_LEAST_SHARE = 0.35  # least share of the motion in which a good marker is at its position
+_OFF = 5.0  # least distance of a bad sample from the position, relative to the usual distance
+_LEAST_OFF = 0.015  # m; the same as a length
+_SHORTEST = 0.2  # s; shortest bad interval
+_BRIDGED = 0.5  # s; intervals closer than this are joined
+_NEAR = 0.25  # s; a jump this close to the end of an interval is its end
+_MOSTLY = 0.8  # least share of still samples in a still interval
+_STEP = 0.6  # least share of the displacement that is a single step
+_STILL = 2e-3  # m; largest distance of a still marker from its median
+_SEGMENT_MOVES = 0.02  # m; least motion of its segment meanwhile
+_REPEATED_MOVES = 0.003  # m; the same, if exactly the same coordinates are repeated
 
 
 @dataclass(frozen=True)
 class _Tracks:
-    """Markers in the frames of the segments.
+    """Markers in the frames of the segments."""
 
-    Parameters
-    ----------
-    rows : (T,) int array
-        Frames of the trial.
-    local : (n + 1, T, M) complex array
-        Every marker in the frame of every segment, m; NaN where unknown.
-    along : int array
-        Indices of ``rows``, evenly along the motion.
-    """
-
-    rows: IntArray
-    local: ComplexArray
-    along: IntArray
+    rows: IntArray  # (T,) frames of the trial
+    local: ComplexArray  # (n + 1, T, M) every marker in the frame of every segment, m; NaN where unknown
+    along: IntArray  # indices of ``rows``, evenly along the motion
 
 
 @dataclass(frozen=True)
 class _Position:
-    """Where a marker is on a segment: its coordinates, its usual distance from them, and how often it is there."""
+    """Usual position of a marker on a segment."""
 
     segment: int
-    local: complex
-    usual: float
-    share: float
+    local: complex  # coordinates, m
+    usual: float  # usual distance from this position, m
+    share: float  # share of the motion in which the marker is there
 
 
 @dataclass(frozen=True)
 class RecordedMarkers:
-    """Trajectories in the plane's frame, NaN where unseen.
+    """Trajectories in the plane's frame; NaN where missing."""
 
-    Parameters
-    ----------
-    points : (T, M, 3) array
-        In the frames ``rows``, m.
-    rows : (T,) int array
-        These frames (:func:`sample_rows`).
-    track : callable
-        Return the trajectory (F, 3) of one marker, given by its column, in all frames, m.
-    rate : float
-        Frames per second.
-    """
-
-    points: FloatArray
-    rows: IntArray
-    track: Callable[[int], FloatArray]
-    rate: float
+    points: FloatArray  # (T, M, 3) positions in the frames ``rows``, m
+    rows: IntArray  # (T,) frames chosen by :func:`sample_rows`
+    track: Callable[[int], FloatArray]  # returns the trajectory (F, 3) of a marker (by its column) in all frames, m
+    rate: float  # frames per second
 
 
 def sample_rows(frames: int, rate: float) -> IntArray:
-    """Return the rows of the frames in which :func:`find_bad_stretches` follows the markers."""
+    """Return the frames in which :func:`find_bad_stretches` follows the markers."""
     return np.arange(0, frames, max(1, round(rate / _RATE), -(-frames // _MOST)))
 
 
 def find_bad_stretches(
     recorded: RecordedMarkers, found: Segmentation, fitted: ComplexArray, examined: IntArray
 ) -> tuple[BadStretch, ...]:
-    """Find the bad stretches of every marker.
+    """Find the bad intervals of every marker.
 
     Parameters
     ----------
     recorded : RecordedMarkers
+        Trajectories.
     found : Segmentation
         Segments of the markers.
     fitted : (f, M) complex array
-        The frames in the plane that were segmented, m; NaN also where samples are known to be bad.
+        Trajectories in the segmented frames, m; NaN also where samples are known to be bad.
     examined : int array
         Columns of the markers that may be bad.
     """
@@ -156,7 +111,7 @@ def find_bad_stretches(
 
 
 def _express_in_segments(recorded: RecordedMarkers, found: Segmentation, fitted: ComplexArray) -> _Tracks | None:
-    """Return the markers in the frames of the robustly fitted segments; None where too few frames show them."""
+    """Return the markers in the frames of the robustly fitted segments; None if too few frames show them."""
     rows, plane = recorded.rows, recorded.points[..., 0] + 1j * recorded.points[..., 1]
     segment, assigned = found.segment, np.flatnonzero(found.segment >= 0)
     if found.links is None:
@@ -181,7 +136,7 @@ def _express_in_segments(recorded: RecordedMarkers, found: Segmentation, fitted:
 
 
 def _fit_robust_angles(points: ComplexArray, segment: IntArray, state: ChainState) -> FloatArray:
-    """Return the angles (T, n) that fit a known chain to each frame with Cauchy's loss, rad."""
+    """Return the angles (T, n) of a known chain, fitted to each frame with Cauchy's loss, rad."""
     seen = np.isfinite(points)
     problem = ChainProblem.without_points(seen.astype(np.float64), segment, len(state.centres))
     problem = replace(problem, points=np.where(seen, points, 0))
@@ -198,7 +153,7 @@ def _fit_robust_angles(points: ComplexArray, segment: IntArray, state: ChainStat
 
 
 def _find_usual_positions(tracks: _Tracks, segment: IntArray) -> list[_Position | None]:
-    """Return the place of each marker (M) on its own segment; None for a marker without a segment."""
+    """Return the position of each marker (M) on its own segment; None for a marker without a segment."""
     own = [_find_position(tracks, int(k), marker) if k >= 0 else None for marker, k in enumerate(segment)]
     typical = {
         k: float(np.median([place.usual for place in own if place is not None and place.segment == k]))
@@ -208,7 +163,7 @@ def _find_usual_positions(tracks: _Tracks, segment: IntArray) -> list[_Position 
 
 
 def _find_best_position(tracks: _Tracks, marker: int) -> _Position | None:
-    """Return the place of a marker on the moving segment that holds it most of the motion, or else on the base."""
+    """Return the position of a marker on the moving segment where it stays longest, or else on the base."""
     places = [_find_position(tracks, k, marker) for k in range(len(tracks.local))]
     moving = [place for place in places[1:] if place is not None]
     best = max(moving, key=lambda place: place.share, default=None)
@@ -216,7 +171,7 @@ def _find_best_position(tracks: _Tracks, marker: int) -> _Position | None:
 
 
 def _find_position(tracks: _Tracks, segment: int, marker: int) -> _Position | None:
-    """Return where a marker is for most of the motion, in the frame of a segment; None if it is hardly seen."""
+    """Return the position of a marker in a segment's frame for most of the motion; None if it is hardly visible."""
     track = tracks.local[segment, tracks.along, marker]
     track = track[np.isfinite(track)]
     if len(track) < _FEWEST // 2:
@@ -231,7 +186,7 @@ def _find_position(tracks: _Tracks, segment: int, marker: int) -> _Position | No
 
 
 def _find_stretches(recorded: RecordedMarkers, tracks: _Tracks, place: _Position, marker: int) -> list[BadStretch]:
-    """Return the bad stretches of a marker that is on its segment otherwise."""
+    """Return the bad intervals of a marker that is otherwise on its segment."""
     points, rate = recorded.points[:, marker], recorded.rate
     local = tracks.local[place.segment, :, marker]
     seen = np.flatnonzero(np.isfinite(local))
@@ -269,7 +224,7 @@ def _find_stretches(recorded: RecordedMarkers, tracks: _Tracks, place: _Position
 
 
 def _is_step(track: ComplexArray, run: slice, place: complex) -> bool:
-    """Return whether a marker changes its place once, between two samples, before or after a run of them."""
+    """Return whether a marker changes its position once, between two samples, before or after a run of them."""
     if (run.start == 0) == (run.stop == len(track)):
         return False
     last = run.start if run.start else run.stop
@@ -278,14 +233,14 @@ def _is_step(track: ComplexArray, run: slice, place: complex) -> bool:
 
 
 def _find_repeated(positions: FloatArray) -> BoolArray:
-    """Return which positions (K, 3) are exactly those of the sample before or after."""
+    """Return which positions (K, 3) equal exactly the previous or the next one."""
     same = np.zeros(len(positions) + 1, dtype=np.bool_)
     same[1:-1] = np.all(positions[1:] == positions[:-1], axis=1)
     return np.asarray(same[1:] | same[:-1])
 
 
 def _bridge_gaps(runs: list[slice], frames: IntArray, longest: float) -> list[slice]:
-    """Return the runs, with those less than ``longest`` frames apart joined."""
+    """Return runs of samples, joined where they are less than ``longest`` frames apart."""
     joined: list[slice] = []
     for run in runs:
         if joined and frames[run.start] - frames[joined[-1].stop - 1] < longest:
@@ -296,7 +251,7 @@ def _bridge_gaps(runs: list[slice], frames: IntArray, longest: float) -> list[sl
 
 
 def _find_nearest_jump(jumps: IntArray, frame: int, reach: float) -> int | None:
-    """Return the frame of a jump that is nearest to a frame; None if none is within ``reach`` frames."""
+    """Return the jump that is nearest to a frame; None if none is within ``reach`` frames."""
     if not len(jumps):
         return None
     nearest = int(jumps[np.argmin(np.abs(jumps - frame))])
@@ -304,16 +259,9 @@ def _find_nearest_jump(jumps: IntArray, frame: int, reach: float) -> int | None:
 
 
 def _find_still_frames(positions: FloatArray, there: IntArray, rows: IntArray) -> tuple[int, int] | None:
-    """Return the first and last frame of a still stretch around the frames ``rows``; None if the marker moves there.
+    """Return the first and last frame of a still interval around the frames ``rows``; None if the marker moves there.
 
-    Parameters
-    ----------
-    positions : (K, 3) array
-        The marker in the frames in which it is seen, m.
-    there : (K,) int array
-        These frames.
-    rows : int array
-        Frames in which it is off its place.
+    The marker has the positions (K, 3) in the frames ``there`` (K,), in which it is visible.
     """
     inside = (there >= rows[0]) & (there <= rows[-1])
     place = np.median(positions[inside], axis=0)

@@ -1,4 +1,4 @@
-"""The plane of motion (3.2.3): the plane in which the markers move, vertical unless they show that it leans."""
+"""Plane of motion (3.2.3): the plane in which the markers move, vertical unless their motion clearly leans."""
 
 from __future__ import annotations
 
@@ -9,32 +9,25 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 
 _REWEIGHTINGS = 10
-_LEANS = (np.radians(2.5), np.radians(20.0))  # smaller leans have no effect; larger ones belong to another movement
-_EXPLAINED = 0.5  # a plane that leans must leave less than this share of the motion out of the vertical plane
+_LEANS = (np.radians(2.5), np.radians(20.0))  # smaller leans have no effect; larger ones are out-of-plane movements
+_EXPLAINED = 0.5  # largest ratio of the motion out of a leaning plane to the motion out of the vertical plane
 _LOW_M = 0.15  # markers of the feet are at most this much higher than the lowest one
 
 
 @dataclass(frozen=True)
 class PlaneFit:
-    """The plane of motion.
+    """Plane of motion.
 
-    Parameters
-    ----------
-    yaw : float
-        Angle of the line of motion about the vertical from the lab's X, rad, in (-pi/2, pi/2]. The direction in
-        which the subject faces is not decided here.
-    planarity : float
-        Share of the motion (vertical included) out of the plane: 0 for planar motion, 1/3 for isotropic motion.
-    lean : float
-        Angle of the plane from the vertical, about its line of motion, rad; 0 unless the motion clearly leans.
+    The direction in which the subject faces is not decided here.
     """
 
-    yaw: float
-    planarity: float
+    yaw: float  # angle about the vertical from the lab's X to the line of motion, rad, in (-pi/2, pi/2]
+    planarity: float  # share of the motion out of the plane: 0 for planar motion, 1/3 for isotropic motion
+    # angle of the plane from the vertical, about its line of motion, rad; 0 unless the motion clearly leans
     lean: float = 0.0
 
     def straighten(self, positions: FloatArray, feet: FloatArray) -> FloatArray:
-        """Turn positions (F, M, 3) about the line of motion through the ``feet`` (3,), until the plane is vertical."""
+        """Rotate positions (F, M, 3) about the line of motion through the ``feet`` (3,) until the plane is vertical."""
         across = np.array([np.sin(self.yaw), -np.cos(self.yaw), 0.0])
         away = positions - feet
         c, s, z = np.cos(self.lean), np.sin(self.lean), away @ across
@@ -44,16 +37,16 @@ class PlaneFit:
 
 
 def fit_plane(positions: FloatArray) -> PlaneFit:
-    """Fit the plane of motion to marker trajectories: the vertical one, or one that leans if that fits far better.
+    """Fit the plane of motion to marker trajectories: a vertical plane, or a leaning one if it fits far better.
 
-    Every marker is centred on its own mean (3.7), so that its place on the body does not matter. The horizontal
-    displacements are then fitted by a weighted principal axis; reweighting reduces the influence of bursts and of
-    limbs that leave the plane.
+    Each marker's mean is subtracted (3.7), so that its position on the body has no effect. A weighted principal axis is
+    then fitted to the horizontal displacements. Reweighting reduces the influence of bursts and of limbs that leave the
+    plane.
 
     Parameters
     ----------
     positions : (F, M, 3) array
-        Lab coordinates with Z up, m; NaN where unseen.
+        Lab coordinates with Z up, m; NaN where missing.
 
     Returns
     -------
@@ -114,7 +107,7 @@ def _fit_leaning(displacements: FloatArray) -> PlaneFit:
 
 
 def _displacements(positions: FloatArray) -> FloatArray:
-    """Return the seen displacements (K, 3) of every marker from its own mean."""
+    """Return the displacements (K, 3) of all visible samples from their marker's mean."""
     seen: BoolArray = np.asarray(np.isfinite(positions).all(axis=2))
     counts = np.maximum(seen.sum(axis=0), 1)
     means = np.where(seen[..., None], positions, 0.0).sum(axis=0) / counts[:, None]
@@ -128,4 +121,5 @@ def _principal_axis(points: FloatArray, weights: FloatArray) -> FloatArray:
 
 
 def _wrap_half_circle(angle: float) -> float:
+    """Return an angle wrapped to (-pi/2, pi/2]."""
     return float(np.pi / 2 - (np.pi / 2 - angle) % np.pi)

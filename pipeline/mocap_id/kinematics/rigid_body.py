@@ -1,6 +1,6 @@
 """Rigid bodies in the plane: markers with constant mutual distances.
 
-Points of the plane are complex numbers: a rotation by phi and a shift is ``z = p + exp(i phi) q``.
+Points of the plane are complex numbers: rotation by phi and translation is ``z = p + exp(i phi) q``.
 """
 
 from __future__ import annotations
@@ -19,34 +19,20 @@ _SAME_PLACE = 0.03  # m
 
 @dataclass(frozen=True)
 class RigidBody:
-    """Markers that move as one rigid body.
+    """Markers that move as one rigid body."""
 
-    Parameters
-    ----------
-    markers : (k,) int array
-        Columns of the trajectories.
-    template : (k,) complex array
-        Marker coordinates in the body's frame, whose origin is their centroid, m.
-    rotation : (F,) complex array
-        ``exp(i phi)`` of the body in each frame; NaN where fewer than two markers are seen.
-    position : (F,) complex array
-        Origin of the body's frame, m.
-    residual : float
-        rms distance of the markers from their places on the body, m.
-    """
-
-    markers: IntArray
-    template: ComplexArray
-    rotation: ComplexArray
-    position: ComplexArray
-    residual: float
+    markers: IntArray  # (k,) columns of the trajectories
+    template: ComplexArray  # (k,) marker coordinates in the body's frame, whose origin is their centroid, m
+    rotation: ComplexArray  # (F,) ``exp(i phi)`` of the body; NaN with fewer than two visible markers
+    position: ComplexArray  # (F,) origin of the body's frame, m
+    residual: float  # rms distance of the markers from their positions on the body, m
 
     @property
     def angle_noise(self) -> float:
-        """Return the standard deviation of the angle of ``rotation``, rad, if the residual were white noise.
+        """Standard deviation of the angle of ``rotation``, rad, if the residual were white noise.
 
-        The pose absorbs three of a frame's 2 k coordinates, so the residual is smaller than the noise. The
-        result is infinite with fewer than two markers, or if all are at one point.
+        The pose absorbs three of a frame's 2 k coordinates, so the residual is smaller than the noise. The result is
+        infinite with fewer than two markers, or if all are at one point.
         """
         spread, coordinates = float(np.sqrt(np.sum(np.abs(self.template) ** 2))), 2 * len(self.markers)
         if spread == 0 or coordinates <= 3:
@@ -60,12 +46,12 @@ class RigidBody:
 
 
 def fit_body(points: ComplexArray, markers: Sequence[int] | IntArray) -> RigidBody:
-    """Fit a rigid body to some markers by least squares (generalised Procrustes over the frames, ignoring gaps).
+    """Fit a rigid body to markers by least squares (generalised Procrustes analysis over the frames, ignoring gaps).
 
     Parameters
     ----------
     points : (F, M) complex array
-        Trajectories in the plane, m; NaN where unseen.
+        Trajectories in the plane, m; NaN where missing.
     markers : sequence of int
         At least two columns of ``points``.
     """
@@ -107,7 +93,7 @@ def still_body(points: ComplexArray, markers: Sequence[int] | IntArray) -> Rigid
 
 
 def marker_residuals(body: RigidBody, points: ComplexArray) -> FloatArray:
-    """Return the rms distance (M,) of every marker from its mean place on a body, m; inf if never seen with it."""
+    """Return the rms distance (M,) of markers from their mean positions on a body, m; inf if never visible with it."""
     square, counts = variance_over_time(body.local(points))
     return np.where(counts > 1, np.sqrt(square), np.inf)
 
@@ -122,7 +108,7 @@ def variance_over_time(values: FloatArray | ComplexArray) -> tuple[FloatArray, I
 
 
 def count_positions(local: ComplexArray) -> int:
-    """Return the number of places (K,) in the plane, m; places within 30 mm of an earlier one count once."""
+    """Return the number of distinct positions among (K,), m; positions within 30 mm of each other count once."""
     kept: list[complex] = []
     for each in local:
         if all(abs(each - other) > _SAME_PLACE for other in kept):
@@ -138,9 +124,9 @@ def rigid_poses(
     Parameters
     ----------
     z : (F, k) complex array
-        Markers, m; 0 where unseen.
+        Marker positions, m; 0 where missing.
     seen : (F, k) bool or float array
-        1 where seen, else 0.
+        1 if visible, else 0.
     template : (k,) complex array
         Marker coordinates in the body's frame, m.
     """

@@ -1,9 +1,9 @@
 """Number, order and markers of the segments, from the motion alone (3.2.1, 3.2.4).
 
 The thesis finds segments one by one from base to tip, by circles in the frame of the previous segment. Circles are a
-weak test: a marker two links out also moves on a circle if the joint between hardly moves. Here rigid bodies are found
-first, at several levels of detail. Each level gives a hypothesis, a chain from the base to a tip over real joints, and
-the hypothesis that best predicts the markers for its number of segments is chosen.
+weak test: a marker two links away also moves on a circle if the joint between hardly moves. Here, rigid bodies are
+found first, at several levels of detail. Each level gives a hypothesis, a chain from the base to a tip over real
+joints. The hypothesis that best predicts the markers for its number of segments is chosen.
 """
 
 from __future__ import annotations
@@ -26,43 +26,24 @@ from mocap_id.kinematics.link_search import find_best_links
 from mocap_id.kinematics.rigid_body import RigidBody, marker_residuals, still_body
 
 _ADOPT = 2.0  # largest residual of an adopted marker, relative to the segment's own
-_SURE = 0.9  # confidence in a chain of rigid bodies at which no other chain is tried
+_SURE = 0.9  # confidence in a chain of rigid bodies above which no other chain is tried
 _BETTER = 2.0  # least advantage in cost of a chain with single-marker segments
 _TALLEST = 5.0  # m; largest plausible height of the markers
 
 
 @dataclass(frozen=True)
 class Segmentation:
-    """Markers sorted into segments.
+    """Markers sorted into segments."""
 
-    Parameters
-    ----------
-    segment : (M,) int array
-        0 = base, 1 … n from base to tip, -1 = none.
-    residual : (M,) array
-        rms distance of each marker from its place on its segment, m; NaN for none.
-    count : int
-        Number of segments with the base.
-    confidence : Confidence
-        Confidence in the segments.
-    ratios : tuple of float
-        For each joint, the residual without its segment divided by the residual with it. The segment is
-        skipped, the last one is fixed to its parent.
-    base : Base
-        The still markers and the noise floor.
-    hypotheses : tuple of Hypothesis
-        All hypotheses with rigid bodies only, best first.
-    links : LinkFit or None
-        The fitted chain, if one of its segments is not a rigid body of its own (:mod:`.link_markers`).
-    """
-
-    segment: IntArray
-    residual: FloatArray
-    count: int
+    segment: IntArray  # (M,) 0 = base, 1 … n from base to tip, -1 = none
+    residual: FloatArray  # (M,) rms distance of each marker from its position on its segment, m; NaN for none
+    count: int  # number of segments with the base
     confidence: Confidence
+    # for each joint, residual without its segment (the last one: fixed to its parent) over residual with it
     ratios: tuple[float, ...]
-    base: Base
-    hypotheses: tuple[Hypothesis, ...] = field(repr=False)
+    base: Base  # still markers
+    hypotheses: tuple[Hypothesis, ...] = field(repr=False)  # all hypotheses with rigid bodies only, best first
+    # fitted chain, if one of its segments is not a rigid body (:mod:`.link_markers`)
     links: LinkFit | None = field(default=None, repr=False)
 
 
@@ -74,18 +55,18 @@ def segment_markers(
     Parameters
     ----------
     points : (F, M) complex array
-        Trajectories in the plane, m; NaN where unseen. A few hundred frames that span the motion are enough.
+        Trajectories in the plane, m; NaN where missing. A few hundred frames along the motion are enough.
     lateral : (M,) array
-        Mean out-of-plane coordinate of every marker, m; it distinguishes a pair of limbs from the trunk that
-        carries them.
+        Mean out-of-plane coordinate of every marker, m. It distinguishes a pair of limbs from the trunk between them.
     rules : SegmentationRules
+        Limits for bodies and joints.
     constraints : Constraints, optional
         Markers that the user wants together or apart.
 
     Raises
     ------
     Refused
-        ``no-fixed-base``, ``no-motion`` or ``no-chain``, with the numbers.
+        ``no-fixed-base``, ``no-motion`` or ``no-chain``.
     """
     constraints = constraints or Constraints.of(points.shape[1])
     base = find_base(points, rules.still_limit, constraints)
@@ -113,7 +94,7 @@ def _explains_more(problem: SegmentationProblem, links: LinkFit, found: Segmenta
 
 
 def _rigid_cost(problem: SegmentationProblem, found: Segmentation) -> float:
-    """Return the cost of a chain of rigid bodies, as :mod:`.link_fit` measures it."""
+    """Return the cost of a chain of rigid bodies, with the measure of :mod:`.link_fit`."""
     seen = np.isfinite(problem.base.scatter)
     gaps = np.array([0.0, *(joint.residual for joint in found.hypotheses[0].joints)])
     on_segment = np.where(np.isfinite(found.residual), found.residual, np.inf)
@@ -122,7 +103,7 @@ def _rigid_cost(problem: SegmentationProblem, found: Segmentation) -> float:
 
 
 def _build_from_links(problem: SegmentationProblem, considered: tuple[Hypothesis, ...], links: LinkFit) -> Segmentation:
-    """Return the segments of a chain with single-marker segments."""
+    """Return the segmentation of a chain with single-marker segments."""
     explained = explained_share(links.segment, problem.lateral, problem.moving)
     return Segmentation(
         links.segment,
@@ -137,6 +118,7 @@ def _build_from_links(problem: SegmentationProblem, considered: tuple[Hypothesis
 
 
 def _require_base_and_motion(base: Base, points: ComplexArray, rules: SegmentationRules) -> None:
+    """Refuse a trial with fewer than two base markers or fewer than two moving markers."""
     markers, seen = points.shape[1], np.isfinite(base.scatter)
     extent = float(np.ptp(points.imag[np.isfinite(points)])) if seen.any() else 0.0
     least = float(np.min(base.scatter, initial=np.inf))
@@ -144,8 +126,8 @@ def _require_base_and_motion(base: Base, points: ComplexArray, rules: Segmentati
         raise Refused(
             "no-fixed-base",
             f"{len(base.markers)} of {markers} markers stand still (the stillest moves by "
-            f"{1e3 * least:.0f} mm rms); a chain needs a base with at least 2 markers within "
-            f"{1e3 * rules.still_limit:.0f} mm. Give a `window:` in which the feet stand still, or record such a part."
+            f"{1e3 * least:.0f} mm rms); a chain needs a base of at least 2 markers that stay within "
+            f"{1e3 * rules.still_limit:.0f} mm. Set a `window:` in which the feet stand still, or record again."
             + _hint_at_unit(extent),
             least if np.isfinite(least) else None,
             rules.still_limit,
@@ -155,21 +137,21 @@ def _require_base_and_motion(base: Base, points: ComplexArray, rules: Segmentati
         raise Refused(
             "no-motion",
             f"no joint moves: {len(base.markers)} of {int(seen.sum())} markers stay within "
-            f"{1e3 * rules.still_limit:.0f} mm, so there is no segment to find. Record a movement of the joints.",
+            f"{1e3 * rules.still_limit:.0f} mm, so no segment can be found. Record a movement of the joints.",
             largest,
             rules.still_limit,
         )
 
 
 def _hint_at_unit(extent: float) -> str:
-    """Return a hint if the markers reach higher than any body."""
+    """Return a hint if the markers are higher than any body."""
     if extent <= _TALLEST:
         return ""
     return f" The markers span {extent:.0f} m in height: is the unit of length right (`planarise: {{units: …}}`)?"
 
 
 def _assign(problem: SegmentationProblem, considered: tuple[Hypothesis, ...]) -> Segmentation:
-    """Return the best hypothesis, with the leftover markers and some still ones assigned to its segments."""
+    """Return the segmentation of the best hypothesis. Leftover markers and some still ones join its segments."""
     points, best = problem.points, considered[0]
     links = (problem.ground, *best.chain)
     residuals = np.stack([marker_residuals(body, points) for body in links])
@@ -196,15 +178,10 @@ def _assign(problem: SegmentationProblem, considered: tuple[Hypothesis, ...]) ->
 
 
 def _assign_leftovers(constraints: Constraints, segment: IntArray, cost: FloatArray) -> None:
-    """Assign leftover markers to the segments that fit them, the most certain first; a unit stays together.
+    """Assign leftover markers (-1 in ``segment``, in place) to the segments that fit them, the most certain first.
 
-    Parameters
-    ----------
-    constraints : Constraints
-    segment : (M,) int array
-        -1 for leftover markers; changed in place.
-    cost : (n + 1, M) array
-        Residual of every marker on every segment over the largest allowed there.
+    ``cost`` (n + 1, M) is the residual of every marker on every segment, divided by the largest allowed one. A unit
+    stays together.
     """
     seen = np.isfinite(cost).any(axis=0)
     left = np.flatnonzero((segment < 0) & seen)
@@ -234,7 +211,7 @@ def _compute_ratios(
 
 
 def _explain_missing_chain(problem: SegmentationProblem) -> Refused:
-    """Return the refusal: no body turns about a point of the base, or no chain has the requested length."""
+    """Return the refusal: no body rotates about a point of the base, or no chain has the requested length."""
     rules = problem.rules
     if rules.count is not None:
         found = sorted(
@@ -255,14 +232,14 @@ def _explain_missing_chain(problem: SegmentationProblem) -> Refused:
     if joint is None or body is None:
         return Refused(
             "no-motion",
-            f"{len(problem.moving)} moving markers do not make a rigid body of two or more, so no joint moves.",
+            f"no joint moves: the {len(problem.moving)} moving markers contain no rigid body of two or more markers.",
             float(len(problem.moving)),
             2.0,
         )
     return Refused(
         "no-chain",
-        f"no body turns about a joint on the fixed base: the best one ({len(body.markers)} markers) has a residual of "
-        f"{1e3 * body.residual:.0f} mm (limit {1e3 * rules.max_body_residual:.0f}), its joint one of "
+        f"no body rotates about a joint on the fixed base: the best one ({len(body.markers)} markers) has a residual "
+        f"of {1e3 * body.residual:.0f} mm (limit {1e3 * rules.max_body_residual:.0f}), its joint one of "
         f"{1e3 * joint.residual:.0f} mm (limit {1e3 * rules.max_residual:.0f}) over an arc of "
         f"{np.degrees(joint.arc):.1f}° (at least {np.degrees(rules.min_arc):.1f}). "
         "Check that the chain is fixed to the still markers.",

@@ -1,11 +1,11 @@
 """Model of skin that slides over the bone, and its effect on the fitted chain and on the joint angles.
 
-A slide e of a marker turns the segments by
+A slide e of a marker rotates the segments by
 
     da = A^-1 (S^H W e - C dc),
 
-where A and C are the blocks of the angles in the normal equations, S is the Jacobian of the markers by the segment
-angles, W holds the weights, and dc is the change of the joint fit's centres and coordinates. The derivation is in
+where A and C are the blocks of the angles in the normal equations, S is the Jacobian of the markers with respect to the
+segment angles, W are the weights, and dc is the change of the joint fit's centres and coordinates. The derivation is in
 docs/concepts/sliding-skin.md.
 """
 
@@ -30,13 +30,13 @@ from mocap_id.kinematics.chain_equations import (
 from mocap_id.kinematics.frame_sampling import frames_along_motion
 
 FRAMES = 400
-"""Number of frames in which the joint fit is traced again."""
+"""Number of frames in which the response of the joint fit is computed."""
 EXACT = 1e-4
 """Residual, m, below which markers have equal weights, as in the joint fit."""
-_RIDGE = 1e-9  # share of a regression's squares, for shapes that do not move
+_RIDGE = 1e-9  # ridge of the regression, for joints that do not move
 _SHAPES = 2  # one for the joint below, one for the joint above
 _MODES = 2 * _SHAPES  # slides of one marker: two shapes in two directions
-_MEAN_OF = 400  # postures of the mean error
+_MEAN_OF = 400  # number of postures in the mean error
 _RATE = 30.0  # Hz; rate of the postures, enough for movements, which stay below 3 Hz
 _CHUNK = 500  # postures at a time, to limit memory
 _OVERLAP = 3  # postures shared by neighbouring chunks, for the derivatives
@@ -44,59 +44,39 @@ _OVERLAP = 3  # postures shared by neighbouring chunks, for the derivatives
 
 @dataclass(frozen=True)
 class SkinModel:
-    """A chain, the slides of its markers, and the response of the joint fit to each slide.
+    """Chain, slides of its markers, and response of the joint fit to each slide.
 
-    Parameters
-    ----------
-    centres, local : (n,) and (K,) complex arrays
-        The fitted chain, m.
-    segment : (K,) int array
-        Segment of each marker, 1 … n.
-    weight : (K,) array
-        Weight of each marker in the angles of a frame: the share of frames in which it is seen.
-    size, rest : (K,) arrays
-        Variances of the lasting part of a marker's residual, and of its share that does not follow the joints, m²
-        per coordinate.
-    mean, spread : (n,) and (K,) arrays
-        Mean and scale of the joint angles that the slides follow, rad.
-    moved : (K, 2, 2, P) array
-        Change of the fit's common unknowns per metre of a marker's slide along each shape, in x and y of its
-        segment; P = 2 (n + K), centres first.
-    noise : (P, P) array
-        Square root of the common unknowns' covariance from other causes, m.
+    P = 2 (n + K) is the number of common unknowns of the joint fit, centres first. A slide has two shapes, in
+    proportion to the joint below and to the joint above its segment.
     """
 
-    centres: ComplexArray
-    local: ComplexArray
-    segment: IntArray
-    weight: FloatArray
-    size: FloatArray
-    rest: FloatArray
-    mean: FloatArray
-    spread: FloatArray
+    centres: ComplexArray  # (n,) joint centres of the fitted chain, m
+    local: ComplexArray  # (K,) marker coordinates, m
+    segment: IntArray  # (K,) segment of each marker, 1 … n
+    weight: FloatArray  # (K,) weight of each marker in the angles of a frame: share of frames in which it is visible
+    size: FloatArray  # (K,) variance of the persistent part of a marker's residual, m² per coordinate
+    rest: FloatArray  # (K,) variance of its part that does not follow the joints, m² per coordinate
+    mean: FloatArray  # (n,) mean joint angles, rad
+    spread: FloatArray  # (K,) scale of the joint angles that the slides follow, rad
+    # (K, 2, 2, P) change of the common unknowns per metre of slide along each shape, in x and y of the segment
     moved: FloatArray
-    noise: FloatArray
+    noise: FloatArray  # (P, P) square root of the common unknowns' covariance from other causes, m
 
     @property
     def common(self) -> FloatArray:
-        """Return the changes (P, 4 K + P) of the common unknowns for one standard deviation of each mode, m."""
+        """Changes (P, 4 K + P) of the common unknowns for one standard deviation of each mode, m."""
         moved = self.moved * np.sqrt(self.size)[:, None, None, None]
         return np.concatenate([moved.reshape(-1, moved.shape[-1]).T, self.noise], axis=1)
 
     def errors(self, angles: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the errors of the joint angles in given postures.
-
-        Parameters
-        ----------
-        angles : (T, n) array
-            Joint angles, rad.
+        """Return the errors of the joint angles in postures (T, n), rad.
 
         Returns
         -------
         errors : (T, n, 4 K + P) array
             Errors that follow the posture, for one standard deviation of each independent mode, rad.
         gain : (T, n, K, 2) array
-            Turn of each joint with the offset of each marker, in x and y of its segment, rad/m.
+            Rotation of each joint per offset of each marker, in x and y of its segment, rad/m.
         """
         segment, n = self.segment, len(self.centres)
         state = ChainState(self.centres, self.local, np.cumsum(angles, axis=1))
@@ -118,8 +98,8 @@ class SkinModel:
         centres : (n, 2, 4 K + P) array
             Changes of the joint centres, m.
         angles : (n, 4 K + P) array
-            Constant changes of the joint angles, rad, because segment frames turn with the joints (last segment:
-            with the markers' centroid).
+            Constant changes of the joint angles, rad, because segment frames rotate with the joints (last segment: with
+            the markers' centroid).
         """
         n = len(self.centres)
         moved = self.common.reshape(n + len(self.segment), 2, -1)
@@ -135,12 +115,12 @@ class SkinModel:
 def fit_skin(
     points: ComplexArray, segment: IntArray, state: ChainState, observed: IntArray, camera_sd: float
 ) -> SkinModel:
-    """Fit the sizes of the slides to the residuals, and trace the response of the joint fit to each slide.
+    """Fit the sizes of the slides to the residuals, and compute the response of the joint fit to each slide.
 
     Parameters
     ----------
     points : (F, K) complex array
-        Markers in the plane, m; NaN where unseen or left out.
+        Markers in the plane, m; NaN where missing or left out.
     segment : (K,) int array
         Segment of each marker, 1 … n.
     state : ChainState
@@ -148,7 +128,7 @@ def fit_skin(
     observed : (T,) int array
         Frames whose markers determine every angle.
     camera_sd : float
-        Camera noise of a coordinate, m.
+        Standard deviation of the camera noise of a coordinate, m.
     """
     relative = np.diff(state.angles, axis=1, prepend=0.0)
     mean = relative.mean(axis=0)
@@ -171,7 +151,7 @@ def fit_response(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the changes (K, 2, 2, P) of the common unknowns per slide, and the square root (P, P) of their noise.
 
-    ``shape`` (T, K, 2) is the course of the slides; ``camera_sd`` is the camera noise of a coordinate, m.
+    ``shape`` (T, K, 2) is the course of the slides; ``camera_sd`` is the standard deviation of the camera noise, m.
     """
     reduced = eliminate_angles(problem, state)
     values, vectors = np.linalg.eigh(reduced.inverse)
@@ -182,7 +162,7 @@ def fit_response(
 def skin_from_residuals(
     state: ChainState, segment: IntArray, residual: FloatArray, centre_covariance: FloatArray
 ) -> SkinModel:
-    """Return a skin model if the response of the joint fit, or the persistence of the residuals, is unknown.
+    """Return a skin model without knowledge of the joint fit's response or of the persistence of the residuals.
 
     The whole residual counts as skin, and the errors of the centres follow their covariance, independent of the skin.
 
@@ -193,9 +173,9 @@ def skin_from_residuals(
     segment : (K,) int array
         Segment of each marker, 1 … n.
     residual : (K,) array
-        rms distance of each marker from its place, m.
+        rms distance of each marker from its position, m.
     centre_covariance : (n, 2, 2) array
-        Covariance of each centre, m²; NaN if it is unknown, as of ``estimator: circle``. The centre then has no error.
+        Covariance of each centre, m²; NaN if unknown (``estimator: circle``). The centre then has no error.
     """
     relative = np.diff(state.angles, axis=1, prepend=0.0)
     mean = relative.mean(axis=0)
@@ -212,7 +192,7 @@ def skin_from_residuals(
 
 
 def slide_scales(relative: FloatArray) -> FloatArray:
-    """Return the rms (n,) of each segment's two slide shapes, 1 if nothing moves, from centred angles (F, n), rad."""
+    """Return the rms (n,) of each segment's two slide shapes from centred angles (F, n), rad; 1 if nothing moves."""
     square = np.zeros((relative.shape[1] + 1, len(relative)))
     square[:-1] = relative.T**2
     spread = np.sqrt(np.mean(square[:-1] + square[1:], axis=1))
@@ -228,10 +208,9 @@ def scale_angles(relative: FloatArray, spread: FloatArray, segment: IntArray) ->
 def _estimate_sizes(
     points: ComplexArray, segment: IntArray, state: ChainState, relative: FloatArray, spread: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return for each marker: two variances of the slide, inverse weight, and share of frames in which it is seen.
+    """Return two variances of the slide, m^2, the inverse weight, and the share of visible frames of each marker (K,).
 
-    All are (K,), the variances in m^2 per coordinate. The part of a residual that persists to the next frame is not
-    camera noise.
+    Only the part of a residual that persists to the next frame is a slide; the rest is camera noise.
     """
     origin, turn = joint_positions(state)
     found = np.empty((4, len(segment)))
@@ -252,8 +231,8 @@ def _estimate_sizes(
 def _estimate_marker_sizes(off: ComplexArray, shape: FloatArray) -> tuple[float, float, float, float]:
     """Return the sizes of one marker from its offset (F,) and shapes (F, 2), m^2 per coordinate.
 
-    These are the variances of the lasting offset, of the lasting offset without its shapes, and of the offset, and the
-    share of frames in which the marker is seen.
+    These are the variances of the persistent offset, of its part without the shapes, and of the whole offset, and the
+    share of frames in which the marker is visible.
     """
     seen = np.isfinite(off)
     off = np.where(seen, off, 0)
@@ -271,13 +250,14 @@ def _lag_one_variance(off: ComplexArray, seen: BoolArray) -> float:
 
 
 def angle_errors(skin: SkinModel, angles: FloatArray, rate: float) -> tuple[IntArray, FloatArray]:
-    """Return the variances of lasting errors of angle and derivatives, from skin and from the chain's geometry.
+    """Return the variances of persistent errors of joint angles and their derivatives.
 
     Parameters
     ----------
     skin : SkinModel
+        Model of the slides.
     angles : (F, n) array
-        Angle of each joint, rad, finite.
+        Joint angles, rad, finite.
     rate : float
         Frames per second.
 
@@ -298,7 +278,7 @@ def angle_errors(skin: SkinModel, angles: FloatArray, rate: float) -> tuple[IntA
 def _variance(skin: SkinModel, angles: FloatArray, mean: FloatArray, step: float) -> FloatArray:
     """Return the summed squares (T, n, 4) of the errors and of their derivatives.
 
-    Errors that do not follow the posture add to the angle only.
+    Errors that do not follow the posture are added to the angle only.
     """
     errors, gain = skin.errors(angles)
     part, parts = errors - mean, []
@@ -310,8 +290,44 @@ def _variance(skin: SkinModel, angles: FloatArray, mean: FloatArray, step: float
 
 
 def _chunks(count: int) -> Iterator[tuple[slice, slice]]:
-    """Yield stretches of postures with their neighbours, and the part of each stretch without them."""
+    """Yield slices of postures with their neighbours, and the part of each slice without them."""
     for start in range(0, count, _CHUNK):
         first = max(start - _OVERLAP, 0)
         stop = min(start + _CHUNK, count)
         yield slice(first, min(stop + _OVERLAP, count)), slice(start - first, stop - first)
+
+
+def predict_skin(skin: SkinModel, angles: FloatArray, camera_sd: float, seen: int, frames: int = FRAMES) -> SkinModel:
+    """Predict the skin model of another movement of the same body, to which the same chain would be fitted again.
+
+    The slide of a marker per radian of its joints is a property of the marker. In larger arcs it slides farther, and in
+    other postures the joint fit responds differently (docs/concepts/sliding-skin.md).
+
+    Parameters
+    ----------
+    skin : SkinModel
+        Model of the recorded movement.
+    angles : (F, n) array
+        Joint angles of the other movement, rad, finite. Each posture counts as often as it occurs.
+    camera_sd : float
+        Standard deviation of the camera noise of a coordinate, m.
+    seen : int
+        Number of frames from which ``skin`` was estimated. The part of its sizes from camera noise does not grow.
+    frames : int
+        Number of postures used.
+    """
+    mean = angles.mean(axis=0)
+    relative = angles - mean
+    spread = slide_scales(relative)[skin.segment - 1]
+    chance = camera_sd**2 * np.sqrt(2.0 / np.maximum(seen * skin.weight, 1.0))  # two standard deviations without skin
+    sliding = np.maximum(skin.size - skin.rest - chance, 0.0)
+    size = skin.size + sliding * ((spread / skin.spread) ** 2 - 1.0)
+    chosen = slice(None, None, max(1, len(angles) // frames))
+    traced = ChainState(skin.centres, skin.local, np.cumsum(angles[chosen], axis=1))
+    weight = 1.0 / np.maximum(camera_sd**2 + size, EXACT**2)
+    weights = np.broadcast_to(skin.weight * weight / weight.mean(), (len(traced.angles), len(weight)))
+    fitted = ChainProblem.without_points(weights, skin.segment, len(skin.centres))
+    averaging = np.sqrt(len(weights) / FRAMES)  # camera noise averages over FRAMES frames in a fit
+    shape = scale_angles(relative[chosen], spread, skin.segment)
+    moved, noise = fit_response(fitted, traced, shape, camera_sd * averaging)
+    return replace(skin, size=size, mean=mean, spread=spread, moved=moved, noise=noise)

@@ -10,33 +10,25 @@ from mocap_id.arrays import FloatArray, IntArray, chunks
 from mocap_id.kinematics.continuations import Continuations
 
 _GAP = 1.0  # s; longest gap of a column: two markers hidden for half a second each
-_JUMPS = (0.008, 0.015)  # m; bounds of the smallest jump considered ...
-_OF_BEND = 2.5  # ... which is this multiple of the median bend of a trajectory from frame to frame
-_EVERY = 16  # every so many samples enter this median
+_OF_BEND = 2.5  # smallest jump, relative to the median second difference of the trajectories
+_JUMPS = (0.008, 0.015)  # m; range of this smallest jump
+_EVERY = 16  # this median uses one of so many samples
 _EVIDENCE = (8.0, 18.0)  # least log likelihood ratio for each marker, from frame to frame and across gaps
 
 
 @dataclass(frozen=True)
 class Swap:
-    """Two columns whose identities are exchanged for ``start <= frame < stop``.
+    """Two columns whose labels are exchanged for ``start <= frame < stop``."""
 
-    Parameters
-    ----------
-    first, second : int
-        Columns, ``first < second``.
-    start, stop : int
-        Frames; ``stop`` is the number of frames where the identities are never exchanged back.
-    """
-
-    first: int
-    second: int
-    start: int
-    stop: int
+    first: int  # column, smaller than ``second``
+    second: int  # column
+    start: int  # first frame
+    stop: int  # frame after the last one; the number of frames if the labels are never exchanged back
 
 
 @dataclass(frozen=True)
 class _Breaks:
-    """Breaks (N,) after which a column may show another marker: seen at ``last`` and next at ``following``."""
+    """Breaks (N,) after which a column may show another marker: visible at ``last`` and next at ``following``."""
 
     column: IntArray
     last: IntArray
@@ -52,14 +44,14 @@ class _Breaks:
 def find_swaps(positions: FloatArray, rate: float) -> tuple[Swap, ...]:
     """Find label swaps between trajectories, at a frame or across a gap of up to 1 s.
 
-    A trajectory is suspect where it jumps or has a gap and its distances to the markers that move with it change. It is
-    swapped if each of the markers lost there continues in another column with its distances unchanged. The labels of
-    the first frames count as correct. A permutation of three or more is reported as successive swaps of two.
+    A trajectory is suspect if it has a jump or a gap, and if its distances to the markers that move with it change
+    there. It is swapped if each of the interrupted markers continues in another column with unchanged distances. The
+    labels of the first frames are assumed correct. An exchange of three or more is reported as successive swaps of two.
 
     Parameters
     ----------
     positions : (F, M, 3) array
-        Trajectories in any fixed frame, m; NaN where unseen.
+        Trajectories in any fixed frame, m; NaN where missing.
     rate : float
         Frames per second.
 
@@ -85,18 +77,7 @@ def find_swaps(positions: FloatArray, rate: float) -> tuple[Swap, ...]:
 
 
 def undo_swaps(positions: FloatArray, swaps: tuple[Swap, ...]) -> FloatArray:
-    """Return a copy with the trajectories exchanged back.
-
-    Parameters
-    ----------
-    positions : (F, M, 3) array
-    swaps : tuple of Swap
-        Result of `find_swaps`. Swaps that share columns are undone in order of ``first``.
-
-    Returns
-    -------
-    (F, M, 3) array
-    """
+    """Return a copy of trajectories (F, M, 3) with the swaps of :func:`find_swaps` exchanged back."""
     out = positions.copy()
     for swap in sorted(swaps, key=lambda one: one.first):
         span = slice(swap.start, swap.stop)
@@ -105,6 +86,7 @@ def undo_swaps(positions: FloatArray, swaps: tuple[Swap, ...]) -> FloatArray:
 
 
 def _find_breaks(positions: FloatArray, rate: float) -> _Breaks:
+    """Return jumps and gaps of all trajectories."""
     square = np.empty((len(positions) - 2, positions.shape[1]))
     with np.errstate(invalid="ignore"):
         for part in chunks(len(square)):
@@ -130,6 +112,7 @@ def _find_breaks(positions: FloatArray, rate: float) -> _Breaks:
 def _find_gaps(
     lost: IntArray, lost_column: IntArray, found: IntArray, found_column: IntArray, longest: int
 ) -> tuple[IntArray, IntArray, IntArray]:
+    """Return column, last visible and next visible frame of all gaps of at most ``longest`` frames."""
     kind = np.concatenate([np.zeros(len(lost), dtype=np.int64), np.ones(len(found), dtype=np.int64)])
     frame, column = np.concatenate([lost, found]), np.concatenate([lost_column, found_column])
     order = np.lexsort((1 - kind, frame, column))  # a marker seen for one frame is found before it is lost
@@ -142,7 +125,7 @@ def _find_gaps(
 def _drop_implausible(
     positions: FloatArray, breaks: _Breaks, source: IntArray, target: IntArray
 ) -> tuple[IntArray, IntArray]:
-    """Return pairs of breaks, without adjacent frames where the own column is nearer to the expected place."""
+    """Return pairs of breaks without adjacent frames where the own column is nearer to the expected position."""
     last, column = breaks.last[source], breaks.column[source]
     start = positions[last, column]
     step = np.where((last > 0)[:, None], start - positions[last - 1, column], np.nan)
@@ -158,10 +141,7 @@ def _drop_implausible(
 def _find_exchanges(
     positions: FloatArray, breaks: _Breaks, continuations: Continuations
 ) -> list[tuple[int, tuple[int, ...]]]:
-    """Return the exchanges: the first frame and the columns, in which each marker continues in the next column.
-
-    The marker of the last column continues in the first one.
-    """
+    """Return the first frame and the columns of each exchange; each marker continues in the next column."""
     source, target = _drop_implausible(positions, breaks, *_pair_overlapping(breaks))
     here, there = breaks[source], breaks[target]
     evidence = continuations.weigh_evidence(here.column, here.last, here.following, there.column, there.following)
@@ -186,7 +166,7 @@ def _find_exchanges(
 
 
 def _pair_overlapping(breaks: _Breaks) -> tuple[IntArray, IntArray]:
-    """Return all ordered pairs of breaks of two columns that have an instant in common."""
+    """Return all ordered pairs of breaks of two columns that overlap in time."""
     order = np.argsort(breaks.last, kind="stable")
     last, following = breaks.last[order], breaks.following[order]
     stop = np.searchsorted(last, following, side="left")
@@ -200,7 +180,7 @@ def _pair_overlapping(breaks: _Breaks) -> tuple[IntArray, IntArray]:
 
 
 def _find_durations(events: list[tuple[int, tuple[int, ...]]], markers: int, count: int) -> tuple[Swap, ...]:
-    """Return the exchanges of two columns with their durations, from the exchanges at each event."""
+    """Return the swaps of two columns with their durations, from the exchanges at each event."""
     shown_by = list(range(markers))  # the marker that each column shows
     standing: dict[tuple[int, int], int] = {}
     out: list[Swap] = []
@@ -228,9 +208,9 @@ def _list_exchanges(shown_by: list[int]) -> list[tuple[int, int]]:
 
 
 def _bound_swap(positions: FloatArray, rate: float, breaks: _Breaks, swap: Swap) -> Swap:
-    """Return a swap without an end, bounded by an exchange of one marker while the other is hidden, if there is any.
+    """Return a swap without an end, bounded by an exchange of one marker while the other is hidden, if there is one.
 
-    Backwards in time, the marker that a column shows after such an exchange continues in the other column. If this is
+    Backwards in time, the marker that a column shows after this exchange continues in the other column. If this is
     before the swap, the labels are exchanged between the two.
     """
     backwards, last = Continuations(positions[::-1], rate), len(positions) - 1

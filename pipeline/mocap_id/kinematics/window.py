@@ -1,4 +1,4 @@
-"""Time window of a recording in which the base is fixed: people walk on and off."""
+"""Time window of a recording in which the base is fixed, because people walk on and off."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ STILL_RADIUS = 0.015
 """Largest distance (m) of a base marker from its rest position: skin, toes and heels move by a few millimetres."""
 
 _TRAVEL = 5.0  # least travel of a moving marker, in still radii
-_STANDS = 0.7  # share of the recording in which a base that changes its place stands still
+_STANDS = 0.7  # least share of the recording in which a displaced base stands still
 _TRIED = 200  # stretches tried, the longest first
 
 MIN_SECONDS = 2.0
-"""Shortest window, s; shorter still phases are steps of a gait."""
+"""Shortest window, s; shorter still phases are steps while walking."""
 
 
 def propose_window(positions: FloatArray, rate: float) -> tuple[int, int]:
-    """Return the longest stretch in which at least two markers stand still and at least two others travel.
+    """Return the longest interval in which at least two markers stand still and at least two others travel.
 
     Parameters
     ----------
     positions : (F, M, 3) array
-        Lab coordinates, m; NaN where unseen.
+        Lab coordinates, m; NaN where missing.
     rate : float
         Frames per second.
 
     Returns
     -------
     first, stop : int
-        Frame indices, ``stop`` excluded. The whole recording if its base is fixed throughout or only changes its
-        place, or without a stretch of :data:`MIN_SECONDS`.
+        Frame indices, ``stop`` excluded. The whole recording is returned if its base is always fixed or only changes
+        its position, or if there is no interval of :data:`MIN_SECONDS`.
     """
     frames = len(positions)
     if _find_still_markers(positions).sum() >= 2 or _has_displaced_base(positions, rate):
@@ -48,13 +48,13 @@ def propose_window(positions: FloatArray, rate: float) -> tuple[int, int]:
 
 
 def _has_displaced_base(positions: FloatArray, rate: float) -> bool:
-    """Return whether the base stands still in most of the recording, though not always at the same place."""
+    """Return whether the base stands still in most of the recording, but not always at the same position."""
     base = find_base_motion(positions, np.arange(len(positions)) / rate, rate)
     return base is not None and sum(each.end - each.start for each in base.stretches) * rate > _STANDS * len(positions)
 
 
 def _has_motion(positions: FloatArray) -> bool:
-    """Return whether at least two markers travel far beyond the still radius, as they do not while waiting."""
+    """Return whether at least two markers travel far beyond the still radius, unlike those of a waiting person."""
     seen: BoolArray = np.asarray(np.isfinite(positions).all(axis=2))
     low = np.where(seen[..., None], positions, np.inf).min(axis=0)
     high = np.where(seen[..., None], positions, -np.inf).max(axis=0)
@@ -63,24 +63,21 @@ def _has_motion(positions: FloatArray) -> bool:
 
 
 def _find_still_markers(positions: FloatArray) -> BoolArray:
-    """Return markers (M,) that are farther than the still radius from their median in under 2 % of seen frames."""
+    """Return the markers (M,) that are within the still radius of their median in 98 % of the visible frames."""
     seen: BoolArray = np.asarray(np.isfinite(positions).all(axis=2))
+    tracks = np.swapaxes(positions, 0, 1)
     median = np.array(
-        [np.median(p[s], axis=0) if s.any() else np.full(3, np.nan) for p, s in _per_marker(positions, seen)]
+        [np.median(p[s], axis=0) if s.any() else np.full(3, np.nan) for p, s in zip(tracks, seen.T, strict=True)]
     )
     away = (np.linalg.norm(positions - median, axis=2) > STILL_RADIUS) & seen
     return np.asarray((seen.sum(axis=0) > len(positions) / 2) & (away.sum(axis=0) * 50 <= seen.sum(axis=0)))
 
 
-def _per_marker(positions: FloatArray, seen: BoolArray) -> list[tuple[FloatArray, BoolArray]]:
-    return [(positions[:, marker], seen[:, marker]) for marker in range(positions.shape[1])]
-
-
 def _find_still_samples(positions: FloatArray, rate: float) -> BoolArray:
     """Return whether (F, M) a marker stays within the still radius of one point during the second around each frame.
 
-    The point is the middle of the bounding box of its positions; no corner of the box is farther away. Unseen samples
-    are ignored, but half of the second must be seen.
+    The point is the centre of the bounding box of its positions. Missing samples are ignored, but half of the second
+    must be visible.
     """
     from scipy.ndimage import maximum_filter1d, minimum_filter1d, uniform_filter1d  # noqa: PLC0415  a fixed base is usual
 

@@ -131,8 +131,8 @@ def test_computed_markers_do_not_outweigh_measured_ones() -> None:
     exact = np.einsum("fij,mj->fmi", rotation, shape) + origin[:, None]
     segment = np.concatenate([trial.assignment, np.full(len(here), 2)])
     fit = fit_spatial_chain(np.concatenate([points, exact], axis=1), segment, (0, 1, 2), kinds=_ARM)
-    usual = np.median([np.sqrt(np.mean(fit.sd[segment == k] ** 2)) for k in range(4)])
-    assert fit.sd.min() > 0.4 * usual
+    usual = np.median([np.sqrt(np.mean(fit.bundle.sd[segment == k] ** 2)) for k in range(4)])
+    assert fit.bundle.sd.min() > 0.4 * usual
     assert _centre_errors(fit, trial)[:2].max() < 0.02
 
 
@@ -156,7 +156,7 @@ def test_other_estimators(estimator: Any) -> None:
     fit = _fit(trial, estimator=estimator)
     assert _centre_errors(fit, trial).max() < 5e-3
     assert np.isnan(fit.chain.joints[0].covariance).all()
-    assert fit.iterations == 0
+    assert fit.bundle.iterations == 0
 
 
 def test_too_few_frames_are_refused() -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.dynamics.regressor import bodies_regressor
 from mocap_id.geometry import se3, so3
-from mocap_id.geometry.ball import Ball
+from mocap_id.geometry.joints import Ball
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
 
 

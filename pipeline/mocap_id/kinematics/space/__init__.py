@@ -1,1 +1,1 @@
-"""Marker trajectories to a chain in space: rigid bodies, segments, joints (9.1)."""
+"""Chains in space from marker trajectories: rigid bodies, segments and joints (9.1)."""

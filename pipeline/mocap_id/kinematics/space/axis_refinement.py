@@ -1,8 +1,9 @@
-"""Axes of a calibrated chain, corrected by the motion of another trial of the same person and markers.
+"""Axes of a calibrated chain, corrected with another trial of the same person and markers.
 
-Skin slides with the joints. An axis fitted to one motion is therefore a few degrees off for another one, and a wrong
-axis of the elbow turns its flexion into axial rotation of the shoulder. Two axes keep their angle: a · Q b = κ in every
-posture Q of the joint. The trial corrects a, b and κ as far as its motion shows them; the calibration is the prior.
+Skin slides with the joints, so an axis fitted to one motion is wrong by a few degrees for another motion. A wrong axis
+of the elbow changes its flexion into axial rotation of the shoulder. Two axes a and b keep their angle: a · Q b = κ in
+every rotation Q of the joint. The trial corrects a, b and κ as far as its motion determines them; the calibration is
+the prior.
 """
 
 from __future__ import annotations
@@ -16,19 +17,19 @@ from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
 from mocap_id.kinematics.space.bundle_model import tangents
 from mocap_id.kinematics.space.chain_result import align_offset
 
-_LASTING = np.radians(0.6)  # rms change of the angle between the axes by skin that slides in step with the joint
-_OTHER_ANGLE = np.radians(5)  # usual change of this angle by skin that stays displaced during the whole trial
+_LASTING = np.radians(0.6)  # rms change of the angle between the axes by skin that slides with the joint
+_OTHER_ANGLE = np.radians(5)  # typical change of this angle by a constant displacement of the skin
 _ITERATIONS = 8
-_SHOWN = 0.85  # standard deviation of the first axis, as a share of the calibration's, below which a trial shows it
+_SHOWN = 0.85  # largest ratio of the standard deviations of the first axis after and before the correction
 
 
 def refine_axes(chain: SpatialChain, rotations: FloatArray) -> tuple[SpatialChain, tuple[int, ...]]:
-    """Return the chain with the axes of its joints of two axes corrected, and the numbers of these joints, from 0.
+    """Return the chain with corrected axes of its two-axis joints, and the numbers of the corrected joints, from 0.
 
     Parameters
     ----------
     chain : SpatialChain
-        Of the calibration.
+        Calibrated chain.
     rotations : (F, n + 1, 3, 3) array
         Rotations of the clusters in the new trial; NaN where unknown.
     """
@@ -46,12 +47,12 @@ def refine_axes(chain: SpatialChain, rotations: FloatArray) -> tuple[SpatialChai
 
 
 def has_known_axes(joint: SpatialJoint) -> bool:
-    """Return whether a joint has two axes with covariances."""
+    """Return whether a joint has two axes with known covariances."""
     return joint.kind == "two-axis" and bool(np.isfinite(joint.axes_covariance).all())
 
 
 def _refine_joint(joint: SpatialJoint, turn: FloatArray) -> SpatialJoint:
-    """Return the joint after Gauss-Newton steps in tangents of a and b, and κ; all frames share one error of skin."""
+    """Return the joint after Gauss-Newton steps of the axes and κ; all frames share one error of the skin."""
     axis, pin = joint.first_axis, joint.second_axis
     before = cosine = float(axis @ joint.offset @ pin)
     bases = tangents(axis), tangents(pin)

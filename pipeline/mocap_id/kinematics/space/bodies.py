@@ -11,47 +11,37 @@ from scipy.spatial.distance import squareform
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.geometry import so3
 from mocap_id.kinematics.constraints import Constraints
+from mocap_id.kinematics.rigid_body import variance_over_time
 from mocap_id.kinematics.space.rigid_body import fit_shape, rigid_poses
 
 LEAST = 3
 """Fewest markers of a body that has a rotation."""
 
 NARROW = 0.01
-"""Least width of a body, m; the skin turns a narrower one about its line by more than a joint does."""
+"""Least width of a body, m; skin motion rotates a narrower body more than a joint does."""
 
 _ITERATIONS = 2
 _REASSIGNMENTS = 4
 _CLUSTERS = (2, 3, 4)
-_FEW = 14  # markers of a body that is small enough to try all its rigid triples
-_FREE = 0.15  # least share of a marker's error that its own body's pose does not absorb, in any direction
+_FEW = 14  # most markers of a body for which all rigid triples are tested
+_FREE = 0.15  # lower limit of the share of a marker's error that the pose does not absorb
 
 
 @dataclass(frozen=True)
 class SpatialBody:
-    """Markers that move as one rigid body.
+    """Markers that move as one rigid body."""
 
-    Parameters
-    ----------
-    markers : (k,) int array
-        Columns of the trajectories, ascending.
-    rotation, origin : (F, 3, 3) and (F, 3) arrays
-        Pose in each frame; the origin is the centroid of the markers, m. NaN where unknown.
-    residual : (M,) array
-        rms distance of every marker of the trial from its mean place on the body, m; inf where unknown. The body's own
-        markers are placed by the others.
-    width : float
-        rms distance of the markers from the line that fits them best, along the direction in which it is largest, m.
-    """
-
-    markers: IntArray
-    rotation: FloatArray
-    origin: FloatArray
+    markers: IntArray  # (k,) columns of the trajectories, ascending
+    rotation: FloatArray  # (F, 3, 3) rotation of the body; NaN where unknown
+    origin: FloatArray  # (F, 3) centroid of the markers, m; NaN where unknown
+    # (M,) rms distance of all markers of the trial from their mean positions on the body, m; inf where unknown. The
+    # body's own markers are compared with the pose of the others
     residual: FloatArray
-    width: float
+    width: float  # largest rms distance, in one direction, of the markers from the line that fits them best, m
 
     @property
     def rms_residual(self) -> float:
-        """Return the rms of the residuals of the body's own markers, m."""
+        """rms of the residuals of the body's own markers, m."""
         return float(np.sqrt(np.mean(self.residual[self.markers] ** 2)))
 
     def local(self, points: FloatArray) -> FloatArray:
@@ -75,7 +65,7 @@ def fit_spatial_body(points: FloatArray, markers: IntArray) -> SpatialBody:
 
 
 def subtract_means(local: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Return trajectories (F, k, 3) minus their means, 0 where unseen, the means (k, 3), and the frames seen (k,)."""
+    """Return trajectories (F, k, 3) minus their means, 0 where missing, the means, and numbers of visible frames."""
     seen = np.isfinite(local[..., 0])
     counts = np.asarray(seen.sum(axis=0))
     mean = np.where(seen[..., None], local, 0.0).sum(axis=0) / np.maximum(counts, 1)[:, None]
@@ -83,32 +73,33 @@ def subtract_means(local: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]
 
 
 def _leave_one_out_factors(shape: FloatArray) -> FloatArray:
-    """Return for every marker the matrix (k, 3, 3) from its residual to the one with a pose from the other markers.
+    """Return the matrices (k, 3, 3) from each marker's residual to its residual from the pose of the other markers.
 
     The pose of a body absorbs the share H of a marker's error. Without the marker, the residual is (I - H)⁻¹ times as
-    large. Directions that the other markers hardly show are limited: three markers leave one direction free.
+    large. The factor is limited in directions that the other markers hardly determine: three markers leave one
+    direction free.
     """
     known: BoolArray = np.asarray(np.isfinite(shape).all(axis=1))
     centred = np.where(known[:, None], shape, 0.0)
     inertia = np.sum(centred**2) * np.eye(3) - centred.T @ centred
     cross = so3.hat(centred)
-    share = np.eye(3) / max(int(known.sum()), 1) + cross @ np.linalg.pinv(inertia, rcond=1e-6) @ cross.transpose(
-        0, 2, 1
-    )
+    turned = cross @ np.linalg.pinv(inertia, rcond=1e-6) @ cross.transpose(0, 2, 1)
+    share = np.eye(3) / max(int(known.sum()), 1) + turned
     values, vectors = np.linalg.eigh(np.eye(3) - share)
     return np.asarray((vectors / np.maximum(values, _FREE)[:, None, :]) @ vectors.transpose(0, 2, 1))
 
 
 class SpatialBodies:
-    """Rigid bodies of some markers, and their divisions. Fits are cached.
+    """Rigid bodies of some markers, and ways to divide them. Fits are cached.
 
     Parameters
     ----------
     points : (F, M, 3) array
-        Trajectories, m; NaN where unseen.
+        Trajectories, m; NaN where missing.
     markers : int array
         Columns to sort, ascending.
     constraints : Constraints
+        Markers that the user wants together or apart.
     """
 
     def __init__(self, points: FloatArray, markers: IntArray, constraints: Constraints) -> None:
@@ -128,10 +119,10 @@ class SpatialBodies:
         return self._bodies[key]
 
     def reassign_markers(self, groups: list[IntArray], stay: float = 1.0) -> tuple[SpatialBody, ...]:
-        """Return bodies from groups of markers, after each of their markers has moved to the body that fits it best.
+        """Return the bodies of groups of markers, after each marker has moved to the body that fits it best.
 
-        A marker leaves its body for a residual below the share ``stay`` of the present one. A group that loses all but
-        two markers is dropped.
+        A marker leaves its body for a residual below the share ``stay`` of the present one. A group with fewer than
+        three markers is dropped.
         """
         among = np.sort(np.concatenate(groups))
         groups = [group for group in groups if len(group) >= LEAST]
@@ -149,25 +140,18 @@ class SpatialBodies:
         return tuple(self.body(group) for group in groups)
 
     def divisions(self, markers: IntArray, own: FloatArray | None = None) -> list[tuple[SpatialBody, SpatialBody]]:
-        """Return ways to divide some markers into two bodies.
+        """Return ways to divide some markers (k,) into two bodies.
 
-        They start from the clusters of average linkage on the deviation of the mutual distances, and from every marker
-        with the two that are most rigid with it.
-
-        Parameters
-        ----------
-        markers : (k,) int array
-        own : (k, k) array, optional
-            The part of the deviations to start from, m; default: all.
+        The first groups are clusters (average linkage on the standard deviations of mutual distances), and every marker
+        with the two that are most rigid with it. Other standard deviations ``own`` (k, k), m, may be given instead.
         """
         if len(markers) < 2 * LEAST:
             return []
         spread = self._spread[np.ix_(markers, markers)]
         if own is not None:
             spread = np.sqrt(self.constraints.constrained_variance(own**2, markers))
-        starts = _propose_groups(spread)
         found: dict[bytes, tuple[SpatialBody, SpatialBody]] = {}
-        for inside in {start.tobytes(): start for start in starts}.values():
+        for inside in {group.tobytes(): group for group in _propose_groups(spread)}.values():
             groups = [markers[inside], markers[~inside]]
             if min(map(len, groups)) < LEAST:
                 continue
@@ -180,7 +164,7 @@ class SpatialBodies:
 
 
 def _propose_groups(spread: FloatArray) -> list[BoolArray]:
-    """Return sets of markers that are rigid by a spread (k, k) of the distances: clusters, and triples of few."""
+    """Return groups of markers with small standard deviations (k, k) of distances: clusters and triples."""
     tree = linkage(squareform(spread, checks=False), "average")
     labels = [fcluster(tree, count, "maxclust") for count in _CLUSTERS]
     starts = [each == label for each in labels for label in np.unique(each)]
@@ -190,17 +174,12 @@ def _propose_groups(spread: FloatArray) -> list[BoolArray]:
 
 
 def distance_deviation(points: FloatArray) -> FloatArray:
-    """Return the standard deviation (M, M) of every mutual distance, m; the largest for pairs never seen together."""
+    """Return the standard deviation (M, M) of all mutual distances, m; the largest for pairs never visible together."""
     count = points.shape[1]
     deviation = np.full((count, count), np.nan)
     for marker in range(count):
-        distance = np.linalg.norm(points - points[:, marker : marker + 1], axis=2)
-        seen = np.isfinite(distance)
-        counts = seen.sum(axis=0)
-        filled = np.where(seen, distance, 0.0)
-        mean = filled.sum(axis=0) / np.maximum(counts, 1)
-        square = np.where(seen, distance - mean, 0.0) ** 2
-        deviation[marker] = np.where(counts > 1, np.sqrt(square.sum(axis=0) / np.maximum(counts, 1)), np.nan)
+        variance, counts = variance_over_time(np.linalg.norm(points - points[:, marker : marker + 1], axis=2))
+        deviation[marker] = np.where(counts > 1, np.sqrt(variance), np.nan)
     known = np.isfinite(deviation)
     deviation = np.where(known, deviation, deviation[known].max() if known.any() else 0.0)
     deviation = (deviation + deviation.T) / 2

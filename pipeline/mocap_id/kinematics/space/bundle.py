@@ -1,4 +1,4 @@
-"""One bundle over a chain in space: Levenberg-Marquardt with weights of the markers from their residuals."""
+"""Fit of all parameters of a chain in space (bundle): Levenberg-Marquardt, markers weighted by their residuals."""
 
 from __future__ import annotations
 
@@ -22,49 +22,33 @@ from mocap_id.kinematics.space.chain_prior import ChainPrior
 
 _ITERATIONS = 60
 _CONVERGED = 1e-4  # relative fall of the cost
-_NEARLY = 1e-2  # the same, before the weights are renewed
+_NEARLY = 1e-2  # relative fall of the cost at which the weights are renewed
 _WEIGHINGS = 5
-_PATIENCE = 8  # iterations, after which the weights are renewed in any case
+_PATIENCE = 8  # iterations after which the weights are renewed in any case
 _HUBER = 3.0  # standard deviations of a marker
 _FINEST = 1e-4  # m; smallest standard deviation of a marker
-_EVEN = 0.5  # the same, as a share of that of the middle segment; computed markers are exactly rigid with each other
+_EVEN = 0.5  # the same relative to the median segment, because computed markers have no residuals
 _SHARED = 0.1  # share of the segment's typical variance in the variance of a marker
 _LONGEST = 40  # frames; largest number of frames that count as one
 _FRAME_STEPS = 5
 _ANYWHERE = 1.0  # m; standard deviation of a marker that is never seen
 _FREE = 1e-4  # smallest damping
 _FIXED = 1e-4  # rad, m; standard deviation of the axes of a segment about those of its markers
-_STEP = {"markers": 0.01, "centres": 0.02, "axes": 0.2, "skin": 0.2}  # m, rad, 1; usual steps
+_STEP = {"markers": 0.01, "centres": 0.02, "axes": 0.2, "skin": 0.2}  # typical steps; m, m, rad, 1
 
 
 @dataclass(frozen=True)
 class Bundle:
-    """A solved bundle.
+    """Solution of the bundle."""
 
-    Parameters
-    ----------
-    problem : BundleProblem
-        With the final weights.
-    state : BundleState
-    linear, reduced
-        Equations at the solution, without priors.
-    matrix : (P, P) array
-        Normal matrix with the priors, and with the rows that fix the axes of the segments to their markers.
-    sd : (M,) array
-        Standard deviation of one coordinate of each marker, m.
-    together : (M,) array
-        Number of frames that count as one, because the error of a marker lasts.
-    iterations : int
-    prior : ChainPrior, optional
-    """
-
-    problem: BundleProblem
+    problem: BundleProblem  # with the final weights
     state: BundleState
-    linear: Linear
+    linear: Linear  # equations at the solution, without priors
     reduced: Reduced
+    # (P, P) normal matrix with the priors, and with the rows that fix the segment axes to their markers
     matrix: FloatArray
-    sd: FloatArray
-    together: FloatArray
+    sd: FloatArray  # (M,) standard deviation of one coordinate of each marker, m
+    together: FloatArray  # (M,) number of frames that count as one, because the error of a marker persists
     iterations: int
     prior: ChainPrior | None = None
 
@@ -86,15 +70,16 @@ class Bundle:
 
 
 def solve_bundle(problem: BundleProblem, state: BundleState, prior: ChainPrior) -> Bundle:
-    """Return the chain that explains the markers best.
+    """Return the chain that fits the markers best.
 
     Parameters
     ----------
     problem : BundleProblem
-        Its weights say what is seen; their sizes are the first guess.
+        Markers and chain. The weights are a first guess, zero where a marker is missing.
     state : BundleState
         First guess.
     prior : ChainPrior
+        Likely values of the parameters.
 
     Raises
     ------
@@ -141,13 +126,15 @@ def solve_bundle(problem: BundleProblem, state: BundleState, prior: ChainPrior) 
             rows = prior.equations(problem, state)[1]
             matrix = reduced.matrix + rows.T @ rows + fixed
             return Bundle(problem, state, linear, reduced, matrix, sd, together, iteration, prior)
-    raise NumericalError(f"the joint fit did not converge in {_ITERATIONS} iterations; check the segments")
+    raise NumericalError(
+        f"the joint fit did not converge in {_ITERATIONS} iterations; check the markers of the segments"
+    )
 
 
 def _settle_repeatedly(problem: BundleProblem, state: BundleState) -> tuple[BundleState, Linear]:
     """Return the state after steps of the frames' unknowns alone, while these help, and its equations.
 
-    The frames of a first guess do not obey its axes. Steps of the whole chain from there can turn the axes far away,
+    The frames of a first guess do not satisfy its axes. Steps of the whole chain from there can move the axes far away,
     to another minimum.
     """
     cost = np.inf
@@ -160,9 +147,9 @@ def _settle_repeatedly(problem: BundleProblem, state: BundleState) -> tuple[Bund
 
 
 def fit_frames(problem: BundleProblem, state: BundleState) -> tuple[BundleState, Linear]:
-    """Return the state after a step of the frames' unknowns alone, where it helps, and its equations.
+    """Return the state after one step of the frames' unknowns alone, where it helps, and its equations.
 
-    The constraints bend the valley of the cost. Without this step, the steps of the chain would be short.
+    The constraints make the minimum a curved valley. Without this step, the steps of the chain would be short.
     """
     linear = linearise(problem, state, by_frame_only=True)
     turned = np.swapaxes(linear.by_frame, 1, 2)
@@ -180,9 +167,9 @@ def fit_frames(problem: BundleProblem, state: BundleState) -> tuple[BundleState,
 
 
 def gauge_rows(problem: BundleProblem, state: BundleState, cols: Columns) -> FloatArray:
-    """Return the mean turn (rad) and shift (m) of the markers of every segment, by the parameters (K, P).
+    """Return the derivatives (K, P) of the mean rotation (rad) and shift (m) of every segment's markers.
 
-    The axes of a segment's frame, and the origin of the base, are arbitrary. They stay with the markers.
+    The axes of a segment's frame, and the origin of the base, are arbitrary. They are fixed to the markers.
     """
     rows = []
     for k in range(len(problem.parents) + 1):
@@ -190,13 +177,8 @@ def gauge_rows(problem: BundleProblem, state: BundleState, cols: Columns) -> Flo
         about = state.local[here] - state.local[here].mean(axis=0)
         inertia = np.sum(about**2) * np.eye(3) - about.T @ about
         turn, shift = np.zeros((3, cols.size)), np.zeros((3, cols.size))
-        for m, lever in zip(
-            here,
-            np.linalg.solve(inertia, so3.hat(about).transpose(1, 0, 2).reshape(3, -1))
-            .reshape(3, -1, 3)
-            .transpose(1, 0, 2),
-            strict=True,
-        ):
+        levers = np.linalg.solve(inertia, so3.hat(about).transpose(1, 0, 2).reshape(3, -1)).reshape(3, -1, 3)
+        for m, lever in zip(here, levers.transpose(1, 0, 2), strict=True):
             turn[:, 3 * m : 3 * m + 3] = lever
             shift[:, 3 * m : 3 * m + 3] = np.eye(3) / len(here)
         rows.append(turn)
@@ -206,7 +188,7 @@ def gauge_rows(problem: BundleProblem, state: BundleState, cols: Columns) -> Flo
 
 
 def _step_scales(cols: Columns) -> FloatArray:
-    """Return the inverse squares of usual steps of all parameters (P,)."""
+    """Return the inverse squares of typical steps of all parameters (P,)."""
     scale = np.full(cols.size, _STEP["axes"])
     scale[: 3 * cols.markers] = _STEP["markers"]
     for place in (*cols.centre, *([cols.glide] if cols.glide else [])):
@@ -226,7 +208,7 @@ def long_axes(problem: BundleProblem, state: BundleState) -> FloatArray:
 
 
 def fit_frames_only(problem: BundleProblem, state: BundleState) -> Bundle:
-    """Return a bundle of given parameters, whose frames alone are fitted; its normal matrix is NaN."""
+    """Return a bundle of given parameters after a fit of its frames alone; its normal matrix is NaN."""
     state, linear = _settle_repeatedly(problem, state)
     sd, together = marker_errors(problem, state, linear)
     reduced = eliminate_frames(problem, linear)
@@ -234,13 +216,14 @@ def fit_frames_only(problem: BundleProblem, state: BundleState) -> Bundle:
 
 
 def _cost(linear: Linear, problem: BundleProblem, state: BundleState, prior: ChainPrior) -> float:
+    """Return the sum of squared weighted residuals of markers and prior."""
     return float(np.sum(linear.off**2) + np.sum(prior.equations(problem, state)[0] ** 2))
 
 
 def marker_errors(problem: BundleProblem, state: BundleState, linear: Linear) -> tuple[FloatArray, FloatArray]:
     """Return the standard deviation of each marker (M,), m, and how many frames share one error (M,).
 
-    A residual is smaller than the error, because the frame's unknowns absorb a part (redundancy).
+    A residual is smaller than the error, because the unknowns of the frame absorb a part of it.
     """
     seen = problem.weights > 0
     off = residuals(problem, state)
@@ -265,7 +248,7 @@ def marker_errors(problem: BundleProblem, state: BundleState, linear: Linear) ->
 
 
 def count_correlated_frames(off: FloatArray) -> FloatArray:
-    """Return the integrated autocorrelation (M,), 1 or more, of residuals (F, M, 3): frames that share one error."""
+    """Return the number of frames (M,) that share one error, from residuals (F, M, 3): integrated autocorrelation."""
     energy = np.maximum((off**2).sum(axis=(0, 2)), 1e-18)
     total = np.ones(off.shape[1])
     open_ = np.ones(off.shape[1], dtype=bool)
@@ -277,7 +260,7 @@ def count_correlated_frames(off: FloatArray) -> FloatArray:
 
 
 def _huber_factors(problem: BundleProblem, state: BundleState, sd: FloatArray) -> FloatArray:
-    """Return the factors (F, M) on the weights of samples far off."""
+    """Return the factors (F, M) on the weights of outliers."""
     size = np.linalg.norm(residuals(problem, state), axis=2)
     limit = _HUBER * np.sqrt(3) * sd
     return np.asarray(np.sqrt(np.minimum(1.0, limit / np.maximum(size, limit))))

@@ -1,10 +1,10 @@
-"""Covariance of the parameters of a chain in space, with soft tissue.
+"""Covariance of the parameters of a chain in space, including soft tissue.
 
-The inverse of the normal matrix holds noise, with the number of frames that share one error. Soft tissue causes larger
-errors: they move in step with the joints, and are the same whenever the posture is the same. The model therefore lets
-three things slide in proportion to the rotation of the joints: every marker, with a variance from the lasting part of
-its residual; every cluster, which turns on the bone; and every joint between clusters that slide as a whole. The slides
-are propagated through the normal equations.
+The inverse of the normal matrix describes noise, with the number of frames that share one error. Soft tissue causes
+larger errors, which are the same whenever the posture is the same. Three motions in proportion to the joint rotations
+are therefore modelled: every marker slides, with a variance from the persistent part of its residual; every cluster
+rotates on the bone; and every joint slides between clusters that slide as a whole. They are propagated through the
+normal equations.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 from mocap_id.kinematics.space.bundle import Bundle
 from mocap_id.kinematics.space.bundle_model import joint_rotations, locate_columns
-from mocap_id.kinematics.space.joint_kinds import middle_rotation
+from mocap_id.kinematics.space.rigid_body import mean_rotation
 
 _ANYWHERE = 0.1  # m; standard deviation of a centre along its hinge
-_TURN = 0.5  # variance of the turn of a cluster, as a multiple of that which the lasting residuals explain
-_SLIDE = 0.4  # variance of the slides of a marker, as a multiple of the lasting variance of its residual
+_TURN = 0.5  # variance of the rotation of a cluster, relative to the persistent part of its residuals
+_SLIDE = 0.4  # variance of the slides of a marker, relative to the persistent variance of its residual
 
 
 def chain_covariance(bundle: Bundle) -> FloatArray:
-    """Return the covariance (P, P) of the parameters of a solved bundle; NaN for one that is not."""
+    """Return the covariance (P, P) of the parameters of a bundle; NaN if only its frames were fitted."""
     if np.isnan(bundle.matrix).any():
         return bundle.matrix
     inverse = np.linalg.inv(bundle.matrix)
@@ -31,7 +31,7 @@ def chain_covariance(bundle: Bundle) -> FloatArray:
     rows = 3 * len(problem.segment)
     frames = len(linear.off)
     by = np.concatenate([np.zeros((frames, rows, rows)), linear.by_chain[:, :rows]], axis=2)
-    weights = np.repeat(linear.root, 3, axis=1)
+    weights = np.repeat(problem.weights, 3, axis=1)
     by[:, np.arange(rows), np.arange(rows)] -= weights
     by -= linear.by_frame[:, :rows] @ bundle.reduced.gain
     by *= weights[..., None]
@@ -40,7 +40,7 @@ def chain_covariance(bundle: Bundle) -> FloatArray:
     total = inverse
     sliding = _slide_derivatives(bundle)
     for j, parent in enumerate(problem.parents):
-        shape = so3.log(middle_rotation(turns[:, j]).T @ turns[:, j])
+        shape = so3.log(mean_rotation(turns[:, j]).T @ turns[:, j])
         shape = shape - shape.mean(axis=0)
         shape = shape @ _whiten(shape)
         flat = (shape.T @ sliding.reshape(frames, -1)).reshape(-1, inverse.shape[0]) @ inverse
@@ -60,7 +60,7 @@ def chain_covariance(bundle: Bundle) -> FloatArray:
 
 
 def _slide_derivatives(bundle: Bundle) -> FloatArray:
-    """Return the derivatives (F, 3 J, P) of the cost by the parameters and by slides of usual size of the J joints."""
+    """Return the derivatives (F, 3 J, P) of the cost by the parameters and by typical slides of J joints."""
     problem, linear = bundle.problem, bundle.linear
     rows = slice(linear.off.shape[1] - 3 * len(problem.sliding), None)
     size = np.array([np.sqrt(np.mean(bundle.state.slides[:, j] ** 2)) for j in problem.sliding])
@@ -69,7 +69,7 @@ def _slide_derivatives(bundle: Bundle) -> FloatArray:
 
 
 def _cluster_rotations(bundle: Bundle, k: int, lasting: FloatArray) -> FloatArray:
-    """Return the displacements (3, 3 M) of the markers of a segment in three independent turns of usual size, m."""
+    """Return the displacements (3, 3 M) of a segment's markers in three independent rotations of typical size, m."""
     here = np.flatnonzero(bundle.problem.segment == k)
     share = float(np.sum(lasting[here]) / np.sum(bundle.sd[here] ** 2))
     sizes, axes = np.linalg.eigh(bundle.cluster_noise(k))
@@ -80,7 +80,7 @@ def _cluster_rotations(bundle: Bundle, k: int, lasting: FloatArray) -> FloatArra
 
 
 def _hinge_covariance(bundle: Bundle) -> FloatArray:
-    """Return the covariance of the place along each hinge, which is arbitrary: centre, markers and next joints."""
+    """Return the covariance of the position along each hinge, which is arbitrary: centre, markers and next joints."""
     problem, state = bundle.problem, bundle.state
     cols = locate_columns(problem)
     total = np.zeros((cols.size, cols.size))
@@ -97,6 +97,6 @@ def _hinge_covariance(bundle: Bundle) -> FloatArray:
 
 
 def _whiten(shape: FloatArray) -> FloatArray:
-    """Return the matrix that gives the components of rotations (F, 3) unit variance."""
+    """Return the matrix that scales the components of rotations (F, 3) to unit variance."""
     values, vectors = np.linalg.eigh(shape.T @ shape / len(shape))
     return np.asarray(vectors / np.sqrt(np.maximum(values, 1e-8)))

@@ -1,16 +1,17 @@
 """Equations of the bundle over a chain in space: residuals, analytic Jacobians and normal equations.
 
-Marker m of segment k is seen at y. In the frame of its segment, whose origin is the centre of its joint, it is at
+Marker m of segment k has the measured position y. In the frame of its segment, with the centre of its joint as origin,
 
     v = R_kᵀ (y - p_k),     residual  r = Eᵀ v - x_m,     E = exp(-s_m τ_k l_k)
 
-with the coordinates x_m of the marker and the twist τ_k of the segment about its long axis l_k, of which the skin under
-the marker misses the share s_m. The origin of a segment is that of its parent, plus R_parent (c + u g): the centre c of
-the joint and the glide g of the girdle, u = (1 - cos elevation) / 2. Axes are constraints on the rotation Q = R_parentᵀ
-R_k: a · Q b = κ for two axes, Q b = a for a hinge. Whole clusters may slide on the bones: the centre of a joint between
-them is then c + d with a slide d in every frame, which has a standard deviation.
+with the coordinates x_m of the marker, the axial rotation τ_k of the segment about its long axis l_k, and the share s_m
+of this rotation that the skin under the marker does not follow. The origin of a segment is the origin of its parent
+plus R_parent (c + u g), with the centre c of the joint, the glide g of the girdle, and u = (1 - cos elevation) / 2.
+Axes are constraints on the rotation Q = R_parentᵀ R_k: a · Q b = κ for two axes, Q b = a for a hinge. If whole clusters
+slide on the bones, the centre of the joint between them is c + d, with a slide d in every frame and its standard
+deviation.
 
-Every frame has its own unknowns, the origin of the base, the rotations R_k ← R_k exp(δ_k) and the slides. They are
+Every frame has its own unknowns: the origin of the base, the rotations R_k ← R_k exp(δ_k), and the slides. They are
 eliminated by a Schur complement, so that only the parameters of the chain remain.
 """
 
@@ -38,14 +39,14 @@ FIRM = 200.0  # 1/rad; weight of a constraint on the axes, whose error is then f
 
 
 def residuals(problem: BundleProblem, state: BundleState) -> FloatArray:
-    """Return the residuals of the markers in the frames of their segments (F, M, 3), m; 0 where unseen."""
+    """Return the residuals of the markers in the frames of their segments (F, M, 3), m; 0 where missing."""
     return np.asarray(_evaluate_markers(problem, state)[0] * (problem.weights > 0)[..., None])
 
 
 def _evaluate_markers(
     problem: BundleProblem, state: BundleState
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return residuals, seen places v without skin motion (F, M, 3), skin rotations E and twists (F, M)."""
+    """Return residuals, positions v without skin motion (F, M, 3), skin rotations E, and axial rotations (F, M)."""
     origins = segment_origins(problem, state)
     at, segment = origins[:, problem.segment], problem.segment
     seen = np.einsum("fmji,fmj->fmi", state.rotations[:, segment], problem.points - at)
@@ -61,28 +62,16 @@ def _evaluate_markers(
 
 @dataclass(frozen=True)
 class Linear:
-    """Residuals and Jacobians, all weighted.
+    """Residuals and Jacobians, all weighted. The N rows are three of each marker, then constraints, then slides."""
 
-    Parameters
-    ----------
-    off : (F, N) array
-        Residuals: three of each marker, then the constraints, then the slides.
-    by_frame : (F, N, d) array
-        By the unknowns of the frame.
-    by_chain : (F, N, P - 3 M) array
-        By the parameters of the chain except the coordinates of the markers, by which they are minus the weights.
-    root : (F, M) array
-        The weights.
-    """
-
-    off: FloatArray
-    by_frame: FloatArray
+    off: FloatArray  # (F, N) residuals
+    by_frame: FloatArray  # (F, N, d) derivatives with respect to the unknowns of the frame
+    # (F, N, P - 3 M) derivatives with respect to the chain's parameters, except the markers' coordinates
     by_chain: FloatArray
-    root: FloatArray
 
 
 def linearise(problem: BundleProblem, state: BundleState, *, by_frame_only: bool = False) -> Linear:
-    """Return residuals and Jacobians at a state; ``by_chain`` has no columns if only those by the frames are wanted."""
+    """Return residuals and Jacobians at a state, optionally only the Jacobian of the frames' unknowns."""
     cols = locate_columns(problem)
     frames, markers = problem.weights.shape
     off, free, back, twist = _evaluate_markers(problem, state)
@@ -112,12 +101,12 @@ def linearise(problem: BundleProblem, state: BundleState, *, by_frame_only: bool
         frame_rows.append(of_frame)
         chain_rows.append(np.zeros((frames, 3, size)))
     stacked = [np.concatenate(each, axis=1) for each in (rows, frame_rows, chain_rows)]
-    return Linear(stacked[0], stacked[1], stacked[2], problem.weights)
+    return Linear(*stacked)
 
 
 @dataclass(frozen=True)
 class _Context:
-    """What the Jacobians of all segments share."""
+    """Values that the Jacobians of all segments share."""
 
     problem: BundleProblem
     state: BundleState
@@ -159,6 +148,7 @@ class _Context:
         self._fill_skin(k, here, by_frame, by_chain)
 
     def _fill_glide(self, here: IntArray, axes: FloatArray, by_frame: FloatArray, by_chain: FloatArray) -> None:
+        """Fill the derivatives of some markers with respect to the glide and to the elevation."""
         problem, state = self.problem, self.state
         assert self.cols.glide is not None
         share = self.share
@@ -173,6 +163,7 @@ class _Context:
         by_frame[:, here, :, 3:6] += along * parent[:, None, None]
 
     def _fill_skin(self, k: int, here: IntArray, by_frame: FloatArray, by_chain: FloatArray) -> None:
+        """Fill the derivatives of some markers with respect to their skin shares and to the axial rotation."""
         problem, state = self.problem, self.state
         swirl = np.cross(problem.long_axes[k - 1], self.free[:, here])
         place = self.cols.skin.start - 3 * self.cols.markers + here
@@ -188,7 +179,7 @@ class _Context:
 def _evaluate_constraint(
     problem: BundleProblem, state: BundleState, cols: Columns, j: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the constraint of one joint (F, 1 or 3), with its derivatives by the frame and the chain."""
+    """Return the constraint of one joint (F, 1 or 3), and its derivatives with respect to frame and chain."""
     turn = joint_rotations(problem, state)[:, j]
     axis, pin = state.first[j], state.second[j]
     carried = turn @ pin
@@ -214,22 +205,11 @@ def _evaluate_constraint(
 
 @dataclass(frozen=True)
 class Reduced:
-    """Normal equations of the chain's parameters after the frames are eliminated.
+    """Normal equations of the chain's parameters after elimination of the frames."""
 
-    Parameters
-    ----------
-    matrix : (P, P) array
-    vector : (P,) array
-    gain : (F, d, P) array
-        Change of the frames' unknowns by the chain's parameters, sign reversed.
-    own : (F, d) array
-        Step of the frames' unknowns alone.
-    """
-
-    matrix: FloatArray
-    vector: FloatArray
-    gain: FloatArray
-    own: FloatArray
+    matrix: FloatArray  # (P, P)
+    vector: FloatArray  # (P,)
+    gain: FloatArray  # (F, d, P) negative derivative of the frames' unknowns with respect to the chain's parameters
 
 
 def eliminate_frames(problem: BundleProblem, linear: Linear) -> Reduced:
@@ -238,7 +218,7 @@ def eliminate_frames(problem: BundleProblem, linear: Linear) -> Reduced:
     frames, size = len(linear.off), linear.by_frame.shape[2]
     turned = np.swapaxes(linear.by_frame, 1, 2)
     inner = turned @ linear.by_frame
-    weights = np.repeat(linear.root, 3, axis=1)
+    weights = np.repeat(problem.weights, 3, axis=1)
     cross = np.concatenate([-turned[:, :, : 3 * markers] * weights[:, None], turned @ linear.by_chain], axis=2)
     right = -(turned @ linear.off[..., None])
     inverse = np.linalg.inv(inner + 1e-9 * np.eye(size))  # twice as fast as to solve for so many columns
@@ -252,4 +232,4 @@ def eliminate_frames(problem: BundleProblem, linear: Linear) -> Reduced:
     matrix -= cross.reshape(frames * size, -1).T @ gain.reshape(frames * size, -1)
     vector = np.concatenate([(weights * linear.off[:, : 3 * markers]).sum(axis=0), -chain.T @ linear.off.reshape(-1)])
     vector -= cross.reshape(frames * size, -1).T @ own.reshape(-1)
-    return Reduced(matrix, vector, gain, own)
+    return Reduced(matrix, vector, gain)

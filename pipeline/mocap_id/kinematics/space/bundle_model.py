@@ -1,4 +1,4 @@
-"""Problem, unknowns and geometry of the bundle over a chain in space; equations in :mod:`.bundle_equations`."""
+"""Problem, unknowns and geometry of the bundle over a chain in space; its equations are in :mod:`.bundle_equations`."""
 
 from __future__ import annotations
 
@@ -10,50 +10,32 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import JointKind
 
-_LEAST_ALONG = 0.5  # 1 + cos: a segment that hangs far from its rest gives no reference
+_LEAST_ALONG = 0.5  # least 1 + cos of the angle from the rest direction to the long axis
 
 
 @dataclass(frozen=True)
 class BundleProblem:
     """Input of the bundle.
 
-    Parameters
-    ----------
-    points : (F, M, 3) array
-        Markers, m; 0 where unseen.
-    weights : (F, M) array
-        Square roots of the inverse variances of one coordinate, 1/m; 0 where unseen.
-    segment : (M,) int array
-    parents : tuple of int, length n
-        Parent of segment 1 … n.
-    kinds : tuple of JointKind, length n
-    rest : (3,) array
-        Direction of the second segment without elevation, in the frame of the base. Of a ball joint on the base, the
-        twist is what is left without the shortest swing from here; of others, from the reference pose.
-    on_glide : (M,) bool array
-        Markers of the base that ride on the girdle.
-    glides : bool
-        Whether the glide is estimated.
-    long_axes : (n, 3) array
-        Long axis of each segment in its own frame, towards its joint.
-    slide_sd : (n,) array
-        Standard deviation of the slide of each joint along each axis, m; 0: the joint is pinned.
+    The axial rotation of a ball joint on the base is measured from the shortest swing from ``rest``. For other joints
+    it is measured from the shortest swing from the reference pose.
     """
 
-    points: FloatArray
-    weights: FloatArray
-    segment: IntArray
-    parents: tuple[int, ...]
-    kinds: tuple[JointKind, ...]
-    rest: FloatArray
-    on_glide: BoolArray
-    glides: bool
-    long_axes: FloatArray
+    points: FloatArray  # (F, M, 3) marker positions, m; 0 where missing
+    weights: FloatArray  # (F, M) inverse standard deviation of one coordinate, 1/m; 0 where missing
+    segment: IntArray  # (M,) segment of each marker
+    parents: tuple[int, ...]  # parent of segments 1 … n
+    kinds: tuple[JointKind, ...]  # kind of each joint
+    rest: FloatArray  # (3,) direction of segment 1 at zero elevation, in the frame of the base
+    on_glide: BoolArray  # (M,) base markers on the shoulder girdle
+    glides: bool  # whether the glide is estimated
+    long_axes: FloatArray  # (n, 3) long axis of each segment in its own frame, towards its joint
+    # (n,) standard deviation of each joint's slide along each axis, m; 0 if the joint does not slide
     slide_sd: FloatArray
 
     @property
     def untwisted(self) -> FloatArray:
-        """Return the rotation (n, 3, 3) of every joint at which the skin of its segment does not twist."""
+        """Rotation (n, 3, 3) of every joint at which the axial rotation of its segment is zero."""
         found = np.tile(np.eye(3), (len(self.parents), 1, 1))
         along = 1.0 + float(self.long_axes[0] @ self.rest)
         if self.kinds[0] == "ball" and self.parents[0] == 0 and along > _LEAST_ALONG:
@@ -68,11 +50,11 @@ class BundleProblem:
 
     @property
     def sliding(self) -> list[int]:
-        """The joints, from 0, that slide."""
+        """Numbers of the joints that slide, from 0."""
         return np.flatnonzero(self.slide_sd).tolist()
 
     def slide_columns(self, joint: int) -> slice:
-        """Return the places of a joint's slide among the unknowns of a frame."""
+        """Return the columns of a joint's slide among the unknowns of a frame."""
         at = 6 + 3 * len(self.parents) + 3 * self.sliding.index(joint)
         return slice(at, at + 3)
 
@@ -87,45 +69,23 @@ class BundleProblem:
 
 @dataclass(frozen=True)
 class BundleState:
-    """Unknowns of the bundle.
+    """Unknowns of the bundle."""
 
-    Parameters
-    ----------
-    local : (M, 3) array
-        Marker coordinates, m.
-    centres : (n, 3) array
-        Joint centres in the frames of the parents, m.
-    first, second : (n, 3) arrays
-        Unit axes a (parent's frame) and b (child's frame); without meaning for a ball.
-    cosine : (n,) array
-        Cosine κ of the angle between two axes.
-    glide : (3,) array
-        Glide of joint 1, m.
-    skin : (M,) array
-        Share of the twist of its segment that each marker misses.
-    origin : (F, 3) array
-        Origin of the base, m.
-    rotations : (F, n + 1, 3, 3) array
-        Segment to trial.
-    slides : (F, n, 3) array
-        Slides of the joints in the frames of the parents, m.
-    """
-
-    local: FloatArray
-    centres: FloatArray
-    first: FloatArray
-    second: FloatArray
-    cosine: FloatArray
-    glide: FloatArray
-    skin: FloatArray
-    origin: FloatArray
-    rotations: FloatArray
-    slides: FloatArray
+    local: FloatArray  # (M, 3) marker coordinates, m
+    centres: FloatArray  # (n, 3) joint centres in the frames of the parents, m
+    first: FloatArray  # (n, 3) unit axes a in the parent's frame; without meaning for a ball joint
+    second: FloatArray  # (n, 3) unit axes b in the child's frame; without meaning for a ball joint
+    cosine: FloatArray  # (n,) cosine κ of the angle between two axes
+    glide: FloatArray  # (3,) glide of joint 1, m
+    skin: FloatArray  # (M,) share of its segment's axial rotation that the skin under each marker does not follow
+    origin: FloatArray  # (F, 3) origin of the base, m
+    rotations: FloatArray  # (F, n + 1, 3, 3) segment to trial
+    slides: FloatArray  # (F, n, 3) slides of the joints in the frames of the parents, m
 
 
 @dataclass(frozen=True)
 class Columns:
-    """Places of the parameters of the chain: markers first, then joints, glide and skin."""
+    """Columns of the chain's parameters: markers first, then joints, glide and skin."""
 
     markers: int
     centre: tuple[slice, ...]
@@ -138,7 +98,7 @@ class Columns:
 
 
 def locate_columns(problem: BundleProblem) -> Columns:
-    """Return the places of the parameters of a problem."""
+    """Return the columns of the parameters of a problem."""
     markers, at = problem.points.shape[1], 3 * problem.points.shape[1]
     centre: list[slice] = []
     first: list[slice | None] = []
@@ -192,15 +152,9 @@ def joint_rotations(problem: BundleProblem, state: BundleState) -> FloatArray:
 
 
 def twists(problem: BundleProblem, state: BundleState) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the twist of every segment about its long axis (F, n), rad, and its derivatives (F, n, 3).
+    """Return the axial rotation of every segment (F, n), rad, and its derivatives (F, n, 3) by child and parent.
 
-    Returns
-    -------
-    twist : (F, n) array
-        The rotation about the long axis that is left when the shortest swing from :attr:`BundleProblem.untwisted` is
-        taken off.
-    by_child, by_parent : (F, n, 3) arrays
-        Derivatives by the turns of the child and of the parent.
+    It is the rotation about the long axis that remains after the shortest swing from :attr:`BundleProblem.untwisted`.
     """
     untwisted = problem.untwisted
     quaternion = so3.quaternion(np.swapaxes(untwisted, 1, 2) @ joint_rotations(problem, state))

@@ -1,13 +1,12 @@
-"""Other estimators of joint centres, to compare with the bundle. They give no covariance.
+"""Alternative estimators of joint centres, to compare with the bundle. They give no covariance.
 
 ``score``: the point that moves least in both segments, the symmetrical centre of rotation (Ehrig et al. 2006).
-``sphere``: the common centre of spheres on which the markers of the child move in the parent (Gamage and Lasenby 2002).
-``helical``: the point nearest to the helical axes of finite turns of the child in the parent (Woltring 1990).
+``sphere``: the common centre of spheres on which the child's markers move in the parent (Gamage and Lasenby 2002).
+``helical``: the point nearest to the helical axes of finite rotations of the child in the parent (Woltring 1990).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -17,13 +16,12 @@ from mocap_id.kinematics.space.chain_start import Clusters, fit_shared_point
 
 CentreEstimator: TypeAlias = Literal["score", "sphere", "helical"]
 
-_TURN = 0.25  # of the frames between two poses of a finite turn
-_LEAST_TURN = 1e-3  # pull to the mean place of the child, which decides what the motion does not show
+_TURN = 0.25  # lag between the two poses of a finite rotation, as a share of the frames
+_LEAST_TURN = 1e-3  # weight of the child's mean position, for directions that the motion does not determine
 
 
-def sphere_centre(clusters: Clusters, parent: int, child: int, local: FloatArray) -> FloatArray:
-    """Return the common centre (3,), m, of the spheres of markers (k, 3), given in the child, in the parent's frame."""
-    turn, origin = _express_in_parent(clusters, parent, child)
+def _fit_sphere(turn: FloatArray, origin: FloatArray, local: FloatArray) -> FloatArray:
+    """Return the common centre (3,) of the spheres on which markers (k, 3) of the child move in the parent, m."""
     places = origin[:, None] + np.einsum("fij,kj->fki", turn, local)
     middle = places.mean(axis=0)
     about = places - middle
@@ -33,9 +31,8 @@ def sphere_centre(clusters: Clusters, parent: int, child: int, local: FloatArray
     return _solve(rows, right, places.mean(axis=(0, 1)))
 
 
-def helical_centre(clusters: Clusters, parent: int, child: int) -> FloatArray:
-    """Return the point (3,), m, nearest to the helical axes of the child in the parent's frame."""
-    turn, origin = _express_in_parent(clusters, parent, child)
+def _fit_helical_axes(turn: FloatArray, origin: FloatArray) -> FloatArray:
+    """Return the point (3,) nearest to the helical axes of the child in the parent, m."""
     lag = max(int(_TURN * len(turn)), 1)
     finite = turn[lag:] @ np.swapaxes(turn[:-lag], 1, 2)
     shift = origin[lag:] - np.einsum("fij,fj->fi", finite, origin[:-lag])
@@ -50,7 +47,9 @@ def estimate_centre(
     Parameters
     ----------
     estimator : {"score", "sphere", "helical"}
+        Method.
     clusters : Clusters
+        Marker clusters.
     parent, child : int
         Numbers of the segments.
     local : (k, 3) array
@@ -58,17 +57,13 @@ def estimate_centre(
     """
     if estimator == "score":
         return fit_shared_point(clusters, parent, child)
-    makers: dict[str, Callable[[], FloatArray]] = {
-        "sphere": lambda: sphere_centre(clusters, parent, child, local),
-        "helical": lambda: helical_centre(clusters, parent, child),
-    }
-    centre = makers[estimator]()
     turn, origin = _express_in_parent(clusters, parent, child)
+    centre = _fit_sphere(turn, origin, local) if estimator == "sphere" else _fit_helical_axes(turn, origin)
     return centre, np.einsum("fji,fj->fi", turn, centre - origin).mean(axis=0)
 
 
 def _express_in_parent(clusters: Clusters, parent: int, child: int) -> tuple[FloatArray, FloatArray]:
-    """Return rotation (F, 3, 3) and origin (F, 3), m, of the child's cluster in the frame of the parent's."""
+    """Return rotation (F, 3, 3) and origin (F, 3), m, of the child's cluster in the parent's cluster."""
     apart = clusters.origin[:, child] - clusters.origin[:, parent]
     return clusters.relative_rotation(parent, child), np.einsum("fji,fj->fi", clusters.rotation[:, parent], apart)
 

@@ -1,4 +1,4 @@
-"""Fit of a chain in space: kinds, centres and axes of the joints, with the markers on their segments."""
+"""Fit of a chain in space: kinds, centres and axes of the joints, and coordinates of the markers."""
 
 from __future__ import annotations
 
@@ -18,8 +18,7 @@ from mocap_id.kinematics.space.bundle_model import BundleProblem, BundleState, g
 from mocap_id.kinematics.space.centre_estimators import CentreEstimator, estimate_centre
 from mocap_id.kinematics.space.chain_prior import CENTRE_SD, MARKED_SD, ChainPrior
 from mocap_id.kinematics.space.chain_result import SpatialFit, collect_result, find_implausible_skin
-from mocap_id.kinematics.space.chain_start import Clusters, fit_clusters
-from mocap_id.kinematics.space.cluster_slides import find_joint_slides
+from mocap_id.kinematics.space.chain_start import Clusters, find_joint_slides, fit_clusters
 from mocap_id.kinematics.space.girdle import find_girdle_markers
 from mocap_id.kinematics.space.joint_kinds import (
     PARALLEL,
@@ -38,7 +37,7 @@ _FRAMES = 180
 _FRAMES_OF_KINDS = 80
 _FEWEST = 20
 _FIRST_SD = 0.002  # m; first guess of the error of a marker
-_LASTING = 1.5  # frames that share one error; more is soft tissue
+_LASTING = 1.5  # frames that share one error; a larger number is soft tissue
 _UP = (0.0, 1.0, 0.0)
 _BALL: JointKind = "ball"
 _SIMPLEST: tuple[JointKind, ...] = ("hinge", "two-axis", _BALL)
@@ -62,24 +61,24 @@ def fit_spatial_chain(
     Parameters
     ----------
     points : (F, M, 3) array
-        Trajectories in the frame of the trial, m; NaN where unseen.
+        Trajectories in the frame of the trial, m; NaN where missing.
     segment : (M,) int array
-        Segment of each marker, 0 = base … n; every segment has at least three markers that are not on one line.
+        Segment of each marker, 0 = base … n. Every segment has at least three markers that are not on one line.
     parents : sequence of int, length n
         Parent of segment 1 … n, smaller than the segment.
     kinds : mapping of int to kind, optional
-        Given kinds of joints, by the number of their segment, 1 … n; the others are chosen by evidence. A joint of two
-        axes whose axes turn out nearly parallel becomes a ball all the same, since they would not determine its angles.
+        Kinds of joints that the user has set, by the number of their segment, 1 … n. The others are chosen by evidence.
+        A two-axis joint with nearly parallel axes becomes a ball, because its axes would not determine its angles.
     estimator : {"bundle", "score", "sphere", "helical"}
-        With an estimator other than the bundle, centres come from pairs of clusters. There are then no covariances, no
-        glide and no motion of the skin, and no centre is called unknown.
+        Other estimators than the bundle find centres from pairs of clusters. There are then no covariances, no glide
+        and no motion of the skin, and every centre counts as known.
     near : mapping of int to (F, 3) array, optional
-        Trajectories of points that are near the joints, such as the middle of the epicondyles, by the number of the
-        segment, m; NaN where unknown.
+        Trajectories of points near the joints, such as the middle of the epicondyles, by the number of the segment, m;
+        NaN where missing.
     firm : collection of int
-        Segments, 1 … n, whose skin does not follow a twist, such as a shoulder girdle.
+        Segments, 1 … n, whose skin does not follow an axial rotation, such as a shoulder girdle.
     girdle : collection of int
-        Markers, 0 … M - 1, on the shoulder girdle by their names; others are found by their motion.
+        Markers, 0 … M - 1, that are on the shoulder girdle by their names. Others are found by their motion.
     up : (3,) sequence
         Direction from which the elevation of the girdle is measured, in the frame of the trial.
 
@@ -108,7 +107,7 @@ def fit_spatial_chain(
 
 
 def _rough_bundle(start: _Start, frames: IntArray) -> tuple[_Start, Bundle]:
-    """Return the bundle over some frames with balls alone, and the start without implausible twist of the skin."""
+    """Return the input without implausible skin motion, and the bundle over some frames with ball joints only."""
     balls = (_BALL,) * len(start.parents)
     rough = solve_bundle(*start.build_problem(frames, balls))
     if unlike := find_implausible_skin(rough.problem, rough.state):
@@ -120,10 +119,10 @@ def _rough_bundle(start: _Start, frames: IntArray) -> tuple[_Start, Bundle]:
 def _weigh_joints(
     start: _Start, rough: Bundle, frames: IntArray, kinds: Mapping[int, JointKind]
 ) -> tuple[JointEvidence, ...]:
-    """Return the evidence for the kind of each joint, with and without a twist of the skin for the simpler kind.
+    """Return the evidence for the kind of each joint, with or without axial skin motion, whichever is simpler.
 
-    A twist that all markers of a segment share is hardly seen, so that its error can tilt an axis. A kind that explains
-    the rotation without such a twist needs none.
+    An axial rotation that all markers of a segment share is hardly visible, so its error can tilt an axis. A kind that
+    explains the joint rotation without it needs no such rotation.
     """
     found = _weigh_all_kinds(rough, start.clusters, kinds)
     if all(each.kind == "hinge" for j, each in enumerate(found, start=1) if j not in kinds):
@@ -135,6 +134,7 @@ def _weigh_joints(
 
 
 def _weigh_all_kinds(bundle: Bundle, clusters: Clusters, kinds: Mapping[int, JointKind]) -> tuple[JointEvidence, ...]:
+    """Return the evidence for the kind of each joint of a bundle with ball joints."""
     turns = joint_rotations(bundle.problem, bundle.state)
     return tuple(
         weigh_kinds(
@@ -148,9 +148,9 @@ def _weigh_all_kinds(bundle: Bundle, clusters: Clusters, kinds: Mapping[int, Joi
 
 
 def _whole_bundle(start: _Start, kinds: tuple[JointKind, ...], rough: Bundle) -> Bundle:
-    """Return the bundle over all frames, solved again until all kinds of joints and shares of the skin are plausible.
+    """Return the bundle over all frames, solved again until all kinds of joints and skin shares are plausible.
 
-    Two axes that are nearly parallel become a ball. An implausible twist of the skin is set to zero.
+    Two axes that are nearly parallel become a ball joint. Implausible skin shares are set to zero.
     """
     every, guess = np.arange(len(start.points)), rough
     while True:
@@ -159,7 +159,7 @@ def _whole_bundle(start: _Start, kinds: tuple[JointKind, ...], rough: Bundle) ->
         )
         if parallel := _find_parallel_axes(bundle):
             kinds = tuple(_BALL if j in parallel else kind for j, kind in enumerate(kinds))
-            guess = rough  # the wrong axes have pulled the bundle far away
+            guess = rough  # because wrong axes distort the whole bundle
         elif unlike := set(find_implausible_skin(bundle.problem, bundle.state)) - start.firm:
             start, guess = replace(start, firm=start.firm | unlike), bundle
         else:
@@ -167,25 +167,25 @@ def _whole_bundle(start: _Start, kinds: tuple[JointKind, ...], rough: Bundle) ->
 
 
 def _find_parallel_axes(bundle: Bundle) -> list[int]:
-    """Return the joints of two axes, from 0, whose axes are too near to each other to determine two angles."""
+    """Return the two-axis joints, from 0, whose axes are too close to each other to determine two angles."""
     near = np.abs(bundle.state.cosine) > PARALLEL
     return [j for j, kind in enumerate(bundle.problem.kinds) if kind == "two-axis" and near[j]]
 
 
 def estimate_slide_sds(clusters: Clusters, segment: IntArray, parents: Sequence[int]) -> FloatArray:
-    """Return the standard deviation of each joint's slide (n,), m, for frames that share their errors; 0: none."""
+    """Return the standard deviation of each joint's slide (n,), m, for correlated frames; 0 without a slide."""
     slides = find_joint_slides(clusters, segment, parents)
     about = slides - slides.mean(axis=0)
     return np.asarray(np.sqrt((about**2).mean(axis=(0, 2)) * count_correlated_frames(about)))
 
 
 def choose_frames(points: FloatArray, segment: IntArray, count: int) -> IntArray:
-    """Return frames along the motion in which every segment shows three markers or more.
+    """Return frames along the motion in which every segment has three visible markers or more.
 
     Raises
     ------
     NumericalError
-        Too few.
+        There are too few frames.
     """
     seen: BoolArray = np.asarray(np.isfinite(points).all(axis=2))
     enough = np.all([seen[:, segment == k].sum(axis=1) >= 3 for k in range(int(segment.max()) + 1)], axis=0)
@@ -198,7 +198,7 @@ def choose_frames(points: FloatArray, segment: IntArray, count: int) -> IntArray
 
 
 def fit_clusters_at(points: FloatArray, segment: IntArray, used: IntArray) -> tuple[Clusters, IntArray]:
-    """Return the clusters in the frames in which all of their poses are known, and these frames."""
+    """Return the clusters in the frames in which all their poses are known, and these frames."""
     seen: BoolArray = np.asarray(np.isfinite(points[used]).all(axis=2))
     reference = int(np.argmax(seen[: max(len(used) // 10, 1)].sum(axis=1)))
     clusters = fit_clusters(points[used], segment, reference)
@@ -208,7 +208,7 @@ def fit_clusters_at(points: FloatArray, segment: IntArray, used: IntArray) -> tu
 
 @dataclass(frozen=True)
 class _Start:
-    """Input of the bundles."""
+    """Input of all bundles of a trial."""
 
     points: FloatArray
     segment: IntArray
@@ -221,7 +221,7 @@ class _Start:
     firm: frozenset[int] = frozenset()
 
     def _guess_centres(self, estimator: Estimator) -> tuple[FloatArray, FloatArray]:
-        """Return the centres (n, 3) from the parents' joints, and those of all segments in their clusters, m."""
+        """Return the joint centres (n, 3) in their parents, and the origins of all segments in their clusters, m."""
         own, centres = np.zeros((len(self.parents) + 1, 3)), np.zeros((len(self.parents), 3))
         name: CentreEstimator = "score" if estimator == "bundle" else estimator
         for j, parent in enumerate(self.parents):
@@ -297,7 +297,7 @@ class _Start:
 def _move_along_hinges(
     rough: Bundle, kinds: tuple[JointKind, ...], axes: list[JointAxes], centres: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return markers (M, 3) and centres (n, 3), m, of a rough fit, with hinges at their likely place on the axis."""
+    """Return markers (M, 3) and centres (n, 3), m, of a rough fit, with hinge centres at likely positions."""
     problem, local, known = rough.problem, rough.state.local.copy(), rough.state.centres.copy()
     for j in np.flatnonzero([kind == "hinge" for kind in kinds]):
         ahead = axes[j].first @ (centres[j] - known[j])
@@ -319,7 +319,7 @@ def _guess_axes(rough: Bundle, j: int, kind: JointKind, inner: bool) -> tuple[Jo
 
 
 def _find_riding_markers(rough: Bundle, kinds: tuple[JointKind, ...], named: BoolArray) -> BoolArray:
-    """Return the markers that ride on the girdle: those of the base that follow the elevation of segment 1."""
+    """Return the base markers (M,) on the shoulder girdle: they follow the elevation of segment 1."""
     problem, state = rough.problem, rough.state
     if kinds[0] != "ball" or problem.parents[0] != 0:
         return np.zeros(len(problem.segment), dtype=bool)

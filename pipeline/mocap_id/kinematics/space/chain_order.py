@@ -1,4 +1,4 @@
-"""The chain among rigid bodies in space: from the body that moves least, over real joints, to the farthest tip."""
+"""Chain among rigid bodies in space: from the body that moves least, over real joints, to the farthest tip."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ from mocap_id.kinematics.space.division import Partition, spanning_tree
 from mocap_id.kinematics.space.pair_joint import SpatialPairJoint, fit_pair_joint
 
 CHANCE = 0.65
-"""Largest residual of a joint, relative to the motion of the one body in the other without a joint."""
+"""Largest residual of a joint, relative to the motion of one body in the other without a joint."""
 
-_NEAR_JOINT = 0.08  # m; bony landmarks of a joint are at most this far from where its centre is found
-_AS_RIGID = 3.5  # a landmark near a joint is on the segment before it up to this multiple of the residual after it
+_NEAR_JOINT = 0.08  # m; largest distance of a joint's bony landmarks from its estimated centre
+_AS_RIGID = 3.5  # largest ratio of such a landmark's residuals on the segments before and after the joint
 _MOST = 0.025  # m; largest residual of such a landmark on the segment before it
 _CHOICES = 20
 _ROUNDS = 3
@@ -26,23 +26,12 @@ _ROUNDS = 3
 
 @dataclass(frozen=True)
 class SpatialBodyChain:
-    """Bodies from base to tip.
+    """Bodies from base to tip, with their joints."""
 
-    Parameters
-    ----------
-    bodies : tuple of SpatialBody, length n + 1
-    joints : tuple of SpatialPairJoint, length n
-        Joint k - 1 joins bodies k - 1 (first) and k (second).
-    branches : tuple of SpatialBody
-        Bodies that are not on the chain.
-    joined : tuple of bool
-        For each branch, whether joints connect it with the chain.
-    """
-
-    bodies: tuple[SpatialBody, ...]
-    joints: tuple[SpatialPairJoint, ...]
-    branches: tuple[SpatialBody, ...]
-    joined: tuple[bool, ...]
+    bodies: tuple[SpatialBody, ...]  # n + 1 bodies
+    joints: tuple[SpatialPairJoint, ...]  # joint k - 1 connects bodies k - 1 (first) and k (second)
+    branches: tuple[SpatialBody, ...]  # bodies that are not on the chain
+    joined: tuple[bool, ...]  # for each branch, whether joints connect it with the chain
 
 
 def find_chain(
@@ -50,15 +39,17 @@ def find_chain(
 ) -> SpatialBodyChain | None:
     """Return the longest chain of real joints from the body that moves least; None if there is no real joint.
 
-    Each connected group of bodies has its own base. Of equally long chains, the one whose joints turn most is
-    chosen: the other arm of a person is a branch.
+    Each connected group of bodies has its own base. Of equally long chains, the one whose joints rotate most is chosen;
+    the other arm of a person is then a branch.
 
     Parameters
     ----------
     found : Partition
+        Bodies and their joints.
     points : (F, M, 3) array
         Trajectories in the lab, m.
     rules : SegmentationRules
+        Limits for joints.
     chance : float, optional
         As for :func:`is_real`.
     """
@@ -88,9 +79,10 @@ def find_chain(
 
 
 def is_real(joint: SpatialPairJoint, rules: SegmentationRules, chance: float = CHANCE) -> bool:
-    """Return whether two bodies turn far enough about a common point, and not merely because they hardly move.
+    """Return whether two bodies rotate far enough about a common point.
 
-    ``chance`` is the largest residual of the joint, relative to the motion of one body in the other without a joint.
+    Bodies that hardly move also share a point. ``chance`` is therefore the largest residual of the joint, relative to
+    the motion of one body in the other without a joint.
     """
     return joint.residual <= min(rules.max_residual, chance * joint.free) and joint.arc >= rules.min_arc
 
@@ -101,10 +93,11 @@ def fit_joints_along(bodies: Sequence[SpatialBody]) -> tuple[SpatialPairJoint, .
 
 
 def give_landmarks_to_parents(chain: SpatialBodyChain, sorter: SpatialBodies) -> SpatialBodyChain:
-    """Return the chain with markers near a joint moved to the segment before it, if both segments fit about as well.
+    """Return the chain with markers near a joint moved to the segment before it, if they fit both segments.
 
-    The motion of a marker near a joint's centre hardly shows its segment: skin moves it more than the joint does.
-    Bony landmarks there, such as epicondyles, malleoli and styloid processes, are ends of the segment before the joint.
+    The motion of a marker near a joint's centre hardly shows its segment, because skin moves it more than the joint
+    does. Bony landmarks there, such as epicondyles, malleoli and styloid processes, are ends of the segment before the
+    joint.
     """
     bodies = list(chain.bodies)
     for _ in range(_ROUNDS):
@@ -124,21 +117,18 @@ def _give_landmarks(parent: SpatialBody, child: SpatialBody, sorter: SpatialBodi
     near = np.linalg.norm(place - joint.in_second, axis=1) <= _NEAR_JOINT
     near &= parent.residual[own] <= np.minimum(_AS_RIGID * child.residual[own], _MOST)
     for size in range(min(int(near.sum()), len(own) - LEAST), 0, -1):
-        choices = [_move_markers(np.array(choice), parent, child, sorter) for choice in _choices(own[near], size)]
+        groups = islice(combinations(own[near].tolist(), size), _CHOICES)
+        choices = [_move_markers(np.array(group), parent, child, sorter) for group in groups]
         possible = [choice for choice in choices if choice is not None]
         if possible:
             return min(possible, key=lambda bodies: bodies[1].rms_residual)
     return parent, child
 
 
-def _choices(markers: IntArray, size: int) -> list[tuple[int, ...]]:
-    return list(islice(combinations(markers.tolist(), size), _CHOICES))
-
-
 def _move_markers(
     given: IntArray, parent: SpatialBody, child: SpatialBody, sorter: SpatialBodies
 ) -> tuple[SpatialBody, SpatialBody] | None:
-    """Return two bodies after some markers have moved from the child to the parent; None if they may not."""
+    """Return two bodies after some markers have moved from the child to the parent; None if this is not allowed."""
     kept, taken = np.setdiff1d(child.markers, given), np.sort(np.concatenate([parent.markers, given]))
     constraints = sorter.constraints
     together = bool(np.isin(constraints.unit[given], constraints.unit[kept]).any())
@@ -148,7 +138,7 @@ def _move_markers(
 
 
 def measure_scatter(points: FloatArray) -> FloatArray:
-    """Return the rms distance (M,) of trajectories (F, M, 3) from their means, m; NaN for a marker never seen."""
+    """Return the rms distance (M,) of trajectories (F, M, 3) from their means, m; NaN if never visible."""
     off, _, counts = subtract_means(points)
     return np.where(counts > 0, np.sqrt(np.sum(off**2, axis=(0, 2)) / np.maximum(counts, 1)), np.nan)
 

@@ -1,4 +1,4 @@
-"""What is known about a chain in space before its motion is seen."""
+"""Prior of the parameters of a chain in space."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.kinematics.space.bundle_model import BundleProblem, BundleState, locate_columns, tangents
 
 CENTRE_SD = 0.1
-"""Standard deviation of each coordinate of a centre about the middle of its clusters, m."""
+"""Standard deviation of each coordinate of a centre about the point between its clusters, m."""
 MARKED_SD = 0.03
-"""The same about markers that are known to be beside the joint, whose skin moves, m."""
-_ON_HINGE = 0.005  # m; along a hinge, where no motion shows the centre
-_GLIDE = 0.02  # m; of the girdle at 180° of elevation
-_LONG_AXIS = np.radians(3.5)  # weight in the fit; small, because soft tissue counts as noise there and pulls too hard
-_OFF_LONG_AXIS = np.radians(8)  # usual angle between an axis of pronation and the line between the joints
-_SLOPE = 0.6  # twist that the skin misses at the near end of a segment
-_SCATTER = 0.12  # of one marker about the straight line from the far end, where the skin follows the bone
+"""Standard deviation of each coordinate of a centre about markers that are known to be beside the joint, m."""
+_ON_HINGE = 0.005  # m; standard deviation along a hinge, where the motion does not determine the centre
+_GLIDE = 0.02  # m; standard deviation of the glide of the girdle
+_LONG_AXIS = np.radians(3.5)  # standard deviation in the fit; small, because the fit treats soft tissue as noise
+_OFF_LONG_AXIS = np.radians(8)  # typical angle between the axis of pronation and the line between the joints
+_SLOPE = 0.6  # share of axial rotation that the skin does not follow at the near end of a segment
+_SCATTER = 0.12  # scatter of single markers about the linear increase from the far end
 _NO_SKIN = 1e-4
 
 
@@ -26,32 +26,19 @@ _NO_SKIN = 1e-4
 class ChainPrior:
     """Likely values of the parameters of a chain.
 
-    The centre of a joint is somewhere between its clusters. The second axis of a joint of two axes is the long axis of
-    its segment: the forearm turns about the line from elbow to wrist. The skin follows the twist of the bone at the far
-    end of a segment, at the elbow and the wrist, and misses a part of it that grows towards the near end.
-
-    Parameters
-    ----------
-    centres : (n, 3) array
-        Likely centres in the frames of the parents, m.
-    along : (n,) bool array
-        Joints of two axes whose second axis may be the long axis of their segment.
-    soft : (n,) bool array
-        Segments 1 … n whose skin may move.
-    centre_sd : (n,) array
-        Standard deviation of each coordinate of the centres, m.
-    glide_sd : float
-        Standard deviation of each coordinate of the glide, m.
+    The centre of a joint is between its clusters. The second axis of a two-axis joint is the long axis of its segment:
+    the forearm rotates about the line from elbow to wrist. The skin follows the axial rotation of the bone at the far
+    end of a segment, at elbow and wrist, and lags behind it by a share that grows towards the near end.
     """
 
-    centres: FloatArray
-    along: BoolArray
-    soft: BoolArray
-    centre_sd: FloatArray
-    glide_sd: float = _GLIDE
+    centres: FloatArray  # (n, 3) likely centres in the frames of the parents, m
+    along: BoolArray  # (n,) two-axis joints whose second axis may be the long axis of their segment
+    soft: BoolArray  # (n,) segments 1 … n whose skin may move
+    centre_sd: FloatArray  # (n,) standard deviation of each coordinate of the centres, m
+    glide_sd: float = _GLIDE  # standard deviation of each coordinate of the glide, m
 
     def equations(self, problem: BundleProblem, state: BundleState) -> tuple[FloatArray, FloatArray]:
-        """Return the weighted residuals (K,) and their derivatives by the parameters (K, P)."""
+        """Return the weighted residuals (K,) and their derivatives with respect to the parameters (K, P)."""
         cols = locate_columns(problem)
         values, rows = [], []
 
@@ -78,7 +65,7 @@ class ChainPrior:
         return np.concatenate(values), np.concatenate(rows)
 
     def axis_errors(self, problem: BundleProblem, state: BundleState) -> FloatArray:
-        """Return the gradients (K, P) from usual errors of the likely second axes."""
+        """Return the gradients (K, P) from typical errors of the likely second axes."""
         cols = locate_columns(problem)
         rows = np.zeros((2 * len(problem.kinds), cols.size))
         for j, second in enumerate(cols.second):
@@ -88,7 +75,7 @@ class ChainPrior:
         return rows
 
     def _skin_root(self, problem: BundleProblem, state: BundleState) -> FloatArray:
-        """Return the root of the inverse covariance of the skin's shares (M, M)."""
+        """Return the root of the inverse covariance of the skin shares (M, M)."""
         root = np.eye(len(problem.segment)) / _NO_SKIN
         for k in np.flatnonzero(self.soft) + 1:
             here = np.flatnonzero(problem.segment == k)

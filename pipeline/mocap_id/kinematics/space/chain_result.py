@@ -23,59 +23,33 @@ from mocap_id.kinematics.space.bundle_model import (
 )
 from mocap_id.kinematics.space.joint_kinds import JointEvidence
 
-_UNKNOWN = 0.02  # m; a centre with a larger standard deviation across its axis is unknown
-_COMMON = 0.5  # share of the twist that the skin beside the next joint misses at most
-_OPPOSITE, _WHOLE = -0.25, 0.9  # shares that the skin of a limb may have
-_LEAST_ARC = float(np.radians(6))  # a smaller rotation shows no centre; soft tissue alone looks the same
+_UNKNOWN = 0.02  # m; largest standard deviation of a known centre across its axis
+_COMMON = 0.5  # largest share of axial rotation that the skin beside the next joint does not follow
+_OPPOSITE, _WHOLE = -0.25, 0.9  # range of plausible skin shares
+_LEAST_ARC = float(np.radians(6))  # least rotation that determines a centre; soft tissue alone may reach this
 
 
 @dataclass(frozen=True)
 class SpatialFit:
-    """A chain fitted to markers.
+    """Chain fitted to markers.
 
-    Every segment has a frame of its own: its origin is the centre of its joint, and its axes are nearly those of the
-    trial in the first frame of the fit.
-
-    Parameters
-    ----------
-    chain : SpatialChain
-    evidence : tuple of JointEvidence, length n
-    arcs : (n,) array
-        2.5 to 97.5 % range of each joint's rotation about its main direction, rad.
-    residual : (M,) array
-        rms residual of each marker, m, with the motion of the skin that follows the twist.
-    lengths, length_sd : (n - 1,) arrays
-        Distances of joints 2 … n from the joint of their parent segment, m; the standard deviations.
-    skin, skin_sd : (M,) arrays
-        Share of the twist of its segment that the skin under each marker misses.
-    sd : (M,) array
-        Standard deviation of one coordinate of each marker after this correction, m.
-    together : (M,) array
-        Number of frames of the fit that share one error of the marker.
-    iterations : int
-    bundle : Bundle
-        The solution, for :func:`move_centre`.
-    covariance : (P, P) array
-        Covariance of all parameters; places in ``locate_columns(bundle.problem)``.
+    The origin of a segment's frame is the centre of its joint. Its axes are nearly the axes of the trial in the first
+    frame of the fit.
     """
 
     chain: SpatialChain
     evidence: tuple[JointEvidence, ...]
-    arcs: FloatArray
-    residual: FloatArray
-    lengths: FloatArray
-    length_sd: FloatArray
-    skin: FloatArray
-    skin_sd: FloatArray
-    sd: FloatArray
-    together: FloatArray
-    iterations: int
-    bundle: Bundle
+    arcs: FloatArray  # (n,) 2.5 to 97.5 % range of each joint's rotation about its main direction, rad
+    residual: FloatArray  # (M,) rms residual of each marker, including skin motion by axial rotation, m
+    lengths: FloatArray  # (n - 1,) distances of joints 2 … n from the joint of their parent segment, m
+    length_sd: FloatArray  # (n - 1,) standard deviations of these lengths, m
+    bundle: Bundle  # solution, for :func:`move_centre`
+    # (P, P) covariance of all parameters, with the columns of ``locate_columns(bundle.problem)``
     covariance: FloatArray
 
     @property
     def centre_covariance(self) -> FloatArray:
-        """Return the covariance (3 n, 3 n) of all centres together, m²."""
+        """Covariance (3 n, 3 n) of all centres together, m²."""
         at = np.concatenate(
             [np.arange(place.start, place.stop) for place in locate_columns(self.bundle.problem).centre]
         )
@@ -104,9 +78,8 @@ def collect_result(
     inner = [j for j, parent in enumerate(problem.parents) if parent > 0]
     lengths = np.linalg.norm(state.centres[inner], axis=1)
     along = state.centres[inner] / lengths[:, None]
-    length_sd = np.array(
-        [np.sqrt(a @ joints[j].covariance @ a) for a, j in zip(along, inner, strict=True)], dtype=np.float64
-    )
+    variances = [axis @ joints[j].covariance @ axis for axis, j in zip(along, inner, strict=True)]
+    length_sd = np.sqrt(np.array(variances, dtype=np.float64))
     return SpatialFit(
         chain,
         evidence,
@@ -114,21 +87,16 @@ def collect_result(
         np.sqrt(square.sum(axis=0) / np.maximum(seen.sum(axis=0), 1)),
         lengths,
         length_sd,
-        state.skin,
-        skin_sd,
-        bundle.sd,
-        bundle.together,
-        bundle.iterations,
         bundle,
         covariance,
     )
 
 
 def _anchor_skin(problem: BundleProblem, state: BundleState) -> FloatArray:
-    """Return the share of the twist (M,) that the skin misses if it misses none beside the next joint.
+    """Return the shares of axial rotation (M,) that the skin does not follow, with share 0 beside the next joint.
 
-    The motion shows how markers differ, and hardly the share that all markers of a segment miss. With the share c
-    beside the next joint, 1 - s becomes (1 - s) / (1 - c). A last segment has no such joint.
+    The motion shows differences between markers, but hardly the share that all markers of a segment have in common.
+    With the share c beside the next joint, 1 - s becomes (1 - s) / (1 - c). A last segment has no next joint.
     """
     skin: FloatArray = np.zeros_like(state.skin)
     for j, parent in enumerate(problem.parents):
@@ -139,14 +107,14 @@ def _anchor_skin(problem: BundleProblem, state: BundleState) -> FloatArray:
 
 
 def _common_share(problem: BundleProblem, state: BundleState, j: int) -> float:
-    """Return the mean share of axial rotation that skin misses under the parent's two markers nearest to joint j."""
+    """Return the mean skin share of the parent's two markers that are nearest to joint j."""
     here = np.flatnonzero(problem.segment == problem.parents[j])
     away = np.linalg.norm(state.local[here] - state.centres[j], axis=1)
     return float(state.skin[here[np.argsort(away)[:2]]].mean())
 
 
 def find_implausible_skin(problem: BundleProblem, state: BundleState) -> list[int]:
-    """Return the segments whose shares of the twist are impossible for skin, because they come from another motion."""
+    """Return the segments whose skin shares are impossible for skin, because they come from another motion."""
     anchored = _anchor_skin(problem, state)
     found = []
     for j, parent in enumerate(problem.parents):
@@ -196,7 +164,7 @@ def _build_joint(bundle: Bundle, covariance: FloatArray, j: int, arc: float) -> 
 
 
 def _centre_jacobian(problem: BundleProblem, cols: Columns, j: int, segment: int) -> FloatArray:
-    """Return a centre about the markers of a segment, whatever the segment's origin, by the parameters (3, P)."""
+    """Return the derivatives (3, P) of a centre relative to the mean of a segment's markers."""
     here = np.flatnonzero(problem.segment == segment)
     rows = np.zeros((3, cols.size))
     if segment == problem.parents[j]:
@@ -207,7 +175,7 @@ def _centre_jacobian(problem: BundleProblem, cols: Columns, j: int, segment: int
 
 
 def _is_known(kind: JointKind, covariance: FloatArray, axis: FloatArray) -> bool:
-    """Return whether the motion shows a centre; along a hinge's axis it need not, because landmarks locate it there."""
+    """Return whether the motion determines a centre, apart from its position along a hinge's axis."""
     if np.isnan(covariance).any():
         return True
     across = np.eye(3) if kind == "ball" else tangents(axis)
@@ -215,15 +183,16 @@ def _is_known(kind: JointKind, covariance: FloatArray, axis: FloatArray) -> bool
 
 
 def align_offset(turn: FloatArray, axis: FloatArray, pin: FloatArray, cosine: float) -> FloatArray:
-    """Return the rotation (3, 3) nearest to ``turn`` that brings the pin to its angle with the axis.
+    """Return the rotation (3, 3) nearest to ``turn`` that sets the angle between axis and pin.
 
     Parameters
     ----------
     turn : (3, 3) array
+        Rotation of the joint.
     axis, pin : (3,) arrays
         Unit axes in the frames of the parent and of the child.
     cosine : float
-        Of the angle between them.
+        Cosine of the angle between them.
     """
     carried = turn @ pin
     normal = np.cross(axis, carried)
@@ -237,12 +206,13 @@ def align_offset(turn: FloatArray, axis: FloatArray, pin: FloatArray, cosine: fl
 def move_centre(fit: SpatialFit, joint: int, point: FloatArray, covariance: FloatArray) -> SpatialFit:
     """Return the fit after a joint centre is also measured by other means, such as palpated landmarks.
 
-    All parameters move as their covariance says (a Kalman update): markers, centres and axes stay consistent. A centre
-    that the motion shows poorly in one direction, such as along a hinge, follows the point in this direction.
+    All parameters move according to their covariance (a Kalman update), so markers, centres and axes stay consistent.
+    In a direction that the motion hardly determines, such as along a hinge, the centre follows the measured point.
 
     Parameters
     ----------
     fit : SpatialFit
+        Fit from motion.
     joint : int
         Joint 1 … n, the number of its segment.
     point : (3,) array

@@ -12,45 +12,31 @@ from mocap_id.kinematics.space.chain_order import SpatialBodyChain, find_chain, 
 from mocap_id.kinematics.space.division import Division, build_partition, divide
 from mocap_id.kinematics.space.exchange import exchange_markers
 
-_LENIENT = 0.9  # a joint whose landmarks are on the wrong side has a large residual; it is judged when they have moved
-_CLEAR = 1.5  # evidence of a division that is kept in any case
-_COARSE = 4.0  # evidence of a division that is made first
+_LENIENT = 0.9  # limit of joint residuals while landmarks may still be on the wrong side
+_CLEAR = 1.5  # evidence above which a division is kept in any case
+_COARSE = 4.0  # evidence above which a division is made first
 _ROUNDS = 3
 
 
 @dataclass(frozen=True)
 class SpatialSearch:
-    """A chain, if there is one, and the divisions that led to it.
+    """Chain, if there is one, and the divisions that led to it."""
 
-    Parameters
-    ----------
-    chain : SpatialBodyChain or None
-    bodies : tuple of SpatialBody
-        All rigid bodies.
-    made, refused : tuple of Division
-        Accepted divisions, and the best division of every body that stayed whole.
-    """
-
-    chain: SpatialBodyChain | None
-    bodies: tuple[SpatialBody, ...]
-    made: tuple[Division, ...]
-    refused: tuple[Division, ...]
+    chain: SpatialBodyChain | None  # None if there is no chain
+    bodies: tuple[SpatialBody, ...]  # all rigid bodies
+    made: tuple[Division, ...]  # accepted divisions
+    refused: tuple[Division, ...]  # best division of every body that was not divided
 
     @property
     def carried(self) -> int:
-        """Return the number of markers on the chain."""
+        """Number of markers on the chain."""
         return 0 if self.chain is None else sum(len(body.markers) for body in self.chain.bodies)
 
 
 def search_best_chain(sorter: SpatialBodies, rules: SegmentationRules) -> SpatialSearch:
-    """Return the chain that carries most markers, with or without the weak divisions.
+    """Return the chain with most markers, with or without the weak divisions.
 
-    Skin that was taken for a segment of its own is a branch; without this division its markers are on the chain.
-
-    Parameters
-    ----------
-    sorter : SpatialBodies
-    rules : SegmentationRules
+    Skin that was treated as a segment of its own is a branch. Without this division, its markers are on the chain.
     """
     best = found = search_chain(sorter, rules, 1.0)
     for _ in range(_ROUNDS):
@@ -64,17 +50,11 @@ def search_best_chain(sorter: SpatialBodies, rules: SegmentationRules) -> Spatia
 
 
 def search_chain(sorter: SpatialBodies, rules: SegmentationRules, needed: float) -> SpatialSearch:
-    """Return the longest chain of real joints among rigid bodies.
+    """Return the longest chain of real joints among rigid bodies, with divisions of at least the evidence ``needed``.
 
-    Landmarks on the wrong side of a joint spoil the bodies on both sides. Therefore only clear divisions are made at
-    first. When the landmarks have moved, every body is tried for another division. At last, bodies exchange markers.
-
-    Parameters
-    ----------
-    sorter : SpatialBodies
-    rules : SegmentationRules
-    needed : float
-        Least evidence of a division, 1 as a rule.
+    Landmarks on the wrong side of a joint distort the bodies on both sides. Therefore only clear divisions are made
+    first. After the landmarks have moved, every body is tested for another division. At the end, bodies exchange
+    markers.
     """
     start: tuple[SpatialBody, ...] = (sorter.body(sorter.markers),)
     made: list[Division] = []

@@ -1,42 +1,40 @@
-"""First guess of a chain in space: marker clusters as rigid bodies, and the points that they share."""
+"""First guess of a chain in space: marker clusters as rigid bodies, their common points, and slides on the bones.
+
+A cluster that is fixed to a plate keeps its shape while it moves by centimetres on the bone. The markers' distances do
+not change, but the joint centre, as both clusters locate it, separates into two points. If they are farther apart than
+errors of single markers explain, the joint slides in the fit. Otherwise the displacement would rotate the clusters.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.geometry import so3
 from mocap_id.kinematics.space.rigid_body import fit_shape, rigid_poses
 
-_FAR = 0.3  # m; a joint is hardly farther from its clusters
-_SOFT = 0.01  # m; motion of the shared point that is usual
+_FAR = 0.3  # m; typical distance of a joint from its clusters
+_BEYOND = 2.5  # least ratio of the slide to the displacement that single markers explain; up to 1.8 without a slide
+_LEAST = 0.001  # m
+_USUAL = 0.95  # share of the frames used; the others may contain swapped markers
+_SOFT = 0.01  # m; typical motion of the shared point
 
 
 @dataclass(frozen=True)
 class Clusters:
-    """Marker clusters as rigid bodies, whose axes are those of the trial in a reference frame.
+    """Marker clusters as rigid bodies, whose axes are those of the trial in a reference frame; NaN where unknown."""
 
-    Parameters
-    ----------
-    local : (M, 3) array
-        Marker coordinates about the centroid of their cluster, m.
-    rotation, origin : (F, n + 1, 3, 3) and (F, n + 1, 3) arrays
-        Poses; NaN where unknown.
-    noise : (n + 1,) array
-        rms rotation about the worst direction that the residuals explain, rad.
-    sd : (n + 1,) array
-        Standard deviation of one coordinate of a marker about its cluster, m.
-    """
-
-    local: FloatArray
-    rotation: FloatArray
-    origin: FloatArray
-    noise: FloatArray
-    sd: FloatArray
+    local: FloatArray  # (M, 3) marker coordinates relative to the centroid of their cluster, m
+    rotation: FloatArray  # (F, n + 1, 3, 3) cluster to trial
+    origin: FloatArray  # (F, n + 1, 3) m
+    noise: FloatArray  # (n + 1,) rms rotation about the worst direction that the residuals explain, rad
+    sd: FloatArray  # (n + 1,) standard deviation of one coordinate of a marker in its cluster, m
 
     def median_position(self, segment: int, track: FloatArray) -> FloatArray:
-        """Return the median place (3,) of a trajectory (F, 3) in the frame of a cluster, m."""
+        """Return the median position (3,) of a trajectory (F, 3) in the frame of a cluster, m."""
         local = np.einsum("fji,fj->fi", self.rotation[:, segment], track - self.origin[:, segment])
         return np.asarray(np.nanmedian(local, axis=0))
 
@@ -51,8 +49,9 @@ def fit_clusters(points: FloatArray, segment: IntArray, reference: int) -> Clust
     Parameters
     ----------
     points : (F, M, 3) array
-        Markers, m; NaN where unseen.
+        Marker positions, m; NaN where missing.
     segment : (M,) int array
+        Segment of each marker.
     reference : int
         Frame in which the axes of all bodies are those of the trial.
     """
@@ -79,7 +78,7 @@ def fit_shared_point(clusters: Clusters, parent: int, child: int) -> tuple[Float
     """Return the point that moves least between two bodies, in the frames of both (3,), m.
 
     This is the symmetrical centre of rotation (SCoRE, Ehrig et al. 2006), with a weak pull to the middle between the
-    bodies, which decides what the motion does not show.
+    bodies for directions that the motion does not determine.
     """
     own, other = clusters.rotation[:, parent], clusters.rotation[:, child]
     apart = clusters.origin[:, child] - clusters.origin[:, parent]
@@ -91,3 +90,30 @@ def fit_shared_point(clusters: Clusters, parent: int, child: int) -> tuple[Float
     inverse = np.linalg.inv(rows.T @ rows + pull * np.eye(6))
     point = inverse @ (rows.T @ apart.reshape(-1) + pull * likely / 2)
     return point[:3], point[3:]
+
+
+def find_joint_slides(clusters: Clusters, segment: IntArray, parents: Sequence[int]) -> FloatArray:
+    """Return the displacement (F, n, 3) between both clusters at every joint that slides, m; 0 at the others."""
+    found = np.zeros((len(clusters.rotation), len(parents), 3))
+    for j, parent in enumerate(parents):
+        centre, own = fit_shared_point(clusters, parent, j + 1)
+        ends = [
+            clusters.origin[:, k] + clusters.rotation[:, k] @ place for k, place in ((parent, centre), (j + 1, own))
+        ]
+        apart = np.einsum("fji,fj->fi", clusters.rotation[:, parent], ends[1] - ends[0])
+        square = np.sort(np.sum((apart - np.median(apart, axis=0)) ** 2, axis=1))
+        size = float(np.sqrt(square[: max(int(_USUAL * len(square)), 1)].mean() / 3))
+        explained = sum(_variance_at(clusters, segment, k, p) for k, p in ((parent, centre), (j + 1, own)))
+        if size > max(_LEAST, _BEYOND * float(np.sqrt(explained))):
+            found[:, j] = apart
+    return found
+
+
+def _variance_at(clusters: Clusters, segment: IntArray, k: int, point: FloatArray) -> float:
+    """Return the variance per axis, m², of a point of a cluster from independent errors of its markers."""
+    local = clusters.local[segment == k]
+    local = local[np.isfinite(local).all(axis=1)]
+    inertia = np.sum(local**2) * np.eye(3) - local.T @ local
+    lever = so3.hat(point)
+    turned = np.trace(lever @ np.linalg.solve(inertia, lever.T)) / 3
+    return float(clusters.sd[k] ** 2 * (1 / len(local) + turned))

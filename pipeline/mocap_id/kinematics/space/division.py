@@ -1,9 +1,9 @@
 """Division of the markers into rigid bodies, which distinguishes sliding skin from a joint.
 
-The skin of a limb slides, and follows only a part of the limb's rotation about its long axis. Two groups of markers on
-it then turn against each other by several degrees, as two segments do. But they do so with the joints next to the body
-(:mod:`.unexplained_motion`), and a joint that hides in the body does not. A body is therefore divided only if the two
-parts fit its markers better where those joints do not explain their motion, or if they fit far better than skin could
+The skin of a limb slides, and follows only a part of the limb's axial rotation. Two groups of markers on it then rotate
+against each other by several degrees, as two segments do. But this rotation follows the joints next to the body
+(:mod:`.unexplained_motion`), unlike the rotation of an undetected joint inside the body. A body is therefore divided
+only if the two parts fit the motion better that these joints do not explain, or if they fit far better than skin could
 explain.
 """
 
@@ -20,66 +20,44 @@ from mocap_id.kinematics.space.bodies import SpatialBodies, SpatialBody
 from mocap_id.kinematics.space.pair_joint import SpatialPairJoint, fit_pair_joint
 from mocap_id.kinematics.space.unexplained_motion import gain_of_parts, unexplained_distance_sd, unexplained_motion
 
-_GAIN_END = 0.7  # summed log gain of the own motion from which a body with one joint is two: skin reaches 0.5
-_GAIN_BETWEEN = 1.15  # the same between two joints, whose large rotations explain less: skin reaches 1.1
+_GAIN_END = 0.7  # least summed log gain to divide a body with one joint; skin alone reaches 0.5
+_GAIN_BETWEEN = 1.15  # the same between two joints, whose rotations explain less; skin alone reaches 1.1
 
-_FAR_BETTER = float(np.log(3.5))  # mean log gain per marker that skin does not reach
-_RIGID = 1.2e-3  # m; a joint that turns by 2° leaves more in a body
-_NEARLY_RIGID = 0.01  # m; residual of a body with no more than a small joint in it
+_FAR_BETTER = float(np.log(3.5))  # mean log gain per marker, larger than by skin
+_RIGID = 1.2e-3  # m; residual of a body without a joint; a joint with 2° of rotation leaves more
+_NEARLY_RIGID = 0.01  # m; largest residual of a body with at most a small joint rotation
 _UNKNOWN = 10.0  # m; residual on a body whose markers are on one line
-_FLOOR = 1e-3  # m; smaller residuals are no better
-_STAY = 0.5  # share of its residual for which a marker leaves its part of a division that was accepted
-_MOST = 16  # bodies
+_FLOOR = 1e-3  # m; smaller residuals do not increase a gain
+_STAY = 0.5  # a marker changes its part after an accepted division if its residual becomes smaller than this share
+_MOST = 16  # largest number of bodies
 
 
 @dataclass(frozen=True)
 class Division:
-    """One body, or the same markers as two.
-
-    Parameters
-    ----------
-    whole : SpatialBody
-    parts : tuple of two SpatialBody
-    gain : float
-        Summed log gain of the markers' residuals.
-    own : float
-        The same of the motion that the joints next to the body do not explain; ``gain`` for a body without neighbours.
-    needed : float
-        Least ``own`` of a division that is real.
-    """
+    """One body, or the same markers as two."""
 
     whole: SpatialBody
     parts: tuple[SpatialBody, SpatialBody]
-    gain: float
+    gain: float  # summed log gain of the markers' residuals
+    # the same for motion that the joints next to the body do not explain; ``gain`` for a body without neighbours
     own: float
-    needed: float
+    needed: float  # least ``own`` of a real division
 
     @property
     def evidence(self) -> float:
-        """Return the evidence for two bodies, over what is required: 1 or more if they are real."""
+        """Evidence for two bodies, relative to the required one: 1 or more if they are real."""
         far = self.gain / len(self.whole.markers) / _FAR_BETTER
         return max(self.own / self.needed, far)
 
 
 @dataclass
 class Partition:
-    """The bodies found so far, the joints between them, and the divisions that were tried.
-
-    Parameters
-    ----------
-    bodies : list of SpatialBody
-    joints : dict
-        The joint of each pair of bodies i < j.
-    made : list of Division
-        Accepted divisions.
-    refused : list of Division
-        The best division of every body that stayed whole.
-    """
+    """Bodies found so far, joints between them, and divisions that were tested."""
 
     bodies: list[SpatialBody]
-    joints: dict[tuple[int, int], SpatialPairJoint] = field(default_factory=dict)
-    made: list[Division] = field(default_factory=list)
-    refused: list[Division] = field(default_factory=list)
+    joints: dict[tuple[int, int], SpatialPairJoint] = field(default_factory=dict)  # joint of each pair of bodies i < j
+    made: list[Division] = field(default_factory=list)  # accepted divisions
+    refused: list[Division] = field(default_factory=list)  # best division of every body that was not divided
 
 
 def divide(sorter: SpatialBodies, start: Sequence[SpatialBody], needed: float = 1.0) -> Partition:
@@ -88,6 +66,7 @@ def divide(sorter: SpatialBodies, start: Sequence[SpatialBody], needed: float = 
     Parameters
     ----------
     sorter : SpatialBodies
+        Fits of bodies.
     start : sequence of SpatialBody
         One body of all markers, or the bodies of an earlier division.
     needed : float
@@ -112,12 +91,12 @@ def divide(sorter: SpatialBodies, start: Sequence[SpatialBody], needed: float = 
 
 
 def build_partition(bodies: Sequence[SpatialBody]) -> Partition:
-    """Return bodies with the joints of all pairs; no division is tried."""
+    """Return bodies with the joints of all pairs, without testing divisions."""
     return Partition(list(bodies), _fit_all_joints(bodies, {}))
 
 
 def spanning_tree(joints: dict[tuple[int, int], SpatialPairJoint], count: int) -> list[tuple[int, int]]:
-    """Return the pairs of bodies that form the tree with the smallest joint residuals (Kruskal)."""
+    """Return the pairs of bodies that form the tree with the smallest joint residuals (Kruskal's algorithm)."""
     group = list(range(count))
     edges = []
     for first, second in sorted(joints, key=lambda pair: joints[pair].residual):
@@ -130,7 +109,7 @@ def spanning_tree(joints: dict[tuple[int, int], SpatialPairJoint], count: int) -
 def _fit_all_joints(
     bodies: Sequence[SpatialBody], known: dict[bytes, SpatialPairJoint]
 ) -> dict[tuple[int, int], SpatialPairJoint]:
-    """Return the joint of each pair of bodies; ``known`` keeps them from step to step."""
+    """Return the joint of each pair of bodies; ``known`` caches them between steps."""
     joints = {}
     for i, j in combinations(range(len(bodies)), 2):
         key = bodies[i].markers.tobytes() + b"|" + bodies[j].markers.tobytes()
@@ -174,5 +153,6 @@ def _weigh_divisions(sorter: SpatialBodies, whole: SpatialBody, neighbours: Sequ
 
 
 def _log_gain(before: FloatArray, after: FloatArray) -> float:
+    """Return the summed log ratio of residuals before and after a division."""
     before, after = np.minimum(before, _UNKNOWN), np.minimum(after, _UNKNOWN)
     return float(np.sum(np.log((before**2 + _FLOOR**2) / (after**2 + _FLOOR**2))) / 2)

@@ -1,7 +1,7 @@
-"""Markers exchanged between neighbouring bodies, where their residuals become smaller.
+"""Exchange of markers between neighbouring bodies, where their residuals become smaller.
 
-Skin that slides may be divided from its segment in place of a segment that hardly moves, such as the hand. Such a
-division fits the markers well, but not best: a marker in the wrong body moves in it as the joint turns.
+Sliding skin may be divided from its segment instead of a segment that hardly moves, such as the hand. This division
+fits the markers well, but is not the best: a marker in the wrong body moves in it as the joint rotates.
 """
 
 from __future__ import annotations
@@ -17,29 +17,22 @@ from mocap_id.kinematics.space.division import build_partition, spanning_tree
 from mocap_id.kinematics.space.pair_joint import fit_pair_joint
 from mocap_id.kinematics.space.unexplained_motion import unexplained_residuals
 
-_MARGIN = 0.3  # least gain, in the sum of the logarithms of the residuals
-_FLOOR, _OWN_FLOOR = 1e-3, 0.5e-3  # m; smaller residuals, and those of own motion, are no better
+_MARGIN = 0.3  # least gain in summed log residual
+_FLOOR, _OWN_FLOOR = 1e-3, 0.5e-3  # m; smaller residuals (of all motion, of unexplained motion) have equal costs
 _UNKNOWN = 10.0  # m; residual on a body whose markers are on one line
-_FAR = 4.0  # residual on the other body, relative to that on its own, of a marker that stays
-_CLOSE = 0.012  # m; a smaller residual on the other body is not far
-_NEAR_JOINT = 0.06  # m; nearer to their joint, both bodies fit a marker
-_LANDMARK = 3.0  # least gain for which such a marker changes sides alone
-_SMALL = 0.02  # m; motion of one body in the other below which their markers are divided anew
-_HOPELESS = 2.0  # loss in the residuals that own motion does not outweigh
+_FAR = 4.0  # largest ratio of residuals on the other body and on its own for a marker that may move
+_CLOSE = 0.012  # m; a marker with a smaller residual on the other body may also move
+_NEAR_JOINT = 0.06  # m; distance from the joint within which a marker fits both bodies
+_LANDMARK = 3.0  # penalty for moving such a marker alone
+_SMALL = 0.02  # m; relative motion of two bodies below which their markers are divided again
+_HOPELESS = 2.0  # largest increase of the plain cost for which the own cost is computed
 _ROUNDS = 3
 
 _Pair: TypeAlias = tuple[SpatialBody, SpatialBody]
 
 
 def exchange_markers(sorter: SpatialBodies, bodies: Sequence[SpatialBody]) -> tuple[SpatialBody, ...]:
-    """Return the bodies after neighbours, which a joint connects, have exchanged one or two markers at a time.
-
-    Parameters
-    ----------
-    sorter : SpatialBodies
-    bodies : sequence of SpatialBody
-        All bodies of a division.
-    """
+    """Return the bodies of a division after neighbours have exchanged one or two markers at a time."""
     exchange = _Exchange(sorter, bodies)
     for _ in range(_ROUNDS):
         improved = [exchange.improve(i, j) for i, j in exchange.edges]
@@ -49,7 +42,7 @@ def exchange_markers(sorter: SpatialBodies, bodies: Sequence[SpatialBody]) -> tu
 
 
 class _Exchange:
-    """Bodies, the tree of their joints, and the costs that were computed."""
+    """Bodies, the tree of their joints, and cached costs."""
 
     def __init__(self, sorter: SpatialBodies, bodies: Sequence[SpatialBody]) -> None:
         self.sorter, self.bodies = sorter, list(bodies)
@@ -57,7 +50,7 @@ class _Exchange:
         self._costs: dict[bytes, float] = {}
 
     def improve(self, i: int, j: int) -> bool:
-        """Exchange markers of two neighbours while that helps; return whether it did."""
+        """Exchange markers of two neighbours while this helps; return whether it did."""
         before = self.bodies[i]
         new = fit_pair_joint(self.bodies[i], self.bodies[j]).free < _SMALL
         for _ in range(_ROUNDS):
@@ -82,7 +75,7 @@ class _Exchange:
         return self.bodies[i] is not before
 
     def _own_cost(self, first: SpatialBody, second: SpatialBody, i: int, j: int) -> float:
-        """Return the sum of the logarithms of the residuals of two bodies, without what their neighbours explain."""
+        """Return the summed log residual of two bodies, without motion that their neighbours explain."""
         at = {i: first, j: second}
         total = 0.0
         for k, body in at.items():
@@ -96,7 +89,7 @@ class _Exchange:
         return total
 
     def _propose_exchanges(self, first: SpatialBody, second: SpatialBody) -> Iterator[tuple[_Pair, float]]:
-        """Yield the bodies after one marker has changed sides, or one of each, and what speaks against it."""
+        """Yield the bodies after one marker has changed sides, or one of each, and the penalty for this exchange."""
         joint = fit_pair_joint(first, second)
         leaving, joining = self._find_movable(first, second), self._find_movable(second, first)
         doubts = self._penalise(first, leaving, joint.in_first), self._penalise(second, joining, joint.in_second)
@@ -115,19 +108,20 @@ class _Exchange:
                     yield made, doubt
 
     def _propose_divisions(self, first: SpatialBody, second: SpatialBody) -> Iterator[tuple[_Pair, float]]:
-        """Yield other divisions of the markers of both, either way round."""
+        """Yield other divisions of the markers of both bodies, in both orders."""
         for one, other in self.sorter.divisions(np.sort(np.concatenate([first.markers, second.markers]))):
             if self._is_possible(one.markers, other.markers):
                 yield (one, other), 0.0
                 yield (other, one), 0.0
 
     def _find_movable(self, body: SpatialBody, other: SpatialBody) -> list[int]:
+        """Return the markers of a body that also fit the other body roughly."""
         own = body.residual[body.markers]
         close = other.residual[body.markers] <= np.maximum(_FAR * own, _CLOSE)
         return [int(m) for m in body.markers[close]]
 
     def _penalise(self, body: SpatialBody, markers: list[int], centre: FloatArray) -> list[float]:
-        """Return what speaks against taking each marker off a body; the joint's centre is (3,), m, in its frame."""
+        """Return the penalty for moving each marker off a body; landmarks near the joint centre (3,), m, have one."""
         if not markers:
             return []
         _, place, _ = subtract_means(body.local(self.sorter.points[:, markers]))
@@ -135,13 +129,13 @@ class _Exchange:
         return [_LANDMARK if each else 0.0 for each in near]
 
     def _is_possible(self, first: IntArray, second: IntArray) -> bool:
-        """Return whether both may be bodies, with markers together and apart as the user wants."""
+        """Return whether both groups may be bodies, with markers together and apart as the user wants."""
         constraints = self.sorter.constraints
         apart = np.isin(constraints.unit[first], constraints.unit[second]).any()
         return not apart and min(len(first), len(second)) >= LEAST and all(map(constraints.allow, (first, second)))
 
 
 def _plain_cost(first: SpatialBody, second: SpatialBody) -> float:
-    """Return the sum of the logarithms of the residuals of two bodies."""
+    """Return the summed log residual of two bodies."""
     residual = np.concatenate([body.residual[body.markers] for body in (first, second)])
     return float(np.sum(np.log(np.minimum(residual, _UNKNOWN) ** 2 + _FLOOR**2))) / 2

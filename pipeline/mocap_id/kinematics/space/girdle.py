@@ -1,7 +1,7 @@
-"""Translation of the shoulder girdle: markers of the base that ride on it.
+"""Translation of the shoulder girdle: the base markers that move with it.
 
-The centre of the shoulder moves in the thorax by g (1 - cos elevation) / 2. Soft tissue moves the markers of the arm
-likewise, so only a marker on the girdle, such as AC, tells the two apart.
+The centre of the shoulder moves in the thorax by g (1 - cos elevation) / 2. Soft tissue moves the markers of the arm in
+the same way, so only a marker on the girdle, such as AC, distinguishes the two motions.
 """
 
 from __future__ import annotations
@@ -10,30 +10,31 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
 
-_LEAST = 0.004  # m; motion at an elevation of 180° that is worth a model
-_EXPLAINED = 0.5  # share of the marker's motion in the base that follows the elevation
-_STANDS_OUT = 3.0  # times the typical motion of the other markers
-_RANGE = 0.15  # of u; below, the arm is hardly raised
-_FEWEST = 4  # markers of the base that do not ride
+_LEAST = 0.004  # m; least modelled motion at an elevation of 180°
+_EXPLAINED = 0.5  # least share of the marker's motion in the base that follows the elevation
+_STANDS_OUT = 3.0  # least ratio of its motion to the typical motion of the other markers
+_RANGE = 0.15  # least range of u; otherwise the arm is hardly raised
+_FEWEST = 4  # fewest base markers that are not on the girdle
 
 
 def find_girdle_markers(
     off: FloatArray, seen: BoolArray, base: BoolArray, share: FloatArray, named: BoolArray
 ) -> BoolArray:
-    """Return the markers of the base that move with the elevation of the next segment (M,).
+    """Return the base markers (M,) that move with the elevation of the next segment.
 
     Parameters
     ----------
     off : (F, M, 3) array
-        Residuals of the markers in the frame of the base, m; 0 where unseen.
+        Residuals of the markers in the frame of the base, m; 0 where missing.
     seen : (F, M) bool array
+        Visible samples.
     base : (M,) bool array
         Markers of the base.
     share : (F,) array
         u = (1 - cos elevation) / 2.
     named : (M,) bool array
-        Markers that ride by their name. Their sliding skin may hide it, but a shoulder that is taken to be fixed makes
-        every raised arm seem higher.
+        Markers that are on the girdle by their names. Sliding skin may hide their motion, but a fixed shoulder would
+        overestimate the elevation of every raised arm.
     """
     found = np.zeros(off.shape[1], dtype=bool)
     low, high = np.quantile(share, [0.05, 0.95])

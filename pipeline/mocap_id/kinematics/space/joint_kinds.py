@@ -1,7 +1,7 @@
 """Kind of every joint, chosen by the rotation between two clusters that each kind leaves unexplained.
 
-With soft tissue, every joint looks like a ball. A kind is therefore good enough when the rotation that it cannot
-explain is no larger than the noise of the clusters themselves explains. The simplest such kind is chosen.
+With soft tissue, every joint looks like a ball joint. A kind is good enough if the rotation that it cannot explain is
+no larger than the noise of the clusters. The simplest such kind is chosen.
 """
 
 from __future__ import annotations
@@ -14,55 +14,41 @@ from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import JointKind
 from mocap_id.kinematics.space.bundle_model import tangents
+from mocap_id.kinematics.space.rigid_body import mean_rotation
 
 _EXPLAINED: dict[JointKind, float] = {"hinge": 1.15, "two-axis": 3.4, "ball": np.inf}
-"""Multiples of the rotation noise of the clusters that a kind may leave; soft tissue adds to two large rotations."""
-_PIN_EXPLAINED = 6.0  # the same for a likely second axis; a wrong one leaves far more
+"""Largest unexplained rotation of a kind, relative to the noise of the clusters. Soft tissue affects two axes more."""
+_PIN_EXPLAINED = 6.0  # the same for a likely second axis; a wrong axis leaves far more
 SHOWN = float(np.radians(10))
-"""Smaller arcs, rad, show neither the kind of a joint nor its centre."""
+"""Least arc, rad, that determines the kind of a joint."""
 _LEAST_NOISE = np.radians(0.15)
 PARALLEL = 0.75
-"""Cosine of the angle between two axes above which they do not make a joint of two axes."""
-_UPRIGHT = 0.05  # pull of two axes to a right angle, as a share of the motion, while they are searched
+"""Largest cosine of the angle between the axes of a two-axis joint."""
+_UPRIGHT = 0.05  # weight of a right angle between two axes during the search, relative to the motion
 _TURNS = 40
 _STARTS = 12
 
 
 @dataclass(frozen=True)
 class JointEvidence:
-    """What the motion says about the kind of a joint.
+    """Evidence from the motion for the kind of a joint."""
 
-    Parameters
-    ----------
-    kind : {"ball", "two-axis", "hinge"}
-        The kind in use.
-    likely : {"ball", "two-axis", "hinge"}
-        The simplest kind that explains the rotation; a ball if the joint hardly turns.
-    left : mapping of kind to float
-        rms rotation that each kind leaves unexplained, rad.
-    ratio : mapping of kind to float
-        The same in its least explained direction, as a multiple of the noise of the clusters there.
-    noise : float
-        rms rotation about the worst direction that the residuals of the clusters explain, rad.
-    arc : float
-        2.5 to 97.5 % range of the rotation about its main direction, rad.
-    """
-
-    kind: JointKind
-    likely: JointKind
-    left: dict[JointKind, float]
+    kind: JointKind  # kind in use
+    likely: JointKind  # simplest kind that explains the rotation; a ball if the joint hardly rotates
+    left: dict[JointKind, float]  # rms rotation that each kind leaves unexplained, rad
+    # the same in its least explained direction, relative to the noise of the clusters in this direction
     ratio: dict[JointKind, float]
-    noise: float
-    arc: float
+    noise: float  # rms rotation about the worst direction that the residuals of the clusters explain, rad
+    arc: float  # 2.5 to 97.5 % range of the rotation about its main direction, rad
 
 
 @dataclass(frozen=True)
 class JointAxes:
-    """Axes of a joint: the first in the parent's frame, the second in the child's, and the cosine between them."""
+    """Axes of a joint."""
 
-    first: FloatArray
-    second: FloatArray
-    cosine: float
+    first: FloatArray  # in the parent's frame
+    second: FloatArray  # in the child's frame
+    cosine: float  # cosine of the angle between them
 
 
 def weigh_kinds(turn: FloatArray, noise: FloatArray, arc: float, kind: JointKind | None = None) -> JointEvidence:
@@ -77,7 +63,7 @@ def weigh_kinds(turn: FloatArray, noise: FloatArray, arc: float, kind: JointKind
     arc : float
         Range of the rotation between the clusters themselves, rad.
     kind : {"ball", "two-axis", "hinge"}, optional
-        Kind given by the user.
+        Kind set by the user.
     """
     noise = noise + _LEAST_NOISE**2 * np.eye(3)
     hinge, pair = fit_hinge(turn), fit_two_axes(turn)
@@ -110,7 +96,7 @@ def _measure_gap(turn: FloatArray, pair: JointAxes, noise: FloatArray) -> tuple[
 
 
 def fit_pin_axes(turn: FloatArray, noise: FloatArray, pin: FloatArray) -> JointAxes | None:
-    """Return two axes of which the second is ``pin`` (3,), or None if these do not explain the rotation."""
+    """Return two axes of which the second is ``pin`` (3,); None if these do not explain the rotation."""
     middle = turn.mean(axis=0)
     carried = turn @ pin
     spread = carried - middle @ pin
@@ -123,22 +109,15 @@ def fit_pin_axes(turn: FloatArray, noise: FloatArray, pin: FloatArray) -> JointA
 
 def rotation_arc(turn: FloatArray) -> float:
     """Return the 2.5 to 97.5 % range of rotations (F, 3, 3) about their main direction, rad."""
-    vectors = so3.log(np.swapaxes(middle_rotation(turn), 0, 1) @ turn)
+    vectors = so3.log(np.swapaxes(mean_rotation(turn), 0, 1) @ turn)
     vectors = vectors - vectors.mean(axis=0)
     main = np.linalg.eigh(vectors.T @ vectors)[1][:, -1]
     low, high = np.quantile(vectors @ main, [0.025, 0.975])
     return float(high - low)
 
 
-def middle_rotation(turn: FloatArray) -> FloatArray:
-    """Return the rotation (3, 3) nearest to all of (F, 3, 3)."""
-    left, _, right = np.linalg.svd(turn.mean(axis=0))
-    left[:, 2] *= np.linalg.det(left @ right)
-    return np.asarray(left @ right)
-
-
 def fit_hinge(turn: FloatArray) -> JointAxes:
-    """Return the axis that keeps its direction in both bodies best."""
+    """Return the axis that best keeps its direction in both bodies."""
     left, _, right = np.linalg.svd(turn.mean(axis=0))
     return JointAxes(left[:, 0], right[0], 1.0)
 
@@ -146,7 +125,8 @@ def fit_hinge(turn: FloatArray) -> JointAxes:
 def fit_two_axes(turn: FloatArray) -> JointAxes:
     """Return the two axes, one in each body, whose angle changes least.
 
-    The cosine of the angle is a · Q b. Its variance is a quadratic form in each axis, so the axes are found in turn.
+    The cosine of the angle is a · Q b. Its variance is a quadratic form in each axis, so the axes are improved
+    alternately.
     """
     middle = turn.mean(axis=0)
     spread = (turn - middle).reshape(len(turn), 9)
@@ -179,7 +159,7 @@ def _smallest_eigenvectors(form: FloatArray) -> FloatArray:
 
 
 def _spread_directions(count: int) -> FloatArray:
-    """Return directions spread over a half sphere (count, 3)."""
+    """Return directions (count, 3) that are spread over a half sphere."""
     at = np.arange(count) + 0.5
     height, around = at / count, np.pi * (1 + np.sqrt(5)) * at
     flat = np.sqrt(1 - height**2)

@@ -1,4 +1,4 @@
-"""The joint between two rigid bodies in space: the point of each that stay closest together."""
+"""Joint between two rigid bodies in space: the pair of body-fixed points that stay closest together."""
 
 from __future__ import annotations
 
@@ -9,40 +9,31 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 from mocap_id.kinematics.space.bodies import SpatialBody
+from mocap_id.kinematics.space.rigid_body import mean_rotation
 
-_RIDGE = 1e-4  # a hinge has many common points: take the one nearest to the markers
+_RIDGE = 1e-4  # selects, of the many common points of a hinge, the point nearest to the markers
 _FEWEST = 10  # frames
 
 
 @dataclass(frozen=True)
 class SpatialPairJoint:
-    """A point that two bodies share, and how far they turn about it.
+    """Point that two bodies share, and their rotation about it.
 
-    Parameters
-    ----------
-    in_first, in_second : (3,) arrays
-        The point in the bodies' frames, m.
-    residual : float
-        rms distance between the two points over the frames, m; inf if the bodies are hardly seen together.
-    free : float
-        rms motion of the markers of one body in the frame of the other, whichever is smaller, m. Any two bodies that
-        hardly move against each other share a point; a joint needs ``residual`` far below ``free``.
-    arc : float
-        2.5 to 97.5 % range of the relative rotation about its main axis, rad.
+    Two bodies that hardly move against each other share any point, so ``residual`` of a joint is far below ``free``.
     """
 
-    in_first: FloatArray
-    in_second: FloatArray
-    residual: float
-    free: float
-    arc: float
+    in_first: FloatArray  # (3,) point in the first body's frame, m
+    in_second: FloatArray  # (3,) point in the second body's frame, m
+    residual: float  # rms distance between the two points over the frames, m; inf if hardly visible together
+    free: float  # rms motion of one body's markers in the other's frame, m; the smaller of the two
+    arc: float  # 2.5 to 97.5 % range of the relative rotation about its main axis, rad
 
 
 def fit_pair_joint(first: SpatialBody, second: SpatialBody) -> SpatialPairJoint:
     """Fit the common point of two bodies by linear least squares (SCoRE).
 
-    The points x of the first and y of the second body obey ``x - C y = d`` in the first body's frame, with the relative
-    rotation C and the second body's origin d.
+    The points x of the first and y of the second body satisfy ``x - C y = d`` in the first body's frame, with the
+    relative rotation C and the second body's origin d.
     """
     turn = np.swapaxes(first.rotation, 1, 2) @ second.rotation
     shift = np.einsum("fji,fj->fi", first.rotation, second.origin - first.origin)
@@ -58,18 +49,12 @@ def fit_pair_joint(first: SpatialBody, second: SpatialBody) -> SpatialPairJoint:
     return SpatialPairJoint(solution[:3], solution[3:], _rms(np.linalg.norm(off, axis=1)), free, _arc(turn))
 
 
-def mean_rotation(rotation: FloatArray) -> FloatArray:
-    """Return the rotation (3, 3) nearest to the mean of rotations (F, 3, 3)."""
-    left, _, right = np.linalg.svd(rotation.mean(axis=0))
-    return np.asarray(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)
-
-
 def _rms(values: FloatArray) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
 def _arc(turn: FloatArray) -> float:
-    """Return the 2.5 to 97.5 % range of rotations (F, 3, 3) about the axis about which they turn most, rad."""
+    """Return the 2.5 to 97.5 % range of rotations (F, 3, 3) about their main axis, rad."""
     vector = so3.log(mean_rotation(turn).T @ turn)
     _, axes = np.linalg.eigh(vector.T @ vector)
     angle = np.sort(vector @ axes[:, 2])

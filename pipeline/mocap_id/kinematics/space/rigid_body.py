@@ -1,4 +1,4 @@
-"""Rigid bodies in space: the shape of a marker cluster, and its pose in every frame."""
+"""Rigid bodies in space: shape of a marker cluster, and its pose in every frame."""
 
 from __future__ import annotations
 
@@ -9,28 +9,28 @@ from mocap_id.compilation import compiled
 
 _ITERATIONS = 60
 _TOLERANCE = 1e-7  # m
-_OUTLIER = 3.0  # median distances; a sample this far from its place has half its weight
-_FLOOR = 1e-5  # m; median distances below this do not make outliers
-_COLLINEAR = 0.02  # width of a cluster over its length, below which the rotation about its line is unknown
-_SWEEPS = 12  # of Jacobi's rotations; four are usual
+_OUTLIER = 3.0  # distance from its position, in medians, at which a sample has half its weight
+_FLOOR = 1e-5  # m; least median distance in this comparison
+_COLLINEAR = 0.02  # least ratio of width and length of a cluster with a known rotation
+_SWEEPS = 12  # largest number of sweeps of Jacobi rotations; four are typical
 
 
 def fit_shape(points: FloatArray, start: FloatArray | None = None, iterations: int = _ITERATIONS) -> FloatArray:
-    """Fit the shape of a rigid body to its markers (generalised Procrustes with gaps, robust against outliers).
+    """Fit the shape of a rigid body to its markers (generalised Procrustes analysis with gaps and robust weights).
 
     Parameters
     ----------
     points : (F, k, 3) array
-        Trajectories of the body's markers, m; NaN where unseen. A few hundred frames along the motion are enough.
+        Trajectories of the body's markers, m; NaN where missing. A few hundred frames along the motion are enough.
     start : (k, 3) array, optional
-        First guess, m; NaN where unknown. Default: the frame in which most markers are seen.
+        First guess, m; NaN where unknown. Default: the frame with most visible markers.
     iterations : int, optional
         Largest number of iterations; two are enough to compare groups of markers.
 
     Returns
     -------
     (k, 3) array
-        Marker coordinates, m, about their centroid and along no particular axes; NaN for markers that are never seen
+        Marker coordinates relative to their centroid, m, in arbitrary axes; NaN for markers that are never visible
         together with three known ones.
 
     Examples
@@ -69,16 +69,16 @@ def rigid_poses(
     Parameters
     ----------
     points : (F, k, 3) array
-        Trajectories of the body's markers, m; NaN where unseen.
+        Trajectories of the body's markers, m; NaN where missing.
     local : (k, 3) array
         Marker coordinates in the body's frame, m; NaN where unknown.
     weights : (k,) or (F, k) array, optional
-        Weights of the markers, 0 or more; default: equal.
+        Weights of the markers, 0 or more; equal by default.
 
     Returns
     -------
     rotation : (F, 3, 3) array
-        Body to the frame of ``points``; NaN where fewer than three markers are seen, or only markers on one line.
+        Body to the frame of ``points``; NaN with fewer than three visible markers, or with markers on one line.
     origin : (F, 3) array
         Origin of the body's frame, m; NaN likewise.
     seen : (F,) int array
@@ -91,14 +91,20 @@ def rigid_poses(
     return rotation, origin, seen
 
 
+def mean_rotation(rotation: FloatArray) -> FloatArray:
+    """Return the rotation (3, 3) nearest to the mean of rotations (F, 3, 3)."""
+    left, _, right = np.linalg.svd(rotation.mean(axis=0))
+    return np.asarray(left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right)
+
+
 @compiled
 def _turn_onto(  # noqa: PLR0917
     points: FloatArray, local: FloatArray, weight: FloatArray, rotation: FloatArray, origin: FloatArray, seen: IntArray
 ) -> None:
     """Write the results of :func:`rigid_poses`.
 
-    The eigenvectors v of MᵀM, with the moment M, give the axes M v of the points. The third ones complete both frames,
-    so that the result is no reflection, and markers in one plane need no special case.
+    The eigenvectors v of MᵀM, with the moment M, give the axes M v of the points. The third axes complete both frames,
+    so the result is no reflection, and markers in one plane need no special case.
     """
     here, there, moment = np.empty(3), np.empty(3), np.empty((3, 3))
     for f in range(points.shape[0]):
@@ -131,7 +137,7 @@ def _moment(  # noqa: PLR0917
     there: FloatArray,
     moment: FloatArray,
 ) -> int:
-    """Write both weighted means and the moment about them; return the number of markers that are used."""
+    """Write both weighted means and the moment about them; return the number of markers used."""
     total, count = 0.0, 0
     here[:], there[:], moment[:] = 0.0, 0.0, 0.0
     for k in range(len(points)):
@@ -187,7 +193,7 @@ def _principal_axes(moment: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 @compiled
 def _rotate(square: FloatArray, axes: FloatArray, p: int, q: int) -> None:
-    """Turn a symmetric matrix (3, 3) and its axes, in place, so that the element (p, q) becomes 0."""
+    """Rotate a symmetric matrix (3, 3) and its axes, in place, so that the element (p, q) becomes 0."""
     ratio = (square[q, q] - square[p, p]) / (2 * square[p, q])
     tangent = (1.0 if ratio >= 0 else -1.0) / (abs(ratio) + np.sqrt(ratio**2 + 1))
     cosine = 1 / np.sqrt(tangent**2 + 1)

@@ -1,7 +1,7 @@
 """Number, order and markers of the segments of a chain in space, from the motion alone.
 
-The markers are divided into rigid bodies (:mod:`.division`), the bodies are ordered along real joints from the one that
-moves least (:mod:`.chain_order`), and what is left over goes to the segment with which it is most rigid.
+The markers are divided into rigid bodies (:mod:`.division`). The bodies are ordered along real joints, from the body
+that moves least (:mod:`.chain_order`). Leftover markers are assigned to the segment with which they are most rigid.
 """
 
 from __future__ import annotations
@@ -14,91 +14,57 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.errors import Refused
 from mocap_id.geometry import so3
+from mocap_id.kinematics.confidence import Confidence
 from mocap_id.kinematics.constraints import Constraints
 from mocap_id.kinematics.frame_sampling import frames_along_motion
 from mocap_id.kinematics.hypotheses import SegmentationRules
 from mocap_id.kinematics.space.bodies import LEAST, SpatialBodies, distance_deviation
 from mocap_id.kinematics.space.chain_order import CHANCE, SpatialBodyChain, fit_joints_along, measure_scatter
 from mocap_id.kinematics.space.chain_search import SpatialSearch, search_best_chain, search_chain
-from mocap_id.kinematics.space.confidence import SpatialConfidence, assess_spatial_confidence
-from mocap_id.kinematics.space.pair_joint import fit_pair_joint, mean_rotation
+from mocap_id.kinematics.space.confidence import assess_spatial_confidence
+from mocap_id.kinematics.space.pair_joint import fit_pair_joint
+from mocap_id.kinematics.space.rigid_body import mean_rotation
 
 _SEARCH_FRAMES = 120
-_STEPS = 60  # rotations are compared over this share of the frames, so that noise has little part in them
-_SEEN = 0.05  # share of the frames in which a marker must be seen
-_RIGID = 3e-3  # m; deviation of every mutual distance below which nothing moves
-_PARTNER = 1.5  # largest deviation of the distance to a marker of the same body, relative to a body's residual
-_FOREIGN = 6.0  # residual of a marker that is on no segment, relative to the usual one of its segment
+_STEPS = 60  # rotations are compared over 1/60 of the frames, to reduce the effect of noise
+_SEEN = 0.05  # least share of the frames in which a marker is visible
+_RIGID = 3e-3  # m; least standard deviation of a distance if a joint moves
+_PARTNER = 1.5  # largest standard deviation of a distance within a body, relative to the largest body residual
+_FOREIGN = 6.0  # largest residual of a marker on its segment, relative to the median residual there
 _ROUNDS = 4
 
 
 @dataclass(frozen=True)
 class SpatialHypothesis:
-    """One body or two: a division that was made or refused.
+    """One body or two: a division that was made or refused."""
 
-    Parameters
-    ----------
-    parts : tuple of two int arrays
-        Columns of the markers of the two parts.
-    evidence : float
-        Evidence for two bodies over what is required; 1 or more if they were divided.
-    gain : float
-        Summed log gain of the markers' residuals by the division.
-    chosen : bool
-        Whether the body was divided.
-    """
-
-    parts: tuple[IntArray, IntArray]
-    evidence: float
-    gain: float
-    chosen: bool
+    parts: tuple[IntArray, IntArray]  # columns of the markers of the two parts
+    evidence: float  # evidence for two bodies relative to the required one; 1 or more if they were divided
+    gain: float  # summed log gain of the markers' residuals by the division
+    chosen: bool  # whether the body was divided
 
 
 @dataclass(frozen=True)
 class SpatialSegmentation:
-    """Markers sorted into the segments of a chain in space.
+    """Markers sorted into the segments of a chain in space."""
 
-    Parameters
-    ----------
-    segment : (M,) int array
-        0 = base, 1 … n from base to tip, -1 = none.
-    parents : tuple of int
-        Parent of segments 1 … n.
-    residual : (M,) array
-        rms distance of each marker from its place on its segment, which the other markers give, m; NaN for none.
-    reasons : tuple of str
-        Why each marker is where it is.
-    count : int
-        Number of segments with the base.
-    confidence : SpatialConfidence
-    ratios : tuple of float
-        For each joint, the motion of one segment in the other without a joint over the residual of their common point.
-    joint_residuals, arcs : tuple of float
-        rms distance between the two segments' points at each joint, m, and how far it turns about its main axis, rad.
-    moving_base : bool
-        Whether the base moves in the lab.
-    planarity : float
-        Share of the rotation of the moving segments against the base that is not about one axis: 0 if a planar trial
-        would do, 2/3 if they turn about all axes alike.
-    hypotheses : tuple of SpatialHypothesis
-        The divisions made and refused, the largest gain first.
-    branches : tuple of int arrays
-        Columns of the bodies that were left out.
-    """
-
-    segment: IntArray
-    parents: tuple[int, ...]
+    segment: IntArray  # (M,) 0 = base, 1 … n from base to tip, -1 = none
+    parents: tuple[int, ...]  # parent of segments 1 … n
+    # (M,) rms distance of each marker from its position according to its segment's other markers, m; NaN for none
     residual: FloatArray
-    reasons: tuple[str, ...]
-    count: int
-    confidence: SpatialConfidence
+    reasons: tuple[str, ...]  # reason for the assignment of each marker
+    count: int  # number of segments with the base
+    confidence: Confidence
+    # for each joint, motion of one segment in the other without a joint, over residual of their common point
     ratios: tuple[float, ...]
-    joint_residuals: tuple[float, ...]
-    arcs: tuple[float, ...]
-    moving_base: bool
+    joint_residuals: tuple[float, ...]  # rms distance between the two segments' points at each joint, m
+    arcs: tuple[float, ...]  # range of each joint's rotation about its main axis, rad
+    moving_base: bool  # whether the base moves in the lab
+    # share of the segments' rotation against the base that is not about one axis: 0 if the motion is planar, 2/3 if it
+    # is equal about all axes
     planarity: float
-    hypotheses: tuple[SpatialHypothesis, ...] = field(repr=False)
-    branches: tuple[IntArray, ...] = field(default=(), repr=False)
+    hypotheses: tuple[SpatialHypothesis, ...] = field(repr=False)  # divisions made and refused, the largest gain first
+    branches: tuple[IntArray, ...] = field(default=(), repr=False)  # columns of the bodies that were left out
 
 
 def segment_in_space(
@@ -112,10 +78,10 @@ def segment_in_space(
     Parameters
     ----------
     points : (F, M, 3) array
-        Trajectories in the lab, m; NaN where unseen, and for markers that the user leaves out.
+        Trajectories in the lab, m; NaN where missing, and for markers that the user ignores.
     rules : SegmentationRules, optional
-        ``min_arc``, ``max_residual``, ``max_body_residual``, ``still_limit`` (of a base that does not move), ``count``
-        and ``longest`` are used.
+        Limits. Used are ``min_arc``, ``max_residual``, ``max_body_residual``, ``still_limit`` (of a base that does not
+        move), ``count`` and ``longest``.
     constraints : Constraints, optional
         Markers that the user wants together or apart.
     frames : int, optional
@@ -124,7 +90,7 @@ def segment_in_space(
     Raises
     ------
     Refused
-        ``no-motion`` or ``no-chain``, with the numbers and what to do.
+        ``no-motion`` or ``no-chain``.
     """
     rules = rules or SegmentationRules()
     constraints = constraints or Constraints.of(points.shape[1])
@@ -141,7 +107,7 @@ def segment_in_space(
 
 
 def _require_motion(count: int, deviation: FloatArray) -> None:
-    """Refuse markers whose distances are all constant, or fewer than two bodies of markers with constant distances."""
+    """Refuse a trial in which no distance between markers changes, or fewer than two bodies can be formed."""
     largest = float(deviation.max(initial=0.0))
     if largest < _RIGID and count:
         raise Refused(
@@ -188,12 +154,12 @@ def _search_with_count(sorter: SpatialBodies, rules: SegmentationRules) -> Spati
 
 
 def _explain_missing_chain(found: SpatialSearch, sorter: SpatialBodies, rules: SegmentationRules) -> Refused:
-    """Return the refusal: no two bodies turn about a common point."""
+    """Return the refusal: no two bodies rotate about a common point."""
     bodies = sum(len(body.markers) >= LEAST for body in found.bodies)
     if bodies < 2:
         return Refused(
             "no-chain",
-            f"the {len(sorter.markers)} markers form one body (residual {1e3 * found.bodies[0].rms_residual:.0f} mm "
+            f"the {len(sorter.markers)} markers are one body (residual {1e3 * found.bodies[0].rms_residual:.0f} mm "
             "rms), so there is no joint. Record a larger movement of the joints, with at least three markers on each "
             "segment, or take the chain from another trial (`calibration:`).",
             float(bodies),
@@ -215,7 +181,7 @@ def _explain_missing_chain(found: SpatialSearch, sorter: SpatialBodies, rules: S
 def _assemble(
     found: SpatialSearch, points: FloatArray, seen: BoolArray, rules: SegmentationRules, constraints: Constraints
 ) -> SpatialSegmentation:
-    """Return the result, with the bodies fitted to all chosen frames and the markers left over assigned."""
+    """Return the result, with the bodies fitted to all chosen frames, and with the leftover markers assigned."""
     assert found.chain is not None
     sorter = SpatialBodies(points, np.flatnonzero(seen), constraints)
     bodies = [sorter.body(body.markers) for body in found.chain.bodies]
@@ -259,16 +225,10 @@ def _assemble(
 def _assign_leftovers(
     segment: IntArray, residuals: FloatArray, free: BoolArray, rules: SegmentationRules, constraints: Constraints
 ) -> None:
-    """Take foreign markers off their segments, and give those left over to the segment with which they are most rigid.
+    """Remove outliers from their segments (M,), in place, and assign each free marker to its most rigid segment.
 
-    Parameters
-    ----------
-    segment : (M,) int array
-        Changed in place.
-    residuals : (n + 1, M) array
-        Residual of every marker on every segment, m.
-    free : (M,) bool array
-        Markers that are seen and on no branch.
+    ``residuals`` (n + 1, M) are those of every marker on every segment, m; ``free`` (M,) markers are visible and on no
+    branch.
     """
     for k in range(len(residuals)):
         own = np.flatnonzero(segment == k)
@@ -312,7 +272,7 @@ def _explain_assignment(
 
 
 def _measure_planarity(chain: SpatialBodyChain) -> float:
-    """Return the share of the rotation of the segments against the base, frame by frame, that is not about one axis."""
+    """Return the share of the segments' rotation against the base, over short times, that is not about one axis."""
     base = chain.bodies[0].rotation
     moment = np.zeros((3, 3))
     for body in chain.bodies[1:]:
@@ -328,7 +288,7 @@ def _measure_planarity(chain: SpatialBodyChain) -> float:
 def _measure_second_arc(chain: SpatialBodyChain) -> float:
     """Return the arc of the second independent rotation of the joints, as 4 standard deviations, rad; 0 for one joint.
 
-    The rotation vectors of all joints are split into independent courses in time (principal components).
+    The rotation vectors of all joints are split into independent time courses (principal components).
     """
     if len(chain.joints) < 2:
         return 0.0

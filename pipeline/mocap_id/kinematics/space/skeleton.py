@@ -1,9 +1,9 @@
 """Chain of an arm with constant lengths, fitted to the joints of a skeleton (thesis 7.2.3).
 
-A depth camera places every joint with an error that lasts for the whole trial, some centimetres, and with noise. The
-lasting error of the elbow against the shoulder is seen: with it, the elbow moves on a sphere about another point than
-the shoulder. The centre of this sphere is the shoulder of the chain. The lasting error of the wrist against the elbow
-is found in the same way and removed.
+The joints from a depth camera have noise, and errors of some centimetres that persist for the whole trial. The
+persistent error of the elbow relative to the shoulder can be estimated: the elbow moves on a sphere about another point
+than the measured shoulder. The centre of this sphere is the shoulder of the chain. The persistent error of the wrist
+relative to the elbow is estimated in the same way and removed.
 """
 
 from __future__ import annotations
@@ -18,105 +18,69 @@ from mocap_id.errors import Refused
 from mocap_id.kinematics.space.rigid_body import rigid_poses
 
 LASTING_SD = 0.02
-"""Standard deviation of the lasting error of a joint along each axis, m."""
+"""Standard deviation of the persistent error of a joint along each axis, m."""
 
 _ROUNDS = 3
-_OUTLIER = 3.0  # standard deviations of a distance; a sample farther away counts little
-_LEAST_NOISE = 2e-3  # m
+_OUTLIER = 3.0  # standard deviations of a distance; farther samples have little weight
+_LEAST_NOISE = 2e-3  # m; least standard deviation
 _LEAST_FRAMES = 20
 _ITERATIONS = 30
 _MOST, _OF_NORMAL = 0.85, 1.44  # quantile of the size of noise, and its value for unit variance
-_POSTURE, _POSTURE_SD = 0.8, 0.008  # s, m; duration of a posture, and the error of a distance in all its samples
+_POSTURE, _POSTURE_SD = 0.8, 0.008  # s, m; duration of a posture, and error of a distance common to its samples
 _SHORTEST = 0.03  # m, of a segment
-_LAGS = (1, 4)  # frames, between which noise with a memory fades
+_LAGS = (1, 4)  # frames; lags at which the autocorrelation is measured
 
 
 @dataclass(frozen=True)
 class Trunk:
-    """The trunk as a rigid body, in anatomical axes: x forward, y up, z to the right, from between the shoulders.
+    """Trunk as a rigid body, in anatomical axes (x forward, y up, z right) with the origin between the shoulders."""
 
-    Parameters
-    ----------
-    roles : tuple of str, length T
-    local : (T, 3) array
-        m.
-    residual : (T,) array
-        Standard deviation of one coordinate of each joint about its place, m.
-    rotations, origins : (F, 3, 3) and (F, 3) arrays
-        Pose in the trial; NaN where unknown.
-    """
-
-    roles: tuple[str, ...]
-    local: FloatArray
-    residual: FloatArray
-    rotations: FloatArray
-    origins: FloatArray
+    roles: tuple[str, ...]  # roles of the T joints
+    local: FloatArray  # (T, 3) positions of the joints, m
+    residual: FloatArray  # (T,) standard deviation of one coordinate of each joint, m
+    rotations: FloatArray  # (F, 3, 3) trunk to trial; NaN where unknown
+    origins: FloatArray  # (F, 3) m; NaN where unknown
 
 
 @dataclass(frozen=True)
 class Bone:
-    """A segment of constant length from a fixed centre.
+    """Segment of constant length from a fixed centre."""
 
-    Parameters
-    ----------
-    centre : (3,) array
-        Centre of the sphere, m, in the trunk's axes.
-    length : float
-        m.
-    covariance : (4, 4) array
-        Of centre and length, m².
-    noise : float
-        Standard deviation of the distance, m.
-    """
-
-    centre: FloatArray
-    length: float
-    covariance: FloatArray
-    noise: float
+    centre: FloatArray  # (3,) centre of the sphere in the trunk's axes, m
+    length: float  # m
+    covariance: FloatArray  # (4, 4) covariance of centre and length, m²
+    noise: float  # standard deviation of the distance, m
 
 
 @dataclass(frozen=True)
 class SensorNoise:
-    """Noise of a joint's coordinate in time: white, and with a memory.
+    """Noise of a joint's coordinate in time: a white part, and an autocorrelated part."""
 
-    Parameters
-    ----------
-    white : float
-        Share of the variance that is white.
-    memory : float
-        Time in which the rest fades to 1/e, s.
-    """
-
-    white: float
-    memory: float
+    white: float  # share of the variance that is white
+    memory: float  # time in which the autocorrelation of the rest decays to 1/e, s
 
     def relative_power(self, frequency: FloatArray, dt: float) -> FloatArray:
-        """Return the power at frequencies (K,), Hz, relative to that of white noise of the same variance."""
+        """Return the power at frequencies (K,), Hz, relative to white noise of the same variance."""
         fades = float(np.exp(-dt / self.memory))
         turned = 1 - 2 * fades * np.cos(2 * np.pi * frequency * dt) + fades**2
         return np.asarray(self.white + (1 - self.white) * (1 - fades**2) / turned)
 
 
 def fit_trunk(points: Mapping[str, FloatArray]) -> Trunk:
-    """Fit the trunk to its joints.
-
-    Parameters
-    ----------
-    points : mapping
-        Role to (F, 3) positions in the trial, m; NaN where lost. Of a right arm.
+    """Fit the trunk to the trajectories (F, 3), m, of its joints in the trial, given by their roles (right arm).
 
     Raises
     ------
     Refused
-        The skeleton has no two shoulders, or nothing below them.
+        The skeleton has no two shoulders, or no joint below them.
     """
     roles = tuple(points)
     below = [name for name in ("pelvis", "near_hip", "far_hip", "spine") if name in roles]
     if not {"near_shoulder", "far_shoulder"} <= set(roles) or not below:
         raise Refused(
             "skeleton-incomplete",
-            "the skeleton needs both shoulders and a joint of the spine or the hips to show the thorax; "
-            f"found {', '.join(roles) or 'none of them'}.",
+            "the thorax needs both shoulders and a joint of the spine or the hips; the skeleton has "
+            f"{', '.join(roles) or 'none of them'}.",
         )
     tracks = np.stack([points[name] for name in roles], axis=1)
     local, weight = _choose_first_shape(tracks), np.ones(len(roles))
@@ -134,12 +98,12 @@ def fit_trunk(points: Mapping[str, FloatArray]) -> Trunk:
 
 
 def _choose_first_shape(tracks: FloatArray) -> FloatArray:
-    """Return the shape in the frame that shows all joints in their most usual places."""
+    """Return the shape in the frame whose joint distances are closest to their medians."""
     seen = np.isfinite(tracks).all(axis=(1, 2))
     if not seen.any():
         seen = np.isfinite(tracks).all(axis=2).sum(axis=1) >= 3
     if not seen.any():
-        raise Refused("skeleton-incomplete", "no frame of the skeleton shows three joints of the trunk.")
+        raise Refused("skeleton-incomplete", "no frame of the skeleton contains three joints of the trunk.")
     some = tracks[seen]
     shape = some - np.nanmean(some, axis=1, keepdims=True)
     distance = np.linalg.norm(shape[:, :, None] - shape[:, None], axis=3)
@@ -148,13 +112,14 @@ def _choose_first_shape(tracks: FloatArray) -> FloatArray:
 
 
 def _fit_poses(tracks: FloatArray, local: FloatArray, weight: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """Return rotations and origins of the trunk in every frame."""
     seen = np.isfinite(tracks).all(axis=2) & np.isfinite(local).all(axis=1)
     rotations, origins, _ = rigid_poses(tracks, local, seen * weight / weight.max())
     return rotations, origins
 
 
 def _find_anatomical_axes(local: FloatArray, roles: tuple[str, ...]) -> tuple[FloatArray, FloatArray]:
-    """Return the anatomical axes as columns and the origin, from the shape of the trunk."""
+    """Return the anatomical axes as columns, and the origin, from the shape of the trunk."""
     at = dict(zip(roles, local, strict=True))
 
     def middle(*names: str) -> FloatArray | None:
@@ -181,22 +146,24 @@ def fit_bone(tips: FloatArray, expected: FloatArray, expected_sd: float, *, rate
     Parameters
     ----------
     tips : (F, 3) array
-        Positions in the trunk's axes, m; NaN where lost.
+        Positions in the trunk's axes, m; NaN where missing.
     expected : (3,) array
         Measured centre, m.
     expected_sd : float
-        Standard deviation of its lasting error along each axis, m.
+        Standard deviation of its persistent error along each axis, m.
     rate : float
         Frames per second.
 
     Raises
     ------
     Refused
-        Hardly any frame shows the joint.
+        Fewer than 20 frames show the joint.
     """
     tips = tips[np.isfinite(tips).all(axis=1)]
     if len(tips) < _LEAST_FRAMES:
-        raise Refused("skeleton-incomplete", "hardly any frame shows shoulder, elbow and wrist together.")
+        raise Refused(
+            "skeleton-incomplete", f"fewer than {_LEAST_FRAMES} frames contain shoulder, elbow and wrist together."
+        )
     together = max(_POSTURE * rate, 1.0)
     centre, length = expected.copy(), float(np.median(np.linalg.norm(tips - expected, axis=1)))
     noise = 0.01
@@ -227,7 +194,7 @@ def _robust_sd(off: FloatArray) -> FloatArray:
 
 
 def fit_sensor_noise(residuals: FloatArray, rate: float) -> SensorNoise:
-    """Return the autocorrelation of the sensor's noise from residuals (F, K), m; NaN where unknown."""
+    """Return the noise of the sensor from the autocorrelation of residuals (F, K), m; NaN where missing."""
     off = residuals - np.nanmedian(residuals, axis=0)
     off = np.where(np.abs(off) < _OUTLIER * _robust_sd(off), off, np.nan)
     total = np.nanmean(off**2)

@@ -1,8 +1,7 @@
-"""Motion of markers in a body of theirs that the joints next to the body do not explain.
+"""Motion of markers in their body that the joints next to the body do not explain.
 
-Skin slides and twists with the joints next to it, so its motion is a function of their angles. A joint that hides in
-the body has a motion of its own. The motion that remains after a regression on the angles therefore distinguishes the
-two.
+Skin slides with the joints next to it, so its motion is a function of their angles. An undetected joint inside the body
+moves independently. The motion that remains after a regression on the joint angles distinguishes the two.
 """
 
 from __future__ import annotations
@@ -14,34 +13,35 @@ import numpy as np
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.geometry import so3
 from mocap_id.kinematics.space.bodies import LEAST, SpatialBody, subtract_means
-from mocap_id.kinematics.space.pair_joint import mean_rotation
+from mocap_id.kinematics.space.rigid_body import mean_rotation
 
-_RIDGE = 1e-3  # of the regression; the terms have unit variance
-_TURNS = 0.09  # rad rms; less may come from a hidden joint, which also turns the body, and explains nothing
-_FLOOR = 0.5e-3  # m; smaller residuals are no better
+_RIDGE = 1e-3  # ridge of the regression, whose terms have unit variance
+_TURNS = 0.09  # rad rms; smaller rotations are not used, because an undetected joint in the body also causes them
+_FLOOR = 0.5e-3  # m; smaller residuals do not increase a gain
 
 
 def unexplained_motion(
     points: FloatArray, body: SpatialBody, neighbours: Sequence[SpatialBody]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the motion of a body's markers in its frame that the rotations against the neighbours do not explain.
+    """Return the motion of a body's markers in its frame that rotations against its neighbours do not explain.
 
-    The motion is regressed on the components of each relative rotation vector and their products.
+    The motion is regressed on the components of each relative rotation vector, and on their products.
 
     Parameters
     ----------
     points : (F, M, 3) array
-        Trajectories in the lab, m; NaN where unseen.
+        Trajectories in the lab, m; NaN where missing.
     body : SpatialBody
+        Body of the markers.
     neighbours : sequence of SpatialBody
         Bodies that joints connect with it.
 
     Returns
     -------
     motion : (F, k, 3) array
-        m, in the body's frame; 0 where unseen.
+        Unexplained motion in the body's frame, m; 0 where missing.
     shape : (k, 3) array
-        Mean place of each marker, m.
+        Mean position of each marker, m.
     """
     off, shape, _ = subtract_means(body.local(points[:, body.markers]))
     terms = np.concatenate([np.ones((len(off), 1)), *(_posture_terms(body, other) for other in neighbours)], axis=1)
@@ -64,12 +64,12 @@ def unexplained_motion(
 
 
 def gain_of_parts(motion: FloatArray, shape: FloatArray, parts: Sequence[IntArray]) -> float:
-    """Return the summed log gain of the markers' residuals if each part has a small motion of its own.
+    """Return the summed log gain of the markers' residuals if each part has its own small motion.
 
     Parameters
     ----------
     motion, shape : (F, k, 3) and (k, 3) arrays
-        Of :func:`unexplained_motion`, m.
+        Results of :func:`unexplained_motion`, m.
     parts : sequence of int arrays
         Rows of the markers of each part.
     """
@@ -81,12 +81,12 @@ def gain_of_parts(motion: FloatArray, shape: FloatArray, parts: Sequence[IntArra
 
 
 def unexplained_residuals(points: FloatArray, body: SpatialBody, neighbours: Sequence[SpatialBody]) -> FloatArray:
-    """Return the rms (k,) of the own motion of a body's markers, without a small motion of the body, m."""
+    """Return the rms (k,) of the unexplained motion of a body's markers, without rigid motion of the body, m."""
     return _without_pose(*unexplained_motion(points, body, neighbours))
 
 
 def unexplained_distance_sd(motion: FloatArray, shape: FloatArray) -> FloatArray:
-    """Return the deviation (k, k) of every mutual distance by the motion of :func:`unexplained_motion`, m."""
+    """Return the standard deviation (k, k) of mutual distances by the motion of :func:`unexplained_motion`, m."""
     along = shape[:, None] - shape
     along /= np.maximum(np.linalg.norm(along, axis=2), 1e-9)[..., None]
     change = np.einsum("fijc,ijc->fij", motion[:, :, None] - motion[:, None], along)
@@ -94,9 +94,9 @@ def unexplained_distance_sd(motion: FloatArray, shape: FloatArray) -> FloatArray
 
 
 def _posture_terms(body: SpatialBody, other: SpatialBody) -> FloatArray:
-    """Return the components of the relative rotation vector and their products (F, 9), in units of their spread.
+    """Return the components of the relative rotation vector and their products (F, 9), scaled to unit variance.
 
-    The components are along the principal axes of the rotation; the small ones are 0.
+    The components are along the principal axes of the rotation; small ones are set to 0.
     """
     turn = np.swapaxes(other.rotation, 1, 2) @ body.rotation
     known = np.isfinite(turn[:, 0, 0])
@@ -114,7 +114,7 @@ def _posture_terms(body: SpatialBody, other: SpatialBody) -> FloatArray:
 
 
 def _without_pose(motion: FloatArray, shape: FloatArray) -> FloatArray:
-    """Return the rms (k,) of motion (F, k, 3) after the small motion (6 degrees of freedom) of a rigid body, m."""
+    """Return the rms (k,) of motion (F, k, 3) without its rigid-body part (6 degrees of freedom), m."""
     count = len(shape)
     centred = shape - shape.mean(axis=0)
     pose = np.concatenate([np.tile(np.eye(3), (count, 1, 1)), so3.hat(centred)], axis=2).reshape(3 * count, 6)

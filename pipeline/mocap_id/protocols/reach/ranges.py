@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.geometry.circle import shift_to_shortest_arc
+from mocap_id.geometry.so3 import shift_to_shortest_arc
 from mocap_id.store.spatial_views import MEANINGLESS_AT_POLE, SegmentPoses, SpatialAngles
 
 HELD = 0.05

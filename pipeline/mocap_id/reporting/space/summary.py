@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mocap_id.arrays import NORMAL_95, FloatArray
-from mocap_id.geometry.circle import shift_to_shortest_arc
+from mocap_id.geometry.so3 import shift_to_shortest_arc
 from mocap_id.geometry.spatial_chain import SpatialJoint
 from mocap_id.reporting.numbers import all_known, known
 from mocap_id.reporting.report_data import ReportData

@@ -20,8 +20,7 @@ from mocap_id.anatomy.segment_frames import (
 )
 from mocap_id.anatomy.still_pose import LandmarkPosition, find_still_pose, locate_landmarks
 from mocap_id.arrays import FloatArray, IntArray
-from mocap_id.geometry.spatial_chain import SpatialChain
-from mocap_id.geometry.spatial_frames import change_frames
+from mocap_id.geometry.spatial_chain import SpatialChain, change_frames
 from mocap_id.kinematics.space.chain_result import SpatialFit, move_centre
 from mocap_id.stages.base import Context
 from mocap_id.stages.fit_joints import FitJointsSettings

@@ -81,7 +81,7 @@ def read_pointed_landmarks(
             landmark = locate_pointed_landmark(*touch, pointer, palpation)
         except RecordingError as error:
             raise RecordingError(f"{files[name]}: {error}") from error
-        positions[name] = landmark.place
+        positions[name] = landmark.position
         reasons += [Reason(each.code, f"{name}: {each.message}.", each.value, each.limit) for each in landmark.reasons]
     return positions, tuple(reasons)
 

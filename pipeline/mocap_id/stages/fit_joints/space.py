@@ -84,7 +84,7 @@ def fit_chain_in_space(context: Context) -> Outputs:
     anatomical = fit_anatomical_frames(context, view, fit, columns, names)
     facts = {
         "estimator": settings.estimator,
-        "iterations": anatomical.fit.iterations,
+        "iterations": anatomical.fit.bundle.iterations,
         "reprojection_rms_m": float(np.sqrt(np.mean(anatomical.fit.residual[segment > 0] ** 2))),
         "evidence": {name: dict(each.ratio) for name, each in zip(joint_names, fit.evidence, strict=True)},
         "likely": {name: each.likely for name, each in zip(joint_names, fit.evidence, strict=True)},

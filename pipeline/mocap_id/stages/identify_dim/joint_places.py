@@ -26,7 +26,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.lowpass import known
 from mocap_id.dynamics.measured_motion import BodyPoses, differentiate_gaps
 from mocap_id.geometry import planar
-from mocap_id.kinematics.bending_trunk import LEFT
+from mocap_id.kinematics.joint_corrections import REMAINING
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies
 from mocap_id.stages.identify_dim.trial_data import read_skeleton
@@ -59,7 +59,7 @@ def place_sd(context: Context, bodies: MeasuredBodies, q: FloatArray) -> FloatAr
     The joint fit's covariance of centre j is relative to centre j - 1, in the body between them, so it contains the
     errors of both. The markers of this body place each of them, so the part of the previous one is subtracted.
     It cannot be larger than that of centre j + 1 relative to it, which contains it as well. An ankle between feet that
-    move has a place and a standard deviation of its own (:func:`mocap_id.kinematics.heel_lift.locate_ankle`).
+    move has a place and a standard deviation of its own (:func:`mocap_id.kinematics.joint_corrections.locate_ankle`).
     """
     own = without_previous(np.einsum("jkk->j", read_skeleton(context).covariance) / 2)
     for joint, sd in bodies.placed.items():
@@ -143,7 +143,7 @@ def _of_motion(context: Context, bodies: MeasuredBodies, q: FloatArray) -> Float
     Where the pelvis bends against the trunk, the joint fit finds a centre between hip and lumbar spine, and its
     residuals are small. But the marker next to the hip moves relative to the trunk. If the hip moves alike and in phase
     with its angle, the centre is wrong by this motion divided by that of the angle, of which the shift of the joint
-    (:mod:`mocap_id.kinematics.bending_trunk`) leaves a part.
+    (:mod:`mocap_id.kinematics.joint_corrections`) leaves a part.
     """
     skeleton, chain = read_skeleton(context), context.tree("chain.h5")
     found, moved = np.zeros(q.shape[1]), chain.numbers("markers/residual")
@@ -154,5 +154,5 @@ def _of_motion(context: Context, bodies: MeasuredBodies, q: FloatArray) -> Float
         beyond = np.flatnonzero(skeleton.marker_segment == joint + 1)
         if skeleton.joints[joint] == _BENT:
             nearest = beyond[np.argmin(np.linalg.norm(skeleton.local[beyond], axis=1))]
-            found[joint] += (LEFT * moved[nearest] / np.nanstd(q[:, joint])) ** 2
+            found[joint] += (REMAINING * moved[nearest] / np.nanstd(q[:, joint])) ** 2
     return found

@@ -13,8 +13,8 @@ from mocap_id.arrays import BoolArray
 from mocap_id.geometry.plane_frame import PlaneFrame
 from mocap_id.kinematics import PlaneFit, fit_plane
 from mocap_id.kinematics.base_motion import find_base_motion
-from mocap_id.kinematics.lone_markers import find_lone_markers
 from mocap_id.kinematics.plane import find_feet
+from mocap_id.kinematics.simple_faults import find_lone_markers
 from mocap_id.plates import GRAVITY, PlateChoice, choose_plates, find_dropouts
 from mocap_id.recording import PlateSamples, Recording, ThinnedFrames
 from mocap_id.recording.marker_posture import Facing, find_facing, find_upright

@@ -11,8 +11,8 @@ import numpy as np
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.errors import Refused
 from mocap_id.kinematics import Segmentation, frames_over_time
-from mocap_id.kinematics.marker_faults import BadStretch, RecordedMarkers, find_bad_stretches, sample_rows
-from mocap_id.kinematics.repeated_positions import find_repeats
+from mocap_id.kinematics.marker_faults import RecordedMarkers, find_bad_stretches, sample_rows
+from mocap_id.kinematics.simple_faults import BadStretch, find_repeats
 from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray, as_complex
 from mocap_id.estimation.inverse_kinematics import MarkerChain
-from mocap_id.kinematics.bending_trunk import estimate_hip_shift
 from mocap_id.kinematics.cluster_poses import ClusterPose, measure_cluster
-from mocap_id.kinematics.heel_lift import AnklePosition, find_moving_markers, locate_ankle
+from mocap_id.kinematics.heel_lift import find_moving_markers
+from mocap_id.kinematics.joint_corrections import AnklePosition, estimate_hip_shift, locate_ankle
 from mocap_id.store import Table
 from mocap_id.store.schemas import POSES
 from mocap_id.store.views import Skeleton, Trajectories

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mocap_id.arrays import NORMAL_95, BoolArray
-from mocap_id.geometry.circle import shift_to_shortest_arc
+from mocap_id.geometry.so3 import shift_to_shortest_arc
 from mocap_id.reporting import style
 from mocap_id.reporting.downsampling import spans
 from mocap_id.reporting.figure import Band, Figure, Item, Line, Panel, Spans, in_lines

@@ -1,0 +1,107 @@
+"""Positions of hip and ankle, corrected with measured poses of the bodies beside the joint.
+
+A measured body has the origin p and the angle a. If a joint is at h in body 1 and at c in body 2, then
+
+    p_1 + e^{i a_1} h = p_2 + e^{i a_2} c.
+
+This equation is solved by least squares, with a normal prior.
+
+Hip: if a body consists of trunk and pelvis, its markers rotate mostly with the trunk. If the pelvis rotates against the
+trunk in proportion to the hip, a joint fit finds a centre between hip and lumbar spine, with small residuals. But a
+marker at the front of the pelvis then moves along the trunk by s, and the hip moves across the trunk by v s. The
+position c becomes c + v s. The lumbar joint is about as far above the hip as it is behind the front of the pelvis, so v
+is near one. Its imaginary part, a motion along the trunk, is near zero. The movement determines v in part, and the
+prior the rest.
+
+Ankle: a joint fit assumes a fixed base, so motion of the foot changes the fitted position of the ankle. The prior is
+the position from the joint fit, so that an ankle that hardly rotates stays there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import ComplexArray, FloatArray
+
+_RATIO, _RATIO_SD = 0.8, 0.4  # v: height of the lumbar joint above the hip, over its distance behind the marker
+_INDEPENDENT = 3.0  # independent observations in one trial, because gaps recur with the movement
+_RANGE = 0.5  # rad; least range of the hip. A motion of 10 mm in proportion to it then shifts the hip by about 15 mm
+_FEWEST = 10  # frames
+_LEAST_GAP = 1e-5  # m; least gap, so that an ankle without rotation stays in place in recordings without noise
+_ANKLE_SD = 0.01  # m; standard deviation of the ankle from a joint fit if the foot moves
+
+REMAINING = 0.4
+"""Share of the hip's error from a bending trunk that remains, as a standard deviation."""
+
+
+@dataclass(frozen=True)
+class AnklePosition:
+    """Position of the ankle."""
+
+    foot: complex  # position in the foot's frame, m
+    shank: complex  # position in the shank's frame, m
+    sd: float  # standard deviation in one direction, m
+
+
+def estimate_hip_shift(
+    thigh: tuple[ComplexArray, FloatArray], trunk: tuple[ComplexArray, FloatArray], marker: ComplexArray
+) -> complex:
+    """Return the change of the hip's position in the thigh's frame by a bending trunk, m; 0 if unknown.
+
+    If the hip rotates little, its shift and its motion with the trunk cannot be separated, and the result is 0.
+
+    Parameters
+    ----------
+    thigh, trunk : ((F,) complex array, (F,) array)
+        Origin in the plane frame, m, and angle, rad, of each body's frame; NaN where unknown. The trunk's y axis points
+        from the hip upwards.
+    marker : (F,) complex array
+        Pelvis marker in the plane frame, m; NaN where missing.
+    """
+    below, above = np.exp(1j * thigh[1]), np.exp(1j * trunk[1])
+    local = np.conj(above) * (marker - trunk[0])
+    known = np.isfinite(local) & np.isfinite(thigh[0]) & np.isfinite(below)
+    if np.count_nonzero(known) < _FEWEST:
+        return 0j
+    if np.ptp(np.unwrap((trunk[1] - thigh[1])[known])) < _RANGE:
+        return 0j
+    below, above, local, apart = (each[known] for each in (below, above, local, trunk[0] - thigh[0]))
+    forwards = np.sign(local.real.mean())
+    slide = forwards * (local.imag - local.imag.mean())
+    columns = np.column_stack([below, -above, -above * slide])
+    normal, target = columns.conj().T @ columns / len(columns), columns.conj().T @ apart / len(columns)
+    rigid = np.linalg.solve(normal[:2, :2], target[:2])
+    gap = float(np.mean(np.abs(apart - columns[:, :2] @ rigid) ** 2)) / 2
+    weight = gap / (_INDEPENDENT * _RATIO_SD**2)
+    normal[2, 2] += weight
+    target[2] += weight * _RATIO
+    return complex(np.linalg.solve(normal, target)[0] - rigid[0])
+
+
+def locate_ankle(
+    foot: tuple[ComplexArray, FloatArray], shank: tuple[ComplexArray, FloatArray], ankle: complex
+) -> AnklePosition | None:
+    """Return the position of the ankle between a moving foot and the shank; None if fewer than ten frames show both.
+
+    Parameters
+    ----------
+    foot, shank : ((F,) complex array, (F,) array)
+        Origin in the plane frame, m, and angle, rad, of each body's frame; NaN where unknown.
+    ankle : complex
+        Position of the ankle in the foot's frame from the joint fit, m.
+    """
+    below, above = np.exp(1j * foot[1]), np.exp(1j * shank[1])
+    apart = shank[0] - foot[0] - below * ankle
+    known = np.isfinite(apart) & np.isfinite(above)
+    if np.count_nonzero(known) < _FEWEST:
+        return None
+    columns, apart = np.column_stack([below, -above])[known], apart[known]
+    normal, target = columns.conj().T @ columns / len(columns), columns.conj().T @ apart / len(columns)
+    gap = float(np.mean(np.abs(apart - columns @ np.linalg.lstsq(columns, apart)[0]) ** 2)) / 2
+    gap = max(gap, _LEAST_GAP**2)
+    normal[0, 0] += gap / (_INDEPENDENT * _ANKLE_SD**2)
+    shift, beyond = np.linalg.solve(normal, target)
+    variance = gap / _INDEPENDENT * float(np.linalg.inv(normal)[0, 0].real)
+    return AnklePosition(ankle + complex(shift), complex(beyond), float(np.sqrt(variance)))
