@@ -169,7 +169,7 @@ def test_a_recording_that_counts_frames_from_zero_keeps_its_times(tmp_path: Path
 
 @pytest.mark.parametrize("start", [-1.0, -0.01, 0.004])
 def test_a_start_that_a_c3d_file_cannot_hold_is_refused(start: float, tmp_path: Path) -> None:
-    with pytest.raises(mocap_id.RecordingError, match=f"first frame is at {start:g} s; a C3D file holds times from 0"):
+    with pytest.raises(mocap_id.RecordingError, match=f"first frame is at {start:g} s; a C3D file stores times from 0"):
         make_trial(invented(start), {"trial": "own", "out": tmp_path / "run"})
     assert not list(tmp_path.rglob("recording*"))
 
@@ -238,7 +238,7 @@ def test_a_file_of_kinetics_toolkit_as_documented(tmp_path: Path) -> None:
         ({}, "contains no TimeSeries"),
         ({"Points": {"class__": "ktk.TimeSeries", "time": [0, 1]}}, "damaged file"),
         (as_series({"A": [[1, 2, 3, 1]]}, [0, 1], {}), "A has 1 samples for 2 times"),
-        (as_series({"A": [1, 2]}, [0, 1], {}), "no TimeSeries holds points"),
+        (as_series({"A": [1, 2]}, [0, 1], {}), "no TimeSeries contains points"),
         (as_series({"A": [[1, 2, 3, 1]] * 2}, [0, 0], {"A": "m"}), "times of Points do not increase"),
         (as_series({"A": [[1, 2, 3, 1]] * 2}, [0, 0.01], {}), "no length unit"),
     ],
