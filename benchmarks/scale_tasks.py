@@ -25,7 +25,7 @@ from mocap_id.config import Trial, load
 from mocap_id.config.study import load_study
 from mocap_id.reporting.results.columns import ResultTable
 from mocap_id.workflows.batch import BATCH, find_trials
-from mocap_id.workflows.batch.table import read_trial, row
+from mocap_id.workflows.batch.batch import make_row, read_trial
 from mocap_id.workflows.parallel import Backend, DaskBackend, LocalBackend, TrialRun, run_trials
 
 SAMPLE = Path(__file__).resolve().parents[1] / "sample_trials" / "sit-to-stand" / "trial.yaml"
@@ -62,7 +62,7 @@ def table(count: int) -> dict[str, float]:
         summary = _summary(Path(place))
         wanted = [replace(one, out=summary.parent) for one in trials(count)]
         start = perf_counter()
-        rows = [row(read_trial(one, nothing(one), Path(place))) for one in wanted]
+        rows = [make_row(read_trial(one, nothing(one), Path(place))) for one in wanted]
         content = ResultTable.of(BATCH, rows).parquet("batch")
     return {"seconds": perf_counter() - start, "bytes": len(content)}
 

@@ -1,4 +1,4 @@
-"""Entry point: errors become a message and an exit code, and signals an orderly stop."""
+"""Entry point: errors give a message and an exit code, and signals stop the program in order."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ class Interrupted(BaseException):
         self.exit_code = _EXIT_CODES[signal.Signals(number)]
 
 
-class _Lazy(MetaPathFinder):
-    """Finds modules that are loaded when they are first used; importing them takes 0.08 s, a thirtieth of a run."""
+class _LazyFinder(MetaPathFinder):
+    """A finder that loads some modules when they are first used; importing them takes 0.08 s, a thirtieth of a run."""
 
     def find_spec(self, name: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
         spec = PathFinder.find_spec(name, path) if name in _UNUSED else None
@@ -46,18 +46,18 @@ class _Lazy(MetaPathFinder):
 
 def main() -> None:
     """Run ``mocap-id`` and exit."""
-    if not any(isinstance(finder, _Lazy) for finder in sys.meta_path):
-        sys.meta_path.insert(0, _Lazy())
+    if not any(isinstance(finder, _LazyFinder) for finder in sys.meta_path):
+        sys.meta_path.insert(0, _LazyFinder())
     sys.exit(exit_code(_command_line))
 
 
 def exit_code(call: Callable[[], None]) -> int:
-    """Make a call and return its exit code; a failure prints a message on stderr, never a traceback."""
+    """Call a function and return the exit code; a failure prints a message on standard error, not a traceback."""
     before = {number: signal.signal(number, _interrupt) for number in _EXIT_CODES}
     try:
         call()
     except MocapIdError as error:
-        return _fail(_sentence(error), error.exit_code)
+        return _fail(_format_error(error), error.exit_code)
     except Interrupted as interruption:
         return _fail(
             "interrupted: no file is half-written; the same command continues from here", interruption.exit_code
@@ -75,10 +75,10 @@ def exit_code(call: Callable[[], None]) -> int:
 
 
 def _command_line() -> None:
-    # Matrices are small: threads of the linear algebra would wait for each other longer than they compute.
+    # The matrices are small: threads of the linear algebra would wait for each other longer than they compute.
     for library in ("OPENBLAS", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
-    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")  # we have none, and searching takes 12 ms
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")  # there are none, and the search takes 12 ms
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")  # returns the memory of freed tables
     _return_memory()
     gc.set_threshold(50_000, 20, 20)  # saves 0.1 s of a run: the libraries' objects are permanent
@@ -93,9 +93,10 @@ def _command_line() -> None:
 
 
 def _return_memory() -> None:
-    """Make glibc return the memory of freed arrays.
+    """Make glibc return the memory of freed arrays to the system.
 
-    By default it raises its thresholds after each large array, which costs a tenth of a long recording's peak memory.
+    By default, glibc raises its thresholds after each large array. This increases the peak memory of a long recording
+    by a tenth.
     """
     with contextlib.suppress(AttributeError, OSError, TypeError):
         for option in (_M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD):
@@ -106,7 +107,7 @@ def _interrupt(number: int, frame: FrameType | None) -> None:
     raise Interrupted(number)
 
 
-def _sentence(error: MocapIdError) -> str:
+def _format_error(error: MocapIdError) -> str:
     """Return the message, preceded by its notes, with paths relative to the working folder."""
     about = "".join(f"{note}: " for note in getattr(error, "__notes__", []))
     return f"{about}{error}".replace(f"{Path.cwd()}/", "")

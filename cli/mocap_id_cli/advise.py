@@ -10,7 +10,7 @@ import typer
 from mocap_id.design.proposal import Objective
 from mocap_id.workflows import advice
 from mocap_id_cli import progress
-from mocap_id_cli.console import AsJson, Quiet, TrialPath, Verbose, log_to_stderr, print_json
+from mocap_id_cli.console import AsJson, Quiet, TrialPath, Verbose, log_to_stderr, print_result
 
 
 def advise(
@@ -20,9 +20,7 @@ def advise(
         Objective,
         typer.Option("--for", help="What to minimise: standard deviations, their volume, or a condition number."),
     ] = "intervals",
-    seconds: Annotated[
-        float | None, typer.Option(help="Length of the recording, s; default: that of the trial.")
-    ] = None,
+    seconds: Annotated[float | None, typer.Option(help="Length of the recording, s; default: as this trial.")] = None,
     widen: Annotated[
         float | None,
         typer.Option(help="Degrees beyond the observed range of each joint; default: 20 for a robot, else 5."),
@@ -54,17 +52,14 @@ def advise(
         objective=objective,
         seconds=seconds,
         widen=widen,
-        angles=dict(advice.angle_range(each) for each in angle or ()),
+        angles=dict(advice.parse_angle_range(each) for each in angle or ()),
         speed=speed,
         acceleration=acceleration,
-        support=None if support is None else advice.support_range(support),
+        support=None if support is None else advice.parse_support(support),
         seed=seed,
     )
-    found = advice.advise(trial, options, progress.of_stages(quiet))
-    output = advice.advice_output(found)
+    found = advice.advise(trial, options, progress.report_stages(quiet))
+    output = advice.make_output(found)
     if out is not None:
         output.write(out)
-    if as_json:
-        print_json(output.document)
-        return
-    typer.echo("\n".join(advice.lines(found)))
+    print_result(as_json, output.document, advice.format_text(found))

@@ -13,7 +13,7 @@ from mocap_id_cli.commands import COMMANDS, Entry
 
 
 class _Commands(TyperGroup):
-    """A group that knows the name and help of its commands, and loads only the one that is called."""
+    """A group with the name and help of each command; only the command that is called is loaded."""
 
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
@@ -31,29 +31,25 @@ class _Commands(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         name, command, rest = super().resolve_command(ctx, args)
         if name is not None and command is not None:
-            command = loaded(next(entry for entry in COMMANDS if entry.name == name))
+            command = load_command(next(entry for entry in COMMANDS if entry.name == name))
         return name, command, rest
 
 
-def loaded(entry: Entry) -> Any:
-    """Load a command."""
-    found = entry.load()
-    if not isinstance(found, typer.Typer):
-        function, found = found, typer.Typer(add_completion=False, rich_markup_mode=None)
-        found.command(entry.name)(function)
-    command = get_command(found)
+def load_command(entry: Entry) -> Any:
+    """Import a command and return it for click."""
+    loaded = entry.load()
+    if not isinstance(loaded, typer.Typer):
+        function, loaded = loaded, typer.Typer(add_completion=False, rich_markup_mode=None)
+        loaded.command(entry.name)(function)
+    command = get_command(loaded)
     command.name = entry.name
     return command
 
 
 def build() -> typer.Typer:
-    """Build the command line."""
+    """Return the command line."""
     app = typer.Typer(
-        name="mocap-id",
-        cls=_Commands,
-        no_args_is_help=True,
-        rich_markup_mode=None,
-        pretty_exceptions_enable=False,
+        name="mocap-id", cls=_Commands, no_args_is_help=True, rich_markup_mode=None, pretty_exceptions_enable=False
     )
     app.callback()(_top)
     return app

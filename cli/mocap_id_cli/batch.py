@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
@@ -14,9 +14,19 @@ from mocap_id.errors import ConfigError
 from mocap_id.workflows import batch as workflow
 from mocap_id.workflows.parallel import Backend, DaskBackend, LocalBackend, OnError
 from mocap_id_cli import progress
-from mocap_id_cli.console import Quiet, Verbose, log_to_stderr, print_json, short
+from mocap_id_cli.console import (
+    AsJson,
+    Jobs,
+    Quiet,
+    Verbose,
+    count_trials,
+    describe_verdict,
+    log_to_stderr,
+    print_result,
+    shorten,
+)
 
-_SHOWN = 40  # rows; a longer batch shows only the trials that did not succeed
+_MOST_ROWS = 40  # for more trials, only the trials that did not succeed are printed
 
 
 def batch(
@@ -29,19 +39,20 @@ def batch(
         ),
     ],
     *,
-    jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, help="Number of trials at a time on this machine.")] = 1,
+    jobs: Jobs = 1,
     scheduler: Annotated[
         str | None,
         typer.Option(metavar="ADDRESS", help="Address of a running Dask scheduler, such as tcp://node1:8786."),
     ] = None,
     cluster: Annotated[
-        Path | None, typer.Option(metavar="CLUSTER.yaml", help="A cluster for Dask to deploy (SSH, SLURM …).")
+        Path | None,
+        typer.Option(metavar="CLUSTER.yaml", help="Settings of a cluster that Dask starts (SSH, SLURM …)."),
     ] = None,
     on_error: Annotated[
-        OnError, typer.Option(help="Continue with the other trials when one fails, or stop.")
+        OnError, typer.Option(help="After a failed trial: continue with the other trials, or stop.")
     ] = "continue",
-    out: Annotated[Path, typer.Option(metavar="FILE", help="The table to write.")] = Path("batch.parquet"),
-    as_json: Annotated[bool, typer.Option("--json", help="Print the table as JSON.")] = False,
+    out: Annotated[Path, typer.Option(metavar="FILE", help="The table to write, .parquet.")] = Path("batch.parquet"),
+    as_json: AsJson = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
@@ -53,27 +64,23 @@ def batch(
     log_to_stderr(quiet, verbose)
     if out.suffix != ".parquet":
         raise ConfigError(f"{out}: the table is a Parquet file: choose a name that ends in .parquet")
-    found = workflow.run_batch(
+    result = workflow.run_batch(
         named,
         out,
-        backend=_backend(jobs, scheduler, cluster),
+        backend=_choose_backend(jobs, scheduler, cluster),
         on_error=on_error,
-        begin=progress.trial_count(quiet),
-        tell=progress.of_trials(quiet),
+        begin=progress.show_trial_count(quiet),
+        tell=progress.report_trials(quiet),
     )
     progress.stop()
-    if as_json:
-        print_json(found.rows)
-    else:
-        typer.echo("\n".join(_lines(found)))
-    if found.failed:
+    print_result(as_json, result.rows, _lines(result))
+    if result.failed:
         raise typer.Exit(1)
 
 
-def _backend(jobs: int, scheduler: str | None, cluster: Path | None) -> Backend:
-    chosen = [
-        name for name, given in (("--jobs", jobs > 1), ("--scheduler", scheduler), ("--cluster", cluster)) if given
-    ]
+def _choose_backend(jobs: int, scheduler: str | None, cluster: Path | None) -> Backend:
+    options = {"--jobs": jobs > 1, "--scheduler": scheduler, "--cluster": cluster}
+    chosen = [name for name, given in options.items() if given]
     if len(chosen) > 1:
         raise ConfigError(f"{' and '.join(chosen)}: choose only one of these options")
     if cluster is not None:
@@ -84,20 +91,13 @@ def _backend(jobs: int, scheduler: str | None, cluster: Path | None) -> Backend:
     return LocalBackend(jobs) if scheduler is None else DaskBackend(scheduler)
 
 
-def _lines(found: workflow.Batch) -> Iterator[str]:
-    shown = [
-        (number, one) for number, one in enumerate(found.rows) if len(found.rows) <= _SHOWN or one["exit_code"] != 0
-    ]
-    width = max((len(one["trial"]) for _, one in shown), default=0)
-    for number, one in shown:
-        yield f"{one['trial']:<{width}}  {_verdict(one)}"
-        yield from (f"{'':<{width}}    {line}" for line in found.messages.get(number, "").splitlines())
-    counts = Counter(one["verdict"] for one in found.rows)
-    total = len(found.rows)
-    yield f"{total} trial{'s' * (total != 1)}: " + ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
-    yield f"table: {short(found.table)}"
-
-
-def _verdict(one: Mapping[str, Any]) -> str:
-    about = f"exit code {one['exit_code']}" if one["verdict"] == "failed" else one["codes"]
-    return f"{one['verdict']} ({about})" if about else str(one["verdict"])
+def _lines(result: workflow.Batch) -> Iterator[str]:
+    total = len(result.rows)
+    rows = [(k, row) for k, row in enumerate(result.rows) if total <= _MOST_ROWS or row["exit_code"] != 0]
+    width = max((len(row["trial"]) for _, row in rows), default=0)
+    for number, row in rows:
+        yield f"{row['trial']:<{width}}  {describe_verdict(row)}"
+        yield from (f"{'':<{width}}    {line}" for line in result.messages.get(number, "").splitlines())
+    counts = Counter(row["verdict"] for row in result.rows)
+    yield f"{count_trials(total)}: " + ", ".join(f"{count} {verdict}" for verdict, count in counts.items())
+    yield f"table: {shorten(result.table)}"

@@ -1,4 +1,4 @@
-"""All commands with one line of help each; a command's module is imported when the command is called."""
+"""All commands with one line of help each; the module of a command is imported when the command is called."""
 
 from __future__ import annotations
 
@@ -13,32 +13,23 @@ from mocap_id.stages import STAGE_HELP
 
 @dataclass(frozen=True)
 class Entry:
-    """A command that is not loaded yet.
-
-    Parameters
-    ----------
-    name : str
-    help : str
-        The first sentence of its help.
-    load : callable
-        Returns the function of the command, or the Typer app of a group of commands.
-    """
+    """A command that is not loaded yet."""
 
     name: str
-    help: str
-    load: Callable[[], Any]
+    help: str  # the first sentence of its help
+    load: Callable[[], Any]  # returns the function of the command, or the Typer app of a group of commands
 
 
-def _function(module: str) -> Any:
-    return getattr(import_module(f"mocap_id_cli.{module}"), module)
+def _load_function(name: str) -> Any:
+    return getattr(import_module(f"mocap_id_cli.{name}"), name)
 
 
-def _group(module: str) -> Any:
-    return import_module(f"mocap_id_cli.{module}").commands()
+def _load_group(name: str) -> Any:
+    return import_module(f"mocap_id_cli.{name}").commands()
 
 
-def _stage(name: str) -> Any:
-    return import_module("mocap_id_cli.run").stage_command(name)
+def _load_stage(name: str) -> Any:
+    return import_module("mocap_id_cli.run").make_stage_command(name)
 
 
 _BEFORE_STAGES = {
@@ -74,12 +65,13 @@ _REFERENCE = {
     "schema": "Print the JSON Schema of a trial's YAML file, for editors.",
     "stages": "List the stages in order, with their inputs and outputs.",
 }
-
-COMMANDS = (
-    *(Entry(name, text, partial(_function, name)) for name, text in _BEFORE_STAGES.items()),
-    *(Entry(name, text, partial(_stage, name)) for name, text in STAGE_HELP.items()),
-    *(Entry(name, text, partial(_function, name)) for name, text in _AFTER_STAGES.items()),
-    *(Entry(name, text, partial(_group, name)) for name, text in _GROUPS.items()),
-    *(Entry(name, text, partial(_function, name)) for name, text in _REFERENCE.items()),
+_SOURCES: tuple[tuple[dict[str, str], Callable[[str], Any]], ...] = (
+    (_BEFORE_STAGES, _load_function),
+    (dict(STAGE_HELP), _load_stage),
+    (_AFTER_STAGES, _load_function),
+    (_GROUPS, _load_group),
+    (_REFERENCE, _load_function),
 )
+
+COMMANDS = tuple(Entry(name, text, partial(load, name)) for texts, load in _SOURCES for name, text in texts.items())
 """The commands in the order of ``mocap-id --help``."""

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from mocap_id_cli import progress
-from mocap_id_cli.console import AsJson, Quiet, Verbose, aligned, log_to_stderr, print_json
+from mocap_id_cli.console import AsJson, Quiet, Verbose, align, log_to_stderr, print_result
 
 if TYPE_CHECKING:
     from mocap_id.workflows.compare import Comparison, Difference
@@ -23,7 +23,9 @@ def compare(
     a: Annotated[Path, typer.Argument(metavar="A", help="A trial's YAML file or run folder.", show_default=False)],
     b: Annotated[Path, typer.Argument(metavar="B", help="The other run: YAML file or run folder.", show_default=False)],
     *,
-    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the table, .csv.", show_default=False)] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the table to this file, .csv.", show_default=False)
+    ] = None,
     everything: Annotated[bool, typer.Option("--all", help="Also show what is equal.")] = False,
     as_json: AsJson = False,
     quiet: Quiet = False,
@@ -38,26 +40,23 @@ def compare(
     log_to_stderr(quiet, verbose)
     if out is not None:
         workflow.check_format(out)
-    found = workflow.compare(a, b, progress.of_stages(quiet))
-    rows = found.rows if everything else found.changed
+    comparison = workflow.compare(a, b, progress.report_stages(quiet))
+    rows = comparison.rows if everything else comparison.changed
     if out is not None:
         workflow.write(rows, out)
-    if as_json:
-        print_json(workflow.as_json(found, rows))
-    else:
-        typer.echo("\n".join(_lines(found, rows)))
+    print_result(as_json, workflow.as_json(comparison, rows), _lines(comparison, rows))
 
 
-def _lines(found: Comparison, rows: tuple[Difference, ...]) -> Iterator[str]:
-    for letter, run in (("A", found.a), ("B", found.b)):
+def _lines(comparison: Comparison, rows: tuple[Difference, ...]) -> Iterator[str]:
+    for letter, run in (("A", comparison.a), ("B", comparison.b)):
         yield f"{letter}: {run.name} ({run.source})"
-    if found.identical:
+    if comparison.identical:
         yield "identical: all artefacts have the same content"
     for section, group in groupby(rows, key=lambda row: row.section):
         members = list(group)
         unit = "rms in A, in B, and of B - A" if section == "series" else "A, B, B - A, of A, in combined sd"
         yield f"\n{section}" + (f" ({unit})" if any(row.difference is not None for row in members) else "")
-        yield from aligned([_cells(row) for row in members], numbers=True)
+        yield from align([_cells(row) for row in members], numbers=True)
 
 
 def _cells(row: Difference) -> list[str]:
@@ -67,10 +66,10 @@ def _cells(row: Difference) -> list[str]:
         "" if row.percent is None else f"{row.percent:+.2f} %",
         "" if row.in_sd is None else f"{row.in_sd:+.1f} sd",
     )
-    return [f"  {name}", _shown(row.a), _shown(row.b), *numbers]
+    return [f"  {name}", _format(row.a), _format(row.b), *numbers]
 
 
-def _shown(value: Value) -> str:
+def _format(value: Value) -> str:
     if value is None:
         return "–"
     if isinstance(value, float):

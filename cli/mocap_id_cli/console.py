@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import logging
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -13,7 +13,8 @@ import typer
 
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print only the result and errors.")]
 Verbose = Annotated[bool, typer.Option("--verbose", "-v", help="Also print warnings of the computation.")]
-AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the result as JSON.")]
+Jobs = Annotated[int, typer.Option("--jobs", "-j", min=1, help="Number of trials that run at the same time.")]
 TrialFiles = Annotated[
     list[str],
     typer.Argument(
@@ -25,13 +26,22 @@ TrialPath = Annotated[
 ]
 
 
-def one_of(*values: str) -> Callable[[], list[str]]:
-    """Return a shell completion that offers the values of an option."""
+def offer(*values: str) -> Callable[[], list[str]]:
+    """Return a function for the shell's completion that offers the values of an option."""
     return lambda: list(values)
 
 
+def make_group(text: str, **commands: Callable[..., None]) -> typer.Typer:
+    """Return a group of commands with its help text; underscores in the commands' names become hyphens."""
+    app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode=None, help=text)
+    app.callback()(lambda: None)
+    for name, function in commands.items():
+        app.command(name.replace("_", "-"))(function)
+    return app
+
+
 def log_to_stderr(quiet: bool, verbose: bool) -> None:
-    """Log the runner's warnings unless ``quiet``, and the libraries' warnings if ``verbose``."""
+    """Log the program's warnings unless ``quiet``, and also the libraries' warnings if ``verbose``."""
     logging.captureWarnings(True)
     logging.basicConfig(stream=sys.stderr, format="mocap-id: %(message)s", level=logging.ERROR, force=True)
     logging.getLogger("mocap_id").setLevel(logging.ERROR if quiet else logging.INFO if verbose else logging.WARNING)
@@ -39,18 +49,44 @@ def log_to_stderr(quiet: bool, verbose: bool) -> None:
 
 
 def print_json(data: Any, default: Callable[[Any], Any] | None = None) -> None:
-    """Print data as indented JSON."""
+    """Print data as indented JSON; ``default`` converts objects that JSON does not know."""
     typer.echo(json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False, default=default))
 
 
-def short(path: Path) -> str:
-    """Return a path relative to the working folder if it is below it."""
+def print_result(as_json: bool, document: Any, lines: Iterable[str]) -> None:
+    """Print a result: its document as JSON if ``as_json``, or else its lines of text."""
+    if as_json:
+        print_json(document)
+    else:
+        typer.echo("\n".join(lines))
+
+
+def shorten(path: Path) -> str:
+    """Return a path as text, relative to the working folder if it is in it."""
     here = Path.cwd()
     return str(path.relative_to(here) if path.is_relative_to(here) else path)
 
 
-def aligned(rows: Sequence[Sequence[str]], *, numbers: bool = False) -> Iterator[str]:
-    """Yield rows as lines with aligned columns; with ``numbers``, all columns but the first are right-aligned."""
+def count_trials(count: int) -> str:
+    """Return a number of trials in words."""
+    return f"{count} trial{'s' * (count != 1)}"
+
+
+def describe_verdict(row: Mapping[str, Any]) -> str:
+    """Return verdict and codes of a trial, or the exit code of a failed trial.
+
+    Parameters
+    ----------
+    row : mapping
+        ``verdict``, ``exit_code``, and ``codes`` as a text or a list.
+    """
+    codes = row["codes"] if isinstance(row["codes"], str) else ", ".join(row["codes"])
+    about = f"exit code {row['exit_code']}" if row["verdict"] == "failed" else codes
+    return f"{row['verdict']} ({about})" if about else str(row["verdict"])
+
+
+def align(rows: Sequence[Sequence[str]], *, numbers: bool = False) -> Iterator[str]:
+    """Yield rows as lines with align columns; with ``numbers``, all columns but the first are right-align."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for first, *rest in rows:
         cells = (

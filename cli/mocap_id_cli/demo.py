@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 import mocap_id
-from mocap_id_cli.console import Quiet, Verbose, short
+from mocap_id_cli.console import Quiet, Verbose, shorten
 from mocap_id_cli.run import run
 
 
@@ -23,11 +23,11 @@ def demo(
 ) -> None:
     """Simulate a sit-to-stand, run it and open its report.
 
-    No file is needed. FOLDER then has the recording, its exact truth, trial.yaml and the results, as for a trial of
-    your own. The same command again reuses them.
+    You need no recording. FOLDER then contains the recording, its exact truth, trial.yaml and the results, as for a
+    trial of your own. The same command again reuses them.
     """
     trial = folder / "trial.yaml"
     if not trial.exists():
         mocap_id.simulate("sit-to-stand", folder, seed=1, repetitions=3)
-    typer.echo(f"trial: {short(trial.absolute())}")
+    typer.echo(f"trial: {shorten(trial.absolute())}")
     run(trial, open_report=open_report, quiet=quiet, verbose=verbose)

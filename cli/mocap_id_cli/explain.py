@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mocap_id_cli.console import AsJson, print_json
+from mocap_id_cli.console import AsJson, print_result
 
 if TYPE_CHECKING:
     from mocap_id.workflows.code_lookup import Entry
@@ -17,11 +17,11 @@ if TYPE_CHECKING:
 _WIDTH = 100
 
 
-def _codes() -> list[tuple[str, str]]:
+def _complete_code() -> list[tuple[str, str]]:
     """Return the codes with their titles, for completion in the shell."""
-    from mocap_id.workflows import code_lookup as workflow  # noqa: PLC0415  only completion needs it
+    from mocap_id.workflows.code_lookup import list_entries  # noqa: PLC0415  only completion needs it
 
-    return [(entry.code, entry.title) for entry in workflow.entries().values()]
+    return [(entry.code, entry.title) for entry in list_entries().values()]
 
 
 def explain(
@@ -31,7 +31,7 @@ def explain(
             metavar="[CODE]",
             help="A verdict's code, an exit code or an error's name; all codes are listed if omitted.",
             show_default=False,
-            autocompletion=_codes,
+            autocompletion=_complete_code,
         ),
     ] = None,
     *,
@@ -39,26 +39,26 @@ def explain(
 ) -> None:
     """Explain a verdict's code, an error or an exit code.
 
-    The explanation has the meaning, the criterion and what to do.
+    The explanation gives the meaning, the criterion and what to do.
     """
     from mocap_id.workflows import code_lookup as workflow  # noqa: PLC0415  no other command has to wait for it
 
-    found = list(workflow.entries().values()) if code is None else [workflow.explain(code)]
-    if as_json:
-        shown = [asdict(entry) for entry in found]
-        print_json(shown if code is None else shown[0])
-        return
-    typer.echo("\n".join(_list(found) if code is None else _details(found[0])))
+    if code is None:
+        entries = list(workflow.list_entries().values())
+        print_result(as_json, [asdict(entry) for entry in entries], _list_codes(entries))
+    else:
+        entry = workflow.explain(code)
+        print_result(as_json, asdict(entry), _describe(entry))
 
 
-def _list(found: list[Entry]) -> Iterator[str]:
-    width = max(len(entry.code) for entry in found)
-    for entry in found:
+def _list_codes(entries: list[Entry]) -> Iterator[str]:
+    width = max(len(entry.code) for entry in entries)
+    for entry in entries:
         levels = " or ".join(entry.levels) or "exit code"
         yield f"{entry.code:<{width}}  {levels:<15}  {entry.title}"
 
 
-def _details(entry: Entry) -> Iterator[str]:
+def _describe(entry: Entry) -> Iterator[str]:
     levels = f" ({' or '.join(entry.levels)})" if entry.levels else ""
     yield f"{entry.code}{levels}: {entry.title}"
     for name, text in (("means", entry.meaning), ("judged", entry.judged), ("to do", entry.action)):

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from mocap_id_cli import progress
-from mocap_id_cli.console import Quiet, TrialPath, Verbose, log_to_stderr, short
+from mocap_id_cli.console import Quiet, TrialPath, Verbose, log_to_stderr, shorten
 
 
 def export(
@@ -35,9 +35,9 @@ def export(
 
     log_to_stderr(quiet, verbose)
     formats = [name.strip() for each in to for name in each.split(",")]
-    done = workflow.export(trial, formats, out, force=force, progress=progress.of_stages(quiet))
-    for file in done.files:
-        typer.echo(short(file))
+    result = workflow.export(trial, formats, out, force=force, progress=progress.report_stages(quiet))
+    for file in result.files:
+        typer.echo(shorten(file))
     if not quiet:
-        for note in done.notes:
+        for note in result.notes:
             typer.echo(f"note: {note}", err=True)

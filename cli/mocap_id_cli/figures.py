@@ -8,19 +8,20 @@ from typing import Annotated
 import typer
 
 from mocap_id.reporting.contents import PdfFonts
-from mocap_id_cli.console import short
+from mocap_id_cli.console import shorten
 
 
 def figures(
     run: Annotated[
-        Path,
-        typer.Argument(metavar="RUN", help="Folder of a trial or study, or its page.", show_default=False),
+        Path, typer.Argument(metavar="RUN", help="Folder of a trial or study, or its page.", show_default=False)
     ],
     *,
     out: Annotated[
         Path | None,
         typer.Option(
-            metavar="FOLDER", help="Parent folder of `figures/`; default: that of the page.", show_default=False
+            metavar="FOLDER",
+            help="Folder in which to make the folder `figures`; default: the folder of the page.",
+            show_default=False,
         ),
     ] = None,
     pdf_fonts: Annotated[
@@ -31,7 +32,7 @@ def figures(
 
     The figures, captions and data are read from the page; nothing is computed again.
     """
-    from mocap_id.workflows.figures import figures as draw  # noqa: PLC0415  no other command has to wait for it
+    from mocap_id.workflows.figures import write_figures  # noqa: PLC0415  no other command has to wait for it
 
-    for file in draw(run, out, pdf_fonts):
-        typer.echo(short(file))
+    for file in write_figures(run, out, pdf_fonts):
+        typer.echo(shorten(file))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from mocap_id_cli.console import aligned
+from mocap_id_cli.console import align
 
 if TYPE_CHECKING:
     from mocap_id.workflows.study.discovery import Discovery
@@ -41,9 +41,8 @@ def init(
     """
     from mocap_id.workflows.study import discovery, draft  # noqa: PLC0415  no other command has to wait for it
 
-    found = discovery.discover(
-        folder, pattern, keep_names=keep_names, known={} if keep_names else draft.read_known_ids(out)
-    )
+    known = {} if keep_names else draft.read_known_ids(out)
+    found = discovery.discover(folder, pattern, keep_names=keep_names, known=known)
     typer.echo("\n".join(_lines(found, folder)))
     if dry_run:
         typer.echo("nothing written: --dry-run")
@@ -60,24 +59,16 @@ def _lines(found: Discovery, folder: Path) -> Iterator[str]:
     rows = [["trial", "subject", "called", *labels, "recording"]]
     for trial in found.trials:
         files = [path.relative_to(folder).as_posix() for path in (trial.markers, trial.forces) if path is not None]
-        rows.append(
-            [
-                trial.trial,
-                trial.subject,
-                trial.name,
-                *(getattr(trial, name) or "–" for name in labels),
-                " + ".join(files),
-            ]
-        )
-    yield from aligned(rows)
-    people = len(found.names)
+        values = [getattr(trial, name) or "–" for name in labels]
+        rows.append([trial.trial, trial.subject, trial.name, *values, " + ".join(files)])
+    yield from align(rows)
     counts = ", ".join(f"{len({getattr(trial, name) for trial in found.trials})} {_PLURALS[name]}" for name in labels)
-    shown = [trial for trial in found.trials if trial.name.casefold() in trial.markers.stem.casefold()]
-    if shown and shown[0].name != shown[0].subject:
+    named = [trial for trial in found.trials if trial.name.casefold() in trial.markers.stem.casefold()]
+    if named and named[0].name != named[0].subject:
         yield (
-            f"note: {shown[0].markers.name} contains the name of {shown[0].subject}, and a trial's report shows "
+            f"note: {named[0].markers.name} contains the name of {named[0].subject}, and a trial's report shows "
             "the name of its file: rename such files before you pass reports on"
         )
-    yield f"{len(found.trials)} trials of {people} people, {counts}"
+    yield f"{len(found.trials)} trials of {len(found.names)} people, {counts}"
     for path, why in found.left_out.items():
         yield f"left out: {path.relative_to(folder).as_posix()}: {why}"

@@ -12,7 +12,7 @@ from rich.table import Table
 
 from mocap_id import recording
 from mocap_id.recording.c3d_package import compare_with_package
-from mocap_id.workflows.recording_summary import describe
+from mocap_id.workflows.recording_summary import describe_recording
 from mocap_id_cli.console import AsJson, print_json
 
 
@@ -33,9 +33,9 @@ def inspect(
 ) -> None:
     """Print what a recording contains.
 
-    This includes markers, rates, gaps, force plates and irregularities.
+    This includes markers, rates, gaps, force plates and irregularities of the file.
     """
-    found = describe(
+    found = describe_recording(
         recording.read(
             file,
             forces,
@@ -52,19 +52,15 @@ def inspect(
         print_json(found)
         return
     console = Console(highlight=False, soft_wrap=True)
-    console.print(_overview(found))
+    overview = Table.grid(padding=(0, 2))
+    for name, value in _rows(found):
+        overview.add_row(name, value)
+    console.print(overview)
     if found["plates"]:
-        console.print(_plates(found["plates"]))
+        console.print(_tabulate_plates(found["plates"]))
     console.print("markers: " + ", ".join(found["markers"]), markup=False)
     for oddity in found["oddities"]:
         console.print(f"note: {oddity}", markup=False)
-
-
-def _overview(found: Mapping[str, Any]) -> Table:
-    table = Table.grid(padding=(0, 2))
-    for name, value in _rows(found):
-        table.add_row(name, value)
-    return table
 
 
 def _rows(found: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
@@ -80,7 +76,7 @@ def _rows(found: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
     yield "mass", "no plate" if mass is None else f"{mass:.1f} kg, mean load of the plates"
 
 
-def _plates(plates: Sequence[Mapping[str, Any]]) -> Table:
+def _tabulate_plates(plates: Sequence[Mapping[str, Any]]) -> Table:
     table = Table("plate", "type", "mean upward force", "as a mass", "problem")
     for plate in plates:
         force, mass = plate["mean_fz_N"], plate["mass_kg"]

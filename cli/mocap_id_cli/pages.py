@@ -1,4 +1,4 @@
-"""Generated pages, written by ``python -m mocap_id_cli.pages ROOT`` and compared by a test.
+"""Generated pages, written by ``python -m mocap_id_cli.pages ROOT``; a test compares them with the files.
 
 These are docs/commands.md, docs/settings.md, the columns in docs/formats.md, and the settings in configs/*.yaml.
 """
@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from typer.testing import CliRunner
@@ -18,9 +18,9 @@ from mocap_id.workflows.batch import BATCH
 from mocap_id.workflows.curl_study import tables as curl_study
 from mocap_id.workflows.reach_study import tables as reach_study
 from mocap_id.workflows.study.tables import TABLES
-from mocap_id_cli.app import build, loaded
+from mocap_id_cli.app import build, load_command
 from mocap_id_cli.commands import COMMANDS
-from mocap_id_cli.settings import settings_page, settings_yaml
+from mocap_id_cli.settings import format_settings_page, format_settings_yaml
 
 SETTINGS_MARK = "# ---- every setting, with its default ----\n"
 COLUMNS_MARK = "## Columns\n"
@@ -34,71 +34,77 @@ _OF_PROTOCOLS = {
 }
 
 
-def pages(root: Path) -> dict[Path, str]:
-    """Return path → text of every generated page of a source tree; text before a mark is kept."""
+def make_pages(root: Path) -> dict[Path, str]:
+    """Return the text of every generated page of a source tree by path; the files' text before a mark is kept."""
     formats = root / "docs" / "formats.md"
-    made = {
-        root / "docs" / "commands.md": commands_page(),
-        root / "docs" / "settings.md": settings_page(),
-        formats: _before(formats, COLUMNS_MARK) + columns(),
+    texts = {
+        root / "docs" / "commands.md": format_commands_page(),
+        root / "docs" / "settings.md": format_settings_page(),
+        formats: _read_head(formats, COLUMNS_MARK) + columns(),
     }
     for file in sorted((root / "configs").glob("*.yaml")):
-        head = _before(file, SETTINGS_MARK)
-        made[file] = head + settings_yaml(space="3d" if re.search(r"^space: 3d", head, re.MULTILINE) else "plane")
-    return made
+        head = _read_head(file, SETTINGS_MARK)
+        texts[file] = head + format_settings_yaml(
+            space="3d" if re.search(r"^space: 3d", head, re.MULTILINE) else "plane"
+        )
+    return texts
 
 
-def commands_page() -> str:
+def format_commands_page() -> str:
     """Return the help of every command as Markdown."""
     parts = ["# Commands\n"]
-    for command in _commands():
+    for command in _list_commands():
         title = f"mocap-id {command}".strip()
-        parts.append(f"## `{title}`\n\n```text\n{_help(command)}\n```\n")
+        parts.append(f"## `{title}`\n\n```text\n{_read_help(command)}\n```\n")
     return "\n".join(parts)
 
 
-def _commands() -> Iterator[str]:
-    """Yield the names of all commands; those of a group follow the group."""
+def _list_commands() -> Iterator[str]:
+    """Yield the names of all commands; the commands of a group follow the group."""
     yield ""
     for entry in COMMANDS:
         yield entry.name
-        yield from (f"{entry.name} {inner}" for inner in getattr(loaded(entry), "commands", ()))
+        yield from (f"{entry.name} {inner}" for inner in getattr(load_command(entry), "commands", ()))
 
 
 def columns() -> str:
     """Return the schemas of all artefacts and of the tables of studies and batches, as Markdown."""
-    artefacts = (line for schema in SCHEMAS.values() for line in _schema(schema, schema.file))
+    artefacts = (line for schema in SCHEMAS.values() for line in _describe_schema(schema, schema.file))
     tables = [
         line
         for kind, own in _STUDIES.items()
         for part in (
             [f"\n## Tables of a study{kind}"],
-            *(_schema(schema, f"{name}{kind}") for name, schema in own.items()),
+            *(_describe_schema(schema, f"{name}{kind}") for name, schema in own.items()),
         )
         for line in part
     ]
-    batch = _schema(BATCH, BATCH.file)
+    batch = _describe_schema(BATCH, BATCH.file)
     return "\n".join([*artefacts, *tables, "\n## The table of a batch", *batch]) + "\n"
 
 
-def _schema(schema: TableSchema | TreeSchema, title: str) -> Iterator[str]:
+def _describe_schema(schema: TableSchema | TreeSchema, title: str) -> Iterator[str]:
     yield f"\n### `{title}`, version {schema.version}\n"
-    yield "| name | type | unit | meaning |"
-    yield "|---|---|---|---|"
-    yield from map(_row, schema.columns if isinstance(schema, TableSchema) else schema.nodes)
+    yield from _make_table(schema.columns if isinstance(schema, TableSchema) else schema.nodes)
     repeated = schema.repeated if isinstance(schema, TableSchema) else ()
     kinds = {"Fx_p{k}": "plate", "x_{k}": "body"}.get(repeated[0].name, "joint") if repeated else ""
     groups = [(f"and for every {kinds} k:", repeated)] if repeated else []
-    groups += [(_when(group), group) for group in schema.optional]
+    groups += [(_describe_presence(group), group) for group in schema.optional]
     for about, group in groups:
         yield f"\n{about}\n"
-        yield "| name | type | unit | meaning |"
-        yield "|---|---|---|---|"
-        yield from map(_row, group)
+        yield from _make_table(group)
 
 
-def _when(group: tuple[Column, ...]) -> str:
-    """Return when a group of columns is present."""
+def _make_table(columns: Iterable[Column]) -> Iterator[str]:
+    yield "| name | type | unit | meaning |"
+    yield "|---|---|---|---|"
+    for column in columns:
+        name = column.name.replace("{k}", "k").replace("{name}", "NAME")
+        yield f"| `{name}` | {column.dtype} | {column.unit or '–'} | {column.meaning} |"
+
+
+def _describe_presence(group: tuple[Column, ...]) -> str:
+    """Return the condition under which a group of columns is present."""
     if any("{name}" in column.name for column in group):
         return "and, in space, for every segment or angle NAME:"
     if group[0].meaning.startswith("in space") or "/" in group[0].name or group[0].name == "isb_condition":
@@ -110,16 +116,11 @@ def _when(group: tuple[Column, ...]) -> str:
     return "and, where the forces of a chair or of sensors were measured:"
 
 
-def _row(column: Column) -> str:
-    name = column.name.replace("{k}", "k").replace("{name}", "NAME")
-    return f"| `{name}` | {column.dtype} | {column.unit or '–'} | {column.meaning} |"
-
-
-def _before(file: Path, mark: str) -> str:
+def _read_head(file: Path, mark: str) -> str:
     return file.read_text("utf-8").partition(mark)[0] + mark
 
 
-def _help(command: str) -> str:
+def _read_help(command: str) -> str:
     """Return the help as shown in a terminal of 100 columns."""
     width = {"COLUMNS": "100", "TERMINAL_WIDTH": "100", "NO_COLOR": "1"}
     result = CliRunner().invoke(build(), [*command.split(), "--help"], prog_name="mocap-id", env=width)
@@ -127,8 +128,8 @@ def _help(command: str) -> str:
 
 
 def main() -> None:
-    """Write the pages."""
-    for path, text in pages(Path(sys.argv[1])).items():
+    """Write all generated pages of a source tree."""
+    for path, text in make_pages(Path(sys.argv[1])).items():
         path.write_text(text, "utf-8")
 
 

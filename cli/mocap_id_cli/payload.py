@@ -11,7 +11,7 @@ import typer
 
 from mocap_id.workflows.payload import PARAMETERS, UNITS, FoundPayload, find_payload
 from mocap_id_cli import progress
-from mocap_id_cli.console import AsJson, Quiet, Verbose, aligned, log_to_stderr, print_json
+from mocap_id_cli.console import AsJson, Quiet, Verbose, align, log_to_stderr, print_result
 
 
 def payload(
@@ -38,28 +38,25 @@ def payload(
     unchanged.
     """
     log_to_stderr(quiet, verbose)
-    found = find_payload(loaded, empty, segment, progress.of_stages(quiet))
-    if as_json:
-        print_json(found.as_json())
-        return
-    typer.echo("\n".join(_lines(found)))
+    found = find_payload(loaded, empty, segment, progress.report_stages(quiet))
+    print_result(as_json, found.as_json(), _lines(found))
 
 
 def _lines(found: FoundPayload) -> Iterator[str]:
     yield f"payload of {found.segment}: {found.loaded} minus {found.empty}; value ± standard deviation"
     yield "in the frame of the segment, moments of inertia about its origin (the joint)"
     rows = zip(PARAMETERS, found.payload.value, found.payload.sd, UNITS, strict=True)
-    yield from aligned([[name, _value(value, sd), unit] for name, value, sd, unit in rows])
+    yield from align([[name, _format_value(value, sd), unit] for name, value, sd, unit in rows])
     place, sd = found.payload.centre()
-    shown = ", ".join(_value(1e3 * a, 1e3 * b) for a, b in zip(place, sd, strict=True))
+    shown = ", ".join(_format_value(1e3 * a, 1e3 * b) for a, b in zip(place, sd, strict=True))
     yield f"centre of mass: {shown} mm"
     if found.negative:
-        yield f"caution: the mass is negative: {found.loaded} must be the trial with the payload"
+        yield "caution: the mass is negative; expected the trial with the payload first: exchange the trials"
     yield from (f"cautions of {trial}: {', '.join(codes)}" for trial, codes in found.cautions.items() if codes)
 
 
-def _value(value: float, sd: float) -> str:
-    """Return a value with its standard deviation, to the first two digits of the latter."""
+def _format_value(value: float, sd: float) -> str:
+    """Return a value with its standard deviation, both to the second digit of the standard deviation."""
     if not math.isfinite(value):
         return "not determined"
     digits = max(0, 1 - math.floor(math.log10(max(sd, 1e-9))))

@@ -14,7 +14,7 @@ from mocap_id.config.device import load_device
 from mocap_id.errors import ConfigError
 from mocap_id.stages.device import Condition
 from mocap_id.workflows import pneumatic as workflow
-from mocap_id_cli.console import AsJson, aligned, print_json
+from mocap_id_cli.console import AsJson, align, make_group, print_json
 
 Device = Annotated[
     Path,
@@ -26,15 +26,8 @@ _ROWS = 7
 
 def commands() -> typer.Typer:
     """Return the commands of ``mocap-id pneumatic``."""
-    app = typer.Typer(
-        no_args_is_help=True,
-        add_completion=False,
-        rich_markup_mode=None,
-        help="Describe a pneumatic spring, and choose its pressures.",
-    )
-    for name, function in (("curve", _curve), ("pressures", _pressures), ("identify", _identify), ("budget", _budget)):
-        app.command(name)(function)
-    return app
+    text = "Describe a pneumatic spring, and choose its pressures."
+    return make_group(text, curve=_curve, pressures=_pressures, identify=_identify, budget=_budget)
 
 
 def _curve(
@@ -71,7 +64,7 @@ def _curve(
     curve = found.content
     shown = range(0, angles, max(1, (angles - 1) // (_ROWS - 1)))
     rows = [["angle", "torque", "± 95 %", "stiffness"], *(_sample(curve, k) for k in shown)]
-    typer.echo("\n".join(aligned(rows, numbers=True)))
+    typer.echo("\n".join(align(rows, numbers=True)))
     rest = curve["rest_angle_rad"]
     typer.echo(curve["why"] if rest is None else f"rest angle: {math.degrees(rest):.1f}°")
     if files:
@@ -108,15 +101,15 @@ def _pressures(
     if as_json:
         print_json(found)
         return
-    got = found["achieved"]
+    achieved = found["achieved"]
     typer.echo(f"flexion side {found['flexion_Pa']:.0f} Pa, extension side {found['extension_Pa']:.0f} Pa (absolute)")
-    if got["rest_angle_rad"] is None:
+    if achieved["rest_angle_rad"] is None:
         typer.echo("the torque is not zero at any angle of the stroke")
     else:
-        rest = math.degrees(got["rest_angle_rad"])
-        typer.echo(f"this gives {got['stiffness_Nm_rad']:.4g} N·m/rad at {rest:.1f}°")
-    low, high = (math.degrees(end) for end in got["range_rad"])
-    error = got["largest_torque_error_Nm"]
+        rest = math.degrees(achieved["rest_angle_rad"])
+        typer.echo(f"this gives {achieved['stiffness_Nm_rad']:.4g} N·m/rad at {rest:.1f}°")
+    low, high = (math.degrees(end) for end in achieved["range_rad"])
+    error = achieved["largest_torque_error_Nm"]
     typer.echo(f"from {low:.1f}° to {high:.1f}° it differs from the linear spring by up to {error:.2f} N·m")
     if found["why"]:
         typer.echo(f"not attainable, this is the nearest: {found['why']}")
@@ -140,7 +133,7 @@ def _identify(
         print_json(found)
         return
     rows = [["parameter", "estimate", "95 % interval", "described"], *map(_row, found["parameters"])]
-    typer.echo("\n".join(aligned(rows)))
+    typer.echo("\n".join(align(rows)))
     left_out = f", {found['left_out']} with empty cells left out" if found["left_out"] else ""
     typer.echo(f"residual {found['residual_Nm']:.3f} N·m over {found['samples']} samples{left_out}")
     for caution in found["cautions"]:
@@ -166,4 +159,4 @@ def _budget(device: Device, *, as_json: AsJson = False) -> None:
         times = "–" if change["changes_per_reservoir"] is None else str(change["changes_per_reservoir"])
         litres = f"{change['normal_litres']:.3f} l"
         rows.append([change["from"], change["to"], f"{change['gas_g']:.3f} g", litres, times])
-    typer.echo("\n".join(aligned(rows)))
+    typer.echo("\n".join(align(rows)))

@@ -49,7 +49,7 @@ def prescribe(
         if not quiet:
             typer.echo(line, err=True)
 
-    found = workflow.prescribe_from(load_prescription(config), out, progress.of_stages(quiet), tell)
+    found = workflow.prescribe_from(load_prescription(config), out, progress.report_stages(quiet), tell)
     output = workflow.prescription_output(found)
     files = () if out is None else output.write(out)
     if as_json:

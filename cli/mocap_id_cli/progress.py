@@ -1,4 +1,4 @@
-"""Progress display on standard error; the moving display appears only on a terminal."""
+"""Progress messages on standard error; a moving display appears only on a terminal."""
 
 from __future__ import annotations
 
@@ -16,12 +16,13 @@ _displays: list[Progress] = []
 _OUTCOMES = {0: "", 4: "refused"}
 
 
-def show(what: str, total: int | None = None) -> None:
-    """Show that something is running, in place of the previous display.
+def show(text: str, total: int | None = None) -> None:
+    """Replace the display by a new one, with a bar if the number of steps is given.
 
     Parameters
     ----------
-    what : str
+    text : str
+        What is running.
     total : int, optional
         Number of steps that :func:`advance` counts.
     """
@@ -31,10 +32,10 @@ def show(what: str, total: int | None = None) -> None:
     from rich.console import Console  # noqa: PLC0415  most calls show nothing
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, SpinnerColumn, TextColumn, TimeElapsedColumn  # noqa: PLC0415
 
-    counted = () if total is None else (BarColumn(), MofNCompleteColumn())
-    columns = (SpinnerColumn(), TextColumn("{task.description}"), *counted, TimeElapsedColumn())
+    bar = () if total is None else (BarColumn(), MofNCompleteColumn())
+    columns = (SpinnerColumn(), TextColumn("{task.description}"), *bar, TimeElapsedColumn())
     display = Progress(*columns, console=Console(stderr=True), transient=True)
-    display.add_task(what, total=total)
+    display.add_task(text, total=total)
     display.start()
     _displays.append(display)
 
@@ -48,7 +49,7 @@ def say(line: str) -> None:
 
 
 def advance() -> None:
-    """Count one step."""
+    """Count one step in the display."""
     for display in _displays:
         display.advance(display.task_ids[0])
 
@@ -59,7 +60,7 @@ def stop() -> None:
         _displays.pop().stop()
 
 
-def of_stages(quiet: bool) -> runner.Progress:
+def report_stages(quiet: bool) -> runner.Progress:
     """Return a callback that reports each stage of a run; it does nothing if ``quiet``."""
 
     def report(step: runner.Step) -> None:
@@ -73,12 +74,12 @@ def of_stages(quiet: bool) -> runner.Progress:
     return (lambda step: None) if quiet else report
 
 
-def trial_count(quiet: bool) -> Callable[[int], None]:
+def show_trial_count(quiet: bool) -> Callable[[int], None]:
     """Return a callback that starts a display for a number of trials; it does nothing if ``quiet``."""
     return (lambda trials: None) if quiet else (lambda trials: show("trials", trials))
 
 
-def of_trials(quiet: bool) -> Callable[[TrialRun], None]:
+def report_trials(quiet: bool) -> Callable[[TrialRun], None]:
     """Return a callback that reports each finished trial; it does nothing if ``quiet``."""
 
     def report(done: TrialRun) -> None:

@@ -12,16 +12,18 @@ import typer
 from mocap_id.workflows.parallel import LocalBackend
 from mocap_id.workflows.regress import Baseline, Change, Regression, update
 from mocap_id.workflows.regress import regress as compare
-from mocap_id.workflows.regress.regression_check import tolerance_used
 from mocap_id_cli import progress
 from mocap_id_cli.console import (
+    AsJson,
+    Jobs,
     Quiet,
     TrialFiles,
     Verbose,
-    aligned,
+    align,
+    count_trials,
     log_to_stderr,
-    print_json,
-    short,
+    print_result,
+    shorten,
 )
 
 
@@ -30,8 +32,8 @@ def regress(
     *,
     baseline: Annotated[Path, typer.Option(metavar="FILE", help="The baseline.")] = Path("baseline.json"),
     make: Annotated[bool, typer.Option("--update", help="Write the current numbers to the baseline.")] = False,
-    jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, help="Number of trials at a time.")] = 1,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the changes as JSON.")] = False,
+    jobs: Jobs = 1,
+    as_json: AsJson = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
@@ -41,57 +43,47 @@ def regress(
     tolerance, by default its 95 % interval.
     """
     log_to_stderr(quiet, verbose)
-    tell = progress.of_trials(quiet)
+    tell = progress.report_trials(quiet)
     if make:
         before = Baseline.read(baseline) if baseline.exists() else Baseline()
         made = update(named, before, LocalBackend(jobs), tell)
         made.write(baseline)
         for trial, numbers in made.trials.items():
             if "exit_code" in numbers:
-                typer.echo(
-                    f"{trial}: failed, exit code {numbers['exit_code'].value}; the baseline holds only this code"
-                )
-        typer.echo(f"baseline: {short(baseline.absolute())}, {_trials(len(made.trials))}")
+                code = numbers["exit_code"].value
+                typer.echo(f"{trial}: failed, exit code {code}; the baseline contains only this code")
+        typer.echo(f"baseline: {shorten(baseline.absolute())}, {count_trials(len(made.trials))}")
         return
-    found = compare(named, Baseline.read(baseline), LocalBackend(jobs), tell)
-    if as_json:
-        result = {"passed": found.passed, "compared": found.compared, "unknown": found.unknown}
-        print_json(result | {"moved": [asdict(one) for one in found.moved]})
-    else:
-        typer.echo("\n".join(_lines(found, baseline)))
-    if not found.passed:
+    result = compare(named, Baseline.read(baseline), LocalBackend(jobs), tell)
+    document = {"passed": result.passed, "compared": result.compared, "unknown": result.unknown}
+    print_result(as_json, document | {"moved": [asdict(one) for one in result.moved]}, _lines(result, baseline))
+    if not result.passed:
         raise typer.Exit(1)
 
 
-def _lines(found: Regression, baseline: Path) -> Iterator[str]:
-    if found.moved:
+def _lines(result: Regression, baseline: Path) -> Iterator[str]:
+    if result.moved:
         titles = ["trial", "number", "baseline", "now", "moved by", "tolerance"]
-        yield from aligned([titles, *(_row(one) for one in found.moved)])
-    for trial in found.unknown:
+        yield from align([titles, *(_row(one) for one in result.moved)])
+    for trial in result.unknown:
         yield f"{trial}: not in the baseline: add it with `--update`"
-    moved = {one.trial for one in found.moved}
-    for trial, message in found.messages.items():
-        if trial in moved:
-            yield f"{trial}: {message}"
-    trials = f" in {_trials(len(moved))}" if moved else ""
-    yield f"{found.compared} numbers compared with {short(baseline.absolute())}: {len(found.moved)} moved{trials}"
-    if found.nearest is not None and tolerance_used(found.nearest) > 0:
-        near = found.nearest
-        yield f"largest change within tolerance: {near.trial}, {near.name}, {100 * tolerance_used(near):.2g} % of it"
-
-
-def _trials(count: int) -> str:
-    return f"{count} trial{'s' * (count != 1)}"
+    moved = {one.trial for one in result.moved}
+    yield from (f"{trial}: {message}" for trial, message in result.messages.items() if trial in moved)
+    trials = f" in {count_trials(len(moved))}" if moved else ""
+    yield f"{result.compared} numbers compared with {shorten(baseline.absolute())}: {len(result.moved)} moved{trials}"
+    near = result.nearest
+    if near is not None and near.tolerance_used > 0:
+        yield f"largest change within tolerance: {near.trial}, {near.name}, {100 * near.tolerance_used:.2g} % of it"
 
 
 def _row(one: Change) -> list[str]:
-    row = [one.trial, one.name, _shown(one.before, one.unit), _shown(one.now, one.unit)]
+    row = [one.trial, one.name, _format(one.before, one.unit), _format(one.now, one.unit)]
     if isinstance(one.before, float | int) and isinstance(one.now, float | int):
-        return [*row, _shown(one.now - one.before, one.unit), _shown(one.tolerance, one.unit)]
+        return [*row, _format(one.now - one.before, one.unit), _format(one.tolerance, one.unit)]
     return [*row, "", "none"]
 
 
-def _shown(value: float | str | None, unit: str) -> str:
+def _format(value: float | str | None, unit: str) -> str:
     if value is None:
         return "unknown"
     return value if isinstance(value, str) else f"{value:.6g} {unit}".rstrip()

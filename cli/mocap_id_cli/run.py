@@ -17,31 +17,32 @@ from mocap_id.stages import STAGES
 from mocap_id.stages.trial_keys import Protocol
 from mocap_id.verdict import Reason
 from mocap_id_cli import progress
-from mocap_id_cli.console import AsJson, Quiet, Verbose, log_to_stderr, one_of, print_json, short
+from mocap_id_cli.console import AsJson, Quiet, Verbose, log_to_stderr, offer, print_json, shorten
 
-Source = Annotated[
+_Source = Annotated[
     Path,
     typer.Argument(
         metavar="TRIAL", help="The trial's YAML file, or a recording: C3D, TRC or a text export.", show_default=False
     ),
 ]
-TrialFile = Annotated[Path, typer.Argument(metavar="TRIAL.yaml", help="The trial's configuration.", show_default=False)]
+_TrialFile = Annotated[
+    Path, typer.Argument(metavar="TRIAL.yaml", help="The trial's configuration.", show_default=False)
+]
+_PROTOCOLS = get_args(Protocol)
 
 
 def run(
-    trial: Source,
+    trial: _Source,
     *,
     forces: Annotated[Path | None, typer.Option(help="MOT file with the forces of a TRC file.")] = None,
     protocol: Annotated[
         str | None,
-        typer.Option(
-            help="free, sit-to-stand, robot-joint, reach or curl.", autocompletion=one_of(*get_args(Protocol))
-        ),
+        typer.Option(help="free, sit-to-stand, robot-joint, reach or curl.", autocompletion=offer(*_PROTOCOLS)),
     ] = None,
-    space: Annotated[str | None, typer.Option(help="plane or 3d.", autocompletion=one_of("plane", "3d"))] = None,
+    space: Annotated[str | None, typer.Option(help="plane or 3d.", autocompletion=offer("plane", "3d"))] = None,
     side: Annotated[
         str | None,
-        typer.Option(help="Side of the arm in space: right or left.", autocompletion=one_of("right", "left")),
+        typer.Option(help="Side of the arm in space: right or left.", autocompletion=offer("right", "left")),
     ] = None,
     window: Annotated[
         tuple[float, float] | None, typer.Option(metavar="FIRST LAST", help="First and last time to use, s.")
@@ -66,29 +67,29 @@ def run(
     """
     log_to_stderr(quiet, verbose)
     subject = {name: value for name, value in (("height", height), ("mass", mass)) if value is not None}
-    given = {"protocol": protocol, "space": space, "side": side, "window": window, "subject": subject, "out": out}
-    settings = {name: value for name, value in given.items() if value}
-    found = mocap_id.run(trial, forces=forces, save=save, progress=progress.of_stages(quiet), **settings)
-    _print_run(found, as_json)
-    if open_report and not found.open_report():
+    options = {"protocol": protocol, "space": space, "side": side, "window": window, "subject": subject, "out": out}
+    settings = {name: value for name, value in options.items() if value}
+    result = mocap_id.run(trial, forces=forces, save=save, progress=progress.report_stages(quiet), **settings)
+    _print_run(result, as_json)
+    if open_report and not result.open_report():
         typer.echo("no browser could be opened here: open the report yourself", err=True)
-    if found.refused:
+    if result.refused:
         raise typer.Exit(Refused.exit_code)
 
 
-def stage_command(name: str) -> Callable[..., None]:
+def make_stage_command(name: str) -> Callable[..., None]:
     """Return the command of one stage."""
     stage = next(stage for stage in STAGES if stage.name == name)
 
-    def command(trial: TrialFile, *, as_json: AsJson = False, quiet: Quiet = False, verbose: Verbose = False) -> None:
+    def command(trial: _TrialFile, *, as_json: AsJson = False, quiet: Quiet = False, verbose: Verbose = False) -> None:
         log_to_stderr(quiet, verbose)
-        outcome = runner.run_stage(load(trial), stage.name, progress=progress.of_stages(quiet))
+        outcome = runner.run_stage(load(trial), stage.name, progress=progress.report_stages(quiet))
         if outcome.refused is not None:
             _print_run(mocap_id.open(outcome.folder), as_json, outcome.steps)
             raise typer.Exit(Refused.exit_code)
-        files = [short(outcome.folder / file) for file in stage.outputs]
+        files = [shorten(outcome.folder / file) for file in stage.outputs]
         if as_json:
-            print_json({"folder": short(outcome.folder), "steps": outcome.steps, "files": files}, asdict)
+            print_json({"folder": shorten(outcome.folder), "steps": outcome.steps, "files": files}, asdict)
         else:
             typer.echo("\n".join(files))
 
@@ -98,19 +99,18 @@ def stage_command(name: str) -> Callable[..., None]:
 
 def _print_run(run: mocap_id.Run, as_json: bool, steps: tuple[runner.Step, ...] = ()) -> None:
     """Print the verdict, its reasons and the report's path."""
-    report = short(run.report)
+    report = shorten(run.report)
     if as_json:
-        result = {"trial": run.name, "verdict": run.summary["verdict"], "folder": short(run.folder)}
+        result = {"trial": run.name, "verdict": run.summary["verdict"], "folder": shorten(run.folder)}
         print_json(result | {"report": report, "steps": run.steps or steps}, asdict)
         return
     typer.echo(f"verdict: {run.verdict.level}")
     for reason in run.verdict.reasons:
-        typer.echo(f"  {reason.code}: {reason.message}{_numbers(reason)}")
+        typer.echo(f"  {reason.code}: {reason.message}{_format_numbers(reason)}")
     typer.echo(f"report: {report}")
 
 
-def _numbers(reason: Reason) -> str:
-    numbers = [
-        f"{name} {value:.4g}" for name, value in (("value", reason.value), ("limit", reason.limit)) if value is not None
-    ]
-    return f" ({', '.join(numbers)})" if numbers else ""
+def _format_numbers(reason: Reason) -> str:
+    numbers = (("value", reason.value), ("limit", reason.limit))
+    known = [f"{name} {value:.4g}" for name, value in numbers if value is not None]
+    return f" ({', '.join(known)})" if known else ""

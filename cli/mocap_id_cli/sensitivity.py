@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from mocap_id_cli import progress
-from mocap_id_cli.console import Quiet, TrialPath, Verbose, log_to_stderr, print_json, short
+from mocap_id_cli.console import AsJson, Quiet, TrialPath, Verbose, log_to_stderr, print_result, shorten
 
 if TYPE_CHECKING:
     from mocap_id.workflows.sensitivity.runs import PerturbationRun
@@ -29,11 +29,13 @@ def sensitivity(
             metavar="KIND", help="Apply only this kind, such as clock-offset (repeatable; docs/sensitivity.md)."
         ),
     ] = None,
-    jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, help="Number of perturbations at a time.")] = 2,
+    jobs: Annotated[
+        int, typer.Option("--jobs", "-j", min=1, help="Number of perturbations that run at the same time.")
+    ] = 2,
     out: Annotated[
         Path | None, typer.Option(metavar="FOLDER", help="Output folder; default: <run folder>-sensitivity.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print sensitivity.json.")] = False,
+    as_json: AsJson = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
@@ -45,36 +47,31 @@ def sensitivity(
     from mocap_id.workflows.sensitivity import plan, study  # noqa: PLC0415  no other command has to wait for it
 
     log_to_stderr(quiet, verbose)
-    chosen = (plan.SensitivityOptions() if settings is None else plan.read_options(settings)).only(only or ())
+    options = (plan.SensitivityOptions() if settings is None else plan.read_options(settings)).only(only or ())
     start = time.perf_counter()
-    found = study.sensitivity(
-        trial, chosen, jobs=jobs, out=out, progress=progress.of_stages(quiet), tell=_report(quiet)
+    result = study.sensitivity(
+        trial, options, jobs=jobs, out=out, progress=progress.report_stages(quiet), tell=_report_runs(quiet)
     )
     if not quiet:
-        spent = sum(one.seconds for one in found.result.runs)
-        wall = time.perf_counter() - start
-        typer.echo(
-            f"perturbations: {len(found.result.runs)}, {spent:.1f} s of processor time, {wall:.1f} s in all", err=True
-        )
-    if as_json:
-        print_json(found.document)
-    else:
-        typer.echo("\n".join(_lines(found, chosen.tolerance)))
+        runs, wall = result.result.runs, time.perf_counter() - start
+        spent = sum(run.seconds for run in runs)
+        typer.echo(f"perturbations: {len(runs)}, {spent:.1f} s of processor time, {wall:.1f} s in all", err=True)
+    print_result(as_json, result.document, _lines(result, options.tolerance))
 
 
-def _report(quiet: bool) -> Any:
-    def tell(done: PerturbationRun, number: int, count: int) -> None:
-        fate = "" if done.estimates is not None else "  refused" if done.refused else "  failed"
-        typer.echo(f"{number:>4}/{count}  {done.perturbation.name:<36}{done.seconds:6.2f} s{fate}", err=True)
+def _report_runs(quiet: bool) -> Any:
+    def report(run: PerturbationRun, number: int, count: int) -> None:
+        outcome = "" if run.estimates is not None else "  refused" if run.refused else "  failed"
+        typer.echo(f"{number:>4}/{count}  {run.perturbation.name:<36}{run.seconds:6.2f} s{outcome}", err=True)
 
-    return (lambda done, number, count: None) if quiet else tell
+    return (lambda run, number, count: None) if quiet else report
 
 
-def _lines(found: SensitivityOutput, share: float) -> Iterator[str]:
+def _lines(output: SensitivityOutput, share: float) -> Iterator[str]:
     from mocap_id.reporting.sensitivity.page import criterion  # noqa: PLC0415  as above
 
-    yield f"{found.result.trial}: what this trial tolerates. {criterion(share)}"
-    if found.result.note:
-        yield f"note: {found.result.note}"
-    yield from (f"  {row['sentence']}" for row in found.document["tolerates"])
-    yield f"written: {short(found.folder.absolute())}"
+    yield f"{output.result.trial}: what this trial tolerates. {criterion(share)}"
+    if output.result.note:
+        yield f"note: {output.result.note}"
+    yield from (f"  {row['sentence']}" for row in output.document["tolerates"])
+    yield f"written: {shorten(output.folder.absolute())}"

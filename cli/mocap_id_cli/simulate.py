@@ -1,18 +1,17 @@
-"""``mocap-id simulate``: trials, robot studies and cohorts whose truth is known.
+"""``mocap-id simulate``: trials, robot studies and cohorts whose exact truth is known.
 
-The options of the commands, with their defaults and help texts, are the fields of :class:`mocap_id.simulation.Options`,
-and for trials in space those of :class:`~mocap_id.simulation.arm.ArmOptions`,
-:class:`~mocap_id.simulation.arm.ChainOptions` and :class:`~mocap_id.simulation.space_robot.SpaceRobotOptions`.
+The options of the commands, with their defaults and help texts, are the fields of the options in
+:mod:`mocap_id.simulation`.
 """
 
 from __future__ import annotations
 
 import inspect
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import fields, replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, TypeAlias, cast, get_args, get_type_hints
+from typing import Annotated, Any, TypeAlias, cast, get_type_hints
 
 import typer
 
@@ -31,173 +30,141 @@ from mocap_id.simulation.arm import (
 from mocap_id.simulation.arm.pneumatic_device import CurlCondition
 from mocap_id.simulation.options import FaultOptions, read_faults, read_people
 from mocap_id.simulation.space_robot import SpaceRobotOptions, simulate_space_robot
+from mocap_id_cli.console import make_group
 
-Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="A new folder.", show_default=False)]
+_Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="A new folder.", show_default=False)]
 _AnyOptions: TypeAlias = Options | ArmOptions | ChainOptions | SpaceRobotOptions
-_TEXTS = {"people": read_people, "faults": read_faults}
+_PARSERS = {"people": read_people, "faults": read_faults}
 _HELP = {
     "people": "Differences between the person and rigid segments on pins: "
     + ", ".join(each.name for each in fields(PersonOptions))
     + ".",
     "faults": "Faults of the recording: " + ", ".join(each.name for each in fields(FaultOptions)) + ".",
 }
-_TRIALS: dict[Kind, str] = {
-    "sit-to-stand": "Simulate a person who stands up and sits down.",
-    "robot": "Simulate a robot that turns one joint in a vertical plane.",
-}
-_READY = "FOLDER then has the recording, its exact truth and a trial.yaml that is ready to run."
+_TRIAL = "FOLDER then contains the recording, its exact truth and a trial.yaml that is ready to run."
+_STUDY = "FOLDER then contains their recordings, the exact truth and a study.yaml that is ready to run."
 _ROBOT_SET = (
     *("seed", "repetitions", "rate", "analog_rate", "marker_noise", "occlusions", "plate_noise", "plate_bias"),
     "clock_offset",
 )
-_REACH_COHORT = ("seed", "preset", "cycles", "glide_mm", "rate", "soft_tissue", "anonymous")
-_CURL_STUDY = ("seed", "preset", "rate", "soft_tissue", "anonymous")
 _COHORT = (*_ROBOT_SET, "soft_tissue", "jumps", "seat_plate", "people")
+_CURL_STUDY = ("seed", "preset", "rate", "soft_tissue", "anonymous")
+_REACH_COHORT = (*_CURL_STUDY, "cycles", "glide_mm")
 
 
 def commands() -> typer.Typer:
     """Return the commands of ``mocap-id simulate``."""
-    app = typer.Typer(
-        no_args_is_help=True,
-        add_completion=False,
-        rich_markup_mode=None,
-        help="Simulate recordings whose exact truth is known.",
+    plane = [each.name for each in fields(Options) if each.name != "subject"]
+    trials: tuple[tuple[str, Callable[..., Path], str, _AnyOptions], ...] = (
+        ("sit-to-stand", partial(_trial, "sit-to-stand"), "a person who stands up and sits down", Options()),
+        ("robot", partial(_trial, "robot"), "a robot that moves one joint in a vertical plane", Options()),
+        ("arm", _arm, "an arm that reaches or curls, in space", ArmOptions()),
+        ("chain", _chain, "a chain of bodies without names, in space", ChainOptions()),
+        ("robot-in-space", _space_robot, "a robot on a force plate that moves in space", SpaceRobotOptions()),
     )
-    every = tuple(name for name in _names(Options()) if name != "subject")
-    for kind in get_args(Kind):
-        app.command(kind)(_with_options(partial(_trial, kind), f"{_TRIALS[kind]}\n\n{_READY}", Options(), every))
-    in_space: tuple[tuple[str, Callable[..., Path], _AnyOptions], ...] = (
-        ("arm", _arm, ArmOptions()),
-        ("chain", _chain, ChainOptions()),
-        ("robot-in-space", _space_robot, SpaceRobotOptions()),
+    made = {}
+    for name, write, text, options in trials:
+        names = plane if isinstance(options, Options) else [each.name for each in fields(options)]
+        made[name] = _make_command(write, f"Simulate {text}.\n\n{_TRIAL}", options, names)
+    robot_set = (
+        "Simulate the thesis's robot study.\n\nEach joint moves at two speeds in two orientations. FOLDER then "
+        "contains the recordings, their exact truth and a robot-study.yaml."
     )
-    for name, write, defaults in in_space:
-        app.command(name)(_with_options(write, write.__doc__, defaults, _names(defaults)))
-    app.command("robot-set")(_with_options(_robot_set, _robot_set.__doc__, RobotSet().options, _ROBOT_SET))
-    app.command("cohort")(_with_options(_cohort, _cohort.__doc__, Cohort().options, _COHORT))
-    reach = _with_options(_reach_cohort, _reach_cohort.__doc__, ReachCohort().options, _REACH_COHORT)
-    app.command("reach-cohort")(reach)
-    curls = _with_options(_curl_study, _curl_study.__doc__, CurlStudy().options, _CURL_STUDY)
-    app.command("curl-study")(curls)
-    return app
+    cohort = f"Simulate several people who stand up and sit down.\n\n{_STUDY}"
+    curls = f"Simulate people who curl with a pneumatic device.\n\n{_STUDY}"
+    made["robot-set"] = _make_command(_robot_set, robot_set, RobotSet().options, _ROBOT_SET)
+    made["cohort"] = _make_command(_cohort, cohort, Cohort().options, _COHORT)
+    reaches = f"Simulate people who reach.\n\n{_STUDY}"
+    made["reach-cohort"] = _make_command(_reach_cohort, reaches, ReachCohort().options, _REACH_COHORT)
+    made["curl-study"] = _make_command(_curl_study, curls, CurlStudy().options, _CURL_STUDY)
+    return make_group("Simulate recordings whose exact truth is known.", **made)
 
 
-def _names(options: _AnyOptions) -> tuple[str, ...]:
-    return tuple(each.name for each in fields(options))
-
-
-def _with_options(
-    simulate: Callable[..., Path], doc: str | None, defaults: _AnyOptions, names: tuple[str, ...]
+def _make_command(
+    simulate: Callable[..., Path], text: str, defaults: _AnyOptions, names: Sequence[str]
 ) -> Callable[..., None]:
-    """Return a command with the parameters of ``simulate`` and, in place of ``options``, the options named."""
+    """Return a command with the parameters of ``simulate``; some fields of its ``options`` become parameters."""
 
     def command(**values: Any) -> None:
         chosen = {name: values.pop(name) for name in names}
-        for name, read in _TEXTS.items():
-            if name in chosen:
-                chosen[name] = read(chosen[name])
+        chosen |= {name: parse(chosen[name]) for name, parse in _PARSERS.items() if name in chosen}
         typer.echo(simulate(options=replace(defaults, **chosen), **values))
 
     own = [each for each in inspect.signature(simulate, eval_str=True).parameters.values() if each.name != "options"]
-    signature = inspect.Signature([*own, *_parameters(defaults, names)])
+    signature = inspect.Signature([*own, *_make_parameters(defaults, names)])
     command.__signature__ = signature  # type: ignore[attr-defined]
     command.__annotations__ = {each.name: each.annotation for each in signature.parameters.values()}
-    command.__doc__ = doc
+    command.__doc__ = text
     return command
 
 
-def _parameters(defaults: _AnyOptions, names: tuple[str, ...]) -> Iterator[inspect.Parameter]:
+def _make_parameters(defaults: _AnyOptions, names: Sequence[str]) -> Iterator[inspect.Parameter]:
     types = get_type_hints(type(defaults))
     for each in fields(defaults):
         if each.name not in names:
             continue
         kind, option = types[each.name], typer.Option(getattr(defaults, each.name), help=each.metadata.get("help"))
-        if each.name in _TEXTS:
+        if each.name in _PARSERS:
             kind, option = str, typer.Option("", metavar="NAME=VALUE,...", show_default=False, help=_HELP[each.name])
         yield inspect.Parameter(each.name, inspect.Parameter.KEYWORD_ONLY, default=option, annotation=kind)
 
 
-def _trial(kind: Kind, folder: Folder, *, options: Options) -> Path:
+def _trial(kind: Kind, folder: _Folder, *, options: Options) -> Path:
     return simulation.simulate(kind, folder, options)
 
 
-def _arm(folder: Folder, *, options: ArmOptions) -> Path:
-    """Simulate an arm that reaches or curls, in space.
-
-    FOLDER then has the recording, its exact truth and a trial.yaml that is ready to run.
-    """
+def _arm(folder: _Folder, *, options: ArmOptions) -> Path:
     return write_arm(folder, options)
 
 
-def _chain(folder: Folder, *, options: ChainOptions) -> Path:
-    """Simulate a chain of bodies without names, in space.
-
-    FOLDER then has the recording, its exact truth and a trial.yaml that is ready to run.
-    """
+def _chain(folder: _Folder, *, options: ChainOptions) -> Path:
     return write_chain(folder, options)
 
 
-def _space_robot(folder: Folder, *, options: SpaceRobotOptions) -> Path:
-    """Simulate a robot on a force plate that moves in space.
-
-    Its joints move together. FOLDER then has the recording, its exact truth and a trial.yaml that is ready to run.
-    """
+def _space_robot(folder: _Folder, *, options: SpaceRobotOptions) -> Path:
     return simulate_space_robot(folder, options)
 
 
 def _robot_set(
-    folder: Folder,
+    folder: _Folder,
     *,
     repeats: Annotated[int, typer.Option(help="Trials of each joint, speed and orientation.")] = RobotSet.repeats,
     options: Options,
 ) -> Path:
-    """Simulate the thesis's robot study.
-
-    Each joint moves at two speeds in two orientations. FOLDER then has the recordings, their exact truth and a
-    robot-study.yaml.
-    """
     return simulation.simulate_robot_set(folder, RobotSet(repeats, options=options))
 
 
 def _cohort(
-    folder: Folder,
+    folder: _Folder,
     *,
-    subjects: Annotated[int, typer.Option(help="Number of persons, alternately female and male.")] = Cohort.subjects,
+    subjects: Annotated[int, typer.Option(help="Number of people, alternately female and male.")] = Cohort.subjects,
     strategies: Annotated[str, typer.Option(help="Strategies of rising, separated by commas.")] = ",".join(
         Cohort.strategies
     ),
     trials: Annotated[int, typer.Option(help="Trials of each person and strategy.")] = Cohort.trials,
     options: Options,
 ) -> Path:
-    """Simulate several people who stand up and sit down.
-
-    FOLDER then has their recordings, the exact truth and a study.yaml that is ready to run.
-    """
     names = tuple(cast(Strategy, name.strip()) for name in strategies.split(","))
     return simulation.simulate_cohort(folder, Cohort(subjects, names, trials, options))
 
 
 def _reach_cohort(
-    folder: Folder,
+    folder: _Folder,
     *,
     subjects: Annotated[int, typer.Option(help="Number of people, from healthy to severely limited.")] = (
         ReachCohort.subjects
     ),
     sessions: Annotated[int, typer.Option(help="Sessions of each person, both arms in each.")] = ReachCohort.sessions,
     skeletons: Annotated[
-        bool, typer.Option("--skeletons", help="Skeletons of a depth camera instead of markers.")
+        bool, typer.Option("--skeletons", help="Write skeletons of a depth camera instead of markers.")
     ] = ReachCohort.skeletons,
     options: ArmOptions,
 ) -> Path:
-    """Simulate people who reach.
-
-    FOLDER then has their recordings, the exact truth and a study.yaml that is ready to run.
-    """
     return simulate_reach_cohort(folder, ReachCohort(subjects, sessions, skeletons, options))
 
 
 def _curl_study(
-    folder: Folder,
+    folder: _Folder,
     *,
     subjects: Annotated[int, typer.Option(help="Number of people.")] = CurlStudy.subjects,
     trials: Annotated[int, typer.Option(help="Trials of each person and condition.")] = CurlStudy.trials,
@@ -206,9 +173,5 @@ def _curl_study(
     ),
     options: ArmOptions,
 ) -> Path:
-    """Simulate people who curl with a pneumatic device.
-
-    FOLDER then has their recordings, the exact truth and a study.yaml that is ready to run.
-    """
     names = tuple(cast(CurlCondition, name.strip()) for name in conditions.split(","))
     return simulate_curl_study(folder, CurlStudy(subjects, trials, names, options))

@@ -10,7 +10,7 @@ import typer
 from mocap_id.config import load
 from mocap_id.runner import make_rules
 from mocap_id.stages import STAGES
-from mocap_id_cli.settings import settings_yaml
+from mocap_id_cli.settings import format_settings_yaml
 
 
 def stages(
@@ -27,7 +27,7 @@ def stages(
         typer.echo("MOCAP_ID ?= mocap-id")
         typer.echo(make_rules([load(file) for file in make], "$(MOCAP_ID)"), nl=False)
     elif settings:
-        typer.echo(settings_yaml(), nl=False)
+        typer.echo(format_settings_yaml(), nl=False)
     else:
         for stage in STAGES:
             typer.echo(f"{stage.name}: {stage.help}")

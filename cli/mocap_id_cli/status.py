@@ -11,7 +11,7 @@ import typer
 from mocap_id import runner
 from mocap_id.config import Trial
 from mocap_id.workflows.batch import find_trials
-from mocap_id_cli.console import AsJson, TrialFiles, print_json, short
+from mocap_id_cli.console import AsJson, TrialFiles, count_trials, print_json, shorten
 
 
 def status(named: TrialFiles, *, as_json: AsJson = False) -> None:
@@ -20,22 +20,23 @@ def status(named: TrialFiles, *, as_json: AsJson = False) -> None:
     Nothing is computed or written.
     """
     trials, unreadable = find_trials(named)
-    found = [(trial, runner.status(trial)) for trial in trials]
+    states = [(trial, runner.status(trial)) for trial in trials]
     if as_json:
         entries = [
-            {"trial": trial.name, "folder": short(trial.out), "done": one.done, **asdict(one)} for trial, one in found
+            {"trial": trial.name, "folder": shorten(trial.out), "done": one.done, **asdict(one)}
+            for trial, one in states
         ]
-        entries += [{"trial": None, "file": short(one.file), "failure": str(one.error)} for one in unreadable]
+        entries += [{"trial": None, "file": shorten(one.file), "failure": str(one.error)} for one in unreadable]
         print_json(entries)
         return
-    width = max((len(trial.name) for trial, _ in found), default=0)
-    for trial, one in found:
+    width = max((len(trial.name) for trial, _ in states), default=0)
+    for trial, one in states:
         typer.echo("\n".join(_lines(trial, one, width)))
     for wrong in unreadable:
         typer.echo(str(wrong.error))
-    counts = Counter("done" if one.done else "to do" for _, one in found) + Counter({"unreadable": len(unreadable)})
-    total = len(found) + len(unreadable)
-    typer.echo(f"{total} trial{'s' * (total != 1)}: " + ", ".join(f"{n} {what}" for what, n in counts.items()))
+    counts = Counter("done" if one.done else "to do" for _, one in states) + Counter({"unreadable": len(unreadable)})
+    text = ", ".join(f"{count} {state}" for state, count in counts.items())
+    typer.echo(f"{count_trials(len(states) + len(unreadable))}: {text}")
 
 
 def _lines(trial: Trial, one: runner.TrialStatus, width: int) -> Iterator[str]:

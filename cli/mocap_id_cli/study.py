@@ -2,26 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from mocap_id_cli import progress
-from mocap_id_cli.console import Quiet, Verbose, log_to_stderr, print_json, short
+from mocap_id_cli.console import AsJson, Jobs, Quiet, Verbose, describe_verdict, log_to_stderr, print_result, shorten
 
 if TYPE_CHECKING:
     from mocap_id.workflows.study import StudyResult
 
-StudyFile = Annotated[Path, typer.Argument(metavar="STUDY.yaml", help="The study's file.", show_default=False)]
-
 
 def study(
-    file: StudyFile,
+    file: Annotated[Path, typer.Argument(metavar="STUDY.yaml", help="The study's file.", show_default=False)],
     *,
-    jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, help="Number of trials at a time.")] = 1,
-    as_json: Annotated[bool, typer.Option("--json", help="Print study.json.")] = False,
+    jobs: Jobs = 1,
+    as_json: AsJson = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
@@ -33,30 +31,20 @@ def study(
     from mocap_id.workflows import study as workflow  # noqa: PLC0415  no other command has to wait for it
 
     log_to_stderr(quiet, verbose)
-    found = workflow.run_study(file, jobs, begin=progress.trial_count(quiet), tell=progress.of_trials(quiet))
+    result = workflow.run_study(file, jobs, begin=progress.show_trial_count(quiet), tell=progress.report_trials(quiet))
     progress.stop()
-    if as_json:
-        print_json(found.document)
-    else:
-        typer.echo("\n".join(_lines(found)))
-    if found.failed:
+    print_result(as_json, result.document, _lines(result))
+    if result.failed:
         raise typer.Exit(1)
 
 
-def _lines(found: StudyResult) -> Iterator[str]:
-    verdicts = found.document["trials"]
-    width = max(len(trial["trial"]) for trial in verdicts)
-    for trial, done in zip(verdicts, found.runs, strict=True):
-        yield f"{trial['trial']:<{width}}  {_verdict(trial)}"
-        if done.message is not None:  # names the files, which the user has to find
-            yield from (f"{'':<{width}}    {line}" for line in done.message.splitlines())
-    yield f"{len(verdicts) - len(found.failed)} of {len(verdicts)} trials went through"
-    yield f"tables: {short(found.study.folder)}"
-    yield f"page: {short(found.page)}"
-
-
-def _verdict(trial: Mapping[str, Any]) -> str:
-    about = ", ".join(trial["codes"])
-    if trial["verdict"] == "failed":
-        about = f"exit code {trial['exit_code']}"
-    return f"{trial['verdict']}" + (f" ({about})" if about else "")
+def _lines(result: StudyResult) -> Iterator[str]:
+    trials = result.document["trials"]
+    width = max(len(trial["trial"]) for trial in trials)
+    for trial, run in zip(trials, result.runs, strict=True):
+        yield f"{trial['trial']:<{width}}  {describe_verdict(trial)}"
+        if run.message is not None:  # unlike the document, it names the files, which the user has to find
+            yield from (f"{'':<{width}}    {line}" for line in run.message.splitlines())
+    yield f"{len(trials) - len(result.failed)} of {len(trials)} trials have results"
+    yield f"tables: {shorten(result.study.folder)}"
+    yield f"page: {shorten(result.page)}"

@@ -11,16 +11,16 @@ import typer
 
 from mocap_id.dynamics.comparison import Agreement
 from mocap_id.workflows import transfer as workflow
-from mocap_id.workflows.transfer import table as transfer_table
 from mocap_id_cli import progress
-from mocap_id_cli.console import AsJson, Quiet, Verbose, aligned, log_to_stderr, print_json
+from mocap_id_cli.console import AsJson, Quiet, Verbose, align, log_to_stderr, print_result
 
 _VERDICTS = {
-    True: "verdict: supported; the transferred body differs significantly from the table's and is closer to the forces",
-    False: "verdict: not supported by these recordings, for the reasons above; a table's body is as good",
-    None: "verdict: nothing contradicts it, but without forces or a table's body it cannot be confirmed",
+    True: "verdict: supported; the transferred body differs significantly from the allometric body and is closer to "
+    "the forces",
+    False: "verdict: not supported by these recordings, for the reasons above; the allometric body is as good",
+    None: "verdict: nothing contradicts it, but without forces or an allometric body it cannot be confirmed",
 }
-_SHOWN = {"Fx": ("N", 1.0), "Fy": ("N", 1.0), "tauz": ("N·m", 1.0), "cop_x": ("mm", 1e3)}
+_UNITS = {"Fx": ("N", 1.0), "Fy": ("N", 1.0), "tauz": ("N·m", 1.0), "cop_x": ("mm", 1e3)}
 
 
 def transfer(
@@ -39,7 +39,9 @@ def transfer(
         ),
     ],
     *,
-    out: Annotated[Path | None, typer.Option(metavar="FILE", help="Write the table, .csv or .parquet.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Write the table to this file, .csv or .parquet.")
+    ] = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
@@ -51,51 +53,46 @@ def transfer(
     """
     log_to_stderr(quiet, verbose)
     if out is not None:
-        transfer_table.check_format(out)
-    found = workflow.transfer(model, trials, progress.of_stages(quiet))
+        workflow.check_format(out)
+    result = workflow.transfer(model, trials, progress.report_stages(quiet))
     if out is not None:
-        transfer_table.write(found, out)
-    if as_json:
-        print_json(transfer_table.as_json(found))
-        return
-    typer.echo("\n".join(_lines(found)))
+        workflow.write(result, out)
+    print_result(as_json, workflow.as_json(result), _lines(result))
 
 
-def _lines(found: workflow.Transfer) -> Iterator[str]:
-    yield f"model of {found.model}; errors are model minus measurement: mean ± sd (rms)"
-    for trial in found.trials:
+def _lines(result: workflow.Transfer) -> Iterator[str]:
+    yield f"model of {result.model}; errors are model minus measurement: mean ± sd (rms)"
+    for trial in result.trials:
         condition = "unknown" if trial.condition is None else f"{trial.condition:.0f}"
         yield f"\n{trial.trial}: {trial.samples} samples, condition number {condition}"
-        yield from aligned([["", *(body.name for body in trial.bodies)], *_rows(trial)], numbers=True)
+        yield from align([["", *(body.name for body in trial.bodies)], *_rows(trial)], numbers=True)
         yield from _intervals(trial)
         yield from (f"  {reason.code}: {reason.message}" for reason in trial.reasons)
         yield _VERDICTS[trial.supported]
 
 
 def _intervals(trial: workflow.TrialTransfer) -> Iterator[str]:
-    """Yield the stated standard deviations of the transferred body, and the shares of samples in their intervals."""
+    """Yield a line with the stated standard deviations, and the shares of samples in the stated intervals."""
     known = {name: share for name, share in trial.inside.items() if math.isfinite(share)}
     if known:
         text = ", ".join(
-            f"{name} ± {_SHOWN[name][1] * trial.stated[name]:.1f} {_SHOWN[name][0]}: {100 * share:.0f} %"
+            f"{name} ± {_UNITS[name][1] * trial.stated[name]:.1f} {_UNITS[name][0]}: {100 * share:.0f} %"
             for name, share in known.items()
         )
         yield f"transferred, stated sd and share of the samples in its 95 % interval: {text}"
 
 
 def _rows(trial: workflow.TrialTransfer) -> Iterator[list[str]]:
-    for name, (unit, factor) in _SHOWN.items():
-        yield [f"{name} ({unit})", *(_error(body.errors.get(name), factor) for body in trial.bodies)]
+    for name, (unit, factor) in _UNITS.items():
+        yield [f"{name} ({unit})", *(_format_error(body.errors.get(name), factor) for body in trial.bodies)]
     for j in range(max(len(body.torques) for body in trial.bodies)):
-        yield [
-            f"tau_{j + 1} less own (N·m)",
-            *(_spread(body.torques[j]) if body.torques else "" for body in trial.bodies),
-        ]
+        values = (_format_mean_sd(body.torques[j]) if body.torques else "" for body in trial.bodies)
+        yield [f"tau_{j + 1} minus own (N·m)", *values]
 
 
-def _error(error: Agreement | None, factor: float) -> str:
-    return "–" if error is None else f"{_spread(error, factor)} ({factor * workflow.rms_error(error):.1f})"
+def _format_error(error: Agreement | None, factor: float) -> str:
+    return "–" if error is None else f"{_format_mean_sd(error, factor)} ({factor * workflow.rms_error(error):.1f})"
 
 
-def _spread(error: Agreement | None, factor: float = 1.0) -> str:
+def _format_mean_sd(error: Agreement | None, factor: float = 1.0) -> str:
     return "–" if error is None else f"{factor * error.bias:.1f} ± {factor * error.sd:.1f}"

@@ -11,7 +11,7 @@ import typer
 
 from mocap_id.simulation import RobotSet
 from mocap_id_cli import progress
-from mocap_id_cli.console import Quiet, Verbose, log_to_stderr, print_json, short
+from mocap_id_cli.console import AsJson, Jobs, Quiet, Verbose, log_to_stderr, make_group, print_result, shorten
 
 if TYPE_CHECKING:
     from mocap_id.workflows.robot_study import RobotStudyResult
@@ -19,22 +19,10 @@ if TYPE_CHECKING:
 
 def commands() -> typer.Typer:
     """Return the commands of ``mocap-id validate``."""
-    app = typer.Typer(
-        no_args_is_help=True,
-        add_completion=False,
-        rich_markup_mode=None,
-        help="Repeat the validation studies of the thesis.",
-    )
-    app.callback()(_studies)
-    app.command("robot")(robot)
-    return app
+    return make_group("Repeat the validation studies of the thesis.", robot=_robot)
 
 
-def _studies() -> None:
-    """Repeat the validation studies of the thesis."""
-
-
-def robot(
+def _robot(
     trials: Annotated[
         list[Path] | None,
         typer.Argument(
@@ -49,12 +37,12 @@ def robot(
         int, typer.Option(help="Simulated trials of each joint, speed and orientation.")
     ] = RobotSet.repeats,
     seed: Annotated[int, typer.Option(help="Seed of the simulated trials.")] = 1,
-    jobs: Annotated[int, typer.Option("--jobs", "-j", min=1, help="Number of trials at a time.")] = 1,
+    jobs: Jobs = 1,
     page: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Markdown page in which to replace the tables.", show_default=False),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print validation.json.")] = False,
+    as_json: AsJson = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
@@ -66,26 +54,22 @@ def robot(
     from mocap_id.workflows import robot_study as workflow  # noqa: PLC0415  no other command has to wait for it
 
     log_to_stderr(quiet, verbose)
-    options = replace(RobotSet().options, seed=seed)
-    found = workflow.validate_robot(
+    result = workflow.validate_robot(
         trials or [],
         out,
-        generated=RobotSet(repeats, options=options),
+        generated=RobotSet(repeats, options=replace(RobotSet().options, seed=seed)),
         jobs=jobs,
-        tell=progress.of_trials(quiet),
+        tell=progress.report_trials(quiet),
         page=page,
     )
-    if as_json:
-        print_json(found.document)
-    else:
-        typer.echo("\n".join(_lines(found)))
-    if found.failed:
+    print_result(as_json, result.document, _lines(result))
+    if result.failed:
         raise typer.Exit(1)
 
 
-def _lines(found: RobotStudyResult) -> Iterator[str]:
-    for done in found.failed:
-        yield f"{done.trial}: {done.message}"
-    yield f"{len(found.trials) - len(found.failed)} of {len(found.trials)} trials went through"
-    yield f"tables: {short(found.folder)}"
-    yield f"page: {short(found.page)}"
+def _lines(result: RobotStudyResult) -> Iterator[str]:
+    for run in result.failed:
+        yield f"{run.trial}: {run.message}"
+    yield f"{len(result.trials) - len(result.failed)} of {len(result.trials)} trials have results"
+    yield f"tables: {shorten(result.folder)}"
+    yield f"page: {shorten(result.page)}"

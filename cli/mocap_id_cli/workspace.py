@@ -50,7 +50,7 @@ def workspace(
     """
     log_to_stderr(quiet, verbose)
     paths = [trial] if compare is None else [trial, compare]
-    subjects = [workflow.read_arm(path, tip, quantile, progress.of_stages(quiet)) for path in paths]
+    subjects = [workflow.read_arm(path, tip, quantile, progress.report_stages(quiet)) for path in paths]
     reaches = [workflow.measure(subject, samples, seed) for subject in subjects]
     change = workflow.compare(*reaches) if compare is not None else None
     later = reaches[1] if compare is not None else None
@@ -83,5 +83,5 @@ def _change(change: Overlay) -> str:
     unit = "m²" if change.points.shape[1] == 2 else "m³"
     return (
         f"from the first to the second: gained {change.gained:.5f} {unit}, lost {change.lost:.5f}, kept "
-        f"{change.kept:.5f}; aligned at the first joint"
+        f"{change.kept:.5f}; align at the first joint"
     )

@@ -161,7 +161,7 @@ def test_an_interruption_stays_one_on_dask(cluster: Any) -> None:
 def test_a_lost_scheduler_says_how_to_go_on(cluster: Any) -> None:
     lost = distributed.comm.CommClosedError("closed")
     with (
-        pytest.raises(NumericalError, match="was lost: finished trials are kept"),
+        pytest.raises(NumericalError, match="broke: finished trials are kept"),
         DaskBackend(cluster.scheduler_address).workers(1),
     ):
         raise lost
@@ -216,7 +216,7 @@ def test_a_queue_that_takes_no_job(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
     monkeypatch.setitem(sys.modules, "dask_jobqueue", SimpleNamespace(SLURMCluster=Slurm))
     trials(tmp_path, NAMES[:2])
-    with pytest.raises(ConfigError, match="does not take the job of a worker: stderr: invalid partition: short"):
+    with pytest.raises(ConfigError, match="rejects the job of a worker: stderr: invalid partition: short"):
         run_batch([str(tmp_path)], tmp_path / "batch.parquet", backend=DaskBackend(cluster={"kind": "slurm"}))
     assert not (tmp_path / "runs").exists()
     assert not [one.name for one in caplog.records if one.name in ("asyncio", "tornado.application")]

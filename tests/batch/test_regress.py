@@ -16,7 +16,6 @@ from mocap_id.errors import RecordingError
 from mocap_id.workflows.parallel import LocalBackend
 from mocap_id.workflows.regress import Baseline, regress, update
 from mocap_id.workflows.regress.quantities import Quantity, quantities
-from mocap_id.workflows.regress.regression_check import tolerance_used
 
 
 @pytest.fixture(scope="module")
@@ -46,8 +45,8 @@ def test_a_number_that_moves_is_found(made: tuple[Path, Baseline]) -> None:
     other = replace(baseline, trials={"well": {**before, name: shifted}})
     found = regress([str(folder / "well.yaml")], other, LocalBackend())
     assert [(one.trial, one.name) for one in found.moved] == [("well", name)]
-    assert tolerance_used(found.moved[0]) == pytest.approx(1.5, rel=1e-6)
-    assert tolerance_used(replace(found.moved[0], tolerance=2.0 * found.moved[0].tolerance)) == pytest.approx(
+    assert found.moved[0].tolerance_used == pytest.approx(1.5, rel=1e-6)
+    assert replace(found.moved[0], tolerance=2.0 * found.moved[0].tolerance).tolerance_used == pytest.approx(
         0.75, rel=1e-6
     )
 
@@ -95,6 +94,6 @@ def test_a_tolerance_is_the_stated_interval() -> None:
 
 def test_the_last_pattern_that_fits_counts() -> None:
     baseline = Baseline(tolerances={"lengths_m.*": 0.1, "s01/lengths_m.*": 0.2})
-    assert baseline.tolerance("s01", "lengths_m.shank", 0.3) == 0.2
-    assert baseline.tolerance("s02", "lengths_m.shank", 0.3) == 0.1
-    assert baseline.tolerance("s02", "plane.yaw_deg", 0.3) == 0.3
+    assert baseline.find_tolerance("s01", "lengths_m.shank", 0.3) == 0.2
+    assert baseline.find_tolerance("s02", "lengths_m.shank", 0.3) == 0.1
+    assert baseline.find_tolerance("s02", "plane.yaw_deg", 0.3) == 0.3

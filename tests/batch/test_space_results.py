@@ -12,9 +12,9 @@ from mocap_id.errors import StoreError
 from mocap_id.reporting.summary import summarise, to_json
 from mocap_id.stages.report.function import report_data
 from mocap_id.store.views import Skeleton
-from mocap_id.workflows.batch.table import BatchTrial, row
-from mocap_id.workflows.compare.results import results
-from mocap_id.workflows.compare.series import series
+from mocap_id.workflows.batch.batch import BatchTrial, make_row
+from mocap_id.workflows.compare.results import compare_results
+from mocap_id.workflows.compare.series import compare_series
 from mocap_id.workflows.parallel import TrialRun
 from mocap_id.workflows.regress.quantities import quantities
 from mocap_id.workflows.run_folder import RunFolder
@@ -44,17 +44,17 @@ def test_a_centre_that_is_unknown_has_no_number_in_a_baseline() -> None:
 def test_a_row_of_a_batch(tmp_path: Path) -> None:
     run = TrialRun("s07", 0, None, None, None, computed=True, seconds=1.0)
     trial = BatchTrial(run=run, summary=summary_of(), file=tmp_path / "s07.yaml", out=tmp_path, folder=tmp_path)
-    found = row(trial)
+    found = make_row(trial)
     assert (found["segments"], found["verdict"], found["mass"]) == (4, "ok", 71.4)
 
 
 def test_two_runs_are_compared(tmp_path: Path) -> None:
     one, other = summary_of(), summary_of(known=False)
-    assert [difference.name for difference in results(one, one) if difference.differs] == []
-    changed = [difference.name for difference in results(one, other) if difference.differs]
+    assert [difference.name for difference in compare_results(one, one) if difference.differs] == []
+    changed = [difference.name for difference in compare_results(one, other) if difference.differs]
     assert {"shoulder x", "shoulder y", "shoulder z"} <= set(changed)
     run = RunFolder(tmp_path, tmp_path, SpatialTrial(frames=120).artefacts(plates=True), {})
-    found = {difference.name: difference for difference in series(run, run)}
+    found = {difference.name: difference for difference in compare_series(run, run)}
     assert found["dshoulder_plane"].unit == "rad/s" and not any(one.differs for one in found.values())
     assert {"Fz", "tauy", "isb_condition"} <= set(found)
 

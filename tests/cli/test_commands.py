@@ -12,7 +12,7 @@ import pytest
 
 from mocap_id import __version__
 from mocap_id.stages import STAGES
-from mocap_id_cli.app import loaded
+from mocap_id_cli.app import load_command
 from mocap_id_cli.commands import COMMANDS, Entry
 from swinging_link import pendulum
 
@@ -67,7 +67,7 @@ def test_a_run_loads_no_library_that_it_does_not_need(sample: str, tmp_path: Pat
 
 @pytest.mark.parametrize("entry", COMMANDS, ids=lambda entry: entry.name)
 def test_a_command_is_listed_with_its_own_first_sentence(entry: Entry) -> None:
-    command = loaded(entry)
+    command = load_command(entry)
     assert command.name == entry.name
     assert " ".join(command.help.split()).partition(". ")[0].rstrip(".") == entry.help.rstrip(".")
 

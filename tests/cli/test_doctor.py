@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from mocap_id.workflows.doctor import Finding, checks, machine
-from mocap_id.workflows.doctor.finding import release
-from mocap_id.workflows.doctor.packages import dependencies, package
+from mocap_id.workflows.doctor.packages import check_package, check_packages, parse_version
 
 
 def test_this_installation_works(cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -37,7 +36,7 @@ def test_the_line_before_compiling_is_printed_before_it(cli, monkeypatch: pytest
     def killed() -> Finding:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("mocap_id.workflows.doctor.compile_filter", killed)
+    monkeypatch.setattr("mocap_id.workflows.doctor.machine.compile_filter", killed)
     assert "about a minute" in cli("doctor", "--warm").err
 
 
@@ -64,16 +63,16 @@ def test_the_json_holds_every_check(cli, tmp_path: Path, monkeypatch: pytest.Mon
 
 def test_every_dependency_is_looked_at() -> None:
     wanted = [line for line in metadata.requires("mocap-id") or [] if "extra ==" not in line]
-    names = [check.name for check in dependencies()]
+    names = [check.name for check in check_packages()]
     assert len(names) == len(wanted) + 2  # Python and mocap-id itself
     assert all(any(line.startswith(name) for name in names) for line in wanted)
 
 
 def test_a_package_that_is_missing_old_or_broken(monkeypatch: pytest.MonkeyPatch) -> None:
-    missing = package("no-such-package-anywhere", "1.0")
+    missing = check_package("no-such-package-anywhere", "1.0")
     assert (missing.level, missing.found) == ("fail", "not installed")
     assert "pip install 'no-such-package-anywhere>=1.0'" in missing.advice
-    old = package("numpy", "999.0")
+    old = check_package("numpy", "999.0")
     assert old.level == "fail"
     assert "at least 999.0" in old.found
 
@@ -81,26 +80,26 @@ def test_a_package_that_is_missing_old_or_broken(monkeypatch: pytest.MonkeyPatch
         raise OSError("libfoo.so: cannot open")
 
     monkeypatch.setattr("importlib.import_module", broken)
-    assert "libfoo.so" in package("numpy", "1.0").found
+    assert "libfoo.so" in check_package("numpy", "1.0").found
 
 
 @pytest.mark.parametrize(
     ("newer", "older"), [("1.10", "1.9"), ("2.0", "2.0rc1"), ("3", "2.99.9"), ("0.61.2", "0.61"), ("1.0.post1", "1.0")]
 )
 def test_versions_are_ordered(newer: str, older: str) -> None:
-    assert release(newer) >= release(older)
+    assert parse_version(newer) >= parse_version(older)
 
 
 def test_a_failure_is_told_with_exit_code_1(cli, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(checks, "machine", lambda folder: iter([Finding("disk", "fail", "full", "make room")]))
+    monkeypatch.setattr(checks, "check_machine", lambda folder: iter([Finding("disk", "fail", "full", "make room")]))
     said = cli("doctor")
     assert said.code == 1
-    assert "does not work: disk" in said.out
+    assert "these checks failed: disk" in said.out
     assert "to do: make room" in said.out
 
 
 def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
-    found = list(machine.files(tmp_path / "nowhere"))
+    found = list(machine.check_files(tmp_path / "nowhere"))
     assert [check.level for check in found] == ["fail"]
     assert "out:" in found[0].advice
 
@@ -108,22 +107,22 @@ def test_a_folder_that_cannot_be_written(tmp_path: Path) -> None:
 def test_a_full_disk(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     usage = type("Usage", (), {"free": 5e7})
     monkeypatch.setattr("shutil.disk_usage", lambda folder: usage)
-    assert machine.room(tmp_path).level == "fail"
+    assert machine.check_space(tmp_path).level == "fail"
 
 
 def test_threads_that_are_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "8")
-    assert machine.threads().level == "warn"
+    assert machine.check_threads().level == "warn"
     for name in ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         monkeypatch.setenv(name, "1")
-    assert machine.threads().level == "ok"
+    assert machine.check_threads().level == "ok"
 
 
 def test_an_opensim_that_is_named_but_not_there(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("MOCAP_ID_OPENSIM_PYTHON", str(tmp_path / "python"))
-    assert checks.opensim(tmp_path).level == "warn"
+    assert checks.find_opensim(tmp_path).level == "warn"
     monkeypatch.delenv("MOCAP_ID_OPENSIM_PYTHON")
-    assert checks.opensim(tmp_path).level == "ok"
+    assert checks.find_opensim(tmp_path).level == "ok"
 
 
 def test_a_small_trial_that_breaks_is_a_finding(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -131,12 +130,12 @@ def test_a_small_trial_that_breaks_is_a_finding(monkeypatch: pytest.MonkeyPatch)
         raise RuntimeError("a library is missing\nand more")
 
     monkeypatch.setattr(checks, "simulate", broken)
-    found = checks.small_trial()
+    found = checks.run_small_trial()
     assert (found.level, found.found) == ("fail", "RuntimeError: a library is missing")
 
 
 def test_a_small_trial_runs() -> None:
-    found = checks.small_trial()
+    found = checks.run_small_trial()
     assert found.level == "ok", found
 
 

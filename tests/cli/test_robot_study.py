@@ -16,7 +16,7 @@ from mocap_id.config.robot_study import load_robot_study
 from mocap_id.errors import ConfigError
 from mocap_id.simulation import Options, RobotSet, simulate_robot_set
 from mocap_id.simulation.robot_set import robot_set_trials
-from mocap_id.workflows.figures import figures
+from mocap_id.workflows.figures import write_figures
 from mocap_id.workflows.robot_study import RobotStudyResult, validate_robot
 from mocap_id.workflows.robot_study.tables import TABLES, read_published
 
@@ -115,9 +115,9 @@ def test_files_say_what_they_hold(study: tuple[Path, RobotStudyResult]) -> None:
         assert stored.schema.field(-1).metadata[b"meaning"].decode() == table["columns"][-1]["meaning"]
     page = (out / "robot.html").read_text()
     assert page.count('class="chart" data-figure=') == 4  # one cell: one recovery
-    assert "2 of 2 trials went through" in page
+    assert "2 of 2 trials have results" in page
     assert "| elbow |" in (out / "robot.md").read_text()
-    drawn = {path.stem for path in figures(out)}
+    drawn = {path.stem for path in write_figures(out)}
     assert drawn == {"recovery-1", "wrench", "residuals", "accelerations", "captions"}
 
 
@@ -148,7 +148,7 @@ def test_a_labs_own_trials_without_truth_and_one_that_fails(
     )
     said = cli("validate", "robot", tmp_path / "study.yaml", "--out", tmp_path / "out", "--page", page)
     assert said.code == 1
-    assert "1 of 2 trials went through" in said.out and "nowhere.c3d" in said.out
+    assert "1 of 2 trials have results" in said.out and "nowhere.c3d" in said.out
     frame = pd.read_parquet(tmp_path / "out" / "trials.parquet")
     found = row(frame, trial="mine", method="cameras")
     assert found["against"] == "encoder"

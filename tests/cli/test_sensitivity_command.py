@@ -15,7 +15,7 @@ import pytest
 from mocap_id.config import load
 from mocap_id.runner import run_to
 from mocap_id.simulation import Options, simulate
-from mocap_id.workflows.figures import figures
+from mocap_id.workflows.figures import write_figures
 from mocap_id.workflows.sensitivity.tables import TABLES
 from swinging_link import pendulum
 
@@ -83,7 +83,7 @@ def _look_at_the_files(folder: Path, written: dict) -> None:
     page = html.unescape((folder / "sensitivity.html").read_text())
     assert 'data-figure="tornado"' in page
     assert all(row["sentence"][1:20] in page for row in written["tolerates"])
-    assert [file.name for file in figures(folder)] == ["captions.md", "tornado.svg", "tornado.pdf"]
+    assert [file.name for file in write_figures(folder)] == ["captions.md", "tornado.svg", "tornado.pdf"]
     assert set(written["files"]) == {path.name for path in folder.iterdir() if path.is_file()} - {"sensitivity.json"}
 
 

@@ -41,7 +41,7 @@ def test_one_failed_trial_makes_the_exit_code_1(cli, folder: Path) -> None:
     assert lines[0].startswith("one  caution")
     assert lines[1] == "two  failed (exit code 3)"
     assert "nowhere.trc: no such file" in lines[2]
-    assert lines[3] == "1 of 2 trials went through"
+    assert lines[3] == "1 of 2 trials have results"
     assert [line.split()[-1] for line in said.err.splitlines()][1:] == ["failed"]
     assert (folder / "runs" / "study" / "cohort.html").is_file()
 

@@ -24,7 +24,7 @@ from mocap_id.errors import ConfigError
 from mocap_id.stages import STAGE_HELP
 from mocap_id.workflows.parallel import backends
 from mocap_id.workflows.sensitivity.plan import read_options
-from mocap_id_cli.app import build, loaded
+from mocap_id_cli.app import build, load_command
 from mocap_id_cli.commands import COMMANDS
 
 KEYS = {field.alias or key for key, field in build_trial_model().model_fields.items()}
@@ -224,7 +224,9 @@ def check_command(line: str, *, whole: bool = True) -> None:
         assert words[0] in command.commands, f"there is no command {words[0]}"
         entry = next((entry for entry in COMMANDS if entry.name == words[0]), None)
         command = (
-            loaded(entry) if entry and entry.name == command.commands[words[0]].name else command.commands[words[0]]
+            load_command(entry)
+            if entry and entry.name == command.commands[words[0]].name
+            else command.commands[words[0]]
         )
         words = words[1:]
     if whole:

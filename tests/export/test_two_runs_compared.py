@@ -14,8 +14,8 @@ from mocap_id.errors import StoreError
 from mocap_id.store.artefacts import Table
 from mocap_id.store.schemas import STATES
 from mocap_id.workflows.compare import Comparison, compare
-from mocap_id.workflows.compare.difference import flat, quantity
-from mocap_id.workflows.compare.series import series
+from mocap_id.workflows.compare.difference import compare_numbers, flatten
+from mocap_id.workflows.compare.series import compare_series
 from mocap_id.workflows.run_folder import RunFolder, open_run
 
 
@@ -85,11 +85,11 @@ def test_without_its_plate_a_run_loses_its_parameters_and_gains_a_reason(links) 
 
 
 def test_in_combined_standard_deviations() -> None:
-    row = quantity("s", "n", 2.0, 3.0, "kg", sds=(0.3, 0.4))
+    row = compare_numbers("s", "n", 2.0, 3.0, "kg", sds=(0.3, 0.4))
     assert (row.difference, row.percent, row.in_sd) == (1.0, 50.0, pytest.approx(2.0))
-    assert quantity("s", "n", 2.0, 3.0, sds=(0.3, None)).in_sd is None
-    assert quantity("s", "n", 0.0, 3.0).percent is None
-    assert not quantity("s", "n", 1e-17, -1e-17).differs
+    assert compare_numbers("s", "n", 2.0, 3.0, sds=(0.3, None)).in_sd is None
+    assert compare_numbers("s", "n", 0.0, 3.0).percent is None
+    assert not compare_numbers("s", "n", 1e-17, -1e-17).differs
 
 
 def test_series_are_compared_on_common_times(links) -> None:
@@ -101,9 +101,9 @@ def test_series_are_compared_on_common_times(links) -> None:
     middles = {name: (shifted[name].to_numpy()[1:] + shifted[name].to_numpy()[:-1]) / 2 for name in ("time", "theta_1")}
     frame = shifted.iloc[1:].assign(time=middles["time"], theta_1=middles["theta_1"] + 0.01)
     moved = replace(run, artefacts={**run.artefacts, "states.parquet": Table.from_frame(STATES, frame)})
-    found = {row.name: row.difference for row in series(run, moved)}
+    found = {row.name: row.difference for row in compare_series(run, moved)}
     assert found["theta_1"] == pytest.approx(0.01, rel=0.02)
-    assert {row.name: row.difference for row in series(run, run)}["theta_1"] == 0.0
+    assert {row.name: row.difference for row in compare_series(run, run)}["theta_1"] == 0.0
 
 
 def test_no_common_time_is_no_difference(links) -> None:
@@ -112,12 +112,12 @@ def test_no_common_time_is_no_difference(links) -> None:
     assert isinstance(table, Table)
     later = table.with_columns(time=table["time"] + 1e3)
     moved = replace(run, artefacts={"states.parquet": later})
-    assert list(series(run, moved)) == []
+    assert list(compare_series(run, moved)) == []
 
 
 def test_nested_settings_become_keys() -> None:
     nested = {"a": {"b": [1, 2], "c": None}, "d": [{"name": "rail"}]}
-    assert dict(flat(nested)) == {"a.b": "1, 2", "a.c": None, "d": "name: rail"}
+    assert dict(flatten(nested)) == {"a.b": "1, 2", "a.c": None, "d": "name: rail"}
 
 
 def test_a_folder_that_is_no_run(tmp_path: Path) -> None:

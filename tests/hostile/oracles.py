@@ -26,7 +26,7 @@ from mocap_id.recording.text_tables import read_table
 from mocap_id.runner.dependencies import FileHashes
 from mocap_id.stages import STAGES
 from mocap_id.store import Folder
-from mocap_id.workflows.recording_summary import describe
+from mocap_id.workflows.recording_summary import describe_recording
 
 SHARES = {"c3d": 38, "trc": 12, "mot": 10, "csv": 10, "trial": 9, "study": 4, "stored": 12, "record": 4, "run": 1}
 """How often each is tried, of a hundred."""
@@ -205,7 +205,7 @@ def _read_c3d(bench: Bench, case: Case) -> str:
     path = bench.place / case.name
     path.write_bytes(case.data)
     found = _read_with_units(path)
-    json.dumps(describe(found), allow_nan=False)
+    json.dumps(describe_recording(found), allow_nan=False)
     count = len(found.frames)
     if found.positions.shape != (count, len(found.labels), 3) or len(found.time) != count:
         return f"{count} frames, but positions of shape {found.positions.shape} and {len(found.time)} times"
@@ -243,7 +243,7 @@ def _read_trc(bench: Bench, case: Case) -> str:
     path = bench.place / case.name
     path.write_bytes(case.data)
     found = recording.read(path)
-    json.dumps(describe(found), allow_nan=False)
+    json.dumps(describe_recording(found), allow_nan=False)
     lines = [line.strip(_BLANK) for line in case.data.splitlines()]
     names = next((k for k, line in enumerate(lines[1:12], start=1) if line.lower().startswith(b"frame")), 3)
     rows = _rows(b"\n".join(lines[names + 1 :]), lambda line: line.strip(_BLANK)[:1].isdigit())
@@ -259,7 +259,7 @@ def _read_mot(bench: Bench, case: Case) -> str:
         return f"{len(table.time)} rows read of {rows}"
     beside = bench.place / "link.trc"
     beside.write_bytes(hostile_seeds.trc(bench.made, False)[0].data)
-    json.dumps(describe(recording.read(beside, path)), allow_nan=False)
+    json.dumps(describe_recording(recording.read(beside, path)), allow_nan=False)
     return ""
 
 

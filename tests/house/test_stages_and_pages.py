@@ -14,8 +14,8 @@ from mocap_id.stages import STAGES
 from mocap_id.stages.base import Stage
 from mocap_id.stages.trial_keys import TrialKeys
 from mocap_id.store.schemas import SCHEMAS
-from mocap_id_cli.pages import SETTINGS_MARK, pages
-from mocap_id_cli.settings import settings_in
+from mocap_id_cli.pages import SETTINGS_MARK, make_pages
+from mocap_id_cli.settings import list_settings
 
 ROOT = Path(__file__).resolve().parents[2]
 CONFIGS = sorted((ROOT / "configs").glob("*.yaml"))
@@ -64,7 +64,7 @@ def test_an_example_holds_every_setting_with_its_default(path: Path, tmp_path: P
     trial = load(whole)
     for stage in STAGES:
         assert trial.settings[stage.name] == stage.settings()
-        assert trial.settings[stage.name].model_fields_set == set(settings_in(stage.settings, trial.keys.space))
+        assert trial.settings[stage.name].model_fields_set == set(list_settings(stage.settings, trial.keys.space))
 
 
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.name)
@@ -92,7 +92,7 @@ def test_the_samples_are_valid() -> None:
 
 def test_generated_pages_are_up_to_date() -> None:
     """`make docs` writes them."""
-    for path, text in pages(ROOT).items():
+    for path, text in make_pages(ROOT).items():
         assert path.read_text("utf-8") == text, f"{path.name} is out of date: run `make docs`"
 
 

@@ -111,7 +111,7 @@ def test_messages_of_an_export_are_in_words_of_python(finished: Path) -> None:
 
 def test_what_is_no_trial() -> None:
     for wrong in (None, 3, np.zeros((4, 2, 3))):
-        with pytest.raises(mocap_id.ConfigError, match=f"{type(wrong).__name__} is no trial; expected the path"):
+        with pytest.raises(mocap_id.ConfigError, match=f"{type(wrong).__name__} is not a trial; expected the path"):
             mocap_id.run(wrong)
 
 
@@ -132,7 +132,7 @@ def test_a_refusal_is_a_result(tmp_path: Path) -> None:
 
 
 def test_what_is_no_run(tmp_path: Path) -> None:
-    with pytest.raises(mocap_id.StoreError, match="holds no artefacts"):
+    with pytest.raises(mocap_id.StoreError, match="contains no artefacts"):
         mocap_id.open(tmp_path)
 
 
@@ -199,7 +199,7 @@ def test_settings_are_checked_and_files_of_others_kept(sample: Path) -> None:
     (sample / "mine.yaml").write_text("trial: mine\n")
     with pytest.raises(mocap_id.StoreError, match="was not made by"):
         make_trial(Path("trial.c3d"), {}, Path("mine.yaml"))
-    with pytest.raises(mocap_id.ConfigError, match="holds the settings of its trial"):
+    with pytest.raises(mocap_id.ConfigError, match="contains the settings of its trial"):
         mocap_id.run("mine.yaml", protocol="free")
     (sample / "runs" / "trial" / ".mocap-id").mkdir(parents=True)
     with pytest.raises(mocap_id.StoreError, match="belongs to another trial"):

@@ -18,7 +18,7 @@ from mocap_id.recording.writer import write_c3d
 from mocap_id.runner import run_to
 from mocap_id.simulation import Options, generate, simulate
 from mocap_id.simulation.body import draw_subject
-from mocap_id.workflows.advice import AdviceOptions, advice_output, advise, angle_range, support_range
+from mocap_id.workflows.advice import AdviceOptions, advise, make_output, parse_angle_range, parse_support
 from mocap_id_cli.app import build
 
 BENCHMARKS = Path(__file__).resolve().parents[2] / "benchmarks"
@@ -74,12 +74,12 @@ def test_an_advised_movement_makes_weak_parameters_known(bodies, weak, advised, 
 
 def test_a_run_folder_is_advised_on_as_its_yaml(weak, advised) -> None:
     again = advise(load(weak[2] / "trial.yaml").out)
-    assert advice_output(again).document == advice_output(advised).document
+    assert make_output(again).document == make_output(advised).document
 
 
 def test_what_is_written(advised, tmp_path: Path) -> None:
     folder = tmp_path / "new" / "advice"
-    files = [folder / name for name in advice_output(advised).write(folder)]
+    files = [folder / name for name in make_output(advised).write(folder)]
     assert [file.name for file in files] == ["advice.json", "movement.csv", "movement.svg", "movement.pdf"]
     told = json.loads(files[0].read_text())
     assert told["helps"] is True
@@ -141,12 +141,12 @@ def test_what_cannot_be_asked(key: str, value: object) -> None:
 @pytest.mark.parametrize("text", ["hip", "hip=10", "=1:2", "hip=a:b", "hip=20:10", "hip=nan:3"])
 def test_a_range_that_does_not_read(text: str) -> None:
     with pytest.raises(ConfigError, match="JOINT=LOW:HIGH"):
-        angle_range(text)
+        parse_angle_range(text)
 
 
 def test_ranges() -> None:
-    assert angle_range("joint 2=-10:60.5") == ("joint 2", (-10.0, 60.5))
-    assert support_range("-8:3.5") == (-0.08, 0.035)
-    assert support_range("bolted") == "bolted"
+    assert parse_angle_range("joint 2=-10:60.5") == ("joint 2", (-10.0, 60.5))
+    assert parse_support("-8:3.5") == (-0.08, 0.035)
+    assert parse_support("bolted") == "bolted"
     with pytest.raises(ConfigError, match="LOW:HIGH in cm"):
-        support_range("8")
+        parse_support("8")

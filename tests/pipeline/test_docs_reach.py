@@ -40,8 +40,8 @@ def test_the_page_leads_from_camera_logs_to_the_table(terminal: Terminal, monkey
     monkeypatch.setattr("mocap_id.simulation.arm.reach_volume.POINTS", 2**8)  # the true volumes are not needed
     record(terminal)
     said = run_page(PAGE, terminal, {"mocap-id init camera": fill_in})
-    assert "4 of 4 trials went through" in said["mocap-id study study.yaml"][0]
-    assert "1 of 1 trials went through" in said["mocap-id study markers/study.yaml"][0]
+    assert "4 of 4 trials have results" in said["mocap-id study study.yaml"][0]
+    assert "1 of 1 trials have results" in said["mocap-id study markers/study.yaml"][0]
     (script,) = blocks_of(PAGE, "python")
     exec(compile(script, PAGE.name, "exec"), {})
     trials = pd.read_parquet("runs/study/trials.parquet")

@@ -59,7 +59,7 @@ def _results(said: dict[str, list[str]]) -> None:
     """Return the results that the page announces."""
     first, again = said["mocap-id study study.yaml"]
     assert first == again
-    assert "4 of 4 trials went through" in first
+    assert "4 of 4 trials have results" in first
     document = json.loads(said["mocap-id study study.yaml --quiet --json"][0])
     assert [trial["exit_code"] for trial in document["trials"]] == [0] * 4
     tables = re.findall(r"^\| `(\w+)` \|", PAGE.read_text("utf-8"), flags=re.MULTILINE)

@@ -87,7 +87,7 @@ def cop_off_truth(source: IdentifiedTrial, target: IdentifiedTrial) -> float:
     with np.load(target.source.parent / "truth.npz") as arrays:
         wrench = CubicSpline(arrays["t"], arrays["wrench"])(time)
     inside = [(time >= rep["seat_off"]) & (time <= rep["seat_on"]) for rep in truth["reps"]]
-    error = centre_of_pressure(target.regressor() @ full, target.cop_threshold) - wrench[:, 2] / wrench[:, 1]
+    error = centre_of_pressure(target.bodies.regressor @ full, target.cop_threshold) - wrench[:, 2] / wrench[:, 1]
     return 1e3 * float(np.sqrt(np.nanmean(error[np.any(inside, axis=0)] ** 2)))
 
 
@@ -189,7 +189,7 @@ def test_a_model_matched_by_markers_predicts_like_the_one_on_the_chain(normal, d
     np.testing.assert_allclose(registration.angle, 0.0, atol=0.02)
     carried = transfer_parameters(normal.parameters, registration)
     wrench = moving.regressor @ carried
-    on_chain = dynamic.regressor() @ transfer_parameters(
+    on_chain = dynamic.bodies.regressor @ transfer_parameters(
         normal.parameters, register_bodies(normal.skeleton, dynamic.skeleton)
     )
     off = (wrench - on_chain)[dynamic.dynamics["in_fit"]]

@@ -17,7 +17,13 @@ from mocap_id.reporting.explanations import EXPLANATIONS
 from mocap_id.simulation import Options, simulate
 from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
 from mocap_id.workflows.transfer import SERIES, TRANSFERRED, TrialTransfer, apply_model, rms_error
-from mocap_id.workflows.transfer.support import TransferredBody, inside, stated_sd, support, worse_than_stated
+from mocap_id.workflows.transfer.support import (
+    TransferredBody,
+    find_support,
+    share_inside,
+    stated_sd,
+    warn_if_worse_than_stated,
+)
 
 STS = {"protocol": "sit-to-stand", "subject": {"mass": 60.0}}
 
@@ -78,7 +84,7 @@ def test_no_force_of_the_other_trial_is_used(pair) -> None:
     blind = target.dynamics.assign(**dict.fromkeys(("Fx", "Fy", "tauz", "cop_x"), np.nan), in_fit=False)
     unseen = replace(target, dynamics=blind, parameters=np.full(16, np.nan))
     carried = on(source, target)
-    assert support(source, unseen, carried) == support(source, target, carried)
+    assert find_support(source, unseen, carried) == find_support(source, target, carried)
     found = apply_model(source, unseen)
     assert codes(found) == {"transfer-nothing"}
     assert found.supported is None
@@ -94,9 +100,9 @@ def test_without_a_table_nothing_is_shown(pair) -> None:
 def test_the_difference_is_that_of_two_predictions(pair) -> None:
     source, target = pair
     carried = on(source, target)
-    found = support(source, target, carried)
+    found = find_support(source, target, carried)
     assert found is not None
-    ours, table = (target.regressor() @ full for full in (carried.parameters, target.reference))
+    ours, table = (target.bodies.regressor @ full for full in (carried.parameters, target.reference))
     pressures = [centre_of_pressure(wrench, target.cop_threshold) for wrench in (ours, table)]
     assert found.apart["cop_x"] == pytest.approx(np.sqrt(np.nanmean((pressures[0] - pressures[1]) ** 2)))
     assert found.apart["tauz"] == pytest.approx(np.sqrt(np.mean((ours - table)[:, 2] ** 2)))
@@ -159,11 +165,11 @@ def test_intervals_with_too_few_samples_inside_are_reported() -> None:
     ours, samples = np.zeros((20_000, 4)), np.arange(20_000) % 3 > 0
     measured = rng.normal(size=(20_000, 4)) * [1.0, 1.0, 2.0, 1.0]
     measured[:, 3] = np.nan
-    shares = inside(ours, measured, np.ones((20_000, 4)), samples)
+    shares = share_inside(ours, measured, np.ones((20_000, 4)), samples)
     assert shares["Fx"] == pytest.approx(0.95, abs=0.01)
     assert shares["tauz"] == pytest.approx(0.673, abs=0.01)
     assert np.isnan(shares["cop_x"])
-    (reason,) = worse_than_stated(shares)
+    (reason,) = warn_if_worse_than_stated(shares)
     assert reason.code == "transfer-worse-than-stated"
     assert reason.value == shares["tauz"] < reason.limit == 0.8
     assert "tauz (67 %)" in reason.message

@@ -10,7 +10,7 @@ from recording_cases import CORNERS, body, build_c3d, plate_parameters, save, si
 
 from mocap_id import recording
 from mocap_id.recording.lab_plates import is_force_on_plate
-from mocap_id.workflows.recording_summary import describe
+from mocap_id.workflows.recording_summary import describe_recording
 
 FRAMES, PER_FRAME = 60, 5
 SAMPLES = FRAMES * PER_FRAME
@@ -78,7 +78,7 @@ def test_a_dead_channel_makes_the_plate_unusable(tmp_path: Path, channel: int | 
     analog[:, channel] = bad
     found = read(tmp_path, analog, zero=True)
     assert "numbers" in found.plates[0].problem
-    assert describe(found)["plates"][0]["mean_fz_N"] is None
+    assert describe_recording(found)["plates"][0]["mean_fz_N"] is None
 
 
 @pytest.mark.parametrize("spike", [20e3, 200e3])

@@ -15,7 +15,7 @@ from mocap_id import plates, recording
 from mocap_id.errors import RecordingError
 from mocap_id.geometry.plane_frame import PlaneFrame
 from mocap_id.recording.lab_plates import compute_centre_of_pressure
-from mocap_id.workflows.recording_summary import describe
+from mocap_id.workflows.recording_summary import describe_recording
 
 pytestmark = pytest.mark.recordings
 
@@ -79,7 +79,7 @@ def test_read_without_a_change_to_the_file(recordings: Path, name: str, tmp_path
     assert found.positions.shape == (*READ[name], 3)
     assert len(set(found.labels)) == READ[name][1]
     assert np.all(np.diff(found.frames) == 1)
-    description = json.dumps(describe(found), allow_nan=False)
+    description = json.dumps(describe_recording(found), allow_nan=False)
     assert json.loads(description)["frames"] == READ[name][0]
 
 
@@ -142,7 +142,7 @@ def test_two_calibrations_of_the_same_counts(recordings: Path) -> None:
 
 @pytest.mark.parametrize(("name", "kg"), [("Sample_Static.c3d", 79.6), ("c3dfile1.c3d", 61.97)])
 def test_masses_of_people_who_stand(recordings: Path, name: str, kg: float) -> None:
-    found = describe(recording.read(recordings / "c3d" / name))
+    found = describe_recording(recording.read(recordings / "c3d" / name))
     assert found["mass_kg"] == pytest.approx(kg, abs=0.1)
 
 

@@ -12,7 +12,7 @@ from mocap_id.errors import ConfigError, MocapIdError
 from mocap_id.reporting.explanations import EXIT_CODES, EXPLANATIONS
 from mocap_id.stages import STAGES
 from mocap_id.stages.trial_keys import TrialKeys
-from mocap_id.workflows.code_lookup import entries, explain
+from mocap_id.workflows.code_lookup import explain, list_entries
 
 README = Path(__file__).resolve().parents[2] / "README.md"
 ERRORS = [kind for kind in vars(errors).values() if isinstance(kind, type) and issubclass(kind, MocapIdError)]
@@ -40,7 +40,7 @@ def test_the_readme_lists_the_same_exit_codes() -> None:
     assert {int(number) for row in rows for number in row.split(",")} == set(EXIT_CODES)
 
 
-@pytest.mark.parametrize("answer", entries().values(), ids=lambda answer: answer.code)
+@pytest.mark.parametrize("answer", list_entries().values(), ids=lambda answer: answer.code)
 def test_every_answer_is_complete(answer) -> None:
     for text in (answer.title, answer.meaning, answer.action):
         assert text.strip()

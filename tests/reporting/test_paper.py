@@ -20,7 +20,7 @@ from mocap_id.reporting.embedding import read_figures
 from mocap_id.reporting.figure import Drawing, Drawings, Figure, Panel, to_json
 from mocap_id.reporting.figures import FIGURES, drawings
 from mocap_id.stages.report.function import report_data
-from mocap_id.workflows.figures import figures
+from mocap_id.workflows.figures import write_figures
 
 
 @pytest.fixture(scope="module")
@@ -33,7 +33,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, bytes]:
     """The files that ``mocap-id figures`` writes from a page alone, by name."""
     folder, settings = tmp_path_factory.mktemp("run"), dict(mpl.rcParams)
     (folder / "report.html").write_bytes(healthy()["report.html"])
-    written = figures(folder)
+    written = write_figures(folder)
     assert dict(mpl.rcParams) == settings and {file.parent for file in written} == {folder / "figures"}
     return {file.name: file.read_bytes() for file in written}
 
@@ -87,10 +87,10 @@ NONE = (
 @pytest.mark.parametrize("page", NONE)
 def test_a_page_without_figures_is_an_error(page: str, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="there is no page"):
-        figures(tmp_path)
+        write_figures(tmp_path)
     (tmp_path / "report.html").write_text(page)
     with pytest.raises(StoreError, match="run the command that wrote it again"):
-        figures(tmp_path)
+        write_figures(tmp_path)
     assert not (tmp_path / "figures").exists()
 
 

@@ -1,4 +1,4 @@
-"""Figures of a page from Python: interactive, or drawn by matplotlib."""
+"""Figures of a page for Python: interactive, or drawn by matplotlib."""
 
 from __future__ import annotations
 
@@ -8,22 +8,14 @@ from typing import TYPE_CHECKING
 from mocap_id.config.parsing import suggest_name
 from mocap_id.errors import StoreError
 from mocap_id.reporting.figure import Drawing, Drawings
-from mocap_id.workflows.figures import page_drawings
+from mocap_id.workflows.figures import read_page_figures
 
 if TYPE_CHECKING:
     import matplotlib.figure
 
 
 class Figure:
-    """A figure of a report. As the last line of a notebook's cell it is shown as on the page, and can be zoomed.
-
-    Parameters
-    ----------
-    of : str
-        Name of the trial or study.
-    drawing : Drawing
-        The figure as data.
-    """
+    """A figure of a report. As the last line of a notebook's cell, it is displayed as on the page and can be zoomed."""
 
     def __init__(self, of: str, drawing: Drawing) -> None:
         self._of = of
@@ -50,17 +42,17 @@ class Figure:
 
     @property
     def caption(self) -> str:
-        """What the figure shows, in sentences for a paper."""
+        """Description of the figure, in sentences for a paper."""
         return self._drawing.caption
 
     def to_html(self) -> str:
-        """Return a whole page with the interactive figure and its scripts, about 1.2 MB; it needs no network."""
+        """Return a complete page with the interactive figure and its scripts, about 1.2 MB; it needs no network."""
         from mocap_id.reporting.notebook_view import figure_page  # noqa: PLC0415  needs the page's templates
 
         return figure_page(self._of, self._drawing)
 
     def to_matplotlib(self) -> matplotlib.figure.Figure:
-        """Return the figure of ``mocap-id figures`` as a new matplotlib figure, to be changed or saved."""
+        """Return the figure as a new matplotlib figure, as ``mocap-id figures`` draws it, to change or save it."""
         from mocap_id.reporting import paper_figures  # noqa: PLC0415  imports matplotlib
 
         assert not isinstance(self._drawing.figure, str)
@@ -71,20 +63,16 @@ class Figure:
 class PageFigures:
     """The figures of a page by name.
 
-    Parameters
-    ----------
-    page : Path
-
     Raises
     ------
     StoreError
-        There is no such page, or it holds no figures.
+        There is no such page, or it contains no figures.
     """
 
     def __init__(self, page: Path) -> None:
         if not page.is_file():
             raise StoreError(f"{page}: there is no page with figures: run the trial or the study again")
-        self._drawings: Drawings = page_drawings(page)
+        self._drawings: Drawings = read_page_figures(page)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -92,7 +80,7 @@ class PageFigures:
         return tuple(one.name for one in self._drawings.all if one.missing is None)
 
     def find(self, name: str) -> Figure:
-        """Return a figure; StoreError where it is missing, which says why."""
+        """Return a figure; StoreError with the reason if it is missing."""
         known = {one.name: one for one in self._drawings.all}
         if name not in known:
             raise StoreError(f"{self._drawings.of}: there is no figure {name!r}: {suggest_name(name, tuple(known))}")

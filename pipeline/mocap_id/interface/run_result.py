@@ -24,33 +24,24 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Verdict:
-    """The verdict on a trial.
+    """The verdict on a trial."""
 
-    Parameters
-    ----------
-    level : {"ok", "caution", "refused"}
-    reasons : tuple of Reason
-        What limits the results; none if the level is ``ok``.
-    notes : tuple of Reason
-        Other findings.
-    """
-
-    level: Level
-    reasons: tuple[Reason, ...]
-    notes: tuple[Reason, ...]
+    level: Level  # ``ok``, ``caution`` or ``refused``
+    reasons: tuple[Reason, ...]  # limits of the results; empty if the level is ``ok``
+    notes: tuple[Reason, ...]  # other findings
 
 
 class Run:
     """The results of a trial.
 
-    Tables are data frames in SI units; ``frame.attrs["units"]`` has the unit of each column. A table that the trial
-    does not have raises :class:`~mocap_id.errors.StoreError`, which says why.
+    Tables are data frames in SI units; ``frame.attrs["units"]`` gives the unit of each column. If the trial does not
+    have a table, its property raises :class:`~mocap_id.errors.StoreError` with the reason.
 
     Parameters
     ----------
     files : RunFolder
     steps : tuple of Step, optional
-        What was computed or reused; empty for an opened run.
+        The stages that were computed or reused; empty for an opened run.
     """
 
     def __init__(self, files: RunFolder, steps: tuple[Step, ...] = ()) -> None:
@@ -92,7 +83,7 @@ class Run:
         return self.folder / "report.html"
 
     def open_report(self) -> bool:
-        """Open the report in the browser; return False if there is none."""
+        """Open the report in the browser; return False if there is no browser."""
         import webbrowser  # noqa: PLC0415  takes 5 ms
 
         return webbrowser.open(self.report.resolve().as_uri())
@@ -103,7 +94,7 @@ class Run:
         return self._page_figures.names
 
     def figure(self, name: str) -> Figure:
-        """Return a figure of the report; StoreError where the trial does not have it, which says why."""
+        """Return a figure of the report; StoreError with the reason if the trial does not have it."""
         return self._page_figures.find(name)
 
     @cached_property
@@ -121,83 +112,83 @@ class Run:
     def verdict(self) -> Verdict:
         """The verdict; StoreError if the run is not complete."""
         if not self.summary:
-            raise StoreError(f"{self.folder} holds no {SUMMARY}: run the trial to its end")
-        found = self.summary["verdict"]
-        reasons, notes = (tuple(map(Reason.from_dict, found[key])) for key in ("reasons", "notes"))
-        return Verdict(found["level"], reasons, notes)
+            raise StoreError(f"{self.folder} contains no {SUMMARY}: run the trial to its end")
+        verdict = self.summary["verdict"]
+        reasons, notes = (tuple(map(Reason.from_dict, verdict[key])) for key in ("reasons", "notes"))
+        return Verdict(verdict["level"], reasons, notes)
 
     @property
     def refused(self) -> bool:
-        """Whether the method cannot treat this trial."""
+        """Whether the trial was refused, because the method is not applicable."""
         return self.verdict.level == "refused"
 
     @cached_property
     def planar(self) -> pd.DataFrame:
-        """Measured markers in the plane of the motion, or in the lab's axes in space."""
-        return self._frame("planar.parquet")
+        """Measured markers, in the plane of the motion, or for a trial in space in the axes of the lab."""
+        return self._read_frame("planar.parquet")
 
     @cached_property
     def wrench(self) -> pd.DataFrame:
-        """Forces of the ground and of other contacts."""
-        return self._frame("wrench.parquet")
+        """Wrenches of the ground and of other contacts."""
+        return self._read_frame("wrench.parquet")
 
     @cached_property
     def segments(self) -> pd.DataFrame:
         """Segment of each marker."""
-        return self._frame("segments.parquet")
+        return self._read_frame("segments.parquet")
 
     @cached_property
     def states(self) -> pd.DataFrame:
         """Joint angles with their derivatives and standard deviations."""
-        return self._frame("states.parquet")
+        return self._read_frame("states.parquet")
 
     @cached_property
     def poses(self) -> pd.DataFrame:
         """Measured poses of the bodies."""
-        return self._frame("poses.parquet")
+        return self._read_frame("poses.parquet")
 
     @cached_property
     def angles(self) -> pd.DataFrame:
         """Anatomical angles of a trial in space; StoreError in the plane, where the angles are in ``states``."""
-        return self._frame("angles.parquet")
+        return self._read_frame("angles.parquet")
 
     @cached_property
     def markers(self) -> pd.DataFrame:
         """Markers predicted from the states."""
-        return self._frame("markers.parquet")
+        return self._read_frame("markers.parquet")
 
     @cached_property
     def events(self) -> pd.DataFrame:
         """Repetitions, with the times of their events."""
-        return self._frame("events.parquet")
+        return self._read_frame("events.parquet")
 
     @cached_property
     def phases(self) -> pd.DataFrame:
         """Averages over the repetitions."""
-        return self._frame("phases.parquet")
+        return self._read_frame("phases.parquet")
 
     @cached_property
     def encoder(self) -> pd.DataFrame:
         """Angles from the encoder of a robot's joint."""
-        return self._frame("encoder.parquet")
+        return self._read_frame("encoder.parquet")
 
     @cached_property
     def dynamics(self) -> pd.DataFrame:
-        """Joint torques, and measured and modelled forces of the ground."""
-        return self._frame("dynamics.parquet")
+        """Joint torques, and measured and modelled wrenches of the ground."""
+        return self._read_frame("dynamics.parquet")
 
     @cached_property
     def parameters(self) -> pd.DataFrame:
-        """Identified base parameters with standard deviations; the column ``unit`` has their units."""
+        """Identified base parameters with standard deviations; the column ``unit`` gives their units."""
         from mocap_id.workflows.export.spreadsheets import parameter_table  # noqa: PLC0415  needs pandas
 
-        found = parameter_table(self._files)
-        if found is None or found.empty:
+        table = parameter_table(self._files)
+        if table is None or table.empty:
             raise StoreError(self._files.why_missing("dynamics.h5"))
-        return found
+        return table
 
     def export(self, *formats: str, out: str | PathLike[str] | None = None, force: bool = False) -> tuple[Path, ...]:
-        """Write the run in the formats of other programs, as ``mocap-id export``, and return the files.
+        """Write the run in the formats of other programs, as ``mocap-id export`` does, and return the files.
 
         Parameters
         ----------
@@ -220,7 +211,7 @@ class Run:
 
         return export(self.folder, formats, None if out is None else Path(out), force=force).files
 
-    def _frame(self, file: str) -> pd.DataFrame:
+    def _read_frame(self, file: str) -> pd.DataFrame:
         """Return an artefact as a data frame with its units."""
         from mocap_id.store import LongTable, Table  # noqa: PLC0415  a run that is only printed reads no table
         from mocap_id.store.parquet import expand_columns  # noqa: PLC0415

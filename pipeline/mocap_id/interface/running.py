@@ -1,4 +1,4 @@
-"""Runs of a trial: from a YAML file, a recording or arrays; and runs that are on the disk already."""
+"""Functions that run a trial from a YAML file, a recording or arrays, and that open an existing run."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def run(
     ----------
     source : path or Recording
         A trial's YAML file, or a recording: a C3D or TRC file, a text export, or arrays in memory. The results of a
-        recording are in ``runs/<trial>`` of the working folder; ``trial.yaml`` there holds the settings that were used.
+        recording are in ``runs/<trial>`` of the working folder; ``trial.yaml`` there contains the used settings.
     forces : path, optional
         MOT file with the ground forces of a TRC file; by default the one beside it with the same name.
     save : path, optional
@@ -45,8 +45,8 @@ def run(
         Called with each step of the run.
     **settings
         Only with a recording: keys of a trial's YAML file, such as ``protocol="free"``, ``window=(1, 5)``,
-        ``subject={"mass": 70}`` or ``fit_joints={...}``. Space and protocol are guessed if not given; a warning of the
-        log says so.
+        ``subject={"mass": 70}`` or ``fit_joints={...}``. Space and protocol are guessed if they are not given; a
+        warning in the log names the guesses.
 
     Raises
     ------
@@ -60,22 +60,24 @@ def run(
         keys = settings if forces is None else {"forces": forces, **settings}
         trial = make_trial(given, keys, None if save is None else Path(save))
     elif settings or forces is not None or save is not None:
-        raise ConfigError(f"{source} holds the settings of its trial: change them there, or give the recording itself")
+        raise ConfigError(
+            f"{source} contains the settings of its trial: change them there, or give the recording instead"
+        )
     else:
         trial = load(given)
-    with _one_thread():
+    with _limit_threads():
         outcome = runner.run(trial, progress=progress)
     return Run(open_lazily(outcome.folder), outcome.steps)
 
 
-def _one_thread() -> AbstractContextManager[object]:
-    """Return a context in which the linear algebra has one thread, unless environment variables set its threads.
+def _limit_threads() -> AbstractContextManager[object]:
+    """Return a context in which the linear algebra has one thread, unless environment variables set the number.
 
     The matrices are small: threads would wait for each other longer than they compute.
     """
     if {"OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"} & os.environ.keys():
         return nullcontext()
-    import scipy.linalg  # noqa: F401, PLC0415  the limit holds for libraries that are loaded
+    import scipy.linalg  # noqa: F401, PLC0415  the limit applies only to loaded libraries
     from threadpoolctl import threadpool_limits  # noqa: PLC0415
 
     limit: AbstractContextManager[object] = threadpool_limits(1, "blas")
@@ -88,6 +90,6 @@ def open(folder: str | PathLike[str]) -> Run:
     Raises
     ------
     StoreError
-        The folder holds no artefacts of a run.
+        The folder contains no artefacts of a run.
     """
     return Run(open_lazily(Path(folder)))

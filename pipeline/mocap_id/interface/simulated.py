@@ -33,21 +33,16 @@ _SETS: dict[str, tuple[Callable[..., Path], Any]] = {
 
 
 def simulate(kind: Kind, folder: str | PathLike[str], **options: Any) -> Path:
-    """Simulate recordings with their exact truth, ready to run.
+    """Simulate recordings with their exact truth, and return the YAML file to run: of a trial or of a study.
 
     Parameters
     ----------
     kind : str
-        As the command of ``mocap-id simulate``.
+        Name of the command of ``mocap-id simulate``.
     folder : path
         A new folder.
     **options
         Options of this command, such as ``seed=1``.
-
-    Returns
-    -------
-    Path
-        The YAML file to run: of a trial, a study or a robot study.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""A study from Python: all trials, and the tables as data frames."""
+"""Studies for Python: all trials, and the tables as data frames."""
 
 from __future__ import annotations
 
@@ -19,12 +19,7 @@ if TYPE_CHECKING:
 
 
 class Study:
-    """The results of a study.
-
-    Parameters
-    ----------
-    result : StudyResult
-    """
+    """The results of a study."""
 
     def __init__(self, result: StudyResult) -> None:
         self._result = result
@@ -45,7 +40,7 @@ class Study:
         return self._page_figures.names
 
     def figure(self, name: str) -> Figure:
-        """Return a figure of the page; StoreError where the study does not have it, which says why."""
+        """Return a figure of the page; StoreError with the reason if the study does not have it."""
         return self._page_figures.find(name)
 
     @cached_property
@@ -59,24 +54,24 @@ class Study:
 
     @cached_property
     def tables(self) -> Mapping[str, pd.DataFrame]:
-        """The tables by name; ``frame.attrs["units"]`` has the unit of each column."""
+        """The tables by name; ``frame.attrs["units"]`` gives the unit of each column."""
         import pandas as pd  # noqa: PLC0415  only the tables need it
 
-        found = {}
+        tables = {}
         for name, about in self.document["tables"].items():
-            found[name] = pd.read_parquet(self.folder / f"{name}.parquet")
-            found[name].attrs["units"] = {column["name"]: column["unit"] for column in about["columns"]}
-        return found
+            tables[name] = pd.read_parquet(self.folder / f"{name}.parquet")
+            tables[name].attrs["units"] = {column["name"]: column["unit"] for column in about["columns"]}
+        return tables
 
     @cached_property
     def runs(self) -> Mapping[str, Run]:
-        """The runs by trial; a failed trial has none."""
-        ended = zip(self._result.study.trials, self.document["trials"], strict=True)
-        return {one.name: open_folder(one.trial.out) for one, about in ended if about["report"] is not None}
+        """The runs by name of the trial; a failed trial has no run."""
+        trials = zip(self._result.study.trials, self.document["trials"], strict=True)
+        return {one.name: open_folder(one.trial.out) for one, about in trials if about["report"] is not None}
 
     @property
     def failures(self) -> Mapping[str, str]:
-        """Messages of the trials that failed or were refused, by trial."""
+        """Messages of the trials that failed or were refused, by name of the trial."""
         return {run.trial: run.message or "" for run in self._result.failed}
 
 

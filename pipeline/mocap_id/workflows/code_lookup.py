@@ -1,4 +1,4 @@
-"""Explanations of verdict codes, errors and exit codes, by name."""
+"""Search for the explanation of a verdict code, an error or an exit code."""
 
 from __future__ import annotations
 
@@ -15,38 +15,25 @@ _LEVELS = {"ok": "note"}
 
 @dataclass(frozen=True)
 class Entry:
-    """Explanation of one code.
+    """The explanation of one code."""
 
-    Parameters
-    ----------
-    kind : str
-        ``verdict`` or ``exit``.
-    code : str
-        ``segments-unsure``, or ``exit-4``.
-    levels : tuple of str
-        Possible levels: refused, caution, note; none for an exit code.
-    title, meaning, action : str
-    judged : str
-        The criterion; for an exit code, the error.
-    """
-
-    kind: str
-    code: str
-    levels: tuple[str, ...]
+    kind: str  # ``verdict`` or ``exit``
+    code: str  # such as ``segments-unsure`` or ``exit-4``
+    levels: tuple[str, ...]  # possible levels: refused, caution, note; empty for an exit code
     title: str
     meaning: str
-    judged: str
-    action: str
+    judged: str  # the criterion; for an exit code, the class of the error
+    action: str  # what to do
 
 
-def entries() -> Mapping[str, Entry]:
-    """Return the explanations of all codes, verdicts first."""
-    verdicts = (_verdict(code) for code in sorted(EXPLANATIONS))
-    return {entry.code: entry for entry in (*verdicts, *map(_exit, EXIT_CODES))}
+def list_entries() -> Mapping[str, Entry]:
+    """Return the explanations of all codes by code, verdicts first."""
+    verdicts = (_make_verdict(code) for code in sorted(EXPLANATIONS))
+    return {entry.code: entry for entry in (*verdicts, *map(_make_exit, EXIT_CODES))}
 
 
 def explain(code: str) -> Entry:
-    """Explain a code.
+    """Return the explanation of a code.
 
     Parameters
     ----------
@@ -59,17 +46,18 @@ def explain(code: str) -> Entry:
     ConfigError
         The code is unknown; the message names similar ones.
     """
-    known = entries()
+    known = list_entries()
     name = code.strip().lower().replace("_", "-").replace(" ", "-")
-    found = known.get(_aliases().get(name, name), known.get(name))
-    if found is None:
-        close = difflib.get_close_matches(name, [*known, *_aliases()], n=3, cutoff=0.5)
+    aliases = _find_aliases()
+    entry = known.get(aliases.get(name, name), known.get(name))
+    if entry is None:
+        close = difflib.get_close_matches(name, [*known, *aliases], n=3, cutoff=0.5)
         near = f"the nearest are {', '.join(close)}" if close else "`mocap-id explain` lists all"
         raise ConfigError(f"there is no code `{code}`: {near}")
-    return found
+    return entry
 
 
-def _aliases() -> dict[str, str]:
+def _find_aliases() -> dict[str, str]:
     """Return other names of exit codes: numbers, and errors with and without hyphens."""
     named = {entry.name: number for number, entry in EXIT_CODES.items() if entry.name}
     hyphened = {re.sub(r"(?<=[a-z])(?=[A-Z])", "-", name).lower(): number for name, number in named.items()}
@@ -78,14 +66,14 @@ def _aliases() -> dict[str, str]:
     return {alias: f"exit-{number}" for alias, number in {**hyphened, **plain, **numbers}.items()}
 
 
-def _verdict(code: str) -> Entry:
+def _make_verdict(code: str) -> Entry:
     entry = EXPLANATIONS[code]
     judged = f"by `{entry.stage}`. {entry.criterion}"
     levels = tuple(_LEVELS.get(level, level) for level in entry.levels)
     return Entry("verdict", code, levels, entry.title, entry.meaning, judged, entry.action)
 
 
-def _exit(number: int) -> Entry:
+def _make_exit(number: int) -> Entry:
     entry = EXIT_CODES[number]
     judged = "" if entry.name is None else f"{entry.name} of mocap_id.errors"
     return Entry("exit", f"exit-{number}", (), entry.title, entry.meaning, judged, entry.action)

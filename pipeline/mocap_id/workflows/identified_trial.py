@@ -1,4 +1,4 @@
-"""Trials with identified dynamics, opened for use by other workflows."""
+"""Trials with identified dynamics, for other workflows."""
 
 from __future__ import annotations
 
@@ -19,111 +19,66 @@ from mocap_id.dynamics.measured_motion import USUAL
 from mocap_id.dynamics.motion import move_chain
 from mocap_id.dynamics.parameter_transfer import BodyFrames
 from mocap_id.dynamics.reference_prior import ReferencePrior, compute_reference_sd
-from mocap_id.dynamics.regressor import torque_regressor
-from mocap_id.store import Folder, LongTable, Table, Tree
+from mocap_id.store import Folder, Tree
 from mocap_id.store.views import Skeleton, Trajectories, joint_columns
-from mocap_id.workflows.moving_bodies import MovingBodies, on_measured_poses
+from mocap_id.workflows.moving_bodies import MovingBodies, read_measured_bodies
 from mocap_id.workflows.run_folder import check_provenance, open_run_to
 
 _LAST = "identify-dim"
-_FILES = (
-    "planar.parquet",
-    "wrench.parquet",
-    "chain.h5",
-    "states.parquet",
-    "poses.parquet",
-    "dynamics.parquet",
-    "dynamics.h5",
-)
+_TABLES = ("wrench.parquet", "states.parquet", "poses.parquet", "dynamics.parquet")
+_FILES = ("planar.parquet", *_TABLES, "chain.h5", "dynamics.h5")
 
 
 @dataclass(frozen=True)
 class IdentifiedTrial:
-    """A trial with its bodies, their motion and their identified parameters.
+    """A trial with its K bodies, their motion and their identified parameters, SI."""
 
-    Parameters
-    ----------
-    name : str
-        The trial's name.
-    source : Path
-        The path given on the command line.
-    folder : Path
-        The run folder.
-    chain : MovingBodies
-        The n + 1 segments of the pinned chain.
-    measured : MovingBodies or None
-        The bodies on measured poses from which the model was identified; None if it was identified on the chain.
-    q, dq, ddq : (T, n) arrays
-        Joint angles and derivatives, rad; NaN where unknown.
-    dynamics : DataFrame
-        Rows of `dynamics.parquet`.
-    parameters : (4K,) array
-        Full parameters of the K :attr:`bodies`, SI; NaN if nothing was identified.
-    covariance : (4K, 4K) array
-        Covariance of these parameters. On the chain, it combines the covariance of the base parameters with the
-        reference's deviations where they leave the full parameters open. NaN if nothing was identified or no reference
-        applies.
-    reference : (4K,) array
-        Parameters of the allometric body; NaN if none applies.
-    facts : mapping
-        Facts of `dynamics.h5`.
-    mass : float or None
-        Mass that the plates measure while the person stands, kg.
-    cop_threshold : float
-        Vertical force below which the centre of pressure is undefined, N.
-    """
-
-    name: str
-    source: Path
-    folder: Path
-    chain: MovingBodies
+    name: str  # name of the trial
+    source: Path  # path that the user gave
+    folder: Path  # run folder
+    chain: MovingBodies  # the n + 1 segments of the pinned chain
+    # bodies on measured poses, on which the model was identified; None if it was identified on the chain
     measured: MovingBodies | None
-    q: FloatArray
-    dq: FloatArray
-    ddq: FloatArray
-    dynamics: pd.DataFrame
-    parameters: FloatArray
+    q: FloatArray  # (T, n) joint angles, rad; NaN if unknown
+    dq: FloatArray  # (T, n) rad/s
+    ddq: FloatArray  # (T, n) rad/s²
+    dynamics: pd.DataFrame  # rows of `dynamics.parquet`
+    parameters: FloatArray  # (4K,) full parameters of :attr:`bodies`; NaN if nothing was identified
+    # (4K, 4K) covariance of the parameters. On the chain, it combines the covariance of the base parameters with the
+    # standard deviations of the reference, where the base parameters do not determine the full ones. NaN if nothing was
+    # identified or there is no reference
     covariance: FloatArray
-    reference: FloatArray
-    facts: Mapping[str, Any]
-    mass: float | None
-    cop_threshold: float
+    reference: FloatArray  # (4K,) parameters of the allometric body; NaN if there is none
+    facts: Mapping[str, Any]  # facts of `dynamics.h5`
+    mass: float | None  # mass that the plates measure while the person stands, kg; None if unknown
+    cop_threshold: float  # vertical force below which the centre of pressure is undefined, N
 
     @property
     def bodies(self) -> MovingBodies:
-        """The K bodies on which the trial's own model was identified."""
+        """The bodies on which the trial's own model was identified."""
         return self.measured or self.chain
 
     @property
     def skeleton(self) -> BodyFrames:
-        """Frames of :attr:`bodies`."""
+        """Coordinate frames of :attr:`bodies`."""
         return self.bodies.skeleton
-
-    def regressor(self) -> FloatArray:
-        """Return the unfiltered regressor of the wrench on :attr:`bodies`, (T, 3, 4K)."""
-        return self.bodies.regressor
-
-    def torque_regressor(self, regressor: FloatArray) -> FloatArray:
-        """Return the regressor of the joint torques, (T, n, 4K), given that of the wrench."""
-        return torque_regressor(self.bodies.motion, regressor)
 
     @property
     def bands(self) -> Cutoffs:
-        """Cut-off frequencies for x, y and angle of measured poses, Hz: the model's, else the default."""
-        return _measured_bodies(self.facts)[1]
+        """Cut-off frequencies for x, y and angle of measured poses, Hz: as for the model, or else the default."""
+        return _read_measured(self.facts)[1]
 
     @cached_property
     def planar(self) -> Trajectories:
-        """The markers in the plane."""
-        artefact, segments = (Folder(self.folder).read(f"{name}.parquet") for name in ("planar", "segments"))
-        assert isinstance(artefact, LongTable)
-        assert isinstance(segments, Table)
-        return Trajectories(artefact, segments.facts.get("bad_stretches", ()))
+        """The trajectories of the markers in the plane."""
+        folder = Folder(self.folder)
+        segments = folder.table("segments.parquet")
+        return Trajectories(folder.long_table("planar.parquet"), segments.facts.get("bad_stretches", ()))
 
     def in_band(self, signal: FloatArray) -> FloatArray:
-        """Return a signal (T, ...) filtered as for the trial's comparison of model and plate.
+        """Return a signal (T, ...) in the frequency band in which the trial's model is compared with the plate.
 
-        On measured poses, this is the low-pass of the fit; a model of the chain is compared unfiltered.
+        On measured poses, this is the band of the fit; a model of the chain is compared unfiltered.
         """
         if self.measured is None:
             return signal
@@ -154,40 +109,41 @@ def open_identified_trial(path: Path, progress: runner.Progress = lambda step: N
     """
     folder, _ = open_run_to(path, _LAST, progress)
     parameters = check_provenance(folder, _FILES)["dynamics.h5"].origin.parameters
-    skeleton, dynamics = Skeleton.from_tree(_tree(folder, "chain.h5")), _tree(folder, "dynamics.h5")
-    states, wrench, poses = (_table(folder, f"{name}.parquet") for name in ("states", "wrench", "poses"))
-    frames, gravity = _chain_frames(skeleton), float(parameters[_LAST]["gravity"])
+    skeleton, tree = Skeleton.from_tree(folder.tree("chain.h5")), folder.tree("dynamics.h5")
+    wrench, states, poses, dynamics = map(folder.table, _TABLES)
+    frames, gravity = _make_frames(skeleton), float(parameters[_LAST]["gravity"])
     q, dq, ddq = (joint_columns(states, name, len(skeleton.centres)) for name in ("theta", "dtheta", "ddtheta"))
-    used, bands = _measured_bodies(dynamics.facts)
-    reference = dynamics.numbers("bodies/reference")
+    used, bands = _read_measured(tree.facts)
+    reference = tree.numbers("bodies/reference")
     prior = ReferencePrior(reference, compute_reference_sd(reference, float(parameters[_LAST]["reference_sd"])))
     return IdentifiedTrial(
         name=str(parameters["trial"]),
         source=path,
         folder=folder.path,
         chain=MovingBodies(frames, move_chain(frames.centres, q, dq, ddq), gravity),
-        measured=on_measured_poses(poses, frames.centres, used, bands, gravity) if used else None,
+        measured=read_measured_bodies(poses, frames.centres, used, bands, gravity) if used else None,
         q=q,
         dq=dq,
         ddq=ddq,
-        dynamics=_table(folder, "dynamics.parquet").frame,
-        parameters=dynamics.numbers("bodies/value"),
-        covariance=dynamics.array("bodies/covariance") if used else _chain_covariance(dynamics, prior),
+        dynamics=dynamics.frame,
+        parameters=tree.numbers("bodies/value"),
+        covariance=tree.array("bodies/covariance") if used else _combine_covariance(tree, prior),
         reference=reference,
-        facts=dynamics.facts,
+        facts=tree.facts,
         mass=wrench.facts.get("mass_kg"),
         cop_threshold=float(wrench.facts["cop_threshold_N"]),
     )
 
 
-def _measured_bodies(facts: Mapping[str, Any]) -> tuple[list[int], Cutoffs]:
-    """Return the indices in poses.parquet of the identified bodies (none for the chain) and the cut-offs, Hz."""
+def _read_measured(facts: Mapping[str, Any]) -> tuple[list[int], Cutoffs]:
+    """Return the indices in poses.parquet of the identified bodies (empty for the chain) and the cut-offs, Hz."""
     motion = facts["motion"] or {}
     bands = motion.get("bands_hz")
     return list(motion.get("used", ())), USUAL if bands is None else (bands["x"], bands["y"], bands["angle"])
 
 
-def _chain_covariance(dynamics: Tree, prior: ReferencePrior) -> FloatArray:
+def _combine_covariance(dynamics: Tree, prior: ReferencePrior) -> FloatArray:
+    """Return the covariance of the full parameters of the chain from base parameters and reference; else NaN."""
     known, regrouping = dynamics.array("base/covariance"), dynamics.array("base/regrouping")
     if (common := dynamics.facts.get("calibration_covariance")) is not None:
         known = known - np.asarray(common)  # the predicted wrench is measured by the same instruments
@@ -196,19 +152,7 @@ def _chain_covariance(dynamics: Tree, prior: ReferencePrior) -> FloatArray:
     return prior.complete(known.astype(np.float64), regrouping.astype(np.float64))
 
 
-def _chain_frames(chain: Skeleton) -> BodyFrames:
+def _make_frames(chain: Skeleton) -> BodyFrames:
     joints = len(chain.centres)
     between = np.column_stack([np.arange(joints), np.arange(1, joints + 1)])
     return BodyFrames(chain.segments, chain.centres, between, chain.markers, chain.marker_segment, chain.local)
-
-
-def _tree(folder: Folder, file: str) -> Tree:
-    artefact = folder.read(file)
-    assert isinstance(artefact, Tree)
-    return artefact
-
-
-def _table(folder: Folder, file: str) -> Table:
-    artefact = folder.read(file)
-    assert isinstance(artefact, Table)
-    return artefact

@@ -1,4 +1,4 @@
-"""Bodies of one trial, found in another trial by their markers.
+"""The bodies of one trial with their motion in another trial, matched by their markers.
 
 Two trials of a person may have chains with different segments, and a marker may belong to the foot in one and to the
 shank in the other. Parameters belong to the marker groups of the trial on which they were identified. The second
@@ -24,9 +24,9 @@ from mocap_id.workflows.moving_bodies import MovingBodies
 
 
 def match_bodies(source: IdentifiedTrial, target: IdentifiedTrial) -> MovingBodies:
-    """Return the bodies of the source's model on their measured poses in the target.
+    """Return the bodies of the source's model with their measured motion in the target.
 
-    No joint is pinned. Joint torques are about the target's own joints, NaN about joints that the source lacks.
+    No joint is pinned. Joint torques are about the target's own joints; NaN for joints that the source does not have.
 
     Raises
     ------
@@ -39,21 +39,21 @@ def match_bodies(source: IdentifiedTrial, target: IdentifiedTrial) -> MovingBodi
         np.array([i for i in np.flatnonzero(frames.segment == k) if frames.markers[i] in columns], dtype=np.int64)
         for k in range(len(frames.segments))
     ]
-    found = [_pose(source, target, k, markers, columns) for k, markers in enumerate(own)]
-    centroid = np.array([[pose.local.mean().real, pose.local.mean().imag] for pose in found])
+    clusters = [_measure_pose(source, target, k, markers, columns) for k, markers in enumerate(own)]
+    centroid = np.array([[pose.local.mean().real, pose.local.mean().imag] for pose in clusters])
     poses, _ = fill_gaps(
         BodyPoses(
             time=view.time,
-            position=np.stack([np.column_stack([pose.position.real, pose.position.imag]) for pose in found], axis=1),
-            angle=np.column_stack([pose.angle for pose in found]),
+            position=np.stack([np.column_stack([pose.position.real, pose.position.imag]) for pose in clusters], axis=1),
+            angle=np.column_stack([pose.angle for pose in clusters]),
             centroid=centroid,
-            information=np.ones((len(found), 2)),
+            information=np.ones((len(clusters), 2)),
             body=np.zeros(1, dtype=np.int64),
             centres=np.zeros((0, 2)),
         )
     )
-    motion, centres = _with_joints(filter_motion(poses, target.bands), frames, target)
-    local = np.concatenate([pose.local for pose in found])
+    motion, centres = _add_joints(filter_motion(poses, target.bands), frames, target)
+    local = np.concatenate([pose.local for pose in clusters])
     every = np.concatenate(own)
     skeleton = replace(
         frames,
@@ -65,10 +65,10 @@ def match_bodies(source: IdentifiedTrial, target: IdentifiedTrial) -> MovingBodi
     return MovingBodies(skeleton, motion, target.chain.gravity)
 
 
-def _pose(
+def _measure_pose(
     source: IdentifiedTrial, target: IdentifiedTrial, body: int, markers: IntArray, columns: dict[str, int]
 ) -> ClusterPose:
-    """Measure the pose of one body from those of its ``markers`` (indices in the source) that the target has."""
+    """Measure the pose of one body in the target from its ``markers`` (indices in the source)."""
     frames = source.skeleton
     own = np.array([columns[frames.markers[i]] for i in markers], dtype=np.int64)
     points = target.planar.read_positions(own, axes="xy")
@@ -77,33 +77,33 @@ def _pose(
         raise ConfigError(
             f"{target.source}: trial {target.name} has {len(markers)} of the {int((frames.segment == body).sum())} "
             f"markers on the {frames.segments[body]} of trial {source.name}, too few to measure its pose; expected at "
-            "least two, seen together and a few centimetres apart. Markers are matched by label, so markers at the "
-            "same place need the same label"
+            "least two, visible together and a few centimetres apart. Markers are matched by label, so markers at the "
+            "same position need the same label"
         )
     return pose
 
 
-def _with_joints(motion: PlanarMotion, frames: BodyFrames, target: IdentifiedTrial) -> tuple[PlanarMotion, FloatArray]:
+def _add_joints(motion: PlanarMotion, frames: BodyFrames, target: IdentifiedTrial) -> tuple[PlanarMotion, FloatArray]:
     """Return the motion with the target's joints, and each joint's centre in the body before it, (n, 2) m."""
     joint = target.bodies.motion.joint  # (T, n', 2)
-    beyond = _beyond(frames, target)
+    beyond = _find_beyond(frames, target)
     shared, centres = np.zeros(joint.shape[1], dtype=bool), np.full(frames.centres.shape, np.nan)
     for row, (below, above) in enumerate(frames.between):
         for j in np.flatnonzero(~beyond[:, below] & beyond[:, above]):
-            place = planar.rotate(-motion.angle[:, below], joint[:, j] - motion.origin[:, below])
-            known = place[np.isfinite(place).all(axis=1)]
+            centre = planar.rotate(-motion.angle[:, below], joint[:, j] - motion.origin[:, below])
+            known = centre[np.isfinite(centre).all(axis=1)]
             if len(known):
                 shared[j], centres[row] = True, known.mean(axis=0)
     return replace(motion, joint=np.where(shared[:, None], joint, np.nan), beyond=beyond), centres
 
 
-def _beyond(frames: BodyFrames, target: IdentifiedTrial) -> BoolArray:
-    """Return which wanted bodies are beyond each joint of the target, (n', K), by the majority of their markers."""
+def _find_beyond(frames: BodyFrames, target: IdentifiedTrial) -> BoolArray:
+    """Return whether each body is beyond each joint of the target (n', K), by the majority of its markers."""
     chain = target.chain.skeleton
     joints = len(chain.centres)
-    holds = dict(zip(chain.markers, chain.segment.tolist(), strict=True))
+    segment_of = dict(zip(chain.markers, chain.segment.tolist(), strict=True))
     segment = np.zeros(len(frames.segments), dtype=np.int64)
     for k in range(1, len(segment)):
         labels = [frames.markers[i] for i in np.flatnonzero(frames.segment == k)]
-        segment[k] = Counter(holds.get(label, joints) for label in labels).most_common(1)[0][0]
+        segment[k] = Counter(segment_of.get(label, joints) for label in labels).most_common(1)[0][0]
     return np.asarray(segment > np.arange(joints)[:, None])

@@ -1,4 +1,4 @@
-"""Bodies that carry a trial's mass, with their motion: segments of the pinned chain, or measured clusters."""
+"""The bodies of a trial with their motion: the segments of the pinned chain, or bodies with measured poses."""
 
 from __future__ import annotations
 
@@ -20,35 +20,27 @@ from mocap_id.store import Table
 
 @dataclass(frozen=True)
 class MovingBodies:
-    """K bodies and their motion.
-
-    Parameters
-    ----------
-    skeleton : BodyFrames
-    motion : PlanarMotion
-    gravity : float
-        m/s².
-    """
+    """K bodies and their motion."""
 
     skeleton: BodyFrames
     motion: PlanarMotion
-    gravity: float
+    gravity: float  # m/s²
 
     @cached_property
     def regressor(self) -> FloatArray:
-        """Unfiltered regressor of the wrench that the motion requires, (T, 3, 4K)."""
+        """Unfiltered regressor of the wrench that the motion requires (T, 3, 4K)."""
         return wrench_regressor(self.motion, self.gravity)
 
     @cached_property
     def torque_regressor(self) -> FloatArray:
-        """Unfiltered regressor of the torques of the chain's n joints, (T, n, 4K)."""
+        """Unfiltered regressor of the torques of the chain's n joints (T, n, 4K)."""
         return torque_regressor(self.motion, self.regressor)
 
 
-def on_measured_poses(
+def read_measured_bodies(
     poses: Table, centres: FloatArray, used: Sequence[int], bands: Cutoffs, gravity: float
 ) -> MovingBodies:
-    """Return bodies that move on their measured, low-passed poses.
+    """Return bodies whose motion follows from their measured, low-pass filtered poses.
 
     Short gaps are filled, and joints without displacement stay pinned.
 

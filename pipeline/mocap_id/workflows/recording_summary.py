@@ -10,10 +10,10 @@ from mocap_id.plates import GRAVITY
 from mocap_id.recording.model import Plate, Recording
 
 
-def describe(recording: Recording) -> dict[str, Any]:
-    """Return a summary of a recording as JSON values, None where a quantity is unknown.
+def describe_recording(recording: Recording) -> dict[str, Any]:
+    """Return a summary of a recording as JSON values; None for an unknown quantity.
 
-    ``mass_kg`` is the mean upward force of a plate, or of all plates together, as a mass.
+    ``mass_kg`` is the mean upward force of a plate, or of all plates together, divided by gravity.
     """
     total = sum(plate.mean_vertical() for plate in recording.plates if plate.usable and plate.ok.any())
     loaded = any(plate.usable and plate.ok.any() for plate in recording.plates)
@@ -29,13 +29,13 @@ def describe(recording: Recording) -> dict[str, Any]:
         "units": recording.units or None,
         "vertical": recording.vertical,
         "analog_rate_hz": recording.analog_rate,
-        "plates": [_plate(plate) for plate in recording.plates],
+        "plates": [_describe_plate(plate) for plate in recording.plates],
         "mass_kg": total / GRAVITY if loaded else None,
         "oddities": list(recording.oddities),
     }
 
 
-def _plate(plate: Plate) -> dict[str, Any]:
+def _describe_plate(plate: Plate) -> dict[str, Any]:
     force = plate.mean_vertical() if plate.usable else float("nan")
     number = plate.kind.removeprefix("type ")
     return {

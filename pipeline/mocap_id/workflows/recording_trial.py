@@ -1,4 +1,4 @@
-"""The trial of a recording without a YAML file: space and protocol are guessed, and a file with all keys is written."""
+"""Trials of recordings without a YAML file: space and protocol are guessed, and a file with the keys is written."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _log = logging.getLogger(__name__)
 
 
 def make_trial(recording: Path | Recording, given: Mapping[str, Any], save: Path | None = None) -> Trial:
-    """Write the YAML file of a recording's trial, and return the trial.
+    """Write a YAML file for the trial of a recording, and return the trial.
 
     Parameters
     ----------
@@ -49,12 +49,12 @@ def make_trial(recording: Path | Recording, given: Mapping[str, Any], save: Path
     RecordingError
         There is no such recording, or the arrays cannot be written with their times and plates.
     StoreError
-        A file is in the way: one that was not made here, or results of another trial.
+        The file exists and was edited or not made here, or the folder contains results of another trial.
     """
     if not isinstance(recording, Path | Recording):
         raise ConfigError(
-            f"a {type(recording).__name__} is no trial; expected the path of a trial's YAML file or of a recording, or "
-            "a mocap_id.Recording"
+            f"a {type(recording).__name__} is not a trial; expected the path of a trial's YAML file or of a recording, "
+            "or a mocap_id.Recording"
         )
     named = recording.files[:1] if isinstance(recording, Recording) else (recording,)
     stem = re.sub(r"[^\w.+-]+", "-", named[0].stem if named else "arrays").strip("-.+") or "trial"
@@ -63,36 +63,36 @@ def make_trial(recording: Path | Recording, given: Mapping[str, Any], save: Path
     usual = (Path.cwd() if save is None else save.absolute().parent) / "runs" / str(keys["trial"])
     out = Path(keys.get("out", usual)).absolute()
     if save is None:
-        _check_free(out)
+        _check_available(out)
     if isinstance(recording, Recording):
         recording = _write_arrays(recording, out)
     if not recording.is_file():
         raise RecordingError(f"{recording}: no such file; expected a recording or a trial's YAML file")
-    trial = _compose(recording.absolute(), keys, out)
+    trial = _complete(recording.absolute(), keys, out)
     file = out / FILE if save is None else save.absolute()
-    _write(file, _text(trial, keys, file, usual))
+    _write(file, _format_trial(trial, keys, file, usual))
     if file != trial.out / FILE and _is_ours(trial.out / FILE):
-        (trial.out / FILE).unlink()  # one file a run folder
+        (trial.out / FILE).unlink()  # a run folder has one file
     return load(file)
 
 
-def _compose(recording: Path, given: dict[str, Any], out: Path) -> Trial:
-    """Return the checked trial, with what is not given guessed; a warning says what was guessed."""
+def _complete(recording: Path, given: dict[str, Any], out: Path) -> Trial:
+    """Return the checked trial with guesses for missing keys; a warning names the guesses."""
     keys = dict(given)
     beside = sorted(recording.parent.iterdir())
     forces = keys.pop("forces", None) or find_forces(recording, beside)
     guessed, files = _guess(recording, forces if forces is None else Path(str(forces)), keys)
-    said = [name for name in guessed if name != "space" or keys.get("protocol", "free") == "free"]
-    if said:
-        what = ", ".join(f"`{name}: {guessed[name]}`" for name in said)
-        _log.warning("%s: %s guessed; if that is wrong, give the right ones", recording.name, what)
+    reported = [name for name in guessed if name != "space" or keys.get("protocol", "free") == "free"]
+    if reported:
+        what = ", ".join(f"`{name}: {guessed[name]}`" for name in reported)
+        _log.warning("%s: %s was guessed; if this is wrong, give the right values", recording.name, what)
     data = {**keys, **guessed, "recording": files, "out": str(out)}
-    plain = json.loads(json.dumps(data, default=_plain))
+    plain = json.loads(json.dumps(data, default=_convert))
     return compose(Source(Path.cwd() / recording.name, plain, {}))
 
 
 def _guess(recording: Path, forces: Path | None, given: Mapping[str, Any]) -> tuple[dict[str, str], dict[str, str]]:
-    """Return the keys that are not given, and the files of the recording."""
+    """Return guesses for the keys that are not given, and the files of the recording."""
     reach = read_reach(recording, forces)
     files = {"skeleton" if reach is not None and reach.skeleton else "markers": str(recording)}
     if forces is not None:
@@ -112,13 +112,13 @@ def _guess(recording: Path, forces: Path | None, given: Mapping[str, Any]) -> tu
     return {name: value for name, value in likely.items() if name not in given}, files
 
 
-def _plain(value: Any) -> Any:
-    """Return a number of numpy as a number, anything else as text."""
+def _convert(value: Any) -> Any:
+    """Return a number of numpy as a Python number, and any other value as text."""
     return value.item() if hasattr(value, "item") else str(value)
 
 
-def _check_free(out: Path) -> None:
-    """Raise StoreError if a run folder holds results or a file of another trial."""
+def _check_available(out: Path) -> None:
+    """Raise StoreError if a run folder contains results or a file of another trial."""
     file = out / FILE
     if not _is_ours(file) and (file.exists() or (out / ".mocap-id").exists()):
         raise StoreError(
@@ -127,38 +127,40 @@ def _check_free(out: Path) -> None:
         )
 
 
-def _with_head(lines: str) -> str:
-    """Return the text of a file: who made it, a checksum that shows whether the user has edited it, and the lines."""
+def _add_head(lines: str) -> str:
+    """Return the lines of a file after a head with a checksum, by which later edits are detected."""
     return f"{_HEAD}{_CHECKSUM.format(zlib.crc32(lines.encode()))}{lines}"
 
 
 def _is_ours(file: Path) -> bool:
-    """Return whether a file was made here and has not been edited."""
+    """Return True if a file was made here and has not been edited."""
     if not file.is_file():
         return False
     text = file.read_text("utf-8", errors="replace")
-    return text == _with_head("".join(text.splitlines(keepends=True)[2:]))
+    return text == _add_head("".join(text.splitlines(keepends=True)[2:]))
 
 
 def _write_arrays(recording: Recording, out: Path) -> Path:
-    """Write the recording; RecordingError if only some plates have corners, since no file keeps both kinds."""
-    bare = {plate.index: plate.corners is None for plate in recording.plates if plate.usable}
-    if len(set(bare.values())) > 1:
-        without, known = (", ".join(str(k) for k, one in bare.items() if one == kind) for kind in (True, False))
+    """Write arrays to a file; RecordingError if only some plates have corners, because no format allows both."""
+    without_corners = {plate.index: plate.corners is None for plate in recording.plates if plate.usable}
+    if len(set(without_corners.values())) > 1:
+        without, known = (
+            ", ".join(str(k) for k, one in without_corners.items() if one == kind) for kind in (True, False)
+        )
         raise RecordingError(
-            f"no corners of plate {without}, but those of plate {known}; expected the corners of all plates or of none"
+            f"plate {known} has corners, but plate {without} has none; expected the corners of all plates or of none"
         )
     with converting_errors(out):
         out.mkdir(parents=True, exist_ok=True)
-        if not any(bare.values()):
+        if not any(without_corners.values()):
             write_recording(out / _ARRAYS, recording)
             return out / _ARRAYS
         write_recording_as_text(out / _ARRAYS_AS_TEXT, recording)
         return out / _ARRAYS_AS_TEXT
 
 
-def _text(trial: Trial, given: Mapping[str, Any], file: Path, usual: Path) -> str:
-    """Return the YAML text of a trial with the given and guessed keys, paths relative to its file."""
+def _format_trial(trial: Trial, given: Mapping[str, Any], file: Path, usual: Path) -> str:
+    """Return the YAML text of a trial with the given and guessed keys; paths are relative to its file."""
     keys = trial.keys.model_dump(exclude_unset=True, exclude_none=True)
     keys["recording"] = {name: path for name, path in keys["recording"].items() if path is not None}
     if trial.keys.calibration is not None:
@@ -171,17 +173,17 @@ def _text(trial: Trial, given: Mapping[str, Any], file: Path, usual: Path) -> st
     lines = [
         f"{name}: {json.dumps(_relative(value, file.parent), ensure_ascii=False)}\n"
         for name, value in {**keys, **stages}.items()
-        if name in given or name in _FOUND
+        if name in given or name in _ALWAYS
     ]
-    return _with_head("".join(lines))
+    return _add_head("".join(lines))
 
 
-_FOUND = ("trial", "recording", "space", "protocol", "side", "out")
+_ALWAYS = ("trial", "recording", "space", "protocol", "side", "out")
 """Keys that are written even if they were not given."""
 
 
 def _relative(value: Any, folder: Path) -> Any:
-    """Return JSON values in which every path is relative to a folder."""
+    """Return a value as JSON values; every path in it becomes relative to a folder."""
     if isinstance(value, PurePath):
         return PurePath(os.path.relpath(value, folder)).as_posix()
     if isinstance(value, Mapping):
@@ -192,12 +194,12 @@ def _relative(value: Any, folder: Path) -> Any:
 
 
 def _write(file: Path, text: str) -> None:
-    """Write the file unless it has this content; StoreError if it exists and was edited or not made here."""
+    """Write a file unless it has this content; StoreError if it exists and was edited or not made here."""
     if file.is_file() and file.read_text("utf-8", errors="replace") == text:
         return
     if file.exists() and not _is_ours(file):
         raise StoreError(
-            f"{file} exists already and was not made by `mocap-id run`, or was edited: run it by `mocap-id run {file}` "
-            "or choose another name"
+            f"{file} exists already and was not made by `mocap-id run`, or was edited: use it with `mocap-id run "
+            f"{file}`, or choose another name"
         )
     write_files(file.parent, {file.name: text.encode()})

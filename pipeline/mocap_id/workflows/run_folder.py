@@ -23,24 +23,12 @@ SUMMARY = "summary.json"
 
 @dataclass(frozen=True)
 class RunFolder(ArtefactSet):
-    """The artefacts and the summary in a run folder.
+    """The artefacts and the summary in a run folder."""
 
-    Parameters
-    ----------
-    source : Path
-        The YAML file or folder given on the command line.
-    path : Path
-        The folder.
-    artefacts : mapping of str to Table, LongTable or Tree
-        Artefacts by file name; missing ones are absent.
-    provenance : mapping of str to Provenance
-        Provenance of these artefacts.
-    """
-
-    source: Path
-    path: Path
-    artefacts: Mapping[str, Artefact]
-    provenance: Mapping[str, Provenance]
+    source: Path  # the YAML file or folder that the user gave
+    path: Path  # the run folder
+    artefacts: Mapping[str, Artefact]  # existing artefacts by file name
+    provenance: Mapping[str, Provenance]  # provenance of these artefacts by file name
 
     @cached_property
     def name(self) -> str:
@@ -59,12 +47,12 @@ class RunFolder(ArtefactSet):
         """
         file = self.path / SUMMARY
         try:
-            found: Mapping[str, Any] = json.loads(file.read_text("utf-8"))
+            summary: Mapping[str, Any] = json.loads(file.read_text("utf-8"))
         except FileNotFoundError:
             return {}
         except (OSError, ValueError) as error:
             raise StoreError(f"{file} cannot be read ({error}): delete it and run `mocap-id report` again") from error
-        return found
+        return summary
 
     @property
     def in_space(self) -> bool:
@@ -74,7 +62,7 @@ class RunFolder(ArtefactSet):
         return is_in_space(self.facts("planar.parquet"))
 
     def why_missing(self, file: str) -> str:
-        """Return why an artefact, or the data in it, is missing."""
+        """Return the reason why an artefact, or the data in it, is missing."""
         if file == "angles.parquet" and file in self.artefacts and not self.in_space:
             return "a trial in the plane has no anatomical angles: see its `states`"
         if file in self.artefacts:
@@ -88,7 +76,7 @@ class RunFolder(ArtefactSet):
 
 
 def open_run(path: Path, progress: runner.Progress = lambda step: None) -> RunFolder:
-    """Open a run with all artefacts that it has.
+    """Open a run and read all its artefacts.
 
     Parameters
     ----------
@@ -106,32 +94,32 @@ def open_run(path: Path, progress: runner.Progress = lambda step: None) -> RunFo
     """
     if not path.exists():
         raise ConfigError(f"{path}: no such file or folder; expected a trial's YAML file or a run folder, runs/<trial>")
-    where = path if path.is_dir() else runner.run(load(path), progress=progress).folder
-    folder = Folder(where)
-    files = _existing(folder)
+    run_folder = path if path.is_dir() else runner.run(load(path), progress=progress).folder
+    folder = Folder(run_folder)
+    files = _list_artefacts(folder)
     artefacts = {file: folder.read(file) for file in files}
-    return RunFolder(path, where, artefacts, check_provenance(folder, files))
+    return RunFolder(path, run_folder, artefacts, check_provenance(folder, files))
 
 
 def open_lazily(path: Path) -> RunFolder:
     """Open a run folder whose artefacts are read when they are first used.
 
-    An artefact is checked when it is read: StoreError where it is damaged, or was made from another version of its
-    inputs than those in the folder. ``provenance`` is empty.
+    Reading an artefact raises StoreError if it is damaged, or was made from other versions of its inputs than the
+    folder contains. ``provenance`` is empty.
 
     Raises
     ------
     StoreError
-        The folder has neither artefacts nor a summary, which a trial refused at once has.
+        The folder has neither artefacts nor a summary. A trial that was refused at once has only a summary.
     """
     folder = Folder(path)
     if not (path / SUMMARY).is_file():
-        _existing(folder)
+        _list_artefacts(folder)
     return RunFolder(path, path, _LazyArtefacts(folder), {})
 
 
 class _LazyArtefacts(Mapping[str, "Artefact"]):
-    """The artefacts in a folder by file name, read when they are used."""
+    """The artefacts in a folder by file name, read when they are first used."""
 
     def __init__(self, folder: Folder) -> None:
         self._folder = folder
@@ -141,39 +129,39 @@ class _LazyArtefacts(Mapping[str, "Artefact"]):
             raise KeyError(file)
         for needed, key in self._folder.provenance(file).origin.inputs.items():
             if needed in self and self._folder.key(needed) != key:
-                raise _made_from_another(self._folder, file, needed)
+                raise _report_mismatch(self._folder, file, needed)
         return self._folder.read(file)
 
     def __contains__(self, file: object) -> bool:
         return file in SCHEMAS and self._folder.exists(str(file))
 
     def __iter__(self) -> Iterator[str]:
-        return iter([file for file in SCHEMAS if file in self])
+        return (file for file in SCHEMAS if file in self)
 
     def __len__(self) -> int:
-        return len(list(iter(self)))
+        return sum(1 for _ in self)
 
 
-def _existing(folder: Folder) -> list[str]:
-    """Return the artefacts in a folder; StoreError if there are none."""
+def _list_artefacts(folder: Folder) -> list[str]:
+    """Return the file names of the artefacts in a folder; StoreError if there are none."""
     files = [file for file in SCHEMAS if folder.exists(file)]
     if not files:
         raise StoreError(
-            f"{folder.path} holds no artefacts of a run: expected a trial's YAML file or a run folder such as "
+            f"{folder.path} contains no artefacts of a run: expected a trial's YAML file or a run folder such as "
             "runs/<trial>"
         )
     return files
 
 
-def _made_from_another(folder: Folder, file: str, needed: str) -> StoreError:
+def _report_mismatch(folder: Folder, file: str, needed: str) -> StoreError:
     return StoreError(
-        f"{folder.path / file} was made from another {needed} than the one beside it: run the trial again "
+        f"{folder.path / file} was made from another {needed} than the file in this folder: run the trial again "
         "(`mocap-id run TRIAL.yaml`)"
     )
 
 
 def open_run_to(path: Path, stage: str, progress: runner.Progress = lambda step: None) -> tuple[Folder, Trial | None]:
-    """Open a trial's run folder, computed as far as one stage.
+    """Open the run folder of a trial whose results are computed up to one stage.
 
     Parameters
     ----------
@@ -187,8 +175,9 @@ def open_run_to(path: Path, stage: str, progress: runner.Progress = lambda step:
     Returns
     -------
     folder : Folder
+        The run folder.
     trial : Trial or None
-        The configuration in a YAML file; None for a run folder.
+        The configuration in the YAML file; None if ``path`` is a run folder.
 
     Raises
     ------
@@ -207,16 +196,16 @@ def open_run_to(path: Path, stage: str, progress: runner.Progress = lambda step:
 
 
 def check_provenance(folder: Folder, files: Iterable[str]) -> dict[str, Provenance]:
-    """Return the provenance of artefacts after checking that they were made from one another.
+    """Check that artefacts were made from each other, and return their provenance by file name.
 
     Raises
     ------
     StoreError
-        An artefact is missing or damaged, or was made from another version of its input than the one in the folder.
+        An artefact is missing or damaged, or was made from another version of its input than the folder contains.
     """
-    found = {file: folder.provenance(file) for file in files}
-    for file, about in found.items():
-        for needed, key in about.origin.inputs.items():
-            if needed in found and found[needed].origin.key != key:
-                raise _made_from_another(folder, file, needed)
-    return found
+    provenance = {file: folder.provenance(file) for file in files}
+    for file, own in provenance.items():
+        for needed, key in own.origin.inputs.items():
+            if needed in provenance and provenance[needed].origin.key != key:
+                raise _report_mismatch(folder, file, needed)
+    return provenance

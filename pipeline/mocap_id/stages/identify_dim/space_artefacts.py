@@ -160,7 +160,7 @@ def facts(
         "plate_bias": bias,
         "residual_covariance": found.residual_covariance.tolist(),
         "unit_covariance": found.unit_covariance.tolist(),
-        "propagate_errors": [[mode.name, mode.parameters[: len(found.base)].tolist()] for mode in found.modes],
+        "error_modes": [[mode.name, mode.parameters[: len(found.base)].tolist()] for mode in found.modes],
         "frames": trial.structure.frames[:, :3, :3].tolist(),
         "moments_about_m": trial.recorded.base[:3, 3].tolist(),
     }

@@ -1,4 +1,4 @@
-"""The search for a movement that makes the parameters of an identified trial better known."""
+"""Search for the movement that reduces the standard deviations of an identified trial's parameters most."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from mocap_id.dynamics.identification import Identification
 from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.errors import RecordingError
-from mocap_id.kinematics.skin_slides import predict_skin
+from mocap_id.kinematics.predicted_skin import predict_skin
 from mocap_id.stages import STAGES, skin_artefact
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE
 from mocap_id.stages.identify_dim.function import identification, weak_share
 from mocap_id.stages.identify_dim.identifiability import NotIdentifiable
 from mocap_id.stages.trial_keys import TrialKeys
-from mocap_id.store import Artefact, Folder, Tree
+from mocap_id.store import Artefact, Folder
 from mocap_id.store.views import Skeleton
 from mocap_id.workflows.advice.options import AdviceOptions
 from mocap_id.workflows.identified_trial import open_identified_trial
 
-_WIDEN = {"robot-joint": 20.0}  # degrees beyond the observed range; for a person little
-_WIDEN_ELSE = 5.0
-_SPEED, _ACCELERATION = np.radians((90.0, 200.0)), np.radians((360.0, 800.0))  # least for everybody; most for a person
-_SLACK = 0.03  # m
-_POSTURES = 60  # postures for predicting the joints' errors in another movement
+_WIDEN_ROBOT, _WIDEN = 20.0, 5.0  # degrees beyond the observed range, for a robot and for a person
+_SPEED = (float(np.radians(90.0)), float(np.radians(200.0)))  # rad/s: lowest limit, and highest limit of a person
+_ACCELERATION = (float(np.radians(360.0)), float(np.radians(800.0)))  # rad/s², as above
+_SLACK = 0.03  # m, of the centre of pressure beyond its observed range
+_POSTURES = 60  # number of postures from which the joints' errors in another movement are predicted
 
 
 @dataclass(frozen=True)
@@ -46,13 +46,14 @@ class Advice:
 
     trial: str
     joints: tuple[str, ...]
-    names: tuple[str, ...]  # of the base parameters
-    units: tuple[str, ...]  # of the base parameters
+    names: tuple[str, ...]  # names of the base parameters
+    units: tuple[str, ...]  # units of the base parameters
     value: FloatArray  # (b,) base parameters of the trial, SI
     design: ExperimentDesign
     limits: MovementLimits
     weak: float  # relative standard deviation above which a parameter is weak
-    sensor_sd: FloatArray | None  # (b,) deviations of the same movement with a wrench sensor before the last segment
+    # (b,) standard deviations for the same movement with a wrench sensor before the last segment; None if there is one
+    sensor_sd: FloatArray | None
 
 
 def advise(path: Path, options: AdviceOptions | None = None, progress: runner.Progress = lambda step: None) -> Advice:
@@ -83,16 +84,16 @@ def advise(path: Path, options: AdviceOptions | None = None, progress: runner.Pr
             f"{path}: nothing was identified on trial {identified.name}, so the value of another movement cannot be "
             f"predicted: {identified.facts.get('why')}"
         )
-    context = _context(identified.folder)
-    answer = identification(context)
-    assert not isinstance(answer, NotIdentifiable)  # it was identified before, from the same artefacts
-    prepared, movement, found = answer
-    joints = joint_names(context.tree("chain.h5"))
-    own, centres = get_recorded_trajectory(prepared.recorded, found.fit.in_fit), prepared.recorded.centres
-    predictor = CovariancePredictor(IdentifiedBody(prepared, found), own, _geometry(context))
+    context = _read_context(identified.folder)
+    outcome = identification(context)
+    assert not isinstance(outcome, NotIdentifiable)  # it was identified before, from the same artefacts
+    prepared, movement, model = outcome
+    joints = Skeleton.from_tree(context.tree("chain.h5")).joint_names
+    own, centres = get_recorded_trajectory(prepared.recorded, model.fit.in_fit), prepared.recorded.centres
+    predictor = CovariancePredictor(IdentifiedBody(prepared, model), own, _make_error_predictor(context))
     bolted = options.support == "bolted" or (options.support is None and context.trial.protocol == "robot-joint")
     rest = find_resting_posture(own, centres, upright=not bolted)
-    limits = options.over(_observed_limits(predictor, rest, _widen(options, context), bolted), joints)
+    limits = options.replace_limits(_observe_limits(predictor, rest, _find_widening(options, context), bolted), joints)
     rest = limits.clip(rest)  # the options may exclude the observed posture
     chosen = design_experiment(
         predictor,
@@ -109,30 +110,28 @@ def advise(path: Path, options: AdviceOptions | None = None, progress: runner.Pr
         joints=joints,
         names=base_names(prepared.base, centres),
         units=list_base_units(prepared.base),
-        value=found.base,
+        value=model.base,
         design=chosen,
         limits=limits,
         weak=weak_share(context),
-        sensor_sd=_with_sensor(found, prepared, movement.free),
+        sensor_sd=_predict_with_sensor(model, prepared, movement.free),
     )
 
 
-def _with_sensor(found: Identification, prepared: PreparedTrial, gate: BoolArray) -> FloatArray | None:
-    """Return the standard deviations with a usual sensor before the last segment; None if the trial has one already."""
+def _predict_with_sensor(model: Identification, prepared: PreparedTrial, gate: BoolArray) -> FloatArray | None:
+    """Return the standard deviations (b,) with a common wrench sensor before the last segment.
+
+    None if the trial already has one, or has a prior.
+    """
     segment = len(prepared.recorded.centres)
     if any(each.segment == segment for each in prepared.recorded.built_in) or prepared.prior is not None:
         return None
-    covariance = predict_with_sensor(found, prepared, gate, segment, SensorNoise())
+    covariance = predict_with_sensor(model, prepared, gate, segment, SensorNoise())
     return None if covariance is None else np.asarray(np.sqrt(np.diag(covariance)))
 
 
-def joint_names(chain: Tree) -> tuple[str, ...]:
-    """Return the names of the joints in chain.h5; numbers where they have no names."""
-    return Skeleton.from_tree(chain).joint_names
-
-
-def _context(path: Path) -> Context:
-    """Return the inputs and settings of identify-dim when it wrote the folder."""
+def _read_context(path: Path) -> Context:
+    """Return the inputs and settings with which identify-dim wrote its artefacts in a run folder."""
     folder = Folder(path)
     parameters = folder.provenance("dynamics.h5").origin.parameters
     stage = next(stage for stage in STAGES if stage.name == STAGE.name)
@@ -142,8 +141,8 @@ def _context(path: Path) -> Context:
     return Context(trial, stage.settings.model_validate(parameters[stage.name]), inputs)
 
 
-def _geometry(context: Context) -> Callable[[FloatArray], KinematicError]:
-    """Return a function that predicts the chain's errors if it is found from other postures."""
+def _make_error_predictor(context: Context) -> Callable[[FloatArray], KinematicError]:
+    """Return a function that predicts the errors of the chain for a recording with other postures (F, n), rad."""
     tree = context.tree("skin.h5")
     skin, camera = skin_artefact.read_skin_tree(tree), float(tree.facts["camera_sd_m"])
     frames = context.table("states.parquet").length
@@ -156,20 +155,20 @@ def _geometry(context: Context) -> Callable[[FloatArray], KinematicError]:
     return predict
 
 
-def _widen(options: AdviceOptions, context: Context) -> float:
+def _find_widening(options: AdviceOptions, context: Context) -> float:
     """Return how far every joint may go beyond its observed range, rad."""
-    degrees = _WIDEN.get(context.trial.protocol, _WIDEN_ELSE) if options.widen is None else options.widen
-    return float(np.radians(degrees))
+    usual = _WIDEN_ROBOT if context.trial.protocol == "robot-joint" else _WIDEN
+    return float(np.radians(usual if options.widen is None else options.widen))
 
 
-def _observed_limits(predictor: CovariancePredictor, rest: FloatArray, widened: float, bolted: bool) -> MovementLimits:
+def _observe_limits(predictor: CovariancePredictor, rest: FloatArray, widened: float, bolted: bool) -> MovementLimits:
     return derive_limits(
         predictor.own,
         predictor.body.wrench(predictor.own),
         rest,
         widened=widened,
-        speed=(float(_SPEED[0]), np.inf if bolted else float(_SPEED[1])),
-        acceleration=(float(_ACCELERATION[0]), np.inf if bolted else float(_ACCELERATION[1])),
+        speed=(_SPEED[0], np.inf if bolted else _SPEED[1]),
+        acceleration=(_ACCELERATION[0], np.inf if bolted else _ACCELERATION[1]),
         slack=None if bolted else _SLACK,
         at_rest=float(static_centre_of_pressure(predictor.body, rest[None])[0]),
     )

@@ -1,4 +1,4 @@
-"""Options of an advice: the objective and the limits of the movement."""
+"""Options of `advise`: the objective and the limits of the movement."""
 
 from __future__ import annotations
 
@@ -18,41 +18,36 @@ Support = tuple[float, float] | Literal["bolted"] | None
 
 @dataclass(frozen=True)
 class AdviceOptions:
-    """The objective and the limits of the movement; None takes the limit from the trial."""
+    """The objective and the limits of the movement; None for the limit in the trial."""
 
     objective: Objective = "intervals"
-    seconds: float | None = None  # length of the recording, s; None: that of the trial
-    # how far every joint may go beyond its observed range, degrees; None: 20 for a robot, 5 for a person
+    seconds: float | None = None  # length of the recording, s; None for the length of the trial
+    # how far every joint may go beyond its observed range, degrees; None for 20 with a robot and 5 with a person
     widen: float | None = None
-    # range of a joint by its name, degrees; replaces the observed range
+    # ranges of joints by name, degrees; they replace the observed ranges
     angles: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     speed: float | None = None  # limit of every joint, degrees/s
     acceleration: float | None = None  # limit of every joint, degrees/s²
-    # range of the centre of pressure, m in the plane; None: 3 cm beyond its observed range, and no limit for a robot,
-    # which is bolted down
+    # range of the centre of pressure, m in the plane; None for 3 cm beyond its observed range, and for no limit with a
+    # robot, which is bolted down
     support: Support = None
     seed: int = 0  # seed of the search
 
     def __post_init__(self) -> None:
         checks = (
             ("objective", self.objective, self.objective in OBJECTIVES, "one of " + ", ".join(OBJECTIVES)),
-            ("seconds", self.seconds, self.seconds is None or 8 <= self.seconds <= 600, "8 … 600 s"),
-            ("widen", self.widen, self.widen is None or 0 <= self.widen <= 180, "0 … 180 degrees"),
-            ("speed", self.speed, self.speed is None or 1 <= self.speed <= 2000, "1 … 2000 degrees/s"),
-            (
-                "acceleration",
-                self.acceleration,
-                self.acceleration is None or 1 <= self.acceleration <= 100_000,
-                "1 … 100000 degrees/s²",
-            ),
+            ("seconds", self.seconds, _is_within(self.seconds, 8, 600), "8 … 600 s"),
+            ("widen", self.widen, _is_within(self.widen, 0, 180), "0 … 180 degrees"),
+            ("speed", self.speed, _is_within(self.speed, 1, 2000), "1 … 2000 degrees/s"),
+            ("acceleration", self.acceleration, _is_within(self.acceleration, 1, 1e5), "1 … 100000 degrees/s²"),
             ("seed", self.seed, self.seed >= 0, "a whole number, 0 or more"),
         )
         for name, value, valid, expected in checks:
             if not valid:
                 raise ConfigError(f"advise: {name} is {value!r}; expected {expected}")
 
-    def over(self, limits: MovementLimits, joints: Sequence[str]) -> MovementLimits:
-        """Return the observed limits, replaced by those of the options.
+    def replace_limits(self, limits: MovementLimits, joints: Sequence[str]) -> MovementLimits:
+        """Return the observed limits, replaced by the limits in the options.
 
         Raises
         ------
@@ -73,7 +68,11 @@ class AdviceOptions:
         )
 
 
-def angle_range(text: str) -> tuple[str, tuple[float, float]]:
+def _is_within(value: float | None, low: float, high: float) -> bool:
+    return value is None or low <= value <= high
+
+
+def parse_angle_range(text: str) -> tuple[str, tuple[float, float]]:
     """Return a joint and its range from a text such as ``hip=-10:60``, degrees.
 
     Raises
@@ -81,13 +80,12 @@ def angle_range(text: str) -> tuple[str, tuple[float, float]]:
     ConfigError
         The text has another form.
     """
-    name, equals, rest = text.partition("=")
-    if not (name and equals):
-        raise ConfigError(f"advise: --angle {text!r}; expected JOINT=LOW:HIGH in degrees, such as hip=-10:60")
-    return name.strip(), _range(rest, f"--angle {text!r}", "JOINT=LOW:HIGH in degrees, such as hip=-10:60")
+    name, _, rest = text.partition("=")
+    expected = "JOINT=LOW:HIGH in degrees, such as hip=-10:60"
+    return name.strip(), _parse_range(rest if name else "", f"--angle {text!r}", expected)
 
 
-def support_range(text: str) -> Support:
+def parse_support(text: str) -> Support:
     """Return ``bolted``, or the range of the centre of pressure, m, from a text such as ``-8:3``, cm.
 
     Raises
@@ -97,11 +95,13 @@ def support_range(text: str) -> Support:
     """
     if text == "bolted":
         return "bolted"
-    low, high = _range(text, f"--support {text!r}", "LOW:HIGH in cm along the plane's x, such as -12:4, or `bolted`")
+    low, high = _parse_range(
+        text, f"--support {text!r}", "LOW:HIGH in cm along the plane's x, such as -12:4, or `bolted`"
+    )
     return low / 100, high / 100
 
 
-def _range(text: str, given: str, expected: str) -> tuple[float, float]:
+def _parse_range(text: str, given: str, expected: str) -> tuple[float, float]:
     low, colon, high = text.partition(":")
     try:
         ends = float(low), float(high)

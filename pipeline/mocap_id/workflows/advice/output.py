@@ -1,4 +1,4 @@
-"""The output of an advice: text, a JSON document, and the movement as CSV and as a figure."""
+"""The output of `advise`: text, a JSON document, and the movement as CSV and as a figure."""
 
 from __future__ import annotations
 
@@ -21,42 +21,42 @@ from mocap_id.reporting.results.columns import finite
 from mocap_id.reporting.results.result import Result
 from mocap_id.workflows.advice.advice import Advice
 
-_NAMED = 4  # parameters that are mentioned
+_NAMED = 4  # number of parameters that are mentioned
 
 
-def lines(advised: Advice) -> Iterator[str]:
-    """Yield the lines of the text."""
-    found = advised.design
-    yield f"{advised.trial}: {len(advised.names)} parameters, condition number {found.now.condition:.0f}"
-    yield _limits(advised)
+def format_text(advised: Advice) -> Iterator[str]:
+    """Yield the lines of the text for the terminal."""
+    design = advised.design
+    yield f"{advised.trial}: {len(advised.names)} parameters, condition number {design.now.condition:.0f}"
+    yield _format_limits(advised)
     yield ""
-    if found.best is None or not found.helps:
+    if design.best is None or not design.helps:
         yield (
             "nothing within these limits helps: no tried movement reduces the "
-            f"{OBJECTIVES[found.objective]} by a fifth and a standard deviation by 5 %. More markers, a zeroed and "
+            f"{OBJECTIVES[design.objective]} by a fifth and a standard deviation by 5 %. More markers, a zeroed and "
             "calibrated plate or a longer recording would help"
         )
     else:
-        yield f"record this, {found.seconds:.0f} s: {found.best.words}"
-        yield f"  {_worth(advised, found.best)}"
+        yield f"record this, {design.seconds:.0f} s: {design.best.words}"
+        yield f"  {_describe_benefit(advised, design.best)}"
     yield ""
-    yield f"simple changes, best first{'' if found.helps else ', none recommended'}:"
-    shown = [each for each in found.simple if each.value < found.value or not found.helps]
-    for place, each in enumerate(shown, start=1):
-        yield f"  {place}. {each.words}: {_worth(advised, each)}"
-    if not shown:
+    yield f"simple changes, best first{'' if design.helps else ', none recommended'}:"
+    changes = [each for each in design.simple if each.value < design.value or not design.helps]
+    for rank, each in enumerate(changes, start=1):
+        yield f"  {rank}. {each.words}: {_describe_benefit(advised, each)}"
+    if not changes:
         yield "  none is within these limits"
     yield ""
-    if found.designed is not None:
-        head = "designed" if found.helps else "designed, not recommended"
-        yield f"{head}: {found.designed.words}: {_worth(advised, found.designed)}"
+    if design.designed is not None:
+        head = "designed" if design.helps else "designed, not recommended"
+        yield f"{head}: {design.designed.words}: {_describe_benefit(advised, design.designed)}"
     else:
         yield "designed: no movement of all joints together is within these limits"
     yield ""
-    yield from _table(advised)
+    yield from _format_table(advised)
 
 
-def _limits(advised: Advice) -> str:
+def _format_limits(advised: Advice) -> str:
     limits = advised.limits
     parts = [
         f"{name} {np.degrees(low):.0f}° to {np.degrees(high):.0f}°, up to {np.degrees(speed):.0f}°/s"
@@ -68,33 +68,33 @@ def _limits(advised: Advice) -> str:
     return "limits: " + "; ".join(parts) + f"; centre of pressure {low:.1f} to {high:.1f} cm"
 
 
-def _worth(advised: Advice, proposal: Proposal) -> str:
+def _describe_benefit(advised: Advice, proposal: Proposal) -> str:
     """Return the benefit of a movement in words: standard deviations that decrease, and the condition number."""
-    found = advised.design
-    before, after = found.now.sd / found.size, proposal.predicted.sd / found.size
+    design = advised.design
+    before, after = design.now.sd / design.size, proposal.predicted.sd / design.size
     gains = [i for i in np.argsort(-before) if after[i] < SMALLER * before[i]]
     named = [
         f"sd of {advised.names[i]} from {show(100 * before[i], 2, '%')} to {show(100 * after[i], 2, '%')}"
         for i in gains[:_NAMED]
     ]
-    condition = f"condition number {found.now.condition:.0f} -> {proposal.predicted.condition:.0f}"
+    condition = f"condition number {design.now.condition:.0f} -> {proposal.predicted.condition:.0f}"
     return ", ".join([*(named or ["no smaller sd"]), condition])
 
 
-def _table(advised: Advice) -> Iterator[str]:
-    found = advised.design
-    columns = [("now", found.now)]
-    if found.simple:
-        columns.append(("simple 1", found.simple[0].predicted))
-    if found.designed is not None:
-        columns.append(("designed", found.designed.predicted))
+def _format_table(advised: Advice) -> Iterator[str]:
+    design = advised.design
+    columns = [("now", design.now)]
+    if design.simple:
+        columns.append(("simple 1", design.simple[0].predicted))
+    if design.designed is not None:
+        columns.append(("designed", design.designed.predicted))
     width = max(map(len, advised.names))
-    shown = [(name, each.sd) for name, each in columns]
+    sds = [(name, each.sd) for name, each in columns]
     if advised.sensor_sd is not None:
-        shown.append(("sensor", advised.sensor_sd))
-    yield "sd by size, %".ljust(width) + "".join(name.rjust(10) for name, _ in shown)
+        sds.append(("sensor", advised.sensor_sd))
+    yield "sd by size, %".ljust(width) + "".join(name.rjust(10) for name, _ in sds)
     for i, name in enumerate(advised.names):
-        yield name.ljust(width) + "".join(f"{100 * sd[i] / found.size[i]:10.2f}" for _, sd in shown)
+        yield name.ljust(width) + "".join(f"{100 * sd[i] / design.size[i]:10.2f}" for _, sd in sds)
     if advised.sensor_sd is not None:
         yield (
             f"sensor: the same movement with a wrench sensor in the {advised.joints[-1]}, at best: with no errors but "
@@ -103,14 +103,14 @@ def _table(advised: Advice) -> Iterator[str]:
     yield "condition number".ljust(width) + "".join(f"{f.condition:10.1f}" for _, f in columns)
 
 
-def advice_output(advised: Advice) -> Result:
-    """Return ``advice.json``, and CSV and figure of the best movement that does not repeat the recorded one."""
-    found, limits = advised.design, advised.limits
+def make_output(advised: Advice) -> Result:
+    """Return the files to write: ``advice.json``, and the best new movement as CSV and as a figure."""
+    design, limits = advised.design, advised.limits
     content = {
         "trial": advised.trial,
-        "objective": {"name": found.objective, "text": OBJECTIVES[found.objective], "now": finite(found.value)},
-        "helps": found.helps,
-        "seconds": found.seconds,
+        "objective": {"name": design.objective, "text": OBJECTIVES[design.objective], "now": finite(design.value)},
+        "helps": design.helps,
+        "seconds": design.seconds,
         "limits": {
             "joints": [
                 {
@@ -124,16 +124,16 @@ def advice_output(advised: Advice) -> Result:
             ],
             "support_m": None if limits.support is None else list(limits.support),
         },
-        "now": _predicted(advised, found.now),
-        "simple": [_proposal(advised, each) for each in found.simple],
-        "designed": None if found.designed is None else _proposal(advised, found.designed),
-        "sensor": _sensor(advised),
+        "now": _describe_prediction(advised, design.now),
+        "simple": [_describe_proposal(advised, each) for each in design.simple],
+        "designed": None if design.designed is None else _describe_proposal(advised, design.designed),
+        "sensor": _describe_sensor(advised),
     }
-    return Result("advice", "advice.json", content, other_files=lambda: _files(advised), indent=2)
+    return Result("advice", "advice.json", content, other_files=lambda: _draw_movement(advised), indent=2)
 
 
-def _sensor(advised: Advice) -> dict[str, Any] | None:
-    """Return the parameters of the same movement with a wrench sensor before the last segment."""
+def _describe_sensor(advised: Advice) -> dict[str, Any] | None:
+    """Return the standard deviations for the same movement with a wrench sensor before the last segment."""
     if advised.sensor_sd is None:
         return None
     size = advised.design.size
@@ -144,12 +144,12 @@ def _sensor(advised: Advice) -> dict[str, Any] | None:
     return {"joint": advised.joints[-1], "parameters": rows}
 
 
-def _proposal(advised: Advice, proposal: Proposal) -> dict[str, Any]:
+def _describe_proposal(advised: Advice, proposal: Proposal) -> dict[str, Any]:
     head = {"text": proposal.words, "designed": proposal.designed, "objective": finite(proposal.value)}
-    return head | _predicted(advised, proposal.predicted)
+    return head | _describe_prediction(advised, proposal.predicted)
 
 
-def _predicted(advised: Advice, predicted: PredictedUncertainty) -> dict[str, Any]:
+def _describe_prediction(advised: Advice, predicted: PredictedUncertainty) -> dict[str, Any]:
     size = advised.design.size
     return {
         "condition_number": finite(predicted.condition),
@@ -169,7 +169,7 @@ def _predicted(advised: Advice, predicted: PredictedUncertainty) -> dict[str, An
     }
 
 
-def csv_text(advised: Advice, trajectory: Trajectory) -> str:
+def _format_csv(advised: Advice, trajectory: Trajectory) -> str:
     """Return a movement as CSV: time_s, and angle, velocity and acceleration of every joint (rad, rad/s, rad/s²)."""
     heads = [f"{joint.replace(' ', '_')}_{unit}" for unit in ("rad", "rad_s", "rad_s2") for joint in advised.joints]
     rows = np.column_stack([trajectory.time - trajectory.time[0], trajectory.q, trajectory.dq, trajectory.ddq])
@@ -178,10 +178,12 @@ def csv_text(advised: Advice, trajectory: Trajectory) -> str:
     return stream.getvalue()
 
 
-def _files(advised: Advice) -> dict[str, bytes]:
-    made = advised.design.best_standalone
-    if made is None:
+def _draw_movement(advised: Advice) -> dict[str, bytes]:
+    movement = advised.design.best_standalone
+    if movement is None:
         return {}
     title = f"A movement to record after {advised.trial}"
-    figure = render("movement", title, lambda: draw(made.trajectory, advised.joints, advised.limits, made.words))
-    return {"movement.csv": csv_text(advised, made.trajectory).encode(), **figure}
+    figure = render(
+        "movement", title, lambda: draw(movement.trajectory, advised.joints, advised.limits, movement.words)
+    )
+    return {"movement.csv": _format_csv(advised, movement.trajectory).encode(), **figure}

@@ -1,20 +1,93 @@
-"""Running a batch and writing its table."""
+"""Runs of a batch, and its table with one row for each trial, with or without results."""
 
 from __future__ import annotations
 
 import logging
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from mocap_id.reporting.results.columns import ResultTable
+from mocap_id.config import Trial
+from mocap_id.reporting.results.columns import ResultColumn as Column
+from mocap_id.reporting.results.columns import ResultTable, count, number, text, whole
+from mocap_id.store import TableSchema
 from mocap_id.store.atomic import converting_errors, write_files
-from mocap_id.workflows.batch.named_trials import find_trials
-from mocap_id.workflows.batch.table import BATCH, read_trial, row, unreadable_trial
+from mocap_id.workflows.batch.named_trials import UnreadableFile, find_trials
 from mocap_id.workflows.parallel import Backend, DaskBackend, LocalBackend, OnError, TrialRun, run_trials
+from mocap_id.workflows.trial_outcome import TrialOutcome, read_summary
 
 _log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchTrial(TrialOutcome):
+    """A trial of a batch, or a file that could not be read as a trial."""
+
+    file: Path
+    out: Path | None  # the run folder; None for a file that could not be read
+    folder: Path  # the folder of the table
+
+    @property
+    def repetitions(self) -> int | None:
+        """Number of repetitions found; None if unknown."""
+        repetitions = self.value("repetitions")
+        return len(repetitions) if isinstance(repetitions, list) else None
+
+    def relative(self, path: Path | None) -> str:
+        """Return a path relative to the folder of the table; empty for None."""
+        try:
+            return "" if path is None else os.path.relpath(path, self.folder)
+        except ValueError:  # on another drive
+            return str(path)
+
+
+def _summary(*keys: str) -> Callable[[BatchTrial], Any]:
+    """Return a function that reads an entry of a trial's summary.json."""
+    return lambda trial: trial.value(*keys)
+
+
+BATCH = TableSchema(
+    "batch.parquet",
+    1,
+    (
+        text("trial", "name of the trial", lambda one: one.run.trial),
+        text("file", "its YAML file, relative to the table's folder", lambda one: one.relative(one.file)),
+        text("folder", "its run folder, relative to the table's folder", lambda one: one.relative(one.out)),
+        text("verdict", "ok, caution, refused, failed, or not run because another trial failed", lambda one: one.level),
+        text("codes", "codes of the verdict's reasons", lambda one: ", ".join(one.codes)),
+        whole("exit_code", "exit code of `mocap-id run` for the trial", lambda one: one.run.exit_code),
+        text(
+            "message",
+            "why the trial failed, was refused or not run, without names of recordings",
+            lambda one: one.run.published or "",
+        ),
+        Column("computed", "bool", "", "whether any stage had to be computed", lambda one: one.run.computed),
+        number("seconds", "s", "time that the trial took in this batch", lambda one: one.run.seconds),
+        count("segments", "number of segments with the base", _summary("segments", "count")),
+        number("confidence", "1", "probability that the segments are right", _summary("segments", "confidence")),
+        number("missing_fraction", "1", "share of missing marker samples", _summary("markers", "missing_fraction")),
+        number(
+            "reprojection",
+            "m",
+            "rms distance between measured and predicted markers",
+            lambda one: one.metres("markers", "reprojection_rms_mm"),
+        ),
+        number("marker_sd", "m", "standard deviation of a marker coordinate", _summary("noise", "marker_sd_m")),
+        number("mass", "kg", "mass that the plates measure at rest", _summary("dynamics", "mass_kg")),
+        number(
+            "condition_number",
+            "1",
+            "condition number of the regressor over the samples of the fit",
+            _summary("dynamics", "condition_number"),
+        ),
+        number("clock_offset", "s", "clock offset, plates after cameras", _summary("dynamics", "clock_offset_s")),
+        number("cop_rms", "m", "modelled minus measured centre of pressure, rms", _summary("dynamics", "cop_rms_m")),
+        count("repetitions", "number of repetitions found", lambda one: one.repetitions),
+    ),
+)
+"""Schema of the table of a batch."""
 
 
 @dataclass(frozen=True)
@@ -23,7 +96,7 @@ class Batch:
 
     # rows of the table in the order of the trials, followed by the files that could not be read as trials
     rows: Sequence[Mapping[str, Any]]
-    # row number → why the trial failed or was refused, with names of files, for the owner of the recordings
+    # reason by row number why a trial failed or was refused, for the owner of the recordings: it may name files
     messages: Mapping[int, str]
     table: Path
 
@@ -42,7 +115,7 @@ def run_batch(
     begin: Callable[[int], None] = lambda trials: None,
     tell: Callable[[TrialRun], None] = lambda run: None,
 ) -> Batch:
-    """Run all trials that are not up to date; a failed trial stops no other.
+    """Run all trials that are not up to date, and write their table; a failed trial does not stop the others.
 
     Parameters
     ----------
@@ -51,7 +124,7 @@ def run_batch(
     table : Path
         Parquet file of the table.
     backend : Backend, optional
-        Where trials run; this process by default, and always for a single trial.
+        Where trials run; by default, and always for a single trial, this process.
     on_error : {"continue", "stop"}
     begin : callable, optional
         Called with the number of trials before the first one runs.
@@ -73,10 +146,30 @@ def run_batch(
         _log.warning("there is only one trial: it runs on this machine, without Dask")
     begin(len(trials))
     runs = run_trials(trials, backend or LocalBackend(), tell, on_error)
-    rows = [row(read_trial(trial, run, table.parent)) for trial, run in zip(trials, runs, strict=True)]
-    messages = {number: run.message for number, run in enumerate(runs) if run.message is not None}
-    for number, one in enumerate(unreadable, start=len(rows)):
-        messages[number] = str(one.error)
-        rows.append(row(unreadable_trial(one, table.parent)))
+    entries = [read_trial(trial, run, table.parent) for trial, run in zip(trials, runs, strict=True)]
+    entries += [_make_unreadable(one, table.parent) for one in unreadable]
+    messages = {k: entry.run.message for k, entry in enumerate(entries) if entry.run.message is not None}
+    rows = [make_row(entry) for entry in entries]
     write_files(table.parent, {table.name: ResultTable.of(BATCH, rows).parquet("batch")})
     return Batch(rows, messages, table)
+
+
+def read_trial(trial: Trial, run: TrialRun, folder: Path) -> BatchTrial:
+    """Return a trial of a batch whose table is in a folder."""
+    return BatchTrial(run=run, summary=read_summary(trial.out, run), file=trial.file, out=trial.out, folder=folder)
+
+
+def _make_unreadable(one: UnreadableFile, folder: Path) -> BatchTrial:
+    """Return a file that could not be read as a trial, with its error in place of a result."""
+    message = str(one.error)
+    published = message.replace(str(one.file), one.file.name)
+    run = TrialRun(one.file.stem, one.error.exit_code, message, published, None, computed=False, seconds=0.0)
+    return BatchTrial(run=run, summary=None, file=one.file, out=None, folder=folder)
+
+
+def make_row(trial: BatchTrial) -> dict[str, Any]:
+    """Return the row of a trial in the table; a trial without a summary has no unknown values."""
+    values = {
+        column.name: column.value(trial) for column in BATCH.columns if isinstance(column, Column) and column.value
+    }
+    return {name: value for name, value in values.items() if trial.summary is not None or value is not None}

@@ -20,7 +20,7 @@ _TRIAL_FILES = ("*.yaml", "*.yml")
 
 @dataclass(frozen=True)
 class UnreadableFile:
-    """A named file that is not the file of a trial or a study."""
+    """A named file that cannot be read as the file of a trial or a study."""
 
     file: Path
     error: ConfigError
@@ -43,9 +43,9 @@ def find_trials(named: Sequence[str]) -> tuple[list[Trial], list[UnreadableFile]
     trials: dict[Path, Trial] = {}
     unreadable: list[UnreadableFile] = []
     model = build_trial_model()  # once, because making it takes as long as reading a file
-    for file, source in dict(one for name in named for one in _files(name)).items():
+    for file, source in dict(one for name in named for one in _find_files(name)).items():
         try:
-            for trial in _trials(file, source, model):
+            for trial in _read_trials(file, source, model):
                 other = trials.setdefault(trial.out.resolve(), trial)
                 if (other.file, other.name) != (trial.file, trial.name):
                     raise _SharedFolder(
@@ -58,30 +58,38 @@ def find_trials(named: Sequence[str]) -> tuple[list[Trial], list[UnreadableFile]
     return list(trials.values()), unreadable
 
 
+def find_readable_trials(named: Sequence[str]) -> list[Trial]:
+    """Return the named trials, as :func:`find_trials`; ConfigError if a file cannot be read as a trial."""
+    trials, unreadable = find_trials(named)
+    if unreadable:
+        raise ConfigError("\n".join(str(one.error) for one in unreadable))
+    return trials
+
+
 class _SharedFolder(ConfigError):
     """Two trials share a run folder, so neither may use it."""
 
 
-def _files(name: str) -> Iterator[tuple[Path, Source | None]]:
-    """Return the absolute paths of the matching files, with the content of each file that was read."""
+def _find_files(name: str) -> Iterator[tuple[Path, Source | None]]:
+    """Yield the absolute paths of the files that match a name; with the content if it had to be read."""
     path = Path(name).expanduser()
-    found: Mapping[Path, Source | None]
+    files: Mapping[Path, Source | None]
     if path.is_dir():
         below = sorted(file for pattern in _TRIAL_FILES for file in path.absolute().rglob(pattern))
-        found = dict(one for file in below for one in _if_a_trial(file))
+        files = dict(one for file in below for one in _read_if_trial(file))
     elif path.exists() or not glob.has_magic(name):
-        found = {path.absolute(): None}
+        files = {path.absolute(): None}
     else:
-        every = sorted(glob.glob(str(path), recursive=True))  # noqa: PTH207  absolute too
-        found = dict.fromkeys(Path(file).absolute() for file in every)
-    if not found:
+        matches = sorted(glob.glob(str(path), recursive=True))  # noqa: PTH207  the pattern may be absolute
+        files = dict.fromkeys(Path(file).absolute() for file in matches)
+    if not files:
         what = "this folder contains no trial's YAML file" if path.is_dir() else "no file has this name"
         raise ConfigError(f"{name}: {what}; expected a trial's or a study's YAML file, a folder of them, or a pattern")
-    yield from found.items()
+    yield from files.items()
 
 
-def _if_a_trial(file: Path) -> Iterator[tuple[Path, Source | None]]:
-    """Return a file in a folder with its content if it is a trial's file; other YAML files are ignored."""
+def _read_if_trial(file: Path) -> Iterator[tuple[Path, Source | None]]:
+    """Yield a YAML file in a folder with its content if it is a trial's file, or is unreadable and has this name."""
     try:
         source = read(file)
     except ConfigError:
@@ -92,11 +100,12 @@ def _if_a_trial(file: Path) -> Iterator[tuple[Path, Source | None]]:
             yield file, source
 
 
-def _trials(file: Path, source: Source | None, model: type[BaseModel]) -> Iterator[Trial]:
+def _read_trials(file: Path, source: Source | None, model: type[BaseModel]) -> Iterator[Trial]:
+    """Yield the trial of a trial's file, or the trials of a study's file."""
     source = read(file) if source is None else source
     if isinstance(source.data, dict) and "study" in source.data:
         yield from (one.trial for one in load_study(file).trials)
     elif isinstance(source.data, dict):
         yield compose(source, model=model)
     else:
-        yield load(file)  # raises the right message
+        yield load(file)  # raises ConfigError with a message about the content

@@ -1,4 +1,4 @@
-"""The comparison of two runs, as JSON and as a CSV table."""
+"""The comparison of two runs, and its output as JSON and as a CSV table."""
 
 from __future__ import annotations
 
@@ -11,35 +11,26 @@ import pandas as pd
 from mocap_id import runner
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.store.atomic import write_files
-from mocap_id.workflows.compare.difference import Difference, changed
-from mocap_id.workflows.compare.origins import artefacts, origins
-from mocap_id.workflows.compare.results import results
-from mocap_id.workflows.compare.series import series
+from mocap_id.workflows.compare.difference import Difference
+from mocap_id.workflows.compare.origins import compare_artefacts, compare_origins
+from mocap_id.workflows.compare.results import compare_results
+from mocap_id.workflows.compare.series import compare_series
 from mocap_id.workflows.run_folder import SUMMARY, RunFolder, open_run
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Differences between two runs.
-
-    Parameters
-    ----------
-    a, b : RunFolder
-    identical : bool
-        Whether all artefacts have the same content.
-    rows : tuple of Difference
-        All compared quantities, equal ones included.
-    """
+    """Differences between two runs."""
 
     a: RunFolder
     b: RunFolder
-    identical: bool
-    rows: tuple[Difference, ...]
+    identical: bool  # whether all artefacts have the same content
+    rows: tuple[Difference, ...]  # all compared quantities, including equal ones
 
     @property
     def changed(self) -> tuple[Difference, ...]:
         """The rows that differ."""
-        return changed(self.rows)
+        return tuple(row for row in self.rows if row.differs)
 
 
 def compare(a: Path, b: Path, progress: runner.Progress = lambda step: None) -> Comparison:
@@ -55,7 +46,7 @@ def compare(a: Path, b: Path, progress: runner.Progress = lambda step: None) -> 
     Raises
     ------
     StoreError
-        A folder holds no run, a damaged run, or a run without a summary.
+        A folder contains no run, a damaged run, or a run without a summary.
     ConfigError, RecordingError, NumericalError
         As for :func:`mocap_id.runner.run`.
     """
@@ -63,28 +54,20 @@ def compare(a: Path, b: Path, progress: runner.Progress = lambda step: None) -> 
     for run in (first, second):
         if not run.summary:
             raise StoreError(f"{run.path / SUMMARY} is missing: run `mocap-id report` on the trial first")
-    contents = tuple(artefacts(first, second))
-    rows = (*origins(first, second), *contents, *results(first.summary, second.summary), *series(first, second))
+    contents = tuple(compare_artefacts(first, second))
+    results = compare_results(first.summary, second.summary)
+    rows = (*compare_origins(first, second), *contents, *results, *compare_series(first, second))
     return Comparison(first, second, all(row.a == row.b for row in contents), rows)
 
 
 def check_format(file: Path) -> None:
     """Raise ConfigError if the file name does not end in .csv."""
     if file.suffix.lower() != ".csv":
-        raise ConfigError(f"--out: {file}: expected a file name that ends in .csv")
+        raise ConfigError(f"--out {file}: expected a file name that ends in .csv")
 
 
 def write(rows: tuple[Difference, ...], file: Path) -> None:
-    """Write rows as CSV.
-
-    Raises
-    ------
-    ConfigError
-        The name does not end in .csv.
-    StoreError
-        The file cannot be written.
-    """
-    check_format(file)
+    """Write rows as CSV; StoreError if the file cannot be written."""
     columns = list(Difference.__dataclass_fields__)
     text = pd.DataFrame([asdict(row) for row in rows], columns=columns).to_csv(index=False, lineterminator="\n")
     write_files(file.parent, {file.name: text.encode()})

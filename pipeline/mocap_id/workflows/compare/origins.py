@@ -1,4 +1,4 @@
-"""Differences in the origins of two runs: versions, inputs, settings, artefacts."""
+"""Differences between the origins of two runs: versions, inputs, settings, artefacts."""
 
 from __future__ import annotations
 
@@ -9,39 +9,41 @@ import numpy as np
 
 from mocap_id.store import Artefact, LongTable, Table
 from mocap_id.store.schemas import SCHEMAS
-from mocap_id.workflows.compare.difference import Difference, Value, choices, flat
+from mocap_id.workflows.compare.difference import Difference, Value, compare_entries, flatten
 from mocap_id.workflows.run_folder import RunFolder
 
-_SHOWN = 12  # digits of a hash
+_DIGITS = 12  # number of digits of a hash that are output
 
 
-def origins(a: RunFolder, b: RunFolder) -> Iterator[Difference]:
-    """Compare versions, input files, and settings of the stages that both runs completed."""
-    both = _stages(a) & _stages(b)
-    yield from choices("versions", _versions(a, both), _versions(b, both))
-    yield from choices("inputs", _inputs(a), _inputs(b))
-    yield from choices("settings", _settings(a, both), _settings(b, both))
+def compare_origins(a: RunFolder, b: RunFolder) -> Iterator[Difference]:
+    """Yield the differences of versions, input files, and settings of the stages that both runs completed."""
+    both = _list_stages(a) & _list_stages(b)
+    yield from compare_entries("versions", _list_versions(a, both), _list_versions(b, both))
+    yield from compare_entries("inputs", _list_inputs(a), _list_inputs(b))
+    yield from compare_entries("settings", _list_settings(a, both), _list_settings(b, both))
 
 
-def artefacts(a: RunFolder, b: RunFolder) -> Iterator[Difference]:
-    """Compare the artefacts' keys; artefacts with the same data, facts and reasons are shown with the same key."""
-    first, second = _keys(a), _keys(b)
+def compare_artefacts(a: RunFolder, b: RunFolder) -> Iterator[Difference]:
+    """Yield the differences of the artefacts' keys; artefacts with the same content get the same key."""
+    first, second = _list_keys(a), _list_keys(b)
     for file in {*first} & {*second}:
-        if _same(a.artefacts[file], b.artefacts[file]):
+        if _has_same_content(a.artefacts[file], b.artefacts[file]):
             first[file] = second[file] = min(str(first[file]), str(second[file]))
-    yield from choices("artefacts", first, second)
+    yield from compare_entries("artefacts", first, second)
 
 
-def _keys(run: RunFolder) -> dict[str, Value]:
-    return {file: about.origin.key[:_SHOWN] for file, about in run.provenance.items()}
+def _list_keys(run: RunFolder) -> dict[str, Value]:
+    return {file: about.origin.key[:_DIGITS] for file, about in run.provenance.items()}
 
 
-def _same(one: Artefact, other: Artefact) -> bool:
+def _has_same_content(one: Artefact, other: Artefact) -> bool:
     """Return whether two artefacts have the same data, facts and reasons."""
-    return (one.facts, one.reasons) == (other.facts, other.reasons) and _equal(_data(one), _data(other))
+    return (one.facts, one.reasons) == (other.facts, other.reasons) and _is_equal(
+        _collect_data(one), _collect_data(other)
+    )
 
 
-def _data(artefact: Artefact) -> Any:
+def _collect_data(artefact: Artefact) -> Any:
     match artefact:
         case Table():
             return artefact.columns
@@ -51,18 +53,18 @@ def _data(artefact: Artefact) -> Any:
     return artefact.data
 
 
-def _equal(one: Any, other: Any) -> bool:
+def _is_equal(one: Any, other: Any) -> bool:
     if isinstance(one, Mapping) and isinstance(other, Mapping):
-        return one.keys() == other.keys() and all(_equal(one[name], other[name]) for name in one)
+        return one.keys() == other.keys() and all(_is_equal(one[name], other[name]) for name in one)
     one, other = np.asarray(one), np.asarray(other)
     return np.array_equal(one, other, equal_nan=one.dtype.kind == "f" == other.dtype.kind)
 
 
-def _stages(run: RunFolder) -> set[str]:
+def _list_stages(run: RunFolder) -> set[str]:
     return {about.origin.stage for about in run.provenance.values()}
 
 
-def _versions(run: RunFolder, stages: set[str]) -> dict[str, Value]:
+def _list_versions(run: RunFolder, stages: set[str]) -> dict[str, Value]:
     found: dict[str, Value] = {}
     for file, about in run.provenance.items():
         if about.origin.stage not in stages:
@@ -73,16 +75,16 @@ def _versions(run: RunFolder, stages: set[str]) -> dict[str, Value]:
     return found
 
 
-def _inputs(run: RunFolder) -> dict[str, Value]:
+def _list_inputs(run: RunFolder) -> dict[str, Value]:
     """Return the hashes of the user's files when the stages read them."""
     return {
-        name: content[:_SHOWN]
+        name: content[:_DIGITS]
         for about in run.provenance.values()
         for name, content in about.origin.inputs.items()
         if name not in SCHEMAS
     }
 
 
-def _settings(run: RunFolder, stages: set[str]) -> dict[str, Value]:
+def _list_settings(run: RunFolder, stages: set[str]) -> dict[str, Value]:
     settings = (about.origin.parameters for about in run.provenance.values() if about.origin.stage in stages)
-    return {key: value for parameters in settings for key, value in flat(dict(parameters))}
+    return {key: value for parameters in settings for key, value in flatten(dict(parameters))}

@@ -19,25 +19,25 @@ _ANGLES = re.compile(r"(?!sd_|constant_sd_|time$).+")
 _FILES = (("states.parquet", _STATES), ("angles.parquet", _ANGLES), ("dynamics.parquet", _DYNAMICS))
 
 
-def series(a: RunFolder, b: RunFolder) -> Iterator[Difference]:
-    """Compare the rms of angles, velocities, accelerations, wrench and torques, and of their difference.
+def compare_series(a: RunFolder, b: RunFolder) -> Iterator[Difference]:
+    """Yield the rms of angles, velocities, accelerations, wrench and torques in both runs, and of their difference.
 
     The second run is interpolated linearly at the times of the first that lie within its range.
     """
-    for file, wanted in _FILES:
+    for file, pattern in _FILES:
         one, other = a.artefacts.get(file), b.artefacts.get(file)
         if not isinstance(one, Table) or not isinstance(other, Table):
             continue
         units = {column.name: column.unit for column in expand_columns(one.schema, one.names)}
-        names = [name for name in one.names if wanted.fullmatch(name) and name in other.names]
+        names = [name for name in one.names if pattern.fullmatch(name) and name in other.names]
         for name in names:
-            found = _compared(name, units.get(name, ""), one, other)
-            if found is not None:
-                yield found
+            difference = _compare(name, units.get(name, ""), one, other)
+            if difference is not None:
+                yield difference
 
 
-def _compared(name: str, unit: str, a: Table, b: Table) -> Difference | None:
-    """Return the difference; None if no time is known in both."""
+def _compare(name: str, unit: str, a: Table, b: Table) -> Difference | None:
+    """Return the difference of a column; None if the tables have no common time with known values."""
     time, own = a["time"], a[name]
     there, values = b["time"], b[name]
     if not len(time) or not len(there):
@@ -49,15 +49,8 @@ def _compared(name: str, unit: str, a: Table, b: Table) -> Difference | None:
         return None
     first, second = own[both], theirs[both]
     difference, size = _rms(second - first), _rms(first)
-    return Difference(
-        "series",
-        name,
-        size,
-        _rms(second),
-        unit,
-        difference=difference,
-        percent=100 * difference / size if size else None,
-    )
+    percent = 100 * difference / size if size else None
+    return Difference("series", name, size, _rms(second), unit, difference, percent)
 
 
 def _rms(values: FloatArray) -> float:

@@ -20,25 +20,25 @@ from mocap_id.estimation.encoder_smoothing import estimate_noise, smooth_encoder
 from mocap_id.estimation.space import smooth_in_space
 from mocap_id.geometry.planar import marker_positions
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
-from mocap_id.workflows.doctor.finding import Finding
+from mocap_id.workflows.doctor.packages import Finding, first_line
 
-_ROOM, _LEAST_ROOM = 2e9, 1e8  # bytes: for a long trial with its report; for a short one
+_SPACE, _LEAST_SPACE = 2e9, 1e8  # bytes: for a long trial with its report; for a short trial
 _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
 _WRITABLE = "set NUMBA_CACHE_DIR to a writable folder"
-_RATE = 100.0  # Hz, of the trial that is filtered to compile the filter
+_RATE = 100.0  # Hz, rate of the trial that is filtered to compile the filter
 
 
-def machine(folder: Path) -> Iterator[Finding]:
+def check_machine(folder: Path) -> Iterator[Finding]:
     """Check threads, compiler and its cache, the folder's free space and permissions, and both file formats."""
-    yield threads()
-    yield compiler()
-    yield compiled_code()
-    yield room(folder)
-    yield from files(folder)
+    yield check_threads()
+    yield check_compiler()
+    yield check_cache()
+    yield check_space(folder)
+    yield from check_files(folder)
 
 
-def threads() -> Finding:
-    """Check the threads of the linear algebra, which slow down computations with small matrices."""
+def check_threads() -> Finding:
+    """Check that the linear algebra has one thread: more threads slow down computations with small matrices."""
     set_to = {name: os.environ.get(name, "") for name in _THREADS}
     found = ", ".join(f"{name} is {value or 'not set'}" for name, value in set_to.items())
     if all(value == "1" for value in set_to.values()):
@@ -46,73 +46,58 @@ def threads() -> Finding:
     return Finding("linear algebra", "warn", found, "unset them, or set both to 1: mocap-id is faster with one thread")
 
 
-def compiler() -> Finding:
+def check_compiler() -> Finding:
     """Check that numba compiles."""
     try:
         doubled = numba.njit(lambda x: 2.0 * x)(21.0)
     except Exception as error:  # noqa: BLE001  a compiler without its library may raise anything
-        what = str(error).partition("\n")[0]
-        return Finding(
-            "compiler", "fail", f"{type(error).__name__}: {what}", "reinstall it: pip install numba llvmlite"
-        )
+        return _report_broken("compiler", error, "numba llvmlite")
     if doubled != 42.0:
         return Finding("compiler", "fail", f"compiled code gives {doubled}, not 42", "reinstall it: pip install numba")
     return Finding("compiler", "ok", f"numba {numba.__version__} compiles")
 
 
-def compiled_code() -> Finding:
+def check_cache() -> Finding:
     """Check that the filter's compiled code can be cached between runs."""
-    places = {
+    folders = {
         Path(each.stats.cache_path)
         for each in vars(filter_kernels).values()
         if hasattr(each, "stats") and getattr(each.stats, "cache_path", None)
     }
-    if not places:
-        return Finding(
-            "compiled code",
-            "warn",
-            "there is no folder for its cache, so every run compiles again (about 10 s)",
-            _WRITABLE,
-        )
-    shut = [place for place in sorted(places) if place.is_dir() and not os.access(place, os.W_OK)]
-    if shut:
-        return Finding(
-            "compiled code",
-            "warn",
-            f"{shut[0]} is not writable",
-            _WRITABLE,
-        )
-    return Finding("compiled code", "ok", f"kept in {min(places)}")
+    if not folders:
+        found = "there is no folder for its cache, so every run compiles again (about 10 s)"
+        return Finding("compiled code", "warn", found, _WRITABLE)
+    read_only = [folder for folder in sorted(folders) if folder.is_dir() and not os.access(folder, os.W_OK)]
+    if read_only:
+        return Finding("compiled code", "warn", f"{read_only[0]} is not writable", _WRITABLE)
+    return Finding("compiled code", "ok", f"kept in {min(folders)}")
 
 
-def room(folder: Path) -> Finding:
+def check_space(folder: Path) -> Finding:
     """Check the free space in the working folder."""
     free = shutil.disk_usage(folder).free
     found = f"{free / 1e9:.1f} GB free"
-    if free < _LEAST_ROOM:
+    if free < _LEAST_SPACE:
         return Finding("disk", "fail", found, "free some space: a trial takes 10 to 500 MB")
-    if free < _ROOM:
+    if free < _SPACE:
         return Finding("disk", "warn", found, "free some space: a long trial takes up to 500 MB")
     return Finding("disk", "ok", found)
 
 
-def files(folder: Path) -> Iterator[Finding]:
+def check_files(folder: Path) -> Iterator[Finding]:
     """Check that the folder is writable, and write and read HDF5 and Parquet files there."""
     try:
         with tempfile.TemporaryDirectory(dir=folder, prefix=".mocap-id-doctor-") as place:
             yield Finding("working folder", "ok", "can be written")
-            yield _hdf5(Path(place) / "doctor.h5")
-            yield _parquet(Path(place) / "doctor.parquet")
+            yield _check_hdf5(Path(place) / "doctor.h5")
+            yield _check_parquet(Path(place) / "doctor.parquet")
     except OSError as error:
-        yield Finding(
-            "working folder",
-            "fail",
-            f"{folder} cannot be written ({error.strerror or error})",
-            "change its permissions, or choose another folder for every trial with `out:`",
-        )
+        found = f"{folder} cannot be written ({error.strerror or error})"
+        advice = "change its permissions, or choose another folder for every trial with `out:`"
+        yield Finding("working folder", "fail", found, advice)
 
 
-def _hdf5(path: Path) -> Finding:
+def _check_hdf5(path: Path) -> Finding:
     values = np.array([0.1, np.nan, -3.0])
     try:
         with h5py.File(path, "w") as file:
@@ -120,33 +105,39 @@ def _hdf5(path: Path) -> Finding:
         with h5py.File(path) as file:
             same = np.array_equal(np.asarray(file["values"]), values, equal_nan=True)
     except Exception as error:  # noqa: BLE001  the user needs any message of the library
-        return _broken("HDF5", error, "h5py")
-    return _round_trip("HDF5", same, "h5py")
+        return _report_broken("HDF5", error, "h5py")
+    return _report_round_trip("HDF5", same, "h5py")
 
 
-def _parquet(path: Path) -> Finding:
+def _check_parquet(path: Path) -> Finding:
     table = pd.DataFrame({"value": [0.1, np.nan, -3.0], "marker": pd.Categorical(["A", "B", "A"])})
     try:
         table.to_parquet(path)
         same = pd.read_parquet(path).equals(table)
     except Exception as error:  # noqa: BLE001  the user needs any message of the library
-        return _broken("Parquet", error, "pyarrow")
-    return _round_trip("Parquet", same, "pyarrow")
+        return _report_broken("Parquet", error, "pyarrow")
+    return _report_round_trip("Parquet", same, "pyarrow")
 
 
-def _round_trip(name: str, same: bool, package: str) -> Finding:
+def _report_round_trip(name: str, same: bool, package: str) -> Finding:
     if same:
         return Finding(name, "ok", "reads back what was written")
     return Finding(name, "fail", "does not read back what was written", f"reinstall it: pip install {package}")
 
 
-def _broken(name: str, error: Exception, package: str) -> Finding:
-    what = str(error).partition("\n")[0]
-    return Finding(name, "fail", f"{type(error).__name__}: {what}", f"reinstall it: pip install {package}")
+def _report_broken(name: str, error: Exception, package: str) -> Finding:
+    found = f"{type(error).__name__}: {first_line(error)}"
+    return Finding(name, "fail", found, f"reinstall it: pip install {package}")
+
+
+def compile_everything(packages: Sequence[Path]) -> Iterator[Finding]:
+    """Compile the modules in the folders of these packages, and then the code of a run."""
+    yield compile_modules(packages)
+    yield compile_filter()
 
 
 def compile_modules(packages: Sequence[Path]) -> Finding:
-    """Write the bytecode of these packages' folders, where it is missing or outdated.
+    """Write the missing or outdated bytecode of the modules in the folders of these packages.
 
     An editable installation with ``PYTHONDONTWRITEBYTECODE``, which many containers set, otherwise compiles 300 modules
     in every run, which takes 0.3 s.
@@ -155,30 +146,29 @@ def compile_modules(packages: Sequence[Path]) -> Finding:
     if all(written):
         return Finding("modules", "ok", "their bytecode is up to date")
     where = " or ".join(str(folder) for folder in packages)
-    return Finding(
-        "modules", "warn", f"their bytecode cannot be written in {where}", "repeat as a user who may write there"
-    )
+    found = f"their bytecode cannot be written in {where}"
+    return Finding("modules", "warn", found, "repeat as a user who may write there")
 
 
 def compile_filter() -> Finding:
-    """Compile and cache the code of a run, by filtering a swinging arm, in the plane and in space, and its encoder.
+    """Compile and cache the code of a run: filter a swinging arm in the plane and in space, and its encoder.
 
     The cache belongs to a user and a processor: compile as the user who runs the trials, on the same machine.
     """
     start = time.perf_counter()
-    moment = np.arange(200) / _RATE
-    angles = np.stack([np.sin(3.0 * moment), np.cos(2.0 * moment)], axis=1)
+    time_s = np.arange(200) / _RATE
+    angles = np.stack([np.sin(3.0 * time_s), np.cos(2.0 * time_s)], axis=1)
     centres, segment = np.array([[0.0, 0.0], [0.4, 0.0]]), np.array([1, 1, 2, 2])
     local = np.array([[0.1, 0.05], [0.3, -0.05], [0.1, 0.05], [0.3, -0.05]])
     smooth(marker_positions(angles, centres, segment, local), _RATE, centres, segment, local)
-    encoder = (moment, angles[:, 0], 3.0 * np.cos(3.0 * moment))
+    encoder = (time_s, angles[:, 0], 3.0 * np.cos(3.0 * time_s))
     smooth_encoder(*encoder, estimate_noise(*encoder))
     hinge = SpatialJoint("hinge", 0, np.zeros(3))
     corners = np.array([[0.1, 0.0, 0.0], [0.0, 0.1, 0.0], [0.0, 0.0, 0.1]])
     chain = SpatialChain((hinge,), np.repeat([0, 1], 3), np.tile(corners, (2, 1)), np.zeros(6, dtype=np.bool_))
-    turned = corners @ np.swapaxes(hinge.rotation(angles[:, :1]), 1, 2)
-    smooth_in_space(np.concatenate([np.broadcast_to(corners, turned.shape), turned], axis=1), _RATE, chain)
-    cached = compiled_code()
+    rotated = corners @ np.swapaxes(hinge.rotation(angles[:, :1]), 1, 2)
+    smooth_in_space(np.concatenate([np.broadcast_to(corners, rotated.shape), rotated], axis=1), _RATE, chain)
+    cached = check_cache()
     if cached.level != "ok":
         return cached
     return Finding(cached.name, "ok", f"ready after {time.perf_counter() - start:.1f} s, {cached.found}")

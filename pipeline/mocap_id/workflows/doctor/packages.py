@@ -6,61 +6,85 @@ import importlib
 import platform
 import re
 from collections.abc import Iterator
+from dataclasses import dataclass
 from importlib import metadata
+from typing import Literal
 
 from mocap_id import __version__
-from mocap_id.workflows.doctor.finding import Finding, release
 
 _PACKAGE = "mocap-id"
 _LEAST_PYTHON = "3.11"
-_MODULES = {
-    "ruamel-yaml": "ruamel.yaml",
-    "ruamel.yaml": "ruamel.yaml",
-}  # modules that are not named after their package
+_MODULES = {"ruamel-yaml": "ruamel.yaml", "ruamel.yaml": "ruamel.yaml"}
+"""Modules that are not named after their package."""
 _REQUIREMENT = re.compile(r"(?P<name>[\w.\-]+)\s*(?:\(?>=\s*(?P<least>[\w.]+)\)?)?")
 
+Level = Literal["ok", "warn", "fail"]
 
-def dependencies() -> Iterator[Finding]:
+
+@dataclass(frozen=True)
+class Finding:
+    """The result of one check."""
+
+    name: str
+    level: Level  # ``warn``: mocap-id works, but more slowly or with fewer functions; ``fail``: it does not work
+    found: str  # what was found
+    advice: str = ""  # what to do; empty if nothing
+
+
+def first_line(error: Exception) -> str:
+    """Return the first line of the message of an exception."""
+    return str(error).partition("\n")[0]
+
+
+def check_packages() -> Iterator[Finding]:
     """Check Python, mocap-id itself, and every required package."""
-    yield _python()
+    version = platform.python_version()
+    if parse_version(version) >= parse_version(_LEAST_PYTHON):
+        yield Finding("Python", "ok", version)
+    else:
+        yield Finding("Python", "fail", version, f"use Python {_LEAST_PYTHON} or later")
     try:
-        wanted = metadata.requires(_PACKAGE) or []
+        requirements = metadata.requires(_PACKAGE) or []
     except metadata.PackageNotFoundError:
-        yield Finding(
-            _PACKAGE,
-            "warn",
-            f"{__version__}, not installed as a package, so its requirements are unknown",
-            "install it: pip install .",
-        )
+        found = f"{__version__}, not installed as a package, so its requirements are unknown"
+        yield Finding(_PACKAGE, "warn", found, "install it: pip install .")
         return
     yield Finding(_PACKAGE, "ok", __version__)
-    for requirement in wanted:
+    for requirement in requirements:
         match = _REQUIREMENT.match(requirement)
         if match and "extra ==" not in requirement:
-            yield package(match["name"], match["least"])
+            yield check_package(match["name"], match["least"])
 
 
-def _python() -> Finding:
-    there = platform.python_version()
-    if release(there) >= release(_LEAST_PYTHON):
-        return Finding("Python", "ok", there)
-    return Finding("Python", "fail", there, f"use Python {_LEAST_PYTHON} or later")
-
-
-def package(name: str, least: str | None) -> Finding:
+def check_package(name: str, least: str | None) -> Finding:
     """Check that a package is installed, recent enough and importable."""
     advice = f"pip install '{name}{f'>={least}' if least else ''}'"
     try:
-        there = metadata.version(name)
+        version = metadata.version(name)
     except metadata.PackageNotFoundError:
         return Finding(name, "fail", "not installed", advice)
-    if least and release(there) < release(least):
-        return Finding(name, "fail", f"{there}, at least {least} is needed", advice)
+    if least and parse_version(version) < parse_version(least):
+        return Finding(name, "fail", f"{version}, at least {least} is needed", advice)
     try:
         importlib.import_module(_MODULES.get(name.lower(), name.replace("-", "_")))
     except Exception as error:  # noqa: BLE001  a broken package may raise anything while it loads
-        what = str(error).partition("\n")[0]
-        return Finding(
-            name, "fail", f"{there} does not load ({type(error).__name__}: {what})", f"reinstall it: {advice}"
-        )
-    return Finding(name, "ok", there)
+        found = f"{version} does not load ({type(error).__name__}: {first_line(error)})"
+        return Finding(name, "fail", found, f"reinstall it: {advice}")
+    return Finding(name, "ok", version)
+
+
+def parse_version(version: str) -> tuple[int, ...]:
+    """Return the leading numbers of a version, for comparison.
+
+    Examples
+    --------
+    >>> parse_version("1.10.2rc1") >= parse_version("1.9")
+    True
+    """
+    numbers = []
+    for part in version.split("."):
+        digits = part[: len(part) - len(part.lstrip("0123456789"))]
+        if not digits:
+            break
+        numbers.append(int(digits))
+    return tuple(numbers)

@@ -37,7 +37,7 @@ from mocap_id.workflows.export.model import (
 )
 from mocap_id.workflows.export.motions import format_motion
 from mocap_id.workflows.export.xml import Element, body_element, coordinate_element
-from mocap_id.workflows.moving_bodies import MovingBodies, on_measured_poses
+from mocap_id.workflows.moving_bodies import MovingBodies, read_measured_bodies
 from mocap_id.workflows.run_folder import RunFolder
 
 _COORDINATES = ("rz", "tx", "ty")  # OpenSim's order in a planar joint
@@ -77,7 +77,7 @@ def _read_free_bodies(run: RunFolder) -> _FreeBodies | None:
         return None
     skeleton, cutoffs = Skeleton.from_tree(chain), chosen["bands_hz"]
     bands = (float(cutoffs["x"]), float(cutoffs["y"]), float(cutoffs["angle"]))
-    moving = on_measured_poses(poses, skeleton.centres, chosen["used"], bands, read_gravity(run))
+    moving = read_measured_bodies(poses, skeleton.centres, chosen["used"], bands, read_gravity(run))
     return _FreeBodies(
         names=name_bodies(moving.skeleton.segments),
         joints=name_joints(skeleton),

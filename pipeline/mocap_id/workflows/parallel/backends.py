@@ -35,18 +35,18 @@ _MEMORY = {
     "MALLOC_MMAP_THRESHOLD_": "4194304",
     "MALLOC_TRIM_THRESHOLD_": "4194304",
 }
-"""Return freed memory of arrays to the system, as the command line's own process does."""
-_LEAST_WAITING = 16  # trials submitted to a scheduler even while its workers are still starting
-_COUNTED_EVERY = 5.0  # s, interval for counting a scheduler's workers
-_PATIENCE = 20.0  # s, for a process to end after SIGTERM
+"""Settings that return the memory of freed arrays to the system, as in the process of the command line."""
+_LEAST_SUBMITTED = 16  # number of trials submitted to a scheduler even while its workers are still starting
+_COUNTING_INTERVAL = 5.0  # s, after which the workers of a scheduler are counted again
+_TERMINATION_TIME = 20.0  # s, for a process to end after SIGTERM
 
 
 @dataclass(frozen=True)
 class Workers:
-    """An executor, and the current number of trials to keep submitted to it."""
+    """An executor for trials."""
 
     executor: Executor
-    width: Callable[[], int]
+    width: Callable[[], int]  # returns the number of trials to submit at the same time
 
 
 class Backend(ABC):
@@ -55,25 +55,19 @@ class Backend(ABC):
     @property
     @abstractmethod
     def parallel(self) -> bool:
-        """Whether trials run in other processes than this one."""
+        """Whether trials run in other processes."""
 
     @abstractmethod
     @contextmanager
     def workers(self, most: int) -> Iterator[Workers]:
-        """Start workers for at most ``most`` trials at a time; they end with the context, at once if it fails."""
+        """Start workers for at most ``most`` trials at a time; they end with the context, at once after an error."""
 
 
 @dataclass(frozen=True)
 class LocalBackend(Backend):
-    """Processes of this machine.
+    """Processes of this machine."""
 
-    Parameters
-    ----------
-    jobs : int
-        Number of trials at a time; with 1 they run in this process.
-    """
-
-    jobs: int = 1
+    jobs: int = 1  # number of trials at a time; with 1, they run in this process
 
     @property
     def parallel(self) -> bool:
@@ -84,7 +78,7 @@ class LocalBackend(Backend):
         jobs = min(self.jobs, most)
         # Spawn new interpreters: forking is unsafe because libraries of this process have threads.
         context, levels = multiprocessing.get_context("spawn"), {one: logging.getLogger(one).level for one in _LOGGERS}
-        with _environment(_THREADS | _MEMORY), _no_ctrl_c():
+        with _set_environment(_THREADS | _MEMORY), _ignore_ctrl_c():
             pool = ProcessPoolExecutor(jobs, context, _set_up_logging, (levels,))
             for _ in range(jobs):
                 pool.submit(os.getpid)  # starts a process
@@ -96,26 +90,19 @@ class LocalBackend(Backend):
             for process in children:
                 process.terminate()
             for process in children:
-                process.join(_PATIENCE)
-                process.kill()  # nothing if it has ended
+                process.join(_TERMINATION_TIME)
+                process.kill()  # has no effect if the process has ended
             raise
         pool.shutdown()
 
 
 @dataclass(frozen=True)
 class DaskBackend(Backend):
-    """The workers of a Dask scheduler; they must see the same files under the same paths.
+    """The workers of a Dask scheduler; they must have the same files under the same paths."""
 
-    Parameters
-    ----------
-    scheduler : str, optional
-        Address of a running scheduler, ``tcp://…``.
-    cluster : mapping, optional
-        A cluster to deploy while the batch runs: ``kind`` (``local``, ``ssh``, ``slurm``, ``pbs``, ``sge``, ``lsf``),
-        ``workers`` (their number), and the arguments of Dask's class for that kind.
-    """
-
-    scheduler: str | None = None
+    scheduler: str | None = None  # address of a running scheduler, ``tcp://…``; None to start a cluster
+    # a cluster to start while the batch runs: ``kind`` (``local``, ``ssh``, ``slurm``, ``pbs``, ``sge``, ``lsf``),
+    # ``workers`` (their number), and the arguments of Dask's class for this kind
     cluster: Mapping[str, Any] = field(default_factory=dict)
 
     @property
@@ -124,10 +111,10 @@ class DaskBackend(Backend):
 
     @contextmanager
     def workers(self, most: int) -> Iterator[Workers]:
-        distributed = _imported("distributed")
+        distributed = _import("distributed")
         with ExitStack() as stack:
-            stack.enter_context(_at_least(logging.WARNING, "distributed"))
-            address = self.scheduler or stack.enter_context(_deployed(self.cluster))
+            stack.enter_context(_raise_log_level(logging.WARNING, "distributed"))
+            address = self.scheduler or stack.enter_context(_deploy(self.cluster))
             try:
                 client = stack.enter_context(distributed.Client(address, set_as_default=False))
             except (OSError, TimeoutError, ValueError) as error:
@@ -136,9 +123,10 @@ class DaskBackend(Backend):
                 ) from error
             try:
                 yield Workers(client.get_executor(pure=False), _WorkerCount(client))
-            except (CancelledError, _imported("distributed.comm").CommClosedError) as error:
+            except (CancelledError, _import("distributed.comm").CommClosedError) as error:
                 raise NumericalError(
-                    f"the Dask scheduler at {address} was lost: finished trials are kept; run again for the rest"
+                    f"the connection to the Dask scheduler at {address} broke: finished trials are kept; run again for "
+                    "the rest"
                 ) from error
 
 
@@ -153,19 +141,19 @@ _KINDS = {
 
 
 @contextmanager
-def _deployed(cluster: Mapping[str, Any]) -> Iterator[Any]:
-    """Deploy a cluster while the context lasts."""
+def _deploy(cluster: Mapping[str, Any]) -> Iterator[Any]:
+    """Start a cluster and yield it; the cluster ends with the context."""
     arguments = dict(cluster)
     kind, count = arguments.pop("kind", None), arguments.pop("workers", None)
     if kind not in _KINDS:
         raise ConfigError(f"a cluster's `kind` is {kind!r}, expected one of {', '.join(_KINDS)}")
     module, name = _KINDS[kind]
-    made_by = getattr(_imported(module), name)
-    submit = getattr(getattr(made_by, "job_cls", None), "submit_command", None)
+    cluster_class = getattr(_import(module), name)
+    submit = getattr(getattr(cluster_class, "job_cls", None), "submit_command", None)
     if submit and not shutil.which(shlex.split(submit)[0]):
         raise ConfigError(
             f"`kind: {kind}` starts its workers with the program `{submit}`, which is not on this machine's path: "
-            f"type the command where you submit jobs to the cluster"
+            "run the command on a machine where you submit jobs to the cluster"
         )
     if kind == "local":
         defaults = {"n_workers": count, "threads_per_worker": 1, "processes": True, "dashboard_address": ":0"}
@@ -173,10 +161,10 @@ def _deployed(cluster: Mapping[str, Any]) -> Iterator[Any]:
     # Dask's defaults trim memory after every task and profile the workers a hundred times a second.
     environment = {f"distributed.nanny.pre-spawn-environ.{key}": value for key, value in (_THREADS | _MEMORY).items()}
     try:
-        with _imported("dask.config").set({**environment, "distributed.worker.profile.enabled": False}):
-            deployed = made_by(**arguments)
+        with _import("dask.config").set({**environment, "distributed.worker.profile.enabled": False}):
+            deployed = cluster_class(**arguments)
     except (TypeError, ValueError, RuntimeError, OSError) as error:
-        raise ConfigError(f"Dask's {name} cannot be made with {', '.join(arguments)}: {error}") from error
+        raise ConfigError(f"Dask's {name} does not accept {', '.join(arguments)}: {error}") from error
     with deployed as running:
         if kind not in ("local", "ssh"):
             _try_one_job(running)
@@ -185,19 +173,21 @@ def _deployed(cluster: Mapping[str, Any]) -> Iterator[Any]:
 
 
 def _try_one_job(running: Any) -> None:
-    """Raise ConfigError if the queueing system does not take the job of a worker; Dask itself would wait for ever."""
-    with _at_least(logging.CRITICAL, "asyncio", "tornado.application"):  # Dask leaves the errors of its tasks there
+    """Raise ConfigError if the queueing system rejects the job of a worker; Dask itself would wait for ever."""
+    with _raise_log_level(
+        logging.CRITICAL, "asyncio", "tornado.application"
+    ):  # Dask logs the errors of its tasks there
         running.scale(1)
         try:
-            running.sync(_accepted, running)
+            running.sync(_wait_for_jobs, running)
         except (RuntimeError, ValueError, OSError) as error:
             gc.collect()  # the error of a task that nobody awaits is logged when the task is collected
             why = " ".join(str(error).split())
-            raise ConfigError(f"the queueing system does not take the job of a worker: {why}") from error
+            raise ConfigError(f"the queueing system rejects the job of a worker: {why}") from error
 
 
-async def _accepted(running: Any) -> None:
-    """Wait until the jobs are submitted; raise the error of one that is not."""
+async def _wait_for_jobs(running: Any) -> None:
+    """Wait until the jobs are submitted; raise the error of a job that cannot be submitted."""
     await running
     for worker in running.workers.values():
         if worker.status.name == "created":
@@ -209,17 +199,17 @@ async def _accepted(running: Any) -> None:
 
 
 class _WorkerCount:
-    """Number of trials to keep submitted: twice the threads of the workers that have joined.
+    """The number of trials to submit at the same time: twice the threads of the workers that have joined.
 
-    Workers of a queueing system join at any time, so they are counted again every few seconds. Each new worker must run
-    this version of the program, or a ConfigError is raised.
+    Workers of a queueing system join at any time, so they are counted again every few seconds. A new worker with
+    another version of this program raises ConfigError.
     """
 
     def __init__(self, client: Any) -> None:
         self._client = client
         self._known: set[str] = set()
-        self._told = False
-        self._width, self._again = _LEAST_WAITING, 0.0
+        self._has_warned = False
+        self._width, self._again = _LEAST_SUBMITTED, 0.0
         self()
 
     def __call__(self) -> int:
@@ -227,7 +217,7 @@ class _WorkerCount:
         if now >= self._again:
             with contextlib.suppress(OSError):  # the submitted trials report an unreachable scheduler
                 self._count(self._client.nthreads())
-            self._again = now + _COUNTED_EVERY
+            self._again = now + _COUNTING_INTERVAL
         return self._width
 
     def _count(self, threads: Mapping[str, int]) -> None:
@@ -235,50 +225,50 @@ class _WorkerCount:
         if new:
             _check_versions(self._client, new)
         self._known = set(threads)
-        if not threads and self._again and not self._told:  # at the first look, workers may still be starting
-            self._told = True
+        if not threads and self._again and not self._has_warned:  # at the first count, workers may still be starting
+            self._has_warned = True
             address = self._client.scheduler.address
             _log.warning(
                 f"no worker has joined the Dask scheduler at {address}: the trials wait for one. "
                 f"Start it with `dask worker {address} --nthreads 1`, or wait for the queueing system"
             )
-        self._width = max(2 * sum(threads.values()), _LEAST_WAITING)
+        self._width = max(2 * sum(threads.values()), _LEAST_SUBMITTED)
 
 
 def _check_versions(client: Any, workers: Sequence[str]) -> None:
-    """Raise ConfigError if a worker runs another version of this program; workers that have left are ignored."""
-    for worker, version in client.run(_version, workers=workers, on_error="ignore").items():
+    """Raise ConfigError if a worker has another version of this program; workers that have left are ignored."""
+    for worker, version in client.run(_get_version, workers=workers, on_error="ignore").items():
         if version != __version__:
             raise ConfigError(
-                f"Dask worker {worker} has mocap-id {version}, here it is {__version__}: install the same"
+                f"Dask worker {worker} has mocap-id {version}, this machine has {__version__}: install the same version"
             )
 
 
-def _version() -> str:
+def _get_version() -> str:
     return __version__
 
 
 @contextmanager
-def _at_least(level: int, *loggers: str) -> Iterator[None]:
-    """Drop what these loggers log below a level, unless this program logs its own information too (``--verbose``)."""
+def _raise_log_level(level: int, *loggers: str) -> Iterator[None]:
+    """Drop messages of these loggers below a level, unless this program logs its own information (``--verbose``)."""
     before = {logging.getLogger(name): logging.getLogger(name).level for name in loggers}
     if not logging.getLogger("mocap_id").isEnabledFor(logging.INFO):
-        for log, own in before.items():
-            log.setLevel(max(own, level))
+        for log, old in before.items():
+            log.setLevel(max(old, level))
     try:
         yield
     finally:
-        for log, own in before.items():
-            log.setLevel(own)
+        for log, old in before.items():
+            log.setLevel(old)
 
 
-def _imported(module: str) -> Any:
+def _import(module: str) -> Any:
     return optional(module, "cluster", "running on a cluster")
 
 
 @contextmanager
-def _environment(values: Mapping[str, str]) -> Iterator[None]:
-    """Set environment variables, unless already set, for processes started in this context."""
+def _set_environment(values: Mapping[str, str]) -> Iterator[None]:
+    """Set environment variables for processes started in this context, unless they are already set."""
     before = {name: os.environ.get(name) for name in values}
     os.environ.update({name: value for name, value in values.items() if before[name] is None})
     try:
@@ -290,8 +280,8 @@ def _environment(values: Mapping[str, str]) -> Iterator[None]:
 
 
 @contextmanager
-def _no_ctrl_c() -> Iterator[None]:
-    """Start processes that ignore Ctrl-C: this process ends them in order."""
+def _ignore_ctrl_c() -> Iterator[None]:
+    """Let processes started in this context ignore Ctrl-C: this process ends them in order."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return
@@ -303,7 +293,7 @@ def _no_ctrl_c() -> Iterator[None]:
 
 
 def _set_up_logging(levels: Mapping[str, int]) -> None:
-    """Give a new process the logging levels of this one."""
+    """Set up logging in a new process with the levels of the parent process."""
     logging.captureWarnings(True)
     logging.basicConfig(format="mocap-id: %(message)s", level=logging.ERROR)
     for name, level in levels.items():

@@ -1,4 +1,4 @@
-"""Scheduling of many trials over the workers of a backend, with recovery from killed processes."""
+"""Distribution of many trials to the workers of a backend, with recovery from killed processes."""
 
 from __future__ import annotations
 
@@ -10,7 +10,14 @@ from typing import Literal, TypeAlias
 
 from mocap_id.config import Trial
 from mocap_id.workflows.parallel.backends import Backend, LocalBackend, Workers
-from mocap_id.workflows.parallel.trial import RunTrial, TrialRun, killed, not_run, run_trial, run_until_terminated
+from mocap_id.workflows.parallel.trial import (
+    RunTrial,
+    TrialRun,
+    make_killed,
+    make_not_run,
+    run_trial,
+    run_until_terminated,
+)
 
 OnError: TypeAlias = Literal["continue", "stop"]
 TrialCallback: TypeAlias = Callable[[TrialRun], None]
@@ -26,7 +33,7 @@ def run_trials(
     on_error: OnError = "continue",
     run: RunTrial = run_trial,
 ) -> tuple[TrialRun, ...]:
-    """Run every trial that is not up to date.
+    """Run every trial that is not up to date, and return the results in the order of the trials.
 
     Parameters
     ----------
@@ -39,19 +46,14 @@ def run_trials(
         With ``stop``, no trial starts after one that failed or was refused; running trials are allowed to finish.
     run : callable, optional
         Runs one trial; :func:`run_trial` by default.
-
-    Returns
-    -------
-    tuple of TrialRun
-        In the order of the trials.
     """
-    found: dict[int, TrialRun] = {}
+    results: dict[int, TrialRun] = {}
     queue = _Queue(trials, run, stop=on_error == "stop")
-    for number, done in _in_parallel(queue, backend) if backend.parallel and len(trials) > 1 else _in_series(queue):
+    for number, done in _run_in_parallel(queue, backend) if backend.parallel and len(trials) > 1 else _run_here(queue):
         tell(done)
-        found[number] = done
+        results[number] = done
         queue.note(done)
-    return tuple(found.get(number) or not_run(trial) for number, trial in enumerate(trials))
+    return tuple(results.get(number) or make_not_run(trial) for number, trial in enumerate(trials))
 
 
 class _Queue:
@@ -73,29 +75,29 @@ class _Queue:
             self._left.clear()
 
 
-def _in_series(queue: _Queue) -> Iterator[_Done]:
+def _run_here(queue: _Queue) -> Iterator[_Done]:
     while queue:
         number, trial = queue.next()
         yield number, queue.run(trial)
 
 
-def _in_parallel(queue: _Queue, backend: Backend) -> Iterator[_Done]:
+def _run_in_parallel(queue: _Queue, backend: Backend) -> Iterator[_Done]:
     """Run all trials in parallel; start new workers whenever a process was killed."""
     while queue:
         lost: list[_Numbered] = []
         with backend.workers(len(queue)) as workers:
-            yield from _until_broken(queue, workers, lost)
-        for number, trial in lost:  # one of these killed the process: run each in a process of its own
+            yield from _run_until_broken(queue, workers, lost)
+        for number, trial in lost:  # one of these killed the process: run each in its own process
             yield number, _run_alone(queue.run, trial)
 
 
-def _until_broken(queue: _Queue, workers: Workers, lost: list[_Numbered]) -> Iterator[_Done]:
-    """Keep the workers busy until all trials are done or the pool breaks; ``lost`` collects the trials lost then."""
+def _run_until_broken(queue: _Queue, workers: Workers, lost: list[_Numbered]) -> Iterator[_Done]:
+    """Submit trials to the workers until all are done or the pool breaks; ``lost`` collects the interrupted trials."""
     submitted: dict[Future[TrialRun], _Numbered] = {}
     # Futures report here when they finish: polling all of them would be expensive on a large cluster.
     finished: SimpleQueue[Future[TrialRun]] = SimpleQueue()
     while True:
-        width = workers.width()  # even if nothing is left to submit: this also checks the workers that have joined
+        width = workers.width()  # also if nothing is left to submit: this checks the versions of new workers
         while queue and not lost and len(submitted) < width:
             numbered = queue.next()
             try:
@@ -111,10 +113,11 @@ def _until_broken(queue: _Queue, workers: Workers, lost: list[_Numbered]) -> Ite
             future = finished.get(timeout=_POLLING_INTERVAL)
         except Empty:  # more workers may have joined
             continue
-        yield from _result(future, submitted.pop(future), lost)
+        yield from _read_result(future, submitted.pop(future), lost)
 
 
-def _result(future: Future[TrialRun], numbered: _Numbered, lost: list[_Numbered]) -> Iterator[_Done]:
+def _read_result(future: Future[TrialRun], numbered: _Numbered, lost: list[_Numbered]) -> Iterator[_Done]:
+    """Yield the result of a finished future; add its trial to ``lost`` if the pool broke."""
     number, trial = numbered
     try:
         yield number, future.result()
@@ -123,13 +126,13 @@ def _result(future: Future[TrialRun], numbered: _Numbered, lost: list[_Numbered]
     except Exception as error:
         if type(error).__name__ != "KilledWorker":  # defined by distributed, which may not be installed
             raise
-        yield number, killed(trial)
+        yield number, make_killed(trial)
 
 
 def _run_alone(run: RunTrial, trial: Trial) -> TrialRun:
-    """Run a trial in a process of its own, which it may kill."""
+    """Run a trial in a new process of its own; if this process is killed, only this trial fails."""
     with LocalBackend(1).workers(1) as workers:
         try:
             return workers.executor.submit(run_until_terminated, run, trial).result()
         except BrokenExecutor:
-            return killed(trial)
+            return make_killed(trial)

@@ -1,4 +1,4 @@
-"""Running one trial of many: a failure is a result, not an exception."""
+"""Run of one trial of many: a failure is a result, not an exception."""
 
 from __future__ import annotations
 
@@ -24,32 +24,15 @@ NOT_RUN = 1
 
 @dataclass(frozen=True)
 class TrialRun:
-    """Result of running a trial.
+    """The result of the run of a trial."""
 
-    Parameters
-    ----------
-    trial : str
-    exit_code : int
-        Exit code of `mocap-id run` for this trial.
-    message : str or None
-        Why it failed or was refused, for the user's own terminal: it may name files.
-    published : str or None
-        The same message without names of files, for reports that are passed on.
-    key : str or None
-        Cache key of the trial's report, which changes with its content; None without a report.
-    computed : bool
-        Whether any stage ran.
-    seconds : float
-        Duration of this run.
-    """
-
-    trial: str
-    exit_code: int
-    message: str | None
-    published: str | None
-    key: str | None
-    computed: bool
-    seconds: float
+    trial: str  # name of the trial
+    exit_code: int  # exit code of `mocap-id run` for this trial
+    message: str | None  # reason why it failed or was refused, for the user's terminal: it may name files
+    published: str | None  # the same reason without names of files, for reports that are passed on
+    key: str | None  # cache key of the trial's report, which changes with its content; None if there is no report
+    computed: bool  # whether any stage ran
+    seconds: float  # duration of the run, s
 
 
 RunTrial: TypeAlias = Callable[[Trial], TrialRun]
@@ -57,14 +40,14 @@ RunTrial: TypeAlias = Callable[[Trial], TrialRun]
 
 
 def run_trial(trial: Trial) -> TrialRun:
-    """Run one trial and return how it went, without raising."""
+    """Run one trial and return its result; a failure is part of the result."""
     start, message, code = time.perf_counter(), None, 0
     steps: tuple[runner.Step, ...] = ()
     try:
         outcome = runner.run(trial)
     except MocapIdError as error:
         message, code = ": ".join([*getattr(error, "__notes__", []), str(error)]), error.exit_code
-    except Exception as error:  # noqa: BLE001  any failure: the other trials go on
+    except Exception as error:  # noqa: BLE001  after any failure, the other trials still run
         message, code = f"unforeseen failure, {type(error).__name__}: {error}", NumericalError.exit_code
     else:
         steps = outcome.steps
@@ -74,8 +57,8 @@ def run_trial(trial: Trial) -> TrialRun:
         trial=trial.name,
         exit_code=code,
         message=message,
-        published=None if message is None else _published(message, trial),
-        key=_key(trial) if code in (0, 4) else None,
+        published=None if message is None else _hide_names(message, trial),
+        key=_read_key(trial) if code in (0, 4) else None,
         computed=any(step.action == "computed" for step in steps),
         seconds=time.perf_counter() - start,
     )
@@ -85,20 +68,20 @@ class _Terminated(BaseException):
     """The process received SIGTERM."""
 
 
-def not_run(trial: Trial) -> TrialRun:
-    """Return the result of a trial that was never started."""
+def make_not_run(trial: Trial) -> TrialRun:
+    """Return the result of a trial that was not started, because another trial failed."""
     message = "not run: another trial failed before"
     return TrialRun(trial.name, NOT_RUN, message, message, None, computed=False, seconds=0.0)
 
 
-def killed(trial: Trial) -> TrialRun:
+def make_killed(trial: Trial) -> TrialRun:
     """Return the result of a trial whose process was killed."""
     message = "a process was killed, perhaps by the system because memory ran out: run again with fewer --jobs"
     return TrialRun(trial.name, NumericalError.exit_code, message, message, None, computed=False, seconds=0.0)
 
 
 def run_until_terminated(run: RunTrial, trial: Trial) -> TrialRun:
-    """Run a trial in a worker process; on SIGTERM, half-written files are removed before the process ends."""
+    """Run a trial in a worker process; after SIGTERM, remove incomplete files before the process ends."""
     if threading.current_thread() is not threading.main_thread():  # a cluster's worker handles signals itself
         return run(trial)
     before = signal.signal(signal.SIGTERM, _raise_terminated)
@@ -115,17 +98,17 @@ def _raise_terminated(number: int, frame: object) -> None:
     raise _Terminated
 
 
-def _published(message: str, trial: Trial) -> str:
-    """Return a message without the names of files and folders, which may contain names of people."""
+def _hide_names(message: str, trial: Trial) -> str:
+    """Return a message without names of files and folders, because these may contain names of people."""
     files = {path for stage in STAGES for path in user_files(trial, stage).values()}
     for path in sorted(files, key=lambda path: len(str(path)), reverse=True):
-        message = message.replace(str(path), f"the {path.suffix.lstrip('.').upper() or 'recording'} file")
-        message = message.replace(path.name, f"the {path.suffix.lstrip('.').upper() or 'recording'} file")
+        neutral = f"the {path.suffix.lstrip('.').upper() or 'recording'} file"
+        message = message.replace(str(path), neutral).replace(path.name, neutral)
     for folder, name in ((trial.out, trial.name), (trial.file, trial.file.name), (trial.file.parent, "")):
         message = message.replace(str(folder), name)
     return message
 
 
-def _key(trial: Trial) -> str | None:
+def _read_key(trial: Trial) -> str | None:
     origin = Folder(trial.out).origin("report", FILES)
     return None if origin is None else origin.key

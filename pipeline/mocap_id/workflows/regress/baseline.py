@@ -1,4 +1,4 @@
-"""The baseline: a JSON file that a person can read and whose tolerances can be edited."""
+"""The baseline of a regression check: a JSON file with expected results, whose tolerances the user may edit."""
 
 from __future__ import annotations
 
@@ -18,31 +18,22 @@ _SCHEMA = "mocap-id/baseline"
 _VERSION = 1
 _DIGITS = 9
 _ABOUT = (
-    "`mocap-id regress` fails where a number moves by more than its tolerance. `tolerances` holds your own, by "
-    "patterns of names such as `lengths_m.*` or `s01/dynamics.*`; the last that fits counts, and an update keeps them."
+    "`mocap-id regress` fails if a number changes by more than its tolerance. `tolerances` contains your own, by "
+    "patterns of names such as `lengths_m.*` or `s01/dynamics.*`; the last one that fits is used. An update keeps them."
 )
 
 
 @dataclass(frozen=True)
 class Baseline:
-    """Expected results of trials.
+    """Expected results of trials."""
 
-    Parameters
-    ----------
-    trials : mapping
-        Trial → name of a quantity → quantity.
-    tolerances : mapping
-        Pattern of ``NAME`` or ``TRIAL/NAME`` → tolerance, in the quantity's unit.
-    product : str
-        Version of this program that computed them.
-    """
-
-    trials: Mapping[str, Mapping[str, Quantity]] = field(default_factory=dict)
+    trials: Mapping[str, Mapping[str, Quantity]] = field(default_factory=dict)  # quantities by trial and name
+    # the user's tolerances by pattern of ``NAME`` or ``TRIAL/NAME``, in the unit of the quantity
     tolerances: Mapping[str, float] = field(default_factory=dict)
-    product: str = __version__
+    product: str = __version__  # version of the program that computed the results
 
-    def tolerance(self, trial: str, name: str, usual: float) -> float:
-        """Return the tolerance of a number: the user's, or else the usual one."""
+    def find_tolerance(self, trial: str, name: str, usual: float) -> float:
+        """Return the user's tolerance of a number; the usual tolerance if the user gives none."""
         own = [
             value
             for pattern, value in self.tolerances.items()
@@ -52,7 +43,7 @@ class Baseline:
 
     @classmethod
     def read(cls, file: Path) -> Baseline:
-        """Read the file.
+        """Read a baseline.
 
         Raises
         ------
@@ -62,7 +53,7 @@ class Baseline:
         try:
             data = json.loads(file.read_text("utf-8"))
             if (data["schema"], data["version"]) != (_SCHEMA, _VERSION):
-                raise ValueError(f"it says {data['schema']!r}, version {data['version']!r}")
+                raise ValueError(f"its schema is {data['schema']!r}, version {data['version']!r}")
             trials = {
                 trial: {name: Quantity(**one) for name, one in quantities.items()}
                 for trial, quantities in data["trials"].items()
@@ -82,7 +73,8 @@ class Baseline:
     def write(self, file: Path) -> None:
         """Write the file completely or not at all; StoreError if it cannot be written."""
         trials = {
-            trial: {name: _plain(one) for name, one in quantities.items()} for trial, quantities in self.trials.items()
+            trial: {name: _as_json(one) for name, one in quantities.items()}
+            for trial, quantities in self.trials.items()
         }
         data = {
             "schema": _SCHEMA,
@@ -97,12 +89,12 @@ class Baseline:
         replace_together(file.parent, {file.name: text.encode()})
 
 
-def rounded(value: Value) -> Value:
-    """Return a value with the precision of the file."""
+def round_value(value: Value) -> Value:
+    """Return a value, rounded to the precision of the file."""
     return value if value is None or isinstance(value, str) else float(f"{value:.{_DIGITS}g}")
 
 
-def _plain(one: Quantity) -> dict[str, Any]:
+def _as_json(one: Quantity) -> dict[str, Any]:
     if isinstance(one.value, str):
         return {"value": one.value}
-    return {"value": rounded(one.value), "tolerance": rounded(one.tolerance), "unit": one.unit}
+    return {"value": round_value(one.value), "tolerance": round_value(one.tolerance), "unit": one.unit}

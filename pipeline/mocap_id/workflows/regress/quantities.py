@@ -1,7 +1,7 @@
 """The main results of a trial, each with a tolerance for changes.
 
-The tolerance of a number with a standard deviation is its 95 % interval. Other numbers have a relative tolerance, or an
-absolute one that is negligible in practice.
+The tolerance of a number with a standard deviation is half of its 95 % interval. Other numbers have a relative
+tolerance, or an absolute one that is negligible in practice.
 """
 
 from __future__ import annotations
@@ -18,99 +18,84 @@ Value: TypeAlias = float | str | None
 
 @dataclass(frozen=True)
 class Quantity:
-    """A value with its tolerance.
+    """A value with its tolerance."""
 
-    Parameters
-    ----------
-    value : float or str or None
-        Text must not change at all; None means unknown.
-    tolerance : float
-        In the value's unit.
-    unit : str
-    """
-
-    value: Value
-    tolerance: float = 0.0
+    value: Value  # a number, or a text that must not change; None if unknown
+    tolerance: float = 0.0  # in the unit of the value
     unit: str = ""
 
 
 def quantities(summary: Mapping[str, Any]) -> dict[str, Quantity]:
-    """Return name → quantity for a trial's summary.json; a name is the path in the file."""
+    """Return the quantities in a trial's summary.json by name; a name is the path in the file."""
     return {
-        **dict(_verdict(summary)),
-        **dict(_skeleton(summary)),
-        **dict(_dynamics(summary.get("dynamics") or {})),
-        **dict(_repetitions(summary.get("repetitions") or [])),
+        **dict(_list_verdict(summary)),
+        **dict(_list_skeleton(summary)),
+        **dict(_list_dynamics(summary.get("dynamics") or {})),
+        **dict(_list_repetitions(summary.get("repetitions") or [])),
     }
 
 
-def failure(exit_code: int) -> dict[str, Quantity]:
-    """Return the quantities of a failed trial: only its exit code."""
-    return {"exit_code": Quantity(str(exit_code))}
-
-
-def _verdict(summary: Mapping[str, Any]) -> Iterator[tuple[str, Quantity]]:
+def _list_verdict(summary: Mapping[str, Any]) -> Iterator[tuple[str, Quantity]]:
     verdict = summary["verdict"]
     yield "verdict.level", Quantity(verdict["level"])
     yield "verdict.codes", Quantity(" ".join(sorted({reason["code"] for reason in verdict["reasons"]})))
 
 
-def _skeleton(summary: Mapping[str, Any]) -> Iterator[tuple[str, Quantity]]:
+def _list_skeleton(summary: Mapping[str, Any]) -> Iterator[tuple[str, Quantity]]:
     plane, segments = summary.get("plane") or {}, summary.get("segments") or {}
     markers, noise = summary.get("markers") or {}, summary.get("noise") or {}
-    yield "plane.yaw_deg", _absolute(plane.get("yaw_deg"), 0.5, "deg")
+    yield "plane.yaw_deg", Quantity(plane.get("yaw_deg"), 0.5, "deg")
     yield "segments.names", Quantity(" ".join(segments.get("names") or []))
     for marker, segment in sorted((segments.get("assignment") or {}).items()):
         yield f"segments.assignment.{marker}", Quantity(str(segment))
     for joint in summary.get("joints") or []:
         centre = joint["centre_m"] or []
         for axis, value, sd in zip("xyz", centre, joint["sd_m"] or [None] * len(centre), strict=False):
-            yield f"joints.{joint['name']}.{axis}", _with_interval(value, sd, "m")
+            yield f"joints.{joint['name']}.{axis}", _make_with_interval(value, sd, "m")
         if summary.get("space") == "3d":
             yield f"joints.{joint['name']}.kind", Quantity(joint["kind"])
             yield f"joints.{joint['name']}.known", Quantity(str(joint["known"]))
     for name, angle in (summary.get("angles") or {}).items():
         low, high = angle["interval_deg"] or (None, None)
         sd = None if low is None or high is None else (high - low) / (2 * NORMAL_95)
-        yield f"angles.{name}.range_deg", _with_interval(angle["range_deg"], sd, "deg")
+        yield f"angles.{name}.range_deg", _make_with_interval(angle["range_deg"], sd, "deg")
     for name, length in (summary.get("lengths_m") or {}).items():
-        yield f"lengths_m.{name}", _with_interval(length["value"], length["sd"], "m")
-    yield "markers.reprojection_rms_mm", _relative(markers.get("reprojection_rms_mm"), 0.05, "mm")
-    yield "markers.missing_fraction", _absolute(markers.get("missing_fraction"), 0.001, "")
-    yield "noise.marker_sd_m", _relative(noise.get("marker_sd_m"), 0.05, "m")
+        yield f"lengths_m.{name}", _make_with_interval(length["value"], length["sd"], "m")
+    yield "markers.reprojection_rms_mm", _make_relative(markers.get("reprojection_rms_mm"), 0.05, "mm")
+    yield "markers.missing_fraction", Quantity(markers.get("missing_fraction"), 0.001, "")
+    yield "noise.marker_sd_m", _make_relative(noise.get("marker_sd_m"), 0.05, "m")
 
 
-def _dynamics(dynamics: Mapping[str, Any]) -> Iterator[tuple[str, Quantity]]:
+def _list_dynamics(dynamics: Mapping[str, Any]) -> Iterator[tuple[str, Quantity]]:
     for base in dynamics.get("base") or []:
-        yield f"dynamics.base.{base['name']}", _with_interval(base["value"], base["sd"], base["unit"])
+        yield f"dynamics.base.{base['name']}", _make_with_interval(base["value"], base["sd"], base["unit"])
         yield f"dynamics.base.{base['name']}.verdict", Quantity(base.get("verdict") or "")
-    yield "dynamics.condition_number", _relative(dynamics.get("condition_number"), 0.05, "")
+    yield "dynamics.condition_number", _make_relative(dynamics.get("condition_number"), 0.05, "")
     offset, sd = dynamics.get("clock_offset_s"), dynamics.get("clock_offset_sd_s")
-    yield "dynamics.clock_offset_s", _with_interval(offset, sd, "s")
+    yield "dynamics.clock_offset_s", _make_with_interval(offset, sd, "s")
     for name, residual in (dynamics.get("wrench") or {}).items():
-        yield f"dynamics.wrench.{name}.r2", _absolute(residual["r2"], 0.005, "")
-        yield f"dynamics.wrench.{name}.sd", _relative(residual["sd"], 0.05, "N*m" if name.startswith("tau") else "N")
-    yield "dynamics.cop_rms_m", _relative(dynamics.get("cop_rms_m"), 0.05, "m")
-    yield "dynamics.samples", _relative(dynamics.get("samples"), 0.02, "")
+        yield f"dynamics.wrench.{name}.r2", Quantity(residual["r2"], 0.005, "")
+        yield (
+            f"dynamics.wrench.{name}.sd",
+            _make_relative(residual["sd"], 0.05, "N*m" if name.startswith("tau") else "N"),
+        )
+    yield "dynamics.cop_rms_m", _make_relative(dynamics.get("cop_rms_m"), 0.05, "m")
+    yield "dynamics.samples", _make_relative(dynamics.get("samples"), 0.02, "")
 
 
-def _repetitions(repetitions: list[Mapping[str, Any]]) -> Iterator[tuple[str, Quantity]]:
+def _list_repetitions(repetitions: list[Mapping[str, Any]]) -> Iterator[tuple[str, Quantity]]:
     yield "repetitions.count", Quantity(str(len(repetitions)))
     for number, one in enumerate(repetitions, start=1):
         for event in ("start_s", "seat_off_s", "stand_s", "seat_on_s", "end_s"):
-            yield f"repetitions.{number}.{event}", _absolute(one.get(event), 0.02, "s")
+            yield f"repetitions.{number}.{event}", Quantity(one.get(event), 0.02, "s")
 
 
-def _with_interval(value: float | None, sd: float | None, unit: str) -> Quantity:
-    """Return a quantity with its 95 % interval as tolerance, or 5 % if the standard deviation is unknown."""
+def _make_with_interval(value: float | None, sd: float | None, unit: str) -> Quantity:
+    """Return a quantity with half of its 95 % interval as tolerance, or 5 % if the standard deviation is unknown."""
     if sd is None or not math.isfinite(sd):
-        return _relative(value, 0.05, unit)
+        return _make_relative(value, 0.05, unit)
     return Quantity(value, NORMAL_95 * sd, unit)
 
 
-def _relative(value: float | None, share: float, unit: str) -> Quantity:
+def _make_relative(value: float | None, share: float, unit: str) -> Quantity:
     return Quantity(value, 0.0 if value is None else share * abs(value), unit)
-
-
-def _absolute(value: float | None, tolerance: float, unit: str) -> Quantity:
-    return Quantity(value, tolerance, unit)

@@ -127,7 +127,7 @@ def run_perturbation(trial: TrialInputs, perturbation: Perturbation) -> Perturba
     except MocapIdError as error:
         why, refused = str(error), isinstance(error, Refused)
     except Exception as error:  # noqa: BLE001  a bug in one perturbation must not discard the results of the others
-        why = f"an unexpected failure, {type(error).__name__}: {str(error).partition(chr(10))[0]}"
+        why = f"an unforeseen failure, {type(error).__name__}: {str(error).partition(chr(10))[0]}"
     return PerturbationRun(perturbation, estimates, changes, why, refused, seconds=time.process_time() - start)
 
 

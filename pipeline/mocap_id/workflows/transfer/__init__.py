@@ -13,6 +13,7 @@ from mocap_id.workflows.transfer.model_transfer import (
     transfer,
 )
 from mocap_id.workflows.transfer.support import SERIES
+from mocap_id.workflows.transfer.table import as_frame, as_json, check_format, write
 
 __all__ = [
     "HELD_OUT",
@@ -23,7 +24,11 @@ __all__ = [
     "Transfer",
     "TrialTransfer",
     "apply_model",
+    "as_frame",
+    "as_json",
+    "check_format",
     "errors_at_home",
     "rms_error",
     "transfer",
+    "write",
 ]

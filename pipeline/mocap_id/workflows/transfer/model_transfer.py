@@ -1,4 +1,4 @@
-"""Applying the model of one trial to other trials of the same person (thesis table 6.3)."""
+"""Application of the model of one trial to other trials of the same person (thesis table 6.3)."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ from mocap_id.workflows.transfer.support import (
     SERIES,
     Support,
     TransferredBody,
-    doubts,
-    inside,
-    predicted,
+    find_support,
+    list_doubts,
+    make_series,
+    predict,
     root_mean_square,
-    series,
+    share_inside,
     stated_sd,
-    support,
-    worse_than_stated,
+    warn_if_worse_than_stated,
 )
 
 OWN, HELD_OUT, TRANSFERRED = "own", "own, held out", "transferred"
 """Names of bodies; the allometric body has the name of its table."""
-_TURNED_OVER = 0.5  # of the residual: if mirrored markers fit this much better, the person faces the other way
-_APART = 0.025  # m rms: skin and posture cause about 1 cm, markers that were placed again several
-_UNSHOWN = "transfer-nothing"
-_MASS_APART = 0.05  # of the standing mass, as for the verdict of a trial
+_MIRRORED = 0.5  # of the residual: if mirrored markers fit this much better, the person faces the other direction
+_LARGEST_RESIDUAL = 0.025  # m rms: skin and posture cause about 1 cm, markers that were placed again several cm
+_UNCONFIRMED = "transfer-nothing"
+_MASS_DIFFERENCE = 0.05  # of the standing mass, as for the verdict of a trial
 
 
 @dataclass(frozen=True)
@@ -45,9 +45,9 @@ class BodyErrors:
     """The errors of one body on a trial."""
 
     name: str  # ``own``, ``own, held out``, ``transferred``, or the name of the allometric table
-    errors: Mapping[str, Agreement | None]  # model less measurement for each of :data:`SERIES`; None if unknown
-    # difference of each joint torque from that of the trial's own model, N·m, joint 1 first; None if unknown. Empty for
-    # the own model
+    errors: Mapping[str, Agreement | None]  # model minus measurement for each of :data:`SERIES`; None if unknown
+    # each joint torque minus the torque of the trial's own model, N·m, joint 1 first; None if unknown. Empty for the
+    # own model
     torques: tuple[Agreement | None, ...]
 
 
@@ -60,22 +60,22 @@ class TrialTransfer:
     condition: float | None  # condition number of the regressor over these samples
     bodies: tuple[BodyErrors, ...]
     registration: Registration  # pose of the model's bodies in the trial's bodies
-    # evidence that does not use the trial's forces; None if there is no allometric body to compare with
+    # evidence without the trial's forces; None if there is no allometric body to compare with
     support: Support | None
     # stated standard deviation of the transferred body's prediction for each of :data:`SERIES`, N, N·m and m, rms over
     # the samples; NaN if unknown
     stated: Mapping[str, float]
     inside: Mapping[str, float]  # share of the samples within the stated 95 % intervals; NaN if unknown
-    reasons: tuple[Reason, ...]  # reasons not to rely on the result
+    reasons: tuple[Reason, ...]  # reasons against the use of the result
 
     @property
     def supported(self) -> bool | None:
         """Whether the recordings support an individual model of this trial.
 
         True if there is no reason against it and the model is closer to the forces than the allometric body. None if
-        there is no reason against it, but forces or allometric body are missing to confirm it.
+        there is no reason against it, but the forces or the allometric body that could confirm it are missing.
         """
-        if any(reason.code != _UNSHOWN for reason in self.reasons):
+        if any(reason.code != _UNCONFIRMED for reason in self.reasons):
             return False
         return True if not self.reasons and self.support is not None else None
 
@@ -89,13 +89,13 @@ class TrialTransfer:
 class Transfer:
     """A model applied to other trials."""
 
-    model: str  # name of the trial that the model comes from
+    model: str  # name of the trial on which the model was identified
     segments: tuple[str, ...]  # the bodies that were identified on this trial
     trials: tuple[TrialTransfer, ...]
 
     @property
     def joints(self) -> int:
-        """Largest number of joint torques of a trial."""
+        """Largest number of joints of a trial."""
         return max((len(body.torques) for trial in self.trials for body in trial.bodies), default=0)
 
 
@@ -114,7 +114,7 @@ def transfer(model: Path, trials: Sequence[Path], progress: runner.Progress = la
     Raises
     ------
     ConfigError
-        A body has too few markers in common, or the person faces the other direction.
+        The two trials have too few markers in common on a body, or the person faces the other direction.
     RecordingError
         The model's trial has no identified body.
     Refused, NumericalError, StoreError
@@ -126,8 +126,8 @@ def transfer(model: Path, trials: Sequence[Path], progress: runner.Progress = la
             f"{model}: there is no body to transfer from trial {source.name}: "
             f"{source.facts.get('why') or 'its full parameters are not all known'}"
         )
-    others = [open_identified_trial(path, progress) for path in trials]
-    return Transfer(source.name, source.skeleton.segments, tuple(apply_model(source, other) for other in others))
+    targets = [open_identified_trial(path, progress) for path in trials]
+    return Transfer(source.name, source.skeleton.segments, tuple(apply_model(source, target) for target in targets))
 
 
 def apply_model(source: IdentifiedTrial, target: IdentifiedTrial) -> TrialTransfer:
@@ -145,134 +145,137 @@ def apply_model(source: IdentifiedTrial, target: IdentifiedTrial) -> TrialTransf
     """
     by_segments = source.measured is None and len(source.skeleton.segments) == len(target.chain.skeleton.segments)
     moving = target.chain if by_segments else match_bodies(source, target)
-    registration = _registered(source, target, moving.skeleton)
-    transferred, samples = TransferredBody.of(source, moving, registration), _samples(target)
-    bodies = tuple(_bodies(target, transferred, samples))
+    registration = _register(source, target, moving.skeleton)
+    transferred, samples = TransferredBody.of(source, moving, registration), _read_fitted(target)
+    bodies = tuple(_compare_bodies(target, transferred, samples))
     sd = stated_sd(source, target, transferred)
-    shares = inside(predicted(target, moving, transferred.parameters), _measured(target), sd, samples)
-    known = support(source, target, transferred)
-    before = doubts(known, registration, _joints(source.skeleton))
+    shares = share_inside(predict(target, moving, transferred.parameters), _read_measured(target), sd, samples)
+    evidence = find_support(source, target, transferred)
+    before = list_doubts(evidence, registration, _describe_joints(source.skeleton))
     return TrialTransfer(
         trial=target.name,
         samples=int(samples.sum()),
         condition=target.facts.get("condition_number"),
         bodies=bodies,
         registration=registration,
-        support=known,
+        support=evidence,
         stated={name: root_mean_square(sd[samples, k]) for k, name in enumerate(SERIES)},
         inside=shares,
-        reasons=(*before, *_reasons(source, target, registration, bodies), *worse_than_stated(shares)),
+        reasons=(*before, *_list_reasons(source, target, registration, bodies), *warn_if_worse_than_stated(shares)),
     )
 
 
-def _joints(skeleton: BodyFrames) -> list[str]:
+def _describe_joints(skeleton: BodyFrames) -> list[str]:
     names = skeleton.segments
     return [f"between {names[below]} and {names[above]}" for below, above in skeleton.between]
 
 
-def _registered(source: IdentifiedTrial, target: IdentifiedTrial, here: BodyFrames) -> Registration:
-    """Register the model's bodies in the trial's; ConfigError if the markers do not allow it."""
+def _register(source: IdentifiedTrial, target: IdentifiedTrial, here: BodyFrames) -> Registration:
+    """Return the registration of the model's bodies in the target's bodies; ConfigError if it is impossible."""
     there = source.skeleton
-    found = register_bodies(there, here)
+    registration = register_bodies(there, here)
     for k, name in enumerate(here.segments[1:], start=1):
-        if found.markers[k] < LEAST_MARKERS or found.spread[k] < LEAST_SPREAD:
+        if registration.markers[k] < LEAST_MARKERS or registration.spread[k] < LEAST_SPREAD:
             raise ConfigError(
-                f"{target.source}: trials {source.name} and {target.name} have {found.markers[k]} markers in common on "
-                f"the {name}, spread by {100 * found.spread[k]:.1f} cm; expected at least {LEAST_MARKERS}, spread by "
-                f"{100 * LEAST_SPREAD:g} cm, to align it in both. Markers are matched by label: give markers at the "
-                "same place the same label"
+                f"{target.source}: trials {source.name} and {target.name} have {registration.markers[k]} markers in "
+                f"common on the {name}, spread by {100 * registration.spread[k]:.1f} cm; expected at least "
+                f"{LEAST_MARKERS}, spread by {100 * LEAST_SPREAD:g} cm, to align it in both. Markers are matched by "
+                "label: give markers at the same position the same label"
             )
-    mirrored, residual = (root_mean_square(each[there.jointed]) for each in (found.mirrored, found.residual))
-    if mirrored < _TURNED_OVER * residual:
+    mirrored, residual = (
+        root_mean_square(each[there.jointed]) for each in (registration.mirrored, registration.residual)
+    )
+    if mirrored < _MIRRORED * residual:
         raise ConfigError(
             f"{target.source}: the person of trial {target.name} faces the other direction than in trial "
-            f"{source.name}: the mirrored markers fit. "
-            "Set `planarise: {facing: …}` in one of them"
+            f"{source.name}: the mirrored markers fit. Set `planarise: {{facing: …}}` in one of them"
         )
-    return found
+    return registration
 
 
 def errors_at_home(target: IdentifiedTrial) -> tuple[BodyErrors, ...]:
     """Return the errors of the own model, in the fit and on left-out repetitions, and of the allometric body."""
-    samples = _samples(target)
-    return tuple(body for body in (*_own(target, samples), _table(target, samples)) if body is not None)
+    samples = _read_fitted(target)
+    return tuple(body for body in (*_compare_own(target, samples), _compare_table(target, samples)) if body is not None)
 
 
-def _samples(target: IdentifiedTrial) -> BoolArray:
+def _read_fitted(target: IdentifiedTrial) -> BoolArray:
     return target.dynamics["in_fit"].to_numpy(dtype=np.bool_)
 
 
-def _bodies(target: IdentifiedTrial, transferred: TransferredBody, samples: BoolArray) -> Iterator[BodyErrors]:
-    """Return the errors of the own model (fit, left-out repetitions), transferred body and allometric body."""
-    yield from _own(target, samples)
-    yield _full(target, TRANSFERRED, transferred.bodies, transferred.parameters, samples)
-    table = _table(target, samples)
+def _compare_bodies(target: IdentifiedTrial, transferred: TransferredBody, samples: BoolArray) -> Iterator[BodyErrors]:
+    """Yield the errors of the own model (fit, left-out repetitions), the transferred and the allometric body."""
+    yield from _compare_own(target, samples)
+    yield _compare_full(target, TRANSFERRED, transferred.bodies, transferred.parameters, samples)
+    table = _compare_table(target, samples)
     if table is not None:
         yield table
 
 
-def _own(target: IdentifiedTrial, samples: BoolArray) -> Iterator[BodyErrors]:
+def _compare_own(target: IdentifiedTrial, samples: BoolArray) -> Iterator[BodyErrors]:
     model = target.dynamics[["Fx_model", "Fy_model", "tauz_model"]].to_numpy(dtype=np.float64)
-    yield BodyErrors(OWN, _errors(series(target, model), _measured(target), samples), ())
+    yield BodyErrors(OWN, _compare_series(make_series(target, model), _read_measured(target), samples), ())
     held_out = (target.facts.get("held_out") or {}).get("model")
     if held_out is not None:
         known = {name: None if held_out[name] is None else Agreement(**held_out[name]) for name in SERIES}
         yield BodyErrors(HELD_OUT, known, ())
 
 
-def _table(target: IdentifiedTrial, samples: BoolArray) -> BodyErrors | None:
+def _compare_table(target: IdentifiedTrial, samples: BoolArray) -> BodyErrors | None:
     """Return the errors of the allometric body, on the bodies of the trial's own model."""
     name = target.facts.get("reference_table")
-    return None if name is None else _full(target, str(name), target.bodies, target.reference, samples)
+    return None if name is None else _compare_full(target, str(name), target.bodies, target.reference, samples)
 
 
-def _full(target: IdentifiedTrial, name: str, bodies: MovingBodies, full: FloatArray, samples: BoolArray) -> BodyErrors:
-    """Return the errors of a body with full parameters (4K,), and its torques less those of the trial's own model."""
+def _compare_full(
+    target: IdentifiedTrial, name: str, bodies: MovingBodies, full: FloatArray, samples: BoolArray
+) -> BodyErrors:
+    """Return the errors of a body with full parameters (4K,), and its torques minus the own model's torques."""
     torques = target.dynamics[[f"tau_{j + 1}" for j in range(target.q.shape[1])]].to_numpy(dtype=np.float64)
     own = target.bodies.torque_regressor @ target.parameters
     pairs = zip((bodies.torque_regressor @ full).T, np.where(np.isfinite(torques), own, np.nan).T, strict=True)
     return BodyErrors(
         name,
-        _errors(predicted(target, bodies, full), _measured(target), samples),
+        _compare_series(predict(target, bodies, full), _read_measured(target), samples),
         tuple(agreement(ours, theirs, samples) for ours, theirs in pairs),
     )
 
 
-def _measured(target: IdentifiedTrial) -> FloatArray:
+def _read_measured(target: IdentifiedTrial) -> FloatArray:
     """Return the measured :data:`SERIES`, (T, 4)."""
-    return series(target, target.dynamics[["Fx", "Fy", "tauz"]].to_numpy(dtype=np.float64))
+    return make_series(target, target.dynamics[["Fx", "Fy", "tauz"]].to_numpy(dtype=np.float64))
 
 
-def _errors(model: FloatArray, measured: FloatArray, samples: BoolArray) -> dict[str, Agreement | None]:
+def _compare_series(model: FloatArray, measured: FloatArray, samples: BoolArray) -> dict[str, Agreement | None]:
     pairs = zip(model.T, measured.T, strict=True)
     return {name: agreement(*pair, samples) for name, pair in zip(SERIES, pairs, strict=True)}
 
 
-def _reasons(
-    source: IdentifiedTrial, target: IdentifiedTrial, found: Registration, bodies: Sequence[BodyErrors]
+def _list_reasons(
+    source: IdentifiedTrial, target: IdentifiedTrial, registration: Registration, bodies: Sequence[BodyErrors]
 ) -> Iterator[Reason]:
-    """Return reasons not to rely on the transferred body's errors."""
+    """Yield reasons against the use of the transferred body."""
     if not target.dynamics["in_fit"].any():
         yield Reason(
             "transfer-nothing",
             f"nothing was identified on this trial, so there are no samples to compare: {target.facts.get('why')}",
         )
     jointed = source.skeleton.jointed
-    worst = float(np.nanmax(found.residual[jointed]))
-    if worst > _APART:
-        body = source.skeleton.segments[jointed[int(np.nanargmax(found.residual[jointed]))]]
+    worst = float(np.nanmax(registration.residual[jointed]))
+    if worst > _LARGEST_RESIDUAL:
+        body = source.skeleton.segments[jointed[int(np.nanargmax(registration.residual[jointed]))]]
         yield Reason(
             "transfer-markers",
-            f"the markers of the {body} are {1e3 * worst:.0f} mm (rms) from their places relative to each other in the "
-            "model's trial: they were placed again, have other labels, or this is another person",
+            f"the markers of the {body} are {1e3 * worst:.0f} mm (rms) from their positions relative to each other in "
+            "the model's trial: they were placed again, have other labels, or this is another person",
             value=worst,
-            limit=_APART,
+            limit=_LARGEST_RESIDUAL,
         )
     mass = float(source.parameters[::4].sum())
-    if target.mass is not None and abs(mass / target.mass - 1) > _MASS_APART:
+    if target.mass is not None and abs(mass / target.mass - 1) > _MASS_DIFFERENCE:
         yield Reason(
             "transfer-mass",
-            f"the model has {mass:.1f} kg and the plates show {target.mass:.1f} kg while the person stands: this is "
+            f"the model has {mass:.1f} kg and the plates measure {target.mass:.1f} kg while the person stands: this is "
             "another person, or the person carries something",
             value=mass,
             limit=target.mass,
@@ -286,7 +289,7 @@ def _reasons(
         yield Reason(
             "transfer-worse",
             f"the body of trial {source.name} predicts this one no better than the allometric body, which uses only "
-            f"height and mass, in {listed}: these two recordings do not support an individual model of it",
+            f"height and mass, in {listed}: these two recordings do not support an individual model",
             value=max(worse.values()),
             limit=1.0,
         )

@@ -2,8 +2,8 @@
 
 Errors against the other trial's forces show only afterwards whether a prediction was good. A prediction is useful if
 this is known before. There are three reasons against a transfer: the model does not predict the repetitions of its own
-trial better than the allometric body; its prediction of the other movement differs from that of the allometric body by
-less than its uncertainty; the two trials place a joint of the same person differently.
+trial better than the allometric body; its prediction of the other movement differs from the prediction of the
+allometric body by less than its uncertainty; the two trials locate a joint of the same person at different positions.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ from mocap_id.workflows.moving_bodies import MovingBodies
 SERIES = {"Fx": "N", "Fy": "N", "tauz": "N*m", "cop_x": "m"}
 """The compared series, with units."""
 AT_HOME = ("Fy", "tauz", "cop_x")
-"""Series that the model must predict better than the allometric body on its own trial."""
-TOLD_APART = ("tauz", "cop_x")
-"""Series in which it must differ from the allometric body; in Fy it differs by the mass, which any plate shows."""
+"""Series that the model must predict better than the allometric body, on its own trial."""
+_DISTINCT = ("tauz", "cop_x")
+"""Series in which it must differ from the allometric body; in Fy it differs by the mass, which any plate measures."""
 _TIMES = 2.0  # least difference from the allometric body's prediction, standard deviations
-_JOINTS = 0.03  # m: joints that bend enough agree within a few millimetres, under moving skin within two centimetres
+_JOINTS = 0.03  # m: joints that bend enough agree within a few mm, under moving skin within two cm
 _ELSEWHERE = 1.4  # factor on the error on the model's own trial: measured on twenty pairs of real trials
 _INSIDE = 0.8  # least share of the samples in the 95 % intervals
 
@@ -40,13 +40,13 @@ class TransferredBody:
     """The body of one trial, transferred to the bodies of another."""
 
     bodies: MovingBodies  # K bodies of the other trial with their motion
-    registration: Registration  # pose of the model's bodies in these
+    registration: Registration  # pose of the model's bodies in these bodies
     parameters: FloatArray  # (4K,)
     covariance: FloatArray  # (4K, 4K) covariance of the parameters; NaN if unknown
 
     @classmethod
     def of(cls, source: IdentifiedTrial, bodies: MovingBodies, registration: Registration) -> TransferredBody:
-        """Return the source's model transferred to other bodies, to which its own bodies were registered."""
+        """Return the model of the source, transferred to other bodies with which its own bodies were registered."""
         parameters = transfer_parameters(source.parameters, registration)
         return cls(bodies, registration, parameters, transfer_covariance(source.covariance, registration))
 
@@ -64,29 +64,20 @@ class Support:
     at_home: Mapping[str, float]
 
 
-def support(source: IdentifiedTrial, target: IdentifiedTrial, transferred: TransferredBody) -> Support | None:
-    """Compare a transferred body with the allometric body on the states of the other trial, without its forces.
+def find_support(source: IdentifiedTrial, target: IdentifiedTrial, transferred: TransferredBody) -> Support | None:
+    """Return the comparison of a transferred body with the allometric body on the target's states, without its forces.
 
-    Parameters
-    ----------
-    source, target : IdentifiedTrial
-    transferred : TransferredBody
-        The source's body on the target's bodies.
-
-    Returns
-    -------
-    Support or None
-        None if there is no allometric body to compare with.
+    None if there is no allometric body to compare with.
     """
     if not (np.isfinite(target.reference).all() and np.isfinite(source.covariance).all()):
         return None
-    table = predicted(target, target.bodies, target.reference)
-    apart = predicted(target, transferred.bodies, transferred.parameters) - table
-    sd = _parameters_sd(target, transferred)
-    difference, spread = (
-        {name: root_mean_square(each[:, k]) for k, name in enumerate(SERIES) if name in AT_HOME} for each in (apart, sd)
+    table = predict(target, target.bodies, target.reference)
+    difference = predict(target, transferred.bodies, transferred.parameters) - table
+    apart, sd = (
+        {name: root_mean_square(series[:, k]) for k, name in enumerate(SERIES) if name in AT_HOME}
+        for series in (difference, _find_parameters_sd(target, transferred))
     )
-    return Support(difference, spread, _at_home(source.facts.get("held_out")))
+    return Support(apart, sd, _compare_at_home(source.facts.get("held_out")))
 
 
 def stated_sd(source: IdentifiedTrial, target: IdentifiedTrial, transferred: TransferredBody) -> FloatArray:
@@ -95,31 +86,30 @@ def stated_sd(source: IdentifiedTrial, target: IdentifiedTrial, transferred: Tra
     It combines the covariance of the parameters with the mean square error on left-out repetitions of the model's trial
     (or of the fit, if none could be left out), times 1.4 for another movement.
     """
-    residual = _residual(source.facts, banded=target.measured is not None)
-    return np.asarray(_ELSEWHERE * np.hypot(_parameters_sd(target, transferred), residual))
+    residual = _read_residual(source.facts, banded=target.measured is not None)
+    return np.asarray(_ELSEWHERE * np.hypot(_find_parameters_sd(target, transferred), residual))
 
 
-def inside(ours: FloatArray, measured: FloatArray, sd: FloatArray, samples: BoolArray) -> dict[str, float]:
+def share_inside(model: FloatArray, measured: FloatArray, sd: FloatArray, samples: BoolArray) -> dict[str, float]:
     """Return the share of samples whose measurement is within the stated 95 % interval, for each of :data:`SERIES`.
+
+    The share is NaN if no sample is known.
 
     Parameters
     ----------
-    ours, measured, sd : (T, 4) arrays
+    model, measured, sd : (T, 4) arrays
+        Prediction, measurement, and stated standard deviation of the prediction.
     samples : (T,) bool array
-
-    Returns
-    -------
-    dict of str to float
-        NaN if nothing is known.
+        Samples that are counted.
     """
-    times = np.abs(ours - measured)[samples] / sd[samples]
+    times = np.abs(model - measured)[samples] / sd[samples]
     known = np.isfinite(times)
     count = known.sum(axis=0)
     share = np.sum(known & (np.nan_to_num(times) <= NORMAL_95), axis=0) / np.where(count, count, np.nan)
     return dict(zip(SERIES, share.tolist(), strict=True))
 
 
-def worse_than_stated(shares: Mapping[str, float]) -> Iterator[Reason]:
+def warn_if_worse_than_stated(shares: Mapping[str, float]) -> Iterator[Reason]:
     """Yield a reason if the stated intervals contain too few samples."""
     few = {name: share for name, share in shares.items() if share < _INSIDE}
     if few:
@@ -133,54 +123,56 @@ def worse_than_stated(shares: Mapping[str, float]) -> Iterator[Reason]:
         )
 
 
-def series(target: IdentifiedTrial, ground: FloatArray) -> FloatArray:
-    """Return :data:`SERIES`, (T, 4), of a ground wrench (T, 3), in the frequency band of the trial's comparisons."""
+def make_series(target: IdentifiedTrial, ground: FloatArray) -> FloatArray:
+    """Return :data:`SERIES` (T, 4) of a ground wrench (T, 3), in the frequency band of the trial's comparisons."""
     banded = np.column_stack([target.in_band(component) for component in ground.T])
     return np.column_stack([banded, centre_of_pressure(banded, target.cop_threshold)])
 
 
-def predicted(target: IdentifiedTrial, bodies: MovingBodies, parameters: FloatArray) -> FloatArray:
-    """Return the predicted :data:`SERIES`, (T, 4), for parameters (4K,), without the wrench of chair and sensors."""
+def predict(target: IdentifiedTrial, bodies: MovingBodies, parameters: FloatArray) -> FloatArray:
+    """Return the predicted :data:`SERIES` (T, 4) for parameters (4K,), without the wrench of chair and sensors."""
     columns = [f"{name}_external" for name in WRENCH_COMPONENTS]
     external = target.dynamics[columns].to_numpy(dtype=np.float64) if columns[0] in target.dynamics else 0.0
-    return series(target, bodies.regressor @ parameters - external)
+    return make_series(target, bodies.regressor @ parameters - external)
 
 
-def _parameters_sd(target: IdentifiedTrial, transferred: TransferredBody) -> FloatArray:
+def _find_parameters_sd(target: IdentifiedTrial, transferred: TransferredBody) -> FloatArray:
     """Return the standard deviation (T, 4) of the prediction from the covariance of the parameters."""
     rows = target.in_band(transferred.bodies.regressor)
     pressure = centre_of_pressure_rows(rows, rows @ transferred.parameters, target.cop_threshold)
-    each = np.concatenate([rows, pressure[:, None]], axis=1)
-    return np.sqrt(variance(each, transferred.covariance))
+    rows = np.concatenate([rows, pressure[:, None]], axis=1)
+    return np.sqrt(variance(rows, transferred.covariance))
 
 
-def doubts(found: Support | None, registration: Registration, joints: Sequence[str]) -> Iterator[Reason]:
-    """Yield the reasons not to transfer the body.
+def list_doubts(support: Support | None, registration: Registration, joints: Sequence[str]) -> Iterator[Reason]:
+    """Yield the reasons against the transfer of a body.
 
     Parameters
     ----------
-    found : Support or None
+    support : Support or None
     registration : Registration
     joints : sequence of str
-        Between which segments each joint lies, for messages.
+        Descriptions of the joints for messages.
     """
-    if found is not None:
-        yield from _no_better_at_home(found)
-        yield from _too_similar(found)
-    apart = np.nan_to_num(registration.joint)
-    if len(apart) and apart.max() > _JOINTS:
-        worst = int(apart.argmax())
+    if support is not None:
+        yield from _check_home(support)
+        yield from _check_difference(support)
+    distances = np.nan_to_num(registration.joint)
+    if len(distances) and distances.max() > _JOINTS:
+        worst = int(distances.argmax())
         yield Reason(
             "transfer-joints",
-            f"the two trials place the joint {joints[worst]} {1e3 * registration.joint[worst]:.0f} mm apart "
-            "relative to the same markers: in one of them it does not bend enough, or its markers slid",
+            f"the positions of the joint {joints[worst]} in the two trials differ by "
+            f"{1e3 * registration.joint[worst]:.0f} mm relative to the same markers: in one of them the joint does not "
+            "bend enough, or its markers slid",
             value=float(registration.joint[worst]),
             limit=_JOINTS,
         )
 
 
-def _no_better_at_home(found: Support) -> Iterator[Reason]:
-    worse = {name: ratio for name, ratio in found.at_home.items() if ratio > 1.0}
+def _check_home(support: Support) -> Iterator[Reason]:
+    """Yield a reason if the model predicts its own trial no better than the allometric body."""
+    worse = {name: ratio for name, ratio in support.at_home.items() if ratio > 1.0}
     if worse:
         listed = ", ".join(f"{name} ({ratio:.2f} times its error)" for name, ratio in worse.items())
         yield Reason(
@@ -192,14 +184,15 @@ def _no_better_at_home(found: Support) -> Iterator[Reason]:
         )
 
 
-def _too_similar(found: Support) -> Iterator[Reason]:
-    times = {name: found.apart[name] / found.sd[name] for name in TOLD_APART}
+def _check_difference(support: Support) -> Iterator[Reason]:
+    """Yield a reason if the predictions of transferred and allometric body do not differ enough."""
+    times = {name: support.apart[name] / support.sd[name] for name in _DISTINCT}
     near = {name: ratio for name, ratio in times.items() if not ratio >= _TIMES}
     if near:
         listed = ", ".join(f"{name} ({ratio:.1f} standard deviations)" for name, ratio in near.items())
         yield Reason(
             "transfer-not-told-apart",
-            f"on this movement the prediction of the transferred body does not differ enough from that of the "
+            "on this movement the prediction of the transferred body does not differ enough from the prediction of the "
             f"allometric body in {listed}; at least {_TIMES:g} are needed. The model's trial determines too little for "
             "this movement",
             value=min(near.values()),
@@ -207,22 +200,22 @@ def _too_similar(found: Support) -> Iterator[Reason]:
         )
 
 
-def _residual(facts: Mapping[str, Any], banded: bool) -> FloatArray:
-    """Return rms errors (4,) of a model on left-out repetitions of its trial, or of the fit if there are none."""
+def _read_residual(facts: Mapping[str, Any], banded: bool) -> FloatArray:
+    """Return the rms errors (4,) of a model on left-out repetitions of its trial; of the fit if none was left out."""
     held_out = facts.get("held_out") or {}
     errors = (None if banded else held_out.get("unfiltered")) or held_out.get("model")
     if errors is None:
         cop = facts.get("cop_rms_m")
         errors = {**(facts.get("wrench") or {}), "cop_x": None if cop is None else {"bias": 0.0, "sd": cop}}
-    return np.array([_error(errors, name) for name in SERIES])
+    return np.array([_read_error(errors, name) for name in SERIES])
 
 
-def _at_home(held_out: Mapping[str, Any] | None) -> dict[str, float]:
+def _compare_at_home(held_out: Mapping[str, Any] | None) -> dict[str, float]:
     model, table = ((held_out or {}).get(body) for body in ("model", "reference"))
-    return {name: _error(model, name) / _error(table, name) for name in AT_HOME}
+    return {name: _read_error(model, name) / _read_error(table, name) for name in AT_HOME}
 
 
-def _error(errors: Mapping[str, Any] | None, name: str) -> float:
+def _read_error(errors: Mapping[str, Any] | None, name: str) -> float:
     """Return the root mean square of an error in the facts; NaN if unknown."""
     one = None if errors is None else errors.get(name)
     return float("nan") if one is None else float(np.hypot(one["bias"], one["sd"]))

@@ -20,28 +20,25 @@ from mocap_id.workflows.transfer.model_transfer import BodyErrors, Transfer, Tri
 from mocap_id.workflows.transfer.support import AT_HOME, SERIES, Support
 
 FORMATS = (".csv", ".parquet")
-"""Endings of the files that :func:`write` makes."""
+"""Endings of the files that :func:`write` writes."""
 
 
 def check_format(file: Path) -> None:
-    """Raise ConfigError if a file has none of the endings :data:`FORMATS`, before anything is computed."""
+    """Raise ConfigError if a file name has none of the endings in :data:`FORMATS`."""
     if file.suffix.lower() not in FORMATS:
         raise ConfigError(f"--out {file}: expected a file name that ends in {' or '.join(FORMATS)}")
 
 
-def write(found: Transfer, file: Path) -> None:
+def write(result: Transfer, file: Path) -> None:
     """Write the table as CSV or Parquet; the units are in the Parquet file's field metadata.
 
     Raises
     ------
-    ConfigError
-        The file has neither ending.
     StoreError
         The file cannot be written.
     """
-    check_format(file)
-    table = pa.Table.from_pandas(as_frame(found), preserve_index=False)
-    fields = [field.with_metadata({"unit": _unit(field.name)}) for field in table.schema]
+    table = pa.Table.from_pandas(as_frame(result), preserve_index=False)
+    fields = [field.with_metadata({"unit": _find_unit(field.name)}) for field in table.schema]
     table, stream = table.cast(pa.schema(fields)), io.BytesIO()
     if file.suffix.lower() == ".csv":
         pyarrow.csv.write_csv(table, stream)
@@ -50,31 +47,31 @@ def write(found: Transfer, file: Path) -> None:
     write_files(file.parent, {file.name: stream.getvalue()})
 
 
-def as_frame(found: Transfer) -> pd.DataFrame:
-    """Return one row for each trial and body.
+def as_frame(result: Transfer) -> pd.DataFrame:
+    """Return a data frame with one row for each trial and body.
 
-    The columns are trial, model (the trial that the body comes from), body, samples and condition_number; mean, sd and
-    rms of the error, model less measurement, of each of Fx, Fy (N), tauz (N·m) and cop_x (m); mean and sd of the
-    difference of each joint torque tau_1 … from that of the trial's own model (N·m); the largest residual of the
-    registration (m); and whether the recordings support the transfer, empty where this could not be shown.
+    The columns are trial, model (the trial on which the body was identified), body, samples and condition_number; mean,
+    sd and rms of the error, model minus measurement, of Fx, Fy (N), tauz (N·m) and cop_x (m); mean and sd of each joint
+    torque tau_1 … minus the torque of the trial's own model (N·m); the largest residual of the registration (m); and
+    whether the recordings support the transfer, which is missing if this is unknown.
     """
-    joints = range(1, found.joints + 1)
-    frame = pd.DataFrame([_row(found, trial, body, joints) for trial in found.trials for body in trial.bodies])
+    joints = range(1, result.joints + 1)
+    frame = pd.DataFrame([_make_row(result, trial, body, joints) for trial in result.trials for body in trial.bodies])
     return frame.astype({"supported": "boolean"})
 
 
-def as_json(found: Transfer) -> dict[str, Any]:
-    """Return the same with the registration of every segment and the reasons; null for an unknown number."""
+def as_json(result: Transfer) -> dict[str, Any]:
+    """Return the errors, the registration of every segment and the reasons as JSON; null for an unknown number."""
     return {
         "schema": "mocap-id/transfer",
         "version": 1,
-        "model": found.model,
-        "segments": list(found.segments),
-        "trials": [_trial(found, trial) for trial in found.trials],
+        "model": result.model,
+        "segments": list(result.segments),
+        "trials": [_describe_trial(result, trial) for trial in result.trials],
     }
 
 
-def _trial(found: Transfer, trial: TrialTransfer) -> dict[str, Any]:
+def _describe_trial(result: Transfer, trial: TrialTransfer) -> dict[str, Any]:
     registration = trial.registration
     return {
         "trial": trial.trial,
@@ -83,8 +80,8 @@ def _trial(found: Transfer, trial: TrialTransfer) -> dict[str, Any]:
         "bodies": [
             {
                 "body": body.name,
-                "errors": {name: _numbers(error) for name, error in body.errors.items()},
-                "torques": [_numbers(difference) for difference in body.torques] or None,
+                "errors": {name: _describe_error(error) for name, error in body.errors.items()},
+                "torques": [_describe_error(difference) for difference in body.torques] or None,
             }
             for body in trial.bodies
         ],
@@ -96,11 +93,11 @@ def _trial(found: Transfer, trial: TrialTransfer) -> dict[str, Any]:
                 "markers": int(registration.markers[k]),
                 "residual_m": finite(registration.residual[k]),
             }
-            for k, name in enumerate(found.segments)
+            for k, name in enumerate(result.segments)
         ],
         "joint_apart_m": [finite(distance) for distance in registration.joint.tolist()],
         "supported": trial.supported,
-        "support": None if trial.support is None else _support(trial.support),
+        "support": None if trial.support is None else _describe_support(trial.support),
         "intervals": {
             name: {"sd_rms": finite(trial.stated[name]), "inside": finite(trial.inside[name]), "unit": unit}
             for name, unit in SERIES.items()
@@ -109,39 +106,39 @@ def _trial(found: Transfer, trial: TrialTransfer) -> dict[str, Any]:
     }
 
 
-def _support(known: Support) -> dict[str, Any]:
+def _describe_support(support: Support) -> dict[str, Any]:
     return {
         name: {
-            "apart_rms": finite(known.apart[name]),
-            "sd_rms": finite(known.sd[name]),
-            "at_home": finite(known.at_home[name]),
+            "apart_rms": finite(support.apart[name]),
+            "sd_rms": finite(support.sd[name]),
+            "at_home": finite(support.at_home[name]),
             "unit": SERIES[name],
         }
         for name in AT_HOME
     }
 
 
-def _numbers(error: Agreement | None) -> dict[str, float] | None:
+def _describe_error(error: Agreement | None) -> dict[str, float] | None:
     return None if error is None else {"mean": error.bias, "sd": error.sd, "rms": rms_error(error)}
 
 
-def _row(found: Transfer, trial: TrialTransfer, body: BodyErrors, joints: range) -> dict[str, Any]:
+def _make_row(result: Transfer, trial: TrialTransfer, body: BodyErrors, joints: range) -> dict[str, Any]:
     row: dict[str, Any] = {
         "trial": trial.trial,
-        "model": found.model,
+        "model": result.model,
         "body": body.name,
         "samples": trial.samples,
         "condition_number": trial.condition,
     }
     unknown = {"mean": math.nan, "sd": math.nan, "rms": math.nan}
     for name in SERIES:
-        row |= {f"{name}_{part}": value for part, value in (_numbers(body.errors.get(name)) or unknown).items()}
+        row |= {f"{name}_{part}": value for part, value in (_describe_error(body.errors.get(name)) or unknown).items()}
     for j in joints:
-        torque = _numbers(body.torques[j - 1] if j <= len(body.torques) else None) or unknown
+        torque = _describe_error(body.torques[j - 1] if j <= len(body.torques) else None) or unknown
         row |= {f"tau_{j}_{part}": torque[part] for part in ("mean", "sd")}
     return row | {"registration_residual": trial.registration_residual, "supported": trial.supported}
 
 
-def _unit(column: str) -> str:
+def _find_unit(column: str) -> str:
     stem = column.rpartition("_")[0]
     return SERIES.get(stem) or ("N*m" if stem.startswith("tau_") else "m" if column == "registration_residual" else "")
