@@ -237,7 +237,7 @@ def test_the_command_without_a_yaml_file(sample: Path, cli: Any, monkeypatch: py
     monkeypatch.setattr(webbrowser, "open", lambda address: opened.append(address) or True)
     first = cli("run", "trial.c3d", "--protocol", "free", "--window", 1, 6, "--mass", 33)
     assert first.code == 0
-    assert "guessed" not in first.err.replace("`space: plane` guessed", "")
+    assert "guessed" not in first.err.replace("`space: plane` was guessed", "")
     assert (sample / "runs" / "trial" / "trial.yaml").exists()
     saved = cli("run", "trial.c3d", "--protocol", "free", "--window", 1, 6, "--mass", 33, "--save", "t.yaml", "--open")
     assert opened == [(sample / "runs" / "trial" / "report.html").resolve().as_uri()]

@@ -21,7 +21,7 @@ from mocap_id.dynamics.identification import Identification
 from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.errors import RecordingError
-from mocap_id.kinematics.predicted_skin import predict_skin
+from mocap_id.kinematics.skin_slides import predict_skin
 from mocap_id.stages import STAGES, skin_artefact
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE
