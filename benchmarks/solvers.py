@@ -91,7 +91,7 @@ def trial_case(yaml: Path, name: str) -> Case:
     found: list[Case] = []
 
     def note(problem: CompressedProblem, regrouping: FloatArray, grid: PointGrid, *rest: Any, **keys: Any) -> Any:
-        found.append(Case(name, problem.over(len(regrouping)), regrouping, grid))
+        found.append(Case(name, problem.eliminate_others(len(regrouping)), regrouping, grid))
         return consistency.fit_consistent(problem, regrouping, grid, *rest, **keys)
 
     with mock.patch.object(identification, "fit_consistent", note):

@@ -22,8 +22,8 @@ def test_every_set_of_point_masses_is_in_the_cone() -> None:
     for _ in range(200):
         masses = rng.exponential(size=len(GRID.segment)) * (rng.random(len(GRID.segment)) < 0.1)
         body = GRID.moments() @ masses
-        assert ANYWHERE.outside(body) < 1e-12
-        assert INSIDE.outside(body) < 1e-12
+        assert ANYWHERE.measure_violation(body) < 1e-12
+        assert INSIDE.measure_violation(body) < 1e-12
 
 
 def test_the_cone_is_what_its_inequality_says() -> None:
@@ -33,7 +33,7 @@ def test_the_cone_is_what_its_inequality_says() -> None:
         body = rng.normal(size=16) + np.tile([1.0, 0, 0, 1.5], 4)
         m, mx, my, izz = body.reshape(-1, 4).T
         possible = bool((m >= 0).all() and (m * izz >= mx**2 + my**2).all() and (izz >= 0).all())
-        assert (ANYWHERE.outside(body) == 0.0) == possible
+        assert (ANYWHERE.measure_violation(body) == 0.0) == possible
         seen.add(possible)
     assert seen == {True, False}
 
@@ -42,8 +42,8 @@ def test_the_unit_of_length_does_not_matter_to_what_is_inside() -> None:
     body = BODY.ravel()
     on_the_edge = body.copy()
     on_the_edge[3::4] = (body[1::4] ** 2 + body[2::4] ** 2) / body[::4]
-    assert ANYWHERE.outside(on_the_edge) < 1e-12
-    assert ANYWHERE.outside(on_the_edge * np.tile([1, 1, 1, 0.999], 4)) > 1e-5
+    assert ANYWHERE.measure_violation(on_the_edge) < 1e-12
+    assert ANYWHERE.measure_violation(on_the_edge * np.tile([1, 1, 1, 0.999], 4)) > 1e-5
 
 
 @kinds
@@ -57,13 +57,13 @@ def test_of_all_bodies_that_fit_the_closest_to_an_aim_is_given(boxes: np.ndarray
     scale = compute_reference_sd(aim, 0.15)
     found = find_closest_links(bodies, fitted, aim, scale)
     np.testing.assert_allclose(M @ found, M @ fitted, atol=1e-9)
-    assert whole.outside(found) < 1e-9
+    assert whole.measure_violation(found) < 1e-9
     best = np.sum(((found - aim) / scale) ** 2)
     directions = np.linalg.svd(M)[2][11:]
     rng, tried = np.random.default_rng(6), 0
     for size in 10 ** rng.uniform(-4, 0.5, 2000):
         moved = found + size * rng.normal(size=5) @ directions
-        if whole.outside(moved) == 0.0:
+        if whole.measure_violation(moved) == 0.0:
             tried += 1
             assert np.sum(((moved - aim) / scale) ** 2) >= best * (1 - 1e-7)
     assert tried > 20

@@ -78,17 +78,17 @@ def test_links_that_cannot_exist_do_not_pass(bodies: ConeBodies) -> None:
     for parameter, value in ((7, 0.9 * body[7]), (12, -1e-3), (13, body[13] + 3.0)):
         moved = body.copy()
         moved[parameter] = value
-        assert bodies.outside(moved) > 1e-6
+        assert bodies.measure_violation(moved) > 1e-6
         assert not check_optimality(small, bodies, moved).proven
 
 
 def test_a_mass_outside_the_box_is_outside_the_bounded_cone_alone() -> None:
     body = BODY.ravel().copy()
-    assert CONE.outside(body) == BOUNDED.outside(body) == 0.0
+    assert CONE.measure_violation(body) == BOUNDED.measure_violation(body) == 0.0
     m, x, y = 5.0, 0.0, 3.0  # added three metres up the shank
     body[4:8] += [m, m * x, m * y, m * (x * x + y * y)]
-    assert CONE.outside(body) == 0.0
-    assert BOUNDED.outside(body) > 0.1
+    assert CONE.measure_violation(body) == 0.0
+    assert BOUNDED.measure_violation(body) > 0.1
 
 
 def test_nothing_is_no_solution_where_mass_would_help() -> None:
@@ -102,8 +102,8 @@ def test_nothing_is_no_solution_where_mass_would_help() -> None:
 
 def test_free_parameters_have_to_be_stationary() -> None:
     small = problem(5, 1.0, nuisance=1)
-    masses = solve_nnls(small.over(11), B).body
-    best = small.completed(B @ masses)
+    masses = solve_nnls(small.eliminate_others(11), B).body
+    best = small.complete(B @ masses)
     assert check_optimality(small, GridBodies(B), masses, best[11:]).proven
     found = check_optimality(small, GridBodies(B), masses, best[11:] + 0.1)
     assert found.stationarity > 1e-4
@@ -123,11 +123,11 @@ def test_prices_are_least_where_the_cone_says() -> None:
     rng = np.random.default_rng(4)
     for _ in range(50):
         prices = rng.normal(size=16) * np.tile([0.1, 1, 1, 2], 4)
-        points = BOUNDED.cheapest(prices)
+        points = BOUNDED.find_cheapest(prices)
         for k, (low, high) in enumerate(GRID.boxes()):
             x, y = np.meshgrid(*(np.linspace(low[i], high[i], 101) for i in (0, 1)))
             m, mx, my, izz = prices[4 * k : 4 * k + 4]
             least = (m + mx * x + my * y + izz * (x * x + y * y)).min()
             assert prices @ points[:, k] <= least + 1e-12
             assert prices @ points[:, k] == pytest.approx(least, abs=1e-3)
-            assert BOUNDED.outside(points[:, k]) < 1e-12
+            assert BOUNDED.measure_violation(points[:, k]) < 1e-12

@@ -91,7 +91,7 @@ def test_the_answer_and_its_record(consistency: str, seed: int) -> None:
         m, mx, my, izz = found.full.reshape(-1, 4).T
         assert (m >= 0).all()
         assert (m * izz >= (mx**2 + my**2) * (1 - 1e-9)).all()
-    on_grid = solve_osqp(small.over(len(M)), B)
+    on_grid = solve_osqp(small.eliminate_others(len(M)), B)
     if consistency == "grid":
         assert abs(on_grid.cost / found.answer.cost - 1) < ALIKE
         np.testing.assert_allclose(GRID.moments() @ found.masses, found.full)

@@ -18,7 +18,7 @@ from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.dynamics.composite_inertia import composite_inertia
 
 _EXPONENT = -3.0 / 8.0
-_LEAST = 1e-12  # of the largest eigenvalue: avoids a division by zero for a joint without markers
+_LEAST = 1e-12  # fraction of the largest eigenvalue: avoids a division by zero for a joint without markers
 
 
 def correlate_errors(
@@ -44,7 +44,9 @@ def correlate_errors(
     values = np.maximum(values, _LEAST * values[:, -1:])
     covariance = (vectors * values[:, None, :] ** _EXPONENT) @ np.swapaxes(vectors, 1, 2)
     size = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
-    correlation[known] = covariance / (size[:, :, None] * size[:, None, :])  # the outer Q^½ only scale each joint
+    correlation[known] = covariance / (
+        size[:, :, None] * size[:, None, :]
+    )  # the outer factors Q^½ only scale the joints
     return correlation
 
 

@@ -150,7 +150,7 @@ _DE_LEVA: dict[Sex, dict[str, tuple[float, float, float, float]]] = {
         "foot": (1.37, 258.1, 44.15, 24.5),
     },
 }
-_STATURE: dict[Sex, float] = {"female": 1735.0, "male": 1741.0}  # mm, of the people measured
+_STATURE: dict[Sex, float] = {"female": 1735.0, "male": 1741.0}  # mm, of the people in the table
 _SHOULDER: dict[Sex, float] = {"female": 497.9, "male": 515.5}  # mm, mid-shoulder above mid-hip
 
 
@@ -159,7 +159,7 @@ def _build_de_leva(sex: Sex) -> ReferenceTable:
     rows, stature = _DE_LEVA[sex], _STATURE[sex]
     total = sum(rows[n][0] for n in ("head", "trunk")) + 2 * sum(
         rows[n][0] for n in ("upper arm", "forearm", "hand", "thigh", "shank", "foot")
-    )  # 100 to rounding
+    )  # 100, except for rounding
 
     def link(name: str, sides: int = 2, *, from_top: bool = False) -> SegmentFractions:
         mass, length, centre, gyration = rows[name]
@@ -180,7 +180,7 @@ def _build_de_leva(sex: Sex) -> ReferenceTable:
             lower.gyration * lower.length / hat.length,
             hat.length,
         ),
-        ankle_height=0.039,  # Winter's: the table has none
+        ankle_height=0.039,  # from Winter's table: de Leva's has none
     )
 
 

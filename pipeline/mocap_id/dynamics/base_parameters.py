@@ -15,7 +15,7 @@ from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.dynamics.regressor import PLANAR_PARAMETERS, planar_regressor
 
 _UNITS = ("kg", "kg*m", "kg*m", "kg*m^2")
-_OUTSIDE = 1e-6  # of the largest entry: larger distances from the span are not due to rounding
+_OUTSIDE = 1e-6  # fraction of the largest entry: larger distances from the span are not due to rounding
 _ENOUGH = 1000  # number of rows that are tested; in nearly every posture, the answer is the same
 
 
@@ -62,7 +62,7 @@ def regroup_columns(regressor: FloatArray) -> BaseSet:
     zero = _compute_zero(len(regressor), factor)
     for column in np.flatnonzero(np.any(factor != 0.0, axis=0)):
         rest = factor[:, column]
-        for _ in range(2):  # twice gives orthogonality to rounding
+        for _ in range(2):  # two passes give orthogonality up to rounding errors
             rest = rest - sum((np.dot(d, rest) * d for d in directions), start=np.zeros_like(rest))
         remainders[column] = float(np.linalg.norm(rest))
         if remainders[column] >= zero:

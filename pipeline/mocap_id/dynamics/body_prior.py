@@ -31,7 +31,7 @@ _ARMS_MASS = 0.25
 _FOOT_MASS, _FOOT_CENTRE = 0.3, 0.05
 _GYRATION = 0.15  # m: radius of gyration of a body that no table describes
 _UNKNOWN_MASS, _UNKNOWN_CENTRE, _UNKNOWN_INERTIA = 1.0, 0.15, 5.0
-_LEAST = 1e-3  # kg
+_LEAST = 1e-3  # kg: least mass
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,12 @@ from mocap_id.dynamics.base_parameters import BaseSet
 from mocap_id.dynamics.calibration import Calibration
 
 _FOOT = (1, 0.003)  # column of the full parameters, and standard deviation, m
-_SEGMENTS = ((5, 0.0056, 1), (6, 0.007, 1), (9, 0.0064, 2), (10, 0.022, 2))  # … relative to the length of a segment
+_SEGMENTS = (
+    (5, 0.0056, 1),
+    (6, 0.007, 1),
+    (9, 0.0064, 2),
+    (10, 0.022, 2),
+)  # columns, standard deviations relative to the segment's length, and joints
 
 
 @dataclass(frozen=True)

@@ -28,12 +28,12 @@ from mocap_id.dynamics.sample_choice import select_samples
 from mocap_id.dynamics.uncertainty import estimate_covariance, number_blocks
 from mocap_id.geometry.planar import marker_positions
 
-_ZEROS = (0, 2)  # components whose constant error is fitted too; that of Fy is the weight
-_ROUNDS = 2  # weights from the residuals of the round before
+_ZEROS = (0, 2)  # components whose constant error is fitted; that of Fy cannot be separated from the weight
+_ROUNDS = 2  # number of rounds; the weights follow from the residuals of the previous round
 _LEAST_SAMPLES = 50
 _COMMON = 1e-6  # relative distance below which the ground's base parameters determine a parameter of the sensor
 _GAIN_SD = 0.005  # relative error of a sensor's scale
-_SEED = 1  # of the noise of a sensor that is predicted
+_SEED = 1  # seed of the noise of a predicted sensor
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,8 @@ class SensorFit:
 class SensorNoise:
     """Standard deviations of a wrench sensor's samples at the frames of the cameras."""
 
-    force: float = 0.1  # of each component of the force, N
-    moment: float = 0.002  # of the moment about the joint, N·m
+    force: float = 0.1  # standard deviation of each component of the force, N
+    moment: float = 0.002  # standard deviation of the moment about the joint, N·m
 
 
 def fit_sensor(prepared: PreparedTrial, gate: BoolArray, sensor: ExternalWrench) -> SensorFit | None:
@@ -87,7 +87,9 @@ def fit_sensor(prepared: PreparedTrial, gate: BoolArray, sensor: ExternalWrench)
         weights = 1.0 / np.maximum((target - design @ values).std(axis=0), 1e-9)
     weighted, residual = design * weights[:, None], (target - design @ values) * weights
     blocks = number_blocks(prepared.recorded.time[samples], prepared.settings.block)
-    by_scale = [_solve(design, each[samples], fitted_with) for each in filtered]  # each sensor has a scale of its own
+    by_scale = [
+        _solve(design, each[samples], fitted_with) for each in filtered
+    ]  # each sensor has a separate error of scale
     covariance = estimate_covariance(weighted, residual, blocks)
     covariance += sum(np.outer(each, each) for each in by_scale) * _GAIN_SD**2
     whole = np.zeros((len(base.kept), size))
@@ -145,7 +147,7 @@ def combine_with_sensors(
         solve_triangular(half, np.eye(len(base)), lower=True), solve_triangular(half, base, lower=True)
     )
     solution = fit_consistent(problem, regrouping, grid=grid, reference=reference, consistency=consistency)
-    gain = np.linalg.solve(own, covariance).T  # of the ground's values in the result
+    gain = np.linalg.solve(own, covariance).T  # weight of the ground's values in the result
     return replace(
         alone,
         base=solution.parameters,
@@ -221,7 +223,7 @@ def _add_for_agreement(alone: Identification, regrouping: FloatArray, sensor: Se
 
 
 def _factorise(covariance: FloatArray) -> FloatArray:
-    """Return the lower triangular root of a covariance, which rounding must not make singular."""
+    """Return the lower triangular root of a covariance, regularised against rounding errors."""
     size = np.sqrt(np.diag(covariance))
     scaled = covariance / np.outer(size, size) + 1e-9 * np.eye(len(size))
     return np.asarray(size[:, None] * np.linalg.cholesky(scaled))

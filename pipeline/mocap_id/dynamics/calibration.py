@@ -110,7 +110,7 @@ class ScaleCheck:
 def propagate_calibration(
     prepared: PreparedTrial, result: Fit, base: FloatArray, sd: Mapping[str, float]
 ) -> CalibrationEffect:
-    """Propagate errors of scale through the fit.
+    """Return the effect of errors of scale on the fit.
 
     Parameters
     ----------

@@ -16,9 +16,9 @@ from mocap_id.dynamics.body_prior import average_transform
 from mocap_id.dynamics.measured_motion import BodyPoses
 from mocap_id.geometry import planar
 
-_STEP = 1e-5  # m, of a numerical derivative
+_STEP = 1e-5  # m: step of numerical derivatives
 _SHARES = 21  # number of divisions of a body that are tried, from the table's division to an even one
-_ROUNDING = 1e-9  # of m·Izz
+_ROUNDING = 1e-9  # relative rounding error of m·Izz
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from mocap_id.arrays import FloatArray, find_runs
 from mocap_id.dynamics.lowpass import known
 
 _COARSE = 10e-3  # s: a tenth of the time over which the cost is smooth
-_FINE = 1e-6  # s
+_FINE = 1e-6  # s: tolerance of the refined offset
 _AT_ONCE = 8  # number of offsets evaluated together, to limit the memory
 _EDGE = 1e-5  # s: a minimum this close to the end of the search counts as beyond it
 
@@ -31,7 +31,7 @@ class SampledWrench:
 
     @classmethod
     def of(cls, time: FloatArray, values: FloatArray) -> SampledWrench:
-        """Build from samples (T, c) at ``time`` (T,), s; NaN marks missing values."""
+        """Build the interpolation from samples (T, c) at ``time`` (T,), s; NaN marks missing values."""
         pieces = [run for run in find_runs(known(values)) if run.stop - run.start > 1]
         splines = tuple(
             (float(time[run.start]), float(time[run.stop - 1]), CubicSpline(time[run], values[run])) for run in pieces

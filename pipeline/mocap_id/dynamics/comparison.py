@@ -26,7 +26,7 @@ class Comparison:
 
     # agreement of each component by its name; None if there are fewer than two common samples
     wrench: dict[str, Agreement | None]
-    cop_rms: float | None  # root mean square difference of the centre of pressure, m; None in the same case
+    cop_rms: float | None  # rms difference of the centre of pressure, m; None with fewer than two common samples
 
 
 def centre_of_pressure(wrench: FloatArray, threshold: float) -> FloatArray:

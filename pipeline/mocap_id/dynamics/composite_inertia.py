@@ -49,7 +49,11 @@ def composite_inertia(
     size, joints = q.shape
     angle, origin = planar.segment_poses(q, centres)
     wrench, torque = np.empty((size, 3, joints)), np.empty((size, joints, joints))
-    total, moment, spread = 0.0, np.zeros((size, 2)), np.zeros(size)  # of all segments beyond, about their first joint
+    total, moment, spread = (
+        0.0,
+        np.zeros((size, 2)),
+        np.zeros(size),
+    )  # mass and moments of all segments beyond the joint
     step = np.zeros((size, 2))
     for k in range(joints, 0, -1):
         spread = second[k] + spread + _dot(2.0 * moment + total * step, step)

@@ -27,7 +27,7 @@ def solve_links(problem: CompressedProblem, bodies: ConicBodies) -> SolverAnswer
     Clarabel's accuracy is relative to the whole wrench, whereas the cost is the small remaining residual. As long as
     the optimality conditions do not hold, Clarabel is run again for a correction on the scale of the residual. They may
     still not hold if the least cost is only approached by larger and larger links. Then Clarabel starts again with more
-    regularization. Free parameters are eliminated before (:meth:`CompressedProblem.over`).
+    regularization. Free parameters are eliminated before (:meth:`CompressedProblem.eliminate_others`).
     """
     first = _solve_with_corrections(problem, bodies, None)
     if first.optimality.proven:
@@ -46,7 +46,7 @@ def _solve_with_corrections(
         target = problem.target - mapped @ body
         step, status, used = find_step(mapped, target, bodies, body, regularization=regularization)
         iterations += used
-        body = bodies.settled(body + step)
+        body = bodies.settle(body + step)
         cost, optimality = problem.cost(bodies.mapping @ body), check_optimality(problem, bodies, body)
         worse = answer is not None and answer.optimality.proven and not optimality.proven
         if answer is not None and (worse or not cost < answer.cost):
@@ -109,11 +109,11 @@ def find_closest_links(bodies: ConeBodies, body: FloatArray, aim: FloatArray, sc
     """
     hollow = [link for link in range(bodies.links) if _is_hollow(bodies, body, link)]
     limits = bodies if hollow else ConeBodies(np.eye(len(body)), bodies.boxes)  # also limits an unobservable Izz
-    links = limits.settled(body)
+    links = limits.settle(body)
     directions = null_space(bodies.mapping, rcond=_DEPENDENT)
     if directions.shape[1]:
         moved = links + directions @ find_closest_step(limits, links, directions, (aim - links) / scale, scale)
-        links = limits.settled(moved) if limits.outside(moved) <= _ROUNDING else links
+        links = limits.settle(moved) if limits.measure_violation(moved) <= _ROUNDING else links
     links[[4 * link + 3 for link in hollow]] = np.nan
     return links
 
@@ -122,7 +122,7 @@ def _is_hollow(bodies: ConeBodies, body: FloatArray, link: int) -> bool:
     """Return whether a link with an unobservable Izz has first moments but no mass."""
     mass, *first = np.abs(body[4 * link : 4 * link + 3])
     least = _NO_MASS * bodies.mass(body)
-    return not bodies.limited(link) and bool(mass <= least < max(first) / LENGTH)
+    return not bodies.is_limited(link) and bool(mass <= least < max(first) / LENGTH)
 
 
 def find_closest_step(

@@ -74,7 +74,7 @@ def fit_consistent(
     NumericalError
         No solver's solution is close enough to the least cost.
     """
-    small, full_moments = problem.over(len(regrouping)), grid.moments()
+    small, full_moments = problem.eliminate_others(len(regrouping)), grid.moments()
     moments = regrouping @ full_moments
     bodies = _choose_bodies(regrouping, grid, consistency)
 
@@ -107,10 +107,10 @@ def fit_quickly(
     If the solution is not proven to be optimal, :func:`fit_consistent` is called. The arguments and errors are the
     same.
     """
-    small, bodies = problem.over(len(regrouping)), _choose_bodies(regrouping, grid, consistency)
+    small, bodies = problem.eliminate_others(len(regrouping)), _choose_bodies(regrouping, grid, consistency)
     answer = solve_nnls(small, bodies.mapping) if isinstance(bodies, GridBodies) else solve_links(small, bodies)
     if answer.optimality.proven:
-        return problem.completed(bodies.mapping @ answer.body)
+        return problem.complete(bodies.mapping @ answer.body)
     nowhere = np.full(regrouping.shape[1], np.nan)
     return fit_consistent(problem, regrouping, grid, nowhere, consistency=consistency).parameters
 
@@ -146,7 +146,7 @@ def _complete_solution(
     answer: SolverAnswer,
 ) -> ConsistentSolution:
     """Return the solution with its price, checked on the whole problem."""
-    parameters = problem.completed(bodies.mapping @ answer.body)
+    parameters = problem.complete(bodies.mapping @ answer.body)
     optimality = check_optimality(problem, bodies, answer.body, parameters[len(bodies.mapping) :])
     free = problem.cost(problem.free_solution())
     return ConsistentSolution(

@@ -42,7 +42,7 @@ class ConicBodies(BodyCone, Protocol):
         The size of a round or a flat cone is its number of rows; the size of a semidefinite cone is that of its matrix.
         """
 
-    def settled(self, body: FloatArray) -> FloatArray:
+    def settle(self, body: FloatArray) -> FloatArray:
         """Return the body (v,) moved inside the cone, to remove rounding errors."""
 
 
@@ -70,7 +70,7 @@ class ConeBodies:
         cones: list[tuple[ConeKind, int]] = [("round", 4) for _ in round_]
         return np.vstack([*round_, flat]), (*cones, ("flat", len(flat)))
 
-    def limited(self, link: int) -> bool:
+    def is_limited(self, link: int) -> bool:
         """Return whether the cone limits the link's first moments. Without a box, it needs an observable Izz."""
         return self.boxes is not None or bool(self.mapping[:, 4 * link + 3].any())
 
@@ -79,7 +79,7 @@ class ConeBodies:
 
         J is Izz / L², with any length L.
         """
-        limited = [link for link in range(self.links) if self.limited(link)]
+        limited = [link for link in range(self.links) if self.is_limited(link)]
         rows = np.zeros((len(limited), 4, 4 * self.links))
         for row, link in zip(rows, limited, strict=True):
             row[:, 4 * link : 4 * link + 4] = (
@@ -100,7 +100,7 @@ class ConeBodies:
         used = rows if self.boxes is not None else rows[:, :1]
         return used.reshape(-1, 4 * self.links)
 
-    def outside(self, body: FloatArray) -> float:
+    def measure_violation(self, body: FloatArray) -> float:
         """Return the largest violation of any condition, kg, divided by the total mass."""
         sides = self.round_sides() @ body
         short = [*(np.linalg.norm(sides[:, 1:], axis=1) - sides[:, 0]), *(-(self.flat_sides() @ body))]
@@ -110,7 +110,7 @@ class ConeBodies:
         """Return the total mass, kg."""
         return float(np.abs(body[::4]).sum())
 
-    def cheapest(self, prices: FloatArray) -> FloatArray:
+    def find_cheapest(self, prices: FloatArray) -> FloatArray:
         """Return for each link a unit mass at the point with the least price m + x·mx + y·my + (x² + y²)·Izz."""
         columns = np.zeros((len(prices), self.links))
         for link in range(self.links):
@@ -120,12 +120,12 @@ class ConeBodies:
             columns[4 * link : 4 * link + 4, link] = 1.0, x, y, x * x + y * y
         return columns
 
-    def settled(self, body: FloatArray) -> FloatArray:
+    def settle(self, body: FloatArray) -> FloatArray:
         """Return the body without negative masses and without an Izz that is too small, to remove rounding errors."""
         links = body.reshape(-1, 4).copy()
         links[:, 0] = np.maximum(links[:, 0], 0.0)
         first = np.sum(links[:, 1:3] ** 2, axis=1)
-        for link in filter(self.limited, range(self.links)):
+        for link in filter(self.is_limited, range(self.links)):
             least = first[link] / links[link, 0] if links[link, 0] > 0.0 else 0.0
             links[link, 3] = max(links[link, 3], least)
         return links.reshape(-1)

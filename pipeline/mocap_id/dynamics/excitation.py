@@ -26,7 +26,7 @@ WEAK_ROBOT = 0.05
 """The same limit for robots, whose parameters should be accurate to a few per cent."""
 NOT_IDENTIFIABLE = 1.0
 """Relative standard deviation above which a parameter is not identifiable."""
-_LEAST_LEVER = 0.05  # m
+_LEAST_LEVER = 0.05  # m: least lever of the base's first moment
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ SEAT = "seat"
 
 @dataclass(frozen=True)
 class ExternalWrench:
-    """A measured external wrench."""
+    """A measured wrench of the surroundings on one segment, other than the ground's wrench."""
 
     name: str  # name of the object that exerts the wrench
     segment: int  # segment on which it acts; 0 is the base

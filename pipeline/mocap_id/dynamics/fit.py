@@ -142,7 +142,7 @@ def fit(prepared: FilteredTrial, gate: BoolArray, like: Fit | None = None) -> Fi
 def _search_offset(
     prepared: FilteredTrial, gate: BoolArray, samples: IntArray, design: FloatArray
 ) -> tuple[FloatArray, FloatArray, float, bool]:
-    """Return weights (before and after :func:`_scale_weights`), clock offset, and whether the offset is a minimum."""
+    """Return weights before and after :func:`_scale_weights`, the clock offset, and whether it is a minimum."""
     prior, time = _prior_rows(prepared, design), prepared.recorded.time[samples]
     weights = spread = np.ones(len(prepared.settings.components))
     best_offset, at_edge = 0.0, True

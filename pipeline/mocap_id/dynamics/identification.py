@@ -186,13 +186,13 @@ def _identify_with_reference(
     ``of_plate`` (b, b) is the covariance from errors of the plate that reduce the weight of the data. It is not in the
     covariance of the result, to which errors of scale are added later.
     """
-    problem = alone.fit.problem.over(alone.fit.base)
+    problem = alone.fit.problem.eliminate_others(alone.fit.base)
     independent = np.linalg.inv(problem.factor.T @ problem.factor)
     # the first covariance may be singular: there can be fewer blocks than parameters
     known = alone.covariance + independent + of_plate
 
     def solve_with_prior(data: CompressedProblem) -> ConsistentSolution:
-        small = data.over(alone.fit.base)
+        small = data.eliminate_others(alone.fit.base)
         return solve(prior.add_to(small.free_solution(), known, regrouping, small.rest), np.eye(len(prior.mean)))
 
     solution = solve_with_prior(alone.fit.problem)
@@ -206,11 +206,11 @@ def _identify_with_reference(
         covariance=covariance,
         residual_covariance=prior.covariance(gain, regrouping, alone.residual_covariance),
         response=gain @ alone.response,
-        plate_bias=float(alone.fit.problem.completed(base)[-1]) if biased else None,
+        plate_bias=float(alone.fit.problem.complete(base)[-1]) if biased else None,
         solution=solution,
         uses_reference=True,
         gain=gain,
-        refit=lambda data: data.completed(regrouping @ solve_with_prior(data).parameters),
+        refit=lambda data: data.complete(regrouping @ solve_with_prior(data).parameters),
     )
 
 

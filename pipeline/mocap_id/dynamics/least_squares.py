@@ -43,7 +43,7 @@ class CompressedProblem:
         """Return the cost, or a value above rounding if that is larger, so that costs can be divided by it."""
         return max(cost, 1e-9 * float(self.target @ self.target), 1e-300)
 
-    def over(self, kept: int) -> CompressedProblem:
+    def eliminate_others(self, kept: int) -> CompressedProblem:
         """Return the problem in the first ``kept`` parameters, with the others eliminated at their optimal values."""
         others = self.factor[:, kept:]
         if others.shape[1] == 0:
@@ -53,7 +53,7 @@ class CompressedProblem:
         rows = self.factor[:, :kept] - basis @ (basis.T @ self.factor[:, :kept])
         return CompressedProblem.of(rows, self.target - basis @ (basis.T @ self.target), self.rest)
 
-    def completed(self, parameters: FloatArray) -> FloatArray:
+    def complete(self, parameters: FloatArray) -> FloatArray:
         """Return the given first parameters, followed by the optimal values of the remaining parameters."""
         rest = self.target - self.factor[:, : len(parameters)] @ parameters
         others = np.linalg.lstsq(self.factor[:, len(parameters) :], rest, rcond=None)[0]

@@ -96,11 +96,11 @@ def choose_cutoff(dq: FloatArray, rate: float) -> float:
 
 
 def undo_averaging(filtered: FloatArray, samples: float) -> FloatArray:
-    """Correct a filtered signal (T, c) for the averaging of its samples over a width W, in samples.
+    """Return a filtered signal (T, c), corrected for the averaging of its samples over a width W, in samples.
 
-    The mean of a smooth signal w over W is w + W²/24 · w'' plus a term in W⁴. The second derivative is taken from the
-    filtered signal, which contains little noise. For W of one sample and below a tenth of the rate, the correction is
-    less than 2 %. The ends of an interval without gaps are not changed.
+    The mean of a smooth signal w over W is w + W²/24 · w'' plus a term in W⁴. The second derivative is computed from
+    the filtered signal, which contains little noise. For W of one sample and below a tenth of the rate, the correction
+    is less than 2 %. The ends of an interval without gaps are not changed.
     """
     bend = np.zeros_like(filtered)
     bend[1:-1] = np.diff(filtered, 2, axis=0)
@@ -113,7 +113,7 @@ def known(values: FloatArray) -> BoolArray:
 
 
 def erode(mask: BoolArray, samples: int) -> BoolArray:
-    """Remove ``samples`` from both ends of every run of true values, also at the ends of the recording."""
+    """Return the flags with ``samples`` removed from both ends of every run, also at the ends of the recording."""
     out = np.zeros_like(mask)
     for run in find_runs(mask):
         out[run.start + samples : max(run.stop - samples, run.start + samples)] = True

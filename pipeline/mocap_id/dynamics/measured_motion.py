@@ -30,7 +30,9 @@ GIVES_WAY = 0.03
 camera noise and skin reach 0.02 to 0.05.
 """
 SURELY = 0.1
-"""Rms acceleration of a gap above which a joint surely is no pin, m/s². With perfect joints, skin reaches 0.06."""
+"""Rms acceleration of a gap above which a joint surely is not a perfect pin, m/s². With perfect joints, skin reaches
+0.06.
+"""
 
 
 @dataclass(frozen=True)

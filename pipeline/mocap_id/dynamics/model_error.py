@@ -36,7 +36,7 @@ def estimate_model_error(residual: FloatArray, noise: FloatArray, samples: BoolA
 
     The squared residual within the band is fitted, with non-negative coefficients, by a constant and by the variance
     that follows from the accelerations. White noise with the density measured above the band is subtracted. Plate noise
-    that is not white counts as an error of the model. The result is then too large.
+    that is not white counts as an error of the model, which is then overestimated.
 
     Parameters
     ----------

@@ -38,13 +38,13 @@ class BodyCone(Protocol):
     def mapping(self) -> FloatArray:
         """Matrix (b, v) from the numbers to the parameters."""
 
-    def outside(self, body: FloatArray) -> float:
+    def measure_violation(self, body: FloatArray) -> float:
         """Return the violation of the cone's conditions by a body (v,), relative to its size; 0 inside."""
 
     def mass(self, body: FloatArray) -> float:
         """Return the total mass of a body (v,), kg."""
 
-    def cheapest(self, prices: FloatArray) -> FloatArray:
+    def find_cheapest(self, prices: FloatArray) -> FloatArray:
         """Return bodies (v, q) of 1 kg at single points that include the cheapest one for prices (v,)."""
 
 
@@ -109,12 +109,12 @@ def check_optimality(
     cost = problem.floor(float(rest @ rest) + problem.rest)
     at_most = _gain_by_parameters(problem.factor, rest)
     prices = 2 * mapped.T @ rest
-    points = bodies.cheapest(prices)
+    points = bodies.find_cheapest(prices)
     # up to this additional mass, all at the lowest price
     heavier = _HEAVIER * bodies.mass(body) * abs(float((prices @ points).min(initial=0.0)))
     absent = max(heavier, _gain_by_point(mapped @ points, rest))
     return Optimality(
-        primal=bodies.outside(body),
+        primal=bodies.measure_violation(body),
         stationarity=_gain_by_parameters(free, rest) / cost,
         dual=min(absent, at_most) / cost,
         complementarity=min(abs(float(prices @ body)), at_most) / cost,

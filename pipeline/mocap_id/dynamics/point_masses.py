@@ -21,8 +21,15 @@ from mocap_id.dynamics.least_squares import CompressedProblem
 from mocap_id.dynamics.optimality import SolverAnswer, check_optimality
 from mocap_id.errors import NumericalError
 
-_ACCURACIES = (1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11)  # of each round, relative to the residual at its start
-_ITERATIONS = 20_000  # per round
+_ACCURACIES = (
+    1e-6,
+    1e-7,
+    1e-8,
+    1e-9,
+    1e-10,
+    1e-11,
+)  # OSQP's tolerance in each round, relative to the residual at its start
+_ITERATIONS = 20_000  # largest number of iterations in a round
 _ENOUGH = 1e-9  # possible relative decrease of the cost below which the rounds end
 _EQUAL, _EVEN = 1e5, 1e-3  # weights of the base parameters and of evenly spread masses, relative to the target
 
@@ -33,7 +40,7 @@ class GridBodies:
 
     mapping: FloatArray  # (b, p) matrix B from masses to base parameters
 
-    def outside(self, body: FloatArray) -> float:
+    def measure_violation(self, body: FloatArray) -> float:
         """Return the magnitude of the most negative mass, relative to the largest."""
         return abs(float(body.min(initial=0.0))) / max(float(np.abs(body).max(initial=0.0)), 1e-300)
 
@@ -41,7 +48,7 @@ class GridBodies:
         """Return the total of the point masses ``body`` (p,), kg."""
         return float(np.abs(body).sum())
 
-    def cheapest(self, prices: FloatArray) -> FloatArray:
+    def find_cheapest(self, prices: FloatArray) -> FloatArray:
         """Return a body of 1 kg at every point."""
         return np.eye(len(prices))
 
@@ -49,7 +56,7 @@ class GridBodies:
 def solve_osqp(problem: CompressedProblem, moments: FloatArray) -> SolverAnswer:
     """Solve for the point masses by OSQP in split form.
 
-    ``moments`` (b, p) is B = M P of eq. 4.25. Free parameters are eliminated before (:meth:`CompressedProblem.over`).
+    ``moments`` (b, p) is B = M P of eq. 4.25. Free parameters are eliminated before (:meth:`CompressedProblem.eliminate_others`).
     """
     mapped = problem.factor @ moments
     masses, status, iterations = np.zeros(moments.shape[1]), "not run", 0

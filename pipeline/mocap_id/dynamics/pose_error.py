@@ -78,7 +78,7 @@ class PoseErrors:
 
 
 def propagate_pose_errors(prepared: PreparedTrial, result: Fit, full: FloatArray, errors: PoseErrors) -> PoseEffect:
-    """Propagate the errors of every body's pose through the fit of a trial with the measured motion of the bodies."""
+    """Return the effect of the errors of all bodies' poses on the fit and on the torques."""
     recorded, gravity = prepared.recorded, prepared.settings.gravity
     step = max(1, int(recorded.rate / _RATE))
     every = errors.poses

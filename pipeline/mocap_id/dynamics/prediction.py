@@ -117,7 +117,7 @@ def estimate_chain_noise(
     correlation : (T, n, n) array
         Correlation of the errors of the joint accelerations.
     centre_sd : (n,) array, optional
-        Standard deviation of the centres of joints that may be no pins, m.
+        Standard deviation of the centres of joints that may not be perfect pins, m.
     """
     recorded, base = prepared.recorded, result.base
     needed = np.where(_find_determined(prepared.regressor, prepared)[:, None], prepared.rows, np.nan) @ base

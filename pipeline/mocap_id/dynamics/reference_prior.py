@@ -20,7 +20,7 @@ from mocap_id.dynamics.least_squares import CompressedProblem
 FOOT_MOMENT = 1
 """Column of the foot's mx among the full parameters."""
 _LEAST = 1e-6  # SI: least standard deviation, for parameters that are zero
-_APART = 3.0  # standard deviations
+_APART = 3.0  # limit of a contradiction, in standard deviations
 _OPEN = 10.0  # relative standard deviation of parameters that are left to the data
 
 

@@ -10,7 +10,7 @@ from mocap_id.dynamics.lowpass import erode
 
 LEAST_SECONDS = 1.0
 """Least duration of the samples of a fit, s."""
-_FOLDS = 5  # a fold takes about 20 ms; with more repetitions, neighbouring ones are left out together
+_FOLDS = 5  # largest number of folds; of more repetitions, neighbouring ones are left out together
 _RESTING = 0.05  # fraction of a fast joint velocity below which a joint rests
 _MOSTLY = 0.5  # fraction of rest above which all rest is left out
 _LONG = 0.75  # fraction of rest above which rest is thinned
@@ -34,16 +34,20 @@ def number_parts(time: FloatArray, spans: FloatArray) -> IntArray:
 
 
 def skip_long_rests(velocity: FloatArray) -> BoolArray:
-    """Return the samples in motion if a person mostly rests, otherwise all, from joint velocities (T, n), rad/s.
+    """Return the samples in motion if a person rests most of the time, otherwise all samples (T,).
 
-    A constant posture repeats its errors, and would outweigh the motion in every mean.
+    The joint velocities (T, n), rad/s, determine what is rest. A constant posture repeats its errors, and would
+    outweigh the motion in every mean.
     """
     moving = _find_motion(velocity)
     return moving if len(moving) and moving.mean() < 1 - _MOSTLY else np.ones(len(moving), dtype=np.bool_)
 
 
 def shorten_rests(velocity: FloatArray) -> BoolArray:
-    """Return all samples, or after long rests those in motion and about as many at rest; as skip_long_rests."""
+    """Return the samples in motion and about as many at rest if rests are long, otherwise all samples (T,).
+
+    The joint velocities (T, n), rad/s, determine what is rest.
+    """
     moving = _find_motion(velocity)
     if not len(moving) or moving.mean() >= 1 - _LONG:
         return np.ones(len(moving), dtype=np.bool_)
@@ -57,5 +61,7 @@ def _find_motion(velocity: FloatArray) -> BoolArray:
     speed = np.abs(velocity).max(axis=1, initial=0.0)
     if not len(speed):
         return np.zeros(0, dtype=np.bool_)
-    fast = max(np.quantile(speed, 0.95), 0.5 * speed.max())  # if a person rests most of the time, the quantile is sway
+    fast = max(
+        np.quantile(speed, 0.95), 0.5 * speed.max()
+    )  # if a person rests most of the time, the quantile is only sway
     return np.asarray(speed >= _RESTING * fast)

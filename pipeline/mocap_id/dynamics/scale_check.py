@@ -27,21 +27,21 @@ from mocap_id.dynamics.regressor import wrench_regressor
 from mocap_id.dynamics.sample_choice import skip_long_rests
 from mocap_id.dynamics.uncertainty import number_blocks
 
-_CUTOFF, _POSES_CUTOFF = 2.5, 4.0  # Hz, for a chain, whose accelerations have errors at higher ones, and for poses
+_CUTOFF, _POSES_CUTOFF = 2.5, 4.0  # Hz: for a chain, with errors of the accelerations at higher ones, and for poses
 _THINNED, _CLEAN = 25.0, 10.0  # Hz: rate of the samples, and low-pass of the wrench before thinning
 _EVERY = 2  # every second of these samples is a row
 _SECONDS = 1.5  # s: least duration of the rows
-_SEEN = 6.6  # of χ²
+_SEEN = 6.6  # least decrease of χ² that is significant
 _SURE = 2.58  # standard deviations of a 99 % interval
 _ROUNDS = 3
-_STEP = 1e-4  # relative, or rad
+_STEP = 1e-4  # step of numerical derivatives, relative or rad
 _LEAST_MODE = 0.1  # least squared norm of a mode of the geometry's error, in standard deviations of the residual
 _FOLLOWED = np.array([2.5, 2.0])  # N: rms residuals of Fx and Fy below which a pinned chain describes the person
 
 
 @dataclass(frozen=True)
 class _Size:
-    """Standard deviations of one cause: while it is near zero, while it is free, and of people who are no chain."""
+    """Standard deviations of a cause: while it is near zero, while it is free, and due to people unlike a chain."""
 
     held: float
     free: float

@@ -65,7 +65,7 @@ def test_pseudo_inertia_and_parameters_are_inverse(seed: int) -> None:
 def test_the_cheapest_point_is_the_cheapest(seed: int) -> None:
     rng = np.random.default_rng(seed)
     prices = rng.normal(size=10) * 10 ** rng.uniform(-2, 2, 10) * (rng.random(10) < 0.8)
-    (found,) = SemidefiniteBodies(np.eye(10)).cheapest(prices).T
+    (found,) = SemidefiniteBodies(np.eye(10)).find_cheapest(prices).T
     assert np.linalg.norm(found[1:4]) <= REACH * (1 + 1e-9)
     places = rng.normal(size=(400, 3))
     places *= REACH * rng.random((400, 1)) ** (1 / 3) / np.linalg.norm(places, axis=1)[:, None]
@@ -87,7 +87,7 @@ def test_possible_bodies_are_found_where_the_data_allow_them(seed: int) -> None:
     found = fit_semidefinite(compressed, mapping)
     np.testing.assert_allclose(found.parameters, compressed.free_solution(), atol=1e-4)
     np.testing.assert_allclose(mapping @ found.full, found.parameters, atol=1e-6)
-    assert SemidefiniteBodies(mapping).outside(found.full) < 1e-6
+    assert SemidefiniteBodies(mapping).measure_violation(found.full) < 1e-6
 
 
 @seeds
@@ -96,9 +96,9 @@ def test_the_best_possible_bodies_are_found_where_the_data_contradict_them(seed:
     found, bodies = fit_semidefinite(compressed, mapping), SemidefiniteBodies(mapping)
     assert found.price > 1e-4
     assert found.answer.optimality.excess < 1e-4
-    assert bodies.outside(found.answer.body) < 1e-9
+    assert bodies.measure_violation(found.answer.body) < 1e-9
 
     rng = np.random.default_rng(seed)
     for size in 10 ** rng.uniform(-3, 0, 60):
-        other = bodies.settled(found.answer.body + size * rng.normal(size=30) * bodies.units)
+        other = bodies.settle(found.answer.body + size * rng.normal(size=30) * bodies.units)
         assert compressed.cost(mapping @ other) >= found.answer.cost * (1 - 1e-6)

@@ -55,7 +55,7 @@ def propagate_errors(
     ]
     plain = trial.rows @ base
     for name, motion, size in _list_motion_errors(trial, sd):
-        changed = trial.lowpass(trial.rows_of(motion, trial.settings.gravity) @ base - plain)[result.samples]
+        changed = trial.lowpass(trial.build_rows(motion, trial.settings.gravity) @ base - plain)[result.samples]
         effects.append((name, -changed * (size / _STEP), motion, size / _STEP))
     wrenches = np.stack([wrench * result.weights for _, wrench, _, _ in effects], axis=-1)
     responses = result.response(wrenches).T

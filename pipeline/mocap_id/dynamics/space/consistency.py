@@ -26,7 +26,7 @@ REACH = 2.0
 """Largest distance of a mass from the origin of its segment, m."""
 _UNITS = np.array([1.0, *[LENGTH] * 3, *[LENGTH**2] * 6])
 _ROWS, _COLUMNS = np.array([(row, column) for column in range(4) for row in range(column + 1)]).T
-_WEIGHTS = np.where(_ROWS == _COLUMNS, 1.0, np.sqrt(2.0))  # of the entries of Clarabel's triangles
+_WEIGHTS = np.where(_ROWS == _COLUMNS, 1.0, np.sqrt(2.0))  # weights of the entries of Clarabel's triangles
 _ACCURACY = (1e-9, 1e-9, 1e-9, 1e-7)  # tolerance of Clarabel in each round
 _REGULARIZATION = 1e-12  # Clarabel's default, 1e-8, hides parameters with little effect
 _TOLERABLE = 0.1  # largest relative distance to the least cost with which a solution is accepted
@@ -59,7 +59,7 @@ class SemidefiniteBodies:
         rows = np.concatenate([np.kron(every, triangle), np.kron(every, _measure_margin(np.eye(10)))])
         return rows, (*cones, ("flat", self.segments))
 
-    def outside(self, body: FloatArray) -> float:
+    def measure_violation(self, body: FloatArray) -> float:
         """Return the largest violation of any condition, kg, divided by the total mass."""
         links = body.reshape(-1, 10)
         least = min(float(np.linalg.eigvalsh(_scale_inertia(links)).min()), float(_measure_margin(links).min()))
@@ -69,7 +69,7 @@ class SemidefiniteBodies:
         """Return the total mass, kg."""
         return float(np.abs(body[::10]).sum())
 
-    def settled(self, body: FloatArray) -> FloatArray:
+    def settle(self, body: FloatArray) -> FloatArray:
         """Return the body without negative eigenvalues and with sufficient masses, to remove rounding errors."""
         if not np.isfinite(body).all():
             return body
@@ -79,7 +79,7 @@ class SemidefiniteBodies:
         links[:, 0] += np.maximum(-_measure_margin(links * _UNITS), 0.0) * (LENGTH / REACH) ** 2
         return np.asarray((links * _UNITS).reshape(-1))
 
-    def cheapest(self, prices: FloatArray) -> FloatArray:
+    def find_cheapest(self, prices: FloatArray) -> FloatArray:
         """Return for each segment a unit mass at the point of least price, as columns (10K, K)."""
         columns = np.zeros((len(prices), self.segments))
         for k in range(self.segments):
@@ -113,7 +113,7 @@ def fit_semidefinite(problem: CompressedProblem, mapping: FloatArray) -> Semidef
     NumericalError
         Clarabel's solution is not close enough to the least cost.
     """
-    small, bodies = problem.over(len(mapping)), SemidefiniteBodies(mapping)
+    small, bodies = problem.eliminate_others(len(mapping)), SemidefiniteBodies(mapping)
     answer = _solve(small, bodies)
     if not answer.optimality.excess <= _TOLERABLE:
         raise NumericalError(
@@ -123,7 +123,7 @@ def fit_semidefinite(problem: CompressedProblem, mapping: FloatArray) -> Semidef
         )
     free = problem.cost(problem.free_solution())
     return SemidefiniteSolution(
-        parameters=problem.completed(mapping @ answer.body),
+        parameters=problem.complete(mapping @ answer.body),
         full=_spread_masses(bodies, answer.body),
         answer=answer,
         price=max(answer.cost - free, 0.0) / problem.floor(free),
@@ -148,7 +148,7 @@ def _solve(problem: CompressedProblem, bodies: SemidefiniteBodies) -> SolverAnsw
             regularization=_REGULARIZATION,
         )
         iterations += used
-        moved = bodies.settled(body + step * units)
+        moved = bodies.settle(body + step * units)
         optimality = check_optimality(problem, bodies, moved)
         cost = problem.cost(bodies.mapping @ moved)
         answer = SolverAnswer("clarabel", moved, cost, optimality, status, iterations)
@@ -168,7 +168,7 @@ def _spread_masses(bodies: SemidefiniteBodies, body: FloatArray) -> FloatArray:
     aim, scale = np.tile(share * sphere, bodies.segments), share * bodies.units
     directions = null_space(bodies.mapping * bodies.units, rcond=_DEPENDENT) * bodies.units[:, None]
     moved = body + directions @ find_closest_step(bodies, body, directions, (aim - body) / scale, scale)
-    return moved if np.isfinite(moved).all() and bodies.outside(moved) <= _ROUNDING else body
+    return moved if np.isfinite(moved).all() and bodies.measure_violation(moved) <= _ROUNDING else body
 
 
 def _scale_inertia(links: FloatArray) -> FloatArray:

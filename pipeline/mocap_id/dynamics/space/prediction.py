@@ -91,7 +91,7 @@ def _propagate_accelerations(
         alpha = recorded.alpha + beyond[1:, None] * motion.axis[:, j, None]
         moved = move_segments(recorded.chain, recorded.centred, recorded.rotation, recorded.omega, alpha)
         spread = recorded.alpha_sd[:, int(np.argmax(beyond)) - 1, None] ** 2
-        wrench += spread * ((trial.rows_of(moved, gravity) - trial.rows) @ base) ** 2
+        wrench += spread * ((trial.build_rows(moved, gravity) - trial.rows) @ base) ** 2
         torque += spread * ((_compute_torque_rows(trial, moved) - torque_rows) @ base) ** 2
     return wrench, torque
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 
-_ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # of Ixx, Iyy, Izz, Ixy, Ixz, Iyz
+_ENTRIES = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))  # matrix entries of Ixx, Iyy, Izz, Ixy, Ixz, Iyz
 
 
 def pseudo_inertia(parameters: FloatArray) -> FloatArray:

@@ -126,7 +126,7 @@ class SpatialTrial:
         sampled = SampledWrench.of(self.recorded.time, self.recorded.plate_wrench)
         return sampled(self.recorded.time - offset)
 
-    def rows_of(self, motion: SpatialMotion, gravity: float) -> FloatArray:
+    def build_rows(self, motion: SpatialMotion, gravity: float) -> FloatArray:
         """Return the minimal regressor (T, 6, b) of another motion of the segments."""
         return self.recorded.regressor(motion, self.structure.frames, gravity)[:, :, self.base.kept]
 
@@ -155,7 +155,7 @@ def prepare(recorded: SpatialRecord, settings: FitSettings) -> SpatialTrial:
 
 
 def shift_wrench(arm: FloatArray) -> FloatArray:
-    """Return the matrix (6, 6) that adds to the moment that of the force with an arm (3,), m."""
+    """Return the matrix (6, 6) that adds arm × force to the moment of a wrench, for an arm (3,), m."""
     matrix = np.eye(6)
     matrix[3:, :3] = so3.hat(arm)
     return matrix
