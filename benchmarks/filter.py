@@ -20,7 +20,7 @@ from harness import command_line, markdown, publish
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.estimation import compiled_filter, reference, smooth
 from mocap_id.estimation.filter_problem import FilterProblem, Track
-from mocap_id.estimation.inverse_kinematics import MarkerChain, frame_angles
+from mocap_id.estimation.inverse_kinematics import MarkerChain, find_frame_angles
 from mocap_id.estimation.sigma_points import SigmaPoints
 from mocap_id.geometry.planar import marker_positions
 
@@ -65,7 +65,7 @@ def problem(chain: MarkerChain, markers: FloatArray) -> FilterProblem:
         gate_variance=variance,
         gate=8.0,
         density=np.full(3, 1e3**2 / RATE),
-        anchors=frame_angles(markers, chain, 8.0, 5e-5).anchors(NOISE),
+        anchors=find_frame_angles(markers, chain, 8.0, 5e-5).anchors(NOISE),
         sigma_points=SigmaPoints(),
     )
 

@@ -21,8 +21,8 @@ from scipy.optimize import minimize_scalar
 from mocap_id.arrays import FloatArray
 from mocap_id.estimation import FilterSettings, compiled_filter, smooth
 from mocap_id.estimation.filter_problem import FilterProblem
-from mocap_id.estimation.inverse_kinematics import MarkerChain, frame_angles
-from mocap_id.estimation.noise import marker_noise
+from mocap_id.estimation.inverse_kinematics import MarkerChain, find_frame_angles
+from mocap_id.estimation.noise import estimate_marker_noise
 from mocap_id.estimation.sigma_points import SigmaPoints
 from mocap_id.kinematics import fit_chain, frames_along_motion, orient_frames
 from mocap_id.simulation import Options, generate
@@ -129,8 +129,8 @@ def by_filterpy(moving: Moving) -> Scored:
     moves, segment = moving.chain.segment > 0, moving.chain.segment
     chain = MarkerChain(moving.chain.centres, segment[moves], moving.chain.local[moves])
     points = np.ascontiguousarray(moving.points[:, moves])
-    frames = frame_angles(points, chain, 5.0, 5e-5)
-    marker_sd = marker_noise(frames, 5e-5)
+    frames = find_frame_angles(points, chain, 5.0, 5e-5)
+    marker_sd = estimate_marker_noise(frames, 5e-5)
     variance = np.full(len(chain.segment), marker_sd**2)
     problem = FilterProblem(
         observed=points,

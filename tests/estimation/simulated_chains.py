@@ -9,7 +9,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.estimation import FilterSettings, States, smooth
 from mocap_id.estimation.filter_problem import FilterProblem
-from mocap_id.estimation.inverse_kinematics import MarkerChain, frame_angles
+from mocap_id.estimation.inverse_kinematics import MarkerChain, find_frame_angles
 from mocap_id.estimation.sigma_points import SigmaPoints
 from mocap_id.geometry.planar import marker_positions
 from mocap_id.store import LongTable
@@ -37,7 +37,7 @@ class Moving:
     def problem(self, *, marker_sd: float, sigma_v: float, gate: float = 5.0, **points: float) -> FilterProblem:
         """Return the engine's input as built by :func:`smooth`."""
         chain = MarkerChain(self.centres, self.segment, self.local)
-        frames = frame_angles(self.markers, chain, gate, 5e-5)
+        frames = find_frame_angles(self.markers, chain, gate, 5e-5)
         variance = np.full(len(self.segment), marker_sd**2)
         return FilterProblem(
             observed=self.markers,

@@ -11,7 +11,7 @@ from simulated_chains import Moving, measured, rms, swinging
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError
 from mocap_id.estimation import BRIDGE_LIMIT, FRAMEWISE, compiled_filter, reference
-from mocap_id.estimation.alternative_estimators import LEAST_SAMPLES, butterworth, two_filter
+from mocap_id.estimation.alternative_estimators import LEAST_SAMPLES, average_two_passes, smooth_butterworth
 from mocap_id.estimation.filter_problem import START_SD, Anchors
 from mocap_id.estimation.process_model import noise_shape, transition
 
@@ -68,7 +68,7 @@ def off_by_stated(seed: int) -> FloatArray:
         truth[k, 0] = transition(dt) @ truth[k - 1, 0]
         truth[k, 0] += np.linalg.cholesky(noise_shape(dt)) @ rng.standard_normal(4) * 10.0 * np.sqrt(dt)
     problem = measured(truth, 1.0 / dt, 1e-3, rng).problem(marker_sd=1e-3, sigma_v=10.0)
-    found = two_filter(problem, compiled_filter.filter_forwards)
+    found = average_two_passes(problem, compiled_filter.filter_forwards)
     return np.asarray((found.mean - truth) / found.sd)
 
 
@@ -103,21 +103,21 @@ def test_the_low_pass_halves_its_cutoff_without_a_phase_shift() -> None:
     dt, time = 0.01, 0.01 * np.arange(2000)
     for hertz, gain in ((0.5, 1.0), (6.0, 0.5)):
         wave = np.sin(2 * np.pi * hertz * time)
-        found = butterworth(of_one(wave), dt, 6.0).mean[300:-300, 0, 0]
+        found = smooth_butterworth(of_one(wave), dt, 6.0).mean[300:-300, 0, 0]
         # the prewarped filter has exactly half its power at the cutoff, in each of the two passes
         np.testing.assert_allclose(found, gain * wave[300:-300], atol=2e-4 if hertz < 1 else 1e-6)
 
 
 def test_derivatives_of_the_low_pass_are_central_differences() -> None:
     time = 0.01 * np.arange(1000)
-    found = butterworth(of_one(0.3 * time**2), 0.01, 6.0).mean[200:-200, 0]
+    found = smooth_butterworth(of_one(0.3 * time**2), 0.01, 6.0).mean[200:-200, 0]
     np.testing.assert_allclose(found[:, 1], 0.6 * time[200:-200], atol=1e-4)
     np.testing.assert_allclose(found[:, 2], 0.6, atol=1e-3)
 
 
 def test_a_cutoff_beyond_half_the_frame_rate_is_refused() -> None:
     with pytest.raises(ConfigError, match=r"butterworth_hz is 15, expected less than half the frame rate, 12\.5 Hz"):
-        butterworth(of_one(np.zeros(100)), 0.04, 15.0)
+        smooth_butterworth(of_one(np.zeros(100)), 0.04, 15.0)
 
 
 @pytest.mark.parametrize("method", FRAMEWISE)

@@ -13,8 +13,8 @@ from test_ukf_smooth_stage import NO_SEGMENTS, STAGE, Context, Files, Path, Tria
 from mocap_id.estimation import States
 from mocap_id.estimation.chain_residuals import ChainResiduals
 from mocap_id.estimation.lasting_errors import add_lasting_errors, estimate_camera_sd
-from mocap_id.estimation.residual_spectrum import residual_spectrum
-from mocap_id.stages.ukf_smooth.state_errors import known_skin, lasting_errors
+from mocap_id.estimation.residual_spectrum import compute_residual_spectrum
+from mocap_id.stages.ukf_smooth.state_errors import estimate_lasting_errors, estimate_skin
 from mocap_id.store.parquet import conform
 
 FLOOR = 5e-5
@@ -24,10 +24,10 @@ def deviations(states: States, moving: Moving) -> np.ndarray:
     """Return the standard deviations (F, n, 4) with lasting errors."""
     rested = np.where(states.used[..., None], moving.markers, np.nan)
     camera = estimate_camera_sd(rested, states, FLOOR)
-    skin = known_skin(states, rested, camera)
+    skin = estimate_skin(states, rested, camera)
     assert skin is not None
-    spectrum = residual_spectrum(ChainResiduals(states, rested, moving.rate))
-    return add_lasting_errors(states, moving.rate, lasting_errors(states, rested, skin, camera, spectrum))
+    spectrum = compute_residual_spectrum(ChainResiduals(states, rested, moving.rate))
+    return add_lasting_errors(states, moving.rate, estimate_lasting_errors(states, rested, skin, camera, spectrum))
 
 
 @pytest.mark.parametrize("noise", [0.0, 5e-4])

@@ -16,16 +16,16 @@ from test_ukf_smooth_stage import NO_SEGMENTS, chain, planar
 from mocap_id.arrays import FloatArray
 from mocap_id.estimation.chain_residuals import ChainResiduals
 from mocap_id.estimation.lasting_errors import add_lasting_errors
-from mocap_id.estimation.residual_spectrum import ResidualSpectrum, residual_spectrum
+from mocap_id.estimation.residual_spectrum import ResidualSpectrum, compute_residual_spectrum
 from mocap_id.stages.base import Context
 from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id.stages.ukf_smooth import STAGE
-from mocap_id.stages.ukf_smooth.noise_reasons import bridge_repeated, find_repeated_frames
+from mocap_id.stages.ukf_smooth.checks import bridge_repeated, find_repeated_frames
 
 
 def seen(moving: Moving) -> ResidualSpectrum:
     states = moving.smoothed()
-    return residual_spectrum(
+    return compute_residual_spectrum(
         ChainResiduals(states, np.where(states.used[..., None], moving.markers, np.nan), moving.rate)
     )
 

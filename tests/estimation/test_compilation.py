@@ -14,8 +14,7 @@ import pytest
 from simulated_chains import swinging
 
 from mocap_id.compilation import compiled
-from mocap_id.estimation.filter_kernels import run_filter, run_smoother
-from mocap_id.estimation.frame_angle_kernels import refine
+from mocap_id.estimation.filter_kernels import refine, run_filter, run_smoother
 from mocap_id.estimation.noise import log_likelihood
 from mocap_id.estimation.process_model import noise_shape, transition
 

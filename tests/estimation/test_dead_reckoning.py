@@ -10,8 +10,8 @@ from scipy.interpolate import make_interp_spline
 
 from mocap_id.arrays import FloatArray
 from mocap_id.estimation.dead_reckoning import DeadReckoning, KnownChain, Reckoning
-from mocap_id.estimation.inertial import Calibrated, Clock, SensorSignals
-from mocap_id.estimation.inertial_smoothing import CarriedSensor
+from mocap_id.estimation.inertial import Clock, SensorCalibration, SensorSignals
+from mocap_id.estimation.inertial_smoothing import WornSensor
 
 RATE, LENGTH, GRAVITY = 100.0, 0.4, 9.81
 PLACES = (0.03 + 0.2j, -0.05 + 0.3j)
@@ -40,12 +40,12 @@ def _signals(k: int, shift: float, bias: float) -> SensorSignals:
 
 def _reckon(shift: float = 0.0, biases: tuple[float, float] = (0.0, 0.0)) -> tuple[DeadReckoning, Reckoning]:
     zero = np.zeros(3)
-    found = Calibrated(
+    found = SensorCalibration(
         Clock(0.0), np.eye(3), zero, 0.0, zero, zero, zero, zero, {}, np.array([0.01, 0.02]), np.full(2, 10.0), 1.0
     )
     found = replace(found, sd={"lag": np.zeros(1), **dict.fromkeys(("turn", "gyro_scale", "gyro_bias"), zero)})
     places = [np.array([each.real, each.imag, 0.0]) for each in PLACES]
-    worn = tuple(CarriedSensor(replace(found, place=place), None, np.zeros(2), np.zeros(0)) for place in places)  # type: ignore[arg-type]
+    worn = tuple(WornSensor(replace(found, place=place), None, np.zeros(2), np.zeros(0)) for place in places)  # type: ignore[arg-type]
     chain = KnownChain(np.array([[0.0, 0.1], [0.0, LENGTH]]), worn, np.zeros(2), np.ones(2))
     reckoned = DeadReckoning([_signals(0, 0.0, biases[0]), _signals(1, shift, biases[1])], TIME, chain)
     return reckoned, reckoned.solve()
@@ -70,7 +70,7 @@ def test_bias_and_clock_are_found_within_their_deviations() -> None:
 
 def test_without_accelerometers_the_angles_would_drift() -> None:
     reckoned, found = _reckon(biases=(0.004, -0.006))
-    gyro, _ = reckoned.sampled(tuple(found.shift))
+    gyro, _ = reckoned.sample(tuple(found.shift))
     drift = np.cumsum(gyro, axis=0)[-1] / RATE - (_angles(TIME)[-1] - _angles(TIME)[0])
     assert (np.degrees(np.abs(drift)) > 4).all()
     ends = (found.angle - _angles(TIME))[[0, -1]]

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 from simulated_chains import Moving, rms, swinging
 
 from mocap_id.estimation import dropouts
-from mocap_id.estimation.inverse_kinematics import FrameAngles, MarkerChain, frame_angles
+from mocap_id.estimation.inverse_kinematics import FrameAngles, MarkerChain, find_frame_angles
 from mocap_id.geometry.planar import marker_positions, rotate, segment_poses
 
 MARKER_SD = 2e-3
@@ -26,7 +28,7 @@ def slid() -> Moving:
 def compensated(moving: Moving, markers: np.ndarray) -> tuple[np.ndarray, FrameAngles, FrameAngles]:
     """Return the compensated markers and angles, and the angles before."""
     chain, moved = MarkerChain(moving.centres, moving.segment, moving.local), markers.copy()
-    frames = frame_angles(markers, chain, 1e3, 5e-5)
+    frames = find_frame_angles(markers, chain, 1e3, 5e-5)
     return moved, dropouts.compensate_dropouts(moved, frames, chain, MARKER_SD, moving.rate), frames
 
 
@@ -48,7 +50,7 @@ def test_the_angle_stays_at_the_fit_of_all_markers(slid: Moving, gone: list[int]
     assert step > 5e-4
     assert np.abs(after.angles - whole)[gap].max() < 0.05 * step
     chain = MarkerChain(slid.centres, slid.segment, slid.local)
-    found = frame_angles(moved, chain, 1e3, 5e-5).angles
+    found = find_frame_angles(moved, chain, 1e3, 5e-5).angles
     np.testing.assert_allclose(found[gap], after.angles[gap], atol=0.05 * step)
 
 
@@ -78,10 +80,11 @@ def test_the_bridge_is_the_conditional_mean_of_a_markov_process() -> None:
     among = np.exp(-np.abs(ends[:, None] - ends) / memory)
     values = np.array([[0.004, -0.001], [-0.002, 0.003]])
     expected = between @ np.linalg.solve(among, values)
-    before, after = (np.tile(value, (length - 1, 1)) for value in values)
-    found = dropouts.bridge(before, after, since / memory, (length - since) / memory)
+    gap, until = np.zeros(length - 1, dtype=np.int64), (length - since) / memory
+    gaps = dropouts.Gaps(since, gap, since / memory, until, (since[:0], since[:0]))
+    found = gaps.bridge(values[:1], values[1:])
     np.testing.assert_allclose(found, expected, atol=1e-12)
-    alone = dropouts.bridge(before, after, since / memory, np.full(length - 1, np.inf))
+    alone = replace(gaps, until=np.full(length - 1, np.inf)).bridge(values[:1], values[1:])
     np.testing.assert_allclose(alone, between[:, :1] * values[0], atol=1e-12)
 
 

@@ -151,7 +151,7 @@ def test_clock_sign_and_zero_are_found(sign: int) -> None:
     assert found.gain == pytest.approx(1.0, abs=0.01)
     assert not found.at_edge
     states = np.array([[0.1, 2.0, -3.0]])
-    np.testing.assert_allclose(found.into_plane(states), [[found.zero + sign * 0.1, sign * 2.0, sign * -3.0]])
+    np.testing.assert_allclose(found.express_in_plane(states), [[found.zero + sign * 0.1, sign * 2.0, sign * -3.0]])
     np.testing.assert_allclose(states, [[0.1, 2.0, -3.0]])
 
 

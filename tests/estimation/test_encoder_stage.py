@@ -131,7 +131,7 @@ def test_a_record_of_another_time_contradicts_the_recording(moving: Moving, tmp_
 
 
 def test_degrees_in_a_column_of_radians_are_detected(moving: Moving, tmp_path: Path) -> None:
-    with pytest.raises(RecordingError, match=r"57\.\d times those of the cameras.*degrees"):
+    with pytest.raises(RecordingError, match=r"57\.\d times the cameras. angles.*degrees"):
         run(moving, record(tmp_path, factor=180 / np.pi))
 
 
@@ -159,4 +159,4 @@ def test_a_swing_without_rest_does_not_determine_the_sign(moving: Moving, tmp_pa
 
     (reason,) = run(endless, record(tmp_path, own=sine), encoder_offset_limit_s=0.6)[1].reasons
     assert reason.code == "encoder-weak"
-    assert "does not show the sense" in reason.message
+    assert "does not determine the encoder" in reason.message

@@ -70,7 +70,7 @@ def tracked() -> tuple[FilterProblem, Track]:
 
 def test_the_smoother_equals_filterpys_without_restarts() -> None:
     problem, track = tracked()
-    mean, covariance, _ = reference._filterpy(problem).rts_smoother(track.mean, track.covariance)
+    mean, covariance, _ = reference._make_filter(problem).rts_smoother(track.mean, track.covariance)
     theirs = replace(track, mean=mean, covariance=covariance)
     # filterpy subtracts covariances, with cancellation at the first frames
     assert_same(compiled_filter.smooth_backwards(problem, copied(track)), theirs, deviation=1e-7)

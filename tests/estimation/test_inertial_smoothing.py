@@ -106,7 +106,7 @@ def test_sensors_improve_the_rates(case: Case, both: tuple[States, dict[int, Sen
 def test_clocks_are_found_or_said_to_be_unknown(case: Case, both: tuple[States, dict[int, SensorResult]]) -> None:
     for result, offset in zip(both[1].values(), case.offsets, strict=True):
         assert result.why is None
-        clock = result.found.clock
+        clock = result.calibration.clock
         off = clock.offset + clock.drift * float(case.true.time.mean()) - offset
         assert abs(off) < 3 * clock.sd
         assert abs(off) < 2e-3 or not clock.observable
@@ -128,7 +128,7 @@ def test_a_sensor_on_another_segment_is_left_out(case: Case) -> None:
     swapped = {1: case.sensors[3], 2: case.sensors[2]}
     states, results = case.run(case.observed, swapped)
     assert results[1].why is not None
-    assert results[1].fits == 3
+    assert results[1].better_segment == 3
     assert results[2].why is None
     assert np.isfinite(states.mean).all()
 

@@ -12,7 +12,7 @@ from simulated_chains import Moving, swinging
 from mocap_id.arrays import FloatArray
 from mocap_id.estimation import compiled_filter, reference
 from mocap_id.estimation.filter_problem import START_SD, Track
-from mocap_id.estimation.inverse_kinematics import MarkerChain, frame_angles
+from mocap_id.estimation.inverse_kinematics import MarkerChain, find_frame_angles
 from mocap_id.estimation.noise import log_likelihood
 from mocap_id.estimation.process_model import joint_noise, joint_transition, noise_shape, transition
 from mocap_id.geometry.planar import marker_jacobian, marker_positions
@@ -131,7 +131,7 @@ def one_update(moving: Moving, sd: float) -> tuple[FloatArray, FloatArray]:
     problem = moving.problem(marker_sd=0.1 * sd, sigma_v=1.0, gate=1e9)
     prior = moving.truth[0].T.ravel() + sd * np.random.default_rng(1).standard_normal(4 * n)
     covariance = sd**2 * (np.eye(4 * n) + 0.5)
-    ukf = reference._filterpy(problem)
+    ukf = reference._make_filter(problem)
     ukf.x, ukf.P = prior.copy(), covariance.copy()
     ukf.sigmas_f = ukf.points_fn.sigma_points(ukf.x, ukf.P)
     reference._measure(ukf, problem, 0)
@@ -154,7 +154,7 @@ def test_angles_of_a_frame_have_the_stated_covariance() -> None:
     moving, noise = swinging(joints=3, seconds=0.02, noise=0.0), 2e-3
     rng = np.random.default_rng(0)
     still = np.repeat(moving.markers[:1], 4000, axis=0)
-    frames = frame_angles(
+    frames = find_frame_angles(
         still + noise * rng.standard_normal(still.shape),
         MarkerChain(moving.centres, moving.segment, moving.local),
         50.0,

@@ -7,8 +7,8 @@ import pytest
 from simulated_chains import swinging
 
 from mocap_id.estimation import missing_markers
-from mocap_id.estimation.dropouts import forgotten_share
-from mocap_id.estimation.missing_markers import variance_growth
+from mocap_id.estimation.dropouts import compute_forgotten_share
+from mocap_id.estimation.missing_markers import compute_variance_growth
 from mocap_id.geometry.planar import marker_jacobian
 
 
@@ -25,7 +25,7 @@ def test_the_growth_equals_that_of_least_squares() -> None:
     for kept in (np.ones(12, dtype=bool), used[0]):
         rows = jacobian[0][kept].reshape(-1, 3)
         errors.append(np.linalg.lstsq(rows, slides[:, kept].reshape(len(slides), -1).T, rcond=None)[0].var(axis=1))
-    found = missing_markers._growth(
+    found = missing_markers._compute_growth(
         jacobian, used, often=np.ones(12), slide=sd**2, forgotten=np.ones((1, 12)), marker_sd=1e-3
     )
     np.testing.assert_allclose(found[0], np.maximum(errors[1] / errors[0], 1.0), rtol=0.05)
@@ -35,7 +35,7 @@ def test_the_forgotten_share_is_the_conditional_variance_of_a_markov_process() -
     rate, memory = 100.0, 90.0
     used = np.ones((300, 3), dtype=bool)
     used[100:160, 0], used[250:, 1], used[:, 2] = False, False, False
-    found = forgotten_share(used, np.arange(300), rate)
+    found = compute_forgotten_share(used, np.arange(300), rate)
     at, ends = np.arange(100, 160), np.array([99, 160])
     between, among = (np.exp(-np.abs(a[:, None] - ends) / memory) for a in (at, ends))
     expected = 1.0 - np.einsum("ti,ij,tj->t", between, np.linalg.inv(among), between)
@@ -54,7 +54,7 @@ def test_missing_segments_increase_the_variance_of_their_neighbours_only_in_gaps
         markers[start:stop, moving.segment == gone] = np.nan
         states = moving.smoothed_from(markers)
         angles = moving.truth[..., 0]
-        found = variance_growth(states, markers, angles, frames, rate=moving.rate, camera=2e-4)
+        found = compute_variance_growth(states, markers, angles, frames, rate=moving.rate, camera=2e-4)
         inside = (frames >= start) & (frames < stop)
         assert found.min() >= 1.0
         assert found[~inside].max() < 1.1

@@ -7,7 +7,7 @@ import pytest
 
 from mocap_id.estimation import smooth
 from mocap_id.estimation.inertial import SensorSignals
-from mocap_id.estimation.inertial_tracking import show_chain, track_alone
+from mocap_id.estimation.inertial_tracking import calibrate_chain, track_without_markers
 from mocap_id.simulation import Options
 from mocap_id.simulation.body import draw_subject
 from mocap_id.simulation.inertial_sensors import simulate_plane_sensors
@@ -30,18 +30,18 @@ def test_the_tilt_is_at_least_as_accurate_as_that_of_vqf() -> None:
     body, markers = shown.scene.body, shown.scene.markers
     points = np.ascontiguousarray(shown.scene.plane.to_plane(shown.points)[..., :2])
     states = smooth(points, 100.0, body.centres, markers.link.astype(np.int64), markers.local[:, :2].copy())
-    known = show_chain(states, shown.state.time, worn, states.noise.sigma_v**2 / 100.0)
+    known = calibrate_chain(states, shown.state.time, worn, states.noise.sigma_v**2 / 100.0)
     trial, sensors, offsets = _trial(82)
     first, last = max(each.time[0] for each in sensors.values()), min(each.time[-1] for each in sensors.values())
     time = np.arange(np.ceil(100 * first) + 30, 100 * last - 30) / 100
-    tracked = track_alone([sensors[s] for s in (1, 2, 3)], time, known)
+    tracked = track_without_markers([sensors[s] for s in (1, 2, 3)], time, known)
     ours, theirs = np.cumsum(tracked.mean[..., 0], axis=1), np.empty((len(time), 3))
     true = np.empty_like(ours)
     for s, each in sensors.items():
         log = vqf.VQF(0.01).updateBatch(np.ascontiguousarray(each.gyro), np.ascontiguousarray(each.acc))
         w, x, y, z = log["quat6D"].T
         up = np.stack([2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x**2 + y**2)], axis=1)
-        in_segment = up @ known.known.carried[s - 1].found.mount.T
+        in_segment = up @ known.known.sensors[s - 1].calibration.mount.T
         stamps = time - offsets[0] + offsets[s - 1]
         tilt = np.unwrap(np.arctan2(in_segment[:, 0], in_segment[:, 1]))
         theirs[:, s - 1] = np.interp(2 * time - stamps, each.time, tilt)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from simulated_chains import Moving, rms, swinging
 
-from mocap_id.estimation.inverse_kinematics import MarkerChain, frame_angles
+from mocap_id.estimation.inverse_kinematics import MarkerChain, find_frame_angles
 
 BURSTS = 60
 
@@ -58,7 +58,7 @@ def test_the_filter_is_not_locked_out_by_its_own_gate(moving: Moving) -> None:
 def test_outliers_are_found_although_they_distort_the_fit_of_others(moving: Moving) -> None:
     markers = moving.markers.copy()
     markers[500, [0, 7, 13]] += [[0.08, 0.0], [0.0, 0.06], [-0.05, 0.05]]
-    frames = frame_angles(markers, MarkerChain(moving.centres, moving.segment, moving.local), 5.0, 5e-5)
+    frames = find_frame_angles(markers, MarkerChain(moving.centres, moving.segment, moving.local), 5.0, 5e-5)
     assert np.flatnonzero(~frames.used[500]).tolist() == [0, 7, 13]
     np.testing.assert_allclose(frames.angles[500], moving.truth[500, :, 0], atol=5e-3)
 

@@ -8,7 +8,7 @@ from scipy.integrate import quad
 from scipy.interpolate import BSpline, make_smoothing_spline
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.estimation.quintic_spline import DEGREE, _freedom, _penalty, smoothing_spline
+from mocap_id.estimation.quintic_spline import DEGREE, _freedom, _penalty, fit_smoothing_spline
 
 
 def everything(angle: FloatArray) -> BoolArray:
@@ -19,7 +19,7 @@ def everything(angle: FloatArray) -> BoolArray:
 def test_a_parabola_is_kept_with_its_derivatives(rate: float) -> None:
     time = np.arange(200) / rate
     angle = 40.0 + 2.0 * time - 3.0 * time**2
-    found = smoothing_spline(angle, everything(angle), 1.0 / rate)
+    found = fit_smoothing_spline(angle, everything(angle), 1.0 / rate)
     np.testing.assert_allclose(found[:, 0], angle, rtol=0, atol=1e-7)
     np.testing.assert_allclose(found[:, 1], 2.0 - 6.0 * time, rtol=0, atol=1e-4)
     np.testing.assert_allclose(found[:, 2], -6.0, rtol=0, atol=2e-2)
@@ -31,7 +31,7 @@ def test_a_noisy_swing_is_found_at_any_rate(rate: float) -> None:
     w = 2 * np.pi * 0.7
     truth = np.stack([w**d * np.sin(w * time + d * np.pi / 2) for d in range(3)], axis=-1)
     noise = 1e-3 * np.random.default_rng(0).standard_normal(len(time))
-    found = smoothing_spline(truth[:, 0] + noise, everything(time), 1.0 / rate)[:, :3]
+    found = fit_smoothing_spline(truth[:, 0] + noise, everything(time), 1.0 / rate)[:, :3]
     error, size = found - truth, np.std(truth, axis=0)
     inside = slice(int(rate / 2), -int(rate / 2))
     assert np.all(np.std(error[inside], axis=0) <= np.array([1e-3, 0.003, 0.015]) * size)
@@ -45,7 +45,7 @@ def test_acceleration_is_better_than_that_of_a_cubic_spline() -> None:
     truth, quintic, cubic = -(w**2) * np.sin(w * time), [], []
     for _ in range(5):
         angle = np.sin(w * time) + 1e-3 * rng.standard_normal(len(time))
-        quintic.append(smoothing_spline(angle, everything(angle), 0.01)[:, 2] - truth)
+        quintic.append(fit_smoothing_spline(angle, everything(angle), 0.01)[:, 2] - truth)
         cubic.append(make_smoothing_spline(time, angle)(time, nu=2) - truth)
     assert np.std(quintic) < 0.8 * np.std(cubic)
 
@@ -56,7 +56,7 @@ def test_unseen_samples_are_ignored() -> None:
     seen = everything(angle)
     seen[[0, 299]] = True
     seen[140:150] = False
-    one, other = (smoothing_spline(np.where(seen, angle, value), seen, 0.01) for value in (0.0, 9.0))
+    one, other = (fit_smoothing_spline(np.where(seen, angle, value), seen, 0.01) for value in (0.0, 9.0))
     np.testing.assert_array_equal(one, other)
     np.testing.assert_allclose(one[140:150, 0], np.sin(4 * time[140:150]), atol=3e-3)
 

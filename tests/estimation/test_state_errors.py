@@ -15,7 +15,7 @@ from mocap_id.estimation import States
 from mocap_id.estimation.chain_residuals import ChainResiduals
 from mocap_id.estimation.lasting_errors import LastingErrors, add_lasting_errors, estimate_camera_sd
 from mocap_id.estimation.process_model import noise_shape, transition
-from mocap_id.estimation.residual_spectrum import residual_spectrum
+from mocap_id.estimation.residual_spectrum import compute_residual_spectrum
 from mocap_id.stages.base import Context
 from mocap_id.stages.trial_keys import Files, TrialKeys
 from mocap_id.stages.ukf_smooth import STAGE, state_errors
@@ -101,11 +101,11 @@ def test_a_gap_stays_as_uncertain_as_the_filter_says() -> None:
 
 def told(states: States, moving: Moving) -> LastingErrors | None:
     rested = np.where(states.used[..., None], moving.markers, np.nan)
-    skin = state_errors.known_skin(states, rested, camera(states, moving))
+    skin = state_errors.estimate_skin(states, rested, camera(states, moving))
     if skin is None:
         return None
-    spectrum = residual_spectrum(ChainResiduals(states, rested, moving.rate))
-    return state_errors.lasting_errors(states, rested, skin, camera(states, moving), spectrum)
+    spectrum = compute_residual_spectrum(ChainResiduals(states, rested, moving.rate))
+    return state_errors.estimate_lasting_errors(states, rested, skin, camera(states, moving), spectrum)
 
 
 def test_skin_widens_the_angles() -> None:

@@ -20,7 +20,7 @@ from mocap_id.runner.dependencies import parameters, user_files
 from mocap_id.runner.execution import run
 from mocap_id.stages import STAGES
 from mocap_id.stages.base import Context
-from mocap_id.stages.ukf_smooth.sensors_alone import _shown
+from mocap_id.stages.ukf_smooth.sensors_alone import _calibrate_chain
 from mocap_id.store import Folder
 from mocap_id.store.views import Skeleton
 from mocap_id.workflows.sensitivity.study import sensitivity
@@ -176,7 +176,7 @@ def test_logs_of_a_calibration_without_common_time_are_named(place: Path) -> Non
     trial = keys.model_copy(update={"calibration": calibration})
     skeleton = Skeleton.from_tree(Folder(place / "calibration/runs/calibration").tree("chain.h5"))
     with pytest.raises(RecordingError, match=r"late_torso\.csv.*0\.0 s in common.*use logs of one recording"):
-        _shown(Context(trial, None, {}), skeleton)
+        _calibrate_chain(Context(trial, None, {}), skeleton)
 
 
 def test_only_without_markers_the_sensors_are_read_before_the_filter(place: Path) -> None:

@@ -1,7 +1,7 @@
 """Alternative estimators of joint states, for comparison: two averaged filter passes, a low-pass, a spline.
 
 ``two-filter`` is the thesis's method (ch. 3.2.6). The other two smooth the angles of single frames, joint by joint.
-They ignore how uncertain an angle is: they bridge gaps up to a fixed time and give no standard deviations.
+They do not use the uncertainty of an angle: they bridge gaps up to a fixed time and give no standard deviations.
 """
 
 from __future__ import annotations
@@ -17,55 +17,42 @@ from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.errors import ConfigError
 from mocap_id.estimation.filter_problem import Anchors, FilterProblem, Track
 from mocap_id.estimation.process_model import ORDER
-from mocap_id.estimation.quintic_spline import smoothing_spline
+from mocap_id.estimation.quintic_spline import fit_smoothing_spline
 
 BRIDGE_LIMIT = 0.2
 """Longest gap, s, that the low-pass and the spline bridge."""
 
 LEAST_SAMPLES = 12
-"""Fewest angles in a stretch between long gaps that the low-pass and the spline smooth."""
+"""Least number of angles between long gaps that the low-pass and the spline smooth."""
 
 _REVERSED = np.array([1.0, -1.0, 1.0, -1.0])  # reversing time changes the sign of odd derivatives
-_POLES = 2  # of one pass; four with both, as is usual in movement analysis
+_POLES = 2  # of one pass; both passes together have four, as is usual in movement analysis
 
 Derivatives = Callable[[FloatArray, BoolArray, float], FloatArray]
-"""Function from an angle (F,), its seen samples (F,) and the time step to the states (F, 4)."""
+"""Function from an angle (F,), its known samples (F,) and the time step, s, to the states (F, 4)."""
 
 
 class Estimate(NamedTuple):
-    """States by any method, (F, n, 4): ``mean``, ``sd`` (NaN if unknown), the markers ``used``, the likelihood.
+    """States from any method."""
 
-    ``filled`` (F, n) marks states extrapolated backwards from later frames, if the method does so.
-    """
-
-    mean: FloatArray
-    sd: FloatArray
-    used: BoolArray
+    mean: FloatArray  # (F, n, 4) rad and s
+    sd: FloatArray  # (F, n, 4) standard deviations; NaN if unknown
+    used: BoolArray  # (F, M) markers used
     log_likelihood: float
-    filled: BoolArray | None = None
+    filled: BoolArray | None = None  # (F, n) states extrapolated backwards from later frames, if the method does so
 
 
-def two_filter(problem: FilterProblem, run_filter: Callable[[FilterProblem], Track]) -> Estimate:
+def average_two_passes(problem: FilterProblem, run_filter: Callable[[FilterProblem], Track]) -> Estimate:
     """Average the filter run forwards and the same filter run over the reversed series (ch. 3.2.6).
 
     The errors of the passes have an unknown correlation, because both use the frame itself. For any correlation, the
-    standard deviation of the average is at most the mean of theirs; this bound is returned.
-
-    Parameters
-    ----------
-    problem : FilterProblem
-    run_filter : callable
-        Filter of an engine.
-
-    Returns
-    -------
-    Estimate
-        ``used`` combines both passes; the likelihood is that of the forward pass.
+    standard deviation of the average is at most the mean of the two standard deviations. This bound is returned.
+    ``used`` combines both passes; the likelihood belongs to the forward pass.
     """
     ahead = run_filter(problem)
     anchors = problem.anchors
-    turned_round = Anchors(anchors.angles[::-1], anchors.covariance[::-1], anchors.observed[::-1], anchors.used[::-1])
-    back = run_filter(replace(problem, observed=problem.observed[::-1], anchors=turned_round))
+    backwards = Anchors(anchors.angles[::-1], anchors.covariance[::-1], anchors.observed[::-1], anchors.used[::-1])
+    back = run_filter(replace(problem, observed=problem.observed[::-1], anchors=backwards))
     mean, sd = ahead.by_joint()
     other, other_sd = (each[::-1] for each in back.by_joint())
     other = other * _REVERSED
@@ -73,17 +60,10 @@ def two_filter(problem: FilterProblem, run_filter: Callable[[FilterProblem], Tra
     return Estimate(0.5 * (mean + other), 0.5 * (sd + other_sd), ahead.used | back.used[::-1], ahead.log_likelihood)
 
 
-def butterworth(anchors: Anchors, dt: float, cutoff: float) -> Estimate:
-    """Smooth the frames' angles by a zero-phase Butterworth low-pass, then take central differences.
+def smooth_butterworth(anchors: Anchors, dt: float, cutoff: float) -> Estimate:
+    """Smooth the angles of single frames by a zero-phase Butterworth low-pass, then take central differences.
 
-    Parameters
-    ----------
-    anchors : Anchors
-        Angles of every frame from its own markers.
-    dt : float
-        Time step, s.
-    cutoff : float
-        Cut-off of each of the two passes, Hz; together they halve this frequency.
+    ``cutoff`` is the cut-off of each of the two passes, Hz; both passes together halve the amplitude at this frequency.
 
     Raises
     ------
@@ -107,28 +87,28 @@ def butterworth(anchors: Anchors, dt: float, cutoff: float) -> Estimate:
             series.append(np.gradient(series[-1], dt, edge_order=2))
         return np.stack(series, axis=-1)
 
-    return _joint_by_joint(anchors, dt, derivatives)
+    return _smooth_joints(anchors, dt, derivatives)
 
 
-def spline(anchors: Anchors, dt: float) -> Estimate:
-    """Smooth the frames' angles by a quintic spline (ch. 5.5), see :mod:`mocap_id.estimation.quintic_spline`."""
-    return _joint_by_joint(anchors, dt, smoothing_spline)
+def smooth_spline(anchors: Anchors, dt: float) -> Estimate:
+    """Smooth the angles of single frames by a quintic spline (ch. 5.5, :mod:`mocap_id.estimation.quintic_spline`)."""
+    return _smooth_joints(anchors, dt, fit_smoothing_spline)
 
 
-def _joint_by_joint(anchors: Anchors, dt: float, derivatives: Derivatives) -> Estimate:
-    """Smooth each joint's observed angles, stretch by stretch; NaN between the stretches."""
+def _smooth_joints(anchors: Anchors, dt: float, derivatives: Derivatives) -> Estimate:
+    """Smooth each joint's observed angles between long gaps; the result is NaN in these gaps."""
     mean = np.full((*anchors.angles.shape, ORDER), np.nan)
     for j in range(mean.shape[1]):
         seen = anchors.observed[:, j]
         angle = np.where(seen, anchors.angles[:, j], 0.0)
         angle[seen] = np.unwrap(angle[seen])
-        for part in _stretches(seen, BRIDGE_LIMIT / dt):
+        for part in _find_stretches(seen, BRIDGE_LIMIT / dt):
             mean[part, j] = derivatives(angle[part], seen[part], dt)
     return Estimate(mean, np.full(mean.shape, np.nan), anchors.used.copy(), np.nan)
 
 
-def _stretches(seen: BoolArray, limit: float) -> Iterator[slice]:
-    """Yield stretches of enough seen samples without a gap of more than ``limit`` samples."""
+def _find_stretches(seen: BoolArray, limit: float) -> Iterator[slice]:
+    """Yield the stretches with enough known samples and no gap of more than ``limit`` samples."""
     found = np.flatnonzero(seen)
     for part in np.split(found, np.flatnonzero(np.diff(found) > limit + 1) + 1):
         if len(part) >= LEAST_SAMPLES:

@@ -1,8 +1,8 @@
-"""Backfill: states before a joint is found, extrapolated backwards from later frames.
+"""Backfill: states before a joint's angle is determined, extrapolated backwards from later frames.
 
-A lost joint restarts in every frame until one determines it, and the smoother does not connect the states before and
-after a restart. The process (eq. 3.17) run backwards carries the state into the frames before the last restart. Its
-uncertainty grows as at the beginning of a gap.
+A joint whose angle is too uncertain starts again in every frame until a frame determines its angle. The smoother does
+not connect the states before and after such a start. The process (eq. 3.17) run backwards extends the states into the
+frames before the last start. Their uncertainty grows as at the beginning of a gap.
 """
 
 from __future__ import annotations
@@ -15,22 +15,10 @@ from mocap_id.estimation.process_model import noise_shape, transition
 
 
 def backfill(problem: FilterProblem, track: Track, mean: FloatArray, sd: FloatArray) -> BoolArray:
-    """Fill the frames before a joint is found while this is more certain than their present states; in place.
+    """Fill the frames before a joint's last start, where this is more certain than their states; return where (F, n).
 
-    With x = F⁻¹ (x' − w) and no other information, P = F⁻¹ (P' + Q) F⁻ᵀ.
-
-    Parameters
-    ----------
-    problem : FilterProblem
-    track : Track
-        Smoothed track.
-    mean, sd : (F, n, 4) array
-        States of the track, by joint; changed.
-
-    Returns
-    -------
-    (F, n) bool array
-        True where the state is filled in.
+    With x = F⁻¹ (x' − w) and no other information, P = F⁻¹ (P' + Q) F⁻ᵀ. ``track`` is smoothed. ``mean`` and ``sd`` (F,
+    n, 4) are its states by joint, which are changed in place.
     """
     back = np.linalg.inv(transition(problem.dt))
     filled = np.zeros(track.restarted.shape, dtype=np.bool_)

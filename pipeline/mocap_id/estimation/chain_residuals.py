@@ -12,30 +12,21 @@ from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, as_complex, as_
 from mocap_id.estimation.smoothing import States
 from mocap_id.geometry.planar import segment_poses
 
-_RIDGE = 1e-9  # share of a regression's squares, for angles that do not move
+_RIDGE = 1e-9  # relative to the regression's squares, for angles that do not move
 _LEAST = 10  # frames per unknown of a regression
 
 
 @dataclass(frozen=True)
 class ChainResiduals:
-    """Residuals of the markers from the chain.
-
-    Parameters
-    ----------
-    states : States
-    used_markers : (F, M, 2) array
-        Markers used for the states, plane frame, m; NaN elsewhere.
-    rate : float
-        Frames per second.
-    """
+    """Distances of the markers from their predictions by the chain."""
 
     states: States
-    used_markers: FloatArray
-    rate: float
+    used_markers: FloatArray  # (F, M, 2) markers used for the states, plane frame, m; NaN elsewhere
+    rate: float  # frames per second
 
     @cached_property
     def _posture(self) -> FloatArray:
-        """Return the quadratic functions (F, P) of the angles; zero where an angle is not given."""
+        """Quadratic functions (F, P) of the angles; zero where an angle is missing."""
         angles = self.states.mean[..., 0]
         given = np.isfinite(angles)
         centred = angles - np.sum(angles, axis=0, where=given) / np.maximum(np.sum(given, axis=0), 1)
@@ -45,25 +36,25 @@ class ChainResiduals:
         return np.asarray(basis / np.sqrt(np.mean(basis**2, axis=0) + 1e-30))
 
     def columns(self) -> Iterator[tuple[int, ComplexArray, BoolArray]]:
-        """Yield each marker with enough samples: its number, its residual (F,) in m, and where it is used (F,).
+        """Yield the number of each marker with enough samples, its residual (F,), m, and the frames (F,) that use it.
 
-        The residual is interpolated in gaps. A part that is a quadratic function of the joint angles is removed,
-        because sliding skin accounts for it (:mod:`mocap_id.kinematics.skin_slides`).
+        The residual is interpolated in gaps. The part that is a quadratic function of the joint angles is removed,
+        because it is attributed to sliding skin (:mod:`mocap_id.kinematics.skin_slides`).
         """
         chain, basis = self.states.chain, self._posture
-        turn, origin = segment_poses(self.states.mean[..., 0], chain.centres)
-        every, whole = np.arange(len(turn)), basis.T @ basis
+        rotation, origin = segment_poses(self.states.mean[..., 0], chain.centres)
+        every, whole = np.arange(len(rotation)), basis.T @ basis
         for segment in np.unique(chain.segment):
-            back, start = np.exp(-1j * turn[:, segment]), as_complex(origin[:, segment])
+            back, start = np.exp(-1j * rotation[:, segment]), as_complex(origin[:, segment])
             for k in np.flatnonzero(chain.segment == segment):
                 off = (as_complex(self.used_markers[:, k]) - start) * back - complex(*chain.local[k])
                 seen: BoolArray = np.isfinite(off)
                 if np.count_nonzero(seen) < _LEAST * basis.shape[1]:
                     continue
-                lost = np.flatnonzero(~seen)
-                off[lost] = 0
-                square = whole - basis[lost].T @ basis[lost] + _RIDGE * len(basis) * np.eye(basis.shape[1])
+                missing = np.flatnonzero(~seen)
+                off[missing] = 0
+                square = whole - basis[missing].T @ basis[missing] + _RIDGE * len(basis) * np.eye(basis.shape[1])
                 off -= as_complex(basis @ np.linalg.solve(square, basis.T @ as_xy(off)))
-                if lost.size:
-                    off[lost] = np.interp(lost, every[seen], off[seen])
+                if missing.size:
+                    off[missing] = np.interp(missing, every[seen], off[seen])
                 yield int(k), off, seen

@@ -1,11 +1,12 @@
-"""Errors of velocity and acceleration from residuals that are neither white nor sliding skin.
+"""Errors of velocity and acceleration from residuals that are neither white noise nor sliding skin.
 
 A marker's residual e with the power spectrum S(f) causes an error of joint j's derivative d with the variance
 
     sum over the markers of a_jk times the integral of (2 pi f)^(2 d) S_k(f) H_j(f)^2 df,
 
-where a_jk is the squared gain of A = (JᵀJ)⁻¹Jᵀ and H = 1 / (1 + (f / f0)^8) is the smoother. It is evaluated in time,
-as the mean square of the filtered residuals, because noise at rest counts even if skin moves more in the movement.
+where a_jk is the squared gain of A = (JᵀJ)⁻¹Jᵀ and H = 1 / (1 + (f / f0)^8) is the smoother. The integral is evaluated
+in time, as the mean square of the filtered residuals. Noise at rest thus counts even if skin moves more during
+movement.
 """
 
 from __future__ import annotations
@@ -14,41 +15,37 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.estimation.chain_residuals import ChainResiduals
-from mocap_id.estimation.lasting_errors import corner
+from mocap_id.estimation.lasting_errors import compute_corner
 from mocap_id.estimation.process_model import ORDER
 from mocap_id.geometry.planar import marker_jacobian
 
-_DERIVATIVES = (1, 2)  # the angle's errors are those of skin and wander; the jerk has no column in the table
+_DERIVATIVES = (1, 2)  # the angle has errors from skin and slow drift only; the jerk has no column in the table
 _POSTURES = 100
-_LEAST_LEFT = 0.2  # smallest share of a marker's error that is left in its residual
-_BAND = 3.0  # times f0, beyond which nothing passes
+_LEAST_LEFT = 0.2  # smallest share of a marker's error that remains in its residual
+_BAND = 3.0  # times f0; nothing passes above this frequency
 _MEMORY = 0.5  # s; standard deviation of the window of the mean squares
 
 
-def coloured_variance(residuals: ChainResiduals, angles: FloatArray, frames: IntArray, camera: float) -> FloatArray:
+def estimate_coloured_variance(
+    residuals: ChainResiduals, angles: FloatArray, frames: IntArray, camera: float
+) -> FloatArray:
     """Return the variances (T, n, 4) of the states from the markers' residuals beyond white camera noise.
 
-    Parameters
-    ----------
-    residuals : ChainResiduals
-    angles : (F, n) array
-        Joint angles of the states, rad, without gaps.
-    frames : (T,) int array
-    camera : float
-        Camera noise of a coordinate, m.
+    ``angles`` (F, n) are the joint angles, rad, without gaps; ``frames`` (T,) are the frames of the variances, and
+    ``camera`` is the camera noise of a coordinate, m.
     """
     states, rate = residuals.states, residuals.rate
     count, n = angles.shape
-    turning = 2 * np.pi * np.fft.fftfreq(2 * count, 1 / rate)
-    corners = np.array([corner(np.nanmedian(states.sd[:, j] ** 2, axis=0)) for j in range(n)])[:, None, None]
+    frequency = 2 * np.pi * np.fft.fftfreq(2 * count, 1 / rate)
+    corners = np.array([compute_corner(np.nanmedian(states.sd[:, j] ** 2, axis=0)) for j in range(n)])[:, None, None]
     orders = np.array(_DERIVATIVES)[:, None]
-    passing = (1j * turning) ** orders / (1 + (turning / corners) ** (2 * ORDER))
+    passing = (1j * frequency) ** orders / (1 + (frequency / corners) ** (2 * ORDER))
     bins = min(count, max(int(_BAND * corners.max() / (np.pi * rate) * count), 2))
     kept = np.r_[0:bins, -bins:0]
     white = camera**2 * np.mean(np.abs(passing) ** 2, axis=2)
     passing = passing[..., kept] * (bins / count)
     times = np.arange(2 * bins) * count / bins  # of the samples kept, in frames; the second half is the reversal
-    postures, gains = _gains(residuals, angles)
+    postures, gains = _compute_gains(residuals, angles)
     back = np.minimum(times, 2 * count - 1 - times).clip(0)
     at = np.searchsorted(postures, back).clip(1, len(postures) - 1)
     share = ((back - postures[at - 1]) / (postures[at] - postures[at - 1])).clip(0, 1)
@@ -59,17 +56,17 @@ def coloured_variance(residuals: ChainResiduals, angles: FloatArray, frames: Int
         beyond += gain[:, None] * (np.abs(passed) ** 2 / 2 - white[..., None])
     around = np.exp(-0.5 * (2 * np.pi * np.fft.rfftfreq(2 * bins, count / bins / rate) * _MEMORY) ** 2)
     local = np.fft.irfft(np.fft.rfft(beyond) * around, 2 * bins)
-    found = np.zeros((len(frames), n, ORDER))
+    variance = np.zeros((len(frames), n, ORDER))
     for j in range(n):
         for i, d in enumerate(_DERIVATIVES):
-            found[:, j, d] = np.maximum(np.interp(frames, times, local[j, i]), 0)
-    return found
+            variance[:, j, d] = np.maximum(np.interp(frames, times, local[j, i]), 0)
+    return variance
 
 
-def _gains(residuals: ChainResiduals, angles: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return some frames (f,), and the squared gains a_jk (M, n, f) there, rad²/m².
+def _compute_gains(residuals: ChainResiduals, angles: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Return some frames (f,), and the squared gains a_jk (M, n, f) in these frames, rad²/m².
 
-    They allow for the part of a marker's error that the angles follow, which its residual does not contain.
+    The gains allow for the part of a marker's error that the angles follow, which its residual does not contain.
     """
     states = residuals.states
     some = np.unique(np.linspace(0, len(angles) - 1, _POSTURES).round().astype(np.int64))

@@ -1,15 +1,15 @@
 """Compiled engine: unscented Kalman filter and Rauch–Tung–Striebel smoother.
 
-The update is that of the unscented Kalman filter, arranged for many markers. With the square roots of the weights
+The update of the unscented Kalman filter is arranged for many markers. With the square roots of the weights
 included in the deviations of the sigma points, the innovation covariance is S = R + H Hᵀ. R is diagonal, and H has only
 2n + 1 columns (:mod:`mocap_id.estimation.process_model` explains why not 8n + 1): the deviation of the mean, and the
 sum and the difference of the two points' deviations for each of the first n columns of L = chol(P). The matrix
-inversion lemma reduces the update to A = I + Hᵀ R⁻¹ H. With L₁ the first n columns of L, L₂ the others, and the index d
-for the differences,
+inversion lemma reduces the update to A = I + Hᵀ R⁻¹ H. With L₁ the first n columns of L, L₂ the other columns, and the
+index d for the differences,
 
     x⁺ = x + L₁ [A⁻¹ Hᵀ R⁻¹ y]_d        P⁺ = L₁ [A⁻¹]_dd L₁ᵀ + L₂ L₂ᵀ
 
-These equal x + K y and P − K S Kᵀ without their cancellation: P⁺ is a sum of squares.
+These equal x + K y and P − K S Kᵀ without the cancellation in the difference: P⁺ is a sum of squares.
 """
 
 from __future__ import annotations
@@ -28,6 +28,11 @@ from mocap_id.estimation.filter_kernels import (
 from mocap_id.estimation.filter_problem import ANCHOR_SD, FilterProblem, Track, start_sd
 from mocap_id.estimation.process_model import noise_shape, transition
 
+_EMPTY = np.empty((0, 0))
+_NO_SENSORS = Inertial(
+    np.empty(0, dtype=np.int64), _EMPTY, _EMPTY, np.empty(0), np.empty((1, 0, 0)), np.empty((1, 0, 0)), 0.0
+)
+
 
 def filter_forwards(problem: FilterProblem) -> Track:
     """Run the filter over all frames.
@@ -45,7 +50,15 @@ def filter_forwards(problem: FilterProblem) -> Track:
         np.zeros((frames, markers), dtype=np.bool_),
         np.zeros((frames, n), dtype=np.bool_),
     )
-    failed, log_likelihood = run_filter(_model(problem), _measured(problem), _inertial(problem), filtered)
+    anchors = problem.anchors
+    measured = Measurements(
+        np.ascontiguousarray(problem.observed),
+        np.ascontiguousarray(anchors.angles),
+        np.ascontiguousarray(anchors.covariance),
+        np.ascontiguousarray(anchors.observed),
+        np.ascontiguousarray(anchors.used),
+    )
+    failed, log_likelihood = run_filter(_make_model(problem), measured, problem.inertial or _NO_SENSORS, filtered)
     if failed >= 0:
         raise NumericalError(f"the filter's covariance is not positive definite at sample {failed} of {frames}")
     return Track(*filtered, log_likelihood)
@@ -59,40 +72,13 @@ def smooth_backwards(problem: FilterProblem, track: Track) -> Track:
     NumericalError
         A predicted covariance is not positive definite.
     """
-    failed = run_smoother(_model(problem), track.restarted, track.mean, track.covariance)
+    failed = run_smoother(_make_model(problem), track.restarted, track.mean, track.covariance)
     if failed >= 0:
         raise NumericalError(f"the smoother's covariance is not positive definite at sample {failed}")
     return track
 
 
-def _measured(problem: FilterProblem) -> Measurements:
-    anchors = problem.anchors
-    return Measurements(
-        np.ascontiguousarray(problem.observed),
-        np.ascontiguousarray(anchors.angles),
-        np.ascontiguousarray(anchors.covariance),
-        np.ascontiguousarray(anchors.observed),
-        np.ascontiguousarray(anchors.used),
-    )
-
-
-def _inertial(problem: FilterProblem) -> Inertial:
-    given = problem.inertial
-    if given is None:
-        none = np.empty((0, 0))
-        return Inertial(np.empty(0, dtype=np.int64), none, none, np.empty(0), none[None], none[None], 0.0)
-    return Inertial(
-        np.ascontiguousarray(given.segment),
-        np.ascontiguousarray(given.place),
-        np.ascontiguousarray(given.share),
-        np.ascontiguousarray(given.rest),
-        np.ascontiguousarray(given.signal),
-        np.ascontiguousarray(given.variance),
-        given.gravity,
-    )
-
-
-def _model(problem: FilterProblem) -> FilterModel:
+def _make_model(problem: FilterProblem) -> FilterModel:
     size = 4 * problem.joints
     return FilterModel(
         step=transition(problem.dt)[0],

@@ -1,8 +1,8 @@
 """States of one joint from its encoder: third-order filter and smoother of position and velocity (ch. 5.4.1).
 
 The state is angle, velocity and acceleration, driven by white jerk. Position and velocity are measured, so the problem
-is linear and the smoother exact. Samples may be uneven. The cameras' frames enter as steps of the same process without
-a measurement, so nothing is interpolated.
+is linear and the smoother exact. Samples may be uneven. The cameras' frames are additional steps of the same process
+without a measurement, so nothing is interpolated.
 """
 
 from __future__ import annotations
@@ -17,58 +17,36 @@ from scipy.optimize import minimize
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.compilation import compiled
 
-SIZE = 3
-"""Derivatives in the state: angle, velocity, acceleration."""
 START_SD = (1.0, 30.0, 1e3)
 """Standard deviations before the first sample, relative to its position: rad, rad/s, rad/s^2.
 
-Not larger than needed, because the first update subtracts two nearly equal variances.
+They are no larger than needed, because the first update subtracts two nearly equal variances.
 """
-POSITION_SD_FLOOR, VELOCITY_SD_FLOOR = 1e-7, 1e-6
-"""Least noise, rad and rad/s, also for rounded or simulated records, which have less."""
 
+_SIZE = 3  # of the state: angle, velocity, acceleration
+_POSITION_SD_FLOOR, _VELOCITY_SD_FLOOR = 1e-7, 1e-6  # rad, rad/s; rounded or simulated records have less noise
 _ENOUGH = 6000  # samples for the likelihood; more would hardly improve the noise
-_SETTLE = 5  # samples that determine the unknown start, not counted in the likelihood
+_SETTLE = 5  # samples that determine the unknown start; they are not counted in the likelihood
 _DENSITY_BOUNDS = (1e-6, 1e12)
 
 
 @dataclass(frozen=True)
 class EncoderNoise:
-    """Measurement and process noise.
+    """Measurement noise and process noise of an encoder."""
 
-    Parameters
-    ----------
-    position_sd, velocity_sd : float
-        Standard deviations of a sample, rad and rad/s.
-    density : float
-        Spectral density of the jerk, rad^2/s^5.
-    """
-
-    position_sd: float
-    velocity_sd: float
-    density: float
+    position_sd: float  # standard deviation of a sample, rad
+    velocity_sd: float  # standard deviation of a sample, rad/s
+    density: float  # spectral density of the jerk, rad^2/s^5
 
 
 @dataclass(frozen=True)
 class EncoderStates:
-    """States of the joint by the encoder's sign convention and clock.
+    """States of the joint at K times, with the encoder's sign and clock."""
 
-    Parameters
-    ----------
-    time : (K,) array
-        Time on the encoder's clock, s.
-    mean, sd : (K, 3) arrays
-        Angle, velocity and acceleration, rad, rad/s, rad/s^2, and their standard deviations.
-    noise : EncoderNoise
-    log_likelihood : float
-        Log-likelihood of the innovations.
-    """
-
-    time: FloatArray
-    mean: FloatArray
-    sd: FloatArray
-    noise: EncoderNoise
-    log_likelihood: float
+    time: FloatArray  # (K,) on the encoder's clock, s
+    mean: FloatArray  # (K, 3) angle, velocity and acceleration, rad, rad/s, rad/s^2
+    sd: FloatArray  # (K, 3) their standard deviations
+    log_likelihood: float  # of the innovations at the samples
 
 
 def smooth_encoder(
@@ -79,40 +57,21 @@ def smooth_encoder(
     *,
     at: FloatArray | None = None,
 ) -> EncoderStates:
-    """Return the smoothed states at the times of the samples, or at other times.
+    """Return the smoothed states at the times of the samples, or at the increasing times ``at`` (N,), s.
 
-    Parameters
-    ----------
-    time : (K,) array
-        Times of the samples, increasing, s.
-    position, velocity : (K,) arrays
-        Measurements, rad and rad/s.
-    noise : EncoderNoise
-    at : (N,) array, optional
-        Increasing times of the wanted states, s.
-
-    Returns
-    -------
-    EncoderStates
-        States at ``at`` if given, otherwise at ``time``. The likelihood is always that of the samples.
+    ``position`` and ``velocity`` (K,) are the measured angle, rad, and angular velocity, rad/s, at the increasing times
+    ``time``, s.
     """
-    wanted = time[:0] if at is None else at
-    every = np.concatenate([time, wanted])
-    order = np.argsort(every, kind="stable")
+    times = np.concatenate([time, time[:0] if at is None else at])
+    order = np.argsort(times, kind="stable")
     measured = order < len(time)
-    values = np.zeros((len(every), 2))
+    values = np.zeros((len(times), 2))
     values[measured] = np.column_stack([position - position[0], velocity])
-    mean, sd, likelihood = _smooth(
-        every[order],
-        measured,
-        values,
-        np.array([noise.position_sd, noise.velocity_sd]) ** 2,
-        noise.density,
-        np.square(START_SD),
-    )
+    variance = np.array([noise.position_sd, noise.velocity_sd]) ** 2
+    mean, sd, likelihood = _smooth(times[order], measured, values, variance, noise.density, np.square(START_SD))
     mean[:, 0] += position[0]
     kept = measured if at is None else ~measured
-    return EncoderStates(every[order][kept], mean[kept], sd[kept], noise, float(likelihood))
+    return EncoderStates(times[order][kept], mean[kept], sd[kept], float(likelihood))
 
 
 def estimate_noise(
@@ -123,23 +82,17 @@ def estimate_noise(
     position_sd: float | None = None,
     velocity_sd: float | None = None,
 ) -> EncoderNoise:
-    """Estimate the noise by maximum likelihood of the innovations; given values are kept.
+    """Estimate the noise by maximum likelihood of the innovations; given standard deviations, rad and rad/s, are kept.
 
-    Of a long record only the part with the most movement is used.
-
-    Parameters
-    ----------
-    time, position, velocity : (K,) arrays
-        s, rad, rad/s.
-    position_sd, velocity_sd : float, optional
-        Known noise of a sample, rad and rad/s.
+    ``position`` and ``velocity`` (K,) are as for :func:`smooth_encoder`. Of a long record, only the part with the most
+    movement is used.
     """
-    part = _most_active(velocity)
+    part = _choose_part(velocity)
     time, position, velocity = time[part], position[part], velocity[part]
     given = np.array([position_sd or math.nan, velocity_sd or math.nan, math.nan])
-    floor = np.array([POSITION_SD_FLOOR, VELOCITY_SD_FLOOR, _DENSITY_BOUNDS[0]])
+    floor = np.array([_POSITION_SD_FLOOR, _VELOCITY_SD_FLOOR, _DENSITY_BOUNDS[0]])
     ceiling = np.array([10.0, 100.0, _DENSITY_BOUNDS[1]])
-    start = np.clip(_rough(time, position, velocity), 2 * floor, 0.5 * ceiling)
+    start = np.clip(_guess_noise(time, position, velocity), 2 * floor, 0.5 * ceiling)
     open_ = np.isnan(given)
     measured, values = np.ones(len(time), dtype=np.bool_), np.column_stack([position - position[0], velocity])
 
@@ -159,7 +112,7 @@ def estimate_noise(
     return EncoderNoise(float(found[0]), float(found[1]), float(found[2]))
 
 
-def _most_active(velocity: FloatArray) -> slice:
+def _choose_part(velocity: FloatArray) -> slice:
     """Return the :data:`_ENOUGH` successive samples with the most movement."""
     if len(velocity) <= _ENOUGH:
         return slice(None)
@@ -168,8 +121,8 @@ def _most_active(velocity: FloatArray) -> slice:
     return slice(start, start + _ENOUGH)
 
 
-def _rough(time: FloatArray, position: FloatArray, velocity: FloatArray) -> FloatArray:
-    """Return initial values: noise from third differences, jerk density from steps of the smoothed velocity."""
+def _guess_noise(time: FloatArray, position: FloatArray, velocity: FloatArray) -> FloatArray:
+    """Return first values of the noise (3,): from third differences, and from steps of the smoothed velocity."""
     step = float(np.median(np.diff(time)))
     sds = [float(np.std(np.diff(each, 3))) / math.sqrt(20.0) for each in (position, velocity)]
     wide = max(1, round(0.05 / step))
@@ -184,7 +137,7 @@ def _smooth(  # noqa: PLR0917
     """Run the Rauch–Tung–Striebel smoother: states (K, 3), standard deviations, and the log-likelihood."""
     ahead, ahead_p, mean, covariance, total = _filter(time, measured, values, variance, density, start)
     dt = np.diff(time)
-    transition = np.broadcast_to(np.eye(SIZE), (len(dt), SIZE, SIZE)).copy()
+    transition = np.broadcast_to(np.eye(_SIZE), (len(dt), _SIZE, _SIZE)).copy()
     transition[:, 0, 1] = transition[:, 1, 2] = dt
     transition[:, 0, 2] = 0.5 * dt**2
     gain = np.swapaxes(np.linalg.solve(ahead_p[1:], transition @ covariance[:-1]), 1, 2)
@@ -202,10 +155,10 @@ def _filter(  # noqa: PLR0917
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]:
     """Run the Kalman filter: predicted and updated states (K, 3), covariances (K, 3, 3), and the log-likelihood."""
     count = len(time)
-    ahead, ahead_p = np.empty((count, SIZE)), np.empty((count, SIZE, SIZE))
-    found, found_p = np.empty((count, SIZE)), np.empty((count, SIZE, SIZE))
-    x, p, gain = np.zeros(SIZE), np.zeros((SIZE, SIZE)), np.empty(SIZE)
-    for i in range(SIZE):
+    ahead, ahead_p = np.empty((count, _SIZE)), np.empty((count, _SIZE, _SIZE))
+    found, found_p = np.empty((count, _SIZE)), np.empty((count, _SIZE, _SIZE))
+    x, p, gain = np.zeros(_SIZE), np.zeros((_SIZE, _SIZE)), np.empty(_SIZE)
+    for i in range(_SIZE):
         p[i, i] = start[i]
     seen, total = 0, 0.0
     for k in range(count):
@@ -213,10 +166,10 @@ def _filter(  # noqa: PLR0917
             dt = time[k] - time[k - 1]
             x[0] += dt * x[1] + 0.5 * dt * dt * x[2]
             x[1] += dt * x[2]
-            for c in range(SIZE):  # F P
+            for c in range(_SIZE):  # F P
                 p[0, c] += dt * p[1, c] + 0.5 * dt * dt * p[2, c]
                 p[1, c] += dt * p[2, c]
-            for r in range(SIZE):  # (F P) F'
+            for r in range(_SIZE):  # (F P) F'
                 p[r, 0] += dt * p[r, 1] + 0.5 * dt * dt * p[r, 2]
                 p[r, 1] += dt * p[r, 2]
             p[0, 0] += density * dt**5 / 20.0
@@ -233,11 +186,11 @@ def _filter(  # noqa: PLR0917
                 s, y = p[d, d] + variance[d], values[k, d] - x[d]
                 if seen > _SETTLE:
                     total -= 0.5 * (math.log(2.0 * math.pi * s) + y * y / s)
-                for i in range(SIZE):
+                for i in range(_SIZE):
                     gain[i] = p[i, d] / s
-                for i in range(SIZE):
+                for i in range(_SIZE):
                     x[i] += gain[i] * y
-                    for j in range(SIZE):
+                    for j in range(_SIZE):
                         p[i, j] -= gain[i] * gain[j] * s
         found[k], found_p[k] = x, p
     return ahead, ahead_p, found, found_p, total

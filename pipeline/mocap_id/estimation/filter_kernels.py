@@ -1,7 +1,8 @@
-"""Inner loops of the compiled engine, in one file because numba's cache does not follow dependencies between files.
+"""Inner loops of the inverse kinematics and of the compiled engine in the plane.
 
-Arrays are small and dense; :mod:`mocap_id.estimation.compiled_filter` explains the equations. States are ordered by
-derivative, then joint (:mod:`mocap_id.estimation.process_model`).
+They are in one file because numba's cache does not follow dependencies between files. Arrays are small and dense;
+:mod:`mocap_id.estimation.compiled_filter` explains the equations. States are ordered by derivative, then joint
+(:mod:`mocap_id.estimation.process_model`).
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ class FilterModel(NamedTuple):
 
 
 class Measurements(NamedTuple):
-    """The measurements: markers, and the angles of each frame from its own markers."""
+    """Measured markers, and the angles of each frame from its own markers."""
 
     markers: FloatArray  # (F, M, 2), NaN where missing
     angles: FloatArray  # (F, n)
@@ -45,15 +46,15 @@ class Measurements(NamedTuple):
 
 
 class Inertial(NamedTuple):
-    """Signals of K inertial sensors at the frames, in the axes of their segments; K may be 0."""
+    """Signals of K calibrated inertial sensors at the frames, in the axes of their segments; K may be 0."""
 
     segment: IntArray  # (K,) 0 = base
-    place: FloatArray  # (K, 2)
-    share: FloatArray  # (K, n) turn of the skin for the turn of each joint
-    rest: FloatArray  # (n,)
-    signal: FloatArray  # (F, K, 3) angular velocity, and specific force along x and y; NaN where missing
+    place: FloatArray  # (K, 2) position in the segment's frame, m
+    share: FloatArray  # (K, n) share of each joint's rotation that the skin under the sensor adds
+    rest: FloatArray  # (n,) joint angles at which the skin is not rotated, rad
+    signal: FloatArray  # (F, K, 3) angular velocity, rad/s, specific force along x and y, m/s²; NaN where missing
     variance: FloatArray  # (F, K, 2) of the angular velocity, and of a component of the force
-    gravity: float  # along -y of the plane
+    gravity: float  # m/s², along -y of the plane
 
 
 class FilterOutput(NamedTuple):
@@ -75,7 +76,7 @@ def _copy(source: FloatArray, target: FloatArray) -> None:
 
 @compiled
 def _cholesky(a: FloatArray) -> bool:
-    """Replace the lower triangle by the Cholesky factor; false if ``a`` is not positive definite."""
+    """Replace the lower triangle by the Cholesky factor; return false if ``a`` is not positive definite."""
     for j in range(len(a)):
         for i in range(j, len(a)):
             total = a[i, j]
@@ -192,7 +193,7 @@ def _poses(q: FloatArray, centres: FloatArray, pose: FloatArray) -> None:
 
 @compiled
 def _sigma_poses(x: FloatArray, lower: FloatArray, spread: float, centres: FloatArray) -> FloatArray:
-    """Return poses (2n + 1, n + 1, 4) of the mean and of the points that displace an angle, positive ones first."""
+    """Return the poses (2n + 1, n + 1, 4) of the mean and of the points that change an angle, positive points first."""
     n = len(centres)
     poses, q = np.empty((2 * n + 1, n + 1, 4)), np.empty(n)
     for point in range(2 * n + 1):
@@ -210,7 +211,7 @@ def _marker_rows(  # noqa: PLR0917
 ) -> None:
     """Compute the rows (2, 2n + 1) of H for marker m, in the order mean, sums, differences, and its innovation (2,).
 
-    Poses are indexed down to single numbers, because an array view costs more than the computation.
+    Poses are indexed by single numbers, because an array view costs more than the computation.
     """
     n, segment = poses.shape[1] - 1, model.segment[m]
     centre, other = model.weights[1], model.weights[2]
@@ -238,6 +239,7 @@ def _marker_rows(  # noqa: PLR0917
 
 @compiled
 def _distance(rows: FloatArray, y: FloatArray, variance: float) -> float:
+    """Return the squared Mahalanobis distance of an innovation y (2,), for rows of H and a measurement variance."""
     xx, xy, yy = variance, 0.0, variance
     for c in range(rows.shape[1]):
         xx += rows[0, c] * rows[0, c]
@@ -284,7 +286,7 @@ def _update(x: FloatArray, p: FloatArray, z: FloatArray, used: BoolArray, model:
 
 @compiled
 def _correct(x: FloatArray, p: FloatArray, c: FloatArray, u: FloatArray) -> None:
-    """Compute x + L₁ u and L₁ (C Cᵀ)⁻¹ L₁ᵀ + L₂ L₂ᵀ, with L in ``p``; P⁺ replaces it."""
+    """Compute x + L₁ u and L₁ (C Cᵀ)⁻¹ L₁ᵀ + L₂ L₂ᵀ, with L in ``p``, which is replaced by P⁺."""
     n, size = len(u), len(x)
     for r in range(size):
         for k in range(min(r + 1, n)):
@@ -308,9 +310,9 @@ def _correct(x: FloatArray, p: FloatArray, c: FloatArray, u: FloatArray) -> None
 
 @compiled
 def _anchor(x: FloatArray, p: FloatArray, angles: FloatArray, noise: FloatArray, gate: float) -> tuple[bool, bool]:
-    """Update the state with the angles of one frame, unwrapped to the nearest turn; linear, Joseph form, in place.
+    """Update the state with the angles of one frame, unwrapped to the nearest whole rotation, in place.
 
-    Returns success, and whether the angles passed the gate.
+    The update is linear, in Joseph form. Return success, and whether the angles passed the gate.
     """
     n, size = len(angles), len(x)
     s, gain = np.empty((n, n)), np.empty((size, n))
@@ -358,6 +360,7 @@ def _needs_anchor(p: FloatArray, z: FloatArray, segment: IntArray, n: int, limit
 
 @compiled
 def _restart(x: FloatArray, p: FloatArray, joint: int, angle: float, start: FloatArray) -> None:
+    """Start a joint again, at an angle and at rest, with its initial covariance."""
     n = len(x) // len(start)
     _reset_covariance(p, start, joint)
     for d in range(len(start)):
@@ -366,7 +369,7 @@ def _restart(x: FloatArray, p: FloatArray, joint: int, angle: float, start: Floa
 
 @compiled
 def _count_failing(z: FloatArray, used: BoolArray, segment: IntArray, failing: IntArray) -> None:
-    """Count successive frames in which over half of a segment's markers fail; unchanged if none is seen."""
+    """Count successive frames in which over half of a segment's markers fail; no change if none is visible."""
     for j in range(len(failing)):
         seen, passed = 0, 0
         for m in range(len(segment)):
@@ -414,15 +417,15 @@ def _force_rows(inertial: Inertial, s: int, x: FloatArray, centres: FloatArray, 
             vector = complex(inertial.place[s, 0], inertial.place[s, 1]) * complex(math.cos(skin), -math.sin(skin))
         weight = complex(-(speed**2), turning)
         total += weight * vector
-        for j in range(i):  # every joint before it turns the vector
+        for j in range(i):  # every joint before it rotates the vector
             for d in range(3):
                 slope = 1j * weight * vector if d == 0 else (-2.0 * speed * vector if d == 1 else 1j * vector)
                 rows[0, d * n + j] += slope.real
                 rows[1, d * n + j] += slope.imag
     for j in range(n):
-        turns = inertial.share[s, j] + (1.0 if j < segment else 0.0)
-        rows[0, j] += turns * total.imag  # −1j total: the axes turn with every joint
-        rows[1, j] -= turns * total.real
+        share = inertial.share[s, j] + (1.0 if j < segment else 0.0)
+        rows[0, j] += share * total.imag  # −1j total: the axes rotate with every joint
+        rows[1, j] -= share * total.real
     rows[0, 4 * n], rows[1, 4 * n] = total.real, total.imag
 
 
@@ -540,3 +543,95 @@ def run_smoother(model: FilterModel, restarted: BoolArray, mean: FloatArray, cov
         _copy(covariance[k], pp)
         _sandwich(keep, pp, gain, beyond, covariance[k])
     return -1
+
+
+@compiled
+def refine(  # noqa: PLR0917
+    markers: FloatArray,
+    used: BoolArray,
+    angles: FloatArray,
+    centres: FloatArray,
+    segment: IntArray,
+    local: FloatArray,
+    damping: float,
+    converged: float,
+    iterations: int,
+    normal: FloatArray,
+) -> None:
+    """Run Gauss–Newton for the angles of single frames, in place, until no angle changes by more than ``converged``.
+
+    Without iterations the function only linearises: one function for both tasks saves time of compilation.
+
+    Parameters
+    ----------
+    markers : (F, M, 2) array
+        Positions, m.
+    used : (F, M) bool array
+        Markers that are used.
+    angles : (F, n) array
+        Angles at the start, rad; changed.
+    centres, segment, local
+        Geometry of the chain.
+    damping : float
+        Value added to the diagonal of Jᵀ J, m^2/rad^2.
+    converged : float
+        Largest change of an angle at convergence, rad.
+    iterations : int
+        Largest number of iterations.
+    normal : (F, n, n) array
+        Output: Jᵀ J at the last linearisation, m^2/rad^2.
+    """
+    n = angles.shape[1]
+    damped, gradient = np.empty((n, n)), np.empty((1, n))
+    poses, lever = np.empty((n + 1, 4)), np.empty((n, 2))
+    for f in range(len(angles)):
+        for iteration in range(iterations + 1):
+            _poses(angles[f], centres, poses)
+            _linearise(markers[f], used[f], segment, local, poses, lever, damped, gradient)
+            for j in range(n):
+                for k in range(j + 1):
+                    normal[f, j, k] = normal[f, k, j] = damped[j, k]
+                damped[j, j] += damping
+            if iteration == iterations:
+                break
+            _cholesky(damped)
+            _solve(damped, gradient)
+            largest = 0.0
+            for j in range(n):
+                angles[f, j] += gradient[0, j]
+                largest = max(largest, abs(gradient[0, j]))
+            if largest <= converged:
+                break
+
+
+@compiled
+def _linearise(  # noqa: PLR0917
+    markers: FloatArray,
+    used: BoolArray,
+    segment: IntArray,
+    local: FloatArray,
+    poses: FloatArray,
+    lever: FloatArray,
+    normal: FloatArray,
+    gradient: FloatArray,
+) -> None:
+    """Compute the lower triangle of Jᵀ J, and Jᵀ times the residuals (1, n), of one frame.
+
+    A column of the Jacobian is z × (marker − joint). ``lever`` (n, 2) is memory for the Jacobian of a marker.
+    """
+    for j in range(len(lever)):
+        gradient[0, j] = 0.0
+        for k in range(j + 1):
+            normal[j, k] = 0.0
+    for m in range(len(segment)):
+        if not used[m]:
+            continue
+        own = segment[m]
+        c, s = poses[own, 0], poses[own, 1]
+        x = poses[own, 2] + c * local[m, 0] - s * local[m, 1]
+        y = poses[own, 3] + s * local[m, 0] + c * local[m, 1]
+        for j in range(own):
+            lever[j, 0], lever[j, 1] = poses[j + 1, 3] - y, x - poses[j + 1, 2]
+            gradient[0, j] += lever[j, 0] * (markers[m, 0] - x) + lever[j, 1] * (markers[m, 1] - y)
+            for k in range(j + 1):
+                normal[j, k] += lever[j, 0] * lever[k, 0] + lever[j, 1] * lever[k, 1]

@@ -8,31 +8,20 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.estimation.filter_kernels import Inertial
 from mocap_id.estimation.process_model import ORDER
 from mocap_id.estimation.sigma_points import SigmaPoints
 
 START_SD = (1.0, 10.0, 200.0, 1e4)
-"""Initial standard deviations of a lost joint: angle (rad), velocity, acceleration and jerk.
+"""Standard deviations with which a joint starts: angle (rad), velocity, acceleration and jerk.
 
-A joint is lost beyond 1 rad: pi is then three standard deviations, and with more the number of whole turns is
-ambiguous. The derivatives are those of very fast movements. The velocity must stay below 1 rad per frame, or a joint
-would be lost as soon as it is found.
+A joint starts again if its angle becomes more uncertain than 1 rad. Then π is three standard deviations; beyond this,
+the number of whole rotations is ambiguous. The derivatives suit very fast movements. The velocity must stay
+below 1 rad per frame, because otherwise a joint would start again in every frame.
 """
-
-_START_STEP = 0.3
-"""Largest change of a lost joint's angle within a frame by each of velocity, acceleration and jerk, rad.
-
-At low frame rates, larger changes would lose the joint again one frame after it is found.
-"""
-
-
-def start_sd(dt: float) -> FloatArray:
-    """Return :data:`START_SD` (4,) at a time step, s; derivatives are limited to less than a turn in one frame."""
-    return np.minimum(START_SD, (np.inf, _START_STEP / dt, _START_STEP / dt**2, _START_STEP / dt**3))
-
 
 PATIENCE = 0.1
-"""Time, s, after which a joint is lost if more than half of its segment's markers fail the gate.
+"""Time, s, after which a joint starts again if more than half of its segment's markers fail the gate.
 
 Markers do not jump together for so long, so the filter must have diverged.
 """
@@ -40,147 +29,73 @@ Markers do not jump together for so long, so the filter must have diverged.
 ANCHOR_SD = 0.1
 """Standard deviation of an angle, rad, above which the unscented transform is not used.
 
-Its points would be so far apart (0.35 rad for three joints) that the curvature of the forward map biases the result.
-The measurement is then the angles from the frame's own markers.
+The sigma points would be so far apart (0.35 rad for three joints) that the curvature of the forward map biases the
+result. Instead, the angles from the frame's own markers are used as the measurement.
 """
+
+_START_STEP = 0.3
+"""Largest change of a starting joint's angle in one frame due to each of velocity, acceleration and jerk, rad.
+
+At low frame rates, with larger changes the joint would start again one frame later.
+"""
+
+
+def start_sd(dt: float) -> FloatArray:
+    """Return :data:`START_SD` (4,) with the derivatives limited for a time step, s."""
+    return np.minimum(START_SD, (np.inf, _START_STEP / dt, _START_STEP / dt**2, _START_STEP / dt**3))
 
 
 @dataclass(frozen=True)
 class Anchors:
-    """Angles of each frame from its own markers, as a linear measurement of the state.
+    """Angles of each frame from its own markers, as a linear measurement of the state."""
 
-    Parameters
-    ----------
-    angles : (F, n) array
-        rad, finite; arbitrary for unobserved joints.
-    covariance : (F, n, n) array
-        rad^2; unobserved joints have a variance larger than any prior and no covariance with the others.
-    observed : (F, n) bool array
-        True if the frame's markers determine the angle.
-    used : (F, M) bool array
-        Markers behind the angles.
-    """
-
-    angles: FloatArray
-    covariance: FloatArray
-    observed: BoolArray
-    used: BoolArray
-
-
-@dataclass(frozen=True)
-class InertialSignals:
-    """Signals of K calibrated inertial sensors at the frames, in the axes of their segments.
-
-    Parameters
-    ----------
-    segment : (K,) int array
-        0 = base.
-    place : (K, 2) array
-        Position in the segment's frame, m.
-    share : (K, n) array
-        Turn of the skin under the sensor against its segment, for the turn of each joint.
-    rest : (n,) array
-        Joint angles without such a turn, rad.
-    signal : (F, K, 3) array
-        Angular velocity, rad/s, and specific force along the segment's x and y, m/s²; NaN where missing.
-    variance : (F, K, 2) array
-        Of the angular velocity, and of a component of the specific force.
-    gravity : float
-        m/s², along -y of the plane.
-    """
-
-    segment: IntArray
-    place: FloatArray
-    share: FloatArray
-    rest: FloatArray
-    signal: FloatArray
-    variance: FloatArray
-    gravity: float
+    angles: FloatArray  # (F, n) rad, finite; arbitrary for unobserved joints
+    covariance: FloatArray  # (F, n, n) rad^2; unobserved joints have a large variance and no covariance with others
+    observed: BoolArray  # (F, n) the frame's markers determine the angle
+    used: BoolArray  # (F, M) markers from which the angles are computed
 
 
 @dataclass(frozen=True)
 class FilterProblem:
-    """A chain, its measured markers and the noise.
+    """A chain of n joints, its M measured markers and the noise."""
 
-    Parameters
-    ----------
-    observed : (F, M, 2) array
-        Measured markers, plane frame, m; NaN where missing. Base markers are left out: they carry no information.
-    dt : float
-        Time step, s.
-    centres : (n, 2) array
-        Joint centres in the frame of the segment before, m.
-    segment : (M,) int array
-        Segment of each marker, 1 … n.
-    local : (M, 2) array
-        Coordinates in the segment frame, m.
-    variance : (M,) array
-        Measurement variance of each marker per coordinate, m^2.
-    gate_variance : (M,) array
-        Variance of each marker in the gate, m^2, at least ``variance``.
-    gate : float
-        A marker farther from its prediction than this many standard deviations (Mahalanobis) is left out.
-    density : (n,) array
-        Spectral density of each joint's snap, rad^2/s^7.
-    anchors : Anchors
-        Angles for the start and after gaps.
-    sigma_points : SigmaPoints
-        Parameters of the unscented transform.
-    inertial : InertialSignals or None
-        Inertial sensors, for the compiled engine.
-    """
-
-    observed: FloatArray
-    dt: float
-    centres: FloatArray
-    segment: IntArray
-    local: FloatArray
-    variance: FloatArray
-    gate_variance: FloatArray
-    gate: float
-    density: FloatArray
-    anchors: Anchors
+    observed: FloatArray  # (F, M, 2) markers of moving segments, plane frame, m; NaN where missing
+    dt: float  # time step, s
+    centres: FloatArray  # (n, 2) joint centres in the frame of the segment before, m
+    segment: IntArray  # (M,) segment of each marker, 1 … n
+    local: FloatArray  # (M, 2) coordinates in the segment frame, m
+    variance: FloatArray  # (M,) measurement variance of each marker per coordinate, m^2
+    gate_variance: FloatArray  # (M,) variance of each marker in the gate, m^2, at least ``variance``
+    gate: float  # a marker farther from its prediction than this is left out, in standard deviations (Mahalanobis)
+    density: FloatArray  # (n,) spectral density of each joint's snap, rad^2/s^7
+    anchors: Anchors  # angles for the start and after gaps
     sigma_points: SigmaPoints
-    inertial: InertialSignals | None = None
+    inertial: Inertial | None = None  # inertial sensors, for the compiled engine only
 
     @property
     def joints(self) -> int:
-        """Return the number of joints n."""
+        """Number of joints n."""
         return len(self.centres)
 
     @property
     def patience(self) -> int:
-        """Return the number of successive frames in which a segment's markers may fail the gate."""
+        """Number of successive frames in which a segment's markers may fail the gate."""
         return math.ceil(PATIENCE / self.dt)
 
 
 @dataclass(frozen=True)
 class Track:
-    """Result of a filter or smoother: states in the order of :mod:`mocap_id.estimation.process_model`.
+    """Result of a filter or smoother: states in the order of :mod:`mocap_id.estimation.process_model`."""
 
-    Parameters
-    ----------
-    mean : (F, 4n) array
-        Filtered or smoothed state.
-    covariance : (F, 4n, 4n) array
-        Covariance of the state.
-    used : (F, M) bool array
-        Markers that were measured and passed the gate.
-    restarted : (F, n) bool array
-        The joint was lost before this frame, so earlier frames carry no information about it.
-    log_likelihood : float
-        Log-likelihood of the innovations of all frames updated through the unscented transform.
-    """
-
-    mean: FloatArray
-    covariance: FloatArray
-    used: BoolArray
-    restarted: BoolArray
-    log_likelihood: float
+    mean: FloatArray  # (F, 4n) filtered or smoothed state
+    covariance: FloatArray  # (F, 4n, 4n) covariance of the state
+    used: BoolArray  # (F, M) markers that were measured and passed the gate
+    restarted: BoolArray  # (F, n) the joint started again, so earlier frames carry no information about it
+    log_likelihood: float  # of the innovations of all frames updated through the unscented transform
 
     @property
     def sd(self) -> FloatArray:
-        """Return the standard deviations (F, 4n) of the state."""
+        """Standard deviations (F, 4n) of the state."""
         return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2)))
 
     def by_joint(self) -> tuple[FloatArray, FloatArray]:
@@ -191,6 +106,6 @@ class Track:
 
     @property
     def found(self) -> BoolArray:
-        """Return where (F, n) a lost joint is found, that is, restarts for the last time."""
+        """Frames (F, n) in which a joint starts again and does not start again in the next frame."""
         after = np.concatenate([self.restarted[1:], np.zeros_like(self.restarted[:1])])
         return np.asarray(self.restarted & ~after)

@@ -1,8 +1,8 @@
-"""States of a planar chain from inertial sensors alone, on a chain that a trial with markers has shown.
+"""States of a planar chain from inertial sensors alone, on the chain of another trial, which has markers.
 
-That trial calibrates the sensors on their segments. Dead reckoning then gives angles, biases and clocks, and the filter
-smooths the corrected signals. The trial with markers is tracked in the same way without its markers; this shows the
-lasting errors of mounting, chain and skin.
+The trial with markers calibrates the sensors on their segments. Dead reckoning then gives angles, biases and clocks,
+and the filter smooths the corrected signals. The trial with markers is also tracked without its markers; the
+differences measure the lasting errors of mounting, chain and skin.
 """
 
 from __future__ import annotations
@@ -16,75 +16,50 @@ from mocap_id.arrays import FloatArray, as_xy
 from mocap_id.errors import NumericalError
 from mocap_id.estimation import compiled_filter
 from mocap_id.estimation.dead_reckoning import SWITCHED_ON, DeadReckoning, KnownChain, Reckoning
-from mocap_id.estimation.filter_problem import Anchors, FilterProblem, InertialSignals
+from mocap_id.estimation.filter_kernels import Inertial
+from mocap_id.estimation.filter_problem import Anchors, FilterProblem
 from mocap_id.estimation.inertial import SensorSignals, calibrate_all
 from mocap_id.estimation.inertial.signals import GRAVITY
-from mocap_id.estimation.inertial_smoothing import SHARES, carry_sensor, segment_motions
+from mocap_id.estimation.inertial_smoothing import SHARES, calibrate_worn_sensor, compute_segment_motions
 from mocap_id.estimation.sigma_points import SigmaPoints
 from mocap_id.estimation.smoothing import States
 
-_GATE = 8.0  # standard deviations of a sample in the filter
-_ACCELERATION_SHARE = 0.35  # of the filter's standard deviation, in simulated people: it takes lasting errors for white
+_GATE = 8.0  # largest innovation in the filter, in standard deviations
+_ACCELERATION_SHARE = 0.35  # of the filter's sd, from simulated people: the filter treats lasting errors as white noise
 _LEAST = 1.0  # s that the logs must have in common
 _MARGIN = 0.3  # s at the ends, where the clocks of the sensors may not overlap
 
 
 @dataclass(frozen=True)
-class Tracked:
-    """States of n joints at F times.
+class TrackedStates:
+    """States of n joints at F times from inertial sensors alone."""
 
-    Parameters
-    ----------
-    mean : (F, n, 4) array
-        Angle, rad, velocity, rad/s, acceleration, rad/s², and jerk, rad/s³.
-    sd : (F, n, 3) array
-        Standard deviations of angle, rad, velocity, rad/s, and acceleration, rad/s².
-    reckoning : Reckoning
-        Motion before the filter, with biases and clocks.
-    level : (n,) array
-        Mean specific force of each sensor out of the plane, m/s²: not zero if a sensor is turned on its segment.
-    heading, heading_sd : (n,) arrays
-        Turn of each sensor about the vertical between start and end, rad, and its standard deviation.
-    """
-
-    mean: FloatArray
-    sd: FloatArray
-    reckoning: Reckoning
-    level: FloatArray
-    heading: FloatArray
-    heading_sd: FloatArray
+    mean: FloatArray  # (F, n, 4) angle, rad, velocity, rad/s, acceleration, rad/s², and jerk, rad/s³
+    sd: FloatArray  # (F, n, 3) standard deviations of angle, velocity and acceleration
+    reckoning: Reckoning  # motion before the filter, with biases and clocks
+    level: (
+        FloatArray  # (n,) mean specific force out of the plane, m/s²; not zero if a sensor was rotated on its segment
+    )
+    heading: FloatArray  # (n,) rotation of each sensor about the vertical between start and end, rad
+    heading_sd: FloatArray  # (n,) its standard deviation, rad
 
 
 @dataclass(frozen=True)
-class ShownChain:
-    """A chain with its sensors, and the errors of states without markers.
-
-    Parameters
-    ----------
-    known : KnownChain
-    errors : (n, 3) array
-        Rms errors of angle, rad, velocity, rad/s, and acceleration, rad/s², in the trial that shows the chain.
-    """
+class CalibratedChain:
+    """A chain with its sensors, and the errors of states without markers."""
 
     known: KnownChain
-    errors: FloatArray
+    errors: FloatArray  # (n, 3) rms errors of angle, rad, velocity, rad/s, and acceleration, rad/s²
 
 
-def show_chain(
+def calibrate_chain(
     states: States, time: FloatArray, sensors: Mapping[int, SensorSignals], density: FloatArray
-) -> ShownChain:
+) -> CalibratedChain:
     """Calibrate the sensors on a trial with markers, and track the same trial without the markers.
 
-    Parameters
-    ----------
-    states : States
-        Of the trial with markers; only ``mean``, ``observed`` and ``chain`` are used.
-    time : (F,) array
-        Uniform times of the cameras, s.
-    sensors : mapping from int to SensorSignals
-        One on every moving segment 1 … n.
-    density : (n,) array
-        Spectral density of each joint's snap, rad²/s⁷.
+    Of the ``states`` of the trial with markers, only ``mean``, ``observed`` and ``chain`` are used. ``time`` (F,) are
+    uniform times of the cameras, s; ``sensors`` are on every moving segment 1 … n; ``density`` (n,) is the spectral
+    density of each joint's snap, rad²/s⁷.
 
     Raises
     ------
@@ -92,18 +67,18 @@ def show_chain(
         A sensor contradicts the markers, the logs have no time in common, or a covariance is not positive definite.
     """
     rate = (len(time) - 1) / float(time[-1] - time[0])
-    motions = segment_motions(states, rate)
+    motions = compute_segment_motions(states, rate)
     results = calibrate_all(sensors, motions, time)
-    carried = []
+    worn = []
     for s in range(1, len(motions)):
         result = results[s]
-        if result.found is None or result.why is not None:
-            raise NumericalError(f"segment {s}: {result.why or 'its sensor has no motion in common with the markers'}")
-        carried.append(carry_sensor(sensors[s], s, result.found, motions[s], states, time))
+        if result.used is None:
+            raise NumericalError(f"segment {s}: {result.why}")
+        worn.append(calibrate_worn_sensor(sensors[s], s, result.used, motions[s], states, time))
     rest = np.nanmean(states.mean[..., 0], axis=0)
-    known = KnownChain(states.chain.centres, tuple(carried), rest, density)
+    known = KnownChain(states.chain.centres, tuple(worn), rest, density)
     signals = [sensors[s] for s in range(1, len(motions))]
-    stamps = carried[0].found.clock.stamps(time)
+    stamps = worn[0].calibration.clock.stamps(time)
     first, last = max(each.time[0] for each in signals), min(each.time[-1] for each in signals)
     inside = np.flatnonzero((stamps > first + _MARGIN) & (stamps < last - _MARGIN))
     if len(inside) < _LEAST * rate:
@@ -111,59 +86,44 @@ def show_chain(
             f"by their times the logs have only {len(inside) / rate:.1f} s in common with each other and with the "
             "markers: use logs of one recording, of sensors whose clocks started together"
         )
-    mean, _, _ = _tracked(signals, stamps[inside], known)
+    mean, _, _ = _track(DeadReckoning(signals, stamps[inside], known))
     off = mean[..., :3] - states.mean[inside][..., :3]
-    return ShownChain(known, np.sqrt(np.nanmean(off**2, axis=0)))
+    return CalibratedChain(known, np.sqrt(np.nanmean(off**2, axis=0)))
 
 
-def track_alone(signals: Sequence[SensorSignals], time: FloatArray, shown: ShownChain) -> Tracked:
-    """Return the states of the joints from their sensors.
+def track_without_markers(signals: Sequence[SensorSignals], time: FloatArray, chain: CalibratedChain) -> TrackedStates:
+    """Estimate the states of the joints from the sensors on the moving segments.
 
-    Parameters
-    ----------
-    signals : sequence of SensorSignals, length n
-        Of the sensor on each moving segment.
-    time : (F,) array
-        Uniform times on the first sensor's clock, s.
-    shown : ShownChain
+    ``time`` (F,) are uniform times on the first sensor's clock, s.
 
     Raises
     ------
     NumericalError
         A covariance is not positive definite.
     """
-    mean, filtered, reckoning = _tracked(signals, time, shown.known)
-    variance = filtered[..., :3] ** 2
+    problem = DeadReckoning(signals, time, chain.known)
+    mean, sd, reckoning = _track(problem)
+    variance = sd[..., :3] ** 2
     variance[..., 2] *= _ACCELERATION_SHARE**2
-    lasting = np.broadcast_to(shown.errors**2, variance.shape).copy()
-    lasting[..., 0] += _of_joints(reckoning.angle_sd) ** 2
-    level, heading, heading_sd = _out_of_plane(DeadReckoning(signals, time, shown.known), reckoning, time, shown.known)
-    return Tracked(mean, np.sqrt(variance + lasting), reckoning, level, heading, heading_sd)
+    lasting = np.broadcast_to(chain.errors**2, variance.shape).copy()
+    before = np.concatenate([np.zeros((len(sd), 1)), reckoning.angle_sd[:, :-1]], axis=1)
+    lasting[..., 0] += np.hypot(reckoning.angle_sd, before) ** 2
+    out_of_plane = _measure_out_of_plane(problem, reckoning)
+    return TrackedStates(mean, np.sqrt(variance + lasting), reckoning, *out_of_plane)
 
 
-def _of_joints(sd: FloatArray) -> FloatArray:
-    """Return the standard deviations (F, n) of the differences of successive segments."""
-    before = np.concatenate([np.zeros((len(sd), 1)), sd[:, :-1]], axis=1)
-    return np.asarray(np.hypot(sd, before))
-
-
-def _tracked(
-    signals: Sequence[SensorSignals], time: FloatArray, known: KnownChain
-) -> tuple[FloatArray, FloatArray, Reckoning]:
+def _track(reckoned: DeadReckoning) -> tuple[FloatArray, FloatArray, Reckoning]:
     """Return mean and standard deviation (F, n, 4) of the filter's states, and the motion before the filter."""
-    reckoned = DeadReckoning(signals, time, known)
-    found = reckoned.solve()
-    gyro, force = reckoned.sampled(tuple(found.shift))
-    rate = gyro - found.gyro_bias
-    forces = as_xy(force) - found.force_bias
-    left = np.array([each.found.left for each in known.carried])
-    left[:, 1] = np.fmax(left[:, 1], found.residual)
-    joints = np.diff(found.angle, axis=1, prepend=0.0)
+    reckoning, known = reckoned.solve(), reckoned.chain
+    gyro, force = reckoned.sample(tuple(reckoning.shift))
+    residual = np.array([each.calibration.residual for each in known.sensors])
+    residual[:, 1] = np.fmax(residual[:, 1], reckoning.residual)
+    joints = np.diff(reckoning.angle, axis=1, prepend=0.0)
     frames, n = joints.shape
     none = np.zeros(0)
     problem = FilterProblem(
         observed=np.zeros((frames, 0, 2)),
-        dt=float(time[1] - time[0]),
+        dt=float(reckoned.time[1] - reckoned.time[0]),
         centres=known.centres.copy(),
         segment=none.astype(np.int64),
         local=np.zeros((0, 2)),
@@ -178,32 +138,31 @@ def _tracked(
             np.zeros((frames, 0), np.bool_),
         ),
         sigma_points=SigmaPoints(),
-        inertial=InertialSignals(
+        inertial=Inertial(
             segment=np.arange(1, n + 1),
-            place=np.array([each.found.place[:2] for each in known.carried]),
-            share=np.array([each.share for each in known.carried]),
+            place=np.array([each.calibration.place[:2] for each in known.sensors]),
+            share=np.array([each.share for each in known.sensors]),
             rest=known.rest,
-            signal=np.concatenate([rate[..., None], forces], axis=2),
-            variance=np.tile((np.array(SHARES) * left) ** 2, (frames, 1, 1)),
+            signal=np.concatenate(
+                [(gyro - reckoning.gyro_bias)[..., None], as_xy(force) - reckoning.force_bias], axis=2
+            ),
+            variance=np.tile((np.array(SHARES) * residual) ** 2, (frames, 1, 1)),
             gravity=GRAVITY,
         ),
     )
     mean, sd = compiled_filter.smooth_backwards(problem, compiled_filter.filter_forwards(problem)).by_joint()
-    return mean, sd, found
+    return mean, sd, reckoning
 
 
-def _out_of_plane(
-    reckoned: DeadReckoning, found: Reckoning, time: FloatArray, known: KnownChain
-) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the mean forces out of the plane, the turns about the vertical and their deviations (n,) each."""
-    level, heading, spread = (np.empty(len(known.carried)) for _ in range(3))
-    lasts = float(time[-1] - time[0])
-    for k, worn in enumerate(known.carried):
-        gyro, force = reckoned.prepared(k, float(found.shift[k]))
-        upwards = as_xy(1j * np.exp(-1j * found.angle[:, k]))
-        speed = np.sum(gyro[:, :2] * upwards, axis=1)
+def _measure_out_of_plane(reckoned: DeadReckoning, reckoning: Reckoning) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return mean forces out of the plane, rotations about the vertical and their standard deviations, (n,) each."""
+    sensors, time = reckoned.chain.sensors, reckoned.time
+    level, heading, heading_sd = (np.empty(len(sensors)) for _ in range(3))
+    duration = float(time[-1] - time[0])
+    for k, worn in enumerate(sensors):
+        gyro, force = reckoned.prepare(k, float(reckoning.shift[k]))
+        upwards = as_xy(1j * np.exp(-1j * reckoning.angle[:, k]))
         level[k] = np.nanmean(force[:, 2])
-        heading[k] = np.nanmean(speed) * lasts
-        bias = np.hypot(SWITCHED_ON, np.mean(worn.found.sd["gyro_bias"]))
-        spread[k] = bias * lasts
-    return level, heading, spread
+        heading[k] = np.nanmean(np.sum(gyro[:, :2] * upwards, axis=1)) * duration
+        heading_sd[k] = np.hypot(SWITCHED_ON, np.mean(worn.calibration.sd["gyro_bias"])) * duration
+    return level, heading, heading_sd

@@ -1,7 +1,7 @@
 """Inverse kinematics: the joint angles of each frame from its own markers alone.
 
-These angles start the filter, restart it after gaps, show which angles are observed, and form the linear problem for
-the noise estimate.
+These angles start the filter and restart it after gaps. They determine which angles are observed, and they form the
+linear problem for the noise estimate.
 """
 
 from __future__ import annotations
@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks
+from mocap_id.estimation.filter_kernels import refine
 from mocap_id.estimation.filter_problem import Anchors
-from mocap_id.estimation.frame_angle_kernels import refine
 from mocap_id.geometry.planar import marker_positions, rotate
 
 OBSERVED_SD = 0.1
@@ -22,9 +22,9 @@ _WEAK_SD = 1.0  # rad; prior of an angle without markers
 _UNOBSERVED_VARIANCE = 1e6  # rad^2; larger than any prior
 _ITERATIONS = 20
 _CONVERGED = 1e-6  # rad
-_DAMPING = 1e-6  # m^2/rad^2; fixes angles that no marker determines, and hardly affects the others
-_OUTLIER_SHARE = 0.25  # largest share of a segment's markers at a reliable joint
-_ROUNDS = 2  # in the first round outliers inflate the ordinary residuals
+_DAMPING = 1e-6  # m^2/rad^2; fixes angles that no marker determines, and hardly affects other angles
+_OUTLIER_SHARE = 0.25  # largest share of outliers among a segment's markers if its joint is reliable
+_ROUNDS = 2  # in the first round, outliers inflate the ordinary residuals
 _BEYOND = 3.0  # limit of a marker's ordinary residual, relative to its median and its segment
 _ENOUGH = 4000  # residuals per marker, evenly over the trial, for its ordinary size
 _QUANTILE = 0.8  # quantile of the residuals; bursts are rarer than this, movement is not
@@ -32,109 +32,80 @@ _QUANTILE = 0.8  # quantile of the residuals; bursts are rarer than this, moveme
 
 @dataclass(frozen=True)
 class MarkerChain:
-    """Geometry of a chain with markers: ``centres`` (n, 2), m, ``segment`` (M,), ``local`` (M, 2), m."""
+    """Geometry of a chain of n joints with M markers."""
 
-    centres: FloatArray
-    segment: IntArray
-    local: FloatArray
+    centres: FloatArray  # (n, 2) joint centres in the frame of the segment before, m
+    segment: IntArray  # (M,) segment of each marker, 0 = base
+    local: FloatArray  # (M, 2) coordinates in the segment frame, m
 
 
 @dataclass(frozen=True)
 class FrameAngles:
-    """Angles of every frame from its own markers.
+    """Angles of every frame from its own markers."""
 
-    Parameters
-    ----------
-    angles : (F, n) array
-        rad, unwrapped over the observed frames; interpolated where unobserved.
-    information : (F, n, n) array
-        Jᵀ J of the markers used, m^2/rad^2: the inverse covariance for a marker noise of 1 m.
-    used : (F, M) bool array
-        Markers that were seen and are no outliers.
-    reliable : (F, n) bool array
-        Few markers up to the joint's own segment are outliers. With many, the wrong markers may remain.
-    squares : float
-        Sum of squared distances of the markers used from their predictions, m^2, over frames reliable throughout.
-    scale : (M,) array
-        Ordinary size of each marker's residual per coordinate, m; NaN where never seen.
-    """
-
-    angles: FloatArray
-    information: FloatArray
-    used: BoolArray
-    reliable: BoolArray
-    squares: float
-    scale: FloatArray
+    angles: FloatArray  # (F, n) rad, unwrapped over the observed frames; interpolated where unobserved
+    information: FloatArray  # (F, n, n) Jᵀ J of the used markers, m^2/rad^2: inverse covariance for 1 m of noise
+    used: BoolArray  # (F, M) markers that are visible and no outliers
+    reliable: BoolArray  # (F, n) few markers up to the joint's segment are outliers; with many, wrong ones may remain
+    squares: float  # sum of squared distances of the used markers from their predictions, m^2, over reliable frames
+    scale: FloatArray  # (M,) ordinary size of each marker's residual per coordinate, m; NaN if never visible
 
     def anchors(self, marker_sd: float) -> Anchors:
         """Return the angles as a linear measurement, for a marker noise in m."""
         covariance, observed = np.empty_like(self.information), self.reliable.copy()
         for s in chunks(len(covariance)):
-            found = angle_covariance(self.information[s], marker_sd)
-            observed[s] &= observed_angles(found)
+            found = compute_angle_covariance(self.information[s], marker_sd)
+            observed[s] &= find_observed_angles(found)
             both = observed[s, :, None] & observed[s, None, :]
             covariance[s] = np.where(both, found, np.eye(both.shape[1]) * _UNOBSERVED_VARIANCE)
         return Anchors(self.angles, covariance, observed, self.used)
 
 
-def angle_covariance(information: FloatArray, marker_sd: float) -> FloatArray:
+def compute_angle_covariance(information: FloatArray, marker_sd: float) -> FloatArray:
     """Return the covariance (F, n, n) of a frame's angles, rad^2, from Jᵀ J and a prior of one radian each."""
     n = information.shape[1]
     return np.asarray(np.linalg.inv(information / marker_sd**2 + np.eye(n) / _WEAK_SD**2))
 
 
-def determined_angles(angles: FloatArray, used: BoolArray, chain: MarkerChain, marker_sd: float) -> BoolArray:
-    """Return whether the used markers (F, M) of a frame determine its angles (F, n), rad, for a marker noise in m."""
+def find_determined_angles(angles: FloatArray, used: BoolArray, chain: MarkerChain, marker_sd: float) -> BoolArray:
+    """Return which angles (F, n) the used markers (F, M) of their frame determine, for a marker noise in m."""
     found = np.empty(angles.shape, dtype=np.bool_)
     for s in chunks(len(angles)):
-        found[s] = observed_angles(angle_covariance(information(angles[s], used[s], chain), marker_sd))
+        found[s] = find_observed_angles(
+            compute_angle_covariance(compute_information(angles[s], used[s], chain), marker_sd)
+        )
     return found
 
 
-def observed_angles(covariance: FloatArray) -> BoolArray:
-    """Return which angles (F, n) a frame's markers determine, including markers of segments farther out."""
+def find_observed_angles(covariance: FloatArray) -> BoolArray:
+    """Return which angles (F, n) are certain enough to count as observed, from their covariance (F, n, n), rad^2."""
     return np.asarray(np.sqrt(np.diagonal(covariance, axis1=1, axis2=2)) <= OBSERVED_SD, dtype=np.bool_)
 
 
-def frame_angles(observed: FloatArray, chain: MarkerChain, gate: float, floor: float) -> FrameAngles:
-    """Find the angles of every frame by Gauss–Newton, and the outliers among its markers.
+def find_frame_angles(observed: FloatArray, chain: MarkerChain, gate: float, floor: float) -> FrameAngles:
+    """Estimate the angles of every frame by Gauss–Newton, and find the outliers among its markers.
 
-    A marker is an outlier in a frame if its residual exceeds ``gate`` times its ordinary size. The worst marker of each
-    frame is removed and the frame solved again, until none is left, because an outlier distorts the residuals of the
-    others.
-
-    Parameters
-    ----------
-    observed : (F, M, 2) array
-        Measured markers of the moving segments, plane frame, m; NaN where missing.
-    chain : MarkerChain
-        Joints and marker coordinates.
-    gate : float
-        Limit of an outlier, in standard deviations.
-    floor : float
-        Least ordinary size of a residual, m.
-
-    Returns
-    -------
-    FrameAngles
+    A marker is an outlier in a frame if its residual exceeds ``gate`` times its ordinary size, which is at least
+    ``floor``, m. An outlier distorts the residuals of the other markers. Therefore the worst marker of each frame is
+    removed and the frame solved again, until no marker is an outlier. ``observed`` (F, M, 2) are the markers of the
+    moving segments, plane frame, m; NaN where missing.
     """
     parts = chunks(len(observed))
     used: BoolArray = np.concatenate([np.isfinite(observed[s]).all(axis=-1) for s in parts])
-    angles, residual = _closed_form(observed, used, chain), np.empty(used.shape)
+    angles, residual = _guess_angles(observed, used, chain), np.empty(used.shape)
     _refine(observed, used, angles, chain)
     for s in parts:
-        residual[s] = _residual(observed[s], angles[s], chain)
-    scale = _scale(residual, used, chain.segment)
+        residual[s] = _measure_residual(observed[s], angles[s], chain)
+    scale = _estimate_scale(residual, used, chain.segment)
     for _ in range(_ROUNDS):
         limit = gate * np.fmax(scale, floor)
         for s in parts:
             _remove_outliers(observed[s], used[s], angles[s], residual[s], chain, limit=limit)
-        scale = _scale(residual, used, chain.segment)
-    reliable = np.concatenate([_reliable(observed[s], used[s], chain) for s in parts])
-    sound: BoolArray = np.all(reliable, axis=1)
-    counted = residual[used & sound[:, None]]
+        scale = _estimate_scale(residual, used, chain.segment)
+    reliable = np.concatenate([_find_reliable(observed[s], used[s], chain) for s in parts])
+    counted = residual[used & np.all(reliable, axis=1, keepdims=True)]
     squares = float(counted @ counted)
-    return FrameAngles(angles, information(angles, used, chain), used, reliable, squares, scale)
+    return FrameAngles(angles, compute_information(angles, used, chain), used, reliable, squares, scale)
 
 
 def _remove_outliers(
@@ -146,7 +117,10 @@ def _remove_outliers(
     *,
     limit: FloatArray,
 ) -> None:
-    """Remove the worst marker of every frame and solve it again until all are within their limit (M,); in place."""
+    """Remove the worst marker of every frame and solve the frame again, in place, until all are within ``limit``.
+
+    ``limit`` (M,) is the largest residual of each marker, m.
+    """
     frames = np.arange(len(observed))
     for _ in range(observed.shape[1]):
         excess = np.where(used[frames], residual[frames] / limit, 0.0)
@@ -158,20 +132,20 @@ def _remove_outliers(
         used[frames, worst] = False
         refined, seen = angles[frames], observed[frames]
         _refine(seen, used[frames], refined, chain)
-        angles[frames], residual[frames] = refined, _residual(seen, refined, chain)
+        angles[frames], residual[frames] = refined, _measure_residual(seen, refined, chain)
 
 
-def information(angles: FloatArray, used: BoolArray, chain: MarkerChain) -> FloatArray:
-    """Return Jᵀ J (F, n, n) of the markers used (F, M) at angles (F, n), m^2/rad^2."""
-    found = np.empty((*angles.shape, angles.shape[1]))
+def compute_information(angles: FloatArray, used: BoolArray, chain: MarkerChain) -> FloatArray:
+    """Return Jᵀ J (F, n, n), m^2/rad^2, of the used markers (F, M) at angles (F, n), rad."""
+    normal = np.empty((*angles.shape, angles.shape[1]))
     for s in chunks(len(angles)):
         here = np.array(angles[s])
         anywhere = np.zeros((*used[s].shape, 2))
-        refine(anywhere, used[s], here, chain.centres, chain.segment, chain.local, _DAMPING, _CONVERGED, 0, found[s])
-    return found
+        refine(anywhere, used[s], here, chain.centres, chain.segment, chain.local, _DAMPING, _CONVERGED, 0, normal[s])
+    return normal
 
 
-def _reliable(observed: FloatArray, used: BoolArray, chain: MarkerChain) -> BoolArray:
+def _find_reliable(observed: FloatArray, used: BoolArray, chain: MarkerChain) -> BoolArray:
     own = chain.segment[:, None] == np.arange(1, len(chain.centres) + 1)  # (M, n)
     seen = np.isfinite(observed).all(axis=-1).astype(np.int64) @ own
     out = seen - used.astype(np.int64) @ own
@@ -181,34 +155,24 @@ def _reliable(observed: FloatArray, used: BoolArray, chain: MarkerChain) -> Bool
 def _refine(observed: FloatArray, used: BoolArray, angles: FloatArray, chain: MarkerChain) -> None:
     """Run Gauss–Newton from ``angles`` (f, n), in place; angles that no marker determines stay unchanged."""
     n = angles.shape[1]
+    centres, segment, local = chain.centres, chain.segment, chain.local
     for s in chunks(len(angles)):
-        passed = np.empty((len(angles[s]), n, n))
-        refine(
-            observed[s],
-            used[s],
-            angles[s],
-            chain.centres,
-            chain.segment,
-            chain.local,
-            _DAMPING,
-            _CONVERGED,
-            _ITERATIONS,
-            passed,
-        )
+        normal, limits = np.empty((len(angles[s]), n, n)), (_DAMPING, _CONVERGED, _ITERATIONS)
+        refine(observed[s], used[s], angles[s], centres, segment, local, *limits, normal)
 
 
-def _closed_form(observed: FloatArray, used: BoolArray, chain: MarkerChain) -> FloatArray:
-    """Return approximate angles, from base to tip.
+def _guess_angles(observed: FloatArray, used: BoolArray, chain: MarkerChain) -> FloatArray:
+    """Return approximate angles (F, n), rad, from base to tip.
 
-    Each segment is turned onto its own markers, or else towards the next joint, located by the next segment's markers.
-    Frames with neither are interpolated.
+    Each segment is rotated onto its own markers; without them, towards the next joint, which the next segment's markers
+    determine. Frames with neither are interpolated.
     """
     n = len(chain.centres)
     angles = np.zeros((len(observed), n))
     absolute, origin = np.zeros(len(observed)), np.zeros((len(observed), 2))
     for j in range(n):
         origin = origin + rotate(absolute, np.broadcast_to(chain.centres[j], origin.shape))
-        turned = np.concatenate([_turned(observed[s], used[s], chain, j, origin[s]) for s in chunks(len(observed))])
+        turned = np.concatenate([_find_angle(observed[s], used[s], chain, j, origin[s]) for s in chunks(len(observed))])
         found = np.flatnonzero(np.isfinite(turned))
         if found.size:
             relative = np.unwrap((turned - absolute)[found])
@@ -217,54 +181,57 @@ def _closed_form(observed: FloatArray, used: BoolArray, chain: MarkerChain) -> F
     return angles
 
 
-def _turned(observed: FloatArray, used: BoolArray, chain: MarkerChain, j: int, origin: FloatArray) -> FloatArray:
-    """Return the absolute angle (f,) of segment j + 1 from its own or the next segment's markers, or NaN."""
-    turned = _towards_own(observed, used, chain, j, origin)
+def _find_angle(observed: FloatArray, used: BoolArray, chain: MarkerChain, j: int, origin: FloatArray) -> FloatArray:
+    """Return the absolute angle (f,) of segment j + 1, rad, from its own or the next segment's markers, or NaN."""
+    turned = _fit_markers(observed, used, chain, j, origin)
     unseen = np.flatnonzero(np.isnan(turned))
     if unseen.size and j + 1 < len(chain.centres):
-        turned[unseen] = _towards_next(observed[unseen], used[unseen], chain, j, origin[unseen])
+        turned[unseen] = _point_at_next(observed[unseen], used[unseen], chain, j, origin[unseen])
     return turned
 
 
-def _towards_own(observed: FloatArray, used: BoolArray, chain: MarkerChain, j: int, origin: FloatArray) -> FloatArray:
-    """Return the absolute angle (F,) that turns segment j + 1 about its joint onto its markers; NaN without any."""
+def _fit_markers(observed: FloatArray, used: BoolArray, chain: MarkerChain, j: int, origin: FloatArray) -> FloatArray:
+    """Return the absolute angle (F,), rad, that rotates segment j + 1 about its joint onto its markers, or NaN."""
     own = chain.segment == j + 1
     arm = np.where(used[:, own, None], observed[:, own] - origin[:, None], 0.0)
-    turned = _turn(chain.local[own][None], arm)
+    turned = _fit_rotation(chain.local[own][None], arm)
     return np.where(used[:, own].any(axis=1), turned, np.nan)
 
 
-def _towards_next(observed: FloatArray, used: BoolArray, chain: MarkerChain, j: int, origin: FloatArray) -> FloatArray:
-    """Return the absolute angle (F,) that points segment j + 1 at the next joint, from the next segment's markers."""
+def _point_at_next(observed: FloatArray, used: BoolArray, chain: MarkerChain, j: int, origin: FloatArray) -> FloatArray:
+    """Return the absolute angle (F,), rad, that points segment j + 1 at the next joint, or NaN.
+
+    The position of the next joint follows from the markers of its segment.
+    """
     own = chain.segment == j + 2
     weight = used[:, own, None].astype(np.float64)
     count = np.maximum(weight.sum(axis=1), 1.0)
     z, local = np.where(weight > 0, observed[:, own], 0.0), chain.local[own]
     middle, local_middle = z.sum(axis=1) / count, (weight * local).sum(axis=1) / count
-    turned = _turn(weight * (local - local_middle[:, None]), z - middle[:, None])
+    turned = _fit_rotation(weight * (local - local_middle[:, None]), z - middle[:, None])
     joint = middle - rotate(turned, local_middle)
-    pointed = _turn(chain.centres[j + 1][None, None], (joint - origin)[:, None])
+    pointed = _fit_rotation(chain.centres[j + 1][None, None], (joint - origin)[:, None])
     return np.where(count[:, 0] >= 2.0, pointed, np.nan)
 
 
-def _turn(start: FloatArray, end: FloatArray) -> FloatArray:
-    """Return the angle (F,) that best turns vectors ``start`` (F or 1, m, 2) onto ``end`` (F, m, 2)."""
+def _fit_rotation(start: FloatArray, end: FloatArray) -> FloatArray:
+    """Return the angle (F,), rad, that best rotates vectors ``start`` (F or 1, m, 2) onto ``end`` (F, m, 2)."""
     across = (start[..., 0] * end[..., 1] - start[..., 1] * end[..., 0]).sum(axis=1)
     return np.asarray(np.arctan2(across, (start * end).sum(axis=(1, 2))))
 
 
-def _residual(observed: FloatArray, angles: FloatArray, chain: MarkerChain) -> FloatArray:
+def _measure_residual(observed: FloatArray, angles: FloatArray, chain: MarkerChain) -> FloatArray:
     off = observed - marker_positions(angles, chain.centres, chain.segment, chain.local)
     return np.asarray(np.abs(off.view(np.complex128)[..., 0]))
 
 
-def _scale(residual: FloatArray, used: BoolArray, segment: IntArray) -> FloatArray:
-    """Return the ordinary standard deviation (M,) per coordinate, from a quantile of normal residuals.
+def _estimate_scale(residual: FloatArray, used: BoolArray, segment: IntArray) -> FloatArray:
+    """Return the ordinary standard deviation (M,) per coordinate, m, from a quantile of normal residuals.
 
-    A marker with more bursts than the quantile allows would set its own limit. Its value is therefore limited by its
+    A marker with more bursts than the quantile allows would raise its own limit. Its value is therefore limited by its
     median and by the markers of its segment.
     """
-    scale, middle = _from_quantiles(residual, used, (_QUANTILE, 0.5))
+    scale, middle = _estimate_from_quantiles(residual, used, (_QUANTILE, 0.5))
     limit = np.full(len(scale), np.nan)
     for s in np.unique(segment):
         own = (segment == s) & np.isfinite(scale)
@@ -274,8 +241,8 @@ def _scale(residual: FloatArray, used: BoolArray, segment: IntArray) -> FloatArr
     return np.asarray(np.fmin(scale, limit))
 
 
-def _from_quantiles(residual: FloatArray, used: BoolArray, shares: tuple[float, ...]) -> FloatArray:
-    """Return the standard deviations (S, M) per coordinate of normal residuals with these quantiles."""
+def _estimate_from_quantiles(residual: FloatArray, used: BoolArray, shares: tuple[float, ...]) -> FloatArray:
+    """Return the standard deviations (S, M) per coordinate of normal residuals, m, from their quantiles (S,)."""
     quantiles = np.full((len(shares), residual.shape[1]), np.nan)
     for m in np.flatnonzero(used.any(axis=0)):
         own = residual[used[:, m], m]

@@ -1,10 +1,12 @@
 """Standard deviations of the states from white camera noise and from lasting errors of skin and chain geometry.
 
-The filter treats all residuals of the chain as white noise. Most of it is skin, which averages out slowly or not at
-all. With camera noise alone the filter's variance is smaller, and the lasting errors are added separately. The filter's
-variance also includes what a movement driven by white snap would have beyond its pass band. For a fourfold integrator
-observed in white noise, the smoother passes 1 / (1 + (w / w0)^8). Of the variance of derivative d, the share 1 - (2 d +
-1) / 8 is passed noise, and the rest is movement that is not passed. The latter is estimated from the movement itself.
+The filter treats all residuals of the chain as white noise. Most of them are due to skin, which averages out slowly or
+not at all. With camera noise alone the filter's variance is smaller, and the lasting errors are added separately.
+
+The filter's variance also includes what a movement driven by white snap would have beyond its pass band. For a fourfold
+integrator observed in white noise, the smoother passes 1 / (1 + (w / w0)^8). Of the variance of derivative d, the share
+1 - (2 d + 1) / 8 is passed noise, and the rest is movement that is not passed. The latter part is estimated from the
+movement itself.
 """
 
 from __future__ import annotations
@@ -21,22 +23,15 @@ _WITHHELD = (2 * np.arange(ORDER) + 1) / (2 * ORDER)
 """Share of each derivative's variance that is movement not passed by the smoother."""
 
 _TWICE = _WITHHELD - 1 + (2 - _WITHHELD) * (3 - _WITHHELD) / 6
-"""Share of the passed noise that a second smoothing removes: that of H^2 (1 - H)^2 in H^2."""
+"""Share of the passed noise that a second smoothing removes: the integral of H^2 (1 - H)^2 relative to H^2."""
 
 
 def estimate_camera_sd(used_markers: FloatArray, states: States, floor: float) -> float:
-    """Return the standard deviation (m) of the markers' white noise.
+    """Return the standard deviation, m, of the markers' white noise, between ``floor`` and the filter's marker noise.
 
-    It comes from second differences of the residuals, which remove lasting errors. If no marker is seen three times in
-    a row, it is the filter's marker noise. It is never below ``floor``.
-
-    Parameters
-    ----------
-    used_markers : (F, M, 2) array
-        Markers used for the states, plane frame, m; NaN elsewhere.
-    states : States
-    floor : float
-        Least result, m.
+    It is estimated from second differences of the residuals, which remove lasting errors. If no marker is visible in
+    three successive frames, it is the filter's marker noise. ``used_markers`` (F, M, 2) are the markers used for the
+    states, plane frame, m; NaN elsewhere.
     """
     squares, count = 0.0, 0
     for s in chunks(len(used_markers)):
@@ -52,31 +47,21 @@ def estimate_camera_sd(used_markers: FloatArray, states: States, floor: float) -
 
 @dataclass(frozen=True)
 class LastingErrors:
-    """Variances of errors that do not average out, and the camera noise, which does.
+    """Variances of errors that do not average out, and the camera noise, which does."""
 
-    Parameters
-    ----------
-    camera : float
-        Camera noise of a coordinate, m.
-    frames : (T,) int array
-        Frames of the variances, ascending.
-    variance : (T, n, 4) array
-        Variances of the errors from skin and the chain's geometry.
-    """
-
-    camera: float
-    frames: IntArray
-    variance: FloatArray
+    camera: float  # camera noise of a coordinate, m
+    frames: IntArray  # (T,) frames of the variances, ascending
+    variance: FloatArray  # (T, n, 4) variances of the errors from skin and the chain's geometry
 
 
 def add_lasting_errors(states: States, rate: float, errors: LastingErrors) -> FloatArray:
-    """Return the standard deviations (F, n, 4) of states filtered at ``rate``, Hz, with these errors included."""
+    """Return the standard deviations (F, n, 4) of states with these errors included; ``rate`` in frames per second."""
     sd, every = np.empty_like(states.sd), np.arange(len(states.sd))
     for joint in range(sd.shape[1]):
         variance: FloatArray = states.sd[:, joint] ** 2
         steady = np.median(variance, axis=0)  # (4,); gaps and ends have more
         white = np.minimum(variance, steady) * (1 - _WITHHELD) * (errors.camera / states.noise.marker_sd) ** 2
-        withheld = np.maximum(_withheld(states.mean[:, joint, 0], steady, rate) - _TWICE * white, 0)
+        withheld = np.maximum(_measure_withheld(states.mean[:, joint, 0], steady, rate) - _TWICE * white, 0)
         total = white + np.maximum(variance - steady, 0) + withheld
         for order in range(ORDER):
             total[:, order] += np.interp(every, errors.frames, errors.variance[:, joint, order])
@@ -84,27 +69,27 @@ def add_lasting_errors(states: States, rate: float, errors: LastingErrors) -> Fl
     return sd
 
 
-def corner(steady: FloatArray) -> float:
+def compute_corner(steady: FloatArray) -> float:
     """Return the smoother's w0 of a joint, rad/s, from its variances (4,), each order with its own share."""
     ratio = np.sin(5 * np.pi / 8) / np.sin(np.pi / 8) * steady[2] / steady[0]
     return float(ratio**0.25)
 
 
-def _withheld(angle: FloatArray, steady: FloatArray, rate: float) -> FloatArray:
+def _measure_withheld(angle: FloatArray, steady: FloatArray, rate: float) -> FloatArray:
     """Return the mean square (F, 4) of movement that a second smoothing removes, over the smoother's memory."""
     squares = np.empty((len(angle), ORDER))
-    twice, w0 = _continued(angle), corner(steady)
-    turning = 2 * np.pi * np.fft.rfftfreq(len(twice), 1 / rate)
-    stopped = np.fft.rfft(twice) * (1 - 1 / (1 + (turning / w0) ** (2 * ORDER)))
-    memory = np.exp(-0.5 * (turning / w0) ** 2)
+    extended, w0 = _extend_backwards(angle), compute_corner(steady)
+    frequency = 2 * np.pi * np.fft.rfftfreq(len(extended), 1 / rate)
+    stopped = np.fft.rfft(extended) * (1 - 1 / (1 + (frequency / w0) ** (2 * ORDER)))
+    memory = np.exp(-0.5 * (frequency / w0) ** 2)
     for order in range(ORDER):
-        part = np.fft.irfft((1j * turning) ** order * stopped, len(twice))
-        squares[:, order] = np.fft.irfft(np.fft.rfft(part**2) * memory, len(twice))[: len(angle)]
+        part = np.fft.irfft((1j * frequency) ** order * stopped, len(extended))
+        squares[:, order] = np.fft.irfft(np.fft.rfft(part**2) * memory, len(extended))[: len(angle)]
     return squares
 
 
-def _continued(angle: FloatArray) -> FloatArray:
-    """Return the angles (2 F,) without gaps, followed by their time reversal, so that they end where they began."""
+def _extend_backwards(angle: FloatArray) -> FloatArray:
+    """Return the angles (2 F,) without gaps, then their time reversal, so that the series ends where it begins."""
     known = np.isfinite(angle)
     if not known.any():
         return np.zeros(2 * len(angle))

@@ -1,7 +1,7 @@
 """Growth of the angles' variance from sliding skin in frames with missing markers (docs/concepts/dropouts.md).
 
-Slides of variance s² cause an angle error of variance A⁻¹ (Σ s² JᵀJ) A⁻¹ with A = Σ JᵀJ, where the sums run over the
-markers seen. The growth sets in as the slides of the missing markers are forgotten.
+Displacements ("slides") of variance s² cause an angle error of variance A⁻¹ (Σ s² JᵀJ) A⁻¹ with A = Σ JᵀJ. The sums run
+over the visible markers. The growth begins as the displacements of the missing markers become unknown.
 """
 
 from __future__ import annotations
@@ -9,54 +9,40 @@ from __future__ import annotations
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks
-from mocap_id.estimation.dropouts import forgotten_share
-from mocap_id.estimation.inverse_kinematics import angle_covariance, observed_angles
+from mocap_id.estimation.dropouts import compute_forgotten_share
+from mocap_id.estimation.inverse_kinematics import compute_angle_covariance, find_observed_angles
 from mocap_id.estimation.smoothing import States
 from mocap_id.geometry.planar import marker_jacobian
 
-_LEAST = 1e-5  # m; least size of a slide
-_ENOUGH = 4000  # frames, evenly over the trial, for the size of the slides
+_LEAST = 1e-5  # m; least size of a displacement
+_ENOUGH = 4000  # frames, evenly over the trial, for the size of the displacements
 
 
-def variance_growth(
+def compute_variance_growth(
     states: States, used_markers: FloatArray, angles: FloatArray, frames: IntArray, *, rate: float, camera: float
 ) -> FloatArray:
-    """Return the factor (T, n), 1 or more, on the variance of lasting errors at ``frames``, relative to all markers.
+    """Return the factor (T, n), at least 1, by which missing markers increase the variance of lasting errors.
 
-    It is 1 where the markers do not determine an angle: the filter's own variance covers that.
-
-    Parameters
-    ----------
-    states : States
-    used_markers : (F, M, 2) array
-        Markers used for the states, plane frame, m; NaN elsewhere.
-    angles : (F, n) array
-        Joint angles of the states, rad, without gaps.
-    frames : (T,) int array
-    rate : float
-        Frames per second.
-    camera : float
-        Camera noise of a coordinate, m.
+    It is 1 where the markers do not determine an angle, because the filter's own variance covers this case.
+    ``used_markers`` (F, M, 2) are the markers used for the states, plane frame, m, otherwise NaN; ``angles`` (F, n)
+    have no gaps, rad; ``frames`` (T,) are the frames of the factor; ``camera`` is the camera noise of a coordinate, m.
     """
     used, chain = states.used, states.chain
-    often, slide, forgotten = (
-        used.mean(axis=0),
-        _slides(states, used_markers, camera),
-        forgotten_share(used, frames, rate),
-    )
-    found = np.ones((len(frames), angles.shape[1]))
+    often, slide = used.mean(axis=0), _measure_slides(states, used_markers, camera)
+    forgotten = compute_forgotten_share(used, frames, rate)
+    factor = np.ones((len(frames), angles.shape[1]))
     some = np.flatnonzero(~used[frames][:, often > 0].all(axis=1))
-    for some_of_them in chunks(len(some)):
-        part = some[some_of_them]
+    for chunk in chunks(len(some)):
+        part = some[chunk]
         at = frames[part]
         jacobian = marker_jacobian(angles[at], chain.centres, chain.segment, chain.local)
-        found[part] = _growth(
+        factor[part] = _compute_growth(
             jacobian, used[at], often=often, slide=slide, forgotten=forgotten[part], marker_sd=states.noise.marker_sd
         )
-    return found
+    return factor
 
 
-def _slides(states: States, used_markers: FloatArray, camera: float) -> FloatArray:
+def _measure_slides(states: States, used_markers: FloatArray, camera: float) -> FloatArray:
     """Return the mean square (M,) of a coordinate's residual without camera noise, m^2."""
     squares, count = np.zeros(used_markers.shape[1]), np.zeros(used_markers.shape[1])
     frames = np.arange(0, len(used_markers), max(1, len(used_markers) // _ENOUGH))
@@ -68,7 +54,7 @@ def _slides(states: States, used_markers: FloatArray, camera: float) -> FloatArr
     return np.asarray(np.maximum(squares / np.maximum(count, 1) - camera**2, _LEAST**2))
 
 
-def _growth(
+def _compute_growth(
     jacobian: FloatArray,
     used: BoolArray,
     *,
@@ -77,10 +63,13 @@ def _growth(
     forgotten: FloatArray,
     marker_sd: float,
 ) -> FloatArray:
-    """Return the factor (f, n) from Jacobians (f, M, 2, n), markers used (f, M), and the forgotten share (f, M)."""
+    """Return the factor (f, n) from Jacobians (f, M, 2, n), markers used (f, M), and the forgotten share (f, M).
+
+    ``often`` (M,) is the share of frames that use each marker, ``slide`` (M,) the mean square of its displacement, m^2.
+    """
     own = np.einsum("fmik,fmil->fmkl", jacobian, jacobian)  # (f, M, n, n)
     seen = np.einsum("fm,fmkl->fkl", used, own)
-    observed = observed_angles(angle_covariance(seen, marker_sd))
+    observed = find_observed_angles(compute_angle_covariance(seen, marker_sd))
     both = observed[:, :, None] & observed[:, None, :]
     inverse = np.where(both, np.linalg.inv(np.where(both, seen, np.eye(seen.shape[1]))), 0.0)
     usual = np.linalg.inv(np.einsum("m,fmkl->fkl", often, own))

@@ -2,8 +2,8 @@
 
 To first order, the likelihood of the markers splits in two. The residuals of the chain within each frame determine the
 marker noise alone. The angles of the frames, with the covariance from the marker noise, are linear measurements of the
-process and determine its noise density. The second part is solved joint by joint, from the marginal variance of each
-angle, with a scalar-measurement filter of four states for every trial value.
+process and determine its noise density. The second part is solved joint by joint from the marginal variance of each
+angle. For every trial value, a filter with four states and a scalar measurement gives the likelihood.
 """
 
 from __future__ import annotations
@@ -27,67 +27,52 @@ _LEVER_SQUARED = 1e-4  # m^2; an angle uses a degree of freedom if its markers h
 OUTLIER_SHARE = 1e-3
 """Share of outliers among the angles of single frames; jumps count as outliers, not as process noise."""
 
-_TURNING = 0.25  # s; time between the angles that show motion
-_RESTING = 0.1  # of a joint's largest turn in this time; less is rest
-_LEAST_TURN = 0.05  # rad; a joint whose largest turn is less does not move
-_FASTEST = 0.99  # quantile that is the largest turn
+_STEP = 0.25  # s; time between angles that are compared to detect motion
+_RESTING = 0.1  # of a joint's largest change in this time; less is rest
+_LEAST_CHANGE = 0.05  # rad; a joint whose largest change is less does not move
+_LARGEST = 0.99  # quantile that counts as the largest change
 _LEAST_MOTION = 0.25  # share of motion from which all frames count
-_NEAR = 2  # steps around motion that count
-_SETTLE = 10  # innovations that determine the unknown start, not counted
+_NEAR = 2  # steps around motion that count as motion
+_SETTLE = 10  # innovations that determine the unknown start; they are not counted
 
 
 @dataclass(frozen=True)
 class FilterNoise:
-    """Measurement and process noise of the filter.
+    """Measurement and process noise of the filter."""
 
-    Parameters
-    ----------
-    marker_sd : float
-        Standard deviation of a marker's coordinate, m: camera noise and soft tissue together.
-    sigma_v : (n,) array
-        Standard deviation of each joint's snap held over one frame, rad/s^4; its spectral density is sigma_v^2 dt.
-    """
-
-    marker_sd: float
-    sigma_v: FloatArray
+    marker_sd: float  # standard deviation of a marker's coordinate, m: camera noise and soft tissue together
+    sigma_v: FloatArray  # (n,) sd of each joint's snap held over one frame, rad/s^4; its density is sigma_v^2 dt
 
 
-def marker_noise(frames: FrameAngles, floor: float) -> float:
-    """Return the marker noise (m), at least ``floor``, from the residuals of single frames, without bias.
+def estimate_marker_noise(frames: FrameAngles, floor: float) -> float:
+    """Return the marker noise, m, at least ``floor``, from the residuals of single frames, without bias.
 
     The degrees of freedom used by the angles are subtracted. The floor limits the weight of filtered or synthetic
     recordings, which have no noise.
     """
     sound: BoolArray = np.all(frames.reliable, axis=1)
-    taken = np.concatenate([_freedom_used(frames.information[s]) for s in chunks(len(sound))])
-    freedom = 2.0 * np.count_nonzero(frames.used[sound]) - float(np.sum(taken[sound]))
+    lost_freedom = np.concatenate([_count_freedom(frames.information[s]) for s in chunks(len(sound))])
+    freedom = 2.0 * np.count_nonzero(frames.used[sound]) - float(np.sum(lost_freedom[sound]))
     return max(floor, math.sqrt(frames.squares / freedom)) if freedom >= 1.0 else floor
 
 
-def _freedom_used(information: FloatArray) -> FloatArray:
-    """Return the degrees of freedom (f,) used by the angles of each frame, from Jᵀ J (f, n, n)."""
+def _count_freedom(information: FloatArray) -> FloatArray:
+    """Return the degrees of freedom (f,) that the angles of each frame use, from Jᵀ J (f, n, n)."""
     n = information.shape[1]
     kept = np.linalg.inv(np.eye(n) + information / _LEVER_SQUARED)
     return np.asarray(n - np.trace(kept, axis1=1, axis2=2))
 
 
-def process_noise(anchors: Anchors, dt: float) -> FloatArray:
-    """Estimate the standard deviation of each joint's snap over one frame (n,), rad/s^4.
+def estimate_process_noise(anchors: Anchors, dt: float) -> FloatArray:
+    """Estimate the standard deviation of each joint's snap over one frame (n,), rad/s^4, for a time step in s.
 
     The search is limited to :data:`SIGMA_V_BOUNDS`. With too few observed angles the result is the upper bound, and the
-    states then follow the angles of their own frames. Rests count only if they are at most three quarters of the time:
-    a joint at rest would make the noise of its motion too small.
-
-    Parameters
-    ----------
-    anchors : Anchors
-        Angles of every frame and their covariance.
-    dt : float
-        Time step, s.
+    states then follow the angles of their own frames. Frames at rest count only if rest takes at most three quarters of
+    the time, because a joint at rest would make the noise of its motion too small.
     """
     step, shape, start = transition(dt)[0], noise_shape(dt), start_sd(dt) ** 2
     low, high = np.log(SIGMA_V_BOUNDS)
-    counted = anchors.observed & _in_motion(anchors, dt)[:, None]
+    counted = anchors.observed & _find_motion(anchors, dt)[:, None]
     found = np.empty(anchors.angles.shape[1])
     for j in range(len(found)):
         angle = np.where(counted[:, j], anchors.angles[:, j], np.nan)
@@ -102,16 +87,16 @@ def process_noise(anchors: Anchors, dt: float) -> FloatArray:
     return found
 
 
-def _in_motion(anchors: Anchors, dt: float) -> BoolArray:
-    """Return the frames (F,) near motion; all frames unless rests take most of the time."""
-    step = max(1, round(_TURNING / dt))
+def _find_motion(anchors: Anchors, dt: float) -> BoolArray:
+    """Return the frames (F,) near motion; all frames unless rest takes most of the time."""
+    step = max(1, round(_STEP / dt))
     angles = np.where(anchors.observed, anchors.angles, np.nan)[::step]
-    turns = np.abs(np.diff(angles, axis=0, prepend=np.nan))
-    if len(turns) < 2 or not np.isfinite(turns).any(axis=0).all():
+    changes = np.abs(np.diff(angles, axis=0, prepend=np.nan))
+    if len(changes) < 2 or not np.isfinite(changes).any(axis=0).all():
         return np.ones(len(anchors.observed), dtype=np.bool_)
-    turns = np.where(np.isfinite(turns), turns, 0.0)
-    fastest = np.quantile(turns, _FASTEST, axis=0)
-    moving = (turns > _RESTING * np.where(fastest > _LEAST_TURN, fastest, np.inf)).any(axis=1)
+    changes = np.where(np.isfinite(changes), changes, 0.0)
+    largest = np.quantile(changes, _LARGEST, axis=0)
+    moving = (changes > _RESTING * np.where(largest > _LEAST_CHANGE, largest, np.inf)).any(axis=1)
     if moving.mean() >= _LEAST_MOTION or not moving.any():
         return np.ones(len(anchors.observed), dtype=np.bool_)
     near = np.convolve(moving, np.ones(2 * _NEAR + 1), mode="same") > 0
@@ -124,18 +109,10 @@ def log_likelihood(  # noqa: PLR0917
 ) -> float:
     """Return the log-likelihood of the innovations of one angle under eq. 3.17, robust against outliers.
 
-    Parameters
-    ----------
-    angle, variance : (F,) array
-        Measured angle, rad, NaN where unobserved, and its noise variance, rad^2.
-    step : (4,) array
-        dt^k / k!.
-    process : (4, 4) array
-        Process noise of a step.
-    start : (4,) array
-        Initial variances of the state, also used after a gap that leaves a larger variance.
-    outliers : float
-        Share of angles that may lie anywhere on the circle. An angle more likely to be such an outlier is ignored.
+    ``angle`` (F,), rad, is NaN where unobserved, and ``variance`` (F,) is its noise, rad^2. ``step`` (4,) is dt^k / k!,
+    and ``process`` (4, 4) the process noise of a step. ``start`` (4,) are the initial variances of the state, also used
+    after a gap that leaves a larger variance. ``outliers`` is the share of angles that may be anywhere on the circle.
+    An angle that is more likely an outlier is ignored.
     """
     x, p, gain = np.zeros(ORDER), np.zeros((ORDER, ORDER)), np.empty(ORDER)
     p[0, 0] = math.inf

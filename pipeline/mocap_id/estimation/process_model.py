@@ -18,17 +18,9 @@ ORDER = 4
 
 
 def transition(dt: float) -> FloatArray:
-    """Return the transition matrix of one joint over a time step (eq. 3.17).
+    """Return the transition matrix (4, 4) of one joint over a time step, s (eq. 3.17).
 
-    Parameters
-    ----------
-    dt : float
-        Time step, s.
-
-    Returns
-    -------
-    (4, 4) array
-        Entry (i, j) is dt^(j-i) / (j-i)! on and above the diagonal.
+    Entry (i, j) is dt^(j-i) / (j-i)! on and above the diagonal.
 
     Examples
     --------
@@ -40,22 +32,12 @@ def transition(dt: float) -> FloatArray:
 
 
 def noise_shape(dt: float) -> FloatArray:
-    """Return the process noise covariance of one joint over a time step, for a snap of unit spectral density.
+    """Return the process noise covariance (4, 4) of one joint over a time step, s, for a snap of unit spectral density.
 
-    The snap is white with spectral density q, in (rad/s^4)^2 s, integrated over the step, so that q is independent of
-    the frame rate. The thesis's snap of standard deviation sigma_v, held over one frame, has q = sigma_v^2 dt. Both
-    give the jerk the variance (sigma_v dt)^2 per frame; the variances of the other derivatives differ by a factor up to
-    2.3.
-
-    Parameters
-    ----------
-    dt : float
-        Time step, s.
-
-    Returns
-    -------
-    (4, 4) array
-        dt^(7-i-j) / ((3-i)! (3-j)! (7-i-j)); times q it is the covariance.
+    Entry (i, j) is dt^(7-i-j) / ((3-i)! (3-j)! (7-i-j)). The snap is white with spectral density q, in (rad/s^4)^2 s.
+    It is integrated over the step, so that q is independent of the frame rate. The thesis's snap of standard deviation
+    sigma_v, held over one frame, has q = sigma_v^2 dt. Both give the jerk the variance (sigma_v dt)^2 per frame; the
+    variances of the other derivatives differ by a factor of at most 2.3.
     """
     i = np.arange(ORDER)
     integral = 2 * ORDER - 1 - i[:, None] - i[None, :]
@@ -64,10 +46,10 @@ def noise_shape(dt: float) -> FloatArray:
 
 
 def joint_transition(dt: float, joints: int) -> FloatArray:
-    """Return the transition matrix (4n, 4n) of all joints, in the order of this module."""
+    """Return the transition matrix (4n, 4n) of all joints over a time step, in the order of this module."""
     return np.asarray(np.kron(transition(dt), np.eye(joints)), dtype=np.float64)
 
 
 def joint_noise(dt: float, density: FloatArray) -> FloatArray:
-    """Return the process noise (4n, 4n) of all joints over a step, from their snap densities (n,), rad^2/s^7."""
+    """Return the process noise (4n, 4n) of all joints over a time step, from their snap densities (n,), rad^2/s^7."""
     return np.asarray(np.kron(noise_shape(dt), np.diag(density)), dtype=np.float64)

@@ -1,4 +1,4 @@
-"""Quintic smoothing spline with a stiffness by generalised cross-validation, for reliable accelerations.
+"""Quintic smoothing spline whose stiffness is chosen by generalised cross-validation, for reliable accelerations.
 
 The spline θ(t) minimises Σ (y_k − θ(t_k))² + λ ∫ (d³θ/dt³)² dt. A cubic spline penalises the acceleration itself, which
 becomes piecewise linear and zero at the ends. The acceleration of the quintic spline is smooth and free at the ends
@@ -18,38 +18,26 @@ from scipy.sparse import csr_array, dia_array, diags_array
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.estimation.process_model import ORDER
 
-DEGREE, PENALISED = 5, 3
-KNOT_RATE = 200.0
-"""Most knots per second, Hz: enough for joints, and well conditioned at any frame rate."""
-
+DEGREE = 5
+_PENALISED = 3  # derivative
+_KNOT_RATE = 200.0  # Hz, most knots per second: enough for joints, and well conditioned at any frame rate
 _LOG_STIFFNESS = (-7.0, 28.0)  # natural logarithm of λ for unit knot spacing
 _TOLERANCE = 0.01
 
 
-def smoothing_spline(angle: FloatArray, seen: BoolArray, dt: float) -> FloatArray:
-    """Return angle, velocity, acceleration and jerk of the spline through the seen samples.
+def fit_smoothing_spline(angle: FloatArray, seen: BoolArray, dt: float) -> FloatArray:
+    """Return the spline through the known samples, and its derivatives (F, 4): angle, velocity, acceleration, jerk.
 
-    Parameters
-    ----------
-    angle : (F,) array
-        Unwrapped angle, rad, of more than 10 samples; any finite value where unseen.
-    seen : (F,) bool array
-        Samples to fit.
-    dt : float
-        Time step, s.
-
-    Returns
-    -------
-    (F, 4) array
-        rad, rad/s, rad/s^2, rad/s^3; derivatives of the spline, not differences.
+    ``angle`` (F,) is unwrapped, rad, with more than 10 samples; ``seen`` (F,) is true for the samples that are fitted,
+    and ``dt`` is the time step, s.
     """
     frames = len(angle)
-    spacing = max(1.0, 1.0 / (KNOT_RATE * dt))  # samples
+    spacing = max(1.0, 1.0 / (_KNOT_RATE * dt))  # samples
     intervals = math.ceil((frames - 1) / spacing)
     spacing = (frames - 1) / intervals
     knots = np.arange(-DEGREE, intervals + DEGREE + 1, dtype=np.float64)
-    place = np.minimum(np.arange(frames) / spacing, intervals)
-    basis = csr_array(BSpline.design_matrix(place, knots, DEGREE))
+    position = np.minimum(np.arange(frames) / spacing, intervals)
+    basis = csr_array(BSpline.design_matrix(position, knots, DEGREE))
     data = csr_array(basis[seen])
     middle = float(np.mean(angle[seen]))  # subtracted to avoid cancellation in the sums of squares
     given = angle[seen] - middle
@@ -65,7 +53,7 @@ def smoothing_spline(angle: FloatArray, seen: BoolArray, dt: float) -> FloatArra
 
     best = minimize_scalar(score, bounds=_LOG_STIFFNESS, method="bounded", options={"xatol": _TOLERANCE})
     spline = BSpline(knots, coefficients(float(best.x)), DEGREE)
-    states = np.stack([spline(place, nu=d) / (spacing * dt) ** d for d in range(ORDER)], axis=-1)
+    states = np.stack([spline(position, nu=d) / (spacing * dt) ** d for d in range(ORDER)], axis=-1)
     states[:, 0] += middle
     return np.asarray(states)
 
@@ -77,9 +65,9 @@ def _penalty(intervals: int) -> dia_array:
     interval integrate its square exactly.
     """
     size = intervals + DEGREE
-    steps = [(-1.0) ** (PENALISED - k) * math.comb(PENALISED, k) for k in range(PENALISED + 1)]
-    difference = diags_array(steps, offsets=range(PENALISED + 1), shape=(size - PENALISED, size))
-    order = DEGREE - PENALISED
+    steps = [(-1.0) ** (_PENALISED - k) * math.comb(_PENALISED, k) for k in range(_PENALISED + 1)]
+    difference = diags_array(steps, offsets=range(_PENALISED + 1), shape=(size - _PENALISED, size))
+    order = DEGREE - _PENALISED
     knots = np.arange(-order, intervals + order + 1, dtype=np.float64)
     at, weight = np.polynomial.legendre.leggauss(order + 1)
     points = (np.arange(intervals)[:, None] + 0.5 * (1.0 + at)).ravel()
@@ -96,12 +84,12 @@ def _bands(matrix: dia_array) -> FloatArray:
 
 
 def _freedom(stiffness: float, intervals: int, seen: int) -> float:
-    """Return the trace of the smoother matrix, approximated by sine modes over this number of intervals.
+    """Return the trace of the smoother matrix, approximated by sine modes over a number of intervals.
 
     Smoothing multiplies mode k by 1 / (1 + λ (π k / K)⁶ K / N) for N samples on K intervals; polynomials up to the
     second degree pass unchanged.
     """
-    free_ends = 0.5 * (PENALISED - 1)  # free ends raise the frequencies, as for a beam (there by a half)
-    frequency = math.pi * (np.arange(1, min(seen, intervals + DEGREE) - PENALISED + 1) + free_ends) / intervals
-    passed = 1.0 / (1.0 + stiffness * frequency ** (2 * PENALISED) * intervals / seen)
-    return PENALISED + float(passed.sum())
+    free_ends = 0.5 * (_PENALISED - 1)  # free ends raise the frequencies, as for a beam (there by a half)
+    frequency = math.pi * (np.arange(1, min(seen, intervals + DEGREE) - _PENALISED + 1) + free_ends) / intervals
+    passed = 1.0 / (1.0 + stiffness * frequency ** (2 * _PENALISED) * intervals / seen)
+    return _PENALISED + float(passed.sum())

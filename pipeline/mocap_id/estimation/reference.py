@@ -3,8 +3,9 @@
 It is slow and serves to verify the compiled engine.
 
 filterpy leaves three things to its caller. A missing marker must be removed from measurement, noise and forward map,
-because one NaN spoils the state. The first frame needs explicit sigma points, because ``update`` takes those of the
-preceding ``predict``. Its smoother has one process noise for all steps and no restarts of joints.
+because one NaN spoils the state. The first frame needs explicit sigma points, because ``update`` uses the points of the
+preceding ``predict``. The smoother of filterpy has one process noise for all steps and cannot start joints again, so it
+is not used.
 """
 
 from __future__ import annotations
@@ -31,7 +32,7 @@ def filter_forwards(problem: FilterProblem) -> Track:
     n = problem.joints
     mean, covariance = np.empty((frames, 4 * n)), np.empty((frames, 4 * n, 4 * n))
     used, restarted = np.zeros((frames, markers), dtype=np.bool_), np.zeros((frames, n), dtype=np.bool_)
-    ukf, last_angle, log_likelihood = _filterpy(problem), problem.anchors.angles[0].copy(), 0.0
+    ukf, last_angle, log_likelihood = _make_filter(problem), problem.anchors.angles[0].copy(), 0.0
     failing = np.zeros(n, dtype=np.int64)
     for k in range(frames):
         try:
@@ -46,7 +47,7 @@ def filter_forwards(problem: FilterProblem) -> Track:
                 f"the filter's covariance is not positive definite at sample {k} of {frames}"
             ) from error
         log_likelihood += gained
-        failing = _failing(problem, k, used[k], failing)
+        failing = _count_failing(problem, k, used[k], failing)
         last_angle = np.where(problem.anchors.observed[k] & (failing == 0), ukf.x[:n], last_angle)
         mean[k], covariance[k] = ukf.x, ukf.P
     return Track(mean, covariance, used, restarted, log_likelihood)
@@ -73,7 +74,7 @@ def smooth_backwards(problem: FilterProblem, track: Track) -> Track:
     return Track(mean, covariance, track.used, track.restarted, track.log_likelihood)
 
 
-def _filterpy(problem: FilterProblem) -> UnscentedKalmanFilter:
+def _make_filter(problem: FilterProblem) -> UnscentedKalmanFilter:
     size, points = 4 * problem.joints, problem.sigma_points
     f = joint_transition(problem.dt, problem.joints)
     ukf = UnscentedKalmanFilter(
@@ -96,6 +97,7 @@ def _forward(problem: FilterProblem, states: FloatArray, markers: BoolArray) -> 
 
 
 def _restart(ukf: UnscentedKalmanFilter, last_angle: FloatArray, lost: BoolArray, dt: float) -> None:
+    """Start joints again at their last angles and at rest, with their initial covariance."""
     rows = np.tile(lost, 4)
     ukf.P[rows, :] = 0.0
     ukf.P[:, rows] = 0.0
@@ -114,7 +116,7 @@ def _measure(ukf: UnscentedKalmanFilter, problem: FilterProblem, k: int) -> tupl
         taken = _anchor(ukf, problem.anchors.angles[k], problem.anchors.covariance[k], problem.gate)
         return 0.0, problem.anchors.used[k] & taken
     passed = visible.copy()
-    passed[visible] = _within_gate(ukf, problem, k, visible)
+    passed[visible] = _passes_gate(ukf, problem, k, visible)
     if not passed.any():
         return 0.0, passed
     noise = np.diag(np.repeat(problem.variance[passed], 2))
@@ -122,8 +124,8 @@ def _measure(ukf: UnscentedKalmanFilter, problem: FilterProblem, k: int) -> tupl
     return float(ukf.log_likelihood), passed
 
 
-def _failing(problem: FilterProblem, k: int, used: BoolArray, failing: IntArray) -> IntArray:
-    """Count successive frames in which over half of a segment's markers fail; unchanged if none is seen."""
+def _count_failing(problem: FilterProblem, k: int, used: BoolArray, failing: IntArray) -> IntArray:
+    """Count successive frames in which over half of a segment's markers fail; no change if none is visible."""
     own = problem.segment[:, None] == np.arange(1, problem.joints + 1)  # (M, n)
     seen = (own & np.isfinite(problem.observed[k]).all(axis=-1)[:, None]).sum(axis=0)
     passed = (own & used[:, None]).sum(axis=0)
@@ -131,7 +133,8 @@ def _failing(problem: FilterProblem, k: int, used: BoolArray, failing: IntArray)
     return np.asarray(np.where(seen > 0, counted, failing))
 
 
-def _within_gate(ukf: UnscentedKalmanFilter, problem: FilterProblem, k: int, visible: BoolArray) -> BoolArray:
+def _passes_gate(ukf: UnscentedKalmanFilter, problem: FilterProblem, k: int, visible: BoolArray) -> BoolArray:
+    """Return which of the visible markers are within the gate."""
     points = _forward(problem, ukf.sigmas_f, visible)  # (2L + 1, m, 2)
     expected = np.einsum("s,smi->mi", ukf.Wm, points)
     deviation = points - expected
@@ -143,9 +146,9 @@ def _within_gate(ukf: UnscentedKalmanFilter, problem: FilterProblem, k: int, vis
 
 
 def _anchor(ukf: UnscentedKalmanFilter, angles: FloatArray, noise: FloatArray, gate: float) -> bool:
-    """Update the state with the angles of one frame, unwrapped to the nearest turn; linear, Joseph form.
+    """Update the state with the angles of one frame, unwrapped to the nearest whole rotation; linear, Joseph form.
 
-    Returns whether the angles passed the gate.
+    Return whether the angles passed the gate.
     """
     n, size = len(angles), len(ukf.x)
     h = np.eye(n, size)

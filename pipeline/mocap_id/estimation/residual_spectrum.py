@@ -1,12 +1,13 @@
 """Spectrum of the residuals: evidence of a low-pass filter, and of segments whose markers oscillate together.
 
-**Filter.** The cameras' noise is white. If the residuals fall steeply above a frequency and stay there, the recording
-was filtered or resampled. The product S(f) f^4 has its maximum at the cut-off of two passes of a second-order
-Butterworth filter. Skin and movement fall less steeply than this.
+**Filter.** The cameras' noise is white. If the residuals fall steeply above a frequency and stay low, the recording was
+filtered or resampled. The product S(f) f^4 has its maximum at the cut-off of two passes of a second-order Butterworth
+filter. Skin and movement fall less steeply.
 
-**Oscillation.** If all markers of a segment move alike, as on wobbling tissue, the chain turns instead, and less is
-left in the residuals. A rigid displacement does not turn the segment, however, so the turn of its markers against the
-chain is the error of the chain's angle. Only a narrow peak counts: broad ones are found in every real movement.
+**Oscillation.** If all markers of a segment move alike, as on wobbling tissue, the chain rotates instead, and the
+residuals contain only a part of the oscillation. A rigid displacement does not rotate the segment, however. The
+rotation of its markers relative to the chain is therefore the error of the chain's angle. Only a narrow peak counts,
+because broad peaks occur in every real movement.
 """
 
 from __future__ import annotations
@@ -25,10 +26,10 @@ _WINDOW = 4.0  # s
 _MOST = 150  # windows of the median spectrum
 _NEIGHBOURS = 5  # frequencies of an average
 _LOWEST = 1.0  # Hz; least cut-off that is searched for
-_DROP = 50.0  # least ratio of the power at the cut-off to that an octave and more above it
-_FLATTEST = 0.75  # of the highest frequency; above, nothing shows a filter
-_NOISE = (5e-5, 2e-3)  # m, of a coordinate before the filter; less is no camera's, more is movement off the chain
-_STEEPEST = 25.0  # largest ratio of the power an octave below the cut-off to that at the cut-off
+_DROP = 50.0  # least ratio of the power at the cut-off to the power an octave and more above it
+_FLATTEST = 0.75  # of the highest frequency; a filter with a higher cut-off cannot be detected
+_NOISE = (5e-5, 2e-3)  # m, of a coordinate before the filter; no camera has less, and more is movement off the chain
+_STEEPEST = 25.0  # largest ratio of the power an octave below the cut-off to the power at the cut-off
 _PEAK = 10.0  # least ratio of a peak to the power beside it
 _HALF_WIDTH = 1.3  # ratio of frequencies within a peak
 _RANGE = (2.0, 15.0)  # Hz, of oscillations
@@ -37,49 +38,27 @@ _LEAST_SPREAD = 0.02  # m, rms distance of a segment's markers from their centro
 
 @dataclass(frozen=True)
 class Oscillation:
-    """A narrow peak in the common motion of a segment's markers.
+    """A narrow peak in the common motion of a segment's markers."""
 
-    Parameters
-    ----------
-    segment : int
-        1 … n.
-    frequency : float
-        Hz.
-    size : float
-        rms displacement that is left in the residuals, m.
-    """
-
-    segment: int
-    frequency: float
-    size: float
+    segment: int  # 1 … n
+    frequency: float  # Hz
+    size: float  # rms displacement that remains in the residuals, m
 
 
 @dataclass(frozen=True)
 class ResidualSpectrum:
-    """Spectrum of the residuals, and the motion of each segment's markers against the chain.
+    """Spectrum of the residuals, and the motion of each segment's markers relative to the chain."""
 
-    Parameters
-    ----------
-    rate : float
-        Hz.
-    frequency, power : (P,) arrays
-        Hz, and the median of the markers' power spectra, m²/Hz; empty if no window is complete.
-    shift : (F, n) complex array
-        Displacement of each segment's markers, m.
-    turn : (F, n) array
-        Their turn, rad; 0 for a segment whose markers are too close together.
-    """
-
-    rate: float
-    frequency: FloatArray
-    power: FloatArray
-    shift: ComplexArray
-    turn: FloatArray
+    rate: float  # frames per second
+    frequency: FloatArray  # (P,) Hz; empty if no window is complete
+    power: FloatArray  # (P,) median of the markers' power spectra, m²/Hz
+    shift: ComplexArray  # (F, n) displacement of each segment's markers, m
+    rotation: FloatArray  # (F, n) their rotation, rad; 0 for a segment whose markers are too close together
 
     @cached_property
     def cut_off(self) -> float | None:
-        """Return the cut-off of a low-pass filter, Hz; None if there is none."""
-        f, power = self.frequency, _smoothed(self.power)
+        """Cut-off of a low-pass filter, Hz; None if the recording was not filtered."""
+        f, power = self.frequency, _smooth(self.power)
         if not len(f):
             return None
         highest = np.maximum.accumulate(power[::-1])[::-1]  # of all frequencies from here on
@@ -97,25 +76,25 @@ class ResidualSpectrum:
 
     @cached_property
     def oscillations(self) -> tuple[Oscillation, ...]:
-        """Return the clearest oscillation of each segment that has one."""
+        """Clearest oscillation of each segment that oscillates."""
         found = []
         for k in range(self.shift.shape[1]):
             windows = list(_spectra(self.shift[:, k], self.rate, None))
             if not windows:
                 continue
-            f, power = _frequencies(len(self.shift), self.rate), np.mean(windows, axis=0)
-            peak = _clearest(f, power)
+            f, power = _list_frequencies(len(self.shift), self.rate), np.mean(windows, axis=0)
+            peak = _find_clearest_peak(f, power)
             if peak is not None:
                 near = (f > peak / _HALF_WIDTH) & (f < peak * _HALF_WIDTH)
                 found.append(Oscillation(k + 1, peak, float(np.sqrt(2 * np.sum(power[near]) * (f[1] - f[0])))))
         return tuple(found)
 
     def oscillating_variance(self, frames: IntArray) -> FloatArray:
-        """Return the variances (T, n, 4) of the states from oscillations, constant over the frames (T,)."""
-        count, n = self.turn.shape
+        """Return the variances (T, n, 4) of the states from oscillations, equal in all frames (T,)."""
+        count, n = self.rotation.shape
         if not self.oscillations:
             return np.zeros((len(frames), n, ORDER))
-        twice = np.concatenate([self.turn, self.turn[::-1]])
+        twice = np.concatenate([self.rotation, self.rotation[::-1]])
         f = np.fft.rfftfreq(2 * count, 1 / self.rate)
         inside = np.zeros(len(f), dtype=np.bool_)
         for each in self.oscillations:
@@ -126,26 +105,26 @@ class ResidualSpectrum:
         return np.broadcast_to(np.stack(variance, axis=1), (len(frames), n, ORDER))
 
 
-def residual_spectrum(residuals: ChainResiduals) -> ResidualSpectrum:
-    """Return the spectrum of the residuals, and the motion of each segment's markers against the chain."""
+def compute_residual_spectrum(residuals: ChainResiduals) -> ResidualSpectrum:
+    """Return the spectrum of the residuals, and the motion of each segment's markers relative to the chain."""
     chain, count = residuals.states.chain, len(residuals.used_markers)
     n, local = len(chain.centres), as_complex(chain.local)
-    shift, turn = np.zeros((count, n), dtype=np.complex128), np.zeros((count, n))
+    shift, rotation = np.zeros((count, n), dtype=np.complex128), np.zeros((count, n))
     windows, each = list[FloatArray](), max(_MOST // len(local), 1)
     for k, off, seen in residuals.columns():
         own = local[chain.segment == chain.segment[k]]
         j, square = chain.segment[k] - 1, float(np.sum(np.abs(own - own.mean()) ** 2))
         shift[:, j] += off / len(own)
         if square > _LEAST_SPREAD**2 * len(own):
-            turn[:, j] += (np.conj(local[k] - own.mean()) * off).imag / square
+            rotation[:, j] += (np.conj(local[k] - own.mean()) * off).imag / square
         windows += _spectra(off, residuals.rate, seen, each)
-    frequency = _frequencies(count, residuals.rate) if windows else np.empty(0)
+    frequency = _list_frequencies(count, residuals.rate) if windows else np.empty(0)
     power = np.median(windows, axis=0) if windows else np.empty(0)
-    return ResidualSpectrum(residuals.rate, frequency, power, shift, turn)
+    return ResidualSpectrum(residuals.rate, frequency, power, shift, rotation)
 
 
-def _clearest(f: FloatArray, power: FloatArray) -> float | None:
-    """Return the frequency, Hz, of the clearest narrow peak."""
+def _find_clearest_peak(f: FloatArray, power: FloatArray) -> float | None:
+    """Return the frequency, Hz, of the clearest narrow peak; None if no peak is clear."""
     best, found = _PEAK, None
     for k in np.flatnonzero((f >= _RANGE[0]) & (f <= min(_RANGE[1], f[-1] / 2))):
         ratio = f / f[k]
@@ -157,7 +136,7 @@ def _clearest(f: FloatArray, power: FloatArray) -> float | None:
     return found
 
 
-def _smoothed(power: FloatArray) -> FloatArray:
+def _smooth(power: FloatArray) -> FloatArray:
     """Return a spectrum averaged over neighbouring frequencies."""
     if len(power) < _NEIGHBOURS:
         return power
@@ -168,8 +147,8 @@ def _smoothed(power: FloatArray) -> FloatArray:
 def _spectra(
     series: ComplexArray, rate: float, seen: BoolArray | None, most: int | None = None
 ) -> Iterator[FloatArray]:
-    """Yield power spectra (P,) of a coordinate of a series (F,), in windows without a frame that is not seen."""
-    size = _window(len(series), rate)
+    """Yield power spectra (P,) of a coordinate of a series (F,), in at most ``most`` windows without gaps."""
+    size = _window_size(len(series), rate)
     taper = np.hanning(size)
     taper /= np.sqrt(2 * rate * np.sum(taper**2))
     starts = np.arange(0, len(series) - size + 1, max(size // 2, 1))
@@ -183,10 +162,10 @@ def _spectra(
         yield power[1 : size // 2] + power[-1 : -(size // 2) : -1]
 
 
-def _frequencies(count: int, rate: float) -> FloatArray:
-    size = _window(count, rate)
+def _list_frequencies(count: int, rate: float) -> FloatArray:
+    size = _window_size(count, rate)
     return np.arange(1, size // 2) * rate / size
 
 
-def _window(count: int, rate: float) -> int:
+def _window_size(count: int, rate: float) -> int:
     return max(min(round(_WINDOW * rate), count) // 2 * 2, 4)

@@ -12,24 +12,15 @@ class SigmaPoints:
     """Parameters of the scaled unscented transform (Merwe).
 
     A state of L components has 2L + 1 points: the mean, and the mean ± sqrt(c) times each column of the lower Cholesky
-    factor of its covariance, c = alpha^2 (L + kappa). The default, c = L with beta = 2, gives the mean point no weight
-    in the mean, and no negative weight, so the innovation covariance is positive definite for any forward map. The
-    angles of a tracked chain are known to a few mrad, so points sqrt(12) standard deviations away are still close
-    compared with the curvature of the forward map.
-
-    Parameters
-    ----------
-    alpha : float
-        Spread of the points.
-    beta : float
-        Adds to the weight of the mean in the covariance; 2 suits a normal distribution.
-    kappa : float
-        Second scaling of the spread.
+    factor of its covariance, c = alpha^2 (L + kappa). The default is c = L with beta = 2. Then the mean point has no
+    weight in the mean, and no weight is negative, so the innovation covariance is positive definite for any forward
+    map. The angles of a tracked chain are known to a few mrad. Points sqrt(12) standard deviations away are therefore
+    still close compared with the curvature of the forward map.
     """
 
-    alpha: float = 1.0
-    beta: float = 2.0
-    kappa: float = 0.0
+    alpha: float = 1.0  # spread of the points
+    beta: float = 2.0  # added to the weight of the mean in the covariance; 2 suits a normal distribution
+    kappa: float = 0.0  # second scaling of the spread
 
     def spread(self, size: int) -> float:
         """Return the factor c for a state of ``size`` components."""
@@ -41,7 +32,7 @@ class SigmaPoints:
         Raises
         ------
         ConfigError
-            c is not positive, or the weight of the mean in the covariance is negative: the result need not be a
+            c is not positive, or the weight of the mean in the covariance is negative, so that the result may not be a
             covariance.
         """
         c = self.spread(size)

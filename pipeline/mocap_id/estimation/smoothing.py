@@ -17,99 +17,58 @@ from mocap_id.estimation import alternative_estimators, compiled_filter
 from mocap_id.estimation.alternative_estimators import Estimate
 from mocap_id.estimation.backfill import backfill
 from mocap_id.estimation.dropouts import compensate_dropouts
-from mocap_id.estimation.filter_problem import FilterProblem, InertialSignals
-from mocap_id.estimation.inverse_kinematics import MarkerChain, determined_angles, frame_angles
-from mocap_id.estimation.noise import FilterNoise, marker_noise, process_noise
+from mocap_id.estimation.filter_kernels import Inertial
+from mocap_id.estimation.filter_problem import FilterProblem
+from mocap_id.estimation.inverse_kinematics import MarkerChain, find_determined_angles, find_frame_angles
+from mocap_id.estimation.noise import FilterNoise, estimate_marker_noise, estimate_process_noise
 from mocap_id.estimation.sigma_points import SigmaPoints
 from mocap_id.geometry.planar import marker_positions
 
-Engine = Literal["compiled", "filterpy"]
 Method = Literal["rts", "two-filter", "butterworth", "spline"]
 
 FRAMEWISE: tuple[Method, ...] = ("butterworth", "spline")
-"""Methods that smooth the angles of single frames, joint by joint, without standard deviations."""
+"""Methods that smooth the angles of single frames, joint by joint, and give no standard deviations."""
 
 
 @dataclass(frozen=True)
 class FilterSettings:
-    """Settings of the state estimation.
+    """Settings of the state estimation in the plane."""
 
-    Parameters
-    ----------
-    method : {"rts", "two-filter", "butterworth", "spline"}
-        Filter and smoother, or one of :mod:`mocap_id.estimation.alternative_estimators`.
-    butterworth_hz : float
-        Cut-off of ``butterworth``, Hz.
-    engine : {"compiled", "filterpy"}
-        Machine code, or filterpy's filter with the same result, about a hundred times slower.
-    marker_sd : float, optional
-        Standard deviation of a marker's coordinate, m; estimated by default.
-    sigma_v : float, optional
-        Standard deviation of the snap held over one frame, rad/s^4, for every joint; estimated by default. Unlike
-        sigma_v, its spectral density sigma_v^2 dt is independent of the frame rate.
-    sigma_v_ratio : float
-        Largest estimate of a joint's sigma_v, relative to the median of all joints.
-    marker_sd_floor : float
-        Least estimate of ``marker_sd``, m.
-    gate : float
-        A marker farther from its prediction than this many standard deviations is left out.
-    angle_sd_limit : float
-        Largest standard deviation of an angle, rad; beyond it the states are NaN.
-    sigma_points : SigmaPoints
-        Parameters of the unscented transform.
-    """
-
-    method: Method = "rts"
-    butterworth_hz: float = 6.0
-    engine: Engine = "compiled"
-    marker_sd: float | None = None
-    sigma_v: float | None = None
-    sigma_v_ratio: float = math.inf
-    marker_sd_floor: float = 5e-5
-    gate: float = 5.0
-    angle_sd_limit: float = 0.2
+    method: Method = "rts"  # filter and smoother, or one of :mod:`mocap_id.estimation.alternative_estimators`
+    butterworth_hz: float = 6.0  # cut-off of ``butterworth``, Hz
+    engine: Literal["compiled", "filterpy"] = "compiled"  # filterpy: the same result, a hundred times slower
+    marker_sd: float | None = None  # standard deviation of a marker's coordinate, m; None: estimated
+    sigma_v: float | None = None  # sd of every joint's snap held over one frame, rad/s^4; None: estimated
+    sigma_v_ratio: float = math.inf  # largest estimate of a joint's sigma_v, relative to the median of all joints
+    marker_sd_floor: float = 5e-5  # least estimate of ``marker_sd``, m
+    gate: float = 5.0  # a marker farther from its prediction is left out; standard deviations
+    angle_sd_limit: float = 0.2  # largest standard deviation of an angle, rad; beyond it the states are NaN
     sigma_points: SigmaPoints = field(default_factory=SigmaPoints)
 
 
 @dataclass(frozen=True)
 class States:
-    """Smoothed states of a trial.
+    """Smoothed states of a trial with F frames, n joints and M markers.
 
-    Parameters
-    ----------
-    mean : (F, n, 4) array
-        Angle (rad, unwrapped), velocity, acceleration and jerk of each joint; NaN where the angle is too uncertain.
-    sd : (F, n, 4) array
-        Standard deviations in every frame, NaN for methods without them. These are the filter's, which treat all
-        noise as white. Soft tissue is not white; :func:`mocap_id.estimation.lasting_errors.add_lasting_errors`
-        corrects for this.
-    observed : (F, n) bool array
-        The frame's own markers determine the angle; false where it is bridged.
-    used : (F, M) bool array
-        Markers used for the states: measured, on a moving segment, within the gate.
-    noise : FilterNoise
-        Marker and process noise, estimated or given.
-    log_likelihood : float
-        Log-likelihood of the filter's innovations; NaN for methods without one.
-    chain : MarkerChain
-        The chain with all M markers.
+    The standard deviations come from the filter, which treats all noise as white. Soft tissue is not white;
+    :func:`mocap_id.estimation.lasting_errors.add_lasting_errors` corrects for this.
     """
 
-    mean: FloatArray
-    sd: FloatArray
-    observed: BoolArray
-    used: BoolArray
-    noise: FilterNoise
-    log_likelihood: float
-    chain: MarkerChain
+    mean: FloatArray  # (F, n, 4) angle (rad, unwrapped), velocity, acceleration, jerk; NaN if the angle is uncertain
+    sd: FloatArray  # (F, n, 4) standard deviations, also of uncertain states; NaN for methods that give none
+    observed: BoolArray  # (F, n) the frame's own markers determine the angle; false where it is bridged
+    used: BoolArray  # (F, M) markers used for the states: measured, on a moving segment, within the gate
+    noise: FilterNoise  # estimated or given
+    log_likelihood: float  # of the filter's innovations; NaN for methods without one
+    chain: MarkerChain  # with all M markers
 
     @property
     def predicted(self) -> FloatArray:
-        """Return the positions (F, M, 2) of all markers from the states, plane frame, m (eq. 3.18)."""
+        """Positions (F, M, 2) of all markers from the states, plane frame, m (eq. 3.18)."""
         return self.predicted_in(slice(None))
 
     def predicted_in(self, frames: slice | IntArray) -> FloatArray:
-        """Return the positions (..., M, 2) in given frames (...), m; NaN beyond an angle that is NaN."""
+        """Return the predicted positions (..., M, 2) in some frames (...), m; NaN where an angle before is NaN."""
         return marker_positions(self.mean[frames, :, 0], self.chain.centres, self.chain.segment, self.chain.local)
 
 
@@ -140,12 +99,8 @@ def smooth(
     settings : FilterSettings, optional
         Default: :class:`FilterSettings`.
     overwrite : bool
-        Allow changes of ``observed``, which saves a copy: where markers are missing, the others are moved by
+        Allow changes of ``observed``, which saves a copy: where markers are missing, the other markers are moved by
         :func:`mocap_id.estimation.dropouts.compensate_dropouts`.
-
-    Returns
-    -------
-    States
 
     Raises
     ------
@@ -159,25 +114,15 @@ def smooth(
 
 @dataclass(frozen=True)
 class PreparedStates:
-    """Noise and markers of a trial, prepared once to be smoothed once or several times.
+    """Noise and markers of a trial, prepared once to be smoothed once or several times."""
 
-    Parameters
-    ----------
-    problem : FilterProblem
-        Of the moving segments' markers.
-    noise : FilterNoise
-    chain : MarkerChain
-        With all M markers.
-    settings : FilterSettings
-    """
-
-    problem: FilterProblem
+    problem: FilterProblem  # with the markers of the moving segments
     noise: FilterNoise
-    chain: MarkerChain
+    chain: MarkerChain  # with all M markers
     settings: FilterSettings
 
-    def estimate(self, inertial: InertialSignals | None = None) -> States:
-        """Return the states, from the markers alone or with inertial sensors (``rts`` by the compiled engine).
+    def estimate(self, inertial: Inertial | None = None) -> States:
+        """Return the states from the markers alone, or with inertial sensors (``rts`` by the compiled engine).
 
         Raises
         ------
@@ -185,14 +130,14 @@ class PreparedStates:
             A covariance is not positive definite.
         """
         problem = self.problem if inertial is None else replace(self.problem, inertial=inertial)
-        found = _estimate(problem, self.settings)
-        mean, sd = found.mean, found.sd
-        determined = _determined(found, problem, self.noise, self.settings)
+        estimate = _estimate(problem, self.settings)
+        mean, sd = estimate.mean, estimate.sd
+        determined = _find_determined(estimate, problem, self.noise, self.settings)
         mean[sd[..., 0] > self.settings.angle_sd_limit] = math.nan
-        mean[..., 0] -= _turns(mean[..., 0])
+        mean[..., 0] -= _find_whole_rotations(mean[..., 0])
         used = np.zeros((len(mean), len(self.chain.segment)), dtype=np.bool_)
-        used[:, self.chain.segment > 0] = found.used
-        return States(mean, sd, determined, used, self.noise, found.log_likelihood, self.chain)
+        used[:, self.chain.segment > 0] = estimate.used
+        return States(mean, sd, determined, used, self.noise, estimate.log_likelihood, self.chain)
 
 
 def prepare_states(
@@ -206,70 +151,21 @@ def prepare_states(
 ) -> PreparedStates:
     """Estimate the noise of a trial, and prepare its markers for :meth:`PreparedStates.estimate`.
 
-    Parameters
-    ----------
-    observed, rate, centres, segment, local, settings
-        As for :func:`smooth`; ``observed`` is changed as by ``overwrite``.
+    The arguments are the same as for :func:`smooth`; ``observed`` is changed as by ``overwrite``.
     """
     settings = settings or FilterSettings()
-    moves = segment > 0
+    moves, dt = segment > 0, 1.0 / rate
     moving = observed if moves.all() else observed[:, moves]
     chain = MarkerChain(centres.copy(), segment[moves], local[moves])  # numba would recompile for read-only arrays
-    noise, problem = _filter_problem(moving, 1.0 / rate, chain, settings)
-    return PreparedStates(problem, noise, MarkerChain(centres, segment, local), settings)
-
-
-def _estimate(problem: FilterProblem, settings: FilterSettings) -> Estimate:
-    engine = _engine(settings.engine)
-    if settings.method == "two-filter":
-        return alternative_estimators.two_filter(problem, engine.filter_forwards)
-    if settings.method == "butterworth":
-        return alternative_estimators.butterworth(problem.anchors, problem.dt, settings.butterworth_hz)
-    if settings.method == "spline":
-        return alternative_estimators.spline(problem.anchors, problem.dt)
-    track = engine.smooth_backwards(problem, engine.filter_forwards(problem))
-    mean, sd = track.by_joint()
-    filled = backfill(problem, track, mean, sd)
-    return Estimate(mean, sd, track.used, track.log_likelihood, filled)
-
-
-def _engine(name: Engine) -> ModuleType:
-    """Return the module with ``filter_forwards`` and ``smooth_backwards``."""
-    if name == "compiled":
-        return compiled_filter
-    from mocap_id.estimation import reference  # noqa: PLC0415  slow import, seldom used
-
-    return reference
-
-
-def _determined(found: Estimate, problem: FilterProblem, noise: FilterNoise, settings: FilterSettings) -> BoolArray:
-    """Return which angles (F, n) the markers used in their own frame determine."""
-    if settings.method in FRAMEWISE:  # these start from the frames' own angles and bridge no long gap
-        return np.asarray(problem.anchors.observed & np.isfinite(found.mean[..., 0]))
-    chain = MarkerChain(problem.centres, problem.segment, problem.local)
-    determined = determined_angles(found.mean[..., 0], found.used, chain, noise.marker_sd)
-    return determined if found.filled is None else np.asarray(determined & ~found.filled)
-
-
-def _turns(angles: FloatArray) -> FloatArray:
-    """Return the whole turns (n,), rad, that bring each joint's first finite angle (F, n) into (-pi, pi]."""
-    first = angles[np.isfinite(angles).argmax(axis=0), np.arange(angles.shape[1])]
-    return np.where(np.isfinite(first), 2.0 * math.pi * np.round(first / (2.0 * math.pi)), 0.0)
-
-
-def _filter_problem(
-    observed: FloatArray, dt: float, chain: MarkerChain, settings: FilterSettings
-) -> tuple[FilterNoise, FilterProblem]:
-    """Return the noise, given or estimated, and the input of the engine; changes ``observed``."""
-    frames = frame_angles(observed, chain, settings.gate, settings.marker_sd_floor)
-    marker_sd = settings.marker_sd or marker_noise(frames, settings.marker_sd_floor)
-    frames = compensate_dropouts(observed, frames, chain, marker_sd, 1.0 / dt)
+    frames = find_frame_angles(moving, chain, settings.gate, settings.marker_sd_floor)
+    marker_sd = settings.marker_sd or estimate_marker_noise(frames, settings.marker_sd_floor)
+    frames = compensate_dropouts(moving, frames, chain, marker_sd, 1.0 / dt)
     anchors = frames.anchors(marker_sd)
     given = settings.sigma_v
-    sigma_v = process_noise(anchors, dt) if given is None else np.full(len(chain.centres), given)
+    sigma_v = estimate_process_noise(anchors, dt) if given is None else np.full(len(chain.centres), given)
     sigma_v = np.minimum(sigma_v, settings.sigma_v_ratio * np.median(sigma_v))
-    return FilterNoise(marker_sd, sigma_v), FilterProblem(
-        observed=observed,
+    problem = FilterProblem(
+        observed=moving,
         dt=dt,
         centres=chain.centres,
         segment=chain.segment,
@@ -281,3 +177,37 @@ def _filter_problem(
         anchors=anchors,
         sigma_points=settings.sigma_points,
     )
+    return PreparedStates(problem, FilterNoise(marker_sd, sigma_v), MarkerChain(centres, segment, local), settings)
+
+
+def _estimate(problem: FilterProblem, settings: FilterSettings) -> Estimate:
+    engine: ModuleType = compiled_filter
+    if settings.engine == "filterpy":
+        from mocap_id.estimation import reference as engine  # noqa: PLC0415  slow import, seldom used
+    if settings.method == "two-filter":
+        return alternative_estimators.average_two_passes(problem, engine.filter_forwards)
+    if settings.method == "butterworth":
+        return alternative_estimators.smooth_butterworth(problem.anchors, problem.dt, settings.butterworth_hz)
+    if settings.method == "spline":
+        return alternative_estimators.smooth_spline(problem.anchors, problem.dt)
+    track = engine.smooth_backwards(problem, engine.filter_forwards(problem))
+    mean, sd = track.by_joint()
+    filled = backfill(problem, track, mean, sd)
+    return Estimate(mean, sd, track.used, track.log_likelihood, filled)
+
+
+def _find_determined(
+    estimate: Estimate, problem: FilterProblem, noise: FilterNoise, settings: FilterSettings
+) -> BoolArray:
+    """Return which angles (F, n) the markers used in their own frame determine."""
+    if settings.method in FRAMEWISE:  # these start from the frames' own angles and bridge no long gap
+        return np.asarray(problem.anchors.observed & np.isfinite(estimate.mean[..., 0]))
+    chain = MarkerChain(problem.centres, problem.segment, problem.local)
+    determined = find_determined_angles(estimate.mean[..., 0], estimate.used, chain, noise.marker_sd)
+    return determined if estimate.filled is None else np.asarray(determined & ~estimate.filled)
+
+
+def _find_whole_rotations(angles: FloatArray) -> FloatArray:
+    """Return the multiples of 2π (n,), rad, that bring each joint's first finite angle (F, n) into (-π, π]."""
+    first = angles[np.isfinite(angles).argmax(axis=0), np.arange(angles.shape[1])]
+    return np.where(np.isfinite(first), 2.0 * math.pi * np.round(first / (2.0 * math.pi)), 0.0)

@@ -9,7 +9,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray, chunks
 from mocap_id.estimation.space import SpatialStates
-from mocap_id.estimation.space.slips import slow_part
+from mocap_id.estimation.space.slips import remove_fast_part
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain
 from mocap_id.kinematics.space.rigid_body import rigid_poses
@@ -171,7 +171,7 @@ def correct_cluster_slides(points: FloatArray, chain: SpatialChain, rate: float)
             base = rotations[:, joint.parent]
             centre = joint.origin(np.swapaxes(base, 1, 2) @ rotations[:, k])
             apart = origins[:, k] - origins[:, joint.parent] - np.einsum("fij,fj->fi", base, centre)
-            shifts[:, k] += slow_part(_fill_gaps(apart), rate)
+            shifts[:, k] += remove_fast_part(_fill_gaps(apart), rate)
     shifts -= shifts.mean(axis=1, keepdims=True)
     return np.asarray(points - shifts[:, chain.segment])
 

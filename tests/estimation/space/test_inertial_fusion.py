@@ -10,7 +10,7 @@ from spatial_cases import UP, mixed_chain, true_chain
 
 from mocap_id.estimation.inertial import SensorSignals
 from mocap_id.estimation.space import SpatialStates, smooth_in_space
-from mocap_id.estimation.space.chain_model import chain_model, degrees_of_freedom, empty_track
+from mocap_id.estimation.space.chain_model import degrees_of_freedom, make_chain_model, make_track
 from mocap_id.estimation.space.inertial_fusion import SensorResult, smooth_with_sensors
 from mocap_id.estimation.space.space_kernels import Pose, Sensors, predict_sensors
 from mocap_id.geometry import so3
@@ -87,9 +87,9 @@ def test_derivatives_of_what_sensors_measure(seed: int) -> None:
     chain = mixed_chain(rng)
     for joint in chain.joints:
         joint.glide[:] = 0.0  # the derivatives by the glide are approximate
-    model = chain_model(chain)
+    model = make_chain_model(chain)
     d = degrees_of_freedom(model)
-    pose = moved(chain, model, empty_track(model, 1), rng.standard_normal(3 * d))
+    pose = moved(chain, model, make_track(model, 1), rng.standard_normal(3 * d))
     rows = sensed(chain, model, pose, np.random.default_rng(9), jacobian=True)[1][0]
     for c in range(3 * d):
         step = 1e-6 * np.eye(3 * d)[c]
@@ -102,9 +102,9 @@ def test_measurements_are_derivatives_along_a_movement() -> None:
     """The predictions agree with differences of positions and rotations, the glide included."""
     rng = np.random.default_rng(3)
     chain = mixed_chain(rng)
-    model = chain_model(chain)
+    model = make_chain_model(chain)
     d, step = degrees_of_freedom(model), 1e-4
-    start = moved(chain, model, empty_track(model, 1), np.concatenate([rng.standard_normal(d), np.zeros(2 * d)]))
+    start = moved(chain, model, make_track(model, 1), np.concatenate([rng.standard_normal(d), np.zeros(2 * d)]))
     rate, grows = rng.standard_normal(d), rng.standard_normal(d)
     start.rate[0, :2] = rate, grows
     values, _, place, lag, axes = sensed(chain, model, start, np.random.default_rng(9))
@@ -155,12 +155,12 @@ def test_clocks_are_found_or_said_to_be_unknown(case, both) -> None:
     middle = trial.time[len(trial.time) // 2]
     for s, result in both[1].items():
         truth = sensors[s].truth
-        off = (middle - truth["offset_s"]) / (1 + 1e-6 * truth["ppm"]) - float(result.found.clock.stamps(middle))
-        assert abs(off) < 3 * result.found.clock.sd
-        assert abs(off) < 2e-3 or not result.found.clock.observable
+        off = (middle - truth["offset_s"]) / (1 + 1e-6 * truth["ppm"]) - float(result.calibration.clock.stamps(middle))
+        assert abs(off) < 3 * result.calibration.clock.sd
+        assert abs(off) < 2e-3 or not result.calibration.clock.observable
         bias = (np.array(truth["gyro_bias_start"]) + truth["gyro_bias_end"]) / 2
-        assert np.all(np.abs(result.found.gyro_bias - bias) < 4 * result.found.sd["gyro_bias"] + 1e-3)
-    assert both[1][2].found.clock.observable
+        assert np.all(np.abs(result.calibration.gyro_bias - bias) < 4 * result.calibration.sd["gyro_bias"] + 1e-3)
+    assert both[1][2].calibration.clock.observable
 
 
 def test_a_gap_stays_bounded(case, both) -> None:
@@ -200,6 +200,6 @@ def test_swapped_sensors_are_named_and_left_out(case) -> None:
     trial, sensors = case
     alone = smooth_in_space(trial.positions @ UP.T, trial.rate, true_chain(trial))
     states, results = fused(trial, {1: sensors[2], 2: sensors[1]})
-    assert {s: each.fits for s, each in results.items()} == {1: 2, 2: 1}
+    assert {s: each.better_segment for s, each in results.items()} == {1: 2, 2: 1}
     assert all(each.why for each in results.values())
     np.testing.assert_array_equal(states.alpha, alone.alpha)

@@ -7,8 +7,8 @@ import pytest
 from spatial_cases import mixed_chain, positions
 
 from mocap_id.arrays import FloatArray
-from mocap_id.estimation.space.chain_model import chain_model, degrees_of_freedom, empty_track, group_columns
-from mocap_id.estimation.space.segment_rates import joint_rates, rate_jacobians, segment_rates
+from mocap_id.estimation.space.chain_model import degrees_of_freedom, group_columns, make_chain_model, make_track
+from mocap_id.estimation.space.segment_rates import compute_joint_rates, compute_rate_jacobians, compute_segment_rates
 from mocap_id.estimation.space.space_kernels import ChainModel, Pose, predict_markers
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain
@@ -17,7 +17,7 @@ STEP = 1e-6
 
 
 def random_pose(chain: SpatialChain, model: ChainModel, rng: np.random.Generator) -> Pose:
-    pose = empty_track(model, 1)
+    pose = make_track(model, 1)
     pose.origin[:] = rng.normal(0, 1, 3)
     pose.rate[:] = rng.normal(0, 2, pose.rate.shape)
     return moved(chain, model, pose, rng.normal(0, 1, degrees_of_freedom(model)))
@@ -41,7 +41,7 @@ def moved(chain: SpatialChain, model: ChainModel, pose: Pose, by: FloatArray) ->
 def test_markers_and_their_jacobian(seed: int) -> None:
     rng = np.random.default_rng(seed)
     chain = mixed_chain(rng)
-    model = chain_model(chain)
+    model = make_chain_model(chain)
     pose, d = random_pose(chain, model, rng), degrees_of_freedom(model)
     found, jacobian = np.empty((1, len(chain.segment), 3)), np.zeros((1, len(chain.segment), 3, d))
     predict_markers(model, pose, found, jacobian)
@@ -59,7 +59,7 @@ def test_markers_and_their_jacobian(seed: int) -> None:
 def test_rates_are_derivatives_along_a_movement() -> None:
     rng = np.random.default_rng(5)
     chain = mixed_chain(rng)
-    model = chain_model(chain)
+    model = make_chain_model(chain)
     speed = rng.normal(0, 1, degrees_of_freedom(model))
     dt = 1e-3
     poses = [random_pose(chain, model, np.random.default_rng(1))]
@@ -68,7 +68,7 @@ def test_rates_are_derivatives_along_a_movement() -> None:
     u = 1 + np.arange(7) * dt
     track.rate[:, 0], track.rate[:, 1] = u[:, None] * speed, speed  # constant axes: the rates are parallel
     turns = chain.place(track.origin, track.turn[:, 0], track.turn[:, 1:])[1]
-    rates = segment_rates(chain, track, turns, joint_rates(chain, model, track))
+    rates = compute_segment_rates(chain, track, turns, compute_joint_rates(chain, model, track))
     steps = so3.log(turns[1:] @ np.swapaxes(turns[:-1], -1, -2)) / dt
     np.testing.assert_allclose(rates.omega[2], (steps[1] + steps[2]) / 2, atol=1e-4)
     np.testing.assert_allclose(rates.alpha[2], (steps[2] - steps[1]) / dt, atol=5e-3)
@@ -77,7 +77,7 @@ def test_rates_are_derivatives_along_a_movement() -> None:
 def test_jacobians_of_the_rates() -> None:
     rng = np.random.default_rng(7)
     chain = mixed_chain(rng)
-    model = chain_model(chain)
+    model = make_chain_model(chain)
     pose, d = random_pose(chain, model, rng), degrees_of_freedom(model)
 
     def at(by: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
@@ -85,13 +85,13 @@ def test_jacobians_of_the_rates() -> None:
         new.rate[0, 0] += by[d : 2 * d]
         new.rate[0, 1] += by[2 * d :]
         turns = chain.place(new.origin, new.turn[:, 0], new.turn[:, 1:])[1]
-        found = segment_rates(chain, new, turns, joint_rates(chain, model, new))
+        found = compute_segment_rates(chain, new, turns, compute_joint_rates(chain, model, new))
         return turns[0], found.omega[0], found.alpha[0]
 
     middle = at(np.zeros(3 * d))
-    joints = joint_rates(chain, model, pose)
-    rates = segment_rates(chain, pose, middle[0][None], joints)
-    spin, omega, alpha = (each[0] for each in rate_jacobians(chain, model, middle[0][None], joints, rates))
+    joints = compute_joint_rates(chain, model, pose)
+    rates = compute_segment_rates(chain, pose, middle[0][None], joints)
+    spin, omega, alpha = (each[0] for each in compute_rate_jacobians(chain, model, middle[0][None], joints, rates))
     for c in range(3 * d):
         by = STEP * np.eye(3 * d)[c]
         up, down = at(by), at(-by)

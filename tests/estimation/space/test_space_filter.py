@@ -9,7 +9,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.estimation import FilterSettings, smooth
 from mocap_id.estimation.filter_problem import start_sd
 from mocap_id.estimation.process_model import noise_shape, transition
-from mocap_id.estimation.space.chain_model import ChainModel, chain_model, degrees_of_freedom, group_columns
+from mocap_id.estimation.space.chain_model import ChainModel, degrees_of_freedom, group_columns, make_chain_model
 from mocap_id.estimation.space.frame_poses import FramePoses, find_frame_poses
 from mocap_id.estimation.space.space_filter import SpatialTrack, filter_and_smooth
 from mocap_id.estimation.space.space_kernels import Pose
@@ -86,7 +86,7 @@ def advanced(chain: SpatialChain, model: ChainModel, pose: Pose) -> Pose:
 def test_agrees_with_a_dense_fit_of_all_frames() -> None:
     rng = np.random.default_rng(3)
     chain = mixed_chain(rng)
-    model = chain_model(chain)
+    model = make_chain_model(chain)
     count, d = 10, degrees_of_freedom(model)
     points, snap = swinging(chain, model, count, rng), np.full(d, 2e3)
     points[4:7, -3:] = np.nan  # the hinge is shown by one marker
@@ -146,7 +146,7 @@ def test_a_planar_chain_agrees_with_the_smoother_of_the_plane() -> None:
         np.vstack([fixed, np.column_stack([local, np.zeros(8)])]),
         np.zeros(408, dtype=np.bool_),
     )
-    model = chain_model(chain)
+    model = make_chain_model(chain)
     points = np.concatenate([np.broadcast_to(fixed, (200, 400, 3)), np.dstack([flat, np.zeros((200, 8))])], axis=1)
     snap = np.array([1e-1] * 6 + [500.0, 500.0])
     track = smoothed(chain, model, points, snap)[1]

@@ -7,9 +7,9 @@ import math
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.estimation.space.chain_model import chain_model, empty_track
+from mocap_id.estimation.space.chain_model import make_chain_model, make_track
 from mocap_id.estimation.space.frame_poses import FramePoses
-from mocap_id.estimation.space.spatial_noise import process_noise
+from mocap_id.estimation.space.spatial_noise import estimate_process_noise
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
 from mocap_id.simulation.joint_motion import draw_sway, draw_tremor
 
@@ -21,13 +21,13 @@ CHAIN = SpatialChain(
 
 def found_snap(angle: FloatArray) -> float:
     """Return the snap of a hinge with angles (F,) measured frame by frame."""
-    model = chain_model(CHAIN)
-    track = empty_track(model, len(angle))
+    model = make_chain_model(CHAIN)
+    track = make_track(model, len(angle))
     track.angle[:, 0, 0] = angle
     variance, nothing = np.full((len(angle), 7), NOISE**2), np.zeros((len(angle), 0))
     observed = np.ones((len(angle), 2), dtype=np.bool_)
     frames = FramePoses(track, variance, observed, nothing, nothing, nothing, nothing)
-    return float(process_noise(model, frames, DT)[0][6])
+    return float(estimate_process_noise(model, frames, DT)[0][6])
 
 
 def acceleration_errors(angle: FloatArray, noise: FloatArray, snaps: FloatArray) -> FloatArray:

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 
 from mocap_id.errors import Refused
-from mocap_id.estimation.space.chain_model import chain_model
-from mocap_id.estimation.space.frame_poses import predicted_markers
-from mocap_id.estimation.space.skeleton_poses import LEAST_FLEXION, skeleton_poses
-from mocap_id.estimation.space.skeleton_smoothing import bridge_gaps, without_jumps
+from mocap_id.estimation.space.chain_model import make_chain_model
+from mocap_id.estimation.space.frame_poses import predict_positions
+from mocap_id.estimation.space.skeleton_poses import LEAST_FLEXION, find_skeleton_poses
+from mocap_id.estimation.space.skeleton_smoothing import bridge_gaps, remove_jumps
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
 from mocap_id.kinematics.space.skeleton import SensorNoise, fit_bone, fit_sensor_noise, fit_trunk
@@ -91,7 +91,7 @@ def test_the_memory_of_noise_is_found_and_its_power_sums_to_its_variance() -> No
 
 def test_poses_in_closed_form_are_those_that_placed_the_joints_and_no_elbow_is_mirrored() -> None:
     rng = np.random.default_rng(6)
-    model = chain_model(CHAIN)
+    model = make_chain_model(CHAIN)
     trunk = (so3.exp(rng.normal(0, 1, (60, 3))), rng.normal(0, 1, (60, 3)))
     upper = so3.exp(rng.normal(0, 1.5, (60, 3)))
     flexion = rng.uniform(0.4, 2.5, 60)
@@ -99,12 +99,12 @@ def test_poses_in_closed_form_are_those_that_placed_the_joints_and_no_elbow_is_m
     turns = np.stack([upper, CHAIN.joints[1].rotation(flexion[:, None]), CHAIN.joints[2].rotation(hand)], axis=1)
     origins, rotations = CHAIN.place(trunk[1], trunk[0], turns)
     points = np.stack([origins[:, s] + rotations[:, s] @ at for s, at in zip(CHAIN.segment, CHAIN.local)], axis=1)  # noqa: B905
-    found, shown = skeleton_poses(CHAIN, model, points, trunk, np.full(6, 0.01))
+    found, shown = find_skeleton_poses(CHAIN, model, points, trunk, np.full(6, 0.01))
     assert np.allclose(found.track.turn[:, 1], upper, atol=1e-7)
     assert np.allclose(found.track.angle[:, 1, 0], flexion)
-    assert np.allclose(predicted_markers(model, found.track), points)
+    assert np.allclose(predict_positions(model, found.track), points)
     assert shown.all()
-    noisy, _ = skeleton_poses(CHAIN, model, points + rng.normal(0, 0.15, points.shape), trunk, np.full(6, 0.01))
+    noisy, _ = find_skeleton_poses(CHAIN, model, points + rng.normal(0, 0.15, points.shape), trunk, np.full(6, 0.01))
     assert noisy.track.angle[:, 1, 0].min() >= LEAST_FLEXION
 
 
@@ -113,7 +113,7 @@ def test_jumps_are_left_out_and_short_gaps_are_filled() -> None:
     points = np.stack([np.sin(3 * time), np.cos(3 * time), time], axis=1)[:, None] * 0.3
     hit = points.copy()
     hit[40, 0] += 0.1
-    kept = without_jumps(hit, np.array([0.04]))
+    kept = remove_jumps(hit, np.array([0.04]))
     assert np.flatnonzero(np.isnan(kept[:, 0, 0])).tolist() == [40]
     assert np.allclose(bridge_gaps(kept, 3), points, atol=2e-3)
     kept[50:60] = np.nan

@@ -1,4 +1,4 @@
-"""Clock of an inertial sensor against the cameras."""
+"""Clock of an inertial sensor relative to the cameras."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.estimation.inertial.signals import SegmentMotion, SensorSignals
 
 OBSERVABLE_SD = 2e-3
-"""Largest standard deviation of a clock that the motion shows, s."""
+"""Largest standard deviation, s, of a clock that the motion determines."""
 
 _LEAST_OVERLAP = 0.5  # of the shorter record
 _BORROWED_SD = 0.1  # s, least standard deviation of a clock taken from other sensors
@@ -19,37 +19,22 @@ _BORROWED_SD = 0.1  # s, least standard deviation of a clock taken from other se
 
 @dataclass(frozen=True)
 class Clock:
-    """A sample stamped t was taken at the cameras' time ``offset + t (1 + drift)``.
+    """Clock of a sensor: a sample stamped t was taken at the cameras' time ``offset + t (1 + drift)``."""
 
-    Parameters
-    ----------
-    offset, drift : float
-        s, and s/s.
-    sd : float
-        Standard deviation in the middle of the trial, s.
-    observable : bool
-        The motion shows the clock; otherwise it is another sensor's, or zero.
-    """
-
-    offset: float
-    drift: float = 0.0
-    sd: float = np.inf
-    observable: bool = False
+    offset: float  # s
+    drift: float = 0.0  # s/s
+    sd: float = np.inf  # standard deviation in the middle of the trial, s
+    observable: bool = False  # the motion determines the clock; otherwise it is another sensor's clock, or zero
 
     def stamps(self, time: FloatArray) -> FloatArray:
-        """Return the sensor's time stamps at times of the cameras."""
+        """Return the sensor's time stamps at times of the cameras, s."""
         return np.asarray((time - self.offset) / (1.0 + self.drift))
 
 
 def find_clock(signals: SensorSignals, motion: SegmentMotion, time: FloatArray) -> tuple[float, float]:
-    """Return the offset at which the sensor's and the segment's speed of rotation agree best, and their correlation.
+    """Return the clock offset, s, at which the rotation speeds of sensor and segment agree best, and their correlation.
 
-    Parameters
-    ----------
-    signals : SensorSignals
-    motion : SegmentMotion
-    time : (F,) array
-        Uniform times of the cameras, s.
+    ``time`` (F,) are uniform times of the cameras, s.
     """
     step = float(time[1] - time[0])
     known = motion.known
@@ -77,8 +62,8 @@ def find_clock(signals: SensorSignals, motion: SegmentMotion, time: FloatArray) 
     return float(time[0] - stamps[0] + (best + 1 - len(second)) * step), float(correlation[best])
 
 
-def borrowed_clock(others: Sequence[Clock]) -> Clock:
-    """Return the clock of a sensor whose segment stands still, from those of other sensors."""
+def borrow_clock(others: Sequence[Clock]) -> Clock:
+    """Return the clock of a sensor whose motion does not determine it, from the clocks of the other sensors."""
     if not others:
         return Clock(0.0, sd=np.inf)
     offsets = np.array([each.offset for each in others])

@@ -1,67 +1,52 @@
-"""Signals of an inertial sensor, and the motion of the segment that carries it."""
+"""Signals of an inertial sensor, and the motion of the segment on which it is worn."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import BoolArray, FloatArray, IntArray
 
 GRAVITY = 9.81
-"""m/s², along y of the trial's frame."""
+"""Gravity, m/s²; in the trial's axes, it acts along -y."""
 
-_GAP = 2.5  # usual steps between samples; a longer one is a gap
+_GAP = 2.5  # usual steps between samples; a longer step is a gap
 _AVERAGED = 1.5  # samples in a frame; if there are more, they are averaged
-_PINNED = 3  # successive samples at the largest value of a channel that are saturated
+_PINNED = 3  # so many successive samples at the largest value of a channel are saturated
 
 
 @dataclass(frozen=True)
 class SegmentMotion:
-    """Motion of a segment at F frames, in its own axes; NaN where unknown.
+    """Motion of a segment at F frames, in its own axes; NaN where unknown."""
 
-    Parameters
-    ----------
-    omega, alpha : (F, 3) arrays
-        Angular velocity and acceleration, rad/s and rad/s².
-    force : (F, 3) array
-        Acceleration of the origin minus gravity, m/s².
-    twist, twist_rate : (F,) arrays
-        Twist against the parent about the long axis, rad, and its rate, rad/s; zero for the base.
-    long_axis : (3,) array
-        Unit vector.
-    """
-
-    omega: FloatArray
-    alpha: FloatArray
-    force: FloatArray
-    twist: FloatArray
-    twist_rate: FloatArray
-    long_axis: FloatArray
+    omega: FloatArray  # (F, 3) angular velocity, rad/s
+    alpha: FloatArray  # (F, 3) angular acceleration, rad/s²
+    force: FloatArray  # (F, 3) acceleration of the origin minus gravity, m/s²
+    axial: FloatArray  # (F,) axial rotation relative to the parent, rad; zero for the base
+    axial_rate: FloatArray  # (F,) its rate, rad/s
+    long_axis: FloatArray  # (3,) unit vector of the axial rotation
 
     @property
     def known(self) -> BoolArray:
-        """Where (F,) the motion is known."""
-        return np.asarray(np.isfinite(self.omega[:, 0] + self.alpha[:, 0] + self.force[:, 0] + self.twist_rate))
+        """Frames (F,) in which the motion is known."""
+        return np.asarray(np.isfinite(self.omega[:, 0] + self.alpha[:, 0] + self.force[:, 0] + self.axial_rate))
+
+    def select(self, frames: IntArray) -> SegmentMotion:
+        """Return the motion in some frames."""
+        names = ("omega", "alpha", "force", "axial", "axial_rate")
+        return replace(self, **{name: getattr(self, name)[frames] for name in names})
 
 
 @dataclass(frozen=True)
 class SensorSignals:
-    """Samples of a sensor on its own clock.
+    """Samples of a sensor on its own clock."""
 
-    Parameters
-    ----------
-    time : (K,) array
-        Increasing times, s.
-    gyro, acc : (K, 3) arrays
-        Angular velocity, rad/s, and specific force, m/s², in the sensor's axes.
-    """
-
-    time: FloatArray
-    gyro: FloatArray
-    acc: FloatArray
+    time: FloatArray  # (K,) increasing times, s
+    gyro: FloatArray  # (K, 3) angular velocity in the sensor's axes, rad/s
+    acc: FloatArray  # (K, 3) specific force in the sensor's axes, m/s²
 
     @cached_property
     def rate(self) -> float:
@@ -70,7 +55,7 @@ class SensorSignals:
 
     @cached_property
     def saturated(self) -> BoolArray:
-        """Where (K,) a channel stays at its largest or smallest value."""
+        """Samples (K,) in which a channel stays at its largest or smallest value."""
         both = np.concatenate([self.gyro, self.acc], axis=1)
         found = np.zeros(len(both), dtype=np.bool_)
         for values in (both, -both):
@@ -83,7 +68,7 @@ class SensorSignals:
 
     @cached_property
     def noise(self) -> FloatArray:
-        """Standard deviations (2,) of one sample's white noise: gyroscope, accelerometer."""
+        """Standard deviations (2,) of the white noise of one sample: gyroscope, rad/s, and accelerometer, m/s²."""
         found = []
         for values in (self.gyro, self.acc):
             bends = np.abs(np.diff(values, 3, axis=0))
@@ -98,20 +83,20 @@ class SensorSignals:
         return CubicSpline(self.time, np.concatenate([self.gyro, self.acc], axis=1))
 
     def at(self, time: FloatArray, frame: float, order: int = 0) -> tuple[FloatArray, FloatArray]:
-        """Return gyroscope and accelerometer (F, 3), or their derivatives, at times of the sensor's clock.
+        """Return gyroscope and accelerometer (F, 3), or their derivatives, at times (F,) of the sensor's clock, s.
 
-        Samples are averaged over frames that are longer than ``frame`` seconds per sample; NaN in gaps, where a channel
-        is saturated, and beyond the ends.
+        Samples are averaged over each frame, which takes ``frame`` seconds, if it contains more than one. The result is
+        NaN in gaps, at saturated samples, and beyond the ends.
         """
         if self.rate * frame > _AVERAGED:
             total = self._splines.antiderivative()
             both = (total(time + frame / 2, order) - total(time - frame / 2, order)) / frame
         else:
             both = self._splines(time, order)
-        both[~self._covered(time)] = np.nan
+        both[~self._is_covered(time)] = np.nan
         return both[:, :3], both[:, 3:]
 
-    def _covered(self, time: FloatArray) -> BoolArray:
+    def _is_covered(self, time: FloatArray) -> BoolArray:
         after = np.searchsorted(self.time, time).clip(1, len(self.time) - 1)
         near = self.time[after] - self.time[after - 1] < _GAP / self.rate
         near &= (time >= self.time[0]) & (time <= self.time[-1])

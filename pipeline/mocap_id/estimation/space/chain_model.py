@@ -13,7 +13,7 @@ _LEAST_MARKERS = 3
 _LEAST_SPREAD = 5e-3  # m, of a segment's markers across their longest direction
 
 
-def chain_model(chain: SpatialChain) -> ChainModel:
+def make_chain_model(chain: SpatialChain) -> ChainModel:
     """Return the arrays of a chain."""
     freedom = np.array([joint.dimension for joint in chain.joints], dtype=np.int64)
 
@@ -45,13 +45,13 @@ def degrees_of_freedom(model: ChainModel) -> int:
 
 
 def group_columns(model: ChainModel) -> list[slice]:
-    """Return the degrees of freedom of the base (six) and of each joint."""
+    """Return the degrees of freedom of the base (six), then of each joint, as slices."""
     starts = model.first[1:].tolist()
     return [slice(0, 6)] + [slice(at, at + int(size)) for at, size in zip(starts, model.freedom, strict=True)]
 
 
-def empty_track(model: ChainModel, frames: int) -> Pose:
-    """Return poses of ``frames`` frames, at rest in the zero posture."""
+def make_track(model: ChainModel, frames: int) -> Pose:
+    """Return poses of a number of frames, at rest with all coordinates zero."""
     n, d = len(model.freedom), degrees_of_freedom(model)
     return Pose(
         np.zeros((frames, 3)),
@@ -61,57 +61,52 @@ def empty_track(model: ChainModel, frames: int) -> Pose:
     )
 
 
-def summed_steps(model: ChainModel, track: Pose) -> FloatArray:
-    """Return the sums (F, d) of the steps between frames, in each segment's own axes; coordinates as they are."""
+def select_frames(track: Pose, frames: slice | IntArray) -> Pose:
+    """Return the poses in some frames."""
+    return Pose(*(np.ascontiguousarray(each[frames]) for each in track))
+
+
+def sum_steps(model: ChainModel, track: Pose) -> FloatArray:
+    """Return the sums (F, d) of the rotation steps between frames, in each segment's axes; coordinates unchanged."""
     steps = np.zeros((len(track.origin), degrees_of_freedom(model)))
     steps[:, :3] = track.origin
     for k in range(track.turn.shape[1]):
         at = int(model.first[k])
         if k == 0 or model.ball[k - 1]:
-            turned = so3.log(np.swapaxes(track.turn[:-1, k], 1, 2) @ track.turn[1:, k])
-            steps[1:, at : at + 3] = np.cumsum(turned, axis=0)
+            stepwise = so3.log(np.swapaxes(track.turn[:-1, k], 1, 2) @ track.turn[1:, k])
+            steps[1:, at : at + 3] = np.cumsum(stepwise, axis=0)
         else:
             size = int(model.freedom[k - 1])
             steps[:, at : at + size] = track.angle[:, k - 1, :size]
     return steps
 
 
-def seen_clusters(chain: SpatialChain, points: FloatArray) -> BoolArray:
-    """Return where (F, n + 1) a segment's own markers determine its pose."""
+def find_visible_clusters(chain: SpatialChain, points: FloatArray) -> BoolArray:
+    """Return where (F, n + 1) a segment's own visible markers determine its pose."""
     seen = np.asarray(np.isfinite(points).all(axis=2))
     found = np.zeros((len(points), len(chain.joints) + 1), dtype=np.bool_)
     for k in range(found.shape[1]):
-        own = _own(chain, k)
-        if len(own) >= _LEAST_MARKERS and _spread(chain.local[own]) > _LEAST_SPREAD:
+        own = _own_markers(chain, k)
+        if len(own) >= _LEAST_MARKERS and _measure_spread(chain.local[own]) > _LEAST_SPREAD:
             found[:, k] = seen[:, own].sum(axis=1) >= _LEAST_MARKERS
     return found
 
 
-def start_poses(chain: SpatialChain, model: ChainModel, points: FloatArray, frames: IntArray) -> tuple[Pose, BoolArray]:
-    """Return poses from the clusters of single frames.
+def estimate_start_poses(
+    chain: SpatialChain, model: ChainModel, points: FloatArray, frames: IntArray
+) -> tuple[Pose, BoolArray]:
+    """Estimate poses in ``frames`` (T,) from the cluster of each segment; also return where (F, n + 1) this succeeded.
 
-    Parameters
-    ----------
-    chain : SpatialChain
-    model : ChainModel
-    points : (F, M, 3) array
-        Markers, m; NaN where unseen.
-    frames : (T,) int array
-        Frames to start in.
-
-    Returns
-    -------
-    Pose
-        Of all F frames; meaningless elsewhere.
-    (F, n + 1) bool array
-        Where the base or a joint is found.
+    ``points`` (F, M, 3) are the markers, m; NaN where missing. The poses of the other frames are meaningless.
     """
-    track, started = empty_track(model, len(points)), np.zeros((len(points), len(model.freedom) + 1), dtype=np.bool_)
+    track, started = make_track(model, len(points)), np.zeros((len(points), len(model.freedom) + 1), dtype=np.bool_)
     some = points[frames]
-    known = seen_clusters(chain, some)
+    known = find_visible_clusters(chain, some)
     turns = np.tile(np.eye(3), (*known.shape, 1, 1))
     for k in range(known.shape[1]):
-        turns[:, k], middle, centre = _turns(chain.local[_own(chain, k)], some[:, _own(chain, k)], known[:, k])
+        turns[:, k], middle, centre = _fit_rotations(
+            chain.local[_own_markers(chain, k)], some[:, _own_markers(chain, k)], known[:, k]
+        )
         if k == 0:
             track.origin[frames] = middle - np.einsum("fij,fj->fi", turns[:, 0], centre)
     track.turn[frames, 0], started[frames, 0] = turns[:, 0], known[:, 0]
@@ -123,28 +118,28 @@ def start_poses(chain: SpatialChain, model: ChainModel, points: FloatArray, fram
             a, b, offset = joint.first_axis, joint.second_axis, joint.offset
             towards = offset @ b if joint.kind == "two-axis" else None
             if towards is None or np.linalg.norm(np.cross(a, towards)) < 0.1:
-                angle[:, 0] = _twist(between @ offset.T, a)
+                angle[:, 0] = _nearest_angle(between @ offset.T, a)
             else:
-                angle[:, 0] = _about(np.broadcast_to(towards, (len(frames), 3)), between @ b, a)
+                angle[:, 0] = _angle_between(np.broadcast_to(towards, (len(frames), 3)), between @ b, a)
             if joint.kind == "two-axis":
                 left = np.swapaxes(joint.rotation(angle * [1.0, 0.0]), 1, 2) @ between
-                angle[:, 1] = _twist(left, b)
+                angle[:, 1] = _nearest_angle(left, b)
             between = joint.rotation(angle[:, : joint.dimension])
             track.angle[frames, k] = angle
         track.turn[frames, k + 1], started[frames, k + 1] = between, both
     return track, started
 
 
-def _own(chain: SpatialChain, k: int) -> IntArray:
+def _own_markers(chain: SpatialChain, k: int) -> IntArray:
     return np.flatnonzero((chain.segment == k) & ~chain.on_glide)
 
 
-def _spread(local: FloatArray) -> float:
+def _measure_spread(local: FloatArray) -> float:
     return float(np.linalg.svd(local - local.mean(axis=0), compute_uv=False)[1])
 
 
-def _turns(local: FloatArray, seen: FloatArray, known: BoolArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return rotations (T, 3, 3) from local (m, 3) to seen (T, m, 3), and both centroids (T, 3)."""
+def _fit_rotations(local: FloatArray, seen: FloatArray, known: BoolArray) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return rotations (T, 3, 3) from local (m, 3) to seen (T, m, 3) coordinates, and both centroids (T, 3)."""
     there = np.asarray(np.isfinite(seen).all(axis=2))[..., None]
     count = np.maximum(there.sum(axis=1), 1)
     middle = np.where(there, seen, 0.0).sum(axis=1) / count
@@ -157,8 +152,8 @@ def _turns(local: FloatArray, seen: FloatArray, known: BoolArray) -> tuple[Float
     return u @ v, middle, centre
 
 
-def _twist(rotation: FloatArray, axis: FloatArray) -> FloatArray:
-    """Return the angle (T,) of the rotation about ``axis`` nearest to each rotation (T, 3, 3)."""
+def _nearest_angle(rotation: FloatArray, axis: FloatArray) -> FloatArray:
+    """Return the angle (T,), rad, of the rotation about ``axis`` that is nearest to each rotation (T, 3, 3)."""
     across = np.stack(
         [
             rotation[:, 2, 1] - rotation[:, 1, 2],
@@ -171,7 +166,7 @@ def _twist(rotation: FloatArray, axis: FloatArray) -> FloatArray:
     return np.asarray(np.arctan2(across @ axis, np.trace(rotation, axis1=1, axis2=2) - along))
 
 
-def _about(start: FloatArray, end: FloatArray, axis: FloatArray) -> FloatArray:
-    """Return the angle (T,) about ``axis`` from ``start`` to ``end`` (T, 3)."""
+def _angle_between(start: FloatArray, end: FloatArray, axis: FloatArray) -> FloatArray:
+    """Return the angle (T,), rad, about ``axis`` from ``start`` to ``end`` (T, 3)."""
     across = np.cross(start, end) @ axis
     return np.asarray(np.arctan2(across, (start * end).sum(axis=1) - (start @ axis) * (end @ axis)))

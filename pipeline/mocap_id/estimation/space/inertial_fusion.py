@@ -1,7 +1,7 @@
 """Smoothed states of a chain in space from its markers and inertial sensors.
 
-The markers alone give a first motion. On it each sensor is calibrated, and one that contradicts it is left out. The
-filter then runs again with both.
+The markers alone give a first motion. Each sensor is calibrated on it, and a sensor that contradicts it is left out.
+The filter then runs again with both.
 """
 
 from __future__ import annotations
@@ -14,18 +14,18 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray, chunks, find_runs
 from mocap_id.errors import NumericalError
 from mocap_id.estimation.inertial import (
-    Calibrated,
-    Prepared,
+    PreparedSensor,
     SegmentMotion,
+    SensorCalibration,
     SensorResult,
     SensorSignals,
     calibrate_all,
-    find_shown,
+    find_observed_segments,
     prepare_sensor,
 )
 from mocap_id.estimation.inertial.signals import GRAVITY
 from mocap_id.estimation.process_model import ORDER
-from mocap_id.estimation.space.chain_model import chain_model, group_columns
+from mocap_id.estimation.space.chain_model import group_columns, make_chain_model
 from mocap_id.estimation.space.frame_poses import FramePoses
 from mocap_id.estimation.space.space_filter import SpatialTrack, scale_to_movement
 from mocap_id.estimation.space.space_kernels import ChainModel, Sensors
@@ -34,16 +34,16 @@ from mocap_id.estimation.space.space_smoothing import (
     SpatialStates,
     collect_states,
     estimate_noise,
-    find_lost,
-    run_both_ways,
+    find_uncertain_segments,
+    run_filter_and_smoother,
 )
 from mocap_id.estimation.space.spatial_noise import SpatialNoise
 from mocap_id.geometry.spatial_chain import SpatialChain
 
-_UP = (0.0, 1.0, 0.0)  # long axis of the base, which does not twist
-_SNAP = 2.0  # the sensors show faster movement than the markers
-_ACCELERATION_SHARE = 0.35  # of the filter's standard deviation, in still simulated arms; skin is counted by its motion
-_LONG = 0.1  # s, without markers, after which the twist is not interpolated
+_UP = (0.0, 1.0, 0.0)  # long axis of the base, which has no axial rotation
+_SNAP = 2.0  # factor on the snap, because sensors measure faster movement than markers
+_ACCELERATION_SHARE = 0.35  # of the filter's sd, from simulated arms at rest; errors from skin are added separately
+_LONG = 0.1  # s without markers, after which the axial rotation is not interpolated
 _LASTS = 0.3  # s, in which errors of a gyroscope keep their sign
 _WORSE = 1.5  # times the residual of the markers alone, at which the sensors contradict them
 _LEAST_USED = 0.8  # share of the samples that pass the gate
@@ -58,22 +58,9 @@ def smooth_with_sensors(
 ) -> tuple[SpatialStates, dict[int, SensorResult]]:
     """Estimate the states of all segments and joints from markers and inertial sensors.
 
-    Parameters
-    ----------
-    points : (F, M, 3) array
-        Measured markers in the frame of the trial (y up), m; NaN where missing.
-    time : (F,) array
-        Uniform times of the cameras, s.
-    chain : SpatialChain
-    sensors : mapping from int to SensorSignals
-        Sensors by the number of their segment.
-    settings : SpatialSettings, optional
-
-    Returns
-    -------
-    SpatialStates
-        From the markers alone if no sensor is left.
-    dict from int to SensorResult
+    The states are those from the markers alone if all sensors are left out. ``points`` (F, M, 3) are the measured
+    markers in the frame of the trial (y up), m, NaN where missing. ``time`` (F,) are uniform times of the cameras, s.
+    ``sensors`` are numbered by their segment.
 
     Raises
     ------
@@ -81,26 +68,27 @@ def smooth_with_sensors(
         A covariance is not positive definite.
     """
     settings = settings or SpatialSettings()
-    model, rate = chain_model(chain), 1.0 / float(time[1] - time[0])
+    model, rate = make_chain_model(chain), 1.0 / float(time[1] - time[0])
     points = np.where(np.isfinite(points).all(axis=2, keepdims=True), points, np.nan)
     frames, steady, noise = estimate_noise(chain, model, points, rate, settings)
     trial = _Smoothing(chain, model, frames, steady, noise, rate, settings)
 
-    def prepare(twists: Sequence[FloatArray | None]) -> dict[int, Prepared]:
+    def prepare(axial: Sequence[FloatArray | None]) -> dict[int, PreparedSensor]:
         seen = frames.observed
-        return {s: prepare_sensor(sensors[s], kept[s], motions[s], time, seen[:, s], twist=twists[s]) for s in kept}
+        return {s: prepare_sensor(sensors[s], kept[s], motions[s], time, seen[:, s], axial=axial[s]) for s in kept}
 
     alone = trial.smooth({}, {})
-    motions = segment_motions(chain, alone, rate, find_shown(frames.observed, rate))
+    motions = compute_segment_motions(chain, alone, rate, find_observed_segments(frames.observed, rate))
     results = calibrate_all(sensors, motions, time)
-    kept = {s: each.found for s, each in results.items() if each.found is not None and each.why is None}
+    kept = {s: each.used for s, each in results.items() if each.used is not None}
     if not kept:
         return alone, results
     try:
         both = trial.smooth(kept, prepare([None] * len(motions)))
-        _check_residual(both, alone, points)
-        if _hidden_for_long(frames.observed, kept, rate):
-            both = trial.smooth(kept, prepare(_twists(chain, both)))
+        if not _measure_residual(both, points) < _WORSE * _measure_residual(alone, points):
+            raise NumericalError("the sensors pull the chain away from the markers")
+        if _is_hidden_for_long(frames.observed, kept, rate):
+            both = trial.smooth(kept, prepare(_compute_axial_rotations(chain, both)))
     except NumericalError as error:
         return alone, {s: replace(each, why=each.why or str(error)) for s, each in results.items()}
     return replace(both, noise=noise), results
@@ -108,62 +96,61 @@ def smooth_with_sensors(
 
 @dataclass(frozen=True)
 class _Smoothing:
-    """Markers of a trial without lasting displacements (F, M, 3), their noise, and what smooths them."""
+    """Markers of a trial and their noise, to be smoothed with and without sensors."""
 
     chain: SpatialChain
     model: ChainModel
     frames: FramePoses
-    steady: FloatArray
+    steady: FloatArray  # (F, M, 3) markers without lasting displacements, m
     noise: SpatialNoise
     rate: float
     settings: SpatialSettings
 
-    def smooth(self, found: Mapping[int, Calibrated], ready: Mapping[int, Prepared]) -> SpatialStates:
-        """Return the states from the markers and from the sensors that are ready, if any."""
+    def smooth(self, found: Mapping[int, SensorCalibration], ready: Mapping[int, PreparedSensor]) -> SpatialStates:
+        """Return the states from the markers and from the prepared sensors, if any."""
         model, dt, noise = self.model, 1.0 / self.rate, self.noise
-        fused, followed = None, None
+        sensors, followed = None, None
         if ready:
-            fused, followed = _as_arrays(self.chain, found, ready), _followed(model, list(ready))
-            noise = _faster(noise, followed)
-        track = run_both_ways(model, self.steady, dt, self.frames, noise, self.settings.gate, fused)
-        _check_gate(track, fused)
-        lost = find_lost(self.chain, model, track, self.settings)
+            sensors, followed = _collect_signals(self.chain, found, ready), _find_followed(model, list(ready))
+            noise = _adapt_noise(noise, followed)
+        track = run_filter_and_smoother(model, self.steady, dt, self.frames, noise, self.settings.gate, sensors)
+        _check_gate(track, sensors)
+        lost = find_uncertain_segments(self.chain, model, track, self.settings)
         scale_to_movement(track, noise.errors)
         if followed is not None:
             _shrink_accelerations(track.covariance, followed)
             _add_lasting_errors(track.covariance, model, self.frames.observed, ready, dt)
-        sensed = _counted_twists(self.chain, list(ready))
-        return collect_states(self.chain, model, self.frames, track, noise, lost, sensed=sensed)
+        counted = _find_counted_segments(self.chain, list(ready))
+        return collect_states(self.chain, model, self.frames, track, noise, lost, counted=counted)
 
 
-def _counted_twists(chain: SpatialChain, own: Sequence[int]) -> BoolArray:
-    """Return the segments (n + 1,) with a sensor whose shares of the twist are estimated, with their uncertainty."""
+def _find_counted_segments(chain: SpatialChain, own: Sequence[int]) -> BoolArray:
+    """Return which segments (n + 1,) have a sensor, and a skin rotation whose uncertainty is counted elsewhere."""
     every = np.arange(len(chain.joints) + 1)
     if not len(chain.skin_sd):
         return every < 0
     return np.isin(every, own) & np.isin(every, chain.segment[chain.skin != 0])
 
 
-def _hidden_for_long(observed: BoolArray, found: Mapping[int, Calibrated], rate: float) -> bool:
-    """Return whether a segment with skin that lags is hidden too long to interpolate its axial rotation."""
+def _is_hidden_for_long(observed: BoolArray, found: Mapping[int, SensorCalibration], rate: float) -> bool:
+    """Return whether a segment with skin that lags is hidden for too long to interpolate its axial rotation."""
     soft = (s for s, each in found.items() if each.lag)
     return any(run.stop - run.start > _LONG * rate for s in soft for run in find_runs(~observed[:, s]))
 
 
-def _twists(chain: SpatialChain, states: SpatialStates) -> list[FloatArray | None]:
-    """Return the twist (F,) of every segment, rad, also where only sensors show it; None for the base."""
-    found: list[FloatArray | None] = [None]
+def _compute_axial_rotations(chain: SpatialChain, states: SpatialStates) -> list[FloatArray | None]:
+    """Return the axial rotation (F,) of every segment, rad, also where its markers are hidden; None for the base."""
+    rotations: list[FloatArray | None] = [None]
     for k, joint in enumerate(chain.joints):
-        found.append(_continuous(joint.twist(states.joint_rotations[:, k])))
-    return found
+        rotations.append(_unwrap(joint.twist(states.joint_rotations[:, k])))
+    return rotations
 
 
-def _continuous(angle: FloatArray) -> FloatArray:
-    """Return angles (F,) without whole turns between known samples, rad."""
-    known = np.isfinite(angle)
-    found = angle.copy()
-    found[known] = np.unwrap(angle[known])
-    return found
+def _unwrap(angle: FloatArray) -> FloatArray:
+    """Return angles (F,), rad, without jumps by 2π between known samples."""
+    unwrapped, known = angle.copy(), np.isfinite(angle)
+    unwrapped[known] = np.unwrap(angle[known])
+    return unwrapped
 
 
 def _check_gate(track: SpatialTrack, sensors: Sensors | None) -> None:
@@ -171,43 +158,41 @@ def _check_gate(track: SpatialTrack, sensors: Sensors | None) -> None:
     if sensors is not None:
         given = np.isfinite(sensors.gyro[..., 0]).mean(axis=0)
         if np.any(track.sensed[:, :, 0].mean(axis=0) < _LEAST_USED * given):
-            raise NumericalError("most samples of a gyroscope are far from what markers and the other sensors show")
+            raise NumericalError("most samples of a gyroscope contradict the markers and the other sensors")
 
 
-def _check_residual(both: SpatialStates, alone: SpatialStates, points: FloatArray) -> None:
-    """Raise NumericalError if the markers fit much worse than without sensors."""
-    if not _residual(both, points) < _WORSE * _residual(alone, points):
-        raise NumericalError("the sensors pull the chain away from the markers")
-
-
-def _faster(noise: SpatialNoise, followed: BoolArray) -> SpatialNoise:
-    """Return the noise where sensors determine the rates (d,): markers say nothing on their errors."""
+def _adapt_noise(noise: SpatialNoise, followed: BoolArray) -> SpatialNoise:
+    """Return the noise with more snap, and unknown errors of the rates, where sensors determine the rates (d,)."""
     errors = noise.errors.copy()
     errors[1:, followed] = np.nan
     return replace(noise, snap=np.where(followed, _SNAP, 1.0) * noise.snap, errors=errors)
 
 
-def segment_motions(chain: SpatialChain, states: SpatialStates, rate: float, shown: BoolArray) -> list[SegmentMotion]:
-    """Return the motion of every segment in its own axes, where markers show it (F, n + 1)."""
-    found = []
+def compute_segment_motions(
+    chain: SpatialChain, states: SpatialStates, rate: float, known: BoolArray
+) -> list[SegmentMotion]:
+    """Return the motion of every segment in its own axes; NaN where its markers do not determine it (F, n + 1)."""
+    motions = []
     for s in range(len(chain.joints) + 1):
-        turn, origin = states.rotations[:, s], states.origins[:, s]
+        rotation, origin = states.rotations[:, s], states.origins[:, s]
         force = np.full(origin.shape, np.nan)
         force[1:-1] = (origin[2:] - 2 * origin[1:-1] + origin[:-2]) * rate**2 + [0.0, GRAVITY, 0.0]
-        own = [np.einsum("fji,fj->fi", turn, each) for each in (states.omega[:, s], states.alpha[:, s], force)]
-        twist, speed, along = np.zeros(len(turn)), np.zeros(len(turn)), np.array(_UP)
+        own = [np.einsum("fji,fj->fi", rotation, each) for each in (states.omega[:, s], states.alpha[:, s], force)]
+        axial, speed, along = np.zeros(len(rotation)), np.zeros(len(rotation)), np.array(_UP)
         if s > 0:
             joint = chain.joints[s - 1]
             along = joint.long_axis
-            twist = _continuous(joint.twist(states.joint_rotations[:, s - 1]))
+            axial = _unwrap(joint.twist(states.joint_rotations[:, s - 1]))
             speed = np.sum(states.velocity[:, s - 1] * joint.twist_axis(states.joint_rotations[:, s - 1]), axis=1)
-        for each in (*own, twist, speed):
-            each[~shown[:, s]] = np.nan
-        found.append(SegmentMotion(own[0], own[1], own[2], twist, speed, along))
-    return found
+        for each in (*own, axial, speed):
+            each[~known[:, s]] = np.nan
+        motions.append(SegmentMotion(own[0], own[1], own[2], axial, speed, along))
+    return motions
 
 
-def _as_arrays(chain: SpatialChain, found: Mapping[int, Calibrated], ready: Mapping[int, Prepared]) -> Sensors:
+def _collect_signals(
+    chain: SpatialChain, found: Mapping[int, SensorCalibration], ready: Mapping[int, PreparedSensor]
+) -> Sensors:
     own = list(ready)
     above = [chain.joints[s - 1] if s > 0 else None for s in own]
 
@@ -229,18 +214,18 @@ def _as_arrays(chain: SpatialChain, found: Mapping[int, Calibrated], ready: Mapp
     )
 
 
-def _followed(model: ChainModel, own: Sequence[int]) -> BoolArray:
-    """Return a mask (d,) of the degrees of freedom with rates from sensors: of joints between two segments with one."""
+def _find_followed(model: ChainModel, own: Sequence[int]) -> BoolArray:
+    """Return the degrees of freedom (d,) whose rates are measured: of joints with sensors on both segments."""
     groups = group_columns(model)
-    found = np.zeros(groups[-1].stop, dtype=np.bool_)
-    found[groups[0]] = 0 in own
+    followed = np.zeros(groups[-1].stop, dtype=np.bool_)
+    followed[groups[0]] = 0 in own
     for k, parent in enumerate(model.parent.tolist()):
-        found[groups[k + 1]] = k + 1 in own and parent in own
-    return found
+        followed[groups[k + 1]] = k + 1 in own and parent in own
+    return followed
 
 
 def _shrink_accelerations(covariance: FloatArray, followed: BoolArray) -> None:
-    """Scale the accelerations of the covariance (F, 4 d, 4 d), in place."""
+    """Reduce the variances of the measured accelerations in the covariance (F, 4 d, 4 d), in place."""
     scale = np.ones(ORDER * len(followed))
     scale[2 * len(followed) : 3 * len(followed)][followed] = _ACCELERATION_SHARE
     for part in chunks(len(covariance)):
@@ -248,9 +233,9 @@ def _shrink_accelerations(covariance: FloatArray, followed: BoolArray) -> None:
 
 
 def _add_lasting_errors(
-    covariance: FloatArray, model: ChainModel, observed: BoolArray, ready: Mapping[int, Prepared], dt: float
+    covariance: FloatArray, model: ChainModel, observed: BoolArray, ready: Mapping[int, PreparedSensor], dt: float
 ) -> None:
-    """Add the integrated lasting errors of gyroscopes in gaps to the covariance of the pose, in place."""
+    """Add the integrated lasting errors of gyroscopes to the covariance of the pose in gaps, in place."""
     for k, own in enumerate(group_columns(model)):
         both = (k,) if k == 0 else (k, int(model.parent[k - 1]))
         if any(s not in ready for s in both):
@@ -264,6 +249,6 @@ def _add_lasting_errors(
             covariance[run, columns, columns] += bridged[:, None]
 
 
-def _residual(states: SpatialStates, points: FloatArray) -> float:
+def _measure_residual(states: SpatialStates, points: FloatArray) -> float:
     squares = np.sum((points - states.predicted) ** 2, axis=2)[states.used]
     return float(np.sqrt(np.nanmean(squares))) if np.isfinite(squares).any() else np.inf

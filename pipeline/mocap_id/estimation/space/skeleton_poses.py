@@ -5,54 +5,40 @@ from __future__ import annotations
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.estimation.space.chain_model import degrees_of_freedom, empty_track
-from mocap_id.estimation.space.frame_poses import FramePoses, predicted_markers
+from mocap_id.estimation.space.chain_model import degrees_of_freedom, make_track
+from mocap_id.estimation.space.frame_poses import FramePoses, predict_positions
 from mocap_id.estimation.space.space_kernels import ChainModel, Pose, predict_markers
 from mocap_id.geometry.spatial_chain import SpatialChain
 
 LEAST_FLEXION = float(np.radians(-10))
-"""Smallest flexion of an elbow. A smaller one would belong to the mirror image, the humerus turned by half a turn."""
+"""Smallest flexion of an elbow, rad. A smaller flexion belongs to the mirrored pose, the humerus rotated by 180°."""
 
 _STRAIGHT = float(np.sin(np.radians(15)))
-"""Sine of the angle between upper arm and forearm below which they do not show the rotation of the humerus."""
-_WEAK = 1.0  # rad and m, prior of what no joint determines
+"""Sine of the angle between upper arm and forearm below which they do not determine the rotation of the humerus."""
+_WEAK = 1.0  # rad and m, prior of degrees of freedom that no joint determines
 
 
-def skeleton_poses(
+def find_skeleton_poses(
     chain: SpatialChain, model: ChainModel, points: FloatArray, trunk: tuple[FloatArray, FloatArray], sd: FloatArray
 ) -> tuple[FramePoses, BoolArray]:
-    """Return the poses of single frames.
+    """Return the poses of single frames, and whether each determines the rotation of the humerus about its axis (F,).
 
-    Parameters
-    ----------
-    chain : SpatialChain
-        Trunk, upper arm (ball), forearm (hinge) and possibly hand (two-axis), each limb with one joint of the skeleton.
-    model : ChainModel
-    points : (F, M, 3) array
-        Joints of the skeleton, m; NaN where lost.
-    trunk : tuple of (F, 3, 3) and (F, 3) arrays
-        Pose of the trunk; NaN where unknown.
-    sd : (M,) array
-        Standard deviation of a coordinate of each joint, m.
-
-    Returns
-    -------
-    FramePoses
-        Where a joint of the skeleton is lost, the pose is that of the frame before.
-    (F,) bool array
-        The frame shows the rotation of the humerus about its axis.
+    The chain consists of trunk, upper arm (ball), forearm (hinge) and possibly hand (two-axis), each limb with one
+    joint of the skeleton. ``points`` (F, M, 3) are these joints, m, NaN where missing; ``sd`` (M,) is the standard
+    deviation of their coordinates, m. ``trunk`` is its rotation (F, 3, 3) and position (F, 3), m; NaN where unknown.
+    Where a joint of the skeleton is missing, the pose of the frame before is kept.
     """
     frames, segments = len(points), len(chain.joints) + 1
-    track = empty_track(model, frames)
+    track = make_track(model, frames)
     observed = np.zeros((frames, segments), dtype=np.bool_)
-    rotation, origin = (_held(each) for each in trunk)
+    rotation, origin = (_hold_last(each) for each in trunk)
     observed[:, 0] = np.isfinite(trunk[1]).all(axis=1)
     track.turn[:, 0], track.origin[:] = rotation, origin
     ends = [points[:, int(np.flatnonzero(chain.segment == s)[0])] for s in range(1, segments)]
     shoulder = origin + rotation @ chain.joints[0].centre
-    upper, flexion, shown = _arm(chain, ends[0] - shoulder, ends[1] - ends[0])
+    upper, flexion, shown = _find_arm_pose(chain, ends[0] - shoulder, ends[1] - ends[0])
     observed[:, 1] = observed[:, 2] = observed[:, 0] & np.isfinite(flexion)
-    upper, flexion = _held(upper), _held(flexion)
+    upper, flexion = _hold_last(upper), _hold_last(flexion)
     track.turn[:, 1] = np.swapaxes(rotation, 1, 2) @ upper
     track.angle[:, 1, 0] = flexion
     track.turn[:, 2] = chain.joints[1].rotation(flexion[:, None])
@@ -60,15 +46,18 @@ def skeleton_poses(
         forearm = upper @ track.turn[:, 2]
         hand = np.einsum("fji,fj->fi", forearm, ends[2] - ends[1])
         observed[:, 3] = observed[:, 2] & np.isfinite(hand).all(axis=1)
-        track.angle[:, 2] = _held(np.stack([np.arctan2(hand[:, 0], -hand[:, 1]), _lean(hand)], axis=1))
+        lean = -np.arcsin(hand[:, 2] / np.linalg.norm(hand, axis=1))
+        track.angle[:, 2] = _hold_last(np.stack([np.arctan2(hand[:, 0], -hand[:, 1]), lean], axis=1))
         track.turn[:, 3] = chain.joints[2].rotation(track.angle[:, 2])
     return _frame_poses(model, points, track, observed, sd), shown & observed[:, 1]
 
 
-def _arm(chain: SpatialChain, upper: FloatArray, lower: FloatArray) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Return the rotation of the humerus (F, 3, 3), the flexion (F,), and whether the axial rotation is seen.
+def _find_arm_pose(
+    chain: SpatialChain, upper: FloatArray, lower: FloatArray
+) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Return the rotation of the humerus (F, 3, 3), the flexion (F,), rad, and whether the axial rotation is known.
 
-    ``upper`` and ``lower`` (F, 3) lead from shoulder to elbow and from elbow to wrist.
+    ``upper`` and ``lower`` (F, 3) are the vectors from shoulder to elbow and from elbow to wrist, m.
     """
     wrist = chain.local[int(np.flatnonzero(chain.segment == 2)[0])]
     along = chain.joints[1].offset @ (wrist / np.linalg.norm(wrist))
@@ -88,12 +77,8 @@ def _arm(chain: SpatialChain, upper: FloatArray, lower: FloatArray) -> tuple[Flo
     return rotation, flexion, np.asarray(bent > _STRAIGHT)
 
 
-def _lean(hand: FloatArray) -> FloatArray:
-    return np.asarray(-np.arcsin(hand[:, 2] / np.linalg.norm(hand, axis=1)))
-
-
-def _held(values: FloatArray) -> FloatArray:
-    """Return values (F, …) in which the last known frame, or else the first, fills unknown frames."""
+def _hold_last(values: FloatArray) -> FloatArray:
+    """Return values (F, …) with unknown frames filled by the last known frame, or by the first at the start."""
     known = np.isfinite(values).reshape(len(values), -1).all(axis=1)
     if not known.any():
         return np.zeros_like(values)
@@ -110,5 +95,5 @@ def _frame_poses(model: ChainModel, points: FloatArray, track: Pose, observed: B
     rows = (jacobian * weight[..., None, None]).reshape(frames, -1, d)
     normal = np.swapaxes(rows, 1, 2) @ rows + np.eye(d) / _WEAK**2
     variance = np.diagonal(np.linalg.inv(normal), axis1=1, axis2=2).copy()
-    residual = points - predicted_markers(model, track)
+    residual = points - predict_positions(model, track)
     return FramePoses(track, variance, observed, seen, residual, np.zeros((frames, count)), np.zeros(points.shape))

@@ -8,47 +8,39 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, find_runs
-from mocap_id.estimation.space.chain_model import chain_model, degrees_of_freedom
-from mocap_id.estimation.space.frame_poses import FramePoses, predicted_markers
-from mocap_id.estimation.space.segment_rates import JointRates, joint_rates
-from mocap_id.estimation.space.skeleton_poses import LEAST_FLEXION, skeleton_poses
+from mocap_id.estimation.space.chain_model import degrees_of_freedom, make_chain_model, select_frames
+from mocap_id.estimation.space.frame_poses import FramePoses, predict_positions
+from mocap_id.estimation.space.segment_rates import JointRates, compute_joint_rates
+from mocap_id.estimation.space.skeleton_poses import LEAST_FLEXION, find_skeleton_poses
 from mocap_id.estimation.space.skin_errors import SkinErrors
 from mocap_id.estimation.space.space_filter import SpatialTrack, filter_and_smooth, scale_to_movement
 from mocap_id.estimation.space.space_kernels import ChainModel, Pose, predict_markers
-from mocap_id.estimation.space.space_smoothing import SpatialSettings, SpatialStates, collect_states, find_lost
-from mocap_id.estimation.space.spatial_noise import SpatialNoise, process_noise
+from mocap_id.estimation.space.space_smoothing import (
+    SpatialSettings,
+    SpatialStates,
+    collect_states,
+    find_uncertain_segments,
+)
+from mocap_id.estimation.space.spatial_noise import SpatialNoise, estimate_process_noise
 from mocap_id.geometry.spatial_chain import SpatialChain
 
 _LIMITS = SpatialSettings(angle_sd_limit=1.0, origin_sd_limit=0.1)
-"""A straight elbow does not show the rotation of the humerus, and the rest of the pose is known all the same."""
+"""Wide limits: a straight elbow does not determine the rotation of the humerus, but the rest of the pose is known."""
 _POSTURES = 60
-_SLOWEST = 1.5  # Hz, corner of the smoother that every movement of an arm needs
-_DAMPING = 4.0  # 1/rad², prior information of what no joint determines: half a radian
+_SLOWEST = 1.5  # Hz, least corner of the smoother, which every movement of an arm needs
+_DAMPING = 4.0  # 1/rad², prior information on degrees of freedom that no joint determines: half a radian
 _LEAST_WEIGHT = 1e-3
 _HALF = 2  # frames on each side of a running median
 
 
 @dataclass(frozen=True)
 class SkeletonNoise:
-    """Errors of the joints of a skeleton.
+    """Errors of the M joints of a skeleton."""
 
-    Parameters
-    ----------
-    sd : (M,) array
-        Standard deviation of the noise of a coordinate of each joint, m.
-    weight : (F, M) array
-        Weight of each sample relative to a usual one: small where the sensor guessed or a bone has a wrong length, 0
-        where a gap was filled.
-    colour : callable
-        Power of the noise at frequencies (K,), Hz, relative to white noise of the same variance.
-    lasting : (M,) array
-        Standard deviation of the part of the lasting error that changes with the posture, m.
-    """
-
-    sd: FloatArray
-    weight: FloatArray
-    colour: Callable[[FloatArray], FloatArray]
-    lasting: FloatArray
+    sd: FloatArray  # (M,) standard deviation of the noise of a coordinate of each joint, m
+    weight: FloatArray  # (F, M) of each sample: 1 is usual, less if guessed or of a wrong length, 0 in filled gaps
+    colour: Callable[[FloatArray], FloatArray]  # power at frequencies (K,), Hz, relative to equal white noise
+    lasting: FloatArray  # (M,) sd of the part of the lasting error that changes with the posture, m
 
 
 def smooth_skeleton(
@@ -62,30 +54,23 @@ def smooth_skeleton(
 ) -> SpatialStates:
     """Estimate the states of trunk and arm at every frame.
 
-    Parameters
-    ----------
-    points : (F, M, 3) array
-        Joints of the skeleton without known lasting errors and jumps, short gaps filled, m; NaN in long ones.
-    rate : float
-        Frames per second.
-    chain : SpatialChain
-        As :func:`~mocap_id.estimation.space.skeleton_poses.skeleton_poses` needs it.
-    trunk : tuple of (F, 3, 3) and (F, 3) arrays
-        Pose of the trunk from its joints; NaN where unknown.
-    noise : SkeletonNoise
-    gate : float
-        A sample farther from its prediction than this many standard deviations is left out.
+    ``points`` (F, M, 3) are the joints of the skeleton without known lasting errors and jumps, m. Short gaps are
+    filled; long gaps are NaN. ``chain`` and ``trunk`` are as for
+    :func:`~mocap_id.estimation.space.skeleton_poses.find_skeleton_poses`. A sample farther from its prediction than
+    ``gate`` standard deviations is left out.
 
     Raises
     ------
     NumericalError
         A covariance is not positive definite.
     """
-    model = chain_model(chain)
+    model = make_chain_model(chain)
     camera = float(np.median(noise.sd))
-    frames, shown = skeleton_poses(chain, model, points, trunk, noise.sd)
-    snap, gap_snap, errors = process_noise(model, _bent(frames, shown), 1.0 / rate, noise.colour, _SLOWEST)
-    frames = _measured(model, frames, noise.weight)
+    frames, shown = find_skeleton_poses(chain, model, points, trunk, noise.sd)
+    snap, gap_snap, errors = estimate_process_noise(
+        model, _limit_to_bent(frames, shown), 1.0 / rate, noise.colour, _SLOWEST
+    )
+    frames = _limit_to_measured(model, frames, noise.weight)
     track = filter_and_smooth(
         model,
         np.where(noise.weight[..., None] > 0, points, np.nan),
@@ -99,7 +84,7 @@ def smooth_skeleton(
         weight=np.maximum(noise.weight, _LEAST_WEIGHT) * (camera / noise.sd) ** 2,
     )
     _unmirror(chain, model, track, noise.sd)
-    lost = find_lost(chain, model, track, _LIMITS)
+    lost = find_uncertain_segments(chain, model, track, _LIMITS)
     scale_to_movement(track, errors)
     sizes = SpatialNoise(camera, noise.sd, snap, gap_snap, errors)
     return collect_states(
@@ -109,12 +94,12 @@ def smooth_skeleton(
         track,
         sizes,
         lost,
-        _lasting_errors(chain, model, track.pose, noise, np.asarray(~lost.any(axis=1))),
+        _estimate_lasting_errors(chain, model, track.pose, noise, np.asarray(~lost.any(axis=1))),
     )
 
 
-def without_jumps(points: FloatArray, limit: FloatArray) -> FloatArray:
-    """Return points (F, M, 3) without those farther than ``limit`` (M,), m, from the median of their neighbours."""
+def remove_jumps(points: FloatArray, limit: FloatArray) -> FloatArray:
+    """Return points (F, M, 3) without samples farther than ``limit`` (M,), m, from the median of their neighbours."""
     kept = points.copy()
     if len(points) <= 2 * _HALF:
         return kept
@@ -130,7 +115,7 @@ def without_jumps(points: FloatArray, limit: FloatArray) -> FloatArray:
 
 
 def bridge_gaps(points: FloatArray, longest: int) -> FloatArray:
-    """Return points (F, M, 3) in which gaps of up to ``longest`` frames are filled linearly."""
+    """Return points (F, M, 3) in which gaps of at most ``longest`` frames are filled linearly."""
     filled, every = points.copy(), np.arange(len(points))
     for m in range(points.shape[1]):
         seen = np.isfinite(points[:, m, 0])
@@ -143,16 +128,16 @@ def bridge_gaps(points: FloatArray, longest: int) -> FloatArray:
     return filled
 
 
-def _measured(model: ChainModel, frames: FramePoses, weight: FloatArray) -> FramePoses:
-    """Return the poses, observed only where samples were measured."""
+def _limit_to_measured(model: ChainModel, frames: FramePoses, weight: FloatArray) -> FramePoses:
+    """Return the poses with ``observed`` and ``used`` false where no sample was measured."""
     there = np.asarray(weight > 0)
     seen = np.stack([there[:, model.segment == s].any(axis=1) for s in range(frames.observed.shape[1])], axis=1)
     seen[:, 1:3] &= seen[:, 1:2] & seen[:, 2:3]
     return replace(frames, observed=frames.observed & seen, used=there & frames.used)
 
 
-def _bent(frames: FramePoses, shown: BoolArray) -> FramePoses:
-    """Return the poses with only those observed in which the elbow shows the rotation of the humerus."""
+def _limit_to_bent(frames: FramePoses, shown: BoolArray) -> FramePoses:
+    """Return the poses with the shoulder observed only where the elbow determines the rotation of the humerus."""
     observed = frames.observed.copy()
     observed[:, 1] &= shown
     if not observed[:, 1].any():
@@ -161,24 +146,24 @@ def _bent(frames: FramePoses, shown: BoolArray) -> FramePoses:
 
 
 def _unmirror(chain: SpatialChain, model: ChainModel, track: SpatialTrack, sd: FloatArray) -> None:
-    """Replace every pose whose elbow is mirrored by the pose with the same joint positions; changes the arrays."""
+    """Replace every mirrored pose of the arm, in place, by the anatomical pose with the same joint positions."""
     wrong = np.flatnonzero(track.pose.angle[:, 1, 0] < LEAST_FLEXION)
     if not wrong.size:
         return
-    some = Pose(*(np.ascontiguousarray(each[wrong]) for each in track.pose))
+    some = select_frames(track.pose, wrong)
     trunk = (some.turn[:, 0], some.origin)
-    right, _ = skeleton_poses(chain, model, predicted_markers(model, some), trunk, sd)
+    right, _ = find_skeleton_poses(chain, model, predict_positions(model, some), trunk, sd)
     track.pose.turn[wrong], track.pose.angle[wrong] = right.track.turn, right.track.angle
 
 
-def _lasting_errors(
+def _estimate_lasting_errors(
     chain: SpatialChain, model: ChainModel, pose: Pose, noise: SkeletonNoise, known: BoolArray
 ) -> SkinErrors:
     """Return the errors of the pose from lasting errors of the joints that change with the posture."""
     at = np.flatnonzero(known) if known.any() else np.arange(len(known))
     postures: IntArray = np.unique(at[np.linspace(0, len(at) - 1, _POSTURES).round().astype(np.int64)])
     d, segments = degrees_of_freedom(model), len(chain.joints) + 1
-    some = Pose(*(np.ascontiguousarray(each[postures]) for each in pose))
+    some = select_frames(pose, postures)
     shape = (len(postures), len(model.segment), 3)
     jacobian = np.zeros((*shape, d))
     predict_markers(model, some, np.empty(shape), jacobian)
@@ -186,7 +171,7 @@ def _lasting_errors(
     gain = np.einsum("fkl,fmil,m->fmki", np.linalg.inv(normal), jacobian, noise.sd**-2)
     covariance = np.zeros((len(postures), 2 * segments, d, d))
     covariance[:, 0] = np.einsum("fmki,fmli,m->fkl", gain, gain, noise.lasting**2)
-    rates: JointRates = joint_rates(chain, model, pose)
+    rates: JointRates = compute_joint_rates(chain, model, pose)
     motion = np.zeros((3, len(pose.origin), 2 * segments))
     motion[0, :, 0] = 1.0
     motion[1, :, 0] = np.sum(rates.velocity[:, :2] ** 2, axis=(1, 2))

@@ -1,7 +1,7 @@
 """Variances of the states from skin that slides with the joints (docs/concepts/rotations-in-the-filter.md).
 
-A marker's lasting error is proportional to the motion of the joints beside its segment. The pose follows it with the
-gain of the weighted fit, and rates and accelerations follow with those of the joints.
+A marker's lasting error is proportional to the motion of the joints beside its segment. The pose follows the error with
+the gain of the weighted fit, and velocity and acceleration follow with the joints' velocity and acceleration.
 """
 
 from __future__ import annotations
@@ -11,47 +11,36 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.estimation.space.chain_model import degrees_of_freedom, group_columns
+from mocap_id.estimation.space.chain_model import degrees_of_freedom, group_columns, select_frames
 from mocap_id.estimation.space.segment_rates import JointRates, SegmentRates
 from mocap_id.estimation.space.space_kernels import ChainModel, Pose, predict_markers
 from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain
 
-TWIST_SHARE = 1.5
-"""Twist of the skin about the long axis that all markers of a segment share, relative to each marker's lasting error.
+_AXIAL_SHARE = 1.5
+"""Displacement by which the skin of a segment rotates about its long axis, relative to each marker's lasting error.
 
-The residuals show only how markers differ, so the size is assumed. It holds for simulated arms.
+The residuals contain only the differences between markers, so the value is assumed. It is valid for simulated arms.
 """
 
-ALIKE = 2.0
-"""Variance of the pose from markers that slide partly alike, relative to independent ones; also assumed."""
+_ALIKE = 2.0
+"""Variance of the pose from markers that slide partly alike, relative to independent markers; also assumed."""
 
 _POSTURES = 40
-_LEAST_MOTION = 0.01  # rad, rms; joints that move less carry no skin
-_DAMPING = 1e-6  # m²/rad², for what no marker determines
+_LEAST_MOTION = 0.01  # rad, rms; joints that move less do not move the skin
+_DAMPING = 1e-6  # m²/rad², for degrees of freedom that no marker determines
 
 
 @dataclass(frozen=True)
 class SkinErrors:
-    """Variances from skin.
+    """Variances of the pose due to skin, for the skin of S segments."""
 
-    Parameters
-    ----------
-    pose : (T, 2 S, d, d) array
-        Covariance of the pose at T postures from the skin of each segment, for one unit of its motion: markers that
-        slide each on their own, then markers that twist together.
-    postures : (T,) int array
-        Frames of the postures.
-    motion : (3, F, 2 S) array
-        Squared motion behind each of these, its rate and acceleration, relative to the mean square of the motion.
-    """
-
-    pose: FloatArray
-    postures: IntArray
-    motion: FloatArray
+    pose: FloatArray  # (T, 2 S, d, d) covariance at T postures for a unit of motion: markers apart, then together
+    postures: IntArray  # (T,) frames of the postures
+    motion: FloatArray  # (3, F, 2 S) squared motion, velocity and acceleration, relative to the mean square motion
 
     def at_frames(self, values: FloatArray) -> FloatArray:
-        """Return values (F, …) interpolated from the postures (T, …)."""
+        """Return values (F, …) in all frames, interpolated from their values (T, …) at the postures."""
         every = np.arange(self.motion.shape[1])
         upper = np.searchsorted(self.postures, every).clip(1, max(len(self.postures) - 1, 1))
         if len(self.postures) == 1:
@@ -61,7 +50,7 @@ class SkinErrors:
         return np.asarray(values[upper - 1] * (1 - share) + values[upper] * share)
 
 
-def skin_errors(
+def estimate_skin_errors(
     chain: SpatialChain,
     model: ChainModel,
     pose: Pose,
@@ -71,62 +60,51 @@ def skin_errors(
     weight: FloatArray,
     known: IntArray,
 ) -> SkinErrors:
-    """Return the variances of the states that skin motion causes.
+    """Return the variances of the states due to the motion of the skin.
 
-    Parameters
-    ----------
-    chain : SpatialChain
-    model : ChainModel
-    pose : Pose
-        States of F frames.
-    joints : JointRates
-    lasting : (M,) array
-        Variance of a coordinate's lasting error, m².
-    weight : (M,) array
-        Weight of each marker, 1/m².
-    known : (K,) int array
-        Frames with complete states.
+    ``lasting`` (M,) is the variance of a coordinate's lasting error, m², and ``weight`` (M,) the weight of each marker,
+    1/m². ``known`` (K,) are the frames with complete states.
     """
     postures = np.unique(known[np.linspace(0, len(known) - 1, _POSTURES).round().astype(np.int64)])
     d, count = degrees_of_freedom(model), len(model.segment)
     jacobian, positions = np.zeros((len(postures), count, 3, d)), np.empty((len(postures), count, 3))
-    some = Pose(*(np.ascontiguousarray(each[postures]) for each in pose))
+    some = select_frames(pose, postures)
     predict_markers(model, some, positions, jacobian)
     normal = np.einsum("fmik,fmil,m->fkl", jacobian, jacobian, weight)
     normal += _DAMPING * weight.mean() * np.eye(d)
     gain = np.einsum("fkl,fmil,m->fmki", np.linalg.inv(normal), jacobian, weight)
     segments = len(chain.joints) + 1
     covariance = np.zeros((len(postures), 2 * segments, d, d))
-    axes = _long_axes(chain)
+    axes = _find_long_axes(chain)
     origins, turns = chain.place(some.origin, some.turn[:, 0], some.turn[:, 1:])
     for s in range(segments):
         mine = np.flatnonzero(model.segment == s)
-        covariance[:, s] = ALIKE * np.einsum("fmki,fmli,m->fkl", gain[:, mine], gain[:, mine], lasting[mine])
+        covariance[:, s] = _ALIKE * np.einsum("fmki,fmli,m->fkl", gain[:, mine], gain[:, mine], lasting[mine])
         if s > 0:
             around = np.cross((turns[:, s] @ axes[s - 1])[:, None], positions[:, mine] - origins[:, s, None])
             around /= np.maximum(np.linalg.norm(around, axis=2, keepdims=True), 1e-9)
             moved = np.einsum("fmki,fmi,m->fk", gain[:, mine], around, np.sqrt(lasting[mine]))
-            covariance[:, segments + s] = TWIST_SHARE**2 * moved[:, :, None] * moved[:, None, :]
-    return SkinErrors(covariance, postures, _motion(chain, pose, joints, known, axes))
+            covariance[:, segments + s] = _AXIAL_SHARE**2 * moved[:, :, None] * moved[:, None, :]
+    return SkinErrors(covariance, postures, _measure_motion(chain, pose, joints, known, axes))
 
 
-def without_twist_rates(skin: SkinErrors, counted: BoolArray) -> SkinErrors:
-    """Return the variances without the rates of the common twist of segments (S,) where it is counted elsewhere."""
+def drop_axial_rates(skin: SkinErrors, counted: BoolArray) -> SkinErrors:
+    """Return the variances without the rates of the skin's common axial rotation in the segments ``counted`` (S,)."""
     motion = skin.motion.copy()
     motion[1:, :, len(counted) :][:, :, counted] = 0.0
     return replace(skin, motion=motion)
 
 
-def cluster_variances(chain: SpatialChain) -> FloatArray:
-    """Return the variance per axis (n + 1,) of each cluster's slide on its bone, m², half of that of its joints."""
+def compute_cluster_variances(chain: SpatialChain) -> FloatArray:
+    """Return the variance per axis (n + 1,), m², of each cluster's slide on its bone: half of its joints' slides."""
     found = np.zeros(len(chain.joints) + 1)
     for k, joint in enumerate(chain.joints, start=1):
         found[[joint.parent, k]] += joint.slide_sd**2 / 2
     return found
 
 
-def _long_axes(chain: SpatialChain) -> FloatArray:
-    """Return the direction (n, 3) from each joint to the next one, or to the markers, in the child's frame."""
+def _find_long_axes(chain: SpatialChain) -> FloatArray:
+    """Return the direction (n, 3) from each joint to the next joint, or to the markers, in the child's frame."""
     found = np.zeros((len(chain.joints), 3))
     for s in range(1, len(found) + 1):
         ahead = [joint.centre for joint in chain.joints if joint.parent == s]
@@ -136,8 +114,10 @@ def _long_axes(chain: SpatialChain) -> FloatArray:
     return found
 
 
-def _motion(chain: SpatialChain, pose: Pose, joints: JointRates, known: IntArray, axes: FloatArray) -> FloatArray:
-    """Return the squared motion (3, F, 2 S) beside each segment, then about its long axis; its mean is one."""
+def _measure_motion(
+    chain: SpatialChain, pose: Pose, joints: JointRates, known: IntArray, axes: FloatArray
+) -> FloatArray:
+    """Return the squared motion (3, F, 2 S) beside each segment, then about its long axis; the mean motion is one."""
     frames, n = joints.velocity.shape[:2]
     squares = np.zeros((3, frames, 2 * (n + 1)))
     for k, joint in enumerate(chain.joints):
@@ -152,35 +132,29 @@ def _motion(chain: SpatialChain, pose: Pose, joints: JointRates, known: IntArray
     return np.asarray(np.where(usual > _LEAST_MOTION**2, squares / np.maximum(usual, _LEAST_MOTION**2), 0.0))
 
 
-def segment_variances(
+def compute_segment_variances(
     skin: SkinErrors, spin: FloatArray, origin: FloatArray, rates: SegmentRates
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return variances (F, n + 1) per axis of origin, rotation, omega and alpha from skin.
+    """Return the variances (F, n + 1) per axis of origin, rotation, omega and alpha due to skin.
 
-    Parameters
-    ----------
-    skin : SkinErrors
-    spin, origin : (T, n + 1, 3, d) arrays
-        Change of the segments' rotations and origins by the pose, at the postures.
-    rates : SegmentRates
+    ``spin`` and ``origin`` (T, n + 1, 3, d) are the changes of the segments' rotations and origins by the pose, at the
+    postures.
     """
-    turning, shifting = (
+    rotational, translational = (
         skin.at_frames(np.einsum("tgik,tskl,tgil->tsg", each, skin.pose, each) / 3) for each in (spin, origin)
     )
-    still, rate, grows = (np.einsum("fs,fsg->fg", motion, turning) for motion in skin.motion)
-    shifted = np.einsum("fs,fsg->fg", skin.motion[0], shifting)
+    still, rate, grows = (np.einsum("fs,fsg->fg", motion, rotational) for motion in skin.motion)
+    shifted = np.einsum("fs,fsg->fg", skin.motion[0], translational)
     return shifted, still, rate, grows + np.sum(rates.omega**2, axis=2) * rate
 
 
-def joint_variances(skin: SkinErrors, model: ChainModel, joints: JointRates, k: int) -> tuple[FloatArray, FloatArray]:
-    """Return covariances of a joint from skin.
+def compute_joint_variances(
+    skin: SkinErrors, model: ChainModel, joints: JointRates, k: int
+) -> tuple[FloatArray, FloatArray]:
+    """Return the covariance (F, 9, 9) of a joint, and the variances (F, 3, c) of its coordinates, due to skin.
 
-    Returns
-    -------
-    (F, 9, 9) array
-        Of rotation error, velocity and acceleration in the child's axes.
-    (F, 3, c) array
-        Variances of the coordinates, their velocities and accelerations.
+    The covariance is for rotation error, velocity and acceleration in the child's axes. The variances are for the
+    coordinates, their velocities and accelerations.
     """
     own = group_columns(model)[k + 1]
     c = own.stop - own.start

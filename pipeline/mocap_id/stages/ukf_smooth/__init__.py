@@ -22,8 +22,8 @@ class UkfSmoothSettings(Settings):
 
     method: Literal["rts", "two-filter", "butterworth", "spline", "encoder"] = Field(
         "rts",
-        description="rts: filter and smoother. For comparison: the averaged forward and backward passes of the thesis, "
-        "angles of single frames with a zero-phase low-pass or a quintic smoothing spline, or a robot's encoder",
+        description="rts: filter and smoother. For comparison: the average of forward and backward passes (thesis); "
+        "the angles of single frames, smoothed by a zero-phase low-pass or a quintic spline; or a robot's encoder",
     )
     butterworth_hz: float = Field(
         6.0, gt=0, description="cut-off of each of the two passes of `method: butterworth`, Hz; usual for people: 6"
@@ -46,9 +46,11 @@ class UkfSmoothSettings(Settings):
     gate: float = Field(
         5.0, ge=3, description="largest distance of a marker from its prediction, in standard deviations"
     )
-    angle_sd_limit: float = Field(0.2, gt=0, description="largest standard deviation of an angle that is given, rad")
+    angle_sd_limit: float = Field(
+        0.2, gt=0, description="largest standard deviation of an angle, rad; a more uncertain angle is left out"
+    )
     encoder_offset_limit_s: float = Field(
-        0.5, ge=0.01, le=10, description="largest clock offset of an encoder that is considered, ± s"
+        0.5, ge=0.01, le=10, description="largest clock offset of an encoder that is tried, in both directions, s"
     )
     encoder_position_sd: float | None = Field(
         None, gt=0, description="standard deviation of an encoder's position, rad; estimated if not given"

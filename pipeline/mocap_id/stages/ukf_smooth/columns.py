@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, as_complex, chunks
@@ -11,9 +13,7 @@ from mocap_id.geometry.planar import marker_positions
 from mocap_id.store.views import Trajectories
 
 
-def state_columns(
-    time: FloatArray, mean: FloatArray, sd: FloatArray, observed: BoolArray
-) -> dict[str, FloatArray | BoolArray]:
+def state_columns(time: FloatArray, mean: FloatArray, sd: FloatArray, observed: BoolArray) -> dict[str, Any]:
     """Return time (F,), states (F, n, 4), standard deviations (F, n, 3 or 4) and flags (F, n) as columns."""
     columns: dict[str, FloatArray | BoolArray] = {"time": time}
     for j in range(mean.shape[1]):
@@ -25,35 +25,21 @@ def state_columns(
     return columns
 
 
-def predicted_markers(
+def marker_columns(
     states: States, view: Trajectories, columns: IntArray, chain: MarkerChain
 ) -> dict[str, FloatArray | BoolArray]:
-    """Return the markers that the joint states predict, ``x`` and ``y`` (eq. 3.18), with ``residual`` and ``used``.
+    """Return the marker positions ``x`` and ``y`` that the states predict (eq. 3.18), with ``residual`` and ``used``.
 
-    Parameters
-    ----------
-    states : States
-    view : Trajectories
-        Measured markers.
-    columns : (M,) int array
-        Columns of the chain's markers in the view.
-    chain : Chain
-        Including the markers of the base.
-
-    Returns
-    -------
-    dict of str to (F, M) array
-        m; NaN where an angle is not given. The residual is the distance to the measurement, NaN where the marker is not
-        visible.
+    ``chain`` includes the markers of the base, and ``columns`` (M,) are the columns of its markers in the view. All
+    results are (F, M), in m. Positions are NaN where an angle is missing. The residual is the distance to the measured
+    marker, NaN where the marker is not visible.
     """
-    used: BoolArray = np.zeros((len(view.time), len(columns)), dtype=np.bool_)
+    shape = (len(view.time), len(columns))
+    used: BoolArray = np.zeros(shape, dtype=np.bool_)
     used[:, chain.segment > 0] = states.used
-    names = ("x", "y", "residual")
-    found = {name: np.empty((len(view.time), len(columns))) for name in names}
+    x, y, residual = np.empty(shape), np.empty(shape), np.empty(shape)
     for part in chunks(len(view.time)):
         predicted = marker_positions(states.mean[part, :, 0], chain.centres, chain.segment, chain.local)
-        off = view.read_positions(columns, part, "xy", keep_bursts=True) - predicted
-        residual = np.abs(as_complex(off))
-        for name, values in zip(names, (predicted[..., 0], predicted[..., 1], residual), strict=True):
-            found[name][part] = values
-    return {**found, "used": used}
+        x[part], y[part] = predicted[..., 0], predicted[..., 1]
+        residual[part] = np.abs(as_complex(view.read_positions(columns, part, "xy", keep_bursts=True) - predicted))
+    return {"x": x, "y": y, "residual": residual, "used": used}

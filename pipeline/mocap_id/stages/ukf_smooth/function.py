@@ -1,4 +1,4 @@
-"""Function of the stage ukf-smooth: estimates joint states, marker residuals, skin motion and body poses."""
+"""Function of the stage ukf-smooth in the plane: joint states, marker residuals, skin motion and body poses."""
 
 from __future__ import annotations
 
@@ -9,38 +9,46 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray, as_complex, chunks
+from mocap_id.arrays import BoolArray, FloatArray, as_complex, chunks
 from mocap_id.estimation import FRAMEWISE, FilterSettings, States, smooth
 from mocap_id.estimation.chain_residuals import ChainResiduals
 from mocap_id.estimation.inverse_kinematics import MarkerChain
 from mocap_id.estimation.lasting_errors import add_lasting_errors, estimate_camera_sd
-from mocap_id.estimation.residual_spectrum import ResidualSpectrum, residual_spectrum
+from mocap_id.estimation.residual_spectrum import ResidualSpectrum, compute_residual_spectrum
 from mocap_id.kinematics import SkinModel
 from mocap_id.kinematics.rigid_body import count_positions
 from mocap_id.stages import skin_artefact
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
-from mocap_id.stages.ukf_smooth.columns import predicted_markers, state_columns
-from mocap_id.stages.ukf_smooth.encoder_states import ENCODER_NOISE, beside_cameras, by_encoder
-from mocap_id.stages.ukf_smooth.gap_reasons import gap_reasons
-from mocap_id.stages.ukf_smooth.measured_poses import measured_poses
-from mocap_id.stages.ukf_smooth.noise_reasons import (
-    LOST_HZ,
+from mocap_id.stages.ukf_smooth.checks import (
+    UNKNOWN_SD_HZ,
     bridge_repeated,
-    filter_reason,
+    check_uniform_times,
     find_repeated_frames,
-    oscillation_reason,
-    repeated_reason,
+    report_filter,
+    report_gaps,
+    report_oscillations,
+    report_repeated_frames,
 )
-from mocap_id.stages.ukf_smooth.state_errors import NOISE, SKIN, UNKNOWN, assumed_skin, known_skin, lasting_errors
-from mocap_id.stages.ukf_smooth.uniform_times import check_uniform
+from mocap_id.stages.ukf_smooth.columns import marker_columns, state_columns
+from mocap_id.stages.ukf_smooth.encoder_states import read_encoder_states, use_encoder
+from mocap_id.stages.ukf_smooth.measured_poses import measure_poses
+from mocap_id.stages.ukf_smooth.state_errors import (
+    NOISE,
+    SKIN,
+    UNKNOWN,
+    assume_skin,
+    estimate_lasting_errors,
+    estimate_skin,
+)
 from mocap_id.store import LongTable, Table, Tree
 from mocap_id.store.schemas import ANGLES, MARKERS, STATES
 from mocap_id.store.views import Skeleton, Trajectories
 from mocap_id.verdict import Reason
 
-_SNAP_RATIO = 2.0  # people: the hip, which moves fastest, has 1.5 to 1.8 times the median of the joints
-_ACCELERATION_SHARE = 0.75  # of the standard deviation with sensors, in simulated people: skin is taken for noise
+_ENCODER_NOISE = "encoder noise"
+_SNAP_RATIO = 2.0  # in people, the hip, which moves fastest, has 1.5 to 1.8 times the median of the joints
+_ACCELERATION_SHARE = 0.75  # of the sd with sensors, from simulated people: the filter treats skin motion as noise
 
 
 def ukf_smooth(context: Context) -> Outputs:
@@ -48,44 +56,45 @@ def ukf_smooth(context: Context) -> Outputs:
     settings: UkfSmoothSettings = context.settings
     tree, bad = context.tree("chain.h5"), context.table("segments.parquet").facts.get("bad_stretches", ())
     view = Trajectories(context.long("planar.parquet"), bad)
-    check_uniform(view, context.trial.trial)
+    check_uniform_times(view, context.trial.trial)
     skeleton = Skeleton.from_tree(tree)
     chain = MarkerChain(skeleton.centres, skeleton.marker_segment, skeleton.local)
     columns = np.array([view.labels.index(label) for label in skeleton.markers], dtype=np.int64)
     moves = chain.segment > 0
-    observed, repeated = _samples(view, columns[moves])
-    given = _of_cameras(settings, chain)
-    chain_moves = MarkerChain(chain.centres, chain.segment[moves], chain.local[moves])
-    states, sensed = _states(context, view, observed, chain_moves, skeleton.segments, given)
+    observed = view.read_positions(columns[moves], axes="xy")
+    repeated = find_repeated_frames(observed)
+    observed[repeated] = np.nan
+    moving = MarkerChain(chain.centres, chain.segment[moves], chain.local[moves])
+    states, sensors = _smooth(context, view, observed, moving, skeleton.segments)
     camera = estimate_camera_sd(observed, states, settings.marker_sd_floor)
-    skin = known_skin(states, observed, camera) if tree.facts.get("estimator") == "bundle" else None
-    spectrum = residual_spectrum(ChainResiduals(states, observed, view.rate))
-    states, sd_holds = _with_sd(states, observed, skin, camera, spectrum=spectrum, settings=settings)
-    if sensed.joints is not None:
-        states.sd[:, sensed.joints, 2] *= _ACCELERATION_SHARE
-    poses = measured_poses(view, chain, skeleton, observed=observed, angles=states.mean[:, :, 0])
+    skin = estimate_skin(states, observed, camera) if tree.facts.get("estimator") == "bundle" else None
+    spectrum = compute_residual_spectrum(ChainResiduals(states, observed, view.rate))
+    states, sd_holds = _add_sd(states, observed, skin, camera, spectrum=spectrum, settings=settings)
+    if sensors.joints is not None:
+        states.sd[:, sensors.joints, 2] *= _ACCELERATION_SHARE
+    poses = measure_poses(view, chain, skeleton, observed=observed, angles=states.mean[:, :, 0])
     del observed
-    slips = _skin_tree(tree, skeleton, states, skin, camera)
+    skin_tree = _make_skin_tree(tree, skeleton, states, skin, camera)
     states = replace(states, observed=bridge_repeated(states.observed, repeated, view.rate))
-    encoder = beside_cameras(context.trial.encoder, states, view.time, settings)
+    encoder = read_encoder_states(context.trial.encoder, states, view.time, settings)
     if settings.method == "encoder":
-        states, sd_holds = by_encoder(states, encoder), ENCODER_NOISE
-    markers = predicted_markers(states, view, columns, chain)
+        states, sd_holds = use_encoder(states, encoder), _ENCODER_NOISE
+    markers = marker_columns(states, view, columns, chain)
     markers["residual"][repeated] = np.nan
     reasons = (
-        gap_reasons(np.isnan(states.mean[:, :, 0]), view.time, skeleton.joint_names, "angle", settings)
-        + _for_comparison(settings)
-        + repeated_reason(repeated)
-        + filter_reason(spectrum.cut_off)
-        + oscillation_reason(spectrum.oscillations, skeleton.segments)
-        + sensed.reasons
+        report_gaps(np.isnan(states.mean[:, :, 0]), view.time, skeleton.joint_names, "angle", settings)
+        + _report_method(settings)
+        + report_repeated_frames(repeated)
+        + report_filter(spectrum.cut_off)
+        + report_oscillations(spectrum.oscillations, skeleton.segments)
+        + sensors.reasons
     )
     facts = _facts(states, markers, moves, settings) | {"sd_holds": sd_holds, "cut_off_hz": spectrum.cut_off}
-    facts |= {"imus": sensed.imus} if sensed.imus else {}
+    facts |= {"imus": sensors.facts} if sensors.facts else {}
     return (
         Table(STATES, state_columns(view.time, states.mean, states.sd, states.observed), facts, reasons),
         LongTable(MARKERS, view.frames, view.time, skeleton.markers, markers),
-        slips,
+        skin_tree,
         encoder,
         poses,
         Table(ANGLES, {"time": view.time}),
@@ -93,54 +102,41 @@ def ukf_smooth(context: Context) -> Outputs:
 
 
 @dataclass(frozen=True)
-class _Sensed:
-    """Joints (n,) with inertial sensors on both sides, facts of the sensors and reasons; empty without any."""
+class _SensorOutcome:
+    """Result of the inertial sensors; empty without sensors."""
 
-    joints: BoolArray | None = None
-    imus: dict[str, dict[str, Any]] = field(default_factory=dict)
+    joints: BoolArray | None = None  # (n,) joints with sensors on both sides
+    facts: dict[str, dict[str, Any]] = field(default_factory=dict)  # facts of each sensor, by segment
     reasons: tuple[Reason, ...] = ()
 
 
-def _samples(view: Trajectories, columns: IntArray) -> tuple[FloatArray, BoolArray]:
-    """Return the samples (F, M, 2) of some columns (M,), m, NaN where not used, and the repeated frames (F,)."""
-    observed = view.read_positions(columns, axes="xy")
-    repeated = find_repeated_frames(observed)
-    observed[repeated] = np.nan
-    return observed, repeated
-
-
-def _states(  # noqa: PLR0917
-    context: Context,
-    view: Trajectories,
-    observed: FloatArray,
-    chain: MarkerChain,
-    names: Sequence[str],
-    settings: FilterSettings,
-) -> tuple[States, _Sensed]:
+def _smooth(
+    context: Context, view: Trajectories, observed: FloatArray, chain: MarkerChain, names: Sequence[str]
+) -> tuple[States, _SensorOutcome]:
     """Return the states from the markers of the moving segments and from inertial sensors, if any.
 
     ``observed`` becomes NaN, in place, where a marker is not used: a copy would double the memory.
     """
-    sensed = _Sensed()
-    if context.trial.imus:
+    settings, files = _filter_settings(context.settings, chain), context.trial.imus
+    outcome = _SensorOutcome()
+    if files:
         from mocap_id.stages.ukf_smooth.inertial import smooth_with_imus_in_plane  # noqa: PLC0415  only with sensors
 
-        files = context.trial.imus
-        states, joints, imus, reasons = smooth_with_imus_in_plane(observed, view.time, chain, names, files, settings)
-        sensed = _Sensed(joints, imus, reasons)
+        states, joints, facts, reasons = smooth_with_imus_in_plane(observed, view.time, chain, names, files, settings)
+        outcome = _SensorOutcome(joints, facts, reasons)
     else:
         states = smooth(
             observed, view.rate, chain.centres, chain.segment, chain.local, settings=settings, overwrite=True
         )
     observed[~states.used] = np.nan
-    return states, sensed
+    return states, outcome
 
 
-def _of_cameras(settings: UkfSmoothSettings, chain: MarkerChain) -> FilterSettings:
-    """Return the settings of the filter for the markers; `method: encoder` is compared with the smoother.
+def _filter_settings(settings: UkfSmoothSettings, chain: MarkerChain) -> FilterSettings:
+    """Return the settings of the filter; with `method: encoder`, the encoder is compared with the smoother `rts`.
 
-    If a segment has markers at one place only, a drop-out changes its angle for as long as it lasts, which is not
-    process noise.
+    The process noise is limited if the markers of a segment are all at one place. A drop-out then changes the angle of
+    the segment for as long as it lasts, and this change is not process noise.
     """
     given = settings.model_dump(include={field.name for field in fields(FilterSettings)})
     if settings.method == "encoder":
@@ -151,7 +147,7 @@ def _of_cameras(settings: UkfSmoothSettings, chain: MarkerChain) -> FilterSettin
     return FilterSettings(**given)
 
 
-def _with_sd(
+def _add_sd(
     states: States,
     observed: FloatArray,
     skin: SkinModel | None,
@@ -160,32 +156,32 @@ def _with_sd(
     spectrum: ResidualSpectrum,
     settings: UkfSmoothSettings,
 ) -> tuple[States, str]:
-    """Return the states with standard deviations that include known skin motion, and what these include."""
+    """Return the states with standard deviations that include known skin motion, and a text that says so."""
     if settings.method in FRAMEWISE:  # the errors of these methods are unknown
         return states, UNKNOWN
-    if spectrum.cut_off is not None and spectrum.cut_off < LOST_HZ:
+    if spectrum.cut_off is not None and spectrum.cut_off < UNKNOWN_SD_HZ:
         return replace(states, sd=np.full_like(states.sd, np.nan)), UNKNOWN
     if skin is None or settings.method == "two-filter":
         return states, NOISE
-    errors = lasting_errors(states, observed, skin, camera, spectrum)
+    errors = estimate_lasting_errors(states, observed, skin, camera, spectrum)
     return replace(states, sd=add_lasting_errors(states, spectrum.rate, errors)), SKIN
 
 
-def _skin_tree(chain: Tree, skeleton: Skeleton, states: States, skin: SkinModel | None, camera: float) -> Tree:
-    """Return skin.h5 with the estimated skin motion, or else with an assumed one."""
+def _make_skin_tree(chain: Tree, skeleton: Skeleton, states: States, skin: SkinModel | None, camera: float) -> Tree:
+    """Return skin.h5 with the estimated skin motion, or with an assumed motion if it was not estimated."""
     moves = skeleton.marker_segment > 0
     labels = [skeleton.markers[k] for k in np.flatnonzero(moves)]
     if skin is None:
-        assumed = assumed_skin(states, chain.array("markers/residual")[moves], skeleton.covariance)
+        assumed = assume_skin(states, chain.array("markers/residual")[moves], skeleton.covariance)
         return skin_artefact.make_skin_tree(assumed, labels, camera, "residuals of the joint fit")
-    counted = [labels[k] for k in np.flatnonzero(np.any(states.used, axis=0))]
-    return skin_artefact.make_skin_tree(skin, counted, camera, "residuals of all frames")
+    used = [labels[k] for k in np.flatnonzero(np.any(states.used, axis=0))]
+    return skin_artefact.make_skin_tree(skin, used, camera, "residuals of all frames")
 
 
 def _facts(
     states: States, markers: Mapping[str, FloatArray | BoolArray], moves: BoolArray, settings: UkfSmoothSettings
 ) -> dict[str, Any]:
-    """Return facts for the report; residuals (F, M) count only for markers on moving segments, ``moves`` (M,)."""
+    """Return facts for the report; residuals (F, M) count only for the markers ``moves`` (M,) of moving segments."""
     residual: FloatArray = np.asarray(markers["residual"], dtype=np.float64)
     used, visible, squares = 0, 0, 0.0
     for part in chunks(len(residual)):
@@ -205,15 +201,13 @@ def _facts(
     }
 
 
-def _for_comparison(settings: UkfSmoothSettings) -> tuple[Reason, ...]:
+def _report_method(settings: UkfSmoothSettings) -> tuple[Reason, ...]:
     """Return a caution if the method is not the default."""
     if settings.method == "rts":
         return ()
-    spread = "; they have no standard deviations" if settings.method in FRAMEWISE else ""
-    return (
-        Reason(
-            "states-method",
-            f"the states are estimated by `{settings.method}`, which is only for comparison{spread}. Remove "
-            "`ukf-smooth: {method: …}` to use the filter and its smoother.",
-        ),
+    no_sd = "; they have no standard deviations" if settings.method in FRAMEWISE else ""
+    message = (
+        f"the states are estimated by `{settings.method}`, which is only for comparison{no_sd}. Remove "
+        "`ukf-smooth: {method: …}` to use the filter and its smoother."
     )
+    return (Reason("states-method", message),)

@@ -20,13 +20,12 @@ from mocap_id.store.spatial_views import SpatialSkeleton
 from mocap_id.verdict import Reason
 
 OBSERVABLE = 2e-3
-"""Standard deviation of a clock, s, up to which the motion shows it."""
+"""Largest standard deviation, s, of a clock offset that counts as determined by the motion."""
 
 SATURATED = 3e-3
-"""Share of saturated samples from which they are reported."""
+"""Share of saturated samples above which they are reported."""
 
-_DIFFERS, _LEAST_TURN = 0.15, 0.8
-"""Difference of sensor and markers that is reported: share of the angular velocity, and least of the latter, rad/s."""
+_DIFFERS, _LEAST_RATE = 0.15, 0.8  # a difference is reported above this share of the angular velocity; rad/s
 
 
 def smooth_with_imus(
@@ -38,7 +37,7 @@ def smooth_with_imus(
     *,
     mirrored: bool,
 ) -> tuple[SpatialStates, dict[str, dict[str, Any]], tuple[Reason, ...]]:
-    """Return the states, facts of every sensor for the summary, and reasons.
+    """Return the states in space, facts of every sensor for the summary, and reasons.
 
     Raises
     ------
@@ -48,8 +47,9 @@ def smooth_with_imus(
         A log cannot be read.
     """
     names = list(skeleton.segments)
-    states, results = smooth_with_sensors(points, time, skeleton.chain, _sensors(names, files, mirrored), settings)
-    return states, *_described(names, files, results)
+    sensors = _read_sensors(names, files, mirrored)
+    states, results = smooth_with_sensors(points, time, skeleton.chain, sensors, settings)
+    return states, *_describe_results(names, files, results)
 
 
 def smooth_with_imus_in_plane(  # noqa: PLR0917
@@ -62,70 +62,61 @@ def smooth_with_imus_in_plane(  # noqa: PLR0917
 ) -> tuple[States, BoolArray, dict[str, dict[str, Any]], tuple[Reason, ...]]:
     """Return the states, joints (n,) with sensors on both sides, facts of every sensor for the summary, and reasons.
 
-    Parameters
-    ----------
-    observed : (F, M, 2) array
-        Markers, m; changed as by :func:`mocap_id.estimation.smooth`.
-    time : (F,) array
-        s.
-    chain : MarkerChain
-        With these markers.
-    names : sequence of str
-        Of the segments, base first.
-    files : mapping of str to Path
-    settings : FilterSettings
+    ``observed`` (F, M, 2) are the markers of the chain, m, changed as by :func:`mocap_id.estimation.smooth`. ``names``
+    are the segments, base first, and ``files`` the log of each sensor, by segment.
 
     Raises
     ------
     ConfigError
-        A sensor is on a segment that does not exist, or the method is not the usual one.
+        A sensor is on a segment that does not exist, or the method is not the default.
     RecordingError
         A log cannot be read.
     """
     check_method(settings.method, settings.engine)
-    sensors = _sensors(names, files, mirrored=False)
+    sensors = _read_sensors(names, files, mirrored=False)
     states, results = inertial_smoothing.smooth_with_sensors(
         observed, time, chain.centres, chain.segment, chain.local, sensors=sensors, settings=settings
     )
-    used = [0, *(s for s, each in results.items() if each.found is not None and each.why is None)]
-    sensed = np.isin(np.arange(len(names)), used)
-    return states, sensed[1:] & sensed[:-1], *_described(names, files, results)
+    has_sensor = np.isin(np.arange(len(names)), [0, *(s for s, each in results.items() if each.used is not None)])
+    return states, has_sensor[1:] & has_sensor[:-1], *_describe_results(names, files, results)
 
 
 def check_method(method: str, engine: str) -> None:
-    """Raise ConfigError for settings of ukf-smooth with which no inertial sensor in the plane is used."""
+    """Raise ConfigError for settings of ukf-smooth with which inertial sensors in the plane cannot be used."""
     if method != "rts" or engine != "compiled":
         raise ConfigError("imus: inertial sensors need `ukf-smooth: {method: rts, engine: compiled}`")
 
 
-def _sensors(names: Sequence[str], files: Mapping[str, Path], mirrored: bool) -> dict[int, SensorSignals]:
+def _read_sensors(names: Sequence[str], files: Mapping[str, Path], mirrored: bool) -> dict[int, SensorSignals]:
     for name in files:
         if name not in names:
             raise ConfigError(
                 f"imus: there is no segment {name!r}; the segments are {', '.join(names)}. If the motion is too small "
                 "to separate all segments, name a trial in which all joints move as `calibration:`"
             )
-    return {names.index(name): _signals(file, mirrored) for name, file in files.items()}
+    return {names.index(name): read_sensor(file, mirrored) for name, file in files.items()}
 
 
-def _described(
+def _describe_results(
     names: Sequence[str], files: Mapping[str, Path], results: Mapping[int, SensorResult]
 ) -> tuple[dict[str, dict[str, Any]], tuple[Reason, ...]]:
-    facts = {names[s]: _facts(result) for s, result in results.items()}
+    facts = {names[s]: describe_sensor(result) for s, result in results.items()}
     reasons = [reason for s, result in results.items() for reason in _reasons(names, s, files[names[s]].name, result)]
     return facts, tuple(reasons)
 
 
-def _signals(file: Path, mirrored: bool) -> SensorSignals:
-    """Read a log; a left arm's is mirrored: vectors along z of the sensor, rotations about its x and y."""
+def read_sensor(file: Path, mirrored: bool = False) -> SensorSignals:
+    """Read a log; for a left arm, mirror the vectors along z of the sensor, and the rotations about its x and y."""
     log = read_imu(file)
-    turns, forces = (np.array([-1.0, -1.0, 1.0]), np.array([1.0, 1.0, -1.0])) if mirrored else (1.0, 1.0)
-    return SensorSignals(log.time, log.gyro * turns, log.acc * forces)
+    if not mirrored:
+        return SensorSignals(log.time, log.gyro, log.acc)
+    return SensorSignals(log.time, log.gyro * np.array([-1.0, -1.0, 1.0]), log.acc * np.array([1.0, 1.0, -1.0]))
 
 
-def _facts(result: SensorResult) -> dict[str, Any]:
-    found = result.found
-    facts: dict[str, Any] = {"used": found is not None and result.why is None, "why": result.why}
+def describe_sensor(result: SensorResult) -> dict[str, Any]:
+    """Return the facts of a sensor for the summary."""
+    found = result.calibration
+    facts: dict[str, Any] = {"used": result.used is not None, "why": result.why}
     if found is None:
         return facts
     known = bool(np.isfinite(found.clock.sd))
@@ -143,45 +134,46 @@ def _facts(result: SensorResult) -> dict[str, Any]:
         "position_m": found.place.tolist(),
         "position_sd_m": found.sd["place"].tolist(),
         "skin_share": found.lag,
-        "gyro_residual_rad_s": float(found.left[0]),
-        "acc_residual_m_s2": float(found.left[1]),
+        "gyro_residual_rad_s": float(found.residual[0]),
+        "acc_residual_m_s2": float(found.residual[1]),
         "saturated": result.saturated,
     }
 
 
 def _reasons(names: Sequence[str], s: int, file: str, result: SensorResult) -> list[Reason]:
-    name, found = names[s].replace("_", " "), result.found
+    name, found = names[s].replace("_", " "), result.calibration
     if result.why is not None:
-        other = "" if result.fits is None else f" It fits the motion of the {names[result.fits].replace('_', ' ')}."
+        better = result.better_segment
+        other = "" if better is None else f" It fits the motion of the {names[better].replace('_', ' ')}."
         message = f"the sensor on the {name} ({file}) is left out: {result.why}.{other} Check its segment and its file."
         return [Reason("imu-disagrees", message)]
     reasons = []
-    off = 0.0 if found is None else float(np.sqrt(3.0) * found.left[0])
-    limit = _DIFFERS * max(_LEAST_TURN, 0.0 if found is None else found.moved)
+    off = 0.0 if found is None else float(np.sqrt(3.0) * found.residual[0])
+    limit = _DIFFERS * max(_LEAST_RATE, 0.0 if found is None else found.segment_rate)
     if off > limit:
         message = (
-            f"the angular velocity of the {name} by its sensor ({file}) differs from that by its markers by {off:.2f} "
+            f"the angular velocity of the {name} from its sensor ({file}) differs from its markers by {off:.2f} "
             f"rad/s rms; below {limit:.2f} is usual. The markers may be on another segment or hidden for long, or the "
             "sensor is loose."
         )
         reasons.append(Reason("imu-differs", message, off, limit))
     if found is not None and not found.clock.observable:
-        reasons.append(clock_reason(name, found.clock.sd))
-    if result.saturated > SATURATED:
-        reasons.append(saturated_reason(name, result.saturated))
-    return reasons
+        reasons.append(report_clock(name, found.clock.sd))
+    return reasons + report_saturation(name, result.saturated)
 
 
-def clock_reason(segment: str, sd: float) -> Reason:
-    """Return a note that the motion does not show the clock of a segment's sensor; ``sd`` in s."""
+def report_clock(segment: str, sd: float) -> Reason:
+    """Return a note that the motion does not determine the clock of a segment's sensor; ``sd`` in s."""
     message = (
-        f"the motion of the {segment} does not show the clock of its sensor to 2 ms (standard deviation "
+        f"the motion of the {segment} does not determine the clock of its sensor to 2 ms (standard deviation "
         f"{1e3 * sd:.1f} ms)."
     )
     return Reason("imu-clock", message, sd, OBSERVABLE, "ok")
 
 
-def saturated_reason(segment: str, share: float) -> Reason:
-    """Return a caution that a share of the samples of a segment's sensor is saturated."""
+def report_saturation(segment: str, share: float) -> list[Reason]:
+    """Return a caution if too large a share of the samples of a segment's sensor is saturated."""
+    if share <= SATURATED:
+        return []
     message = f"{100 * share:.1f} % of the samples of the sensor on the {segment} are saturated and left out."
-    return Reason("imu-saturated", message, share, SATURATED)
+    return [Reason("imu-saturated", message, share, SATURATED)]

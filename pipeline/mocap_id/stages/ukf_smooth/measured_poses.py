@@ -17,34 +17,21 @@ from mocap_id.store.schemas import POSES
 from mocap_id.store.views import Skeleton, Trajectories
 
 OTHERS = "others"
-"""Name of the body with all markers that are on no segment, such as arms and head."""
+"""Name of the body with all markers that are on no segment, for example on arms and head."""
 _BENT = "hip"  # joint below a trunk that may bend
-_BESIDE = 0.02  # m: markers of both sides are at nearly the same place in the plane
+_BESIDE = 0.02  # m: markers of both sides are at nearly the same position in the plane
 _ONE_BODY = ("pelvis", "trunk")  # each has few markers, so their common pose is an alternative
 
 
-def measured_poses(
+def measure_poses(
     view: Trajectories, chain: MarkerChain, skeleton: Skeleton, *, observed: FloatArray, angles: FloatArray
 ) -> Table:
-    """Return the measured poses of all bodies of the dynamics.
+    """Return poses.parquet: the measured poses of all bodies of the dynamics.
 
-    Parameters
-    ----------
-    view : Trajectories
-    chain : Chain
-        Including the markers of the base.
-    skeleton : Skeleton
-        The same chain, with names.
-    observed : (F, K, 2) array
-        Markers of the moving segments as used for the states, m; else NaN.
-    angles : (F, n) array
-        Joint angles, rad; used to place the trunk's markers on the pelvis.
-
-    Returns
-    -------
-    Table
-        A body whose markers show no pose has no columns; the facts list the bodies in the order of the columns.
-        Pelvis and trunk are included separately and as one body, the torso.
+    A body whose markers determine no pose has no columns. The facts list the bodies in the order of the columns. Pelvis
+    and trunk are included separately and as one body, the torso. ``chain`` includes the markers of the base.
+    ``observed`` (F, K, 2) are the markers of the moving segments that are used for the states, m, otherwise NaN.
+    ``angles`` (F, n), rad, place the trunk's markers on the pelvis.
     """
     columns = {label: column for column, label in enumerate(view.labels)}
     labels = skeleton.markers
@@ -55,7 +42,7 @@ def measured_poses(
     found: list[tuple[str, list[int], list[str], ClusterPose]] = []
     seen: list[ComplexArray] = []
     feet_move = False
-    for name, numbers in _bodies(skeleton.segments):
+    for name, numbers in _list_bodies(skeleton.segments):
         own = np.flatnonzero(np.isin(chain.segment, numbers))
         if numbers == [0]:
             base = view.read_positions(of_chain[own], axes="xy")
@@ -65,7 +52,7 @@ def measured_poses(
             own, points = own[used], as_complex(base[:, used])
         else:
             points = as_complex(observed[:, np.searchsorted(moves, own)])
-        pose = measure_cluster(points, _in_body_frame(chain, local, numbers, angles)[own])
+        pose = measure_cluster(points, _express_in_body(chain, local, numbers, angles)[own])
         if pose is not None:
             found.append((name, numbers, [labels[k] for k in own[pose.markers]], pose))
             seen.append(points[:, pose.markers])
@@ -74,8 +61,8 @@ def measured_poses(
         found.append((OTHERS, [], [view.labels[k] for k in free[others.markers]], others))
     facts = [_fact(*each) for each in found]
     bodies = [(each[1], each[3]) for each in found]
-    above, shift = _hip_shift(skeleton, bodies, seen)
-    ankle = _ankle_place(chain, bodies) if feet_move else None
+    above, shift = _estimate_hip_shift(skeleton, bodies, seen)
+    ankle = _estimate_ankle(chain, bodies) if feet_move else None
     for fact in facts:
         if above in fact["segments"]:
             fact["joint_shift_m"] = [shift.real, shift.imag]
@@ -85,10 +72,13 @@ def measured_poses(
     return Table(POSES, _columns(view, [pose for *_, pose in found]), {"bodies": facts})
 
 
-def _hip_shift(
+def _estimate_hip_shift(
     skeleton: Skeleton, bodies: Sequence[tuple[list[int], ClusterPose]], seen: Sequence[ComplexArray]
 ) -> tuple[int, complex]:
-    """Return the segment above the hip, and the shift of the hip in the thigh's frame that its bending explains, m."""
+    """Return the segment above the hip, and the displacement of the hip, m, that the bending of the trunk explains.
+
+    The displacement is in the thigh's frame.
+    """
     hip = skeleton.joints.index(_BENT) if _BENT in skeleton.joints else len(skeleton.segments)
     single = {numbers[0]: k for k, (numbers, _) in enumerate(bodies) if len(numbers) == 1}
     if hip not in single or hip + 1 not in single:
@@ -100,8 +90,8 @@ def _hip_shift(
     return hip + 1, estimate_hip_shift(_frame(bodies[single[hip]][1]), _frame(trunk), near.mean(axis=1))
 
 
-def _ankle_place(chain: MarkerChain, bodies: Sequence[tuple[list[int], ClusterPose]]) -> AnklePosition | None:
-    """Return the place of the first joint between moving feet and the segment above; None if unknown."""
+def _estimate_ankle(chain: MarkerChain, bodies: Sequence[tuple[list[int], ClusterPose]]) -> AnklePosition | None:
+    """Return the position of the first joint between moving feet and the segment above; None if unknown."""
     single = {numbers[0]: pose for numbers, pose in bodies if len(numbers) == 1}
     if not {0, 1} <= single.keys():
         return None
@@ -109,19 +99,19 @@ def _ankle_place(chain: MarkerChain, bodies: Sequence[tuple[list[int], ClusterPo
 
 
 def _frame(pose: ClusterPose) -> tuple[ComplexArray, FloatArray]:
-    """Return origin (F,), m, and angle (F,), rad, of a body's frame."""
+    """Return the origin (F,), m, and the angle (F,), rad, of a body's frame."""
     return pose.position - np.exp(1j * pose.angle) * pose.local.mean(), pose.angle
 
 
-def _bodies(segments: Sequence[str]) -> list[tuple[str, list[int]]]:
-    """Return name and segments of each body: every segment, then pelvis and trunk as one."""
+def _list_bodies(segments: Sequence[str]) -> list[tuple[str, list[int]]]:
+    """Return the name and the segments of each body: every segment, then pelvis and trunk as one body."""
     apart = [(name, [k]) for k, name in enumerate(segments)]
     if not set(_ONE_BODY) <= set(segments):
         return apart
     return [*apart, ("torso", [segments.index(name) for name in _ONE_BODY])]
 
 
-def _in_body_frame(chain: MarkerChain, local: ComplexArray, numbers: list[int], angles: FloatArray) -> ComplexArray:
+def _express_in_body(chain: MarkerChain, local: ComplexArray, numbers: list[int], angles: FloatArray) -> ComplexArray:
     """Return markers (M,) in the frame of a body's first segment, m; other segments are placed by their mean angle."""
     found = local.copy()
     for segment in numbers[1:]:

@@ -1,7 +1,9 @@
-"""States of a trial of inertial sensors alone, for the stage ukf-smooth."""
+"""States of a trial with inertial sensors alone, for the stage ukf-smooth."""
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,30 +12,36 @@ from mocap_id.arrays import FloatArray
 from mocap_id.errors import NumericalError, RecordingError, Refused
 from mocap_id.estimation import States
 from mocap_id.estimation.dead_reckoning import FORCE_BIAS, SWITCHED_ON
-from mocap_id.estimation.inertial import SensorSignals
+from mocap_id.estimation.inertial import Clock, SensorResult, SensorSignals
 from mocap_id.estimation.inertial.signals import GRAVITY
-from mocap_id.estimation.inertial_tracking import ShownChain, Tracked, show_chain, track_alone
+from mocap_id.estimation.inertial_tracking import CalibratedChain, TrackedStates, calibrate_chain, track_without_markers
 from mocap_id.estimation.inverse_kinematics import MarkerChain
 from mocap_id.estimation.noise import FilterNoise
 from mocap_id.geometry.planar import marker_positions
-from mocap_id.recording.imu_log import read_imu
 from mocap_id.stages import skin_artefact
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.calibration import get_calibration, read_states
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
 from mocap_id.stages.ukf_smooth.columns import state_columns
-from mocap_id.stages.ukf_smooth.encoder_states import no_encoder
-from mocap_id.stages.ukf_smooth.inertial import OBSERVABLE, SATURATED, check_method, clock_reason, saturated_reason
-from mocap_id.stages.ukf_smooth.state_errors import SKIN, assumed_skin
+from mocap_id.stages.ukf_smooth.encoder_states import empty_encoder_table
+from mocap_id.stages.ukf_smooth.inertial import (
+    OBSERVABLE,
+    check_method,
+    describe_sensor,
+    read_sensor,
+    report_clock,
+    report_saturation,
+)
+from mocap_id.stages.ukf_smooth.state_errors import SKIN, assume_skin
 from mocap_id.store import LongTable, Table
 from mocap_id.store.schemas import ANGLES, MARKERS, POSES, STATES
 from mocap_id.store.views import JointStates, Skeleton, Trajectories
 from mocap_id.verdict import Reason
 
 _LONGEST_GAP = 0.5  # s without samples of a sensor
-_TURNED = np.radians(3.0)  # of a sensor out of the plane against the calibration
+_LARGEST_LEAN = np.radians(3.0)  # of a sensor out of the plane, relative to the calibration
 _FITTING, _CONTRADICTING = 0.1, 0.5  # m/s² rms between accelerometers and gyroscopes; 0.05 in simulated people
-_LEFT = np.radians(15.0)  # turn about the vertical, beyond twice its standard deviation
+_LARGEST_HEADING = np.radians(15.0)  # rotation about the vertical, beyond twice its standard deviation
 
 
 def states_of_sensors(context: Context) -> Outputs:
@@ -42,9 +50,9 @@ def states_of_sensors(context: Context) -> Outputs:
     Raises
     ------
     ConfigError
-        The method is not the usual one.
+        The method is not the default.
     RecordingError
-        A log cannot be read or has a long gap, or the calibration does not show its sensors.
+        A log cannot be read or has a long gap, or the calibration does not determine the mounting of its sensors.
     Refused
         Accelerometers and gyroscopes contradict each other.
     """
@@ -53,12 +61,13 @@ def states_of_sensors(context: Context) -> Outputs:
     skeleton = Skeleton.from_tree(context.tree("chain.h5"))
     view = Trajectories(context.long("planar.parquet"))
     names = skeleton.segments[1:]
-    signals = [_signals(context, name, view.time) for name in names]
-    shown, snap = _shown(context, skeleton)
-    tracked = track_alone(signals, view.time, shown)
+    signals = [_read_complete_log(context.trial.imus[name], view.time) for name in names]
+    chain, snap = _calibrate_chain(context, skeleton)
+    tracked = track_without_markers(signals, view.time, chain)
     worst = int(np.argmax(tracked.reckoning.residual))
     if tracked.reckoning.residual[worst] > _CONTRADICTING:
-        raise Refused("imus-contradict", f"{_contradiction(tracked, worst, names)}: no angles are given. {_CAUSES}")
+        message = f"{_describe_contradiction(tracked, worst, names)}: no angles are given. {_CAUSES}"
+        raise Refused("imus-contradict", message)
     uncertain = tracked.sd[..., 0] > settings.angle_sd_limit
     tracked.mean[uncertain], tracked.sd[uncertain] = np.nan, np.nan
     facts = {
@@ -71,11 +80,11 @@ def states_of_sensors(context: Context) -> Outputs:
         "engine": settings.engine,
         "sd_holds": SKIN,
         "cut_off_hz": None,
-        "imus": {name: _facts(tracked, shown, k, signals[k]) for k, name in enumerate(names)},
+        "imus": {name: _facts(tracked, chain, k, signals[k]) for k, name in enumerate(names)},
     }
-    states = _as_states(tracked, skeleton, snap)
+    states = _make_states(tracked, skeleton, snap)
     residual = context.tree("chain.h5").array("markers/residual")[skeleton.marker_segment > 0]
-    skin = assumed_skin(states, residual, skeleton.covariance)
+    skin = assume_skin(states, residual, skeleton.covariance)
     labels = [label for label, k in zip(skeleton.markers, skeleton.marker_segment, strict=True) if k > 0]
     return (
         Table(
@@ -84,18 +93,17 @@ def states_of_sensors(context: Context) -> Outputs:
             facts,
             _reasons(context, tracked, names, signals),
         ),
-        LongTable(MARKERS, view.frames, view.time, skeleton.markers, _markers(tracked, skeleton)),
+        LongTable(MARKERS, view.frames, view.time, skeleton.markers, _marker_columns(tracked, skeleton)),
         skin_artefact.make_skin_tree(skin, labels, None, "no markers"),
-        no_encoder("the trial has inertial sensors alone"),
+        empty_encoder_table("the trial has inertial sensors alone"),
         Table(POSES, {"time": view.time}, {"bodies": []}),
         Table(ANGLES, {"time": view.time}),
     )
 
 
-def _signals(context: Context, name: str, time: FloatArray) -> SensorSignals:
-    """Return the log of a sensor without long gaps in the time of the trial."""
-    file = context.trial.imus[name]
-    log = read_imu(file)
+def _read_complete_log(file: Path, time: FloatArray) -> SensorSignals:
+    """Return the log of a sensor; raise RecordingError if it has a long gap within the trial."""
+    log = read_sensor(file)
     inside = log.time[(log.time >= time[0]) & (log.time <= time[-1])]
     gaps = np.diff(np.concatenate([[time[0]], inside, [time[-1]]]))
     if gaps.max() > _LONGEST_GAP:
@@ -104,11 +112,11 @@ def _signals(context: Context, name: str, time: FloatArray) -> SensorSignals:
             f"{file}: has no samples for {gaps.max():.1f} s after {at:.1f} s; without markers nothing bridges this. "
             "Choose a part without gaps by `window:`"
         )
-    return SensorSignals(log.time, log.gyro, log.acc)
+    return log
 
 
-def _shown(context: Context, skeleton: Skeleton) -> tuple[ShownChain, FloatArray]:
-    """Return the chain with its sensors from the trial with markers, and the snap (n,) of its joints, rad/s⁴."""
+def _calibrate_chain(context: Context, skeleton: Skeleton) -> tuple[CalibratedChain, FloatArray]:
+    """Return the chain with the sensors that the trial with markers calibrates, and its joints' snap (n,), rad/s⁴."""
     calibration = get_calibration(context.trial)
     table = read_states(calibration)
     joints = JointStates.from_table(table)
@@ -118,80 +126,64 @@ def _shown(context: Context, skeleton: Skeleton) -> tuple[ShownChain, FloatArray
     chain = MarkerChain(skeleton.centres.copy(), skeleton.marker_segment, skeleton.local)
     noise = FilterNoise(np.nan, snap)
     states = States(mean, joints.sd, joints.observed, np.zeros((0, 0), np.bool_), noise, np.nan, chain)
-    sensors = {}
-    for s, name in enumerate(skeleton.segments[1:], start=1):
-        log = read_imu(calibration.imus[name])
-        sensors[s] = SensorSignals(log.time, log.gyro, log.acc)
+    sensors = {s: read_sensor(calibration.imus[name]) for s, name in enumerate(skeleton.segments[1:], start=1)}
     try:
-        return show_chain(states, joints.time, sensors, snap**2 * dt), snap
+        return calibrate_chain(states, joints.time, sensors, snap**2 * dt), snap
     except NumericalError as error:
         files = ", ".join(file.name for file in calibration.imus.values())
         message = f"its inertial sensors ({files}) do not fit its markers ({error}); check their segments and files"
         raise RecordingError(f"{calibration.trial}: {message}") from error
 
 
-def _facts(tracked: Tracked, shown: ShownChain, k: int, signals: SensorSignals) -> dict[str, Any]:
-    """Return the facts of one sensor: its clock against the first one, and what changed since the calibration."""
-    found, reckoned = shown.known.carried[k].found, tracked.reckoning
+def _facts(tracked: TrackedStates, chain: CalibratedChain, k: int, signals: SensorSignals) -> dict[str, Any]:
+    """Return the facts of one sensor: its clock relative to the first sensor, its present biases, and its mounting."""
+    found, reckoned = chain.known.sensors[k].calibration, tracked.reckoning
     normal = found.mount.T @ [0.0, 0.0, 1.0]
-    bias = found.gyro_bias + normal * float(reckoned.gyro_bias[:, k].mean())
     in_plane = np.sqrt(1.0 - normal**2)
     gyro_sd = np.hypot(normal * reckoned.gyro_bias_sd[:, k].mean(), in_plane * SWITCHED_ON)
     acc_sd = np.hypot(in_plane * reckoned.force_bias_sd[k].max(), normal * FORCE_BIAS)
-    return {
-        "used": True,
-        "why": None,
-        "clock_offset_s": -float(reckoned.shift[k]),
-        "sd_s": float(reckoned.shift_sd[k]),
+    clock_sd = float(reckoned.shift_sd[k])
+    present = replace(
+        found,
+        clock=Clock(-float(reckoned.shift[k]), 0.0, clock_sd, clock_sd <= OBSERVABLE),
+        gyro_bias=found.gyro_bias + normal * float(reckoned.gyro_bias[:, k].mean()),
+        acc_bias=found.acc_bias + found.mount.T @ [*reckoned.force_bias[k], 0.0],
+        sd=found.sd | {"gyro_bias": gyro_sd, "acc_bias": acc_sd},
+        residual=np.array([np.nan, reckoned.residual[k]]),
+    )
+    return describe_sensor(SensorResult(present, float(np.mean(signals.saturated)))) | {
         "ppm": None,
-        "observable": bool(reckoned.shift_sd[k] <= OBSERVABLE),
-        "gyro_bias_rad_s": bias.tolist(),
-        "gyro_bias_sd_rad_s": gyro_sd.tolist(),
-        "acc_bias_m_s2": (found.acc_bias + found.mount.T @ [*reckoned.force_bias[k], 0.0]).tolist(),
-        "acc_bias_sd_m_s2": acc_sd.tolist(),
-        "mounting": found.mount.tolist(),
-        "mounting_sd_deg": float(np.degrees(np.max(found.sd["turn"]))),
-        "position_m": found.place.tolist(),
-        "position_sd_m": found.sd["place"].tolist(),
-        "skin_share": found.lag,
         "gyro_residual_rad_s": None,
-        "acc_residual_m_s2": float(reckoned.residual[k]),
-        "saturated": float(np.mean(signals.saturated)),
         "heading_deg": float(np.degrees(tracked.heading[k])),
         "heading_sd_deg": float(np.degrees(tracked.heading_sd[k])),
     }
 
 
 def _reasons(
-    context: Context, tracked: Tracked, names: tuple[str, ...], signals: list[SensorSignals]
+    context: Context, tracked: TrackedStates, names: tuple[str, ...], signals: list[SensorSignals]
 ) -> tuple[Reason, ...]:
     sd, name = np.degrees(np.nanmean(tracked.sd[..., 0])), get_calibration(context.trial).trial.name
     drift = float(np.degrees(np.max(tracked.heading_sd)))
-    reasons = [
-        Reason(
-            "imus-alone",
-            f"no camera saw this trial: the angles (standard deviation {sd:.1f}°) hold if every sensor sat as in "
-            f"{name}. Directions about the vertical are unknown (after this trial by {drift:.0f}°), as are places and "
-            "forces.",
-            float(sd),
-        )
-    ]
+    message = (
+        f"no camera recorded this trial: the angles (standard deviation {sd:.1f}°) are valid if every sensor was worn "
+        f"as in {name}. Directions about the vertical are unknown (after this trial by {drift:.0f}°), as are positions "
+        "and forces."
+    )
+    reasons = [Reason("imus-alone", message, float(sd))]
     worst = int(np.argmax(tracked.reckoning.residual))
     off = float(tracked.reckoning.residual[worst])
     if off > _FITTING:
-        text = f"{_contradiction(tracked, worst, names)}: the angles may be wrong by 5° and more. {_CAUSES}"
+        text = f"{_describe_contradiction(tracked, worst, names)}: the angles may be wrong by 5° and more. {_CAUSES}"
         reasons.append(Reason("imus-contradict", text, off, _FITTING))
     for k, segment in enumerate(names):
-        reasons += _moved(tracked, k, segment) + _left(tracked, k, segment)
+        reasons += _check_lean(tracked, k, segment) + _check_heading(tracked, k, segment)
         if tracked.reckoning.shift_sd[k] > OBSERVABLE:
-            reasons.append(clock_reason(segment, float(tracked.reckoning.shift_sd[k])))
-        share = float(np.mean(signals[k].saturated))
-        if share > SATURATED:
-            reasons.append(saturated_reason(segment, share))
+            reasons.append(report_clock(segment, float(tracked.reckoning.shift_sd[k])))
+        reasons += report_saturation(segment, float(np.mean(signals[k].saturated)))
     return tuple(reasons)
 
 
-def _contradiction(tracked: Tracked, worst: int, names: tuple[str, ...]) -> str:
+def _describe_contradiction(tracked: TrackedStates, worst: int, names: tuple[str, ...]) -> str:
     return (
         f"the accelerometers contradict the gyroscopes on the chain of the calibration, most on the {names[worst]}: by "
         f"{tracked.reckoning.residual[worst]:.2g} m/s² rms, expected at most {_FITTING:g}"
@@ -199,37 +191,39 @@ def _contradiction(tracked: Tracked, worst: int, names: tuple[str, ...]) -> str:
 
 
 _CAUSES = (
-    "Check which sensor is on which segment, its units (rad/s and m/s²) and clock, that it was not turned since the "
-    "calibration, and that the calibration is of the same person."
+    "Check which sensor is on which segment, its units (rad/s and m/s²) and its clock; that it was not rotated on its "
+    "segment since the calibration; and that the calibration is of the same person."
 )
 
 
-def _moved(tracked: Tracked, k: int, segment: str) -> list[Reason]:
-    """Return a caution if gravity shows that a sensor was turned on its segment since the calibration."""
-    turned = float(np.arcsin(np.clip(abs(tracked.level[k]) / GRAVITY, 0.0, 1.0)))
-    if turned <= _TURNED:
+def _check_lean(tracked: TrackedStates, k: int, segment: str) -> list[Reason]:
+    """Return a caution if gravity reveals that a sensor was rotated on its segment since the calibration."""
+    lean = float(np.arcsin(np.clip(abs(tracked.level[k]) / GRAVITY, 0.0, 1.0)))
+    if lean <= _LARGEST_LEAN:
         return []
     message = (
-        f"the sensor on the {segment} leans {np.degrees(turned):.0f}° out of the plane against the calibration: it was "
-        "turned on it, or the person leaned sideways. The angles may be wrong by more, which no interval includes."
+        f"the sensor on the {segment} leans {np.degrees(lean):.0f}° out of the plane relative to the calibration: it "
+        "was rotated on the segment, or the person leaned sideways. The angles may be wrong by more, which no interval "
+        "includes."
     )
-    return [Reason("imu-moved", message, float(np.degrees(turned)), float(np.degrees(_TURNED)))]
+    return [Reason("imu-moved", message, float(np.degrees(lean)), float(np.degrees(_LARGEST_LEAN)))]
 
 
-def _left(tracked: Tracked, k: int, segment: str) -> list[Reason]:
-    """Return a caution if a segment turned about the vertical by more than its gyroscope's bias explains."""
-    turn, sd = abs(float(tracked.heading[k])), float(tracked.heading_sd[k])
-    limit = _LEFT + 2.0 * sd
-    if turn <= limit:
+def _check_heading(tracked: TrackedStates, k: int, segment: str) -> list[Reason]:
+    """Return a caution if a segment rotated about the vertical by more than its gyroscope's bias explains."""
+    angle, sd = abs(float(tracked.heading[k])), float(tracked.heading_sd[k])
+    limit = _LARGEST_HEADING + 2.0 * sd
+    if angle <= limit:
         return []
     message = (
-        f"the {segment} turned about the vertical by {np.degrees(turn):.0f}° (standard deviation "
-        f"{np.degrees(sd):.0f}°): the motion left its plane, and angles between segments are not those in the plane."
+        f"the {segment} rotated about the vertical by {np.degrees(angle):.0f}° (standard deviation "
+        f"{np.degrees(sd):.0f}°): the motion left its plane, and the angles in the plane are not the angles between "
+        "the segments."
     )
-    return [Reason("imu-heading", message, float(np.degrees(turn)), float(np.degrees(limit)))]
+    return [Reason("imu-heading", message, float(np.degrees(angle)), float(np.degrees(limit)))]
 
 
-def _as_states(tracked: Tracked, skeleton: Skeleton, snap: FloatArray) -> States:
+def _make_states(tracked: TrackedStates, skeleton: Skeleton, snap: FloatArray) -> States:
     moves = skeleton.marker_segment > 0
     chain = MarkerChain(skeleton.centres, skeleton.marker_segment[moves], skeleton.local[moves])
     shape = tracked.mean.shape[:2]
@@ -237,8 +231,9 @@ def _as_states(tracked: Tracked, skeleton: Skeleton, snap: FloatArray) -> States
     return States(tracked.mean, tracked.sd, none, used, FilterNoise(np.nan, snap), np.nan, chain)
 
 
-def _markers(tracked: Tracked, skeleton: Skeleton) -> dict[str, np.ndarray[Any, Any]]:
-    """Return the places where the chain has its markers; none was seen."""
-    place = marker_positions(tracked.mean[..., 0], skeleton.centres, skeleton.marker_segment, skeleton.local)
-    x, y = (np.ascontiguousarray(place[..., i]) for i in range(2))
+def _marker_columns(tracked: TrackedStates, skeleton: Skeleton) -> dict[str, np.ndarray[Any, Any]]:
+    """Return the positions of the markers of the calibration on the chain; none was measured in this trial."""
+    angles = tracked.mean[..., 0]
+    positions = marker_positions(angles, skeleton.centres, skeleton.marker_segment, skeleton.local)
+    x, y = (np.ascontiguousarray(positions[..., i]) for i in range(2))
     return {"x": x, "y": y, "residual": np.full(x.shape, np.nan), "used": np.zeros(x.shape, np.bool_)}

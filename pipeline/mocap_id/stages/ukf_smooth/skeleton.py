@@ -1,4 +1,4 @@
-"""States of an arm from a skeleton, for the stage ukf-smooth."""
+"""States of an arm from a skeleton recording, for the stage ukf-smooth."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from mocap_id.anatomy.angles import SHOULDER, AngleDeviations, JointAngles
 from mocap_id.arrays import FloatArray
-from mocap_id.estimation.space.skeleton_smoothing import SkeletonNoise, bridge_gaps, smooth_skeleton, without_jumps
+from mocap_id.estimation.space.skeleton_smoothing import SkeletonNoise, bridge_gaps, remove_jumps, smooth_skeleton
 from mocap_id.estimation.space.space_smoothing import SpatialStates
 from mocap_id.geometry.spatial_chain import SpatialChain
 from mocap_id.kinematics.space.rigid_body import rigid_poses
@@ -16,38 +16,25 @@ from mocap_id.kinematics.space.skeleton import SensorNoise
 from mocap_id.store import Tree
 from mocap_id.store.views import Trajectories
 
-_BRIDGED = 0.3
-"""Longest gap, s, that is filled to estimate the noise of the movement."""
-_GUESSED_SD = 0.03
-"""Standard deviation of a joint that the sensor guessed, m."""
-_LASTING_SD = 0.009
-"""Standard deviation of the part of a joint's lasting error that changes with the posture, m."""
-_WRONG_LENGTH = 3.0
-"""Deviation of a bone's length, in standard deviations, at which a sample has a quarter of its weight."""
-_SEEN_BIAS = float(np.radians(13.0))
+_BRIDGED = 0.3  # s, longest gap that is filled to estimate the noise of the movement
+_GUESSED_SD = 0.03  # m, standard deviation of a joint whose position the sensor guessed
+_LASTING_SD = 0.009  # m, standard deviation of the part of a joint's lasting error that changes with the posture
+_WRONG_LENGTH = 3.0  # error of a bone's length, in standard deviations, at which a sample has a quarter of its weight
+_ELEVATION_BIAS = float(np.radians(13.0))
 """Root mean square of the mean errors of the elevation of five recorded arms, rad: Kinect v2 (Keraal, UI-PRMD)."""
-_LARGEST_SD = 0.6
-"""Standard deviation of the axial rotation, rad, above which it has no value: a straight elbow does not show it."""
+_LARGEST_SD = 0.6  # rad; a more uncertain axial rotation is not given: a straight elbow does not determine it
 
 
 def smooth_skeleton_states(
     tree: Tree, view: Trajectories, points: FloatArray, chain: SpatialChain, gate: float
 ) -> SpatialStates:
-    """Return the states of the chain of a skeleton.
+    """Return the smoothed states of the chain of a skeleton, from its joints ``points`` (F, M, 3) on the chain, m.
 
-    Parameters
-    ----------
-    tree : Tree
-        ``chain.h5``.
-    view : Trajectories
-    points : (F, M, 3) array
-        Joints of the skeleton on the chain, m.
-    chain : SpatialChain
-    gate : float
+    ``tree`` is ``chain.h5``. ``gate`` is the largest distance of a sample from its prediction, in standard deviations.
     """
     sd = np.maximum(tree.numbers("markers/residual"), 1e-3)
     trunk = chain.segment == 0
-    points = without_jumps(points, gate * sd)
+    points = remove_jumps(points, gate * sd)
     lost = np.isnan(points[..., 0])
     points = bridge_gaps(points, round(_BRIDGED * view.rate))
     rotations, origins, _ = rigid_poses(points[:, trunk], chain.local[trunk], 1 / sd[trunk] ** 2)
@@ -69,13 +56,9 @@ def smooth_skeleton_states(
 
 
 def _weights(
-    tree: Tree,
-    view: Trajectories,
-    points: FloatArray,
-    chain: SpatialChain,
-    shoulder: FloatArray,
+    tree: Tree, view: Trajectories, points: FloatArray, chain: SpatialChain, shoulder: FloatArray
 ) -> FloatArray:
-    """Return the weights (F, M) of all samples; ``shoulder`` (F, 3) is the centre of the first joint."""
+    """Return the weights (F, M) of all samples; ``shoulder`` (F, 3) is the centre of the first joint, m."""
     sd = tree.numbers("markers/residual")
     weight = np.ones(points.shape[:2])
     inferred = view.planar.facts["skeleton"]["inferred"]
@@ -92,26 +75,24 @@ def _weights(
     return weight
 
 
-def shown_by_skeleton(angles: JointAngles) -> JointAngles:
-    """Return the angles without an axial rotation where a nearly straight elbow does not show it.
+def limit_to_skeleton(angles: JointAngles) -> JointAngles:
+    """Return the angles of a skeleton; a shoulder's axial rotation becomes NaN where the elbow is nearly straight.
 
-    The constant error of the elevation has the size that recorded cameras showed; a skeleton shows only a part of it.
+    The constant error of the elevation is set to its size in other recordings, because a skeleton cannot reveal it.
     """
     if angles.names != SHOULDER:
         return angles
     hidden = np.zeros(angles.angle.shape, dtype=np.bool_)
     hidden[:, 2] = ~(angles.sd.angle[:, 2] < _LARGEST_SD)
 
-    def shown(values: FloatArray) -> FloatArray:
+    def hide(values: FloatArray) -> FloatArray:
         return np.where(hidden, np.nan, values)
 
-    sd = AngleDeviations(shown(angles.sd.angle), shown(angles.sd.rate), shown(angles.sd.acceleration))
-    constant = np.hypot(angles.constant_sd, [0.0, _SEEN_BIAS, 0.0])
     return replace(
         angles,
-        angle=shown(angles.angle),
-        rate=shown(angles.rate),
-        acceleration=shown(angles.acceleration),
-        sd=sd,
-        constant_sd=constant,
+        angle=hide(angles.angle),
+        rate=hide(angles.rate),
+        acceleration=hide(angles.acceleration),
+        sd=AngleDeviations(hide(angles.sd.angle), hide(angles.sd.rate), hide(angles.sd.acceleration)),
+        constant_sd=np.hypot(angles.constant_sd, [0.0, _ELEVATION_BIAS, 0.0]),
     )

@@ -1,4 +1,4 @@
-"""Function of the stage ukf-smooth for a trial in space: poses of segments, angles of joints, marker residuals."""
+"""Function of the stage ukf-smooth in space: poses of segments, angles of joints, marker residuals."""
 
 from __future__ import annotations
 
@@ -23,19 +23,24 @@ from mocap_id.geometry import so3
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.skin_motion import add_axial_rotation_errors, correct_axial_rotation, correct_cluster_slides
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
-from mocap_id.stages.ukf_smooth.arm_checks import arm_doubts
-from mocap_id.stages.ukf_smooth.gap_reasons import gap_reasons
-from mocap_id.stages.ukf_smooth.noise_reasons import bridge_repeated, find_repeated_frames, repeated_reason
-from mocap_id.stages.ukf_smooth.skeleton import shown_by_skeleton, smooth_skeleton_states
-from mocap_id.stages.ukf_smooth.uniform_times import check_uniform
+from mocap_id.stages.ukf_smooth.arm_checks import check_arm_motion
+from mocap_id.stages.ukf_smooth.checks import (
+    bridge_repeated,
+    check_uniform_times,
+    find_repeated_frames,
+    report_gaps,
+    report_repeated_frames,
+)
+from mocap_id.stages.ukf_smooth.encoder_states import empty_encoder_table
+from mocap_id.stages.ukf_smooth.skeleton import limit_to_skeleton, smooth_skeleton_states
 from mocap_id.store import LongTable, Table, Tree
-from mocap_id.store.schemas import ANGLES, ENCODER, MARKERS, POSES, SKIN, STATES
+from mocap_id.store.schemas import ANGLES, MARKERS, POSES, SKIN, STATES
 from mocap_id.store.spatial_views import SpatialSkeleton, is_skeleton
 from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
 _COMMON_WITH_IMUS = 0.1
-"""Share of the twist that the skin under all markers and the sensor of a segment may miss together."""
+"""Share of the axial rotation by which the skin under all markers and the sensor of a segment may lag together."""
 _ANATOMICAL = {
     "shoulder": ("thorax", "upper_arm", shoulder_angles),
     "elbow": ("upper_arm", "forearm", elbow_angles),
@@ -45,11 +50,11 @@ _ANATOMICAL = {
 
 
 def smooth_rotations(context: Context) -> Outputs:
-    """Return states.parquet, markers.parquet, poses.parquet, angles.parquet and what else the plane has, empty."""
+    """Return the artefacts of the stage in space; skin.h5 and encoder.parquet are empty."""
     settings: UkfSmoothSettings = context.settings
     tree, bad = context.tree("chain.h5"), context.table("segments.parquet").facts.get("bad_stretches", ())
     view = Trajectories(context.long("planar.parquet"), bad)
-    check_uniform(view, context.trial.trial)
+    check_uniform_times(view, context.trial.trial)
     skeleton = SpatialSkeleton.from_tree(tree)
     columns = np.array([view.labels.index(label) for label in skeleton.markers], dtype=np.int64)
     points = view.read_positions(columns)
@@ -59,70 +64,71 @@ def smooth_rotations(context: Context) -> Outputs:
     given = SpatialSettings(
         settings.marker_sd, settings.sigma_v, settings.marker_sd_floor, settings.gate, settings.angle_sd_limit
     )
-    by_skeleton = is_skeleton(view.planar.facts)
+    from_skeleton = is_skeleton(view.planar.facts)
     imus: dict[str, dict[str, Any]] = {}
-    sensed: tuple[Reason, ...] = ()
-    if by_skeleton:
+    sensor_reasons: tuple[Reason, ...] = ()
+    if from_skeleton:
         states = smooth_skeleton_states(tree, view, points, skeleton.chain, settings.gate)
     elif context.trial.imus:
         from mocap_id.stages.ukf_smooth.inertial import smooth_with_imus  # noqa: PLC0415  only for trials with sensors
 
         mirrored = view.planar.facts.get("side") == "left"
         files = context.trial.imus
-        states, imus, sensed = smooth_with_imus(points, view.time, skeleton, files, given, mirrored=mirrored)
+        states, imus, sensor_reasons = smooth_with_imus(points, view.time, skeleton, files, given, mirrored=mirrored)
         missed = {skeleton.segments.index(s): abs(each["skin_share"]) for s, each in imus.items() if each["used"]}
         states = add_axial_rotation_errors(states, skeleton.chain, common=_COMMON_WITH_IMUS, missed=missed)
     else:
         states = add_axial_rotation_errors(smooth_in_space(points, view.rate, skeleton.chain, given), skeleton.chain)
     observed = bridge_repeated(states.observed, repeated, view.rate)
     angles = _angles(states, skeleton, tree.facts)
-    angles = [shown_by_skeleton(each) for each in angles] if by_skeleton else angles
+    angles = [limit_to_skeleton(each) for each in angles] if from_skeleton else angles
     segments = [name.replace("_", " ") for name in skeleton.segments]
     missing = np.isnan(states.omega[:, :, 0])
-    reasons = gap_reasons(missing, view.time, segments, "pose", settings) + repeated_reason(repeated) + sensed
-    reasons += arm_doubts(angles, _thorax_axis(states, skeleton, tree.facts["frames"]))
+    reasons = report_gaps(missing, view.time, segments, "pose", settings)
+    reasons += report_repeated_frames(repeated) + sensor_reasons
+    reasons += check_arm_motion(angles, _find_thorax_axis(states, skeleton, tree.facts["frames"]))
     facts = _facts(states, points, settings) | ({"imus": imus} if imus else {})
     return (
         Table(STATES, _state_columns(states, skeleton, view.time, observed), facts, reasons),
-        LongTable(MARKERS, view.frames, view.time, skeleton.markers, _markers(states, points)),
-        _no_skin(),
-        Table(ENCODER, {column.name: np.zeros(0) for column in ENCODER.columns}, {"why": "a trial in space has none"}),
+        LongTable(MARKERS, view.frames, view.time, skeleton.markers, _marker_columns(states, points)),
+        _empty_skin_tree(),
+        empty_encoder_table("a trial in space has no encoder"),
         Table(POSES, _pose_columns(states, skeleton, view.time, observed)),
         Table(ANGLES, _angle_columns(angles, view.time)),
     )
 
 
 def _angles(states: SpatialStates, skeleton: SpatialSkeleton, facts: Mapping[str, Any]) -> list[JointAngles]:
-    """Return the angles of the ISB between anatomical frames, and the own coordinates of all other joints."""
+    """Return the anatomical angles of the ISB where the frames are known, and the coordinates of all other joints."""
     found: list[JointAngles] = []
     done: set[int] = set()
     frames = facts.get("frame_covariance", {})
     for name, (parent, child, angles) in _ANATOMICAL.items():
         if name not in frames:
             continue
-        path = _path(skeleton, skeleton.segments.index(parent), skeleton.segments.index(child))
-        motion = _relative(states, path[0])
+        path = _find_path(skeleton, skeleton.segments.index(parent), skeleton.segments.index(child))
+        motion = _relative_motion(states, path[0])
         for k in path[1:]:
-            motion = compose_motions(motion, _relative(states, k))
-        shown = hinge_elbow_angles if name == "elbow" and facts["frames"] == "skeleton" else angles
-        found.append(shown(motion, np.array(frames[name])))
+            motion = compose_motions(motion, _relative_motion(states, k))
+        compute = hinge_elbow_angles if name == "elbow" and facts["frames"] == "skeleton" else angles
+        found.append(compute(motion, np.array(frames[name])))
         done |= set(path) if len(path) == 1 else set()
     for k, joint in enumerate(skeleton.chain.joints):
         if k not in done:
             names = tuple(f"joint_{k + 1}_{d}" for d in range(1, joint.dimension + 1))
-            found.append(joint_coordinates(_relative(states, k), joint, names))
+            found.append(joint_coordinates(_relative_motion(states, k), joint, names))
     return found
 
 
-def _thorax_axis(states: SpatialStates, skeleton: SpatialSkeleton, frames: str) -> FloatArray:
-    """Return the long axis (F, 3) of the thorax in the trial, y up; no rows if its frame is not anatomical."""
+def _find_thorax_axis(states: SpatialStates, skeleton: SpatialSkeleton, frames: str) -> FloatArray:
+    """Return the long axis (F, 3) of the thorax in the trial's axes, y up; no rows if its frame is not anatomical."""
     if frames == "own" or "thorax" not in skeleton.segments:
         return np.zeros((0, 3))
     return np.asarray(states.rotations[:, skeleton.segments.index("thorax"), :, 1])
 
 
-def _path(skeleton: SpatialSkeleton, parent: int, child: int) -> list[int]:
-    """Return the joints from one segment to a later one, from 0."""
+def _find_path(skeleton: SpatialSkeleton, parent: int, child: int) -> list[int]:
+    """Return the indices of the joints that connect a segment to a later segment, in order."""
     path: list[int] = []
     while child != parent:
         path.insert(0, child - 1)
@@ -130,7 +136,7 @@ def _path(skeleton: SpatialSkeleton, parent: int, child: int) -> list[int]:
     return path
 
 
-def _relative(states: SpatialStates, k: int) -> RelativeMotion:
+def _relative_motion(states: SpatialStates, k: int) -> RelativeMotion:
     return RelativeMotion(
         states.joint_rotations[:, k], states.velocity[:, k], states.acceleration[:, k], states.joint_covariance[:, k]
     )
@@ -157,13 +163,13 @@ def _angle_columns(found: Sequence[JointAngles], time: FloatArray) -> dict[str, 
 def _pose_columns(
     states: SpatialStates, skeleton: SpatialSkeleton, time: FloatArray, observed: BoolArray
 ) -> dict[str, FloatArray | BoolArray]:
-    """Return the poses; the origin of the thorax is IJ, those of other segments are the centres of their joints."""
+    """Return the poses; the origin of the thorax is IJ, the origin of any other segment is the centre of its joint."""
     columns: dict[str, FloatArray | BoolArray] = {"time": time}
     for k, name in enumerate(skeleton.segments):
         origin = states.origins[:, k]
         if name == "thorax" and "IJ" in skeleton.landmarks:
             origin = origin + states.rotations[:, k] @ skeleton.landmark_local[skeleton.landmarks.index("IJ")]
-        quaternion = _continuous(so3.quaternion(states.rotations[:, k]))
+        quaternion = _make_continuous(so3.quaternion(states.rotations[:, k]))
         columns |= {f"{name}_q{axis}": quaternion[:, i].copy() for i, axis in enumerate("wxyz")}
         for i, axis in enumerate("xyz"):
             columns |= {
@@ -180,8 +186,8 @@ def _pose_columns(
     return columns
 
 
-def _continuous(quaternion: FloatArray) -> FloatArray:
-    """Return quaternions (F, 4) with signs that change nowhere between known samples; the first scalar is positive."""
+def _make_continuous(quaternion: FloatArray) -> FloatArray:
+    """Return quaternions (F, 4) without changes of sign between known samples; the first scalar part is positive."""
     known = np.flatnonzero(np.isfinite(quaternion).all(axis=1))
     found = quaternion.copy()
     if len(known):
@@ -194,7 +200,7 @@ def _continuous(quaternion: FloatArray) -> FloatArray:
 def _state_columns(
     states: SpatialStates, skeleton: SpatialSkeleton, time: FloatArray, observed: BoolArray
 ) -> dict[str, FloatArray | BoolArray]:
-    """Return the states of the hinges, by the number of their joint."""
+    """Return the states of the hinges as columns, numbered by joint."""
     columns: dict[str, FloatArray | BoolArray] = {"time": time}
     for k, joint in enumerate(skeleton.chain.joints):
         if joint.kind != "hinge":
@@ -207,14 +213,14 @@ def _state_columns(
     return columns
 
 
-def _markers(states: SpatialStates, points: FloatArray) -> dict[str, FloatArray | BoolArray]:
+def _marker_columns(states: SpatialStates, points: FloatArray) -> dict[str, FloatArray | BoolArray]:
     off = np.linalg.norm(points - states.predicted, axis=2)
-    place = {axis: np.ascontiguousarray(states.predicted[..., i]) for i, axis in enumerate("xyz")}
-    return {**place, "residual": off, "used": states.used}
+    position = {axis: np.ascontiguousarray(states.predicted[..., i]) for i, axis in enumerate("xyz")}
+    return {**position, "residual": off, "used": states.used}
 
 
 def _facts(states: SpatialStates, points: FloatArray, settings: UkfSmoothSettings) -> dict[str, Any]:
-    """Return facts for the report, as in the plane."""
+    """Return the same facts for the report as in the plane."""
     off = np.sum((points - states.predicted) ** 2, axis=2)
     there, used = np.isfinite(off), np.isfinite(off) & states.used
     return {
@@ -229,8 +235,8 @@ def _facts(states: SpatialStates, points: FloatArray, settings: UkfSmoothSetting
     }
 
 
-def _no_skin() -> Tree:
-    """Return skin.h5 without markers: the skin's errors are in the standard deviations of the states."""
+def _empty_skin_tree() -> Tree:
+    """Return skin.h5 without markers: the standard deviations of the states include the errors from skin."""
     shapes = {
         "joints/centre": (0, 2),
         "markers/local": (0, 2),

@@ -7,92 +7,69 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray, as_complex
 from mocap_id.estimation import States
 from mocap_id.estimation.chain_residuals import ChainResiduals
-from mocap_id.estimation.coloured_errors import coloured_variance
+from mocap_id.estimation.coloured_errors import estimate_coloured_variance
 from mocap_id.estimation.lasting_errors import LastingErrors
-from mocap_id.estimation.missing_markers import variance_growth
+from mocap_id.estimation.missing_markers import compute_variance_growth
 from mocap_id.estimation.residual_spectrum import ResidualSpectrum
 from mocap_id.kinematics import ChainState, SkinModel, angle_errors, fit_skin, skin_from_residuals
 
-_LEAST = 50  # smallest number of frames showing every joint for an estimate of skin motion
+_LEAST = 50  # frames with all joint angles that an estimate of skin motion needs
 
 UNKNOWN = "not known"
 NOISE = "noise taken for white"
 SKIN = "camera noise and skin"
 
 
-def known_skin(states: States, rested: FloatArray, camera: float) -> SkinModel | None:
+def estimate_skin(states: States, used_markers: FloatArray, camera: float) -> SkinModel | None:
     """Return the motion of the markers on the skin, for a chain fitted as a whole; None with too few data.
 
-    Parameters
-    ----------
-    states : States
-    rested : (F, M, 2) array
-        Markers used for the states, plane frame, m; else NaN.
-    camera : float
-        Standard deviation of a coordinate by camera noise, m.
+    ``used_markers`` (F, M, 2) are the markers used for the states, plane frame, m, otherwise NaN. ``camera`` is the
+    standard deviation of a coordinate due to camera noise, m.
     """
     chain = states.chain
-    counts: BoolArray = np.any(states.used, axis=0)
-    shown: BoolArray = np.all(states.observed & np.isfinite(states.mean[..., 0]), axis=1)
-    if np.count_nonzero(shown) < _LEAST or set(chain.segment[counts]) < set(range(1, len(chain.centres) + 1)):
+    used: BoolArray = np.any(states.used, axis=0)
+    complete: BoolArray = np.all(states.observed & np.isfinite(states.mean[..., 0]), axis=1)
+    if np.count_nonzero(complete) < _LEAST or set(chain.segment[used]) < set(range(1, len(chain.centres) + 1)):
         return None
-    points = as_complex(rested)
-    return fit_skin(
-        points if counts.all() else points[:, counts],
-        chain.segment[counts],
-        _state(states, counts),
-        np.flatnonzero(shown),
-        camera,
-    )
+    points = as_complex(used_markers)
+    points = points if used.all() else points[:, used]
+    return fit_skin(points, chain.segment[used], _chain_state(states, used), np.flatnonzero(complete), camera)
 
 
-def assumed_skin(states: States, residual: FloatArray, centre_covariance: FloatArray) -> SkinModel:
+def assume_skin(states: States, residual: FloatArray, centre_covariance: FloatArray) -> SkinModel:
     """Return a skin model in which all residuals of the joint fit are skin motion.
 
-    Parameters
-    ----------
-    states : States
-    residual : (M,) array
-        rms residual of each marker in the joint fit, m.
-    centre_covariance : (n, 2, 2) array
-        Covariance of the joint centres, m^2.
+    ``residual`` (M,) is the rms residual of each marker, m; ``centre_covariance`` (n, 2, 2) is for the joint centres,
+    m^2.
     """
     every = np.ones(len(states.chain.segment), dtype=np.bool_)
-    return skin_from_residuals(_state(states, every), states.chain.segment, residual, centre_covariance)
+    return skin_from_residuals(_chain_state(states, every), states.chain.segment, residual, centre_covariance)
 
 
-def lasting_errors(
-    states: States, rested: FloatArray, skin: SkinModel, camera: float, spectrum: ResidualSpectrum
+def estimate_lasting_errors(
+    states: States, used_markers: FloatArray, skin: SkinModel, camera: float, spectrum: ResidualSpectrum
 ) -> LastingErrors:
-    """Return errors of the states that average out slowly or not at all.
+    """Return the variances of errors of the states that average out slowly or not at all.
 
-    Parameters
-    ----------
-    states : States
-    rested : (F, M, 2) array
-        As for :func:`known_skin`.
-    skin : SkinModel
-    camera : float
-        m.
-    spectrum : ResidualSpectrum
+    ``used_markers`` and ``camera`` are as for :func:`estimate_skin`.
     """
-    angles, rate = _filled(states.mean[..., 0]), spectrum.rate
+    angles, rate = _fill_gaps(states.mean[..., 0]), spectrum.rate
     frames, variance = angle_errors(skin, angles, rate)
-    variance *= variance_growth(states, rested, angles, frames, rate=rate, camera=camera)[..., None]
-    coloured = coloured_variance(ChainResiduals(states, rested, rate), angles, frames, camera)
+    variance *= compute_variance_growth(states, used_markers, angles, frames, rate=rate, camera=camera)[..., None]
+    coloured = estimate_coloured_variance(ChainResiduals(states, used_markers, rate), angles, frames, camera)
     variance = np.maximum(variance, coloured) + spectrum.oscillating_variance(frames)
     return LastingErrors(camera, frames, variance)
 
 
-def _state(states: States, markers: BoolArray) -> ChainState:
-    """Return the chain at every frame, with some of its markers."""
+def _chain_state(states: States, markers: BoolArray) -> ChainState:
+    """Return the chain in every frame, with the chosen markers (M,)."""
     chain = states.chain
-    angles = np.cumsum(_filled(states.mean[..., 0]), axis=1)
+    angles = np.cumsum(_fill_gaps(states.mean[..., 0]), axis=1)
     return ChainState(as_complex(chain.centres), as_complex(chain.local[markers]), angles)
 
 
-def _filled(angles: FloatArray) -> FloatArray:
-    """Return angles (F, n) with gaps interpolated linearly; zero for an angle that is never given."""
+def _fill_gaps(angles: FloatArray) -> FloatArray:
+    """Return angles (F, n) with gaps interpolated linearly; zero for an angle that is always missing."""
     every, filled = np.arange(len(angles)), np.zeros(angles.shape)
     for joint, angle in enumerate(angles.T):
         known = np.isfinite(angle)

@@ -74,7 +74,7 @@ def convert_spatial_inertia(block: FloatArray) -> BodyInertia:
 
 
 def read_planar_inertia(run: RunFolder, count: int) -> ModelInertia:
-    """Return the identified parameters of ``count`` segments; else those of the allometric table; else placeholders."""
+    """Return the identified inertia of ``count`` segments; else values of the allometric table; else placeholders."""
     identified, reference = (_read_blocks(run, name) for name in ("value", "reference"))
     width = len(PLANAR_PARAMETERS)
     for values, describe in ((identified, _describe_identified), (reference, _describe_reference)):

@@ -41,7 +41,7 @@ def read_predicted_markers(run: RunFolder) -> LongTable | None:
 def export_markers(run: RunFolder) -> ExportFiles:
     """Return ``<trial>.trc`` with the measured markers, and ``<trial>_model.trc`` with the predicted ones.
 
-    The axes are those of the plane frame, which OpenSim also uses: x along the motion, y up, z out of the plane. In
+    The axes are the axes of the plane frame, which OpenSim also uses: x along the motion, y up, z out of the plane. In
     space they are the axes of the trial, with y up. A measured marker is blank where it was not visible.
     """
     planar, predicted = run.long("planar.parquet"), read_predicted_markers(run)

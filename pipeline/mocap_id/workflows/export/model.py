@@ -113,17 +113,8 @@ def place_markers(
 ) -> Iterator[Element]:
     """Yield markers in the frames of their bodies, at their median distance from the plane.
 
-    Parameters
-    ----------
-    run : RunFolder
-    bodies : sequence of str
-        Names of the bodies in OpenSim.
-    markers : sequence of str, length M
-        Names of the markers in the recording.
-    segment : (M,) int array
-        Index of each marker's body.
-    local : (M, 2) array
-        Position of each marker in its body's frame, m.
+    ``bodies`` are names in OpenSim, and ``markers`` are M names in the recording. ``segment`` (M,) is the index of each
+    marker's body, and ``local`` (M, 2) its position in the body's frame, m.
     """
     names, depth = name_markers(run), measure_depths(run)
     for label, body, position in zip(markers, segment, local, strict=True):
@@ -153,8 +144,8 @@ def format_kinematics_setup(run: RunFolder, markers: Sequence[str]) -> bytes:
 def format_dynamics_setup(run: RunFolder, endings: tuple[str, str, str], loads: str | None = None) -> bytes:
     """Return the set-up of inverse dynamics.
 
-    ``endings`` are those of the names of the model, the coordinates and OpenSim's output; ``loads`` is the ending of
-    the external loads, if any.
+    ``endings`` are the endings of the file names of the model, the coordinates and OpenSim's output. ``loads`` is the
+    ending for the external loads, if any.
     """
     tags = ("model_file", "coordinates_file", "output_gen_force_file")
     children = [element(tag, text=run.name + ending) for tag, ending in zip(tags, endings, strict=True)]

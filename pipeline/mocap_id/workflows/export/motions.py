@@ -87,7 +87,7 @@ def export_anatomical_angles(run: RunFolder) -> ExportFiles:
 
 
 def note_missing_states(run: RunFolder) -> ExportFiles:
-    """Return a note instead of states in space: OpenSim's states need the speeds of its own coordinates."""
+    """Return a note instead of states in space: OpenSim's states need the speeds of OpenSim's coordinates."""
     del run
     return ExportFiles(notes=("sto: not for a trial in space: the CSV tables have velocities and accelerations",))
 

@@ -156,7 +156,7 @@ def _dynamics_table(run: RunFolder) -> pd.DataFrame | None:
 
 
 def _skeleton_table(run: RunFolder) -> pd.DataFrame | None:
-    """Return a row for each joint; its length is that of the segment that it moves (unknown for the last)."""
+    """Return a row for each joint, with the length of the segment that it moves (unknown for the last)."""
     tree = run.tree("chain.h5")
     if tree is None:
         return None
@@ -179,7 +179,7 @@ def _skeleton_table(run: RunFolder) -> pd.DataFrame | None:
 
 
 def _spatial_skeleton_table(skeleton: SpatialSkeleton) -> pd.DataFrame:
-    """Return a row for each joint; its length is that of the segment that it moves."""
+    """Return a row for each joint, with the length of the segment that it moves."""
     joints = skeleton.chain.joints
     lengths = [skeleton.lengths.get(name, (np.nan, np.nan)) for name in skeleton.segments[1:]]
     columns: dict[str, object] = {

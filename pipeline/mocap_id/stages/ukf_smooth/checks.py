@@ -1,0 +1,137 @@
+"""Checks of the recording and of the states: time stamps, gaps, repeated frames, low-pass filters, oscillating skin."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, find_runs
+from mocap_id.errors import RecordingError
+from mocap_id.estimation import BRIDGE_LIMIT, FRAMEWISE
+from mocap_id.estimation.residual_spectrum import Oscillation
+from mocap_id.stages.ukf_smooth import UkfSmoothSettings
+from mocap_id.store.views import Trajectories
+from mocap_id.verdict import Reason
+
+UNKNOWN_SD_HZ = 5.0
+"""Cut-off of a filter below which movement is also removed, so that the standard deviations are unknown."""
+
+_FILTERED_HZ = 12.0  # cut-off below which a recording counts as filtered
+_JITTER = 0.25  # of a frame; rounding to milliseconds causes this at 500 Hz
+_SAME = 1e-9  # m
+_MOVED = 2e-5  # m; median step after a repeated frame. A recording without noise repeats frames at rest.
+_SHORT = 0.1  # s; within it the smoother bridges without loss
+_MANY = 0.01  # share of repeated frames for a caution
+
+
+def check_uniform_times(view: Trajectories, trial: str) -> None:
+    """Raise RecordingError if the times of the frames are not uniform: the process model has a fixed time step."""
+    time, period = view.time, 1.0 / view.rate
+    off = np.abs(time - time[0] - period * np.arange(len(time))) / period
+    if not np.all(off <= _JITTER):
+        k = int(np.argmax(~(off <= _JITTER)))
+        raise RecordingError(
+            f"trial {trial}: ukf-smooth: time stamps are not uniform: frame {view.frames[k]} is at "
+            f"{time[k]:.4f} s where {view.rate:g} frames per second put it at {time[0] + period * k:.4f} s; "
+            "export the trial at a constant rate with a row for every frame, or use a `window:` without the break"
+        )
+
+
+def report_gaps(
+    missing: BoolArray, time: FloatArray, names: Sequence[str], quantity: str, settings: UkfSmoothSettings
+) -> tuple[Reason, ...]:
+    """Return a caution for every joint or segment whose angle or pose has gaps.
+
+    ``missing`` (F, K) is true in the frames (times ``time``, s) without the angle or pose of one of the K ``names``;
+    ``quantity`` is "angle" or "pose".
+    """
+    reasons = []
+    for name, is_missing in zip(names, missing.T, strict=True):
+        if not is_missing.any():
+            continue
+        gaps = find_runs(is_missing)
+        longest = max(gaps, key=lambda gap: gap.stop - gap.start)
+        seconds = np.count_nonzero(is_missing) * (time[-1] - time[0]) / max(len(time) - 1, 1)
+        where = "throughout" if is_missing.all() else f"{len(gaps)} times, longest from {time[longest.start]:.2f} s"
+        message = f"the {quantity} of the {name} is missing for {seconds:.2f} s ({where}): {_explain_gaps(settings)}."
+        reasons.append(Reason("gap", message, float(seconds), 0.0))
+    return tuple(reasons)
+
+
+def _explain_gaps(settings: UkfSmoothSettings) -> str:
+    """Return why the method leaves gaps, and what to do."""
+    if settings.method == "encoder":
+        return "the encoder's record does not cover this time. Record longer, or leave this time out with `window:`"
+    limit = f"its standard deviation would exceed {settings.angle_sd_limit:g} rad"
+    if settings.method in FRAMEWISE:
+        limit = f"`{settings.method}`, which bridges up to {BRIDGE_LIMIT:g} s, leaves a gap"
+    return (
+        f"its markers are missing, or do not fit the chain, for so long that {limit}. Fill or relabel them, or leave "
+        "this time out with `window:`"
+    )
+
+
+def find_repeated_frames(observed: FloatArray) -> BoolArray:
+    """Return the frames (F,) in which the positions of all markers (F, M, 2 or 3) equal those of the frame before."""
+    rows, equal = np.arange(1, len(observed)), np.zeros(len(observed) - 1, dtype=np.int64)
+    for k in range(observed.shape[1]):  # few frames remain after the first markers
+        step = np.abs(observed[rows, k] - observed[rows - 1, k]).max(axis=1)
+        kept = ~(step > _SAME)  # NaN where missing
+        rows, equal = rows[kept], (equal + (step <= _SAME))[kept]
+    repeated = np.zeros(len(observed), dtype=np.bool_)
+    repeated[rows[equal > 1]] = True
+    for run in find_runs(repeated):
+        after = observed[run.stop : run.stop + 1] - observed[run.stop - 1]
+        if not np.any(np.isfinite(after)) or np.nanmedian(np.abs(after)) < _MOVED:
+            repeated[run] = False
+    return repeated
+
+
+def bridge_repeated(observed: BoolArray, repeated: BoolArray, rate: float) -> BoolArray:
+    """Return the flags ``observed`` (F, n) with short runs of repeated frames (F,) set as in the frames beside them."""
+    bridged = observed.copy()
+    for run in find_runs(repeated):
+        if run.stop - run.start <= _SHORT * rate and run.start > 0 and run.stop < len(bridged):
+            bridged[run] = bridged[run.start - 1] & bridged[run.stop]
+    return bridged
+
+
+def report_repeated_frames(repeated: BoolArray) -> tuple[Reason, ...]:
+    """Return a reason if frames repeat the frame before; a caution if there are many."""
+    share = float(np.mean(repeated))
+    if share == 0:
+        return ()
+    message = (
+        f"{np.count_nonzero(repeated)} of {len(repeated)} frames ({100 * share:.1f} %) repeat the frame before: the "
+        "recording was resampled, or frames were lost. The states are estimated without them and bridged there. "
+        "Export again at the rate of the cameras."
+    )
+    return (Reason("repeated-frames", message, share, _MANY, "caution" if share >= _MANY else "ok"),)
+
+
+def report_filter(cut_off: float | None) -> tuple[Reason, ...]:
+    """Return a caution if the markers were filtered at a low cut-off, Hz; None is the cut-off of no filter."""
+    if cut_off is None or cut_off >= _FILTERED_HZ:
+        return ()
+    effect = "The intervals of the states include the remaining noise."
+    if cut_off < UNKNOWN_SD_HZ:
+        effect = "The filter also removed movement, by an unknown amount: intervals of the states are not given."
+    message = (
+        f"the residuals of the markers end at {cut_off:.1f} Hz: the recording was filtered or resampled before the "
+        f"export. {effect} Export the unfiltered markers."
+    )
+    return (Reason("prefiltered", message, cut_off, _FILTERED_HZ),)
+
+
+def report_oscillations(oscillations: Sequence[Oscillation], segments: Sequence[str]) -> tuple[Reason, ...]:
+    """Return a caution if the markers of segments oscillate together; ``segments`` are the names, base first."""
+    if not oscillations:
+        return ()
+    parts = [f"{segments[each.segment]} {1e3 * each.size:.1f} mm at {each.frequency:.1f} Hz" for each in oscillations]
+    message = (
+        f"all markers of a segment oscillate together relative to the chain ({', '.join(parts)}, rms of the "
+        "residuals): soft tissue wobbles, or a marker plate is loose. Accelerations contain the oscillation, and their "
+        "intervals include it. Fix the markers to bony places, or tape the plates on firmly."
+    )
+    return (Reason("markers-oscillate", message, max(each.size for each in oscillations)),)
