@@ -34,6 +34,16 @@ def find_runs(flags: BoolArray) -> list[slice]:
     return [slice(start, stop) for start, stop in zip(edges[::2], edges[1::2], strict=True)]
 
 
+def interpolate_gaps(series: FloatArray) -> FloatArray:
+    """Return columns (K, n) with missing samples interpolated linearly; zero for a column that is always missing."""
+    every, filled = np.arange(len(series)), np.zeros(series.shape)
+    for k, values in enumerate(series.T):
+        known = np.isfinite(values)
+        if known.any():
+            filled[:, k] = np.interp(every, every[known], values[known])
+    return filled
+
+
 def is_time_axis(time: FloatArray) -> bool:
     """Return whether ``time`` (K,) contains at least two times, all finite and strictly increasing."""
     return len(time) > 1 and bool(np.isfinite(time).all()) and bool((np.diff(time) > 0).all())

@@ -19,11 +19,9 @@ from mocap_id.estimation.filter_problem import Anchors, FilterProblem, Track
 from mocap_id.estimation.process_model import ORDER
 from mocap_id.estimation.quintic_spline import fit_smoothing_spline
 
-BRIDGE_LIMIT = 0.2
-"""Longest gap, s, that the low-pass and the spline bridge."""
+BRIDGE_LIMIT = 0.2  # longest gap, s, that the low-pass and the spline bridge
 
-LEAST_SAMPLES = 12
-"""Least number of angles between long gaps that the low-pass and the spline smooth."""
+LEAST_SAMPLES = 12  # least number of angles between long gaps that the low-pass and the spline smooth
 
 _REVERSED = np.array([1.0, -1.0, 1.0, -1.0])  # reversing time changes the sign of odd derivatives
 _POLES = 2  # of one pass; both passes together have four, as is usual in movement analysis

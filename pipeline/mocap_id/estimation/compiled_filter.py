@@ -37,10 +37,7 @@ _NO_SENSORS = Inertial(
 def filter_forwards(problem: FilterProblem) -> Track:
     """Run the filter over all frames.
 
-    Raises
-    ------
-    NumericalError
-        A covariance is not positive definite.
+    Raise NumericalError if a covariance is not positive definite.
     """
     frames, markers = problem.observed.shape[:2]
     n = problem.joints

@@ -20,15 +20,13 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import ComplexArray, FloatArray, as_complex, as_xy
+from mocap_id.arrays import ComplexArray, FloatArray, as_complex, as_xy, interpolate_gaps
 from mocap_id.estimation.inertial import SegmentMotion, SensorSignals, prepare_sensor
 from mocap_id.estimation.inertial.signals import GRAVITY
 from mocap_id.estimation.inertial_smoothing import SHARES, WornSensor
 
-SWITCHED_ON = 0.006
-"""Standard deviation, rad/s, of the change of a gyroscope's bias from one recording to the next."""
-FORCE_BIAS = 0.05
-"""Standard deviation, m/s², of the change of an accelerometer's bias from one recording to the next."""
+SWITCHED_ON = 0.006  # standard deviation, rad/s, of the change of a gyroscope's bias from one recording to the next
+FORCE_BIAS = 0.05  # standard deviation, m/s², of the change of an accelerometer's bias from one recording to the next
 
 _KNOT = 10.0  # s between the values of a gyroscope's bias
 _MOST_KNOTS = 12
@@ -169,7 +167,7 @@ class DeadReckoning:
 
     def _motion(self, given: _Unknowns) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return angles, angular velocities and angular accelerations (F, n) of the segments."""
-        speed = (_fill_gaps(self.sample(tuple(given.shift))[0]) - given.bias) @ self._to_segments.T
+        speed = (interpolate_gaps(self.sample(tuple(given.shift))[0]) - given.bias) @ self._to_segments.T
         integral = np.cumsum((speed[1:] + speed[:-1]) / 2, axis=0) * self._dt
         smooth = self._smooth(speed)
         angle = given.start + np.concatenate([np.zeros((1, len(given.start))), integral])
@@ -219,9 +217,3 @@ class DeadReckoning:
             force_bias_sd=sd[self._at[2]].reshape(-1, 2),
             residual=np.sqrt(np.nanmean(np.abs(off) ** 2, axis=0) / 2),
         )
-
-
-def _fill_gaps(values: FloatArray) -> FloatArray:
-    """Return columns (F, n) with missing samples interpolated linearly."""
-    every = np.arange(len(values))
-    return np.stack([np.interp(every, every[np.isfinite(each)], each[np.isfinite(each)]) for each in values.T], axis=1)

@@ -17,8 +17,7 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks
 from mocap_id.estimation.inverse_kinematics import FrameAngles, MarkerChain
 from mocap_id.geometry.planar import marker_jacobian, marker_positions, rotate
 
-SKIN_MEMORY = 0.9
-"""Time constant, s, of the skin's displacement: its correlation is 0.57 after 0.5 s."""
+SKIN_MEMORY = 0.9  # time constant, s, of the skin's displacement: its correlation is 0.57 after 0.5 s
 
 _BESIDE = 5  # frames on either side of a gap, in which the residual is averaged
 PAIRS = 1000  # pairs of consecutive frames for the lasting part of a residual

@@ -56,10 +56,7 @@ def smooth_with_sensors(
     :func:`mocap_id.estimation.smooth`; ``observed`` is changed as by ``overwrite``. ``time`` (F,) are uniform times of
     the cameras, s. ``sensors`` are numbered by their segment, 0 = base.
 
-    Raises
-    ------
-    NumericalError
-        A covariance is not positive definite.
+    Raise NumericalError if a covariance is not positive definite.
     """
     rate = (len(time) - 1) / float(time[-1] - time[0])
     times = time[0] + np.arange(len(time)) / rate

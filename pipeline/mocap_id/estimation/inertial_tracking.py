@@ -96,10 +96,7 @@ def track_without_markers(signals: Sequence[SensorSignals], time: FloatArray, ch
 
     ``time`` (F,) are uniform times on the first sensor's clock, s.
 
-    Raises
-    ------
-    NumericalError
-        A covariance is not positive definite.
+    Raise NumericalError if a covariance is not positive definite.
     """
     problem = DeadReckoning(signals, time, chain.known)
     mean, sd, reckoning = _track(problem)

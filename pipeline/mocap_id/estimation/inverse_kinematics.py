@@ -15,8 +15,7 @@ from mocap_id.estimation.filter_kernels import refine
 from mocap_id.estimation.filter_problem import Anchors
 from mocap_id.geometry.planar import marker_positions, rotate
 
-OBSERVED_SD = 0.1
-"""Largest standard deviation, rad, of an angle that counts as observed in a frame."""
+OBSERVED_SD = 0.1  # largest standard deviation, rad, of an angle that counts as observed in a frame
 
 _WEAK_SD = 1.0  # rad; prior of an angle without markers
 _UNOBSERVED_VARIANCE = 1e6  # rad^2; larger than any prior

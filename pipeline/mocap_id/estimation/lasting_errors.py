@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray, IntArray, chunks
+from mocap_id.arrays import FloatArray, IntArray, chunks, interpolate_gaps
 from mocap_id.estimation.process_model import ORDER
 from mocap_id.estimation.smoothing import States
 
@@ -90,9 +90,5 @@ def _measure_withheld(angle: FloatArray, steady: FloatArray, rate: float) -> Flo
 
 def _extend_backwards(angle: FloatArray) -> FloatArray:
     """Return the angles (2 F,) without gaps, then their time reversal, so that the series ends where it begins."""
-    known = np.isfinite(angle)
-    if not known.any():
-        return np.zeros(2 * len(angle))
-    every = np.arange(len(angle))
-    filled = np.interp(every, every[known], angle[known])
+    filled = interpolate_gaps(angle[:, None])[:, 0]
     return np.concatenate([filled, filled[::-1]])

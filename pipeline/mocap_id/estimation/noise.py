@@ -20,8 +20,7 @@ from mocap_id.estimation.filter_problem import Anchors, start_sd
 from mocap_id.estimation.inverse_kinematics import FrameAngles
 from mocap_id.estimation.process_model import ORDER, noise_shape, transition
 
-SIGMA_V_BOUNDS = (1.0, 1e6)
-"""Search range of the snap's standard deviation over one frame, rad/s^4."""
+SIGMA_V_BOUNDS = (1.0, 1e6)  # search range of the snap's standard deviation over one frame, rad/s^4
 
 _LEVER_SQUARED = 1e-4  # m^2; an angle uses a degree of freedom if its markers have a lever above 1 cm
 OUTLIER_SHARE = 1e-3

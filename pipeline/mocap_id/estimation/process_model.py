@@ -13,8 +13,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 
-ORDER = 4
-"""Derivatives in the state of one joint: angle, velocity, acceleration, jerk."""
+ORDER = 4  # derivatives in the state of one joint: angle, velocity, acceleration, jerk
 
 
 def transition(dt: float) -> FloatArray:

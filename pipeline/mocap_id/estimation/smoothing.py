@@ -102,10 +102,7 @@ def smooth(
         Allow changes of ``observed``, which saves a copy: where markers are missing, the other markers are moved by
         :func:`mocap_id.estimation.dropouts.compensate_dropouts`.
 
-    Raises
-    ------
-    NumericalError
-        A covariance is not positive definite.
+    Raise NumericalError if a covariance is not positive definite.
     """
     if not overwrite:
         observed = observed.copy()
@@ -124,10 +121,7 @@ class PreparedStates:
     def estimate(self, inertial: Inertial | None = None) -> States:
         """Return the states from the markers alone, or with inertial sensors (``rts`` by the compiled engine).
 
-        Raises
-        ------
-        NumericalError
-            A covariance is not positive definite.
+        Raise NumericalError if a covariance is not positive definite.
         """
         problem = self.problem if inertial is None else replace(self.problem, inertial=inertial)
         estimate = _estimate(problem, self.settings)

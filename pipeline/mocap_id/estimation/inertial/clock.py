@@ -10,8 +10,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.estimation.inertial.signals import SegmentMotion, SensorSignals
 
-OBSERVABLE_SD = 2e-3
-"""Largest standard deviation, s, of a clock that the motion determines."""
+OBSERVABLE_SD = 2e-3  # largest standard deviation, s, of a clock that the motion determines
 
 _LEAST_OVERLAP = 0.5  # of the shorter record
 _BORROWED_SD = 0.1  # s, least standard deviation of a clock taken from other sensors

@@ -10,8 +10,7 @@ from scipy.interpolate import CubicSpline
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 
-GRAVITY = 9.81
-"""Gravity, m/s²; in the trial's axes, it acts along -y."""
+GRAVITY = 9.81  # gravity, m/s²; in the trial's axes, it acts along -y
 
 _GAP = 2.5  # usual steps between samples; a longer step is a gap
 _AVERAGED = 1.5  # samples in a frame; if there are more, they are averaged

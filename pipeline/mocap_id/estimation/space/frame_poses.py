@@ -17,8 +17,7 @@ from mocap_id.estimation.space.slips import estimate_slips, remove_fast_part
 from mocap_id.estimation.space.space_kernels import ChainModel, Found, Pose, Search, find_poses, predict_markers
 from mocap_id.geometry.spatial_chain import SpatialChain
 
-OBSERVED_SD = 0.1
-"""Largest standard deviation of an angle, rad, that a frame's own markers determine."""
+OBSERVED_SD = 0.1  # largest standard deviation of an angle, rad, that a frame's own markers determine
 
 _WEAK_SD = 1.0  # rad and m; prior of degrees of freedom that no marker determines
 _SOME = 300  # frames for the size of the errors

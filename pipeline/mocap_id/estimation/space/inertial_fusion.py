@@ -62,10 +62,7 @@ def smooth_with_sensors(
     markers in the frame of the trial (y up), m, NaN where missing. ``time`` (F,) are uniform times of the cameras, s.
     ``sensors`` are numbered by their segment.
 
-    Raises
-    ------
-    NumericalError
-        A covariance is not positive definite.
+    Raise NumericalError if a covariance is not positive definite.
     """
     settings = settings or SpatialSettings()
     model, rate = make_chain_model(chain), 1.0 / float(time[1] - time[0])

@@ -59,10 +59,7 @@ def smooth_skeleton(
     :func:`~mocap_id.estimation.space.skeleton_poses.find_skeleton_poses`. A sample farther from its prediction than
     ``gate`` standard deviations is left out.
 
-    Raises
-    ------
-    NumericalError
-        A covariance is not positive definite.
+    Raise NumericalError if a covariance is not positive definite.
     """
     model = make_chain_model(chain)
     camera = float(np.median(noise.sd))

@@ -23,8 +23,7 @@ _AXIAL_SHARE = 1.5
 The residuals contain only the differences between markers, so the value is assumed. It is valid for simulated arms.
 """
 
-_ALIKE = 2.0
-"""Variance of the pose from markers that slide partly alike, relative to independent markers; also assumed."""
+_ALIKE = 2.0  # variance of the pose from markers that slide partly alike, relative to independent markers; also assumed
 
 _POSTURES = 40
 _LEAST_MOTION = 0.01  # rad, rms; joints that move less do not move the skin

@@ -70,10 +70,7 @@ def filter_and_smooth(
     sensors : Sensors, optional
         Inertial sensors.
 
-    Raises
-    ------
-    NumericalError
-        A covariance is not positive definite.
+    Raise NumericalError if a covariance is not positive definite.
     """
     sensors = _NO_SENSORS if sensors is None else sensors
     count, d = len(points), degrees_of_freedom(model)

@@ -98,10 +98,7 @@ def smooth_in_space(
     settings : SpatialSettings, optional
         Default: :class:`SpatialSettings`.
 
-    Raises
-    ------
-    NumericalError
-        A covariance is not positive definite.
+    Raise NumericalError if a covariance is not positive definite.
     """
     settings = settings or SpatialSettings()
     model = make_chain_model(chain)

@@ -28,8 +28,7 @@ from mocap_id.estimation.space.chain_model import sum_steps
 from mocap_id.estimation.space.frame_poses import FramePoses
 from mocap_id.estimation.space.space_kernels import ChainModel
 
-SNAP_BOUNDS = (1e-1, 1e6)
-"""Search range of the snap's standard deviation over one frame, rad/s⁴ or m/s⁴."""
+SNAP_BOUNDS = (1e-1, 1e6)  # search range of the snap's standard deviation over one frame, rad/s⁴ or m/s⁴
 
 _LARGEST_RATIO = 2.0  # of the snaps of two coordinates of one joint
 _STILL = 0.3  # of the rms speed; slower samples do not count

@@ -118,16 +118,20 @@ def _smooth(
     ``observed`` becomes NaN, in place, where a marker is not used: a copy would double the memory.
     """
     settings, files = _filter_settings(context.settings, chain), context.trial.imus
-    outcome = _SensorOutcome()
+    geometry, outcome = (chain.centres, chain.segment, chain.local), _SensorOutcome()
     if files:
-        from mocap_id.stages.ukf_smooth.inertial import smooth_with_imus_in_plane  # noqa: PLC0415  only with sensors
+        from mocap_id.estimation import inertial_smoothing  # noqa: PLC0415  only with sensors
+        from mocap_id.stages.ukf_smooth.inertial import check_method, describe_sensors, read_sensors  # noqa: PLC0415
 
-        states, joints, facts, reasons = smooth_with_imus_in_plane(observed, view.time, chain, names, files, settings)
-        outcome = _SensorOutcome(joints, facts, reasons)
-    else:
-        states = smooth(
-            observed, view.rate, chain.centres, chain.segment, chain.local, settings=settings, overwrite=True
+        check_method(settings.method, settings.engine)
+        states, results = inertial_smoothing.smooth_with_sensors(
+            observed, view.time, *geometry, sensors=read_sensors(names, files), settings=settings
         )
+        used = [0, *(s for s, each in results.items() if each.used is not None)]
+        has_sensor = np.isin(np.arange(len(names)), used)
+        outcome = _SensorOutcome(has_sensor[1:] & has_sensor[:-1], *describe_sensors(names, files, results))
+    else:
+        states = smooth(observed, view.rate, *geometry, settings=settings, overwrite=True)
     observed[~states.used] = np.nan
     return states, outcome
 

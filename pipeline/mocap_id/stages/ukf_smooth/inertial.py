@@ -1,4 +1,4 @@
-"""States of a trial from markers and inertial sensors, for the stage ukf-smooth."""
+"""Inertial sensors of a trial, for the stage ukf-smooth: their logs, their facts for the summary, and reasons."""
 
 from __future__ import annotations
 
@@ -8,77 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.errors import ConfigError
-from mocap_id.estimation import FilterSettings, States, inertial_smoothing
 from mocap_id.estimation.inertial import SensorResult, SensorSignals
-from mocap_id.estimation.inverse_kinematics import MarkerChain
-from mocap_id.estimation.space import SpatialSettings, SpatialStates
-from mocap_id.estimation.space.inertial_fusion import smooth_with_sensors
+from mocap_id.estimation.inertial.clock import OBSERVABLE_SD
 from mocap_id.recording.imu_log import read_imu
-from mocap_id.store.spatial_views import SpatialSkeleton
 from mocap_id.verdict import Reason
 
-OBSERVABLE = 2e-3
-"""Largest standard deviation, s, of a clock offset that counts as determined by the motion."""
-
-SATURATED = 3e-3
-"""Share of saturated samples above which they are reported."""
-
+_SATURATED = 3e-3  # share of saturated samples above which they are reported
 _DIFFERS, _LEAST_RATE = 0.15, 0.8  # a difference is reported above this share of the angular velocity; rad/s
-
-
-def smooth_with_imus(
-    points: FloatArray,
-    time: FloatArray,
-    skeleton: SpatialSkeleton,
-    files: Mapping[str, Path],
-    settings: SpatialSettings,
-    *,
-    mirrored: bool,
-) -> tuple[SpatialStates, dict[str, dict[str, Any]], tuple[Reason, ...]]:
-    """Return the states in space, facts of every sensor for the summary, and reasons.
-
-    Raises
-    ------
-    ConfigError
-        A sensor is on a segment that does not exist.
-    RecordingError
-        A log cannot be read.
-    """
-    names = list(skeleton.segments)
-    sensors = _read_sensors(names, files, mirrored)
-    states, results = smooth_with_sensors(points, time, skeleton.chain, sensors, settings)
-    return states, *_describe_results(names, files, results)
-
-
-def smooth_with_imus_in_plane(  # noqa: PLR0917
-    observed: FloatArray,
-    time: FloatArray,
-    chain: MarkerChain,
-    names: Sequence[str],
-    files: Mapping[str, Path],
-    settings: FilterSettings,
-) -> tuple[States, BoolArray, dict[str, dict[str, Any]], tuple[Reason, ...]]:
-    """Return the states, joints (n,) with sensors on both sides, facts of every sensor for the summary, and reasons.
-
-    ``observed`` (F, M, 2) are the markers of the chain, m, changed as by :func:`mocap_id.estimation.smooth`. ``names``
-    are the segments, base first, and ``files`` the log of each sensor, by segment.
-
-    Raises
-    ------
-    ConfigError
-        A sensor is on a segment that does not exist, or the method is not the default.
-    RecordingError
-        A log cannot be read.
-    """
-    check_method(settings.method, settings.engine)
-    sensors = _read_sensors(names, files, mirrored=False)
-    states, results = inertial_smoothing.smooth_with_sensors(
-        observed, time, chain.centres, chain.segment, chain.local, sensors=sensors, settings=settings
-    )
-    has_sensor = np.isin(np.arange(len(names)), [0, *(s for s, each in results.items() if each.used is not None)])
-    return states, has_sensor[1:] & has_sensor[:-1], *_describe_results(names, files, results)
 
 
 def check_method(method: str, engine: str) -> None:
@@ -87,7 +24,16 @@ def check_method(method: str, engine: str) -> None:
         raise ConfigError("imus: inertial sensors need `ukf-smooth: {method: rts, engine: compiled}`")
 
 
-def _read_sensors(names: Sequence[str], files: Mapping[str, Path], mirrored: bool) -> dict[int, SensorSignals]:
+def read_sensors(names: Sequence[str], files: Mapping[str, Path], mirrored: bool = False) -> dict[int, SensorSignals]:
+    """Read the log of each sensor; return the signals by the number of the segment in ``names``.
+
+    Raises
+    ------
+    ConfigError
+        A sensor is on a segment that does not exist.
+    RecordingError
+        A log cannot be read.
+    """
     for name in files:
         if name not in names:
             raise ConfigError(
@@ -97,9 +43,10 @@ def _read_sensors(names: Sequence[str], files: Mapping[str, Path], mirrored: boo
     return {names.index(name): read_sensor(file, mirrored) for name, file in files.items()}
 
 
-def _describe_results(
+def describe_sensors(
     names: Sequence[str], files: Mapping[str, Path], results: Mapping[int, SensorResult]
 ) -> tuple[dict[str, dict[str, Any]], tuple[Reason, ...]]:
+    """Return the facts of all sensors for the summary, by segment, and reasons."""
     facts = {names[s]: describe_sensor(result) for s, result in results.items()}
     reasons = [reason for s, result in results.items() for reason in _reasons(names, s, files[names[s]].name, result)]
     return facts, tuple(reasons)
@@ -168,12 +115,12 @@ def report_clock(segment: str, sd: float) -> Reason:
         f"the motion of the {segment} does not determine the clock of its sensor to 2 ms (standard deviation "
         f"{1e3 * sd:.1f} ms)."
     )
-    return Reason("imu-clock", message, sd, OBSERVABLE, "ok")
+    return Reason("imu-clock", message, sd, OBSERVABLE_SD, "ok")
 
 
 def report_saturation(segment: str, share: float) -> list[Reason]:
     """Return a caution if too large a share of the samples of a segment's sensor is saturated."""
-    if share <= SATURATED:
+    if share <= _SATURATED:
         return []
     message = f"{100 * share:.1f} % of the samples of the sensor on the {segment} are saturated and left out."
-    return [Reason("imu-saturated", message, share, SATURATED)]
+    return [Reason("imu-saturated", message, share, _SATURATED)]

@@ -16,8 +16,7 @@ from mocap_id.store import Table
 from mocap_id.store.schemas import POSES
 from mocap_id.store.views import Skeleton, Trajectories
 
-OTHERS = "others"
-"""Name of the body with all markers that are on no segment, for example on arms and head."""
+OTHERS = "others"  # name of the body with all markers that are on no segment, for example on arms and head
 _BENT = "hip"  # joint below a trunk that may bend
 _BESIDE = 0.02  # m: markers of both sides are at nearly the same position in the plane
 _ONE_BODY = ("pelvis", "trunk")  # each has few markers, so their common pose is an alternative

@@ -13,6 +13,7 @@ from mocap_id.errors import NumericalError, RecordingError, Refused
 from mocap_id.estimation import States
 from mocap_id.estimation.dead_reckoning import FORCE_BIAS, SWITCHED_ON
 from mocap_id.estimation.inertial import Clock, SensorResult, SensorSignals
+from mocap_id.estimation.inertial.clock import OBSERVABLE_SD
 from mocap_id.estimation.inertial.signals import GRAVITY
 from mocap_id.estimation.inertial_tracking import CalibratedChain, TrackedStates, calibrate_chain, track_without_markers
 from mocap_id.estimation.inverse_kinematics import MarkerChain
@@ -25,7 +26,6 @@ from mocap_id.stages.ukf_smooth import UkfSmoothSettings
 from mocap_id.stages.ukf_smooth.columns import state_columns
 from mocap_id.stages.ukf_smooth.encoder_states import empty_encoder_table
 from mocap_id.stages.ukf_smooth.inertial import (
-    OBSERVABLE,
     check_method,
     describe_sensor,
     read_sensor,
@@ -145,7 +145,7 @@ def _facts(tracked: TrackedStates, chain: CalibratedChain, k: int, signals: Sens
     clock_sd = float(reckoned.shift_sd[k])
     present = replace(
         found,
-        clock=Clock(-float(reckoned.shift[k]), 0.0, clock_sd, clock_sd <= OBSERVABLE),
+        clock=Clock(-float(reckoned.shift[k]), 0.0, clock_sd, clock_sd <= OBSERVABLE_SD),
         gyro_bias=found.gyro_bias + normal * float(reckoned.gyro_bias[:, k].mean()),
         acc_bias=found.acc_bias + found.mount.T @ [*reckoned.force_bias[k], 0.0],
         sd=found.sd | {"gyro_bias": gyro_sd, "acc_bias": acc_sd},
@@ -177,7 +177,7 @@ def _reasons(
         reasons.append(Reason("imus-contradict", text, off, _FITTING))
     for k, segment in enumerate(names):
         reasons += _check_lean(tracked, k, segment) + _check_heading(tracked, k, segment)
-        if tracked.reckoning.shift_sd[k] > OBSERVABLE:
+        if tracked.reckoning.shift_sd[k] > OBSERVABLE_SD:
             reasons.append(report_clock(segment, float(tracked.reckoning.shift_sd[k])))
         reasons += report_saturation(segment, float(np.mean(signals[k].saturated)))
     return tuple(reasons)

@@ -70,11 +70,13 @@ def smooth_rotations(context: Context) -> Outputs:
     if from_skeleton:
         states = smooth_skeleton_states(tree, view, points, skeleton.chain, settings.gate)
     elif context.trial.imus:
-        from mocap_id.stages.ukf_smooth.inertial import smooth_with_imus  # noqa: PLC0415  only for trials with sensors
+        from mocap_id.estimation.space.inertial_fusion import smooth_with_sensors  # noqa: PLC0415  only with sensors
+        from mocap_id.stages.ukf_smooth.inertial import describe_sensors, read_sensors  # noqa: PLC0415
 
-        mirrored = view.planar.facts.get("side") == "left"
-        files = context.trial.imus
-        states, imus, sensor_reasons = smooth_with_imus(points, view.time, skeleton, files, given, mirrored=mirrored)
+        names, files = list(skeleton.segments), context.trial.imus
+        sensors = read_sensors(names, files, mirrored=view.planar.facts.get("side") == "left")
+        states, results = smooth_with_sensors(points, view.time, skeleton.chain, sensors, given)
+        imus, sensor_reasons = describe_sensors(names, files, results)
         missed = {skeleton.segments.index(s): abs(each["skin_share"]) for s, each in imus.items() if each["used"]}
         states = add_axial_rotation_errors(states, skeleton.chain, common=_COMMON_WITH_IMUS, missed=missed)
     else:

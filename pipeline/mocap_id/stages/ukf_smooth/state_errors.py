@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, as_complex
+from mocap_id.arrays import BoolArray, FloatArray, as_complex, interpolate_gaps
 from mocap_id.estimation import States
 from mocap_id.estimation.chain_residuals import ChainResiduals
 from mocap_id.estimation.coloured_errors import estimate_coloured_variance
@@ -53,7 +53,7 @@ def estimate_lasting_errors(
 
     ``used_markers`` and ``camera`` are as for :func:`estimate_skin`.
     """
-    angles, rate = _fill_gaps(states.mean[..., 0]), spectrum.rate
+    angles, rate = interpolate_gaps(states.mean[..., 0]), spectrum.rate
     frames, variance = angle_errors(skin, angles, rate)
     variance *= compute_variance_growth(states, used_markers, angles, frames, rate=rate, camera=camera)[..., None]
     coloured = estimate_coloured_variance(ChainResiduals(states, used_markers, rate), angles, frames, camera)
@@ -64,15 +64,5 @@ def estimate_lasting_errors(
 def _chain_state(states: States, markers: BoolArray) -> ChainState:
     """Return the chain in every frame, with the chosen markers (M,)."""
     chain = states.chain
-    angles = np.cumsum(_fill_gaps(states.mean[..., 0]), axis=1)
+    angles = np.cumsum(interpolate_gaps(states.mean[..., 0]), axis=1)
     return ChainState(as_complex(chain.centres), as_complex(chain.local[markers]), angles)
-
-
-def _fill_gaps(angles: FloatArray) -> FloatArray:
-    """Return angles (F, n) with gaps interpolated linearly; zero for an angle that is always missing."""
-    every, filled = np.arange(len(angles)), np.zeros(angles.shape)
-    for joint, angle in enumerate(angles.T):
-        known = np.isfinite(angle)
-        if known.any():
-            filled[:, joint] = np.interp(every, every[known], angle[known])
-    return filled

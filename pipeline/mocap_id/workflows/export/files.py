@@ -13,8 +13,7 @@ MODEL, FREE_MODEL = ".osim", "_free.osim"
 MEASURED_MARKERS, ANGLES, FREE_POSES = ".trc", "_angles.mot", "_free_poses.mot"
 TORQUES, FORCES, LOADS = "_torques.sto", "_grf.mot", "_external_loads.xml"
 
-BASE = "base"
-"""Name of the joint that connects the base segment to the ground."""
+BASE = "base"  # name of the joint that connects the base segment to the ground
 
 _ILLEGAL = re.compile(r"[^A-Za-z0-9_.\-]+")
 

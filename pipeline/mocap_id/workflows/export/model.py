@@ -41,12 +41,10 @@ from mocap_id.workflows.export.xml import (
 )
 from mocap_id.workflows.run_folder import RunFolder
 
-LEAST_RANGE = 2 * np.pi
-"""Every coordinate of a model can move at least this far in both directions, rad or m."""
+LEAST_RANGE = 2 * np.pi  # every coordinate of a model can move at least this far in both directions, rad or m
 
 _RADIUS = 0.02  # m, of the cylinder that represents a segment
-_ACCURACY = "1e-8"
-"""OpenSim's default of 1e-5 stops 0.2° rms, at worst 0.8°, before the least-squares solution."""
+_ACCURACY = "1e-8"  # OpenSim's default of 1e-5 stops 0.2° rms, at worst 0.8°, before the least-squares solution
 
 
 def export_model(run: RunFolder) -> ExportFiles:

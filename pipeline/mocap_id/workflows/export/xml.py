@@ -10,8 +10,7 @@ from mocap_id.workflows.export.files import make_legal
 from mocap_id.workflows.export.inertia import BodyInertia
 
 Element: TypeAlias = "ElementTree.Element[Any]"
-_VERSION = "40500"
-"""Version of the documents, readable by OpenSim 4.5 and later."""
+_VERSION = "40500"  # version of the documents, readable by OpenSim 4.5 and later
 
 
 def element(tag: str, *, name: str | None = None, text: str | None = None, children: Iterable[Element] = ()) -> Element:
