@@ -45,7 +45,7 @@ def scaled(covariance: float) -> BodyPrior:
     return replace(PRIOR, covariance=covariance * PRIOR.covariance)
 
 
-def build_rows(found: Fit) -> tuple[np.ndarray, np.ndarray]:
+def rows_of(found: Fit) -> tuple[np.ndarray, np.ndarray]:
     """Weighted rows of base and nuisance parameters, and the target."""
     return found.design[..., :-1].reshape(found.target.size, -1), found.target.reshape(-1)
 

@@ -319,4 +319,4 @@ def test_parameters_and_centre_of_pressure(
     assert np.sqrt(np.mean((model - arrays["cop_x"])[free] ** 2)) < cop
     m, mx, my, inertia = found.full.reshape(-1, 4).T
     assert (m * inertia >= mx**2 + my**2 - 1e-12).all()
-    assert fit(prepared, free).found == pytest.approx(0.0, abs=5e-5)
+    assert fit(prepared, free).best_offset == pytest.approx(0.0, abs=5e-5)

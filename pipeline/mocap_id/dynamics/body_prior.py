@@ -2,16 +2,9 @@
 
 The contact wrench hardly determines how the mass is divided between bodies with similar motion. Without a prior, the
 fit predicts the wrench equally well, but gives feet without mass and torques that are wrong by 5 to 7 N·m. The standard
-deviations are 50 % of a mass (25 % for the arms), 10 cm of a centre of mass, and 100 % of a moment of inertia.
-
-Published tables (Winter; Plagenhoef and others 1983, men and women; de Leva 1996, men and women) give the thigh 10.0,
-10.5, 11.8, 14.2 and 14.8 % of the body, and both arms 10.0, 11.5, 9.9, 9.9 and 9.0 %. These are standard deviations of
-18 and 9 % of the mean; 50 % and 25 % are 2.8 times as large.
-
-The prior is loose so that the data decide where they can. They contain nothing about the foot, which rests: its errors
-are the errors of the table. For the foot, they count with the spread of published tables, which is the prior's standard
-deviation divided by 2.8 (11 % of its mass, 18 mm of its centre). The other bodies move, and real trials differ from
-their tables by more than the tables differ from each other. Their prior therefore counts in full.
+deviations are 50 % of a mass (25 % for the arms), 10 cm of a centre of mass, and 100 % of a moment of inertia, 2.8
+times the spread of published tables. The data contain nothing about the foot, which rests. Its errors therefore count
+with the spread of the tables. docs/dynamics.md gives the reasons ("The fit").
 """
 
 from __future__ import annotations

@@ -2,47 +2,27 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import TYPE_CHECKING, TypeAlias
 
 from mocap_id.dynamics.calibration import Calibration
 from mocap_id.dynamics.excitation import NOT_IDENTIFIABLE, Excitation
-from mocap_id.dynamics.filtered_trial import FilteredTrial
-from mocap_id.dynamics.fit import Fit
 from mocap_id.dynamics.identification import Identification
-from mocap_id.dynamics.optimality import PROVEN, SolverAnswer
-from mocap_id.dynamics.preparation import PreparedTrial
+from mocap_id.dynamics.optimality import PROVEN
+from mocap_id.dynamics.preparation import AnyTrial, PreparedTrial
 from mocap_id.verdict import Reason
 
+if TYPE_CHECKING:
+    from mocap_id.dynamics.space.identification import SpatialIdentification
+
+AnyIdentification: TypeAlias = "Identification | SpatialIdentification"
+"""Identified parameters in the plane or in space."""
 _BOUNDED = 0.05  # relative increase of the cost because of physical consistency
 _MASS_APART = 0.05  # relative difference of two masses
 _OFFSET_SEEN, _OFFSET_LEAST = 3.0, 5e-4  # significant clock offset: in standard deviations, and in s
 
 
-class CheckedSolution(Protocol):
-    """Physically consistent parameters, with the solver's report."""
-
-    @property
-    def answer(self) -> SolverAnswer: ...
-
-    @property
-    def price(self) -> float: ...
-
-
-class FittedModel(Protocol):
-    """An identification in the plane or in space."""
-
-    @property
-    def fit(self) -> Fit: ...
-
-    @property
-    def offset_sd(self) -> float: ...
-
-    @property
-    def solution(self) -> CheckedSolution: ...
-
-
 def find_cautions_in_space(
-    trial: FilteredTrial, result: FittedModel, excited: Excitation, recommendation: str
+    trial: AnyTrial, result: AnyIdentification, excited: Excitation, recommendation: str
 ) -> tuple[Reason, ...]:
     """Return the cautions about a trial in space: clock, solver, consistency and weak parameters.
 
@@ -97,7 +77,7 @@ def get_identified_mass(prepared: PreparedTrial, result: Identification) -> floa
     return float(result.full[::4].sum()) if 1 in prepared.settings.components else None
 
 
-def _check_clock(prepared: FilteredTrial, result: FittedModel) -> Reason | None:
+def _check_clock(prepared: AnyTrial, result: AnyIdentification) -> Reason | None:
     if result.fit.offset_known:
         return None if prepared.settings.apply_offset else _check_uncorrected_offset(result)
     limit = prepared.settings.offset_limit
@@ -111,7 +91,7 @@ def _check_clock(prepared: FilteredTrial, result: FittedModel) -> Reason | None:
     )
 
 
-def _check_uncorrected_offset(result: FittedModel) -> Reason | None:
+def _check_uncorrected_offset(result: AnyIdentification) -> Reason | None:
     """Return a caution if the settings leave a significant clock offset uncorrected."""
     offset, limit = abs(result.fit.best_offset), max(_OFFSET_SEEN * result.offset_sd, _OFFSET_LEAST)
     if offset <= limit:
@@ -139,7 +119,7 @@ def _check_cone(result: Identification) -> Reason | None:
     )
 
 
-def _check_solver(result: FittedModel) -> Reason | None:
+def _check_solver(result: AnyIdentification) -> Reason | None:
     answer = result.solution.answer
     if not answer.optimality.proven:
         return Reason(
@@ -159,7 +139,7 @@ def _check_solver(result: FittedModel) -> Reason | None:
     )
 
 
-def _check_consistency(result: FittedModel) -> Reason | None:
+def _check_consistency(result: AnyIdentification) -> Reason | None:
     price = result.solution.price
     if price <= _BOUNDED:
         return None

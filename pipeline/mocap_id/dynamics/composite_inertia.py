@@ -4,11 +4,11 @@ From the tip to the base, the segments beyond joint k are treated as one body wi
 second moment Q_k about joint k. A unit acceleration of joint k requires the force z × U_k and, about an earlier joint
 j, the moment
 
-    ∫ (p - p_j) · (p - p_k) dm = Q_k + U_k · (p_k - p_j).
+    ∫ (p - p_j) · (p - p_k) dm = Q_k + U_k · (p_k - p_j),
 
-These moments are a column of the mass matrix. The moment about the origin of the plane frame is the moment on the
-ground. The regressor at rest, without gravity and with a unit acceleration, gives the same result but takes much
-longer. With a unit mass at each marker, the mass matrix is the information of the markers on the joint angles.
+which is an element of the mass matrix. The regressor at rest, without gravity and with a unit acceleration, gives the
+same result but takes much longer. With a unit mass at each marker, the mass matrix is the information of the markers on
+the joint angles.
 """
 
 from __future__ import annotations

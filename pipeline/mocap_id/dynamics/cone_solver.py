@@ -2,15 +2,22 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING, TypeAlias
+
 import numpy as np
 from scipy import sparse
 from scipy.linalg import null_space
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.consistency_cone import LENGTH, ConeBodies, ConicBodies
+from mocap_id.dynamics.consistency_cone import LENGTH, ConeBodies
 from mocap_id.dynamics.least_squares import CompressedProblem
 from mocap_id.dynamics.optimality import SolverAnswer, check_optimality
 
+if TYPE_CHECKING:
+    from mocap_id.dynamics.space.consistency import SemidefiniteBodies
+
+ConicBodies: TypeAlias = "ConeBodies | SemidefiniteBodies"
+"""Possible bodies in the plane or in space, given by v numbers each."""
 _ACCURACY, _ITERATIONS = 1e-12, 200
 _ROUNDS = 3
 _REGULARIZATION = 1e-6  # Clarabel's default is 1e-8

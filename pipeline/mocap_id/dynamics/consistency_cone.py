@@ -13,12 +13,11 @@ This is the limit of point masses on finer and finer grids over the box.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal, Protocol, TypeAlias
+from typing import Literal, TypeAlias
 
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.optimality import BodyCone
 
 LENGTH = 0.3
 """Unit of length in which the parameters of a segment have similar sizes, m."""
@@ -27,23 +26,6 @@ UNITS = np.array([1.0, LENGTH, LENGTH, LENGTH**2])
 FAR = 10.0
 """Distance up to which masses are searched without a box, m."""
 ConeKind: TypeAlias = Literal["round", "flat", "semidefinite"]
-
-
-class ConicBodies(BodyCone, Protocol):
-    """Bodies whose conditions are cones of Clarabel. They are given by v numbers each."""
-
-    @property
-    def units(self) -> FloatArray:
-        """Divisors (v,) of a body's numbers that convert all of them to kg."""
-
-    def sides(self) -> tuple[FloatArray, tuple[tuple[ConeKind, int], ...]]:
-        """Return rows (r, v) whose products with a body must be in cones, and the kind and size of each cone.
-
-        The size of a round or a flat cone is its number of rows; the size of a semidefinite cone is that of its matrix.
-        """
-
-    def settle(self, body: FloatArray) -> FloatArray:
-        """Return the body (v,) moved inside the cone, to remove rounding errors."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +47,10 @@ class ConeBodies:
         return np.tile(UNITS, self.links)
 
     def sides(self) -> tuple[FloatArray, tuple[tuple[ConeKind, int], ...]]:
-        """Return the rows of all conditions, second-order cones first, and the kind and size of each cone."""
+        """Return rows (r, 4(n + 1)) whose products with a body must be in cones, and the kind and size of each cone.
+
+        The size of a round or a flat cone is its number of rows. Round (second-order) cones are first.
+        """
         round_, flat = self.round_sides(), self.flat_sides()
         cones: list[tuple[ConeKind, int]] = [("round", 4) for _ in round_]
         return np.vstack([*round_, flat]), (*cones, ("flat", len(flat)))

@@ -11,8 +11,8 @@ from scipy.linalg import solve_triangular
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.dynamics.base_parameters import triangularise
 from mocap_id.dynamics.clock_offset import profile_offset
-from mocap_id.dynamics.filtered_trial import FilteredTrial
 from mocap_id.dynamics.least_squares import CompressedProblem
+from mocap_id.dynamics.preparation import AnyTrial
 from mocap_id.dynamics.prior_weight import REFERENCE, estimate_memory
 from mocap_id.dynamics.sample_choice import LEAST_SECONDS, select_samples
 from mocap_id.dynamics.uncertainty import estimate_covariance, number_blocks
@@ -77,7 +77,7 @@ class Fit:
         return np.zeros((0, self.design.shape[-1])) if self.prior is None else np.pad(self.prior[0], ((0, 0), (0, 1)))
 
 
-def determines_parameters(prepared: FilteredTrial, gate: BoolArray) -> bool:
+def determines_parameters(prepared: AnyTrial, gate: BoolArray) -> bool:
     """Return whether the gated samples determine the base parameters.
 
     The samples must last a second, and no columns may be dependent, as they are if a joint rests in all samples.
@@ -91,7 +91,7 @@ def determines_parameters(prepared: FilteredTrial, gate: BoolArray) -> bool:
     return conditions(rows[:, list(prepared.settings.components)])[1] < DEPENDENT
 
 
-def fit(prepared: FilteredTrial, gate: BoolArray, like: Fit | None = None) -> Fit:
+def fit(prepared: AnyTrial, gate: BoolArray, like: Fit | None = None) -> Fit:
     """Fit base parameters, plate bias and clock offset to the gated samples.
 
     ``like`` is a fit of the same trial whose clock offset and weights are reused.
@@ -140,7 +140,7 @@ def fit(prepared: FilteredTrial, gate: BoolArray, like: Fit | None = None) -> Fi
 
 
 def _search_offset(
-    prepared: FilteredTrial, gate: BoolArray, samples: IntArray, design: FloatArray
+    prepared: AnyTrial, gate: BoolArray, samples: IntArray, design: FloatArray
 ) -> tuple[FloatArray, FloatArray, float, bool]:
     """Return weights before and after :func:`_scale_weights`, the clock offset, and whether it is a minimum."""
     prior, time = _prior_rows(prepared, design), prepared.recorded.time[samples]
@@ -169,7 +169,7 @@ def _compress(design: FloatArray, target: FloatArray, prior: Rows | None) -> Com
     return CompressedProblem.of(rows, aim)
 
 
-def _build_rows(prepared: FilteredTrial, samples: IntArray) -> FloatArray:
+def _build_rows(prepared: AnyTrial, samples: IntArray) -> FloatArray:
     """Return the rows (R, c, b + k): filtered base columns, then a column for each constant error of the plate.
 
     A constant error of Fx can be estimated, because gravity causes no constant Fx. A constant error of Fy or tauz has
@@ -185,12 +185,12 @@ def _build_rows(prepared: FilteredTrial, samples: IntArray) -> FloatArray:
     return np.concatenate([rows, bias], axis=-1)
 
 
-def _sample_wrench(prepared: FilteredTrial, samples: IntArray, stamped: FloatArray) -> FloatArray:
+def _sample_wrench(prepared: AnyTrial, samples: IntArray, stamped: FloatArray) -> FloatArray:
     """Return the fitted components of the filtered wrench at times on the plates' clock, s."""
     return prepared.filtered_measured(samples, stamped)[..., list(prepared.settings.components)]
 
 
-def _prior_rows(prepared: FilteredTrial, design: FloatArray) -> Rows | None:
+def _prior_rows(prepared: AnyTrial, design: FloatArray) -> Rows | None:
     """Return the rows and right-hand side of the prior; None without a prior."""
     return None if prepared.prior is None else prepared.prior.rows(design.shape[-1])
 
@@ -200,9 +200,7 @@ def _compute_residual(design: FloatArray, target: FloatArray, prior: Rows | None
     return target - design @ _compress(design, target, prior).free_solution()
 
 
-def _estimate_weights(
-    prepared: FilteredTrial, design: FloatArray, target: FloatArray, weights: FloatArray
-) -> FloatArray:
+def _estimate_weights(prepared: AnyTrial, design: FloatArray, target: FloatArray, weights: FloatArray) -> FloatArray:
     """Return the inverse residual spread of each component after a fit; with a prior, for :data:`REFERENCE`."""
     residual = _compute_residual(design * weights[:, None], target * weights, _prior_rows(prepared, design)) / weights
     floor = _LEAST_SPREAD * np.sqrt(np.mean(target**2, axis=0))
@@ -210,13 +208,13 @@ def _estimate_weights(
     return inverse if prepared.prior is None else inverse * np.sqrt(_independent_share(prepared, REFERENCE))
 
 
-def _independent_share(prepared: FilteredTrial, seconds: float) -> float:
+def _independent_share(prepared: AnyTrial, seconds: float) -> float:
     """Return the fraction of the fit's samples that are independent if this time, s, counts as one sample."""
     return min(1.0, prepared.lowpass.step / prepared.recorded.rate / seconds)
 
 
 def _scale_weights(
-    prepared: FilteredTrial,
+    prepared: AnyTrial,
     gate: BoolArray,
     samples: IntArray,
     design: FloatArray,
@@ -236,7 +234,7 @@ def _scale_weights(
 
 
 def _compute_covariance(
-    prepared: FilteredTrial, samples: IntArray, offset: float, design: FloatArray, weights: FloatArray
+    prepared: AnyTrial, samples: IntArray, offset: float, design: FloatArray, weights: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
     """Return weighted rows with the column of the offset, and the covariance of the parameters from the residuals."""
     time = prepared.recorded.time[samples]

@@ -1,11 +1,9 @@
 """Errors of the geometry that recur with the movement, and their effect on the parameters.
 
 Skin slides over bone as the joints rotate, with the same error in every repetition. Resampling the trial does not
-contain this error, although it is the largest part of the parameters' error. In simulated sit-to-stands, intervals from
-the residuals alone contain the truth only half of the time. Therefore the error is modelled. The slide of each marker
-is an error mode, which changes the joint centres and the angles in every posture. Each mode is propagated through the
-least squares. A slide displaces a joint and rotates a segment at the same time. As independent errors, the two would
-make some standard deviations too large and others too small. See docs/concepts/sliding-skin.md.
+contain this error, although it is the largest part of the parameters' error. Therefore it is modelled. The slide of
+each marker is an error mode, which changes the joint centres and the angles in every posture. Each mode is propagated
+through the least squares. See docs/concepts/sliding-skin.md.
 """
 
 from __future__ import annotations

@@ -1,9 +1,8 @@
 """Motion of bodies from their measured poses: pinned joints, low-pass filters, derivatives.
 
 A person's joints are not perfect pins: at the hip, the thigh and the trunk move apart by a centimetre and more. The
-measured poses contain this, and therefore the real motion of the mass. A zero-phase low-pass filter removes noise from
-each coordinate of the pose. Horizontal position, vertical position and angle have different cut-offs, because the
-wrench depends on them up to different frequencies.
+measured poses contain this, and therefore the real motion of the mass. Horizontal position, vertical position and angle
+have different cut-offs, because the wrench depends on them up to different frequencies.
 """
 
 from __future__ import annotations

@@ -5,14 +5,12 @@ solution is therefore optimal exactly if it meets four conditions:
 
 - **primal feasibility**: it is in the cone;
 - **stationarity**: the cost does not change to first order with the free parameters;
-- **dual feasibility**: no additional mass at any point of the set would reduce the cost. The derivative of the cost
-  with respect to a mass is the *price* of this mass. The prices are the multipliers of the constraints; none may be
-  negative;
+- **dual feasibility**: no additional mass at any point reduces the cost. The derivative of the cost with respect to a
+  mass is the *price* of this mass, a multiplier of the constraints; none may be negative;
 - **complementarity**: points with mass have the price zero.
 
 The last three are expressed as the decrease of the cost that they still allow, relative to the cost. Their sum is an
-upper bound of the distance to the least cost, because a convex function is above its tangents. Each is limited to the
-decrease that would be possible without the cone.
+upper bound of the distance to the least cost, because a convex function is above its tangents.
 """
 
 from __future__ import annotations

@@ -1,17 +1,17 @@
 """Parameter transfer: inertial parameters of one trial in the frames of another trial of the same person.
 
-Each trial has its own frames. The +Y axis of a segment points to the joint that was fitted in this trial, and that of
-the last segment to the centroid of its markers. The plane frame belongs to the plate, on which the feet may stand
-elsewhere. The mass, however, does not move relative to the markers of its segment. Each body's frame is therefore
-registered to the frame in the other trial by the common markers (Procrustes), and m, (mx, my), Izz are transformed:
+Each trial has its own frames: the +Y axis of a segment points to the joint that was fitted in this trial, and the feet
+may stand elsewhere on the plate. The mass, however, does not move relative to the markers of its segment. Each body's
+frame is therefore registered to the frame in the other trial by the common markers (Procrustes), and m, (mx, my), Izz
+are transformed:
 
     m' = m,  c' = R c + m t,  Izz' = Izz + 2 t·R c + m |t|²,  c = (mx, my).
 
 The full, consistent parameters are transferred, not the base parameters. A base parameter such as my2 + p3y (m3 + m4)
 contains the joint position p3 of its own trial; full parameters can be combined with the joint position of the other
-trial. The contact wrench does not determine how a mass at a joint is divided between the two adjacent segments. This
-has no effect if both trials locate the joint at the same position among the markers. If the positions differ by e, an
-unknown mass of μ kg causes a moment of μ e g and a displacement of the centre of pressure of μ e / M.
+trial. The contact wrench does not determine how a mass at a joint is divided between the two adjacent segments. If the
+trials locate the joint at positions that differ by e, an unknown mass of μ kg causes a moment of μ e g and a
+displacement of the centre of pressure of μ e / M.
 """
 
 from __future__ import annotations

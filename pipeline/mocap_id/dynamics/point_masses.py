@@ -56,7 +56,7 @@ class GridBodies:
 def solve_osqp(problem: CompressedProblem, moments: FloatArray) -> SolverAnswer:
     """Solve for the point masses by OSQP in split form.
 
-    ``moments`` (b, p) is B = M P of eq. 4.25. Free parameters are eliminated before (:meth:`CompressedProblem.eliminate_others`).
+    ``moments`` (b, p) is B = M P of eq. 4.25. Free parameters must be eliminated before.
     """
     mapped = problem.factor @ moments
     masses, status, iterations = np.zeros(moments.shape[1]), "not run", 0

@@ -1,14 +1,14 @@
 """Errors of measured poses that recur with the movement, and their effect on parameters and torques.
 
-Skin slides over bone as the joints rotate, with the same error in every repetition, so resampling the trial does not
-contain it. A slide d of one of the m markers of a body changes the body's measured pose by
+Skin slides over bone as the joints rotate, with the same error in every repetition. A slide d of one of the m markers
+of a body changes the body's measured pose by
 
     (d / m, ρ × d / Σ|ρ|²),
 
 where ρ is the marker's position relative to the centroid. Slides follow the angle of the joint below or above the body,
 as in :mod:`mocap_id.kinematics.skin_slides`. Together, the markers of a body give a (3, 3) covariance of the pose's
-error in x, y and angle, for one standard deviation of the joint's angle. Its modes are propagated through the fit. The
-positions of the joints in the torques have errors with another estimate, which contain those of the skin.
+error in x, y and angle. Its modes are propagated through the fit. The errors of the joints' positions are estimated
+separately.
 """
 
 from __future__ import annotations

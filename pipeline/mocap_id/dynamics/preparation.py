@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -17,6 +18,11 @@ from mocap_id.dynamics.lowpass import LowPass, blank_incomplete, choose_cutoff, 
 from mocap_id.dynamics.motion import PlanarMotion, move_chain
 from mocap_id.dynamics.regressor import wrench_regressor
 
+if TYPE_CHECKING:
+    from mocap_id.dynamics.space.trial import SpatialTrial
+
+AnyTrial: TypeAlias = "PreparedTrial | SpatialTrial"
+"""A prepared trial in the plane or in space."""
 MEASURED_CUTOFF = 5.0
 """Cut-off of regressor and wrench for measured poses, Hz: movements are slower, and the poses are already filtered."""
 

@@ -1,9 +1,9 @@
 """Weight of the data relative to the prior: the time of the recording that counts as one independent sample.
 
 Errors of poses are correlated over time and recur in every repetition. The residuals contain only the part that the
-parameters have not absorbed, so they do not give the number of independent samples. Over a wide range, the prediction
-of left-out repetitions hardly depends on the weight of the prior. The one-standard-error rule (Hastie, Tibshirani and
-Friedman, The Elements of Statistical Learning, 7.10) selects the strongest prior that is consistent with them.
+parameters have not absorbed, so they do not give the number of independent samples. The one-standard-error rule
+(Hastie, Tibshirani and Friedman, The Elements of Statistical Learning, 7.10) selects the strongest prior that predicts
+left-out repetitions well.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.dynamics.filtered_trial import FilteredTrial
+from mocap_id.dynamics.preparation import AnyTrial
 from mocap_id.dynamics.sample_choice import LEAST_SECONDS, number_parts, select_samples
 
 MEMORIES = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
@@ -24,7 +24,7 @@ _LEAST_FOLDS = 3  # fewer give no useful standard error
 
 
 def estimate_memory(
-    prepared: FilteredTrial,
+    prepared: AnyTrial,
     gate: BoolArray,
     samples: IntArray,
     *,
@@ -38,7 +38,7 @@ def estimate_memory(
 
     Parameters
     ----------
-    prepared : FilteredTrial
+    prepared : AnyTrial
         Trial with a prior, whose repetitions are left out in turn.
     samples : (R,) int array
         Indices of the samples used in the fit.

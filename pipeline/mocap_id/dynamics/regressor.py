@@ -7,13 +7,16 @@ from the base to the tip. Gravity is modelled as an upward acceleration of the b
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.dynamics.motion import PlanarMotion, move_chain, point_acceleration
 from mocap_id.geometry import Chain, link_motion, planar, se3, so3, spatial_jacobian
+
+if TYPE_CHECKING:
+    from mocap_id.dynamics.space.motion import SpatialMotion
 
 LINK_PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 PLANAR_PARAMETERS = ("m", "mx", "my", "Izz")
@@ -130,19 +133,7 @@ def wrench_regressor(motion: PlanarMotion, gravity: float = 9.81) -> FloatArray:
     return np.moveaxis(blocks, 1, 2).reshape(len(motion.angle), 3, -1)
 
 
-class JointedMotion(Protocol):
-    """Motion of K bodies with joints of N coordinates, in the plane or in space."""
-
-    @property
-    def jacobian(self) -> FloatArray:
-        """Unit twists of the coordinates in the world (plane) frame, (T, c, N)."""
-
-    @property
-    def beyond(self) -> BoolArray:
-        """Whether each body is distal to each coordinate's joint, (N, K)."""
-
-
-def torque_regressor(motion: JointedMotion, regressor: FloatArray) -> FloatArray:
+def torque_regressor(motion: PlanarMotion | SpatialMotion, regressor: FloatArray) -> FloatArray:
     """Return the regressor (T, N, p K) of the joint torques, given that of the wrench (T, c, p K) on K bodies.
 
     The rows give the moment about joint j of the wrench on the bodies beyond it, N·m; NaN where a joint has no centre.

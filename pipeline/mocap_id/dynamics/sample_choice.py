@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
-from mocap_id.dynamics.filtered_trial import FilteredTrial
 from mocap_id.dynamics.lowpass import erode
+from mocap_id.dynamics.preparation import AnyTrial
 
 LEAST_SECONDS = 1.0
 """Least duration of the samples of a fit, s."""
@@ -16,7 +16,7 @@ _MOSTLY = 0.5  # fraction of rest above which all rest is left out
 _LONG = 0.75  # fraction of rest above which rest is thinned
 
 
-def select_samples(prepared: FilteredTrial, gate: BoolArray) -> BoolArray:
+def select_samples(prepared: AnyTrial, gate: BoolArray) -> BoolArray:
     """Return the samples (T,) to fit: usable ones within the gate, without the filter's reach at its edges."""
     return prepared.usable & erode(gate, prepared.lowpass.reach_samples)
 
