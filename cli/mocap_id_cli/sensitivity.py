@@ -68,9 +68,9 @@ def _report_runs(quiet: bool) -> Any:
 
 
 def _lines(output: SensitivityOutput, share: float) -> Iterator[str]:
-    from mocap_id.reporting.sensitivity.page import criterion  # noqa: PLC0415  as above
+    from mocap_id.reporting.sensitivity.page import describe_criterion  # noqa: PLC0415  as above
 
-    yield f"{output.result.trial}: what this trial tolerates. {criterion(share)}"
+    yield f"{output.result.trial}: what this trial tolerates. {describe_criterion(share)}"
     if output.result.note:
         yield f"note: {output.result.note}"
     yield from (f"  {row['sentence']}" for row in output.document["tolerates"])

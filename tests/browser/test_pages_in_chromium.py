@@ -24,7 +24,7 @@ from mocap_id.config import load
 from mocap_id.recording.writer import write_c3d
 from mocap_id.reporting.embedding import embed, read_figures
 from mocap_id.reporting.figure import Drawing, Drawings, Figure, Key, Line, Panel, Points, Text
-from mocap_id.reporting.page import environment
+from mocap_id.reporting.page import make_environment
 from mocap_id.runner import run
 from mocap_id.simulation import Options, RobotSet, generate
 from mocap_id.workflows.robot_study import validate_robot
@@ -245,7 +245,7 @@ def test_names_from_files_are_shown_as_text(pages: Pages, tmp_path: Path) -> Non
     items = (Line(two, two, "#1b1c1f", HOSTILE), Points(two, two, "#1b1c1f", HOSTILE, names=(HOSTILE, HOSTILE)))
     panels = (Panel((*items, Text(0, 0, HOSTILE)), HOSTILE, HOSTILE, HOSTILE), Panel(items, rows=(HOSTILE, "b")))
     drawing = Drawing("one", HOSTILE, HOSTILE, Figure((panels[:1], panels[1:])))
-    page = environment().from_string(PAGE).render(drawing=drawing, held=embed(Drawings("of", (drawing,))))
+    page = make_environment().from_string(PAGE).render(drawing=drawing, held=embed(Drawings("of", (drawing,))))
     (tmp_path / "page.html").write_text(page, "utf-8")
     browser = Pages(pages.browser, {"hostile": tmp_path / "page.html"}).open("hostile")
     ActionChains(browser).move_to_element(browser.find_element(By.CSS_SELECTOR, ".plot")).perform()

@@ -16,7 +16,7 @@ from mocap_id.config import load
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry import so3
 from mocap_id.recording.imu_log import read_imu
-from mocap_id.runner.dependencies import parameters, user_files
+from mocap_id.runner.dependencies import collect_parameters, find_user_files
 from mocap_id.runner.execution import run
 from mocap_id.stages import STAGES
 from mocap_id.stages.base import Context
@@ -184,10 +184,10 @@ def test_only_without_markers_the_sensors_are_read_before_the_filter(place: Path
     alone = load(without_recording(place / "trial/trial.yaml", out="runs/alone"))
     seen = load(place / "trial/trial.yaml")
     assert seen.keys.imus
-    assert not {role for role in user_files(seen, first) if role.startswith(("imus", "calibration"))}
-    assert not {"imus", "calibration"} & parameters(seen, first).keys()
-    assert {"imus.torso", "calibration.chain"} <= user_files(alone, first).keys()
-    assert {"imus", "calibration"} <= parameters(alone, first).keys()
+    assert not {role for role in find_user_files(seen, first) if role.startswith(("imus", "calibration"))}
+    assert not {"imus", "calibration"} & collect_parameters(seen, first).keys()
+    assert {"imus.torso", "calibration.chain"} <= find_user_files(alone, first).keys()
+    assert {"imus", "calibration"} <= collect_parameters(alone, first).keys()
 
 
 def test_a_method_without_sensors_is_an_error(place: Path) -> None:

@@ -24,8 +24,8 @@ TO_XYZ = np.array(
 WHITE = np.array([0.95047, 1.0, 1.08883])
 AT_A_GLANCE = 15.0
 """CIE 1976 colour difference; 2.3 is just noticeable."""
-JOINTS = {f"joint {k}": style.colour(k) for k in (1, 2, 3)}
-FIGURE = {**JOINTS, "base": style.colour(0), "measured": style.MEASURED, "model": style.MODEL}
+JOINTS = {f"joint {k}": style.pick_colour(k) for k in (1, 2, 3)}
+FIGURE = {**JOINTS, "base": style.pick_colour(0), "measured": style.MEASURED, "model": style.MODEL}
 CURVES = {**JOINTS, "measured": style.MEASURED, "model": style.MODEL, "reference": style.REFERENCE, "now": style.NOW}
 
 
@@ -82,5 +82,5 @@ def test_the_page_replaces_every_colour_that_plotly_sets_on_elements() -> None:
 
 
 def test_no_two_joints_up_to_the_sixth_look_alike() -> None:
-    assert len({style.colour(k) for k in range(7)}) == 7
-    assert len({(style.colour(k), style.dashes(k)) for k in range(1, 13)}) == 12
+    assert len({style.pick_colour(k) for k in range(7)}) == 7
+    assert len({(style.pick_colour(k), style.pick_dash(k)) for k in range(1, 13)}) == 12

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from mocap_id.reporting.downsampling import band, envelope, runs, spans
+from mocap_id.reporting.downsampling import find_runs, find_spans, thin_band, thin_curve
 
 BINS = 10
 curves = arrays(
@@ -19,7 +19,7 @@ curves = arrays(
 @given(curves)
 def test_envelope_is_a_subset_that_keeps_the_extremes(values: np.ndarray) -> None:
     time = np.arange(len(values), dtype=float)
-    t, v = envelope(time, values, BINS)
+    t, v = thin_curve(time, values, BINS)
     assert len(t) <= max(3 * BINS, 0) or len(values) <= 3 * BINS
     assert np.all(np.diff(t) > 0)
     np.testing.assert_array_equal(v, values[t.astype(int)])
@@ -31,7 +31,7 @@ def test_envelope_is_a_subset_that_keeps_the_extremes(values: np.ndarray) -> Non
 @given(curves)
 def test_band_contains_every_sample(values: np.ndarray) -> None:
     time = np.arange(len(values), dtype=float)
-    t, low, high = band(time, values - 1.0, values + 1.0, BINS)
+    t, low, high = thin_band(time, values - 1.0, values + 1.0, BINS)
     assert len(t) == len(low) == len(high) <= max(BINS, 0) or len(values) <= BINS
     if np.isfinite(values).any():
         assert np.nanmin(low) == np.nanmin(values - 1.0) and np.nanmax(high) == np.nanmax(values + 1.0)
@@ -41,7 +41,7 @@ def test_band_contains_every_sample(values: np.ndarray) -> None:
 @given(arrays(np.bool_, st.integers(0, 60)))
 def test_runs_rebuild_the_mask(mask: np.ndarray) -> None:
     rebuilt = np.zeros_like(mask)
-    for start, stop in runs(mask):
+    for start, stop in find_runs(mask):
         rebuilt[start:stop] = True
     np.testing.assert_array_equal(rebuilt, mask)
 
@@ -50,5 +50,5 @@ def test_spans_with_invisible_gaps_are_joined() -> None:
     time = np.arange(1000) / 100.0
     mask = np.zeros(1000, dtype=bool)
     mask[100:200], mask[201:300], mask[600:650] = True, True, True
-    assert spans(time, mask, bins=100) == [(1.0, pytest.approx(2.0)), (6.0, pytest.approx(0.5))]
-    assert spans(time, np.zeros(1000, dtype=bool)) == []
+    assert find_spans(time, mask, bins=100) == [(1.0, pytest.approx(2.0)), (6.0, pytest.approx(0.5))]
+    assert find_spans(time, np.zeros(1000, dtype=bool)) == []

@@ -13,10 +13,10 @@ from mocap_id.reporting import style
 from mocap_id.reporting.contents import FILES
 from mocap_id.reporting.embedding import read_figures
 from mocap_id.reporting.figure import Band, Bars, Figure, Heat, Item, Line, Panel, Points, Spans, from_json, to_json
-from mocap_id.reporting.figures import FIGURES, FigureEntry, drawings
-from mocap_id.reporting.figures.repetitions import on_normalised_time
-from mocap_id.reporting.figures.skeleton import two_moments
-from mocap_id.reporting.markers import positions_at
+from mocap_id.reporting.figures import FIGURES, FigureEntry, draw_figures
+from mocap_id.reporting.figures.repetitions import normalise_time
+from mocap_id.reporting.figures.skeleton import choose_moments
+from mocap_id.reporting.markers import read_positions
 from mocap_id.stages.report import STAGE, ReportSettings
 from mocap_id.stages.report.function import report_data
 from mocap_id.store import Artefact, Document
@@ -83,7 +83,7 @@ def same(one: Any, other: Any) -> bool:
 
 
 def test_all_figures_can_be_read_from_a_page() -> None:
-    made = drawings(report_data(context(Trial().artefacts())))
+    made = draw_figures(report_data(context(Trial().artefacts())))
     assert same(made, from_json(to_json(made)))
     assert same(made, read_figures(healthy()["report.html"].decode("utf-8")))
 
@@ -120,7 +120,7 @@ def test_states_without_standard_deviations_are_drawn_without_bands() -> None:
     artefacts, states = trial.artefacts(), trial.states()
     unknown = {name: np.full(400, np.nan) for name in states.names if name.startswith("sd_")}
     before, after = (
-        drawings(report_data(context(artefacts | {"states.parquet": one}))).all
+        draw_figures(report_data(context(artefacts | {"states.parquet": one}))).all
         for one in (states, states.with_columns(**unknown))
     )
     assert [one.name for one, other in zip(before, after, strict=True) if not same(one, other)] == ["states"]
@@ -206,13 +206,13 @@ def test_a_missing_figure_is_explained_in_a_sentence(entry: FigureEntry) -> None
 
 def test_seated_and_standing_come_from_the_events() -> None:
     trial = Trial()
-    seated, standing = two_moments(motion_of(trial), trial.events())
+    seated, standing = choose_moments(motion_of(trial), trial.events())
     assert trial.time[seated.sample] == 0.0 and trial.time[standing.sample] == 3.0
 
 
 def test_without_events_the_extremes_of_the_motion_are_shown() -> None:
     trial = Trial()
-    moments = two_moments(motion_of(trial), trial.events(0))
+    moments = choose_moments(motion_of(trial), trial.events(0))
     rise = trial.theta[[moment.sample for moment in moments], 1]
     assert sorted(rise) == pytest.approx([trial.theta[:, 1].min(), trial.theta[:, 1].max()], abs=1e-6)
 
@@ -221,19 +221,19 @@ def test_a_chosen_instant_has_no_bridged_angle() -> None:
     trial = Trial()
     motion = JointStates.from_table(trial.states(bridged=slice(0, 200)))
     for events in (trial.events(), None):
-        assert all(motion.observed[moment.sample].all() for moment in two_moments(motion, events))
+        assert all(motion.observed[moment.sample].all() for moment in choose_moments(motion, events))
 
 
 def test_a_motionless_recording_has_one_posture() -> None:
     trial = Trial()
     still = {f"theta_{k}": np.full(trial.frames, 0.3) for k in (1, 2, 3)}
-    assert len(two_moments(JointStates.from_table(trial.states(bridged=slice(0)).with_columns(**still)), None)) == 1
+    assert len(choose_moments(JointStates.from_table(trial.states(bridged=slice(0)).with_columns(**still)), None)) == 1
 
 
 def test_repetitions_are_drawn_over_normalised_time() -> None:
     trial = Trial()
     motion = JointStates.from_table(trial.states(bridged=slice(0)))
-    curves = on_normalised_time(motion, np.array([[0.0, 6.0], [6.0, 12.0]]))
+    curves = normalise_time(motion, np.array([[0.0, 6.0], [6.0, 12.0]]))
     assert curves.shape == (2, 101, 3)
     assert curves[0] == pytest.approx(curves[1], abs=1e-4)
     assert curves[0, 50] == pytest.approx(trial.theta[300], abs=1e-6)
@@ -243,7 +243,7 @@ def test_repetitions_are_drawn_over_normalised_time() -> None:
 
 
 def test_bridged_samples_leave_a_gap_in_the_repetition() -> None:
-    curves = on_normalised_time(motion_of(Trial()), np.array([[0.0, 6.0]]))
+    curves = normalise_time(motion_of(Trial()), np.array([[0.0, 6.0]]))
     assert np.isnan(curves[0, 72, 2]) and np.isfinite(curves[0, 72, :2]).all()
 
 
@@ -258,14 +258,14 @@ def test_known_reference_parameters_are_regrouped_to_base_parameters() -> None:
 
 
 def test_control_characters_and_long_labels() -> None:
-    assert style.printable("R\x1bKNE\n") == "R\ufffdKNE\ufffd"
-    assert style.printable("abcdef", 4) == "abc…" and style.printable("abcd", 4) == "abcd"
+    assert style.clean("R\x1bKNE\n") == "R\ufffdKNE\ufffd"
+    assert style.clean("abcdef", 4) == "abc…" and style.clean("abcd", 4) == "abcd"
 
 
 def test_marker_positions_are_read_at_existing_frames() -> None:
     trial = Trial(frames=200)
     table = trial.planar()
-    found = positions_at(table, np.array([0.0, 0.5, 0.505]), ["torso12", "nobody", trial.labels[5]])
+    found = read_positions(table, np.array([0.0, 0.5, 0.505]), ["torso12", "nobody", trial.labels[5]])
     frame, column = round(0.5 * RATE), trial.labels.index("torso12")
     own = [table.values["x"][frame, column], table.values["y"][frame, column]]
     assert found[1, 0] == pytest.approx(own, nan_ok=True)

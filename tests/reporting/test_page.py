@@ -19,7 +19,7 @@ from mocap_id.errors import Refused
 from mocap_id.kinematics.confidence import Evidence
 from mocap_id.reporting.embedding import read_figures
 from mocap_id.reporting.grids import list_facts
-from mocap_id.reporting.report import documents
+from mocap_id.reporting.report import make_documents
 from mocap_id.reporting.segment_tables import AGAINST
 from mocap_id.stages.report import STAGE
 from mocap_id.stages.report.function import report_data
@@ -232,7 +232,7 @@ def test_the_reference_bodies_are_compared_with_the_model() -> None:
 
 def test_hostile_labels_are_shown_as_text() -> None:
     name = "<script>steal()</script>"
-    files = contents(documents(replace(report_data(context(relabelled(Trial()))), trial=name)))
+    files = contents(make_documents(replace(report_data(context(relabelled(Trial()))), trial=name)))
     page = checked(files)
     assert page.text.count(name) >= 2, "title and heading"
     for label in HOSTILE[:4]:

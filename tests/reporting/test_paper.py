@@ -18,14 +18,14 @@ from mocap_id.errors import ConfigError, StoreError
 from mocap_id.reporting import paper_figures
 from mocap_id.reporting.embedding import read_figures
 from mocap_id.reporting.figure import Drawing, Drawings, Figure, Panel, to_json
-from mocap_id.reporting.figures import FIGURES, drawings
+from mocap_id.reporting.figures import FIGURES, draw_figures
 from mocap_id.stages.report.function import report_data
 from mocap_id.workflows.figures import write_figures
 
 
 @pytest.fixture(scope="module")
 def made() -> Drawings:
-    return drawings(report_data(context(Trial(frames=400).artefacts())))
+    return draw_figures(report_data(context(Trial(frames=400).artefacts())))
 
 
 @pytest.fixture(scope="module")
@@ -56,11 +56,11 @@ def test_every_figure_of_a_page_is_drawn_with_its_texts(name: str, files: dict[s
 def test_the_same_figure_has_the_same_bytes(made: Drawings) -> None:
     for name in ("states", "parameters"):
         only = Drawings(made.of, (made[name],))
-        assert paper_figures.figure_files(only) == paper_figures.figure_files(only)
+        assert paper_figures.make_figure_files(only) == paper_figures.make_figure_files(only)
 
 
 def test_a_missing_figure_has_a_caption_but_no_file() -> None:
-    files = paper_figures.figure_files(drawings(report_data(context({}))))
+    files = paper_figures.make_figure_files(draw_figures(report_data(context({}))))
     assert list(files) == ["figures/captions.md"]
     assert (
         "**Base parameters**. No base parameters: dynamics.h5 was not computed."
@@ -71,7 +71,7 @@ def test_a_missing_figure_has_a_caption_but_no_file() -> None:
 def test_truetype_fonts_can_be_embedded(made: Drawings) -> None:
     only = Drawings(made.of, (made["parameters"],))
     for fonts, subtype in (("type-3", b"/Type3"), ("truetype", b"/CIDFontType2")):
-        assert subtype in paper_figures.figure_files(only, fonts)["figures/parameters.pdf"]  # type: ignore[arg-type]
+        assert subtype in paper_figures.make_figure_files(only, fonts)["figures/parameters.pdf"]  # type: ignore[arg-type]
 
 
 OPENING = '<script type="application/json" id="figure-data">'

@@ -11,12 +11,12 @@ from reporting_cases import RATE, Trial, context
 from mocap_id.geometry.planar import segment_poses
 from mocap_id.reporting import player as players
 from mocap_id.reporting.figure import Line, from_json
-from mocap_id.reporting.player import MOST, Player, player
+from mocap_id.reporting.player import MOST, Player, make_player
 from mocap_id.stages.report.function import report_data
 
 
 def moving(trial: Trial, **changed: object) -> Player:
-    found = player(report_data(context(trial.artefacts() | changed)))  # type: ignore[arg-type]
+    found = make_player(report_data(context(trial.artefacts() | changed)))  # type: ignore[arg-type]
     assert found is not None
     return found
 
@@ -90,14 +90,14 @@ def test_many_markers_make_longer_steps(monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_a_refused_trial_shows_markers_and_measured_forces() -> None:
     trial = Trial()
-    found = player(report_data(context({"planar.parquet": trial.planar(), "wrench.parquet": trial.wrench()})))
+    found = make_player(report_data(context({"planar.parquet": trial.planar(), "wrench.parquet": trial.wrench()})))
     assert found is not None and names(found) == ["markers", "force", "force origin"]
     assert [one.look["symbol"] for one in found.parts if one.name == "markers"] == ["x"]
     assert [panel.y for panel in found.curves] == ["Fx (N)", "Fy, up (N)", "τz (N·m)", "CoP x (m)"]
 
 
 def test_without_markers_there_is_no_player_and_without_plates_no_arrow() -> None:
-    assert player(report_data(context({}))) is None
+    assert make_player(report_data(context({}))) is None
     found = moving(Trial(), **Trial().artefacts(plates=False))
     assert found.newton_per_metre is None and set(names(found)) == {"stick", "joints", "markers"}
 

@@ -12,7 +12,7 @@ from test_summary import assert_nulls_explained
 
 from mocap_id.reporting.embedding import read_figures
 from mocap_id.reporting.figure import Figure, Line, Points, project
-from mocap_id.reporting.paper_figures import figure_files
+from mocap_id.reporting.paper_figures import make_figure_files
 from mocap_id.stages.identify_dim.reaches import find_reach_events
 from mocap_id.stages.report import STAGE
 from mocap_id.store import Artefact, Document, Table
@@ -56,7 +56,7 @@ def test_summary_and_page_show_the_reach() -> None:
         assert np.allclose(np.stack([flat.x, flat.y], axis=1), seen, equal_nan=True)
         known = np.linalg.norm(points[np.isfinite(points).all(axis=1)], axis=1)
         assert known.max() < 1.5 * facts["arm_length_m"]
-    assert b"<svg" in figure_files(read_figures(page))["figures/reach.svg"]
+    assert b"<svg" in make_figure_files(read_figures(page))["figures/reach.svg"]
 
 
 def test_a_trial_without_a_volume_says_why() -> None:

@@ -12,12 +12,12 @@ import pytest
 from mocap_id.errors import Refused
 from mocap_id.reporting.embedding import read_figures
 from mocap_id.reporting.figure import Band, Figure, Line, Points, Spans, from_json, project
-from mocap_id.reporting.figures import drawings
-from mocap_id.reporting.paper_figures import figure_files
+from mocap_id.reporting.figures import draw_figures
+from mocap_id.reporting.paper_figures import make_figure_files
 from mocap_id.reporting.player import Player
-from mocap_id.reporting.space.figures.angles import joint_motions
-from mocap_id.reporting.space.figures.skeleton import stick_figure
-from mocap_id.reporting.space.player import MOST, spatial_player
+from mocap_id.reporting.space.figures.angles import collect_joint_motions
+from mocap_id.reporting.space.figures.skeleton import make_stick_figure
+from mocap_id.reporting.space.player import MOST, make_spatial_player
 from mocap_id.stages.report import STAGE
 from mocap_id.stages.report.function import report_data
 from mocap_id.store import Artefact, Document
@@ -36,13 +36,13 @@ def written(artefacts: dict[str, Artefact], refused: Refused | None = None) -> d
 
 
 def moving(trial: SpatialTrial) -> Player:
-    found = spatial_player(report_data(context(trial.artefacts())))
+    found = make_spatial_player(report_data(context(trial.artefacts())))
     assert found is not None
     return found
 
 
 def figure(name: str, trial: SpatialTrial, **changed: Artefact) -> Figure:
-    found = drawings(report_data(context(trial.artefacts(plates=True) | changed)))[name].figure
+    found = draw_figures(report_data(context(trial.artefacts(plates=True) | changed)))[name].figure
     assert isinstance(found, Figure)
     return found
 
@@ -118,11 +118,11 @@ def test_a_view_keeps_the_hand_of_the_frame() -> None:
 
 def test_sticks_lead_from_joint_to_joint_and_leave_out_what_is_unknown() -> None:
     whole, partly = SpatialTrial(frames=60), SpatialTrial(frames=60, known=False)
-    found = stick_figure(report_data(context(whole.artefacts())), np.arange(60))
+    found = make_stick_figure(report_data(context(whole.artefacts())), np.arange(60))
     assert found is not None and found.segments == (0, 1, 2, 3) and found.names == whole.joints
     for k, stick in list(enumerate(found.sticks))[1:3]:
         np.testing.assert_allclose(stick, whole.origin[:, [k, k + 1]], atol=1e-9)
-    other = stick_figure(report_data(context(partly.artefacts())), np.arange(60))
+    other = make_stick_figure(report_data(context(partly.artefacts())), np.arange(60))
     assert other is not None and other.segments == (1, 2, 3) and other.names == ("elbow", "wrist")
     assert not np.allclose(other.sticks[0][:, 0], partly.origin[:, 1]), "an unknown centre is not drawn"
 
@@ -154,7 +154,7 @@ def test_angles_are_shaded_and_broken_where_they_have_no_meaning() -> None:
     shade = next(one for one in shoulder.items if isinstance(one, Spans))
     pole = np.abs(np.sin(trial.angles[:, 1])) < np.sin(np.radians(15))
     assert shade.start[0] == pytest.approx(trial.time[pole.argmax()], abs=0.03)
-    plane = joint_motions(report_data(context(trial.artefacts())))[0].states.mean[:, :, 0]
+    plane = collect_joint_motions(report_data(context(trial.artefacts())))[0].states.mean[:, :, 0]
     assert np.isnan(plane[pole][:, [0, 2]]).all() and np.isfinite(plane[:, 1]).all()
     assert not [one for one in elbow.items if isinstance(one, Spans)]
     bridged = next(one for one in wrist.items if isinstance(one, Spans))
@@ -169,7 +169,7 @@ def test_six_components_of_the_wrench() -> None:
 def test_figures_are_drawn_on_paper_from_the_page() -> None:
     held = read_figures(page())
     few = replace(held, all=tuple(one for one in held.all if one.name in ("skeleton", "angles")))
-    files = figure_files(few)
+    files = make_figure_files(few)
     assert {"figures/skeleton.svg", "figures/skeleton.pdf", "figures/angles.svg"} <= set(files)
 
 

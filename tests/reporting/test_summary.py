@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from reporting_cases import LOST, Trial, context
 
 from mocap_id.errors import Refused
-from mocap_id.reporting.numbers import all_known, known
+from mocap_id.reporting.numbers import to_number, to_numbers
 from mocap_id.reporting.summary import summarise, to_json
 from mocap_id.reporting.summary_entry import join_sentences
 from mocap_id.reporting.summary_schema import Summary
@@ -277,14 +277,14 @@ def test_unloaded_samples_do_not_count_for_the_mean_centre_of_pressure() -> None
 
 @given(st.one_of(st.floats(), st.integers(-(2**53), 2**53), st.text(), st.none(), st.booleans()))
 def test_known_is_a_finite_float_or_none(value: object) -> None:
-    number = known(value)
+    number = to_number(value)
     assert number is None or (type(number) is float and math.isfinite(number) and number == value)
 
 
 def test_a_vector_with_an_unknown_element_is_unknown() -> None:
-    assert all_known(np.array([1.0, 2.0])) == [1.0, 2.0]
-    assert all_known([1.0, float("nan")]) is None
-    assert all_known([]) is None and all_known(None) is None and all_known("12") is None
+    assert to_numbers(np.array([1.0, 2.0])) == [1.0, 2.0]
+    assert to_numbers([1.0, float("nan")]) is None
+    assert to_numbers([]) is None and to_numbers(None) is None and to_numbers("12") is None
 
 
 def test_a_known_mass_is_given_alone() -> None:

@@ -9,7 +9,7 @@ import pytest
 from small_study import Ran
 from study_cases import Made, body, landmarks
 
-from mocap_id.reporting.study.page import cohort_page
+from mocap_id.reporting.study.page import render_cohort_page
 from mocap_id.reporting.study.page_data import CohortData
 from mocap_id.workflows.study.tables import make_tables
 from mocap_id.workflows.study.trial_results import TrialResult
@@ -71,7 +71,7 @@ def page(trials: list[TrialResult]) -> bytes:
         for trial in trials
     )
     frames = {name: table.frame for name, table in make_tables(trials).items()}
-    return cohort_page(CohortData("a study", entries, frames))
+    return render_cohort_page(CohortData("a study", entries, frames))
 
 
 def test_the_page_of_a_study_that_ran(ran: Ran) -> None:

@@ -13,7 +13,7 @@ from curl_cases import cohort
 
 from mocap_id.config.study import load_study
 from mocap_id.errors import ConfigError
-from mocap_id.reporting.curl_study.page import curl_cohort_page
+from mocap_id.reporting.curl_study.page import render_curl_page
 from mocap_id.reporting.study.page_data import CohortData
 from mocap_id.workflows import curl_study
 from mocap_id.workflows.curl_study.trial_results import CurlResult
@@ -95,7 +95,7 @@ def test_the_interval_and_p_value_are_honest_without_an_effect() -> None:
 def test_the_page_shows_boxes_and_effects() -> None:
     trials = cohort(COUNTS)
     entries = tuple(one.entry(one.name, one.subject, f"../{one.name}/report.html") for one in trials)
-    text = curl_cohort_page(CohortData("curls", entries, frames(trials)), "AC").decode()
+    text = render_curl_page(CohortData("curls", entries, frames(trials)), "AC").decode()
     for words in ("thesis figure 8.5", "Differences from AC", "5 - AC", "Compensation by condition", "23 of 24 trials"):
         assert words in text
 
@@ -103,7 +103,7 @@ def test_the_page_shows_boxes_and_effects() -> None:
 def test_a_study_of_failed_trials_still_has_a_page() -> None:
     trials = cohort({"AC": [[None]], "5": [[None]]})
     entries = tuple(one.entry(one.name, one.subject, f"../{one.name}/report.html") for one in trials)
-    assert b"No repetitions" in curl_cohort_page(CohortData("curls", entries, frames(trials)), "AC")
+    assert b"No repetitions" in render_curl_page(CohortData("curls", entries, frames(trials)), "AC")
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from reach_cases import THESIS, Reach, results
 from scipy.stats import spearmanr
 
 from mocap_id.reporting.figure import Figure, Line, Panel
-from mocap_id.reporting.reach_study.figures import reach_figures
+from mocap_id.reporting.reach_study.figures import draw_reach_figures
 from mocap_id.reporting.study.page_data import CohortData
 from mocap_id.workflows import reach_study
 from mocap_id.workflows.reach_study.correlation import correlate_ranks
@@ -111,7 +111,7 @@ def test_sides_and_sessions_are_drawn_on_one_scale_and_can_be_turned() -> None:
     reaches.append(Reach("p3", volume=0.2))
     trials = results(reaches)
     data = CohortData("a study", (), frames(reaches))
-    drawn = {one.name: one.figure for one in reach_figures(data, tuple(map(make_shape, trials))).all}
+    drawn = {one.name: one.figure for one in draw_reach_figures(data, tuple(map(make_shape, trials))).all}
     sides, sessions = drawn["reach-sides"], drawn["reach-sessions"]
     assert isinstance(sides, Figure)
     assert isinstance(sessions, Figure)
@@ -128,7 +128,7 @@ def test_sides_and_sessions_are_drawn_on_one_scale_and_can_be_turned() -> None:
     assert labels(sides.panels[0]) == ["right", "left"]
     assert labels(sides.panels[2]) == ["right"]
     assert labels(sessions.panels[0]) == ["a", "b"]
-    assert reach_figures(CohortData("s", (), frames(THESIS)), tuple(map(make_shape, results(THESIS)))).all[
+    assert draw_reach_figures(CohortData("s", (), frames(THESIS)), tuple(map(make_shape, results(THESIS)))).all[
         2
     ].figure == ("Every trial belongs to the same session.")
 

@@ -26,9 +26,9 @@ class Figure:
 
     def _repr_html_(self) -> str:
         """Return the interactive figure for a notebook."""
-        from mocap_id.reporting.notebook_view import figure_frame  # noqa: PLC0415  needs the page's templates
+        from mocap_id.reporting.notebook_view import render_figure_frame  # noqa: PLC0415  needs the page's templates
 
-        return figure_frame(self._of, self._drawing)
+        return render_figure_frame(self._of, self._drawing)
 
     @property
     def name(self) -> str:
@@ -47,16 +47,16 @@ class Figure:
 
     def to_html(self) -> str:
         """Return a complete page with the interactive figure and its scripts, about 1.2 MB; it needs no network."""
-        from mocap_id.reporting.notebook_view import figure_page  # noqa: PLC0415  needs the page's templates
+        from mocap_id.reporting.notebook_view import render_figure_page  # noqa: PLC0415  needs the page's templates
 
-        return figure_page(self._of, self._drawing)
+        return render_figure_page(self._of, self._drawing)
 
     def to_matplotlib(self) -> matplotlib.figure.Figure:
         """Return the figure as a new matplotlib figure, as ``mocap-id figures`` draws it, to change or save it."""
         from mocap_id.reporting import paper_figures  # noqa: PLC0415  imports matplotlib
 
         assert not isinstance(self._drawing.figure, str)
-        with paper_figures.paper_style():
+        with paper_figures.use_paper_style():
             return paper_figures.to_matplotlib(self._drawing.figure)
 
 

@@ -53,8 +53,8 @@ class Run:
 
     def _repr_html_(self) -> str:
         """Return verdict, main numbers and player for a notebook."""
-        from mocap_id.reporting.notebook_view import notebook_view  # noqa: PLC0415  needs the page's templates
-        from mocap_id.reporting.report import trial_player  # noqa: PLC0415  needs the page's templates
+        from mocap_id.reporting.notebook_view import render_notebook_view  # noqa: PLC0415  needs the page's templates
+        from mocap_id.reporting.report import make_trial_player  # noqa: PLC0415  needs the page's templates
         from mocap_id.reporting.report_data import ReportData  # noqa: PLC0415  needs the page's templates
 
         if not self.summary:
@@ -62,10 +62,10 @@ class Run:
         settings = {"space": str(self.summary.get("space"))}
         data = ReportData(self.name, __version__, self._files.artefacts, settings=settings)
         try:
-            player = trial_player(data)
+            player = make_trial_player(data)
         except MocapIdError as error:  # the numbers do not need the tables
-            return f"{notebook_view(self.summary)}<p>There is no player: {escape(str(error))}</p>"
-        return notebook_view(self.summary, player)
+            return f"{render_notebook_view(self.summary)}<p>There is no player: {escape(str(error))}</p>"
+        return render_notebook_view(self.summary, player)
 
     @property
     def name(self) -> str:

@@ -18,7 +18,7 @@ _DETAIL = 8.0  # s
 
 
 def draw(course: Trajectory, joints: Sequence[str], limits: MovementLimits, words: str) -> Figure:
-    """Draw the movement, inside :func:`mocap_id.reporting.paper_figures.paper_style`.
+    """Draw the movement, inside :func:`mocap_id.reporting.paper_figures.use_paper_style`.
 
     Parameters
     ----------
@@ -30,22 +30,22 @@ def draw(course: Trajectory, joints: Sequence[str], limits: MovementLimits, word
     words : str
         Instruction, as the title of the figure.
     """
-    drawing = paper_figures.new_figure(0.9 + _PANEL * len(joints))
+    drawing = paper_figures.make_figure(0.9 + _PANEL * len(joints))
     panels = drawing.subplots(len(joints), 2, squeeze=False, sharey="row", width_ratios=[2, 1])
     time = course.time - course.time[0]
     start = max(0.0, (time[-1] - _DETAIL) / 2)
     close = (time >= start) & (time <= start + _DETAIL)
     for j, name in enumerate(joints):
         for axes, part in zip(panels[j], (np.ones_like(close), close), strict=True):
-            axes.plot(time[part], np.degrees(course.q[part, j]), color=style.colour(j + 1))
-            _bounds(axes, float(np.degrees(limits.low[j])), float(np.degrees(limits.high[j])))
-        panels[j, 0].set_ylabel(f"{style.printable(name, 20)} (°)")
+            axes.plot(time[part], np.degrees(course.q[part, j]), color=style.pick_colour(j + 1))
+            _draw_bounds(axes, float(np.degrees(limits.low[j])), float(np.degrees(limits.high[j])))
+        panels[j, 0].set_ylabel(f"{style.clean(name, 20)} (°)")
     for axes in panels[-1]:
         axes.set_xlabel("time (s)")
-    drawing.suptitle("\n".join(textwrap.wrap(style.printable(words), 105)), fontsize=8, x=0.01, ha="left")
+    drawing.suptitle("\n".join(textwrap.wrap(style.clean(words), 105)), fontsize=8, x=0.01, ha="left")
     return drawing
 
 
-def _bounds(axes: Axes, low: float, high: float) -> None:
+def _draw_bounds(axes: Axes, low: float, high: float) -> None:
     for end in (low, high):
         axes.axhline(end, color=style.FAINT, linewidth=0.8, linestyle=":")

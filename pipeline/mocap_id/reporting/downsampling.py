@@ -10,7 +10,7 @@ BINS = 450
 """Bins across a figure, finer than visible on paper."""
 
 
-def envelope(time: FloatArray, values: FloatArray, bins: int = BINS) -> tuple[FloatArray, FloatArray]:
+def thin_curve(time: FloatArray, values: FloatArray, bins: int = BINS) -> tuple[FloatArray, FloatArray]:
     """Keep the lowest and highest sample of a curve in each bin, in order of time.
 
     Parameters
@@ -28,7 +28,7 @@ def envelope(time: FloatArray, values: FloatArray, bins: int = BINS) -> tuple[Fl
     """
     if len(time) <= 3 * bins:
         return time, values
-    block = _blocks(np.arange(len(time), dtype=np.float64), bins).astype(np.int64)
+    block = _reshape(np.arange(len(time), dtype=np.float64), bins).astype(np.int64)
     value = values[block]  # (bins, size)
     missing = np.isnan(value)
     rows = np.arange(len(block))
@@ -39,7 +39,7 @@ def envelope(time: FloatArray, values: FloatArray, bins: int = BINS) -> tuple[Fl
     return time[picked], values[picked]
 
 
-def band(
+def thin_band(
     time: FloatArray, low: FloatArray, high: FloatArray, bins: int = BINS
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return the minimum of the lower and the maximum of the upper edge of a band in each bin.
@@ -60,20 +60,20 @@ def band(
         return time, low, high
     lowest = np.where(np.isnan(low), np.inf, low)
     highest = np.where(np.isnan(high), -np.inf, high)
-    under, over = _blocks(lowest, bins).min(axis=1), _blocks(highest, bins).max(axis=1)
+    under, over = _reshape(lowest, bins).min(axis=1), _reshape(highest, bins).max(axis=1)
     known = np.isfinite(under) & np.isfinite(over)
-    return _blocks(time, bins).mean(axis=1), np.where(known, under, np.nan), np.where(known, over, np.nan)
+    return _reshape(time, bins).mean(axis=1), np.where(known, under, np.nan), np.where(known, over, np.nan)
 
 
-def runs(mask: BoolArray) -> IntArray:
+def find_runs(mask: BoolArray) -> IntArray:
     """Return the start and exclusive end index of each run of true samples, (R, 2)."""
     steps = np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8))
     return np.column_stack([np.flatnonzero(steps == 1), np.flatnonzero(steps == -1)]).astype(np.int64)
 
 
-def spans(time: FloatArray, mask: BoolArray, bins: int = BINS) -> list[tuple[float, float]]:
+def find_spans(time: FloatArray, mask: BoolArray, bins: int = BINS) -> list[tuple[float, float]]:
     """Return start and width, s, of each interval where ``mask`` (T,) is true; gaps below one bin are closed."""
-    found = runs(mask)
+    found = find_runs(mask)
     if not len(found):
         return []
     step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
@@ -84,7 +84,7 @@ def spans(time: FloatArray, mask: BoolArray, bins: int = BINS) -> list[tuple[flo
     return [(float(a), float(b - a)) for a, b in zip(start[first], end[last], strict=True)]
 
 
-def _blocks(values: FloatArray, bins: int) -> FloatArray:
+def _reshape(values: FloatArray, bins: int) -> FloatArray:
     """Reshape (T,) to (bins', size) with bins' ≤ bins, repeating the last sample to fill the last row."""
     size = -(-len(values) // bins)
     rows = -(-len(values) // size)

@@ -42,11 +42,11 @@ def embed(drawings: Drawings, player: Player | None = None) -> Embedded:
     contents: dict[str, Any] = {"figure-data": to_json(drawings)}
     if player is not None:
         contents["player-data"] = player.to_json()
-    scripts = (*_library(), *([_script("player.js")] if player is not None else []))
+    scripts = (*_read_library(), *([_read_script("player.js")] if player is not None else []))
     digests = " ".join(f"'sha256-{digest}'" for _, digest in scripts)
     return Embedded(
         data={
-            name: _escaped(json.dumps(content, separators=(",", ":"), allow_nan=False))
+            name: _escape(json.dumps(content, separators=(",", ":"), allow_nan=False))
             for name, content in contents.items()
         },
         scripts=tuple(text for text, _ in scripts),
@@ -69,17 +69,17 @@ def read_figures(page: str) -> Drawings:
 
 
 @cache
-def _library() -> tuple[tuple[str, str], ...]:
-    return _script("plotly-basic.min.js"), _script("chart.js")
+def _read_library() -> tuple[tuple[str, str], ...]:
+    return _read_script("plotly-basic.min.js"), _read_script("chart.js")
 
 
 @cache
-def _script(name: str) -> tuple[str, str]:
+def _read_script(name: str) -> tuple[str, str]:
     """Return a script and its SHA-256 digest."""
     text = files("mocap_id.reporting").joinpath("templates", name).read_text("utf-8").strip()
     return text, base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode()
 
 
-def _escaped(text: str) -> str:
+def _escape(text: str) -> str:
     """Escape JSON so that no label can close the script element."""
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")

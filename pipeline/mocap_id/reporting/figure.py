@@ -249,7 +249,7 @@ _KINDS = {
 }
 
 
-def in_lines(panels: tuple[Panel, ...], most: int) -> tuple[tuple[Panel, ...], ...]:
+def arrange_in_lines(panels: tuple[Panel, ...], most: int) -> tuple[tuple[Panel, ...], ...]:
     """Arrange panels in lines of at most ``most`` panels and of nearly equal length."""
     count = -(-len(panels) // most)
     size = -(-len(panels) // max(count, 1))

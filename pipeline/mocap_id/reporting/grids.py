@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any, TypeAlias
 
 from mocap_id.reporting import style
-from mocap_id.reporting.numbers import UNKNOWN, show, show_fixed, show_with_sd, times
+from mocap_id.reporting.numbers import UNKNOWN, scale, show, show_fixed, show_with_sd
 
 Source: TypeAlias = str | Callable[[Any], Any]
 """Source of a column's value: name of a key or attribute of the row, or a function of the row."""
@@ -68,11 +68,11 @@ class GridColumn:
     optional: bool = False
 
 
-def element(source: Source, key: int | str) -> Callable[[Any], Any]:
+def get_element(source: Source, key: int | str) -> Callable[[Any], Any]:
     """Return the source of one element of a list or mapping; its value is None if the list or element is missing."""
 
     def value(row: Any) -> Any:
-        values = _value(row, source)
+        values = _get_value(row, source)
         return values.get(key) if isinstance(values, Mapping) else values[key] if values else None
 
     return value
@@ -80,12 +80,12 @@ def element(source: Source, key: int | str) -> Callable[[Any], Any]:
 
 def text(head: str, source: Source, missing: str = "") -> GridColumn:
     """Return a column of texts, with ``missing`` for an empty value."""
-    return GridColumn(head, lambda row: str(_value(row, source) or missing), text=True)
+    return GridColumn(head, lambda row: str(_get_value(row, source) or missing), text=True)
 
 
 def whole(head: str, source: Source) -> GridColumn:
     """Return a column of whole numbers, with a dash for a missing value."""
-    return GridColumn(head, lambda row: show_fixed(_value(row, source), 0))
+    return GridColumn(head, lambda row: show_fixed(_get_value(row, source), 0))
 
 
 def number(
@@ -94,7 +94,7 @@ def number(
     """Return a column of numbers times a factor, with the given decimals or else three significant digits."""
 
     def cell(row: Any) -> str:
-        value = times(_value(row, source), factor)
+        value = scale(_get_value(row, source), factor)
         return show(value) if decimals is None else show_fixed(value, decimals)
 
     return GridColumn(head, cell, optional=optional)
@@ -112,14 +112,16 @@ def percent(head: str, source: Source) -> GridColumn:
 
 def with_sd(head: str, value: Source, sd: Source, factor: float = 1.0) -> GridColumn:
     """Return a column of values times a factor, with their standard deviations."""
-    return GridColumn(head, lambda row: show_with_sd(times(_value(row, value), factor), times(_value(row, sd), factor)))
+    return GridColumn(
+        head, lambda row: show_with_sd(scale(_get_value(row, value), factor), scale(_get_value(row, sd), factor))
+    )
 
 
 def mean_sd(head: str, name: str, factor: float = 1.0, decimals: int = 1) -> GridColumn:
     """Return a column of ``mean ± sd`` from the columns ``<name>_mean`` and ``<name>_sd`` of a result table."""
 
     def cell(row: Mapping[str, Any]) -> str:
-        mean, sd = (times(row[f"{name}_{part}"], factor) for part in ("mean", "sd"))
+        mean, sd = (scale(row[f"{name}_{part}"], factor) for part in ("mean", "sd"))
         shown = show_fixed(mean, decimals)
         return shown if sd is None else f"{shown} ± {show_fixed(sd, decimals)}"
 
@@ -133,7 +135,7 @@ def estimate(head: str, name: str) -> GridColumn:
 
 def show_estimate(row: Mapping[Any, Any], name: str, factor: float = 1.0) -> str:
     """Format a value of a result table with its interval, such as ``0.312 (0.287 … 0.330)``."""
-    value, low, high = (times(row[f"{name}{end}"], factor) for end in ("", "_low", "_high"))
+    value, low, high = (scale(row[f"{name}{end}"], factor) for end in ("", "_low", "_high"))
     return show(value) if low is None or high is None else f"{show(value)} ({show(low)} … {show(high)})"
 
 
@@ -159,10 +161,10 @@ def to_grid(caption: str, rows: Iterable[Any], columns: Sequence[GridColumn], in
         keys, rows = rows.keys(), rows.values()
     elif hasattr(rows, "to_dict"):
         rows = rows.to_dict("records")
-    cells = [[style.printable(column.cell(row)) for column in columns] for row in rows]
+    cells = [[style.clean(column.cell(row)) for column in columns] for row in rows]
     if index:
         columns = [text(index, ""), *columns]
-        cells = [[style.printable(key), *row] for key, row in zip(keys, cells, strict=False)]
+        cells = [[style.clean(key), *row] for key, row in zip(keys, cells, strict=False)]
     kept = [k for k, one in enumerate(columns) if not one.optional or any(row[k] != UNKNOWN for row in cells)]
     left = frozenset(place for place, k in enumerate(kept) if columns[k].text)
     return Grid(
@@ -172,21 +174,21 @@ def to_grid(caption: str, rows: Iterable[Any], columns: Sequence[GridColumn], in
 
 def list_facts(caption: str, values: Mapping[str, Any]) -> Grid:
     """Return a table of the known values; nested keys are joined by colons, and matrices are left out."""
-    return Grid(caption, ("quantity", "value"), tuple(_flat(values, "")), frozenset({0, 1}))
+    return Grid(caption, ("quantity", "value"), tuple(_flatten(values, "")), frozenset({0, 1}))
 
 
-def _value(row: Any, source: Source) -> Any:
+def _get_value(row: Any, source: Source) -> Any:
     if callable(source):
         return source(row)
     return row.get(source) if isinstance(row, Mapping) else getattr(row, source)
 
 
-def _flat(values: Mapping[str, Any], above: str) -> Iterator[tuple[str, str]]:
+def _flatten(values: Mapping[str, Any], above: str) -> Iterator[tuple[str, str]]:
     for key, value in values.items():
         if isinstance(value, Mapping):
-            yield from _flat(value, f"{above}{_label(key)}: ")
+            yield from _flatten(value, f"{above}{_make_label(key)}: ")
         elif value not in (None, "", UNKNOWN, [], ()) and not _is_matrix(value):
-            yield style.printable(above + _label(key)), style.printable(_format(value))
+            yield style.clean(above + _make_label(key)), style.clean(_format(value))
 
 
 def _is_matrix(value: object) -> bool:
@@ -194,7 +196,7 @@ def _is_matrix(value: object) -> bool:
     return any(isinstance(row, list) and any(isinstance(item, float) for item in row) for row in rows)
 
 
-def _label(key: str) -> str:
+def _make_label(key: str) -> str:
     """Return the key of a fact as readable text: ``window_s`` as window (s)."""
     if key in _LABELS or not key.isidentifier():
         return _LABELS.get(key, key)

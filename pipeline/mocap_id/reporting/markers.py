@@ -13,7 +13,7 @@ from mocap_id.store.spatial_views import SpatialSkeleton
 from mocap_id.store.views import Skeleton
 
 
-def positions_at(planar: LongTable, time: FloatArray, labels: Sequence[str], axes: str = "xy") -> FloatArray:
+def read_positions(planar: LongTable, time: FloatArray, labels: Sequence[str], axes: str = "xy") -> FloatArray:
     """Return measured marker positions in the plane of motion, or in space.
 
     Parameters
@@ -65,7 +65,7 @@ class Residual:
     seen: float
 
 
-def residuals_by_marker(markers: LongTable | None, skeleton: Skeleton | SpatialSkeleton | None) -> dict[str, Residual]:
+def compute_residuals(markers: LongTable | None, skeleton: Skeleton | SpatialSkeleton | None) -> dict[str, Residual]:
     """Return the residuals of ``markers.parquet`` by marker label; empty without that table."""
     if markers is None or not markers.length:
         return {}

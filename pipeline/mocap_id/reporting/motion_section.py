@@ -16,20 +16,20 @@ from mocap_id.reporting.tables import describe_band
 _COMPONENTS = {"Fx": "N", "Fy": "N", "tauz": "N·m"}
 
 
-def motion_section(data: ReportData, summary: Summary) -> list[Section]:
+def make_motion_section(data: ReportData, summary: Summary) -> list[Section]:
     """Return the section on the motion of the masses; empty in space, or if nothing was identified."""
     motion = summary.dynamics.motion
     if motion is None or data.in_space:
         return []
     sentences: tuple[str, ...] = (_describe_chain(motion),)
-    grids: tuple[Grid, ...] = (_errors(data, summary),)
+    grids: tuple[Grid, ...] = (_list_errors(data, summary),)
     if motion.source != "chain":
         choice = (
             f"In the dynamics, every body moves as its own markers were measured, because {motion.why}. Pinned joints "
             "would hide this movement. Skeleton, lengths and angles are still those of the pinned chain."
         )
         sentences = (choice, _compare_errors(data, summary, motion))
-        grids = (*grids, _joints(data, motion), _poses(motion))
+        grids = (*grids, _list_joints(data, motion), _list_poses(motion))
     return [Section("motion", "Motion of the masses", grids, text=sentences, needs="dynamics.h5")]
 
 
@@ -48,7 +48,10 @@ def _compare_errors(data: ReportData, summary: Summary, motion: MotionEntry) -> 
     pins, offset = summary.dynamics.pins, summary.dynamics.clock_offset_s
     if pins.chain is None or pins.segments is None:
         return f"The effect of pinned joints is unknown: {pins.why}."
-    errors = {part: (_rms(pins.chain.wrench.get(part)), _rms(pins.segments.wrench.get(part))) for part in _COMPONENTS}
+    errors = {
+        part: (_compute_rms(pins.chain.wrench.get(part)), _compute_rms(pins.segments.wrench.get(part)))
+        for part in _COMPONENTS
+    }
     errors["the centre of pressure"] = (pins.chain.cop_rms_m, pins.segments.cop_rms_m)
     ratios = ", ".join(
         f"{show_fixed(pinned / free, 1)} times as large for {name}"
@@ -66,7 +69,7 @@ def _compare_errors(data: ReportData, summary: Summary, motion: MotionEntry) -> 
     )
 
 
-def _errors(data: ReportData, summary: Summary) -> Grid:
+def _list_errors(data: ReportData, summary: Summary) -> Grid:
     """Return the errors on left-out repetitions and the clock offset, for the pinned chain and measured poses."""
     pins = summary.dynamics.pins
     motions = {
@@ -74,7 +77,7 @@ def _errors(data: ReportData, summary: Summary) -> Grid:
         "measured poses": (pins.segments, summary.dynamics.clock_offset_s),
     }
     columns = (
-        *(number(f"{part} ({unit})", _rms_source(part)) for part, unit in _COMPONENTS.items()),
+        *(number(f"{part} ({unit})", _make_rms_source(part)) for part, unit in _COMPONENTS.items()),
         millimetres("centre of pressure (mm)", lambda row: row[0].cop_rms_m),
         number("clock offset (ms)", lambda row: row[1], 2, 1e3),
     )
@@ -82,11 +85,11 @@ def _errors(data: ReportData, summary: Summary) -> Grid:
     return to_grid(caption, {name: row for name, row in motions.items() if row[0] is not None}, columns, "motion")
 
 
-def _joints(data: ReportData, motion: MotionEntry) -> Grid:
+def _list_joints(data: ReportData, motion: MotionEntry) -> Grid:
     """Return the gap of each joint and whether it is pinned in the dynamics."""
-    inside = _joints_inside_bodies(data)
+    inside = _find_joints_inside_bodies(data)
 
-    def treatment(row: tuple[str, GapEntry]) -> str:
+    def describe_treatment(row: tuple[str, GapEntry]) -> str:
         if row[0] in inside:
             return f"inside one body ({inside[row[0]]})"
         return "pinned" if row[1].pinned else "free"
@@ -95,13 +98,13 @@ def _joints(data: ReportData, motion: MotionEntry) -> Grid:
         text("joint", lambda row: row[0]),
         millimetres("gap (mm)", lambda row: row[1].gap_m),
         number("acceleration below 3 Hz (m/s²)", lambda row: row[1].acceleration_m_s2),
-        text("in the dynamics", treatment),
+        text("in the dynamics", describe_treatment),
     )
     caption = "Gap between the two sides of each joint (rms). A joint with at most 0.03 m/s² (noise) is pinned"
     return to_grid(caption, list((motion.joints or {}).items()), columns)
 
 
-def _poses(motion: MotionEntry) -> Grid:
+def _list_poses(motion: MotionEntry) -> Grid:
     """Return bodies, cut-off frequencies and prior of a fit to measured poses."""
     cutoffs = {f"cut-off frequency for {axis} (Hz)": f"{cutoff:g}" for axis, cutoff in (motion.bands_hz or {}).items()}
     values = {
@@ -113,17 +116,17 @@ def _poses(motion: MotionEntry) -> Grid:
     return list_facts("Measured poses", values)
 
 
-def _rms(channel: ChannelEntry | None) -> float | None:
+def _compute_rms(channel: ChannelEntry | None) -> float | None:
     if channel is None or channel.bias is None or channel.sd is None:
         return None
     return math.hypot(channel.bias, channel.sd)
 
 
-def _rms_source(part: str) -> Callable[[tuple[PredictedEntry, float | None]], float | None]:
-    return lambda row: _rms(row[0].wrench.get(part))
+def _make_rms_source(part: str) -> Callable[[tuple[PredictedEntry, float | None]], float | None]:
+    return lambda row: _compute_rms(row[0].wrench.get(part))
 
 
-def _joints_inside_bodies(data: ReportData) -> dict[str, str]:
+def _find_joints_inside_bodies(data: ReportData) -> dict[str, str]:
     """Return the joints whose two segments belong to one body of the dynamics, with the name of that body."""
     bodies = data.facts("poses.parquet").get("bodies") or ()
     used = (data.facts("dynamics.h5").get("motion") or {}).get("used") or ()

@@ -12,7 +12,7 @@ from mocap_id.reporting.explanations import LEVELS
 from mocap_id.reporting.figure import Drawing, Drawings
 from mocap_id.reporting.grids import Grid, GridColumn, number, show_ends, text, to_grid, with_sd
 from mocap_id.reporting.numbers import UNKNOWN, show_fixed, show_interval
-from mocap_id.reporting.page import environment
+from mocap_id.reporting.page import make_environment
 from mocap_id.reporting.player import Player
 from mocap_id.reporting.reasons import explain_reason
 from mocap_id.reporting.space import tables as spatial
@@ -23,7 +23,7 @@ _TITLE = 0.35  # inches, the title of a panel and the space below
 _PLAYER_HEIGHT = 860  # pixels, in a notebook 60rem wide
 
 
-def notebook_view(document: Mapping[str, Any], player: Player | None = None) -> str:
+def render_notebook_view(document: Mapping[str, Any], player: Player | None = None) -> str:
     """Return verdict, main numbers with their 95 % intervals, and player as a piece of HTML.
 
     Parameters
@@ -35,18 +35,18 @@ def notebook_view(document: Mapping[str, Any], player: Player | None = None) -> 
     """
     summary = Summary.model_validate(document)
     headline, lead = LEVELS[summary.verdict.level]
-    template = environment().get_template("notebook.html.j2")
+    template = make_environment().get_template("notebook.html.j2")
     view = template.render(
-        trial=style.printable(summary.trial),
+        trial=style.clean(summary.trial),
         headline=headline,
         lead=lead,
         reasons=[explain_reason(reason) for reason in summary.verdict.reasons],
-        grids=[_lengths(summary), spatial.angles(summary), _reach(summary), _parameters(summary)],
+        grids=[_list_lengths(summary), spatial.list_angles(summary), _list_volume(summary), _list_parameters(summary)],
     )
-    return view if player is None else view + _frame(_page(summary.trial, player=player), _PLAYER_HEIGHT)
+    return view if player is None else view + _make_frame(_render_page(summary.trial, player=player), _PLAYER_HEIGHT)
 
 
-def figure_page(of: str, drawing: Drawing) -> str:
+def render_figure_page(of: str, drawing: Drawing) -> str:
     """Return a whole page, with its scripts, that shows one figure.
 
     Parameters
@@ -55,32 +55,32 @@ def figure_page(of: str, drawing: Drawing) -> str:
         Trial or study of the figure.
     drawing : Drawing
     """
-    return _page(of, drawing)
+    return _render_page(of, drawing)
 
 
-def figure_frame(of: str, drawing: Drawing) -> str:
+def render_figure_frame(of: str, drawing: Drawing) -> str:
     """Return one figure as a piece of HTML: :func:`figure_page` in a frame of its own."""
     panels = (
         0.0
         if isinstance(drawing.figure, str)
         else sum(max(panel.height for panel in line) + _TITLE for line in drawing.figure.lines)
     )
-    return _frame(_page(of, drawing), round(_PER_INCH * panels) + 180)
+    return _make_frame(_render_page(of, drawing), round(_PER_INCH * panels) + 180)
 
 
-def _page(of: str, *drawings: Drawing, player: Player | None = None) -> str:
-    template = environment().get_template("notebook_frame.html.j2")
+def _render_page(of: str, *drawings: Drawing, player: Player | None = None) -> str:
+    template = make_environment().get_template("notebook_frame.html.j2")
     embedded = embed(Drawings(of, drawings), player)
-    return template.render(title=style.printable(of), drawings=drawings, player=player, embedded=embedded)
+    return template.render(title=style.clean(of), drawings=drawings, player=player, embedded=embedded)
 
 
-def _frame(page: str, height: int) -> str:
+def _make_frame(page: str, height: int) -> str:
     """Return a frame with a page inside; its scripts can reach neither the notebook nor the network."""
     look = f"width: 100%; height: {height}px; border: 0; resize: vertical; overflow: auto"
     return f'<iframe sandbox="allow-scripts allow-downloads" style="{look}" srcdoc="{escape(page)}"></iframe>'
 
 
-def _lengths(summary: Summary) -> Grid:
+def _list_lengths(summary: Summary) -> Grid:
     columns = (
         with_sd("length ± sd (m)", "value", "sd"),
         GridColumn("95 % interval", lambda entry: show_interval(entry.value, entry.sd)),
@@ -88,7 +88,7 @@ def _lengths(summary: Summary) -> Grid:
     return to_grid("Segment lengths", summary.lengths_m or {}, columns, "segment")
 
 
-def _reach(summary: Summary) -> Grid:
+def _list_volume(summary: Summary) -> Grid:
     columns = (
         number("volume (m³)", "volume_m3", 3),
         GridColumn("95 % interval", lambda entry: show_ends(entry.interval_m3, 3)),
@@ -97,12 +97,12 @@ def _reach(summary: Summary) -> Grid:
     return to_grid("Reachable volume", rows, columns, "point")
 
 
-def _parameters(summary: Summary) -> Grid:
+def _list_parameters(summary: Summary) -> Grid:
     columns = (
         text("parameter", "name"),
         with_sd("value ± sd", "value", "sd"),
         GridColumn("95 % interval", lambda entry: show_interval(entry.value, entry.sd)),
-        text("unit", lambda entry: style.unit(entry.unit)),
+        text("unit", lambda entry: style.format_unit(entry.unit)),
         text("verdict", "verdict", UNKNOWN),
     )
     vertical = (summary.dynamics.wrench or {}).get("Fy")

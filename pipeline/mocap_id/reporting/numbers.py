@@ -13,24 +13,24 @@ UNKNOWN = "–"
 """Text for an unknown quantity."""
 
 
-def known(value: object) -> float | None:
+def to_number(value: object) -> float | None:
     """Return a fact as a finite number; None if it is missing, NaN, infinite or not a number."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
         return None
     return float(value) if math.isfinite(value) else None
 
 
-def times(value: object, factor: float) -> float | None:
+def scale(value: object, factor: float) -> float | None:
     """Return a number times a factor; None if the number is unknown."""
-    number = known(value)
+    number = to_number(value)
     return None if number is None else factor * number
 
 
-def all_known(values: object) -> list[float] | None:
+def to_numbers(values: object) -> list[float] | None:
     """Return a vector as finite numbers; None if it is missing or any element is unknown."""
     if isinstance(values, str) or not isinstance(values, Iterable):
         return None
-    numbers = [known(value) for value in values]
+    numbers = [to_number(value) for value in values]
     found = [number for number in numbers if number is not None]
     return found if numbers and len(found) == len(numbers) else None
 
@@ -43,17 +43,17 @@ def show(value: object, digits: int = 3, unit: str = "") -> str:
     >>> show(float("nan"))
     '–'
     """
-    number = known(value)
+    number = to_number(value)
     if number is None:
         return UNKNOWN
-    decimals = digits - 1 - _magnitude(number)
+    decimals = digits - 1 - _find_magnitude(number)
     text = f"{number:.{digits - 1}e}" if decimals > 6 or decimals < -4 else f"{number:.{max(decimals, 0)}f}"
     return f"{text.replace('-', '−')} {unit}".rstrip()
 
 
 def show_fixed(value: object, decimals: int, unit: str = "") -> str:
     """Format a number with a fixed number of decimals and its unit; a dash if unknown."""
-    number = known(value)
+    number = to_number(value)
     if number is None:
         return UNKNOWN
     rounded = round(number, decimals) + 0.0  # no negative zero
@@ -63,12 +63,12 @@ def show_fixed(value: object, decimals: int, unit: str = "") -> str:
 
 def show_millimetres(metres: object) -> str:
     """Format a length in millimetres with one decimal; a dash if unknown."""
-    return show_fixed(times(metres, 1e3), 1)
+    return show_fixed(scale(metres, 1e3), 1)
 
 
 def show_percent(share: object) -> str:
     """Format a share in per cent with one decimal; a dash if unknown."""
-    return show_fixed(times(share, 100), 1)
+    return show_fixed(scale(share, 100), 1)
 
 
 def show_with_sd(value: object, sd: object, unit: str = "") -> str:
@@ -77,7 +77,7 @@ def show_with_sd(value: object, sd: object, unit: str = "") -> str:
     >>> show_with_sd(0.41234, 0.00312, "m")
     '0.4123 ± 0.0031 m'
     """
-    if not known(sd):
+    if not to_number(sd):
         return show(value, 4, unit)
     number = show_beside(value, sd)
     return number if number == UNKNOWN else f"{number} ± {show_beside(sd, sd, unit)}"
@@ -85,21 +85,21 @@ def show_with_sd(value: object, sd: object, unit: str = "") -> str:
 
 def show_beside(value: object, sd: object, unit: str = "") -> str:
     """Format a number to the second significant digit of a standard deviation."""
-    spread = known(sd)
+    spread = to_number(sd)
     if not spread:
         return show(value, 4, unit)
-    return show_fixed(value, min(max(1 - _magnitude(spread), 0), 6), unit)
+    return show_fixed(value, min(max(1 - _find_magnitude(spread), 0), 6), unit)
 
 
 def show_interval(value: object, sd: object) -> str:
     """Format the 95 % interval of a normally distributed quantity."""
-    number, spread = known(value), known(sd)
+    number, spread = to_number(value), to_number(sd)
     if number is None or not spread:
         return UNKNOWN
     low, high = (show_beside(number + side * NORMAL_95 * spread, spread) for side in (-1, 1))
     return f"{low} … {high}"
 
 
-def _magnitude(number: float) -> int:
+def _find_magnitude(number: float) -> int:
     """Return the power of ten of the leading digit; 0 for zero."""
     return 0 if number == 0 else math.floor(math.log10(abs(number)))

@@ -67,14 +67,14 @@ class Page:
 
     def render(self) -> bytes:
         """Return the page as UTF-8."""
-        template = environment().get_template("page.html.j2")
+        template = make_environment().get_template("page.html.j2")
         embedded = embed(self.figures, self.player)
-        return template.render(
-            page=self, name=style.printable(self.name), product=__version__, embedded=embedded
-        ).encode("utf-8")
+        return template.render(page=self, name=style.clean(self.name), product=__version__, embedded=embedded).encode(
+            "utf-8"
+        )
 
 
-def environment() -> Environment:
+def make_environment() -> Environment:
     """Return the template environment, which escapes all values."""
     return Environment(
         loader=PackageLoader("mocap_id.reporting", "templates"),

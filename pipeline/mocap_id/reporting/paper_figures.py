@@ -82,7 +82,7 @@ _RC: dict[Any, object] = {
 
 
 @contextmanager
-def paper_style(pdf_fonts: PdfFonts = "type-3") -> Iterator[None]:
+def use_paper_style(pdf_fonts: PdfFonts = "type-3") -> Iterator[None]:
     """Return a context with our matplotlib settings."""
     with mpl.rc_context():
         mpl.rcdefaults()
@@ -91,9 +91,9 @@ def paper_style(pdf_fonts: PdfFonts = "type-3") -> Iterator[None]:
         yield
 
 
-def figure_files(drawings: Drawings, pdf_fonts: PdfFonts = "type-3") -> dict[str, bytes]:
+def make_figure_files(drawings: Drawings, pdf_fonts: PdfFonts = "type-3") -> dict[str, bytes]:
     """Return the captions, and each existing figure as SVG and PDF, by file name."""
-    contents = {CAPTIONS_FILE: _captions(drawings)}
+    contents = {CAPTIONS_FILE: _list_captions(drawings)}
     for one in drawings.all:
         figure = one.figure
         if not isinstance(figure, str):
@@ -103,7 +103,7 @@ def figure_files(drawings: Drawings, pdf_fonts: PdfFonts = "type-3") -> dict[str
     return contents
 
 
-def _captions(drawings: Drawings) -> bytes:
+def _list_captions(drawings: Drawings) -> bytes:
     """Return the captions of all figures as Markdown."""
     captions = (
         f"**{one.title}** (`{one.name}.svg`, `{one.name}.pdf`). {one.caption}"
@@ -118,7 +118,7 @@ def render(name: str, title: str, draw: Callable[[], MplFigure], pdf_fonts: PdfF
     """Render the result of ``draw`` with our settings as SVG and PDF, by file name."""
     about = {"CreationDate": None, "Creator": None, "Producer": None}
     silent = {"Date": None, "Creator": None, "Format": None, "Type": None}
-    with paper_style(pdf_fonts), mpl.rc_context({"svg.hashsalt": name}), warnings.catch_warnings():
+    with use_paper_style(pdf_fonts), mpl.rc_context({"svg.hashsalt": name}), warnings.catch_warnings():
         # characters missing in matplotlib's font: text in the SVG, shown in the viewer's font; a box in the PDF
         warnings.filterwarnings("ignore", message="Glyph .* missing from", category=UserWarning)
         made, svg, pdf = draw(), io.BytesIO(), io.BytesIO()
@@ -126,12 +126,12 @@ def render(name: str, title: str, draw: Callable[[], MplFigure], pdf_fonts: PdfF
         made.set_layout_engine("none")  # one layout for both formats
         for axes in made.axes:  # the layout solver is not reproducible to the last bit
             axes.set_position(np.round(axes.get_position(original=True).bounds, 6).tolist())
-        FigureCanvasSVG(made).print_figure(svg, format="svg", metadata={**silent, "Title": style.printable(title)})
-        FigureCanvasPdf(made).print_figure(pdf, format="pdf", metadata={**about, "Title": style.printable(title)})
+        FigureCanvasSVG(made).print_figure(svg, format="svg", metadata={**silent, "Title": style.clean(title)})
+        FigureCanvasPdf(made).print_figure(pdf, format="pdf", metadata={**about, "Title": style.clean(title)})
     return {f"{name}.svg": svg.getvalue(), f"{name}.pdf": pdf.getvalue()}
 
 
-def new_figure(height: float) -> MplFigure:
+def make_figure(height: float) -> MplFigure:
     """Return an empty figure of the standard width and this height, inches, inside :func:`paper_style`."""
     return MplFigure(figsize=(WIDTH, height), layout="constrained")
 
@@ -139,7 +139,7 @@ def new_figure(height: float) -> MplFigure:
 def to_matplotlib(figure: Figure) -> MplFigure:
     """Convert a figure to a matplotlib figure, inside :func:`paper_style`."""
     heights = [max(panel.height for panel in line) for line in figure.lines]
-    whole = new_figure(0.4 + sum(heights))
+    whole = make_figure(0.4 + sum(heights))
     columns = math.lcm(*(len(line) for line in figure.lines))
     grid = whole.add_gridspec(len(heights), columns, height_ratios=heights)
     norm = Normalize(figure.scale.low, figure.scale.high) if figure.scale else None
@@ -152,8 +152,8 @@ def to_matplotlib(figure: Figure) -> MplFigure:
             axes = whole.add_subplot(place, sharex=first if panel.linked else None)
             first = axes if panel.linked else first
             for item in panel.flat().items:
-                _item(axes, item, norm)
-            _dress(axes, panel, named=k == 0)
+                _draw_item(axes, item, norm)
+            _set_axes(axes, panel, named=k == 0)
             if len(line) > 1 and not panel.x_ticks:
                 axes.locator_params(axis="x", nbins=max(2, 7 - len(line)))
             found.append(axes)
@@ -161,11 +161,11 @@ def to_matplotlib(figure: Figure) -> MplFigure:
     if figure.scale is not None:
         shades = ScalarMappable(norm, mpl.colormaps[HEAT].resampled(SHADES))
         whole.colorbar(shades, ax=found, label=figure.scale.label, shrink=0.7, aspect=30)
-    legend_above(whole, found)
+    add_legend(whole, found)
     return whole
 
 
-def legend_above(whole: MplFigure, panels: Sequence[Axes]) -> None:
+def add_legend(whole: MplFigure, panels: Sequence[Axes]) -> None:
     """Add one legend above the figure for the labels of all panels, if there are any."""
     handles: dict[str, Any] = {}
     for axes in panels:
@@ -176,7 +176,7 @@ def legend_above(whole: MplFigure, panels: Sequence[Axes]) -> None:
         whole.legend(list(handles.values()), list(handles), loc="outside upper left", ncols=columns)
 
 
-def _item(axes: Axes, item: Item, norm: Normalize | None) -> None:
+def _draw_item(axes: Axes, item: Item, norm: Normalize | None) -> None:
     look: dict[str, Any]
     match item:
         case Line():
@@ -185,7 +185,7 @@ def _item(axes: Axes, item: Item, norm: Normalize | None) -> None:
         case Band():
             axes.fill_between(item.x, item.low, item.high, color=item.colour, alpha=item.opacity, lw=0)
         case Points():
-            _points(axes, item)
+            _draw_points(axes, item)
         case Heat():
             look = {"marker": "s", "linewidths": 0.3, "edgecolors": style.INK, "zorder": 3, "clip_on": False}
             shades = mpl.colormaps[HEAT].resampled(SHADES)
@@ -207,7 +207,7 @@ def _item(axes: Axes, item: Item, norm: Normalize | None) -> None:
             axes.add_line(Line2D([], [], marker="s", ls="none", ms=5, color=item.colour, label=item.label))
 
 
-def _points(axes: Axes, item: Points) -> None:
+def _draw_points(axes: Axes, item: Points) -> None:
     face = "none" if item.symbol in _OPEN else item.colour
     look: dict[str, Any] = {
         "marker": _MARKERS[item.symbol],
@@ -226,7 +226,7 @@ def _points(axes: Axes, item: Points) -> None:
     axes.errorbar(item.x, item.y, xerr=item.half, label=item.label or None, **look)
 
 
-def _dress(axes: Axes, panel: Panel, *, named: bool) -> None:
+def _set_axes(axes: Axes, panel: Panel, *, named: bool) -> None:
     """Set title, labels, ranges and scales of a panel."""
     axes.set(title=panel.title, xlabel=panel.x, ylabel=panel.y)
     if panel.x_range is not None:

@@ -15,7 +15,7 @@ from mocap_id.reporting import style
 from mocap_id.reporting.figure import Figure, Line, Panel, Points, Rule, to_json
 from mocap_id.reporting.figures import states, wrench
 from mocap_id.reporting.figures.skeleton import ALONG, UP
-from mocap_id.reporting.markers import positions_at
+from mocap_id.reporting.markers import read_positions
 from mocap_id.reporting.report_data import ReportData
 
 RATE = 30.0
@@ -89,7 +89,7 @@ class Player:
             "step": step,
             "unknown": _UNKNOWN,
             "rows": [part.values.shape[2] for part in self.parts],
-            **({"centre": bounds(self.parts).mean(axis=1).tolist()} if self.in_space else {}),
+            **({"centre": find_bounds(self.parts).mean(axis=1).tolist()} if self.in_space else {}),
         }
 
     @property
@@ -100,29 +100,29 @@ class Player:
     def _panel(self) -> Panel:
         """Return the panel with sticks, joints, markers, arrows and the ground."""
         if self.in_space:
-            x, y = _any_view(bounds(self.parts))
+            x, y = _fit_any_view(find_bounds(self.parts))
             moving = tuple(part.item for part in self.parts)
             return Panel(moving, x=ACROSS, y=UPWARDS, x_range=x, y_range=y, equal=True, height=TALL_IN_SPACE)
-        x, y = _to_scale(bounds(self.parts))
+        x, y = _fit_to_shape(find_bounds(self.parts))
         items = (Rule("y", 0.0, style.FAINT), *(part.item for part in self.parts))
         return Panel(items, x=ALONG, y=UP, x_range=x, y_range=y, equal=True, height=TALL)
 
 
-def player(data: ReportData) -> Player | None:
+def make_player(data: ReportData) -> Player | None:
     """Return the player of a trial; None if there are no moving markers."""
     planar = data.long("planar.parquet")
     if planar is None or not len(planar.labels):
         return None
-    time = frame_times(planar.time, len(planar.labels))
+    time = choose_frame_times(planar.time, len(planar.labels))
     if len(time) < 2:
         return None
     labels = tuple(str(label) for label in planar.labels)
-    moving = [*_chain(data, time), *marker_parts(data, labels, positions_at(planar, time, labels))]
-    scale, forces = _forces(data, time, float(np.ptp(bounds(moving)[1])))
-    return Player(time, (*moving, *forces), _curves(data), scale, _motion(data))
+    moving = [*_make_chain(data, time), *make_marker_parts(data, labels, read_positions(planar, time, labels))]
+    scale, forces = _make_forces(data, time, float(np.ptp(find_bounds(moving)[1])))
+    return Player(time, (*moving, *forces), _make_curves(data), scale, _describe_motion(data))
 
 
-def bounds(parts: Sequence[Part]) -> FloatArray:
+def find_bounds(parts: Sequence[Part]) -> FloatArray:
     """Return minimum and maximum of each coordinate over all parts, (2 or 3, 2), m, without outliers."""
     seen = [part.values for part in parts if not part.name.startswith("force")]
     points = np.concatenate([values.swapaxes(1, 2).reshape(-1, values.shape[1]) for values in seen])
@@ -132,7 +132,7 @@ def bounds(parts: Sequence[Part]) -> FloatArray:
     return found
 
 
-def _any_view(found: FloatArray) -> tuple[tuple[float, float], tuple[float, float]]:
+def _fit_any_view(found: FloatArray) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return ranges across and up the view that contain the bounds (3, 2), however they are turned about y."""
     half = np.ptp(found, axis=1) / 2
     wide, high = np.hypot(half[0], half[2]), np.linalg.norm(half)
@@ -140,7 +140,7 @@ def _any_view(found: FloatArray) -> tuple[tuple[float, float], tuple[float, floa
     return (-side, side), (-side, side)
 
 
-def _to_scale(found: FloatArray) -> tuple[tuple[float, float], tuple[float, float]]:
+def _fit_to_shape(found: FloatArray) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return ranges of x and y that contain the bounds and the ground, in the shape of the player."""
     low, high = np.minimum(found[:, 0], [np.inf, 0.0]), np.maximum(found[:, 1], [-np.inf, 0.0])
     shape = np.array([_SHAPE, 1.0])
@@ -149,7 +149,7 @@ def _to_scale(found: FloatArray) -> tuple[tuple[float, float], tuple[float, floa
     return (float(left), float(right)), (float(below), float(above))
 
 
-def frame_times(time: FloatArray, markers: int, most: int = MOST) -> FloatArray:
+def choose_frame_times(time: FloatArray, markers: int, most: int = MOST) -> FloatArray:
     """Return evenly spaced sample times of the recording, at most ``most``."""
     if len(time) < 2:
         return time
@@ -158,23 +158,25 @@ def frame_times(time: FloatArray, markers: int, most: int = MOST) -> FloatArray:
     return time[np.unique(np.linspace(0, len(time) - 1, count).round().astype(np.int64))]
 
 
-def _chain(data: ReportData, time: FloatArray) -> list[Part]:
+def _make_chain(data: ReportData, time: FloatArray) -> list[Part]:
     """Return sticks from joint to joint and to the centroid of the last segment's markers, and the joints."""
     skeleton, motion = data.skeleton, data.motion
     if skeleton is None or motion is None or not len(motion.time):
         return []
-    angle, origin = segment_poses(motion.angles[_nearest(motion.time, time)], skeleton.centres)
+    angle, origin = segment_poses(motion.angles[_find_nearest(motion.time, time)], skeleton.centres)
     tip = origin[:, -1] + rotate(angle[:, -1], skeleton.tip)
     points = np.concatenate([origin[:, 1:], tip[:, None]], axis=1).swapaxes(1, 2)  # (K, 2, n + 1)
-    sticks = [
-        Part("stick", {"colour": style.colour(j + 1), "label": style.printable(name, 20), "width": 5.0, "opacity": 0.6},
-             points[..., j : j + 2])
-        for j, name in enumerate(skeleton.joints)
-    ]  # fmt: skip
+    sticks = [make_stick(j + 1, name, points[..., j : j + 2]) for j, name in enumerate(skeleton.joints)]
     return [*sticks, Part("joints", {"colour": style.INK, "symbol": "ring", "size": 10.0}, points[..., :-1])]
 
 
-def marker_parts(data: ReportData, labels: tuple[str, ...], values: FloatArray) -> list[Part]:
+def make_stick(segment: int, name: str, ends: FloatArray) -> Part:
+    """Return the stick of a segment between its ends (K, 2 or 3, 2)."""
+    look = {"colour": style.pick_colour(segment), "label": style.clean(name, 20), "width": 5.0, "opacity": 0.6}
+    return Part("stick", look, ends)
+
+
+def make_marker_parts(data: ReportData, labels: tuple[str, ...], values: FloatArray) -> list[Part]:
     """Return the markers (K, M, 2 or 3) of each segment, and crosses for markers without a segment."""
     skeleton = data.skeleton or data.spatial_skeleton
     known = {} if skeleton is None else dict(zip(skeleton.markers, skeleton.marker_segment.tolist(), strict=True))
@@ -182,18 +184,18 @@ def marker_parts(data: ReportData, labels: tuple[str, ...], values: FloatArray) 
     parts = []
     for k in np.unique(segments).tolist():
         own = np.flatnonzero(segments == k)
-        names = tuple(style.printable(labels[i], 24) for i in own)
-        look = {"colour": style.colour(k), "symbol": "x" if k < 0 else "dot", "size": 3.7, "names": names}
+        names = tuple(style.clean(labels[i], 24) for i in own)
+        look = {"colour": style.pick_colour(k), "symbol": "x" if k < 0 else "dot", "size": 3.7, "names": names}
         parts.append(Part("markers", look, values[:, own].swapaxes(1, 2)))
     return parts
 
 
-def _forces(data: ReportData, time: FloatArray, height: float) -> tuple[float | None, list[Part]]:
+def _make_forces(data: ReportData, time: FloatArray, height: float) -> tuple[float | None, list[Part]]:
     """Return the scale, N per metre of arrow, and the arrows of the measured and modelled ground reaction force."""
-    table = wrench.forces(data)
+    table = wrench.read_forces(data)
     if table is None or not table.length:
         return None, []
-    row = _nearest(table["time"], time)
+    row = _find_nearest(table["time"], time)
     found = {
         suffix: table.stack(columns)[row]
         for suffix in ("", "_model")
@@ -206,7 +208,7 @@ def _forces(data: ReportData, time: FloatArray, height: float) -> tuple[float | 
     parts = []
     for suffix, force in found.items():
         colour, label = (style.MODEL, "identified model") if suffix else (style.MEASURED, "measured")
-        arrow = _arrows(force, scale)
+        arrow = _make_arrows(force, scale)
         look = {"colour": colour, "label": label, "width": 1.6 if suffix else 2.2}
         parts += [
             Part(f"force{suffix}", look, arrow),
@@ -215,7 +217,7 @@ def _forces(data: ReportData, time: FloatArray, height: float) -> tuple[float | 
     return scale, parts
 
 
-def _arrows(force: FloatArray, scale: float) -> FloatArray:
+def _make_arrows(force: FloatArray, scale: float) -> FloatArray:
     """Return start and end of the arrows of (cop_x, Fx, Fy), (K, 2, 2), m."""
     cop, Fx, Fy = force.T
     start = np.where(np.isfinite(force.sum(axis=1)), 0.0, np.nan)
@@ -223,22 +225,24 @@ def _arrows(force: FloatArray, scale: float) -> FloatArray:
     return np.moveaxis(np.array(ends), -1, 0)
 
 
-def _curves(data: ReportData) -> tuple[Panel, ...]:
+def _make_curves(data: ReportData) -> tuple[Panel, ...]:
     motion = data.motion
     states_known = motion is not None and motion.mean.size
-    angles = [states.panel(motion, 0, states.joint_names(data), LOW)] if motion is not None and states_known else []
-    forces = [panel for panel in wrench.panels(data, LOW) if any(isinstance(item, Line) for item in panel.items)]
+    angles = (
+        [states.draw_panel(motion, 0, states.name_joints(data), LOW)] if motion is not None and states_known else []
+    )
+    forces = [panel for panel in wrench.draw_panels(data, LOW) if any(isinstance(item, Line) for item in panel.items)]
     return (*angles, *forces)
 
 
-def _motion(data: ReportData) -> str:
+def _describe_motion(data: ReportData) -> str:
     if data.measured_poses:
         return "The stick figure is the pinned chain; the modelled forces use the measured poses."
     known = data.facts("dynamics.h5").get("motion") is not None
     return "Stick figure and model both use the pinned chain." if known else ""
 
 
-def _nearest(clock: FloatArray, time: FloatArray) -> IntArray:
+def _find_nearest(clock: FloatArray, time: FloatArray) -> IntArray:
     """Return the sample of ``clock`` (T,) nearest to each ``time`` (K,)."""
     after = np.searchsorted(clock, time).clip(1, max(len(clock) - 1, 1))
     before = after - 1

@@ -35,7 +35,7 @@ def draw_curve(
     friction : float
         Coulomb friction, N·m.
     """
-    figure = paper_figures.new_figure(3.2)
+    figure = paper_figures.make_figure(3.2)
     axes, degrees = figure.subplots(), np.degrees(angle)
     band: dict[str, Any] = {"color": style.BLUE, "alpha": 0.15, "lw": 0, "label": "95 % interval"}
     axes.fill_between(degrees, torque - NORMAL_95 * deviation, torque + NORMAL_95 * deviation, **band)
@@ -46,7 +46,7 @@ def draw_curve(
         axes.plot(degrees, values, dash, color=style.VERMILLION, lw=0.8, label=label)
     axes.axhline(0, color=style.INK, lw=0.6)
     axes.set(xlabel="angle, positive in flexion (°)", ylabel="torque on the joint (N·m)")
-    paper_figures.legend_above(figure, [axes])
+    paper_figures.add_legend(figure, [axes])
     return figure
 
 
@@ -63,7 +63,7 @@ def draw_switching(
         The person's torque, N·m.
     maps : sequence of TransitionMap
     """
-    figure = paper_figures.new_figure(6.4)
+    figure = paper_figures.make_figure(6.4)
     columns = max(len(maps), 1)
     grid = figure.add_gridspec(4, columns, height_ratios=(2, 1, 1, 2))
     shown = slice(None, None, _EVERY)
@@ -74,7 +74,12 @@ def draw_switching(
         held = np.where(node.depth > 0, np.degrees(controller.angle), np.nan)
         low, high = np.nanmin(held), np.nanmax(held)
         active = motion.node[shown] == k
-        band: dict[str, Any] = {"color": style.colour(k + 1), "alpha": 0.2, "lw": 0, "label": f"held with {node.name}"}
+        band: dict[str, Any] = {
+            "color": style.pick_colour(k + 1),
+            "alpha": 0.2,
+            "lw": 0,
+            "label": f"held with {node.name}",
+        }
         top.fill_between(time, low, high, where=active.tolist(), **band)
     top.plot(time, np.degrees(motion.tour.angle[shown]), "--", color=style.FAINT, lw=0.8, label="reference")
     top.plot(time, np.degrees(motion.angle[shown]), color=style.INK, label="angle")
@@ -97,7 +102,7 @@ def draw_switching(
             ends = angle[one.switched][[0, -1]]
             axes.axvspan(*ends, color=style.INK, alpha=0.12, lw=0, label="the controller changes here")
         axes.set(title=f"{names[0]} → {names[1]}", xlabel="angle (°)", ylabel="" if column else "velocity (°/s)")
-    paper_figures.legend_above(figure, figure.axes)
+    paper_figures.add_legend(figure, figure.axes)
     return figure
 
 
@@ -110,11 +115,11 @@ def draw_chain_tour(tour: ChainTour, names: Sequence[str]) -> Figure:
     names : sequence of str
         Names of the nodes.
     """
-    figure = paper_figures.new_figure(5.2)
+    figure = paper_figures.make_figure(5.2)
     angles, gas, missing = figure.subplots(3, 1, sharex=True, height_ratios=(2, 1.4, 0.8))
     for k, name in enumerate(names):
         active = (tour.node == k).tolist()
-        band: dict[str, Any] = {"color": style.colour(k + 1), "alpha": 0.2, "lw": 0, "label": f"node {name}"}
+        band: dict[str, Any] = {"color": style.pick_colour(k + 1), "alpha": 0.2, "lw": 0, "label": f"node {name}"}
         angles.fill_between(tour.time, 0, 1, where=active, transform=angles.get_xaxis_transform(), **band)
     dashes = ("-", "--", ":")
     for j in range(tour.q.shape[1]):
@@ -127,5 +132,5 @@ def draw_chain_tour(tour: ChainTour, names: Sequence[str]) -> Figure:
     angles.set(ylabel="angle (°)", title="a tour through all tasks")
     gas.set(ylabel="sealed (bar)")
     missing.set(ylabel="torque (N·m)", xlabel="time (s)")
-    paper_figures.legend_above(figure, [angles, gas, missing])
+    paper_figures.add_legend(figure, [angles, gas, missing])
     return figure

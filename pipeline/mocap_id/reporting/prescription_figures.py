@@ -20,7 +20,7 @@ def draw_ranges(joint: OneJoint, found: Prescription) -> Figure:
 
     On the dial, 0 points downwards, where gravity pulls with the sine of the angle.
     """
-    figure = paper_figures.new_figure(3.0)
+    figure = paper_figures.make_figure(3.0)
     grid = figure.add_gridspec(1, 2, width_ratios=(1, 2))
     dial: Any = figure.add_subplot(grid[0, 0], projection="polar")
     dial.set_theta_zero_location("S")
@@ -46,7 +46,7 @@ def draw_ranges(joint: OneJoint, found: Prescription) -> Figure:
         axes.axhline(limit, color=style.INK, ls="--", lw=0.8)
     spring = f"{found.stiffness:.3g} N·m/rad, rest {np.degrees(found.rest):.1f}°" if found.helps else "no spring helps"
     axes.set(title=spring, xlabel="angle (°)", ylabel="holding torque (N·m)")
-    paper_figures.legend_above(figure, [dial])
+    paper_figures.add_legend(figure, [dial])
     return figure
 
 
@@ -62,7 +62,7 @@ def draw_holdable_postures(tips: FloatArray, without: BoolArray, held: BoolArray
     joint : (2,) array
         Position of the first joint, m.
     """
-    figure = paper_figures.new_figure(3.4)
+    figure = paper_figures.make_figure(3.4)
     panels = figure.subplots(1, 2, sharey=True)  # both axes shared would not allow `datalim`
     kinds = (("without springs", without, style.VERMILLION), ("with springs", held, style.GREEN))
     for axes, (title, which, colour) in zip(panels, kinds, strict=True):
@@ -87,7 +87,7 @@ def draw_spring_map(stiffness: FloatArray, rest: FloatArray, width: FloatArray, 
     horizon : float
         s.
     """
-    figure = paper_figures.new_figure(3.6)
+    figure = paper_figures.make_figure(3.6)
     axes = figure.subplots()
     ranges = np.ma.masked_invalid(np.degrees(width))
     cells = axes.pcolormesh(
@@ -104,7 +104,7 @@ def draw_level_sets(
     reached: ReachableSet, bounds: Sequence[tuple[float, float] | None], dynamics: JointDynamics
 ) -> Figure:
     """Draw the arrival time over angle and velocity, the reachable sets, and the held range (figure 7.9, right)."""
-    figure = paper_figures.new_figure(3.6)
+    figure = paper_figures.make_figure(3.6)
     axes = figure.subplots()
     grid = reached.grid
     angle = np.degrees(grid.angle)

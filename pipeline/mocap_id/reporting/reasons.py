@@ -32,7 +32,7 @@ def explain_reason(reason: ReasonEntry) -> ExplainedReason:
         level=reason.level,
         code=reason.code,
         title=explanation.title if explanation else reason.code.replace("-", " ").capitalize(),
-        message=split_code(to_sentence(style.printable(reason.message))),
+        message=split_code(to_sentence(style.clean(reason.message))),
         meaning=split_code(explanation.meaning) if explanation else (),
         action=split_code(explanation.action) if explanation else (),
     )

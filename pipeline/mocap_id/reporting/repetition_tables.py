@@ -10,7 +10,7 @@ from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.summary_schema import RepetitionEntry, Summary
 
 
-def repetitions(summary: Summary) -> Grid:
+def list_repetitions(summary: Summary) -> Grid:
     """Return the events of each repetition."""
     columns = (
         number("start (s)", "start_s", 2),
@@ -25,12 +25,12 @@ def repetitions(summary: Summary) -> Grid:
     return to_grid(caption, summary.repetitions or (), columns, "repetition")
 
 
-def seat_off(summary: Summary) -> Grid:
+def list_seat_off_times(summary: Summary) -> Grid:
     """Return seat-off by each rule, and height, pauses, attempts and support of each rise; empty if unknown."""
     columns = (
         number("seat-off (s)", "seat_off_s", 3),
-        _after_seat_off("model agreement (s)", "seat_off_model_s"),
-        _after_seat_off("72 % of weight (s)", "seat_off_72_s"),
+        _make_delay_column("model agreement (s)", "seat_off_model_s"),
+        _make_delay_column("72 % of weight (s)", "seat_off_72_s"),
         percent("height (%)", "reached"),
         number("paused (s)", "held_s", 1),
         number("failed attempts", "attempts", 0),
@@ -45,7 +45,7 @@ def seat_off(summary: Summary) -> Grid:
     return to_grid(caption, entries if has_rises else (), columns, "repetition")
 
 
-def _after_seat_off(head: str, name: str) -> GridColumn:
+def _make_delay_column(head: str, name: str) -> GridColumn:
     """Return the column of the time from seat-off to the seat-off by another rule."""
 
     def cell(entry: RepetitionEntry) -> str:
@@ -55,7 +55,7 @@ def _after_seat_off(head: str, name: str) -> GridColumn:
     return GridColumn(head, cell)
 
 
-def attempts(summary: Summary) -> Grid:
+def list_attempts(summary: Summary) -> Grid:
     """Return the failed attempts to rise."""
     columns = (
         number("time (s)", "time_s", 2),
@@ -65,7 +65,7 @@ def attempts(summary: Summary) -> Grid:
     return to_grid("Failed attempts to rise", summary.attempts or (), columns)
 
 
-def five_times(summary: Summary) -> Grid:
+def list_test_times(summary: Summary) -> Grid:
     """Return the times of the five-times-sit-to-stand test; empty for other protocols."""
     found = summary.five_times
     if found.repetitions is None:
@@ -89,7 +89,7 @@ def five_times(summary: Summary) -> Grid:
     return to_grid(caption, {name: value for name, value in rows.items() if value}, [text("value", str)], "quantity")
 
 
-def published(summary: Summary) -> Grid:
+def list_published_times(summary: Summary) -> Grid:
     """Return published test times for comparison; empty if the trial has no time."""
     columns = (
         GridColumn("longer than (s)", lambda one: f"{one.limit_s:g}"),
@@ -106,7 +106,7 @@ def published(summary: Summary) -> Grid:
     return to_grid(caption, found.published if found.to_fifth_stand_s is not None else (), columns)
 
 
-def load_share(summary: Summary) -> Grid:
+def list_load_shares(summary: Summary) -> Grid:
     """Return the load shares of the left and right foot."""
     found = summary.load_share
     columns = (
@@ -119,7 +119,7 @@ def load_share(summary: Summary) -> Grid:
     return to_grid(caption, known_phases, columns, "phase")
 
 
-def other_system(data: ReportData) -> Grid:
+def list_agreement(data: ReportData) -> Grid:
     """Return the agreement with the angles of another system."""
     columns = (
         text("joint", "joint"),

@@ -5,37 +5,37 @@ from __future__ import annotations
 from mocap_id.reporting.contents import PAGE_FILE, SUMMARY_FILE, PdfFonts
 from mocap_id.reporting.embedding import read_figures
 from mocap_id.reporting.explanations import LEVELS
-from mocap_id.reporting.figures import drawings
+from mocap_id.reporting.figures import draw_figures
 from mocap_id.reporting.page import Page
-from mocap_id.reporting.player import Player, player
+from mocap_id.reporting.player import Player, make_player
 from mocap_id.reporting.reasons import explain_reason
 from mocap_id.reporting.report_data import ReportData
-from mocap_id.reporting.sections import key_numbers, sections
-from mocap_id.reporting.space.player import spatial_player
+from mocap_id.reporting.sections import make_key_numbers, make_sections
+from mocap_id.reporting.space.player import make_spatial_player
 from mocap_id.reporting.summary import summarise, to_json
 from mocap_id.reporting.summary_schema import Summary
 from mocap_id.store import Document
 
 
-def documents(data: ReportData, *, figures: bool = False, pdf_fonts: PdfFonts = "type-3") -> tuple[Document, ...]:
+def make_documents(data: ReportData, *, figures: bool = False, pdf_fonts: PdfFonts = "type-3") -> tuple[Document, ...]:
     """Return the files of :data:`mocap_id.reporting.contents.FILES`, followed by the figures if requested."""
     summary = summarise(data)
-    contents = {SUMMARY_FILE: to_json(summary), PAGE_FILE: _page(data, summary).render()}
+    contents = {SUMMARY_FILE: to_json(summary), PAGE_FILE: _make_page(data, summary).render()}
     if figures:
         from mocap_id.reporting import paper_figures  # noqa: PLC0415  loads matplotlib
 
-        contents |= paper_figures.figure_files(
+        contents |= paper_figures.make_figure_files(
             read_figures(contents[PAGE_FILE].decode("utf-8")), pdf_fonts
         )  # as `mocap-id figures` does
     return tuple(Document(file, content) for file, content in contents.items())
 
 
-def trial_player(data: ReportData) -> Player | None:
+def make_trial_player(data: ReportData) -> Player | None:
     """Return the player of a trial in the plane or in space; None if there are no moving markers."""
-    return spatial_player(data) if data.in_space else player(data)
+    return make_spatial_player(data) if data.in_space else make_player(data)
 
 
-def _page(data: ReportData, summary: Summary) -> Page:
+def _make_page(data: ReportData, summary: Summary) -> Page:
     verdict = summary.verdict
     headline, lead = LEVELS[verdict.level]
     along = "the first horizontal axis of the recording" if data.in_space else "the motion"
@@ -44,12 +44,12 @@ def _page(data: ReportData, summary: Summary) -> Page:
         headline=headline,
         lead=lead,
         command="report",
-        sections=tuple(sections(data, summary)),
-        figures=drawings(data),
+        sections=tuple(make_sections(data, summary)),
+        figures=draw_figures(data),
         footer=f"SI units; x along {along}, y up. Angles are in degrees here and in radians in the data files.",
         level=verdict.level,
         reasons=tuple(map(explain_reason, verdict.reasons)),
-        key_numbers=tuple(key_numbers(data, summary)),
-        player=trial_player(data),
+        key_numbers=tuple(make_key_numbers(data, summary)),
+        player=make_trial_player(data),
         notes=tuple(map(explain_reason, verdict.notes)),
     )

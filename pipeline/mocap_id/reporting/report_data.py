@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
-from mocap_id.reporting.markers import Residual, residuals_by_marker
-from mocap_id.reporting.numbers import known
+from mocap_id.reporting.markers import Residual, compute_residuals
+from mocap_id.reporting.numbers import to_number
 from mocap_id.store import Artefact, ArtefactSet
 from mocap_id.store.spatial_views import SegmentPoses, SpatialAngles, SpatialSkeleton, is_in_space
 from mocap_id.store.views import IdentifiedDynamics, JointStates, Skeleton
@@ -122,7 +122,7 @@ class ReportData(ArtefactSet):
     @property
     def low_pass(self) -> float | None:
         """Cut-off of the low-pass applied to model and measurement before their comparison, Hz; None without one."""
-        return known(self.facts("dynamics.h5").get("cutoff_hz")) if self.measured_poses else None
+        return to_number(self.facts("dynamics.h5").get("cutoff_hz")) if self.measured_poses else None
 
     @property
     def bands(self) -> dict[str, float] | None:
@@ -140,7 +140,7 @@ class ReportData(ArtefactSet):
     @cached_property
     def residuals(self) -> dict[str, Residual]:
         """Residuals by marker label; empty if unknown."""
-        return residuals_by_marker(self.long("markers.parquet"), self.skeleton or self.spatial_skeleton)
+        return compute_residuals(self.long("markers.parquet"), self.skeleton or self.spatial_skeleton)
 
     @cached_property
     def segment_names(self) -> tuple[str, ...]:

@@ -7,13 +7,13 @@ from collections.abc import Set
 from mocap_id.reporting import repetition_tables, segment_tables, tables
 from mocap_id.reporting.dynamics_schema import BaseEntry
 from mocap_id.reporting.grids import Grid, list_facts
-from mocap_id.reporting.motion_section import motion_section
-from mocap_id.reporting.numbers import UNKNOWN, show, show_fixed, show_millimetres, times
+from mocap_id.reporting.motion_section import make_motion_section
+from mocap_id.reporting.numbers import UNKNOWN, scale, show, show_fixed, show_millimetres
 from mocap_id.reporting.page import KeyNumber, Section
 from mocap_id.reporting.report_data import ReportData
-from mocap_id.reporting.robot_joint_summary import encoder_table
-from mocap_id.reporting.space.sections import spatial_results
-from mocap_id.reporting.space.tables import imus
+from mocap_id.reporting.robot_joint_summary import list_encoder_errors
+from mocap_id.reporting.space.sections import make_spatial_sections
+from mocap_id.reporting.space.tables import list_imus
 from mocap_id.reporting.summary_schema import Summary
 from mocap_id.store import Facts
 
@@ -24,33 +24,33 @@ _SHOWN = {
 """Facts of ``dynamics.h5`` that have their own tables, or are for programs alone."""
 
 
-def sections(data: ReportData, summary: Summary) -> list[Section]:
+def make_sections(data: ReportData, summary: Summary) -> list[Section]:
     """Return the sections of the report; a refused trial has fewer, up to the stage that refused."""
-    results = spatial_results if data.in_space else _planar_results
-    filtering = _noise(data, summary)
+    make_results = make_spatial_sections if data.in_space else _make_planar_sections
+    filtering = _list_noise(data, summary)
     residuals = ("residuals",) if "markers.parquet" in data.artefacts else ()
     parts = [
-        *results(data, summary, filtering, _sensors(summary)),
+        *make_results(data, summary, filtering, _make_sensor_section(summary)),
         Section(
             "wrench",
             "Ground reaction wrench" if data.in_space else "Ground reaction forces",
             (
-                tables.model_errors(data, summary),
-                tables.held_out(data, summary),
-                tables.reference_errors(data, summary),
-                _clock(summary),
-                tables.plates(data),
+                tables.list_model_errors(data, summary),
+                tables.list_held_out_errors(data, summary),
+                tables.list_reference_errors(data, summary),
+                _list_clock(summary),
+                tables.list_plates(data),
             ),
             ("wrench",),
             needs="wrench.parquet",
         ),
-        *motion_section(data, summary),
+        *make_motion_section(data, summary),
         Section(
             "parameters",
             "Inertial parameters",
             (
-                tables.base_parameters(data, summary),
-                tables.excitation(summary),
+                tables.list_base_parameters(data, summary),
+                tables.list_excitation(summary),
                 list_facts("Identification", _remove(data.facts("dynamics.h5"), _SHOWN)),
             ),
             ("parameters",) if data.in_space else ("parameters", "point_masses"),
@@ -60,45 +60,47 @@ def sections(data: ReportData, summary: Summary) -> list[Section]:
             "markers",
             "Markers and segments",
             (
-                tables.markers(data),
-                segment_tables.evidence(data),
-                segment_tables.joint_confidences(data),
-                segment_tables.hypotheses(data),
+                tables.list_markers(data),
+                segment_tables.list_evidence(data),
+                segment_tables.list_joint_confidences(data),
+                segment_tables.list_hypotheses(data),
                 list_facts("Segmentation", _remove(data.facts("segments.parquet"), segment_tables.SHOWN)),
             ),
             residuals,
             needs="segments.parquet",
         ),
-        Section("origin", "Provenance", _provenance(data, summary)),
+        Section("origin", "Provenance", _list_provenance(data, summary)),
     ]
     complete = data.level != "refused" and not data.in_space
     return [part for part in parts if not part.needs or part.needs in data.artefacts or complete]
 
 
-def _planar_results(data: ReportData, summary: Summary, filtering: Grid, sensors: list[Section]) -> list[Section]:
+def _make_planar_sections(data: ReportData, summary: Summary, filtering: Grid, sensors: list[Section]) -> list[Section]:
     """Return the sections on skeleton, states and repetitions of a trial in the plane."""
     recovered = data.skeleton is not None
     return [
         Section(
             "skeleton",
             "Skeleton" if recovered else "Markers as recorded",
-            (tables.joints(summary), tables.lengths(summary)),
+            (tables.list_joints(summary), tables.list_lengths(summary)),
             ("skeleton", "recovery") if recovered else ("skeleton",),
             needs="planar.parquet",
         ),
-        Section("states", "Joint states", (filtering, encoder_table(summary)), ("states",), needs="states.parquet"),
+        Section(
+            "states", "Joint states", (filtering, list_encoder_errors(summary)), ("states",), needs="states.parquet"
+        ),
         *sensors,
         Section(
             "repetitions",
             "Repetitions",
             (
-                repetition_tables.repetitions(summary),
-                repetition_tables.seat_off(summary),
-                repetition_tables.attempts(summary),
-                repetition_tables.five_times(summary),
-                repetition_tables.published(summary),
-                repetition_tables.load_share(summary),
-                repetition_tables.other_system(data),
+                repetition_tables.list_repetitions(summary),
+                repetition_tables.list_seat_off_times(summary),
+                repetition_tables.list_attempts(summary),
+                repetition_tables.list_test_times(summary),
+                repetition_tables.list_published_times(summary),
+                repetition_tables.list_load_shares(summary),
+                repetition_tables.list_agreement(data),
             ),
             ("repetitions", "phases") if "phases.parquet" in data.artefacts else ("repetitions",),
             needs="events.parquet",
@@ -106,37 +108,37 @@ def _planar_results(data: ReportData, summary: Summary, filtering: Grid, sensors
     ]
 
 
-def _sensors(summary: Summary) -> list[Section]:
+def _make_sensor_section(summary: Summary) -> list[Section]:
     """Return the section on inertial sensors; empty if the trial has none."""
-    grids = (imus(summary),)
+    grids = (list_imus(summary),)
     return [Section("imus", "Inertial sensors", grids, needs="states.parquet")] if summary.imus else []
 
 
-def key_numbers(data: ReportData, summary: Summary) -> list[KeyNumber]:
+def make_key_numbers(data: ReportData, summary: Summary) -> list[KeyNumber]:
     """Return the key numbers at the top of the page that are known."""
     dynamics, segments = summary.dynamics, summary.segments
     mass = next((entry for entry in dynamics.base or () if entry.unit == "kg"), None)
     vertical = (dynamics.wrench or {}).get("Fy")
     band = "" if data.low_pass is None else f", {tables.describe_band(data)}"
-    missing = times(summary.markers.missing_fraction, 100)
+    missing = scale(summary.markers.missing_fraction, 100)
     numbers = (
         KeyNumber("segments", show_fixed(segments.count, 0), f"confidence {show_fixed(segments.confidence, 2)}"),
         KeyNumber("reprojection error", show(summary.markers.reprojection_rms_mm, 3, "mm"), "rms over all markers"),
         KeyNumber("missing samples", show_fixed(missing, 1, "%"), "of all marker samples"),
-        _repetitions(summary),
+        _count_repetitions(summary),
         KeyNumber("five-times test", show_fixed(summary.five_times.to_fifth_stand_s, 2, "s"), "to the fifth stand"),
         KeyNumber("mass, measured", show(dynamics.mass_kg, 3, "kg"), "by the plates at rest"),
-        KeyNumber("mass, identified", show(mass.value if mass else None, 3, "kg"), _mass_remark(mass)),
-        KeyNumber("mean CoP", show_fixed(times(dynamics.cop_mean_m, 1e3), 1, "mm"), "along the motion, measured"),
+        KeyNumber("mass, identified", show(mass.value if mass else None, 3, "kg"), _describe_mass(mass)),
+        KeyNumber("mean CoP", show_fixed(scale(dynamics.cop_mean_m, 1e3), 1, "mm"), "along the motion, measured"),
         KeyNumber("vertical force fit", show_fixed(vertical.r2 if vertical else None, 4), f"r² of the model{band}"),
-        KeyNumber("CoP error", show_fixed(times(dynamics.cop_rms_m, 1e3), 1, "mm"), f"rms of the model{band}"),
-        KeyNumber("condition number", show(dynamics.condition_number), _condition_remark(summary)),
-        KeyNumber("clock offset", show_fixed(times(dynamics.clock_offset_s, 1e3), 2, "ms"), "plates after cameras"),
+        KeyNumber("CoP error", show_fixed(scale(dynamics.cop_rms_m, 1e3), 1, "mm"), f"rms of the model{band}"),
+        KeyNumber("condition number", show(dynamics.condition_number), _describe_condition(summary)),
+        KeyNumber("clock offset", show_fixed(scale(dynamics.clock_offset_s, 1e3), 2, "ms"), "plates after cameras"),
     )
     return [number for number in numbers if number.value != UNKNOWN]
 
 
-def _repetitions(summary: Summary) -> KeyNumber:
+def _count_repetitions(summary: Summary) -> KeyNumber:
     """Return the number of repetitions or curls."""
     curls = summary.curls
     if curls.count is None:
@@ -147,21 +149,21 @@ def _repetitions(summary: Summary) -> KeyNumber:
     return KeyNumber("curls", str(curls.count), f"{remark}; {curls.partial} failed")
 
 
-def _mass_remark(mass: BaseEntry | None) -> str:
+def _describe_mass(mass: BaseEntry | None) -> str:
     sd = None if mass is None else mass.sd
     return "from the motion" if sd is None else f"± {show(sd, 2)} kg, from the motion"
 
 
-def _condition_remark(summary: Summary) -> str:
+def _describe_condition(summary: Summary) -> str:
     scaled = summary.dynamics.condition_number_scaled
     return "of the regressor" if scaled is None else f"{show(scaled)} with unit-norm columns"
 
 
-def _noise(data: ReportData, summary: Summary) -> Grid:
+def _list_noise(data: ReportData, summary: Summary) -> Grid:
     """Return the noise and the residuals of the filter."""
     facts = data.facts("states.parquet")
     values = {
-        "marker noise per coordinate (mm)": show_fixed(times(summary.noise.marker_sd_m, 1e3), 2),
+        "marker noise per coordinate (mm)": show_fixed(scale(summary.noise.marker_sd_m, 1e3), 2),
         "process noise σ_v of each joint (rad/s⁴)": facts.get("sigma_v"),
         "reprojection error, rms (mm)": show(summary.markers.reprojection_rms_mm),
         **_remove(facts, {"marker_sd_m", "sigma_v", "reprojection_rms_m"}),
@@ -169,14 +171,14 @@ def _noise(data: ReportData, summary: Summary) -> Grid:
     return list_facts("Filter: noise and residuals", values)
 
 
-def _clock(summary: Summary) -> Grid:
+def _list_clock(summary: Summary) -> Grid:
     """Return the clock offset of the plates, and what they measure."""
     dynamics = summary.dynamics
     not_predicted = dynamics.wrench is not None and dynamics.held_out.model is None
     offsets = (show_fixed(1e3 * offset, 2) for offset in dynamics.held_out.clock_offset_s or ())
     values = {
-        "clock offset, plates after cameras (ms)": show_fixed(times(dynamics.clock_offset_s, 1e3), 2),
-        "standard deviation of the clock offset (ms)": show_fixed(times(dynamics.clock_offset_sd_s, 1e3), 2),
+        "clock offset, plates after cameras (ms)": show_fixed(scale(dynamics.clock_offset_s, 1e3), 2),
+        "standard deviation of the clock offset (ms)": show_fixed(scale(dynamics.clock_offset_sd_s, 1e3), 2),
         "clock offsets with one repetition left out (ms)": ", ".join(offsets),
         "rms error of the centre of pressure (mm)": show_millimetres(dynamics.cop_rms_m),
         "samples in the fit": dynamics.samples,
@@ -193,7 +195,7 @@ def _remove(facts: Facts, keys: Set[str]) -> Facts:
     return {key: value for key, value in facts.items() if key not in keys}
 
 
-def _provenance(data: ReportData, summary: Summary) -> tuple[Grid, ...]:
+def _list_provenance(data: ReportData, summary: Summary) -> tuple[Grid, ...]:
     """Return the tables about recording, plane, joint fit, settings, run times and version."""
     planar = data.facts("planar.parquet")
     return (

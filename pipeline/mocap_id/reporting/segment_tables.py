@@ -35,7 +35,7 @@ AGAINST: Mapping[str, str] = {
 _NEGLIGIBLE = 5e-4  # would be shown as 0.000
 
 
-def evidence(data: ReportData) -> Grid:
+def list_evidence(data: ReportData) -> Grid:
     """Return the evidence against the segments, strongest first."""
     facts = data.facts("segments.parquet")
     if facts.get("against") is None:
@@ -50,7 +50,7 @@ def evidence(data: ReportData) -> Grid:
     return to_grid(caption, rows or {"none": 0.0}, columns, "evidence against the segments")
 
 
-def joint_confidences(data: ReportData) -> Grid:
+def list_joint_confidences(data: ReportData) -> Grid:
     """Return the confidence in each joint: how much worse the fit is without the segment beyond it."""
     facts = data.facts("segments.parquet")
     if not facts.get("joint_confidences"):  # segments of a calibration are not searched for
@@ -68,16 +68,16 @@ def joint_confidences(data: ReportData) -> Grid:
     return to_grid(caption, zip(*(facts.get(key) or () for key in keys), strict=True), columns)
 
 
-def hypotheses(data: ReportData) -> Grid:
+def list_hypotheses(data: ReportData) -> Grid:
     """Return the segmentations that were considered, and why they were rejected."""
     columns = (
         GridColumn("segments", lambda entry: str(entry.get("segments", ""))),
         number("cost", "cost", 1),
         text("result", "why"),
-        text("joint residuals (mm)", lambda entry: _list(entry.get("joint_residual_m"), show_millimetres)),
-        text("arcs (deg)", lambda entry: _list(entry.get("arc_deg"), lambda arc: show_fixed(arc, 1))),
-        text("markers by segment", lambda entry: " | ".join(map(_list, entry.get("markers") or ()))),
-        text("left out", lambda entry: _list(itertools.chain.from_iterable(entry.get("left_out") or ()))),
+        text("joint residuals (mm)", lambda entry: _join(entry.get("joint_residual_m"), show_millimetres)),
+        text("arcs (deg)", lambda entry: _join(entry.get("arc_deg"), lambda arc: show_fixed(arc, 1))),
+        text("markers by segment", lambda entry: " | ".join(map(_join, entry.get("markers") or ()))),
+        text("left out", lambda entry: _join(itertools.chain.from_iterable(entry.get("left_out") or ()))),
     )
     caption = (
         "Segmentations considered, lowest cost first: the best chain at each level of detail for each number of "
@@ -86,5 +86,5 @@ def hypotheses(data: ReportData) -> Grid:
     return to_grid(caption, data.facts("segments.parquet").get("hypotheses") or (), columns)
 
 
-def _list(values: Iterable[Any] | None, show: Callable[[Any], str] = str) -> str:
+def _join(values: Iterable[Any] | None, show: Callable[[Any], str] = str) -> str:
     return ", ".join(map(show, values or ()))

@@ -27,28 +27,28 @@ _CHAIN_COLOURS = (VERMILLION, GREEN, PURPLE, SKY, ORANGE, BLUE)  # last: the col
 _DASHES: tuple[Dash, ...] = ("-", "--", "-.", ":")
 
 
-def colour(k: int) -> str:
+def pick_colour(k: int) -> str:
     """Return the colour of joint or segment ``k``; 0 is the base, negative means no segment."""
     return FAINT if k <= 0 else _CHAIN_COLOURS[(k - 1) % len(_CHAIN_COLOURS)]
 
 
-def dashes(k: int) -> Dash:
+def pick_dash(k: int) -> Dash:
     """Return the line style of joint ``k``: solid until all colours are used."""
     return _DASHES[(k - 1) // len(_CHAIN_COLOURS) % len(_DASHES)]
 
 
-def printable(text: object, limit: int = 0) -> str:
+def clean(text: object, limit: int = 0) -> str:
     """Return a label without control characters, cut to ``limit`` characters (0 = no limit)."""
     clean = "".join(char if char.isprintable() else "\N{REPLACEMENT CHARACTER}" for char in str(text))
     return f"{clean[: limit - 1]}…" if 0 < limit < len(clean) else clean
 
 
-def unit(text: str) -> str:
+def format_unit(text: str) -> str:
     """Typeset a unit: ``kg*m^2`` as kg·m²."""
     return text.replace("*", "·").replace("^2", "²").replace("^3", "³")
 
 
-def extent(curves: Sequence[FloatArray], tail: float = 0.0) -> tuple[float, float] | None:
+def find_extent(curves: Sequence[FloatArray], tail: float = 0.0) -> tuple[float, float] | None:
     """Return the extent of the curves, each without a share ``tail`` of its extremes at either end, or None."""
     known = [curve[np.isfinite(curve)] for curve in curves]
     if tail:
@@ -60,9 +60,9 @@ def extent(curves: Sequence[FloatArray], tail: float = 0.0) -> tuple[float, floa
     return float(min(low for low, _ in ends)), float(max(high for _, high in ends))
 
 
-def framed(curves: Sequence[FloatArray], tail: float = 0.0) -> tuple[float, float] | None:
+def find_range(curves: Sequence[FloatArray], tail: float = 0.0) -> tuple[float, float] | None:
     """Return the :func:`extent` of the curves with a margin; None if nothing is known or all values are equal."""
-    found = extent(curves, tail)
+    found = find_extent(curves, tail)
     if found is None or not found[1] > found[0]:
         return None
     margin = 0.1 * (found[1] - found[0])

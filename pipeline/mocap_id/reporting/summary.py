@@ -10,15 +10,20 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting.dynamics_schema import BaseEntry, DynamicsEntry, RivalEntry
-from mocap_id.reporting.numbers import all_known, known, times
+from mocap_id.reporting.numbers import scale, to_number, to_numbers
 from mocap_id.reporting.report_data import ReportData
-from mocap_id.reporting.robot_joint_summary import base_length, channels, encoder
+from mocap_id.reporting.robot_joint_summary import summarise_base_length, summarise_channels, summarise_encoder
 from mocap_id.reporting.space import summary as spatial
-from mocap_id.reporting.space.curls import curls
-from mocap_id.reporting.space.reaches import workspace
+from mocap_id.reporting.space.curls import summarise_curls
+from mocap_id.reporting.space.reaches import summarise_workspace
 from mocap_id.reporting.summary_entry import NOT_FINITE, join_sentences, why_unknown
-from mocap_id.reporting.summary_motion import held_out, motion, pins
-from mocap_id.reporting.summary_repetitions import attempts, five_times, load_share, repetitions
+from mocap_id.reporting.summary_motion import summarise_held_out, summarise_motion, summarise_pins
+from mocap_id.reporting.summary_repetitions import (
+    summarise_attempts,
+    summarise_five_times,
+    summarise_load_share,
+    summarise_repetitions,
+)
 from mocap_id.reporting.summary_schema import (
     HypothesisEntry,
     JointEntry,
@@ -40,10 +45,10 @@ _NO_MOVEMENT_HELPS = "none of those tried"
 
 def summarise(data: ReportData) -> Summary:
     """Return the summary of a trial; values of missing artefacts, as in a refused trial, are null with a ``why``."""
-    joints = spatial.joints(data) if data.in_space else _joints(data.skeleton)
-    lengths = spatial.lengths(data) if data.in_space else _lengths(data)
-    rises, failed = repetitions(data), attempts(data)
-    seconds = _seconds(data)
+    joints = spatial.summarise_joints(data) if data.in_space else _summarise_joints(data.skeleton)
+    lengths = spatial.summarise_lengths(data) if data.in_space else _summarise_lengths(data)
+    rises, failed = summarise_repetitions(data), summarise_attempts(data)
+    seconds = _summarise_run_times(data)
     why = (
         why_unknown(f"joints and lengths_m: {data.why_missing('chain.h5')}", joints, lengths),
         why_unknown(f"repetitions: {data.why_missing('events.parquet')}", rises),
@@ -55,24 +60,24 @@ def summarise(data: ReportData) -> Summary:
         product=data.product,
         space="3d" if data.in_space else "plane",
         mirrored=data.facts("planar.parquet").get("side") == "left",
-        verdict=_verdict(data),
-        plane=_plane(data),
-        segments=_segments(data),
+        verdict=_summarise_verdict(data),
+        plane=_summarise_plane(data),
+        segments=_summarise_segments(data),
         joints=joints,
         lengths_m=lengths,
-        angles=spatial.angles(data),
-        landmarks=spatial.landmarks(data),
-        markers=_markers(data),
-        noise=_noise(data),
-        dynamics=_dynamics(data),
+        angles=spatial.summarise_angles(data),
+        landmarks=spatial.summarise_landmarks(data),
+        markers=_summarise_markers(data),
+        noise=_summarise_noise(data),
+        dynamics=_summarise_dynamics(data),
         repetitions=rises,
-        five_times=five_times(data),
+        five_times=summarise_five_times(data),
         attempts=failed,
-        load_share=load_share(data),
-        encoder=encoder(data),
-        imus=spatial.imus(data),
-        workspace=workspace(data),
-        curls=curls(data),
+        load_share=summarise_load_share(data),
+        encoder=summarise_encoder(data),
+        imus=spatial.summarise_imus(data),
+        workspace=summarise_workspace(data),
+        curls=summarise_curls(data),
         time_s=seconds,
         why=join_sentences(why),
     )
@@ -84,13 +89,13 @@ def to_json(summary: Summary) -> bytes:
     return (text + "\n").encode("ascii")
 
 
-def _verdict(data: ReportData) -> VerdictEntry:
+def _summarise_verdict(data: ReportData) -> VerdictEntry:
     entries = [
         ReasonEntry(
             code=reason.code,
             message=reason.message,
-            value=known(reason.value),
-            limit=known(reason.limit),
+            value=to_number(reason.value),
+            limit=to_number(reason.limit),
             level=reason.level,
         )
         for reason in data.reasons
@@ -99,13 +104,13 @@ def _verdict(data: ReportData) -> VerdictEntry:
     return VerdictEntry(level=data.level, reasons=reasons, notes=[entry for entry in entries if entry.level == "ok"])
 
 
-def _plane(data: ReportData) -> PlaneEntry:
+def _summarise_plane(data: ReportData) -> PlaneEntry:
     plane = data.facts("planar.parquet").get("plane") or {}
     if data.in_space:
         plane = {"planarity": data.facts("planar.parquet").get("planarity"), "why": _NO_PLANE, **plane}
-    yaw, planarity = known(plane.get("yaw_deg")), known(plane.get("planarity"))
-    origin = all_known(plane.get("origin_m"))
-    share = known(data.facts("segments.parquet").get("planarity"))
+    yaw, planarity = to_number(plane.get("yaw_deg")), to_number(plane.get("planarity"))
+    origin = to_numbers(plane.get("origin_m"))
+    share = to_number(data.facts("segments.parquet").get("planarity"))
     why = (
         why_unknown(plane.get("why") or data.why_missing("planar.parquet"), yaw, planarity, origin),
         why_unknown(f"out_of_plane_share: {data.why_missing('segments.parquet')}", share),
@@ -115,22 +120,22 @@ def _plane(data: ReportData) -> PlaneEntry:
     )
 
 
-def _segments(data: ReportData) -> SegmentsEntry:
+def _summarise_segments(data: ReportData) -> SegmentsEntry:
     facts = data.facts("segments.parquet")
-    count, names, against = known(facts.get("count")), facts.get("names"), facts.get("against")
+    count, names, against = to_number(facts.get("count")), facts.get("names"), facts.get("against")
     assignment = {row["marker"]: row["segment"] for row in data.rows("segments.parquet") if row["segment"] >= 0}
     return SegmentsEntry.explain(
         facts.get("why") or data.why_missing("segments.parquet"),
         count=None if count is None else int(count),
         names=None if names is None else [str(name) for name in names],
         assignment=None if data.table("segments.parquet") is None else assignment,
-        confidence=known(facts.get("confidence")),
+        confidence=to_number(facts.get("confidence")),
         against=None if against is None else {str(evidence): float(off) for evidence, off in against.items()},
-        hypotheses=_hypotheses(facts),
+        hypotheses=_summarise_hypotheses(facts),
     )
 
 
-def _hypotheses(facts: Facts) -> list[HypothesisEntry] | None:
+def _summarise_hypotheses(facts: Facts) -> list[HypothesisEntry] | None:
     """Return the segmentations that were considered, the chosen one first."""
     if facts.get("hypotheses") is None:
         return None
@@ -148,7 +153,7 @@ def _hypotheses(facts: Facts) -> list[HypothesisEntry] | None:
     ]
 
 
-def _joints(skeleton: Skeleton | None) -> list[JointEntry] | None:
+def _summarise_joints(skeleton: Skeleton | None) -> list[JointEntry] | None:
     if skeleton is None:
         return None
     return [
@@ -156,56 +161,56 @@ def _joints(skeleton: Skeleton | None) -> list[JointEntry] | None:
             NOT_FINITE,
             name=name,
             parent=int(skeleton.parents[j]),
-            centre_m=all_known(skeleton.centres[j]),
-            sd_m=all_known(skeleton.centre_sd[j]),
-            arc_deg=known(np.degrees(skeleton.arc[j])),
+            centre_m=to_numbers(skeleton.centres[j]),
+            sd_m=to_numbers(skeleton.centre_sd[j]),
+            arc_deg=to_number(np.degrees(skeleton.arc[j])),
         )
         for j, name in enumerate(skeleton.joints)
     ]
 
 
-def _lengths(data: ReportData) -> dict[str, LengthEntry] | None:
+def _summarise_lengths(data: ReportData) -> dict[str, LengthEntry] | None:
     """Return the lengths of the segments between two joints; for a robot also of its base."""
     skeleton = data.skeleton
     if skeleton is None:
         return None
     lengths = zip(skeleton.segments[1:-1], skeleton.lengths, skeleton.lengths_sd, strict=True)
-    entries = {name: LengthEntry.explain(NOT_FINITE, value=known(m), sd=known(sd)) for name, m, sd in lengths}
-    return base_length(data, skeleton) | entries
+    entries = {name: LengthEntry.explain(NOT_FINITE, value=to_number(m), sd=to_number(sd)) for name, m, sd in lengths}
+    return summarise_base_length(data, skeleton) | entries
 
 
-def _markers(data: ReportData) -> MarkersEntry:
-    rms = known(data.facts("states.parquet").get("reprojection_rms_m"))
-    missing = known(data.facts("planar.parquet").get("missing_fraction"))
+def _summarise_markers(data: ReportData) -> MarkersEntry:
+    rms = to_number(data.facts("states.parquet").get("reprojection_rms_m"))
+    missing = to_number(data.facts("planar.parquet").get("missing_fraction"))
     why = (
         why_unknown(data.why_missing("states.parquet"), rms),
         why_unknown(data.why_missing("planar.parquet"), missing),
     )
-    return MarkersEntry(reprojection_rms_mm=times(rms, 1e3), missing_fraction=missing, why=join_sentences(why))
+    return MarkersEntry(reprojection_rms_mm=scale(rms, 1e3), missing_fraction=missing, why=join_sentences(why))
 
 
-def _noise(data: ReportData) -> NoiseEntry:
+def _summarise_noise(data: ReportData) -> NoiseEntry:
     facts = data.facts("states.parquet")
     sigma_v = facts.get("sigma_v")
-    each = all_known(sigma_v if isinstance(sigma_v, (list, tuple)) else [sigma_v])
+    each = to_numbers(sigma_v if isinstance(sigma_v, (list, tuple)) else [sigma_v])
     return NoiseEntry.explain(
         facts.get("why") or data.why_missing("states.parquet"),
-        marker_sd_m=known(facts.get("marker_sd_m")),
+        marker_sd_m=to_number(facts.get("marker_sd_m")),
         sigma_v=None if each is None else float(np.sqrt(np.mean(np.square(each)))),
         sigma_v_per_joint=each,
     )
 
 
-def _dynamics(data: ReportData) -> DynamicsEntry:
+def _summarise_dynamics(data: ReportData) -> DynamicsEntry:
     facts = data.facts("dynamics.h5")
     identified = {
-        key: known(facts.get(key))
+        key: to_number(facts.get(key))
         for key in ("condition_number", "condition_number_scaled", "clock_offset_s", "clock_offset_sd_s", "cop_rms_m")
     }
-    samples = known(facts.get("samples"))
-    base, wrench = _base(data), channels(facts.get("wrench")) or None
-    consistency, moved = facts.get("consistency"), motion(data)
-    mass, cop = known(data.facts("wrench.parquet").get("mass_kg")), mean_cop(data.table("wrench.parquet"))
+    samples = to_number(facts.get("samples"))
+    base, wrench = _summarise_parameters(data), summarise_channels(facts.get("wrench")) or None
+    consistency, moved = facts.get("consistency"), summarise_motion(data)
+    mass, cop = to_number(data.facts("wrench.parquet").get("mass_kg")), compute_mean_cop(data.table("wrench.parquet"))
     why = [
         why_unknown(
             facts.get("why") or data.why_missing("dynamics.h5"),
@@ -220,16 +225,16 @@ def _dynamics(data: ReportData) -> DynamicsEntry:
         mass_kg=mass,
         cop_mean_m=cop,
         consistency=consistency,
-        rivals={str(name): _reference_body(body) for name, body in (facts.get("rivals") or {}).items()},
-        held_out=held_out(data),
+        rivals={str(name): _summarise_reference_body(body) for name, body in (facts.get("rivals") or {}).items()},
+        held_out=summarise_held_out(data),
         motion=moved,
-        pins=pins(data),
+        pins=summarise_pins(data),
         why=join_sentences(why),
         **identified,
     )
 
 
-def mean_cop(wrench: Table | None) -> float | None:
+def compute_mean_cop(wrench: Table | None) -> float | None:
     """Return the mean centre of pressure along the motion, m, over samples with loaded and valid plates."""
     if wrench is None:
         return None
@@ -238,20 +243,22 @@ def mean_cop(wrench: Table | None) -> float | None:
     return float(cop.mean()) if len(cop) else None
 
 
-def _base(data: ReportData) -> list[BaseEntry] | None:
+def _summarise_parameters(data: ReportData) -> list[BaseEntry] | None:
     """Return the base parameters; None if none was identified."""
     dynamics, facts = data.dynamics, data.facts("dynamics.h5")
     if dynamics is None or not dynamics.names:
         return None
     why = str(facts.get("why") or "the identification gave no finite value")
     advice = facts.get("advice") or []
-    entries = [_base_entry(dynamics, i, why, advice[i] if i < len(advice) else {}) for i in range(len(dynamics.names))]
+    entries = [
+        _summarise_parameter(dynamics, i, why, advice[i] if i < len(advice) else {}) for i in range(len(dynamics.names))
+    ]
     return None if all(entry.value is None for entry in entries) else entries
 
 
-def _base_entry(dynamics: IdentifiedDynamics, i: int, why: str, advice: Mapping[str, Any]) -> BaseEntry:
+def _summarise_parameter(dynamics: IdentifiedDynamics, i: int, why: str, advice: Mapping[str, Any]) -> BaseEntry:
     """Return the i-th base parameter, with ``why`` if its value or standard deviation is unknown."""
-    value, sd = known(dynamics.value[i]), known(dynamics.sd[i])
+    value, sd = to_number(dynamics.value[i]), to_number(dynamics.sd[i])
     verdict: Any = dynamics.verdicts[i] if i < len(dynamics.verdicts) else None
     return BaseEntry(
         name=dynamics.names[i],
@@ -259,33 +266,33 @@ def _base_entry(dynamics: IdentifiedDynamics, i: int, why: str, advice: Mapping[
         sd=sd,
         unit=dynamics.units[i],
         verdict=verdict,
-        relative_sd=_at(dynamics.relative_sd, i),
-        excitation=_at(dynamics.excitation, i),
-        own_share=_at(dynamics.own_share, i),
+        relative_sd=_get(dynamics.relative_sd, i),
+        excitation=_get(dynamics.excitation, i),
+        own_share=_get(dynamics.own_share, i),
         helps=(advice["text"] or _NO_MOVEMENT_HELPS) if advice else None,
-        prior_share=_at(dynamics.prior_share, i),
-        sd_ratio=(1.0 if advice["sd_ratio"] is None else known(advice["sd_ratio"])) if advice else None,
+        prior_share=_get(dynamics.prior_share, i),
+        sd_ratio=(1.0 if advice["sd_ratio"] is None else to_number(advice["sd_ratio"])) if advice else None,
         why=why_unknown(why, value, sd),
     )
 
 
-def _at(values: FloatArray, i: int) -> float | None:
-    return known(values[i]) if i < len(values) else None
+def _get(values: FloatArray, i: int) -> float | None:
+    return to_number(values[i]) if i < len(values) else None
 
 
-def _reference_body(facts: Mapping[str, Any]) -> RivalEntry:
+def _summarise_reference_body(facts: Mapping[str, Any]) -> RivalEntry:
     return RivalEntry.explain(
         "no samples off the seat are available",
-        height_m=known(facts.get("height_m")),
-        mass_kg=known(facts.get("mass_kg")),
+        height_m=to_number(facts.get("height_m")),
+        mass_kg=to_number(facts.get("mass_kg")),
         assumed=[str(assumption) for assumption in facts.get("assumed") or ()],
-        wrench=channels(facts.get("wrench")),
-        cop_rms_m=known(facts.get("cop_rms_m")),
+        wrench=summarise_channels(facts.get("wrench")),
+        cop_rms_m=to_number(facts.get("cop_rms_m")),
     )
 
 
-def _seconds(data: ReportData) -> dict[str, float] | None:
+def _summarise_run_times(data: ReportData) -> dict[str, float] | None:
     if data.seconds is None:
         return None
-    times = {stage: known(seconds) for stage, seconds in data.seconds.items()}
+    times = {stage: to_number(seconds) for stage, seconds in data.seconds.items()}
     return {stage: seconds for stage, seconds in times.items() if seconds is not None}

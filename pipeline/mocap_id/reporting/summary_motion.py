@@ -6,22 +6,22 @@ from collections.abc import Mapping
 from typing import Any
 
 from mocap_id.reporting.dynamics_schema import GapEntry, HeldOutEntry, MotionEntry, PinsEntry, PredictedEntry
-from mocap_id.reporting.numbers import all_known, known
+from mocap_id.reporting.numbers import to_number, to_numbers
 from mocap_id.reporting.report_data import ReportData
-from mocap_id.reporting.robot_joint_summary import channels
+from mocap_id.reporting.robot_joint_summary import summarise_channels
 from mocap_id.reporting.summary_entry import join_sentences, why_unknown
 
 _PINNED = "the dynamics use the pinned chain"
 
 
-def motion(data: ReportData) -> MotionEntry | None:
+def summarise_motion(data: ReportData) -> MotionEntry | None:
     """Return the motion of the masses; None if nothing was identified."""
     found = data.facts("dynamics.h5").get("motion")
     if found is None:
         return None
     order = () if data.skeleton is None else data.skeleton.joints
     gaps = found.get("joints") or {}
-    joints = {name: _gap(gaps[name]) for name in sorted(gaps, key=lambda name: (*order, name).index(name))}
+    joints = {name: _summarise_gap(gaps[name]) for name in sorted(gaps, key=lambda name: (*order, name).index(name))}
     return MotionEntry(
         source=found["source"],
         why=str(found["why"]),
@@ -33,31 +33,33 @@ def motion(data: ReportData) -> MotionEntry | None:
     )
 
 
-def pins(data: ReportData) -> PinsEntry:
+def summarise_pins(data: ReportData) -> PinsEntry:
     """Return the errors of the pinned chain and the measured poses on the same left-out repetitions."""
     facts = data.facts("dynamics.h5")
-    found, samples = facts.get("pins") or {}, known((facts.get("pins") or {}).get("samples"))
+    found, samples = facts.get("pins") or {}, to_number((facts.get("pins") or {}).get("samples"))
     unknown = _PINNED if facts.get("motion") else facts.get("why") or data.why_missing("dynamics.h5")
     return PinsEntry.explain(
         found.get("why") or unknown,
         samples=None if samples is None else int(samples),
-        chain=_predicted(found.get("chain")),
-        segments=_predicted(found.get("segments")),
-        clock_offset_s=known(found.get("clock_offset_s")),
+        chain=_summarise_prediction(found.get("chain")),
+        segments=_summarise_prediction(found.get("segments")),
+        clock_offset_s=to_number(found.get("clock_offset_s")),
     )
 
 
-def held_out(data: ReportData) -> HeldOutEntry:
+def summarise_held_out(data: ReportData) -> HeldOutEntry:
     """Return the errors on left-out repetitions."""
     facts = data.facts("dynamics.h5")
     found = facts.get("held_out") or {}
-    counts = {key: known(found.get(key)) for key in ("repetitions", "folds", "samples")}
-    model, within, reference = (channels(found.get(key)) or None for key in ("model", "in_sample", "reference"))
-    unfiltered = model if data.low_pass is None else channels(found.get("unfiltered")) or None
+    counts = {key: to_number(found.get(key)) for key in ("repetitions", "folds", "samples")}
+    model, within, reference = (
+        summarise_channels(found.get(key)) or None for key in ("model", "in_sample", "reference")
+    )
+    unfiltered = model if data.low_pass is None else summarise_channels(found.get("unfiltered")) or None
     inside = {
-        str(name): share for name, held in (found.get("inside") or {}).items() if (share := known(held)) is not None
+        str(name): share for name, held in (found.get("inside") or {}).items() if (share := to_number(held)) is not None
     }
-    offsets = all_known(found.get("clock_offset_s"))
+    offsets = to_numbers(found.get("clock_offset_s"))
     unknown = found.get("why") or facts.get("why") or data.why_missing("dynamics.h5")
     no_share = f"inside: {_PINNED}" if data.low_pass is None else "inside: at least two repetitions are needed"
     why = (
@@ -77,17 +79,19 @@ def held_out(data: ReportData) -> HeldOutEntry:
     )
 
 
-def _gap(found: Mapping[str, Any]) -> GapEntry:
+def _summarise_gap(found: Mapping[str, Any]) -> GapEntry:
     return GapEntry.explain(
         "no interval without gaps is long enough",
-        gap_m=known(found["gap_m"]),
-        acceleration_m_s2=known(found["acceleration_m_s2"]),
+        gap_m=to_number(found["gap_m"]),
+        acceleration_m_s2=to_number(found["acceleration_m_s2"]),
         pinned=bool(found["pinned"]),
     )
 
 
-def _predicted(found: Mapping[str, Any] | None) -> PredictedEntry | None:
+def _summarise_prediction(found: Mapping[str, Any] | None) -> PredictedEntry | None:
     if found is None:
         return None
     why = "no sample has a centre of pressure"
-    return PredictedEntry.explain(why, wrench=channels(found["wrench"]), cop_rms_m=known(found["cop_rms_m"]))
+    return PredictedEntry.explain(
+        why, wrench=summarise_channels(found["wrench"]), cop_rms_m=to_number(found["cop_rms_m"])
+    )

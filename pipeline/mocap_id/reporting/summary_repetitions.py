@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from mocap_id.reporting.numbers import known
+from mocap_id.reporting.numbers import to_number
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.summary_schema import (
     AttemptEntry,
@@ -25,19 +25,19 @@ _TIMES = ("to_fifth_stand_s", "to_fifth_seat_contact_s", "to_fifth_seated_s", "m
 _FILE = "events.parquet"
 
 
-def repetitions(data: ReportData) -> list[RepetitionEntry] | None:
+def summarise_repetitions(data: ReportData) -> list[RepetitionEntry] | None:
     """Return one entry per repetition; None if repetitions were not searched for."""
-    return None if data.table(_FILE) is None else [_repetition(row) for row in data.rows(_FILE)]
+    return None if data.table(_FILE) is None else [_summarise_repetition(row) for row in data.rows(_FILE)]
 
 
-def five_times(data: ReportData) -> FiveTimesEntry:
+def summarise_five_times(data: ReportData) -> FiveTimesEntry:
     """Return the times of the test; null with a ``why`` for other protocols."""
     facts = data.facts(_FILE).get("five_times")
     if facts is None:
         nothing = dict.fromkeys(_TIMES)
-        why = _unknown(data)
+        why = _explain_missing(data)
         return FiveTimesEntry(repetitions=None, failed_attempts=None, published=[], why=why, **nothing)
-    times = {name: known(facts.get(name)) for name in _TIMES}
+    times = {name: to_number(facts.get(name)) for name in _TIMES}
     why = facts.get("why")
     if why is None and any(value is None for value in times.values()):
         why = "fewer than three rises reach standing"
@@ -50,49 +50,49 @@ def five_times(data: ReportData) -> FiveTimesEntry:
     )
 
 
-def attempts(data: ReportData) -> list[AttemptEntry] | None:
+def summarise_attempts(data: ReportData) -> list[AttemptEntry] | None:
     """Return the failed attempts to rise; None for other protocols."""
     found = data.facts(_FILE).get("attempts")
     if found is None:
         return None
     return [
-        AttemptEntry(time_s=float(one["time_s"]), height=float(one["height"]), unloaded=known(one.get("unloaded")))
+        AttemptEntry(time_s=float(one["time_s"]), height=float(one["height"]), unloaded=to_number(one.get("unloaded")))
         for one in found
     ]
 
 
-def load_share(data: ReportData) -> LoadShareEntry:
+def summarise_load_share(data: ReportData) -> LoadShareEntry:
     """Return the load shares of the left and right foot."""
     facts = data.facts(_FILE).get("load_share")
     if facts is None:
         nothing = {phase: SpreadEntry(mean=None, sd=None) for phase in PHASES}
-        return LoadShareEntry(left_plate=None, right_plate=None, left=nothing, why=_unknown(data))
+        return LoadShareEntry(left_plate=None, right_plate=None, left=nothing, why=_explain_missing(data))
     left: dict[str, SpreadEntry] = {}
     for phase in PHASES:
         spread: Mapping[str, Any] = facts["left"].get(phase) or {}
-        left[phase] = SpreadEntry(mean=known(spread.get("mean")), sd=known(spread.get("sd")))
+        left[phase] = SpreadEntry(mean=to_number(spread.get("mean")), sd=to_number(spread.get("sd")))
     why = facts.get("why")
     if why is None and any(None in (one.mean, one.sd) for one in left.values()):
         why = "a phase occurs in fewer than two repetitions"
     return LoadShareEntry(left_plate=facts["left_plate"], right_plate=facts["right_plate"], left=left, why=why)
 
 
-def _unknown(data: ReportData) -> str:
+def _explain_missing(data: ReportData) -> str:
     if _FILE not in data.artefacts:
         return data.why_missing(_FILE)
     return "the protocol is not sit-to-stand"
 
 
-def _repetition(row: Mapping[str, object]) -> RepetitionEntry:
-    times = {f"{event}_s": known(row[event]) for event in EVENTS}
+def _summarise_repetition(row: Mapping[str, object]) -> RepetitionEntry:
+    times = {f"{event}_s": to_number(row[event]) for event in EVENTS}
     details = {
-        "seat_off_72_s": known(row.get("seat_off_72")),
-        "seat_off_model_s": known(row.get("seat_off_model")),
-        "reached": known(row.get("reached")),
-        "held_s": known(row.get("held")),
-        "support": known(row.get("support")),
+        "seat_off_72_s": to_number(row.get("seat_off_72")),
+        "seat_off_model_s": to_number(row.get("seat_off_model")),
+        "reached": to_number(row.get("reached")),
+        "held_s": to_number(row.get("held")),
+        "support": to_number(row.get("support")),
     }
-    attempts_before, remark = known(row.get("attempts")), str(row["why"] or "")
+    attempts_before, remark = to_number(row.get("attempts")), str(row["why"] or "")
     unknown = None in (*times.values(), *details.values(), attempts_before)
     return RepetitionEntry(
         **times,

@@ -16,14 +16,14 @@ _UNITS = {"Fx": "N", "Fy": "N", "Fz": "N", "taux": "N·m", "tauy": "N·m", "tauz
 _IN_PLANE = ("Fx", "Fy", "tauz")
 
 
-def joints(summary: Summary) -> Grid:
+def list_joints(summary: Summary) -> Grid:
     """Return the centres and arcs of the joints, and in space their kinds."""
     names, in_space = summary.segments.names or [], summary.space == "3d"
     columns = (
         text("joint", "name"),
         *([text("kind", "kind")] if in_space else []),
         text("fixed to", lambda joint: names[joint.parent] if 0 <= joint.parent < len(names) else joint.parent),
-        *(_centre(k) for k in range(3 if in_space else 2)),
+        *(_make_centre_column(k) for k in range(3 if in_space else 2)),
         number("arc (deg)", "arc_deg", 1),
     )
     caption = "Joint centres in the frame of the previous segment, ± one standard deviation"
@@ -31,7 +31,7 @@ def joints(summary: Summary) -> Grid:
     return to_grid(caption + hinges, summary.joints or (), columns)
 
 
-def _centre(k: int) -> GridColumn:
+def _make_centre_column(k: int) -> GridColumn:
     """Return the column of one coordinate of the joint centres."""
 
     def cell(joint: JointEntry) -> str:
@@ -43,7 +43,7 @@ def _centre(k: int) -> GridColumn:
     return GridColumn(f"{'xyz'[k]} (m)", cell)
 
 
-def lengths(summary: Summary) -> Grid:
+def list_lengths(summary: Summary) -> Grid:
     """Return the segment lengths."""
     caption = "Segment lengths, joint to joint, ± one standard deviation"
     return to_grid(caption, summary.lengths_m or {}, [with_sd("length (m)", "value", "sd")], "segment")
@@ -54,32 +54,32 @@ def describe_band(data: ReportData) -> str:
     return "unfiltered" if data.low_pass is None else f"below {data.low_pass:g} Hz"
 
 
-def model_errors(data: ReportData, summary: Summary) -> Grid:
+def list_model_errors(data: ReportData, summary: Summary) -> Grid:
     """Return the errors of the modelled wrench."""
     channels = summary.dynamics.wrench or {}
     named = {f"{name} ({_UNITS[name]})" if name in _UNITS else name: channel for name, channel in channels.items()}
     caption = f"Error of the model over the samples of the fit, {describe_band(data)}"
-    return to_grid(caption, named, error_columns(4), "component")
+    return to_grid(caption, named, make_error_columns(4), "component")
 
 
-def error_columns(decimals: int) -> tuple[GridColumn, ...]:
+def make_error_columns(decimals: int) -> tuple[GridColumn, ...]:
     """Return the columns of a channel's errors; ``decimals`` are those of r²."""
     return number("bias", "bias"), number("standard deviation", "sd"), number("r²", "r2", decimals)
 
 
-def reference_errors(data: ReportData, summary: Summary) -> Grid:
+def list_reference_errors(data: ReportData, summary: Summary) -> Grid:
     """Return the errors of the identified model and of the allometric bodies."""
     dynamics = summary.dynamics
     bodies = {"identified model": dynamics, **dynamics.rivals} if dynamics.rivals else {}
     columns = (
-        *_wrench_columns(lambda body: body.wrench or {}),
+        *_make_wrench_columns(lambda body: body.wrench or {}),
         millimetres("centre of pressure, rms (mm)", "cop_rms_m"),
     )
     caption = f"Errors of the model and of allometric bodies, {describe_band(data)}: bias ± standard deviation"
     return to_grid(caption, bodies, columns, "body")
 
 
-def held_out(data: ReportData, summary: Summary) -> Grid:
+def list_held_out_errors(data: ReportData, summary: Summary) -> Grid:
     """Return the prediction errors of the models and the reference body on left-out repetitions."""
     found = summary.dynamics.held_out
     errors: dict[str, Mapping[str, Any] | None] = {
@@ -90,8 +90,8 @@ def held_out(data: ReportData, summary: Summary) -> Grid:
         "samples within the 95 % interval (%)": found.inside,
     }
     columns = (
-        *_wrench_columns(lambda channels: channels),
-        GridColumn("centre of pressure (mm)", lambda channels: _bias_and_sd(channels.get("cop_x"), 1e3)),
+        *_make_wrench_columns(lambda channels: channels),
+        GridColumn("centre of pressure (mm)", lambda channels: _show_bias_and_sd(channels.get("cop_x"), 1e3)),
     )
     caption = (
         f"Prediction errors on left-out repetitions, {describe_band(data)}: bias ± standard deviation over "
@@ -100,16 +100,16 @@ def held_out(data: ReportData, summary: Summary) -> Grid:
     return to_grid(caption, {name: channels for name, channels in errors.items() if channels}, columns, "predicted by")
 
 
-def _wrench_columns(channels: Callable[[Any], Mapping[str, Any]]) -> list[GridColumn]:
+def _make_wrench_columns(channels: Callable[[Any], Mapping[str, Any]]) -> list[GridColumn]:
     """Return columns of errors in the components of the wrench; ``channels`` returns the errors of a row."""
-    return [_error_column(part, channels) for part in _IN_PLANE]
+    return [_make_error_column(part, channels) for part in _IN_PLANE]
 
 
-def _error_column(part: str, channels: Callable[[Any], Mapping[str, Any]]) -> GridColumn:
-    return GridColumn(f"{part} ({_UNITS[part]})", lambda row: _bias_and_sd(channels(row).get(part)))
+def _make_error_column(part: str, channels: Callable[[Any], Mapping[str, Any]]) -> GridColumn:
+    return GridColumn(f"{part} ({_UNITS[part]})", lambda row: _show_bias_and_sd(channels(row).get(part)))
 
 
-def _bias_and_sd(error: ChannelEntry | float | None, factor: float = 1.0) -> str:
+def _show_bias_and_sd(error: ChannelEntry | float | None, factor: float = 1.0) -> str:
     """Format the error of a channel, or a share of samples in per cent."""
     if not isinstance(error, ChannelEntry):
         return show_percent(error)
@@ -118,7 +118,7 @@ def _bias_and_sd(error: ChannelEntry | float | None, factor: float = 1.0) -> str
     return f"{show(factor * error.bias)} ± {show(factor * error.sd)}"
 
 
-def base_parameters(data: ReportData, summary: Summary) -> Grid:
+def list_base_parameters(data: ReportData, summary: Summary) -> Grid:
     """Return the identified parameters with intervals and reference values."""
     dynamics = data.dynamics
     references = () if dynamics is None else dynamics.base_reference
@@ -128,7 +128,7 @@ def base_parameters(data: ReportData, summary: Summary) -> Grid:
         GridColumn("value ± sd", lambda row: show_with_sd(row[0].value, row[0].sd)),
         GridColumn("95 % interval", lambda row: show_interval(row[0].value, row[0].sd)),
         GridColumn("reference", lambda row: show_beside(row[1], row[0].sd)),
-        text("unit", lambda row: style.unit(row[0].unit)),
+        text("unit", lambda row: style.format_unit(row[0].unit)),
         text("verdict", lambda row: row[0].verdict, UNKNOWN),
     ]
     if not data.measured_poses:
@@ -137,7 +137,7 @@ def base_parameters(data: ReportData, summary: Summary) -> Grid:
     return to_grid("Base parameters; the last column is the share of the loose prior in the precision", rows, columns)
 
 
-def excitation(summary: Summary) -> Grid:
+def list_excitation(summary: Summary) -> Grid:
     """Return how well the movement determines each base parameter, and which movement would improve it."""
     columns = (
         text("parameter", "name"),
@@ -157,7 +157,7 @@ def excitation(summary: Summary) -> Grid:
     return to_grid(caption, [entry for entry in summary.dynamics.base or () if entry.excitation is not None], columns)
 
 
-def plates(data: ReportData) -> Grid:
+def list_plates(data: ReportData) -> Grid:
     """Return the detected use of each force plate."""
     columns = (
         text("plate", lambda plate: str(plate.get("index", ""))),
@@ -170,7 +170,7 @@ def plates(data: ReportData) -> Grid:
     return to_grid("Force plates and their detected use", plates, columns)
 
 
-def markers(data: ReportData) -> Grid:
+def list_markers(data: ReportData) -> Grid:
     """Return segment, reason and prediction error of each marker."""
     names = dict(enumerate(data.segment_names))
 

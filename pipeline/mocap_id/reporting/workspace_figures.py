@@ -27,7 +27,7 @@ def draw_area(workspace: Workspace, recorded: FloatArray, joint: FloatArray) -> 
     joint : (2,) array
         Position of the first joint, m.
     """
-    figure = paper_figures.new_figure(2.6)
+    figure = paper_figures.make_figure(2.6)
     track, cloud, area, converged = figure.subplots(1, 4)
     every = max(1, len(recorded) // _TIPS)
     track.plot(*recorded[::every].T, ".", ms=1.5, color=style.VERMILLION)
@@ -56,7 +56,7 @@ def draw_volume(workspace: Workspace, joint: FloatArray) -> Figure:
     joint : (3,) array
         Position of the first joint, m.
     """
-    figure = paper_figures.new_figure(5.0)
+    figure = paper_figures.make_figure(5.0)
     grid = figure.add_gridspec(2, 3)
     points, facets = workspace.shape.points, workspace.shape.boundary()
     solid: Any = figure.add_subplot(grid[0, :2], projection="3d")
@@ -84,11 +84,11 @@ def draw_change(change: Overlay, names: tuple[str, str]) -> Figure:
         Names of the earlier and the later session.
     """
     views = (("in the plane", 0, 1),) if change.points.shape[1] == 2 else _VIEWS
-    figure = paper_figures.new_figure(3.4)
+    figure = paper_figures.make_figure(3.4)
     kinds = (
         (change.before & change.after, style.FAINT, f"both, {change.kept:.4f}"),
-        (change.after & ~change.before, style.GREEN, f"gained: {style.printable(names[1], 24)}, {change.gained:.4f}"),
-        (change.before & ~change.after, style.VERMILLION, f"lost: {style.printable(names[0], 24)}, {change.lost:.4f}"),
+        (change.after & ~change.before, style.GREEN, f"gained: {style.clean(names[1], 24)}, {change.gained:.4f}"),
+        (change.before & ~change.after, style.VERMILLION, f"lost: {style.clean(names[0], 24)}, {change.lost:.4f}"),
     )
     panels = figure.subplots(1, len(views), squeeze=False)[0]
     every = max(1, len(change.points) // _CHANGES)
@@ -98,7 +98,7 @@ def draw_change(change: Overlay, names: tuple[str, str]) -> Figure:
             axes.plot(points[:, across], points[:, up], ".", ms=1.4, color=colour, label=label)
         axes.set_aspect("equal", adjustable="datalim")
         axes.set(title=name, xlabel=f"{'xyz'[across]} (m)", ylabel=f"{'xyz'[up]} (m)")
-    paper_figures.legend_above(figure, panels)
+    paper_figures.add_legend(figure, panels)
     return figure
 
 

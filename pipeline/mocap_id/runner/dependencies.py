@@ -15,18 +15,20 @@ from mocap_id.stages import Stage
 from mocap_id.store import dumps, hash_bytes, hash_file
 
 
-def user_files(trial: Trial, stage: Stage) -> dict[str, Path]:
+def find_user_files(trial: Trial, stage: Stage) -> dict[str, Path]:
     """Return the user files that a stage reads, by their YAML key such as ``recording.markers``."""
-    return {role: path for key in stage.keys_of(trial.keys) for role, path in _paths(getattr(trial.keys, key), key)}
+    return {
+        role: path for key in stage.keys_of(trial.keys) for role, path in _find_paths(getattr(trial.keys, key), key)
+    }
 
 
-def parameters(trial: Trial, stage: Stage) -> dict[str, Any]:
+def collect_parameters(trial: Trial, stage: Stage) -> dict[str, Any]:
     """Return the stage's slice of the configuration: its trial keys and its settings, with files as names only."""
-    used = {key: _plain(getattr(trial.keys, key)) for key in stage.keys_of(trial.keys)}
-    return {**used, stage.name: _plain(trial.settings[stage.name])}
+    used = {key: _to_json(getattr(trial.keys, key)) for key in stage.keys_of(trial.keys)}
+    return {**used, stage.name: _to_json(trial.settings[stage.name])}
 
 
-def cache_key(
+def compute_cache_key(
     stage: Stage, settings: Mapping[str, Any], hashes: Mapping[str, str], refused: Refused | None = None
 ) -> str:
     """Return the hash of a stage, its version, slice and inputs, and of the refusal that it reports, if any."""
@@ -34,7 +36,7 @@ def cache_key(
     return hash_bytes(dumps([stage.name, stage.version, settings, hashes, refusal]).encode())
 
 
-def unneeded(stages: Sequence[Stage], later: Sequence[Stage], size: Callable[[str], int | None]) -> set[str]:
+def find_unneeded(stages: Sequence[Stage], later: Sequence[Stage], size: Callable[[str], int | None]) -> set[str]:
     """Return artefacts that no later stage reads, and large ones that the next stage does not read.
 
     Parameters
@@ -72,7 +74,7 @@ class FileHashes:
         RecordingError
             A file is missing or cannot be read.
         """
-        return {role: self.read(role, path) for role, path in user_files(self.trial, stage).items()}
+        return {role: self.read(role, path) for role, path in find_user_files(self.trial, stage).items()}
 
     def check_unchanged(self, stage: Stage) -> None:
         """Check, after a stage has read its files, that they still have the known hashes.
@@ -82,8 +84,8 @@ class FileHashes:
         RecordingError
             A file was changed or deleted during the run, so the stage's result must be discarded.
         """
-        for role, path in user_files(self.trial, stage).items():
-            if path in self._stamps and self._stamps[path] == _stamp(path):
+        for role, path in find_user_files(self.trial, stage).items():
+            if path in self._stamps and self._stamps[path] == _read_stamp(path):
                 continue
             if self._read(role, path) != self._known.get(path):
                 raise RecordingError(
@@ -94,7 +96,7 @@ class FileHashes:
     def read(self, role: str, path: Path) -> str:
         """Return the hash of a file; RecordingError as for :meth:`of`."""
         if path not in self._known:
-            now, stamp = time.time_ns(), _stamp(path)
+            now, stamp = time.time_ns(), _read_stamp(path)
             self._known[path] = self._read(role, path)
             if stamp and now - max(stamp[-2:]) > _SETTLED_NS:
                 self._stamps[path] = stamp
@@ -110,7 +112,7 @@ class FileHashes:
             raise RecordingError(f"{path}: cannot be read ({error.strerror}), {named}") from error
 
 
-def _stamp(path: Path) -> tuple[int, ...]:
+def _read_stamp(path: Path) -> tuple[int, ...]:
     """Return file properties that change with every write, the times last; empty where the file does not exist."""
     try:
         found = path.stat()
@@ -119,28 +121,28 @@ def _stamp(path: Path) -> tuple[int, ...]:
     return found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns, found.st_ctime_ns
 
 
-def _paths(value: Any, key: str) -> Iterator[tuple[str, Path]]:
+def _find_paths(value: Any, key: str) -> Iterator[tuple[str, Path]]:
     if isinstance(value, Path):
         yield key, value
     elif isinstance(value, BaseModel):
         for name in type(value).model_fields:
-            yield from _paths(getattr(value, name), f"{key}.{name}")
+            yield from _find_paths(getattr(value, name), f"{key}.{name}")
     elif isinstance(value, Mapping):
         for name, item in value.items():
-            yield from _paths(item, f"{key}.{name}")
+            yield from _find_paths(item, f"{key}.{name}")
     elif isinstance(value, tuple):
         for number, item in enumerate(value):
-            yield from _paths(item, f"{key}[{number}]")
+            yield from _find_paths(item, f"{key}[{number}]")
 
 
-def _plain(value: Any) -> Any:
+def _to_json(value: Any) -> Any:
     """Return JSON values; a path becomes its file name, so that a moved recording counts as the same."""
     if isinstance(value, Path):
         return value.name
     if isinstance(value, BaseModel):
-        return {name: _plain(getattr(value, name)) for name in type(value).model_fields}
+        return {name: _to_json(getattr(value, name)) for name in type(value).model_fields}
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): _to_json(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
+        return [_to_json(item) for item in value]
     return value

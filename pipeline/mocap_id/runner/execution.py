@@ -23,9 +23,15 @@ from mocap_id.config import Trial
 from mocap_id.errors import ConfigError, MocapIdError, NumericalError, Refused, StoreError
 from mocap_id.runner.background_writer import BackgroundWriter
 from mocap_id.runner.calibration import update_calibration
-from mocap_id.runner.dependencies import FileHashes, cache_key, parameters, unneeded, user_files
-from mocap_id.runner.log import RUN_LOG, run_log, verdict_line
-from mocap_id.runner.refusals import store_refusal, stored_refusal
+from mocap_id.runner.dependencies import (
+    FileHashes,
+    collect_parameters,
+    compute_cache_key,
+    find_unneeded,
+    find_user_files,
+)
+from mocap_id.runner.log import RUN_LOG, describe_verdict, keep_log
+from mocap_id.runner.refusals import read_refusal, store_refusal
 from mocap_id.stages import STAGES, Stage
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.store import Document, Folder, Origin
@@ -125,12 +131,12 @@ def _run(trial: Trial, stages: Sequence[Stage], progress: Progress, wait: float 
     update_calibration(trial, stages, run_to)
     this = _Run(trial, stages, progress)
     outputs = {(trial.out / file).resolve() for stage in stages for file in (*stage.outputs, RUN_LOG)}
-    files = {role: path for stage in stages for role, path in user_files(trial, stage).items()}
+    files = {role: path for stage in stages for role, path in find_user_files(trial, stage).items()}
     for role, path in files.items():
         this.files.read(role, path)
         if path.resolve() in outputs:
             raise ConfigError(f"{trial.file}: the run would overwrite `{role}`, {path}: choose another `out:`")
-    with this.folder.locked(wait), run_log(trial.out, trial.name, files) as log, this.writer:
+    with this.folder.locked(wait), keep_log(trial.out, trial.name, files) as log, this.writer:
         this.log = log
         yield this
 
@@ -152,16 +158,16 @@ class _Run:
         refused = None
         for number, stage in enumerate(stages):
             try:
-                with _named(self.trial, stage):
+                with _name_errors(self.trial, stage):
                     self.step(stage)
             except Refused as error:
                 refused = error
                 self.refuse(stage, refused)
                 break
-            self.folder.release(unneeded(self.stages, stages[number + 1 :], self.folder.size))
+            self.folder.release(find_unneeded(self.stages, stages[number + 1 :], self.folder.size))
         self.writer.wait()
         self.folder.remove([LOG_FILE])
-        self.log.info(verdict_line(self.trial.out))
+        self.log.info(describe_verdict(self.trial.out))
         return Outcome(self.trial.out, tuple(self._steps), refused)
 
     def step(self, stage: Stage) -> None:
@@ -179,7 +185,7 @@ class _Run:
     def compute_or_refuse(self, stage: Stage, hashes: Mapping[str, str]) -> Origin:
         """Run a stage's function, unless it is known to refuse these inputs."""
         key = self.key(stage, hashes)
-        known = stored_refusal(self.trial.out, stage.name, key)
+        known = read_refusal(self.trial.out, stage.name, key)
         if known is not None:
             raise known
         self.progress(Step(stage.name, "begun", 0.0))
@@ -199,9 +205,9 @@ class _Run:
     def compute(self, stage: Stage, hashes: Mapping[str, str], refused: Refused | None = None) -> Origin:
         """Run a stage's function and queue its outputs for writing."""
         inputs = {file: self.folder.read(file) for file in stage.inputs if file in hashes}
-        settings, slice_ = self.trial.settings[stage.name], parameters(self.trial, stage)
+        settings, slice_ = self.trial.settings[stage.name], collect_parameters(self.trial, stage)
         context = Context(self.trial.keys, settings, inputs, refused, self.seconds_before(stage))
-        key = cache_key(stage, slice_, hashes, refused)
+        key = compute_cache_key(stage, slice_, hashes, refused)
         start = time.perf_counter()
         try:
             with self.unexpected_as_error():
@@ -218,12 +224,12 @@ class _Run:
 
     def freshen(self, stage: Stage) -> None:
         """Make a stage's outputs no older than its inputs, for `make`."""
-        inputs = [self.trial.out / file for file in stage.inputs] + [*user_files(self.trial, stage).values()]
+        inputs = [self.trial.out / file for file in stage.inputs] + [*find_user_files(self.trial, stage).values()]
         self.folder.update_times(stage.outputs, [self.trial.file, *(path for path in inputs if path.exists())])
 
     def write(self, stage: Stage, outputs: Sequence[store.Artefact | Document], origin: Origin) -> None:
         """Write a stage's outputs."""
-        with _named(self.trial, stage), self.unexpected_as_error():
+        with _name_errors(self.trial, stage), self.unexpected_as_error():
             self.folder.store(outputs, origin)
             self.freshen(stage)
 
@@ -234,7 +240,7 @@ class _Run:
         self.forget_from(stage, but=report)
         self.record(Step(stage.name, "refused", 0.0))
         hashes = {file: self.folder.key(file) for file in report.inputs if self.folder.exists(file)}
-        with _named(self.trial, report):
+        with _name_errors(self.trial, report):
             origin = self.current(report, hashes, refused)
             if origin is None:
                 self.forget_from(report)
@@ -304,7 +310,7 @@ class _Run:
 
     def key(self, stage: Stage, hashes: Mapping[str, str], refused: Refused | None = None) -> str:
         """Return the cache key that the stage's outputs would have."""
-        return cache_key(stage, parameters(self.trial, stage), hashes, refused)
+        return compute_cache_key(stage, collect_parameters(self.trial, stage), hashes, refused)
 
     def current(self, stage: Stage, hashes: Mapping[str, str], refused: Refused | None = None) -> Origin | None:
         """Return the origin of a stage's outputs; None unless they exist, are intact and are up to date."""
@@ -331,7 +337,7 @@ class _Run:
 
 
 @contextmanager
-def _named(trial: Trial, stage: Stage) -> Iterator[None]:
+def _name_errors(trial: Trial, stage: Stage) -> Iterator[None]:
     """Add trial and stage to every error."""
     try:
         yield

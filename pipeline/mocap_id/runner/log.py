@@ -22,7 +22,7 @@ _LARGEST = 1_000_000  # bytes; a longer log is cut to its newer half
 
 
 @contextlib.contextmanager
-def run_log(folder: Path, trial: str, files: Mapping[str, Path]) -> Iterator[logging.Logger]:
+def keep_log(folder: Path, trial: str, files: Mapping[str, Path]) -> Iterator[logging.Logger]:
     """Collect log messages and warnings, and append them to the folder's log at the end of the run.
 
     Nothing is written to a folder without other files. A log that cannot be written is no error. Call this only while
@@ -58,7 +58,7 @@ def run_log(folder: Path, trial: str, files: Mapping[str, Path]) -> Iterator[log
             _append(folder, lines.text())
 
 
-def verdict_line(folder: Path) -> str:
+def describe_verdict(folder: Path) -> str:
     """Return the verdict in a run folder, with its codes."""
     try:
         verdict = json.loads(plain_files.read(folder / "summary.json"))["verdict"]
@@ -68,7 +68,7 @@ def verdict_line(folder: Path) -> str:
     return ": ".join([f"verdict {verdict['level']}", *([", ".join(codes)] if codes else [])])
 
 
-def last_failure(folder: Path) -> str | None:
+def read_last_failure(folder: Path) -> str | None:
     """Return the message of the last log line if the last run failed, else None."""
     try:
         lines = plain_files.read(folder / RUN_LOG, links=False).decode("utf-8", "replace").splitlines()

@@ -9,7 +9,7 @@ from pathlib import Path
 
 from mocap_id.config import Trial
 from mocap_id.errors import ConfigError
-from mocap_id.runner.dependencies import user_files
+from mocap_id.runner.dependencies import find_user_files
 from mocap_id.stages import STAGES, Stage
 
 
@@ -35,7 +35,7 @@ def make_rules(trials: Sequence[Trial], command: str, stages: Sequence[Stage] = 
             raise ConfigError(
                 f"{trial.file} and {other.file} share the folder {trial.out}: give one of them another `out:`"
             )
-    goals = " ".join(_path(trial.out / file) for trial in trials for file in stages[-1].outputs)
+    goals = " ".join(_format_path(trial.out / file) for trial in trials for file in stages[-1].outputs)
     lines = [
         "# Made by `mocap-id stages --make`. `%` replaces the dot of a file name: every version of GNU make runs a",
         "# pattern rule with several targets only once.",
@@ -46,18 +46,18 @@ def make_rules(trials: Sequence[Trial], command: str, stages: Sequence[Stage] = 
     ]
     for trial in trials:
         for stage in stages:
-            lines += ["", *_rule(trial, stage, command)]
+            lines += ["", *_make_rule(trial, stage, command)]
     return "\n".join(lines) + "\n"
 
 
-def _rule(trial: Trial, stage: Stage, command: str) -> Iterator[str]:
-    needed = [trial.file, *user_files(trial, stage).values(), *(trial.out / file for file in stage.inputs)]
-    targets = " ".join(_path(trial.out / file, pattern=True) for file in stage.outputs)
-    yield f"{targets}: {' '.join(_path(path) for path in needed)}"
-    yield f"\t{command} {stage.name} {_path(trial.file)}"
+def _make_rule(trial: Trial, stage: Stage, command: str) -> Iterator[str]:
+    needed = [trial.file, *find_user_files(trial, stage).values(), *(trial.out / file for file in stage.inputs)]
+    targets = " ".join(_format_path(trial.out / file, pattern=True) for file in stage.outputs)
+    yield f"{targets}: {' '.join(_format_path(path) for path in needed)}"
+    yield f"\t{command} {stage.name} {_format_path(trial.file)}"
 
 
-def _path(path: Path, *, pattern: bool = False) -> str:
+def _format_path(path: Path, *, pattern: bool = False) -> str:
     """Return a path for a Makefile, relative to the working folder if it is inside."""
     here, plain = Path.cwd(), Path(os.path.normpath(path))  # make compares names: a/../b is not b
     path = plain if plain.resolve() == path.resolve() else path

@@ -26,7 +26,7 @@ def store_refusal(folder: Path, stage: str, key: str, refused: Refused) -> None:
     replace_together(folder, {_FILE: text.encode()})
 
 
-def stored_refusal(folder: Path, stage: str, key: str) -> Refused | None:
+def read_refusal(folder: Path, stage: str, key: str) -> Refused | None:
     """Return the stored refusal of this computation; None where there is none."""
     try:
         found: dict[str, Any] = json.loads(plain_files.read(folder / _FILE, links=False))

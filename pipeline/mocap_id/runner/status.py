@@ -11,10 +11,10 @@ from filelock import Timeout
 
 from mocap_id.config import Trial
 from mocap_id.errors import MocapIdError, StoreError
-from mocap_id.runner.dependencies import FileHashes, cache_key, parameters
+from mocap_id.runner.dependencies import FileHashes, collect_parameters, compute_cache_key
 from mocap_id.runner.execution import LOG_FILE
-from mocap_id.runner.log import RUN_LOG, last_failure
-from mocap_id.runner.refusals import forget_refusal, stored_refusal
+from mocap_id.runner.log import RUN_LOG, read_last_failure
+from mocap_id.runner.refusals import forget_refusal, read_refusal
 from mocap_id.stages import STAGES, Stage
 from mocap_id.store import Folder, Origin
 from mocap_id.store.locking import LOCK, create_lock
@@ -74,7 +74,7 @@ def status(trial: Trial, stages: Sequence[Stage] = STAGES) -> TrialStatus:
         first, *later = (stage.name for stage in stages)
         waiting = (StageStatus(name, "waiting", f"for {first}") for name in later)
         return TrialStatus((StageStatus(first, "damaged", str(error)), *waiting), False, None)
-    return TrialStatus(tuple(_of_stages(trial, folder, stages)), _locked(trial.out), last_failure(trial.out))
+    return TrialStatus(tuple(_find_states(trial, folder, stages)), _is_locked(trial.out), read_last_failure(trial.out))
 
 
 def clean(trial: Trial, first: str | None = None, stages: Sequence[Stage] = STAGES) -> None:
@@ -105,13 +105,13 @@ def clean(trial: Trial, first: str | None = None, stages: Sequence[Stage] = STAG
             folder.remove_if_empty()
 
 
-def _of_stages(trial: Trial, folder: Folder, stages: Sequence[Stage]) -> Iterator[StageStatus]:
+def _find_states(trial: Trial, folder: Folder, stages: Sequence[Stage]) -> Iterator[StageStatus]:
     files, before = FileHashes(trial), None
     for stage in stages:
         if before is not None:
             yield StageStatus(stage.name, "waiting", f"for {before}")
             continue
-        found = _of_stage(trial, folder, files, stage)
+        found = _find_state(trial, folder, files, stage)
         yield found
         if found.state == "refused":
             later = stages[stages.index(stage) + 1 :]
@@ -120,13 +120,13 @@ def _of_stages(trial: Trial, folder: Folder, stages: Sequence[Stage]) -> Iterato
         before = None if found.state == "done" else stage.name
 
 
-def _of_stage(trial: Trial, folder: Folder, files: FileHashes, stage: Stage) -> StageStatus:
+def _find_state(trial: Trial, folder: Folder, files: FileHashes, stage: Stage) -> StageStatus:
     try:
         hashes = files.of(stage) | {file: folder.key(file) for file in stage.inputs}
     except MocapIdError as error:
         return StageStatus(stage.name, "missing", str(error))
-    wanted = parameters(trial, stage)
-    refused = stored_refusal(trial.out, stage.name, cache_key(stage, wanted, hashes))
+    wanted = collect_parameters(trial, stage)
+    refused = read_refusal(trial.out, stage.name, compute_cache_key(stage, wanted, hashes))
     if refused is not None:
         return StageStatus(stage.name, "refused", refused.message)
     missing = [file for file in stage.outputs if not folder.exists(file)]
@@ -138,37 +138,37 @@ def _of_stage(trial: Trial, folder: Folder, files: FileHashes, stage: Stage) -> 
         return StageStatus(stage.name, "damaged", str(error))
     if origin is None:
         return StageStatus(stage.name, "damaged", "its files were not written together: one was edited or replaced")
-    if origin.key == cache_key(stage, wanted, hashes):
+    if origin.key == compute_cache_key(stage, wanted, hashes):
         return StageStatus(stage.name, "done")
     return StageStatus(
         stage.name,
         "stale",
-        "; ".join(_changes(origin, stage, wanted, hashes)) or "the previous report described a refused trial",
+        "; ".join(_list_changes(origin, stage, wanted, hashes)) or "the previous report described a refused trial",
     )
 
 
-def _changes(origin: Origin, stage: Stage, wanted: Mapping[str, Any], hashes: Mapping[str, str]) -> Iterator[str]:
+def _list_changes(origin: Origin, stage: Stage, wanted: Mapping[str, Any], hashes: Mapping[str, str]) -> Iterator[str]:
     """Yield the differences between the computation that made the files and the one that would be made now."""
     if origin.stage_version != stage.version:
         yield f"made by version {origin.stage_version} of the stage, now version {stage.version}"
     for file in sorted({*hashes, *origin.inputs}):
         if hashes.get(file) != origin.inputs.get(file):
             yield f"{file} has changed"
-    before, now = dict(_leaves(origin.parameters)), dict(_leaves(wanted))
+    before, now = dict(_flatten(origin.parameters)), dict(_flatten(wanted))
     for key in sorted({*before, *now}):
         if before.get(key) != now.get(key):
             yield f"{key} was {before.get(key)}, is {now.get(key)}"
 
 
-def _leaves(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
+def _flatten(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:
     if isinstance(value, Mapping):
         for name, inner in value.items():
-            yield from _leaves(inner, f"{key}.{name}" if key else str(name))
+            yield from _flatten(inner, f"{key}.{name}" if key else str(name))
     else:
         yield key, value
 
 
-def _locked(folder: Path) -> bool:
+def _is_locked(folder: Path) -> bool:
     own = folder / ".mocap-id"
     if not (own / LOCK).is_file():
         return False

@@ -42,7 +42,7 @@ def write_figures(source: Path, out: Path | None = None, pdf_fonts: PdfFonts = "
 
     page = _find_page(source)
     with _explain_unreadable(page):
-        files = paper_figures.figure_files(_read_drawings(page), pdf_fonts)
+        files = paper_figures.make_figure_files(_read_drawings(page), pdf_fonts)
     folder = page.parent if out is None else out
     write_files(folder, files)
     return tuple(folder / file for file in files)

@@ -13,7 +13,7 @@ from mocap_id import runner
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.space import payload as dynamics
 from mocap_id.errors import ConfigError
-from mocap_id.reporting.results.columns import finite
+from mocap_id.reporting.results.columns import to_finite
 from mocap_id.store import Tree
 from mocap_id.store.spatial_views import SpatialSkeleton
 from mocap_id.workflows.run_folder import RunFolder, open_run
@@ -49,9 +49,9 @@ class FoundPayload:
             "segment": self.segment,
             "cautions": {name: list(codes) for name, codes in self.cautions.items()},
             "parameters": {
-                name: {"value": finite(value), "sd": finite(sd), "unit": unit} for name, unit, value, sd in rows
+                name: {"value": to_finite(value), "sd": to_finite(sd), "unit": unit} for name, unit, value, sd in rows
             },
-            "centre_m": {"value": list(map(finite, centre)), "sd": list(map(finite, centre_sd))},
+            "centre_m": {"value": list(map(to_finite, centre)), "sd": list(map(to_finite, centre_sd))},
         }
 
 

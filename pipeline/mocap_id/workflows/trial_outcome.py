@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from mocap_id.errors import Refused
 from mocap_id.reporting.contents import SUMMARY_FILE
-from mocap_id.reporting.numbers import known
+from mocap_id.reporting.numbers import to_number
 from mocap_id.reporting.summary_schema import ReasonEntry
 from mocap_id.workflows.parallel import NOT_RUN, TrialRun
 
@@ -70,5 +70,5 @@ def read_summary(folder: Path, run: TrialRun) -> Mapping[str, Any] | None:
 
 def number_or_nan(value: object) -> float:
     """Return a fact as a number; NaN if it is missing or not finite."""
-    number = known(value)
+    number = to_number(value)
     return math.nan if number is None else number

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from mocap_id.reporting.curl_study import tables
-from mocap_id.reporting.curl_study.figures import curl_figures
+from mocap_id.reporting.curl_study.figures import draw_curl_figures
 from mocap_id.reporting.grids import show_estimate
 from mocap_id.reporting.page import KeyNumber, Section
-from mocap_id.reporting.results.study_page import study_page
+from mocap_id.reporting.results.study_page import render_study_page
 from mocap_id.reporting.study.page_data import CohortData
 
 _FOOTER = (
@@ -32,19 +32,25 @@ _COMPENSATION = (
 )
 
 
-def curl_cohort_page(data: CohortData, reference: str) -> bytes:
+def render_curl_page(data: CohortData, reference: str) -> bytes:
     """Return the page as UTF-8, from the tables conditions, comparisons and trials and the reference condition."""
-    figures = curl_figures(data, reference)
-    return study_page(data, _key_numbers(data, reference), _sections(data, reference), figures, _FOOTER)
+    figures = draw_curl_figures(data, reference)
+    return render_study_page(
+        data, _make_key_numbers(data, reference), _make_sections(data, reference), figures, _FOOTER
+    )
 
 
-def _sections(data: CohortData, reference: str) -> Iterator[Section]:
+def _make_sections(data: CohortData, reference: str) -> Iterator[Section]:
     found, cohort, people = data.tables["conditions"], data.of_cohort("comparisons"), data.of_people("comparisons")
     to_reference, others = (cohort[(cohort["first"] == reference) == which] for which in (True, False))
     yield Section(
         "repetitions",
         "Repetitions (thesis figure 8.5)",
-        (tables.conditions(found, tables.REPETITIONS, "Repetitions by condition, with 95 % intervals of the mean"),),
+        (
+            tables.list_conditions(
+                found, tables.REPETITIONS, "Repetitions by condition, with 95 % intervals of the mean"
+            ),
+        ),
         ("repetitions",),
         text=_REPETITIONS,
     )
@@ -52,10 +58,10 @@ def _sections(data: CohortData, reference: str) -> Iterator[Section]:
         yield Section(
             "differences",
             f"Differences from {reference}",
-            (tables.comparisons(to_reference, tables.REPETITIONS, "Paired differences of repetitions"),),
+            (tables.list_comparisons(to_reference, tables.REPETITIONS, "Paired differences of repetitions"),),
             folded=(
-                tables.comparisons(others, tables.REPETITIONS, "Between the other conditions"),
-                tables.comparisons(people[people["first"] == reference], tables.REPETITIONS, "Of every person"),
+                tables.list_comparisons(others, tables.REPETITIONS, "Between the other conditions"),
+                tables.list_comparisons(people[people["first"] == reference], tables.REPETITIONS, "Of every person"),
             ),
             folded_as="More differences",
             text=_DIFFERENCES,
@@ -63,18 +69,18 @@ def _sections(data: CohortData, reference: str) -> Iterator[Section]:
     yield Section(
         "compensation",
         "Compensation, tempo and torque by condition",
-        (tables.comparisons(to_reference, tables.OTHERS, f"Paired differences from {reference}"),)
+        (tables.list_comparisons(to_reference, tables.OTHERS, f"Paired differences from {reference}"),)
         if len(to_reference)
         else (),
         ("compensation",),
-        folded=(tables.conditions(found, tables.OTHERS, "By condition, with 95 % intervals of the mean"),),
+        folded=(tables.list_conditions(found, tables.OTHERS, "By condition, with 95 % intervals of the mean"),),
         folded_as="Each condition",
         text=_COMPENSATION,
     )
-    yield Section("trials", "Trials", (tables.trials(data.tables["trials"]),))
+    yield Section("trials", "Trials", (tables.list_trials(data.tables["trials"]),))
 
 
-def _key_numbers(data: CohortData, reference: str) -> Iterator[KeyNumber]:
+def _make_key_numbers(data: CohortData, reference: str) -> Iterator[KeyNumber]:
     yield KeyNumber("people", str(len(data.subjects)), f"{len(data.trials)} trials")
     frame = data.of_cohort("comparisons")
     for row in frame[(frame["measure"] == "normalised") & (frame["first"] == reference)].to_dict("records"):

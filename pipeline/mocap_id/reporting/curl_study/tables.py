@@ -27,7 +27,7 @@ OTHERS = tuple(name for name in NAMES if name not in REPETITIONS)
 _MEASURE = text("", lambda row: NAMES[row["measure"]])
 
 
-def conditions(frame: pd.DataFrame, measures: tuple[str, ...], caption: str) -> Grid:
+def list_conditions(frame: pd.DataFrame, measures: tuple[str, ...], caption: str) -> Grid:
     """Return a row for every condition and each of some measures."""
     columns = (
         _MEASURE,
@@ -41,7 +41,7 @@ def conditions(frame: pd.DataFrame, measures: tuple[str, ...], caption: str) -> 
     return to_grid(caption, frame[frame["measure"].isin(measures)], columns)
 
 
-def comparisons(frame: pd.DataFrame, measures: tuple[str, ...], caption: str) -> Grid:
+def list_comparisons(frame: pd.DataFrame, measures: tuple[str, ...], caption: str) -> Grid:
     """Return paired differences in some measures, of the cohort or of every person."""
     columns = (
         _MEASURE,
@@ -57,7 +57,7 @@ def comparisons(frame: pd.DataFrame, measures: tuple[str, ...], caption: str) ->
     return to_grid(caption, frame[frame["measure"].isin(measures)], columns)
 
 
-def trials(frame: pd.DataFrame) -> Grid:
+def list_trials(frame: pd.DataFrame) -> Grid:
     """Return every trial with its verdict, repetitions and end."""
     columns = (
         text("trial", "trial"),

@@ -112,22 +112,22 @@ _OF_CHAIN: Mapping[str, str] = {
 }
 
 
-def drawings(data: ReportData) -> Drawings:
+def draw_figures(data: ReportData) -> Drawings:
     """Return all figures of a trial in the plane or in space."""
     entries = FIGURES
     if data.in_space:
         from mocap_id.reporting.space import figures as spatial  # noqa: PLC0415  it imports this package
 
         entries = spatial.FIGURES
-    made = (Drawing(entry.name, entry.title, _caption(entry, data), entry.draw(data)) for entry in entries)
-    return Drawings(style.printable(data.trial), tuple(made))
+    made = (Drawing(entry.name, entry.title, _complete_caption(entry, data), entry.draw(data)) for entry in entries)
+    return Drawings(style.clean(data.trial), tuple(made))
 
 
-def _caption(entry: FigureEntry, data: ReportData) -> str:
+def _complete_caption(entry: FigureEntry, data: ReportData) -> str:
     """Return the caption of a figure; for figures of the dynamics, including the motion of the masses."""
     if entry.name not in _OF_POSES or data.facts("dynamics.h5").get("motion") is None:
         return entry.caption
-    sentences = [entry.caption, *(_missing_torques(data) if entry.name == "phases" else ())]
+    sentences = [entry.caption, *(_describe_missing_torques(data) if entry.name == "phases" else ())]
     if data.measured_poses:
         cutoffs = ", ".join(f"{axis} {cutoff:g} Hz" for axis, cutoff in (data.bands or {}).items())
         sentences += [f"The masses move with the measured poses, low-pass filtered ({cutoffs}).", _OF_POSES[entry.name]]
@@ -136,7 +136,7 @@ def _caption(entry: FigureEntry, data: ReportData) -> str:
     return " ".join(sentences).rstrip()
 
 
-def _missing_torques(data: ReportData) -> list[str]:
+def _describe_missing_torques(data: ReportData) -> list[str]:
     """Return a sentence on the joints without a torque, if there are any."""
     names = data.skeleton.joints if data.skeleton is not None else ()
     missing = data.facts("dynamics.h5").get("untold") or ()

@@ -6,7 +6,7 @@ import numpy as np
 
 from mocap_id.arrays import NORMAL_95, IntArray
 from mocap_id.reporting import style
-from mocap_id.reporting.figure import Figure, Heat, Item, Panel, Points, Rule, Scale, in_lines
+from mocap_id.reporting.figure import Figure, Heat, Item, Panel, Points, Rule, Scale, arrange_in_lines
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.store.views import IdentifiedDynamics
 
@@ -18,14 +18,14 @@ def draw(data: ReportData) -> Figure | str:
     dynamics = data.dynamics
     if dynamics is None or not np.isfinite(dynamics.value).any():
         why = data.facts("dynamics.h5").get("why") or data.why_missing("dynamics.h5")
-        return f"No base parameters: {style.printable(why)}."
+        return f"No base parameters: {style.clean(why)}."
     units = np.array(dynamics.units)
     return Figure(
-        tuple((_panel(dynamics, np.flatnonzero(units == unit), unit),) for unit in dict.fromkeys(dynamics.units))
+        tuple((_draw_panel(dynamics, np.flatnonzero(units == unit), unit),) for unit in dict.fromkeys(dynamics.units))
     )
 
 
-def _panel(dynamics: IdentifiedDynamics, member: IntArray, unit: str) -> Panel:
+def _draw_panel(dynamics: IdentifiedDynamics, member: IntArray, unit: str) -> Panel:
     rows = np.arange(len(member), dtype=np.float64)
     half = NORMAL_95 * np.where(np.isfinite(dynamics.sd[member]), dynamics.sd[member], 0.0)
     value, reference = dynamics.value[member], dynamics.base_reference[member]
@@ -39,8 +39,8 @@ def _panel(dynamics: IdentifiedDynamics, member: IntArray, unit: str) -> Panel:
             else []
         ),
     )
-    names = tuple(style.printable(dynamics.names[i], 34) for i in member)
-    return Panel(items, x=style.unit(unit), rows=names, height=0.55 + _ROW * len(member))
+    names = tuple(style.clean(dynamics.names[i], 34) for i in member)
+    return Panel(items, x=style.format_unit(unit), rows=names, height=0.55 + _ROW * len(member))
 
 
 _COLUMNS = 4
@@ -58,17 +58,17 @@ def draw_point_masses(data: ReportData) -> Figure | str:
                 "the fit uses the exact cone of physically consistent bodies, which gives mass, first moments and "
                 "inertia but no point masses"
             )
-        return f"No point masses: {style.printable(why)}."
+        return f"No point masses: {style.clean(why)}."
     names = data.body_names
     panels = tuple(
-        _mass_panel(dynamics, k, names[k] if k < len(names) else f"segment {k}")
+        _draw_mass_panel(dynamics, k, names[k] if k < len(names) else f"segment {k}")
         for k in np.unique(dynamics.grid_segment)
     )
     scale = Scale(0.0, max(float(np.nanmax(dynamics.grid_mass)), _LEAST_MASS), "mass of a point (kg)")
-    return Figure(in_lines(panels, _COLUMNS), scale)
+    return Figure(arrange_in_lines(panels, _COLUMNS), scale)
 
 
-def _mass_panel(dynamics: IdentifiedDynamics, segment: int, name: str) -> Panel:
+def _draw_mass_panel(dynamics: IdentifiedDynamics, segment: int, name: str) -> Panel:
     own = dynamics.grid_segment == segment
     (x, y), mass = dynamics.grid_position[own].T, dynamics.grid_mass[own]
     carries, nothing = mass > _LEAST_MASS, np.zeros(1)
@@ -77,5 +77,5 @@ def _mass_panel(dynamics: IdentifiedDynamics, segment: int, name: str) -> Panel:
         Points(nothing, nothing, style.INK, symbol="+", size=8.0),
         Heat(x[carries], y[carries], mass[carries]),
     )
-    title = f"{style.printable(name, 18)}, {np.nansum(mass):.1f} kg"
+    title = f"{style.clean(name, 18)}, {np.nansum(mass):.1f} kg"
     return Panel(items, title, "x in the segment frame (m)", "y (m)", equal=True, height=3.2)

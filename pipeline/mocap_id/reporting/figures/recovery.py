@@ -8,8 +8,8 @@ from mocap_id.arrays import FloatArray
 from mocap_id.geometry.planar import rotate, segment_poses
 from mocap_id.kinematics.circle import fit_circles
 from mocap_id.reporting import style
-from mocap_id.reporting.figure import Bars, Figure, Item, Key, Line, Panel, Points, in_lines
-from mocap_id.reporting.markers import positions_at
+from mocap_id.reporting.figure import Bars, Figure, Item, Key, Line, Panel, Points, arrange_in_lines
+from mocap_id.reporting.markers import read_positions
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.store.views import Skeleton
 
@@ -23,54 +23,54 @@ def draw(data: ReportData) -> Figure | str:
     if skeleton is None or motion is None or planar is None or not len(motion.time):
         return f"No joint to show: {data.why_missing('chain.h5')}."
     sample = np.unique(np.linspace(0, len(motion.time) - 1, _MOMENTS).round().astype(np.int64))
-    measured = positions_at(planar, motion.time[sample], skeleton.markers)  # (K, M, 2)
+    measured = read_positions(planar, motion.time[sample], skeleton.markers)  # (K, M, 2)
     angle, origin = segment_poses(motion.angles[sample], skeleton.centres)
     before, itself = [], []
     for j in range(len(skeleton.joints)):
         own = measured[:, skeleton.marker_segment == j + 1]
         seen = [rotate(-angle[:, k, None], own - origin[:, k, None]) for k in (j, j + 1)]
-        before.append(_from_before(seen[0], skeleton, j))
-        itself.append(_from_itself(seen[1], skeleton, j))
-    pairs = zip(in_lines(tuple(before), _COLUMNS), in_lines(tuple(itself), _COLUMNS), strict=True)
+        before.append(_draw_in_previous(seen[0], skeleton, j))
+        itself.append(_draw_in_own(seen[1], skeleton, j))
+    pairs = zip(arrange_in_lines(tuple(before), _COLUMNS), arrange_in_lines(tuple(itself), _COLUMNS), strict=True)
     return Figure(tuple(line for pair in pairs for line in pair))
 
 
-def _from_before(points: FloatArray, skeleton: Skeleton, j: int) -> Panel:
+def _draw_in_previous(points: FloatArray, skeleton: Skeleton, j: int) -> Panel:
     """Return markers (K, M, 2) about the joint, and the centres of their own circles if near the joint."""
     circles = fit_circles(points[..., 0] + 1j * points[..., 1])
     centre = circles.centre[np.isfinite(circles.residual)]
-    near = centre[np.abs(centre - complex(*skeleton.centres[j])) < _reach(points, skeleton.centres[j])]
+    near = centre[np.abs(centre - complex(*skeleton.centres[j])) < _find_reach(points, skeleton.centres[j])]
     centres_near = Points(near.real, near.imag, style.INK, "circle centre of one marker", "+", 5.0)
-    title = f"{style.printable(skeleton.joints[j], 14)} in frame of {style.printable(skeleton.segments[j], 14)}"
-    items = (_tracks(points, style.colour(j + 1)), centres_near, _joint(skeleton.centres[j]))
+    title = f"{style.clean(skeleton.joints[j], 14)} in frame of {style.clean(skeleton.segments[j], 14)}"
+    items = (_draw_tracks(points, style.pick_colour(j + 1)), centres_near, _draw_joint(skeleton.centres[j]))
     return Panel(items, title, "x (m)", "y (m)", equal=True, height=2.8)
 
 
-def _from_itself(points: FloatArray, skeleton: Skeleton, j: int) -> Panel:
+def _draw_in_own(points: FloatArray, skeleton: Skeleton, j: int) -> Panel:
     """Return the markers in the frame of their own segment, and the joints on it."""
     local = skeleton.local[skeleton.marker_segment == j + 1]
     ends = [np.zeros(2), *skeleton.centres[j + 1 : j + 2]]
     items: tuple[Item, ...] = (
-        _tracks(points, style.colour(j + 1)),
+        _draw_tracks(points, style.pick_colour(j + 1)),
         Points(local[:, 0], local[:, 1], style.INK, "marker of the chain", "ring", 4.0),
-        *(_joint(end) for end in ends),
+        *(_draw_joint(end) for end in ends),
     )
-    title = f"{style.printable(skeleton.segments[j + 1], 14)} in own frame"
+    title = f"{style.clean(skeleton.segments[j + 1], 14)} in own frame"
     return Panel(items, title, "x (m)", "y (m)", equal=True, height=2.8)
 
 
-def _tracks(points: FloatArray, colour: str) -> Line:
+def _draw_tracks(points: FloatArray, colour: str) -> Line:
     """Return one line for all markers, interrupted between them."""
     broken = np.concatenate([points, np.full_like(points[:1], np.nan)])
     x, y = broken.swapaxes(0, 1).reshape(-1, 2).T
     return Line(x, y, colour, width=1.0, opacity=0.8)
 
 
-def _joint(centre: FloatArray) -> Points:
+def _draw_joint(centre: FloatArray) -> Points:
     return Points(centre[:1], centre[1:], style.INK, "joint", "ring", 9.0)
 
 
-def _reach(points: FloatArray, centre: FloatArray) -> float:
+def _find_reach(points: FloatArray, centre: FloatArray) -> float:
     """Return the farthest marker distance from the joint; circle centres beyond it would shrink the drawing."""
     distance = np.linalg.norm(points - centre, axis=-1)
     return float(np.nanmax(distance, initial=0.0))
@@ -89,18 +89,18 @@ def draw_residuals(data: ReportData) -> Figure | str:
     of = sorted(worst, key=lambda one: one.segment)  # stable: the worst stay first
     rms, q95 = 1e3 * np.array([one.rms for one in of]), 1e3 * np.array([one.q95 for one in of])
     rows = np.arange(len(of), dtype=np.float64)
-    labels = tuple(style.printable(one.label, 24) for one in of)
+    labels = tuple(style.clean(one.label, 24) for one in of)
     texts = tuple(
         f"{label}: {value:.1f} mm, 95 % {most:.1f}" for label, value, most in zip(labels, rms, q95, strict=True)
     )
     names = data.segment_names
     keys = (
-        Key(style.colour(k), style.printable(names[k], 20) if 0 <= k < len(names) else "no segment")
+        Key(style.pick_colour(k), style.clean(names[k], 20) if 0 <= k < len(names) else "no segment")
         for k in sorted({one.segment for one in of})
     )
     items: tuple[Item, ...] = (
         *keys,
-        Bars(rows, np.zeros(len(of)), rms, tuple(style.colour(one.segment) for one in of), names=texts),
+        Bars(rows, np.zeros(len(of)), rms, tuple(style.pick_colour(one.segment) for one in of), names=texts),
         Points(q95, rows, style.INK, "95 % quantile", "|", 6.0),
     )
     title = f"{len(of)} largest residuals of {len(found)} markers" if len(of) < len(found) else ""

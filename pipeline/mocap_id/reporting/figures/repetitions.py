@@ -6,7 +6,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting import style
-from mocap_id.reporting.figure import Band, Dash, Figure, Item, Line, Panel, Rule, in_lines
+from mocap_id.reporting.figure import Band, Dash, Figure, Item, Line, Panel, Rule, arrange_in_lines
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.store import Table
 from mocap_id.store.views import JointStates
@@ -26,28 +26,32 @@ _GRID = np.linspace(0.0, 1.0, 101)
 def draw(data: ReportData) -> Figure | str:
     """Draw one panel per joint: repetitions (thin), mean (thick) and one standard deviation (band)."""
     motion, events = data.motion, data.table("events.parquet")
-    bounds = np.zeros((0, 2)) if events is None else whole_repetitions(events)
+    bounds = np.zeros((0, 2)) if events is None else find_whole_repetitions(events)
     if motion is None or events is None or not motion.mean.size or not len(bounds):
         why = "none were found" if events is not None else data.why_missing("events.parquet")
         return f"No repetitions to compare: {why}."
-    curves = np.degrees(on_normalised_time(motion, bounds))  # (R, 101, n)
+    curves = np.degrees(normalise_time(motion, bounds))  # (R, 101, n)
     names = data.skeleton.joints if data.skeleton is not None else ()
     panels = []
     for j in range(curves.shape[2]):
-        items = [*_curves(curves[..., j], style.colour(j + 1)), *_other(data, j + 1), *_seat_off(events)]
-        name = style.printable(names[j], 20) if j < len(names) else f"joint {j + 1}"
+        items = [
+            *_draw_curves(curves[..., j], style.pick_colour(j + 1)),
+            *_draw_other_system(data, j + 1),
+            *_draw_seat_off(events),
+        ]
+        name = style.clean(names[j], 20) if j < len(names) else f"joint {j + 1}"
         panels.append(Panel(tuple(items), name, _SPAN, "angle (deg)", x_range=(0, 100), linked=True, height=2.4))
-    return Figure(in_lines(tuple(panels), _COLUMNS))
+    return Figure(arrange_in_lines(tuple(panels), _COLUMNS))
 
 
-def whole_repetitions(events: Table) -> FloatArray:
+def find_whole_repetitions(events: Table) -> FloatArray:
     """Return start and end of the repetitions that have both, (R, 2), s."""
     bounds = events.stack(["start", "end"])
     whole: FloatArray = bounds[bounds[:, 1] > bounds[:, 0]]  # false if either is unknown
     return whole
 
 
-def on_normalised_time(motion: JointStates, bounds: FloatArray) -> FloatArray:
+def normalise_time(motion: JointStates, bounds: FloatArray) -> FloatArray:
     """Return the angles at 0, 1 … 100 % of each repetition, (R, 101, n), rad; NaN where bridged or unknown."""
     at = bounds[:, :1] + (bounds[:, 1:] - bounds[:, :1]) * _GRID  # (R, 101)
     nearest = np.searchsorted(motion.time, at).clip(0, len(motion.time) - 1)
@@ -55,7 +59,7 @@ def on_normalised_time(motion: JointStates, bounds: FloatArray) -> FloatArray:
     return np.where(motion.observed[nearest], curves, np.nan)
 
 
-def _curves(curves: FloatArray, colour: str) -> list[Item]:
+def _draw_curves(curves: FloatArray, colour: str) -> list[Item]:
     """Return all repetitions (R, 101) as one interrupted line, their mean and one standard deviation."""
     percent = 100 * _GRID
     count = np.isfinite(curves).sum(axis=0)
@@ -66,12 +70,12 @@ def _curves(curves: FloatArray, colour: str) -> list[Item]:
     return [each, Band(percent, mean - spread, mean + spread, colour, 0.2), Line(percent, mean, colour, width=1.8)]
 
 
-def _other(data: ReportData, joint: int) -> list[Item]:
+def _draw_other_system(data: ReportData, joint: int) -> list[Item]:
     """Return the joint angle from another system, if the trial has one."""
     table = data.table("phases.parquet")
     if table is None:
         return []
-    mean, sd, percent = average_of(table, f"theta_{joint}_other")
+    mean, sd, percent = read_average(table, f"theta_{joint}_other")
     if not np.isfinite(mean).any():
         return []
     mean, sd = np.degrees(mean), np.degrees(sd)
@@ -79,7 +83,7 @@ def _other(data: ReportData, joint: int) -> list[Item]:
     return [band, Line(percent, mean, style.OTHER, "another system", "--", 1.4)]
 
 
-def _seat_off(events: Table) -> list[Item]:
+def _draw_seat_off(events: Table) -> list[Item]:
     """Return a dotted line at the mean seat-off."""
     start, seat_off, end = events.stack(["start", "seat_off", "end"]).T
     share = (seat_off - start) / np.where(end > start, end - start, np.nan)
@@ -93,37 +97,37 @@ def draw_phases(data: ReportData) -> Figure | str:
     if table is None:
         return f"No averages over repetitions: {data.why_missing('phases.parquet')}."
     names = data.skeleton.joints if data.skeleton is not None else ()
-    wrench = tuple(_phase_panel(table, name, label) for name, label in _WRENCH)
+    wrench = tuple(_draw_phase_panel(table, name, label) for name, label in _WRENCH)
     torques = tuple(
         item
         for k, name in enumerate(names, start=1)
-        for item in _phase_curve(table, f"tau_{k}", style.colour(k), "-", f"{style.printable(name, 14)} torque")
+        for item in _draw_phase_curve(table, f"tau_{k}", style.pick_colour(k), "-", f"{style.clean(name, 14)} torque")
     )
     if not torques and not any(panel.items for panel in wrench):
         why = data.facts("phases.parquet").get("why") or "forces and torques are unknown"
-        return f"No averages over repetitions: {style.printable(why)}."
+        return f"No averages over repetitions: {style.clean(why)}."
     last = Panel(torques, "joint torques (N·m)", _SPAN, x_range=(0, 100), linked=True)
     return Figure((wrench[:2], wrench[2:], *(((last,),) if torques else ())))
 
 
-def average_of(table: Table, quantity: str) -> tuple[FloatArray, FloatArray, FloatArray]:
+def read_average(table: Table, quantity: str) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return mean, standard deviation and percent of a quantity over complete repetitions; empty if missing."""
     own = (table["quantity"] == quantity) & (table["span"] == "repetition")
     mean, sd, percent = table.stack(["mean", "sd", "percent"])[own].T
     return mean, sd, percent
 
 
-def _phase_panel(table: Table, name: str, label: str) -> Panel:
+def _draw_phase_panel(table: Table, name: str, label: str) -> Panel:
     items, curves = [], []
     for suffix, colour, dash, what in _SOURCES:
-        items += _phase_curve(table, f"{name}{suffix}", colour, dash, what)
-        curves.append(average_of(table, f"{name}{suffix}")[0])
-    framed = style.framed(curves, _COP_TAIL if name == "cop_x" else 0.0)
+        items += _draw_phase_curve(table, f"{name}{suffix}", colour, dash, what)
+        curves.append(read_average(table, f"{name}{suffix}")[0])
+    framed = style.find_range(curves, _COP_TAIL if name == "cop_x" else 0.0)
     return Panel(tuple(items), label, _SPAN, x_range=(0, 100), y_range=framed, linked=True)
 
 
-def _phase_curve(table: Table, quantity: str, colour: str, dash: Dash, label: str) -> list[Item]:
-    mean, sd, percent = average_of(table, quantity)
+def _draw_phase_curve(table: Table, quantity: str, colour: str, dash: Dash, label: str) -> list[Item]:
+    mean, sd, percent = read_average(table, quantity)
     if not np.isfinite(mean).any():
         return []
     return [Band(percent, mean - sd, mean + sd, colour, 0.15), Line(percent, mean, colour, label, dash, 1.2)]

@@ -29,25 +29,25 @@ class Moment:
 def draw(data: ReportData) -> Figure | str:
     """Draw stick figure, joint centres, and measured and predicted markers, for two postures side by side."""
     skeleton, motion, planar = data.skeleton, data.motion, data.long("planar.parquet")
-    moments = () if motion is None else two_moments(motion, data.table("events.parquet"))
+    moments = () if motion is None else choose_moments(motion, data.table("events.parquet"))
     if skeleton is None or motion is None or not moments:
-        return _markers_alone(data, planar)
+        return _draw_markers_alone(data, planar)
     found = []
     for moment in moments:
         time = float(motion.time[moment.sample])
         items = (
-            *_markers(planar, time, skeleton, filled=True),
-            *_markers(data.long("markers.parquet"), time, skeleton, filled=False),
-            *_sticks(skeleton, motion.angles[moment.sample]),
+            *_draw_markers(planar, time, skeleton, filled=True),
+            *_draw_markers(data.long("markers.parquet"), time, skeleton, filled=False),
+            *_draw_sticks(skeleton, motion.angles[moment.sample]),
         )
         found.append((f"{moment.name}, {time:.2f} s", items))
-    across, up = _common([items for _, items in found])
+    across, up = _find_common_ranges([items for _, items in found])
     return Figure(
         (tuple(Panel(items, title, ALONG, UP, across, up, equal=True, height=4.6) for title, items in found),)
     )
 
 
-def two_moments(motion: JointStates, events: Table | None) -> tuple[Moment, ...]:
+def choose_moments(motion: JointStates, events: Table | None) -> tuple[Moment, ...]:
     """Choose two postures: before the rise and standing, or else the two extremes of the motion.
 
     The extremes are the farthest samples along the first principal component of the angles, among samples with every
@@ -71,7 +71,7 @@ def two_moments(motion: JointStates, events: Table | None) -> tuple[Moment, ...]
     return tuple(Moment(f"extreme posture {k + 1}", sample) for k, sample in enumerate(ends))
 
 
-def _markers(table: LongTable | None, time: float, skeleton: Skeleton | None, *, filled: bool) -> list[Item]:
+def _draw_markers(table: LongTable | None, time: float, skeleton: Skeleton | None, *, filled: bool) -> list[Item]:
     """Return the markers in the frame nearest to this time, coloured by segment: dots if measured, else rings."""
     if table is None or not table.length:
         return []
@@ -79,48 +79,48 @@ def _markers(table: LongTable | None, time: float, skeleton: Skeleton | None, *,
     x, y = table.values["x"][frame], table.values["y"][frame]
     known = {} if skeleton is None else dict(zip(skeleton.markers, skeleton.marker_segment.tolist(), strict=True))
     segment = np.array([known.get(label, -1) for label in table.labels])
-    names = np.array([style.printable(label, 24) for label in table.labels])
+    names = np.array([style.clean(label, 24) for label in table.labels])
     items: list[Item] = []
     for k in np.unique(segment).tolist():
         own = (segment == k) & np.isfinite(x) & np.isfinite(y)
         symbol = "x" if k < 0 else "dot" if filled else "ring"
         size = 3.5 if filled else 5.5
         items.append(
-            Points(x[own], y[own], style.colour(k), symbol=symbol, size=size, names=tuple(names[own].tolist()))  # type: ignore[arg-type]
+            Points(x[own], y[own], style.pick_colour(k), symbol=symbol, size=size, names=tuple(names[own].tolist()))  # type: ignore[arg-type]
         )
     return items
 
 
-def _sticks(skeleton: Skeleton, angles: FloatArray) -> list[Item]:
+def _draw_sticks(skeleton: Skeleton, angles: FloatArray) -> list[Item]:
     """Return one line per moving segment, from its joint to the next; the last ends at its marker centroid."""
     angle, origin = segment_poses(angles, skeleton.centres)
     points = np.vstack([origin[1:], origin[-1] + rotate(angle[-1], skeleton.tip)])
     items: list[Item] = []
     for j, name in enumerate(skeleton.joints):
         items += [
-            Line(points[j : j + 2, 0], points[j : j + 2, 1], style.colour(j + 1), width=3.5, opacity=0.55),
+            Line(points[j : j + 2, 0], points[j : j + 2, 1], style.pick_colour(j + 1), width=3.5, opacity=0.55),
             Points(points[j, :1], points[j, 1:], style.INK, symbol="ring", size=10.0),
-            Text(float(points[j, 0]), float(points[j, 1]), style.printable(name, 20)),
+            Text(float(points[j, 0]), float(points[j, 1]), style.clean(name, 20)),
         ]
     return items
 
 
-def _common(found: Sequence[Sequence[Item]]) -> tuple[tuple[float, float], tuple[float, float]]:
+def _find_common_ranges(found: Sequence[Sequence[Item]]) -> tuple[tuple[float, float], tuple[float, float]]:
     """Return common ranges of x and y for all panels, with a margin."""
     drawn = [item for items in found for item in items if isinstance(item, (Line, Points))]
     ranges = []
     for axis in ("x", "y"):
-        low, high = style.extent([getattr(item, axis) for item in drawn]) or (-1.0, 1.0)
+        low, high = style.find_extent([getattr(item, axis) for item in drawn]) or (-1.0, 1.0)
         margin = 0.1 * max(high - low, 1e-3)
         ranges.append((low - margin, high + margin))
     return ranges[0], ranges[1]
 
 
-def _markers_alone(data: ReportData, planar: LongTable | None) -> Figure | str:
+def _draw_markers_alone(data: ReportData, planar: LongTable | None) -> Figure | str:
     """Draw the markers of the middle frame, for a recording without a chain."""
     if planar is None or not planar.length:
         return f"No markers to draw: {data.why_missing('planar.parquet')}."
     time = float(planar.time[len(planar.time) // 2])
     title = f"measured markers at {time:.2f} s; no chain was recovered"
-    items = tuple(_markers(planar, time, None, filled=True))
+    items = tuple(_draw_markers(planar, time, None, filled=True))
     return Figure(((Panel(items, title, ALONG, UP, equal=True, height=4.2),),))

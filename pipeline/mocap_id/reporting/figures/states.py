@@ -6,7 +6,7 @@ import numpy as np
 
 from mocap_id.arrays import NORMAL_95, BoolArray, FloatArray
 from mocap_id.reporting import style
-from mocap_id.reporting.downsampling import band, envelope, spans
+from mocap_id.reporting.downsampling import find_spans, thin_band, thin_curve
 from mocap_id.reporting.figure import Band, Bars, Figure, Item, Line, Panel, Spans, Text
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.store.views import JointStates
@@ -20,52 +20,54 @@ def draw(data: ReportData) -> Figure | str:
     motion = data.motion
     if motion is None or not motion.mean.size:
         return f"No joint states: {data.why_missing('states.parquet')}."
-    names = joint_names(data)
-    curves = [panel(motion, order, names, height=1.9) for order in range(3)]
-    return Figure(tuple((one,) for one in (*curves, _strips(motion, names))))
+    names = name_joints(data)
+    curves = [draw_panel(motion, order, names, height=1.9) for order in range(3)]
+    return Figure(tuple((one,) for one in (*curves, _draw_strips(motion, names))))
 
 
-def joint_names(data: ReportData) -> tuple[str, ...]:
+def name_joints(data: ReportData) -> tuple[str, ...]:
     """Return the names of all joints in the states."""
     names = data.skeleton.joints if data.skeleton is not None else ()
     count = 0 if data.motion is None else data.motion.mean.shape[1]
-    return tuple(style.printable(names[j], 20) if j < len(names) else f"joint {j + 1}" for j in range(count))
+    return tuple(style.clean(names[j], 20) if j < len(names) else f"joint {j + 1}" for j in range(count))
 
 
-def panel(motion: JointStates, order: int, names: tuple[str, ...], height: float) -> Panel:
+def draw_panel(motion: JointStates, order: int, names: tuple[str, ...], height: float) -> Panel:
     """Return one derivative of all joints, degrees, with 95 % bands; gaps do not affect the range of the axis."""
     bands, lines, framed = [], [], []
     for j, name in enumerate(names):
         value = np.degrees(motion.mean[:, j, order])
         half = NORMAL_95 * np.degrees(motion.sd[:, j, order])
-        colour, seen = style.colour(j + 1), motion.observed[:, j]
-        bands.append(Band(*band(motion.time, value - half, value + half), colour))
-        lines.append(Line(*envelope(motion.time, value), colour, name, style.dashes(j + 1)))
+        colour, seen = style.pick_colour(j + 1), motion.observed[:, j]
+        bands.append(Band(*thin_band(motion.time, value - half, value + half), colour))
+        lines.append(Line(*thin_curve(motion.time, value), colour, name, style.pick_dash(j + 1)))
         framed += [value, (value - half)[seen], (value + half)[seen]]
-    gaps = shades(motion.time, motion.observed.sum(axis=1) < motion.observed.shape[1])
+    gaps = draw_shades(motion.time, motion.observed.sum(axis=1) < motion.observed.shape[1])
     items: tuple[Item, ...] = (*gaps, *bands, *lines)
-    ends = _ends(motion)
-    return Panel(items, y=_QUANTITIES[order], x_range=ends, y_range=style.framed(framed), linked=True, height=height)
+    ends = _find_ends(motion)
+    return Panel(
+        items, y=_QUANTITIES[order], x_range=ends, y_range=style.find_range(framed), linked=True, height=height
+    )
 
 
-def shades(time: FloatArray, mask: BoolArray) -> tuple[Spans, ...]:
+def draw_shades(time: FloatArray, mask: BoolArray) -> tuple[Spans, ...]:
     """Return shades for the samples where the mask (T,) is true, if any."""
-    found = np.array(spans(time, mask)).reshape(-1, 2)
+    found = np.array(find_spans(time, mask)).reshape(-1, 2)
     return (Spans(found[:, 0], found.sum(axis=1), style.GRID),) if len(found) else ()
 
 
-def _strips(motion: JointStates, names: tuple[str, ...]) -> Panel:
+def _draw_strips(motion: JointStates, names: tuple[str, ...]) -> Panel:
     """Return a panel with one row per joint, marked where the joint is bridged."""
-    gaps = [spans(motion.time, ~seen) for seen in motion.observed.T]
+    gaps = [find_spans(motion.time, ~seen) for seen in motion.observed.T]
     found = [(j, start, start + wide) for j, own in enumerate(gaps) for start, wide in own]
     row, low, high = np.array(found, dtype=np.float64).reshape(-1, 3).T
-    ends = _ends(motion)
+    ends = _find_ends(motion)
     note = () if found else (Text(sum(ends) / 2, (len(names) - 1) / 2, "none"),)
-    bars = Bars(row, low, high, tuple(style.colour(j + 1) for j, *_ in found), thick=0.6)
-    rows = tuple(style.printable(name, 9) for name in names)
+    bars = Bars(row, low, high, tuple(style.pick_colour(j + 1) for j, *_ in found), thick=0.6)
+    rows = tuple(style.clean(name, 9) for name in names)
     height = 0.65 + _STRIP * len(names)
     return Panel((bars, *note), "bridged intervals", "time (s)", x_range=ends, rows=rows, linked=True, height=height)
 
 
-def _ends(motion: JointStates) -> tuple[float, float]:
+def _find_ends(motion: JointStates) -> tuple[float, float]:
     return float(motion.time[0]), float(motion.time[-1])

@@ -6,9 +6,9 @@ import numpy as np
 
 from mocap_id.arrays import NORMAL_95
 from mocap_id.reporting import style
-from mocap_id.reporting.downsampling import band, envelope
+from mocap_id.reporting.downsampling import thin_band, thin_curve
 from mocap_id.reporting.figure import Band, Dash, Figure, Item, Line, Panel
-from mocap_id.reporting.figures.states import shades
+from mocap_id.reporting.figures.states import draw_shades
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.store import Table
 
@@ -27,30 +27,30 @@ _COP_TAIL = 0.005  # outliers of the centre of pressure at low load
 
 def draw(data: ReportData) -> Figure | str:
     """Draw four rows over time, in space six; without an identification, only the measurement."""
-    rows = panels(data, height=1.75)
+    rows = draw_panels(data, height=1.75)
     if not any(isinstance(item, Line) for row in rows for item in row.items):
         why = data.facts("wrench.parquet").get("why") or data.why_missing("wrench.parquet")
-        return f"No ground reaction wrench: {style.printable(why)}."
+        return f"No ground reaction wrench: {style.clean(why)}."
     return Figure(tuple((row,) for row in rows))
 
 
-def panels(data: ReportData, height: float) -> tuple[Panel, ...]:
+def draw_panels(data: ReportData, height: float) -> tuple[Panel, ...]:
     """Return one panel per component; none without measured forces."""
-    table = forces(data)
+    table = read_forces(data)
     rows = _ROWS_IN_SPACE if data.in_space else _ROWS
     if table is None or not {name for name, _ in rows} <= set(table.names):
         return ()
     below = ["" for _ in rows[1:]] + ["time (s)"]
-    return tuple(_panel(table, row, x, height) for row, x in zip(rows, below, strict=True))
+    return tuple(_draw_panel(table, row, x, height) for row, x in zip(rows, below, strict=True))
 
 
-def forces(data: ReportData) -> Table | None:
+def read_forces(data: ReportData) -> Table | None:
     """Return measured and modelled wrench, or without an identification the measured wrench alone."""
     found = data.table("dynamics.parquet")
     return data.table("wrench.parquet") if found is None else found
 
 
-def _panel(table: Table, row: tuple[str, str], below: str, height: float) -> Panel:
+def _draw_panel(table: Table, row: tuple[str, str], below: str, height: float) -> Panel:
     """Return one component: samples of the fit shaded, model with its band, reference and measurement."""
     (name, label), time = row, table["time"]
     known = {
@@ -58,14 +58,14 @@ def _panel(table: Table, row: tuple[str, str], below: str, height: float) -> Pan
         for suffix, *_ in _SOURCES
         if name + suffix in table.names and np.isfinite(table[name + suffix]).any()
     }
-    items: list[Item] = list(shades(time, table["in_fit"])) if "in_fit" in table.names else []
+    items: list[Item] = list(draw_shades(time, table["in_fit"])) if "in_fit" in table.names else []
     if "_model" in known and f"sd_{name}_model" in table.names:
         half = NORMAL_95 * table[f"sd_{name}_model"]
-        items.append(Band(*band(time, known["_model"] - half, known["_model"] + half), style.MODEL))
+        items.append(Band(*thin_band(time, known["_model"] - half, known["_model"] + half), style.MODEL))
     for suffix, colour, dash, width, what in _SOURCES:
         if suffix in known:
-            items.append(Line(*envelope(time, known[suffix]), colour, what, dash, width))
-    framed = style.framed(list(known.values()), _COP_TAIL if name == "cop_x" else 0.0)
+            items.append(Line(*thin_curve(time, known[suffix]), colour, what, dash, width))
+    framed = style.find_range(list(known.values()), _COP_TAIL if name == "cop_x" else 0.0)
     ends = (float(time[0]), float(time[-1])) if len(time) else None
     height += 0.3 if below else 0.0
     return Panel(tuple(items), x=below, y=label, x_range=ends, y_range=framed, linked=True, height=height)

@@ -9,9 +9,9 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting import style
-from mocap_id.reporting.figure import Drawing, Drawings, Figure, Item, Line, Panel, Points, in_lines
+from mocap_id.reporting.figure import Drawing, Drawings, Figure, Item, Line, Panel, Points, arrange_in_lines
 from mocap_id.reporting.reach_study.tables import show_score
-from mocap_id.reporting.space.figures.reach import turnable_panel
+from mocap_id.reporting.space.figures.reach import make_turnable_panel
 from mocap_id.reporting.study import people_rows
 from mocap_id.reporting.study.page_data import CohortData
 
@@ -46,7 +46,7 @@ class Shape:
     arm: FloatArray
 
 
-def reach_figures(data: CohortData, shapes: Sequence[Shape]) -> Drawings:
+def draw_reach_figures(data: CohortData, shapes: Sequence[Shape]) -> Drawings:
     """Return every figure of the page."""
     volumes = Drawing(
         "volumes",
@@ -66,7 +66,7 @@ def reach_figures(data: CohortData, shapes: Sequence[Shape]) -> Drawings:
         _CAPTION.format(drawn="A panel for each side, a colour for each session."),
         _draw_sessions(data, shapes),
     )
-    return Drawings(style.printable(data.study), (volumes, sides, sessions))
+    return Drawings(style.clean(data.study), (volumes, sides, sessions))
 
 
 def _name_people(data: CohortData) -> dict[str, str]:
@@ -74,7 +74,7 @@ def _name_people(data: CohortData) -> dict[str, str]:
     frame = data.tables["people"]
     scores = zip(frame["subject"], frame["score"].to_numpy(dtype=np.float64), strict=True)
     return {
-        subject: style.printable(subject, 16) + ("" if np.isnan(score) else f" ({show_score(score)})")
+        subject: style.clean(subject, 16) + ("" if np.isnan(score) else f" ({show_score(score)})")
         for subject, score in scores
     }
 
@@ -84,15 +84,15 @@ def _draw_volumes(data: CohortData) -> Figure | str:
     known = trials[trials["volume"].notna()]
     if known.empty:
         return "No reachable volume: no trial has one."
-    rows = people_rows.trial_rows(data, known["trial"].tolist(), list(labels))
-    items: list[Item] = people_rows.separators(data)
+    rows = people_rows.place_trials(data, known["trial"].tolist(), list(labels))
+    items: list[Item] = people_rows.draw_separators(data)
     for side, colour in _SIDES.items():
         own = (known["side"] == side).to_numpy(dtype=np.bool_)
         if not own.any():
             continue
         value, low, high = (known.loc[own, f"volume{end}"].to_numpy(dtype=np.float64) for end in ("", "_low", "_high"))
         ends = np.column_stack([low, high, np.full(int(own.sum()), np.nan)]).ravel()
-        names = tuple(style.printable(name, 30) for name in known.loc[own, "trial"])
+        names = tuple(style.clean(name, 30) for name in known.loc[own, "trial"])
         items += [Line(ends, np.repeat(rows[own], 3), colour), Points(value, rows[own], colour, side, names=names)]
     height = 0.7 + 0.3 * len(labels)
     return Figure(((Panel(tuple(items), x="reachable volume (m³)", rows=tuple(labels.values()), height=height),),))
@@ -117,7 +117,7 @@ def _draw_sessions(data: CohortData, shapes: Sequence[Shape]) -> Figure | str:
     for subject, label in _name_people(data).items():
         for side in _SIDES:
             own = [
-                (shape, style.printable(shape.session, 16), style.colour(sessions.index(shape.session) + 1))
+                (shape, style.clean(shape.session, 16), style.pick_colour(sessions.index(shape.session) + 1))
                 for shape in shapes
                 if (shape.subject, shape.side) == (subject, side)
             ]
@@ -132,14 +132,14 @@ def _draw_shapes(shapes: Sequence[Shape], panels: Sequence[tuple[str, list[tuple
     points = np.concatenate([part for shape in shapes for part in (shape.wires, shape.arm)])
     half = 1.02 * float(np.nanmax(np.linalg.norm(points, axis=1)))
     made = (
-        turnable_panel([item for one in drawn for item in _items(*one)], half, title, 2.6)
+        make_turnable_panel([item for one in drawn for item in _draw_items(*one)], half, title, 2.6)
         for title, drawn in panels
         if drawn
     )
-    return Figure(in_lines(tuple(made), 4))
+    return Figure(arrange_in_lines(tuple(made), 4))
 
 
-def _items(shape: Shape, label: str, colour: str) -> Iterator[Item]:
+def _draw_items(shape: Shape, label: str, colour: str) -> Iterator[Item]:
     """Yield the surface, the arm and the shoulder."""
     for points, hue, name, width, opacity in (
         (shape.wires, colour, label, 0.5, 0.6),

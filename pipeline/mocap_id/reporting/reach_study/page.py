@@ -8,8 +8,8 @@ from mocap_id.reporting.grids import show_estimate
 from mocap_id.reporting.numbers import show
 from mocap_id.reporting.page import KeyNumber, Section
 from mocap_id.reporting.reach_study import tables
-from mocap_id.reporting.reach_study.figures import Shape, reach_figures
-from mocap_id.reporting.results.study_page import study_page
+from mocap_id.reporting.reach_study.figures import Shape, draw_reach_figures
+from mocap_id.reporting.results.study_page import render_study_page
 from mocap_id.reporting.study.page_data import CohortData
 
 _FOOTER = (
@@ -34,7 +34,7 @@ _DIFFERENCES = (
 )
 
 
-def reach_cohort_page(data: CohortData, shapes: Sequence[Shape]) -> bytes:
+def render_reach_page(data: CohortData, shapes: Sequence[Shape]) -> bytes:
     """Return the page as UTF-8.
 
     Parameters
@@ -44,14 +44,20 @@ def reach_cohort_page(data: CohortData, shapes: Sequence[Shape]) -> bytes:
     shapes : sequence of Shape
         Surfaces of reachable volumes, at most one for each person, side and session, in the order of the sessions.
     """
-    return study_page(data, _key_numbers(data), _sections(data), reach_figures(data, shapes), _FOOTER)
+    return render_study_page(
+        data, _make_key_numbers(data), _make_sections(data), draw_reach_figures(data, shapes), _FOOTER
+    )
 
 
-def _sections(data: CohortData) -> Iterator[Section]:
+def _make_sections(data: CohortData) -> Iterator[Section]:
     correlation = data.tables["correlation"]
     scored = bool(correlation["spearman"].notna().any())
     people = data.tables["people"]
-    grids = (tables.people(people), *([tables.correlation(correlation)] if scored else []), tables.measures(people))
+    grids = (
+        tables.list_people(people),
+        *([tables.list_correlations(correlation)] if scored else []),
+        tables.list_measures(people),
+    )
     text = (*_MEANING, _CORRELATION) if scored else _MEANING
     yield Section("volume", "Reachable volume", grids, ("volumes",), text=text)
     yield Section(
@@ -63,14 +69,14 @@ def _sections(data: CohortData) -> Iterator[Section]:
         yield Section(
             "differences",
             "Left and right, session and session",
-            (tables.differences(data.of_cohort("differences"), "Mean differences over the people"),),
-            folded=(tables.differences(data.of_people("differences"), "Differences of every person"),),
+            (tables.list_differences(data.of_cohort("differences"), "Mean differences over the people"),),
+            folded=(tables.list_differences(data.of_people("differences"), "Differences of every person"),),
             text=(_DIFFERENCES,),
         )
-    yield Section("trials", "Trials", (tables.trials(data.tables["trials"]),))
+    yield Section("trials", "Trials", (tables.list_trials(data.tables["trials"]),))
 
 
-def _key_numbers(data: CohortData) -> Iterator[KeyNumber]:
+def _make_key_numbers(data: CohortData) -> Iterator[KeyNumber]:
     frame = data.tables["people"]
     yield KeyNumber("people", str(len(frame)), f"{len(data.trials)} trials")
     volumes = frame["volume"].dropna()

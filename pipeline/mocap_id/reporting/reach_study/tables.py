@@ -5,7 +5,7 @@ from __future__ import annotations
 import pandas as pd
 
 from mocap_id.reporting.grids import Grid, GridColumn, estimate, number, text, to_grid
-from mocap_id.reporting.numbers import UNKNOWN, known
+from mocap_id.reporting.numbers import UNKNOWN, to_number
 from mocap_id.reporting.results.study_page import VERDICT
 
 _MEASURES = {
@@ -18,7 +18,7 @@ _MEASURES = {
 _MEASURE = text("measure", lambda row: _MEASURES[row["measure"]])
 
 
-def people(frame: pd.DataFrame) -> Grid:
+def list_people(frame: pd.DataFrame) -> Grid:
     """Return table 7.1: a row for every person."""
     columns = (
         text("person", "subject"),
@@ -32,13 +32,13 @@ def people(frame: pd.DataFrame) -> Grid:
     return to_grid("Reachable volume and clinical score (thesis table 7.1), with 95 % intervals", frame, columns)
 
 
-def measures(frame: pd.DataFrame) -> Grid:
+def list_measures(frame: pd.DataFrame) -> Grid:
     """Return the other measures of reach of every person."""
     others = (estimate(_MEASURES[name], name) for name in ("surface", "elevation", "height"))
     return to_grid("Other measures of reach", frame, (text("person", "subject"), *others))
 
 
-def correlation(frame: pd.DataFrame) -> Grid:
+def list_correlations(frame: pd.DataFrame) -> Grid:
     """Return the correlation of every measure with the score."""
     columns = (
         _MEASURE,
@@ -50,7 +50,7 @@ def correlation(frame: pd.DataFrame) -> Grid:
     return to_grid(caption, frame[frame["spearman"].notna()], columns)
 
 
-def differences(frame: pd.DataFrame, caption: str) -> Grid:
+def list_differences(frame: pd.DataFrame, caption: str) -> Grid:
     """Return paired differences, of the cohort or of every person."""
     columns = (
         text("difference", "comparison"),
@@ -64,7 +64,7 @@ def differences(frame: pd.DataFrame, caption: str) -> Grid:
     return to_grid(caption, frame, columns)
 
 
-def trials(frame: pd.DataFrame) -> Grid:
+def list_trials(frame: pd.DataFrame) -> Grid:
     """Return every trial with its verdict and reach."""
     columns = (
         text("trial", "trial"),
@@ -80,5 +80,5 @@ def trials(frame: pd.DataFrame) -> Grid:
 
 def show_score(score: object) -> str:
     """Format a clinical score, such as ``2``; a dash if unknown."""
-    value = known(score)
+    value = to_number(score)
     return UNKNOWN if value is None else f"{value:g}"

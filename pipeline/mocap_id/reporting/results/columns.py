@@ -76,7 +76,7 @@ class ResultTable:
         ValueError
             A row has a value for a column that the schema does not have.
         """
-        named = [row if isinstance(row, Mapping) else dict(_values(schema, row)) for row in rows]
+        named = [row if isinstance(row, Mapping) else dict(_read_values(schema, row)) for row in rows]
         given = [name for row in named for name in row]
         columns = list(expand_columns(schema, [*given, *(column.name for column in schema.columns)]))
         unknown = set(given) - {column.name for column in columns}
@@ -104,7 +104,7 @@ class ResultTable:
     def records(self) -> list[dict[str, Any]]:
         """The rows for a JSON document; null where a number is not finite."""
         rows = self.frame.to_dict(orient="records")
-        return [{str(k): finite(v) if isinstance(v, float) else v for k, v in row.items()} for row in rows]
+        return [{str(k): to_finite(v) if isinstance(v, float) else v for k, v in row.items()} for row in rows]
 
     @cached_property
     def _arrow(self) -> pa.Table:
@@ -113,7 +113,7 @@ class ResultTable:
     def csv(self) -> bytes:
         """Return the table as CSV; a missing value is empty."""
         stream = io.BytesIO()
-        pyarrow.csv.write_csv(pa.table(dict(_without_nan(self._arrow))), stream)
+        pyarrow.csv.write_csv(pa.table(dict(_replace_nan(self._arrow))), stream)
         return stream.getvalue()
 
     def parquet(self, kind: str) -> bytes:
@@ -131,18 +131,18 @@ class ResultTable:
         return stream.getvalue()
 
 
-def finite(value: float) -> float | None:
+def to_finite(value: float) -> float | None:
     """Return a number for a JSON document: None where it is not finite."""
     return float(value) if math.isfinite(value) else None
 
 
-def _values(schema: TableSchema, source: Any) -> Iterator[tuple[str, Any]]:
+def _read_values(schema: TableSchema, source: Any) -> Iterator[tuple[str, Any]]:
     for column in schema.columns:
         if isinstance(column, ResultColumn) and column.value is not None:
             yield column.name, column.value(source)
 
 
-def _without_nan(table: pa.Table) -> Iterator[tuple[str, Any]]:
+def _replace_nan(table: pa.Table) -> Iterator[tuple[str, Any]]:
     for name in table.column_names:
         column = table.column(name)
         if pa.types.is_floating(column.type):

@@ -59,6 +59,6 @@ class Result:
         return (self.file, *self.files)
 
 
-def text_file(lines: Iterable[str]) -> bytes:
+def make_text_file(lines: Iterable[str]) -> bytes:
     """Return lines as the content of a text file."""
     return "".join(f"{line}\n" for line in lines).encode()

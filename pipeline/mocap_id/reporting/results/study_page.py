@@ -54,7 +54,7 @@ class TrialEntry:
         if self.ending != "failed":
             return split_code(LEVELS[self.ending][1])
         message = self.message or "the trial could not be computed"
-        return split_code(to_sentence(style.printable(message)))
+        return split_code(to_sentence(style.clean(message)))
 
     @property
     def explained(self) -> tuple[ExplainedReason, ...]:
@@ -67,7 +67,7 @@ def count_passed(trials: Sequence[TrialEntry]) -> str:
     return f"{sum(trial.passed for trial in trials)} of {len(trials)} trials went through"
 
 
-def study_page(
+def render_study_page(
     data: CohortData,
     key_numbers: Iterable[KeyNumber],
     sections: Iterable[Section],

@@ -8,7 +8,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.reporting import style
-from mocap_id.reporting.downsampling import envelope
+from mocap_id.reporting.downsampling import thin_curve
 from mocap_id.reporting.figure import Band, Dash, Drawing, Drawings, Figure, Item, Line, Panel, Points, Text
 from mocap_id.reporting.robot_study.page_data import AveragedWrench, Recovery, RobotStudyData, StateTraces
 
@@ -41,14 +41,14 @@ _ACCELERATION_LOOKS: Mapping[str, tuple[str, Dash, float]] = {
 }
 
 
-def robot_figures(data: RobotStudyData) -> Drawings:
+def draw_robot_figures(data: RobotStudyData) -> Drawings:
     """Return every figure of the page."""
-    return Drawings(style.printable(data.study), tuple(_drawings(data)))
+    return Drawings(style.clean(data.study), tuple(_make_drawings(data)))
 
 
-def _drawings(data: RobotStudyData) -> Iterator[Drawing]:
+def _make_drawings(data: RobotStudyData) -> Iterator[Drawing]:
     for k, one in enumerate(data.recoveries, start=1):
-        title = style.printable(f"Kinematic recovery: {one.speed} swing of the {one.joint} ({one.trial})")
+        title = style.clean(f"Kinematic recovery: {one.speed} swing of the {one.joint} ({one.trial})")
         yield Drawing(f"recovery-{k}", title, _RECOVERY, _draw_recovery(one))
     wrench: Figure | str = "No repetition is complete in any trial that went through."
     errors, cell, averaged = wrench, "", data.averaged
@@ -64,38 +64,38 @@ def _drawings(data: RobotStudyData) -> Iterator[Drawing]:
 
 def _draw_recovery(one: Recovery) -> Figure:
     """Draw the plane beside the segment, and below them the states over time (figures 5.2 and 5.3)."""
-    return Figure(((_plane(one), _segment(one)), *((_states(one.traces, order),) for order in range(3))))
+    return Figure(((_draw_plane(one), _draw_segment(one)), *((_draw_states(one.traces, order),) for order in range(3))))
 
 
-def _plane(one: Recovery) -> Panel:
+def _draw_plane(one: Recovery) -> Panel:
     still = [np.nanmean(path, axis=0) for label, path in one.paths.items() if one.segment[label] == 0]
     moving = [path for label, path in one.paths.items() if one.segment[label] > 0]
     x, y = np.array(still).reshape(-1, 2).T
     items: tuple[Item, ...] = (
         Points(x, y, style.FAINT, symbol="x"),
-        *(Line(path[:, 0], path[:, 1], style.colour(k), width=1.2) for k, path in enumerate(moving, start=1)),
+        *(Line(path[:, 0], path[:, 1], style.pick_colour(k), width=1.2) for k, path in enumerate(moving, start=1)),
         Points(one.centre[:1], one.centre[1:], style.GREEN, symbol="ring", size=9.0),
     )
     return Panel(items, "markers and joint", "x (m)", "y (m)", equal=True, height=3.0)
 
 
-def _segment(one: Recovery) -> Panel:
+def _draw_segment(one: Recovery) -> Panel:
     own = {label: local for label, local in one.local.items() if one.segment[label] > 0}
     x, y = np.array(list(own.values())).reshape(-1, 2).T
     items: tuple[Item, ...] = (
         Points(x, y, style.INK, symbol="x"),
-        *(Text(float(local[0]), float(local[1]), style.printable(label, 8)) for label, local in own.items()),
+        *(Text(float(local[0]), float(local[1]), style.clean(label, 8)) for label, local in own.items()),
         Points(np.zeros(1), np.zeros(1), style.GREEN, symbol="ring", size=9.0),
     )
     return Panel(items, "in the segment", "x (m)", "y (m)", equal=True, height=3.0)
 
 
-def _states(traces: StateTraces, order: int) -> Panel:
+def _draw_states(traces: StateTraces, order: int) -> Panel:
     """Return the angle, velocity or acceleration by every method, the smoother on top."""
     series = {name: curve[:, order] for name, curve in traces.curves.items()}
     below, height = ("time (s)", 1.5) if order == 2 else ("", 1.2)
     return Panel(
-        tuple(_lines(traces, series, _STATE_LOOKS, 150)), x=below, y=_QUANTITIES[order], linked=True, height=height
+        tuple(_draw_lines(traces, series, _STATE_LOOKS, 150)), x=below, y=_QUANTITIES[order], linked=True, height=height
     )
 
 
@@ -116,23 +116,23 @@ def _draw_wrench(averaged: AveragedWrench, series: Mapping[str, FloatArray]) -> 
 def _draw_accelerations(traces: StateTraces) -> Figure:
     """Draw the accelerations, and their errors if the truth is known (figure 5.6)."""
     series = {name: curve[:, 2] for name, curve in traces.curves.items()}
-    curves = _lines(traces, series, _ACCELERATION_LOOKS, 200)
-    title, time = f"acceleration (rad/s²): {style.printable(traces.trial)}", "time (s)"
+    curves = _draw_lines(traces, series, _ACCELERATION_LOOKS, 200)
+    title, time = f"acceleration (rad/s²): {style.clean(traces.trial)}", "time (s)"
     if traces.truth is None:
         return Figure(((Panel(tuple(curves), title, time, linked=True, height=2.2),),))
     truth = traces.truth[:, 2]
-    errors = _lines(traces, {name: curve - truth for name, curve in series.items()}, _ACCELERATION_LOOKS, 200)
-    curves.append(Line(*envelope(traces.time, truth, 200), style.INK, "truth", width=0.6))
+    errors = _draw_lines(traces, {name: curve - truth for name, curve in series.items()}, _ACCELERATION_LOOKS, 200)
+    curves.append(Line(*thin_curve(traces.time, truth, 200), style.INK, "truth", width=0.6))
     above = Panel(tuple(curves), title, linked=True, height=1.7)
     return Figure(((above,), (Panel(tuple(errors), "error (rad/s²)", time, linked=True, height=1.9),)))
 
 
-def _lines(
+def _draw_lines(
     traces: StateTraces, series: Mapping[str, FloatArray], looks: Mapping[str, tuple[str, Dash, float]], bins: int
 ) -> list[Line]:
     """Return a line over time for each series (T,) that has a look."""
     return [
-        Line(*envelope(traces.time, series[name], bins), colour, name, dash, width)
+        Line(*thin_curve(traces.time, series[name], bins), colour, name, dash, width)
         for name, (colour, dash, width) in looks.items()
         if name in series
     ]

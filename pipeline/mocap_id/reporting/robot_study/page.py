@@ -7,9 +7,9 @@ from collections.abc import Iterator, Mapping
 from mocap_id.reporting.grids import Grid
 from mocap_id.reporting.page import Page, Section
 from mocap_id.reporting.results.study_page import count_passed
-from mocap_id.reporting.robot_study.figures import robot_figures
+from mocap_id.reporting.robot_study.figures import draw_robot_figures
 from mocap_id.reporting.robot_study.page_data import RobotStudyData
-from mocap_id.reporting.robot_study.tables import overview, thesis_table
+from mocap_id.reporting.robot_study.tables import list_thesis_rows, list_trials
 
 LEGEND = (
     "Mean (standard deviation): of values over the trials of a cell, of errors over all their samples. P: states from "
@@ -22,14 +22,14 @@ _FOOTER = (
 )
 
 
-def robot_page(data: RobotStudyData) -> bytes:
+def render_robot_page(data: RobotStudyData) -> bytes:
     """Return the page as UTF-8."""
-    figures = robot_figures(data)
-    first, *tables = _grids(data)
+    figures = draw_robot_figures(data)
+    first, *tables = _list_grids(data)
     return Page(
         name=data.study,
         headline=count_passed(data.trials),
-        lead=_lead(data),
+        lead=_describe_truth(data),
         command="validate robot",
         level="ok" if all(trial.passed for trial in data.trials) else "caution",
         sections=(
@@ -43,11 +43,11 @@ def robot_page(data: RobotStudyData) -> bytes:
     ).render()
 
 
-def _grids(data: RobotStudyData) -> list[Grid]:
-    return [overview(data.overview), *(thesis_table(*table) for table in data.tables)]
+def _list_grids(data: RobotStudyData) -> list[Grid]:
+    return [list_trials(data.overview), *(list_thesis_rows(*table) for table in data.tables)]
 
 
-def _lead(data: RobotStudyData) -> str:
+def _describe_truth(data: RobotStudyData) -> str:
     against = set(data.overview["against"]) - {""}
     if "truth" in against:
         return "Simulated trials: the exact truth is known, and errors are against it."
@@ -56,14 +56,14 @@ def _lead(data: RobotStudyData) -> str:
     return "Neither truth nor encoder is known, so the errors of the states are not known either."
 
 
-def markdown(data: RobotStudyData, figures: Mapping[str, str]) -> str:
+def render_markdown(data: RobotStudyData, figures: Mapping[str, str]) -> str:
     """Return the tables, and links to figures (title to file), in Markdown."""
-    parts = [LEGEND, *("\n".join(_markdown_table(grid)) for grid in _grids(data) if grid.rows)]
+    parts = [LEGEND, *("\n".join(_render_table(grid)) for grid in _list_grids(data) if grid.rows)]
     parts += [f"![{name}]({file})" for name, file in figures.items()]
     return "\n\n".join(parts) + "\n"
 
 
-def _markdown_table(grid: Grid) -> Iterator[str]:
+def _render_table(grid: Grid) -> Iterator[str]:
     yield f"**{grid.caption}**"
     yield ""
     yield "| " + " | ".join(grid.head) + " |"

@@ -10,8 +10,8 @@ import numpy as np
 import pandas as pd
 
 from mocap_id.reporting.grids import Grid, GridColumn, number, text, to_grid
-from mocap_id.reporting.numbers import UNKNOWN, known, show_fixed
-from mocap_id.reporting.style import unit
+from mocap_id.reporting.numbers import UNKNOWN, show_fixed, to_number
+from mocap_id.reporting.style import format_unit
 
 Kind: TypeAlias = Literal["value", "error"]
 
@@ -37,11 +37,11 @@ class Quantity:
     @property
     def grid_column(self) -> GridColumn:
         """Column of a table with cells ``mean (standard deviation)``."""
-        shown, factor = _UNITS.get(self.unit, (unit(self.unit), 1.0))
+        shown, factor = _UNITS.get(self.unit, (format_unit(self.unit), 1.0))
         decimals = _DECIMALS.get(shown, 3) if self.decimals is None else self.decimals
 
         def cell(row: Mapping[str, Any]) -> str:
-            mean, sd = known(row[f"{self.name}_mean"]), known(row[f"{self.name}_sd"])
+            mean, sd = to_number(row[f"{self.name}_mean"]), to_number(row[f"{self.name}_sd"])
             if mean is None and sd is None:
                 return UNKNOWN
             value = "?" if mean is None else show_fixed(factor * mean, decimals)
@@ -50,7 +50,7 @@ class Quantity:
         return GridColumn(self.symbol if self.unit == "1" else f"{self.symbol} ({shown})", cell)
 
 
-def thesis_table(title: str, frame: pd.DataFrame, quantities: Sequence[Quantity]) -> Grid:
+def list_thesis_rows(title: str, frame: pd.DataFrame, quantities: Sequence[Quantity]) -> Grid:
     """Return one of the thesis's tables, with the rows of the thesis below the rows of the study."""
     columns = (
         text("joint", "joint", UNKNOWN),
@@ -64,7 +64,7 @@ def thesis_table(title: str, frame: pd.DataFrame, quantities: Sequence[Quantity]
     return to_grid(title, frame, columns)
 
 
-def overview(trials: pd.DataFrame) -> Grid:
+def list_trials(trials: pd.DataFrame) -> Grid:
     """Return a row for every trial with its states from the cameras: verdict, and errors if known."""
     columns = (
         text("trial", "trial"),
@@ -86,7 +86,7 @@ def overview(trials: pd.DataFrame) -> Grid:
 
 def _show_error(row: Mapping[str, Any], name: str) -> str:
     """Format the error of a parameter with its standard deviation, in per cent of the reference."""
-    value, reference, sd = (known(row[key]) for key in (name, f"{name}_reference", f"{name}_sd"))
+    value, reference, sd = (to_number(row[key]) for key in (name, f"{name}_reference", f"{name}_sd"))
     if value is None or not reference or sd is None:
         return UNKNOWN
     return f"{show_fixed(100 * (value / reference - 1), 2)} ± {show_fixed(100 * sd / reference, 2)}"

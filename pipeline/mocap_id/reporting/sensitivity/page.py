@@ -23,28 +23,28 @@ _FOOTER = (
 )
 
 
-def sensitivity_page(data: SensitivityData) -> bytes:
+def render_sensitivity_page(data: SensitivityData) -> bytes:
     """Return the page as UTF-8."""
-    drawing = tornado.drawing(data)
-    sentences = tuple(style.printable(sentence) for sentence in data.tables["tolerates"]["sentence"])
+    drawing = tornado.make_drawing(data)
+    sentences = tuple(style.clean(sentence) for sentence in data.tables["tolerates"]["sentence"])
     return Page(
         name=data.trial,
         headline="what this trial tolerates",
-        lead=f"{criterion(data.tolerance)} The limit between two tried levels is interpolated.",
-        note=style.printable(data.note),
+        lead=f"{describe_criterion(data.tolerance)} The limit between two tried levels is interpolated.",
+        note=style.clean(data.note),
         command="sensitivity",
-        key_numbers=_key_numbers(data),
+        key_numbers=_make_key_numbers(data),
         sections=(
             Section("tolerates", "Tolerated levels", items=sentences),
             Section("tornado", drawing.title, figures=(drawing.name,)),
-            Section("numbers", "Numbers", (_parameters(data), _perturbations(data))),
+            Section("numbers", "Numbers", (_list_parameters(data), _list_perturbations(data))),
         ),
-        figures=Drawings(style.printable(data.trial), (drawing,)),
+        figures=Drawings(style.clean(data.trial), (drawing,)),
         footer=_FOOTER,
     ).render()
 
 
-def criterion(share: float) -> str:
+def describe_criterion(share: float) -> str:
     """Return when a perturbation is tolerated, in words."""
     return (
         f"A perturbation is tolerated if no parameter changes by more than {show(100 * share, 2, '%')} of its size, or "
@@ -52,7 +52,7 @@ def criterion(share: float) -> str:
     )
 
 
-def _key_numbers(data: SensitivityData) -> tuple[KeyNumber, ...]:
+def _make_key_numbers(data: SensitivityData) -> tuple[KeyNumber, ...]:
     tried = data.tables["perturbations"]
     beyond = tried[~tried["tolerated"]]
     silent = beyond[(beyond["raised"] == "") & ~beyond["verdict"].isin(_FAILED)]
@@ -64,17 +64,17 @@ def _key_numbers(data: SensitivityData) -> tuple[KeyNumber, ...]:
     )
 
 
-def _parameters(data: SensitivityData) -> Grid:
+def _list_parameters(data: SensitivityData) -> Grid:
     columns = (
         text("parameter", "name"),
-        GridColumn("value", lambda one: show_with_sd(one.value, one.sd, style.unit(one.unit))),
-        GridColumn("size", lambda one: show(one.size, 3, style.unit(one.unit))),
+        GridColumn("value", lambda one: show_with_sd(one.value, one.sd, style.format_unit(one.unit))),
+        GridColumn("size", lambda one: show(one.size, 3, style.format_unit(one.unit))),
         GridColumn("tolerated change", lambda one: show(100 * one.tolerated(data.tolerance), 2, "%")),
     )
     return to_grid("The unperturbed parameters", data.parameters, columns)
 
 
-def _perturbations(data: SensitivityData) -> Grid:
+def _list_perturbations(data: SensitivityData) -> Grid:
     tried = data.tables["perturbations"]
     torques = [name for name in tried.columns if name.startswith("tau_")]
 

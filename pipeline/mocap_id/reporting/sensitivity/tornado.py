@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from mocap_id.reporting import style
-from mocap_id.reporting.figure import Bars, Drawing, Figure, Key, Panel, Rule, Spans, in_lines
+from mocap_id.reporting.figure import Bars, Drawing, Figure, Key, Panel, Rule, Spans, arrange_in_lines
 from mocap_id.reporting.sensitivity.page_data import ParameterEntry, SensitivityData
 
 CAPTION = (
@@ -30,18 +30,18 @@ _LEGEND = (
 )
 
 
-def drawing(data: SensitivityData) -> Drawing:
+def make_drawing(data: SensitivityData) -> Drawing:
     """Return the figure with title and caption."""
     return Drawing("tornado", "How much each kind of error changes each parameter", CAPTION, draw(data))
 
 
 def draw(data: SensitivityData) -> Figure | str:
     """Return a panel for each parameter, or why there is no figure."""
-    kinds = _order(data)
+    kinds = _order_kinds(data)
     if not data.parameters or not kinds:
         return "No parameter is known that could change."
-    panels = tuple(_panel(data, parameter, kinds) for parameter in data.parameters)
-    return Figure(in_lines(panels, _COLUMNS))
+    panels = tuple(_draw_panel(data, parameter, kinds) for parameter in data.parameters)
+    return Figure(arrange_in_lines(panels, _COLUMNS))
 
 
 def place(percent: float) -> float:
@@ -50,7 +50,7 @@ def place(percent: float) -> float:
     return float(np.sign(percent) * (_LINEAR * size if size <= 1 else _LINEAR + np.log10(size)))
 
 
-def _order(data: SensitivityData) -> list[str]:
+def _order_kinds(data: SensitivityData) -> list[str]:
     """Return the kinds by their largest change of any parameter, the largest first."""
     counted = {parameter.name for parameter in data.parameters}
     responses = data.tables["responses"]
@@ -58,16 +58,16 @@ def _order(data: SensitivityData) -> list[str]:
     return [str(kind) for kind in worst.dropna().sort_values(ascending=False, kind="stable").index]
 
 
-def _panel(data: SensitivityData, parameter: ParameterEntry, kinds: Sequence[str]) -> Panel:
+def _draw_panel(data: SensitivityData, parameter: ParameterEntry, kinds: Sequence[str]) -> Panel:
     responses, perturbations = data.tables["responses"], data.tables["perturbations"]
     own = responses[responses["parameter"] == parameter.name]
     raised = perturbations.set_index("perturbation")["raised"] != ""
     own = own.assign(noticed=own["perturbation"].map(raised).to_numpy() | own["value"].isna().to_numpy())
     tolerated = place(100 * parameter.tolerated(data.tolerance))
-    found = [(row, *bar) for row, kind in enumerate(kinds) for bar in _bars(own[own["kind"] == kind])]
+    found = [(row, *bar) for row, kind in enumerate(kinds) for bar in _make_bars(own[own["kind"] == kind])]
     numbers = [[row, place(low), place(high), shade] for row, low, high, shade, _ in found]
     rows, lows, highs, shades = np.array(numbers, dtype=np.float64).reshape(-1, 4).T
-    names = tuple(style.printable(data.titles[kind], 30) for kind in kinds)
+    names = tuple(style.clean(data.titles[kind], 30) for kind in kinds)
     items = (
         *_LEGEND,
         Spans(np.array([-tolerated]), np.array([tolerated]), style.GRID),
@@ -84,7 +84,7 @@ def _panel(data: SensitivityData, parameter: ParameterEntry, kinds: Sequence[str
     ticks = tuple((place(value), f"{value:g}".replace("-", "−")) for value in _TICKS)
     return Panel(
         items,
-        style.printable(parameter.name, 34),
+        style.clean(parameter.name, 34),
         "change, % of its size",
         x_range=(place(-_LIMIT), place(_LIMIT)),
         x_ticks=ticks,
@@ -93,7 +93,7 @@ def _panel(data: SensitivityData, parameter: ParameterEntry, kinds: Sequence[str
     )
 
 
-def _bars(changes: pd.DataFrame) -> list[tuple[float, float, float, str]]:
+def _make_bars(changes: pd.DataFrame) -> list[tuple[float, float, float, str]]:
     """Return the bars of one kind for one parameter, widest first: lowest and highest change in %, opacity, colour.
 
     There is a bar for each absolute level, from its lowest to its highest change.

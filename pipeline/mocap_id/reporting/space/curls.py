@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from mocap_id.reporting.grids import Grid, GridColumn, number, text, to_grid
-from mocap_id.reporting.numbers import UNKNOWN, known
+from mocap_id.reporting.numbers import UNKNOWN, to_number
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.space.schema import CompensationEntry, CurlsEntry, TrendEntry
 from mocap_id.reporting.space.tables import to_words
@@ -16,7 +16,7 @@ from mocap_id.reporting.space.tables import to_words
 _FILE = "events.parquet"
 
 
-def curls(data: ReportData) -> CurlsEntry:
+def summarise_curls(data: ReportData) -> CurlsEntry:
     """Return counts, end, compensation, torque and fatigue; null with a ``why`` for other protocols."""
     facts = data.facts(_FILE).get("curl")
     if facts is None:
@@ -28,20 +28,22 @@ def curls(data: ReportData) -> CurlsEntry:
         partial=facts.get("partial"),
         after_end=facts.get("after_end"),
         condition=facts.get("condition"),
-        end_s=known((facts.get("end") or {}).get("time_s")),
+        end_s=to_number((facts.get("end") or {}).get("time_s")),
         end_rule=(facts.get("end") or {}).get("rule"),
         compensation={
-            name: _compensation(found, (facts.get("in_step") or {}).get(name))
+            name: _summarise_compensation(found, (facts.get("in_step") or {}).get(name))
             for name, found in (facts.get("compensation") or {}).items()
         },
         largest_torque_nm=None if peak is None else peak["peak_Nm"],
         largest_torque_sd_nm=None if peak is None else peak["sd_Nm"],
-        fatigue={name: _trend(found) for name, found in (facts.get("fatigue") or {}).items() if found is not None},
+        fatigue={
+            name: _summarise_trend(found) for name, found in (facts.get("fatigue") or {}).items() if found is not None
+        },
         why=facts.get("why") or facts.get("torque_why") or None,
     )
 
 
-def _compensation(found: list[dict[str, Any] | None], in_step: Mapping[str, Any] | None) -> CompensationEntry:
+def _summarise_compensation(found: list[dict[str, Any] | None], in_step: Mapping[str, Any] | None) -> CompensationEntry:
     """Return the compensation of one angle in degrees, None for a curl without it."""
 
     def degrees(value: float) -> float:
@@ -59,11 +61,11 @@ def _compensation(found: list[dict[str, Any] | None], in_step: Mapping[str, Any]
     )
 
 
-def _trend(found: Mapping[str, Any]) -> TrendEntry:
+def _summarise_trend(found: Mapping[str, Any]) -> TrendEntry:
     return TrendEntry(slope=found["slope"], interval=found["interval"], curls=found["count"])
 
 
-def counts(data: ReportData) -> Grid:
+def list_curls(data: ReportData) -> Grid:
     """Return one row for every curl and failed attempt."""
     facts = data.facts(_FILE).get("curl") or {}
     rows = data.rows(_FILE) if facts else []
@@ -73,8 +75,8 @@ def counts(data: ReportData) -> Grid:
         number("end (s)", lambda row: row[0]["end"], 2),
         number("rise of the flexion (deg)", lambda row: row[0]["amplitude"], 0, 180 / np.pi),
         text("complete", lambda row: "yes" if row[0]["complete"] else f"no: {row[0]['why']}"),
-        GridColumn("largest torque (N·m)", lambda row: _peak(row[1], "")),
-        GridColumn("of the person (N·m)", lambda row: _peak(row[1], "person_")),
+        GridColumn("largest torque (N·m)", lambda row: _show_peak(row[1], "")),
+        GridColumn("of the person (N·m)", lambda row: _show_peak(row[1], "person_")),
     )
     end = facts.get("end") or {}
     caption = "Curls, with the largest torque about the elbow's axis ± one standard deviation"
@@ -84,27 +86,27 @@ def counts(data: ReportData) -> Grid:
     return to_grid(caption, zip(rows, torques, strict=True), columns)
 
 
-def _peak(torque: Mapping[str, Any] | None, who: str) -> str:
+def _show_peak(torque: Mapping[str, Any] | None, who: str) -> str:
     if torque is None or torque.get(f"{who}peak_Nm") is None:
         return UNKNOWN
     return f"{torque[f'{who}peak_Nm']:.1f} ± {torque[f'{who}sd_Nm']:.1f}"
 
 
-def compensation(data: ReportData) -> Grid:
+def list_compensation(data: ReportData) -> Grid:
     """Return the mean range of every angle that should not move, beside the range that errors alone can cause."""
-    entry = curls(data)
+    entry = summarise_curls(data)
     rows = {
         name: (found, entry.fatigue.get(f"{name}_range_rad"))
         for name, found in entry.compensation.items()
-        if _known(found.range_deg)
+        if _remove_missing(found.range_deg)
     }
     columns = (
-        number("mean range (deg)", lambda row: np.mean(_known(row[0].range_deg)), 1),
-        number("largest range (deg)", lambda row: max(_known(row[0].range_deg)), 1),
-        number("range by errors alone (deg)", lambda row: np.mean(_known(row[0].floor_deg)), 1),
-        GridColumn("change per curl, 95 % interval (deg)", lambda row: _change(row[1])),
+        number("mean range (deg)", lambda row: np.mean(_remove_missing(row[0].range_deg)), 1),
+        number("largest range (deg)", lambda row: max(_remove_missing(row[0].range_deg)), 1),
+        number("range by errors alone (deg)", lambda row: np.mean(_remove_missing(row[0].floor_deg)), 1),
+        GridColumn("change per curl, 95 % interval (deg)", lambda row: _show_change(row[1])),
         GridColumn("curls with a sustained compensation", lambda row: str(sum(1 for one in row[0].sustained_s if one))),
-        GridColumn("also in step with the flexion, 95 % interval (deg)", lambda row: _in_step(row[0])),
+        GridColumn("also in step with the flexion, 95 % interval (deg)", lambda row: _show_in_step(row[0])),
     )
     caption = (
         "Compensation: range of each angle within a curl. A range below that by errors alone may be no motion. Axial "
@@ -114,11 +116,11 @@ def compensation(data: ReportData) -> Grid:
     return to_grid(caption, to_words(rows), columns, "angle")
 
 
-def _known(values: list[float | None]) -> list[float]:
+def _remove_missing(values: list[float | None]) -> list[float]:
     return [value for value in values if value is not None]
 
 
-def _change(trend: TrendEntry | None) -> str:
+def _show_change(trend: TrendEntry | None) -> str:
     """Format the change per curl, degrees, with its interval."""
     if trend is None:
         return UNKNOWN
@@ -126,7 +128,7 @@ def _change(trend: TrendEntry | None) -> str:
     return f"{slope:+.2f} ({low:+.2f} … {high:+.2f})"
 
 
-def _in_step(found: CompensationEntry) -> str:
+def _show_in_step(found: CompensationEntry) -> str:
     if found.in_step_deg is None or found.in_step_interval_deg is None:
         return UNKNOWN
     low, high = found.in_step_interval_deg

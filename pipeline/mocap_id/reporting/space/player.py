@@ -10,11 +10,11 @@ from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Line, Panel
 from mocap_id.reporting.figures import wrench
-from mocap_id.reporting.markers import positions_at
-from mocap_id.reporting.player import LOW, Part, Player, bounds, frame_times, marker_parts
+from mocap_id.reporting.markers import read_positions
+from mocap_id.reporting.player import LOW, Part, Player, choose_frame_times, find_bounds, make_marker_parts, make_stick
 from mocap_id.reporting.report_data import ReportData
-from mocap_id.reporting.space.figures.angles import joint_motions
-from mocap_id.reporting.space.figures.skeleton import stick_figure
+from mocap_id.reporting.space.figures.angles import collect_joint_motions
+from mocap_id.reporting.space.figures.skeleton import make_stick_figure
 
 MOST = 600
 """Maximum number of frames."""
@@ -22,55 +22,53 @@ _CELLS = 4  # of the floor, in both directions
 _AXES = {"x": style.VERMILLION, "y, up": style.GREEN, "z": style.BLUE}
 
 
-def spatial_player(data: ReportData) -> Player | None:
+def make_spatial_player(data: ReportData) -> Player | None:
     """Return the player of a trial in space; None if there are no moving markers."""
     planar = data.long("planar.parquet")
     if planar is None or not len(planar.labels):
         return None
-    time = frame_times(planar.time, len(planar.labels), MOST)
+    time = choose_frame_times(planar.time, len(planar.labels), MOST)
     if len(time) < 2:
         return None
     labels = tuple(str(label) for label in planar.labels)
-    moving = [*_chain(data, time), *marker_parts(data, labels, positions_at(planar, time, labels, "xyz"))]
+    moving = [*_make_chain(data, time), *make_marker_parts(data, labels, read_positions(planar, time, labels, "xyz"))]
     curves = (
-        *(one.panel(0, LOW) for one in joint_motions(data)),
-        *(panel for panel in wrench.panels(data, LOW) if any(isinstance(item, Line) for item in panel.items)),
+        *(one.draw_panel(0, LOW) for one in collect_joint_motions(data)),
+        *(panel for panel in wrench.draw_panels(data, LOW) if any(isinstance(item, Line) for item in panel.items)),
     )
-    return Player(time, (*_floor(bounds(moving), len(time)), *moving), _with_time(curves), None, "")
+    return Player(time, (*_make_floor(find_bounds(moving), len(time)), *moving), _label_time(curves), None, "")
 
 
-def _with_time(curves: tuple[Panel, ...]) -> tuple[Panel, ...]:
+def _label_time(curves: tuple[Panel, ...]) -> tuple[Panel, ...]:
     """Return the curves with the label of the time below the last."""
     if not curves or curves[-1].x:
         return curves
     return (*curves[:-1], replace(curves[-1], x="time (s)", height=LOW + 0.3))
 
 
-def _chain(data: ReportData, time: FloatArray) -> list[Part]:
+def _make_chain(data: ReportData, time: FloatArray) -> list[Part]:
     """Return sticks and joints at these times."""
     poses = data.segment_poses
     if poses is None or not len(poses.time):
         return []
     samples = np.searchsorted(poses.time, time - 1e-9).clip(0, len(poses.time) - 1)
-    found = stick_figure(data, samples)
+    found = make_stick_figure(data, samples)
     if found is None:
         return []
     away = np.abs(poses.time[samples] - time) > np.median(np.diff(poses.time)) if len(poses.time) > 1 else samples > 0
     parts = []
     for segment, ends in zip(found.segments, found.sticks, strict=True):
-        name = style.printable(data.segment_names[segment], 20)
-        look = {"colour": style.colour(segment), "label": name, "width": 5.0, "opacity": 0.6}
-        parts.append(Part("stick", look, _without(ends, away)))
+        parts.append(make_stick(segment, data.segment_names[segment], _hide_missing(ends, away)))
     look = {"colour": style.INK, "symbol": "ring", "size": 10.0}
-    return [*parts, Part("joints", look, _without(found.joints, away))]
+    return [*parts, Part("joints", look, _hide_missing(found.joints, away))]
 
 
-def _without(points: FloatArray, away: BoolArray) -> FloatArray:
+def _hide_missing(points: FloatArray, away: BoolArray) -> FloatArray:
     """Return points (K, rows, 3) as (K, 3, rows), NaN where no sample is near the time of the frame."""
     return np.where(away[:, None, None], np.nan, points).swapaxes(1, 2)
 
 
-def _floor(found: FloatArray, frames: int) -> list[Part]:
+def _make_floor(found: FloatArray, frames: int) -> list[Part]:
     """Return a grid under the markers and the axes of the trial's frame at its corner, which do not move."""
     low, high = found[:, 0], found[:, 1]
     wide = max(float((high - low)[[0, 2]].max()), 0.1)
@@ -82,13 +80,13 @@ def _floor(found: FloatArray, frames: int) -> list[Part]:
         for step in steps:
             start = corner + step * np.eye(3)[across]
             rows += [start, start + wide * np.eye(3)[along], gap]
-    parts = [Part("floor", {"colour": style.GRID, "width": 0.6}, _still(np.array(rows), frames))]
+    parts = [Part("floor", {"colour": style.GRID, "width": 0.6}, _repeat_in_frames(np.array(rows), frames))]
     for axis, (name, colour) in enumerate(_AXES.items()):
         ends = np.array([corner, corner + 0.2 * wide * np.eye(3)[axis]])
-        parts.append(Part("axis", {"colour": colour, "label": name, "width": 1.6}, _still(ends, frames)))
+        parts.append(Part("axis", {"colour": colour, "label": name, "width": 1.6}, _repeat_in_frames(ends, frames)))
     return parts
 
 
-def _still(points: FloatArray, frames: int) -> FloatArray:
+def _repeat_in_frames(points: FloatArray, frames: int) -> FloatArray:
     """Return points (rows, 3) for every frame, (frames, 3, rows)."""
     return np.repeat(points.T[None], frames, axis=0)

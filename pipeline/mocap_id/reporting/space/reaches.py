@@ -13,7 +13,7 @@ _VIEW_ONLY = {"mesh", "view", "why"}
 _SETS = {"box": "box of independent limits", "visited": "visited region"}
 
 
-def workspace(data: ReportData) -> WorkspaceEntry:
+def summarise_workspace(data: ReportData) -> WorkspaceEntry:
     """Return the reachable volume and what belongs to it; null with a ``why`` for other protocols."""
     facts = data.facts(_FILE).get("reach")
     if facts is None:
@@ -29,7 +29,7 @@ def describe_volume(found: WorkspaceEntry) -> tuple[str, ...]:
     return () if found.visited is None else (found.visited.meaning,)
 
 
-def volumes(found: WorkspaceEntry) -> Grid:
+def list_volumes(found: WorkspaceEntry) -> Grid:
     """Return the volume within both sets with interval, discretisation and convergence."""
     share = {"box": found.relative_volume}
     columns = (
@@ -47,7 +47,7 @@ def volumes(found: WorkspaceEntry) -> Grid:
     return to_grid("Volume that the wrist can reach", rows, columns)
 
 
-def ranges(found: WorkspaceEntry) -> Grid:
+def list_ranges(found: WorkspaceEntry) -> Grid:
     """Return the robust range of every angle, and its share in the variance of the volume."""
 
     def share(row: tuple[str, RangeEntry]) -> float | None:
@@ -67,7 +67,7 @@ def ranges(found: WorkspaceEntry) -> Grid:
     return to_grid(caption, (found.ranges or {}).items(), columns)
 
 
-def areas(found: WorkspaceEntry) -> Grid:
+def list_areas(found: WorkspaceEntry) -> Grid:
     """Return the relative area of the surface by quadrants."""
     names = ("total", "upper_medial", "upper_lateral", "lower_medial", "lower_lateral", "behind")
     caption = (
@@ -78,7 +78,7 @@ def areas(found: WorkspaceEntry) -> Grid:
     return to_grid(caption, rows, [number(name.replace("_", " "), name, 3) for name in names], "set")
 
 
-def heights(found: WorkspaceEntry) -> Grid:
+def list_heights(found: WorkspaceEntry) -> Grid:
     """Return the heights that the hand reached."""
     one = found.heights
     if one is None:
@@ -97,7 +97,7 @@ def heights(found: WorkspaceEntry) -> Grid:
     return to_grid("Heights above the shoulder, along the thorax", rows, columns, "level")
 
 
-def targets(found: WorkspaceEntry) -> Grid:
+def list_targets(found: WorkspaceEntry) -> Grid:
     """Return the number of reaches to each part of the body, and the distances by which they missed it."""
     columns = (
         number("reaches", "count", 0),

@@ -10,7 +10,7 @@ from mocap_id.reporting.space import curls, reaches, tables
 from mocap_id.reporting.summary_schema import Summary
 
 
-def spatial_results(data: ReportData, summary: Summary, filtering: Grid, sensors: list[Section]) -> list[Section]:
+def make_spatial_sections(data: ReportData, summary: Summary, filtering: Grid, sensors: list[Section]) -> list[Section]:
     """Return the sections on chain, angles, protocol and landmarks.
 
     Parameters
@@ -21,47 +21,54 @@ def spatial_results(data: ReportData, summary: Summary, filtering: Grid, sensors
     sensors : list of Section
         Section on inertial sensors, if the trial has any.
     """
-    joints = (shared.joints(summary), tables.glides(summary), tables.axes(summary), tables.kinds(summary))
+    joints = (
+        shared.list_joints(summary),
+        tables.list_glides(summary),
+        tables.list_axes(summary),
+        tables.list_kinds(summary),
+    )
     missing = tuple(f"{joint.name}: {joint.why}." for joint in summary.joints or () if not joint.known)
     return [
         Section(
             "skeleton",
             "Markers as recorded" if data.spatial_skeleton is None else "Skeleton",
-            (*joints, shared.lengths(summary)),
+            (*joints, shared.list_lengths(summary)),
             ("skeleton",),
             text=missing,
             needs="planar.parquet",
         ),
-        Section("angles", "Angles", (tables.angles(summary), filtering), ("angles", "rates"), needs="angles.parquet"),
+        Section(
+            "angles", "Angles", (tables.list_angles(summary), filtering), ("angles", "rates"), needs="angles.parquet"
+        ),
         *sensors,
-        *_protocol(data, summary),
+        *_make_protocol_section(data, summary),
         Section(
             "landmarks",
             "Landmarks",
-            (tables.landmarks(data, summary),),
+            (tables.list_landmarks(data, summary),),
             text=(_describe_frames(data, summary),),
             needs="chain.h5",
         ),
     ]
 
 
-def _protocol(data: ReportData, summary: Summary) -> list[Section]:
+def _make_protocol_section(data: ReportData, summary: Summary) -> list[Section]:
     """Return the section on the reachable volume or on curls; empty for other protocols."""
     facts, needs = data.facts("events.parquet"), "events.parquet"
     grids: tuple[Grid, ...]
     if "reach" in facts:
         found = summary.workspace
         grids = (
-            reaches.volumes(found),
-            reaches.ranges(found),
-            reaches.areas(found),
-            reaches.heights(found),
-            reaches.targets(found),
+            reaches.list_volumes(found),
+            reaches.list_ranges(found),
+            reaches.list_areas(found),
+            reaches.list_heights(found),
+            reaches.list_targets(found),
             reaches.list_reaches(data),
         )
         return [Section("reach", "Reach", grids, ("reach",), text=reaches.describe_volume(found), needs=needs)]
     if "curl" in facts:
-        grids = (curls.counts(data), curls.compensation(data))
+        grids = (curls.list_curls(data), curls.list_compensation(data))
         return [Section("curls", "Curls", grids, ("phase_portraits",), needs=needs)]
     return []
 

@@ -10,7 +10,7 @@ import numpy as np
 from mocap_id.arrays import NORMAL_95, FloatArray
 from mocap_id.geometry.so3 import shift_to_shortest_arc
 from mocap_id.geometry.spatial_chain import SpatialJoint
-from mocap_id.reporting.numbers import all_known, known
+from mocap_id.reporting.numbers import to_number, to_numbers
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.reporting.space.schema import AngleEntry, ImuEntry, LandmarkEntry
 from mocap_id.reporting.summary_entry import NOT_FINITE, join_sentences, why_unknown
@@ -23,20 +23,20 @@ AXES = {"ball": 0, "hinge": 1, "two-axis": 2}
 _HIDDEN = "the motion does not show the centre of this joint: use `calibration:`, or record a larger motion"
 
 
-def joints(data: ReportData) -> list[JointEntry] | None:
+def summarise_joints(data: ReportData) -> list[JointEntry] | None:
     """Return the joints; None if no chain was found."""
     skeleton = data.spatial_skeleton
     if skeleton is None:
         return None
     weighed = data.facts("chain.h5").get("evidence") or {}
     named = zip(skeleton.joints, skeleton.chain.joints, skeleton.arc, strict=True)
-    return [_joint(name, joint, float(arc), weighed.get(name) or {}) for name, joint, arc in named]
+    return [_summarise_joint(name, joint, float(arc), weighed.get(name) or {}) for name, joint, arc in named]
 
 
-def _joint(name: str, joint: SpatialJoint, arc: float, weighed: Mapping[str, Any]) -> JointEntry:
-    centre, sd = (all_known(each) if joint.known else None for each in (joint.centre, _sd(joint.covariance)))
-    axes = [all_known(axis) for axis in (joint.first_axis, joint.second_axis)[: AXES[joint.kind]]]
-    arc_deg = known(np.degrees(arc))
+def _summarise_joint(name: str, joint: SpatialJoint, arc: float, weighed: Mapping[str, Any]) -> JointEntry:
+    centre, sd = (to_numbers(each) if joint.known else None for each in (joint.centre, _compute_sd(joint.covariance)))
+    axes = [to_numbers(axis) for axis in (joint.first_axis, joint.second_axis)[: AXES[joint.kind]]]
+    arc_deg = to_number(np.degrees(arc))
     axis = axes[0] if len(axes) == 1 else axes
     why = (
         why_unknown(NOT_FINITE if joint.known else _HIDDEN, centre, sd),
@@ -51,49 +51,49 @@ def _joint(name: str, joint: SpatialJoint, arc: float, weighed: Mapping[str, Any
         sd_m=sd,
         axis=None if not axes or None in axes else axis,  # type: ignore[arg-type]
         axis_sd_deg=[
-            spread for each in joint.axes_covariance[: len(axes)] if (spread := axis_sd_deg(each)) is not None
+            spread for each in joint.axes_covariance[: len(axes)] if (spread := compute_axis_sd(each)) is not None
         ],
-        glide_m=_glide(joint.glide, joint.glide),
-        glide_sd_m=_glide(joint.glide, _sd(joint.glide_covariance)),
+        glide_m=_read_glide(joint.glide, joint.glide),
+        glide_sd_m=_read_glide(joint.glide, _compute_sd(joint.glide_covariance)),
         arc_deg=arc_deg,
         known=joint.known,
-        evidence={str(kind): cost for kind, value in weighed.items() if (cost := known(value)) is not None},
+        evidence={str(kind): cost for kind, value in weighed.items() if (cost := to_number(value)) is not None},
         why=join_sentences(why),
     )
 
 
-def _glide(glide: FloatArray, values: FloatArray) -> list[float]:
+def _read_glide(glide: FloatArray, values: FloatArray) -> list[float]:
     """Return values of the glide; none for a joint without one."""
-    return (all_known(values) or []) if np.any(glide) else []
+    return (to_numbers(values) or []) if np.any(glide) else []
 
 
-def _sd(covariance: FloatArray) -> FloatArray:
+def _compute_sd(covariance: FloatArray) -> FloatArray:
     variance = np.diagonal(covariance)
     return np.sqrt(np.where(variance >= 0, variance, np.nan))
 
 
-def axis_sd_deg(covariance: FloatArray) -> float | None:
+def compute_axis_sd(covariance: FloatArray) -> float | None:
     """Return the standard deviation of the direction of an axis, degrees, from its covariance (3, 3)."""
-    return known(np.degrees(np.sqrt(np.trace(covariance) / 2)))
+    return to_number(np.degrees(np.sqrt(np.trace(covariance) / 2)))
 
 
-def lengths(data: ReportData) -> dict[str, LengthEntry] | None:
+def summarise_lengths(data: ReportData) -> dict[str, LengthEntry] | None:
     """Return the lengths of the segments; None if no chain was found."""
     skeleton = data.spatial_skeleton
     if skeleton is None:
         return None
     why = "the motion does not determine both ends of the segment"
     lengths = skeleton.lengths.items()
-    return {name: LengthEntry.explain(why, value=known(length), sd=known(sd)) for name, (length, sd) in lengths}
+    return {name: LengthEntry.explain(why, value=to_number(length), sd=to_number(sd)) for name, (length, sd) in lengths}
 
 
-def angles(data: ReportData) -> dict[str, AngleEntry]:
+def summarise_angles(data: ReportData) -> dict[str, AngleEntry]:
     """Return the statistics of every angle; empty without ``angles.parquet``."""
     found = data.angles
-    return {} if found is None else {name: _angle(found, k) for k, name in enumerate(found.names)}
+    return {} if found is None else {name: _summarise_angle(found, k) for k, name in enumerate(found.names)}
 
 
-def _angle(found: SpatialAngles, k: int) -> AngleEntry:
+def _summarise_angle(found: SpatialAngles, k: int) -> AngleEntry:
     """Return the statistics of one angle.
 
     A constant error of a segment's frame changes an angle by different amounts in different poses: between the two
@@ -113,10 +113,10 @@ def _angle(found: SpatialAngles, k: int) -> AngleEntry:
     sd = np.degrees(found.sd[usable, k, 0])
     ends = [int(values.argmin()), int(values.argmax())]
     low, high = (float(values[end]) for end in ends)
-    constant = known(np.degrees(np.sqrt(np.mean(np.square(found.constant_sd[usable, k])))))
-    spread = None if constant is None else known(np.linalg.norm([*sd[ends], constant]))
+    constant = to_number(np.degrees(np.sqrt(np.mean(np.square(found.constant_sd[usable, k])))))
+    spread = None if constant is None else to_number(np.linalg.norm([*sd[ends], constant]))
     interval = None if spread is None else [max(high - low - NORMAL_95 * spread, 0.0), high - low + NORMAL_95 * spread]
-    typical = known(np.sqrt(np.mean(np.square(sd))))
+    typical = to_number(np.sqrt(np.mean(np.square(sd))))
     return AngleEntry(
         low_deg=low,
         high_deg=high,
@@ -129,7 +129,7 @@ def _angle(found: SpatialAngles, k: int) -> AngleEntry:
     )
 
 
-def landmarks(data: ReportData) -> dict[str, LandmarkEntry]:
+def summarise_landmarks(data: ReportData) -> dict[str, LandmarkEntry]:
     """Return the anatomical landmarks by name; empty without any."""
     skeleton = data.spatial_skeleton
     if skeleton is None:
@@ -141,13 +141,13 @@ def landmarks(data: ReportData) -> dict[str, LandmarkEntry]:
         name: LandmarkEntry.explain(
             "no still pose and no pointer trial shows it",
             segment=skeleton.segments[int(segment)],
-            local_m=all_known(local),
-            sd_m=known(sd),
+            local_m=to_numbers(local),
+            sd_m=to_number(sd),
         )
         for name, segment, local, sd in rows
     }
 
 
-def imus(data: ReportData) -> dict[str, ImuEntry]:
+def summarise_imus(data: ReportData) -> dict[str, ImuEntry]:
     """Return the inertial sensors by their segment; empty without any."""
     return {name: ImuEntry(**entry) for name, entry in data.facts("states.parquet").get("imus", {}).items()}

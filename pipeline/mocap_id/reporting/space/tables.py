@@ -9,7 +9,7 @@ from typing import Any
 from mocap_id.reporting.grids import (
     Grid,
     GridColumn,
-    element,
+    get_element,
     millimetres,
     number,
     percent,
@@ -32,17 +32,18 @@ def to_words(entries: Mapping[str, Any]) -> dict[str, Any]:
     return {name.replace("_", " "): entry for name, entry in entries.items()}
 
 
-def glides(summary: Summary) -> Grid:
+def list_glides(summary: Summary) -> Grid:
     """Return the translations of joint centres with the elevation; empty without any."""
     shifts = (
-        with_sd(f"{axis} (mm)", element("glide_m", k), element("glide_sd_m", k), 1e3) for k, axis in enumerate(_AXES)
+        with_sd(f"{axis} (mm)", get_element("glide_m", k), get_element("glide_sd_m", k), 1e3)
+        for k, axis in enumerate(_AXES)
     )
     caption = "Glide: shift of the joint centre at an elevation of 180°, in the frame of the previous segment"
     rows = [joint for joint in summary.joints or () if joint.glide_m]
     return to_grid(caption, rows, (text("joint", "name"), *shifts))
 
 
-def axes(summary: Summary) -> Grid:
+def list_axes(summary: Summary) -> Grid:
     """Return the axes of hinges and two-axis joints."""
     rows = []
     for joint in summary.joints or ():
@@ -53,18 +54,18 @@ def axes(summary: Summary) -> Grid:
         text("joint", lambda row: row[0]),
         GridColumn("axis", lambda row: str(row[1] + 1)),
         text("in the frame of the", lambda row: "own segment" if row[1] else "previous segment"),
-        *(number(axis, element(lambda row: row[2], d), 3) for d, axis in enumerate(_AXES)),
+        *(number(axis, get_element(lambda row: row[2], d), 3) for d, axis in enumerate(_AXES)),
         number("sd (deg)", lambda row: row[3], 1),
     )
     return to_grid("Axes of hinges and two-axis joints", rows, columns)
 
 
-def kinds(summary: Summary) -> Grid:
+def list_kinds(summary: Summary) -> Grid:
     """Return the evidence for the kind of each joint."""
     columns = (
         text("joint", "name"),
         text("kind", "kind"),
-        *(number(kind, element("evidence", kind), 2) for kind in _KINDS),
+        *(number(kind, get_element("evidence", kind), 2) for kind in _KINDS),
     )
     caption = (
         "Kinds of the joints: rotation that each kind leaves unexplained, as a multiple of the noise of the markers. "
@@ -73,7 +74,7 @@ def kinds(summary: Summary) -> Grid:
     return to_grid(caption, [joint for joint in summary.joints or () if joint.evidence], columns)
 
 
-def angles(summary: Summary) -> Grid:
+def list_angles(summary: Summary) -> Grid:
     """Return range, interval and share of usable samples of each angle."""
     columns = (
         number("lowest (deg)", "low_deg", 1),
@@ -91,7 +92,7 @@ def angles(summary: Summary) -> Grid:
     return to_grid(caption, to_words(summary.angles), columns, "angle")
 
 
-def imus(summary: Summary) -> Grid:
+def list_imus(summary: Summary) -> Grid:
     """Return clock, bias, position and residuals of each inertial sensor."""
 
     def bias(entry: ImuEntry) -> float | None:
@@ -113,14 +114,14 @@ def imus(summary: Summary) -> Grid:
     return to_grid(caption, to_words(summary.imus), columns, "segment")
 
 
-def landmarks(data: ReportData, summary: Summary) -> Grid:
+def list_landmarks(data: ReportData, summary: Summary) -> Grid:
     """Return the landmarks with their uncertainty, and the residual of the marker of the same name."""
     labels = dict(part.split(" ", 1) for part in data.settings.get("landmarks", "").split(", ") if " " in part)
     residuals = {name: data.residuals.get(labels.get(name, name)) for name in summary.landmarks}
     columns = (
         text("landmark", lambda row: row[0]),
         text("segment", lambda row: row[1].segment),
-        *(millimetres(f"{axis} (mm)", element(lambda row: row[1].local_m, d)) for d, axis in enumerate(_AXES)),
+        *(millimetres(f"{axis} (mm)", get_element(lambda row: row[1].local_m, d)) for d, axis in enumerate(_AXES)),
         millimetres("sd (mm)", lambda row: row[1].sd_m),
         millimetres("residual of its marker, rms (mm)", lambda row: getattr(residuals[row[0]], "rms", None)),
     )

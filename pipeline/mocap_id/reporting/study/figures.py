@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 
 from mocap_id.reporting import style
-from mocap_id.reporting.figure import Drawing, Drawings, Figure, Item, Panel, Points, Symbol, in_lines
+from mocap_id.reporting.figure import Drawing, Drawings, Figure, Item, Panel, Points, Symbol, arrange_in_lines
 from mocap_id.reporting.study import people_rows
 from mocap_id.reporting.study.page_data import CohortData
 
@@ -17,7 +17,7 @@ _COLUMNS, _MOST_PANELS = 4, 16
 _OWN, _HELD_OUT = "own", "own, held out"
 
 
-def cohort_figures(data: CohortData) -> Drawings:
+def draw_cohort_figures(data: CohortData) -> Drawings:
     """Return every figure of the page."""
     lengths = Drawing(
         "lengths",
@@ -41,7 +41,7 @@ def cohort_figures(data: CohortData) -> Drawings:
         "panel has its own scale.",
         _draw_parameters(data),
     )
-    return Drawings(style.printable(data.study), (lengths, pressure, parameters))
+    return Drawings(style.clean(data.study), (lengths, pressure, parameters))
 
 
 def _draw_lengths(data: CohortData) -> Figure | str:
@@ -51,17 +51,17 @@ def _draw_lengths(data: CohortData) -> Figure | str:
         return "No segment lengths: no trial has a shank or a thigh."
     panels = []
     for segment in _SEGMENTS:
-        dots = people_rows.dots(data, trials, segment, f"{segment}_sd", factor=100)
-        items = [*people_rows.separators(data), *_reference_lengths(data, segment), *dots]
-        panels.append(_panel(data, items, segment, "length (cm)", 0.7 + 0.3 * len(data.subjects)))
+        dots = people_rows.draw_dots(data, trials, segment, f"{segment}_sd", factor=100)
+        items = [*people_rows.draw_separators(data), *_draw_reference_lengths(data, segment), *dots]
+        panels.append(_make_panel(data, items, segment, "length (cm)", 0.7 + 0.3 * len(data.subjects)))
     return Figure((tuple(panels),))
 
 
-def _panel(data: CohortData, items: list[Item], title: str, x: str, height: float) -> Panel:
-    return Panel(tuple(items), title, x, rows=people_rows.row_names(data), height=height)
+def _make_panel(data: CohortData, items: list[Item], title: str, x: str, height: float) -> Panel:
+    return Panel(tuple(items), title, x, rows=people_rows.name_rows(data), height=height)
 
 
-def _reference_lengths(data: CohortData, segment: str) -> list[Item]:
+def _draw_reference_lengths(data: CohortData, segment: str) -> list[Item]:
     """Return the lengths measured on the body, and the lengths of the table for the person's height."""
     lengths = data.of_people("lengths")
     own = lengths[lengths["segment"] == segment]
@@ -100,15 +100,15 @@ def _draw_pressure(data: CohortData) -> Figure | str:
         ("other trial of the person", transferred, "diamond", style.GREEN),
         ("allometric body", frame["model_trial"] == "", "x", style.REFERENCE),
     )
-    items = people_rows.separators(data)
+    items = people_rows.draw_separators(data)
     for label, chosen, symbol, colour in kinds:
         own = frame[chosen]
         if not own.empty:
             trials = own["action_trial"].tolist()
-            x, y = 1e3 * own["cop_x_rms"].to_numpy(dtype=np.float64), people_rows.trial_rows(data, trials)
-            names = tuple(style.printable(trial, 30) for trial in trials)
+            x, y = 1e3 * own["cop_x_rms"].to_numpy(dtype=np.float64), people_rows.place_trials(data, trials)
+            names = tuple(style.clean(trial, 30) for trial in trials)
             items.append(Points(x, y, colour, label, symbol, 4.5, names=names))
-    panel = _panel(data, items, "", "centre of pressure, rms error (mm)", 0.6 + 0.34 * len(data.subjects))
+    panel = _make_panel(data, items, "", "centre of pressure, rms error (mm)", 0.6 + 0.34 * len(data.subjects))
     return Figure(((replace(panel, x_range=(0, 1.05e3 * float(frame["cop_x_rms"].max()))),),))
 
 
@@ -120,12 +120,12 @@ def _draw_parameters(data: CohortData) -> Figure | str:
     panels = []
     for name in list(dict.fromkeys(frame["parameter"]))[:_MOST_PANELS]:
         own = frame[frame["parameter"] == name]
-        items = [*people_rows.separators(data), *people_rows.dots(data, own, "value", "sd")]
+        items = [*people_rows.draw_separators(data), *people_rows.draw_dots(data, own, "value", "sd")]
         reference = own[np.isfinite(own["reference"].to_numpy(dtype=np.float64))]
         if len(reference):
             x = reference["reference"].to_numpy(dtype=np.float64)
-            y = people_rows.trial_rows(data, reference["trial"].tolist())
+            y = people_rows.place_trials(data, reference["trial"].tolist())
             items.append(Points(x, y, style.REFERENCE, "allometric body", "x", 4.0))
-        title, unit = style.printable(name, 24), style.unit(str(own["unit"].iloc[0]))
-        panels.append(_panel(data, items, title, unit, 0.75 + 0.2 * len(data.subjects)))
-    return Figure(in_lines(tuple(panels), _COLUMNS))
+        title, unit = style.clean(name, 24), style.format_unit(str(own["unit"].iloc[0]))
+        panels.append(_make_panel(data, items, title, unit, 0.75 + 0.2 * len(data.subjects)))
+    return Figure(arrange_in_lines(tuple(panels), _COLUMNS))

@@ -9,9 +9,9 @@ import pandas as pd
 
 from mocap_id.reporting.numbers import UNKNOWN, show, show_fixed
 from mocap_id.reporting.page import KeyNumber, Section
-from mocap_id.reporting.results.study_page import study_page
+from mocap_id.reporting.results.study_page import render_study_page
 from mocap_id.reporting.study import tables
-from mocap_id.reporting.study.figures import cohort_figures
+from mocap_id.reporting.study.figures import draw_cohort_figures
 from mocap_id.reporting.study.page_data import CohortData
 
 _FOOTER = (
@@ -20,42 +20,42 @@ _FOOTER = (
 )
 
 
-def cohort_page(data: CohortData) -> bytes:
+def render_cohort_page(data: CohortData) -> bytes:
     """Return the page as UTF-8, from the tables trials, lengths, strategies, models, parameters and variation."""
-    numbers = [number for number in _key_numbers(data) if number.value != UNKNOWN]
-    return study_page(data, numbers, _sections(data), cohort_figures(data), _FOOTER)
+    numbers = [number for number in _make_key_numbers(data) if number.value != UNKNOWN]
+    return render_study_page(data, numbers, _make_sections(data), draw_cohort_figures(data), _FOOTER)
 
 
-def _sections(data: CohortData) -> tuple[Section, ...]:
+def _make_sections(data: CohortData) -> tuple[Section, ...]:
     people = {name: data.of_people(name) for name in ("strategies", "models", "variation")}
     predicted, varied = people["models"]["pairs"] > 0, people["variation"]["trials"] > 1
     return (
-        Section("trials", "Trials", (tables.trials(data),)),
+        Section("trials", "Trials", (tables.list_trials(data),)),
         Section(
             "lengths",
             "Segment lengths",
-            (tables.lengths(data), tables.strategies(data.of_cohort("strategies"), tables.BY_STRATEGY)),
+            (tables.list_lengths(data), tables.list_strategies(data.of_cohort("strategies"), tables.BY_STRATEGY)),
             ("lengths",),
-            (tables.strategies(people["strategies"], tables.BY_PERSON),),
+            (tables.list_strategies(people["strategies"], tables.BY_PERSON),),
         ),
         Section(
             "models",
             "Forces and torques by every model",
-            (tables.models(data.of_cohort("models"), tables.MODELS), tables.doubtful(data)),
+            (tables.list_models(data.of_cohort("models"), tables.MODELS), tables.list_doubtful(data)),
             ("pressure",),
-            (tables.models(people["models"][predicted], tables.MODELS_BY_PERSON),),
+            (tables.list_models(people["models"][predicted], tables.MODELS_BY_PERSON),),
         ),
         Section(
             "parameters",
             "Inertial parameters",
-            (tables.variation(data.of_cohort("variation"), tables.VARIATION),),
+            (tables.list_variation(data.of_cohort("variation"), tables.VARIATION),),
             ("parameters",),
-            (tables.variation(people["variation"][varied], tables.VARIATION_BY_PERSON),),
+            (tables.list_variation(people["variation"][varied], tables.VARIATION_BY_PERSON),),
         ),
     )
 
 
-def _key_numbers(data: CohortData) -> Iterator[KeyNumber]:
+def _make_key_numbers(data: CohortData) -> Iterator[KeyNumber]:
     trials = data.tables["trials"]
     complete = trials["complete"]
     yield KeyNumber("people", str(len(data.subjects)), f"{len(data.trials)} trials")
@@ -67,11 +67,11 @@ def _key_numbers(data: CohortData) -> Iterator[KeyNumber]:
         ("CoP, held out", "cop_x_held_out_rms", "on left-out repetitions"),
         ("CoP, allometric", "cop_x_reference_rms", "on the samples of the own model"),
     ):
-        yield KeyNumber(name, show_fixed(1e3 * _median(trials[column]), 1, "mm"), remark)
-    yield KeyNumber("condition number", show(_median(trials["condition_number"])), "median")
+        yield KeyNumber(name, show_fixed(1e3 * _compute_median(trials[column]), 1, "mm"), remark)
+    yield KeyNumber("condition number", show(_compute_median(trials["condition_number"])), "median")
 
 
-def _median(column: pd.Series[float]) -> float:
+def _compute_median(column: pd.Series[float]) -> float:
     """Return the median of the finite values; NaN without any."""
     values = column.to_numpy(dtype=np.float64)
     values = values[np.isfinite(values)]

@@ -15,7 +15,7 @@ from mocap_id.reporting.study.page_data import CohortData
 _SPREAD = 0.6  # share of a row's height for the trials of one person
 
 
-def trial_rows(data: CohortData, trials: Sequence[str], subjects: Sequence[str] = ()) -> FloatArray:
+def place_trials(data: CohortData, trials: Sequence[str], subjects: Sequence[str] = ()) -> FloatArray:
     """Return the vertical position of each trial: the row of the person, and within it the trials in their order.
 
     The rows have the order of ``subjects``, or of the trials if omitted.
@@ -33,17 +33,17 @@ def spread_evenly(count: int, width: float) -> FloatArray:
     return width * (np.arange(count) / (count - 1) - 0.5) if count > 1 else np.zeros(count)
 
 
-def row_names(data: CohortData) -> tuple[str, ...]:
+def name_rows(data: CohortData) -> tuple[str, ...]:
     """Return the labels of the rows."""
-    return tuple(style.printable(subject, 16) for subject in data.subjects)
+    return tuple(style.clean(subject, 16) for subject in data.subjects)
 
 
-def separators(data: CohortData) -> list[Item]:
+def draw_separators(data: CohortData) -> list[Item]:
     """Return the lines between people."""
     return [Rule("y", k - 0.5, style.GRID) for k in range(1, len(data.subjects))]
 
 
-def dots(data: CohortData, frame: pd.DataFrame, value: str, sd: str, *, factor: float = 1) -> list[Item]:
+def draw_dots(data: CohortData, frame: pd.DataFrame, value: str, sd: str, *, factor: float = 1) -> list[Item]:
     """Return a dot with its 95 % interval for each trial of a frame (`trial`, `strategy`), coloured by strategy."""
     known = frame[np.isfinite(frame[value].to_numpy(dtype=np.float64))]
     items: list[Item] = []
@@ -54,6 +54,8 @@ def dots(data: CohortData, frame: pd.DataFrame, value: str, sd: str, *, factor: 
         trials, spread = own["trial"].tolist(), own[sd].to_numpy(dtype=np.float64)
         half = NORMAL_95 * factor * np.where(np.isfinite(spread), spread, 0.0)
         x = factor * own[value].to_numpy(dtype=np.float64)
-        label, names = style.printable(strategy, 20), tuple(style.printable(trial, 30) for trial in trials)
-        items.append(Points(x, trial_rows(data, trials), style.colour(k), label, size=3.5, half=half, names=names))
+        label, names = style.clean(strategy, 20), tuple(style.clean(trial, 30) for trial in trials)
+        items.append(
+            Points(x, place_trials(data, trials), style.pick_colour(k), label, size=3.5, half=half, names=names)
+        )
     return items

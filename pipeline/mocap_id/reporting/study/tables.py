@@ -9,7 +9,7 @@ import pandas as pd
 
 from mocap_id.reporting.explanations import EXPLANATIONS
 from mocap_id.reporting.grids import Grid, GridColumn, mean_sd, millimetres, number, text, to_grid
-from mocap_id.reporting.numbers import UNKNOWN, show, times
+from mocap_id.reporting.numbers import UNKNOWN, scale, show
 from mocap_id.reporting.results.study_page import VERDICT
 from mocap_id.reporting.study.page_data import COHORT, CohortData
 
@@ -27,7 +27,7 @@ VARIATION = (
 VARIATION_BY_PERSON = "Coefficient of variation over each person's trials"
 
 
-def trials(data: CohortData) -> Grid:
+def list_trials(data: CohortData) -> Grid:
     """Return every trial with its verdict and errors."""
     columns = (
         text("trial", "trial"),
@@ -47,7 +47,7 @@ def trials(data: CohortData) -> Grid:
     )
 
 
-def lengths(data: CohortData) -> Grid:
+def list_lengths(data: CohortData) -> Grid:
     """Return table 6.1: lengths by every method against their reference, with the rows of every person."""
     columns = (
         text("", "subject"),
@@ -69,7 +69,7 @@ def lengths(data: CohortData) -> Grid:
     return to_grid(caption, pd.concat([data.of_cohort("lengths"), data.of_people("lengths")]), columns)
 
 
-def strategies(frame: pd.DataFrame, caption: str) -> Grid:
+def list_strategies(frame: pd.DataFrame, caption: str) -> Grid:
     """Return table 6.2, of the cohort or of every person."""
     columns = (
         text("", "subject"),
@@ -84,7 +84,7 @@ def strategies(frame: pd.DataFrame, caption: str) -> Grid:
     return to_grid(caption, frame, columns)
 
 
-def models(frame: pd.DataFrame, caption: str) -> Grid:
+def list_models(frame: pd.DataFrame, caption: str) -> Grid:
     """Return table 6.3, of the cohort or of every person."""
     torques = [
         name.removesuffix("_mean") for name in frame.columns if name.startswith("tau_") and name.endswith("_mean")
@@ -102,7 +102,7 @@ def models(frame: pd.DataFrame, caption: str) -> Grid:
     return to_grid(caption, frame, columns)
 
 
-def doubtful(data: CohortData) -> Grid:
+def list_doubtful(data: CohortData) -> Grid:
     """Return the predictions that failed or are doubtful, and why."""
     frame = data.of_people("models")
     columns = (
@@ -114,7 +114,7 @@ def doubtful(data: CohortData) -> Grid:
     return to_grid(caption, frame[(frame["why"] != "") | (frame["codes"] != "")], columns)
 
 
-def variation(frame: pd.DataFrame, caption: str) -> Grid:
+def list_variation(frame: pd.DataFrame, caption: str) -> Grid:
     """Return figure 6.8 as a table, of the cohort or of every person."""
     columns = (
         text("", "subject"),
@@ -142,5 +142,5 @@ def _list_titles(codes: str) -> str:
 
 
 def _show_variation(row: Mapping[str, Any], name: str) -> str:
-    mean, sd = times(row[name], 100), times(row[f"{name}_sd"], 100)
+    mean, sd = scale(row[name], 100), scale(row[f"{name}_sd"], 100)
     return show(mean, 2) if sd is None else f"{show(mean, 2)} ± {show(sd, 2)}"

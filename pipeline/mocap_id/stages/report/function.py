@@ -17,10 +17,10 @@ def report(context: Context) -> Outputs:
     context : Context
         All artefacts of a trial; for a refused trial (``context.refused``) those that exist.
     """
-    from mocap_id.reporting.report import documents  # noqa: PLC0415  report_data needs no template
+    from mocap_id.reporting.report import make_documents  # noqa: PLC0415  report_data needs no template
 
     settings = context.settings
-    return documents(report_data(context), figures=settings.figures, pdf_fonts=settings.pdf_fonts)
+    return make_documents(report_data(context), figures=settings.figures, pdf_fonts=settings.pdf_fonts)
 
 
 def report_data(context: Context) -> ReportData:

@@ -17,7 +17,7 @@ from mocap_id.dynamics.excitation import classify
 from mocap_id.reporting.advised_movement import draw
 from mocap_id.reporting.numbers import show
 from mocap_id.reporting.paper_figures import render
-from mocap_id.reporting.results.columns import finite
+from mocap_id.reporting.results.columns import to_finite
 from mocap_id.reporting.results.result import Result
 from mocap_id.workflows.advice.advice import Advice
 
@@ -108,7 +108,7 @@ def make_output(advised: Advice) -> Result:
     design, limits = advised.design, advised.limits
     content = {
         "trial": advised.trial,
-        "objective": {"name": design.objective, "text": OBJECTIVES[design.objective], "now": finite(design.value)},
+        "objective": {"name": design.objective, "text": OBJECTIVES[design.objective], "now": to_finite(design.value)},
         "helps": design.helps,
         "seconds": design.seconds,
         "limits": {
@@ -138,30 +138,30 @@ def _describe_sensor(advised: Advice) -> dict[str, Any] | None:
         return None
     size = advised.design.size
     rows = [
-        {"name": name, "sd": finite(sd), "relative_sd": finite(sd / one)}
+        {"name": name, "sd": to_finite(sd), "relative_sd": to_finite(sd / one)}
         for name, sd, one in zip(advised.names, advised.sensor_sd, size, strict=True)
     ]
     return {"joint": advised.joints[-1], "parameters": rows}
 
 
 def _describe_proposal(advised: Advice, proposal: Proposal) -> dict[str, Any]:
-    head = {"text": proposal.words, "designed": proposal.designed, "objective": finite(proposal.value)}
+    head = {"text": proposal.words, "designed": proposal.designed, "objective": to_finite(proposal.value)}
     return head | _describe_prediction(advised, proposal.predicted)
 
 
 def _describe_prediction(advised: Advice, predicted: PredictedUncertainty) -> dict[str, Any]:
     size = advised.design.size
     return {
-        "condition_number": finite(predicted.condition),
-        "condition_number_scaled": finite(predicted.condition_scaled),
+        "condition_number": to_finite(predicted.condition),
+        "condition_number_scaled": to_finite(predicted.condition_scaled),
         "fitted_s": predicted.samples,
         "parameters": [
             {
                 "name": name,
                 "value": float(advised.value[i]),
                 "unit": advised.units[i],
-                "sd": finite(predicted.sd[i]),
-                "relative_sd": finite(predicted.sd[i] / size[i]),
+                "sd": to_finite(predicted.sd[i]),
+                "relative_sd": to_finite(predicted.sd[i] / size[i]),
                 "verdict": classify(float(predicted.sd[i] / size[i]), advised.weak),
             }
             for i, name in enumerate(advised.names)

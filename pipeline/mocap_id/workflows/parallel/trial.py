@@ -14,7 +14,7 @@ from mocap_id import runner
 from mocap_id.config import Trial
 from mocap_id.errors import MocapIdError, NumericalError
 from mocap_id.reporting.contents import FILES
-from mocap_id.runner.dependencies import user_files
+from mocap_id.runner.dependencies import find_user_files
 from mocap_id.stages import STAGES
 from mocap_id.store import Folder
 
@@ -100,7 +100,7 @@ def _raise_terminated(number: int, frame: object) -> None:
 
 def _hide_names(message: str, trial: Trial) -> str:
     """Return a message without names of files and folders, because these may contain names of people."""
-    files = {path for stage in STAGES for path in user_files(trial, stage).values()}
+    files = {path for stage in STAGES for path in find_user_files(trial, stage).values()}
     for path in sorted(files, key=lambda path: len(str(path)), reverse=True):
         neutral = f"the {path.suffix.lstrip('.').upper() or 'recording'} file"
         message = message.replace(str(path), neutral).replace(path.name, neutral)

@@ -11,7 +11,7 @@ from mocap_id.errors import ConfigError
 from mocap_id.pneumatics.cylinder import ADIABATIC, ISOTHERMAL
 from mocap_id.reporting.paper_figures import render
 from mocap_id.reporting.pneumatic_figures import draw_curve
-from mocap_id.reporting.results.columns import finite
+from mocap_id.reporting.results.columns import to_finite
 from mocap_id.reporting.results.result import Result
 from mocap_id.stages.device import Condition, DeviceFile
 
@@ -55,7 +55,7 @@ def device_curve(
         "torque_flexing_Nm": (torque - friction).tolist(),
         "torque_extending_Nm": (torque + friction).tolist(),
         "stiffness_Nm_rad": (cylinder.stiffness(angle, setting) if condition.worn else none).tolist(),
-        "rest_angle_rad": finite(np.nan if rest is None else rest),
+        "rest_angle_rad": to_finite(np.nan if rest is None else rest),
         "why": "" if rest is not None else _NO_ZERO if torque.any() else _NO_TORQUE,
     }
 

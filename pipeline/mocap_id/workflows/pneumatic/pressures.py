@@ -11,7 +11,7 @@ from mocap_id.config.device import DeviceConfig
 from mocap_id.errors import ConfigError
 from mocap_id.pneumatics.cylinder import gas_of_change, normal_litres, usable_gas
 from mocap_id.pneumatics.nearest_spring import NearestSpring, find_nearest_setting
-from mocap_id.reporting.results.columns import finite
+from mocap_id.reporting.results.columns import to_finite
 
 _GRID = 361
 
@@ -57,8 +57,8 @@ def spring_document(spring: NearestSpring) -> dict[str, Any]:
         "flexion_Pa": spring.setting.flexion,
         "extension_Pa": spring.setting.extension,
         "achieved": {
-            "stiffness_Nm_rad": finite(spring.stiffness),
-            "rest_angle_rad": finite(spring.rest),
+            "stiffness_Nm_rad": to_finite(spring.stiffness),
+            "rest_angle_rad": to_finite(spring.rest),
             "range_rad": list(spring.range),
             "largest_torque_error_Nm": spring.largest_error,
             "rms_torque_error_Nm": spring.rms_error,

@@ -19,8 +19,8 @@ from mocap_id.reporting.prescription_figures import (
     draw_ranges,
     draw_spring_map,
 )
-from mocap_id.reporting.results.columns import finite
-from mocap_id.reporting.results.result import Result, text_file
+from mocap_id.reporting.results.columns import to_finite
+from mocap_id.reporting.results.result import Result, make_text_file
 from mocap_id.workflows.prescribe.chain_output import chain_document, unsafe_postures
 from mocap_id.workflows.prescribe.controlled_chain import ControlledChain
 from mocap_id.workflows.prescribe.controlled_tasks import ControlledTasks
@@ -44,7 +44,7 @@ def prescription_output(found: PrescriptionResult) -> Result:
             {
                 "name": name,
                 "limits_deg": _degrees((body.limits.lower[j], body.limits.upper[j])),
-                "strength_Nm": [finite(value) for value in body.strength[j]],
+                "strength_Nm": [to_finite(value) for value in body.strength[j]],
             }
             for j, name in enumerate(body.joints)
         ],
@@ -88,14 +88,14 @@ def _files(found: PrescriptionResult) -> dict[str, bytes]:
             f"reachable set over time: {name}",
             lambda: draw_level_sets(timed.reached, timed.bounds, timed.dynamics),
         )
-        files["horizons.csv"] = text_file(_horizons(timed))
+        files["horizons.csv"] = make_text_file(_horizons(timed))
     if springs is not None:
         files |= render(
             "search",
             f"springs by their reachable sets: {name}",
             lambda: draw_spring_map(springs.stiffness, springs.rest, springs.width, springs.horizon),
         )
-        files["search.csv"] = text_file(_springs(springs))
+        files["search.csv"] = make_text_file(_springs(springs))
     if isinstance(found.controlled, ControlledChain):
         files |= _chain_files(found.controlled, name)
     elif found.controlled is not None:
@@ -110,7 +110,7 @@ def _controller_files(found: ControlledTasks, name: str) -> dict[str, bytes]:
         return draw_switching(found.controller, found.motion, (joint.torque_low, joint.torque_high), found.maps)
 
     files = render("controller", f"controller over sub-workspaces: {name}", draw)
-    return files | {"unsafe_states.csv": text_file(unsafe_states(found))}
+    return files | {"unsafe_states.csv": make_text_file(unsafe_states(found))}
 
 
 def _chain_files(found: ControlledChain, name: str) -> dict[str, bytes]:
@@ -118,7 +118,7 @@ def _chain_files(found: ControlledChain, name: str) -> dict[str, bytes]:
         return draw_chain_tour(found.tour, [node.name for node in found.nodes])
 
     files = render("controller", f"controller over sub-workspaces: {name}", draw)
-    return files | {"unsafe_postures.csv": text_file(unsafe_postures(found))}
+    return files | {"unsafe_postures.csv": make_text_file(unsafe_postures(found))}
 
 
 def _held(found: PrescriptionResult) -> Figure:
@@ -133,7 +133,7 @@ def _held(found: PrescriptionResult) -> Figure:
 def _one(found: PrescriptionResult) -> dict[str, Any]:
     one, joint = found.one, found.joint
     assert one is not None and joint is not None
-    spring = {"joints": [1], "stiffness_Nm_per_rad": one.stiffness, "rest_deg": finite(np.degrees(one.rest))}
+    spring = {"joints": [1], "stiffness_Nm_per_rad": one.stiffness, "rest_deg": to_finite(np.degrees(one.rest))}
     return {
         "helps": one.helps,
         "springs": [spring] if one.helps else [],
@@ -153,7 +153,7 @@ def _several(found: PrescriptionResult) -> dict[str, Any]:
             {
                 "joints": [joint + 1 for joint in place.joints],
                 "stiffness_Nm_per_rad": float(springs.stiffness[s]),
-                "rest_deg": finite(np.degrees(springs.rest[s])),
+                "rest_deg": to_finite(np.degrees(springs.rest[s])),
             }
             for s, place in enumerate(found.places)
             if springs.stiffness[s] > 0
@@ -170,7 +170,7 @@ def _timed(over: Timed) -> dict[str, Any]:
     start = over.dynamics.equilibrium()
     return {
         "stiffness_Nm_per_rad": over.dynamics.stiffness,
-        "rest_deg": finite(np.degrees(over.dynamics.rest)),
+        "rest_deg": to_finite(np.degrees(over.dynamics.rest)),
         "inertia_kgm2": over.dynamics.inertia,
         "equilibrium_deg": None if start is None else float(np.degrees(start)),
         "static_deg": None if over.static is None else _degrees(over.static),
@@ -206,7 +206,7 @@ def _graph(graph: Graph, postures: Any) -> dict[str, Any]:
                 "springs": None
                 if node.stiffness is None or node.rest is None
                 else [
-                    {"stiffness_Nm_per_rad": float(k), "rest_deg": finite(np.degrees(rest))}
+                    {"stiffness_Nm_per_rad": float(k), "rest_deg": to_finite(np.degrees(rest))}
                     for k, rest in zip(node.stiffness, node.rest, strict=True)
                 ],
                 "held_share": float(node.held.mean()),

@@ -11,7 +11,7 @@ import numpy as np
 
 from mocap_id.arrays import NORMAL_95
 from mocap_id.config.study import Study, StudyTrial
-from mocap_id.reporting.numbers import all_known
+from mocap_id.reporting.numbers import to_numbers
 from mocap_id.reporting.reach_study.figures import Shape
 from mocap_id.reporting.study.page_data import CohortData
 from mocap_id.workflows.parallel import TrialRun
@@ -57,7 +57,7 @@ def _volume(*keys: str) -> Callable[[ReachResult], Estimate]:
     """Return a function that reads a volume, at these keys of the workspace, with its interval."""
 
     def estimate(trial: ReachResult) -> Estimate:
-        interval = all_known(trial.value("workspace", *keys, "interval_m3")) or [math.nan] * 2
+        interval = to_numbers(trial.value("workspace", *keys, "interval_m3")) or [math.nan] * 2
         return Estimate(_read_number(trial, *keys, "volume_m3"), *interval)
 
     return estimate
@@ -92,19 +92,19 @@ def read_reach_result(study: Study, trial: StudyTrial, run: TrialRun) -> ReachRe
 
 def make_page(data: CohortData, trials: Sequence[ReachResult]) -> bytes:
     """Return the page of the study as UTF-8; it draws the last trial of each person, side and session."""
-    from mocap_id.reporting.reach_study.page import reach_cohort_page  # noqa: PLC0415  it loads the page's templates
+    from mocap_id.reporting.reach_study.page import render_reach_page  # noqa: PLC0415  it loads the page's templates
 
     with_surface = [trial for trial in trials if trial.reach.get("mesh")]
     drawn = {(trial.subject, trial.side, trial.session): trial for trial in with_surface}
-    return reach_cohort_page(data, tuple(map(make_shape, drawn.values())))
+    return render_reach_page(data, tuple(map(make_shape, drawn.values())))
 
 
 def make_shape(trial: ReachResult) -> Shape:
     """Return the surface of a trial's reachable volume; a left arm is mirrored back to the left."""
-    from mocap_id.reporting.space.figures.reach import wires  # noqa: PLC0415  as above
+    from mocap_id.reporting.space.figures.reach import make_wires  # noqa: PLC0415  as above
 
     mesh, mirror = trial.reach["mesh"], [1, 1, -1 if trial.side == "left" else 1]
     shoulder = np.array(trial.reach["shoulder_m"])
-    surface = shoulder + wires(mesh["theta_deg"], mesh["psi_deg"], mesh["box_m"])
+    surface = shoulder + make_wires(mesh["theta_deg"], mesh["psi_deg"], mesh["box_m"])
     arm = shoulder + np.array(trial.reach["view"]["arm_m"])
     return Shape(trial.subject, trial.side, trial.session, surface * mirror, arm * mirror)

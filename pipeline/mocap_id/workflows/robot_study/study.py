@@ -122,9 +122,9 @@ def _simulate(out: Path, options: RobotSet) -> Path:
 
 
 def _make_pages(data: RobotStudyData) -> dict[str, bytes]:
-    from mocap_id.reporting.robot_study.page import markdown, robot_page  # noqa: PLC0415  it loads the page's templates
+    from mocap_id.reporting.robot_study.page import render_markdown, render_robot_page  # noqa: PLC0415  it loads the page's templates
 
-    return {PAGE: robot_page(data), MARKDOWN: f"# {data.study}\n\n{markdown(data, {})}".encode()}
+    return {PAGE: render_robot_page(data), MARKDOWN: f"# {data.study}\n\n{render_markdown(data, {})}".encode()}
 
 
 def _read_page(page: Path) -> str:
@@ -140,17 +140,17 @@ def _read_page(page: Path) -> str:
 def _replace_tables(page: Path, text: str, data: RobotStudyData) -> None:
     """Write the tables between the page's marks, and the figures into a folder of the page's name."""
     from mocap_id.reporting import paper_figures  # noqa: PLC0415  it loads matplotlib
-    from mocap_id.reporting.robot_study.figures import robot_figures  # noqa: PLC0415
-    from mocap_id.reporting.robot_study.page import markdown  # noqa: PLC0415
+    from mocap_id.reporting.robot_study.figures import draw_robot_figures  # noqa: PLC0415
+    from mocap_id.reporting.robot_study.page import render_markdown  # noqa: PLC0415
 
-    drawings = robot_figures(data)
+    drawings = draw_robot_figures(data)
     drawn = [one for one in drawings.all if not one.missing]
     links = {one.title: f"{page.stem}/{one.name}.svg" for one in drawn}
-    files = paper_figures.figure_files(drawings)
+    files = paper_figures.make_figure_files(drawings)
     figures = {links[one.title]: files[f"figures/{one.name}.svg"] for one in drawn}
     head, rest = text.split(_BEGIN, 1)
     tail = rest.split(_END, 1)[1]
-    content = f"{head}{_BEGIN}\n\n{markdown(data, links)}\n{_END}{tail}"
+    content = f"{head}{_BEGIN}\n\n{render_markdown(data, links)}\n{_END}{tail}"
     write_files(page.parent, {**figures, page.name: content.encode()})
 
 

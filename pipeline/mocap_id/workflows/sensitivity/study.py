@@ -12,7 +12,7 @@ from typing import Any
 
 from mocap_id import __version__, runner
 from mocap_id.errors import ConfigError
-from mocap_id.reporting.results.columns import ResultTable, finite
+from mocap_id.reporting.results.columns import ResultTable, to_finite
 from mocap_id.reporting.results.result import Result
 from mocap_id.reporting.sensitivity.page_data import ParameterEntry, SensitivityData
 from mocap_id.stages.calibration import has_no_markers
@@ -146,9 +146,9 @@ def _make_output(result: SensitivityResult) -> Result:
     tables, own = make_tables(result), result.own
 
     def make_page() -> dict[str, bytes]:
-        from mocap_id.reporting.sensitivity.page import sensitivity_page  # noqa: PLC0415  it loads the page's templates
+        from mocap_id.reporting.sensitivity.page import render_sensitivity_page  # noqa: PLC0415  it loads the page's templates
 
-        return {PAGE: sensitivity_page(_collect_page_data(result, tables))}
+        return {PAGE: render_sensitivity_page(_collect_page_data(result, tables))}
 
     content = {
         "trial": result.trial,
@@ -157,7 +157,7 @@ def _make_output(result: SensitivityResult) -> Result:
         "tolerance": {"share_of_size": result.options.tolerance, "or_stated_sd": 1.0},
         "note": result.note or None,
         "verdict": {"level": own.level, "codes": sorted(own.codes)},
-        "condition_number": finite(own.condition),
+        "condition_number": to_finite(own.condition),
         "parameters": [_describe_parameter(one) for one in own.parameters.values()],
         "tolerates": tables["tolerates"].records,
         "perturbations": tables["perturbations"].records,
@@ -167,7 +167,7 @@ def _make_output(result: SensitivityResult) -> Result:
 
 
 def _describe_parameter(one: Parameter) -> dict[str, Any]:
-    numbers = {name: finite(getattr(one, name)) for name in ("value", "sd", "size")}
+    numbers = {name: to_finite(getattr(one, name)) for name in ("value", "sd", "size")}
     return asdict(one) | numbers | {"verdict": one.verdict or None}
 
 

@@ -121,23 +121,23 @@ class StudyKind:
 def _choose_kind(study: Study) -> StudyKind:
     """Return the functions for a study's protocol; they load only the templates of its own page."""
     if study.curl:
-        from mocap_id.reporting.curl_study.page import curl_cohort_page  # noqa: PLC0415  other studies do not need it
+        from mocap_id.reporting.curl_study.page import render_curl_page  # noqa: PLC0415  other studies do not need it
         from mocap_id.workflows import curl_study  # noqa: PLC0415
 
         return StudyKind(
             ("condition",),
             curl_study.read_curl_result,
             curl_study.make_tables,
-            lambda data, trials: curl_cohort_page(data, trials[0].reference),
+            lambda data, trials: render_curl_page(data, trials[0].reference),
         )
     if study.reach:
         from mocap_id.workflows import reach_study  # noqa: PLC0415
 
         labels = ("side", "session")
         return StudyKind(labels, reach_study.read_reach_result, reach_study.make_tables, reach_study.make_page)
-    from mocap_id.reporting.study.page import cohort_page  # noqa: PLC0415
+    from mocap_id.reporting.study.page import render_cohort_page  # noqa: PLC0415
 
-    return StudyKind(("strategy",), read_trial_result, make_tables, lambda data, _: cohort_page(data))
+    return StudyKind(("strategy",), read_trial_result, make_tables, lambda data, _: render_cohort_page(data))
 
 
 def _make_result(study: Study, runs: Sequence[TrialRun], key: str) -> Result:

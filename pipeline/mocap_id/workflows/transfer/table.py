@@ -14,7 +14,7 @@ import pyarrow.parquet
 
 from mocap_id.dynamics.comparison import Agreement
 from mocap_id.errors import ConfigError
-from mocap_id.reporting.results.columns import finite
+from mocap_id.reporting.results.columns import to_finite
 from mocap_id.store.atomic import write_files
 from mocap_id.workflows.transfer.model_transfer import BodyErrors, Transfer, TrialTransfer, rms_error
 from mocap_id.workflows.transfer.support import AT_HOME, SERIES, Support
@@ -91,15 +91,15 @@ def _describe_trial(result: Transfer, trial: TrialTransfer) -> dict[str, Any]:
                 "angle_deg": math.degrees(registration.angle[k]),
                 "shift_m": registration.shift[k].tolist(),
                 "markers": int(registration.markers[k]),
-                "residual_m": finite(registration.residual[k]),
+                "residual_m": to_finite(registration.residual[k]),
             }
             for k, name in enumerate(result.segments)
         ],
-        "joint_apart_m": [finite(distance) for distance in registration.joint.tolist()],
+        "joint_apart_m": [to_finite(distance) for distance in registration.joint.tolist()],
         "supported": trial.supported,
         "support": None if trial.support is None else _describe_support(trial.support),
         "intervals": {
-            name: {"sd_rms": finite(trial.stated[name]), "inside": finite(trial.inside[name]), "unit": unit}
+            name: {"sd_rms": to_finite(trial.stated[name]), "inside": to_finite(trial.inside[name]), "unit": unit}
             for name, unit in SERIES.items()
         },
         "reasons": [reason.as_dict() for reason in trial.reasons],
@@ -109,9 +109,9 @@ def _describe_trial(result: Transfer, trial: TrialTransfer) -> dict[str, Any]:
 def _describe_support(support: Support) -> dict[str, Any]:
     return {
         name: {
-            "apart_rms": finite(support.apart[name]),
-            "sd_rms": finite(support.sd[name]),
-            "at_home": finite(support.at_home[name]),
+            "apart_rms": to_finite(support.apart[name]),
+            "sd_rms": to_finite(support.sd[name]),
+            "at_home": to_finite(support.at_home[name]),
             "unit": SERIES[name],
         }
         for name in AT_HOME

@@ -10,7 +10,7 @@ import numpy as np
 from mocap_id import __version__
 from mocap_id.prescription.workspace import Overlay
 from mocap_id.reporting.paper_figures import render
-from mocap_id.reporting.results.result import Result, text_file
+from mocap_id.reporting.results.result import Result, make_text_file
 from mocap_id.reporting.workspace_figures import draw_area, draw_change, draw_volume
 from mocap_id.workflows.workspace.reach import Reach, first_joint
 
@@ -31,13 +31,13 @@ def workspace_result(reach: Reach, later: Reach | None = None, change: Overlay |
 
 
 def _files(reach: Reach, later: Reach | None, change: Overlay | None) -> dict[str, bytes]:
-    files = {"workspace.csv": text_file(_edge(reach)), **_figure("workspace", reach)}
+    files = {"workspace.csv": make_text_file(_edge(reach)), **_figure("workspace", reach)}
     if later is None or change is None:
         return files
     names = (reach.subject.name, later.subject.name)
     return {
         **files,
-        "compared_with.csv": text_file(_edge(later)),
+        "compared_with.csv": make_text_file(_edge(later)),
         **_figure("compared_with", later),
         **render("change", "workspaces over each other", lambda: draw_change(change, names)),
     }

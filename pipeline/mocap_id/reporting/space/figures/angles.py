@@ -9,9 +9,9 @@ import numpy as np
 from mocap_id.arrays import NORMAL_95, BoolArray
 from mocap_id.geometry.so3 import shift_to_shortest_arc
 from mocap_id.reporting import style
-from mocap_id.reporting.downsampling import spans
-from mocap_id.reporting.figure import Band, Figure, Item, Line, Panel, Spans, in_lines
-from mocap_id.reporting.figures.states import panel
+from mocap_id.reporting.downsampling import find_spans
+from mocap_id.reporting.figure import Band, Figure, Item, Line, Panel, Spans, arrange_in_lines
+from mocap_id.reporting.figures.states import draw_panel
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.store.spatial_views import MEANINGLESS_AT_POLE, SpatialAngles
 from mocap_id.store.views import JointStates
@@ -40,15 +40,15 @@ class JointMotion:
     states: JointStates
     near_gimbal: BoolArray
 
-    def panel(self, order: int, height: float, *, below: str = "") -> Panel:
+    def draw_panel(self, order: int, height: float, *, below: str = "") -> Panel:
         """Return the angles (order 0), velocities or accelerations over time, with 95 % bands and shades."""
-        drawn = panel(self.states, order, self.names, height)
-        found = np.array(spans(self.states.time, self.near_gimbal)).reshape(-1, 2)
+        drawn = draw_panel(self.states, order, self.names, height)
+        found = np.array(find_spans(self.states.time, self.near_gimbal)).reshape(-1, 2)
         shade = (Spans(found[:, 0], found.sum(axis=1), style.SKY, 0.25),) if len(found) else ()
         return replace(drawn, items=(*shade, *drawn.items), title=self.title, x=below)
 
 
-def joint_motions(data: ReportData) -> list[JointMotion]:
+def collect_joint_motions(data: ReportData) -> list[JointMotion]:
     """Return the angles joint by joint; empty if nothing was estimated."""
     angles = data.angles
     if angles is None or not angles.names or not len(angles.time):
@@ -60,11 +60,11 @@ def joint_motions(data: ReportData) -> list[JointMotion]:
         own = [name for name in left if name.startswith(stems)]
         left = [name for name in left if name not in own]
         if own:
-            found.append(_motion(joint, own, angles, _observed(data, j)))
-    return [*found, _motion("other angles", left, angles, _observed(data, None))] if left else found
+            found.append(_make_motion(joint, own, angles, _find_observed(data, j)))
+    return [*found, _make_motion("other angles", left, angles, _find_observed(data, None))] if left else found
 
 
-def _motion(joint: str, own: list[str], angles: SpatialAngles, observed: BoolArray) -> JointMotion:
+def _make_motion(joint: str, own: list[str], angles: SpatialAngles, observed: BoolArray) -> JointMotion:
     columns = [angles.names.index(name) for name in own]
     mean = angles.mean[:, columns].copy()
     for k, name in enumerate(own):
@@ -74,11 +74,11 @@ def _motion(joint: str, own: list[str], angles: SpatialAngles, observed: BoolArr
         mean[~usable, k] = np.nan
     states = JointStates(angles.time, mean, angles.sd[:, columns], np.tile(observed[:, None], (1, len(own))))
     near = angles.near_gimbal & any(name in MEANINGLESS_AT_POLE for name in own)
-    names = tuple(style.printable(name.replace("_", " "), 24) for name in own)
-    return JointMotion(style.printable(joint.replace("_", " "), 24), names, states, near)
+    names = tuple(style.clean(name.replace("_", " "), 24) for name in own)
+    return JointMotion(style.clean(joint.replace("_", " "), 24), names, states, near)
 
 
-def _observed(data: ReportData, joint: int | None) -> BoolArray:
+def _find_observed(data: ReportData, joint: int | None) -> BoolArray:
     """Return the samples (T,) in which both segments of a joint are observed."""
     angles, poses, skeleton = data.angles, data.segment_poses, data.spatial_skeleton
     assert angles is not None
@@ -89,21 +89,21 @@ def _observed(data: ReportData, joint: int | None) -> BoolArray:
 
 def draw(data: ReportData) -> Figure | str:
     """Draw one panel for each joint."""
-    return _panels(data, "angles", (0,), 1.9)
+    return _draw_panels(data, "angles", (0,), 1.9)
 
 
 def draw_rates(data: ReportData) -> Figure | str:
     """Draw velocities and accelerations side by side, one line for each joint."""
-    return _panels(data, "velocities and accelerations", (1, 2), 1.7)
+    return _draw_panels(data, "velocities and accelerations", (1, 2), 1.7)
 
 
-def _panels(data: ReportData, what: str, derivatives: tuple[int, ...], height: float) -> Figure | str:
-    found = joint_motions(data)
+def _draw_panels(data: ReportData, what: str, derivatives: tuple[int, ...], height: float) -> Figure | str:
+    found = collect_joint_motions(data)
     if not found:
         return f"No {what}: {data.why_missing('angles.parquet')}."
     below = ["" for _ in found[1:]] + ["time (s)"]
     rows = zip(found, below, strict=True)
-    return Figure(tuple(tuple(one.panel(order, height, below=x) for order in derivatives) for one, x in rows))
+    return Figure(tuple(tuple(one.draw_panel(order, height, below=x) for order in derivatives) for one, x in rows))
 
 
 _PORTRAITS = ("elbow_flexion", "shoulder_elevation", "shoulder_plane", "shoulder_axial")
@@ -127,19 +127,19 @@ def draw_phase_portraits(data: ReportData) -> Figure | str:
             colour = _COLOURS[len(_COLOURS) * k // len(turns)]
             halves = [(angles.time >= a) & (angles.time <= b) for a, b in ((start, top), (top, end))]
             if k in {0, len(turns) - 1}:
-                items += [_band(angles, name, half, colour) for half in halves]
-            items.append(_curve(angles, name, halves[0] | halves[1], colour))
-        title = style.printable(name.replace("_", " "), 24)
+                items += [_draw_band(angles, name, half, colour) for half in halves]
+            items.append(_draw_curve(angles, name, halves[0] | halves[1], colour))
+        title = style.clean(name.replace("_", " "), 24)
         panels.append(Panel(tuple(items), title, "angle (deg)", "acceleration (rad/s²)", height=_HEIGHT))
-    return Figure(in_lines(tuple(panels), 2))
+    return Figure(arrange_in_lines(tuple(panels), 2))
 
 
-def _curve(angles: SpatialAngles, name: str, within: BoolArray, colour: str) -> Line:
+def _draw_curve(angles: SpatialAngles, name: str, within: BoolArray, colour: str) -> Line:
     mean = angles.mean[within, angles.names.index(name)]
     return Line(np.degrees(mean[:, 0]), mean[:, 2], colour, width=0.8, opacity=0.7)
 
 
-def _band(angles: SpatialAngles, name: str, within: BoolArray, colour: str) -> Band:
+def _draw_band(angles: SpatialAngles, name: str, within: BoolArray, colour: str) -> Band:
     j = angles.names.index(name)
     mean, half = angles.mean[within, j], NORMAL_95 * angles.sd[within, j, 2]
     order = np.argsort(mean[:, 0], kind="stable")

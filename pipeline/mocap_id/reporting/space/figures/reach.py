@@ -24,38 +24,38 @@ def draw(data: ReportData) -> Figure | str:
         return "No reachable set to draw: only `protocol: reach` has one."
     if not facts.get("mesh"):
         return f"No reachable set to draw: {facts.get('why')}."
-    return Figure(((turnable_panel(list(_items(facts)), 1.02 * float(facts["arm_length_m"]), "", 5.6),),))
+    return Figure(((make_turnable_panel(list(_draw_items(facts)), 1.02 * float(facts["arm_length_m"]), "", 5.6),),))
 
 
-def turnable_panel(items: list[Item], half: float, title: str, height: float) -> Panel:
+def make_turnable_panel(items: list[Item], half: float, title: str, height: float) -> Panel:
     """Return a panel that the reader can turn, first seen from the front, with ranges of ± ``half`` m."""
     ends = (-half, half)
     axes = ("across the view (m)", "up the view (m)", ends, ends)
     return Panel(tuple(items), title, *axes, equal=True, height=height, view=_VIEW)
 
 
-def _items(facts: Mapping[str, Any]) -> Iterator[Item]:
+def _draw_items(facts: Mapping[str, Any]) -> Iterator[Item]:
     mesh, view = facts["mesh"], facts.get("view") or {}
     for name, (label, colour, opacity) in _SETS.items():
         if name in mesh:
-            lines = wires(mesh["theta_deg"], mesh["psi_deg"], mesh[name])
-            yield _line(lines, colour, label, width=0.7, opacity=opacity)
+            lines = make_wires(mesh["theta_deg"], mesh["psi_deg"], mesh[name])
+            yield _draw_line(lines, colour, label, width=0.7, opacity=opacity)
     if view.get("path_m"):
-        yield _line(np.array(view["path_m"]), style.ORANGE, "path of the wrist", width=0.9, opacity=0.8)
+        yield _draw_line(np.array(view["path_m"]), style.ORANGE, "path of the wrist", width=0.9, opacity=0.8)
     for k, label in enumerate(("upper arm", "forearm")):
-        yield _line(np.array(view["arm_m"])[k : k + 2], style.colour(k + 1), label, width=4.0, opacity=0.8)
+        yield _draw_line(np.array(view["arm_m"])[k : k + 2], style.pick_colour(k + 1), label, width=4.0, opacity=0.8)
     names, places = tuple(view["targets_m"]), np.array(list(view["targets_m"].values()))
     x, y, z = places.T
     shown = tuple(name.replace("_", " ") for name in names)
     yield Points(x, y, style.INK, "parts of the body", "x", 5.0, names=shown, z=z)
 
 
-def _line(points: FloatArray, colour: str, label: str, *, width: float, opacity: float) -> Line:
+def _draw_line(points: FloatArray, colour: str, label: str, *, width: float, opacity: float) -> Line:
     x, y, z = points.T
     return Line(x, y, colour, label, width=width, opacity=opacity, z=z)
 
 
-def wires(polar: Sequence[float], azimuth: Sequence[float], radii: Sequence[Sequence[float | None]]) -> FloatArray:
+def make_wires(polar: Sequence[float], azimuth: Sequence[float], radii: Sequence[Sequence[float | None]]) -> FloatArray:
     """Return circles of latitude and every second line of longitude of a surface as one line (K, 3), with gaps."""
     theta, psi = np.radians(polar)[:, None], np.radians(azimuth)
     radius = np.array(radii, dtype=np.float64)

@@ -11,7 +11,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.reporting import style
 from mocap_id.reporting.figure import Figure, Item, Line, Panel, Points, project
-from mocap_id.reporting.markers import positions_at
+from mocap_id.reporting.markers import read_positions
 from mocap_id.reporting.report_data import ReportData
 
 
@@ -37,7 +37,7 @@ class StickFigure:
     names: tuple[str, ...]
 
 
-def stick_figure(data: ReportData, samples: IntArray) -> StickFigure | None:
+def make_stick_figure(data: ReportData, samples: IntArray) -> StickFigure | None:
     """Return the stick figure at some samples of the poses; None without chain or poses.
 
     A stick leads from the joint of a segment to the next joint, or to the centroid of its markers if there is none. It
@@ -98,15 +98,15 @@ class _Scene:
             shown = tuple(name for name, one in zip(names, known, strict=True) if one)
             look: Any = {"symbol": "x" if segment < 0 else "dot", "size": 3.2, "names": shown}
             across, up = project(values[k, known], turn, tilt).T
-            yield Points(across, up, style.colour(segment), **look)
+            yield Points(across, up, style.pick_colour(segment), **look)
         if self.sticks is None:
             return
         for segment, ends in zip(self.sticks.segments, self.sticks.sticks, strict=True):
             across, up = project(ends[k], turn, tilt).T
-            name = style.printable(self.segments[segment], 20)
-            yield Line(across, up, style.colour(segment), name, width=3.5, opacity=0.55)
+            name = style.clean(self.segments[segment], 20)
+            yield Line(across, up, style.pick_colour(segment), name, width=3.5, opacity=0.55)
         across, up = project(self.sticks.joints[k], turn, tilt).T
-        names = tuple(style.printable(name, 24) for name in self.sticks.names)
+        names = tuple(style.clean(name, 24) for name in self.sticks.names)
         yield Points(across, up, style.INK, symbol="ring", size=9.0, names=names)
 
 
@@ -115,16 +115,16 @@ def draw(data: ReportData) -> Figure | str:
     planar = data.long("planar.parquet")
     if planar is None or not planar.length:
         return f"No markers to draw: {data.why_missing('planar.parquet')}."
-    samples = two_samples(data)
+    samples = choose_samples(data)
     if samples is None or data.segment_poses is None:
         time, sticks = planar.time[[len(planar.time) // 2]], None
     else:
-        time, sticks = data.segment_poses.time[samples], stick_figure(data, samples)
-    scene = _Scene(time, data.segment_names, _markers(data, time), sticks)
-    return Figure(tuple(_views(scene, k) for k in range(len(time))))
+        time, sticks = data.segment_poses.time[samples], make_stick_figure(data, samples)
+    scene = _Scene(time, data.segment_names, _collect_markers(data, time), sticks)
+    return Figure(tuple(_draw_views(scene, k) for k in range(len(time))))
 
 
-def _views(scene: _Scene, k: int) -> tuple[Panel, ...]:
+def _draw_views(scene: _Scene, k: int) -> tuple[Panel, ...]:
     """Return the views at one instant."""
     middle, half = scene.extent()
     panels: list[Panel] = []
@@ -136,7 +136,7 @@ def _views(scene: _Scene, k: int) -> tuple[Panel, ...]:
     return tuple(panels)
 
 
-def two_samples(data: ReportData) -> IntArray | None:
+def choose_samples(data: ReportData) -> IntArray | None:
     """Return the samples of the poses at the two extremes of the motion, or None without a chain.
 
     The extremes are the farthest along the first principal component of the points of the chain.
@@ -145,7 +145,7 @@ def two_samples(data: ReportData) -> IntArray | None:
     if poses is None or not len(poses.time) or not poses.segments:
         return None
     usable = np.flatnonzero(np.isfinite(poses.quaternion).all(axis=(1, 2)) & np.isfinite(poses.origin).all(axis=(1, 2)))
-    whole = stick_figure(data, usable[:: max(1, len(usable) // 2000)])
+    whole = make_stick_figure(data, usable[:: max(1, len(usable) // 2000)])
     if whole is None or not len(usable) or not whole.sticks:
         return None
     usable = usable[:: max(1, len(usable) // 2000)]
@@ -155,13 +155,13 @@ def two_samples(data: ReportData) -> IntArray | None:
     return np.unique(usable[[along.argmin(), along.argmax()]])
 
 
-def _markers(data: ReportData, times: FloatArray) -> list[tuple[int, FloatArray, tuple[str, ...]]]:
+def _collect_markers(data: ReportData, times: FloatArray) -> list[tuple[int, FloatArray, tuple[str, ...]]]:
     """Return segment, positions (K, m, 3) and names of the markers, segment by segment; -1 without one."""
     planar, skeleton = data.long("planar.parquet"), data.spatial_skeleton
     assert planar is not None
     own = {} if skeleton is None else dict(zip(skeleton.markers, skeleton.marker_segment.tolist(), strict=True))
     segment = np.array([own.get(label, -1) for label in planar.labels])
     at = planar.time[np.abs(planar.time[:, None] - times).argmin(axis=0)]
-    values = positions_at(planar, at, tuple(planar.labels), "xyz")
-    names = np.array([style.printable(label, 24) for label in planar.labels])
+    values = read_positions(planar, at, tuple(planar.labels), "xyz")
+    names = np.array([style.clean(label, 24) for label in planar.labels])
     return [(k, values[:, segment == k], tuple(names[segment == k].tolist())) for k in np.unique(segment).tolist()]
