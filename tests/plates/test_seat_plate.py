@@ -9,7 +9,7 @@ from test_plate_choice import CHAIR, FEET, RATE, RISE, TIME, WEIGHT, carrying, c
 from mocap_id.geometry.plane_frame import PlaneFrame
 from mocap_id.plates import PlateChoice, choose_plates, find_contradictions, measure_empty_chair
 from mocap_id.recording import PlateSamples, ThinnedFrames
-from mocap_id.stages.planarise.external_wrenches import ExternalWrenches, UsedFrames, measure_seat
+from mocap_id.stages.planarise.wrenches import ExternalWrenches, UsedFrames, measure_seat
 
 ON_CHAIR = 0.75 * WEIGHT * np.clip(1 - RISE / 0.6, 0, 1)
 EMPTY = np.array([3.0, 60.0, 24.0])

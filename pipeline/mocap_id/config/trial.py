@@ -18,8 +18,7 @@ from mocap_id.stages import STAGES, Stage
 from mocap_id.stages.base import Settings
 from mocap_id.stages.trial_keys import Calibration, Files, TrialKeys
 
-_LONGEST = 100
-"""Largest number of characters of a file name in a run folder."""
+_LONGEST = 100  # largest number of characters of a file name in a run folder
 
 
 @dataclass(frozen=True)

@@ -3,15 +3,20 @@
 from mocap_id.recording.angle_table import read_angles
 from mocap_id.recording.axes import to_z_up
 from mocap_id.recording.balance_board import CELLS_BELOW_SURFACE_M, BoardLog, read_board
-from mocap_id.recording.encoder_log import read_encoder
-from mocap_id.recording.force_log import read_force_log
 from mocap_id.recording.model import Plate, Recording
-from mocap_id.recording.opensim_text import format_motion_table, format_trc
 from mocap_id.recording.plate_types import PlateSignals
 from mocap_id.recording.reader import is_marker_text, read
 from mocap_id.recording.resampling import PlateSamples, ThinnedFrames, compute_averaging_width, decimate
+from mocap_id.recording.sensor_logs import read_encoder, read_force_log
 from mocap_id.recording.text_tables import read_table
-from mocap_id.recording.writer import write_c3d, write_recording, write_recording_as_text, write_trc
+from mocap_id.recording.writer import (
+    format_motion_table,
+    format_trc,
+    write_c3d,
+    write_recording,
+    write_recording_as_text,
+    write_trc,
+)
 
 __all__ = [
     "CELLS_BELOW_SURFACE_M",

@@ -10,8 +10,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.recording.c3d_file import C3DFile
 from mocap_id.recording.c3d_layout import Layout, is_unsigned, read_frames
 
-_BLOCK_BYTES = 1 << 20
-"""Bytes of the file to decode at a time."""
+_BLOCK_BYTES = 1 << 20  # bytes of the file to decode at a time
 
 
 def decode(

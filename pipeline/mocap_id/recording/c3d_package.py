@@ -16,8 +16,7 @@ from mocap_id.recording.c3d_file import C3DFile, open_c3d
 from mocap_id.recording.c3d_layout import Layout, find_layout, read_frames
 from mocap_id.recording.text_tables import open_recording
 
-_FRAMES = 100
-"""Number of frames to compare: a wrong position or stride shows at once."""
+_FRAMES = 100  # number of frames to compare: a wrong position or stride shows at once
 
 
 def compare_with_package(path: Path) -> list[str]:

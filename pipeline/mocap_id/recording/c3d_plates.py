@@ -15,11 +15,8 @@ from mocap_id.recording.channel_units import ForceUnits, find_channel_scales
 from mocap_id.recording.plate_types import CHANNELS, PlateSignals, UnusablePlateError
 from mocap_id.recording.saturation import find_saturated
 
-_MAX_PLATES = 64
-"""No laboratory has more plates, and each plate needs memory."""
-
-_MEDIAN_WIDTH = 7
-"""Width of a running median, samples: it removes spikes, but no real load."""
+_MAX_PLATES = 64  # no laboratory has more plates, and each plate needs memory
+_MEDIAN_WIDTH = 7  # width of a running median, samples: it removes spikes, but no real load
 
 
 @dataclass(frozen=True)

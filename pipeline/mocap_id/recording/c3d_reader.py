@@ -14,42 +14,34 @@ from mocap_id.recording.c3d_data import decode
 from mocap_id.recording.c3d_file import C3DFile, open_c3d
 from mocap_id.recording.c3d_layout import Layout, describe_encoding, find_layout
 from mocap_id.recording.c3d_plates import StoredPlate, list_plate_channels, read_stored_plates
-from mocap_id.recording.channel_units import ForceUnits
 from mocap_id.recording.lab_plates import place_plate
 from mocap_id.recording.labels import name_markers
 from mocap_id.recording.marker_positions import clean_positions, resolve_length_unit, rotate_z_up, thin_frames
+from mocap_id.recording.marker_table import ReadingOptions
 from mocap_id.recording.model import Recording
 from mocap_id.recording.plate_types import compute_plate_axes
 
 _OUTPUT_GROUPS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "MODELED_MARKERS", "VIRTUAL_MARKERS")
 """POINT parameters that list computed trajectories, not markers; POINT:TYPE_GROUPS may name more."""
 
-_BELOW_M = 0.2
-"""Markers this far below a plate mean that its corners are in the wrong order."""
+_BELOW_M = 0.2  # markers this far below a plate mean that its corners are in the wrong order
 
 
-def read_c3d(
-    path: Path,
-    stream: BinaryIO,
-    units: str | None,
-    vertical: str | None,
-    force_units: ForceUnits,
-    *,
-    unit_required: bool = True,
-) -> Recording:
+def read_c3d(path: Path, stream: BinaryIO, options: ReadingOptions) -> Recording:
     """Read an open C3D file; parameters and errors as for :func:`mocap_id.recording.read`."""
     file = open_c3d(path, stream)
     layout = find_layout(file)
     oddities = list(layout.oddities)
-    unit, metres = resolve_length_unit(path, file.text("POINT:UNITS"), units, oddities, required=unit_required)
+    declared, required = file.text("POINT:UNITS"), options.unit_required
+    unit, metres = resolve_length_unit(path, declared, options.units, oddities, required=required)
     subjects = _read_subjects(file)
     naming = name_markers(_read_labels(file, layout), _read_outputs(file), subjects)
     oddities += [*naming.oddities, *_note_file_name(path, subjects)]
     positions, counts = decode(file, layout, naming.keep, list_plate_channels(file, layout), metres)
     clean_positions(path, positions, unit, oddities)
-    stored = read_stored_plates(file, layout, counts, metres, force_units)
+    stored = read_stored_plates(file, layout, counts, metres, options.force_units)
     del counts  # large in a long recording
-    up = _find_vertical(file, stored, positions, vertical, oddities)
+    up = _find_vertical(file, stored, positions, options.vertical, oddities)
     rotate_z_up(positions, up)
     frames = layout.first + np.arange(layout.frames)
     time = (frames - min(layout.first, 1)) / layout.rate

@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 AXES = tuple("xyz")
-_EVEN = 1e-3
-"""Largest deviation of a time from an even clock, as a share of the time between frames."""
+_EVEN = 1e-3  # largest deviation of a time from an even clock, as a share of the time between frames
 
 
 def plate_from_arrays(

@@ -18,7 +18,7 @@ from mocap_id.arrays import FloatArray, is_time_axis
 from mocap_id.errors import RecordingError
 from mocap_id.recording.channel_units import ForceUnits
 from mocap_id.recording.lab_plates import reverse_force_on_plate, rotate_plate
-from mocap_id.recording.marker_table import MarkerTable, assemble_recording
+from mocap_id.recording.marker_table import MarkerTable, ReadingOptions, assemble_recording
 from mocap_id.recording.model import Plate, Recording
 from mocap_id.recording.time_stamps import EvenClock, fit_even_clock
 from mocap_id.recording.units import find_force_scale, find_length_scale, find_moment_scale
@@ -55,15 +55,7 @@ class Series:
         ]
 
 
-def read_ktk(
-    path: Path,
-    stream: BinaryIO,
-    units: str | None,
-    vertical: str | None,
-    force_units: ForceUnits,
-    *,
-    unit_required: bool,
-) -> Recording:
+def read_ktk(path: Path, stream: BinaryIO, options: ReadingOptions) -> Recording:
     """Read markers and force platforms; parameters and errors as for :func:`mocap_id.recording.read`."""
     oddities: list[str] = []
     series = read_series(path, stream)
@@ -78,11 +70,9 @@ def read_ktk(
     frames = numbers + max(round(clock.start * clock.rate), 0) + 1
     time, rate = clock.start + numbers / clock.rate, float(f"{clock.rate:.9g}")
     table = MarkerTable("Kinetics Toolkit", labels, frames, time, positions, rate, min(declared), "Z")
-    plates = _read_plates(path, series[PLATES], force_units, oddities) if PLATES in series else []
+    plates = _read_plates(path, series[PLATES], options.force_units, oddities) if PLATES in series else []
     force = sum((np.nan_to_num(plate.force).mean(axis=0) for plate in plates), np.zeros(3))
-    recording, rotation = assemble_recording(
-        path, table, force, oddities, units=units, vertical=vertical, unit_required=unit_required
-    )
+    recording, rotation = assemble_recording(path, table, force, options, oddities)
     rotated = []
     for plate in (rotate_plate(plate, rotation) for plate in plates):
         ok = np.isfinite(plate.force[:, 2])

@@ -15,9 +15,7 @@ _OUTPUT = re.compile(r"(angles?|forces?|moments?|powers?|grf|cent(re|er)_?of_?ma
 _JOINT_CENTRE = re.compile(r"(?:^|[LR_.\s-])(?:H|K|A|S|E|W)JC(?:[_.\s-].*)?$|joint_?cent(?:re|er)", re.IGNORECASE)
 """Computed joint centres, such as LHJC, R_KJC or L_HJC_reg."""
 
-_SEPARATORS = ":_-. "
-"""Characters between the name of a subject and the name of a marker."""
-
+_SEPARATORS = ":_-. "  # characters between the name of a subject and the name of a marker
 _SEGMENT_AXES = ("O", "A", "L", "P")
 """Last letters of the four points of a model's segment frame: the origin and a point on each axis."""
 

@@ -11,15 +11,10 @@ from mocap_id.errors import RecordingError
 from mocap_id.recording.axes import to_z_up
 from mocap_id.recording.units import LENGTHS, check_length_unit, find_length_scale, strip_padding
 
-_MAX_DISTANCE_M = 1000.0
-"""Larger than any laboratory: such coordinates are invalid."""
-
-_MIN_SPREAD_M, _MAX_SPREAD_M = 0.02, 100.0
-"""Accepted spread of the markers of a trial, to check the unit."""
-
+_MAX_DISTANCE_M = 1000.0  # larger than any laboratory: such coordinates are invalid
+_MIN_SPREAD_M, _MAX_SPREAD_M = 0.02, 100.0  # accepted spread of the markers of a trial, to check the unit
 _MILLIMETRE = 1e-3
-_BLOCK = 1000
-"""Number of frames to process at a time, which limits the memory needed."""
+_BLOCK = 1000  # number of frames to process at a time, which limits the memory needed
 
 
 def resolve_length_unit(

@@ -8,15 +8,11 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
 
-_RISES_M = 0.15
-"""A smaller change of the mean height of the body is not sitting down."""
-
+_RISES_M = 0.15  # a smaller change of the mean height of the body is not sitting down
 _SHANKS, _THIGHS = (0.15, 0.33), (0.38, 0.56)
 """Height ranges of shanks and thighs of a standing person, as shares of the height of the highest trunk marker."""
 
-_KNEE = 0.26
-"""Height of the knee, as a share of the same height; markers on the thigh stay above it."""
-
+_KNEE = 0.26  # height of the knee, as a share of the highest trunk marker; markers on the thigh stay above it
 _TRUNK_M, _PELVIS_SHARE = 1.15, 0.6
 """If no marker is higher than this, the highest markers are on the pelvis, at this share of the trunk's height."""
 
@@ -28,14 +24,9 @@ _BODY_THIN = 0.3
 """The same limit for all markers above the feet: up to 0.28 for a standing person with the arms forwards. It is needed
 if the highest markers are on the pelvis, since the thighs of a seated person are then at the top."""
 
-_FLAT = 0.005
-"""A smaller width means markers in a line or projected into a plane, which do not show the posture."""
-
-_SWEEPS = 8
-"""Number of alternating fits of heights with gaps; each removes most of the remaining bias."""
-
-_SURE_M = 0.02
-"""Smallest displacement that exceeds noise and soft-tissue motion."""
+_FLAT = 0.005  # a smaller width means markers in a line or projected into a plane, which do not show the posture
+_SWEEPS = 8  # number of alternating fits of heights with gaps; each removes most of the remaining bias
+_SURE_M = 0.02  # smallest displacement that exceeds noise and soft-tissue motion
 
 
 @dataclass(frozen=True)

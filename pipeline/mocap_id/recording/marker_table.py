@@ -11,6 +11,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray, IntArray, is_time_axis
 from mocap_id.errors import RecordingError
 from mocap_id.recording.axes import choose_vertical, to_z_up
+from mocap_id.recording.channel_units import ForceUnits
 from mocap_id.recording.labels import name_markers
 from mocap_id.recording.marker_positions import clean_positions, resolve_length_unit, rotate_z_up
 from mocap_id.recording.model import Recording
@@ -35,27 +36,30 @@ class MarkerTable:
     outputs: Sequence[str] = ()  # labels that the file declares as computed, not measured
 
 
+@dataclass(frozen=True)
+class ReadingOptions:
+    """Options of :func:`mocap_id.recording.read`, checked."""
+
+    units: str | None
+    vertical: str | None
+    force_units: ForceUnits
+    unit_required: bool
+
+
 def assemble_recording(
-    path: Path,
-    table: MarkerTable,
-    force: FloatArray | None,
-    oddities: list[str],
-    *,
-    units: str | None,
-    vertical: str | None,
-    unit_required: bool,
+    path: Path, table: MarkerTable, force: FloatArray | None, options: ReadingOptions, oddities: list[str]
 ) -> tuple[Recording, FloatArray]:
     """Convert a table to a recording without plates, and return it with the rotation (3, 3) of its axes to Z up.
 
-    ``force`` (3,) is the mean ground force in the axes of the file, None without plates; the other parameters and the
-    errors are those of :func:`mocap_id.recording.read`.
+    ``force`` (3,) is the mean ground force in the axes of the file; None without plates.
     """
-    unit, metres = resolve_length_unit(path, table.units, units, oddities, required=unit_required)
+    required = options.unit_required
+    unit, metres = resolve_length_unit(path, table.units, options.units, oddities, required=required)
     naming = name_markers(table.labels, table.outputs)
     oddities += naming.oddities
     positions = table.positions[:, list(naming.keep)] * metres
     clean_positions(path, positions, unit, oddities)
-    up = choose_vertical(force, vertical, table.up, oddities)
+    up = choose_vertical(force, options.vertical, table.up, oddities)
     rotate_z_up(positions, up)
     recording = Recording(
         files=(path,),

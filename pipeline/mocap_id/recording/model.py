@@ -280,10 +280,7 @@ class Recording:
     def to_xarray(self) -> xr.Dataset:
         """Return markers and plates as a dataset of xarray, in SI units with z up.
 
-        Raises
-        ------
-        ConfigError
-            xarray is not installed.
+        Raises ConfigError if xarray is not installed.
         """
         from mocap_id.recording.in_memory import to_dataset  # noqa: PLC0415  it imports this module
 

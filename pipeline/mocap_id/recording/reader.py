@@ -2,20 +2,36 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
+from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.recording.axes import check_axis
 from mocap_id.recording.c3d_reader import read_c3d
 from mocap_id.recording.channel_units import ForceUnits
 from mocap_id.recording.ktk_file import MAGIC, read_ktk
+from mocap_id.recording.marker_table import MarkerTable, ReadingOptions, assemble_recording
 from mocap_id.recording.model import Recording
-from mocap_id.recording.text_reader import HEAD_BYTES, Parser, find_parser, read_text_markers
-from mocap_id.recording.text_tables import open_recording
+from mocap_id.recording.mot_plates import find_force_columns, read_mot_plates
+from mocap_id.recording.text_tables import open_recording, read_table, read_text
 from mocap_id.recording.trc_table import parse_trc
+from mocap_id.recording.vendor_tables import NEXUS_SECTIONS, parse_motive, parse_nexus, parse_qtm
 
 _TABLES = (".mot", ".sto")
 _TEXTS = (".tsv", ".csv", ".txt")
+
+
+Parser = Callable[[Path, str, list[str]], MarkerTable]
+
+_HEAD_BYTES = 4096
+"""Bytes from the start of a file that show its format."""
+
+_QTM = re.compile(rb"(FILE_VERSION|NO_OF_FRAMES|NO_OF_CAMERAS|NO_OF_MARKERS)\t")
 
 
 def read(
@@ -61,31 +77,29 @@ def read(
         A unit or an axis is unknown, or the two files are exchanged or of the wrong format.
     """
     axis = None if vertical is None else check_axis(vertical)
-    plate_units = ForceUnits(force_unit, moment_unit)
+    options = ReadingOptions(units, axis, ForceUnits(force_unit, moment_unit), unit_required)
     markers, forces = Path(markers), None if forces is None else Path(forces)
     _check_kinds(markers, forces)
     with open_recording(markers) as stream:
-        start = stream.read(HEAD_BYTES)
+        start = stream.read(_HEAD_BYTES)
         parse = None if start.startswith(MAGIC) else _choose_parser(markers, start)
         if parse is None:
             if forces is not None:
                 raise ConfigError(f"{forces}: {markers} contains its own force plates; `forces` belongs to a TRC file")
             read_binary = read_ktk if start.startswith(MAGIC) else read_c3d
-            return read_binary(markers, stream, units, axis, plate_units, unit_required=unit_required)
-    return read_text_markers(
-        markers, parse, forces, units=units, vertical=axis, force_units=plate_units, unit_required=unit_required
-    )
+            return read_binary(markers, stream, options)
+    return _read_text_markers(markers, parse, forces, options)
 
 
 def is_marker_text(path: Path) -> bool:
     """Return whether a text file contains markers in a supported format; RecordingError if it cannot be read."""
     with open_recording(path) as stream:
-        return find_parser(stream.read(HEAD_BYTES)) is not None
+        return _find_parser(stream.read(_HEAD_BYTES)) is not None
 
 
 def _choose_parser(path: Path, start: bytes) -> Parser | None:
     """Return the parser of a text file from its first bytes; None for a C3D file."""
-    parse = find_parser(start)
+    parse = _find_parser(start)
     if parse is None and path.suffix.lower() == ".trc":
         return parse_trc  # its error says what is wrong
     if parse is None and path.suffix.lower() in _TEXTS:
@@ -110,3 +124,51 @@ def _check_kinds(markers: Path, forces: Path | None) -> None:
         )
     if forces is not None and markers.suffix.lower() == ".trc" and forces.suffix.lower() in (".trc", ".c3d"):
         raise ConfigError(f"{forces}: `forces` must be a MOT file; give a C3D file alone, `recording: trial.c3d`")
+
+
+def _find_parser(head: bytes) -> Parser | None:
+    """Return the parser of a text file with markers from its first bytes; None if it has another format."""
+    start = head.removeprefix(b"\xef\xbb\xbf").lstrip(b"\r\n")
+    line = re.split(b"[\r\n]", start, maxsplit=1)[0]
+    if b"pathfiletype" in line[:200].lower():
+        return parse_trc
+    if _QTM.match(start):
+        return parse_qtm
+    if line.lower().startswith(b"format version,"):
+        return parse_motive
+    if line.decode("latin-1").strip(",;\t ").lower() in NEXUS_SECTIONS:
+        return parse_nexus
+    return None
+
+
+def _read_text_markers(path: Path, parse: Parser, forces: Path | None, options: ReadingOptions) -> Recording:
+    """Read a text file with markers and its MOT file, if any."""
+    oddities: list[str] = []
+    markers = parse(path, read_text(path), oddities)
+    if forces is None:
+        return assemble_recording(path, markers, None, options, oddities)[0]
+    table = read_table(forces)
+    columns = find_force_columns(forces, table)
+    force = sum((np.nan_to_num(table.values[:, list(each.force)]) for each in columns), np.zeros((1, 3))).mean(axis=0)
+    recording, rotation = assemble_recording(path, markers, force, options, oddities)
+    oddities += [f"{forces.name}: {note}" for note in table.notes]
+    plates = read_mot_plates(forces, table, columns, oddities, rotation=rotation, units=options.force_units)
+    _compare_spans(path, forces, markers.time, table.time, oddities)
+    return replace(
+        recording,
+        files=(path, forces),
+        format=f"{markers.format} + MOT",
+        analog_rate=plates[0].rate,
+        plates=plates,
+        oddities=tuple(oddities),
+    )
+
+
+def _compare_spans(markers: Path, forces: Path, a: FloatArray, b: FloatArray, oddities: list[str]) -> None:
+    """Add a note if two files, which share a clock, have different time spans; refuse files that do not overlap."""
+    spans = f"{markers.name} runs from {a[0]:g} to {a[-1]:g} s, {forces.name} from {b[0]:g} to {b[-1]:g} s"
+    if b[-1] < a[0] or b[0] > a[-1]:
+        raise RecordingError(f"{spans}: they do not overlap, so they are of different trials or on different clocks")
+    step = max((a[-1] - a[0]) / (len(a) - 1), (b[-1] - b[0]) / (len(b) - 1))
+    if abs(a[0] - b[0]) > 1.5 * step or abs(a[-1] - b[-1]) > 1.5 * step:
+        oddities.append(f"{spans}: forces are missing outside the common part")

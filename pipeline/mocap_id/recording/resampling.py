@@ -10,14 +10,9 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.recording.model import Plate
 
-_ROUNDING = 1e-6
-"""Relative tolerance of times that a file stores in single precision."""
-
-_FASTER = 1.001
-"""Ratio of plate rate to marker rate above which samples are averaged."""
-
-_THINNED_HZ = 60.0
-"""Lowest frame rate of thinned recordings."""
+_ROUNDING = 1e-6  # relative tolerance of times that a file stores in single precision
+_FASTER = 1.001  # ratio of plate rate to marker rate above which samples are averaged
+_THINNED_HZ = 60.0  # lowest frame rate of thinned recordings
 
 
 @dataclass(frozen=True)

@@ -26,8 +26,7 @@ KINECT_V2 = (
 _KINECT_RATE = 30.0
 _TIMES = ("time_s", "time")
 _INFERRED = 1
-_LONGEST_STEP = 1.75
-"""Largest step between two rows, in usual steps, that is interpolated."""
+_LONGEST_STEP = 1.75  # largest step between two rows, in usual steps, that is interpolated
 _ON_ROW = 0.02  # usual steps from a row
 _LEAST_ROWS = 20
 _FASTEST = 500.0  # Hz

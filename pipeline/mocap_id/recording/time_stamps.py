@@ -11,14 +11,9 @@ from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
 
 _MIN_PERIOD_S = 1e-9
-_MAX_ERROR = 0.05
-"""Accepted error of a stamp beyond its rounding, as a share of a frame."""
-
-_MAX_ROUNDING = 0.25
-"""Largest accepted rounding, as a share of a frame; a larger one could hide a missing frame."""
-
-_MAX_DECIMALS = 9
-"""Finer than any clock; further digits are due to the binary representation."""
+_MAX_ERROR = 0.05  # accepted error of a stamp beyond its rounding, as a share of a frame
+_MAX_ROUNDING = 0.25  # largest accepted rounding, as a share of a frame; a larger one could hide a missing frame
+_MAX_DECIMALS = 9  # finer than any clock; further digits are due to the binary representation
 
 
 @dataclass(frozen=True)

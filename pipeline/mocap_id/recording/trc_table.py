@@ -16,8 +16,7 @@ from mocap_id.recording.text_tables import TextTable, has_final_line_end, parse_
 _HEADER_LINES = 12
 _NAMES = re.compile(r"\W*frame\b", re.IGNORECASE)
 _AXIS = re.compile(r"[XYZ]\d+")
-_SHORT_KEYS = {"nummarker": "nummarkers", "numframe": "numframes"}
-"""Spellings of other programs, by lower-case name."""
+_SHORT_KEYS = {"nummarker": "nummarkers", "numframe": "numframes"}  # spellings of other programs, by lower-case name
 
 
 @dataclass(frozen=True)

@@ -19,8 +19,7 @@ NEXUS_SECTIONS = frozenset(("trajectories", "devices", "joints", "model outputs"
 _HEADER_LINES = 1000
 _QTM_KEY = re.compile(r"[A-Z][A-Z_]+(\t|$)")
 _NUMBER = re.compile(r"[-+.\d][-+.\deE]*|NULL|NaN", re.IGNORECASE)
-_PADDING = ",;\t \ufeff"
-"""Characters that spreadsheets add to short lines."""
+_PADDING = ",;\t \ufeff"  # characters that spreadsheets add to short lines
 
 
 def parse_qtm(path: Path, text: str, oddities: list[str]) -> MarkerTable:

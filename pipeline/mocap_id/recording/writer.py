@@ -1,27 +1,30 @@
-"""Writers of C3D, TRC and MOT files, for simulated trials and export."""
+"""Writers of C3D, TRC, MOT and STO files, for simulated trials and export."""
 
 from __future__ import annotations
 
+import io
 import os
 from collections.abc import Callable, Sequence
+from math import isnan
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.errors import RecordingError
 from mocap_id.recording.axes import to_z_up
 from mocap_id.recording.model import Plate, Recording
-from mocap_id.recording.opensim_text import format_motion_table, format_trc
 from mocap_id.recording.plate_types import PlateSignals, compute_plate_axes
 
 _CHANNEL_NAMES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 _SAME_FRAME = 0.01
 """Largest difference between the time of the first frame and that of its number, as a share of a frame."""
 
-_LAST_TIME = 1e5
-"""Largest time in a text file, s; its nine digits are too coarse for later times."""
+_LAST_TIME = 1e5  # largest time in a text file, s; its nine digits are too coarse for later times
+
+
+_MILLIMETRES = 1e3
 
 
 def write_c3d(
@@ -229,3 +232,90 @@ def _put_plates(content: Any, plates: Sequence[PlateSignals], rate: float, frame
     force["CHANNEL"]["value"] = np.arange(1, 6 * len(plates) + 1).reshape(len(plates), 6).T
     force["CORNERS"]["value"] = np.stack([plate.corners.T * 1e3 for plate in plates], axis=2)
     force["ORIGIN"]["value"] = np.stack([plate.origin * 1e3 for plate in plates], axis=1)
+
+
+def format_trc(
+    name: str, labels: Sequence[str], positions: FloatArray, *, time: FloatArray, frames: IntArray, rate: float
+) -> str:
+    """Return markers as the text of a TRC file in mm; missing markers are blank.
+
+    Parameters
+    ----------
+    name : str
+        File name for the first line.
+    labels : sequence of str, length M
+    positions : (F, M, 3) array
+        Marker positions, axes with Y up, m; NaN if missing.
+    time : (F,) array
+        Times, s.
+    frames : (F,) int array
+        Frame numbers.
+    rate : float
+        Frames per second.
+
+    Raises
+    ------
+    ValueError
+        Labels, frames and positions do not fit together.
+    """
+    count, markers = positions.shape[:2]
+    if len(labels) != markers or len(time) != count or len(frames) != count:
+        raise ValueError(f"positions of shape {positions.shape} do not fit {len(labels)} labels, {len(time)} times")
+    first = frames[0] if count else 1
+    header = [
+        f"PathFileType\t4\t(X/Y/Z)\t{name}",
+        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
+        f"{rate:.9g}\t{rate:.9g}\t{count}\t{markers}\tmm\t{rate:.9g}\t{first}\t{count}",
+        "Frame#\tTime\t" + "\t\t\t".join(labels),
+        "\t\t" + "\t".join(f"X{i}\tY{i}\tZ{i}" for i in range(1, markers + 1)),
+        "",
+    ]
+    numbers = zip(frames.tolist(), time.tolist(), (positions.reshape(count, -1) * _MILLIMETRES).tolist(), strict=True)
+    rows = [f"{frame}\t{at:.9g}\t{_format_row(row)}" for frame, at, row in numbers]
+    return "\n".join([*header, *rows, ""])
+
+
+def _format_row(row: Sequence[float]) -> str:
+    """Return the coordinates of a frame as text; after a blank last cell OpenSim needs another tab."""
+    cells = "\t".join("" if isnan(value) else f"{value:.5f}" for value in row)
+    return f"{cells}\t" if row and isnan(row[-1]) else cells
+
+
+def format_motion_table(
+    name: str, columns: Sequence[str], values: FloatArray, *, time: FloatArray, in_degrees: bool = False
+) -> str:
+    """Return a table as the text of a MOT or STO file.
+
+    Parameters
+    ----------
+    name : str
+        Name of the table for the first line.
+    columns : sequence of str, length C
+        Names of all columns except time.
+    values : (T, C) array
+        Values; NaN is written as ``nan``, at which OpenSim's own programs stop reading.
+    time : (T,) array
+        Times, s.
+    in_degrees : bool
+        Value of ``inDegrees`` in the header; the values themselves are not converted.
+
+    Raises
+    ------
+    ValueError
+        Columns, times and values do not fit together.
+    """
+    if values.shape != (len(time), len(columns)):
+        raise ValueError(f"values of shape {values.shape} do not fit {len(time)} times and {len(columns)} columns")
+    header = [
+        name,
+        "version=1",
+        f"nRows={len(time)}",
+        f"nColumns={len(columns) + 1}",
+        f"inDegrees={'yes' if in_degrees else 'no'}",
+        "endheader",
+        "\t".join(["time", *columns]),
+        "",
+    ]
+    body = io.StringIO()
+    np.savetxt(body, np.column_stack([time, values]), fmt="%.10g", delimiter="\t")
+    return "\n".join(header) + body.getvalue()

@@ -25,9 +25,7 @@ _ROWS = 1 << 18  # written together
 _MOST_COLUMNS = 5000
 _BYTES_PER_BYTE, _LEAST_BYTES = 64, 1 << 28
 """The limit of the size in memory is 64 bytes per byte of the file (columns of NaN compress well) plus 256 MiB."""
-_CELL = 8
-"""Largest number of bytes of a cell: a number, or an index into a list of texts."""
-
+_CELL = 8  # largest number of bytes of a cell: a number, or an index into a list of texts
 _TYPES = {
     "float64": pa.float64(),
     "int64": pa.int64(),

@@ -26,6 +26,14 @@ _FEW = 0.02
 _STANDS_N = 50.0
 
 
+_VERTICAL_ONLY = Reason(
+    "board-vertical-only",
+    "the ground's force comes from a balance board, which measures the vertical force and the centre of pressure at "
+    "its cells. The parameters are fitted to Fy and tauz; Fx is computed by the model, and no measurement checks it",
+    level="ok",
+)
+
+
 @dataclass(frozen=True)
 class PlacedBoard:
     """The board in the lab."""
@@ -157,14 +165,6 @@ def _find_centre(board: BalanceBoard, source: Recording, positions: FloatArray, 
     lowest = float(np.nanmin(np.nanmedian(positions[:, :, 2], axis=0)))
     height = CELLS_BELOW_SURFACE_M if lowest >= CELLS_BELOW_SURFACE_M else 0.0  # on the floor, or sunk into it
     return np.array([*(feet[:2] - pressure), height])
-
-
-_VERTICAL_ONLY = Reason(
-    "board-vertical-only",
-    "the ground's force comes from a balance board, which measures the vertical force and the centre of pressure at "
-    "its cells. The parameters are fitted to Fy and tauz; Fx is computed by the model, and no measurement checks it",
-    level="ok",
-)
 
 
 def _describe_gaps(gaps: int, share: float) -> Reason:

@@ -21,17 +21,22 @@ from mocap_id.recording.marker_posture import Facing, find_facing, find_upright
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.planarise import PlanariseSettings, moved_base
 from mocap_id.stages.planarise.balance_board import place_board, read_board_plate
-from mocap_id.stages.planarise.external_wrenches import UsedFrames, measure_seat, measure_sensors
-from mocap_id.stages.planarise.ground_wrench import compute_ground_wrench, measure_lateral_cop
-from mocap_id.stages.planarise.label_swaps import check_swaps
 from mocap_id.stages.planarise.plate_reasons import describe_losses, describe_plates, doubt_units
 from mocap_id.stages.planarise.plate_registration import PlateCheck, check_registration
 from mocap_id.stages.planarise.used_part import (
     UsedPart,
+    check_swaps,
     express_trajectories,
     list_bursts,
     read_recording,
     select_part,
+)
+from mocap_id.stages.planarise.wrenches import (
+    UsedFrames,
+    compute_ground_wrench,
+    measure_lateral_cop,
+    measure_seat,
+    measure_sensors,
 )
 from mocap_id.stages.trial_keys import BalanceBoard, get_recording
 from mocap_id.store import LongTable, Table

@@ -10,11 +10,10 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.plates import PlateChoice, weigh_person
 from mocap_id.recording import Plate, Recording, ThinnedFrames
-from mocap_id.stages.planarise.external_wrenches import ExternalWrenches
+from mocap_id.stages.planarise.wrenches import ExternalWrenches
 from mocap_id.verdict import Reason
 
-_FEW = 0.05
-"""Share of the samples; fewer samples outside the recorded time give a note, more a caution."""
+_FEW = 0.05  # share of the samples; fewer samples outside the recorded time give a note, more a caution
 
 
 def describe_plates(

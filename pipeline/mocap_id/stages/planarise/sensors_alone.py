@@ -16,10 +16,9 @@ from mocap_id.recording import Recording, ThinnedFrames
 from mocap_id.recording.imu_log import read_imu
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.calibration import FORMAT, get_calibration, read_chain
-from mocap_id.stages.planarise.external_wrenches import ExternalWrenches
-from mocap_id.stages.planarise.ground_wrench import compute_ground_wrench
 from mocap_id.stages.planarise.plate_reasons import describe_plates
 from mocap_id.stages.planarise.used_part import UsedPart
+from mocap_id.stages.planarise.wrenches import ExternalWrenches, compute_ground_wrench
 from mocap_id.stages.trial_keys import TrialKeys
 from mocap_id.store import LongTable, Table
 from mocap_id.store.schemas import PLANAR, WRENCH
@@ -33,14 +32,9 @@ def planarise_sensors(context: Context) -> Outputs:
 
     The trajectories are those of the calibration's markers, all missing; there is no plate.
 
-    Raises
-    ------
-    ConfigError
-        The window is outside the recording.
-    RecordingError
-        A log cannot be read, or the sensors have too little time in common.
-    Refused
-        A moving segment has no sensor, in this trial or in the calibration.
+    Raises ConfigError if the window is outside the recording. Raises RecordingError if a log cannot be read, or the
+    sensors have too little time in common. Raises Refused if a moving segment has no sensor, in this trial or in the
+    calibration.
     """
     tree = read_chain(get_calibration(context.trial))
     _check_complete(context.trial, tree.texts("segments/name"))

@@ -14,18 +14,16 @@ from mocap_id.plates import choose_plates
 from mocap_id.recording import ThinnedFrames
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.planarise import PlanariseSettings
-from mocap_id.stages.planarise.external_wrenches import ExternalWrenches
-from mocap_id.stages.planarise.ground_wrench import compute_ground_wrench_in_space, find_plates_centre
 from mocap_id.stages.planarise.plate_reasons import describe_plates, doubt_units
 from mocap_id.stages.planarise.skeleton import read_upright
 from mocap_id.stages.planarise.used_part import express_trajectories, list_bursts, read_recording, select_part
+from mocap_id.stages.planarise.wrenches import ExternalWrenches, compute_ground_wrench_in_space, find_plates_centre
 from mocap_id.stages.trial_keys import get_landmark_labels, get_recording
 from mocap_id.store import LongTable, Table
 from mocap_id.store.schemas import PLANAR, WRENCH
 from mocap_id.verdict import Reason
 
-_PLANAR = 0.01
-"""Share of the motion out of the best vertical plane below which a trial in the plane would do."""
+_PLANAR = 0.01  # share of the motion out of the best vertical plane below which a trial in the plane would do
 
 
 def planarise_in_space(context: Context) -> Outputs:

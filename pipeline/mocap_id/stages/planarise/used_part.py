@@ -1,4 +1,4 @@
-"""The part of a recording that is used: its markers and frames, their coordinates in the trial's frame, and bursts."""
+"""The part of a recording that is used: markers and frames, corrected labels, coordinates, bursts."""
 
 from __future__ import annotations
 
@@ -12,12 +12,14 @@ from mocap_id import recording
 from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks, find_runs
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry.plane_frame import PlaneFrame
-from mocap_id.kinematics import find_bursts, propose_window
+from mocap_id.kinematics import find_bursts, find_swaps, propose_window, undo_swaps
 from mocap_id.recording import Recording, ThinnedFrames
 from mocap_id.stages.marker_names import find_markers
 from mocap_id.stages.planarise import PlanariseSettings
 from mocap_id.stages.trial_keys import BalanceBoard, Files
 from mocap_id.verdict import Reason
+
+_LISTED = 5  # swaps listed in the message; the facts list all
 
 
 @dataclass(frozen=True)
@@ -130,3 +132,54 @@ def list_bursts(part: UsedPart, points: Mapping[str, FloatArray]) -> dict[str, l
         if out.any():
             found[label] = [part.time[[run.start, run.stop - 1]].tolist() for run in find_runs(out)]
     return found
+
+
+def check_swaps(part: UsedPart, *, repair: bool) -> tuple[FloatArray, list[dict[str, Any]], tuple[Reason, ...]]:
+    """Find swapped labels and, if ``repair``, correct them.
+
+    Returns
+    -------
+    positions : (F, M, 3) array
+        Positions in the lab, corrected if requested, m.
+    facts : list of dict
+        Each swap: labels, first and last frame (numbers of the file), their times, whether it was corrected.
+    reasons : tuple of Reason
+    """
+    swaps = find_swaps(part.positions, part.source.rate)
+    if not swaps:
+        return part.positions, [], ()
+    facts = [
+        {
+            "labels": [part.labels[swap.first], part.labels[swap.second]],
+            "first_frame": int(part.frames[swap.start]),
+            "last_frame": int(part.frames[swap.stop - 1]),
+            "first_s": float(part.time[swap.start]),
+            "last_s": float(part.time[swap.stop - 1]),
+            "repaired": repair,
+        }
+        for swap in swaps
+    ]
+    positions = undo_swaps(part.positions, swaps) if repair else part.positions
+    return positions, facts, (_describe_swaps(facts, repair),)
+
+
+def _describe_swaps(facts: Sequence[dict[str, Any]], repaired: bool) -> Reason:
+    listed = "; ".join(
+        f"{fact['labels'][0]} and {fact['labels'][1]} in frames {fact['first_frame']} to {fact['last_frame']} "
+        f"({fact['first_s']:.2f} to {fact['last_s']:.2f} s)"
+        for fact in facts[:_LISTED]
+    )
+    rest = f"; and {len(facts) - _LISTED} more" if len(facts) > _LISTED else ""
+    times = "once" if len(facts) == 1 else f"{len(facts)} times"
+    outcome = (
+        "These frames were corrected in the results; the file was not changed."
+        if repaired
+        else "Both markers are left out of the skeleton in these frames. To use them there, set "
+        "`planarise: {repair_swaps: true}`, or relabel them and export the trial again."
+    )
+    return Reason(
+        "marker-swap",
+        f"two markers have each other's label {times}: {listed}{rest}. {outcome}",
+        float(len(facts)),
+        level="ok" if repaired else "caution",
+    )

@@ -15,7 +15,7 @@ from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.estimation import States
 from mocap_id.estimation.encoder_clock import EncoderMatch, match_encoder
 from mocap_id.estimation.encoder_smoothing import EncoderNoise, estimate_noise, smooth_encoder
-from mocap_id.recording.encoder_log import DEGREES, EncoderLog
+from mocap_id.recording.sensor_logs import DEGREES, EncoderLog
 from mocap_id.store import Table
 from mocap_id.store.schemas import ENCODER
 from mocap_id.verdict import Reason
