@@ -11,6 +11,8 @@ from mocap_id.errors import ConfigError
 def optional(module: str, extra: str, purpose: str) -> Any:
     """Import a module that belongs to an optional package.
 
+    Raises ConfigError if the package is not installed; the message contains the command that installs it.
+
     Parameters
     ----------
     module : str
@@ -19,11 +21,6 @@ def optional(module: str, extra: str, purpose: str) -> Any:
         Extra of mocap-id that installs the package.
     purpose : str
         Function or command that needs the module, for the message.
-
-    Raises
-    ------
-    ConfigError
-        The package is not installed; the message contains the command that installs it.
     """
     try:
         return importlib.import_module(module)

@@ -37,6 +37,8 @@ def parse(
 ) -> _Model:
     """Return the model of a YAML file's data.
 
+    Raises ConfigError if the data do not fit the model; one line for every mistake.
+
     Parameters
     ----------
     source : Source
@@ -46,11 +48,6 @@ def parse(
         Typical keys, for the message about a file without keys.
     complete : callable, optional
         Function that replaces short forms in the data by full forms, before the check.
-
-    Raises
-    ------
-    ConfigError
-        The data do not fit the model; one line for every mistake.
     """
     if not isinstance(source.data, dict):
         raise ConfigError(f"{source.where(())}: expected {expected}")

@@ -96,6 +96,8 @@ def compose(
 ) -> Trial:
     """Return the trial described by a YAML file or by a part of a YAML file.
 
+    Raises ConfigError as for :func:`load`.
+
     Parameters
     ----------
     source : Source
@@ -105,11 +107,6 @@ def compose(
         Run folder if there is no key ``out``; default: ``runs/<trial>`` beside the file.
     model : type of BaseModel, optional
         Model of the keys: :func:`build_trial_model` or a subclass of it.
-
-    Raises
-    ------
-    ConfigError
-        As for :func:`load`.
     """
     if isinstance(source.data, dict) and {"study", "trials"} <= source.data.keys():
         raise ConfigError(f"{source.file} is a study, not a trial: `mocap-id study {source.file}` runs all its trials")

@@ -48,18 +48,13 @@ def read_board(path: Path, loads: Path | None = None) -> BoardLog:
     The columns are ``time_s`` and the loads ``tl_kg``, ``tr_kg``, ``bl_kg``, ``br_kg`` of the cells at the top left,
     top right, bottom left and bottom right. The times may be irregular and repeated. Rows with the same time are
     averaged. Each new sample is then the mean over a short window around its time, as in SWARII (Audiffren & Contal
-    2016).
+    2016). Raises RecordingError if a file is missing, has another format or too few rows, or its times go backwards.
 
     Parameters
     ----------
     path : Path
     loads : Path, optional
         Calibration file with the same cells and ``load_kg``, a row for each known load, for :func:`calibrate_cells`.
-
-    Raises
-    ------
-    RecordingError
-        A file is missing, has another format or too few rows, or its times go backwards.
     """
     values = _read_columns(path, TIME)
     values = values[np.isfinite(values).all(axis=1)]

@@ -76,17 +76,14 @@ def describe_encoding(file: C3DFile, layout: Layout) -> str:
 def read_frames(file: C3DFile, layout: Layout, part: slice) -> tuple[FloatArray, FloatArray]:
     """Read a slice of frames.
 
+    Raises RecordingError if the file has become shorter since it was opened.
+
     Returns
     -------
     points : (F, points, 4) array
         x, y, z in the unit of the file, and the residual word.
     analog : (F, per_frame, channels) array
         Analog samples as stored, without offset and scale.
-
-    Raises
-    ------
-    RecordingError
-        The file has become shorter since it was opened.
     """
     count, size = part.stop - part.start, layout.frame_bytes
     raw = file.read_bytes(layout.start + part.start * size, layout.start + part.stop * size)

@@ -73,7 +73,8 @@ def find_channel_scales(kind: int, declared: Sequence[str], metres: float, confi
 
     Every channel has its declared unit. A missing unit is taken from the other channels of the same quantity. If they
     have none, it is the usual unit: N, and POINT:UNITS for lengths. If all channels declare N, this is used for forces
-    only, and the units of moments and lengths count as missing.
+    only, and the units of moments and lengths count as missing. Raises UnusablePlateError if a channel declares an
+    unknown unit or a unit of another quantity.
 
     Parameters
     ----------
@@ -84,11 +85,6 @@ def find_channel_scales(kind: int, declared: Sequence[str], metres: float, confi
     metres : float
         Metres per POINT unit.
     configured : ForceUnits
-
-    Raises
-    ------
-    UnusablePlateError
-        A channel declares an unknown unit or a unit of another quantity.
     """
     quantities = np.array(_QUANTITIES[kind])
     names = [strip_padding(name) for name in declared]

@@ -22,6 +22,9 @@ def resolve_length_unit(
 ) -> tuple[str, float]:
     """Return the length unit to use and its size in metres.
 
+    Raises RecordingError if the unit is required, but missing, unknown or ambiguous. Raises ConfigError if ``override``
+    is not a unit of length.
+
     Parameters
     ----------
     declared : str
@@ -30,13 +33,6 @@ def resolve_length_unit(
         Unit in the configuration (``units:``), which has priority.
     required : bool
         Whether a unit is needed. If it is neither needed nor known, it is empty and lengths are read as millimetres.
-
-    Raises
-    ------
-    RecordingError
-        The unit is required, but missing, unknown or ambiguous.
-    ConfigError
-        ``override`` is not a unit of length.
     """
     name = strip_padding(declared)
     if override is not None:
@@ -71,17 +67,14 @@ def rotate_z_up(positions: FloatArray, up: str) -> None:
 def clean_positions(path: Path, positions: FloatArray, units: str, oddities: list[str]) -> None:
     """Set impossible samples to NaN, in place, and check the size of the trial.
 
+    Raises RecordingError if the size of the trial contradicts its unit.
+
     Parameters
     ----------
     positions : (F, M, 3) array
         Positions, m; NaN if a marker is not visible.
     units : str
         Length unit of the file. If it is empty, the sizes in usual units are noted instead of checked.
-
-    Raises
-    ------
-    RecordingError
-        The size of the trial contradicts its unit.
     """
     _check_size(path, positions, units, oddities)
     parts = [positions[at : at + _BLOCK] for at in range(0, len(positions), _BLOCK)]

@@ -81,17 +81,15 @@ def assemble_recording(
 def fit_clock(path: Path, declared: str, time: FloatArray, oddities: list[str], name: str) -> tuple[FloatArray, float]:
     """Return evenly spaced times (F,) fitted to a time column (F,), s, and the frame rate.
 
+    Raises RecordingError if the times do not increase or are uneven, the declared rate is not positive, or the two
+    differ by more than 2 %.
+
     Parameters
     ----------
     declared : str
         Rate in the header, possibly not a number.
     name : str
         Name of the rate in the header, for messages.
-
-    Raises
-    ------
-    RecordingError
-        The times do not increase or are uneven, the declared rate is not positive, or the two differ by more than 2 %.
     """
     if not is_time_axis(time):
         raise RecordingError(f"{path}: the Time column does not increase from frame to frame; export it again")

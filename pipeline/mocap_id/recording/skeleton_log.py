@@ -55,6 +55,9 @@ class _Rows:
 def read_skeleton(path: Path, *, units: str | None = None, vertical: str | None = None) -> SkeletonRecording:
     """Read the joint positions of a skeleton and interpolate them to times with a constant step.
 
+    Raises RecordingError if the file is missing or has another format, or its times do not increase. Raises ConfigError
+    if ``units`` or ``vertical`` is unknown.
+
     Parameters
     ----------
     path : Path
@@ -65,13 +68,6 @@ def read_skeleton(path: Path, *, units: str | None = None, vertical: str | None 
         Length unit, if it is not the usual or declared unit.
     vertical : str, optional
         Axis of the file that points up; Y if omitted.
-
-    Raises
-    ------
-    RecordingError
-        The file is missing or has another format, or its times do not increase.
-    ConfigError
-        ``units`` or ``vertical`` is unknown.
     """
     axis = "Y" if vertical is None else check_axis(vertical)
     oddities: list[str] = []

@@ -91,7 +91,8 @@ class TextTable:
         """Compare the number of rows with the header; return a note if they differ and the last row is whole.
 
         A file that was shortened by hand ends with a whole row. If the file ends within the last cell, this cell may
-        have lost digits and becomes NaN.
+        have lost digits and becomes NaN. Raises RecordingError if the numbers differ, and the last row is incomplete or
+        the declared number is impossible.
 
         Parameters
         ----------
@@ -101,11 +102,6 @@ class TextTable:
             Rows as numbers; changed in place.
         ended : bool
             Whether a line end follows the last row.
-
-        Raises
-        ------
-        RecordingError
-            The numbers differ, and the last row is incomplete or the declared number is impossible.
         """
         count = len(values)
         if declared == count or not count or (declared is None and ended):

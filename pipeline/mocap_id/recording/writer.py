@@ -38,7 +38,8 @@ def write_c3d(
 ) -> None:
     """Write markers and force plates as a C3D file (Intel, real, mm, N, N·mm, Z up).
 
-    The file is written under a temporary name and renamed when complete.
+    The file is written under a temporary name and renamed when complete. Raises ValueError if labels, frames and plates
+    do not match.
 
     Parameters
     ----------
@@ -52,11 +53,6 @@ def write_c3d(
         Number of the first frame, from 1.
     plates : sequence of PlateSignals
         Plates of type 2 that cover every frame, all with the same rate, an integer multiple of the frame rate.
-
-    Raises
-    ------
-    ValueError
-        Labels, frames and plates do not match.
     """
     frames, markers = positions.shape[:2]
     if len(labels) != markers or positions.shape != (frames, markers, 3) or not frames:
@@ -239,6 +235,8 @@ def format_trc(
 ) -> str:
     """Return markers as the text of a TRC file in mm; missing markers are blank.
 
+    Raises ValueError if labels, frames and positions do not fit together.
+
     Parameters
     ----------
     name : str
@@ -252,11 +250,6 @@ def format_trc(
         Frame numbers.
     rate : float
         Frames per second.
-
-    Raises
-    ------
-    ValueError
-        Labels, frames and positions do not fit together.
     """
     count, markers = positions.shape[:2]
     if len(labels) != markers or len(time) != count or len(frames) != count:
@@ -286,6 +279,8 @@ def format_motion_table(
 ) -> str:
     """Return a table as the text of a MOT or STO file.
 
+    Raises ValueError if columns, times and values do not fit together.
+
     Parameters
     ----------
     name : str
@@ -298,11 +293,6 @@ def format_motion_table(
         Times, s.
     in_degrees : bool
         Value of ``inDegrees`` in the header; the values themselves are not converted.
-
-    Raises
-    ------
-    ValueError
-        Columns, times and values do not fit together.
     """
     if values.shape != (len(time), len(columns)):
         raise ValueError(f"values of shape {values.shape} do not fit {len(time)} times and {len(columns)} columns")

@@ -44,6 +44,9 @@ Content: TypeAlias = bytes | Callable[[BinaryIO], object]
 def replace_together(folder: Path, contents: Mapping[str, Content], void: str | None = None) -> None:
     """Write several files of an existing folder: either all of them appear, complete, or none.
 
+    Raises StoreError if the folder cannot be written, for example because the disk is full. The previous files are
+    still there.
+
     Parameters
     ----------
     folder : Path
@@ -52,11 +55,6 @@ def replace_together(folder: Path, contents: Mapping[str, Content], void: str | 
     void : str, optional
         The file that declares all others valid. It is deleted before the first rename, so that after a power cut
         between two renames no file declares a mixture of old and new files valid.
-
-    Raises
-    ------
-    StoreError
-        The folder cannot be written, for example because the disk is full. The previous files are still there.
     """
     temporary: dict[Path, Path] = {}
     try:
