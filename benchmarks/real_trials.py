@@ -23,7 +23,7 @@ from mocap_id.stages.identify_dim import STAGE
 from mocap_id.stages.identify_dim.function import fit_chain
 from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, read_bodies
 from mocap_id.stages.identify_dim.motion_comparison import predict_on_chain
-from mocap_id.stages.identify_dim.reference_bodies import ReferenceBodies, reference_bodies
+from mocap_id.stages.identify_dim.reference_bodies import ReferenceBodies, build_reference_bodies
 from mocap_id.stages.identify_dim.segment_fit import SegmentFit, fit_segments
 from mocap_id.stages.identify_dim.trial_inputs import read_inputs
 from mocap_id.store import Folder
@@ -112,7 +112,7 @@ def steps(trial: Trial) -> dict[str, list[str]]:
     read = read_inputs(context)
     prepared, movement = read.prepared, read.movement
     assert prepared is not None
-    tables, recorded = reference_bodies(context, prepared.recorded, movement), prepared.recorded
+    tables, recorded = build_reference_bodies(context, prepared.recorded, movement), prepared.recorded
     chain = fit_chain(context, prepared, movement, read.grid, tables)
     apart = read.body_sets[0]
     chosen = next(way for way in read.body_sets if list(way.used) == trial.done.facts["motion"]["used"])

@@ -22,8 +22,8 @@ from mocap_id.dynamics.regressor import torque_regressor, wrench_regressor
 from mocap_id.geometry import planar
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE
-from mocap_id.stages.identify_dim.joint_places import without_previous
-from mocap_id.stages.identify_dim.motion_comparison import motion_reasons
+from mocap_id.stages.identify_dim.joint_positions import remove_previous_errors
+from mocap_id.stages.identify_dim.motion_comparison import explain_motion
 from mocap_id.stages.trial_keys import Subject
 from mocap_id.store import Table, Tree, hdf5, parquet
 from mocap_id.store.schemas import CHAIN, POSES
@@ -388,7 +388,7 @@ def facts_of(source: str, offsets: list[float] | None, pinned: bool = False) -> 
     [(None, False), ([], False), ([0.1], False), ([-0.004, 0.0, 0.0009], False), ([0.002, -0.0035, 0.0], True)],
 )
 def test_clocks_that_disagree_are_said(offsets: list[float] | None, said: bool) -> None:
-    found = motion_reasons(facts_of("chain", offsets))
+    found = explain_motion(facts_of("chain", offsets))
     assert [each.code for each in found] == ["clocks-disagree"] * said
     if said:
         assert found[0].value == pytest.approx(0.0055)
@@ -399,17 +399,17 @@ def test_the_place_of_a_joint_is_without_the_error_of_the_previous_one() -> None
     """The distance of two places with independent errors has the sum of their variances."""
     places = np.random.default_rng(5).normal(size=(200_000, 3)) * [3.0, 2.0, 4.0]
     relative = np.var(np.diff(places, axis=1, prepend=0.0), axis=0)
-    np.testing.assert_allclose(without_previous(relative), [9.0, 4.0, 16.0], rtol=0.05)
-    np.testing.assert_allclose(without_previous(np.array([9.0, 8.0])), [8.0, 2.0])  # never none
-    np.testing.assert_allclose(without_previous(np.array([50.0, 50.0, 4.0])), [50.0, 4.0, 1.0])  # within the next
+    np.testing.assert_allclose(remove_previous_errors(relative), [9.0, 4.0, 16.0], rtol=0.05)
+    np.testing.assert_allclose(remove_previous_errors(np.array([9.0, 8.0])), [8.0, 2.0])  # never none
+    np.testing.assert_allclose(remove_previous_errors(np.array([50.0, 50.0, 4.0])), [50.0, 4.0, 1.0])  # within the next
 
 
 @pytest.mark.parametrize(
     ("source", "pinned", "said"), [("segments", False, True), ("segments", True, False), ("chain", False, False)]
 )
 def test_only_joints_that_part_are_named(source: str, pinned: bool, said: bool) -> None:
-    found = motion_reasons(facts_of(source, None, pinned))
+    found = explain_motion(facts_of(source, None, pinned))
     assert [(each.code, each.level) for each in found] == [("joint-gives-way", "ok")] * said
     if said:
         assert "hip 12.3 mm" in found[0].message
-    assert motion_reasons({"motion": {"source": "chain", "why": "asked for"}, "held_out": None}) == ()
+    assert explain_motion({"motion": {"source": "chain", "why": "asked for"}, "held_out": None}) == ()

@@ -11,7 +11,7 @@ from test_stage_identify_dim import codes, run, with_
 
 from mocap_id.protocols.posture import compute_posture
 from mocap_id.protocols.sit_to_stand import find_sit_to_stand_repetitions
-from mocap_id.stages.identify_dim.validation import SERIES, reasons
+from mocap_id.stages.identify_dim.validation import SERIES, explain_validation
 
 NOISE = (0.5, 0.5, 0.15)
 
@@ -80,14 +80,14 @@ def test_what_the_components_do_not_tell_is_not_predicted_either() -> None:
 
 
 def test_a_model_that_is_better_than_the_table_and_repeats_gives_no_reason() -> None:
-    assert reasons(found(errors(), errors(), errors(Fy=1.1, tauz=2.0, cop_x=1.01, Fx=0.5))) == ()
-    assert reasons(found(errors(), errors(), None)) == ()
-    assert reasons({"model": None}) == ()
+    assert explain_validation(found(errors(), errors(), errors(Fy=1.1, tauz=2.0, cop_x=1.01, Fx=0.5))) == ()
+    assert explain_validation(found(errors(), errors(), None)) == ()
+    assert explain_validation({"model": None}) == ()
 
 
 @pytest.mark.parametrize("name", ["Fy", "tauz", "cop_x"])
 def test_no_better_than_the_table_is_said(name: str) -> None:
-    (reason,) = reasons(found(errors(), errors(), errors(**{name: 0.8})))
+    (reason,) = explain_validation(found(errors(), errors(), errors(**{name: 0.8})))
     assert (reason.code, reason.level, reason.limit) == ("held-out-worse", "caution", 1.0)
     assert reason.value == pytest.approx(1.25)
     assert ("the centre of pressure" if name == "cop_x" else name) in reason.message
@@ -95,18 +95,18 @@ def test_no_better_than_the_table_is_said(name: str) -> None:
 
 @pytest.mark.parametrize("name", SERIES)
 def test_far_above_the_error_of_the_fit_is_said(name: str) -> None:
-    (reason,) = reasons(found(errors(**{name: 1.6}), errors(), None))
+    (reason,) = explain_validation(found(errors(**{name: 1.6}), errors(), None))
     assert (reason.code, reason.limit) == ("held-out-far", 1.5)
     assert reason.value == pytest.approx(1.6)
-    assert reasons(found(errors(**{name: 1.4}), errors(), None)) == ()
+    assert explain_validation(found(errors(**{name: 1.4}), errors(), None)) == ()
 
 
 def test_far_above_next_to_nothing_is_nothing() -> None:
     tiny = {name: {"bias": 0.0, "sd": 1e-6, "r2": 1 - 1e-9} for name in SERIES}
     tinier = {name: {"bias": 0.0, "sd": 1e-8, "r2": 1.0} for name in SERIES}
-    assert reasons(found(tiny, tinier, None)) == ()
+    assert explain_validation(found(tiny, tinier, None)) == ()
 
 
 def test_an_unknown_error_is_no_evidence() -> None:
     unknown = errors() | {"tauz": None, "cop_x": None}
-    assert reasons(found(unknown, unknown, errors(tauz=0.1, cop_x=0.1))) == ()
+    assert explain_validation(found(unknown, unknown, errors(tauz=0.1, cop_x=0.1))) == ()

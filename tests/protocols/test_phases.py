@@ -14,7 +14,7 @@ from mocap_id.protocols.phases import GRID, average_repetitions, compare_angles,
 from mocap_id.recording import read_angles
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import IdentifyDimSettings
-from mocap_id.stages.identify_dim.repetition_averages import averages
+from mocap_id.stages.identify_dim.repetition_averages import average_signals
 from mocap_id.stages.trial_keys import Compare, Files, TrialKeys
 from mocap_id.store import Table, Tree
 from mocap_id.store.schemas import CHAIN, DYNAMICS_TABLE, EVENTS, STATES
@@ -80,7 +80,7 @@ def run(compare: Compare | None, complete: bool = True) -> Table:
         "states.parquet": Table.from_frame(STATES, states),
     }
     keys = TrialKeys(trial="t", recording=Files(markers=Path("t.c3d")), compare=compare)
-    return averages(
+    return average_signals(
         Context(keys, IdentifyDimSettings(), inputs),
         Table.from_frame(EVENTS, events),
         Table.from_frame(DYNAMICS_TABLE, dynamics),

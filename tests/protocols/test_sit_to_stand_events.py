@@ -10,7 +10,7 @@ from protocol_cases import WEIGHT, sit_to_stand
 from mocap_id.dynamics.preparation import FitSettings, prepare
 from mocap_id.protocols.movement import find_movement
 from mocap_id.protocols.rise_details import SUPPORT_LIMIT
-from mocap_id.stages.identify_dim.sit_to_stand_events import missing_force, sit_to_stand_events
+from mocap_id.stages.identify_dim.sit_to_stand_events import compute_missing_force, make_sit_to_stand_events
 from mocap_id.store import Table
 from mocap_id.store.schemas import WRENCH
 
@@ -34,11 +34,11 @@ def events(
     shifted = np.interp(recorded.time + shift, recorded.time, measured)
     columns = {"Fy_reference": expected, "Fy": shifted}
     wrench = pd.DataFrame({"Fy_p1": 0.45 * measured, "Fy_p2": 0.55 * measured})
-    return sit_to_stand_events(
+    return make_sit_to_stand_events(
         Table.from_frame(WRENCH, wrench, {"plates": plates or []}),
         recorded,
         movement,
-        missing_force(prepared, columns)[clocks],
+        compute_missing_force(prepared, columns)[clocks],
         share=0.72,
         seat_measured=False,
     )
@@ -72,4 +72,4 @@ def test_left_and_right_are_facts_and_columns() -> None:
 
 
 def test_without_a_plate_nothing_is_missing() -> None:
-    assert missing_force(None, {}) == ()
+    assert compute_missing_force(None, {}) == ()

@@ -13,7 +13,7 @@ import pandas as pd
 from mocap_id.errors import Refused
 from mocap_id.geometry.planar import marker_positions
 from mocap_id.stages.base import Context
-from mocap_id.stages.identify_dim.repetition_averages import averages
+from mocap_id.stages.identify_dim.repetition_averages import average_signals
 from mocap_id.stages.report import STAGE, ReportSettings
 from mocap_id.stages.trial_keys import Files, Subject, TrialKeys
 from mocap_id.store import Artefact, Document, Facts, LongTable, Table, TableSchema, Tree
@@ -326,7 +326,7 @@ class Trial:
             "cutoff_hz": 4.5,
             "motion": {
                 "source": "chain",
-                "why": "every joint's gap is at the noise",
+                "why": "the gaps of all joints are within the noise",
                 "joints": {name: {"gap_m": 0.0006, "acceleration_m_s2": 0.012, "pinned": True} for name in self.joints},
             },
             "pins": None,
@@ -380,7 +380,7 @@ class Trial:
             "dynamics.h5": replace(tree, data=data, facts=facts),
             "dynamics.parquet": table,
         }
-        return found | {"phases.parquet": averages(context(found), self.events(), table)}
+        return found | {"phases.parquet": average_signals(context(found), self.events(), table)}
 
     def poses(self) -> Table:
         """One body per segment, one for the last two together, and one for all other markers."""
@@ -404,7 +404,7 @@ class Trial:
             self.events(), self.dynamics_table(plates=plates), self.dynamics_tree(plates=plates),
         )  # fmt: skip
         found = {artefact.schema.file: artefact for artefact in made}
-        averaged = averages(context(found), self.events(), self.dynamics_table(plates=plates))
+        averaged = average_signals(context(found), self.events(), self.dynamics_table(plates=plates))
         return found | {"phases.parquet": averaged}
 
     def _long(

@@ -382,10 +382,8 @@ def test_point_mass_panels_have_the_names_of_the_bodies() -> None:
 def test_the_pinned_chain_is_explained_in_one_sentence_with_the_gaps() -> None:
     page = checked(healthy())
     gaps = ", ".join(f"{name} 0.6 mm and 0.012 m/s²" for name in ("ankle", "knee", "hip"))
-    assert (
-        f"The masses move with the pinned chain, because every joint's gap is at the noise (rms gaps: {gaps})."
-        in page.text
-    )
+    reason = "the gaps of all joints are within the noise"
+    assert f"The masses move with the pinned chain, because {reason} (rms gaps: {gaps})." in page.text
     assert "share of prior" not in page.text and "Pinned chain and measured poses" not in page.text
     assert "Prediction errors on left-out repetitions, unfiltered" in page.text
     trial = Trial()

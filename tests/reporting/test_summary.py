@@ -105,7 +105,7 @@ def test_the_pinned_chain_has_a_reason_and_no_comparison() -> None:
     dynamics = summary_of(Trial().artefacts())["dynamics"]
     gap = {"gap_m": 0.0006, "acceleration_m_s2": 0.012, "pinned": True, "why": None}
     assert dynamics["motion"] == {
-        "source": "chain", "why": "every joint's gap is at the noise", "bands_hz": None, "bands_why": None,
+        "source": "chain", "why": "the gaps of all joints are within the noise", "bands_hz": None, "bands_why": None,
         "bodies": None, "prior": None, "joints": {"ankle": gap, "knee": gap, "hip": gap},
     }  # fmt: skip
     nothing = dict.fromkeys(("samples", "chain", "segments", "clock_offset_s"))

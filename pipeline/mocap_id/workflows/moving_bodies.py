@@ -14,7 +14,7 @@ from mocap_id.dynamics.measured_motion import filter_motion
 from mocap_id.dynamics.motion import PlanarMotion
 from mocap_id.dynamics.parameter_transfer import BodyFrames
 from mocap_id.dynamics.regressor import torque_regressor, wrench_regressor
-from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, bridge, pin, read_bodies
+from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, bridge_gaps, pin_joints, read_bodies
 from mocap_id.store import Table
 
 
@@ -57,7 +57,7 @@ def read_measured_bodies(
     gravity : float
         m/s².
     """
-    ready = pin(bridge(read_bodies(poses, centres, used)))
+    ready = pin_joints(bridge_gaps(read_bodies(poses, centres, used)))
     return MovingBodies(_skeleton(ready), filter_motion(ready.poses, bands), gravity)
 
 

@@ -1,4 +1,4 @@
-"""identify-dim: inertial parameters, clock offset, predicted wrench and torques; events and averages of repetitions."""
+"""Settings and record of the stage identify-dim: inertial parameters, wrench and torques, events and averages."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mocap_id.stages.base import Context, Only, Outputs, Settings, Stage
 
 
 class IdentifyDimSettings(Settings):
-    """Settings of the identification; the defaults are for people and robots."""
+    """Settings of the identification of people and robots."""
 
     plane_only: ClassVar[Only] = dict.fromkeys(
         (
@@ -23,8 +23,8 @@ class IdentifyDimSettings(Settings):
 
     motion: Literal["chain", "segments"] | None = Field(
         None,
-        description="motion of the masses: the pinned chain, or measured poses of all segments if a joint gives way; "
-        "default: segments, but chain for robot-joint",
+        description="motion of the masses: chain with pinned joints, or measured poses of all segments if the two "
+        "sides of a joint separate; default: segments, for robot-joint chain",
     )
     components: tuple[Literal["Fx", "Fy", "tauz"], ...] = Field(
         ("Fx", "Fy", "tauz"), min_length=1, description="components of the wrench to fit"
@@ -32,10 +32,13 @@ class IdentifyDimSettings(Settings):
     cutoff_hz: float | None = Field(
         None,
         gt=0,
-        description="low-pass of regressor and wrench, Hz; default: from the joint velocities, 5 with measured poses",
+        description="cut-off of the low-pass of regressor and wrench, Hz; default: from the joint velocities, 5 with "
+        "measured poses",
     )
-    apply_clock_offset: bool = Field(True, description="correct the offset between the clocks; it is always reported")
-    clock_offset_limit_s: float = Field(0.15, ge=0.01, le=1, description="largest clock offset that is considered, ± s")
+    apply_clock_offset: bool = Field(
+        True, description="correct the clock offset between cameras and plate; it is always reported"
+    )
+    clock_offset_limit_s: float = Field(0.15, ge=0.01, le=1, description="largest possible clock offset, ± s")
     plate_bias: bool = Field(True, description="estimate the constant error of the plate's Fx")
     plate_zero_sd_n: float = Field(
         5.0, ge=0, description="standard deviation of the constant error of the plate's Fy, N"
@@ -45,17 +48,17 @@ class IdentifyDimSettings(Settings):
     )
     plate_gain_sd: float = Field(0.01, ge=0, lt=1, description="relative standard deviation of the plate's gain")
     plate_moments_sd: float = Field(
-        0.01, ge=0, lt=1, description="relative standard deviation of the gain of the plate's moments alone"
+        0.01, ge=0, lt=1, description="relative standard deviation of an additional gain of the plate's moments"
     )
     plate_position_sd_m: float | None = Field(
         None,
         ge=0,
-        description="standard deviation of the plate's position along the motion, m; default: robot-joint 0.001, else "
-        "0.005",
+        description="standard deviation of the plate's position along the motion, m; default: 0.005, for robot-joint "
+        "0.001",
     )
     camera_scale_sd: float = Field(0.003, ge=0, lt=1, description="relative standard deviation of the cameras' scale")
     camera_tilt_sd_deg: float = Field(
-        0.3, ge=0, description="standard deviation of the tilt of the cameras' frame against gravity, degrees"
+        0.3, ge=0, description="standard deviation of the tilt of the cameras' vertical axis against gravity, degrees"
     )
     subject_mass_sd_kg: float = Field(1.0, gt=0, description="standard deviation of `subject: {mass}`, kg")
     contact: Literal["seat-force", "weight", "knee"] = Field(
@@ -67,7 +70,7 @@ class IdentifyDimSettings(Settings):
     knee_bend_rad: float = Field(
         0.8, gt=0, description="knee angle below which there is no contact, for `contact: knee`, rad"
     )
-    seat_plate: bool = Field(True, description="use the chair's wrench from its own plate, if it has one")
+    seat_plate: bool = Field(True, description="use the wrench of the chair if it has its own plate")
     seat_segment: str | int | None = Field(
         None, description="segment in contact with the chair, by name or number (0 = base); default: the thigh"
     )
@@ -75,26 +78,27 @@ class IdentifyDimSettings(Settings):
     reference_sd: float = Field(0.15, gt=0, le=1, description="relative standard deviation of the reference parameters")
     reference_pulls: bool | Literal["foot"] | None = Field(
         None,
-        description="use the reference as a prior of all parameters (4.13) or of the foot; default: foot for chains "
-        "with one or two marker places on a segment; else, without measured forces of a chair or on a hand, of the "
-        "foot for the torques of a person alone",
+        description="use the reference body as a prior of all parameters (4.13; true), of none (false) or of the foot; "
+        "default: foot for chains with one or two marker positions on a segment; for other people without measured "
+        "forces of a chair or on a hand, the foot for the torques only",
     )
     consistency: Literal["grid", "cone", "bounded-cone"] | None = Field(
         None,
-        description="physical consistency by point masses or by the exact cone; default: grid, cone with poses",
+        description="physical consistency by point masses (grid) or by the exact cone; default: grid, with measured "
+        "poses cone",
     )
     grid: tuple[int, int] = Field((5, 9), description="number of point masses across and along each segment")
     block_s: float = Field(1.0, gt=0, description="length of the blocks used for standard deviations, s")
     still_arc_deg: float = Field(
         3.0,
         ge=0,
-        description="smallest rotation of a joint for an identification, degrees; with less only the mass is known",
+        description="smallest rotation of a joint for an identification, degrees; with less, only the mass is known",
     )
     weak_share: float | None = Field(
         None,
         gt=0,
         le=1,
-        description="relative standard deviation from which a parameter is weak; default: robot-joint 0.05, else 0.2",
+        description="relative standard deviation above which a parameter is weak; default: 0.2, for robot-joint 0.05",
     )
     gravity: float = Field(9.81, gt=0, description="acceleration of gravity, m/s^2")
 

@@ -1,4 +1,4 @@
-"""Place of a balance board along the motion, found with the model of the body."""
+"""Position of a balance board along the motion, estimated with the model of the body."""
 
 from __future__ import annotations
 
@@ -14,68 +14,56 @@ from mocap_id.dynamics.preparation import PreparedTrial, prepare
 from mocap_id.dynamics.reference_prior import compute_foot_sd, compute_reference_sd
 from mocap_id.protocols.movement import Movement
 from mocap_id.stages.base import Context
-from mocap_id.stages.identify_dim.reference_bodies import reference_bodies
+from mocap_id.stages.identify_dim.reference_bodies import build_reference_bodies
 from mocap_id.stages.identify_dim.trial_data import read_kinematic_error
 from mocap_id.verdict import Reason
 
 _TAUZ = 2
-_INERTIA = 3  # number of Izz among a segment's parameters
-_ROUNDS = 2  # the first leaves an error of the response, which depends on the clock offset and the weights
+_INERTIA = 3  # index of Izz among a segment's parameters
+_ROUNDS = 2  # the response depends on the clock offset and the weights, so the shift is estimated twice
 _FOOT_SD = 0.001  # m: first moment of the feet divided by the body's mass, as for single-marker segments
-_REPEATED_SD = 0.0025  # m: errors of the joints that are the same in every repetition, from simulated trials
-_GIVEN_SD, _FEET_SD = 0.005, 0.03  # m: place from the configuration, and under the feet
-_CLEARLY = 3.0  # a board of the right direction fits this much better than the opposite one; simulated ones 2 to 200
-_FITTED = 0.9  # r² of tauz; simulated boards of the right direction have 0.98 or more, of the opposite one 0.6 or less
+_REPEATED_SD = 0.0025  # m: errors of the joints that are equal in all repetitions, from simulated trials
+_GIVEN_SD, _FEET_SD = 0.005, 0.03  # m: for a position from the configuration, and from the feet
+_CLEARLY = 3.0  # smallest ratio of misfits, opposite to assumed direction, for a certain direction; 2 to 200 simulated
+_FITTED = 0.9  # smallest r² of tauz; in simulations at least 0.98 for the right direction, at most 0.6 for the opposite
 _OPPOSITE = {"forwards": "backwards", "backwards": "forwards", "left": "right", "right": "left"}
 
 
 @dataclass(frozen=True)
 class _Shift:
-    """Shift of the board along the motion that fits the model best, its standard deviation, m, and the misfit."""
+    """Shift of the board along the motion for which the model fits best, its standard deviation, m, and the misfit."""
 
     value: float
     sd: float
     misfit: float
 
 
-def settle_board(
+def locate_board(
     context: Context, prepared: PreparedTrial, movement: Movement
 ) -> tuple[PreparedTrial, dict[str, Any] | None]:
-    """Move the board to where the model needs it, and return the fact ``board`` of dynamics.h5.
+    """Return the trial with the board at its estimated position, and the fact ``board`` of dynamics.h5.
 
-    A board that stands e away from its stated place measures a moment that is e·Fy too large.
-
-    Parameters
-    ----------
-    context : Context
-    prepared : PreparedTrial
-        With the board under the feet, or where the configuration says.
-    movement : Movement
-
-    Returns
-    -------
-    PreparedTrial
-        With the moment about the plane's origin, and the standard deviation of the place; unchanged without a board.
-    dict or None
+    If the board is e away from its assumed position (from the configuration, or under the feet), the moment is e·Fy too
+    large. The trial is unchanged and the fact is None without a board.
     """
     board = context.table("wrench.parquet").facts.get("board")
     if board is None:
         return prepared, None
-    found = _shift(context, prepared, movement)
-    mirrored = None if found is None else _shift(context, _with_moment(prepared, -1.0), movement)
-    worse = None if found is None or mirrored is None else mirrored.misfit / found.misfit
-    if board["centre_given"] or found is None:
+    shift = _estimate_shift(context, prepared, movement)
+    mirrored = None if shift is None else _estimate_shift(context, _change_moment(prepared, -1.0), movement)
+    worse = None if shift is None or mirrored is None else mirrored.misfit / shift.misfit
+    if board["centre_given"] or shift is None:
         sd, by = (_GIVEN_SD, "configuration") if board["centre_given"] else (_FEET_SD, "feet")
-        return _with_moment(prepared, sd=sd), {"shift_m": 0.0, "sd_m": sd, "by": by, "mirrored_misfit": worse}
+        return _change_moment(prepared, sd=sd), {"shift_m": 0.0, "sd_m": sd, "by": by, "mirrored_misfit": worse}
     total = 0.0
     for _ in range(_ROUNDS):
-        total, prepared = total + found.value, _with_moment(prepared, shift=found.value, sd=found.sd)
-        found = _shift(context, prepared, movement) or found
-    return prepared, {"shift_m": total, "sd_m": found.sd, "by": "model", "mirrored_misfit": worse}
+        total, prepared = total + shift.value, _change_moment(prepared, shift=shift.value, sd=shift.sd)
+        shift = _estimate_shift(context, prepared, movement) or shift
+    return prepared, {"shift_m": total, "sd_m": shift.sd, "by": "model", "mirrored_misfit": worse}
 
 
-def board_reasons(context: Context, facts: dict[str, Any]) -> tuple[Reason, ...]:
-    """Return cautions about the board's direction and place, from the facts of dynamics.h5."""
+def explain_board(context: Context, facts: dict[str, Any]) -> tuple[Reason, ...]:
+    """Return cautions about the board's direction and position, from the facts of dynamics.h5."""
     fact = facts.get("board")
     if fact is None:
         return ()
@@ -86,9 +74,9 @@ def board_reasons(context: Context, facts: dict[str, Any]) -> tuple[Reason, ...]
         reasons.append(
             Reason(
                 "board-direction-unsure",
-                f"the balance board's top is taken to point {board['top']}, seen by the person, but this is not sure: "
-                f"if it points {_OPPOSITE[board['top']]}, tauz and all parameters are wrong. Say where it points, or "
-                "check what you said: `top:` beside `balance_board:`",
+                f"the top of the balance board is assumed to point {board['top']}, as seen by the person, but this is "
+                f"not certain: if it points {_OPPOSITE[board['top']]}, tauz and all parameters are wrong. Give or "
+                "check `top:` beside `balance_board:`",
                 value=worse,
                 limit=_CLEARLY,
             )
@@ -97,8 +85,8 @@ def board_reasons(context: Context, facts: dict[str, Any]) -> tuple[Reason, ...]
         reasons.append(
             Reason(
                 "board-place-unknown",
-                "the balance board's place along the motion is known to about 3 cm only, from the feet: the first "
-                "moment of the base segment, the centre of pressure and the torques contain this error. Give "
+                "the position of the balance board along the motion is known only to about 3 cm, from the feet: the "
+                "first moment of the base segment, the centre of pressure and the torques contain this error. Give "
                 "`centre_m:` beside `balance_board:`",
                 value=fact["sd_m"],
             )
@@ -106,23 +94,23 @@ def board_reasons(context: Context, facts: dict[str, Any]) -> tuple[Reason, ...]
     return tuple(reasons)
 
 
-def _with_moment(
+def _change_moment(
     prepared: PreparedTrial, sign: float = 1.0, *, shift: float = 0.0, sd: float | None = None
 ) -> PreparedTrial:
-    """Return the trial with another moment: ``sign`` times the measured one, for a board that is shifted."""
+    """Return the trial with the moment of a board that is turned round (``sign`` -1) or shifted by ``shift``, m."""
     wrench = prepared.recorded.wrench.copy()
     wrench[:, _TAUZ] = sign * wrench[:, _TAUZ] + shift * wrench[:, 1]
     return prepare(replace(prepared.recorded, wrench=wrench, position_sd=sd), prepared.settings)
 
 
-def _shift(context: Context, prepared: PreparedTrial, movement: Movement) -> _Shift | None:
-    """Return the board's shift along the motion that explains the first moments best; None if they do not show it.
+def _estimate_shift(context: Context, prepared: PreparedTrial, movement: Movement) -> _Shift | None:
+    """Return the board's shift for which the fitted first moments agree best with the reference body; None if unknown.
 
-    The fit, the shift and the reference body are combined by their covariances. The data determine trunk and thigh,
-    whose angles change most; the reference determines the foot and the shank, whose first moments along the motion are
-    small. Moments of inertia are left out: a person's accelerations hardly show those of single segments.
+    Fit, shift and reference body are combined by their covariances. The data determine trunk and thigh, whose angles
+    change most; the reference body determines foot and shank, whose first moments along the motion are small. Moments
+    of inertia are left out, because a person's accelerations hardly determine them for single segments.
     """
-    reference = reference_bodies(context, prepared.recorded, movement).chosen.parameters
+    reference = build_reference_bodies(context, prepared.recorded, movement).chosen.parameters
     if _TAUZ not in prepared.settings.components or not np.isfinite(reference).all():
         return None
     found, base = fit(prepared, movement.free), prepared.base.regrouping
@@ -134,7 +122,7 @@ def _shift(context: Context, prepared: PreparedTrial, movement: Movement) -> _Sh
     kept = np.asarray(prepared.base.kept)
     spread[kept == 1, kept == 1] += (prepared.settings.plate_zero[1] / prepared.settings.gravity) ** 2
     used = np.flatnonzero(kept % 4 != _INERTIA)
-    response, spread = _response(prepared, found)[used], spread[np.ix_(used, used)]
+    response, spread = _compute_response(prepared, found)[used], spread[np.ix_(used, used)]
     away = (values - base @ reference)[used]
     precision = float(response @ np.linalg.solve(spread, response))
     excess = float(response @ np.linalg.solve(spread, away)) / precision
@@ -143,8 +131,8 @@ def _shift(context: Context, prepared: PreparedTrial, movement: Movement) -> _Sh
     return _Shift(-excess, float(np.sqrt(_REPEATED_SD**2 + max(misfit, 1.0) / precision)), misfit)
 
 
-def _response(prepared: PreparedTrial, found: Fit) -> FloatArray:
-    """Return the change of the fitted base parameters (b,) for each metre that the board is away from its place."""
+def _compute_response(prepared: PreparedTrial, found: Fit) -> FloatArray:
+    """Return the change of the fitted base parameters (b,) for each metre that the board is away from its position."""
     row = prepared.settings.components.index(_TAUZ)
     stamped = prepared.recorded.time[found.samples] - found.offset
     moment = np.zeros((*found.target.shape, 1))

@@ -1,4 +1,4 @@
-"""Torques about the elbow in curls: of all, of the device, and of the person."""
+"""Torques about the elbow in curls: total torque, torque of the device, and torque of the person."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from mocap_id.stages.curl_keys import Body
 from mocap_id.stages.device import DeviceFile
 from mocap_id.store.spatial_views import SegmentPoses, SpatialSkeleton
 
-_ADDED_SD, _TABLE_SD = 0.02, 0.15  # of a weighed body, and of one from a table, relative
+_ADDED_SD, _TABLE_SD = 0.02, 0.15  # relative standard deviation of a mass: weighed, and from a table
 
 
 @dataclass(frozen=True)
 class CurlTorques:
-    """Torques about the elbow's axis; device and person are NaN if the device is not described."""
+    """Torques about the elbow's axis; ``device`` and ``person`` are NaN without the file of a device."""
 
     total: ElbowTorque
     device: ElbowTorque
@@ -33,31 +33,30 @@ class CurlTorques:
         return columns
 
 
-def curl_torques(
+def compute_curl_torques(
     context: Context, poses: SegmentPoses, skeleton: SpatialSkeleton, axis: FloatArray
 ) -> CurlTorques | str:
-    """Return the torques about the elbow's axis, or why they are unknown.
+    """Return the torques about the elbow's axis, or a text that says why they are unknown.
 
-    The person's torque is the total less that of the device.
+    The torque of the person is the total torque minus the torque of the device.
     """
-    total = _total_torque(context, poses, skeleton, axis)
+    total = _compute_total_torque(context, poses, skeleton, axis)
     if isinstance(total, str):
         return total
     keys, angles = context.trial.curl, context.table("angles.parquet")
     if keys.device is None:
         unknown = np.full(len(poses.time), np.nan)
         return CurlTorques(total, ElbowTorque(unknown, unknown), ElbowTorque(unknown, unknown))
-    described = DeviceFile.model_validate(keys.device)
-    spread = np.hypot(angles["sd_elbow_flexion"], angles["constant_sd_elbow_flexion"])
-    acts = described.torque(described.sealed, angles["elbow_flexion"], angles["delbow_flexion"], spread)
-    device = ElbowTorque(*acts)
+    file = DeviceFile.model_validate(keys.device)
+    angle_sd = np.hypot(angles["sd_elbow_flexion"], angles["constant_sd_elbow_flexion"])
+    device = ElbowTorque(*file.torque(file.sealed, angles["elbow_flexion"], angles["delbow_flexion"], angle_sd))
     return CurlTorques(total, device, ElbowTorque(total.torque - device.torque, np.hypot(total.sd, device.sd)))
 
 
-def _total_torque(
+def _compute_total_torque(
     context: Context, poses: SegmentPoses, skeleton: SpatialSkeleton, axis: FloatArray
 ) -> ElbowTorque | str:
-    """Return the total torque about the elbow's axis, or why it is unknown."""
+    """Return the total torque about the elbow's axis, or a text that says why it is unknown."""
     keys, subject, table = context.trial.curl, context.trial.subject, context.table("poses.parquet")
     carried = [name for name in ("forearm", "hand") if name in poses.segments]
     if "forearm" not in carried:
@@ -68,9 +67,9 @@ def _total_torque(
     for name in carried:
         k = poses.segments.index(name)
         loads = [body for body in keys.loads.values() if body.segment == name or "hand" not in carried]
-        own = _own_bodies(context, skeleton, name, alone="hand" not in carried)
+        own = _make_own_bodies(context, skeleton, name, alone="hand" not in carried)
         omega, alpha = (table.stack([f"{name}_{rate}_{axis}" for axis in "xyz"]) for rate in ("omega", "alpha"))
-        bodies = [*own, *(_mass(body, _ADDED_SD) for body in loads)]
+        bodies = [*own, *(_make_mass(body, _ADDED_SD) for body in loads)]
         segments.append(
             SegmentMotion(poses.origin[:, k], poses.rotation[:, k], omega, alpha, table[f"sd_{name}_alpha"], bodies)
         )
@@ -78,10 +77,10 @@ def _total_torque(
     return compute_elbow_torque(poses.time, axis, segments, tilt=tilt)
 
 
-def _own_bodies(context: Context, skeleton: SpatialSkeleton, name: str, *, alone: bool) -> list[Mass]:
-    """Return the segment's own body: as given, or from the table by the person's mass and the segment's length.
+def _make_own_bodies(context: Context, skeleton: SpatialSkeleton, name: str, *, alone: bool) -> list[Mass]:
+    """Return the body of a segment, from the user or from the table by the person's mass and the segment's length.
 
-    A forearm that is ``alone`` also carries the hand, at the end of the forearm.
+    If the chain has no hand (``alone``), the forearm also has the body of the hand at its end.
     """
     keys, subject = context.trial.curl, context.trial.subject
     length = skeleton.lengths.get("forearm", (np.nan, np.nan))[0]
@@ -90,7 +89,7 @@ def _own_bodies(context: Context, skeleton: SpatialSkeleton, name: str, *, alone
         below = np.array([0.0, -length, 0.0]) if alone and segment == "hand" else np.zeros(3)
         given = keys.forearm if segment == "forearm" else keys.hand
         if given is not None:
-            mass = _mass(given, _ADDED_SD)
+            mass = _make_mass(given, _ADDED_SD)
         else:
             share = look_up_arm("forearm" if segment == "forearm" else "hand", subject.sex)
             own = length if segment == "forearm" else length * share.length / look_up_arm("forearm", subject.sex).length
@@ -101,5 +100,5 @@ def _own_bodies(context: Context, skeleton: SpatialSkeleton, name: str, *, alone
     return bodies
 
 
-def _mass(body: Body, relative_sd: float) -> Mass:
+def _make_mass(body: Body, relative_sd: float) -> Mass:
     return Mass(body.mass, np.array(body.centre), np.array(body.inertia), relative_sd)

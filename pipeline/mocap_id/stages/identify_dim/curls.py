@@ -1,4 +1,4 @@
-"""Curls of a trial in space: events.parquet with one row a curl, and facts on compensation, torque and fatigue."""
+"""Curls of a trial: events.parquet with one row for each curl, and facts on compensation, torque and fatigue."""
 
 from __future__ import annotations
 
@@ -9,13 +9,12 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
-from mocap_id.protocols.curl.compensation import Compensation, InStep, fit_part_in_step, measure_compensation
-from mocap_id.protocols.curl.fatigue import Trend, fit_trend
+from mocap_id.protocols.curl.compensation import Compensation, fit_part_in_step, measure_compensation
+from mocap_id.protocols.curl.fatigue import fit_trend
 from mocap_id.protocols.curl.repetitions import Curl, CurlRules, find_curls
 from mocap_id.protocols.curl.trial_end import find_trial_end
 from mocap_id.stages.base import Context
-from mocap_id.stages.curl_keys import CurlKeys
-from mocap_id.stages.identify_dim.curl_torques import CurlTorques, curl_torques
+from mocap_id.stages.identify_dim.curl_torques import CurlTorques, compute_curl_torques
 from mocap_id.store import Table
 from mocap_id.store.schemas import EVENTS
 from mocap_id.store.spatial_views import MEANINGLESS_AT_POLE, NEAR_GIMBAL, SegmentPoses, SpatialSkeleton
@@ -23,8 +22,8 @@ from mocap_id.verdict import Reason
 
 _FLEXION = "elbow_flexion"
 _SHOULDER = ("shoulder_plane", "shoulder_elevation", "shoulder_axial")
-_AXIAL = _SHOULDER[2]  # an error of the elbow's axis shows here
-_THORAX = ("thorax_lateral", "thorax_axial", "thorax_flexion")  # about x, y, z of the thorax
+_AXIAL = _SHOULDER[2]  # angle with the error of the elbow's axis
+_THORAX = ("thorax_lateral", "thorax_axial", "thorax_flexion")  # rotations about x, y, z of the thorax
 
 
 def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
@@ -36,42 +35,8 @@ def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
             "no flexion of the elbow: the chain has no upper arm and forearm with landmarks. Curls hardly move the "
             "shoulder: name a trial of the same person in which all joints move as `calibration:`"
         )
-        return _events((), {"why": why}, (Reason("no-curls", why),)), {}
-    rules = _rules(keys)
-    poses = SegmentPoses.from_table(context.table("poses.parquet"))
-    skeleton = SpatialSkeleton.from_tree(context.tree("chain.h5"))
-    curls = find_curls(time, angles[_FLEXION], angles[f"sd_{_FLEXION}"], rules)
-    axis = _elbow_axis(poses, skeleton)
-    end = find_trial_end(time, axis, curls, rules)
-    channels, in_step = _channels(context, poses, curls), None
-    if _AXIAL in channels:
-        covariance = _elbow_axis_covariance(skeleton)
-        in_step = fit_part_in_step(time, *channels[_AXIAL], angles[_FLEXION], covariance, curls)
-        if in_step is not None:
-            channels[_AXIAL] = (channels[_AXIAL][0] - in_step.curve, in_step.rest_sd)
-    moved = {name: measure_compensation(time, *channel, curls, rules) for name, channel in channels.items()}
-    torque = curl_torques(context, poses, skeleton, axis)
-    counted = [curl.complete and curl.start < end.time for curl in curls]
-    facts = {
-        "why": "" if any(counted) else "no complete curl was found",
-        "count": sum(counted),
-        "partial": sum(not curl.complete for curl in curls),
-        "after_end": sum(curl.complete for curl in curls) - sum(counted),
-        "end": {"time_s": end.time, "rule": end.rule, "why": end.why},
-        "condition": keys.condition,
-        "tempo_s": _known([curl.end - curl.start if curl.complete else np.nan for curl in curls]),
-        "compensation": {name: [_motion(one) for one in found] for name, found in moved.items()},
-        "in_step": {} if in_step is None else {_AXIAL: _in_step(in_step)},
-        "torque": [_peaks(time, torque, curl) for curl in curls] if isinstance(torque, CurlTorques) else None,
-        "torque_why": "" if isinstance(torque, CurlTorques) else torque,
-        "fatigue": {name: _trend(fit_trend(values)) for name, values in _tiring(curls, moved).items()},
-    }
-    columns = torque.columns() if isinstance(torque, CurlTorques) else {}
-    return _events(curls, facts, _reasons(curls, facts)), columns
-
-
-def _rules(keys: CurlKeys) -> CurlRules:
-    return CurlRules(
+        return _make_table((), {"why": why}, (Reason("no-curls", why),)), {}
+    rules = CurlRules(
         metronome=keys.metronome_hz,
         attempt=float(np.radians(keys.attempt_deg)),
         complete=keys.complete,
@@ -81,12 +46,47 @@ def _rules(keys: CurlKeys) -> CurlRules:
         compensation=float(np.radians(keys.compensation_deg)),
         sustained=keys.sustained_s,
     )
+    poses = SegmentPoses.from_table(context.table("poses.parquet"))
+    skeleton = SpatialSkeleton.from_tree(context.tree("chain.h5"))
+    curls = find_curls(time, angles[_FLEXION], angles[f"sd_{_FLEXION}"], rules)
+    axis = _find_elbow_axis(poses, skeleton)
+    end = find_trial_end(time, axis, curls, rules)
+    channels, in_step = _collect_angles(context, poses, curls), None
+    if _AXIAL in channels:
+        covariance = _find_axis_covariance(skeleton)
+        in_step = fit_part_in_step(time, *channels[_AXIAL], angles[_FLEXION], covariance, curls)
+        if in_step is not None:
+            channels[_AXIAL] = (channels[_AXIAL][0] - in_step.curve, in_step.rest_sd)
+    moved = {name: measure_compensation(time, *channel, curls, rules) for name, channel in channels.items()}
+    torque = compute_curl_torques(context, poses, skeleton, axis)
+    counted = [curl.complete and curl.start < end.time for curl in curls]
+    facts: dict[str, Any] = {
+        "why": "" if any(counted) else "no complete curl was found",
+        "count": sum(counted),
+        "partial": sum(not curl.complete for curl in curls),
+        "after_end": sum(curl.complete for curl in curls) - sum(counted),
+        "end": {"time_s": end.time, "rule": end.rule, "why": end.why},
+        "condition": keys.condition,
+        "tempo_s": [float(curl.end - curl.start) if curl.complete else None for curl in curls],
+        "compensation": {name: [_describe_compensation(one) for one in found] for name, found in moved.items()},
+        "in_step": {},
+        "torque": None,
+        "torque_why": "",
+        "fatigue": {name: _describe_trend(values) for name, values in _collect_quantities(curls, moved).items()},
+    }
+    if in_step is not None:
+        facts["in_step"] = {_AXIAL: {"range_rad": in_step.range, "interval_rad": list(in_step.interval)}}
+    reasons = () if any(counted) else (Reason("no-curls", facts["why"]),)
+    if isinstance(torque, str):
+        return _make_table(curls, facts | {"torque_why": torque}, reasons), {}
+    facts["torque"] = [_find_peak_torques(time, torque, curl) for curl in curls]
+    return _make_table(curls, facts, reasons), torque.columns()
 
 
-def _elbow_axis(poses: SegmentPoses, skeleton: SpatialSkeleton) -> FloatArray:
-    """Return the axis about which the elbow flexes in the trial's frame, (T, 3), to the right of the arm.
+def _find_elbow_axis(poses: SegmentPoses, skeleton: SpatialSkeleton) -> FloatArray:
+    """Return the flexion axis of the elbow in the trial's axes (T, 3), towards the right of the arm.
 
-    It is the fitted axis of a hinge or two-axis joint, and the z axis of the upper arm if the elbow is a ball.
+    It is the fitted axis of a hinge or two-axis joint, or the z axis of the upper arm if the elbow is a ball joint.
     """
     axis = np.array([0.0, 0.0, 1.0])
     if "forearm" in poses.segments:
@@ -96,16 +96,18 @@ def _elbow_axis(poses: SegmentPoses, skeleton: SpatialSkeleton) -> FloatArray:
     return np.asarray(poses.rotation[:, poses.segments.index("upper_arm")] @ axis)
 
 
-def _elbow_axis_covariance(skeleton: SpatialSkeleton) -> FloatArray | None:
-    """Return the covariance (2, 2) of the elbow's axis along x and y of the upper arm, rad²; None if it is unknown."""
+def _find_axis_covariance(skeleton: SpatialSkeleton) -> FloatArray | None:
+    """Return the covariance (2, 2) of the elbow's axis along x and y of the upper arm, rad²; None if unknown."""
     if "forearm" not in skeleton.segments:
         return None
     covariance = skeleton.chain.joints[skeleton.segments.index("forearm") - 1].axes_covariance[0, :2, :2]
     return covariance if np.isfinite(covariance).all() else None
 
 
-def _channels(context: Context, poses: SegmentPoses, curls: Sequence[Curl]) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """Return the angles that compensate, with the standard deviations of their changes, rad."""
+def _collect_angles(
+    context: Context, poses: SegmentPoses, curls: Sequence[Curl]
+) -> dict[str, tuple[FloatArray, FloatArray]]:
+    """Return the angles of shoulder and thorax, and the standard deviations of their changes, rad, by name."""
     angles, table = context.table("angles.parquet"), context.table("poses.parquet")
     channels = {}
     clear = angles["isb_condition"] < NEAR_GIMBAL if "isb_condition" in angles.names else None
@@ -126,8 +128,8 @@ def _channels(context: Context, poses: SegmentPoses, curls: Sequence[Curl]) -> d
     return channels
 
 
-def _peaks(time: FloatArray, torques: CurlTorques, curl: Curl) -> dict[str, float | None] | None:
-    """Return the largest total torque and the largest torque of the person in a curl, with their sds, N·m."""
+def _find_peak_torques(time: FloatArray, torques: CurlTorques, curl: Curl) -> dict[str, float | None] | None:
+    """Return the largest total torque and torque of the person in a curl, with their standard deviations, N·m."""
     within = (time >= curl.start) & (time <= (curl.end if np.isfinite(curl.end) else time[-1]))
     found: dict[str, float | None] = {}
     for name, one in (("", torques.total), ("person_", torques.person)):
@@ -138,8 +140,10 @@ def _peaks(time: FloatArray, torques: CurlTorques, curl: Curl) -> dict[str, floa
     return found if found["peak_Nm"] is not None else None
 
 
-def _tiring(curls: Sequence[Curl], moved: dict[str, tuple[Compensation | None, ...]]) -> dict[str, FloatArray]:
-    """Return what may change as the person tires, for every complete curl."""
+def _collect_quantities(
+    curls: Sequence[Curl], moved: dict[str, tuple[Compensation | None, ...]]
+) -> dict[str, FloatArray]:
+    """Return the quantities that may change with fatigue, one value for every complete curl."""
     done = [k for k, curl in enumerate(curls) if curl.complete]
     quantities = {
         "duration_s": np.array([curls[k].end - curls[k].start for k in done]),
@@ -151,7 +155,7 @@ def _tiring(curls: Sequence[Curl], moved: dict[str, tuple[Compensation | None, .
     return quantities
 
 
-def _motion(one: Compensation | None) -> dict[str, Any] | None:
+def _describe_compensation(one: Compensation | None) -> dict[str, Any] | None:
     if one is None:
         return None
     return {
@@ -164,25 +168,12 @@ def _motion(one: Compensation | None) -> dict[str, Any] | None:
     }
 
 
-def _in_step(found: InStep) -> dict[str, Any]:
-    return {"range_rad": found.range, "interval_rad": list(found.interval)}
+def _describe_trend(values: FloatArray) -> dict[str, Any] | None:
+    trend = fit_trend(values)
+    return None if trend is None else {"slope": trend.slope, "interval": list(trend.interval), "count": trend.count}
 
 
-def _trend(found: Trend | None) -> dict[str, Any] | None:
-    return None if found is None else {"slope": found.slope, "interval": list(found.interval), "count": found.count}
-
-
-def _known(values: Sequence[float]) -> list[float | None]:
-    return [float(value) if np.isfinite(value) else None for value in values]
-
-
-def _reasons(curls: Sequence[Curl], facts: dict[str, Any]) -> tuple[Reason, ...]:
-    if not curls or facts["why"]:
-        return (Reason("no-curls", facts["why"]),)
-    return ()
-
-
-def _events(curls: Sequence[Curl], facts: dict[str, Any], reasons: tuple[Reason, ...]) -> Table:
+def _make_table(curls: Sequence[Curl], facts: dict[str, Any], reasons: tuple[Reason, ...]) -> Table:
     nothing = np.full(len(curls), np.nan)
     columns = {
         "kind": np.array(["curl"] * len(curls), dtype=object),

@@ -20,10 +20,11 @@ from mocap_id.dynamics.point_grid import PointGrid
 from mocap_id.dynamics.prediction import Prediction
 from mocap_id.dynamics.preparation import PreparedTrial, TrialData, measure_arcs
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS, planar_regressor
+from mocap_id.dynamics.space.consistency import SemidefiniteSolution
 from mocap_id.protocols.chair_contact import Contact
 from mocap_id.stages.identify_dim import validation
-from mocap_id.stages.identify_dim.reference_bodies import ReferenceBodies, reference_facts
-from mocap_id.stages.identify_dim.segment_fit import filtered_measured
+from mocap_id.stages.identify_dim.reference_bodies import ReferenceBodies, compare_references, describe_comparison
+from mocap_id.stages.identify_dim.segment_fit import filter_measured
 from mocap_id.stages.identify_dim.validation import SERIES, Validation
 
 
@@ -31,8 +32,8 @@ from mocap_id.stages.identify_dim.validation import SERIES, Validation
 class IdentifiedDynamics:
     """Results of an identification, for its artefacts.
 
-    ``prepared``, ``found`` and ``references`` belong to the motion used; ``chain``, ``in_chain`` and
-    ``chain_reference`` to the pinned chain. If the chain is used, they are the same.
+    ``prepared``, ``found`` and ``references`` are for the motion used; ``chain``, ``in_chain`` and ``chain_reference``
+    are for the pinned chain. If the pinned chain is used, both are the same.
     """
 
     prepared: PreparedTrial
@@ -57,22 +58,22 @@ class IdentifiedDynamics:
         return self.prepared.prior is not None
 
 
-def dynamics_columns(result: IdentifiedDynamics) -> dict[str, Any]:
-    """Return the columns of dynamics.parquet: measured wrench, corrected for clock and bias of Fx, and the models'."""
+def make_columns(result: IdentifiedDynamics) -> dict[str, Any]:
+    """Return the columns of dynamics.parquet; clock offset and bias of Fx are removed from the measured wrench."""
     prepared, model, threshold = result.prepared, result.model, result.cop_threshold
-    measured, external = _measured(result), prepared.elsewhere(result.found.fit.offset)
+    measured, external = _get_measured(result), prepared.elsewhere(result.found.fit.offset)
     reference = prepared.regressor @ result.references.chosen.parameters - external
     columns = {"time": prepared.recorded.time}
-    lower: FloatArray | float = 0.0  # along x from the cells of a board to its surface
+    lower: FloatArray | float = 0.0  # distance along x from the centre of pressure at a board's cells to its surface
     if prepared.recorded.surface:
         vertical = np.where(model.wrench[:, 1] > threshold, model.wrench[:, 1], np.nan)
         lower = prepared.recorded.surface * model.wrench[:, 0] / vertical
-    columns |= _wrench_columns(measured, centre_of_pressure(measured, threshold) - lower)
-    columns |= _wrench_columns(model.wrench, model.cop - lower, "_model")
-    columns |= _wrench_columns(*_placed_sd(result), "_model", "sd_")
-    columns |= _wrench_columns(reference, centre_of_pressure(reference, threshold) - lower, "_reference")
-    held_out = validation.wrench(result.validation, len(measured))
-    columns |= _wrench_columns(held_out, centre_of_pressure(held_out, threshold) - lower, "_held_out")
+    columns |= _make_wrench_columns(measured, centre_of_pressure(measured, threshold) - lower)
+    columns |= _make_wrench_columns(model.wrench, model.cop - lower, "_model")
+    columns |= _make_wrench_columns(*_compute_sd(result), "_model", "sd_")
+    columns |= _make_wrench_columns(reference, centre_of_pressure(reference, threshold) - lower, "_reference")
+    held_out = validation.get_wrench(result.validation, len(measured))
+    columns |= _make_wrench_columns(held_out, centre_of_pressure(held_out, threshold) - lower, "_held_out")
     for j, (torque, sd) in enumerate(zip(model.torque.T, model.torque_sd.T, strict=True), start=1):
         columns[f"tau_{j}"], columns[f"sd_tau_{j}"] = torque, sd
     if prepared.recorded.external:
@@ -80,46 +81,41 @@ def dynamics_columns(result: IdentifiedDynamics) -> dict[str, Any]:
     return columns | {"in_fit": result.found.fit.in_fit}
 
 
-def _placed_sd(result: IdentifiedDynamics) -> tuple[FloatArray, FloatArray]:
-    """Return the standard deviations of the model's wrench and centre of pressure, with that of the board's place."""
-    model, place = result.model, result.prepared.recorded.position_sd
-    if place is None:
+def _compute_sd(result: IdentifiedDynamics) -> tuple[FloatArray, FloatArray]:
+    """Return the standard deviations of the model's wrench and centre of pressure, with a board's position."""
+    model, position_sd = result.model, result.prepared.recorded.position_sd
+    if position_sd is None:
         return model.wrench_sd, model.cop_sd
     wrench_sd = model.wrench_sd.copy()
-    wrench_sd[:, 2] = np.hypot(wrench_sd[:, 2], place * model.wrench[:, 1])
-    return wrench_sd, np.hypot(model.cop_sd, place)
+    wrench_sd[:, 2] = np.hypot(wrench_sd[:, 2], position_sd * model.wrench[:, 1])
+    return wrench_sd, np.hypot(model.cop_sd, position_sd)
 
 
-def empty_columns(recorded: TrialData, reference: FloatArray, cop_threshold: float) -> dict[str, Any]:
-    """Return dynamics.parquet without a model: uncorrected wrench, wrench of the reference body, everything else NaN.
+def make_empty_columns(recorded: TrialData, reference: FloatArray, cop_threshold: float) -> dict[str, Any]:
+    """Return the columns of dynamics.parquet without a model: measured wrench and wrench of the reference body.
 
-    Parameters
-    ----------
-    recorded : TrialData
-    reference : (T, 3) array
-        Wrench of the allometric body; NaN if none applies.
-    cop_threshold : float
-        Vertical force up to which there is no centre of pressure, N.
+    The other columns are NaN. ``reference`` (T, 3) is NaN without a reference body; ``cop_threshold`` is the largest
+    vertical force without a centre of pressure, N.
     """
     absent = np.full((len(recorded.time), 3), np.nan)
     columns = {"time": recorded.time}
-    columns |= _wrench_columns(
+    columns |= _make_wrench_columns(
         recorded.as_measured(recorded.wrench), centre_of_pressure(recorded.wrench, cop_threshold)
     )
-    columns |= _wrench_columns(absent, absent[:, 0], "_model")
-    columns |= _wrench_columns(absent, absent[:, 0], "_model", "sd_")
-    columns |= _wrench_columns(reference, centre_of_pressure(reference, cop_threshold), "_reference")
-    columns |= _wrench_columns(absent, absent[:, 0], "_held_out")
+    columns |= _make_wrench_columns(absent, absent[:, 0], "_model")
+    columns |= _make_wrench_columns(absent, absent[:, 0], "_model", "sd_")
+    columns |= _make_wrench_columns(reference, centre_of_pressure(reference, cop_threshold), "_reference")
+    columns |= _make_wrench_columns(absent, absent[:, 0], "_held_out")
     for j in range(1, recorded.q.shape[1] + 1):
         columns[f"tau_{j}"] = columns[f"sd_tau_{j}"] = absent[:, 0]
     return columns | {"in_fit": np.zeros(len(absent), dtype=np.bool_)}
 
 
-def dynamics_data(result: IdentifiedDynamics) -> dict[str, dict[str, Any]]:
-    """Return the nodes of dynamics.h5."""
+def make_data(result: IdentifiedDynamics) -> dict[str, dict[str, Any]]:
+    """Return the datasets of dynamics.h5."""
     found, chain, centres = result.found, result.in_chain, result.prepared.recorded.centres
     return {
-        "base": _base(result.chain.base, centres, chain.base, chain.covariance)
+        "base": _make_base(result.chain.base, centres, chain.base, chain.covariance)
         | {
             "verdict": np.array(result.excitation.verdict, dtype=object),
             "excitation": result.excitation.own,
@@ -135,43 +131,41 @@ def dynamics_data(result: IdentifiedDynamics) -> dict[str, dict[str, Any]]:
         "bodies": {
             "value": found.full,
             "reference": result.references.chosen.parameters,
-            "covariance": _full_covariance(result),
+            "covariance": _get_full_covariance(result),
         },
         "grid": {"segment": result.grid.segment, "position": result.grid.position, "mass": found.solution.masses},
-        "held_out": _held_out(result),
+        "held_out": _make_held_out(result),
     }
 
 
-def _held_out(result: IdentifiedDynamics) -> dict[str, FloatArray]:
-    """Return the parameters of the cross-validation folds as base parameters of the chain."""
-    data = validation.data(result.validation, result.found.fit.base)
+def _make_held_out(result: IdentifiedDynamics) -> dict[str, FloatArray]:
+    """Return the parameters of the models of the cross-validation as base parameters of the chain."""
+    data = validation.get_parameters(result.validation, result.found.fit.base)
     if result.chain_map is None or not len(data["base"]):
         return data | {"base": np.zeros((0, len(result.in_chain.base))) if result.chain_map else data["base"]}
     full = np.array([result.chain_map.apply(each) for each in data["base"]])
     return data | {"base": full @ result.chain.base.regrouping.T}
 
 
-def _full_covariance(result: IdentifiedDynamics) -> FloatArray:
-    """Return the covariance (4K, 4K) of the bodies' full parameters; NaN for the pinned chain.
-
-    It is for predictions with the same instruments, so errors of calibration are left out.
-    """
+def _get_full_covariance(result: IdentifiedDynamics) -> FloatArray:
+    """Return the covariance (4K, 4K) of the bodies' parameters without errors of scale; NaN for the pinned chain."""
     found = result.found
     if not result.measured_poses:
         return np.full((len(found.full), len(found.full)), np.nan)
     return found.covariance if found.calibration is None else found.covariance - found.calibration.covariance
 
 
-def empty_data(
+def make_empty_data(
     centres: FloatArray, grid: PointGrid, mass: float | None, reference: FloatArray
 ) -> dict[str, dict[str, Any]]:
-    """Return dynamics.h5 with only the mass (first base parameter) and the reference; everything else is NaN."""
+    """Return the datasets of dynamics.h5 with the mass (first base parameter) and the reference body, else NaN."""
     base = structural_base(centres)
     value = np.full(len(base.kept), np.nan)
     value[0] = np.nan if mass is None else mass
     full = np.full(4 * (len(centres) + 1), np.nan)
     return {
-        "base": _base(base, centres, value, np.full((len(value), len(value)), np.nan)) | _base_without_fit(value),
+        "base": _make_base(base, centres, value, np.full((len(value), len(value)), np.nan))
+        | _make_base_without_fit(value),
         "full": {
             "name": np.array(name_parameters(len(centres) + 1), dtype=object),
             "value": full,
@@ -183,11 +177,8 @@ def empty_data(
     }
 
 
-def advice_facts(result: IdentifiedDynamics, joints: Sequence[str]) -> list[dict[str, Any]]:
-    """Return JSON rows: for each base parameter the best change of the movement, nulls where none helps.
-
-    Empty if every parameter is known.
-    """
+def _make_advice(result: IdentifiedDynamics, joints: Sequence[str]) -> list[dict[str, Any]]:
+    """Return JSON with the best change of the movement for each base parameter; empty if every parameter is known."""
     return [
         {
             "name": name,
@@ -200,8 +191,8 @@ def advice_facts(result: IdentifiedDynamics, joints: Sequence[str]) -> list[dict
     ]
 
 
-def _base_without_fit(value: FloatArray) -> dict[str, Any]:
-    """Return the columns beside base parameters (b,) that were not fitted; only the mass can be known."""
+def _make_base_without_fit(value: FloatArray) -> dict[str, Any]:
+    """Return the datasets of the group ``base`` about excitation, for base parameters (b,) that were not fitted."""
     absent = np.full(len(value), np.nan)
     return {
         "verdict": np.array(["known" if np.isfinite(each) else "not identifiable" for each in value], dtype=object),
@@ -212,59 +203,59 @@ def _base_without_fit(value: FloatArray) -> dict[str, Any]:
     }
 
 
-def dynamics_facts(result: IdentifiedDynamics, joints: Sequence[str]) -> dict[str, Any]:
-    """Return facts about the fit over its samples; ``joints`` are the names of the joints."""
+def make_facts(result: IdentifiedDynamics, joints: Sequence[str]) -> dict[str, Any]:
+    """Return the facts of dynamics.h5 about an identification; ``joints`` are the names of the joints."""
     found, fit, prepared = result.found, result.found.fit, result.prepared
     samples: BoolArray = fit.in_fit
     threshold, elsewhere = result.cop_threshold, prepared.elsewhere(fit.offset)
     if result.measured_poses:
-        rows, of_model, elsewhere = prepared.filtered, prepared.filtered @ found.base, 0.0 * elsewhere
-        measured = filtered_measured(prepared, found)
+        rows, model, elsewhere = prepared.filtered, prepared.filtered @ found.base, 0.0 * elsewhere
+        measured = filter_measured(prepared, found)
     else:
-        rows, of_model, measured = prepared.regressor, result.model.wrench, _measured(result)
-    compared = compare(of_model, measured, samples, threshold)
-    return empty_facts(None) | {
+        rows, model, measured = prepared.regressor, result.model.wrench, _get_measured(result)
+    undetermined = ", ".join(find_undetermined(result))
+    why = f"the fitted components of the wrench do not determine {undetermined}: see `identify-dim: {{components: …}}`"
+    return make_empty_facts(None) | {
         "condition_number": fit.condition,
         "condition_number_scaled": fit.condition_scaled,
         "clock_offset_s": fit.best_offset if fit.offset_known else None,
         "clock_offset_sd_s": found.offset_sd if fit.offset_known else None,
-        "wrench": {name: None if one is None else asdict(one) for name, one in compared.wrench.items()},
-        "cop_rms_m": compared.cop_rms,
+        **describe_comparison(compare(model, measured, samples, threshold)),
         "samples": int(samples.sum()),
         "reference_table": result.references.chosen.table,
-        "rivals": reference_facts(result.references, rows, measured, samples, threshold, external=elsewhere),
-        "held_out": validation.facts(
+        "rivals": compare_references(result.references, rows, measured, samples, threshold, external=elsewhere),
+        "held_out": validation.make_facts(
             result.validation,
-            of_model,
+            model,
             rows @ result.references.chosen.parameters - elsewhere,
             measured,
             threshold,
             filtered=result.measured_poses,
         ),
         "consistency": found.solution.consistency,
-        "solver": _solver(found.solution),
+        "solver": describe_solver(found.solution, found.solution.requested),
         "reference_pulls": found.uses_reference,
         "cutoff_hz": prepared.lowpass.cutoff,
         "plate_bias_N": None if found.plate_bias is None else {"Fx": found.plate_bias, "Fx_sd": found.plate_bias_sd},
         "untold": list(result.model.undetermined),
-        "why": _why_undetermined(result),
+        "why": why if undetermined else None,
         "arc_deg": np.degrees(measure_arcs(prepared.recorded.q, samples)).tolist(),
-        "contact": None if result.contact is None else _contact(result.contact),
-        "advice": advice_facts(result, joints),
+        "contact": None if result.contact is None else _describe_contact(result.contact),
+        "advice": _make_advice(result, joints),
     }
 
 
-def unknown_facts(
+def make_facts_without_model(
     why: str, recorded: TrialData, bodies: ReferenceBodies, free: BoolArray, *, cop_threshold: float, gravity: float
 ) -> tuple[FloatArray, dict[str, Any]]:
-    """Return the reference body's wrench (T, 3) and the facts of a trial without an identification.
+    """Return the reference body's wrench (T, 3) and the facts of dynamics.h5 of a trial without an identification.
 
-    Reference bodies are compared over the samples without contact to the chair.
+    ``why`` is the reason. Reference bodies are compared over the samples ``free`` (T,) without contact to the chair.
     """
     regressor = planar_regressor(recorded.centres, recorded.q, recorded.dq, recorded.ddq, gravity)
-    facts = empty_facts(why) | {
+    facts = make_empty_facts(why) | {
         "reference_table": bodies.chosen.table,
-        "rivals": reference_facts(
+        "rivals": compare_references(
             bodies,
             regressor,
             recorded.as_measured(recorded.wrench),
@@ -276,8 +267,8 @@ def unknown_facts(
     return regressor @ bodies.chosen.parameters - recorded.elsewhere, facts
 
 
-def empty_facts(why: str | None) -> dict[str, Any]:
-    """Return the facts of dynamics.h5 without an identification, and why there is none."""
+def make_empty_facts(why: str | None) -> dict[str, Any]:
+    """Return the facts of dynamics.h5 without an identification; ``why`` is the reason for this."""
     keys = (
         "condition_number", "condition_number_scaled", "clock_offset_s", "clock_offset_sd_s", "wrench", "cop_rms_m",
         "samples", "reference_table", "rivals", "held_out", "consistency", "solver", "reference_pulls", "cutoff_hz",
@@ -287,32 +278,24 @@ def empty_facts(why: str | None) -> dict[str, Any]:
     return {**dict.fromkeys(keys), "why": why}
 
 
-def components_short(result: IdentifiedDynamics) -> list[str]:
-    """Return the columns of the model that the fitted components of the wrench do not determine (NaN)."""
-    within = _inside_one_body(result)
-    return [name for name in result.model.undetermined if name not in within]
+def find_undetermined(result: IdentifiedDynamics) -> list[str]:
+    """Return the columns of the model that are NaN because the fitted wrench components do not determine them.
 
-
-def _why_undetermined(result: IdentifiedDynamics) -> str | None:
-    short = ", ".join(components_short(result))
-    if not short:
-        return None
-    return f"the fitted components of the wrench do not determine {short}: see `identify-dim: {{components: …}}`"
-
-
-def _inside_one_body(result: IdentifiedDynamics) -> set[str]:
-    """Return the torque columns of joints inside one body."""
+    Torques of joints within one body are left out.
+    """
     joint = result.prepared.motion.joint
-    return {f"tau_{j + 1}" for j in range(joint.shape[1]) if not np.isfinite(joint[:, j]).any()}
+    inner = {f"tau_{j + 1}" for j in range(joint.shape[1]) if not np.isfinite(joint[:, j]).any()}
+    return [name for name in result.model.undetermined if name not in inner]
 
 
-def _measured(result: IdentifiedDynamics) -> FloatArray:
+def _get_measured(result: IdentifiedDynamics) -> FloatArray:
     """Return the ground's wrench (T, 3) with the clock offset corrected and the bias of Fx removed."""
     bias = np.array([result.found.plate_bias or 0.0, 0.0, 0.0])
     return np.asarray(result.prepared.ground(result.found.fit.offset) - bias)
 
 
-def _solver(solution: ConsistentSolution) -> dict[str, Any]:
+def describe_solver(solution: ConsistentSolution | SemidefiniteSolution, requested: str) -> dict[str, Any]:
+    """Return JSON about the solver of the physical consistency; ``requested`` is the kind of consistency."""
     answer = solution.answer
     return {
         "name": answer.solver,
@@ -321,12 +304,12 @@ def _solver(solution: ConsistentSolution) -> dict[str, Any]:
         "kkt": answer.optimality.excess,
         "proven": answer.optimality.proven,
         **asdict(answer.optimality),
-        "asked": solution.requested,
+        "asked": requested,
         "price_of_consistency": solution.price,
     }
 
 
-def _contact(contact: Contact) -> dict[str, Any]:
+def _describe_contact(contact: Contact) -> dict[str, Any]:
     weight = contact.weight if np.isfinite(contact.weight) else None
     return {
         "chair": contact.chair,
@@ -337,7 +320,7 @@ def _contact(contact: Contact) -> dict[str, Any]:
     }
 
 
-def _base(base: BaseSet, centres: FloatArray, value: FloatArray, covariance: FloatArray) -> dict[str, Any]:
+def _make_base(base: BaseSet, centres: FloatArray, value: FloatArray, covariance: FloatArray) -> dict[str, Any]:
     return {
         "name": np.array(base_names(base, centres), dtype=object),
         "value": value,
@@ -348,5 +331,7 @@ def _base(base: BaseSet, centres: FloatArray, value: FloatArray, covariance: Flo
     }
 
 
-def _wrench_columns(wrench: FloatArray, cop: FloatArray, suffix: str = "", prefix: str = "") -> dict[str, FloatArray]:
+def _make_wrench_columns(
+    wrench: FloatArray, cop: FloatArray, suffix: str = "", prefix: str = ""
+) -> dict[str, FloatArray]:
     return {f"{prefix}{name}{suffix}": column for name, column in zip(SERIES, (*wrench.T, cop), strict=True)}

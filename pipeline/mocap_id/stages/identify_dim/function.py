@@ -1,10 +1,9 @@
-"""Function of the stage identify-dim: identifies the dynamics and describes the repetitions."""
+"""Function of the stage identify-dim in the plane: identifies the dynamics and describes the repetitions."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
 from mocap_id.design.recommendation import describe_recommendations, recommend_if_doubtful
 from mocap_id.dynamics.acceleration_noise import correlate_errors
 from mocap_id.dynamics.built_in_sensors import combine_with_sensors
@@ -18,53 +17,50 @@ from mocap_id.protocols.movement import Movement
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.identify_dim import IdentifyDimSettings, validation
 from mocap_id.stages.identify_dim import dynamics_artefacts as artefacts
-from mocap_id.stages.identify_dim.board_position import board_reasons
-from mocap_id.stages.identify_dim.encoder_torque import torque_facts
-from mocap_id.stages.identify_dim.few_markers import foot_notes, foot_sd, plate_sd, torque_reasons
+from mocap_id.stages.identify_dim.board_position import explain_board
+from mocap_id.stages.identify_dim.few_markers import check_torques, choose_foot_sd, choose_plate_sd, explain_foot_prior
 from mocap_id.stages.identify_dim.identifiability import NotIdentifiable
-from mocap_id.stages.identify_dim.motion_comparison import motion_reasons, pinned_facts
-from mocap_id.stages.identify_dim.reference_bodies import ReferenceBodies, reference_bodies
-from mocap_id.stages.identify_dim.repetition_averages import averages
-from mocap_id.stages.identify_dim.scales import (
-    calibration,
-    calibration_facts,
-    check_and_calibrate,
-    scale_facts,
-    scale_reasons,
-)
+from mocap_id.stages.identify_dim.motion_comparison import compare_motions, compare_torque, explain_motion
+from mocap_id.stages.identify_dim.reference_bodies import ReferenceBodies, build_reference_bodies
+from mocap_id.stages.identify_dim.repetition_averages import average_signals
+from mocap_id.stages.identify_dim.scales import check_and_calibrate, explain_scales, make_scale_facts, read_calibration
 from mocap_id.stages.identify_dim.segment_fit import SegmentFit, fit_segments
-from mocap_id.stages.identify_dim.sit_to_stand_events import events_table, missing_force, sit_to_stand_events
-from mocap_id.stages.identify_dim.trial_data import joint_names, read_kinematic_error
-from mocap_id.stages.identify_dim.trial_inputs import TrialInputs, gap_facts, read_inputs
-from mocap_id.stages.identify_dim.wrench_checks import gain_facts, sensor_cautions
+from mocap_id.stages.identify_dim.sit_to_stand_events import (
+    compute_missing_force,
+    make_events,
+    make_sit_to_stand_events,
+)
+from mocap_id.stages.identify_dim.trial_data import read_cop_threshold, read_joint_names, read_kinematic_error
+from mocap_id.stages.identify_dim.trial_inputs import TrialInputs, describe_gaps, read_inputs
+from mocap_id.stages.identify_dim.wrench_checks import check_sensors, make_gain_facts
 from mocap_id.store import Table, Tree
 from mocap_id.store.schemas import DYNAMICS_TABLE, DYNAMICS_TREE
 from mocap_id.verdict import Reason
 
 
 def identify_dim(context: Context) -> Outputs:
-    """Return events.parquet, dynamics.parquet, dynamics.h5 and phases.parquet."""
+    """Return events.parquet, dynamics.parquet, dynamics.h5 and phases.parquet of a trial in the plane."""
     inputs = read_inputs(context)
     prepared = inputs.prepared
     if prepared is None or inputs.obstacle is not None:
         assert inputs.obstacle is not None
-        table, tree = _without_identification(context, inputs, inputs.obstacle)
+        table, tree = _explain_obstacle(context, inputs, inputs.obstacle)
     else:
-        table, tree, prepared = _with_identification(context, inputs, prepared)
-    events = _events(context, inputs, prepared, table)
-    return events, table, tree, averages(context, events, table)
+        table, tree, prepared = _identify(context, inputs, prepared)
+    events = _make_events(context, inputs, prepared, table)
+    return events, table, tree, average_signals(context, events, table)
 
 
-def identification(context: Context) -> tuple[PreparedTrial, Movement, Identification] | NotIdentifiable:
-    """Return the prepared trial, its movement and the identification behind the artefacts.
+def identify_trial(context: Context) -> tuple[PreparedTrial, Movement, Identification] | NotIdentifiable:
+    """Return the prepared trial, its movement and its identification, or the reason why there is none.
 
-    All three belong to the pinned chain. With measured poses, its parameters are computed from those of the bodies.
+    All three are for the pinned chain. With measured poses, its parameters are computed from the bodies' parameters.
     """
     inputs = read_inputs(context)
     if inputs.prepared is None or inputs.obstacle is not None:
         assert inputs.obstacle is not None
         return inputs.obstacle
-    references = reference_bodies(context, inputs.prepared.recorded, inputs.movement)
+    references = build_reference_bodies(context, inputs.prepared.recorded, inputs.movement)
     found, segments = _fit(context, inputs, inputs.prepared, references)
     return inputs.prepared, inputs.movement, found if segments is None else segments.in_chain
 
@@ -72,7 +68,7 @@ def identification(context: Context) -> tuple[PreparedTrial, Movement, Identific
 def fit_chain(
     context: Context, prepared: PreparedTrial, movement: Movement, grid: PointGrid, references: ReferenceBodies
 ) -> Identification:
-    """Identify the pinned chain."""
+    """Identify the parameters of the pinned chain."""
     settings: IdentifyDimSettings = context.settings
     consistency, reference = settings.consistency or "grid", references.chosen.parameters
     found = identify(
@@ -84,8 +80,8 @@ def fit_chain(
         consistency=consistency,
         reference_sd=settings.reference_sd,
         reference_pulls=settings.reference_pulls is True,
-        foot_sd=foot_sd(context, prepared.recorded),
-        plate_sd=plate_sd(context, prepared.recorded),
+        foot_sd=choose_foot_sd(context, prepared.recorded),
+        plate_sd=choose_plate_sd(context, prepared.recorded),
     )
     return combine_with_sensors(found, prepared, movement.free, grid, reference, consistency=consistency)
 
@@ -93,71 +89,69 @@ def fit_chain(
 def _fit(
     context: Context, inputs: TrialInputs, prepared: PreparedTrial, references: ReferenceBodies
 ) -> tuple[Identification, SegmentFit | None]:
-    """Return the identification of the pinned chain and, if measured poses are used, that of the bodies."""
+    """Return the identification of the pinned chain, and that of the bodies or None if the chain is used."""
     found = fit_chain(context, prepared, inputs.movement, inputs.grid, references)
     if not inputs.body_sets:
         return check_and_calibrate(context, prepared, inputs.movement, found, references.chosen.parameters), None
     return found, fit_segments(context, inputs.body_sets, prepared, inputs.movement, pinned=found, tables=references)
 
 
-def _events(context: Context, inputs: TrialInputs, prepared: PreparedTrial | None, dynamics: Table) -> Table:
-    """Return events.parquet, with details by the protocol."""
+def _make_events(context: Context, inputs: TrialInputs, prepared: PreparedTrial | None, dynamics: Table) -> Table:
+    """Return events.parquet, with details for sit-to-stand."""
     movement, recorded = inputs.movement, inputs.recorded
     if movement.posture is None:
-        return events_table(movement.repetitions)
-    return sit_to_stand_events(
+        return make_events(movement.repetitions)
+    return make_sit_to_stand_events(
         context.table("wrench.parquet"),
         recorded,
         movement,
-        missing_force(prepared, dynamics.columns),
+        compute_missing_force(prepared, dynamics.columns),
         share=context.settings.seat_off_share,
         seat_measured=recorded.seat is not None,
     )
 
 
-def _with_identification(
-    context: Context, inputs: TrialInputs, prepared: PreparedTrial
-) -> tuple[Table, Tree, PreparedTrial]:
-    """Return dynamics.parquet, dynamics.h5 and the prepared trial of the motion used."""
-    movement, threshold = inputs.movement, _cop_threshold(context)
-    references = reference_bodies(context, prepared.recorded, movement)
+def _identify(context: Context, inputs: TrialInputs, prepared: PreparedTrial) -> tuple[Table, Tree, PreparedTrial]:
+    """Return dynamics.parquet, dynamics.h5 and the prepared trial with the motion used."""
+    movement, threshold = inputs.movement, read_cop_threshold(context)
+    references = build_reference_bodies(context, prepared.recorded, movement)
     found, segments = _fit(context, inputs, prepared, references)
     motion = inputs.motion_facts
     if segments is None:
-        result = _of_chain(context, inputs, prepared, found, references)
+        result = _describe_chain(context, inputs, prepared, found, references)
     else:
-        result = _of_bodies(context, inputs, prepared, segments)
-        motion = motion | segments.facts | {"joints": gap_facts(segments.bodies, joint_names(context))}
-    columns = artefacts.dynamics_columns(result)
-    facts = artefacts.dynamics_facts(result, joint_names(context)) | {
-        "external": gain_facts(prepared, found.fit),
-        "torque": torque_facts(context, columns),
+        result = _describe_bodies(context, inputs, prepared, segments)
+        motion = motion | segments.facts | {"joints": describe_gaps(segments.bodies, read_joint_names(context))}
+    columns = artefacts.make_columns(result)
+    facts = artefacts.make_facts(result, read_joint_names(context)) | {
+        "external": make_gain_facts(prepared, found.fit),
+        "torque": compare_torque(context, columns),
         "motion": motion,
-        "scales": scale_facts(result.found),
-        "calibration_covariance": calibration_facts(result.found),
+        **make_scale_facts(result.found),
     }
     if inputs.board is not None:
         facts["board"] = inputs.board
     if segments is not None:
-        facts["pins"] = pinned_facts(prepared, found, movement, segments, threshold)
+        facts["pins"] = compare_motions(prepared, found, movement, segments, threshold)
     cautions = (
-        *_cautions(context, result),
-        *torque_reasons(context, result, movement.free),
-        *validation.reasons(facts["held_out"]),
-        *motion_reasons(facts),
-        *board_reasons(context, facts),
+        *_find_cautions(context, result),
+        *check_torques(context, result, movement.free),
+        *validation.explain_validation(facts["held_out"]),
+        *explain_motion(facts),
+        *explain_board(context, facts),
     )
-    prior = foot_notes(context, result.found)
+    prior = explain_foot_prior(context, result.found)
     reasons = (*movement.reasons, *references.chosen.reasons, *prior, *cautions)
-    tree = Tree(DYNAMICS_TREE, artefacts.dynamics_data(result), facts, reasons)
+    tree = Tree(DYNAMICS_TREE, artefacts.make_data(result), facts, reasons)
     return Table(DYNAMICS_TABLE, columns), tree, result.prepared
 
 
-def _of_chain(
+def _describe_chain(
     context: Context, inputs: TrialInputs, prepared: PreparedTrial, found: Identification, references: ReferenceBodies
 ) -> artefacts.IdentifiedDynamics:
-    q, threshold, chain = prepared.recorded.q, _cop_threshold(context), inputs.chain
-    snap = _snap(context, q.shape[1])
+    q, threshold, chain = prepared.recorded.q, read_cop_threshold(context), inputs.chain
+    sigma_v = np.asarray(context.table("states.parquet").facts["sigma_v"], dtype=np.float64)
+    snap = np.broadcast_to(sigma_v, (q.shape[1],))  # standard deviation of the process noise, rad/s⁴
     correlation = correlate_errors(q, chain.centres, chain.marker_segment, chain.local, snap)
 
     def model_of(each: Identification) -> Prediction:
@@ -166,7 +160,7 @@ def _of_chain(
     model = model_of(found)
     if found.with_foot is not None:
         model = model.replace_torques(model_of(found.with_foot))
-    excited = measure_excitation(prepared, found, weak_share(context))
+    excited = measure_excitation(prepared, found, choose_weak_share(context))
     return artefacts.IdentifiedDynamics(
         prepared=prepared,
         found=found,
@@ -185,11 +179,11 @@ def _of_chain(
     )
 
 
-def _of_bodies(
+def _describe_bodies(
     context: Context, inputs: TrialInputs, prepared: PreparedTrial, segments: SegmentFit
 ) -> artefacts.IdentifiedDynamics:
-    threshold = _cop_threshold(context)
-    excited = measure_excitation(prepared, segments.in_chain, weak_share(context))
+    threshold = read_cop_threshold(context)
+    excited = measure_excitation(prepared, segments.in_chain, choose_weak_share(context))
     return artefacts.IdentifiedDynamics(
         prepared=segments.prepared,
         found=segments.found,
@@ -209,17 +203,17 @@ def _of_bodies(
     )
 
 
-def weak_share(context: Context) -> float:
-    """Return the relative standard deviation above which a parameter is weak; smaller for a robot."""
+def choose_weak_share(context: Context) -> float:
+    """Return the relative standard deviation above which a parameter is weak; it is smaller for a robot."""
     given: float | None = context.settings.weak_share
     return given or (WEAK_ROBOT if context.trial.protocol == "robot-joint" else WEAK)
 
 
-def _cautions(context: Context, result: artefacts.IdentifiedDynamics) -> tuple[Reason, ...]:
-    """Return cautions about the identification, and about what the fitted components leave undetermined."""
+def _find_cautions(context: Context, result: artefacts.IdentifiedDynamics) -> tuple[Reason, ...]:
+    """Return cautions about the identification, and about quantities that the fitted components do not determine."""
     facts = context.table("wrench.parquet").facts
     standing, given = facts.get("mass_kg"), context.trial.subject.mass
-    recommended = describe_recommendations(result.excitation, result.recommendations, joint_names(context))
+    recommended = describe_recommendations(result.excitation, result.recommendations, read_joint_names(context))
     reasons = find_cautions(
         result.prepared,
         result.found,
@@ -227,46 +221,35 @@ def _cautions(context: Context, result: artefacts.IdentifiedDynamics) -> tuple[R
         recommended,
         given=given,
         standing=standing,
-        calibration=calibration(context),
+        calibration=read_calibration(context),
     )
-    reasons += sensor_cautions(result.chain, result.in_chain.fit)
-    reasons += scale_reasons(result.found, given)
-    if short := artefacts.components_short(result):
-        undetermined = Reason(
-            "components-short",
-            f"the fitted components {', '.join(context.settings.components)} do not determine {', '.join(short)}, so "
-            "no values are given for these; fit at least Fy and tauz (`identify-dim: {components: [Fy, tauz]}`)",
+    reasons += check_sensors(result.chain, result.in_chain.fit)
+    reasons += explain_scales(result.found, given)
+    if undetermined := artefacts.find_undetermined(result):
+        text = (
+            f"the fitted components {', '.join(context.settings.components)} do not determine "
+            f"{', '.join(undetermined)}, which have no values; fit at least Fy and tauz (`identify-dim: {{components: "
+            "[Fy, tauz]}`)"
         )
-        reasons = (*reasons, undetermined)
+        reasons = (*reasons, Reason("components-short", text))
     if context.trial.protocol == "free" and standing is None and given is None:
-        unchecked = Reason(
-            "mass-unchecked",
+        text = (
             "the identified mass could not be compared with the mass of the standing person "
-            f"({facts.get('why') or 'the plates do not show it'}) nor with `subject: {{mass: …}}`: if a chair or a "
-            "support carries part of the body, the parameters are wrong, and no other check shows it",
+            f"({facts.get('why') or 'the plates do not measure it'}) or with `subject: {{mass: …}}`: if a chair or a "
+            "support carries part of the body, the parameters are wrong, and no other check detects this"
         )
-        reasons = (*reasons, unchecked)
+        reasons = (*reasons, Reason("mass-unchecked", text))
     return reasons
 
 
-def _cop_threshold(context: Context) -> float:
-    """Return the vertical force up to which there is no centre of pressure, N, as used in planarise."""
-    return float(context.table("wrench.parquet").facts["cop_threshold_N"])
-
-
-def _snap(context: Context, joints: int) -> FloatArray:
-    """Return the standard deviation of each joint's process noise (n,), rad/s⁴."""
-    return np.broadcast_to(np.asarray(context.table("states.parquet").facts["sigma_v"], dtype=np.float64), (joints,))
-
-
-def _without_identification(context: Context, inputs: TrialInputs, obstacle: NotIdentifiable) -> tuple[Table, Tree]:
-    """Return dynamics.parquet and dynamics.h5 of a trial whose parameters are unknown."""
-    recorded, movement, threshold = inputs.recorded, inputs.movement, _cop_threshold(context)
-    references = reference_bodies(context, recorded, movement)
-    reference, facts = artefacts.unknown_facts(
+def _explain_obstacle(context: Context, inputs: TrialInputs, obstacle: NotIdentifiable) -> tuple[Table, Tree]:
+    """Return dynamics.parquet and dynamics.h5 of a trial without an identification."""
+    recorded, movement, threshold = inputs.recorded, inputs.movement, read_cop_threshold(context)
+    references = build_reference_bodies(context, recorded, movement)
+    reference, facts = artefacts.make_facts_without_model(
         obstacle.why, recorded, references, movement.free, cop_threshold=threshold, gravity=context.settings.gravity
     )
-    columns = artefacts.empty_columns(recorded, reference, threshold)
-    data = artefacts.empty_data(recorded.centres, inputs.grid, obstacle.mass, references.chosen.parameters)
+    columns = artefacts.make_empty_columns(recorded, reference, threshold)
+    data = artefacts.make_empty_data(recorded.centres, inputs.grid, obstacle.mass, references.chosen.parameters)
     reasons = (*movement.reasons, *references.chosen.reasons, Reason(obstacle.code, obstacle.why))
     return Table(DYNAMICS_TABLE, columns), Tree(DYNAMICS_TREE, data, facts, reasons)

@@ -1,4 +1,4 @@
-"""Checks before the fit: can anything be identified from a trial?"""
+"""Checks before the fit: whether parameters can be identified from a trial."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mocap_id.stages.base import Context
 
 @dataclass(frozen=True)
 class NotIdentifiable:
-    """Reason why nothing can be identified, and the mass if at least that is known."""
+    """Reason why nothing can be identified; ``mass``, kg, is given if at least the mass is known."""
 
     code: str
     why: str
@@ -23,7 +23,7 @@ class NotIdentifiable:
 
 
 def check_wrench(context: Context, recorded: TrialData) -> NotIdentifiable | None:
-    """Return why there are no data for an identification, else None."""
+    """Return the reason why there are no data for an identification, or None."""
     facts = context.table("wrench.parquet").facts
     measured = np.isfinite(recorded.surroundings).all(axis=1)
     if not measured.any():
@@ -33,56 +33,56 @@ def check_wrench(context: Context, recorded: TrialData) -> NotIdentifiable | Non
     if (measured & known).sum() < LEAST_SECONDS * recorded.rate:
         return NotIdentifiable(
             "no-common-samples",
-            f"wrench and joint angles are known together in {(measured & known).sum() / recorded.rate:.2f} s, "
-            f"expected at least {LEAST_SECONDS:g} s",
+            f"wrench and joint angles are both known for {(measured & known).sum() / recorded.rate:.2f} s, expected at "
+            f"least {LEAST_SECONDS:g} s",
             facts.get("mass_kg"),
         )
     return None
 
 
 def check_excitation(context: Context, prepared: PreparedTrial, movement: Movement) -> NotIdentifiable | None:
-    """Return why the usable samples do not determine the parameters, else None."""
+    """Return the reason why the usable samples do not determine the parameters, or None."""
     settings, recorded = context.settings, prepared.recorded
     chosen = select_samples(prepared, movement.free)
     mass = context.table("wrench.parquet").facts.get("mass_kg")
     if not movement.free.any():
         return NotIdentifiable(
             "not-free",
-            "no sample is known to be free of contact with the chair, whose force is not measured. Use a window in "
-            "which the person rises and stands",
+            "the person may touch the chair in every sample, and its force is not measured. Use a window in which the "
+            "person rises and stands",
             mass,
         )
     if chosen.sum() < LEAST_SECONDS * recorded.rate:
         return NotIdentifiable(
             "too-few-samples",
-            f"{chosen.sum() / recorded.rate:.2f} s are usable, off the chair and farther from gaps than the filter's "
-            f"reach of {prepared.lowpass.reach:.2f} s; expected at least {LEAST_SECONDS:g} s: record longer or with "
-            "fewer gaps",
+            f"{chosen.sum() / recorded.rate:.2f} s are usable, off the chair and at least "
+            f"{prepared.lowpass.reach:.2f} s (the reach of the low-pass) from gaps; expected at least "
+            f"{LEAST_SECONDS:g} s: record longer or with fewer gaps",
             mass,
         )
     arc = np.degrees(np.max(measure_arcs(recorded.q, chosen)))
     if arc < settings.still_arc_deg:
-        if mass is None and _contact_excluded(context, movement, recorded.seat is not None):
+        if mass is None and _is_contact_excluded(context, movement, recorded.seat is not None):
             mass = float(np.nanmedian(recorded.surroundings[chosen, 1])) / settings.gravity
         result = "nothing" if mass is None else "only the mass"
         return NotIdentifiable(
             "standing-still",
-            f"no joint turns more than {arc:.1f}° while only the ground touches the body, expected at least "
+            f"no joint rotates more than {arc:.1f}° while only the ground touches the body, expected at least "
             f"{settings.still_arc_deg:g}°: {result} is known; record a movement",
             mass,
         )
     if not determines_parameters(prepared, movement.free):
         return NotIdentifiable(
             "not-excited",
-            "a joint rests while only the ground touches the body, so the parameters of its segment cannot be "
-            "separated from the others'; record a movement of every joint",
+            "a joint does not move while only the ground touches the body, so the parameters of its two segments "
+            "cannot be separated; record a movement of every joint",
             mass,
         )
     return None
 
 
-def _contact_excluded(context: Context, movement: Movement, seat_measured: bool) -> bool:
-    """Return whether unmeasured contact is excluded by measurement, not only by assumption."""
+def _is_contact_excluded(context: Context, movement: Movement, seat_measured: bool) -> bool:
+    """Return whether measurements, and not only assumptions, exclude an unmeasured contact."""
     if context.trial.protocol == "robot-joint" or seat_measured:
         return True
     return movement.contact is not None and movement.contact.chair is not None

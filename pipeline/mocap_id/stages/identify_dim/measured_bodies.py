@@ -1,4 +1,4 @@
-"""Bodies of the dynamics with their own measured poses, from poses.parquet, and the prior of their parameters."""
+"""Rigid bodies with measured poses, from poses.parquet, and the prior of their inertial parameters."""
 
 from __future__ import annotations
 
@@ -29,35 +29,36 @@ from mocap_id.kinematics.rigid_body import count_positions
 from mocap_id.protocols.movement import Movement
 from mocap_id.protocols.reference_body import ReferenceBody
 from mocap_id.stages.base import Context
-from mocap_id.stages.identify_dim.validation import spans
+from mocap_id.stages.identify_dim.validation import find_spans
 from mocap_id.store import Table
 
 _LEAST_RESIDUAL = 1e-4  # m
-_OFTEN = 0.8  # share of the samples in which a body must be visible, to leave enough samples for the fit
+_OFTEN = 0.8  # smallest share of the samples with a known pose, so that the fit has enough samples
 
 
 @dataclass(frozen=True)
 class MeasuredBodies:
-    """Bodies and their poses.
+    """Rigid bodies and their poses.
 
     Parameters
     ----------
     names : tuple of str
+        Names of the bodies.
     poses : BodyPoses
-        With short gaps bridged, and pinned at the joints that do not give way.
+        Poses with short gaps in time bridged, and pinned at the joints whose two sides do not separate.
     observed : (T,) bool array
         Samples in which every pose was measured.
     gap : dict of int to JointGap
-        Gap at each joint between two bodies; joints count from 0.
+        Gap between the two sides of each joint between two bodies, by joint, from 0.
     markers : tuple of mapping
-        For each body, the places of its markers in its frame by label, m.
+        Positions of the markers of each body in its axes, m, by label.
     residual : tuple of float
-        rms distance of each body's markers from these places, m.
+        rms distance of the markers of each body from these positions, m.
     used : tuple of int
         Indices of the bodies in poses.parquet, from 0.
     placed : dict of int to float
-        Standard deviation in one direction, m, of each joint that the poses place instead of the joint fit: the ankle
-        of feet that move.
+        Standard deviation in one direction, m, of the joints that are located by the poses and not by the joint fit:
+        ankles of feet that move.
     """
 
     names: tuple[str, ...]
@@ -75,66 +76,57 @@ class MeasuredBodies:
         return max((gap.acceleration for gap in self.gap.values() if np.isfinite(gap.acceleration)), default=0.0)
 
     def grid(self, points: tuple[int, int]) -> PointGrid:
-        """Return point masses around the joints and markers of each body."""
+        """Return a grid of point masses around the joints and markers of each body."""
         count = len(self.names)
         body = np.repeat(np.arange(count), [len(each) for each in self.markers])
-        local = np.array([place for each in self.markers for place in each.values()])
+        local = np.array([position for each in self.markers for position in each.values()])
         ends = self.poses.centroid[: count - 1].copy()
         for joint in self.poses.joints:
             ends[self.poses.body[joint]] = self.poses.centres[joint]
         return build_grid(ends, body, local, points)
 
 
-def measured_bodies(context: Context, recorded: TrialData) -> Iterator[MeasuredBodies]:
-    """Yield the bridged bodies of poses.parquet for every way to divide the person; none if a segment has no pose.
+def find_measured_bodies(context: Context, recorded: TrialData) -> Iterator[MeasuredBodies]:
+    """Yield the bodies of poses.parquet, bridged, for every division of the person; none if a segment has no pose.
 
     Pelvis and trunk may be two bodies or one.
     """
     table = context.table("poses.parquet")
-    bodies = table.facts["bodies"]
-    every = [k for k in range(len(bodies)) if _often_visible(table, k, recorded) and _shows_pose(bodies[k])]
-    many = [k for k in every if len(table.facts["bodies"][k]["segments"]) > 1]
-    single = [k for k in every if k not in many]
-    ways = [single, *([k for k in every if not _part_of(table.facts["bodies"], k, whole)] for whole in many)]
-    for way in ways:
-        if _complete(table, recorded, way):
-            yield bridge(read_bodies(table, recorded.centres, way))
+    segments = [set(body["segments"]) for body in table.facts["bodies"]]
+    usable = [k for k in range(len(segments)) if _has_pose(table, k, recorded)]
+    several = [k for k in usable if len(segments[k]) > 1]
+    single = [k for k in usable if k not in several]
+    divisions = [single]
+    for whole in several:
+        parts = [k for k in usable if k != whole and segments[k] and segments[k] <= segments[whole]]
+        divisions.append([k for k in usable if k not in parts])
+    for used in divisions:
+        if set().union(*(segments[k] for k in used)) == set(range(len(recorded.centres) + 1)):
+            yield bridge_gaps(read_bodies(table, recorded.centres, used))
 
 
-def _often_visible(table: Table, body: int, recorded: TrialData) -> bool:
-    """Return whether a body's pose is known in most of the samples in which the chain's states are known."""
-    states = known(recorded.ddq)
-    visible = table[f"markers_{body + 1}"][states] >= LEAST_MARKERS
-    return bool(len(visible)) and float(np.mean(visible)) >= _OFTEN
+def _has_pose(table: Table, k: int, recorded: TrialData) -> bool:
+    """Return whether body ``k`` has a known pose in most samples with known joint states.
 
-
-def _shows_pose(body: Mapping[str, Any]) -> bool:
-    """Return whether a body's markers show its pose: two points alone follow the skin, not the segment."""
+    Except for the base, the body needs markers at more than two positions: two points follow the skin, not the segment.
+    """
+    visible = table[f"markers_{k + 1}"][known(recorded.ddq)] >= LEAST_MARKERS
+    if not len(visible) or float(np.mean(visible)) < _OFTEN:
+        return False
+    body = table.facts["bodies"][k]
     return 0 in body["segments"] or count_positions(as_complex(np.array(list(body["markers"].values())))) > 2
 
 
-def _part_of(bodies: Sequence[Mapping[str, Any]], body: int, whole: int) -> bool:
-    """Return whether a body is a part of another one."""
-    own = bodies[body]["segments"]
-    return body != whole and bool(own) and set(own) <= set(bodies[whole]["segments"])
-
-
-def _complete(table: Table, recorded: TrialData, used: Sequence[int]) -> bool:
-    """Return whether every segment of the chain is in one of the bodies."""
-    segments = {segment for k in used for segment in table.facts["bodies"][k]["segments"]}
-    return segments == set(range(len(recorded.centres) + 1))
-
-
-def bridge(bodies: MeasuredBodies) -> MeasuredBodies:
-    """Return the bodies with short gaps in time bridged, and the measured gaps of their joints."""
+def bridge_gaps(bodies: MeasuredBodies) -> MeasuredBodies:
+    """Return the bodies with short gaps in time bridged, and with the gaps of their joints."""
     poses, observed = fill_gaps(bodies.poses)
     return replace(
         bodies, poses=poses, observed=observed, gap=measure_gaps(poses, np.ones(len(poses.time), dtype=bool))
     )
 
 
-def pin(bodies: MeasuredBodies) -> MeasuredBodies:
-    """Return bridged bodies pinned at the joints that do not give way."""
+def pin_joints(bodies: MeasuredBodies) -> MeasuredBodies:
+    """Return bridged bodies that are pinned at the joints whose two sides do not separate."""
     pinned = [joint for joint, each in bodies.gap.items() if each.pinned]
     return replace(bodies, poses=close_gaps(bodies.poses, pinned))
 
@@ -145,15 +137,16 @@ def read_bodies(table: Table, centres: FloatArray, used: Sequence[int]) -> Measu
     Parameters
     ----------
     table : Table
+        poses.parquet.
     centres : (n, 2) array
-        Joint centres in the previous segment, m.
+        Joint centres in the axes of the previous segment, m.
     used : sequence of int
-        Indices of the bodies, which together contain every segment of the chain once.
+        Indices of the bodies; together, they contain every segment of the chain once.
     """
     bodies = [table.facts["bodies"][k] for k in used]
     owner = {segment: k for k, body in enumerate(bodies) for segment in body["segments"]}
     local = [np.array(list(body["markers"].values())) for body in bodies]
-    spread = [np.sum((places - places.mean(axis=0)) ** 2) for places in local]
+    spread = [np.sum((positions - positions.mean(axis=0)) ** 2) for positions in local]
     noise = [max(body["residual_m"], _LEAST_RESIDUAL) ** 2 for body in bodies]
 
     def series(name: str) -> FloatArray:
@@ -168,11 +161,11 @@ def read_bodies(table: Table, centres: FloatArray, used: Sequence[int]) -> Measu
         time=table["time"],
         position=np.stack([series("x"), series("y")], axis=-1),
         angle=series("angle"),
-        centroid=np.array([places.mean(axis=0) for places in local]),
+        centroid=np.array([positions.mean(axis=0) for positions in local]),
         information=np.array([[len(p) / n, s / n] for p, s, n in zip(local, spread, noise, strict=True)]),
         body=np.array([owner[k] for k in range(len(centres) + 1)], dtype=np.int64),
         centres=before,
-        shift=np.array([_shift(bodies[owner[k + 1]], k + 1) for k in range(len(centres))]),
+        shift=np.array([_find_shift(bodies[owner[k + 1]], k + 1) for k in range(len(centres))]),
         beyond=after,
     )
     return MeasuredBodies(
@@ -187,8 +180,8 @@ def read_bodies(table: Table, centres: FloatArray, used: Sequence[int]) -> Measu
     )
 
 
-def _shift(body: Mapping[str, Any], segment: int) -> list[float]:
-    """Return the shift of the joint below a body's first segment, m; none for joints within the body."""
+def _find_shift(body: Mapping[str, Any], segment: int) -> list[float]:
+    """Return the shift of the joint before a segment, m; it is zero unless this is the first segment of the body."""
     shift: list[float] = body.get("joint_shift_m", [0.0, 0.0])
     return shift if segment == min(body["segments"]) else [0.0, 0.0]
 
@@ -196,22 +189,23 @@ def _shift(body: Mapping[str, Any], segment: int) -> list[float]:
 def make_body_prior(
     bodies: MeasuredBodies, q: FloatArray, movement: Movement, table: ReferenceBody, mass: float
 ) -> BodyPrior:
-    """Return the prior of the bodies: around the reference body if one applies, else around equal masses.
+    """Return the prior of the bodies' parameters: the reference body, or equal masses without a reference body.
 
     Parameters
     ----------
     bodies : MeasuredBodies
+        Bodies with their poses.
     q : (T, n) array
         Joint angles of the chain, rad.
     movement : Movement
-        Its usable samples give the mean places of the bodies.
+        Movement whose usable samples give the mean positions of the bodies.
     table : ReferenceBody
-        Reference body on the chain; NaN if none applies.
+        Reference body with the chain; NaN without a reference body.
     mass : float
         Mass of the person, kg.
     """
     poses, reference, samples = bodies.poses, table.parameters, movement.free
-    times = np.array(spans(movement))
+    times = np.array(find_spans(movement))
     if not np.isfinite(reference).all():
         return replace(build_even_prior(mass, poses.centroid), spans=times)
     of_segment = reference.reshape(-1, 4)
@@ -230,6 +224,6 @@ def make_body_prior(
 def prepare_bodies(
     bodies: MeasuredBodies, recorded: TrialData, settings: FitSettings, prior: BodyPrior, cutoffs: Cutoffs = USUAL
 ) -> PreparedTrial:
-    """Prepare a trial with the motion of the bodies instead of the chain's."""
+    """Prepare a trial with the motion of the bodies instead of the motion of the chain."""
     moved = replace(recorded, measured=filter_motion(bodies.poses, cutoffs), observed=bodies.observed)
     return prepare(moved, settings, prior)

@@ -1,4 +1,4 @@
-"""Choice of cut-offs, and of chain or measured poses, by predicting left-out repetitions on thinned samples."""
+"""Choice of cut-offs, and of chain or measured poses, by predictions of left-out repetitions at a reduced rate."""
 
 from __future__ import annotations
 
@@ -20,19 +20,21 @@ from mocap_id.protocols.movement import Movement
 from mocap_id.stages.identify_dim import validation
 from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies
 
-_RATE = 50.0  # Hz; lower limit of the rate after thinning
-_CLEARLY = 0.3  # difference of the cost, a sum of logarithms of Fx, Fy, tauz: 10 % of each
+_RATE = 50.0  # Hz; smallest reduced rate
+_CLEARLY = 0.3  # clear difference of the cost, a sum of logarithms of Fx, Fy, tauz: 10 % of each
 
 
 class RepetitionPredictor:
-    """Predictions of each repetition of a trial from the others.
+    """Predictor of each repetition of a trial from the others.
 
     Parameters
     ----------
     prepared : PreparedTrial
-        On the pinned chain.
+        Trial on the pinned chain.
     movement : Movement
+        Repetitions and usable samples.
     bodies : MeasuredBodies
+        Bodies with measured poses.
     prior : BodyPrior
         Prior of the bodies' parameters.
     """
@@ -60,15 +62,16 @@ class RepetitionPredictor:
         self._observed, self._free = bodies.observed[some], movement.free[some].copy()
         usable = np.flatnonzero(self._free & np.isfinite(self._recorded.dq).all(axis=1))
         self._free[usable[~shorten_rests(self._recorded.dq[usable])]] = False
-        self._part = _parts(prepared, movement)[some]
+        self._part = _number_repetitions(prepared, movement)[some]
         self._settings, self._prior = prepared.settings, prior
         self._first: Fit | None = None
         self._found: dict[Cutoffs, LeftOutPrediction | None] = {}
 
-    def on_poses(self, cutoffs: Cutoffs) -> LeftOutPrediction | None:
-        """Predict with measured poses and some cut-offs; later calls use the clock offset and weights of the first.
+    def predict_on_poses(self, cutoffs: Cutoffs) -> LeftOutPrediction | None:
+        """Predict with measured poses filtered by some cut-offs.
 
-        Only that of the usual cut-offs is kept, which is needed twice: each takes as much memory as a trial.
+        Later calls use the clock offset and weights of the first call. Only the prediction with the usual cut-offs is
+        stored, because it is needed twice and a prediction takes as much memory as a trial.
         """
         if cutoffs in self._found:
             return self._found[cutoffs]
@@ -81,8 +84,8 @@ class RepetitionPredictor:
             self._found[cutoffs] = predicted
         return predicted
 
-    def on_chain(self) -> LeftOutPrediction | None:
-        """Predict with the pinned chain, with the cut-off of measured poses."""
+    def predict_on_chain(self) -> LeftOutPrediction | None:
+        """Predict with the pinned chain and the cut-off of measured poses."""
         cutoff = self._settings.cutoff or MEASURED_CUTOFF
         ready = prepare(self._recorded, replace(self._settings, cutoff=cutoff))
         return self._predict(ready, fit(ready, self._free)) if determines_parameters(ready, self._free) else None
@@ -91,19 +94,19 @@ class RepetitionPredictor:
         return predict_left_out(ready, self._free, found, self._part, CompressedProblem.free_solution)
 
 
-def poses_preferred(predictor: RepetitionPredictor) -> bool:
+def prefers_poses(predictor: RepetitionPredictor) -> bool:
     """Return whether measured poses predict left-out repetitions about as well as the pinned chain, or better.
 
-    In doubt the poses are preferred: their intervals are valid whether the joints give way or not. The chain must be
-    clearly better than poses with the usual cut-offs, and also better than poses with the cut-offs of this trial.
+    In doubt, poses are used, because their intervals are also valid if the two sides of a joint separate. The chain is
+    used only if it is clearly better than poses with the usual cut-offs, and better than with the best cut-offs.
     """
-    chain = score_left_out(predictor.on_chain())
-    if score_left_out(predictor.on_poses(USUAL)) <= chain + _CLEARLY:
+    chain = score_left_out(predictor.predict_on_chain())
+    if score_left_out(predictor.predict_on_poses(USUAL)) <= chain + _CLEARLY:
         return True
-    return choose_cutoffs(predictor.on_poses).cost <= chain
+    return choose_cutoffs(predictor.predict_on_poses).cost <= chain
 
 
-def _parts(prepared: PreparedTrial, movement: Movement) -> IntArray:
-    """Return the number of the repetition of each sample."""
-    spans, time = validation.spans(movement), prepared.recorded.time
+def _number_repetitions(prepared: PreparedTrial, movement: Movement) -> IntArray:
+    """Return the number of the repetition of each sample (T,)."""
+    spans, time = validation.find_spans(movement), prepared.recorded.time
     return number_parts(time, np.array(spans)) if len(spans) > 1 else np.zeros(len(time), dtype=np.int64)

@@ -1,4 +1,4 @@
-"""What a person can reach: events.parquet with one row a reach, and facts on ranges, volume, surface and heights."""
+"""Reaches of a trial: events.parquet with one row for each reach, and facts on ranges, volume, surface and heights."""
 
 from __future__ import annotations
 
@@ -20,10 +20,10 @@ from mocap_id.store.schemas import EVENTS
 from mocap_id.store.spatial_views import SegmentPoses, SpatialAngles, SpatialSkeleton
 from mocap_id.verdict import Reason
 
-_LEAST_RANGE = np.radians(2.0)
+_LEAST_RANGE = np.radians(2.0)  # of an angle that moves
 _ENDS = "the recording ends before the hand leaves"
 _PATH = 600  # points of the path of the wrist
-_NO_REGION = "the visited postures have no volume in joint space: an angle hardly moves apart from the others"
+_NO_REGION = "the visited postures have no volume in joint space: an angle hardly moves independently of the others"
 
 
 def find_reach_events(context: Context) -> Table:
@@ -33,20 +33,23 @@ def find_reach_events(context: Context) -> Table:
     chain = context.tree("chain.h5")
     skeleton = SpatialSkeleton.from_tree(chain)
     ranges = measure_ranges(angles, poses, skeleton=chain.facts.get("frames") == "skeleton")
-    facts: dict[str, Any] = {"why": "", "ranges": {name: _range(one) for name, one in ranges.items()}}
+    facts: dict[str, Any] = {"why": "", "ranges": {name: _describe_range(one) for name, one in ranges.items()}}
     reaches: tuple[Reach, ...] = ()
     try:
         arm = measure_arm(angles, poses, skeleton, context.trial.subject.height)
         reaches = find_reaches(angles.time, arm)
-        facts |= _arm(arm) | {"heights": _heights(angles.time, arm), "tasks": _by_target(reaches)}
-        facts |= _volumes(angles, poses, arm, ranges)
+        facts |= _describe_arm(arm) | {
+            "heights": _measure_heights(angles.time, arm),
+            "tasks": _group_by_target(reaches),
+        }
+        facts |= _compute_volumes(angles, poses, arm, ranges)
     except UnknownReach as unknown:
         facts["why"] = str(unknown)
     reasons = (Reason("no-reach", f"the reachable volume is unknown: {facts['why']}"),) if facts["why"] else ()
-    return Table(EVENTS, _columns(reaches), {"reach": facts}, reasons)
+    return Table(EVENTS, _make_columns(reaches), {"reach": facts}, reasons)
 
 
-def _range(one: AngleRange) -> dict[str, Any]:
+def _describe_range(one: AngleRange) -> dict[str, Any]:
     low, high, low_sd, high_sd, spread = np.degrees([one.low, one.high, one.low_sd, one.high_sd, one.width_sd]).tolist()
     width = high - low
     return {
@@ -60,19 +63,19 @@ def _range(one: AngleRange) -> dict[str, Any]:
     }
 
 
-def _arm(arm: RecordedArm) -> dict[str, Any]:
+def _describe_arm(arm: RecordedArm) -> dict[str, Any]:
     upper = float(np.linalg.norm(arm.arm.elbow))
     return {
         "lengths_m": {"upper_arm": upper, "forearm": arm.arm.forearm},
         "arm_length_m": arm.arm.length,
         "shoulder_m": arm.shoulder.tolist(),
         "glide_m": arm.glide.tolist(),
-        "view": _view(arm),
+        "view": _describe_view(arm),
     }
 
 
-def _view(arm: RecordedArm) -> dict[str, Any]:
-    """Return what a view shows besides the surface: the path of the wrist, the arm at its furthest, and the targets."""
+def _describe_view(arm: RecordedArm) -> dict[str, Any]:
+    """Return the path of the wrist, the arm at its furthest reach and the targets, for the view on the page."""
     known = np.flatnonzero(np.isfinite(arm.wrists).all(axis=1))
     far = known[np.argmax(np.linalg.norm(arm.wrists[known], axis=1))]
     path = arm.wrists[known[:: max(len(known) // _PATH, 1)]]
@@ -83,8 +86,8 @@ def _view(arm: RecordedArm) -> dict[str, Any]:
     }
 
 
-def _heights(time: FloatArray, arm: RecordedArm) -> dict[str, Any]:
-    """Return the highest and lowest place of the wrist, and the levels that the middle of the hand came up to."""
+def _measure_heights(time: FloatArray, arm: RecordedArm) -> dict[str, Any]:
+    """Return the highest and lowest position of the wrist, and the levels that the middle of the hand reached."""
     rank = max(round(HELD / float(np.median(np.diff(time)))), 1)
     wrist, palm = (np.sort(each[np.isfinite(each[:, 1]), 1]) for each in (arm.wrists, arm.palms))
     highest, lowest = float(wrist[-rank]), float(wrist[rank - 1])
@@ -97,7 +100,7 @@ def _heights(time: FloatArray, arm: RecordedArm) -> dict[str, Any]:
     }
 
 
-def _by_target(reaches: Sequence[Reach]) -> dict[str, Any]:
+def _group_by_target(reaches: Sequence[Reach]) -> dict[str, Any]:
     found: dict[str, list[float]] = {}
     for one in reaches:
         if one.target != "none":
@@ -108,10 +111,10 @@ def _by_target(reaches: Sequence[Reach]) -> dict[str, Any]:
     }
 
 
-def _volumes(
+def _compute_volumes(
     angles: SpatialAngles, poses: SegmentPoses, arm: RecordedArm, ranges: Mapping[str, AngleRange]
 ) -> dict[str, Any]:
-    """Return the wrist's reachable volumes within the ranges of the joints and within visited postures, and surfaces.
+    """Return facts on the reachable volume and surface, within the ranges of the joints and within visited postures.
 
     Raises
     ------
@@ -121,12 +124,12 @@ def _volumes(
     still = [name for name in ANGLES if name not in ranges or ranges[name].high - ranges[name].low < _LEAST_RANGE]
     if still:
         names = " and ".join(name.replace("_", " ") for name in still)
-        raise UnknownReach(f"{names} change by less than {np.degrees(_LEAST_RANGE):.0f}° where they have a meaning")
+        raise UnknownReach(f"{names} change by less than {np.degrees(_LEAST_RANGE):.0f}° where they are defined")
     flexion = ranges["elbow_flexion"]
     if flexion.low + flexion.high < 0:
         raise UnknownReach(
             f"the elbow bends backwards (flexion from {np.degrees(flexion.low):.0f}° to "
-            f"{np.degrees(flexion.high):.0f}°), as if the arm were the other one: give the right `side:`"
+            f"{np.degrees(flexion.high):.0f}°), as if it were the arm of the other side: correct `side:`"
         )
     usable = np.logical_and.reduce([find_usable_samples(angles, poses, name) for name in ANGLES])
     postures = np.stack([get_angle(angles, name, usable) for name in ANGLES], axis=1)
@@ -137,20 +140,20 @@ def _volumes(
     if region is not None:
         surfaces["visited"] = compute_reach_surface(arm.arm, region.limits, region.planes)
     return {
-        **_volume(found.box),
+        **_describe_volume(found.box),
         "sd_m3": found.sd,
         "relative_volume": found.relative(arm.arm),
         "sources": found.sources,
         "box_deg": {
             name.split("_")[1]: np.degrees(pair).tolist() for name, pair in zip(ANGLES, found.limits, strict=True)
         },
-        "visited": _visited(found, region),
+        "visited": _describe_visited(found, region),
         "surface": {name: one.areas for name, one in surfaces.items()},
-        "mesh": _mesh(surfaces),
+        "mesh": _make_mesh(surfaces),
     }
 
 
-def _volume(one: Volume) -> dict[str, Any]:
+def _describe_volume(one: Volume) -> dict[str, Any]:
     return {
         "volume_m3": one.volume,
         "interval_m3": list(one.interval),
@@ -159,22 +162,22 @@ def _volume(one: Volume) -> dict[str, Any]:
     }
 
 
-def _visited(found: Workspace, region: VisitedRegion | None) -> dict[str, Any]:
+def _describe_visited(found: Workspace, region: VisitedRegion | None) -> dict[str, Any]:
     if found.visited is None or region is None:
         return {"volume_m3": None, "interval_m3": None, "share": None, "meaning": _NO_REGION, "why": _NO_REGION}
     share = found.visited.volume / found.box.volume
-    return _volume(found.visited) | {
+    return _describe_volume(found.visited) | {
         "share": share,
         "why": None,
         "meaning": (
-            "The box lets every angle take its whole range whatever the other angles do. The postures between those "
-            f"recorded reach {100 * share:.0f} % of its volume. The recording does not show whether the rest can be "
-            "reached: the truth lies between both volumes, nearer to the box the more freely the angles combine."
+            "In the box, every angle has its whole range at all values of the other angles. The postures between the "
+            f"recorded postures reach {100 * share:.0f} % of its volume; whether the rest can be reached is unknown. "
+            "The true volume is between both volumes, nearer to the box if the angles can be combined more freely."
         ),
     }
 
 
-def _mesh(surfaces: Mapping[str, Surface]) -> dict[str, Any]:
+def _make_mesh(surfaces: Mapping[str, Surface]) -> dict[str, Any]:
     first = surfaces["box"]
     radii = {
         f"{name}_m": [[round(r, 3) if np.isfinite(r) else None for r in row] for row in one.radius.tolist()]
@@ -184,7 +187,7 @@ def _mesh(surfaces: Mapping[str, Surface]) -> dict[str, Any]:
     return {name: np.degrees(each).round(2).tolist() for name, each in angles.items()} | radii
 
 
-def _columns(reaches: Sequence[Reach]) -> dict[str, Any]:
+def _make_columns(reaches: Sequence[Reach]) -> dict[str, Any]:
     nothing = np.full(len(reaches), np.nan)
     numbers = {"start": "start", "top": "top", "end": "end", "miss_m": "miss"}
     return {

@@ -1,4 +1,4 @@
-"""Allometric reference bodies for comparison with the identified one."""
+"""Reference bodies from allometric tables, for comparison with the identified body."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.allometry import TableName
-from mocap_id.dynamics.comparison import compare
+from mocap_id.dynamics.comparison import Comparison, compare
 from mocap_id.dynamics.preparation import TrialData
 from mocap_id.protocols.body_names import GROUND
 from mocap_id.protocols.movement import Movement, find_facing
@@ -21,28 +21,28 @@ from mocap_id.stages.identify_dim.trial_data import read_skeleton
 
 @dataclass(frozen=True)
 class ReferenceBodies:
-    """Reference bodies on the chain of a trial.
+    """Reference bodies with the chain of a trial.
 
     Parameters
     ----------
     chosen : ReferenceBody
-        Body by the table of the settings.
+        Body from the table in the settings.
     every : tuple of ReferenceBody
-        One body for each table, in a fixed order; empty if none applies.
+        Bodies from all tables, in a fixed order; empty without a reference body.
     """
 
     chosen: ReferenceBody
     every: tuple[ReferenceBody, ...]
 
 
-def reference_bodies(context: Context, recorded: TrialData, movement: Movement) -> ReferenceBodies:
-    """Return the bodies by all tables for a sit-to-stand; other protocols have none."""
+def build_reference_bodies(context: Context, recorded: TrialData, movement: Movement) -> ReferenceBodies:
+    """Return the reference bodies of a sit-to-stand trial; other protocols have none."""
     settings, subject, chain = context.settings, context.trial.subject, recorded.centres
     if context.trial.protocol != "sit-to-stand":
         return ReferenceBodies(make_empty_reference(len(chain), None), ())
     if read_skeleton(context).segments[:1] == (GROUND,):
         return ReferenceBodies(
-            make_empty_reference(len(chain), "the tables describe people whose foot stands flat"), ()
+            make_empty_reference(len(chain), "the tables are for people whose feet are flat on the ground"), ()
         )
     if not np.isfinite(recorded.q).all(axis=1).any():
         return ReferenceBodies(make_empty_reference(len(chain), "the joint angles are never known together"), ())
@@ -66,7 +66,7 @@ def reference_bodies(context: Context, recorded: TrialData, movement: Movement) 
     return ReferenceBodies(chosen, () if chosen.table is None else tuple(bodies.values()))
 
 
-def reference_facts(
+def compare_references(
     bodies: ReferenceBodies,
     regressor: FloatArray,
     measured: FloatArray,
@@ -75,33 +75,38 @@ def reference_facts(
     *,
     external: FloatArray,
 ) -> dict[str, Any] | None:
-    """Return facts about the reference bodies and the errors of their wrench and centre of pressure.
+    """Return JSON about the reference bodies and the errors of their wrench, by table; None without reference bodies.
 
     Parameters
     ----------
     bodies : ReferenceBodies
+        Bodies to compare.
     regressor : (T, 3, 4(n + 1)) array
-        Full regressor, unfiltered.
+        Regressor of the full parameters.
     measured : (T, 3) array
         Wrench of the ground, N and N·m.
     samples : (T,) bool array
-        Samples off the seat, the same as for the identified model.
+        Samples to compare.
     threshold : float
-        Vertical force up to which there is no centre of pressure, N.
+        Largest vertical force without a centre of pressure, N.
     external : (T, 3) array
-        Other external wrenches on the body.
+        Other external wrenches on the body, N and N·m.
     """
     if not bodies.every:
         return None
     found = {}
     for body in bodies.every:
         compared = compare(regressor @ body.parameters - external, measured, samples, threshold)
-        wrench = {name: None if one is None else asdict(one) for name, one in compared.wrench.items()}
         found[str(body.table)] = {
             "height_m": body.height,
             "mass_kg": body.mass,
             "assumed": list(body.assumed),
-            "wrench": wrench,
-            "cop_rms_m": compared.cop_rms,
+            **describe_comparison(compared),
         }
     return found
+
+
+def describe_comparison(compared: Comparison) -> dict[str, Any]:
+    """Return JSON of a comparison of wrenches and centres of pressure."""
+    wrench = {name: None if one is None else asdict(one) for name, one in compared.wrench.items()}
+    return {"wrench": wrench, "cop_rms_m": compared.cop_rms}

@@ -29,61 +29,46 @@ _WRENCH = {"Fx": "N", "Fy": "N", "tauz": "N*m", "cop_x": "m"}
 _SOURCES = ("", "_model", "_reference")
 
 
-def averages(context: Context, events: Table, dynamics: Table) -> Table:
-    """Return the average of every signal over the repetitions, at 0, 1 … 100 % of each.
-
-    Parameters
-    ----------
-    context : Context
-        With the states, the joints' names and ``compare:``.
-    events, dynamics : Table
-        events.parquet and dynamics.parquet.
+def average_signals(context: Context, events: Table, dynamics: Table) -> Table:
+    """Return phases.parquet: the average of every signal over the repetitions, at 0, 1 … 100 % of each.
 
     Raises
     ------
     ConfigError
-        A joint or column named under ``compare:`` does not exist.
+        A joint or column under ``compare:`` does not exist.
     RecordingError
-        Its file is unusable or does not overlap with the recording.
+        The file under ``compare:`` cannot be used or does not overlap with the recording.
     """
-    signals, compared = list(_signals(context.table("states.parquet"), dynamics)), []
-    for name, unit, time, values, facts in _other(context):
+    signals, compared = list(_list_signals(context.table("states.parquet"), dynamics)), []
+    for name, unit, time, values, facts in _read_other_system(context):
         signals.append((name, unit, time, values))
         compared.append(facts)
-    found: list[tuple[str, str, str, Averaged]] = []
-    counted = {}
+    averages: list[tuple[str, str, str, Averaged]] = []
+    counts = {}
     for span, (begin, finish) in SPANS.items():
         bounds = events.stack([begin, finish])
         bounds = bounds[bounds[:, 1] > bounds[:, 0]]  # False where either is NaN
-        counted[span] = len(bounds)
+        counts[span] = len(bounds)
         for name, unit, time, values in signals if len(bounds) else ():
-            found.append((span, name, unit, average_repetitions(resample_repetitions(time, values, bounds))))
-    why = None if any(counted.values()) else "no repetition has both its beginning and its end in the recording"
-    return Table(PHASES, _columns(found), {"repetitions": counted, "compared": compared, "why": why})
+            averages.append((span, name, unit, average_repetitions(resample_repetitions(time, values, bounds))))
+    why = None if any(counts.values()) else "no repetition has both its beginning and its end in the recording"
+    return Table(PHASES, _make_columns(averages), {"repetitions": counts, "compared": compared, "why": why})
 
 
-def _columns(found: Sequence[tuple[str, str, str, Averaged]]) -> dict[str, Any]:
-    """Return the columns of phases.parquet, 101 rows for every span and quantity."""
-
-    def joined(curves: Sequence[FloatArray]) -> FloatArray:
-        return np.concatenate([np.zeros(0), *curves])
-
-    span, quantity, unit = (np.repeat(np.array([row[k] for row in found], dtype=object), len(GRID)) for k in range(3))
-    return {
-        "span": span,
-        "percent": np.tile(100 * GRID, len(found)),
-        "quantity": quantity,
-        "unit": unit,
-        "mean": joined([each.mean for *_, each in found]),
-        "sd": joined([each.sd for *_, each in found]),
-        "count": joined([each.count for *_, each in found]),
-    }
+def _make_columns(averages: Sequence[tuple[str, str, str, Averaged]]) -> dict[str, Any]:
+    """Return the columns of phases.parquet, with 101 rows for every span and quantity."""
+    columns: dict[str, Any] = {"percent": np.tile(100 * GRID, len(averages))}
+    for k, name in enumerate(("span", "quantity", "unit")):
+        columns[name] = np.repeat(np.array([row[k] for row in averages], dtype=object), len(GRID))
+    for name in ("mean", "sd", "count"):
+        columns[name] = np.concatenate([np.zeros(0), *(getattr(each, name) for *_, each in averages)])
+    return columns
 
 
-def _signals(states: Table, dynamics: Table) -> Iterator[tuple[str, str, FloatArray, FloatArray]]:
-    """Yield name, unit, time (T,) and values (T,) of each averaged signal; bridged angles are NaN."""
+def _list_signals(states: Table, dynamics: Table) -> Iterator[tuple[str, str, FloatArray, FloatArray]]:
+    """Yield name, unit, times (T,), s, and values (T,) of each signal; angles without an observation are NaN."""
     for joint in range(1, joint_count(states) + 1):
-        yield f"theta_{joint}", "rad", states["time"], _angle(states, joint)
+        yield f"theta_{joint}", "rad", states["time"], _get_angle(states, joint)
     wrench_time = dynamics["time"]
     for name, unit in _WRENCH.items():
         for source in _SOURCES:
@@ -92,8 +77,8 @@ def _signals(states: Table, dynamics: Table) -> Iterator[tuple[str, str, FloatAr
         yield f"tau_{joint}", "N*m", wrench_time, dynamics[f"tau_{joint}"]
 
 
-def _other(context: Context) -> Iterator[tuple[str, str, FloatArray, FloatArray, dict[str, Any]]]:
-    """Yield the other system's angles at the times of the states, each with facts about the agreement."""
+def _read_other_system(context: Context) -> Iterator[tuple[str, str, FloatArray, FloatArray, dict[str, Any]]]:
+    """Yield name, unit, times, values and agreement of each angle of the other system, at the times of the states."""
     compare = context.trial.compare
     if compare is None:
         return
@@ -107,31 +92,29 @@ def _other(context: Context) -> Iterator[tuple[str, str, FloatArray, FloatArray,
             )
         column, sign = given.removeprefix("-"), -1.0 if given.startswith("-") else 1.0
         number = joints.index(joint) + 1
-        values = on_times(table.time, sign * table.angles[column], time)
-        found = compare_angles(_angle(states, number), values)
-        yield f"theta_{number}_other", "rad", time, values, _agreement_facts(joint, given, found)
+        values = interpolate_at(table.time, sign * table.angles[column], time)
+        agreement = compare_angles(_get_angle(states, number), values)
+        yield f"theta_{number}_other", "rad", time, values, _describe_agreement(joint, given, agreement)
 
 
-def on_times(time: FloatArray, values: FloatArray, at: FloatArray) -> FloatArray:
+def interpolate_at(time: FloatArray, values: FloatArray, at: FloatArray) -> FloatArray:
     """Return a signal (K,) interpolated at other times (T,); NaN outside its times and next to a gap."""
     gap = np.interp(at, time, np.isnan(values).astype(np.float64)) > 0
     return np.where(gap, np.nan, np.interp(at, time, values, np.nan, np.nan))
 
 
-def _angle(states: Table, joint: int) -> FloatArray:
+def _get_angle(states: Table, joint: int) -> FloatArray:
     return np.where(states[f"observed_{joint}"], states[f"theta_{joint}"], np.nan)
 
 
-def _agreement_facts(joint: str, column: str, found: Agreement) -> dict[str, Any]:
-    def known(value: float) -> float | None:
-        return value if np.isfinite(value) else None
-
+def _describe_agreement(joint: str, column: str, agreement: Agreement) -> dict[str, Any]:
+    known = bool(np.isfinite(agreement.r))
     return {
         "joint": joint,
         "column": column,
-        "r": known(found.r),
-        "offset_rad": known(found.offset),
-        "rmse_rad": known(found.rmse),
-        "samples": found.samples,
-        "why": None if np.isfinite(found.r) else "the records have no common time in which the joint moves",
+        "r": agreement.r if known else None,
+        "offset_rad": agreement.offset if known else None,
+        "rmse_rad": agreement.rmse if known else None,
+        "samples": agreement.samples,
+        "why": None if known else "the two systems have no common time in which the joint moves",
     }

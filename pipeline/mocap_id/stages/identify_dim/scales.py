@@ -1,4 +1,4 @@
-"""Absolute check of the scale of plate, cameras and clock rates, and its effect on the standard deviations."""
+"""Check of the absolute scale of plate, cameras and clocks, and effect of errors of scale on standard deviations."""
 
 from __future__ import annotations
 
@@ -20,20 +20,22 @@ from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import IdentifyDimSettings
 from mocap_id.verdict import Reason
 
-_PLACED, _BOLTED = 0.005, 0.001  # m: error of a plate's place under a person, and under a robot bolted to it
-_LEAST_JOINTS = 2  # ankle and knee: the ratios of a person need a shank
+_PERSON, _ROBOT = 0.005, 0.001  # m: standard deviation of a plate's position under a person, and under a bolted robot
+_LEAST_JOINTS = 2  # ankle and knee, because the ratios of a person need a shank
 
 
-def calibration(context: Context) -> Calibration:
-    """Return the standard deviations of the instruments' errors of scale from the settings."""
+def read_calibration(context: Context) -> Calibration:
+    """Return the standard deviations of the errors of scale of plate and cameras, from the settings."""
     settings: IdentifyDimSettings = context.settings
-    position, bolted = settings.plate_position_sd_m, context.trial.protocol == "robot-joint"
+    position = settings.plate_position_sd_m
+    if position is None:
+        position = _ROBOT if context.trial.protocol == "robot-joint" else _PERSON
     return Calibration(
         gain=settings.plate_gain_sd,
         moments=settings.plate_moments_sd,
         lengths=settings.camera_scale_sd,
         tilt=float(np.radians(settings.camera_tilt_sd_deg)),
-        position=position if position is not None else _BOLTED if bolted else _PLACED,
+        position=position,
         mass=context.trial.subject.mass,
         mass_sd=settings.subject_mass_sd_kg,
     )
@@ -49,24 +51,24 @@ def check_and_calibrate(
     chain: tuple[BaseSet, ChainMap] | None = None,
     unsmoothed: PreparedTrial | None = None,
 ) -> Identification:
-    """Return the identification with errors of scale in its covariance, and with the result of the check.
+    """Return the identification with the result of the check of scales, and with errors of scale in its covariance.
 
-    A cause that the check suspects counts with the size that was found.
+    If the check suspects an error, the size that the check has estimated is added to the covariance.
 
     Parameters
     ----------
-    context : Context
     prepared : PreparedTrial
-    movement : Movement
+        Trial with the motion of the identification.
     found : Identification
+        Identification without errors of scale.
     reference : (4(n + 1),) array
-        Full parameters of the reference body on the chain; without one (NaN), there is no check.
+        Full parameters of the reference body with the chain; without a reference body (NaN), there is no check.
     chain : (BaseSet, ChainMap), optional
-        Base parameters of the chain and the map to them, for measured poses.
+        Base parameters of the chain, and the map from the bodies to them; for measured poses.
     unsmoothed : PreparedTrial, optional
-        The trial with poses that are hardly filtered, for the check: the cut-offs of the fit damp accelerations.
+        Trial with hardly filtered poses for the check, because the low-pass of the fit reduces accelerations.
     """
-    usual = calibration(context)
+    usual = read_calibration(context)
     mass = float(found.full[::4].sum())
     mass_sd = float(np.sqrt(found.covariance[::4, ::4].sum() if chain else found.covariance[0, 0]))
     whole = {0, 1, 2} <= set(prepared.settings.components)
@@ -89,28 +91,23 @@ def check_and_calibrate(
         "lengths": usual.lengths,
         "tilt": usual.tilt,
     }
-    for name in scales.suspects if scales is not None else ():
-        sd[name] = max(sd.get(name, 0.0), abs(scales.causes[name].value)) if scales is not None else 0.0
+    if scales is not None:
+        sd |= {name: max(sd.get(name, 0.0), abs(scales.causes[name].value)) for name in scales.suspects}
     return found.add_calibration(propagate_calibration(prepared, found.fit, found.base, sd), scales)
 
 
-def scale_facts(found: Identification) -> dict[str, Any] | None:
-    """Return JSON of the check; None if it was not possible."""
-    if found.scales is None:
-        return None
-    return {
-        "suspects": list(found.scales.suspects),
-        "causes": {name: asdict(cause) for name, cause in found.scales.causes.items()},
-    }
+def make_scale_facts(found: Identification) -> dict[str, Any]:
+    """Return JSON of the check, and the part of the covariance of base parameters that comes from errors of scale."""
+    scales = None
+    if found.scales is not None:
+        causes = {name: asdict(cause) for name, cause in found.scales.causes.items()}
+        scales = {"suspects": list(found.scales.suspects), "causes": causes}
+    covariance = None if found.calibration is None else found.calibration.covariance.tolist()
+    return {"scales": scales, "calibration_covariance": covariance}
 
 
-def calibration_facts(found: Identification) -> list[list[float]] | None:
-    """Return the part of the base parameters' covariance that the same instruments have in common."""
-    return None if found.calibration is None else found.calibration.covariance.tolist()
-
-
-def scale_reasons(found: Identification, given: float | None) -> tuple[Reason, ...]:
-    """Return the cautions of the check, and a note if no mass is given that could show the plate's gain."""
+def explain_scales(found: Identification, given: float | None) -> tuple[Reason, ...]:
+    """Return the cautions of the check, and a note if the user has not given the mass (``given``, kg)."""
     scales = found.scales
     if scales is None:
         return ()
@@ -118,60 +115,60 @@ def scale_reasons(found: Identification, given: float | None) -> tuple[Reason, .
     if not scales.suspects:
         return trust
     first = scales.causes[scales.suspects[0]]
-    named = len(scales.suspects) == 1
-    if named:
-        text = f"{_sentence(scales.suspects[0], first)}. {_CHECK[scales.suspects[0]]}"
+    certain = len(scales.suspects) == 1
+    if certain:
+        text = f"{_describe_cause(scales.suspects[0], first)}. {_CHECK[scales.suspects[0]]}"
     else:
-        either = "; or ".join(_sentence(name, scales.causes[name]) for name in scales.suspects[:3])
-        text = f"the data do not show which of these is wrong: {either}. Check them in this order"
+        either = "; or ".join(_describe_cause(name, scales.causes[name]) for name in scales.suspects[:3])
+        text = f"the data do not determine which of these is wrong: {either}. Check them in this order"
     text += ". The standard deviations of the parameters contain an error of this size"
     value, limit = first.value, first.limit
-    return (*trust, Reason("scale-error" if named else "scales-contradict", text, value=value, limit=limit))
+    return (*trust, Reason("scale-error" if certain else "scales-contradict", text, value=value, limit=limit))
 
 
 _ON_TRUST = Reason(
     "scale-on-trust",
-    "no mass of the person is given, so nothing in the recording shows an error of the plate's gain that is common to "
-    "all channels: the scale of forces, torques and parameters is assumed to be right, to within "
-    "`identify-dim: {plate_gain_sd: …}`. Give `subject: {mass: …}` from a scale to check it",
+    "the mass of the person is not given, so the gain of all channels of the plate cannot be checked: the scale of "
+    "forces, torques and parameters is assumed to be right, with the standard deviation `identify-dim: {plate_gain_sd: "
+    "…}`. Weigh the person and give `subject: {mass: …}` to check it",
     level="ok",
 )
 
 
-def _sentence(name: str, cause: ScaleCause) -> str:
-    """Return what is wrong, and by how much, if this cause is the only one."""
+def _describe_cause(name: str, cause: ScaleCause) -> str:
+    """Return a text with the error and its size, if this cause is the only one."""
     value, sd = cause.value, cause.sd
     if name == "inertia":
         factor = max(1.0 + value, 0.05)
         rate = 100 * (factor**-0.5 - 1.0)
         return (
-            f"the frame rate in the file is {_much(rate)} (inertial forces are {factor:.2f} ± {sd:.2f} times what the "
-            "accelerations give)"
+            f"the frame rate in the file is {_describe_size(rate)} (inertial forces are {factor:.2f} ± {sd:.2f} times "
+            "those computed from the accelerations)"
         )
-    percent = f"{_much(100 * value)} (± {100 * sd:.1f} %)"
+    percent = f"{_describe_size(100 * value)} (± {100 * sd:.1f} %)"
     sentences = {
         "moments": f"the plate's moments are {percent}",
         "vertical gain": f"the gain of the plate's vertical force is {percent}",
         "vertical force": f"the plate's vertical force has a constant error of {value:+.0f} ± {sd:.0f} N",
-        "position": f"the plate is {1e3 * abs(value):.0f} ± {1e3 * sd:.0f} mm away from its place in the file",
+        "position": f"the plate is {1e3 * abs(value):.0f} ± {1e3 * sd:.0f} mm away from its position in the file",
         "lengths": f"distances between markers are {percent}",
-        "tilt": f"the cameras' frame is tilted by {np.degrees(value):.1f}° ± {np.degrees(sd):.1f}° against gravity",
+        "tilt": f"the cameras' axes are tilted by {np.degrees(value):.1f}° ± {np.degrees(sd):.1f}° against gravity",
         "gain": f"all components of the plate's wrench are {percent}",
     }
     return sentences[name]
 
 
-def _much(percent: float) -> str:
+def _describe_size(percent: float) -> str:
     return f"{abs(percent):.0f} % too {'large' if percent > 0 else 'small'}"
 
 
 _CHECK = {
-    "inertia": "Compare the rates in the file (`POINT:RATE`, `ANALOG:RATE`) with those of the recording system",
+    "inertia": "Compare the rates in the file (`POINT:RATE`, `ANALOG:RATE`) with the rates of the recording system",
     "moments": "Check the calibration matrix of the plate and the units of its moments",
     "vertical gain": "Check the calibration matrix and the amplifier of the plate's vertical channels",
-    "vertical force": "Zero the plate without load before the trial, and check what else stands on it",
+    "vertical force": "Zero the plate without load before the trial, and check that no other object is on it",
     "position": "Measure the corners of the plate again",
     "lengths": "Calibrate the cameras again, and check the length of the wand in their software",
-    "tilt": "Set the cameras' frame again with its axis vertical",
+    "tilt": "Set the origin and axes of the cameras again with a vertical axis",
     "gain": "Compare the plate with a known weight, and check `subject: {mass: …}`",
 }

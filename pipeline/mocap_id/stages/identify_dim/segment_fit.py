@@ -1,4 +1,4 @@
-"""Identification with measured poses: cut-offs, prior, parameters of the bodies and of the chain."""
+"""Identification with measured poses: cut-offs, prior, and parameters of the bodies and of the chain."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from mocap_id.protocols.movement import Movement
 from mocap_id.protocols.reference_body import ReferenceBody
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import validation
-from mocap_id.stages.identify_dim.joint_places import centre_covariance, place_sd
+from mocap_id.stages.identify_dim.joint_positions import compute_centre_covariance, compute_position_sd
 from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, make_body_prior, prepare_bodies
 from mocap_id.stages.identify_dim.model_selection import RepetitionPredictor
 from mocap_id.stages.identify_dim.reference_bodies import ReferenceBodies
@@ -37,33 +37,38 @@ _CORRELATED = 0.12  # s, correlation time of residuals with measured poses
 
 @dataclass(frozen=True)
 class SegmentFit:
-    """A trial identified with the measured poses of its bodies.
+    """Identification of a trial with the measured poses of its bodies.
 
     Parameters
     ----------
     bodies : MeasuredBodies
+        Bodies with their poses.
     prepared : PreparedTrial
-        With the motion of the bodies.
+        Trial with the motion of the bodies.
     found : Identification
-        Full parameters of the bodies.
+        Identification of the full parameters of the bodies.
     in_chain : Identification
-        Base and full parameters of the chain that follow from those of the bodies.
+        Base and full parameters of the chain, computed from the bodies' parameters.
     prior : BodyPrior
+        Prior of the bodies' parameters.
     cutoffs : ChosenCutoffs
+        Cut-offs of the poses.
     references : ReferenceBodies
-        Reference bodies, as parameters of these bodies.
+        Reference bodies, with parameters of these bodies.
     chain_reference : (4(n + 1),) array
-        The chosen reference body on the chain.
+        Parameters of the chosen reference body with the chain.
     prior_share : (b,) array
         Share of the precision of each base parameter that comes from the prior, 0 … 1.
     chain_map : ChainMap
-        From parameters of the bodies to those of the chain.
+        Map from parameters of the bodies to parameters of the chain.
     grid : PointGrid
+        Point masses of the bodies.
     validation : Validation
+        Predictions of left-out repetitions.
     centre_sd : (n,) array
         Standard deviation of each joint centre in one direction, relative to the markers around it, m.
     effect : PoseEffect
-        Effect of errors of the poses that repeat with the movement.
+        Effect of errors of the poses that are the same in every repetition.
     """
 
     bodies: MeasuredBodies
@@ -82,7 +87,7 @@ class SegmentFit:
     effect: PoseEffect
 
     def noise(self) -> PredictionNoise:
-        """Return the errors of a prediction other than those of the parameters."""
+        """Return the errors of a prediction without the errors of the parameters."""
         left_out, found = self.validation.held_out, self.found
         if left_out is not None:
             residual = np.where(left_out.samples[:, None], left_out.measured - left_out.wrench, np.nan)
@@ -106,9 +111,9 @@ class SegmentFit:
         return self._on_fit(self.prepared.filtered @ parameters)
 
     @property
-    def filtered_measured(self) -> FloatArray:
+    def filter_measured(self) -> FloatArray:
         """Filtered measured wrench (T, 3) without the plate's bias; NaN outside the fit."""
-        return filtered_measured(self.prepared, self.found)
+        return filter_measured(self.prepared, self.found)
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -139,32 +144,32 @@ def fit_segments(
 
     Parameters
     ----------
-    context : Context
     body_sets : sequence of MeasuredBodies
-        Ways to divide the person; the one that predicts left-out repetitions best is used.
+        Divisions of the person; the division that predicts left-out repetitions best is used.
     prepared : PreparedTrial
-        On the pinned chain.
-    movement : Movement
+        Trial on the pinned chain.
     pinned : Identification
         Identification with the pinned chain.
     tables : ReferenceBodies
-        Reference bodies on the chain.
+        Reference bodies with the chain.
     """
     settings, recorded, reference = context.settings, prepared.recorded, tables.chosen.parameters
     mass = float(pinned.full[::4].sum()) if tables.chosen.mass is None else tables.chosen.mass
-    bodies, prior, cutoffs = _best_bodies(body_sets, prepared, movement, tables.chosen, mass)
+    bodies, prior, cutoffs = _choose_bodies(body_sets, prepared, movement, tables.chosen, mass)
     ready = prepare_bodies(bodies, recorded, prepared.settings, prior, cutoffs.bands)
     found = _identify_bodies(context, ready, movement, prior, grid := bodies.grid(settings.grid))
     effect = propagate_pose_errors(
-        ready, found.fit, found.base, PoseErrors(bodies.poses, _sliding(context, bodies), cutoffs.bands)
+        ready, found.fit, found.base, PoseErrors(bodies.poses, _describe_skin(context, bodies), cutoffs.bands)
     )
-    found, angles = _with_effect(found, effect), recorded.q[found.fit.in_fit]
+    found, angles = _add_effect(found, effect), recorded.q[found.fit.in_fit]
     usual = compute_reference_sd(reference, settings.reference_sd)
     chain_map = map_to_chain(bodies.poses, recorded.q, found.fit.in_fit, reference, usual)
     plain = prepare_bodies(bodies, recorded, prepared.settings, prior, _UNSMOOTHED)
     on_chain = (prepared.base, chain_map)
     found = check_and_calibrate(context, ready, movement, found, reference, chain=on_chain, unsmoothed=plain)
-    in_chain, share = _in_chain(prepared, pinned, found, chain_map, centre_covariance(context, bodies, angles))
+    in_chain, share = _convert_to_chain(
+        prepared, pinned, found, chain_map, compute_centre_covariance(context, bodies, angles)
+    )
     return SegmentFit(
         bodies=bodies,
         prepared=ready,
@@ -172,13 +177,15 @@ def fit_segments(
         in_chain=in_chain,
         prior=prior,
         cutoffs=cutoffs,
-        references=_of_bodies(tables, lambda table: make_body_prior(bodies, recorded.q, movement, table, mass).mean),
+        references=_convert_references(
+            tables, lambda table: make_body_prior(bodies, recorded.q, movement, table, mass).mean
+        ),
         chain_reference=reference,
         prior_share=share,
         chain_map=chain_map,
         grid=grid,
         validation=validation.validate(ready, movement, found, np.zeros((len(recorded.time), 3))),
-        centre_sd=place_sd(context, bodies, angles),
+        centre_sd=compute_position_sd(context, bodies, angles),
         effect=effect,
     )
 
@@ -186,7 +193,7 @@ def fit_segments(
 def _identify_bodies(
     context: Context, ready: PreparedTrial, movement: Movement, prior: BodyPrior, grid: PointGrid
 ) -> Identification:
-    """Identify the bodies; errors of the poses are added later."""
+    """Identify the bodies without errors of the poses."""
     return identify(
         ready,
         movement.free,
@@ -198,27 +205,29 @@ def _identify_bodies(
     )
 
 
-def _of_bodies(tables: ReferenceBodies, mean: Callable[[ReferenceBody], FloatArray]) -> ReferenceBodies:
-    """Return the reference bodies with parameters of the measured bodies; NaN if none applies."""
+def _convert_references(tables: ReferenceBodies, mean: Callable[[ReferenceBody], FloatArray]) -> ReferenceBodies:
+    """Return the reference bodies with parameters of the measured bodies; NaN without a reference body."""
     every = tuple(replace(each, parameters=mean(each)) for each in tables.every)
     chosen = mean(tables.chosen)
     known = np.isfinite(tables.chosen.parameters).all()
     return ReferenceBodies(replace(tables.chosen, parameters=np.where(known, chosen, np.nan)), every)
 
 
-def _best_bodies(
+def _choose_bodies(
     body_sets: Sequence[MeasuredBodies], prepared: PreparedTrial, movement: Movement, table: ReferenceBody, mass: float
 ) -> tuple[MeasuredBodies, BodyPrior, ChosenCutoffs]:
-    """Return the bodies that predict left-out repetitions best at the usual cut-offs, their prior and cut-offs."""
+    """Return the bodies that predict left-out repetitions best at the usual cut-offs, their prior and best cut-offs."""
     candidates = []
     for bodies in body_sets:
         prior = make_body_prior(bodies, prepared.recorded.q, movement, table, mass)
         candidates.append((bodies, prior, RepetitionPredictor(prepared, movement, bodies, prior)))
-    bodies, prior, predictor = min(reversed(candidates), key=lambda each: score_left_out(each[2].on_poses(USUAL)))
-    return bodies, prior, choose_cutoffs(predictor.on_poses)
+    bodies, prior, predictor = min(
+        reversed(candidates), key=lambda each: score_left_out(each[2].predict_on_poses(USUAL))
+    )
+    return bodies, prior, choose_cutoffs(predictor.predict_on_poses)
 
 
-def filtered_measured(prepared: PreparedTrial, found: Identification) -> FloatArray:
+def filter_measured(prepared: PreparedTrial, found: Identification) -> FloatArray:
     """Return the filtered measured wrench (T, 3) without the plate's bias; NaN outside the fit."""
     used = np.flatnonzero(found.fit.in_fit)
     out = np.full((len(prepared.recorded.time), 3), np.nan)
@@ -227,15 +236,15 @@ def filtered_measured(prepared: PreparedTrial, found: Identification) -> FloatAr
     return out
 
 
-def _with_effect(found: Identification, effect: PoseEffect) -> Identification:
+def _add_effect(found: Identification, effect: PoseEffect) -> Identification:
     """Return the identification with the effect of pose errors added to its covariance."""
     own = slice(found.fit.base)
     covariance = found.covariance + effect.parameters[own] @ effect.parameters[own].T
     return replace(found, covariance=covariance, base_sd=np.sqrt(np.diag(covariance)))
 
 
-def _sliding(context: Context, bodies: MeasuredBodies) -> tuple[SlidingBody, ...]:
-    """Return the skin motion of each body's markers; from their residual for markers on no moving segment."""
+def _describe_skin(context: Context, bodies: MeasuredBodies) -> tuple[SlidingBody, ...]:
+    """Return the skin motion of each body; for markers on no moving segment, it is estimated from their residual."""
     skin = context.tree("skin.h5")
     size = dict(zip(skin.texts("markers/name"), skin.numbers("markers/variance"), strict=True))
     joints = len(bodies.poses.centres)
@@ -249,10 +258,10 @@ def _sliding(context: Context, bodies: MeasuredBodies) -> tuple[SlidingBody, ...
     return tuple(found)
 
 
-def _in_chain(
+def _convert_to_chain(
     prepared: PreparedTrial, pinned: Identification, found: Identification, chain_map: ChainMap, centres: FloatArray
 ) -> tuple[Identification, FloatArray]:
-    """Return base and full parameters of the chain from the bodies', and the prior's share of each base parameter."""
+    """Return the parameters of the chain, computed from the bodies, and the prior's share of each base parameter."""
     own, recorded = slice(found.fit.base), prepared.recorded
     covariance = propagate_to_base(chain_map, prepared.base, found.covariance)
     residual = propagate_to_base(chain_map, prepared.base, found.residual_covariance)

@@ -1,4 +1,4 @@
-"""Events of the repetitions, and details of a sit-to-stand: events.parquet."""
+"""events.parquet of a trial in the plane: events of the repetitions, and details of a sit-to-stand."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ from mocap_id.store import Column, Table
 from mocap_id.store.schemas import EVENTS, RISE
 
 
-def sit_to_stand_events(
+def make_sit_to_stand_events(
     plates: Table,
     recorded: TrialData,
     movement: Movement,
@@ -60,11 +60,11 @@ def sit_to_stand_events(
     weight = float("nan") if contact is None else contact.weight
     vertical = recorded.wrench[:, 1] / weight
     attempts = find_failed_attempts(recorded.time, posture, vertical, repetitions, chair=chair)
-    shared = _shared(plates, recorded, posture, movement)
+    shared = _share_load(plates, recorded, posture, movement)
     rises = tuple(
         replace(
-            _rise(k, recorded.time, movement, vertical, share),
-            attempts=_attempts_before(k, repetitions, attempts),
+            _describe_rise(k, recorded.time, movement, vertical, share),
+            attempts=_count_attempts_before(k, repetitions, attempts),
             left_seated=float(shared.phases["seated"][k]),
             left_rising=float(shared.phases["rising"][k]),
             left_standing=float(shared.phases["standing"][k]),
@@ -83,22 +83,22 @@ def sit_to_stand_events(
             for each, rise in zip(repetitions, rises, strict=True)
         )
     facts = {
-        "five_times": _timed(compute_five_times(repetitions, rises, chair=chair)),
-        "attempts": [_attempt(attempt) for attempt in attempts],
-        "load_share": _load_facts(shared),
+        "five_times": _describe_five_times(compute_five_times(repetitions, rises, chair=chair)),
+        "attempts": [_describe_attempt(attempt) for attempt in attempts],
+        "load_share": _describe_load_share(shared),
     }
     reasons = explain_repetitions(repetitions, rises, attempts, posture)
-    return Table(EVENTS, _columns(repetitions, rises), facts, reasons)
+    return Table(EVENTS, _make_columns(repetitions, rises), facts, reasons)
 
 
-def _attempts_before(k: int, repetitions: Sequence[Repetition], attempts: Sequence[Attempt]) -> int:
-    """Return the number of failed attempts between the previous stand and that of repetition ``k``."""
+def _count_attempts_before(k: int, repetitions: Sequence[Repetition], attempts: Sequence[Attempt]) -> int:
+    """Return the number of failed attempts between the stand of the previous repetition and the stand of ``k``."""
     since = repetitions[k - 1].stand if k else -np.inf
     return sum(since < attempt.time < repetitions[k].stand for attempt in attempts)
 
 
-def _rise(k: int, time: FloatArray, movement: Movement, vertical: FloatArray, share: float) -> RiseDetails:
-    """Return details of repetition ``k`` from posture, contact and vertical force as a share of the weight."""
+def _describe_rise(k: int, time: FloatArray, movement: Movement, vertical: FloatArray, share: float) -> RiseDetails:
+    """Return the details of repetition ``k``; ``vertical`` (T,) is the vertical force as a share of the weight."""
     assert movement.posture is not None
     each, contact = movement.repetitions[k], movement.contact
     chair = contact is not None and contact.chair is True
@@ -110,27 +110,28 @@ def _rise(k: int, time: FloatArray, movement: Movement, vertical: FloatArray, sh
     )
 
 
-def events_table(repetitions: Sequence[Repetition]) -> Table:
-    """Return events.parquet of any other movement, one row for each repetition."""
-    return Table(EVENTS, _as_columns([asdict(each) for each in repetitions], EVENTS.columns))
+def make_events(repetitions: Sequence[Repetition]) -> Table:
+    """Return events.parquet of a movement other than sit-to-stand, one row for each repetition."""
+    return Table(EVENTS, _stack_rows([asdict(each) for each in repetitions], EVENTS.columns))
 
 
-def _columns(repetitions: Sequence[Repetition], rises: Sequence[RiseDetails]) -> dict[str, Any]:
+def _make_columns(repetitions: Sequence[Repetition], rises: Sequence[RiseDetails]) -> dict[str, Any]:
     rows = [{**asdict(add_remarks(each, rise)), **asdict(rise)} for each, rise in zip(repetitions, rises, strict=True)]
-    return _as_columns(rows, (*EVENTS.columns, *RISE))
+    return _stack_rows(rows, (*EVENTS.columns, *RISE))
 
 
-def _as_columns(rows: Sequence[Mapping[str, Any]], columns: Sequence[Column]) -> dict[str, Any]:
+def _stack_rows(rows: Sequence[Mapping[str, Any]], columns: Sequence[Column]) -> dict[str, Any]:
     kinds = [object if column.dtype == "str" else column.dtype for column in columns]
     names = [column.name for column in columns]
     return {name: np.array([row[name] for row in rows], dtype=kind) for name, kind in zip(names, kinds, strict=True)}
 
 
-def missing_force(prepared: PreparedTrial | None, columns: Mapping[str, FloatArray]) -> tuple[FloatArray, ...]:
-    """Return the vertical force that a body model expects from the ground minus the measured force, (T,) N.
+def compute_missing_force(prepared: PreparedTrial | None, columns: Mapping[str, FloatArray]) -> tuple[FloatArray, ...]:
+    """Return the vertical ground force predicted by a body model minus the measured force, (T,) N.
 
-    The model is the allometric body or, without one, the identified model. There is one array with the estimated clock
-    offset and one without it, because a wrong offset would look like a missing force. Empty without a plate or model.
+    The model is the reference body or, without one, the identified model. There is one array with the estimated clock
+    offset and one without it, because a wrong offset looks like a missing force. The result is empty without a plate
+    or a model.
     """
     if prepared is None:
         return ()
@@ -142,7 +143,7 @@ def missing_force(prepared: PreparedTrial | None, columns: Mapping[str, FloatArr
     return ()
 
 
-def _shared(plates: Table, recorded: TrialData, posture: Posture, movement: Movement) -> LoadShare:
+def _share_load(plates: Table, recorded: TrialData, posture: Posture, movement: Movement) -> LoadShare:
     nothing = {phase: np.full(len(movement.repetitions), np.nan) for phase in PHASES}
     feet = [plate for plate in plates.facts.get("plates") or () if plate.get("use") == "feet"]
     across = [(int(plate["index"]), _number(plate.get("across_m"))) for plate in feet]
@@ -157,17 +158,17 @@ def _number(value: object) -> float:
     return float(value) if isinstance(value, (int, float)) else float("nan")
 
 
-def _load_facts(shared: LoadShare) -> dict[str, Any]:
-    """Return JSON of the load share: means and standard deviations over the repetitions."""
+def _describe_load_share(shared: LoadShare) -> dict[str, Any]:
+    """Return JSON about the load share: means and standard deviations over the repetitions."""
     return {
         "left_plate": shared.left_plate,
         "right_plate": shared.right_plate,
-        "left": {phase: _over(shared.phases[phase]) for phase in PHASES},
+        "left": {phase: _average(shared.phases[phase]) for phase in PHASES},
         "why": shared.why,
     }
 
 
-def _over(values: Sequence[float] | FloatArray) -> dict[str, float | None]:
+def _average(values: Sequence[float] | FloatArray) -> dict[str, float | None]:
     known = np.asarray(values, dtype=np.float64)
     known = known[np.isfinite(known)]
     return {
@@ -176,7 +177,7 @@ def _over(values: Sequence[float] | FloatArray) -> dict[str, float | None]:
     }
 
 
-def _timed(found: FiveTimes) -> dict[str, Any]:
+def _describe_five_times(found: FiveTimes) -> dict[str, Any]:
     return {
         "asked": REQUIRED_RISES,
         "repetitions": found.repetitions,
@@ -194,6 +195,6 @@ def _timed(found: FiveTimes) -> dict[str, Any]:
     }
 
 
-def _attempt(attempt: Attempt) -> dict[str, float | None]:
+def _describe_attempt(attempt: Attempt) -> dict[str, float | None]:
     unloaded = attempt.unloaded if np.isfinite(attempt.unloaded) else None
     return {"time_s": attempt.time, "height": attempt.height, "unloaded": unloaded}

@@ -15,14 +15,14 @@ from mocap_id.dynamics.space.identification import SpatialIdentification
 from mocap_id.dynamics.space.prediction import SpatialPrediction
 from mocap_id.dynamics.space.trial import COMPONENTS, SpatialTrial
 from mocap_id.geometry.spatial_chain import SpatialChain
-from mocap_id.stages.identify_dim.dynamics_artefacts import empty_facts
+from mocap_id.stages.identify_dim.dynamics_artefacts import describe_solver, make_empty_facts
 from mocap_id.store import Table
 from mocap_id.store.schemas import PHASES
 
 _PLANAR = [COMPONENTS.index(name) for name in ("Fx", "Fy", "tauz")]
 
 
-def columns(
+def make_columns(
     time: FloatArray,
     *,
     measured: FloatArray,
@@ -38,14 +38,15 @@ def columns(
     Parameters
     ----------
     time : (T,) array
-        s.
+        Sample times, s.
     measured, model, model_sd : (T, 6) arrays
-        Wrench of the ground about the origin of the trial's frame, N and N·m.
+        Wrench of the ground about the origin of the trial's axes, N and N·m.
     torque, torque_sd : (T, N) arrays
         Torque of each joint coordinate, N·m.
     in_fit : (T,) bool array
+        Samples of the fit.
     threshold : float
-        Vertical force up to which there is no centre of pressure, N.
+        Largest vertical force without a centre of pressure, N.
     """
     absent = np.full(len(time), np.nan)
     found: dict[str, Any] = {"time": time}
@@ -63,10 +64,10 @@ def columns(
     return found | {"in_fit": in_fit}
 
 
-def data(trial: SpatialTrial, found: SpatialIdentification, excited: Excitation) -> dict[str, dict[str, Any]]:
-    """Return the nodes of dynamics.h5."""
+def make_data(trial: SpatialTrial, found: SpatialIdentification, excited: Excitation) -> dict[str, dict[str, Any]]:
+    """Return the datasets of dynamics.h5."""
     structure = trial.structure
-    return _nodes(found.full, len(found.base)) | {
+    return _make_groups(found.full, len(found.base)) | {
         "base": {
             "name": np.array(structure.names, dtype=object),
             "value": found.base,
@@ -83,14 +84,14 @@ def data(trial: SpatialTrial, found: SpatialIdentification, excited: Excitation)
     }
 
 
-def empty_data(segments: int, mass: float | None) -> dict[str, dict[str, Any]]:
-    """Return the nodes of dynamics.h5 in which at most the mass is known."""
+def make_empty_data(segments: int, mass: float | None) -> dict[str, dict[str, Any]]:
+    """Return the datasets of dynamics.h5 of a trial without an identification; ``mass``, kg, is None if unknown."""
     value = np.array([np.nan if mass is None else mass])
     absent = np.full(1, np.nan)
     full = np.full(10 * segments, np.nan)
     regrouping = np.zeros((1, 10 * segments))
     regrouping[0, ::10] = 1.0
-    return _nodes(full, 1) | {
+    return _make_groups(full, 1) | {
         "base": {
             "name": np.array(["+".join(name_parameters(segments)[::10])], dtype=object),
             "value": value,
@@ -107,8 +108,8 @@ def empty_data(segments: int, mass: float | None) -> dict[str, dict[str, Any]]:
     }
 
 
-def _nodes(full: FloatArray, base: int) -> dict[str, dict[str, Any]]:
-    """Return the nodes beside the base parameters; there is no reference body, and no grid."""
+def _make_groups(full: FloatArray, base: int) -> dict[str, dict[str, Any]]:
+    """Return the groups of dynamics.h5 without the group ``base``; there is no reference body and no grid."""
     absent = np.full(len(full), np.nan)
     return {
         "full": {
@@ -122,11 +123,11 @@ def _nodes(full: FloatArray, base: int) -> dict[str, dict[str, Any]]:
     }
 
 
-def facts(
+def make_facts(
     trial: SpatialTrial, found: SpatialIdentification, model: SpatialPrediction, threshold: float
 ) -> dict[str, Any]:
-    """Return facts about the fit over its samples."""
-    fit, answer = found.fit, found.solution.answer
+    """Return the facts of dynamics.h5 about an identification."""
+    fit = found.fit
     compared = {
         name: agreement(model.wrench[:, k], model.measured[:, k], fit.in_fit) for k, name in enumerate(COMPONENTS)
     }
@@ -136,7 +137,7 @@ def facts(
         fit.in_fit,
     )
     bias = {COMPONENTS[k]: float(value) for k, value in zip(trial.constants, found.plate_bias, strict=True)}
-    return empty_facts_in_space(trial.recorded.chain, None) | {
+    return make_empty_facts_in_space(trial.recorded.chain, None) | {
         "condition_number": fit.condition,
         "condition_number_scaled": fit.condition_scaled,
         "clock_offset_s": fit.best_offset if fit.offset_known else None,
@@ -145,16 +146,7 @@ def facts(
         "cop_rms_m": None if cop is None else float(np.hypot(cop.bias, cop.sd)),
         "samples": int(fit.in_fit.sum()),
         "consistency": "cone",
-        "solver": {
-            "name": answer.solver,
-            "status": answer.status,
-            "iterations": answer.iterations or None,
-            "kkt": answer.optimality.excess,
-            "proven": answer.optimality.proven,
-            **asdict(answer.optimality),
-            "asked": "cone",
-            "price_of_consistency": found.solution.price,
-        },
+        "solver": describe_solver(found.solution, "cone"),
         "reference_pulls": False,
         "cutoff_hz": trial.lowpass.cutoff,
         "plate_bias": bias,
@@ -166,30 +158,26 @@ def facts(
     }
 
 
-def empty_facts_in_space(chain: SpatialChain, why: str | None) -> dict[str, Any]:
-    """Return the facts of dynamics.h5 without an identification, and why there is none.
+def make_empty_facts_in_space(chain: SpatialChain, why: str | None) -> dict[str, Any]:
+    """Return the facts of dynamics.h5 without an identification; ``why`` is the reason for this.
 
-    ``torques`` names the joint and the direction of each column ``tau_k``.
+    ``torques`` are the joint, from 1, and the direction of each column ``tau_k``.
     """
-    motion = {"source": "chain", "why": "the joints of a chain in space hold"}
-    return empty_facts(why) | {"motion": motion, "rivals": {}, "torques": torque_directions(chain)}
-
-
-def torque_directions(chain: SpatialChain) -> list[dict[str, Any]]:
-    """Return for each column ``tau_k`` its joint, from 1, and the direction about which it acts."""
     words = {
         "hinge": ("axis",),
         "two-axis": ("first axis", "second axis"),
         "ball": ("x of the parent", "y of the parent", "z of the parent"),
     }
     every = [(k, word) for k, joint in enumerate(chain.joints, start=1) for word in words[joint.kind]]
-    return [{"column": f"tau_{number}", "joint": joint, "about": word} for number, (joint, word) in enumerate(every, 1)]
+    torques = [{"column": f"tau_{k}", "joint": joint, "about": word} for k, (joint, word) in enumerate(every, 1)]
+    motion = {"source": "chain", "why": "the joints of a chain in space hold"}
+    return make_empty_facts(why) | {"motion": motion, "rivals": {}, "torques": torques}
 
 
-def no_averages() -> Table:
+def make_no_averages() -> Table:
     """Return phases.parquet without rows."""
     empty = np.zeros(0)
     names = np.zeros(0, dtype=object)
     values = {"span": names, "percent": empty, "quantity": names, "unit": names, "mean": empty, "sd": empty}
-    why = "a trial in space has no repetitions of a protocol here"
+    why = "the repetitions of a trial in space are not averaged"
     return Table(PHASES, values | {"count": empty}, {"repetitions": {}, "compared": [], "why": why})

@@ -1,4 +1,4 @@
-"""Inputs of the identification in space: chain, motion of the segments, base at rest, wrench of six components."""
+"""Inputs of the identification in space: chain, motion of the segments, base at rest, wrench with six components."""
 
 from __future__ import annotations
 
@@ -14,81 +14,71 @@ from mocap_id.dynamics.preparation import FitSettings
 from mocap_id.dynamics.sample_choice import LEAST_SECONDS, select_samples
 from mocap_id.dynamics.space.calibration import SpatialCalibration
 from mocap_id.dynamics.space.trial import COMPONENTS, SpatialRecord, SpatialTrial, prepare
-from mocap_id.errors import StoreError
 from mocap_id.geometry import se3, so3
 from mocap_id.geometry.spatial_chain import SpatialChain
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import IdentifyDimSettings
 from mocap_id.stages.identify_dim.identifiability import NotIdentifiable
+from mocap_id.stages.identify_dim.trial_data import read_common_time
 from mocap_id.store import Table
 from mocap_id.store.spatial_views import SpatialSkeleton
 
-_AT_REST = 5e-3, np.radians(1.0)  # m and rad: largest motion of a base at rest, 95 % of the frames
-_PLATE_WIDTH = 0.5  # m: an error of a corner's place turns the plate by twice this error over its width
+_AT_REST = 5e-3, np.radians(1.0)  # m and rad: largest motion of a base at rest, in 95 % of the frames
+_PLATE_WIDTH = 0.5  # m: an error of a corner's position rotates the plate by twice this error divided by its width
 _POSITION_SD = 0.005  # m: default standard deviation of the plate's position
 _PERSON, _OF_PERSONS = "thorax", ("reach", "curl")
 
 
 @dataclass(frozen=True)
 class SpatialInputs:
-    """What the identification of a trial in space reads.
+    """Inputs of the identification of a trial in space.
 
     Parameters
     ----------
     time : (T,) array
-        s.
+        Sample times, s.
     chain : SpatialChain
-    segments, joints : tuples of str
-        Names of the segments, base first, and of the joints.
+        Chain of the trial.
+    segments : tuple of str
+        Names of the segments, base first.
     wrench : (T, 6) array
-        Measured wrench of the ground about the origin of the trial's frame; NaN where unknown or not measured.
+        Measured wrench of the ground about the origin of the trial's axes, N and N·m; NaN where unknown.
     trial : SpatialTrial or None
-        The prepared trial; None if there is an obstacle.
+        Prepared trial; None if there is an obstacle without one.
     obstacle : NotIdentifiable or None
+        Reason why nothing can be identified; None if there is none.
     """
 
     time: FloatArray
     chain: SpatialChain
     segments: tuple[str, ...]
-    joints: tuple[str, ...]
     wrench: FloatArray
     trial: SpatialTrial | None = None
     obstacle: NotIdentifiable | None = None
 
 
 def read_spatial_inputs(context: Context) -> SpatialInputs:
-    """Read the artefacts of a trial in space and prepare it; the result also says why nothing can be identified, if so.
-
-    Raises
-    ------
-    StoreError
-        Poses and wrench have different times.
-    """
+    """Read and prepare a trial in space; StoreError if poses and wrench have different times."""
     settings: IdentifyDimSettings = context.settings
     poses, wrench = context.table("poses.parquet"), context.table("wrench.parquet")
-    time = poses["time"]
-    if len(time) != wrench.length or not np.allclose(time, wrench["time"], atol=1e-6):
-        raise StoreError(
-            f"trial {context.trial.trial}, identify-dim: poses.parquet has {len(time)} samples and wrench.parquet "
-            f"{wrench.length}, expected the same times; run the trial again from planarise"
-        )
+    time = read_common_time(context, "poses.parquet")
     skeleton = SpatialSkeleton.from_tree(context.tree("chain.h5"))
-    inputs = SpatialInputs(time, skeleton.chain, skeleton.segments, skeleton.joints, _wrench(wrench))
-    obstacle = _without_plate(context, inputs) or _not_carried(context, inputs)
+    inputs = SpatialInputs(time, skeleton.chain, skeleton.segments, _read_wrench(wrench))
+    obstacle = _check_wrench(context, inputs) or _check_base(context, inputs)
     if obstacle is not None:
         return replace(inputs, obstacle=obstacle)
-    base = _base_at_rest(poses, inputs)
+    base = _find_base_at_rest(poses, inputs)
     if isinstance(base, NotIdentifiable):
         return replace(inputs, obstacle=base)
     centre = wrench.facts.get("centre_m")
-    record = replace(_record(poses, inputs, base), plate=None if centre is None else np.array(centre))
+    record = replace(_make_record(poses, inputs, base), plate=None if centre is None else np.array(centre))
     width = recording.compute_averaging_width(wrench.facts["analog_rate_hz"], record.rate)
-    trial = prepare(replace(record, averaged=width), _fit_settings(settings))
-    return replace(inputs, trial=trial, obstacle=_not_excited(settings, trial))
+    trial = prepare(replace(record, averaged=width), _make_fit_settings(settings))
+    return replace(inputs, trial=trial, obstacle=_check_excitation(settings, trial))
 
 
-def calibration(settings: IdentifyDimSettings) -> SpatialCalibration:
-    """Return the standard deviations of the instruments' errors from the settings of the stage."""
+def read_calibration(settings: IdentifyDimSettings) -> SpatialCalibration:
+    """Return the standard deviations of the errors of scale of plate and cameras, from the settings."""
     position = _POSITION_SD if settings.plate_position_sd_m is None else settings.plate_position_sd_m
     return SpatialCalibration(
         gain=settings.plate_gain_sd,
@@ -102,7 +92,7 @@ def calibration(settings: IdentifyDimSettings) -> SpatialCalibration:
     )
 
 
-def _fit_settings(settings: IdentifyDimSettings) -> FitSettings:
+def _make_fit_settings(settings: IdentifyDimSettings) -> FitSettings:
     return FitSettings(
         components=tuple(range(len(COMPONENTS))),
         cutoff=settings.cutoff_hz,
@@ -114,59 +104,59 @@ def _fit_settings(settings: IdentifyDimSettings) -> FitSettings:
     )
 
 
-def _wrench(table: Table) -> FloatArray:
-    """Return the six components (T, 6); NaN where the plate is not valid."""
+def _read_wrench(table: Table) -> FloatArray:
+    """Return the six components of the wrench of the ground (T, 6); NaN where the plate is not valid."""
     if not set(COMPONENTS) <= set(table.names):
         return np.full((table.length, len(COMPONENTS)), np.nan)
     return np.where(table["plate_ok"][:, None], table.stack(COMPONENTS), np.nan)
 
 
-def _without_plate(context: Context, inputs: SpatialInputs) -> NotIdentifiable | None:
+def _check_wrench(context: Context, inputs: SpatialInputs) -> NotIdentifiable | None:
     if known(inputs.wrench).any():
         return None
     why = context.table("wrench.parquet").facts.get("why") or "the recording has no usable force plate"
     return NotIdentifiable("no-wrench", f"the inertial parameters need the ground's wrench: {why}")
 
 
-def _not_carried(context: Context, inputs: SpatialInputs) -> NotIdentifiable | None:
-    """Return why the base is not carried by a plate alone, from the kind of base; None for a robot."""
+def _check_base(context: Context, inputs: SpatialInputs) -> NotIdentifiable | None:
+    """Return the reason why plates also carry bodies other than the chain, or None if they carry only its base."""
     person = context.trial.protocol in _OF_PERSONS or inputs.segments[0] == _PERSON
     if not person and all(joint.known and not joint.glide.any() for joint in inputs.chain.joints):
         return None
-    what = "a person's thorax" if person else "not fixed to the chain by joints whose centres are known"
+    base = "a person's thorax" if person else "connected to the chain by joints whose centres are unknown or move"
     return NotIdentifiable(
         "base-not-carried",
-        f"the base is {what}, so the plates also measure segments without markers; the parameters are only identified "
-        "where a plate carries the base, as under a robot",
+        f"the base is {base}, so the plates also measure segments without markers; the parameters are identified only "
+        "if a plate carries the base, as under a robot",
     )
 
 
-def _base_at_rest(poses: Table, inputs: SpatialInputs) -> FloatArray | NotIdentifiable:
-    """Return the pose (4, 4) of the base, or why it is not at rest."""
-    rotation, origin, seen = segment_poses(poses, inputs.segments, 0)
-    seen = seen & np.isfinite(origin).all(axis=1) & np.isfinite(rotation).all(axis=(1, 2))
-    if not seen.any():
-        return NotIdentifiable("base-unseen", "no frame shows the pose of the base: put three markers on it")
-    rotation, origin = rotation[seen], origin[seen]
+def _find_base_at_rest(poses: Table, inputs: SpatialInputs) -> FloatArray | NotIdentifiable:
+    """Return the pose (4, 4) of the base, or the reason why it is unknown or not at rest."""
+    rotation, origin, observed = _read_segment_poses(poses, inputs.segments, 0)
+    observed = observed & np.isfinite(origin).all(axis=1) & np.isfinite(rotation).all(axis=(1, 2))
+    if not observed.any():
+        return NotIdentifiable("base-unseen", "the pose of the base is never known: put three markers on it")
+    rotation, origin = rotation[observed], origin[observed]
     first = rotation[len(rotation) // 2]
     mean = first @ so3.exp(np.median(so3.log(first.T @ rotation), axis=0))
-    place = np.median(origin, axis=0)
-    moved = float(np.quantile(np.linalg.norm(origin - place, axis=1), 0.95))
-    turned = float(np.quantile(np.linalg.norm(so3.log(mean.T @ rotation), axis=1), 0.95))
-    if moved <= _AT_REST[0] and turned <= _AT_REST[1]:
-        return se3.pose(mean, place)
+    position = np.median(origin, axis=0)
+    distance = float(np.quantile(np.linalg.norm(origin - position, axis=1), 0.95))
+    angle = float(np.quantile(np.linalg.norm(so3.log(mean.T @ rotation), axis=1), 0.95))
+    if distance <= _AT_REST[0] and angle <= _AT_REST[1]:
+        return se3.pose(mean, position)
     return NotIdentifiable(
         "base-moves",
-        f"the base moves by {1e3 * moved:.0f} mm and {np.degrees(turned):.1f}°, expected a base at rest on the plate "
-        f"(up to {1e3 * _AT_REST[0]:g} mm and {np.degrees(_AT_REST[1]):g}°): fix it, or the plates carry other "
-        "segments too",
+        f"the base moves by {1e3 * distance:.0f} mm and {np.degrees(angle):.1f}°, expected a base at rest on the plate "
+        f"(up to {1e3 * _AT_REST[0]:g} mm and {np.degrees(_AT_REST[1]):g}°). Fix the base; if it is fixed, the plates "
+        "also carry other segments",
     )
 
 
-def _record(poses: Table, inputs: SpatialInputs, base: FloatArray) -> SpatialRecord:
+def _make_record(poses: Table, inputs: SpatialInputs, base: FloatArray) -> SpatialRecord:
     moving = range(1, len(inputs.segments))
-    each = [segment_poses(poses, inputs.segments, k) for k in moving]
-    names = [column_prefix(poses, inputs.segments, k) for k in moving]
+    each = [_read_segment_poses(poses, inputs.segments, k) for k in moving]
+    names = [_find_column_prefix(poses, inputs.segments, k) for k in moving]
     omega, alpha = (
         np.stack([poses.stack([f"{name}_{rate}_{axis}" for axis in "xyz"]) for name in names], axis=1)
         for rate in ("omega", "alpha")
@@ -184,53 +174,53 @@ def _record(poses: Table, inputs: SpatialInputs, base: FloatArray) -> SpatialRec
     )
 
 
-def column_prefix(poses: Table, segments: tuple[str, ...], k: int) -> str:
+def _find_column_prefix(poses: Table, segments: tuple[str, ...], k: int) -> str:
     """Return the prefix of a segment's columns in poses.parquet: its name, or ``segment_k``."""
     return segments[k] if f"{segments[k]}_qw" in poses.names else f"segment_{k}"
 
 
-def segment_poses(poses: Table, segments: tuple[str, ...], k: int) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Return rotations (T, 3, 3), origins (T, 3), m, and whether the segment is observed (T,)."""
-    name = column_prefix(poses, segments, k)
+def _read_segment_poses(poses: Table, segments: tuple[str, ...], k: int) -> tuple[FloatArray, FloatArray, BoolArray]:
+    """Return rotations (T, 3, 3) and origins (T, 3), m, of a segment, and True (T,) where it is observed."""
+    name = _find_column_prefix(poses, segments, k)
     scalar, vector = poses[f"{name}_qw"], poses.stack([f"{name}_q{axis}" for axis in "xyz"])
     cross = so3.hat(vector)
     rotation = np.eye(3) + 2 * scalar[:, None, None] * cross + 2 * cross @ cross
     return rotation, poses.stack([f"{name}_{axis}" for axis in "xyz"]), poses[f"{name}_observed"].astype(np.bool_)
 
 
-def _not_excited(settings: IdentifyDimSettings, trial: SpatialTrial) -> NotIdentifiable | None:
-    """Return why the usable samples do not determine the parameters, else None."""
+def _check_excitation(settings: IdentifyDimSettings, trial: SpatialTrial) -> NotIdentifiable | None:
+    """Return the reason why the usable samples do not determine the parameters, or None."""
     everywhere = np.ones(len(trial.usable), dtype=np.bool_)
     chosen = select_samples(trial, everywhere)
     recorded = trial.recorded
     if chosen.sum() < LEAST_SECONDS * recorded.rate:
         return NotIdentifiable(
             "too-few-samples",
-            f"{chosen.sum() / recorded.rate:.2f} s are usable, with all segments and the plate known and farther from "
-            f"gaps than the filter's reach of {trial.lowpass.reach:.2f} s; expected at least {LEAST_SECONDS:g} s: "
-            "record longer or with fewer gaps",
+            f"{chosen.sum() / recorded.rate:.2f} s are usable, with known segments and plate and at least "
+            f"{trial.lowpass.reach:.2f} s (the reach of the low-pass) from gaps, expected at least {LEAST_SECONDS:g} "
+            "s: record longer or with fewer gaps",
         )
     mass = float(np.nanmedian(recorded.wrench[chosen, 1])) / settings.gravity
-    arc = float(np.degrees(_arcs(recorded, chosen).max()))
+    arc = float(np.degrees(_measure_rotations(recorded, chosen).max()))
     if arc < settings.still_arc_deg:
         return NotIdentifiable(
             "standing-still",
-            f"no segment turns more than {arc:.1f}°, expected at least {settings.still_arc_deg:g}°: only the mass is "
+            f"no segment rotates more than {arc:.1f}°, expected at least {settings.still_arc_deg:g}°: only the mass is "
             "known; record a movement",
             mass,
         )
     if not determines_parameters(trial, everywhere):
         return NotIdentifiable(
             "not-excited",
-            "a joint rests, so the parameters of its segment cannot be separated from the others'; record a movement "
-            "of every joint",
+            "a joint does not move, so the parameters of its two segments cannot be separated; record a movement of "
+            "every joint",
             mass,
         )
     return None
 
 
-def _arcs(recorded: SpatialRecord, chosen: BoolArray) -> FloatArray:
-    """Return the rotation (n,) of each moving segment, from the 2.5 to the 97.5 % quantile, rad."""
+def _measure_rotations(recorded: SpatialRecord, chosen: BoolArray) -> FloatArray:
+    """Return the range of rotation (n,) of each moving segment, from the 2.5 to the 97.5 % quantile, rad."""
     rotation = recorded.rotation[chosen]
     turned = so3.log(np.swapaxes(rotation[:1], -1, -2) @ rotation)
     low, high = np.quantile(turned, [0.025, 0.975], axis=0)

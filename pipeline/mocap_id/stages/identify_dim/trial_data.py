@@ -1,4 +1,4 @@
-"""Input of the dynamics from the artefacts: joint states, the ground's wrench and other external wrenches."""
+"""Inputs of the identification from the artefacts: joint states, wrench of the ground, and other external wrenches."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from mocap_id import recording
+from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.external_wrenches import SEAT, ExternalWrench
 from mocap_id.dynamics.kinematic_error import KinematicError
 from mocap_id.dynamics.preparation import FitSettings, TrialData
@@ -20,31 +21,26 @@ from mocap_id.store.views import Skeleton, joint_columns
 
 _VERTICAL = (1, 2)  # Fy and tauz
 _THIGH = "thigh"
-_THIGH_NUMBER = 2  # number of the thigh in a chain that begins with the foot
+_THIGH_NUMBER = 2  # number of the thigh in a chain whose base is the foot
 
 
 def read_skeleton(context: Context) -> Skeleton:
-    """Return the chain of chain.h5."""
+    """Return the chain in chain.h5."""
     return Skeleton.from_tree(context.tree("chain.h5"))
 
 
 def read_trial_data(context: Context, chain: Skeleton) -> TrialData:
-    """Return joint states and wrenches at their common times.
+    """Return the joint states and wrenches of a trial in the plane.
 
     Raises
     ------
     StoreError
         States and wrench have different times.
     ConfigError
-        A setting names a segment that the chain does not have.
+        A segment in the settings does not exist.
     """
     states, wrench = context.table("states.parquet"), context.table("wrench.parquet")
-    time, plate_time = states["time"], wrench["time"]
-    if len(time) != len(plate_time) or not np.allclose(time, plate_time, atol=1e-6):
-        raise StoreError(
-            f"trial {context.trial.trial}, identify-dim: states.parquet has {len(time)} samples and wrench.parquet "
-            f"{len(plate_time)}, expected the same times; run the trial again from planarise"
-        )
+    time = read_common_time(context, "states.parquet")
     joints, board = len(chain.centres), wrench.facts.get("board")
     ground = wrench.stack(WRENCH_COMPONENTS)
     if board is not None:
@@ -58,9 +54,9 @@ def read_trial_data(context: Context, chain: Skeleton) -> TrialData:
         observed=np.logical_and.reduce([states[f"observed_{j}"] for j in range(1, joints + 1)]),
         wrench=np.where(wrench["plate_ok"][:, None], ground, np.nan),
         centres=chain.centres,
-        external=_external_wrenches(context, chain.segments, "contact"),
-        built_in=_external_wrenches(context, chain.segments, "beyond"),
-        knee=max(0, _thigh(chain.segments) - 1),
+        external=_read_external_wrenches(context, chain.segments, "contact"),
+        built_in=_read_external_wrenches(context, chain.segments, "beyond"),
+        knee=max(0, _find_thigh(chain.segments) - 1),
     )
     averaged = recording.compute_averaging_width(wrench.facts["analog_rate_hz"], recorded.rate)
     if board is None:
@@ -69,54 +65,70 @@ def read_trial_data(context: Context, chain: Skeleton) -> TrialData:
     return replace(recorded, averaged=averaged, measures=_VERTICAL, surface=surface)
 
 
-def _external_wrenches(context: Context, segments: Sequence[str], measures: str) -> tuple[ExternalWrench, ...]:
-    """Return the wrenches in wrench.parquet that measure contacts (chair and sensors) or joints, with segments."""
+def read_common_time(context: Context, file: str) -> FloatArray:
+    """Return the sample times (T,) of a motion file, s; StoreError if wrench.parquet has other times."""
+    time, plate_time = context.table(file)["time"], context.table("wrench.parquet")["time"]
+    if len(time) != len(plate_time) or not np.allclose(time, plate_time, atol=1e-6):
+        raise StoreError(
+            f"trial {context.trial.trial}, identify-dim: {file} has {len(time)} samples and wrench.parquet "
+            f"{len(plate_time)}, expected the same times; run the trial again from planarise"
+        )
+    return time
+
+
+def read_cop_threshold(context: Context) -> float:
+    """Return the largest vertical force without a centre of pressure, N, as in planarise."""
+    return float(context.table("wrench.parquet").facts["cop_threshold_N"])
+
+
+def _read_external_wrenches(context: Context, segments: Sequence[str], measures: str) -> tuple[ExternalWrench, ...]:
+    """Return the external wrenches that measure contacts or, with ``measures`` "beyond", the load of a joint."""
     table, settings = context.table("wrench.parquet"), context.settings
-    found = []
+    wrenches = []
     for fact in table.facts.get("external") or ():
         if fact.get("measures", "contact") != measures:
             continue
-        wanted, key = fact.get("segment"), f"external: {fact['name']}: segment"
+        given, key = fact.get("segment"), f"external: {fact['name']}: segment"
         if fact["name"] == SEAT:
             if not settings.seat_plate:
                 continue
-            wanted, key = settings.seat_segment, "identify-dim: seat_segment"
-            wanted = _thigh(segments) if wanted is None else wanted
+            given, key = settings.seat_segment, "identify-dim: seat_segment"
+            given = _find_thigh(segments) if given is None else given
         wrench = table.stack([f"{component}_{fact['columns']}" for component in WRENCH_COMPONENTS])
-        segment = _segment_number(segments, wanted, key)
-        found.append(ExternalWrench(fact["name"], segment, wrench, by_plates=fact["clock"] == "plates"))
-    return tuple(found)
+        segment = _find_segment_number(segments, given, key)
+        wrenches.append(ExternalWrench(fact["name"], segment, wrench, by_plates=fact["clock"] == "plates"))
+    return tuple(wrenches)
 
 
-def _segment_number(names: Sequence[str], wanted: str | int, key: str) -> int:
-    """Return the number of a segment given by name or number."""
-    if isinstance(wanted, int) and 0 <= wanted < len(names):
-        return wanted
-    if wanted in names:
-        return names.index(str(wanted))
+def _find_segment_number(names: Sequence[str], given: str | int, key: str) -> int:
+    """Return the number of a segment that is given by name or number; ConfigError if it does not exist."""
+    if isinstance(given, int) and 0 <= given < len(names):
+        return given
+    if given in names:
+        return names.index(str(given))
     listed = ", ".join(f"{number} ({name})" for number, name in enumerate(names))
-    raise ConfigError(f"{key}: there is no segment {wanted!r} here; expected one of {listed}")
+    raise ConfigError(f"{key}: there is no segment {given!r} here; expected one of {listed}")
 
 
-def _thigh(names: Sequence[str]) -> int:
-    """Return the number of the thigh, by its place in the chain if no segment has this name."""
+def _find_thigh(names: Sequence[str]) -> int:
+    """Return the number of the segment named thigh, or else of the segment after the shank."""
     return names.index(_THIGH) if _THIGH in names else min(_THIGH_NUMBER, len(names) - 1)
 
 
-def joint_names(context: Context) -> tuple[str, ...]:
-    """Return the names of the chain's joints; numbers if they have no names."""
+def read_joint_names(context: Context) -> tuple[str, ...]:
+    """Return the names of the joints of the chain; numbers if they have no names."""
     return read_skeleton(context).joint_names
 
 
 def read_kinematic_error(context: Context) -> KinematicError:
-    """Return the effect of skin motion on the chain and on its angles, in the chain's own frames."""
+    """Return the effect of skin motion on the joint centres and angles of the chain."""
     skin = skin_artefact.read_skin_tree(context.tree("skin.h5"))
     centres, turned = skin.stored_chain_errors()
     return KinematicError(lambda q: skin.errors(q)[0] + turned, centres)
 
 
-def fit_settings(settings: IdentifyDimSettings, recorded: TrialData) -> FitSettings:
-    """Return the settings of the fit from those of the stage, with the components that are measured."""
+def make_fit_settings(settings: IdentifyDimSettings, recorded: TrialData) -> FitSettings:
+    """Return the settings of the fit, with the wrench components that the trial measures."""
     components = (WRENCH_COMPONENTS.index(name) for name in settings.components)
     return FitSettings(
         components=tuple(component for component in components if component in recorded.measures),

@@ -1,4 +1,4 @@
-"""Inputs of the identification: the prepared trial, its movement, and the motion of its masses (chain or poses)."""
+"""Inputs of the identification in the plane: prepared trial, movement, and motion of the masses (chain or poses)."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ from mocap_id.dynamics.preparation import PreparedTrial, TrialData, prepare
 from mocap_id.protocols.movement import Movement, find_movement
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import IdentifyDimSettings
-from mocap_id.stages.identify_dim.board_position import settle_board
+from mocap_id.stages.identify_dim.board_position import locate_board
 from mocap_id.stages.identify_dim.identifiability import NotIdentifiable, check_excitation, check_wrench
 from mocap_id.stages.identify_dim.measured_bodies import (
     MeasuredBodies,
+    find_measured_bodies,
     make_body_prior,
-    measured_bodies,
-    pin,
+    pin_joints,
     prepare_bodies,
 )
-from mocap_id.stages.identify_dim.model_selection import RepetitionPredictor, poses_preferred
+from mocap_id.stages.identify_dim.model_selection import RepetitionPredictor, prefers_poses
 from mocap_id.stages.identify_dim.motion_comparison import ASKED_FOR
-from mocap_id.stages.identify_dim.reference_bodies import reference_bodies
-from mocap_id.stages.identify_dim.trial_data import fit_settings, joint_names, read_skeleton, read_trial_data
+from mocap_id.stages.identify_dim.reference_bodies import build_reference_bodies
+from mocap_id.stages.identify_dim.trial_data import make_fit_settings, read_joint_names, read_skeleton, read_trial_data
 from mocap_id.stages.identify_dim.wrench_checks import check_chair
 from mocap_id.store.views import Skeleton
 from mocap_id.verdict import Reason
@@ -37,28 +37,30 @@ from mocap_id.verdict import Reason
 
 @dataclass(frozen=True)
 class TrialInputs:
-    """Everything that the identification of a trial needs.
+    """Inputs of the identification of a trial in the plane.
 
     Parameters
     ----------
     chain : Skeleton
+        Chain of the trial.
     recorded : TrialData
+        Joint states and wrenches.
     prepared : PreparedTrial or None
-        On the pinned chain; None without a usable wrench.
+        Trial on the pinned chain; None without a usable wrench.
     movement : Movement
-        Repetitions, contact and usable samples by the trial's protocol.
+        Repetitions, contact and usable samples.
     grid : PointGrid
         Point masses of the chain's segments.
     obstacle : NotIdentifiable or None
-        Why nothing can be identified.
+        Reason why nothing can be identified; None if there is none.
     body_sets : tuple of MeasuredBodies
-        Bodies with measured poses; an entry for each way to divide the person. Empty if the pinned chain is used.
+        Bodies with measured poses, one entry for each division of the person; empty if the pinned chain is used.
     motion_facts : dict
-        JSON facts about the choice between chain and poses.
+        JSON about the choice between chain and poses.
     centre_sd : (n,) array
         Standard deviation of each joint centre from the gap of its joint, m.
     board : dict or None
-        Fact ``board`` of dynamics.h5: where a balance board stands.
+        Fact ``board`` of dynamics.h5: position of a balance board; None without a board.
     """
 
     chain: Skeleton
@@ -82,39 +84,37 @@ def read_inputs(context: Context) -> TrialInputs:
     prepared: PreparedTrial | None = None
     chair_reasons: tuple[Reason, ...] = ()
     if obstacle is None:
-        prepared, chair_reasons = check_chair(prepare(recorded, fit_settings(settings, recorded)))
+        prepared, chair_reasons = check_chair(prepare(recorded, make_fit_settings(settings, recorded)))
         recorded = prepared.recorded
     grid = build_grid(chain.centres, chain.marker_segment, chain.local, settings.grid)
-    movement = _movement(context, recorded, prepared, chair_reasons)
+    movement = _find_movement(context, recorded, prepared, chair_reasons)
     board: dict[str, Any] | None = None
     if prepared is not None:
         obstacle = check_excitation(context, prepared, movement)
         if obstacle is None:
-            prepared, board = settle_board(context, prepared, movement)
+            prepared, board = locate_board(context, prepared, movement)
             recorded = prepared.recorded
-    body_sets, facts, centre_sd = _body_sets(context, recorded)
+    body_sets, facts, centre_sd = _choose_motion(context, recorded)
     inputs = TrialInputs(chain, recorded, prepared, movement, grid, obstacle, body_sets, facts, centre_sd, board)
     if prepared is None or obstacle is not None or not body_sets:
         return replace(inputs, body_sets=())
-    bodies = _best_bodies(context, inputs, prepared)
+    bodies = _choose_bodies(context, inputs, prepared)
     surely = body_sets[0].loosest > SURELY or settings.motion == "segments"
-    if not (surely or poses_preferred(_predictor(context, inputs, prepared, bodies))):
-        why = (
-            "a joint's gap is little above the noise, and the pinned chain predicts left-out repetitions clearly better"
-        )
+    if not (surely or prefers_poses(_make_predictor(context, inputs, prepared, bodies))):
+        why = "the gap of a joint is hardly above the noise, and the chain predicts left-out repetitions clearly better"
         return replace(inputs, body_sets=(), motion_facts=facts | {"source": "chain", "why": why})
-    even = build_even_prior(_mass(context, recorded), bodies.poses.centroid)
+    even = build_even_prior(_estimate_mass(context, recorded), bodies.poses.centroid)
     on_poses = prepare_bodies(bodies, recorded, prepared.settings, even)
-    movement = _movement(context, recorded, on_poses, chair_reasons)
+    movement = _find_movement(context, recorded, on_poses, chair_reasons)
     if check_excitation(context, prepared, movement) is not None:
         return inputs
     return replace(inputs, movement=movement)
 
 
-def _movement(
+def _find_movement(
     context: Context, recorded: TrialData, prepared: PreparedTrial | None, chair_reasons: tuple[Reason, ...]
 ) -> Movement:
-    """Return the movement by the trial's protocol, with the forces that the prepared motion requires."""
+    """Return repetitions, contact and usable samples by the trial's protocol."""
     settings: IdentifyDimSettings = context.settings
     movement = find_movement(
         context.trial.protocol,
@@ -128,67 +128,73 @@ def _movement(
     return replace(movement, reasons=(*chair_reasons, *movement.reasons))
 
 
-def _best_bodies(context: Context, inputs: TrialInputs, prepared: PreparedTrial) -> MeasuredBodies:
+def _choose_bodies(context: Context, inputs: TrialInputs, prepared: PreparedTrial) -> MeasuredBodies:
     """Return the bodies that predict left-out repetitions best with the usual cut-offs."""
     if len(inputs.body_sets) == 1:
         return inputs.body_sets[0]
 
     def cost(bodies: MeasuredBodies) -> float:
-        return score_left_out(_predictor(context, inputs, prepared, bodies).on_poses(USUAL))
+        return score_left_out(_make_predictor(context, inputs, prepared, bodies).predict_on_poses(USUAL))
 
     return min(reversed(inputs.body_sets), key=cost)
 
 
-def _predictor(
+def _make_predictor(
     context: Context, inputs: TrialInputs, prepared: PreparedTrial, bodies: MeasuredBodies
 ) -> RepetitionPredictor:
-    table = reference_bodies(context, prepared.recorded, inputs.movement).chosen
-    mass = _mass(context, prepared.recorded) if table.mass is None else table.mass
+    table = build_reference_bodies(context, prepared.recorded, inputs.movement).chosen
+    mass = _estimate_mass(context, prepared.recorded) if table.mass is None else table.mass
     prior = make_body_prior(bodies, prepared.recorded.q, inputs.movement, table, mass)
     return RepetitionPredictor(prepared, inputs.movement, bodies, prior)
 
 
-def _body_sets(context: Context, recorded: TrialData) -> tuple[tuple[MeasuredBodies, ...], dict[str, Any], FloatArray]:
-    """Return the bodies with measured poses, the facts of this choice, and the standard deviation of the centres (n,).
+def _choose_motion(
+    context: Context, recorded: TrialData
+) -> tuple[tuple[MeasuredBodies, ...], dict[str, Any], FloatArray]:
+    """Return the bodies with measured poses, facts about this choice, and standard deviations of the centres (n,), m.
 
     There are no bodies if the pinned chain is used.
     """
     requested, centre_sd = context.settings.motion, np.zeros(len(recorded.centres))
     if context.trial.protocol == "robot-joint" and requested != "segments":
         return (), {"source": "chain", "why": ASKED_FOR if requested else "a robot's joint holds"}, centre_sd
-    body_sets = measured_bodies(context, recorded)
+    body_sets = find_measured_bodies(context, recorded)
     first = next(body_sets, None)
     if first is not None:
         for joint, each in first.gap.items():
             centre_sd[joint] = 0.0 if each.pinned else np.sqrt(each.excess)
-    gap = {} if first is None else gap_facts(first, joint_names(context))
+    gap = {} if first is None else describe_gaps(first, read_joint_names(context))
     if requested == "chain":
         return (), {"source": "chain", "why": ASKED_FOR, "joints": gap}, centre_sd
     if first is None:
-        why = "the markers of a segment do not show its own pose: they are too few, or visible too seldom"
+        why = "the pose of a segment cannot be measured: its markers are too few, or missing too often"
         return (), {"source": "chain", "why": why}, centre_sd
     if first.loosest <= GIVES_WAY:
-        return (), {"source": "chain", "why": "every joint's gap is at the noise", "joints": gap}, centre_sd
+        return (), {"source": "chain", "why": "the gaps of all joints are within the noise", "joints": gap}, centre_sd
     return (
-        tuple(pin(each) for each in (first, *body_sets)),
+        tuple(pin_joints(each) for each in (first, *body_sets)),
         {"source": "segments", "why": "a joint gives way", "joints": gap},
         centre_sd,
     )
 
 
-def gap_facts(bodies: MeasuredBodies, names: Sequence[str]) -> dict[str, Any]:
-    """Return JSON of the gaps by the names of the joints between two bodies."""
+def describe_gaps(bodies: MeasuredBodies, names: Sequence[str]) -> dict[str, Any]:
+    """Return JSON about the gap of each joint between two bodies, by the name of the joint."""
+
+    def replace_nan(value: float) -> float | None:
+        return value if np.isfinite(value) else None
+
     return {
-        names[joint]: {"gap_m": _known(gap.size), "acceleration_m_s2": _known(gap.acceleration), "pinned": gap.pinned}
+        names[joint]: {
+            "gap_m": replace_nan(gap.size),
+            "acceleration_m_s2": replace_nan(gap.acceleration),
+            "pinned": gap.pinned,
+        }
         for joint, gap in bodies.gap.items()
     }
 
 
-def _known(value: float) -> float | None:
-    return value if np.isfinite(value) else None
-
-
-def _mass(context: Context, recorded: TrialData) -> float:
-    """Return the mass of the standing person or, if unknown, the median vertical force as a mass, kg."""
+def _estimate_mass(context: Context, recorded: TrialData) -> float:
+    """Return the mass of the standing person or, if unknown, the median vertical force divided by gravity, kg."""
     standing: float | None = context.table("wrench.parquet").facts.get("mass_kg")
     return standing or float(np.nanmedian(recorded.surroundings[:, 1])) / float(context.settings.gravity)

@@ -1,4 +1,4 @@
-"""Cross-validation over the repetitions of a trial: columns, facts and reasons."""
+"""Cross-validation: every repetition of a trial is predicted by a model that was fitted to the others."""
 
 from __future__ import annotations
 
@@ -16,27 +16,27 @@ from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
 from mocap_id.dynamics.sample_choice import number_parts, shorten_rests
 from mocap_id.protocols.movement import Movement
-from mocap_id.protocols.repetitions import Repetition
 from mocap_id.verdict import Reason
 
 SERIES = (*WRENCH_COMPONENTS, "cop_x")
 """Compared quantities, in the order of the columns of `dynamics.parquet`."""
 _JUDGED = ("Fy", "tauz", "cop_x")
-_FAR = 1.5  # times the error within the fit; expected with fewer than three independent observations a parameter
-_NOTICEABLE = 1e-4  # share of the measured variance; with a smaller error the model is practically exact
+_FAR = 1.5  # times the error within the fit; expected with less than three independent observations for a parameter
+_NOTICEABLE = 1e-4  # share of the measured variance; with a smaller error, the model is practically exact
 
 
 @dataclass(frozen=True)
 class Validation:
-    """Predictions of each repetition by models that were fitted without it.
+    """Predictions of left-out repetitions.
 
     Parameters
     ----------
     repetitions : int
+        Number of repetitions.
     held_out : LeftOutPrediction or None
-        None if no repetition could be left out.
+        Predictions; None if no repetition could be left out.
     why : str or None
-        Reason in that case.
+        Reason why there are no predictions; None if there are.
     """
 
     repetitions: int
@@ -45,33 +45,26 @@ class Validation:
 
 
 def validate(prepared: PreparedTrial, movement: Movement, found: Identification, model: FloatArray) -> Validation:
-    """Leave each repetition out in turn and predict it.
+    """Predict each repetition by a model that is fitted to the others.
 
-    Parameters
-    ----------
-    prepared : PreparedTrial
-    movement : Movement
-    found : Identification
-    model : (T, 3) array
-        Wrench of the model of the whole fit; a component that is NaN throughout is not predicted.
+    ``model`` (T, 3) is the wrench of the model of the whole fit; a component with only NaN is not predicted.
     """
-    found_spans = spans(movement)
-    if len(found_spans) < 2:
-        many = "no repetition was found" if not found_spans else "only one repetition was found"
-        return Validation(len(found_spans), None, f"{many}, and at least two are needed to predict one from the others")
-    part = number_parts(prepared.recorded.time, np.array(found_spans))
+    spans = find_spans(movement)
+    if len(spans) < 2:
+        many = "no repetition was found" if not spans else "only one repetition was found"
+        return Validation(len(spans), None, f"{many}, and at least two are needed to predict one from the others")
+    part = number_parts(prepared.recorded.time, np.array(spans))
     left_out = predict_left_out(prepared, movement.free, found.fit, part, found.refit)
     if left_out is None:
-        why = "no subset of the repetitions determines the parameters"
-        return Validation(len(found_spans), None, why)
+        return Validation(len(spans), None, "no subset of the repetitions determines the parameters")
     determined, samples = np.isfinite(model).any(axis=0), left_out.samples.copy()
     judged = np.flatnonzero(samples)
     samples[judged[~shorten_rests(prepared.recorded.dq[judged])]] = False
     predicted = np.where(determined, left_out.wrench, np.nan)
-    return Validation(len(found_spans), replace(left_out, samples=samples, wrench=predicted), None)
+    return Validation(len(spans), replace(left_out, samples=samples, wrench=predicted), None)
 
 
-def facts(
+def make_facts(
     validation: Validation,
     model: FloatArray,
     reference: FloatArray,
@@ -80,17 +73,19 @@ def facts(
     *,
     filtered: bool = False,
 ) -> dict[str, Any]:
-    """Return errors on left-out repetitions, and those of the whole fit and the reference on the same samples.
+    """Return errors on left-out repetitions, and errors of the whole fit and of the reference body on the same samples.
 
     Parameters
     ----------
     validation : Validation
+        Predictions.
     model, reference, measured : (T, 3) arrays
-        N and N·m; the measured wrench with clock offset and plate bias of the whole fit corrected.
+        Wrenches of model, reference body and plate, N and N·m, with clock offset and bias of the whole fit corrected.
     threshold : float
-        Vertical force up to which there is no centre of pressure, N.
+        Largest vertical force without a centre of pressure, N.
     filtered : bool
-        The arrays are filtered by the fit's low-pass; the predictions are too, and ``unfiltered`` is added.
+        True if these arrays are filtered by the fit's low-pass. The filtered predictions are then compared, and the
+        facts also contain ``unfiltered``.
     """
     left_out = validation.held_out
     if left_out is None:
@@ -98,7 +93,7 @@ def facts(
         return {"repetitions": validation.repetitions, **nothing, "why": validation.why}
 
     def compared(wrench: FloatArray, with_: FloatArray) -> dict[str, Any]:
-        errors = _errors(wrench, with_, left_out.samples, threshold)
+        errors = _compute_errors(wrench, with_, left_out.samples, threshold)
         return {name: None if error is None else asdict(error) for name, error in errors.items()}
 
     predicted = (left_out.filtered, left_out.filtered_measured) if filtered else (left_out.wrench, left_out.measured)
@@ -111,13 +106,13 @@ def facts(
         "in_sample": compared(model, measured),
         "reference": compared(reference, measured) if np.isfinite(reference[left_out.samples]).any() else None,
         "clock_offset_s": left_out.offset.tolist(),
-        "inside": _inside(left_out, threshold) if filtered else None,
+        "inside": _measure_coverage(left_out, threshold) if filtered else None,
         "why": None,
     }
 
 
-def _inside(left_out: LeftOutPrediction, threshold: float) -> dict[str, float] | None:
-    """Return the share of left-out samples inside 95 % intervals whose size comes from the other repetitions."""
+def _measure_coverage(left_out: LeftOutPrediction, threshold: float) -> dict[str, float] | None:
+    """Return the share of left-out samples in 95 % intervals whose width is estimated from the other repetitions."""
     off = left_out.filtered - left_out.filtered_measured
     cop = centre_of_pressure(left_out.filtered, threshold) - centre_of_pressure(left_out.filtered_measured, threshold)
     series = np.column_stack([off, cop])
@@ -134,67 +129,66 @@ def _inside(left_out: LeftOutPrediction, threshold: float) -> dict[str, float] |
     return dict(zip([SERIES[k] for k in seen], np.nanmean(within, axis=0).tolist(), strict=True))
 
 
-def wrench(validation: Validation, samples: int) -> FloatArray:
-    """Return the predictions (T, 3) for `dynamics.parquet`; NaN where there are none."""
+def get_wrench(validation: Validation, samples: int) -> FloatArray:
+    """Return the wrench (T, 3) predicted for left-out repetitions; NaN in other samples."""
     left_out = validation.held_out
     return np.full((samples, 3), np.nan) if left_out is None else left_out.wrench
 
 
-def data(validation: Validation, base: int) -> dict[str, FloatArray]:
-    """Return the parameters of the folds for `dynamics.h5`; no rows without folds."""
+def get_parameters(validation: Validation, base: int) -> dict[str, FloatArray]:
+    """Return base parameters and clock offsets of the models without each of the repetitions, one row for a model."""
     left_out = validation.held_out
     if left_out is None:
         return {"base": np.zeros((0, base)), "clock_offset": np.zeros(0)}
     return {"base": left_out.base, "clock_offset": left_out.offset}
 
 
-def reasons(found: Mapping[str, Any]) -> tuple[Reason, ...]:
-    """Return cautions about the model, from the facts of :func:`facts`."""
+def explain_validation(found: Mapping[str, Any]) -> tuple[Reason, ...]:
+    """Return cautions about the model, from the facts of :func:`make_facts`."""
     if found["model"] is None:
         return ()
     own, within, table = ({k: _rms(found[name], k) for k in SERIES} for name in ("model", "in_sample", "reference"))
     worse = {k: own[k] / table[k] for k in _JUDGED if own[k] > table[k]}
     noticeable = [k for k in SERIES if found["model"][k] is not None and found["model"][k]["r2"] < 1 - _NOTICEABLE]
     far = {k: own[k] / within[k] for k in noticeable if own[k] > _FAR * within[k] > 0.0}
-    out = []
+    reasons = []
     if worse:
-        out.append(
+        reasons.append(
             Reason(
                 "held-out-worse",
-                "left-out repetitions are predicted no better than by the reference body, made from height and mass: "
-                f"the error relative to that of the reference is {_times(worse)}. This recording does not support an "
-                "individual model of these quantities: marker errors, loose joints or unmodelled limbs cause larger "
-                "errors than the difference between the person and the reference",
+                "the model does not predict left-out repetitions better than the reference body from height and mass: "
+                f"the ratio of the errors is {_list_ratios(worse)}. This recording does not allow an individual model "
+                "of these quantities: errors by markers, loose joints or limbs without markers are larger than the "
+                "difference between the person and the reference body",
                 value=max(worse.values()),
                 limit=1.0,
             )
         )
     if far:
-        out.append(
+        reasons.append(
             Reason(
                 "held-out-far",
-                f"left-out repetitions are predicted much worse than fitted ones: the error relative to that within "
-                f"the fit is {_times(far)}. The parameters depend on peculiarities of single repetitions",
+                "the model predicts left-out repetitions much worse than fitted repetitions: the ratio of the errors "
+                f"is {_list_ratios(far)}. The parameters depend on peculiarities of single repetitions",
                 value=max(far.values()),
                 limit=_FAR,
             )
         )
-    return tuple(out)
+    return tuple(reasons)
 
 
-def spans(movement: Movement) -> list[tuple[float, float]]:
-    """Return first and last event of every repetition that has any, s."""
-    return [span for span in map(_span, movement.repetitions) if span is not None]
+def find_spans(movement: Movement) -> list[tuple[float, float]]:
+    """Return the first and last event of every repetition with a known event, s."""
+    spans = []
+    for each in movement.repetitions:
+        events = (each.start, each.seat_off, each.stand, each.seat_on, each.end)
+        known = [time for time in events if np.isfinite(time)]
+        if known:
+            spans.append((min(known), max(known)))
+    return spans
 
 
-def _span(repetition: Repetition) -> tuple[float, float] | None:
-    """Return first and last event of a repetition, s; None without a known event."""
-    events = (repetition.start, repetition.seat_off, repetition.stand, repetition.seat_on, repetition.end)
-    known = [time for time in events if np.isfinite(time)]
-    return (min(known), max(known)) if known else None
-
-
-def _errors(
+def _compute_errors(
     model: FloatArray, measured: FloatArray, samples: BoolArray, threshold: float
 ) -> dict[str, Agreement | None]:
     pressures = centre_of_pressure(model, threshold), centre_of_pressure(measured, threshold)
@@ -203,11 +197,11 @@ def _errors(
 
 
 def _rms(errors: Mapping[str, Any] | None, name: str) -> float:
-    """Return the rms error; NaN if unknown, so that comparisons with it are false."""
+    """Return the rms error of a quantity; NaN if unknown, so that comparisons with it are false."""
     error = None if errors is None else errors[name]
     return float("nan") if error is None else float(np.hypot(error["bias"], error["sd"]))
 
 
-def _times(ratios: Mapping[str, float]) -> str:
+def _list_ratios(ratios: Mapping[str, float]) -> str:
     words = {"cop_x": "the centre of pressure"}
     return ", ".join(f"{ratio:.2f} ({words.get(name, name)})" for name, ratio in ratios.items())

@@ -1,4 +1,4 @@
-"""Check of the measured wrenches of chair and sensors: do they balance with the motion of the body?"""
+"""Checks of the wrenches of chair and force sensors against the motion of the body."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.dynamics.external_wrenches import SEAT, ExternalWrench
+from mocap_id.dynamics.external_wrenches import SEAT
 from mocap_id.dynamics.fit import Fit, determines_parameters, fit
 from mocap_id.dynamics.preparation import PreparedTrial, prepare
 from mocap_id.dynamics.wrench_gains import WrenchGain, estimate_gains
@@ -16,20 +16,33 @@ from mocap_id.verdict import Reason
 
 
 def check_chair(prepared: PreparedTrial) -> tuple[PreparedTrial, tuple[Reason, ...]]:
-    """Remove the chair's wrench if it contradicts the motion of the body; return the trial and a reason."""
+    """Return the trial, without the chair's wrench if it contradicts the body's motion, and a note or caution."""
     recorded = prepared.recorded
     if recorded.seat is None:
         return prepared, ()
     everything = np.ones(len(recorded.time), dtype=bool)
-    gains = estimate_gains(prepared, fit(prepared, everything)) if determines_parameters(prepared, everything) else ()
+    determined = determines_parameters(prepared, everything)
+    gains = estimate_gains(prepared, fit(prepared, everything)) if determined else ()
     wrong = [gain for gain in gains if gain.name == SEAT and gain.contradicts]
     if not wrong:
-        return prepared, (_measured(recorded.seat),)
+        text = (
+            f"the chair is on its own force plate: its wrench on segment {recorded.seat.segment} is measured, so "
+            "samples with contact are also used for the identification"
+        )
+        return prepared, (Reason("seat-measured", text, level="ok"),)
     without = replace(recorded, external=tuple(each for each in recorded.external if each.name != SEAT))
-    return prepare(without, prepared.settings), (_contradiction(wrong),)
+    gain = _find_worst(wrong)
+    text = (
+        f"the forces of ground and chair add up best with the chair's {gain.component} times {gain.value:.2f} ± "
+        f"{gain.sd:.2f}, expected 1: its plate does not measure the wrench of the chair on the body (wrong sign, "
+        "corners or units, another object on the plate, or a chair leg beside it). It was left out, with all samples "
+        "with contact"
+    )
+    reason = Reason("seat-contradiction", text, value=gain.value, limit=1.0)
+    return prepare(without, prepared.settings), (reason,)
 
 
-def sensor_cautions(prepared: PreparedTrial, found: Fit) -> tuple[Reason, ...]:
+def check_sensors(prepared: PreparedTrial, found: Fit) -> tuple[Reason, ...]:
     """Return a caution for every sensor whose wrench contradicts the motion of the body."""
     wrong = [gain for gain in estimate_gains(prepared, found) if gain.name != SEAT and gain.contradicts]
     return tuple(
@@ -42,12 +55,12 @@ def sensor_cautions(prepared: PreparedTrial, found: Fit) -> tuple[Reason, ...]:
             limit=1.0,
         )
         for name in dict.fromkeys(gain.name for gain in wrong)
-        for gain in [_worst([each for each in wrong if each.name == name])]
+        for gain in [_find_worst([each for each in wrong if each.name == name])]
     )
 
 
-def gain_facts(prepared: PreparedTrial, found: Fit) -> list[dict[str, Any]]:
-    """Return JSON rows for dynamics.h5: name, segment and the gains with which the forces add up best."""
+def make_gain_facts(prepared: PreparedTrial, found: Fit) -> list[dict[str, Any]]:
+    """Return JSON about each external wrench: name, segment, and the gains with which the forces add up best."""
     gains = estimate_gains(prepared, found)
     return [
         {
@@ -59,27 +72,6 @@ def gain_facts(prepared: PreparedTrial, found: Fit) -> list[dict[str, Any]]:
     ]
 
 
-def _worst(wrong: Sequence[WrenchGain]) -> WrenchGain:
+def _find_worst(wrong: Sequence[WrenchGain]) -> WrenchGain:
+    """Return the gain with the largest effect relative to its limit."""
     return max(wrong, key=lambda gain: abs(gain.value - 1.0) * gain.size / gain.limit)
-
-
-def _measured(seat: ExternalWrench) -> Reason:
-    return Reason(
-        "seat-measured",
-        f"the chair stands on its own force plate: its wrench on segment {seat.segment} is measured, so samples with "
-        "contact are also used for the identification",
-        level="ok",
-    )
-
-
-def _contradiction(wrong: Sequence[WrenchGain]) -> Reason:
-    gain = _worst(wrong)
-    return Reason(
-        "seat-contradiction",
-        f"the forces of ground and chair add up best with the chair's {gain.component} times {gain.value:.2f} ± "
-        f"{gain.sd:.2f}, expected 1: the wrench of its plate is not that of the chair on the body (wrong sign, corners "
-        "or units, another object on the plate, or a chair leg beside it). It was left out, and with it all samples "
-        "with contact",
-        value=gain.value,
-        limit=1.0,
-    )

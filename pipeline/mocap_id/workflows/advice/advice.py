@@ -25,7 +25,7 @@ from mocap_id.kinematics.skin_slides import predict_skin
 from mocap_id.stages import STAGES, skin_artefact
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE
-from mocap_id.stages.identify_dim.function import identification, weak_share
+from mocap_id.stages.identify_dim.function import choose_weak_share, identify_trial
 from mocap_id.stages.identify_dim.identifiability import NotIdentifiable
 from mocap_id.stages.trial_keys import TrialKeys
 from mocap_id.store import Artefact, Folder
@@ -85,7 +85,7 @@ def advise(path: Path, options: AdviceOptions | None = None, progress: runner.Pr
             f"predicted: {identified.facts.get('why')}"
         )
     context = _read_context(identified.folder)
-    outcome = identification(context)
+    outcome = identify_trial(context)
     assert not isinstance(outcome, NotIdentifiable)  # it was identified before, from the same artefacts
     prepared, movement, model = outcome
     joints = Skeleton.from_tree(context.tree("chain.h5")).joint_names
@@ -113,7 +113,7 @@ def advise(path: Path, options: AdviceOptions | None = None, progress: runner.Pr
         value=model.base,
         design=chosen,
         limits=limits,
-        weak=weak_share(context),
+        weak=choose_weak_share(context),
         sensor_sd=_predict_with_sensor(model, prepared, movement.free),
     )
 

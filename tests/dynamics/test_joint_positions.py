@@ -10,7 +10,7 @@ from scipy.optimize import least_squares
 
 from mocap_id.dynamics.measured_motion import BodyPoses, close_gaps
 from mocap_id.geometry import planar
-from mocap_id.stages.identify_dim.joint_places import taken_for_places
+from mocap_id.stages.identify_dim.joint_positions import estimate_hidden_gaps
 
 TIME = np.arange(60) / 10
 CENTRES = np.array([[0.0, 0.1], [0.0, 0.4]])
@@ -73,19 +73,19 @@ def test_the_error_of_a_joint_fit_follows_from_the_gap_that_it_leaves() -> None:
             axis=1,
         )
         seen.append(np.mean(np.sum((wrong / 2) ** 2, axis=-1), axis=0) / 2)
-        said.append(taken_for_places(found, [1]))
+        said.append(estimate_hidden_gaps(found, [1]))
     np.testing.assert_allclose(np.sqrt(np.mean(said, axis=0)), np.sqrt(np.mean(seen, axis=0)), rtol=0.35)
 
 
 def test_joints_without_a_gap_have_no_such_error() -> None:
     exact = poses(np.zeros((60, 2)))
-    assert (taken_for_places(exact, []) == 0.0).all()
-    assert (taken_for_places(exact, [1]) < 1e-12).all()
-    assert (taken_for_places(replace(exact, angle=np.full((60, 3), np.nan)), [1]) == 0.0).all()
+    assert (estimate_hidden_gaps(exact, []) == 0.0).all()
+    assert (estimate_hidden_gaps(exact, [1]) < 1e-12).all()
+    assert (estimate_hidden_gaps(replace(exact, angle=np.full((60, 3), np.nan)), [1]) == 0.0).all()
 
 
 def test_a_gap_that_the_joint_fit_hides_is_limited() -> None:
     """Of a gap in step with a joint that hardly turns, a joint fit leaves nearly nothing."""
     x = ANGLE[:, 2] - ANGLE[:, 2].mean()
     still = replace(poses(0.05 * np.column_stack([x**2, x])), angle=np.cumsum(ANGLE * [1, 1, 0.01], axis=1))
-    assert (np.sqrt(taken_for_places(still, [1])) < 0.02).all()
+    assert (np.sqrt(estimate_hidden_gaps(still, [1])) < 0.02).all()
