@@ -9,18 +9,10 @@ from mocap_id.errors import ConfigError
 
 
 def optional(module: str, extra: str, purpose: str) -> Any:
-    """Import a module that belongs to an optional package.
+    """Import a module of an optional package, which an extra of mocap-id installs.
 
-    Raises ConfigError if the package is not installed; the message contains the command that installs it.
-
-    Parameters
-    ----------
-    module : str
-        Name of the module.
-    extra : str
-        Extra of mocap-id that installs the package.
-    purpose : str
-        Function or command that needs the module, for the message.
+    ``purpose`` is the function or command that needs the module. Raises ConfigError if the package is not installed;
+    the message contains the command that installs it.
     """
     try:
         return importlib.import_module(module)

@@ -29,14 +29,9 @@ class ChangedError(OSError):
 def open_file(path: Path, *, links: bool = True) -> Iterator[BinaryIO]:
     """Open a regular file for reading, and check on closing that it has not changed.
 
-    Raises OSError if the file is missing, cannot be opened, is too large, or is not a regular file (a pipe, a device, a
-    folder); ``strerror`` is the cause. Raises ChangedError if the file was written to while it was open.
-
-    Parameters
-    ----------
-    path : Path
-    links : bool
-        Whether ``path`` itself may be a symbolic link.
+    ``links`` says whether ``path`` itself may be a symbolic link. Raises OSError if the file is missing, cannot be
+    opened, is too large, or is not a regular file (a pipe, a device, a folder); ``strerror`` is the cause. Raises
+    ChangedError if the file was written to while it was open.
     """
     if "\0" in str(path):
         raise OSError(errno.EINVAL, "its name contains a NUL", str(path))

@@ -37,17 +37,8 @@ def parse(
 ) -> _Model:
     """Return the model of a YAML file's data.
 
-    Raises ConfigError if the data do not fit the model; one line for every mistake.
-
-    Parameters
-    ----------
-    source : Source
-        Data and lines of the file.
-    model : type of BaseModel
-    expected : str
-        Typical keys, for the message about a file without keys.
-    complete : callable, optional
-        Function that replaces short forms in the data by full forms, before the check.
+    ``expected`` names typical keys, for the message about a file without keys. ``complete`` replaces short forms in the
+    data by full forms before the check. Raises ConfigError with one line for every mistake.
     """
     if not isinstance(source.data, dict):
         raise ConfigError(f"{source.where(())}: expected {expected}")

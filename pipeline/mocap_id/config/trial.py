@@ -96,17 +96,8 @@ def compose(
 ) -> Trial:
     """Return the trial described by a YAML file or by a part of a YAML file.
 
-    Raises ConfigError as for :func:`load`.
-
-    Parameters
-    ----------
-    source : Source
-        Keys and values as in a trial's file, with their lines.
-    stages : sequence of Stage
-    out : Path, optional
-        Run folder if there is no key ``out``; default: ``runs/<trial>`` beside the file.
-    model : type of BaseModel, optional
-        Model of the keys: :func:`build_trial_model` or a subclass of it.
+    ``out`` is the run folder if there is no key ``out``; default: ``runs/<trial>`` beside the file. ``model`` is
+    :func:`build_trial_model` (the default) or a subclass of its result. Raises ConfigError as for :func:`load`.
     """
     if isinstance(source.data, dict) and {"study", "trials"} <= source.data.keys():
         raise ConfigError(f"{source.file} is a study, not a trial: `mocap-id study {source.file}` runs all its trials")

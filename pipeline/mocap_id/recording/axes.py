@@ -27,18 +27,10 @@ def check_axis(vertical: str) -> str:
 
 
 def choose_vertical(force: FloatArray | None, configured: str | None, assumed: str, oddities: list[str]) -> str:
-    """Return the upward axis of a file without one: configured, or along the mean ground force, or assumed.
+    """Return the upward axis of a file without one: configured, or along the mean ground force, or ``assumed``.
 
-    Parameters
-    ----------
-    force : (3,) array or None
-        Mean ground force in the axes of the file; None if the file has no plates.
-    configured : str or None
-        Axis in the configuration.
-    assumed : str
-        Axis that is usual for the format, used without forces.
-    oddities : list of str
-        Extended by a note if the axis is assumed or contradicts the force.
+    ``force`` (3,) is the mean ground force in the axes of the file, None without plates. A note is added to
+    ``oddities`` if the axis is assumed or contradicts the force.
     """
     axis = None if force is None or not np.any(force) else nearest_axis(force, 0.9)
     along = None if axis is None else axis.lstrip("-")

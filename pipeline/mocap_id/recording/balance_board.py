@@ -48,13 +48,11 @@ def read_board(path: Path, loads: Path | None = None) -> BoardLog:
     The columns are ``time_s`` and the loads ``tl_kg``, ``tr_kg``, ``bl_kg``, ``br_kg`` of the cells at the top left,
     top right, bottom left and bottom right. The times may be irregular and repeated. Rows with the same time are
     averaged. Each new sample is then the mean over a short window around its time, as in SWARII (Audiffren & Contal
-    2016). Raises RecordingError if a file is missing, has another format or too few rows, or its times go backwards.
+    2016).
 
-    Parameters
-    ----------
-    path : Path
-    loads : Path, optional
-        Calibration file with the same cells and ``load_kg``, a row for each known load, for :func:`calibrate_cells`.
+    The calibration file ``loads`` contains the same cells and ``load_kg``, a row for each known load
+    (:func:`calibrate_cells`). Raises RecordingError if a file is missing, has another format or too few rows, or its
+    times go backwards.
     """
     values = _read_columns(path, TIME)
     values = values[np.isfinite(values).all(axis=1)]
@@ -77,20 +75,11 @@ def read_board(path: Path, loads: Path | None = None) -> BoardLog:
 
 
 def calibrate_cells(values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Compute the gain and the zero of each cell from known loads.
+    """Return the gain (4,) and the zero (4,) of each cell, so that its load is ``gain * (reading - zero)``, kg.
 
-    Rows with a load of 0 give the zeros. The gains are the values nearest to 1 with which the cells add up to the
-    loads. Put the load near each cell in turn, so that the four gains differ.
-
-    Parameters
-    ----------
-    values : (L, 5) array
-        Known load, then the readings of the four cells, kg.
-
-    Returns
-    -------
-    gain, zero : (4,) arrays
-        The load on a cell is ``gain * (reading - zero)``.
+    ``values`` (L, 5) are L known loads, each with the readings of the four cells, kg. Rows with a load of 0 give the
+    zeros. The gains are the values nearest to 1 with which the cells add up to the loads. Put the load near each cell
+    in turn, so that the four gains differ.
 
     Examples
     --------

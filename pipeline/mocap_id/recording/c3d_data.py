@@ -16,21 +16,11 @@ _BLOCK_BYTES = 1 << 20  # bytes of the file to decode at a time
 def decode(
     file: C3DFile, layout: Layout, keep: Sequence[int], channels: Sequence[int], metres: float = 1.0
 ) -> tuple[FloatArray, FloatArray]:
-    """Decode all frames of some trajectories and analog channels.
+    """Decode all frames of the trajectories ``keep`` and of the analog ``channels``, both from 0.
 
-    Parameters
-    ----------
-    keep, channels : sequence of int
-        Trajectories and analog channels to decode, from 0.
-    metres : float
-        Metres per length unit of the file.
-
-    Returns
-    -------
-    positions : (frames, keep, 3) array
-        Positions, m; NaN if the residual marks the point as not seen.
-    counts : (frames * per_frame, channels) array
-        Analog samples as stored, without offset and scale.
+    Returns positions (frames, keep, 3), m, with ``metres`` per length unit of the file; NaN if the residual marks the
+    point as not seen. Returns also counts (frames * per_frame, channels): analog samples as stored, without offset and
+    scale.
     """
     positions = np.empty((layout.frames, len(keep), 3))
     counts = np.empty((layout.frames, layout.per_frame, len(channels)))

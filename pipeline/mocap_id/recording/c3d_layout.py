@@ -74,16 +74,10 @@ def describe_encoding(file: C3DFile, layout: Layout) -> str:
 
 
 def read_frames(file: C3DFile, layout: Layout, part: slice) -> tuple[FloatArray, FloatArray]:
-    """Read a slice of frames.
+    """Read a slice of F frames; RecordingError if the file has become shorter since it was opened.
 
-    Raises RecordingError if the file has become shorter since it was opened.
-
-    Returns
-    -------
-    points : (F, points, 4) array
-        x, y, z in the unit of the file, and the residual word.
-    analog : (F, per_frame, channels) array
-        Analog samples as stored, without offset and scale.
+    Returns points (F, points, 4): x, y, z in the unit of the file, and the residual word. Returns also analog samples
+    (F, per_frame, channels) as stored, without offset and scale.
     """
     count, size = part.stop - part.start, layout.frame_bytes
     raw = file.read_bytes(layout.start + part.start * size, layout.start + part.stop * size)

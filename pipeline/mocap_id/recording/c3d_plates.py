@@ -45,12 +45,8 @@ def read_stored_plates(
 ) -> list[StoredPlate]:
     """Read the signals of every plate.
 
-    Parameters
-    ----------
-    counts : (K, C) array
-        Samples of the channels from :func:`list_plate_channels`, as stored.
-    metres : float
-        Metres per POINT unit, which is the unit of CORNERS and ORIGIN.
+    ``counts`` (K, C) are the samples of the channels from :func:`list_plate_channels`, as stored. ``metres`` is the
+    size of the POINT unit, which is the unit of CORNERS and ORIGIN.
     """
     kinds = tuple(file.words("FORCE_PLATFORM:TYPE") or ())
     used = (file.words("FORCE_PLATFORM:USED") or [len(kinds)])[0]

@@ -71,20 +71,12 @@ class ChannelScales:
 def find_channel_scales(kind: int, declared: Sequence[str], metres: float, configured: ForceUnits) -> ChannelScales:
     """Return the unit factors of every channel of a plate of type 1, 2 or 3.
 
+    ``declared`` are the ANALOG:UNITS of the channels, empty if undeclared; ``metres`` is the size of the POINT unit.
     Every channel has its declared unit. A missing unit is taken from the other channels of the same quantity. If they
     have none, it is the usual unit: N, and POINT:UNITS for lengths. If all channels declare N, this is used for forces
-    only, and the units of moments and lengths count as missing. Raises UnusablePlateError if a channel declares an
-    unknown unit or a unit of another quantity.
+    only, and the units of moments and lengths count as missing.
 
-    Parameters
-    ----------
-    kind : int
-        FORCE_PLATFORM:TYPE.
-    declared : sequence of str
-        ANALOG:UNITS of the channels; empty if undeclared.
-    metres : float
-        Metres per POINT unit.
-    configured : ForceUnits
+    Raises UnusablePlateError if a channel declares an unknown unit or a unit of another quantity.
     """
     quantities = np.array(_QUANTITIES[kind])
     names = [strip_padding(name) for name in declared]

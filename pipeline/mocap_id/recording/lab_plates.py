@@ -25,20 +25,10 @@ _SPIKE = 5.0
 
 
 def place_plate(stored: StoredPlate, rotation: FloatArray, start: float, rate: float, oddities: list[str]) -> Plate:
-    """Convert a stored plate to the wrench of the ground on the body in the lab.
+    """Convert a stored plate to the wrench of the ground on the body in the lab, and add notes to ``oddities``.
 
-    Parameters
-    ----------
-    stored : StoredPlate
-        Plate in the axes of the file.
-    rotation : (3, 3) array
-        Rotation from the file's axes to the axes of the lab (Z up).
-    start : float
-        Time of the first analog sample, s.
-    rate : float
-        Analog samples per second.
-    oddities : list of str
-        Extended by notes about the plate.
+    ``rotation`` (3, 3) leads from the file's axes to the axes of the lab (Z up). ``start`` is the time of the first
+    analog sample, s; ``rate`` is in samples per second.
     """
     assumptions = tuple(f"plate {stored.index}: {text}" for text in stored.assumptions)
     oddities += [*stored.oddities, *assumptions]
@@ -93,13 +83,9 @@ def reverse_force_on_plate(
 def is_force_on_plate(vertical: FloatArray) -> bool:
     """Return whether a force is that of the body on the plate: it points mostly down under load.
 
-    The mean of all samples over 20 N decides, each limited to five times their median. A few spikes therefore do not
-    outweigh a person, and an offset of the unloaded plate does not outweigh a short contact.
-
-    Parameters
-    ----------
-    vertical : (K,) array
-        Upward force of valid samples, N.
+    ``vertical`` (K,) is the upward force of valid samples, N. The mean of all samples over 20 N decides, each limited
+    to five times their median. A few spikes therefore do not outweigh a person, and an offset of the unloaded plate
+    does not outweigh a short contact.
     """
     loaded = vertical[np.abs(vertical) > LOADED_N]
     if not loaded.size:

@@ -32,15 +32,9 @@ class MarkerNames:
 def name_markers(raw: Sequence[str], outputs: Iterable[str] = (), subjects: Iterable[str] = ()) -> MarkerNames:
     """Select the markers among the trajectories and give each a unique name without the name of a person.
 
-    Parameters
-    ----------
-    raw : sequence of str
-        Label of each trajectory as in the file, possibly empty.
-    outputs : iterable of str
-        Labels that the file declares as other than markers (POINT:ANGLES …).
-    subjects : iterable of str
-        Names of subjects and label prefixes that the file declares. They are removed from the start of labels, as is
-        everything up to a colon. No message contains them.
+    ``raw`` are the labels of all trajectories in the file, possibly empty. ``outputs`` are labels that the file
+    declares as other than markers (POINT:ANGLES …). ``subjects`` are names of subjects and label prefixes that the file
+    declares. They are removed from the start of labels, as is everything up to a colon; no message contains them.
     """
     known = sorted({name.strip() for name in subjects if name.strip()}, key=len, reverse=True)
     split = [_split_prefix(strip_padding(text), known) for text in raw]

@@ -22,17 +22,9 @@ def resolve_length_unit(
 ) -> tuple[str, float]:
     """Return the length unit to use and its size in metres.
 
-    Raises RecordingError if the unit is required, but missing, unknown or ambiguous. Raises ConfigError if ``override``
-    is not a unit of length.
-
-    Parameters
-    ----------
-    declared : str
-        Unit declared in the file, possibly empty.
-    override : str or None
-        Unit in the configuration (``units:``), which has priority.
-    required : bool
-        Whether a unit is needed. If it is neither needed nor known, it is empty and lengths are read as millimetres.
+    ``declared`` is the unit in the file, possibly empty; ``override`` is the unit in the configuration, which has
+    priority. If no unit is known and ``required`` is false, the unit is empty and lengths are read as millimetres. If
+    it is true, RecordingError is raised. Raises ConfigError if ``override`` is not a unit of length.
     """
     name = strip_padding(declared)
     if override is not None:
@@ -65,16 +57,10 @@ def rotate_z_up(positions: FloatArray, up: str) -> None:
 
 
 def clean_positions(path: Path, positions: FloatArray, units: str, oddities: list[str]) -> None:
-    """Set impossible samples to NaN, in place, and check the size of the trial.
+    """Set impossible samples of positions (F, M, 3), m, to NaN in place, and check the size of the trial.
 
+    ``units`` is the length unit of the file; if it is empty, the sizes in usual units are noted instead of checked.
     Raises RecordingError if the size of the trial contradicts its unit.
-
-    Parameters
-    ----------
-    positions : (F, M, 3) array
-        Positions, m; NaN if a marker is not visible.
-    units : str
-        Length unit of the file. If it is empty, the sizes in usual units are noted instead of checked.
     """
     _check_size(path, positions, units, oddities)
     parts = [positions[at : at + _BLOCK] for at in range(0, len(positions), _BLOCK)]

@@ -84,12 +84,8 @@ def shows_standing(positions: FloatArray, samples: BoolArray) -> bool:
     are broad in all directions. Flat marker sets show neither. They count as standing only if the body rises or lowers
     within the recording.
 
-    Parameters
-    ----------
-    positions : (F, M, 3) array
-        Markers, lab axes with Z up, m; NaN if not visible.
-    samples : (F,) bool array
-        Frames to consider, all in one posture.
+    ``positions`` (F, M, 3) are in lab axes with Z up, m; NaN if not visible. ``samples`` (F,) marks frames of one
+    posture.
     """
     visible = np.isfinite(positions[samples]).all(axis=2).any(axis=0)
     if not visible.any():
@@ -102,19 +98,13 @@ def shows_standing(positions: FloatArray, samples: BoolArray) -> bool:
 
 
 def find_facing(positions: FloatArray, direction: FloatArray) -> Facing:
-    """Determine in which direction a body faces along a horizontal line.
+    """Determine in which direction a body faces along a horizontal line with the unit vector ``direction`` (2,).
 
-    Rule "knees": if the body changes its height, the hips move backwards relative to the knees. From upright to low,
-    the markers of the shanks therefore move forwards relative to the markers of the thighs. Both are recognised by
-    their height above the floor. Rule "reach": if limbs move and the trunk rests, the moving markers are in front of
-    the resting markers. If no rule applies, ``forwards`` is False and ``displacement`` 0.
-
-    Parameters
-    ----------
-    positions : (F, M, 3) array
-        Markers, lab axes with Z up, m; NaN if not visible.
-    direction : (2,) array
-        Horizontal unit vector of the line.
+    ``positions`` (F, M, 3) are in lab axes with Z up, m; NaN if not visible. Rule "knees": if the body changes its
+    height, the hips move backwards relative to the knees. From upright to low, the markers of the shanks therefore move
+    forwards relative to the markers of the thighs. Both are recognised by their height above the floor. Rule "reach":
+    if limbs move and the trunk rests, the moving markers are in front of the resting markers. If no rule applies,
+    ``forwards`` is False and ``displacement`` 0.
     """
     along = positions[:, :, :2] @ direction
     tall, low = find_upright(positions)

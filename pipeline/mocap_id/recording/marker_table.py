@@ -81,15 +81,9 @@ def assemble_recording(
 def fit_clock(path: Path, declared: str, time: FloatArray, oddities: list[str], name: str) -> tuple[FloatArray, float]:
     """Return evenly spaced times (F,) fitted to a time column (F,), s, and the frame rate.
 
-    Raises RecordingError if the times do not increase or are uneven, the declared rate is not positive, or the two
+    ``declared`` is the rate in the header, possibly not a number; ``name`` is its name in the header. Raises
+    RecordingError if the times do not increase or are uneven, if the declared rate is not positive, or if the two rates
     differ by more than 2 %.
-
-    Parameters
-    ----------
-    declared : str
-        Rate in the header, possibly not a number.
-    name : str
-        Name of the rate in the header, for messages.
     """
     if not is_time_axis(time):
         raise RecordingError(f"{path}: the Time column does not increase from frame to frame; export it again")

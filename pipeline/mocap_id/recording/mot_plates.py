@@ -79,14 +79,10 @@ def read_mot_plates(
     rotation: FloatArray,
     units: ForceUnits,
 ) -> tuple[Plate, ...]:
-    """Return the plates of a MOT table in the lab; its units are m, N and N·m unless configured otherwise.
+    """Return the plates of a MOT table in the lab, and add notes to ``oddities``.
 
-    Parameters
-    ----------
-    rotation : (3, 3) array
-        Rotation from the table's axes to the axes of the lab (Z up).
-    units : ForceUnits
-        Configured units of force and moment.
+    ``rotation`` (3, 3) leads from the table's axes to the axes of the lab (Z up). The units of the table are m, N and
+    N·m unless ``units`` configures others.
     """
     clock = fit_even_clock(path, table.time)
     if clock.rounding_note:

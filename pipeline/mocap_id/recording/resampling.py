@@ -27,17 +27,10 @@ class PlateSamples:
 def decimate(plate: Plate, times: FloatArray, rate: float) -> PlateSamples:
     """Return the samples of a plate averaged over one marker interval, centred on every marker time.
 
-    The mean of the piecewise linear signal over [t - T/2, t + T/2] is symmetric about t for every ratio of the rates,
-    so there is no lag; averaging blocks of samples could shift the wrench by half a block. At the ends of the signal
-    the interval shrinks symmetrically. Plates that are not sampled faster than the markers are interpolated.
-
-    Parameters
-    ----------
-    plate : Plate
-    times : (F,) array
-        Marker times on the clock of the plate, s.
-    rate : float
-        Marker frames per second.
+    ``times`` (F,) are marker times on the clock of the plate, s; ``rate`` is in marker frames per second. The mean of
+    the piecewise linear signal over [t - T/2, t + T/2] is symmetric about t for every ratio of the rates, so there is
+    no lag; averaging blocks of samples could shift the wrench by half a block. At the ends of the signal the interval
+    shrinks symmetrically. Plates that are not sampled faster than the markers are interpolated.
     """
     samples = np.where(plate.ok[:, None], np.concatenate([plate.force, plate.moment], axis=1), 0.0)
     last = len(samples) - 1
@@ -84,14 +77,8 @@ def compute_averaging_width(analog_rate: float | None, rate: float) -> float:
     """Return the width of the moving average that is equivalent to :func:`decimate`, s; 0 if nothing is averaged.
 
     The mean over a width W adds W²/24 of the second derivative. :func:`decimate` adds T²/24 by the mean over the frame
-    interval T, and Δ²/12 by the linear interpolation between samples at intervals Δ.
-
-    Parameters
-    ----------
-    analog_rate : float or None
-        Samples of the plate per second; None without plates.
-    rate : float
-        Marker frames per second.
+    interval T, and Δ²/12 by the linear interpolation between samples at intervals Δ. ``analog_rate`` is None without
+    plates; rates are in Hz.
     """
     if analog_rate is None or analog_rate / rate <= _FASTER:
         return 0.0

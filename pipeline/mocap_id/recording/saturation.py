@@ -12,19 +12,12 @@ _REST = 0.1  # share of the larger extreme; an extreme closer to zero belongs to
 
 
 def find_saturated(counts: FloatArray, offset: FloatArray, bits: int | None) -> BoolArray:
-    """Return the samples (K,) at which any channel is saturated.
+    """Return the samples (K,) at which any of C channels is saturated.
 
-    If the counts are integers, the limits of the converter follow from its resolution. Otherwise a channel is clipped
-    if it repeats its extreme exactly but is never constant elsewhere.
-
-    Parameters
-    ----------
-    counts : (K, C) array
-        Samples in counts of the converter, if the file contains counts.
-    offset : (C,) array
-        Counts at zero input; about half the range for unsigned converters.
-    bits : int or None
-        Resolution, ANALOG:BITS.
+    ``counts`` (K, C) are counts of the converter, if the file contains counts. ``offset`` (C,) are the counts at zero
+    input, about half the range for unsigned converters. ``bits`` is the resolution (ANALOG:BITS). If the counts are
+    integers, the limits of the converter follow from its resolution. Otherwise a channel is clipped if it repeats its
+    extreme exactly but is never constant elsewhere.
     """
     flags = np.zeros(len(counts), bool)
     for stored, zero in zip(counts.T, offset, strict=True):

@@ -37,16 +37,10 @@ class EvenClock:
 
 
 def fit_even_clock(path: Path, time: FloatArray, stated: float | None = None) -> EvenClock:
-    """Fit a clock with a constant rate to increasing time stamps by least squares.
+    """Fit a clock with a constant rate to increasing time stamps (T,), s, by least squares.
 
-    Raises RecordingError if frames are missing, or a stamp deviates by more than 5 % of a frame beyond its rounding.
-
-    Parameters
-    ----------
-    time : (T,) array
-        Time stamps as printed in the file, s.
-    stated : float, optional
-        Samples per second declared in the file; this rate is used if it agrees with all stamps.
+    The rate declared in the file, ``stated``, Hz, is used if it agrees with all stamps. Raises RecordingError if frames
+    are missing, or if a stamp deviates by more than 5 % of a frame beyond its rounding.
     """
     steps = np.diff(time)
     if steps.max() > 1.5 * np.median(steps):

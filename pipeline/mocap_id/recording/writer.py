@@ -43,7 +43,6 @@ def write_c3d(
 
     Parameters
     ----------
-    path : Path
     labels : sequence of str, length M
     positions : (F, M, 3) array
         Marker positions, lab axes with Z up, m; NaN becomes residual -1.

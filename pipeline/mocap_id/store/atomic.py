@@ -44,17 +44,10 @@ Content: TypeAlias = bytes | Callable[[BinaryIO], object]
 def replace_together(folder: Path, contents: Mapping[str, Content], void: str | None = None) -> None:
     """Write several files of an existing folder: either all of them appear, complete, or none.
 
-    Raises StoreError if the folder cannot be written, for example because the disk is full. The previous files are
-    still there.
-
-    Parameters
-    ----------
-    folder : Path
-    contents : mapping
-        Content by file name; ``/`` separates a sub-folder.
-    void : str, optional
-        The file that declares all others valid. It is deleted before the first rename, so that after a power cut
-        between two renames no file declares a mixture of old and new files valid.
+    ``contents`` is by file name; ``/`` separates a sub-folder. The file ``void`` declares all others valid. It is
+    deleted before the first rename, so that after a power cut between two renames no file declares a mixture of old and
+    new files valid. Raises StoreError if the folder cannot be written, for example because the disk is full; the
+    previous files are then still there.
     """
     temporary: dict[Path, Path] = {}
     try:

@@ -178,14 +178,8 @@ class Folder:
     def origin(self, stage: str, files: Sequence[str]) -> Origin | None:
         """Return the origin of a stage's outputs; None unless all exist, are intact and come from one computation.
 
-        Raises StoreError if an artefact is damaged.
-
-        Parameters
-        ----------
-        stage : str
-            Name of the stage.
-        files : sequence of str
-            File names of its outputs; a name without a schema is a document.
+        ``files`` are the names of the outputs; a name without a schema is a document. Raises StoreError if an artefact
+        is damaged.
         """
         record = self._read_record(stage)
         if record is None or not all((self.path / file).is_file() for file in files):

@@ -76,18 +76,9 @@ def place_board(
 ) -> PlacedBoard:
     """Determine the board's position: from the configuration, or else from the movement of the body and the feet.
 
-    The position along the motion is only a first estimate; identify-dim improves it with the model.
-
-    Parameters
-    ----------
-    board : BalanceBoard
-    log : BoardLog
-    source : Recording
-        Recording with the board's plate.
-    thinned : ThinnedFrames
-    frame : PlaneFrame
-    faces : float
-        1 if the person faces the plane's x, -1 if the person faces the opposite direction.
+    The position along the motion is only a first estimate; identify-dim improves it with the model. ``source`` contains
+    the board's plate. ``faces`` is 1 if the person faces the plane's x, and -1 if the person faces the opposite
+    direction.
     """
     plate, load = source.plates[0], thinned.samples[0].force[:, 2]
     forwards = faces * frame.axes[0, :2]
@@ -125,18 +116,9 @@ def _find_direction(pressure: FloatArray, load: FloatArray, along: FloatArray, r
     """Return the direction of the board's top seen by the person, and whether it is certain.
 
     The centre of pressure moves mostly along the motion. Under a person off the chair it follows the body, minus a part
-    that is proportional to the body's acceleration.
-
-    Parameters
-    ----------
-    pressure : (F, 2) array
-        Centre of pressure to the right of the board's centre and towards its top, m.
-    load : (F,) array
-        N.
-    along : (F, M) array
-        Positions of the markers forwards, m.
-    rate : float
-        Frames per second.
+    that is proportional to the body's acceleration. ``pressure`` (F, 2) is its position to the right of the board's
+    centre and towards the top, m; ``load`` (F,) in N; ``along`` (F, M) are the positions of the markers forwards, m;
+    ``rate`` in Hz.
     """
     body = np.nanmean(along - np.nanmean(along, axis=0), axis=1)
     width = max(1, round(_SMOOTH_S * rate))

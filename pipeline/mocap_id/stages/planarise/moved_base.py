@@ -42,17 +42,8 @@ def describe_motion(
 ) -> tuple[dict[str, Any], tuple[Reason, ...]]:
     """Return facts of planar.parquet and reasons about a base that moves, heels that lift and a plane that leans.
 
-    Parameters
-    ----------
-    base : BaseMotion or None
-        The motion that was undone; None if the base is fixed.
-    still : ThinnedFrames
-        Frames relative to a base that stands still.
-    labels : sequence of str
-        Names of the markers.
-    frame : PlaneFrame
-        The plane's frame before the base moved.
-    plane : PlaneFit
+    ``base`` is the motion that was undone, None if the base is fixed. ``still`` are frames relative to a base that
+    stands still. ``frame`` is the plane's frame before the base moved.
     """
     lift = find_heel_lift(still.positions, still.time, still.rate)
     facts = {

@@ -60,14 +60,7 @@ def doubt_units(assumptions: Sequence[str]) -> tuple[Reason, ...]:
 def describe_losses(plates: Sequence[Plate], time: FloatArray, dropout: BoolArray) -> tuple[Reason, ...]:
     """Return reasons for samples of the feet's plates that cannot be used in an identification.
 
-    Parameters
-    ----------
-    plates : sequence of Plate
-        Plates under the feet.
-    time : (F,) array
-        Marker times, s.
-    dropout : (F,) bool array
-        Frames from :func:`mocap_id.plates.find_dropouts`.
+    ``time`` (F,) are the marker times, s; ``dropout`` (F,) marks the frames from :func:`mocap_id.plates.find_dropouts`.
     """
     reasons = [
         reason for plate in plates for reason in (_describe_saturation(plate, time), _describe_short_plate(plate, time))

@@ -46,18 +46,8 @@ def check_registration(
 ) -> PlateCheck:
     """Compare the feet's plates with the markers.
 
-    Parameters
-    ----------
-    plates : sequence of Plate
-        Plates under the feet.
-    samples : sequence of PlateSamples
-        Wrench of each plate at the times of the positions.
-    positions : (F, M, 3) array
-        Lab axes with Z up, m.
-    rate : float
-        Frames per second.
-    person : bool
-        Whether a person moves; a robot has no feet.
+    ``samples`` are the plates' wrenches at the times of ``positions`` (F, M, 3), lab axes with Z up, m. ``person`` says
+    whether a person moves; a robot has no feet.
     """
     if not plates:
         return PlateCheck({}, ())

@@ -197,16 +197,8 @@ def compute_ground_wrench(
 ) -> dict[str, np.ndarray[Any, Any]]:
     """Return the columns of the feet's plates in the plane: their sum, and if there are several, each plate alone.
 
-    Parameters
-    ----------
-    time : (F,) array
-        Marker times, s.
-    samples : sequence of PlateSamples
-        Each plate's wrench at these times.
-    choice : PlateChoice
-    frame : PlaneFrame
-    threshold : float
-        Vertical force up to which there is no centre of pressure, N.
+    ``samples`` are the plates' wrenches at the marker times ``time`` (F,), s. Up to the vertical force ``threshold``,
+    N, there is no centre of pressure.
     """
     feet, count = choice.indices("feet"), len(time)
     total, ok = add_wrenches(samples, feet, frame) if feet else (np.empty((count, 3)), np.zeros(count, np.bool_))
