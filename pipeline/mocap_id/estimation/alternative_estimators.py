@@ -31,7 +31,7 @@ Derivatives = Callable[[FloatArray, BoolArray, float], FloatArray]
 
 
 class Estimate(NamedTuple):
-    """States from any method."""
+    """States of all joints from one of the methods."""
 
     mean: FloatArray  # (F, n, 4) rad and s
     sd: FloatArray  # (F, n, 4) standard deviations; NaN if unknown

@@ -15,7 +15,7 @@ from mocap_id.estimation.process_model import noise_shape, transition
 
 
 def backfill(problem: FilterProblem, track: Track, mean: FloatArray, sd: FloatArray) -> BoolArray:
-    """Fill the frames before a joint's last start, where this is more certain than their states; return where (F, n).
+    """Extrapolate into the frames before a joint's last start where this reduces the variance; return them (F, n).
 
     With x = F⁻¹ (x' − w) and no other information, P = F⁻¹ (P' + Q) F⁻ᵀ. ``track`` is smoothed. ``mean`` and ``sd`` (F,
     n, 4) are its states by joint, which are changed in place.

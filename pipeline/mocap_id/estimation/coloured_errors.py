@@ -64,7 +64,7 @@ def estimate_coloured_variance(
 
 
 def _compute_gains(residuals: ChainResiduals, angles: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Return some frames (f,), and the squared gains a_jk (M, n, f) in these frames, rad²/m².
+    """Return frames (f,) spread over the trial, and the squared gains a_jk (M, n, f) in these frames, rad²/m².
 
     The gains allow for the part of a marker's error that the angles follow, which its residual does not contain.
     """

@@ -13,6 +13,7 @@ from mocap_id.estimation.space.chain_model import ChainModel, degrees_of_freedom
 from mocap_id.estimation.space.frame_poses import FramePoses, find_frame_poses
 from mocap_id.estimation.space.space_filter import SpatialTrack, filter_and_smooth
 from mocap_id.estimation.space.space_kernels import Pose
+from mocap_id.estimation.space.spatial_noise import SpatialNoise
 from mocap_id.geometry import so3
 from mocap_id.geometry.planar import marker_positions
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
@@ -35,9 +36,8 @@ def smoothed(
 ) -> tuple[FramePoses, SpatialTrack]:
     size = np.full(points.shape[1], SD)
     frames = find_frame_poses(chain, model, points, size, rate=RATE, gate=20.0)
-    track = filter_and_smooth(
-        model, points, 1 / RATE, frames, camera=SD, gate_variance=size**2, snap=snap, gap_snap=snap, gate=20.0
-    )
+    noise = SpatialNoise(SD, size, snap, snap, np.full((3, len(snap)), np.nan))
+    track = filter_and_smooth(model, points, 1 / RATE, frames, noise, gate=20.0, gate_sd=size)
     return frames, track
 
 

@@ -14,7 +14,7 @@ _LEAST_SPREAD = 5e-3  # m, of a segment's markers across their longest direction
 
 
 def make_chain_model(chain: SpatialChain) -> ChainModel:
-    """Return the arrays of a chain."""
+    """Return the arrays of a chain for the compiled functions."""
     freedom = np.array([joint.dimension for joint in chain.joints], dtype=np.int64)
 
     def stack(name: str) -> FloatArray:

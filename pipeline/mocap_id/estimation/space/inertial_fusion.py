@@ -27,7 +27,7 @@ from mocap_id.estimation.inertial.signals import GRAVITY
 from mocap_id.estimation.process_model import ORDER
 from mocap_id.estimation.space.chain_model import group_columns, make_chain_model
 from mocap_id.estimation.space.frame_poses import FramePoses
-from mocap_id.estimation.space.space_filter import SpatialTrack, scale_to_movement
+from mocap_id.estimation.space.space_filter import SpatialTrack, filter_and_smooth, scale_to_movement
 from mocap_id.estimation.space.space_kernels import ChainModel, Sensors
 from mocap_id.estimation.space.space_smoothing import (
     SpatialSettings,
@@ -35,7 +35,6 @@ from mocap_id.estimation.space.space_smoothing import (
     collect_states,
     estimate_noise,
     find_uncertain_segments,
-    run_filter_and_smoother,
 )
 from mocap_id.estimation.space.spatial_noise import SpatialNoise
 from mocap_id.geometry.spatial_chain import SpatialChain
@@ -110,7 +109,8 @@ class _Smoothing:
         if ready:
             sensors, followed = _collect_signals(self.chain, found, ready), _find_followed(model, list(ready))
             noise = _adapt_noise(noise, followed)
-        track = run_filter_and_smoother(model, self.steady, dt, self.frames, noise, self.settings.gate, sensors)
+        gate = self.settings.gate
+        track = filter_and_smooth(model, self.steady, dt, self.frames, noise, gate=gate, sensors=sensors)
         _check_gate(track, sensors)
         lost = find_uncertain_segments(self.chain, model, track, self.settings)
         scale_to_movement(track, noise.errors)
@@ -122,7 +122,7 @@ class _Smoothing:
 
 
 def _find_counted_segments(chain: SpatialChain, own: Sequence[int]) -> BoolArray:
-    """Return which segments (n + 1,) have a sensor, and a skin rotation whose uncertainty is counted elsewhere."""
+    """Return which segments (n + 1,) have a sensor and skin whose axial rotation has an estimated uncertainty."""
     every = np.arange(len(chain.joints) + 1)
     if not len(chain.skin_sd):
         return every < 0
@@ -168,7 +168,7 @@ def _adapt_noise(noise: SpatialNoise, followed: BoolArray) -> SpatialNoise:
 def compute_segment_motions(
     chain: SpatialChain, states: SpatialStates, rate: float, known: BoolArray
 ) -> list[SegmentMotion]:
-    """Return the motion of every segment in its own axes; NaN where its markers do not determine it (F, n + 1)."""
+    """Return the motion of every segment in its own axes; NaN where ``known`` (F, n + 1) is false."""
     motions = []
     for s in range(len(chain.joints) + 1):
         rotation, origin = states.rotations[:, s], states.origins[:, s]

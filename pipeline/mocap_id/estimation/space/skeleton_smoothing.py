@@ -68,31 +68,15 @@ def smooth_skeleton(
         model, _limit_to_bent(frames, shown), 1.0 / rate, noise.colour, _SLOWEST
     )
     frames = _limit_to_measured(model, frames, noise.weight)
-    track = filter_and_smooth(
-        model,
-        np.where(noise.weight[..., None] > 0, points, np.nan),
-        1.0 / rate,
-        frames,
-        camera=camera,
-        gate_variance=noise.sd**2,
-        snap=snap,
-        gap_snap=gap_snap,
-        gate=gate,
-        weight=np.maximum(noise.weight, _LEAST_WEIGHT) * (camera / noise.sd) ** 2,
-    )
+    sizes = SpatialNoise(camera, noise.sd, snap, gap_snap, errors)
+    measured = np.where(noise.weight[..., None] > 0, points, np.nan)
+    weight = np.maximum(noise.weight, _LEAST_WEIGHT) * (camera / noise.sd) ** 2
+    track = filter_and_smooth(model, measured, 1.0 / rate, frames, sizes, gate=gate, gate_sd=noise.sd, weight=weight)
     _unmirror(chain, model, track, noise.sd)
     lost = find_uncertain_segments(chain, model, track, _LIMITS)
     scale_to_movement(track, errors)
-    sizes = SpatialNoise(camera, noise.sd, snap, gap_snap, errors)
-    return collect_states(
-        chain,
-        model,
-        frames,
-        track,
-        sizes,
-        lost,
-        _estimate_lasting_errors(chain, model, track.pose, noise, np.asarray(~lost.any(axis=1))),
-    )
+    lasting = _estimate_lasting_errors(chain, model, track.pose, noise, np.asarray(~lost.any(axis=1)))
+    return collect_states(chain, model, frames, track, sizes, lost, lasting)
 
 
 def remove_jumps(points: FloatArray, limit: FloatArray) -> FloatArray:

@@ -12,9 +12,11 @@ from mocap_id.errors import NumericalError
 from mocap_id.estimation.filter_problem import ANCHOR_SD, PATIENCE, start_sd
 from mocap_id.estimation.process_model import ORDER, noise_shape, transition
 from mocap_id.estimation.space.chain_model import degrees_of_freedom, make_track
-from mocap_id.estimation.space.frame_poses import FramePoses
+from mocap_id.estimation.space.frame_poses import FramePoses, estimate_residual_sds, widen_sds
 from mocap_id.estimation.space.space_kernels import ChainModel, Noise, Pose, Sensors, run_filter, run_smoother
+from mocap_id.estimation.space.spatial_noise import SpatialNoise
 
+_LEAST_GATE = 2e-4  # m; nearly exact markers follow the movement when its snap exceeds the usual snap
 _SCALES = (0.25, 25.0)  # limits of the factor on a variance
 _EMPTY, _NOBODY = np.zeros((0, 3)), np.zeros(0, np.int64)
 _NO_SENSORS = Sensors(
@@ -38,16 +40,16 @@ def filter_and_smooth(
     points: FloatArray,
     dt: float,
     frames: FramePoses,
+    noise: SpatialNoise,
     *,
-    camera: float,
-    gate_variance: FloatArray,
-    snap: FloatArray,
-    gap_snap: FloatArray,
     gate: float,
+    gate_sd: FloatArray | None = None,
     weight: FloatArray | None = None,
     sensors: Sensors | None = None,
 ) -> SpatialTrack:
     """Run the filter forwards and the smoother backwards.
+
+    Raise NumericalError if a covariance is not positive definite.
 
     Parameters
     ----------
@@ -57,31 +59,29 @@ def filter_and_smooth(
         Time step, s.
     frames : FramePoses
         Poses for the start and after gaps.
-    camera : float
-        White noise of a coordinate, m.
-    gate_variance : (M,) array
-        Variance of a coordinate in the gate, m².
-    snap, gap_snap : (d,) arrays
-        Standard deviation of each snap over one frame; and in frames whose markers do not determine the joint.
+    noise : SpatialNoise
+        Noise of markers and movement; its marker_sd and errors are not used.
     gate : float
         Limit of an innovation, in standard deviations.
+    gate_sd : (M,) array, optional
+        Standard deviation of a coordinate in the gate, m; by default from the residuals of single frames.
     weight : (F, M) array, optional
         Weight of each sample, relative to a sample with the variances above; default: 1.
     sensors : Sensors, optional
         Inertial sensors.
-
-    Raise NumericalError if a covariance is not positive definite.
     """
     sensors = _NO_SENSORS if sensors is None else sensors
-    count, d = len(points), degrees_of_freedom(model)
-    noise = Noise(
+    count, d, camera = len(points), degrees_of_freedom(model), noise.camera_sd
+    if gate_sd is None:
+        gate_sd = widen_sds(frames, np.fmax(estimate_residual_sds(frames), max(camera, _LEAST_GATE)))
+    constants = Noise(
         step=transition(dt)[0],
         shape=noise_shape(dt),
-        density=snap**2 * dt,
-        gap_density=gap_snap**2 * dt,
+        density=noise.snap**2 * dt,
+        gap_density=noise.gap_snap**2 * dt,
         start=np.tile(start_sd(dt) ** 2, (d, 1)),
         variance=camera**2,
-        gate_variance=gate_variance,
+        gate_variance=gate_sd**2,
         weight=np.ones(points.shape[:2]) if weight is None else weight,
         gate=gate,
         patience=math.ceil(PATIENCE / dt),
@@ -93,14 +93,14 @@ def filter_and_smooth(
         np.zeros((count, points.shape[1]), np.bool_),
         np.zeros((count, len(sensors.segment), 2), np.bool_),
     )
-    _run(model, noise, points, frames, sensors, track)
+    _run(model, constants, points, frames, sensors, track)
     return track
 
 
 def _run(  # noqa: PLR0917
     model: ChainModel, noise: Noise, points: FloatArray, frames: FramePoses, sensors: Sensors, track: SpatialTrack
 ) -> None:
-    """Fill the track."""
+    """Fill the track by the filter, then by the smoother."""
     count, observed = len(points), frames.observed
     followed = _find_followed(model, observed, sensors)
     restarted = np.zeros((count, len(model.freedom) + 1), dtype=np.bool_)

@@ -1,7 +1,7 @@
 """Inner loops of the filter in space, in one file because numba's cache does not follow dependencies between files.
 
-The equations are in docs/concepts/rotations-in-the-filter.md. Matrices are updated row by row, which compiles to vector
-instructions.
+The equations are in docs/concepts/rotations-in-the-filter.md. Matrices are updated row by row, because this compiles to
+vector instructions.
 """
 
 # ruff: noqa: PLR0917  arrays are passed one by one to compiled functions
@@ -20,8 +20,8 @@ from mocap_id.geometry.spatial_chain import LEAST_TWIST
 _ROUNDS = 5  # iterations of an update from a frame's own pose
 _MOST = 20  # iterations of Gauss–Newton
 _CLOSE = 3e-3  # rad and m; a step smaller than this leaves an error of about its square
-_LEAST_LEFT = 1e-10  # of a variance, that smoothing leaves
-_FASTEST = 200.0  # rad/s or m/s; a faster motion is no movement, and its joint starts again
+_LEAST_LEFT = 1e-10  # least share of a variance after smoothing
+_FASTEST = 200.0  # rad/s or m/s; a joint with a faster motion, which is impossible, starts again
 _STEADY = 0.5  # rad/s; largest standard deviation of a rate with which accelerometers are used
 _LEAP = 0.2  # rad and m; largest step that is extrapolated
 
@@ -55,7 +55,7 @@ class Noise(NamedTuple):
     start: FloatArray  # (d, 4) initial variances
     variance: float  # m², white noise of a coordinate
     gate_variance: FloatArray  # (M,)
-    weight: FloatArray  # (F, M) of each sample, relative to one with these variances
+    weight: FloatArray  # (F, M) of each sample, relative to a sample with these variances
     gate: float
     patience: int  # frames
     anchor_limit: float  # rad², variance above which the update starts from the frame's own pose
@@ -76,7 +76,7 @@ class Search(NamedTuple):
     order: IntArray  # (T,) frames
     weight: FloatArray  # (M,) 1/m²
     limit: FloatArray  # (M,) m; markers farther away count little
-    prior: FloatArray  # (d,) weak information that holds what no marker determines
+    prior: FloatArray  # (d,) weak information on degrees of freedom that no marker determines
 
 
 class Found(NamedTuple):
@@ -84,7 +84,7 @@ class Found(NamedTuple):
 
     track: Pose
     used: BoolArray  # (F, M) within the limit
-    variance: FloatArray  # (F, d) of the pose, for errors of the weights' size
+    variance: FloatArray  # (F, d) of the pose, rad² or m²
     leverage: FloatArray  # (F, M) share of a marker's error that the pose follows
 
 
@@ -93,14 +93,14 @@ class Sensors(NamedTuple):
 
     segment: IntArray  # (S,)
     place: FloatArray  # (S, 3) in the segment's frame, m
-    lag: FloatArray  # (S,) share of the twist that the skin under the sensor misses
-    long_axis: FloatArray  # (S, 3)
-    parent: IntArray  # (S,) segment against which it twists; itself for the base
-    rest_axis: FloatArray  # (S, 3) direction of the long axis without swing, in the parent
+    lag: FloatArray  # (S,) share of the axial rotation that the skin under the sensor does not follow
+    long_axis: FloatArray  # (S, 3) axis of the axial rotation
+    parent: IntArray  # (S,) segment relative to which the segment rotates; itself for the base
+    rest_axis: FloatArray  # (S, 3) direction of the long axis without swing, in the parent's frame
     gyro: FloatArray  # (F, S, 3) rad/s; NaN where missing
     force: FloatArray  # (F, S, 3) specific force, m/s²; NaN where missing
     variance: FloatArray  # (F, S, 2) of a component of each
-    spread: FloatArray  # (S, 2) variance of a component in the gate, beside that of the filter
+    spread: FloatArray  # (S, 2) additional variance of a component in the gate
     gravity: float
 
 
@@ -195,7 +195,7 @@ def _log_between(a: FloatArray, b: FloatArray, v: FloatArray) -> None:
 
 
 @compiled
-def _turn_by_angles(model: ChainModel, pose: Pose, k: int) -> None:
+def _rotate_by_angles(model: ChainModel, pose: Pose, k: int) -> None:
     """Compute the rotation of a hinge or two-axis joint from its coordinates."""
     first, both = np.empty((3, 3)), np.empty((3, 3))
     _exp(model.first_axis[k], pose.angle[k, 0], first)
@@ -208,7 +208,7 @@ def _turn_by_angles(model: ChainModel, pose: Pose, k: int) -> None:
 
 
 @compiled
-def _turn_right(r: FloatArray, v: FloatArray) -> None:
+def _rotate_right(r: FloatArray, v: FloatArray) -> None:
     """Replace R by R exp(v)."""
     by, product = np.empty((3, 3)), np.empty((3, 3))
     _exp(v, 1.0, by)
@@ -220,22 +220,22 @@ def _turn_right(r: FloatArray, v: FloatArray) -> None:
 
 @compiled
 def _move(model: ChainModel, pose: Pose, by: FloatArray) -> None:
-    """Move a pose by a tangent vector (d,): right perturbation of rotations, sum of the others."""
+    """Move a pose by a tangent vector (d,): rotations are perturbed on the right, other coordinates are added."""
     for i in range(3):
         pose.origin[i] += by[i]
-    _turn_right(pose.turn[0], by[3:6])
+    _rotate_right(pose.turn[0], by[3:6])
     for k in range(len(model.ball)):
         at = model.first[k + 1]
         if model.ball[k]:
-            _turn_right(pose.turn[k + 1], by[at : at + 3])
+            _rotate_right(pose.turn[k + 1], by[at : at + 3])
         else:
             for c in range(model.freedom[k]):
                 pose.angle[k, c] += by[at + c]
-            _turn_by_angles(model, pose, k)
+            _rotate_by_angles(model, pose, k)
 
 
 @compiled
-def _difference(model: ChainModel, start: Pose, end: Pose, by: FloatArray) -> None:
+def _subtract_poses(model: ChainModel, start: Pose, end: Pose, by: FloatArray) -> None:
     """Compute the tangent vector (d,) that moves ``start`` to ``end``."""
     for i in range(3):
         by[i] = end.origin[i] - start.origin[i]
@@ -268,7 +268,7 @@ def _copy(source: FloatArray, target: FloatArray) -> None:
 
 
 @compiled
-def _frame(track: Pose, k: int) -> Pose:
+def _view_frame(track: Pose, k: int) -> Pose:
     return Pose(track.origin[k], track.turn[k], track.angle[k], track.rate[k])
 
 
@@ -330,10 +330,10 @@ def _place(model: ChainModel, pose: Pose, placed: Placed) -> None:
 
 
 @compiled
-def _marker(model: ChainModel, placed: Placed, m: int, x: FloatArray, rows: FloatArray, columns: IntArray) -> int:
-    """Compute the position x (3,) of a marker and its Jacobian's columns ``rows`` (d, 3); return their number.
+def _locate(model: ChainModel, placed: Placed, m: int, x: FloatArray, rows: FloatArray, columns: IntArray) -> int:
+    """Compute the position x (3,) of a marker and the columns ``rows`` (d, 3) of its Jacobian; return their number.
 
-    ``columns`` (d,) receives their degrees of freedom.
+    ``columns`` (d,) receives the degrees of freedom of the rows.
     """
     segment = model.segment[m]
     for i in range(3):
@@ -374,13 +374,13 @@ def _marker(model: ChainModel, placed: Placed, m: int, x: FloatArray, rows: Floa
 
 @compiled
 def predict_markers(model: ChainModel, track: Pose, positions: FloatArray, jacobian: FloatArray) -> None:
-    """Fill marker positions (F, M, 3) and, unless it has no frames, their Jacobian (F, M, 3, d)."""
+    """Fill marker positions (F, M, 3), and their Jacobian (F, M, 3, d) unless the array has no frames."""
     n, d = len(model.ball), track.rate.shape[2]
     placed, rows, columns = _new_placed(n, d), np.empty((d, 3)), np.empty(d, dtype=np.int64)
     for f in range(positions.shape[0]):
-        _place(model, _frame(track, f), placed)
+        _place(model, _view_frame(track, f), placed)
         for m in range(positions.shape[1]):
-            count = _marker(model, placed, m, positions[f, m], rows, columns)
+            count = _locate(model, placed, m, positions[f, m], rows, columns)
             if jacobian.shape[0] > 0:
                 for c in range(count):
                     for i in range(3):
@@ -389,7 +389,7 @@ def predict_markers(model: ChainModel, track: Pose, positions: FloatArray, jacob
 
 @compiled
 def _factor(a: FloatArray) -> bool:
-    """Replace the upper triangle by U with A = Uᵀ U; false if ``a`` is not positive definite."""
+    """Replace the upper triangle by U with A = Uᵀ U; return false if ``a`` is not positive definite."""
     size = len(a)
     for k in range(size):
         if not a[k, k] > 0.0:
@@ -430,7 +430,7 @@ def _solve(upper: FloatArray, b: FloatArray) -> None:
 
 
 @compiled
-def _gather(
+def _add_marker(
     a: FloatArray, g: FloatArray, rows: FloatArray, columns: IntArray, count: int, y: FloatArray, weight: float
 ) -> None:
     """Add Jᵀ J to the upper triangle of A, and Jᵀ y to g, both with a weight."""
@@ -443,10 +443,10 @@ def _gather(
 
 
 @compiled
-def _push(
+def _add_displacement(
     g: FloatArray, turn: FloatArray, slip: FloatArray, rows: FloatArray, columns: IntArray, count: int, weight: float
 ) -> None:
-    """Add Jᵀ R s to g for a displacement s in the segment's frame."""
+    """Add Jᵀ R s to g, with a weight, for a displacement s in the segment's frame."""
     if slip[0] == 0.0 and slip[1] == 0.0 and slip[2] == 0.0:
         return
     for i in range(3):
@@ -483,7 +483,7 @@ def _passes(
 def _advance(model: ChainModel, noise: Noise, pose: Pose, turned: FloatArray) -> None:
     """Move a pose by one time step; ``turned`` (d,) receives the step of each degree of freedom.
 
-    The rotation vector of a step has the second term of the Magnus series, dt³/12 ω × α.
+    The rotation vector of a step includes the second term of the Magnus series, dt³/12 ω × α.
     """
     d = len(turned)
     for c in range(d):
@@ -555,7 +555,7 @@ def _right_jacobian(v: FloatArray, j: FloatArray) -> None:
 
 @compiled
 def _predict(model: ChainModel, noise: Noise, pose: Pose, p: FloatArray, moved: FloatArray, found: BoolArray) -> None:
-    """Advance a pose and its covariance by one step; ``moved`` receives F P before the step's noise."""
+    """Advance a pose and its covariance by one step; ``moved`` receives F P before the noise of the step is added."""
     d = len(noise.density)
     turned = np.empty(d)
     _advance(model, noise, pose, turned)
@@ -577,7 +577,7 @@ def _predict(model: ChainModel, noise: Noise, pose: Pose, p: FloatArray, moved: 
 
 @compiled
 def _reset(noise: Noise, p: FloatArray, first: int, last: int) -> None:
-    """Reset the covariance of degrees of freedom to its initial value."""
+    """Reset the covariance of some degrees of freedom to its initial value."""
     d = len(noise.density)
     for e in range(4):
         for r in range(e * d + first, e * d + last):
@@ -589,7 +589,7 @@ def _reset(noise: Noise, p: FloatArray, first: int, last: int) -> None:
 
 @compiled
 def _restart(model: ChainModel, pose: Pose, k: int, last: Pose, first: int, end: int) -> None:
-    """Hold the pose of the base (k = 0) or of a joint where it was last seen, at rest."""
+    """Set the base (k = 0) or a joint to its pose in ``last``, at rest."""
     if k == 0:
         for i in range(3):
             pose.origin[i] = last.origin[i]
@@ -603,7 +603,7 @@ def _restart(model: ChainModel, pose: Pose, k: int, last: Pose, first: int, end:
 
 
 @compiled
-def _root_columns(p: FloatArray, u: FloatArray, t: FloatArray) -> bool:
+def _factor_pose(p: FloatArray, u: FloatArray, t: FloatArray) -> bool:
     """Compute U with P_pose = Uᵀ U, and T with Uᵀ T = the rows of P for the pose."""
     d, size = t.shape
     for r in range(d):
@@ -627,12 +627,12 @@ def _root_columns(p: FloatArray, u: FloatArray, t: FloatArray) -> bool:
 def _correct(model: ChainModel, pose: Pose, p: FloatArray, a: FloatArray, h: FloatArray, change: FloatArray) -> bool:
     """Update the covariance with the information A of the pose; ``change`` (4 d,) receives the change of the state.
 
-    With P_pose = Uᵀ U, T = P_(all, pose) U⁻¹ and B = I + U A Uᵀ, the change is T B⁻¹ U h and P becomes
-    P − T (I − B⁻¹) Tᵀ, with the rows of the pose T B⁻¹ U, which has no cancellation.
+    With P_pose = Uᵀ U, T = P_(all, pose) U⁻¹ and B = I + U A Uᵀ, the change is T B⁻¹ U h and P becomes P − T (I − B⁻¹)
+    Tᵀ. The rows of the pose become T B⁻¹ U, which has no cancellation.
     """
     d, size = len(h), len(p)
     u, t = np.zeros((d, d)), np.empty((d, size))
-    if not _root_columns(p, u, t):
+    if not _factor_pose(p, u, t):
         return False
     ua, b, inverse = np.zeros((d, d)), np.zeros((d, d)), np.zeros((d, d))
     for r in range(d):
@@ -694,7 +694,10 @@ def _update(
     anchor: Pose,
     anchored: bool,
 ) -> bool:
-    """Update with the markers of a frame, in place; from the frame's own pose, and iterated, if ``anchored``."""
+    """Update with the markers of a frame, in place.
+
+    If ``anchored``, the update starts from the frame's own pose ``anchor`` and is iterated.
+    """
     n, d = len(model.ball), len(noise.density)
     placed, rows, columns = _new_placed(n, d), np.empty((d, 3)), np.empty(d, dtype=np.int64)
     x, y, at, change = np.empty(3), np.empty(3), _new_pose(model), np.zeros(4 * d)
@@ -706,7 +709,7 @@ def _update(
     shift = np.zeros(d)
     for turn in range(_ROUNDS if anchored else 1):
         if anchored:
-            _difference(model, pose, at, shift)
+            _subtract_poses(model, pose, at, shift)
             if turn > 0:
                 _copy(prior, p)
         _place(model, at, placed)
@@ -715,12 +718,12 @@ def _update(
             used[m] = False
             if math.isnan(z[m, 0] + z[m, 1] + z[m, 2]):
                 continue
-            count = _marker(model, placed, m, x, rows, columns)
+            count = _locate(model, placed, m, x, rows, columns)
             for i in range(3):
                 y[i] = z[m, i] - x[i]
             used[m] = anchored or _passes(p, rows, columns, count, y, noise.gate_variance[m] / weight[m], noise.gate)
             if used[m]:
-                _gather(a, h, rows, columns, count, y, weight[m] / noise.variance)
+                _add_marker(a, h, rows, columns, count, y, weight[m] / noise.variance)
         for r in range(d):
             for c in range(r, d):
                 a[c, r] = a[r, c]
@@ -743,17 +746,9 @@ def _update(
 @compiled
 def _new_motion(n: int, d: int) -> Motion:
     shape = (n + 1, 3, d, 3)
-    return Motion(
-        np.zeros((n + 1, 3)),
-        np.zeros((n + 1, 3)),
-        np.zeros((n + 1, 3)),
-        np.zeros((n + 1, 3)),
-        np.zeros((n + 1, d, 3)),
-        np.zeros(shape),
-        np.zeros(shape),
-        np.zeros(shape),
-        np.zeros(shape),
-    )
+    omega, alpha, linear, own = np.zeros((n + 1, 3)), np.zeros((n + 1, 3)), np.zeros((n + 1, 3)), np.zeros((n + 1, 3))
+    omega_by, alpha_by, linear_by, own_by = np.zeros(shape), np.zeros(shape), np.zeros(shape), np.zeros(shape)
+    return Motion(omega, alpha, linear, own, np.zeros((n + 1, d, 3)), omega_by, alpha_by, linear_by, own_by)
 
 
 @compiled
@@ -765,7 +760,9 @@ def _add_cross(a: FloatArray, b: FloatArray, c: FloatArray) -> None:
 
 
 @compiled
-def _carry(motion: Motion, k: int, c: int, order: int, arm: FloatArray, moved: FloatArray, into: FloatArray) -> None:
+def _add_change(
+    motion: Motion, k: int, c: int, order: int, arm: FloatArray, moved: FloatArray, into: FloatArray
+) -> None:
     """Add the change of α × arm + ω × (ω × arm) of segment k by a state; ``moved`` is the change of the arm."""
     omega, by = motion.omega[k], motion.omega_by[k, order, c]
     round_arm, inner = np.empty(3), np.empty(3)
@@ -798,8 +795,10 @@ def _move_base(placed: Placed, pose: Pose, motion: Motion) -> None:
 
 
 @compiled
-def _glide_rate(model: ChainModel, placed: Placed, pose: Pose, k: int, turning: FloatArray, more: FloatArray) -> None:
-    """Compute the acceleration ``more`` of a joint's centre by its glide, in a parent that turns."""
+def _accelerate_glide(
+    model: ChainModel, placed: Placed, pose: Pose, k: int, turning: FloatArray, more: FloatArray
+) -> None:
+    """Compute the acceleration ``more`` of a joint's centre due to its glide, in a parent that rotates."""
     first, w = model.first[k + 1], pose.rate[0]
     speed, gain = 0.0, 0.0
     for c in range(first, first + model.freedom[k]):
@@ -821,7 +820,7 @@ def _glide_rate(model: ChainModel, placed: Placed, pose: Pose, k: int, turning: 
 
 @compiled
 def _move_joint(model: ChainModel, placed: Placed, pose: Pose, k: int, motion: Motion) -> None:
-    """Compute rates and derivatives of segment k + 1 from those of its parent; the glide's are approximate."""
+    """Compute rates of segment k + 1 and their derivatives from its parent's; derivatives by glides are approximate."""
     p, s, first, d = model.parent[k], k + 1, model.first[k + 1], motion.spin.shape[1]
     last = first + model.freedom[k]
     second = first + 1 if model.freedom[k] == 2 else -1
@@ -836,7 +835,7 @@ def _move_joint(model: ChainModel, placed: Placed, pose: Pose, k: int, motion: M
         if second >= 0:
             gain[i] += bend[i] * pose.rate[0, first] * pose.rate[0, second]
         arm[i] = placed.origin[s, i] - placed.origin[p, i]
-    _glide_rate(model, placed, pose, k, motion.omega[p], moved)
+    _accelerate_glide(model, placed, pose, k, motion.omega[p], moved)
     for i in range(3):
         motion.omega[s, i] = motion.omega[p, i] + own[i]
         motion.alpha[s, i] = motion.alpha[p, i] + gain[i]
@@ -871,21 +870,21 @@ def _move_joint(model: ChainModel, placed: Placed, pose: Pose, k: int, motion: M
             _add_cross(motion.omega[p], own_by, alpha_by)
             for i in range(3):
                 omega_by[i] = motion.omega_by[p, order, c, i] + own_by[i]
-            _carry(motion, p, c, order, arm, moved, linear_by)
+            _add_change(motion, p, c, order, arm, moved, linear_by)
 
 
 @compiled
-def _turn_back(turn: FloatArray, v: FloatArray, out: FloatArray) -> None:
+def _rotate_back(turn: FloatArray, v: FloatArray, out: FloatArray) -> None:
     """Compute Rᵀ v."""
     for i in range(3):
         out[i] = turn[0, i] * v[0] + turn[1, i] * v[1] + turn[2, i] * v[2]
 
 
 @compiled
-def _sense(
+def _predict_sensor(
     sensors: Sensors, j: int, placed: Placed, motion: Motion, gyro: FloatArray, force: FloatArray, rows: FloatArray
 ) -> None:
-    """Compute what sensor j measures, and the derivatives ``rows`` (6, 3 d) by pose, velocity and acceleration."""
+    """Compute the expected signals of sensor j, and their derivatives ``rows`` (6, 3 d) by pose and rates."""
     s, d = sensors.segment[j], motion.spin.shape[1]
     turn, along = placed.turn[s], sensors.long_axis[j]
     arm, world, part, change, own = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
@@ -897,8 +896,8 @@ def _sense(
     _add_cross(motion.alpha[s], arm, world)
     _cross(motion.omega[s], arm, part)
     _add_cross(motion.omega[s], part, world)
-    _turn_back(turn, motion.omega[s], gyro)
-    _turn_back(turn, world, force)
+    _rotate_back(turn, motion.omega[s], gyro)
+    _rotate_back(turn, world, force)
     axis, rest, both = np.zeros(3), np.zeros(3), np.zeros(3)
     for i in range(3):
         for c in range(3):
@@ -926,15 +925,15 @@ def _sense(
                 away += _dot(own, axis)
                 if swing > LEAST_TWIST:
                     more -= twist * away
-            _turn_back(turn, change, part)
+            _rotate_back(turn, change, part)
             for i in range(3):
                 rows[i, at] = part[i] - sensors.lag[j] * more / size * along[i]
                 change[i] = motion.linear_by[s, order, c, i]
             _cross(motion.spin[s, c], arm, own)
-            _carry(motion, s, c, order, arm, own, change)
+            _add_change(motion, s, c, order, arm, own, change)
             if order == 0:
                 _add_cross(world, motion.spin[s, c], change)
-            _turn_back(turn, change, part)
+            _rotate_back(turn, change, part)
             for i in range(3):
                 rows[3 + i, at] = part[i]
 
@@ -943,17 +942,17 @@ def _sense(
 def predict_sensors(
     model: ChainModel, track: Pose, sensors: Sensors, gyro: FloatArray, force: FloatArray, jacobian: FloatArray
 ) -> None:
-    """Fill what sensors measure (F, S, 3), and unless it has no frames, the derivatives (F, S, 6, 3 d)."""
+    """Fill the expected signals (F, S, 3), and their derivatives (F, S, 6, 3 d) unless the array has no frames."""
     n, d = len(model.ball), track.rate.shape[2]
     placed, motion, rows = _new_placed(n, d), _new_motion(n, d), np.empty((6, 3 * d))
     for f in range(len(gyro)):
-        here = _frame(track, f)
+        here = _view_frame(track, f)
         _place(model, here, placed)
         _move_base(placed, here, motion)
         for k in range(n):
             _move_joint(model, placed, here, k, motion)
         for j in range(len(sensors.segment)):
-            _sense(sensors, j, placed, motion, gyro[f, j], force[f, j], rows)
+            _predict_sensor(sensors, j, placed, motion, gyro[f, j], force[f, j], rows)
             if jacobian.shape[0] > 0:
                 _copy(rows, jacobian[f, j])
 
@@ -962,7 +961,7 @@ def predict_sensors(
 def _fuse(
     p: FloatArray, rows: FloatArray, y: FloatArray, change: FloatArray, variance: float, spread: float, gate: float
 ) -> bool:
-    """Update with three components y, whose derivatives are ``rows`` (3, m); true if they pass the gate."""
+    """Update with three components y, whose derivatives are ``rows`` (3, m); return whether they pass the gate."""
     size, known = len(p), rows.shape[1]
     w, u, left, total = np.zeros((3, size)), np.zeros((3, 3)), np.empty(3), 0.0
     for i in range(3):
@@ -1002,7 +1001,7 @@ def _fuse(
 def _update_inertial(
     model: ChainModel, sensors: Sensors, k: int, gate: float, pose: Pose, p: FloatArray, used: BoolArray
 ) -> None:
-    """Update with all sensors of frame k, in place; ``used`` (S, 2) receives what passes the gate."""
+    """Update with all sensors of frame k, in place; ``used`` (S, 2) receives which signals pass the gate."""
     n, d = len(model.ball), pose.rate.shape[1]
     seen = False
     for j in range(len(sensors.segment)):
@@ -1019,7 +1018,7 @@ def _update_inertial(
     for c in range(3, d):
         steady = steady and p[d + c, d + c] < _STEADY**2
     for j in range(len(sensors.segment)):
-        _sense(sensors, j, placed, motion, gyro, force, rows)
+        _predict_sensor(sensors, j, placed, motion, gyro, force, rows)
         for i in range(3):
             gyro[i] = sensors.gyro[k, j, i] - gyro[i]
             force[i] = sensors.force[k, j, i] - force[i]
@@ -1035,7 +1034,7 @@ def _update_inertial(
 
 @compiled
 def _count_failing(model: ChainModel, z: FloatArray, used: BoolArray, failing: IntArray) -> None:
-    """Count successive frames in which over half of a segment's markers fail; unchanged if none is seen."""
+    """Count successive frames in which over half of a segment's markers fail; no change if none is visible."""
     for k in range(len(failing)):
         seen, passed = 0, 0
         for m in range(len(model.segment)):
@@ -1064,13 +1063,14 @@ def run_filter(
     """Fill the track, its covariance (F, 4 d, 4 d), and flags; return the frame that failed, or −1.
 
     ``z`` (F, M, 3) are the markers without lasting displacements, NaN where the frames' own poses do not use them.
-    ``found`` (F, n + 1): the frame's own markers determine the base and each joint; ``followed``: or sensors do.
+    ``found`` (F, n + 1) is true where the frame's own markers determine the base or joint, ``followed`` where markers
+    or sensors do.
     """
     n, d = len(model.ball), len(noise.density)
     pose, last, start, p = _new_pose(model), _new_pose(model), _new_pose(model), np.zeros((4 * d, 4 * d))
     moved = np.empty((4 * d, 4 * d))
     failing = np.zeros(n + 1, dtype=np.int64)
-    _copy_pose(_frame(anchors, 0), pose)
+    _copy_pose(_view_frame(anchors, 0), pose)
     _copy_pose(pose, last)
     for k in range(len(z)):
         if k > 0:
@@ -1093,7 +1093,7 @@ def run_filter(
             _copy_pose(pose, start)
             for j in range(n + 1):
                 if found[k, j]:
-                    _restart(model, start, j, _frame(anchors, k), 0, 0)
+                    _restart(model, start, j, _view_frame(anchors, k), 0, 0)
             fine = _update(model, noise, pose, p, z[k], used[k], noise.weight[k], start, True)
         else:
             fine = _update(model, noise, pose, p, z[k], used[k], noise.weight[k], pose, False)
@@ -1104,7 +1104,7 @@ def run_filter(
         for j in range(n + 1):
             if found[k, j] and failing[j] == 0:
                 _restart(model, last, j, pose, 0, 0)
-        _copy_pose(pose, _frame(track, k))
+        _copy_pose(pose, _view_frame(track, k))
         _copy(p, covariance[k])
     return -1
 
@@ -1117,18 +1117,14 @@ def run_smoother(
     n, d = len(model.ball), len(noise.density)
     size = 4 * d
     ahead, error, change = _new_pose(model), np.empty(size), np.empty(size)
-    pp, gain, beyond, product = (
-        np.empty((size, size)),
-        np.empty((size, size)),
-        np.empty((size, size)),
-        np.empty((size, size)),
-    )
+    pp, gain = np.empty((size, size)), np.empty((size, size))
+    beyond, product = np.empty((size, size)), np.empty((size, size))
     for k in range(len(covariance) - 2, -1, -1):
-        here, after = _frame(track, k), _frame(track, k + 1)
+        here, after = _view_frame(track, k), _view_frame(track, k + 1)
         _copy_pose(here, ahead)
         _copy(covariance[k], pp)
         _predict(model, noise, ahead, pp, gain, followed[k + 1])
-        _difference(model, ahead, after, error[:d])
+        _subtract_poses(model, ahead, after, error[:d])
         for e in range(3):
             for c in range(d):
                 error[(e + 1) * d + c] = after.rate[e, c] - ahead.rate[e, c]
@@ -1161,7 +1157,7 @@ def run_smoother(
 
 @compiled
 def _add_sandwich(gain: FloatArray, middle: FloatArray, product: FloatArray, total: FloatArray) -> None:
-    """Add Gᵀ M G to a covariance; its diagonal stays positive in spite of rounding."""
+    """Add Gᵀ M G to a covariance, and keep its diagonal positive in spite of rounding."""
     size = len(total)
     before = np.empty(size)
     for r in range(size):
@@ -1191,32 +1187,32 @@ def find_poses(
 ) -> None:
     """Find the pose of every frame by Gauss–Newton from its own markers.
 
-    A marker that is not seen pushes with its displacement ``slip`` (F, M, 3), in its segment's frame. Each frame starts
-    from ``start`` where ``started`` (F, n + 1), else from the frames before.
+    A hidden marker contributes its displacement ``slip`` (F, M, 3) in its segment's frame. Each frame starts from
+    ``start`` where ``started`` (F, n + 1), otherwise from the frames before.
     """
     n, d, order = len(model.ball), len(search.prior), search.order
     placed, pose, before = _new_placed(n, d), _new_pose(model), _new_pose(model)
     a, g, step, change = np.zeros((d, d)), np.zeros(d), np.zeros((d, 1)), np.zeros(d)
     inverse = np.zeros((d, d))
-    _copy_pose(_frame(start, order[0]), pose)
+    _copy_pose(_view_frame(start, order[0]), pose)
     for index in range(len(order)):
         k = order[index]
         if index > 1 and abs(order[index] - order[index - 1]) == 1:
-            _difference(model, before, pose, change)
+            _subtract_poses(model, before, pose, change)
             _copy_pose(pose, before)
             for c in range(d):
                 change[c] = min(max(change[c], -_LEAP), _LEAP)
             _move(model, pose, change)
         else:
             if index > 0 and order[index - 1] > order[0] > k:  # back to the first frame
-                _copy_pose(_frame(found.track, order[0]), pose)
+                _copy_pose(_view_frame(found.track, order[0]), pose)
             _copy_pose(pose, before)
         for j in range(n + 1):
             if started[k, j]:
-                _restart(model, pose, j, _frame(start, k), 0, 0)
+                _restart(model, pose, j, _view_frame(start, k), 0, 0)
         for turn in range(_MOST):
             _place(model, pose, placed)
-            robust = _normal_equations(model, search, placed, z[k], slip[k], found.used[k], turn > 0, a, g)
+            robust = _build_normal_equations(model, search, placed, z[k], slip[k], found.used[k], turn > 0, a, g)
             for r in range(d):
                 step[r, 0] = g[r]
             if not _factor(a):
@@ -1236,14 +1232,14 @@ def find_poses(
         for c in range(d):
             found.variance[k, c] = inverse[c, c]
         _place(model, pose, placed)
-        _leverages(model, search, placed, inverse, found.used[k], found.leverage[k])
+        _compute_leverages(model, search, placed, inverse, found.used[k], found.leverage[k])
         if index == 0:
             _copy_pose(pose, before)
-        _copy_pose(pose, _frame(found.track, k))
+        _copy_pose(pose, _view_frame(found.track, k))
 
 
 @compiled
-def _normal_equations(
+def _build_normal_equations(
     model: ChainModel,
     search: Search,
     placed: Placed,
@@ -1254,7 +1250,7 @@ def _normal_equations(
     a: FloatArray,
     g: FloatArray,
 ) -> bool:
-    """Compute the upper triangle of A and g of a step; return whether a marker counts less as it is far away."""
+    """Compute the upper triangle of A and g of a step; return whether a distant marker has a reduced weight."""
     d = len(g)
     rows, columns, x, y = np.empty((d, 3)), np.empty(d, dtype=np.int64), np.empty(3), np.empty(3)
     for r in range(d):
@@ -1265,10 +1261,10 @@ def _normal_equations(
     far = False
     for m in range(len(model.segment)):
         used[m] = False
-        count = _marker(model, placed, m, x, rows, columns)
+        count = _locate(model, placed, m, x, rows, columns)
         weight = search.weight[m]
         if math.isnan(z[m, 0] + z[m, 1] + z[m, 2]):
-            _push(g, placed.turn[model.segment[m]], slip[m], rows, columns, count, weight)
+            _add_displacement(g, placed.turn[model.segment[m]], slip[m], rows, columns, count, weight)
             continue
         for i in range(3):
             y[i] = z[m, i] - x[i]
@@ -1277,22 +1273,22 @@ def _normal_equations(
         if robust and ratio > 0.5:
             far = True
             weight /= (1.0 + ratio) ** 4
-        _gather(a, g, rows, columns, count, y, weight)
+        _add_marker(a, g, rows, columns, count, y, weight)
     return far
 
 
 @compiled
-def _leverages(
+def _compute_leverages(
     model: ChainModel, search: Search, placed: Placed, inverse: FloatArray, used: BoolArray, leverage: FloatArray
 ) -> None:
-    """Compute the leverage of each marker: the share of its error that the fitted pose absorbs."""
+    """Compute the leverage of each marker: the share of its error that the fitted pose follows."""
     d = len(inverse)
     rows, columns, x = np.empty((d, 3)), np.empty(d, dtype=np.int64), np.empty(3)
     for m in range(len(model.segment)):
         leverage[m] = 0.0
         if not used[m]:
             continue
-        count = _marker(model, placed, m, x, rows, columns)
+        count = _locate(model, placed, m, x, rows, columns)
         for i in range(count):
             for j in range(count):
                 value = inverse[columns[i], columns[j]] * search.weight[m] / 3.0

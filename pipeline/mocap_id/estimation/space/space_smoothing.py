@@ -13,11 +13,9 @@ from mocap_id.estimation.space.chain_model import degrees_of_freedom, group_colu
 from mocap_id.estimation.space.frame_poses import (
     FramePoses,
     estimate_marker_sds,
-    estimate_residual_sds,
     find_frame_poses,
     predict_positions,
     remove_displacements,
-    widen_sds,
 )
 from mocap_id.estimation.space.segment_rates import (
     JointRates,
@@ -35,7 +33,7 @@ from mocap_id.estimation.space.skin_errors import (
     estimate_skin_errors,
 )
 from mocap_id.estimation.space.space_filter import SpatialTrack, filter_and_smooth, scale_to_movement
-from mocap_id.estimation.space.space_kernels import ChainModel, Pose, Sensors, predict_markers
+from mocap_id.estimation.space.space_kernels import ChainModel, Pose, predict_markers
 from mocap_id.estimation.space.spatial_noise import SpatialNoise, estimate_camera_noise, estimate_process_noise
 from mocap_id.geometry.spatial_chain import SpatialChain
 
@@ -104,7 +102,7 @@ def smooth_in_space(
     model = make_chain_model(chain)
     points = np.where(np.isfinite(points).all(axis=2, keepdims=True), points, np.nan)
     frames, steady, noise = estimate_noise(chain, model, points, rate, settings)
-    track = run_filter_and_smoother(model, steady, 1.0 / rate, frames, noise, settings.gate)
+    track = filter_and_smooth(model, steady, 1.0 / rate, frames, noise, gate=settings.gate)
     lost = find_uncertain_segments(chain, model, track, settings)
     scale_to_movement(track, noise.errors)
     return collect_states(chain, model, frames, track, noise, lost)
@@ -129,32 +127,6 @@ def estimate_noise(
         return frames, steady, SpatialNoise(camera, size, snap, snap, np.full((ORDER - 1, len(snap)), np.nan))
     snap, gap_snap, errors = estimate_process_noise(model, frames, 1.0 / rate)
     return frames, steady, SpatialNoise(camera, size, snap, gap_snap, errors)
-
-
-def run_filter_and_smoother(  # noqa: PLR0917
-    model: ChainModel,
-    points: FloatArray,
-    dt: float,
-    frames: FramePoses,
-    noise: SpatialNoise,
-    gate: float,
-    sensors: Sensors | None = None,
-) -> SpatialTrack:
-    """Run filter and smoother over markers (F, M, 3) without lasting displacements, and over sensors if given."""
-    camera = noise.camera_sd
-    gate_sd = widen_sds(frames, np.fmax(estimate_residual_sds(frames), max(camera, _LEAST_GATE)))
-    return filter_and_smooth(
-        model,
-        points,
-        dt,
-        frames,
-        camera=camera,
-        gate_variance=gate_sd**2,
-        snap=noise.snap,
-        gap_snap=noise.gap_snap,
-        gate=gate,
-        sensors=sensors,
-    )
 
 
 def collect_states(  # noqa: PLR0917

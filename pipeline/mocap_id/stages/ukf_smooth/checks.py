@@ -73,7 +73,7 @@ def _explain_gaps(settings: UkfSmoothSettings) -> str:
 
 
 def find_repeated_frames(observed: FloatArray) -> BoolArray:
-    """Return the frames (F,) in which the positions of all markers (F, M, 2 or 3) equal those of the frame before."""
+    """Return the frames (F,) in which all markers (F, M, 2 or 3) have the same positions as in the frame before."""
     rows, equal = np.arange(1, len(observed)), np.zeros(len(observed) - 1, dtype=np.int64)
     for k in range(observed.shape[1]):  # few frames remain after the first markers
         step = np.abs(observed[rows, k] - observed[rows - 1, k]).max(axis=1)
@@ -111,7 +111,7 @@ def report_repeated_frames(repeated: BoolArray) -> tuple[Reason, ...]:
 
 
 def report_filter(cut_off: float | None) -> tuple[Reason, ...]:
-    """Return a caution if the markers were filtered at a low cut-off, Hz; None is the cut-off of no filter."""
+    """Return a caution if the markers were filtered at a low cut-off, Hz; ``cut_off`` is None without a filter."""
     if cut_off is None or cut_off >= _FILTERED_HZ:
         return ()
     effect = "The intervals of the states include the remaining noise."

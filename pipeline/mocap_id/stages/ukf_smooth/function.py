@@ -160,7 +160,7 @@ def _add_sd(
     spectrum: ResidualSpectrum,
     settings: UkfSmoothSettings,
 ) -> tuple[States, str]:
-    """Return the states with standard deviations that include known skin motion, and a text that says so."""
+    """Return the states with standard deviations that include known skin motion, and a text that describes them."""
     if settings.method in FRAMEWISE:  # the errors of these methods are unknown
         return states, UNKNOWN
     if spectrum.cut_off is not None and spectrum.cut_off < UNKNOWN_SD_HZ:
