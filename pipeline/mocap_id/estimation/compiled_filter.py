@@ -1,11 +1,11 @@
 """Compiled engine: unscented Kalman filter and Rauch–Tung–Striebel smoother.
 
-The update of the unscented Kalman filter is arranged for many markers. With the square roots of the weights
-included in the deviations of the sigma points, the innovation covariance is S = R + H Hᵀ. R is diagonal, and H has only
-2n + 1 columns (:mod:`mocap_id.estimation.process_model` explains why not 8n + 1): the deviation of the mean, and the
-sum and the difference of the two points' deviations for each of the first n columns of L = chol(P). The matrix
-inversion lemma reduces the update to A = I + Hᵀ R⁻¹ H. With L₁ the first n columns of L, L₂ the other columns, and the
-index d for the differences,
+The update of the unscented Kalman filter is arranged for many markers. If the deviations of the sigma points include
+the square roots of the weights, the innovation covariance is S = R + H Hᵀ. R is diagonal, and H has only 2n + 1
+columns; :mod:`mocap_id.estimation.process_model` explains why it does not have 8n + 1. One column is the deviation of
+the mean. The other columns are the sum and the difference of the two points' deviations, for each of the first n
+columns of L = chol(P). The matrix inversion lemma reduces the update to A = I + Hᵀ R⁻¹ H. L₁ are the first n columns of
+L, L₂ the other columns, and d is the index of the differences:
 
     x⁺ = x + L₁ [A⁻¹ Hᵀ R⁻¹ y]_d        P⁺ = L₁ [A⁻¹]_dd L₁ᵀ + L₂ L₂ᵀ
 

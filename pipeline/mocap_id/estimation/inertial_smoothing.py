@@ -50,9 +50,9 @@ def smooth_with_sensors(
     sensors: Mapping[int, SensorSignals],
     settings: FilterSettings,
 ) -> tuple[States, dict[int, SensorResult]]:
-    """Estimate the states of every joint at every frame from markers and inertial sensors.
+    """Estimate the states of every joint from markers and inertial sensors; also return the result of each sensor.
 
-    The states are those from the markers alone if all sensors are left out. Markers and chain are as for
+    If all sensors are left out, the states come from the markers alone. Markers and chain are as for
     :func:`mocap_id.estimation.smooth`; ``observed`` is changed as by ``overwrite``. ``time`` (F,) are uniform times of
     the cameras, s. ``sensors`` are numbered by their segment, 0 = base.
 

@@ -45,7 +45,7 @@ class FrameAngles:
     angles: FloatArray  # (F, n) rad, unwrapped over the observed frames; interpolated where unobserved
     information: FloatArray  # (F, n, n) Jᵀ J of the used markers, m^2/rad^2: inverse covariance for 1 m of noise
     used: BoolArray  # (F, M) markers that are visible and no outliers
-    reliable: BoolArray  # (F, n) few markers up to the joint's segment are outliers; with many, wrong ones may remain
+    reliable: BoolArray  # (F, n) few markers up to the joint's segment are outliers; if many, some remain undetected
     squares: float  # sum of squared distances of the used markers from their predictions, m^2, over reliable frames
     scale: FloatArray  # (M,) ordinary size of each marker's residual per coordinate, m; NaN if never visible
 

@@ -102,7 +102,10 @@ def smooth(
         Allow changes of ``observed``, which saves a copy: where markers are missing, the other markers are moved by
         :func:`mocap_id.estimation.dropouts.compensate_dropouts`.
 
-    Raise NumericalError if a covariance is not positive definite.
+    Raises
+    ------
+    NumericalError
+        A covariance is not positive definite.
     """
     if not overwrite:
         observed = observed.copy()

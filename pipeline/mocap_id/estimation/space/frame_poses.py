@@ -133,10 +133,10 @@ def widen_sds(found: FramePoses, sd: FloatArray) -> FloatArray:
 def remove_displacements(
     chain: SpatialChain, model: ChainModel, points: FloatArray, found: FramePoses, *, rate: float, camera: float
 ) -> tuple[FramePoses, FloatArray]:
-    """Return poses from equally weighted markers without their lasting displacements, and these markers (F, M, 3).
+    """Return poses from markers without their lasting displacements, and these markers (F, M, 3), m.
 
-    Slow displacements then follow the weights of the whole error, and white noise averages over all markers. Where a
-    marker is missing, the others show no step.
+    All markers have equal weights. Slow displacements are thus weighted by the whole error, while white noise averages
+    over all markers. When a marker vanishes, the other markers do not step.
     """
     own = np.where(found.used[..., None], _express_in_segments(chain, found), found.slips)
     slow = remove_fast_part(own, rate)

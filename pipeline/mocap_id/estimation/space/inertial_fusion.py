@@ -55,10 +55,10 @@ def smooth_with_sensors(
     sensors: Mapping[int, SensorSignals],
     settings: SpatialSettings | None = None,
 ) -> tuple[SpatialStates, dict[int, SensorResult]]:
-    """Estimate the states of all segments and joints from markers and inertial sensors.
+    """Estimate the states of all segments from markers and inertial sensors; also return each sensor's result.
 
-    The states are those from the markers alone if all sensors are left out. ``points`` (F, M, 3) are the measured
-    markers in the frame of the trial (y up), m, NaN where missing. ``time`` (F,) are uniform times of the cameras, s.
+    If all sensors are left out, the states come from the markers alone. ``points`` (F, M, 3) are the measured markers
+    in the frame of the trial (y up), m, NaN where missing. ``time`` (F,) are uniform times of the cameras, s.
     ``sensors`` are numbered by their segment.
 
     Raise NumericalError if a covariance is not positive definite.

@@ -96,7 +96,10 @@ def smooth_in_space(
     settings : SpatialSettings, optional
         Default: :class:`SpatialSettings`.
 
-    Raise NumericalError if a covariance is not positive definite.
+    Raises
+    ------
+    NumericalError
+        A covariance is not positive definite.
     """
     settings = settings or SpatialSettings()
     model = make_chain_model(chain)

@@ -139,7 +139,7 @@ def _smooth(
 def _filter_settings(settings: UkfSmoothSettings, chain: MarkerChain) -> FilterSettings:
     """Return the settings of the filter; with `method: encoder`, the encoder is compared with the smoother `rts`.
 
-    The process noise is limited if the markers of a segment are all at one place. A drop-out then changes the angle of
+    The process noise is limited if all markers of a segment are at one position. A drop-out then changes the angle of
     the segment for as long as it lasts, and this change is not process noise.
     """
     given = settings.model_dump(include={field.name for field in fields(FilterSettings)})

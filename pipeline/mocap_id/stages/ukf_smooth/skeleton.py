@@ -78,7 +78,8 @@ def _weights(
 def limit_to_skeleton(angles: JointAngles) -> JointAngles:
     """Return the angles of a skeleton; a shoulder's axial rotation becomes NaN where the elbow is nearly straight.
 
-    The constant error of the elevation is set to its size in other recordings, because a skeleton cannot reveal it.
+    The constant error of the elevation includes its size in other recordings, because a skeleton reveals only a part of
+    it.
     """
     if angles.names != SHOULDER:
         return angles

@@ -39,10 +39,10 @@ def read_predicted_markers(run: RunFolder) -> LongTable | None:
 
 
 def export_markers(run: RunFolder) -> ExportFiles:
-    """Return ``<trial>.trc`` with the measured markers, and ``<trial>_model.trc`` with the predicted ones.
+    """Return ``<trial>.trc`` with the measured markers, and ``<trial>_model.trc`` with the predicted markers.
 
-    The axes are the axes of the plane frame, which OpenSim also uses: x along the motion, y up, z out of the plane. In
-    space they are the axes of the trial, with y up. A measured marker is blank where it was not visible.
+    In the plane, x is along the motion, y up, and z out of the plane, as in OpenSim. In space, the axes are the
+    axes of the trial, with y up. A measured marker is blank where it was not visible.
     """
     planar, predicted = run.long("planar.parquet"), read_predicted_markers(run)
     if planar is None:
