@@ -18,8 +18,8 @@ from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.space.pseudo_inertia import change_of_frame
 from mocap_id.geometry import se3
 from mocap_id.kinematics.space.rigid_body import rigid_poses
-from mocap_id.simulation.space_robot.files import simulate_space_robot
-from mocap_id.simulation.space_robot.options import SpaceRobotOptions
+from mocap_id.simulation.space_robot.robot import SpaceRobotOptions
+from mocap_id.simulation.space_robot.trial import simulate_space_robot
 from mocap_id.store import Tree
 from mocap_id.store.spatial_views import SpatialSkeleton
 from mocap_id.workflows.payload import find_payload

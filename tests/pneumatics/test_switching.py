@@ -16,10 +16,10 @@ from mocap_id.pneumatics.switching import (
     Person,
     Tour,
     compute_depths,
+    map_transition,
     plan_tour,
     simulate_switching,
 )
-from mocap_id.pneumatics.unsafe_states import map_transition
 from mocap_id.prescription.one_joint import OneJoint
 
 CYLINDER = Cylinder(0.03, 2.835e-4, 2.552e-4, 0.09, 0.09, 0.08, np.radians(140), 1.2, 0.2, 0.02)

@@ -17,7 +17,7 @@ from mocap_id.prescription.level_set import (
     solve_level_set,
 )
 from mocap_id.prescription.one_joint import OneJoint
-from mocap_id.workflows.prescribe.spring_map import KEPT, map_springs
+from mocap_id.workflows.prescribe.spring_map import ROWS_FILE, map_springs
 
 WEIGHT, INERTIA, STIFFNESS, REST = 3.43 * 9.81 * 0.30, 0.43, 4.297, float(np.radians(210))
 SECOND, FIRST = Scheme(second_order=True, grows_only=False), Scheme(second_order=False, grows_only=False)
@@ -176,7 +176,7 @@ def test_a_map_resumes_where_it_was_left(tmp_path) -> None:  # type: ignore[no-u
 
     with pytest.raises(KeyboardInterrupt):
         map_springs(weak_arm(), INERTIA, grid, tmp_path, stopped)
-    assert (tmp_path / KEPT).is_file()
+    assert (tmp_path / ROWS_FILE).is_file()
     again = map_springs(weak_arm(), INERTIA, grid, tmp_path, told.append)
     assert len(told) == 3
     whole = map_springs(weak_arm(), INERTIA, grid, None, lambda line: None)

@@ -7,8 +7,8 @@ import pytest
 
 from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regressor
 from mocap_id.prescription.arms import PlanarArm
-from mocap_id.prescription.gravity_torques import ChainMasses
 from mocap_id.prescription.joint_limits import JointLimits
+from mocap_id.prescription.one_joint import ChainMasses
 from mocap_id.prescription.postures import SpringPlace, sample_postures
 from mocap_id.prescription.several_springs import find_holdable, prescribe_several
 from mocap_id.prescription.sub_workspaces import SubWorkspace, build_graph

@@ -10,8 +10,8 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.compilation import compiled
 from mocap_id.prescription.arms import PlanarArm
-from mocap_id.prescription.gravity_torques import ChainMasses
 from mocap_id.prescription.joint_limits import JointLimits
+from mocap_id.prescription.one_joint import ChainMasses
 from mocap_id.prescription.sampling import sobol
 
 _CELLS = 8  # average number of postures per cell, so that few cells contain no posture

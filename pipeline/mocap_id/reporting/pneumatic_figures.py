@@ -10,8 +10,7 @@ from matplotlib.figure import Figure
 
 from mocap_id.arrays import NORMAL_95, FloatArray
 from mocap_id.pneumatics.chain_tour import ChainTour
-from mocap_id.pneumatics.switching import Controller, SwitchedMotion
-from mocap_id.pneumatics.unsafe_states import TransitionMap
+from mocap_id.pneumatics.switching import Controller, SwitchedMotion, TransitionMap
 from mocap_id.reporting import paper_figures, style
 
 _EVERY = 10  # samples of a tour are drawn

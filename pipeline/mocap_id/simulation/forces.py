@@ -89,8 +89,7 @@ class TrueState:
     @property
     def cop_x(self) -> FloatArray:
         """Centre of pressure on the ground, (T,) m."""
-        cop: FloatArray = self.wrench[:, 2] / self.wrench[:, 1]
-        return cop
+        return np.asarray(self.wrench[:, 2] / self.wrench[:, 1])
 
 
 @dataclass(frozen=True)

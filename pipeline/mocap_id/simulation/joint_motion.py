@@ -20,8 +20,7 @@ _WAVES = 8  # sine waves of a tremor or sway
 
 def smoothstep(phase: FloatArray, order: int = 6) -> FloatArray:
     """Return 0 below phase 0, 1 above phase 1, and between them a polynomial with ``order - 1`` smooth derivatives."""
-    step: FloatArray = betainc(order, order, np.clip(phase, 0.0, 1.0))
-    return step
+    return np.asarray(betainc(order, order, np.clip(phase, 0.0, 1.0)))
 
 
 def ramp_up(time: FloatArray, start: float) -> FloatArray:
@@ -34,8 +33,7 @@ def draw_tremor(rng: np.random.Generator, time: FloatArray, acceleration: FloatA
     frequency, phase = _draw_waves(rng, TREMOR, len(acceleration))
     omega = 2 * np.pi * frequency
     waves = np.sin(omega * time[:, None, None] + phase) / omega**2
-    total: FloatArray = acceleration * waves.sum(axis=1) * np.sqrt(2 / _WAVES)
-    return total
+    return np.asarray(acceleration * waves.sum(axis=1) * np.sqrt(2 / _WAVES))
 
 
 def draw_sway(rng: np.random.Generator, time: FloatArray, size: FloatArray) -> FloatArray:
@@ -43,8 +41,7 @@ def draw_sway(rng: np.random.Generator, time: FloatArray, size: FloatArray) -> F
     frequency, phase = _draw_waves(rng, SWAY, len(size))
     weight = 1 / frequency
     waves = np.sin(2 * np.pi * frequency * time[:, None, None] + phase) * weight
-    total: FloatArray = size * waves.sum(axis=1) / np.sqrt((weight**2).sum(axis=0) / 2)
-    return total
+    return np.asarray(size * waves.sum(axis=1) / np.sqrt((weight**2).sum(axis=0) / 2))
 
 
 def _draw_waves(rng: np.random.Generator, band: tuple[float, float], count: int) -> tuple[FloatArray, FloatArray]:

@@ -58,8 +58,7 @@ class TrialVariation:
         """Return the drift (T,) of one of the :data:`DRIFTS`, with unit variance."""
         i = DRIFTS.index(name)
         waves = np.sin(2 * np.pi * self.frequency[i] * time[:, None] + self.phase[i])
-        total: FloatArray = waves.sum(axis=1) * np.sqrt(2 / WAVES)
-        return total
+        return np.asarray(waves.sum(axis=1) * np.sqrt(2 / WAVES))
 
 
 def draw_trial_variation(rng: np.random.Generator, repetitions: int) -> TrialVariation:
@@ -122,8 +121,7 @@ class AdditionalMotion:
             level -= 0.35 * down * _bump(time, (each.sit_start + each.legs_end) / 2 + late_down, 1.6 * sit)
             standing = smoothstep((time - each.seat_off) / rise) - smoothstep((time - each.sit_start) / sit)
             level += 0.25 * rest * standing
-        swing: FloatArray = np.radians(self.people.arm_swing_deg) * level
-        return swing
+        return np.asarray(np.radians(self.people.arm_swing_deg) * level)
 
     def _foot(self, time: FloatArray) -> FloatArray:
         """Return the foot's rotation about the toe, (T,) rad, largest between seat-off and standing."""

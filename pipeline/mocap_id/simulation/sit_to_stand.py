@@ -157,8 +157,7 @@ def _com_x(body: SimulatedBody, shank: float, thigh: float, trunk: float) -> flo
 def _second_difference(values: FloatArray) -> FloatArray:
     """Return the second derivative along the first axis, at rest beyond both ends."""
     padded = np.concatenate([values[:1], values, values[-1:]])
-    change: FloatArray = (padded[2:] - 2 * values + padded[:-2]) / STEP**2
-    return change
+    return np.asarray((padded[2:] - 2 * values + padded[:-2]) / STEP**2)
 
 
 def _trunk_task(body: SimulatedBody, legs: FloatArray, push: FloatArray) -> _TrunkTask:

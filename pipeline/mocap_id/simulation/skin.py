@@ -21,8 +21,7 @@ def draw_trial_skin_motion(rng: np.random.Generator, markers: MarkerSet, q: Floa
     position on its link is its mean position. Parameters as for :func:`draw_skin_motion`.
     """
     moved = draw_skin_motion(rng, markers, q, time, wander=rng, middle=_mid_range(q))
-    centred: FloatArray = moved - moved.mean(axis=0)
-    return centred
+    return np.asarray(moved - moved.mean(axis=0))
 
 
 def draw_subject_skin_motion(
@@ -92,8 +91,7 @@ def draw_skin_rotation(  # noqa: PLR0917
 
 def _mid_range(q: FloatArray) -> FloatArray:
     """Return the middle of the range of each joint angle (T, n), rad."""
-    middle: FloatArray = (q.max(axis=0) + q.min(axis=0)) / 2
-    return middle
+    return np.asarray((q.max(axis=0) + q.min(axis=0)) / 2)
 
 
 def _draw_slide(rng: np.random.Generator, link: int, q: FloatArray, middle: FloatArray) -> FloatArray:
@@ -113,5 +111,4 @@ def _draw_wander(rng: np.random.Generator, time: FloatArray) -> FloatArray:
     period = rng.uniform(*WANDER_PERIODS, (6, 3))
     phase = rng.uniform(0, 2 * np.pi, (6, 3))
     waves = np.sin(2 * np.pi * time[:, None, None] / period + phase)
-    total: FloatArray = waves.sum(axis=1) / np.sqrt(3)
-    return total
+    return np.asarray(waves.sum(axis=1) / np.sqrt(3))

@@ -16,11 +16,10 @@ from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.recording.plate_types import PlateSignals
 from mocap_id.recording.writer import write_c3d
-from mocap_id.simulation.balance_board import board_csv, draw_board
 from mocap_id.simulation.inertial_sensors import csv_bytes, simulate_plane_sensors
 from mocap_id.simulation.joint_motion import JointMotion
+from mocap_id.simulation.log_sensors import board_csv, draw_board, draw_encoder, encoder_csv, joint_sensor_csv
 from mocap_id.simulation.options import Kind, Options
-from mocap_id.simulation.robot_sensors import draw_encoder, encoder_csv, joint_sensor_csv
 from mocap_id.simulation.scene import random_streams
 from mocap_id.simulation.simulated_trial import SimulatedTrial, generate
 from mocap_id.simulation.truth import arrays, document

@@ -6,8 +6,8 @@ import json
 from collections.abc import Mapping, Sequence
 
 from mocap_id.simulation.body import SimulatedBody, Subject
+from mocap_id.simulation.log_sensors import joint_position
 from mocap_id.simulation.options import Kind, Options
-from mocap_id.simulation.robot_sensors import joint_position
 from mocap_id.simulation.scene import Scene
 from mocap_id.simulation.ur5 import REFERENCE, TOTAL, JointName
 

@@ -8,8 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from mocap_id.arrays import FloatArray
-from mocap_id.pneumatics.cylinder import ADIABATIC, ISOTHERMAL, Cylinder, PressureLimits, Setting
-from mocap_id.pneumatics.torque_deviation import compute_torque_and_sd
+from mocap_id.pneumatics.cylinder import ADIABATIC, ISOTHERMAL, Cylinder, PressureLimits, Setting, compute_torque_and_sd
 from mocap_id.stages.base import Settings
 
 _Chamber = float | Literal["open"]
@@ -146,7 +145,7 @@ class DeviceFile(Settings):
         """Return the torque on the joint and its standard deviation, N·m; zeros if the device is not worn.
 
         ``angle``, ``velocity`` and ``angle_deviation`` are arguments of
-        :func:`~mocap_id.pneumatics.torque_deviation.compute_torque_and_sd`.
+        :func:`~mocap_id.pneumatics.cylinder.compute_torque_and_sd`.
         """
         if not condition.worn:
             return np.zeros(np.shape(angle)), np.zeros(np.shape(angle))

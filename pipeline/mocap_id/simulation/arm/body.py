@@ -38,8 +38,7 @@ class ArmBody:
     @property
     def wrist(self) -> FloatArray:
         """Wrist centre (3,) in the forearm, the middle of RS and US, m."""
-        middle: FloatArray = (self.landmarks["RS"][1] + self.landmarks["US"][1]) / 2
-        return middle
+        return np.asarray((self.landmarks["RS"][1] + self.landmarks["US"][1]) / 2)
 
 
 def draw_arm(seed: int, glide: float) -> ArmBody:
@@ -81,5 +80,4 @@ def _thorax_landmarks(rng: np.random.Generator, height: float) -> dict[str, tupl
 
 
 def _normalise(vector: FloatArray) -> FloatArray:
-    unit: FloatArray = vector / np.linalg.norm(vector)
-    return unit
+    return np.asarray(vector / np.linalg.norm(vector))

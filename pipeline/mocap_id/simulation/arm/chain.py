@@ -162,8 +162,7 @@ def _draw_waves(rng: np.random.Generator, time: FloatArray, count: int) -> Float
     weight = np.array([1.0, 0.5, 0.25])[:, None]
     phase = rng.uniform(0, 2 * np.pi, (3, count))
     waves = (weight * np.sin(2 * np.pi * frequency * time[:, None, None] + phase)).sum(axis=1)
-    largest: FloatArray = waves / np.abs(waves).max(axis=0)
-    return largest
+    return np.asarray(waves / np.abs(waves).max(axis=0))
 
 
 def _draw_skin(
@@ -177,5 +176,4 @@ def _draw_skin(
     labels, segment, local = markers
     softness = np.full(len(labels), options.soft_tissue_mm / 1e3)
     moved = draw_skin_motion(rng, marker_set(labels, segment, local, softness), q, time, wander=rng, middle=q[0])
-    from_start: FloatArray = moved - moved[0]
-    return from_start
+    return np.asarray(moved - moved[0])

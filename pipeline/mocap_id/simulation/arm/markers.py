@@ -91,8 +91,7 @@ def draw_slide(
     """
     soft = marker_set(markers.labels, markers.segment, markers.local, markers.slide)
     moved = draw_skin_motion(rng, soft, angles, time, wander=wander, middle=angles[0])
-    from_start: FloatArray = moved - moved[0]
-    return from_start
+    return np.asarray(moved - moved[0])
 
 
 def axial_displacement(markers: ArmMarkers, axial: FloatArray) -> FloatArray:

@@ -64,10 +64,8 @@ def _is_reached(away: FloatArray, arm: FloatArray, elevation: float, box: FloatA
         across = arm[:, 0] * np.cos(axial) + arm[:, 2] * np.sin(axial)
         plane = np.arctan2(away[:, 0], away[:, 2]) - np.arctan2(across, cosine * forward - sine * arm[:, 1])
         allowed |= _is_within(axial, box[2]) & _is_within(plane, box[0])
-    reached: BoolArray = possible & allowed
-    return reached
+    return np.asarray(possible & allowed)
 
 
 def _is_within(angle: FloatArray, limits: FloatArray) -> BoolArray:
-    inside: BoolArray = np.mod(angle - limits[0], 2 * np.pi) <= limits[1] - limits[0]
-    return inside
+    return np.asarray(np.mod(angle - limits[0], 2 * np.pi) <= limits[1] - limits[0])

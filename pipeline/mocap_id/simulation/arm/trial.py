@@ -45,8 +45,7 @@ class SpatialTrial:
 
 def transform_points(origins: FloatArray, rotations: FloatArray, segment: IntArray, local: FloatArray) -> FloatArray:
     """Return points (F, M, 3) in the laboratory from positions ``local`` (F, M, 3) in their segments' frames."""
-    points: FloatArray = origins[:, segment] + np.einsum("fmij,fmj->fmi", rotations[:, segment], local)
-    return points
+    return np.asarray(origins[:, segment] + np.einsum("fmij,fmj->fmi", rotations[:, segment], local))
 
 
 def film_markers(

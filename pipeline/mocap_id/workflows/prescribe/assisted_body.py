@@ -11,13 +11,12 @@ from mocap_id.arrays import FloatArray
 from mocap_id.config.prescription import JointWish, PrescriptionConfig
 from mocap_id.errors import ConfigError
 from mocap_id.prescription.arms import PlanarArm
-from mocap_id.prescription.gravity_torques import ChainMasses
 from mocap_id.prescription.joint_limits import JointLimits
-from mocap_id.prescription.one_joint import OneJoint
+from mocap_id.prescription.one_joint import ChainMasses, OneJoint
 from mocap_id.prescription.sampling import sobol
 from mocap_id.store import Tree
 from mocap_id.workflows.run_folder import check_provenance, open_run_to
-from mocap_id.workflows.workspace.arm_source import SubjectArm, of_folder
+from mocap_id.workflows.workspace.arm_source import SubjectArm, read_folder
 
 _LAST = "identify-dim"
 
@@ -26,7 +25,7 @@ _LAST = "identify-dim"
 class AssistedBody:
     """A planar chain of n joints with its weights, limits and strength."""
 
-    joints: tuple[str, ...]
+    joints: tuple[str, ...]  # names
     arm: PlanarArm
     weights: ChainMasses | None  # None if the trial's dynamics were not identified
     limits: JointLimits
@@ -36,7 +35,7 @@ class AssistedBody:
     why: str = ""  # why there are no weights
 
     def one_joint(self) -> OneJoint:
-        """Return the body as one joint."""
+        """Return the model of the joint of a body with one joint."""
         assert self.weights is not None
         limits = float(self.limits.lower[0]), float(self.limits.upper[0])
         return self.weights.one_joint(0, np.zeros(1), limits, (float(self.strength[0, 0]), float(self.strength[0, 1])))
@@ -58,22 +57,23 @@ def read_body(config: PrescriptionConfig, progress: runner.Progress) -> Assisted
         down = np.array([[arm.mass_kg, 0.0, -arm.mass_kg * arm.lever_m]])
         inertia = arm.inertia_kgm2 if arm.inertia_kgm2 is not None else arm.mass_kg * arm.lever_m**2
         chain = PlanarArm.exact(np.zeros((1, 2)), np.array([0.0, -arm.lever_m]))
-        return _body(config, ("joint",), chain, down, None, inertia, wishes.gravity)
+        return _make_body(config, ("joint",), chain, down, None, inertia, wishes.gravity)
     if wishes.chain is not None:
         chain = PlanarArm.exact(np.array([part.at_m for part in wishes.chain]), np.array(wishes.tip_m))
         masses = np.array([[1.0, *part.centre_m] for part in wishes.chain])
         masses *= np.array([[part.mass_kg] for part in wishes.chain])
         names = tuple(part.name for part in wishes.chain)
-        return _body(config, names, chain, masses, None, None, wishes.gravity)
-    return _of_trial(config, progress)
+        return _make_body(config, names, chain, masses, None, None, wishes.gravity)
+    return _read_trial_body(config, progress)
 
 
-def _of_trial(config: PrescriptionConfig, progress: runner.Progress) -> AssistedBody:
+def _read_trial_body(config: PrescriptionConfig, progress: runner.Progress) -> AssistedBody:
+    """Return the body of a trial."""
     wishes = config.wishes
     assert wishes.trial is not None
     folder, trial = open_run_to(wishes.trial, _LAST, progress)
     name = wishes.trial.name if trial is None else trial.name
-    subject = of_folder(folder, name, wishes.trial, wishes.tip, 0.0)
+    subject = read_folder(folder, name, wishes.trial, wishes.tip, 0.0)
     check_provenance(folder, ("chain.h5", "states.parquet", "dynamics.h5"))
     dynamics = folder.read("dynamics.h5")
     assert isinstance(dynamics, Tree) and isinstance(subject.arm, PlanarArm)
@@ -88,10 +88,12 @@ def _of_trial(config: PrescriptionConfig, progress: runner.Progress) -> Assisted
     gravity = float(folder.provenance("dynamics.h5").origin.parameters[_LAST]["gravity"])
     why = "" if known else str(dynamics.facts.get("why") or "its inertial parameters are not all known")
     inertia = float(full[0, 3]) if n == 1 and known else None
-    return _body(config, subject.joints, subject.arm, full[:, :3] if known else None, subject, inertia, gravity, why)
+    return _make_body(
+        config, subject.joints, subject.arm, full[:, :3] if known else None, subject, inertia, gravity, why
+    )
 
 
-def _body(  # noqa: PLR0917
+def _make_body(  # noqa: PLR0917
     config: PrescriptionConfig,
     names: tuple[str, ...],
     arm: PlanarArm,
@@ -101,7 +103,7 @@ def _body(  # noqa: PLR0917
     gravity: float,
     why: str = "",
 ) -> AssistedBody:
-    """Return the body, with the limits of the configuration in place of those of the trial."""
+    """Return the body; joint limits in the configuration replace those of the trial."""
     wishes = config.wishes
     observed = subject.limits if subject is not None else None
     lower, upper = np.empty(len(names)), np.empty(len(names))
@@ -116,12 +118,12 @@ def _body(  # noqa: PLR0917
         weights = None if masses is None else ChainMasses(arm.centres, masses, gravity)
     except ValueError as error:
         raise ConfigError(f"{config.where()}: {error}") from error
-    largest = np.full(len(names), np.nan) if weights is None else _largest(weights, limits)
-    strength = np.array([_strength(joint, size) for joint, size in zip(wishes.joints, largest, strict=True)])
+    largest = np.full(len(names), np.nan) if weights is None else _largest_moments(weights, limits)
+    strength = np.array([_torque_limits(joint, size) for joint, size in zip(wishes.joints, largest, strict=True)])
     return AssistedBody(names, arm, weights, limits, strength, inertia, subject, why)
 
 
-def _largest(weights: ChainMasses, limits: JointLimits) -> FloatArray:
+def _largest_moments(weights: ChainMasses, limits: JointLimits) -> FloatArray:
     """Return the largest moment of gravity about each joint within the limits of the others, (n,) N·m."""
     q = limits.lower + sobol(2048, limits.dimension, 0) * (limits.upper - limits.lower)
     if limits.dimension == 1:
@@ -129,7 +131,8 @@ def _largest(weights: ChainMasses, limits: JointLimits) -> FloatArray:
     return np.asarray(np.abs(weights.torques(q)).max(axis=0))
 
 
-def _strength(joint: JointWish, largest: float) -> tuple[float, float]:
+def _torque_limits(joint: JointWish, largest: float) -> tuple[float, float]:
+    """Return the limits of the person's torque, N·m, also from a share of the largest moment."""
     if joint.strength_Nm is not None:
         return joint.strength_Nm
     share = joint.strength_share

@@ -1,4 +1,4 @@
-"""Simulation of a controller that changes the pressures of several joints between the tasks of a chain (thesis 9.6)."""
+"""Simulated controller that changes the pressures of a chain's devices between its tasks (thesis 9.6)."""
 
 from __future__ import annotations
 
@@ -24,109 +24,77 @@ from mocap_id.pneumatics.chain_tour import (
 from mocap_id.pneumatics.cylinder import Setting, gas_of_change
 from mocap_id.prescription.postures import sample_postures
 from mocap_id.prescription.sub_workspaces import SubWorkspace
+from mocap_id.workflows.prescribe.controlled_tasks import SETTLED, describe_chatter
 from mocap_id.workflows.prescribe.result import PrescriptionResult
 from mocap_id.workflows.prescribe.task_graph import task_points
 
-_STARTS = 1024  # sampled postures from which those of a task are searched
-_SETTLED = 3.0  # time constants; nodes that change faster chatter
-_MEETINGS = 13  # postures at which two sub-workspaces may be joined
-_TOLERANCE = 1e-3  # of the smallest range of torque
+_STARTS = 1024  # number of sampled postures from which the search for postures of a task starts
+_MEETINGS = 13  # number of postures at which two sub-workspaces may be joined
+_TOLERANCE = 1e-3  # share of the smallest range of torque
 
 
 @dataclass(frozen=True)
 class ChainChange:
-    """A change from one node to another at rest, in the sampled postures (M, n) that both hold.
-
-    Parameters
-    ----------
-    before, after : int
-    q : (M, n) array
-        rad.
-    switched, unsafe : (M,) bool arrays
-        Whether the controller changes here, and whether the person cannot hold the posture meanwhile.
-    missing : (M,) array
-        N·m.
-    """
+    """A change from one node to another at rest, in the sampled postures that both nodes hold."""
 
     before: int
     after: int
-    q: FloatArray
-    switched: BoolArray
-    unsafe: BoolArray
-    missing: FloatArray
+    q: FloatArray  # (M, n) postures, rad
+    switched: BoolArray  # (M,) whether the controller changes here
+    unsafe: BoolArray  # (M,) whether the person cannot hold the posture during the change
+    missing: FloatArray  # (M,) largest missing torque, N·m
 
 
 @dataclass(frozen=True)
 class ControlledChain:
-    """The controller of a chain, its simulated tour and its checks.
-
-    Parameters
-    ----------
-    chain : AssistedChain
-    nodes : tuple of ChainNode
-    margins : tuple of float
-        Share of the wished reserve that the person has in each node's tasks; 1 is all of it.
-    held : (K,) array
-        Share of the sampled postures that each node holds.
-    left_out : tuple of str
-        Nodes for which no pressures exist.
-    stops : tuple of str
-        Task of each stop of the tour.
-    tour : ChainTour
-    missing : tuple of float
-        Largest missing torque in each visit, N·m.
-    gas : tuple of float
-        Gas of each change in the tour, kg.
-    changes : tuple of ChainChange
-    tolerance : float
-        Missing torque that counts as held, N·m.
-    """
+    """The controller of a chain, its simulated tour and its checks."""
 
     chain: AssistedChain
     nodes: tuple[ChainNode, ...]
-    margins: tuple[float, ...]
-    held: FloatArray
-    left_out: tuple[str, ...]
-    stops: tuple[str, ...]
+    margins: tuple[float, ...]  # share of the intended reserve in each node's tasks; 1 is the full reserve
+    held: FloatArray  # (K,) share of the sampled postures that each node holds
+    left_out: tuple[str, ...]  # nodes for which no pressures exist
+    stops: tuple[str, ...]  # task of each stop of the tour
     tour: ChainTour
-    missing: tuple[float, ...]
-    gas: tuple[float, ...]
+    missing: tuple[float, ...]  # largest missing torque in each visit, N·m
+    gas: tuple[float, ...]  # gas of each change in the tour, kg
     changes: tuple[ChainChange, ...]
-    tolerance: float
+    tolerance: float  # largest missing torque that counts as held, N·m
+
+    @property
+    def switches(self) -> tuple[tuple[int, int, int], ...]:
+        """Sample, node before and node after each change in the tour."""
+        return self.tour.switches
 
     @property
     def settling(self) -> float:
         """Time in which the pressures settle, s."""
-        return _SETTLED * self.chain.slowest
+        return SETTLED * self.chain.slowest
 
     @property
     def shortest_dwell(self) -> float:
-        """Shortest time in a node between two changes, s; infinite with fewer."""
-        return float(np.diff([k * STEP for k, _, _ in self.tour.switches]).min(initial=np.inf))
+        """Shortest time in a node between two changes, s; infinite with fewer than two changes."""
+        return float(np.diff([k * STEP for k, _, _ in self.switches]).min(initial=np.inf))
 
     @property
     def problems(self) -> tuple[str, ...]:
         """Sentences about every check that failed."""
-        found = [f"no pressures hold the tasks of {name}" for name in self.left_out]
+        problems = [f"no pressures hold the tasks of {name}" for name in self.left_out]
         between = dict.fromkeys((self.stops[a], self.stops[b]) for a, b in self.tour.no_path)
-        found += [f"no way between {a} and {b} leads through postures that a node holds" for a, b in between]
+        problems += [f"no path between {a} and {b} leads through postures that a node holds" for a, b in between]
         visits = zip(self.tour.visits, self.missing, strict=True)
-        lost = dict.fromkeys(self.stops[stop] for (stop, _, _), missing in visits if missing > self.tolerance)
-        found += [f"{task} is not held throughout" for task in lost]
-        away = float(self.tour.excess.max())
-        if not lost and away > self.tolerance:
-            found.append(f"between the tasks up to {away:.2f} N·m are missing")
-        if self.shortest_dwell < self.settling:
-            found.append(
-                f"the controller chatters: it stayed {self.shortest_dwell:.2f} s in a node, and the pressures need "
-                f"{self.settling:.2f} s to settle"
-            )
+        missed = dict.fromkeys(self.stops[stop] for (stop, _, _), missing in visits if missing > self.tolerance)
+        problems += [f"{task} is not held throughout" for task in missed]
+        largest = float(self.tour.excess.max())
+        if not missed and largest > self.tolerance:
+            problems.append(f"between the tasks up to {largest:.2f} N·m are missing")
+        problems += describe_chatter(self.shortest_dwell, self.settling)
         for one in self.changes:
             if (one.unsafe & one.switched).any():
                 share = 100 * float(one.unsafe[one.switched].mean())
-                way = f"from {self.nodes[one.before].name} to {self.nodes[one.after].name}"
-                found.append(f"a change {way} is unsafe in {share:.0f} % of the postures in which it happens")
-        return tuple(found)
+                change = f"a change from {self.nodes[one.before].name} to {self.nodes[one.after].name}"
+                problems.append(f"{change} is unsafe in {share:.0f} % of the postures in which it happens")
+        return tuple(problems)
 
 
 def control_chain(
@@ -140,22 +108,22 @@ def control_chain(
         No pressures hold the tasks of any group.
     """
     assert result.graph is not None and result.graph_postures is not None
-    chain, q = _chain(result, devices), result.graph_postures
+    chain, q = _make_chain(result, devices), result.graph_postures
     margin, hysteresis, speed = np.radians([rules.margin_deg, rules.hysteresis_deg, rules.speed_deg_s]).tolist()
-    wished = TourRules(margin, hysteresis, speed, rules.hold_s)
-    nodes, margins, stops, places = [], [], [], []
-    groups, left_out = _groups(result, chain)
-    joined = _joined(chain, [places for _, _, places in groups], 2 * (margin + hysteresis))
-    for (name, names, own), whole in zip(groups, joined, strict=True):
-        pressures = find_pressures(chain, whole)
+    tour_rules = TourRules(margin, hysteresis, speed, rules.hold_s)
+    nodes, margins, stops, stop_postures = [], [], [], []
+    groups, left_out = _find_groups(result, chain)
+    extended = _extend_groups(chain, [postures for _, _, postures in groups], 2 * (margin + hysteresis))
+    for (name, names, own), postures in zip(groups, extended, strict=True):
+        pressures = find_pressures(chain, postures)
         assert pressures is not None
         nodes.append(ChainNode(name, pressures[0]))
         margins.append(pressures[1])
         stops += names
-        places.append(own)
+        stop_postures.append(own)
     if not nodes:
         raise ValueError("no pressures of the devices hold the tasks of any group")
-    tour = simulate_tour(chain, nodes, np.concatenate(places), q, wished)
+    tour = simulate_tour(chain, nodes, np.concatenate(stop_postures), q, tour_rules)
     tolerance = _TOLERANCE * float(np.ptp(chain.strength, axis=1).min())
     depth = compute_node_depths(chain, nodes, q)
     return ControlledChain(
@@ -167,16 +135,16 @@ def control_chain(
         tuple(stops),
         tour,
         tuple(float(tour.excess[a : b + 1].max()) for _, a, b in tour.visits),
-        tuple(_gas(chain, nodes, tour)),
-        tuple(_changes(chain, nodes, depth, q, wished, tolerance)),
+        tuple(_compute_gas(chain, nodes, tour)),
+        tuple(_check_changes(chain, nodes, depth, q, tour_rules, tolerance)),
         tolerance,
     )
 
 
-def _groups(
+def _find_groups(
     result: PrescriptionResult, chain: AssistedChain
 ) -> tuple[list[tuple[str, list[str], FloatArray]], list[str]]:
-    """Return name, tasks of the stops and their postures (P, n) of the groups that are held, and the other names."""
+    """Return the groups that can be held (name, tasks and postures (P, n) of the stops), and the other names."""
     assert result.graph is not None
     tasks = {task.name: task for task in result.config.wishes.tasks}
     groups, left_out = [], []
@@ -190,10 +158,10 @@ def _groups(
     return groups, left_out
 
 
-def _joined(chain: AssistedChain, groups: Sequence[FloatArray], overlap: float) -> list[FloatArray]:
-    """Return the postures of the groups, with those of neighbours extended so that both hold an overlap to change in.
+def _extend_groups(chain: AssistedChain, groups: Sequence[FloatArray], overlap: float) -> list[FloatArray]:
+    """Return the postures of the groups, extended so that neighbours hold an overlap in which the node can change.
 
-    Neighbours meet on the straight way between their nearest stops, where the smaller of both reserves is largest.
+    Neighbours meet on the straight line between their nearest stops, where the smaller of both reserves is largest.
     """
     joined = list(groups)
     for k, (one, other) in enumerate(itertools.pairwise(groups)):
@@ -214,8 +182,8 @@ def _joined(chain: AssistedChain, groups: Sequence[FloatArray], overlap: float) 
     return joined
 
 
-def _chain(result: PrescriptionResult, devices: Sequence[DeviceConfig | None]) -> AssistedChain:
-    """Return the chain with its cylinders; springs without a device are those of the prescription in all nodes."""
+def _make_chain(result: PrescriptionResult, devices: Sequence[DeviceConfig | None]) -> AssistedChain:
+    """Return the chain with its cylinders; springs without a device are as prescribed in all nodes."""
     body, springs = result.body, result.several
     assert body.weights is not None and springs is not None
     weights, passive = body.weights, []
@@ -239,7 +207,7 @@ def _chain(result: PrescriptionResult, devices: Sequence[DeviceConfig | None]) -
 
 
 def _postures(result: PrescriptionResult, node: SubWorkspace, tasks: Sequence[Task]) -> tuple[list[str], FloatArray]:
-    """Return the task of each point, and the posture (P, n), rad, that reaches it with the largest reserve."""
+    """Return the task of each point, and the postures (P, n), rad, that reach the points with the largest reserve."""
     body, wishes = result.body, result.config.wishes
     assert body.weights is not None and node.stiffness is not None and node.rest is not None
     each = [(task.name, task_points(task)) for task in tasks]
@@ -257,8 +225,8 @@ def _postures(result: PrescriptionResult, node: SubWorkspace, tasks: Sequence[Ta
     return [name for name, some in each for _ in some], np.array(best)
 
 
-def _gas(chain: AssistedChain, nodes: Sequence[ChainNode], tour: ChainTour) -> Iterator[float]:
-    """Yield the gas of each change, from the pressures of its moment, kg."""
+def _compute_gas(chain: AssistedChain, nodes: Sequence[ChainNode], tour: ChainTour) -> Iterator[float]:
+    """Yield the gas of each change, from the pressures at the time of the change, kg."""
     for k, _, after in tour.switches:
         yield sum(
             gas_of_change(one.cylinder, Setting(*was.tolist()), Setting(*new.tolist()), one.temperature)
@@ -266,7 +234,7 @@ def _gas(chain: AssistedChain, nodes: Sequence[ChainNode], tour: ChainTour) -> I
         )
 
 
-def _changes(  # noqa: PLR0917
+def _check_changes(  # noqa: PLR0917
     chain: AssistedChain,
     nodes: Sequence[ChainNode],
     depth: FloatArray,
@@ -274,6 +242,7 @@ def _changes(  # noqa: PLR0917
     rules: TourRules,
     tolerance: float,
 ) -> Iterator[ChainChange]:
+    """Yield the changes between all pairs of nodes that hold common postures (M, n)."""
     for a, b in itertools.permutations(range(len(nodes)), 2):
         both = (depth[a] > 0) & (depth[b] > 0)
         if not both.any():

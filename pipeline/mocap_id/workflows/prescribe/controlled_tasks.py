@@ -1,4 +1,4 @@
-"""Simulation of a controller that changes the pressures between the sub-workspaces of a joint's tasks (thesis 9.6)."""
+"""Simulated controller that changes the pressures of a joint's device between its tasks (thesis 9.6)."""
 
 from __future__ import annotations
 
@@ -19,94 +19,94 @@ from mocap_id.pneumatics.switching import (
     Node,
     Person,
     SwitchedMotion,
+    TransitionMap,
     compute_depths,
+    map_transition,
     plan_tour,
     simulate_switching,
 )
-from mocap_id.pneumatics.unsafe_states import TransitionMap, map_transition
 from mocap_id.prescription.one_joint import OneJoint
 
 _GRID = 721
-_MEETINGS = 13  # angles at which two sub-workspaces may be joined
-_SETTLED = 3.0  # time constants; nodes that change faster chatter
-_AWAY = np.radians(2.0)  # farther from the reference at the end of a hold, the task is not reached
-_TOLERANCE = 1e-3  # of the person's range of torque
-_FASTER = 1.5  # times the speed of the tour: changes must be safe up to this speed
+_MEETINGS = 13  # number of angles at which two sub-workspaces may be joined
+SETTLED = 3.0  # time constants of settled pressures; faster changes of the node are chatter
+_AWAY = np.radians(2.0)  # largest distance from the reference at the end of a hold if the task is reached
+_TOLERANCE = 1e-3  # share of the range of the person's torque
+_FASTER = 1.5  # changes must be safe up to this factor times the speed of the tour
 
 
 @dataclass(frozen=True)
 class TaskVisit:
-    """A visit of a task in the tour: whether it was reached and held, and the largest missing torque, N·m."""
+    """A visit of a task in the tour."""
 
     task: str
-    time: tuple[float, float]
-    held: bool
-    missing: float
+    time: tuple[float, float]  # start and end, s
+    held: bool  # whether the task was reached and held
+    missing: float  # largest missing torque, N·m
+
+
+def describe_chatter(dwell: float, settling: float) -> list[str]:
+    """Return a sentence if the shortest time in a node is below the settling time of the pressures, s."""
+    if dwell >= settling:
+        return []
+    return [
+        f"the controller chatters: it stayed {dwell:.2f} s in a node, and the pressures need {settling:.2f} s to settle"
+    ]
 
 
 @dataclass(frozen=True)
 class ControlledTasks:
-    """The controller, its simulated tour and its checks.
-
-    Parameters
-    ----------
-    joint : Person
-    controller : Controller
-    tasks : tuple of (node, low, high)
-        Angles that each node was made for, rad.
-    margins : tuple of float
-        Smallest reserve of the person's torque in these angles, N·m.
-    left_out : tuple of str
-        Nodes for which no pressures exist.
-    motion : SwitchedMotion
-    visits : tuple of TaskVisit
-    gas : tuple of float
-        Gas of each change in the tour, kg.
-    maps : tuple of TransitionMap
-    shortest_dwell, settling : float
-        Shortest time in a node between two changes, s (infinite with fewer), and the time in which pressures settle.
-    """
+    """The controller of a joint, its simulated tour and its checks."""
 
     person: Person
     controller: Controller
-    tasks: tuple[tuple[str, float, float], ...]
-    margins: tuple[float, ...]
-    left_out: tuple[str, ...]
+    tasks: tuple[tuple[str, float, float], ...]  # name of each node, and the interval of its tasks, rad
+    margins: tuple[float, ...]  # smallest reserve of the person's torque in each interval, N·m
+    left_out: tuple[str, ...]  # nodes for which no pressures exist
     motion: SwitchedMotion
     visits: tuple[TaskVisit, ...]
-    gas: tuple[float, ...]
+    gas: tuple[float, ...]  # gas of each change in the tour, kg
     maps: tuple[TransitionMap, ...]
-    shortest_dwell: float
-    settling: float
+
+    @property
+    def switches(self) -> tuple[tuple[int, int, int], ...]:
+        """Sample, node before and node after each change in the tour."""
+        return self.motion.switches
+
+    @property
+    def settling(self) -> float:
+        """Time in which the pressures settle, s."""
+        return SETTLED * self.controller.slowest
+
+    @property
+    def shortest_dwell(self) -> float:
+        """Shortest time in a node between two changes, s; infinite with fewer than two changes."""
+        return float(np.diff([k * STEP for k, _, _ in self.switches]).min(initial=np.inf))
 
     @property
     def problems(self) -> tuple[str, ...]:
         """Sentences about every check that failed."""
         names = [node.name for node in self.controller.nodes]
-        found = [f"no pressures hold the tasks of {name}" for name in self.left_out]
+        problems = [f"no pressures hold the tasks of {name}" for name in self.left_out]
         pairs = itertools.pairwise(range(len(names)))
-        found += [
+        problems += [
             f"{names[a]} and {names[b]} have no overlap in which the pressures can change"
             for a, b in pairs
-            if not (self._can_serve(a, b) and self._can_serve(b, a))
+            if not (self._serves(a, b) and self._serves(b, a))
         ]
-        lost = dict.fromkeys(visit.task for visit in self.visits if not visit.held)
-        found += [f"{task} is not held throughout" for task in lost]
-        if self.shortest_dwell < self.settling:
-            found.append(
-                f"the controller chatters: it stayed {self.shortest_dwell:.2f} s in a node, and the pressures need "
-                f"{self.settling:.2f} s to settle"
-            )
+        missed = dict.fromkeys(visit.task for visit in self.visits if not visit.held)
+        problems += [f"{task} is not held throughout" for task in missed]
+        problems += describe_chatter(self.shortest_dwell, self.settling)
         for one in self.maps:
             unsafe = one.unsafe & one.switched[:, None]
             if unsafe.any():
                 share = 100 * float(unsafe.sum()) / (one.switched.sum() * len(one.velocity))
-                way = f"from {names[one.before]} to {names[one.after]}"
-                found.append(f"a change {way} is unsafe in {share:.0f} % of the states in which it happens")
-        return tuple(found)
+                change = f"a change from {names[one.before]} to {names[one.after]}"
+                problems.append(f"{change} is unsafe in {share:.0f} % of the states in which it happens")
+        return tuple(problems)
 
-    def _can_serve(self, before: int, after: int) -> bool:
-        """Return whether a node holds the angles of another, or can change to it while the joint is held."""
+    def _serves(self, before: int, after: int) -> bool:
+        """Return whether a node holds the angles of another node, or can change to it while the joint is held."""
         depth, angle = self.controller.nodes[before].depth, self.controller.angle
         _, low, high = self.tasks[after]
         if (depth[(angle >= low) & (angle <= high)] > 0).all():
@@ -126,18 +126,18 @@ def control_tasks(
     """
     cylinder, limits = device.keys.cylinder(), device.keys.limits()
     margin, hysteresis = np.radians([rules.margin_deg, rules.hysteresis_deg]).tolist()
-    groups = _intervals(tasks)
-    joined = _joined(joint, cylinder, limits, groups, 2 * (margin + hysteresis))
+    groups = _group_intervals(tasks)
+    joined = _extend_intervals(joint, cylinder, limits, groups, 2 * (margin + hysteresis))
     angle = np.linspace(joint.lower, joint.upper, _GRID)
     nodes, kept, margins, left_out = [], [], [], []
     for name, low, high in joined:
-        found = find_task_setting(joint, cylinder, limits, [(low, high)])
-        if found is None or found[1] < -_TOLERANCE * (joint.torque_high - joint.torque_low):
+        held = find_task_setting(joint, cylinder, limits, [(low, high)])
+        if held is None or held[1] < -_TOLERANCE * (joint.torque_high - joint.torque_low):
             left_out.append(name)
             continue
-        nodes.append(Node(name, found[0], compute_depths(find_holdable(joint, cylinder, found[0], angle), angle)))
+        nodes.append(Node(name, held[0], compute_depths(find_holdable(joint, cylinder, held[0], angle), angle)))
         kept.append((name, low, high))
-        margins.append(found[1])
+        margins.append(held[1])
     if not nodes:
         raise ValueError("no pressures of the device hold the tasks of any group")
     controller = Controller(tuple(nodes), angle, margin, hysteresis, *device.keys.settling.lags())
@@ -146,8 +146,6 @@ def control_tasks(
     tour = plan_tour(pieces, speed, rules.hold_s, float(np.radians(rules.tremor_deg)))
     start = int(np.argmax([float(controller.depth(k, tour.angle[0])) for k in range(len(nodes))]))
     motion = simulate_switching(person, controller, tour, start)
-    times = np.array([k * STEP for k, _, _ in motion.switches])
-    maps = _maps(person, controller, _FASTER * speed)
     return ControlledTasks(
         person,
         controller,
@@ -155,15 +153,13 @@ def control_tasks(
         tuple(margins),
         tuple(left_out),
         motion,
-        _visits(person, motion),
-        tuple(_gas(cylinder, controller, motion, device.keys.temperature_K)),
-        maps,
-        float(np.diff(times).min(initial=np.inf)),
-        _SETTLED * controller.slowest,
+        _check_visits(person, motion),
+        tuple(_compute_gas(cylinder, controller, motion, device.keys.temperature_K)),
+        _map_transitions(person, controller, _FASTER * speed),
     )
 
 
-def _intervals(tasks: Sequence[Task]) -> list[tuple[str, float, float]]:
+def _group_intervals(tasks: Sequence[Task]) -> list[tuple[str, float, float]]:
     """Return the interval of each group of tasks, rad, in order of the angle."""
     groups: dict[str, list[tuple[float, float]]] = {}
     for task in tasks:
@@ -176,14 +172,14 @@ def _intervals(tasks: Sequence[Task]) -> list[tuple[str, float, float]]:
     return sorted(ends, key=lambda one: one[1] + one[2])
 
 
-def _joined(
+def _extend_intervals(
     joint: OneJoint,
     cylinder: Cylinder,
     limits: PressureLimits,
     groups: list[tuple[str, float, float]],
     overlap: float,
 ) -> list[tuple[str, float, float]]:
-    """Return the intervals, with neighbours extended so that both are held in an overlap in which to change."""
+    """Return the intervals (name, low, high), extended so that neighbours have an overlap in which both are held."""
     joined = list(groups)
     for k in range(len(joined) - 1):
         (name, low, high), (other, first, last) = joined[k], joined[k + 1]
@@ -201,13 +197,13 @@ def _joined(
     return joined
 
 
-def _maps(person: Person, controller: Controller, speed: float) -> tuple[TransitionMap, ...]:
-    count = range(len(controller.nodes))
-    found = [map_transition(person, controller, a, b, speed) for a in count for b in count if a != b]
-    return tuple(one for one in found if one is not None)
+def _map_transitions(person: Person, controller: Controller, speed: float) -> tuple[TransitionMap, ...]:
+    pairs = itertools.permutations(range(len(controller.nodes)), 2)
+    maps = [map_transition(person, controller, a, b, speed) for a, b in pairs]
+    return tuple(one for one in maps if one is not None)
 
 
-def _visits(person: Person, motion: SwitchedMotion) -> tuple[TaskVisit, ...]:
+def _check_visits(person: Person, motion: SwitchedMotion) -> tuple[TaskVisit, ...]:
     tour, span = motion.tour, person.joint.torque_high - person.joint.torque_low
     visits = []
     for visit in tour.visits:
@@ -218,8 +214,8 @@ def _visits(person: Person, motion: SwitchedMotion) -> tuple[TaskVisit, ...]:
     return tuple(visits)
 
 
-def _gas(cylinder: Cylinder, controller: Controller, motion: SwitchedMotion, temperature: float) -> list[float]:
-    """Return the gas of each change, from the pressures of its moment, kg."""
+def _compute_gas(cylinder: Cylinder, controller: Controller, motion: SwitchedMotion, temperature: float) -> list[float]:
+    """Return the gas of each change, from the pressures at the time of the change, kg."""
 
     def setting(pressures: FloatArray) -> Setting:
         return Setting(*pressures.tolist())

@@ -1,4 +1,4 @@
-"""Pressures of pneumatic devices in place of the prescribed springs, and the range that is lost with them."""
+"""Pressures of pneumatic devices that replace the prescribed springs, and the remaining range or workspace."""
 
 from __future__ import annotations
 
@@ -21,35 +21,25 @@ from mocap_id.prescription.several_springs import Springs, find_holdable
 
 @dataclass(frozen=True)
 class DeviceSpring:
-    """A device in the place of a prescribed spring: the setting in use, and that of the nearest spring."""
+    """A device that replaces a prescribed spring."""
 
-    place: int
+    place: int  # index of the possible spring
     device: DeviceConfig
-    setting: Setting
-    nearest: NearestSpring
+    setting: Setting  # the setting in use
+    nearest: NearestSpring  # the setting nearest to the prescribed spring
 
 
 @dataclass(frozen=True)
 class DeviceSprings:
-    """Devices in the places of the prescribed springs.
+    """Devices that replace the prescribed springs."""
 
-    Parameters
-    ----------
-    springs : tuple of DeviceSpring
-        Empty if no spring was prescribed in a place with a device.
-    range : (low, high) or None
-        For one joint: the widest interval that can be held, rad.
-    area : float
-        For several joints: the functional workspace, m².
-    """
-
-    springs: tuple[DeviceSpring, ...]
-    range: tuple[float, float] | None = None
-    area: float = np.nan
+    springs: tuple[DeviceSpring, ...]  # empty if no spring was prescribed for the joints of a device
+    range: tuple[float, float] | None = None  # for one joint: the widest interval that can be held, rad
+    area: float = np.nan  # for several joints: the functional workspace, m²
 
 
 def read_devices(config: PrescriptionConfig) -> tuple[DeviceConfig | None, ...]:
-    """Return the device of each place for a spring.
+    """Return the device of each possible spring; None without a device.
 
     Raises
     ------
@@ -61,8 +51,8 @@ def read_devices(config: PrescriptionConfig) -> tuple[DeviceConfig | None, ...]:
     )
 
 
-def device_of_joint(
-    joint: OneJoint, found: Prescription, device: DeviceConfig, required: Sequence[float]
+def fit_joint_device(
+    joint: OneJoint, prescribed: Prescription, device: DeviceConfig, required: Sequence[float]
 ) -> DeviceSprings:
     """Return the pressures with which the person holds the widest interval of one joint.
 
@@ -71,53 +61,53 @@ def device_of_joint(
     ValueError
         The stroke allows no angle of the prescribed range.
     """
-    if not found.helps:
+    if not prescribed.helps:
         return DeviceSprings(())
     cylinder, limits = device.keys.cylinder(), device.keys.limits()
-    angles = np.linspace(*found.range, 361)
-    nearest = find_nearest_setting(cylinder, found.stiffness, found.rest, limits, angles)
+    angles = np.linspace(*prescribed.range, 361)
+    nearest = find_nearest_setting(cylinder, prescribed.stiffness, prescribed.rest, limits, angles)
     setting = find_widest_setting(joint, cylinder, limits, nearest.setting, required)
     spring = DeviceSpring(0, device, setting, nearest)
     return DeviceSprings((spring,), find_held_range(joint, cylinder, setting, required))
 
 
-def devices_of_chain(
+def fit_chain_devices(
     postures: Postures,
     places: Sequence[SpringPlace],
     strength: FloatArray,
-    found: Springs,
+    prescribed: Springs,
     devices: Sequence[DeviceConfig | None],
 ) -> DeviceSprings:
-    """Return the pressures nearest to the prescribed springs over the held postures, and what can be held with them.
+    """Return the pressures nearest to the prescribed springs over the held postures, and the workspace with them.
 
     Raises
     ------
     ValueError
         The stroke of a device allows none of the held postures.
     """
-    held = find_holdable(postures, places, strength, found)
-    needed, linear = postures.gravity.copy(), found.stiffness.copy()
+    held = find_holdable(postures, places, strength, prescribed)
+    needed, linear = postures.gravity.copy(), prescribed.stiffness.copy()
     springs = []
     for s, device in enumerate(devices):
-        if device is None or not found.stiffness[s] > 0:
+        if device is None or not prescribed.stiffness[s] > 0:
             continue
         cylinder = device.keys.cylinder()
         stretch = postures.stretch[:, s]
         nearest = find_nearest_setting(
-            cylinder, float(found.stiffness[s]), float(found.rest[s]), device.keys.limits(), stretch[held]
+            cylinder, float(prescribed.stiffness[s]), float(prescribed.rest[s]), device.keys.limits(), stretch[held]
         )
         springs.append(DeviceSpring(s, device, nearest.setting, nearest))
-        needed[:, list(places[s].joints)] -= _beyond_is_lost(cylinder, nearest.setting, stretch)[:, None]
+        needed[:, list(places[s].joints)] -= _torque_in_stroke(cylinder, nearest.setting, stretch)[:, None]
         linear[s] = 0.0
     for s, place in enumerate(places):
         if linear[s] > 0:
-            needed[:, list(place.joints)] += (linear[s] * (postures.stretch[:, s] - found.rest[s]))[:, None]
+            needed[:, list(place.joints)] += (linear[s] * (postures.stretch[:, s] - prescribed.rest[s]))[:, None]
     kept: BoolArray = np.all((needed >= strength[:, 0]) & (needed <= strength[:, 1]), axis=1)
     cells = np.unique(postures.cell[kept & (postures.cell < postures.cells)])
     return DeviceSprings(tuple(springs), area=postures.size * len(cells))
 
 
-def _beyond_is_lost(cylinder: Cylinder, setting: Setting, angle: FloatArray) -> FloatArray:
+def _torque_in_stroke(cylinder: Cylinder, setting: Setting, angle: FloatArray) -> FloatArray:
     """Return the torque of a device, N·m; infinite beyond the stroke, so that these postures are not held."""
     torque = cylinder.torque(angle, setting)
     return np.where(np.isnan(torque), np.inf, torque)

@@ -21,20 +21,19 @@ from mocap_id.reporting.prescription_figures import (
 )
 from mocap_id.reporting.results.columns import to_finite
 from mocap_id.reporting.results.result import Result, make_text_file
-from mocap_id.workflows.prescribe.chain_output import chain_document, unsafe_postures
 from mocap_id.workflows.prescribe.controlled_chain import ControlledChain
 from mocap_id.workflows.prescribe.controlled_tasks import ControlledTasks
-from mocap_id.workflows.prescribe.device_output import controller_document, devices_document, unsafe_states
+from mocap_id.workflows.prescribe.controller_output import controller_document, unsafe_postures, unsafe_states
+from mocap_id.workflows.prescribe.device_output import devices_document
 from mocap_id.workflows.prescribe.result import PrescriptionResult, Timed
 from mocap_id.workflows.prescribe.spring_map import SpringMap
 from mocap_id.workflows.workspace import workspace_result
 
 
 def prescription_output(found: PrescriptionResult) -> Result:
-    """Return ``prescription.json``, and the tables and figures of what was computed.
+    """Return ``prescription.json``, and the tables and figures of all computed parts.
 
-    In the document `springs` is null, with a `why`, if nothing could be prescribed. Angles are in degrees where the key
-    says so.
+    In the document, `springs` is null if nothing could be prescribed; `why` gives the reason.
     """
     body = found.body
     content: dict[str, Any] = {
@@ -54,23 +53,19 @@ def prescription_output(found: PrescriptionResult) -> Result:
     if found.workspace is not None:
         content["workspace"] = workspace_result(found.workspace).document
     if found.one is not None and found.joint is not None:
-        content |= _one(found)
+        content |= _one_joint(found)
     if found.several is not None:
-        content |= _several(found)
+        content |= _several_joints(found)
     if found.timed is not None:
-        content["level_set"] = _timed(found.timed)
+        content["level_set"] = _level_set(found.timed)
     if found.map is not None:
-        content["search"] = _map(found.map)
+        content["search"] = _spring_map(found.map)
     if found.graph is not None and found.graph_postures is not None:
         content["sub_workspaces"] = _graph(found.graph, found.graph_postures)
     if found.devices is not None:
         content["devices"] = devices_document(found)
     if found.controlled is not None:
-        content["controller"] = (
-            chain_document(found.controlled)
-            if isinstance(found.controlled, ControlledChain)
-            else controller_document(found.controlled)
-        )
+        content["controller"] = controller_document(found.controlled)
     return Result("prescription", "prescription.json", content, other_files=lambda: _files(found), end="")
 
 
@@ -81,47 +76,43 @@ def _files(found: PrescriptionResult) -> dict[str, bytes]:
     if one is not None and joint is not None:
         files |= render("range", f"range with and without a spring: {name}", lambda: draw_ranges(joint, one))
     if found.postures is not None and found.several is not None:
-        files |= render("functional", f"what can be held: {name}", lambda: _held(found))
+        files |= render("functional", f"holdable postures: {name}", lambda: _draw_holdable(found))
     if timed is not None:
         files |= render(
             "level_set",
             f"reachable set over time: {name}",
             lambda: draw_level_sets(timed.reached, timed.bounds, timed.dynamics),
         )
-        files["horizons.csv"] = make_text_file(_horizons(timed))
+        files["horizons.csv"] = make_text_file(_horizon_rows(timed))
     if springs is not None:
         files |= render(
             "search",
             f"springs by their reachable sets: {name}",
             lambda: draw_spring_map(springs.stiffness, springs.rest, springs.width, springs.horizon),
         )
-        files["search.csv"] = make_text_file(_springs(springs))
-    if isinstance(found.controlled, ControlledChain):
-        files |= _chain_files(found.controlled, name)
-    elif found.controlled is not None:
+        files["search.csv"] = make_text_file(_spring_rows(springs))
+    if found.controlled is not None:
         files |= _controller_files(found.controlled, name)
     return files
 
 
-def _controller_files(found: ControlledTasks, name: str) -> dict[str, bytes]:
-    joint = found.person.joint
-
-    def draw() -> Figure:
-        return draw_switching(found.controller, found.motion, (joint.torque_low, joint.torque_high), found.maps)
-
-    files = render("controller", f"controller over sub-workspaces: {name}", draw)
-    return files | {"unsafe_states.csv": make_text_file(unsafe_states(found))}
-
-
-def _chain_files(found: ControlledChain, name: str) -> dict[str, bytes]:
-    def draw() -> Figure:
-        return draw_chain_tour(found.tour, [node.name for node in found.nodes])
-
-    files = render("controller", f"controller over sub-workspaces: {name}", draw)
-    return files | {"unsafe_postures.csv": make_text_file(unsafe_postures(found))}
+def _controller_files(controlled: ControlledTasks | ControlledChain, name: str) -> dict[str, bytes]:
+    title = f"controller over sub-workspaces: {name}"
+    if isinstance(controlled, ControlledChain):
+        names = [node.name for node in controlled.nodes]
+        files = render("controller", title, lambda: draw_chain_tour(controlled.tour, names))
+        return files | {"unsafe_postures.csv": make_text_file(unsafe_postures(controlled))}
+    joint = controlled.person.joint
+    limits = (joint.torque_low, joint.torque_high)
+    files = render(
+        "controller",
+        title,
+        lambda: draw_switching(controlled.controller, controlled.motion, limits, controlled.maps),
+    )
+    return files | {"unsafe_states.csv": make_text_file(unsafe_states(controlled))}
 
 
-def _held(found: PrescriptionResult) -> Figure:
+def _draw_holdable(found: PrescriptionResult) -> Figure:
     springs, sampled, strength = found.several, found.postures, found.body.strength
     assert springs is not None and sampled is not None
     none = find_holdable(sampled, (), strength, springs)
@@ -130,7 +121,7 @@ def _held(found: PrescriptionResult) -> Figure:
     )
 
 
-def _one(found: PrescriptionResult) -> dict[str, Any]:
+def _one_joint(found: PrescriptionResult) -> dict[str, Any]:
     one, joint = found.one, found.joint
     assert one is not None and joint is not None
     spring = {"joints": [1], "stiffness_Nm_per_rad": one.stiffness, "rest_deg": to_finite(np.degrees(one.rest))}
@@ -144,7 +135,7 @@ def _one(found: PrescriptionResult) -> dict[str, Any]:
     }
 
 
-def _several(found: PrescriptionResult) -> dict[str, Any]:
+def _several_joints(found: PrescriptionResult) -> dict[str, Any]:
     springs = found.several
     assert springs is not None
     return {
@@ -166,22 +157,22 @@ def _several(found: PrescriptionResult) -> dict[str, Any]:
     }
 
 
-def _timed(over: Timed) -> dict[str, Any]:
-    start = over.dynamics.equilibrium()
+def _level_set(timed: Timed) -> dict[str, Any]:
+    start = timed.dynamics.equilibrium()
     return {
-        "stiffness_Nm_per_rad": over.dynamics.stiffness,
-        "rest_deg": to_finite(np.degrees(over.dynamics.rest)),
-        "inertia_kgm2": over.dynamics.inertia,
+        "stiffness_Nm_per_rad": timed.dynamics.stiffness,
+        "rest_deg": to_finite(np.degrees(timed.dynamics.rest)),
+        "inertia_kgm2": timed.dynamics.inertia,
         "equilibrium_deg": None if start is None else float(np.degrees(start)),
-        "static_deg": None if over.static is None else _degrees(over.static),
+        "static_deg": None if timed.static is None else _degrees(timed.static),
         "horizons": [
             {"time_s": time, "reached_and_held_deg": None if bound is None else _degrees(bound)}
-            for time, bound in zip(over.reached.times, over.bounds, strict=True)
+            for time, bound in zip(timed.reached.times, timed.bounds, strict=True)
         ],
     }
 
 
-def _map(springs: SpringMap) -> dict[str, Any]:
+def _spring_map(springs: SpringMap) -> dict[str, Any]:
     best = springs.best
     found = None
     if best is not None:
@@ -228,13 +219,13 @@ def _graph(graph: Graph, postures: Any) -> dict[str, Any]:
     }
 
 
-def _horizons(over: Timed) -> Iterator[str]:
+def _horizon_rows(timed: Timed) -> Iterator[str]:
     yield "time_s,lower_deg,upper_deg"
-    for time, bound in zip(over.reached.times, over.bounds, strict=True):
+    for time, bound in zip(timed.reached.times, timed.bounds, strict=True):
         yield ",".join([f"{time:g}", *("" if bound is None else f"{np.degrees(end):.3f}" for end in bound or (0, 0))])
 
 
-def _springs(springs: SpringMap) -> Iterator[str]:
+def _spring_rows(springs: SpringMap) -> Iterator[str]:
     yield "stiffness_Nm_per_rad,rest_deg,reached_and_held_deg,held_deg"
     for k, stiffness in enumerate(springs.stiffness):
         for r, rest in enumerate(np.degrees(springs.rest)):

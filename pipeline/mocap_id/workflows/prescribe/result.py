@@ -25,12 +25,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Timed:
-    """The angles that are reached over time with a spring, and those of them that can be held."""
+    """The angles that are reached within several times with a spring, and that can be held."""
 
     dynamics: JointDynamics
     reached: ReachableSet
-    bounds: tuple[tuple[float, float] | None, ...]  # range of each horizon, rad (table 7.2)
-    static: tuple[float, float] | None  # range that can be held without a time limit, rad
+    bounds: tuple[tuple[float, float] | None, ...]  # range for each time, rad (table 7.2)
+    static: tuple[float, float] | None  # range that can be held without a time limit, rad; None if it is empty
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class PrescriptionResult:
 
     config: PrescriptionConfig
     body: AssistedBody
-    places: tuple[SpringPlace, ...]  # the places for springs
+    places: tuple[SpringPlace, ...]  # the possible springs
     joint: OneJoint | None = None  # for one joint
     one: Prescription | None = None  # for one joint
     postures: Postures | None = None  # for several joints

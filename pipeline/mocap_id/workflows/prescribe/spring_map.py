@@ -1,4 +1,4 @@
-"""The map of springs: the range of every spring of a grid (figure 7.9); an interrupted map resumes."""
+"""The map of springs: the range with every spring of a grid (figure 7.9). An interrupted map can resume."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mocap_id.prescription.level_set import JointDynamics, Scheme, compute_reach
 from mocap_id.prescription.one_joint import OneJoint
 from mocap_id.store.atomic import write_files
 
-KEPT = "search.json"
+ROWS_FILE = "search.json"
 """File in the output folder with the finished rows of the map."""
 
 
@@ -42,20 +42,12 @@ class SpringMap:
 
 
 def map_springs(
-    joint: OneJoint, inertia: float, grid: SearchGrid, folder: Path | None, tell: Callable[[str], None]
+    joint: OneJoint, inertia: float, grid: SearchGrid, folder: Path | None, report: Callable[[str], None]
 ) -> SpringMap:
-    """Compute the map of springs, row by row.
+    """Return the map of springs, computed row by row.
 
-    Parameters
-    ----------
-    joint : OneJoint
-    inertia : float
-        kg·m².
-    grid : SearchGrid
-    folder : Path, optional
-        Every finished row is saved there; rows of the same search are not computed again.
-    tell : callable
-        Called with a line after each row.
+    Every finished row is saved in ``folder``, if given; saved rows of the same search are not computed again.
+    ``report`` is called with a line after each row. ``inertia`` is in kg·m².
 
     Raises
     ------
@@ -64,22 +56,22 @@ def map_springs(
     StoreError
         The folder cannot be written.
     """
-    stiffness = np.radians(1.0) ** -1 * 1e-3 * _ladder(grid.stiffness_mNm_per_deg)
-    rest = np.radians(_ladder(grid.rest_deg))
-    key = _key(joint, inertia, grid)
-    rows = _kept(folder, key)
+    stiffness = np.radians(1.0) ** -1 * 1e-3 * _grid_values(grid.stiffness_mNm_per_deg)
+    rest = np.radians(_grid_values(grid.rest_deg))
+    key = _search_key(joint, inertia, grid)
+    rows = _read_rows(folder, key)
     for index, k in enumerate(stiffness.tolist()):
         if index < len(rows):
             continue
-        rows.append([_one(joint, inertia, k, angle, grid) for angle in rest.tolist()])
+        rows.append([_find_widths(joint, inertia, k, angle, grid) for angle in rest.tolist()])
         if folder is not None:
-            _keep(folder, key, rows)
-        tell(f"springs: {index + 1} of {len(stiffness)} stiffnesses")
+            _save_rows(folder, key, rows)
+        report(f"springs: {index + 1} of {len(stiffness)} stiffnesses")
     both = np.array([[[np.nan if x is None else x for x in pair] for pair in row] for row in rows])
     return SpringMap(stiffness, rest, both[..., 0], both[..., 1], grid.horizon_s)
 
 
-def _one(
+def _find_widths(
     joint: OneJoint, inertia: float, stiffness: float, rest: float, grid: SearchGrid
 ) -> tuple[float | None, float]:
     """Return the width of the reached and held range, and of the held range alone, rad."""
@@ -91,27 +83,27 @@ def _one(
     return float(sum(high - low for low, high in find_reached_and_held(dynamics, reached))), static
 
 
-def _ladder(given: tuple[float, float, float]) -> FloatArray:
+def _grid_values(given: tuple[float, float, float]) -> FloatArray:
     first, last, step = given
     if not step > 0 or last < first:
         raise ValueError(f"the search's grid {list(given)} is empty: expected first, last, step with a step above 0")
     return np.asarray(first, dtype=np.float64) + step * np.arange(int(np.floor((last - first) / step + 1e-9)) + 1)
 
 
-def _key(joint: OneJoint, inertia: float, grid: SearchGrid) -> str:
+def _search_key(joint: OneJoint, inertia: float, grid: SearchGrid) -> str:
     inputs = {"joint": asdict(joint), "inertia": inertia, "grid": grid.model_dump(mode="json"), "version": 1}
     return hashlib.sha256(json.dumps(inputs, sort_keys=True).encode()).hexdigest()
 
 
-def _kept(folder: Path | None, key: str) -> list[list[tuple[float | None, float]]]:
-    if folder is None or not (folder / KEPT).is_file():
+def _read_rows(folder: Path | None, key: str) -> list[list[tuple[float | None, float]]]:
+    if folder is None or not (folder / ROWS_FILE).is_file():
         return []
     try:
-        data = json.loads((folder / KEPT).read_text("utf-8"))
+        data = json.loads((folder / ROWS_FILE).read_text("utf-8"))
         return [[(pair[0], pair[1]) for pair in row] for row in data["rows"]] if data["key"] == key else []
     except (ValueError, KeyError, TypeError, IndexError):
         return []  # unreadable: compute it again
 
 
-def _keep(folder: Path, key: str, rows: list[list[tuple[float | None, float]]]) -> None:
-    write_files(folder, {KEPT: json.dumps({"key": key, "rows": rows}).encode()})
+def _save_rows(folder: Path, key: str, rows: list[list[tuple[float | None, float]]]) -> None:
+    write_files(folder, {ROWS_FILE: json.dumps({"key": key, "rows": rows}).encode()})

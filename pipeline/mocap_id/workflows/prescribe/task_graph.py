@@ -17,10 +17,10 @@ from mocap_id.workflows.prescribe.result import PrescriptionResult
 
 _ANGLES = 1441
 _LEAST_FIRST = 1e3  # penalty that favours the softest springs
-_SIDE = 3  # points along a side of a task's box
+_SIDE = 3  # number of points along a side of a task's box
 
 
-def task_graph(tasks: Sequence[Task], found: PrescriptionResult) -> tuple[Graph | None, FloatArray | None]:
+def build_task_graph(tasks: Sequence[Task], result: PrescriptionResult) -> tuple[Graph | None, FloatArray | None]:
     """Return the graph and its postures (N, n), rad; None without tasks.
 
     Tasks of one group share a node. The springs of a node are the softest that hold all its tasks; the node contains
@@ -36,26 +36,26 @@ def task_graph(tasks: Sequence[Task], found: PrescriptionResult) -> tuple[Graph 
     groups: dict[str, list[Task]] = {}
     for task in tasks:
         groups.setdefault(task.group or task.name, []).append(task)
-    if found.joint is not None:
-        q = np.linspace(found.joint.lower, found.joint.upper, _ANGLES)[:, None]
-        nodes = [_angle_node(name, members, found, q[:, 0]) for name, members in groups.items()]
+    if result.joint is not None:
+        q = np.linspace(result.joint.lower, result.joint.upper, _ANGLES)[:, None]
+        nodes = [_make_angle_node(name, members, result, q[:, 0]) for name, members in groups.items()]
         return build_graph(nodes, q), q
-    assert found.postures is not None
-    free = found.postures.cell < found.postures.cells
-    nodes = [_tip_node(name, members, found, free) for name, members in groups.items()]
-    return build_graph(nodes, found.postures.q[free]), found.postures.q[free]
+    assert result.postures is not None
+    free = result.postures.cell < result.postures.cells
+    nodes = [_make_tip_node(name, members, result, free) for name, members in groups.items()]
+    return build_graph(nodes, result.postures.q[free]), result.postures.q[free]
 
 
-def _angle_node(name: str, tasks: Sequence[Task], found: PrescriptionResult, angles: FloatArray) -> SubWorkspace:
-    joint = found.joint
+def _make_angle_node(name: str, tasks: Sequence[Task], result: PrescriptionResult, angles: FloatArray) -> SubWorkspace:
+    joint = result.joint
     assert joint is not None
     ends = np.radians([task.angles_deg for task in tasks if task.angles_deg is not None])
     low, high = float(ends[:, 0].min()), float(ends[:, 1].max())
     if low < joint.lower or high > joint.upper:
         raise ValueError(
-            f"the tasks of `{name}`, {np.degrees(low):.1f}° to {np.degrees(high):.1f}°, go beyond the joint's limits"
+            f"the tasks of `{name}`, {np.degrees(low):.1f}° to {np.degrees(high):.1f}°, exceed the joint's limits"
         )
-    allowed, stiffest = (found.places[0].rest, found.places[0].stiffest) if found.places else (REST, 0.0)
+    allowed, stiffest = (result.places[0].rest, result.places[0].stiffest) if result.places else (REST, 0.0)
     spring = find_least_spring(joint, (low, high), allowed, stiffest)
     members = tuple(task.name for task in tasks)
     if spring is None:
@@ -67,22 +67,22 @@ def _angle_node(name: str, tasks: Sequence[Task], found: PrescriptionResult, ang
     return SubWorkspace(name, members, np.array([stiffness]), np.array([rest]), held)
 
 
-def _tip_node(name: str, tasks: Sequence[Task], found: PrescriptionResult, free: BoolArray) -> SubWorkspace:
-    body, members = found.body, tuple(task.name for task in tasks)
-    assert body.weights is not None and found.postures is not None
+def _make_tip_node(name: str, tasks: Sequence[Task], result: PrescriptionResult, free: BoolArray) -> SubWorkspace:
+    body, members = result.body, tuple(task.name for task in tasks)
+    assert body.weights is not None and result.postures is not None
     points = np.concatenate([task_points(task) for task in tasks])
-    wishes = found.config.wishes
-    sampled = sample_postures(body.arm, body.weights, body.limits, found.places, points, wishes.postures, wishes.seed)
+    wishes = result.config.wishes
+    sampled = sample_postures(body.arm, body.weights, body.limits, result.places, points, wishes.postures, wishes.seed)
     try:
-        springs = prescribe_several(sampled, found.places, body.strength, _LEAST_FIRST, wishes.boxes)
+        springs = prescribe_several(sampled, result.places, body.strength, _LEAST_FIRST, wishes.boxes)
     except ValueError:
         return SubWorkspace(name, members, None, None, np.zeros(int(free.sum()), dtype=bool))
-    held = find_holdable(found.postures, found.places, body.strength, springs)[free]
+    held = find_holdable(result.postures, result.places, body.strength, springs)[free]
     return SubWorkspace(name, members, springs.stiffness, springs.rest, held)
 
 
 def task_points(task: Task) -> FloatArray:
-    """Return the points (P, 2) of a task: its point, or a grid over its box."""
+    """Return the points (P, 2) of a task, m: its point, or a grid over its box."""
     if task.point_m is not None:
         return np.array([task.point_m])
     assert task.box_m is not None

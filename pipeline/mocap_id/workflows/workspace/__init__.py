@@ -1,7 +1,6 @@
 """The workspace of the tip of a recovered chain, or of a chain in YAML (thesis 7.2)."""
 
 from mocap_id.workflows.workspace.arm_source import SubjectArm, read_arm
-from mocap_id.workflows.workspace.output import workspace_result
-from mocap_id.workflows.workspace.reach import Reach, compare, measure
+from mocap_id.workflows.workspace.output import Reach, compare, measure, workspace_result
 
 __all__ = ["Reach", "SubjectArm", "compare", "measure", "read_arm", "workspace_result"]

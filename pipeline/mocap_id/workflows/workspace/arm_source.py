@@ -1,4 +1,4 @@
-"""Reading an arm and its joint limits from a trial's artefacts, or from a chain's YAML file."""
+"""Readers of an arm and its joint limits: from a trial's artefacts, or from a chain's YAML file."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class SubjectArm:
     arm: PlanarArm | SpatialArm
     limits: JointLimits
     tip: str  # a marker, or a point
-    observed: FloatArray  # (T, n) recorded postures, rad; none for a chain in YAML
+    observed: FloatArray  # (T, n) recorded postures, rad; empty for a chain in YAML
     notes: tuple[str, ...]  # limitations of the result
 
 
@@ -45,7 +45,7 @@ def read_arm(
     path : Path
         A trial's YAML file is run up to the joint states, which needs no forces.
     tip : str, optional
-        A marker of the last segment, or a point ``x,y`` in its frame, m. By default its marker farthest from the joint.
+        A marker of the last segment, or a point ``x,y`` in its frame, m; by default the farthest marker from the joint.
     quantile : float
         Share of the samples left out at either end of an observed angle.
     progress : callable, optional
@@ -56,7 +56,7 @@ def read_arm(
     ConfigError
         The file, the tip or the quantile is wrong.
     RecordingError
-        The motion does not show the joint limits.
+        The motion does not determine the joint limits.
     Refused, NumericalError, StoreError
         As for :func:`mocap_id.runner.run`.
     """
@@ -65,12 +65,12 @@ def read_arm(
             raise ConfigError(
                 f"{path}: a chain in YAML has its own `tip:` and limits; leave out `--tip` and `--quantile`"
             )
-        return _of_chain(load_chain(path))
+        return _read_chain(load_chain(path))
     folder, trial = open_run_to(path, _LAST, progress)
-    return of_folder(folder, path.name if trial is None else trial.name, path, tip, quantile)
+    return read_folder(folder, path.name if trial is None else trial.name, path, tip, quantile)
 
 
-def of_folder(folder: Folder, name: str, source: Path, tip: str | None, quantile: float) -> SubjectArm:
+def read_folder(folder: Folder, name: str, source: Path, tip: str | None, quantile: float) -> SubjectArm:
     """Read the arm from the artefacts in a run folder; messages name `source`.
 
     Raises
@@ -85,7 +85,7 @@ def of_folder(folder: Folder, name: str, source: Path, tip: str | None, quantile
     assert isinstance(chain, Tree) and isinstance(states, Table)
     skeleton = Skeleton.from_tree(chain)
     centres, covariance = skeleton.centres, skeleton.covariance
-    where, local, error = _tip(skeleton, chain.numbers("markers/residual"), tip, source)
+    tip_name, local, error = _find_tip(skeleton, chain.numbers("markers/residual"), tip, source)
     notes = []
     if not np.isfinite(covariance).all():
         covariance = np.zeros_like(covariance)
@@ -99,13 +99,14 @@ def of_folder(folder: Folder, name: str, source: Path, tip: str | None, quantile
     except ValueError as wrong:
         kind = ConfigError if "quantile" in str(wrong) else RecordingError
         raise kind(f"{source}: {wrong}") from wrong
-    # The frame of the tip starts at the last joint, so the error of this joint is also the tip's.
+    # The frame of the tip starts at the last joint, so the error of this joint also belongs to the tip.
     arm = PlanarArm(centres, local, covariance, covariance[-1] + error**2 * np.eye(2))
-    shown = q[np.all(seen & np.isfinite(q), axis=1)]
-    return SubjectArm(name, skeleton.joints, arm, limits, where, shown, tuple(notes))
+    complete = q[np.all(seen & np.isfinite(q), axis=1)]
+    return SubjectArm(name, skeleton.joints, arm, limits, tip_name, complete, tuple(notes))
 
 
-def _of_chain(chain: ChainFile) -> SubjectArm:
+def _read_chain(chain: ChainFile) -> SubjectArm:
+    """Return the arm of a chain's YAML file."""
     limits = JointLimits.given(chain.limits[:, 0], chain.limits[:, 1])
     arm: PlanarArm | SpatialArm
     if chain.planar:
@@ -117,11 +118,11 @@ def _of_chain(chain: ChainFile) -> SubjectArm:
     return SubjectArm(chain.name, chain.joints, arm, limits, f"({point}) m", np.zeros((0, limits.dimension)), ())
 
 
-def _tip(skeleton: Skeleton, residual: FloatArray, tip: str | None, source: Path) -> tuple[str, FloatArray, float]:
-    """Name of the tip, its position in the last segment's frame, m, and the error of this position, m."""
+def _find_tip(skeleton: Skeleton, residual: FloatArray, tip: str | None, source: Path) -> tuple[str, FloatArray, float]:
+    """Return name and position of the tip in the last segment's frame, m, and the error of this position, m."""
     labels, segment, local, last = skeleton.markers, skeleton.marker_segment, skeleton.local, len(skeleton.centres)
     if tip is not None and "," in tip:
-        return f"({tip}) m", _point(tip), 0.0
+        return f"({tip}) m", _parse_point(tip), 0.0
     own = [k for k in range(len(labels)) if segment[k] == last]
     if not own:
         raise RecordingError(f"{source}: the last segment has no marker: give the tip as a point, `--tip x,y`")
@@ -136,7 +137,8 @@ def _tip(skeleton: Skeleton, residual: FloatArray, tip: str | None, source: Path
     return labels[k], local[k], float(np.nan_to_num(residual[k]))
 
 
-def _point(text: str) -> FloatArray:
+def _parse_point(text: str) -> FloatArray:
+    """Return the point (2,) in the text of `--tip`; raise ConfigError if it is not two numbers."""
     try:
         point = np.array([float(part) for part in text.split(",")])
     except ValueError:

@@ -1,25 +1,74 @@
-"""The files of a workspace: a JSON document, the edge of the workspace as CSV, and figures."""
+"""Workspace of an arm and comparison of two, and their files: a JSON document, the edge as CSV, and figures."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from mocap_id import __version__
-from mocap_id.prescription.workspace import Overlay
+from mocap_id.arrays import FloatArray
+from mocap_id.errors import ConfigError
+from mocap_id.prescription.arms import PlanarArm, SpatialArm
+from mocap_id.prescription.workspace import SAMPLES, Overlay, Workspace, compute_workspace, overlay_workspaces
 from mocap_id.reporting.paper_figures import render
 from mocap_id.reporting.results.result import Result, make_text_file
 from mocap_id.reporting.workspace_figures import draw_area, draw_change, draw_volume
-from mocap_id.workflows.workspace.reach import Reach, first_joint
+from mocap_id.workflows.workspace.arm_source import SubjectArm
+
+
+@dataclass(frozen=True)
+class Reach:
+    """A subject's arm with its workspace."""
+
+    subject: SubjectArm
+    workspace: Workspace
+    seed: int
+
+
+def measure(subject: SubjectArm, samples: int = SAMPLES, seed: int = 0) -> Reach:
+    """Compute the workspace of a subject.
+
+    Raises
+    ------
+    ConfigError
+        There are too few samples, or the tip covers no area (volume) because it is on the last joint's axis.
+    """
+    try:
+        return Reach(subject, compute_workspace(subject.arm, subject.limits, samples, seed), seed)
+    except ValueError as error:
+        raise ConfigError(f"{subject.name}: {error}") from error
+
+
+def compare(before: Reach, after: Reach) -> Overlay:
+    """Return the gain and loss from one session to another, after moving the first joints to the same position.
+
+    Raises
+    ------
+    ConfigError
+        One workspace is an area and the other a volume.
+    """
+    if before.subject.arm.dimension != after.subject.arm.dimension:
+        raise ConfigError(
+            f"the workspace of {before.subject.name} has {before.subject.arm.dimension} dimensions and that of "
+            f"{after.subject.name} {after.subject.arm.dimension}: only workspaces of the same dimension can be compared"
+        )
+    shift = first_joint(before.subject.arm) - first_joint(after.subject.arm)
+    return overlay_workspaces(before.workspace.shape, after.workspace.shape, shift, before.seed)
+
+
+def first_joint(arm: PlanarArm | SpatialArm) -> FloatArray:
+    """Return the position (d,) of the first joint of an arm, m."""
+    return arm.centres[0] if isinstance(arm, PlanarArm) else np.asarray(arm.chain.placements[0][:3, 3])
 
 
 def workspace_result(reach: Reach, later: Reach | None = None, change: Overlay | None = None) -> Result:
-    """Return ``workspace.json``, the edge as CSV and the figures, of one workspace or of two and their difference."""
-    content: dict[str, Any] = {"product": __version__, **_one(reach)}
+    """Return ``workspace.json``, the edge as CSV and the figures of one workspace, or of two and their difference."""
+    content: dict[str, Any] = {"product": __version__, **_document(reach)}
     if later is not None and change is not None:
-        content["compared_with"] = _one(later)
+        content["compared_with"] = _document(later)
         content["change"] = {
             "gained": change.gained,
             "lost": change.lost,
@@ -31,19 +80,19 @@ def workspace_result(reach: Reach, later: Reach | None = None, change: Overlay |
 
 
 def _files(reach: Reach, later: Reach | None, change: Overlay | None) -> dict[str, bytes]:
-    files = {"workspace.csv": make_text_file(_edge(reach)), **_figure("workspace", reach)}
+    files = {"workspace.csv": make_text_file(_edge_rows(reach)), **_draw("workspace", reach)}
     if later is None or change is None:
         return files
     names = (reach.subject.name, later.subject.name)
     return {
         **files,
-        "compared_with.csv": make_text_file(_edge(later)),
-        **_figure("compared_with", later),
+        "compared_with.csv": make_text_file(_edge_rows(later)),
+        **_draw("compared_with", later),
         **render("change", "workspaces over each other", lambda: draw_change(change, names)),
     }
 
 
-def _figure(name: str, reach: Reach) -> dict[str, bytes]:
+def _draw(name: str, reach: Reach) -> dict[str, bytes]:
     subject, workspace = reach.subject, reach.workspace
     title, joint = f"reachable workspace of {subject.name}", first_joint(subject.arm)
     if subject.arm.dimension == 2:
@@ -52,7 +101,7 @@ def _figure(name: str, reach: Reach) -> dict[str, bytes]:
     return render(name, title, lambda: draw_volume(workspace, joint))
 
 
-def _one(reach: Reach) -> dict[str, Any]:
+def _document(reach: Reach) -> dict[str, Any]:
     subject, workspace = reach.subject, reach.workspace
     limits = subject.limits
     return {
@@ -87,8 +136,8 @@ def _one(reach: Reach) -> dict[str, Any]:
     }
 
 
-def _edge(reach: Reach) -> Iterator[str]:
-    """Return the lines of the edge: two points for each facet in the plane, three in space."""
+def _edge_rows(reach: Reach) -> Iterator[str]:
+    """Yield the edge as lines of a CSV file: two points for each facet in the plane, three in space."""
     shape = reach.workspace.shape
     yield ",".join(["facet", "corner", *(f"{axis}_m" for axis in "xyz"[: shape.points.shape[1]])])
     for k, facet in enumerate(shape.boundary().tolist()):
