@@ -148,7 +148,7 @@ MISTAKES = {
     "angle outside": (ARM + JOINTS + "required_deg: [200]\n", "outside the joint's limits"),
     "angle not to be held": (ARM + JOINTS + "required_deg: [-50, 170]\n", "no spring lets the person hold"),
     "point outside": (CHAIN + "required_m: [[2, 2]]\n", "cannot be reached"),
-    "task outside": (ARM + JOINTS + "tasks: [{name: far, angles_deg: [170, 190]}]\n", "beyond the joint's limits"),
+    "task outside": (ARM + JOINTS + "tasks: [{name: far, angles_deg: [170, 190]}]\n", "exceed the joint's limits"),
     "task without place": (ARM + JOINTS + "tasks: [{name: far, point_m: [0, 1]}]\n", "needs `angles_deg`"),
 }
 
