@@ -19,21 +19,11 @@ _CUTOFF = 5.0  # Hz, low-pass of the force
 
 @dataclass(frozen=True)
 class Attempt:
-    """A failed attempt to rise.
+    """A failed attempt to rise."""
 
-    Parameters
-    ----------
-    time : float
-        Time of the greatest height, s.
-    height : float
-        Greatest height of the hip as a share of the rise from seat to standing.
-    unloaded : float
-        Share of the chair's load at rest that the feet took over; NaN if unknown.
-    """
-
-    time: float
-    height: float
-    unloaded: float
+    time: float  # time of the greatest height, s
+    height: float  # greatest height of the hip as a share of the rise from seat to standing
+    unloaded: float  # share of the chair's load at rest that the feet took over; NaN if unknown
 
 
 def find_failed_attempts(

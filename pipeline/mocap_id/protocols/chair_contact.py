@@ -21,37 +21,20 @@ _SETTLED = 0.02  # s: the contact has converged if it changes by less; the low-p
 
 @dataclass(frozen=True)
 class Contact:
-    """Contact of the person with the chair in one trial.
+    """Contact of the person with the chair in one trial."""
 
-    Parameters
-    ----------
-    chair : bool or None
-        Whether a chair is used; False for squats, None if the plates cannot decide it.
-    touching : (T,) bool array or None
-        Samples with contact, on the clock of the markers; None if unknown.
-    free : (T,) bool array
-        Samples to use for the identification.
-    weight : float
-        Standing weight, N.
-    threshold : float or None
-        Chair force above which there is contact, N; None for rules without a threshold.
-    rule : DecidingRule
-        Rule that decided the contact. It differs from the requested rule if the chair has its own plate, or if the
-        requested rule could not be applied.
-    converged : bool or None
-        Whether the iteration of model and contact converged; None for rules without iteration.
-    above_noise : (T,) bool array or None
-        Samples with a chair force above the threshold; ``touching`` also contains the samples from there to the
-        instants of zero force. None for rules without a threshold.
-    """
-
-    chair: bool | None
-    touching: BoolArray | None
-    free: BoolArray
-    weight: float
-    threshold: float | None
+    chair: bool | None  # whether a chair is used; False for squats, None if the plates cannot decide it
+    touching: BoolArray | None  # (T,) samples with contact, on the clock of the markers; None if unknown
+    free: BoolArray  # (T,) samples to use for the identification
+    weight: float  # standing weight, N
+    threshold: float | None  # chair force above which there is contact, N; None for rules without a threshold
+    # Rule that decided the contact. It differs from the requested rule if the chair has its own plate, or if the
+    # requested rule could not be applied.
     rule: DecidingRule
+    # whether the iteration of model and contact converged; None for rules without iteration
     converged: bool | None = None
+    # (T,) samples with a chair force above the threshold; ``touching`` also contains the samples from there to the
+    # instants of zero force. None for rules without a threshold.
     above_noise: BoolArray | None = None
 
 

@@ -20,31 +20,19 @@ REQUIRED_RISES = 5
 
 @dataclass(frozen=True)
 class FiveTimes:
-    """Times of the test, s; None if unknown.
+    """Times of the test, s; None if unknown."""
 
-    Parameters
-    ----------
-    repetitions : int
-        Number of rises that reach standing.
-    to_fifth_stand, to_fifth_seat_contact, to_fifth_seated : float or None
-        Time from the start of the first rise to the fifth stand, to the next seat contact, and to the next seated
-        rest.
-    mean_cycle, cycle_sd : float or None
-        Mean and standard deviation of the time from one stand to the next.
-    attempts : int
-        Number of failed attempts between the first rise and the fifth stand.
-    why : str or None
-        Reason why a time is unknown; None if all times are known.
-    """
-
-    repetitions: int
+    repetitions: int  # number of rises that reach standing
+    # to_fifth_stand, to_fifth_seat_contact, to_fifth_seated: time from the start of the first rise to the fifth
+    # stand, to the next seat contact, and to the next seated rest
     to_fifth_stand: float | None = None
     to_fifth_seat_contact: float | None = None
     to_fifth_seated: float | None = None
+    # mean_cycle, cycle_sd: mean and standard deviation of the time from one stand to the next
     mean_cycle: float | None = None
     cycle_sd: float | None = None
-    attempts: int = 0
-    why: str | None = None
+    attempts: int = 0  # number of failed attempts between the first rise and the fifth stand
+    why: str | None = None  # reason why a time is unknown; None if all times are known
 
 
 def compute_five_times(
@@ -95,27 +83,14 @@ def _explain_unknown_time(first: Repetition, fifth: Repetition) -> str | None:
 
 @dataclass(frozen=True)
 class Published:
-    """A published time limit of the test.
+    """A published time limit of the test."""
 
-    Parameters
-    ----------
-    limit : float
-        Time limit, s.
-    people : str
-        Group of people in the study.
-    meaning : str
-        Meaning of longer times according to the source.
-    stop : str
-        Event at which the stopwatch was stopped; "not said" if the text available to us does not state it.
-    source : str
-        Reference to the publication.
-    """
-
-    limit: float
-    people: str
-    meaning: str
+    limit: float  # time limit, s
+    people: str  # group of people in the study
+    meaning: str  # meaning of longer times according to the source
+    # event at which the stopwatch was stopped; "not said" if the text available to us does not state it
     stop: Literal["fifth stand", "fifth seat contact", "not said"]
-    source: str
+    source: str  # reference to the publication
 
 
 _BOHANNON = "Bohannon, Percept Mot Skills 2006;103:215-222 (meta-analysis of 13 papers)"

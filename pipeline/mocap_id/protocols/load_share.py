@@ -17,23 +17,15 @@ _APART_M = 0.05  # if the centres of pressure are closer, the plates are not sid
 
 @dataclass(frozen=True)
 class LoadShare:
-    """Share of the left foot in the load of both feet, in each repetition.
+    """Share of the left foot in the load of both feet, in each repetition."""
 
-    Parameters
-    ----------
-    left_plate, right_plate : int or None
-        Numbers of the plates, from 1; None if unknown.
-    phases : dict of str to (R,) array
-        Mean share in each repetition while seated (before the rise), rising (start to stand) and standing; NaN where
-        unknown.
-    why : str or None
-        Reason why the shares are unknown; None if they are known.
-    """
-
+    # left_plate, right_plate: numbers of the plates, from 1; None if unknown
     left_plate: int | None
     right_plate: int | None
+    # mean share in each repetition while seated (before the rise), rising (start to stand) and standing; NaN where
+    # unknown
     phases: dict[str, FloatArray]
-    why: str | None = None
+    why: str | None = None  # reason why the shares are unknown; None if they are known
 
 
 def find_foot_plates(across: Sequence[tuple[int, float]], forwards: int) -> tuple[int, int] | str:

@@ -19,27 +19,13 @@ from mocap_id.verdict import Reason
 
 @dataclass(frozen=True)
 class Movement:
-    """Repetitions, contact and usable samples of a trial.
+    """Repetitions, contact and usable samples of a trial."""
 
-    Parameters
-    ----------
-    free : (T,) bool array
-        Samples without an unmeasured contact force.
-    repetitions : tuple of Repetition
-        Repetitions in order of time; empty for ``protocol: free``.
-    contact : Contact or None
-        Chair contact; None if the protocol has no chair or the trial has no plate.
-    posture : Posture or None
-        Height of the hip over time; None for other protocols than sit-to-stand.
-    reasons : tuple of Reason
-        Cautions and notes about repetitions and contact.
-    """
-
-    free: BoolArray
-    repetitions: tuple[Repetition, ...]
-    contact: Contact | None
-    posture: Posture | None
-    reasons: tuple[Reason, ...]
+    free: BoolArray  # (T,) samples without an unmeasured contact force
+    repetitions: tuple[Repetition, ...]  # repetitions in order of time; empty for ``protocol: free``
+    contact: Contact | None  # chair contact; None if the protocol has no chair or the trial has no plate
+    posture: Posture | None  # height of the hip over time; None for other protocols than sit-to-stand
+    reasons: tuple[Reason, ...]  # cautions and notes about repetitions and contact
 
 
 def find_movement(
@@ -58,8 +44,6 @@ def find_movement(
     ----------
     protocol : {"free", "sit-to-stand", "robot-joint"}
         Protocol of the trial.
-    recorded : TrialData
-        Motion and wrenches of the trial.
     prepared : PreparedTrial or None
         The same trial with its regressor; None without a measured wrench. The posture alone then gives the repetitions.
     rule, weight_share, knee_bend

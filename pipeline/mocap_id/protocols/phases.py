@@ -25,24 +25,12 @@ class Averaged:
 
 @dataclass(frozen=True)
 class Agreement:
-    """Agreement of an angle with the same angle from another system, over the samples where both are known.
+    """Agreement of an angle with the same angle from another system, over the samples where both are known."""
 
-    Parameters
-    ----------
-    r : float
-        Correlation; negative if the two angles have opposite signs.
-    offset : float
-        Mean difference, other system minus this program, rad.
-    rmse : float
-        rms difference after removing the offset, rad.
-    samples : int
-        Number of samples where both are known.
-    """
-
-    r: float
-    offset: float
-    rmse: float
-    samples: int
+    r: float  # correlation; negative if the two angles have opposite signs
+    offset: float  # mean difference, other system minus this program, rad
+    rmse: float  # rms difference after removing the offset, rad
+    samples: int  # number of samples where both are known
 
 
 def resample_repetitions(time: FloatArray, values: FloatArray, bounds: FloatArray) -> FloatArray:

@@ -24,27 +24,15 @@ _LEAST_RISE = 0.15  # share of the length of the leg; a smaller rise is not a si
 
 @dataclass(frozen=True)
 class Posture:
-    """Height of the hip over time.
+    """Height of the hip over time."""
 
-    Parameters
-    ----------
-    height : (T,) array
-        Relative height of the hip: 0 at its 2 % quantile, 1 at its 98 % quantile; NaN where unknown.
-    rise : float
-        Distance between these two heights, m.
-    upright : (T,) bool array
-        Upright state with hysteresis: it begins above 0.7 of the rise and ends below 0.3.
-    moves : bool
-        Whether the person gets up: the rise is at least 15 % of the length of the chain up to the hip.
-    speed : (T,) array
-        Norm of the velocities of the joints up to the hip, rad/s; NaN where unknown. The joints above it are left out,
-        because the arms may move during a pause.
-    """
-
+    # (T,) relative height of the hip: 0 at its 2 % quantile, 1 at its 98 % quantile; NaN where unknown
     height: FloatArray
-    rise: float
-    upright: BoolArray
-    moves: bool
+    rise: float  # distance between these two heights, m
+    upright: BoolArray  # (T,) upright state with hysteresis: it begins above 0.7 of the rise and ends below 0.3
+    moves: bool  # whether the person gets up: the rise is at least 15 % of the length of the chain up to the hip
+    # (T,) norm of the velocities of the joints up to the hip, rad/s; NaN where unknown. The joints above it are left
+    # out, because the arms may move during a pause.
     speed: FloatArray
 
 

@@ -20,31 +20,16 @@ from mocap_id.verdict import Reason
 
 @dataclass(frozen=True)
 class ReferenceBody:
-    """Inertial parameters of a reference body with the chain of the trial.
+    """Inertial parameters of a reference body with the chain of the trial."""
 
-    Parameters
-    ----------
-    table : str or None
-        Allometric table, ``winter`` or ``de-leva``; None if there is no reference body.
-    parameters : (4(n + 1),) array
-        m, mx, my, Izz of every segment, base first; NaN if there is no reference body.
-    height, mass : float or None
-        Height, m, and mass, kg, of the body; None if there is no reference body.
-    assumed : tuple of str
-        Assumptions about values that the user did not give.
-    why : str or None
-        Reason why there is no reference body; None if there is one.
-    reasons : tuple of Reason
-        Notes for the verdict about the assumptions or about ``why``.
-    """
-
-    table: TableName | None
-    parameters: FloatArray
+    table: TableName | None  # allometric table, ``winter`` or ``de-leva``; None if there is no reference body
+    parameters: FloatArray  # m, mx, my, Izz of every segment, base first; NaN if there is no reference body
+    # height, mass: height, m, and mass, kg, of the body; None if there is no reference body
     height: float | None
     mass: float | None
-    assumed: tuple[str, ...]
-    why: str | None
-    reasons: tuple[Reason, ...]
+    assumed: tuple[str, ...]  # assumptions about values that the user did not give
+    why: str | None  # reason why there is no reference body; None if there is one
+    reasons: tuple[Reason, ...]  # notes for the verdict about the assumptions or about ``why``
 
 
 def build_reference_body(

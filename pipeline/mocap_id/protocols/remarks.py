@@ -36,19 +36,7 @@ def add_remarks(repetition: Repetition, rise: RiseDetails) -> Repetition:
 def explain_repetitions(
     repetitions: Sequence[Repetition], rises: Sequence[RiseDetails], attempts: Sequence[Attempt], posture: Posture
 ) -> tuple[Reason, ...]:
-    """Return the reasons for the verdict about the repetitions.
-
-    Parameters
-    ----------
-    repetitions : sequence of Repetition
-        Repetitions without remarks.
-    rises : sequence of RiseDetails
-        Details of each repetition.
-    attempts : sequence of Attempt
-        Failed attempts to rise.
-    posture : Posture
-        Height of the hip over time.
-    """
+    """Return the reasons for the verdict about the repetitions."""
     reasons = _explain_cuts(repetitions, posture)
     if attempts:
         times = ", ".join(f"{attempt.time:.1f} s" for attempt in attempts)

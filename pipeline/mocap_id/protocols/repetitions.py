@@ -7,30 +7,12 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Repetition:
-    """Events of one repetition, s on the clock of the recording; NaN if an event was not found.
+    """Events of one repetition, s on the clock of the recording; NaN if an event was not found."""
 
-    Parameters
-    ----------
-    start : float
-        Start of the rise; for a squat, start of the descent; for a robot, start of the cycle.
-    seat_off : float
-        Time at which the person leaves the chair.
-    stand : float
-        Time at which the person stands.
-    seat_on : float
-        Time at which the person touches the chair again.
-    end : float
-        Time at which the person sits at rest; for a squat, stands again; for a robot, end of the cycle.
-    complete : bool
-        Whether every event of the protocol was found.
-    why : str
-        Missing events and their causes; empty if the repetition is complete.
-    """
-
-    start: float
-    seat_off: float
-    stand: float
-    seat_on: float
-    end: float
-    complete: bool
-    why: str = ""
+    start: float  # start of the rise; for a squat, start of the descent; for a robot, start of the cycle
+    seat_off: float  # time at which the person leaves the chair
+    stand: float  # time at which the person stands
+    seat_on: float  # time at which the person touches the chair again
+    end: float  # time at which the person sits at rest; for a squat, stands again; for a robot, end of the cycle
+    complete: bool  # whether every event of the protocol was found
+    why: str = ""  # missing events and their causes; empty if the repetition is complete

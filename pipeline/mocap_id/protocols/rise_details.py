@@ -29,29 +29,17 @@ class RiseDetails:
 
     The thesis (6.4.2) takes the chair as released when the measured wrench agrees with a model without a chair. It
     finds that the feet then carry 72 % of the standing weight. Both instants are earlier than that of zero chair force.
-
-    Parameters
-    ----------
-    seat_off_72, seat_off_model : float
-        Seat-off by the share of the weight and by the agreement with the model, s.
-    reached : float
-        Greatest height of the hip as a share of the trial's rise from seat to standing.
-    held : float
-        Time in pauses between seat and standing, s.
-    attempts : int
-        Number of failed attempts before this rise.
-    support : float
-        Vertical force that neither plates nor chair explain, as a share of the standing weight.
-    left_seated, left_rising, left_standing : float
-        Share of the left foot in the load of both feet: seated before the rise, rising, and standing after it.
     """
 
+    # seat_off_72, seat_off_model: seat-off by the share of the weight and by the agreement with the model, s
     seat_off_72: float = NAN
     seat_off_model: float = NAN
-    reached: float = NAN
-    held: float = NAN
-    attempts: int = 0
-    support: float = NAN
+    reached: float = NAN  # greatest height of the hip as a share of the trial's rise from seat to standing
+    held: float = NAN  # time in pauses between seat and standing, s
+    attempts: int = 0  # number of failed attempts before this rise
+    support: float = NAN  # vertical force that neither plates nor chair explain, as a share of the standing weight
+    # left_seated, left_rising, left_standing: share of the left foot in the load of both feet: seated before the
+    # rise, rising, and standing after it
     left_seated: float = NAN
     left_rising: float = NAN
     left_standing: float = NAN

@@ -76,36 +76,20 @@ Outputs: TypeAlias = "tuple[Artefact | Document, ...]"
 
 @dataclass(frozen=True)
 class Stage:
-    """One stage of the pipeline.
+    """One stage of the pipeline."""
 
-    Parameters
-    ----------
-    name : str
-        Name on the command line, such as ``fit-joints``.
-    version : int
-        Version of the computation; it must be raised whenever the same inputs give different outputs.
-    inputs, outputs : tuple of str
-        File names of artefacts and documents. A stage may return additional documents such as figures.
-    uses : tuple of str
-        Keys of :class:`TrialKeys` that the function reads. With the settings, they form the stage's slice.
-    settings : type of Settings
-        Model of the section with the stage's name in the YAML file.
-    function : callable
-        Function that returns the outputs for a :class:`Context`, in the order of ``outputs``.
-    help : str
-        One line for the command line and the documentation.
-    uses_alone : tuple of str
-        Additional keys that the function reads only if the trial has inertial sensors without a recording.
-    """
-
-    name: str
-    version: int
+    name: str  # name on the command line, such as ``fit-joints``
+    version: int  # version of the computation; it must be raised whenever the same inputs give different outputs
+    # Inputs, outputs: file names of artefacts and documents. A stage may return additional documents such as figures.
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
+    # Keys of :class:`TrialKeys` that the function reads. With the settings, they form the stage's slice.
     uses: tuple[str, ...]
-    settings: type[Settings]
+    settings: type[Settings]  # model of the section with the stage's name in the YAML file
+    # function that returns the outputs for a :class:`Context`, in the order of ``outputs``
     function: Callable[[Context], Outputs]
-    help: str
+    help: str  # one line for the command line and the documentation
+    # additional keys that the function reads only if the trial has inertial sensors without a recording
     uses_alone: tuple[str, ...] = ()
 
     def keys_of(self, trial: TrialKeys) -> tuple[str, ...]:

@@ -17,8 +17,6 @@ def make_skin_tree(skin: SkinModel, labels: Sequence[str], camera_sd: float | No
 
     Parameters
     ----------
-    skin : SkinModel
-        Model with K markers.
     labels : (K,) sequence of str
         Labels of the markers.
     camera_sd : float or None

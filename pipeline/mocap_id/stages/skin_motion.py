@@ -106,8 +106,6 @@ def add_axial_rotation_errors(
 
     Parameters
     ----------
-    states : SpatialStates
-        Smoothed states.
     chain : SpatialChain
         Fitted chain with the standard deviations of the shares.
     common : float

@@ -22,28 +22,18 @@ _VARIES = 0.25  # share of the error of a change of the angle that differs from 
 
 @dataclass(frozen=True)
 class Compensation:
-    """Motion of one angle of shoulder or thorax during one curl.
+    """Motion of one angle of shoulder or thorax during one curl."""
 
-    Parameters
-    ----------
-    range : float
-        Highest minus lowest value within the curl, rad.
-    range_interval : (float, float)
-        95 % interval of the range, rad; the lower end is not negative.
-    offset, offset_sd : float
-        Mean of the angle in this curl minus its mean in the first complete curl, and its standard deviation, rad.
-    floor : float
-        95 % quantile of the range that errors of the angle alone cause, rad. A smaller range may be no motion at all.
-    sustained : float
-        Longest time in which the angle differs from its value at the start of the curls by more than
-        ``rules.compensation``, s; 0 if this time is shorter than ``rules.sustained``.
-    """
-
-    range: float
-    range_interval: tuple[float, float]
+    range: float  # highest minus lowest value within the curl, rad
+    range_interval: tuple[float, float]  # 95 % interval of the range, rad; the lower end is not negative
+    # offset, offset_sd: mean of the angle in this curl minus its mean in the first complete curl, and its standard
+    # deviation, rad
     offset: float
     offset_sd: float
+    # 95 % quantile of the range that errors of the angle alone cause, rad. A smaller range may be no motion at all.
     floor: float
+    # longest time in which the angle differs from its value at the start of the curls by more than
+    # ``rules.compensation``, s; 0 if this time is shorter than ``rules.sustained``
     sustained: float
 
 
@@ -94,24 +84,13 @@ def _measure_in_curl(
 
 @dataclass(frozen=True)
 class InStep:
-    """Part of an angle that depends on the flexion alone, fitted to the first complete curl with a known angle.
+    """Part of an angle that depends on the flexion alone, fitted to the first complete curl with a known angle."""
 
-    Parameters
-    ----------
-    curve : (T,) array
-        This part at all times, up to a constant, rad.
-    range : float
-        Highest minus lowest value of the curve within this curl, rad.
-    interval : (float, float)
-        95 % interval of the person's motion in ``range``, rad; the lower end is not negative.
-    rest_sd : (T,) array
-        Standard deviation of the changes of the angle minus the curve, rad.
-    """
-
-    curve: FloatArray
-    range: float
+    curve: FloatArray  # (T,) this part at all times, up to a constant, rad
+    range: float  # highest minus lowest value of the curve within this curl, rad
+    # 95 % interval of the person's motion in ``range``, rad; the lower end is not negative
     interval: tuple[float, float]
-    rest_sd: FloatArray
+    rest_sd: FloatArray  # (T,) standard deviation of the changes of the angle minus the curve, rad
 
 
 def fit_part_in_step(  # noqa: PLR0917

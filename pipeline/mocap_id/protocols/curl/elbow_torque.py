@@ -21,50 +21,25 @@ _ELBOW_CUTOFF = 4.0  # Hz: the elbow rests or moves slowly
 
 @dataclass(frozen=True)
 class Mass:
-    """A rigid body that is forearm or hand, or is carried by it.
+    """A rigid body that is forearm or hand, or is carried by it."""
 
-    Parameters
-    ----------
-    mass : float
-        Mass, kg.
-    centre : (3,) array
-        Centre of mass in the axes of the segment, m.
-    inertia : (3,) array
-        Moments of inertia about the centre of mass along the segment's axes, kg·m².
-    relative_sd : float
-        Standard deviation of the mass as a share of the mass.
-    """
-
-    mass: float
-    centre: FloatArray
-    inertia: FloatArray
-    relative_sd: float
+    mass: float  # mass, kg
+    centre: FloatArray  # (3,) centre of mass in the axes of the segment, m
+    inertia: FloatArray  # (3,) moments of inertia about the centre of mass along the segment's axes, kg·m²
+    relative_sd: float  # standard deviation of the mass as a share of the mass
 
 
 @dataclass(frozen=True)
 class SegmentMotion:
-    """Motion of one segment in the trial's axes at T samples, and its bodies.
+    """Motion of one segment in the trial's axes at T samples, and its bodies."""
 
-    Parameters
-    ----------
-    origin : (T, 3) array
-        Origin of the segment, m.
-    rotation : (T, 3, 3) array
-        Rotation from the segment's axes to the trial's axes.
-    omega, alpha : (T, 3) arrays
-        Angular velocity, rad/s, and angular acceleration, rad/s².
-    sd_alpha : (T,) array
-        Standard deviation of each component of alpha, rad/s².
-    bodies : sequence of Mass
-        Bodies with this motion.
-    """
-
-    origin: FloatArray
-    rotation: FloatArray
+    origin: FloatArray  # (T, 3) origin of the segment, m
+    rotation: FloatArray  # (T, 3, 3) rotation from the segment's axes to the trial's axes
+    # omega, alpha: (T, 3) angular velocity, rad/s, and angular acceleration, rad/s²
     omega: FloatArray
     alpha: FloatArray
-    sd_alpha: FloatArray
-    bodies: Sequence[Mass]
+    sd_alpha: FloatArray  # (T,) standard deviation of each component of alpha, rad/s²
+    bodies: Sequence[Mass]  # bodies with this motion
 
 
 @dataclass(frozen=True)

@@ -14,21 +14,11 @@ _LEAST = 4  # curls with a known value
 
 @dataclass(frozen=True)
 class Trend:
-    """Linear trend of a quantity over the curls.
+    """Linear trend of a quantity over the curls."""
 
-    Parameters
-    ----------
-    slope : float
-        Change from one curl to the next, in the unit of the quantity.
-    interval : (float, float)
-        95 % interval of the slope by Student's t.
-    count : int
-        Number of curls with a known value.
-    """
-
-    slope: float
-    interval: tuple[float, float]
-    count: int
+    slope: float  # change from one curl to the next, in the unit of the quantity
+    interval: tuple[float, float]  # 95 % interval of the slope by Student's t
+    count: int  # number of curls with a known value
 
 
 def fit_trend(values: FloatArray) -> Trend | None:

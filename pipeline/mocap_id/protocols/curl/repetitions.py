@@ -20,60 +20,31 @@ _RATE = 120.0  # Hz: enough samples for the turning points
 
 @dataclass(frozen=True)
 class CurlRules:
-    """Rules for curls, compensation and the end of the trial.
+    """Rules for curls, compensation and the end of the trial."""
 
-    Parameters
-    ----------
-    metronome : float or None
-        Tempo of the metronome, curls per second; None if no tempo is required.
-    attempt : float
-        Smallest rise of the elbow's flexion that counts as an attempt, rad.
-    complete : float
-        Smallest rise of a complete curl as a share of the large curls of the trial.
-    tempo : float
-        Largest difference of a curl's duration from the period of the metronome, as a share of the period.
-    pause : float
-        Longest time between two curls, in periods; after a longer one the person has stopped.
-    plane : float
-        Largest rotation of the elbow's axis from its direction in the first curl, rad.
-    compensation : float
-        Smallest change of an angle of shoulder or thorax that counts as compensation, rad.
-    sustained : float
-        Shortest duration of a compensation and of motion out of the plane, s.
-    """
-
-    metronome: float | None = None
-    attempt: float = 0.26
-    complete: float = 0.6
+    metronome: float | None = None  # tempo of the metronome, curls per second; None if no tempo is required
+    attempt: float = 0.26  # smallest rise of the elbow's flexion that counts as an attempt, rad
+    complete: float = 0.6  # smallest rise of a complete curl as a share of the large curls of the trial
+    # largest difference of a curl's duration from the period of the metronome, as a share of the period
     tempo: float = 0.5
-    pause: float = 2.0
-    plane: float = 0.35
-    compensation: float = 0.17
-    sustained: float = 0.25
+    pause: float = 2.0  # longest time between two curls, in periods; after a longer one the person has stopped
+    plane: float = 0.35  # largest rotation of the elbow's axis from its direction in the first curl, rad
+    compensation: float = 0.17  # smallest change of an angle of shoulder or thorax that counts as compensation, rad
+    sustained: float = 0.25  # shortest duration of a compensation and of motion out of the plane, s
 
 
 @dataclass(frozen=True)
 class Curl:
-    """A curl or a failed attempt.
+    """A curl or a failed attempt."""
 
-    Parameters
-    ----------
-    start, top, end : float
-        Times of start, top (middle of the time at the top) and end, s. ``end`` is NaN if it is not recorded.
-    amplitude : float
-        Rise of the flexion from start to top, rad.
-    complete : bool
-        Whether the curl rises and returns far enough.
-    why : str
-        Reason why the curl is not complete; empty if it is complete.
-    """
-
+    # Start, top, end: times of start, top (middle of the time at the top) and end, s. ``end`` is NaN if it is not
+    # recorded.
     start: float
     top: float
     end: float
-    amplitude: float
-    complete: bool
-    why: str = ""
+    amplitude: float  # rise of the flexion from start to top, rad
+    complete: bool  # whether the curl rises and returns far enough
+    why: str = ""  # reason why the curl is not complete; empty if it is complete
 
 
 def find_curls(time: FloatArray, flexion: FloatArray, sd: FloatArray, rules: CurlRules) -> tuple[Curl, ...]:

@@ -13,21 +13,12 @@ from mocap_id.protocols.curl.repetitions import Curl, CurlRules
 
 @dataclass(frozen=True)
 class TrialEnd:
-    """End of a trial of curls.
+    """End of a trial of curls."""
 
-    Parameters
-    ----------
-    time : float
-        Time of the end, s.
-    rule : str
-        Rule that ends the trial: ``stopped``, ``tempo``, ``plane``, or ``recording`` if the recording ends first.
-    why : str
-        Observation to which the rule was applied, for the report.
-    """
-
-    time: float
+    time: float  # time of the end, s
+    # rule that ends the trial: ``stopped``, ``tempo``, ``plane``, or ``recording`` if the recording ends first
     rule: str
-    why: str
+    why: str  # observation to which the rule was applied, for the report
 
 
 def find_trial_end(time: FloatArray, axis: FloatArray, curls: tuple[Curl, ...], rules: CurlRules) -> TrialEnd:
@@ -39,10 +30,6 @@ def find_trial_end(time: FloatArray, axis: FloatArray, curls: tuple[Curl, ...], 
         Sample times, s.
     axis : (T, 3) array
         Unit vector of the elbow's axis in the trial's axes, towards the right; NaN where unknown.
-    curls : tuple of Curl
-        Curls in order of time.
-    rules : CurlRules
-        Limits of the rules.
     """
     done = [curl for curl in curls if curl.complete]
     ends = (

@@ -29,34 +29,20 @@ class UnknownReach(Exception):
 
 @dataclass(frozen=True)
 class RecordedArm:
-    """A recorded arm and the path of its hand, in the axes of the thorax.
+    """A recorded arm and the path of its hand, in the axes of the thorax."""
 
-    Parameters
-    ----------
-    arm : ReachArm
-        Dimensions of the arm.
-    upper_arm_sd, forearm_sd, rise_sd : float
-        Standard deviations of these dimensions, m.
-    shoulder : (3,) array
-        Shoulder centre from the origin of the thorax at the lowest elevation, m.
-    glide : (3,) array
-        Displacement of the shoulder centre from an elevation of 0 to 180°, m.
-    elbows, wrists, palms : (T, 3) arrays
-        Elbow, wrist and centre of the palm from the shoulder, m; NaN where unknown.
-    stature : float
-        Stature, given or estimated from the arm's length, m.
-    """
-
-    arm: ReachArm
+    arm: ReachArm  # dimensions of the arm
+    # upper_arm_sd, forearm_sd, rise_sd: standard deviations of these dimensions, m
     upper_arm_sd: float
     forearm_sd: float
     rise_sd: float
-    shoulder: FloatArray
-    glide: FloatArray
+    shoulder: FloatArray  # (3,) shoulder centre from the origin of the thorax at the lowest elevation, m
+    glide: FloatArray  # (3,) displacement of the shoulder centre from an elevation of 0 to 180°, m
+    # elbows, wrists, palms: (T, 3) elbow, wrist and centre of the palm from the shoulder, m; NaN where unknown
     elbows: FloatArray
     wrists: FloatArray
     palms: FloatArray
-    stature: float
+    stature: float  # stature, given or estimated from the arm's length, m
 
 
 def measure_arm(
@@ -69,12 +55,8 @@ def measure_arm(
 
     Parameters
     ----------
-    angles : SpatialAngles
-        Joint angles.
     poses : SegmentPoses
         Poses of the segments in their anatomical axes.
-    skeleton : SpatialSkeleton
-        Chain of the arm.
     stature : float, optional
         Stature, m; by default estimated from the arm's length.
 

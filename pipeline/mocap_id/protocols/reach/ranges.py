@@ -26,25 +26,17 @@ BETWEEN = {"shoulder": ("thorax", "upper_arm"), "elbow": ("upper_arm", "forearm"
 
 @dataclass(frozen=True)
 class AngleRange:
-    """Range of one angle in a recording.
+    """Range of one angle in a recording."""
 
-    Parameters
-    ----------
-    low, high : float
-        Ends of the range, rad.
-    low_sd, high_sd : float
-        Standard deviation of each end without the constant error, rad.
-    constant_sd : float
-        Standard deviation of the constant error, which is the same at both ends and comes from the landmarks, rad.
-    used_share : float
-        Share of the samples that are used: observed and, for plane and axial rotation, more than 15° from the poles.
-    """
-
+    # low, high: ends of the range, rad
     low: float
     high: float
+    # low_sd, high_sd: standard deviation of each end without the constant error, rad
     low_sd: float
     high_sd: float
+    # standard deviation of the constant error, which is the same at both ends and comes from the landmarks, rad
     constant_sd: float
+    # share of the samples that are used: observed and, for plane and axial rotation, more than 15° from the poles
     used_share: float
 
     @property

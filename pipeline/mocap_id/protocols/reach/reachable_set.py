@@ -28,23 +28,13 @@ _CURVE = 400  # flexions at which the position of the wrist is computed
 
 @dataclass(frozen=True)
 class ReachArm:
-    """Dimensions of an arm.
+    """Dimensions of an arm."""
 
-    Parameters
-    ----------
-    elbow : (3,) array
-        Elbow centre in the axes of the upper arm, whose origin is the shoulder centre, m.
-    forearm : float
-        Distance from the elbow centre to the wrist along the forearm's y axis, m.
-    carrying : (3,) array
-        Coefficients c0, c1, c2 of the carrying angle c0 + c1 cos(flexion) + c2 sin(flexion), rad.
-    rise : float
-        Rise of the shoulder in the thorax at an elevation of 180°, m; in general rise (1 - cos elevation) / 2.
-    """
-
-    elbow: FloatArray
-    forearm: float
+    elbow: FloatArray  # (3,) elbow centre in the axes of the upper arm, whose origin is the shoulder centre, m
+    forearm: float  # distance from the elbow centre to the wrist along the forearm's y axis, m
+    # (3,) coefficients c0, c1, c2 of the carrying angle c0 + c1 cos(flexion) + c2 sin(flexion), rad
     carrying: FloatArray
+    # rise of the shoulder in the thorax at an elevation of 180°, m; in general rise (1 - cos elevation) / 2
     rise: float
 
     def wrist(self, flexion: FloatArray) -> FloatArray:
@@ -74,21 +64,12 @@ class Grid:
 
 @dataclass(frozen=True)
 class ReachableSet:
-    """Reachable set as arcs about the vertical axis of the thorax through the shoulder.
+    """Reachable set as arcs about the vertical axis of the thorax through the shoulder."""
 
-    Parameters
-    ----------
-    distance : (R + 1,) array
-        Edges of the cells of the distance from the shoulder, m.
-    cosine : (C + 1,) array
-        Edges of the cells of the cosine of the polar angle.
-    start, end : (R, C, m) arrays
-        Azimuths of the ends of the arcs, rad: 0 is lateral, π/2 forward. ``start`` is ascending, in [0, 2π). Arcs of
-        length 0 are ignored.
-    """
-
-    distance: FloatArray
-    cosine: FloatArray
+    distance: FloatArray  # (R + 1,) edges of the cells of the distance from the shoulder, m
+    cosine: FloatArray  # (C + 1,) edges of the cells of the cosine of the polar angle
+    # Start, end: (R, C, m) azimuths of the ends of the arcs, rad: 0 is lateral, π/2 forward. ``start`` is ascending,
+    # in [0, 2π). Arcs of length 0 are ignored.
     start: FloatArray
     end: FloatArray
 
@@ -121,12 +102,8 @@ def compute_reachable_set(
 
     Parameters
     ----------
-    arm : ReachArm
-        Dimensions of the arm.
     limits : (4, 2) array
         Lowest and highest plane, elevation, axial rotation and flexion, rad.
-    grid : Grid
-        Resolution.
     planes : PlaneRange, optional
         Range of the plane, which depends on the other angles; by default the range in ``limits``.
     """

@@ -37,26 +37,17 @@ _TOUCH = 0.05
 
 @dataclass(frozen=True)
 class Reach:
-    """A reach: the hand leaves its place of rest or another target, is held at a target, and moves on.
+    """A reach: the hand leaves its place of rest or another target, is held at a target, and moves on."""
 
-    Parameters
-    ----------
-    start, top, end : float
-        Times at which the hand starts, is held (middle of this time), and leaves the target or is back, s.
-    target : str
-        Target: ``hip``, ``same_shoulder``, ``opposite_shoulder``, ``mouth``, ``head``, ``overhead`` or ``none``.
-    miss : float
-        Distance by which the hand missed the target, m; 0 if it touched the target, NaN without a target.
-    complete : bool
-        Whether the hand came back or moved to another target.
-    """
-
+    # start, top, end: times at which the hand starts, is held (middle of this time), and leaves the target or is
+    # back, s
     start: float
     top: float
     end: float
+    # target: ``hip``, ``same_shoulder``, ``opposite_shoulder``, ``mouth``, ``head``, ``overhead`` or ``none``
     target: str
-    miss: float
-    complete: bool
+    miss: float  # distance by which the hand missed the target, m; 0 if it touched the target, NaN without a target
+    complete: bool  # whether the hand came back or moved to another target
 
 
 def find_reaches(time: FloatArray, arm: RecordedArm) -> tuple[Reach, ...]:

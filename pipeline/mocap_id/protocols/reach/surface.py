@@ -22,23 +22,12 @@ QUADRANTS = ("upper_medial", "upper_lateral", "lower_medial", "lower_lateral")
 
 @dataclass(frozen=True)
 class Surface:
-    """Furthest reach by direction from the shoulder.
+    """Furthest reach by direction from the shoulder."""
 
-    Parameters
-    ----------
-    polar : (C,) array
-        Angles from the upward axis of the thorax, ascending, rad.
-    azimuth : (K,) array
-        Angles about this axis, rad: 0 is lateral, π/2 forward.
-    radius : (C, K) array
-        Furthest reach, m; NaN where nothing is reached.
-    areas : dict
-        Relative areas: ``total`` and :data:`QUADRANTS` in front of the shoulder, ``behind`` for the other half.
-    """
-
-    polar: FloatArray
-    azimuth: FloatArray
-    radius: FloatArray
+    polar: FloatArray  # (C,) angles from the upward axis of the thorax, ascending, rad
+    azimuth: FloatArray  # (K,) angles about this axis, rad: 0 is lateral, π/2 forward
+    radius: FloatArray  # (C, K) furthest reach, m; NaN where nothing is reached
+    # relative areas: ``total`` and :data:`QUADRANTS` in front of the shoulder, ``behind`` for the other half
     areas: dict[str, float]
 
     def points(self) -> FloatArray:

@@ -27,49 +27,23 @@ _MOST = 4  # grids
 
 @dataclass(frozen=True)
 class Volume:
-    """A reachable volume, m³.
+    """A reachable volume, m³."""
 
-    Parameters
-    ----------
-    volume : float
-        Volume with the finest grid, m³.
-    discretisation : float
-        Change of the volume by the last refinement of the grid, m³.
-    interval : (float, float)
-        95 % interval, m³.
-    convergence : tuple of float
-        Volumes with finer and finer grids, m³.
-    """
-
-    volume: float
-    discretisation: float
-    interval: tuple[float, float]
-    convergence: tuple[float, ...]
+    volume: float  # volume with the finest grid, m³
+    discretisation: float  # change of the volume by the last refinement of the grid, m³
+    interval: tuple[float, float]  # 95 % interval, m³
+    convergence: tuple[float, ...]  # volumes with finer and finer grids, m³
 
 
 @dataclass(frozen=True)
 class Workspace:
-    """Reachable volume within the box of the ranges, and within the visited region.
+    """Reachable volume within the box of the ranges, and within the visited region."""
 
-    Parameters
-    ----------
-    box : Volume
-        Volume within the box.
-    visited : Volume or None
-        Volume within the visited region; None without a region.
-    limits : (4, 2) array
-        Ends of the box: plane, elevation, axial rotation, flexion, rad.
-    sd : float
-        Standard deviation of the volume within the box, m³.
-    sources : dict
-        Share of each range and dimension in the variance of this volume, by name.
-    """
-
-    box: Volume
-    visited: Volume | None
-    limits: FloatArray
-    sd: float
-    sources: dict[str, float]
+    box: Volume  # volume within the box
+    visited: Volume | None  # volume within the visited region; None without a region
+    limits: FloatArray  # (4, 2) ends of the box: plane, elevation, axial rotation, flexion, rad
+    sd: float  # standard deviation of the volume within the box, m³
+    sources: dict[str, float]  # share of each range and dimension in the variance of this volume, by name
 
     def relative(self, arm: ReachArm) -> float:
         """Return the volume within the box as a share of a sphere with the arm's length as radius."""

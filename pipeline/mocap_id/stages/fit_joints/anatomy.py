@@ -45,27 +45,14 @@ JOINTS = {"shoulder": ("thorax", "upper_arm"), "elbow": ("upper_arm", "forearm")
 
 @dataclass(frozen=True)
 class AnatomicalChain:
-    """A fitted chain in the anatomical frames of the ISB, or in the frames of the fit if there are no landmarks.
+    """A fitted chain in the anatomical frames of the ISB, or in the frames of the fit if there are no landmarks."""
 
-    Parameters
-    ----------
-    fit : SpatialFit
-        Fit with joint centres refined by landmarks, in the frames of the fit.
-    chain : SpatialChain
-        The same chain in anatomical frames.
-    landmarks : mapping
-        Datasets of the group ``landmarks`` of chain.h5.
-    facts : mapping
-        Facts of chain.h5: ``frames`` ("isb" or "own"), ``still_s`` and ``frame_covariance``.
-    reasons : tuple of Reason
-        Cautions and notes about landmarks.
-    """
-
-    fit: SpatialFit
-    chain: SpatialChain
-    landmarks: Mapping[str, Any]
+    fit: SpatialFit  # fit with joint centres refined by landmarks, in the frames of the fit
+    chain: SpatialChain  # the same chain in anatomical frames
+    landmarks: Mapping[str, Any]  # datasets of the group ``landmarks`` of chain.h5
+    # facts of chain.h5: ``frames`` ("isb" or "own"), ``still_s`` and ``frame_covariance``
     facts: Mapping[str, Any] = field(default_factory=dict)
-    reasons: tuple[Reason, ...] = ()
+    reasons: tuple[Reason, ...] = ()  # cautions and notes about landmarks
 
 
 def fit_anatomical_frames(
@@ -75,12 +62,6 @@ def fit_anatomical_frames(
 
     Parameters
     ----------
-    context : Context
-        Trial and settings.
-    view : Trajectories
-        All markers.
-    fit : SpatialFit
-        Fitted chain.
     columns : (M,) int array
         Indices of the markers of the chain in ``view``.
     names : sequence of str, length n + 1

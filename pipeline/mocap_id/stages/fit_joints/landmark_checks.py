@@ -36,18 +36,16 @@ def check_landmarks(
 ) -> tuple[Reason, ...]:
     """Return a caution that lists all contradictions to the anatomy of an arm; an empty tuple without contradictions.
 
+    ``standing`` are the poses of the segments at rest, with y up.
+
     Parameters
     ----------
     fit : SpatialFit
         Fitted chain before its joint centres are moved to landmarks.
     places : mapping
         Landmarks in the axes of their segments, by name.
-    frames : AnatomicalFrames
-        Anatomical frames of the segments.
     where : mapping
         Number of each segment, by name.
-    standing : SegmentPoses
-        Poses at rest; y is up.
     """
     at = {name: place.local for name, place in places.items()}
     doubts = [

@@ -37,10 +37,6 @@ def read_pointed_landmarks(
 
     Parameters
     ----------
-    trial : TrialKeys
-        Trial with the pointer and its recordings.
-    marked : MarkedChain
-        Fitted chain.
     segment : mapping
         Number of the segment of each landmark.
     labels : tuple of str

@@ -38,36 +38,17 @@ _OFTEN = 0.8  # smallest share of the samples with a known pose, so that the fit
 
 @dataclass(frozen=True)
 class MeasuredBodies:
-    """Rigid bodies and their poses.
+    """Rigid bodies and their poses."""
 
-    Parameters
-    ----------
-    names : tuple of str
-        Names of the bodies.
-    poses : BodyPoses
-        Poses with short gaps in time bridged, and pinned at the joints whose two sides do not separate.
-    observed : (T,) bool array
-        Samples in which every pose was measured.
-    gap : dict of int to JointGap
-        Gap between the two sides of each joint between two bodies, by joint, from 0.
-    markers : tuple of mapping
-        Positions of the markers of each body in its axes, m, by label.
-    residual : tuple of float
-        rms distance of the markers of each body from these positions, m.
-    used : tuple of int
-        Indices of the bodies in poses.parquet, from 0.
-    placed : dict of int to float
-        Standard deviation in one direction, m, of the joints that are located by the poses and not by the joint fit:
-        ankles of feet that move.
-    """
-
-    names: tuple[str, ...]
-    poses: BodyPoses
-    observed: BoolArray
-    gap: dict[int, JointGap]
-    markers: tuple[dict[str, list[float]], ...]
-    residual: tuple[float, ...]
-    used: tuple[int, ...]
+    names: tuple[str, ...]  # names of the bodies
+    poses: BodyPoses  # poses with short gaps in time bridged, and pinned at the joints whose two sides do not separate
+    observed: BoolArray  # (T,) samples in which every pose was measured
+    gap: dict[int, JointGap]  # gap between the two sides of each joint between two bodies, by joint, from 0
+    markers: tuple[dict[str, list[float]], ...]  # positions of the markers of each body in its axes, m, by label
+    residual: tuple[float, ...]  # rms distance of the markers of each body from these positions, m
+    used: tuple[int, ...]  # indices of the bodies in poses.parquet, from 0
+    # standard deviation in one direction, m, of the joints that are located by the poses and not by the joint fit:
+    # ankles of feet that move
     placed: dict[int, float]
 
     @property
@@ -136,8 +117,6 @@ def read_bodies(table: Table, centres: FloatArray, used: Sequence[int]) -> Measu
 
     Parameters
     ----------
-    table : Table
-        poses.parquet.
     centres : (n, 2) array
         Joint centres in the axes of the previous segment, m.
     used : sequence of int
@@ -193,8 +172,6 @@ def make_body_prior(
 
     Parameters
     ----------
-    bodies : MeasuredBodies
-        Bodies with their poses.
     q : (T, n) array
         Joint angles of the chain, rad.
     movement : Movement

@@ -21,18 +21,10 @@ from mocap_id.stages.identify_dim.trial_data import read_skeleton
 
 @dataclass(frozen=True)
 class ReferenceBodies:
-    """Reference bodies with the chain of a trial.
+    """Reference bodies with the chain of a trial."""
 
-    Parameters
-    ----------
-    chosen : ReferenceBody
-        Body from the table in the settings.
-    every : tuple of ReferenceBody
-        Bodies from all tables, in a fixed order; empty without a reference body.
-    """
-
-    chosen: ReferenceBody
-    every: tuple[ReferenceBody, ...]
+    chosen: ReferenceBody  # body from the table in the settings
+    every: tuple[ReferenceBody, ...]  # bodies from all tables, in a fixed order; empty without a reference body
 
 
 def build_reference_bodies(context: Context, recorded: TrialData, movement: Movement) -> ReferenceBodies:
@@ -79,8 +71,6 @@ def compare_references(
 
     Parameters
     ----------
-    bodies : ReferenceBodies
-        Bodies to compare.
     regressor : (T, 3, 4(n + 1)) array
         Regressor of the full parameters.
     measured : (T, 3) array

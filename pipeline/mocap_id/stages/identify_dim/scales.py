@@ -57,10 +57,6 @@ def check_and_calibrate(
 
     Parameters
     ----------
-    prepared : PreparedTrial
-        Trial with the motion of the identification.
-    found : Identification
-        Identification without errors of scale.
     reference : (4(n + 1),) array
         Full parameters of the reference body with the chain; without a reference body (NaN), there is no check.
     chain : (BaseSet, ChainMap), optional

@@ -37,54 +37,23 @@ _CORRELATED = 0.12  # s, correlation time of residuals with measured poses
 
 @dataclass(frozen=True)
 class SegmentFit:
-    """Identification of a trial with the measured poses of its bodies.
+    """Identification of a trial with the measured poses of its bodies."""
 
-    Parameters
-    ----------
-    bodies : MeasuredBodies
-        Bodies with their poses.
-    prepared : PreparedTrial
-        Trial with the motion of the bodies.
-    found : Identification
-        Identification of the full parameters of the bodies.
-    in_chain : Identification
-        Base and full parameters of the chain, computed from the bodies' parameters.
-    prior : BodyPrior
-        Prior of the bodies' parameters.
-    cutoffs : ChosenCutoffs
-        Cut-offs of the poses.
-    references : ReferenceBodies
-        Reference bodies, with parameters of these bodies.
-    chain_reference : (4(n + 1),) array
-        Parameters of the chosen reference body with the chain.
-    prior_share : (b,) array
-        Share of the precision of each base parameter that comes from the prior, 0 … 1.
-    chain_map : ChainMap
-        Map from parameters of the bodies to parameters of the chain.
-    grid : PointGrid
-        Point masses of the bodies.
-    validation : Validation
-        Predictions of left-out repetitions.
-    centre_sd : (n,) array
-        Standard deviation of each joint centre in one direction, relative to the markers around it, m.
-    effect : PoseEffect
-        Effect of errors of the poses that are the same in every repetition.
-    """
-
-    bodies: MeasuredBodies
-    prepared: PreparedTrial
-    found: Identification
-    in_chain: Identification
-    prior: BodyPrior
-    cutoffs: ChosenCutoffs
-    references: ReferenceBodies
-    chain_reference: FloatArray
-    prior_share: FloatArray
-    chain_map: ChainMap
-    grid: PointGrid
-    validation: Validation
+    bodies: MeasuredBodies  # bodies with their poses
+    prepared: PreparedTrial  # trial with the motion of the bodies
+    found: Identification  # identification of the full parameters of the bodies
+    in_chain: Identification  # base and full parameters of the chain, computed from the bodies' parameters
+    prior: BodyPrior  # prior of the bodies' parameters
+    cutoffs: ChosenCutoffs  # cut-offs of the poses
+    references: ReferenceBodies  # reference bodies, with parameters of these bodies
+    chain_reference: FloatArray  # parameters of the chosen reference body with the chain
+    prior_share: FloatArray  # (b,) share of the precision of each base parameter that comes from the prior, 0 … 1
+    chain_map: ChainMap  # map from parameters of the bodies to parameters of the chain
+    grid: PointGrid  # point masses of the bodies
+    validation: Validation  # predictions of left-out repetitions
+    # (n,) standard deviation of each joint centre in one direction, relative to the markers around it, m
     centre_sd: FloatArray
-    effect: PoseEffect
+    effect: PoseEffect  # effect of errors of the poses that are the same in every repetition
 
     def noise(self) -> PredictionNoise:
         """Return the errors of a prediction without the errors of the parameters."""
@@ -146,12 +115,6 @@ def fit_segments(
     ----------
     body_sets : sequence of MeasuredBodies
         Divisions of the person; the division that predicts left-out repetitions best is used.
-    prepared : PreparedTrial
-        Trial on the pinned chain.
-    pinned : Identification
-        Identification with the pinned chain.
-    tables : ReferenceBodies
-        Reference bodies with the chain.
     """
     settings, recorded, reference = context.settings, prepared.recorded, tables.chosen.parameters
     mass = float(pinned.full[::4].sum()) if tables.chosen.mass is None else tables.chosen.mass

@@ -38,14 +38,10 @@ def make_sit_to_stand_events(
     share: float,
     seat_measured: bool,
 ) -> Table:
-    """Return events.parquet of a sit-to-stand.
+    """Return events.parquet of a sit-to-stand with a known posture; ``plates`` is wrench.parquet.
 
     Parameters
     ----------
-    plates : Table
-        wrench.parquet.
-    movement : Movement
-        Movement with a known posture.
     missing : sequence of (T,) arrays
         Vertical force of the ground by a body model minus the measured force, N: one array for each plausible clock
         offset; empty without a model. The smallest support by these arrays is used.

@@ -31,30 +31,15 @@ _PERSON, _OF_PERSONS = "thorax", ("reach", "curl")
 
 @dataclass(frozen=True)
 class SpatialInputs:
-    """Inputs of the identification of a trial in space.
+    """Inputs of the identification of a trial in space."""
 
-    Parameters
-    ----------
-    time : (T,) array
-        Sample times, s.
-    chain : SpatialChain
-        Chain of the trial.
-    segments : tuple of str
-        Names of the segments, base first.
-    wrench : (T, 6) array
-        Measured wrench of the ground about the origin of the trial's axes, N and N·m; NaN where unknown.
-    trial : SpatialTrial or None
-        Prepared trial; None if there is an obstacle without one.
-    obstacle : NotIdentifiable or None
-        Reason why nothing can be identified; None if there is none.
-    """
-
-    time: FloatArray
-    chain: SpatialChain
-    segments: tuple[str, ...]
+    time: FloatArray  # (T,) sample times, s
+    chain: SpatialChain  # chain of the trial
+    segments: tuple[str, ...]  # names of the segments, base first
+    # (T, 6) measured wrench of the ground about the origin of the trial's axes, N and N·m; NaN where unknown
     wrench: FloatArray
-    trial: SpatialTrial | None = None
-    obstacle: NotIdentifiable | None = None
+    trial: SpatialTrial | None = None  # prepared trial; None if there is an obstacle without one
+    obstacle: NotIdentifiable | None = None  # reason why nothing can be identified; None if there is none
 
 
 def read_spatial_inputs(context: Context) -> SpatialInputs:

@@ -37,41 +37,19 @@ from mocap_id.verdict import Reason
 
 @dataclass(frozen=True)
 class TrialInputs:
-    """Inputs of the identification of a trial in the plane.
+    """Inputs of the identification of a trial in the plane."""
 
-    Parameters
-    ----------
-    chain : Skeleton
-        Chain of the trial.
-    recorded : TrialData
-        Joint states and wrenches.
-    prepared : PreparedTrial or None
-        Trial on the pinned chain; None without a usable wrench.
-    movement : Movement
-        Repetitions, contact and usable samples.
-    grid : PointGrid
-        Point masses of the chain's segments.
-    obstacle : NotIdentifiable or None
-        Reason why nothing can be identified; None if there is none.
-    body_sets : tuple of MeasuredBodies
-        Bodies with measured poses, one entry for each division of the person; empty if the pinned chain is used.
-    motion_facts : dict
-        JSON about the choice between chain and poses.
-    centre_sd : (n,) array
-        Standard deviation of each joint centre from the gap of its joint, m.
-    board : dict or None
-        Fact ``board`` of dynamics.h5: position of a balance board; None without a board.
-    """
-
-    chain: Skeleton
-    recorded: TrialData
-    prepared: PreparedTrial | None
-    movement: Movement
-    grid: PointGrid
-    obstacle: NotIdentifiable | None
+    chain: Skeleton  # chain of the trial
+    recorded: TrialData  # joint states and wrenches
+    prepared: PreparedTrial | None  # trial on the pinned chain; None without a usable wrench
+    movement: Movement  # repetitions, contact and usable samples
+    grid: PointGrid  # point masses of the chain's segments
+    obstacle: NotIdentifiable | None  # reason why nothing can be identified; None if there is none
+    # bodies with measured poses, one entry for each division of the person; empty if the pinned chain is used
     body_sets: tuple[MeasuredBodies, ...]
-    motion_facts: dict[str, Any]
-    centre_sd: FloatArray
+    motion_facts: dict[str, Any]  # JSON about the choice between chain and poses
+    centre_sd: FloatArray  # (n,) standard deviation of each joint centre from the gap of its joint, m
+    # fact ``board`` of dynamics.h5: position of a balance board; None without a board
     board: dict[str, Any] | None = None
 
 

@@ -27,21 +27,11 @@ _NOTICEABLE = 1e-4  # share of the measured variance; with a smaller error, the 
 
 @dataclass(frozen=True)
 class Validation:
-    """Predictions of left-out repetitions.
+    """Predictions of left-out repetitions."""
 
-    Parameters
-    ----------
-    repetitions : int
-        Number of repetitions.
-    held_out : LeftOutPrediction or None
-        Predictions; None if no repetition could be left out.
-    why : str or None
-        Reason why there are no predictions; None if there are.
-    """
-
-    repetitions: int
-    held_out: LeftOutPrediction | None
-    why: str | None
+    repetitions: int  # number of repetitions
+    held_out: LeftOutPrediction | None  # predictions; None if no repetition could be left out
+    why: str | None  # reason why there are no predictions; None if there are
 
 
 def validate(prepared: PreparedTrial, movement: Movement, found: Identification, model: FloatArray) -> Validation:
@@ -77,8 +67,6 @@ def make_facts(
 
     Parameters
     ----------
-    validation : Validation
-        Predictions.
     model, reference, measured : (T, 3) arrays
         Wrenches of model, reference body and plate, N and N·m, with clock offset and bias of the whole fit corrected.
     threshold : float

@@ -44,21 +44,11 @@ _CAUSES = {
 
 @dataclass(frozen=True)
 class SegmentedMarkers:
-    """Segments that were found without the bad stretches.
+    """Segments that were found without the bad stretches."""
 
-    Parameters
-    ----------
-    found : Segmentation
-        Segments of the markers.
-    view : Trajectories
-        Markers without the bad stretches.
-    points : (f, M, 3) array
-        Markers in the frames used for the segmentation, m.
-    """
-
-    found: Segmentation
-    view: Trajectories
-    points: FloatArray
+    found: Segmentation  # segments of the markers
+    view: Trajectories  # markers without the bad stretches
+    points: FloatArray  # (f, M, 3) markers in the frames used for the segmentation, m
 
 
 def segment_without_bad_markers(
@@ -68,8 +58,6 @@ def segment_without_bad_markers(
 
     Parameters
     ----------
-    recorded : Trajectories
-        Markers as recorded.
     frames : int
         Number of frames used for the segmentation.
     examined : int array

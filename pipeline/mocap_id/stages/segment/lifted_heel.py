@@ -42,8 +42,6 @@ def add_foot(
 
     Parameters
     ----------
-    done : SegmentedMarkers
-        Segments found so far.
     lift : mapping or None
         Fact ``heel_lift`` of planar.parquet.
     labels : sequence of str
