@@ -54,7 +54,7 @@ class ExperimentDesign:
 
     @property
     def best_standalone(self) -> Proposal | None:
-        """The best proposal without any part of the recorded movement; a robot can follow it. None if there is none."""
+        """The best proposal without any part of the recorded movement, which a robot can follow; None without one."""
         return min((each for each in self.proposals if each.standalone), key=lambda each: each.value, default=None)
 
     @property
@@ -129,7 +129,7 @@ def _identify_kind(each: SimpleMovement) -> object:
 
 
 def _evaluate_exactly(family: MovementFamily, each: SimpleMovement) -> Proposal:
-    """Evaluate a simple change at the trial's own rate and with the trial's filter."""
+    """Return a simple change as a proposal, evaluated at the trial's own rate and with its filter."""
     scorer, rate = family.scorer, family.scorer.predictor.own.rate
     if each.change is not None:
         movement = change_movement(scorer.predictor.own, each.change.change, each.change.joint)

@@ -17,8 +17,8 @@ from mocap_id.design.simple_movements import COMPARED, HALF, MovementFamily, com
 from mocap_id.design.wave_movement import WaveMovement, describe_waves
 
 _STARTS, _STEPS = 20, 60
-_FASTEST, _SLOWEST = 0.8, 0.15  # Hz
-_LEAST_ARC = np.radians(12.0)  # the centre of a joint with a smaller rotation is hard to estimate
+_FASTEST, _SLOWEST = 0.8, 0.15  # Hz: range of the frequencies
+_LEAST_ARC = np.radians(12.0)  # joint centres are uncertain if the rotation is smaller
 _STEP, _STEP_DECAY = 0.3, 0.96  # size of the search's steps as a fraction of a joint's range, and its decay
 _OVERTONE = 0.3  # largest amplitude of the overtone, relative to the wave
 _SHRINK, _TRIES = 0.97, 40

@@ -23,9 +23,9 @@ Change: TypeAlias = Literal["faster", "larger", "alone"]
 
 FACTOR = 1.5
 """Factor by which a movement is made faster or larger."""
-_HELPS = 0.8  # of the standard deviation: a smaller reduction is within the error of the prediction
+_HELPS = 0.8  # factor on the standard deviation: a smaller reduction is within the error of the prediction
 _QUICK_SAMPLES, _QUICK_ERROR = 40, 1.1  # samples of a first estimate, and the factor by which it may be wrong
-_RATE = 40.0  # Hz; movements are below 3 Hz
+_RATE = 40.0  # Hz: rate of the samples; movements are below 3 Hz
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,10 @@ def recommend_if_doubtful(prepared: PreparedTrial, result: Identification, excit
 def recommend_changes(
     prepared: PreparedTrial, result: Identification, wanted: BoolArray | None = None
 ) -> Recommendations:
-    """Return for each parameter the change that reduces its standard deviation most; None where not ``wanted`` (b,)."""
+    """Return for each parameter the change that reduces its standard deviation most; None without a good one.
+
+    A change must reduce it by a fifth. ``wanted`` (b,) selects parameters; by default, changes for all are searched.
+    """
     wanted = np.ones(len(result.base), dtype=np.bool_) if wanted is None else wanted
     own = get_recorded_trajectory(prepared.recorded, result.fit.in_fit).thin(_RATE)
     predictor = CovariancePredictor(IdentifiedBody(prepared, result), own)

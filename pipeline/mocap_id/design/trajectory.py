@@ -11,8 +11,8 @@ from scipy.interpolate import make_interp_spline
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.preparation import TrialData
 
-_ROUNDING = 1e-9  # so that a whole divisor of the rate is found in spite of rounding
-_DEGREE = 5  # of the splines behind derivatives: two more than the acceleration needs
+_ROUNDING = 1e-9  # tolerance for rounding errors of a whole divisor of the rate
+_DEGREE = 5  # degree of the splines: two more than the acceleration needs
 
 
 @dataclass(frozen=True)

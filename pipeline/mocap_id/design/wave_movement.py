@@ -16,7 +16,7 @@ from mocap_id.design.predicted_covariance import IdentifiedBody
 from mocap_id.design.trajectory import Trajectory, fit_trajectory
 
 _LEAST_SWING = np.radians(0.5)  # smaller swings are not mentioned
-_LEAST_SWAY = 0.0025  # m
+_LEAST_SWAY = 0.0025  # m: smaller sways are not mentioned
 LEAD, RAMP = 0.5, 1.5  # s: rest at both ends, and time over which the movement grows and fades
 
 

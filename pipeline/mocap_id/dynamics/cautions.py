@@ -84,8 +84,8 @@ def _check_clock(prepared: AnyTrial, result: AnyIdentification) -> Reason | None
     return Reason(
         "clock-offset-unknown",
         f"the clock offset between cameras and plate is not within ± {limit:g} s, or this movement does not determine "
-        f"it (standard deviation {1e3 * result.offset_sd:.0f} ms); it was taken as zero: check that markers and forces "
-        "belong together, or widen `identify-dim: {clock_offset_limit_s: …}`",
+        f"it (standard deviation {1e3 * result.offset_sd:.0f} ms); it is taken as zero: check that markers and forces "
+        "belong to the same recording, or increase `identify-dim: {clock_offset_limit_s: …}`",
         value=result.fit.best_offset,
         limit=limit,
     )
@@ -165,8 +165,8 @@ def _check_parameters(excited: Excitation, recommendation: str) -> Reason | None
     none = f"; not identifiable, above {100 * NOT_IDENTIFIABLE:.0f} %: {', '.join(unknown)}" if unknown else ""
     return Reason(
         "parameters-weak",
-        f"weakly known, with a standard deviation above {100 * excited.weak:.0f} % of their size: {listed}{none}. "
-        + recommendation,
+        f"these base parameters have a standard deviation above {100 * excited.weak:.0f} % of their size: "
+        f"{listed}{none}. " + recommendation,
         value=float(len(doubtful)),
     )
 
@@ -199,9 +199,9 @@ def _check_mass(
         return None
     return Reason(
         "mass-contradiction",
-        f"the plates measure {measured:.1f} kg and `subject: {{mass: …}}` says {given:g} kg: check the plates' "
-        "calibration, what else stands on them or carries a part of the body (a chair needs `protocol: sit-to-stand`), "
-        "or the mass",
+        f"the plates measure {measured:.1f} kg, but `subject: {{mass: …}}` is {given:g} kg: check the mass, the "
+        "calibration of the plates, and whether anything else stands on them or carries a part of the body (a chair "
+        "needs `protocol: sit-to-stand`)",
         value=measured,
         limit=given,
     )

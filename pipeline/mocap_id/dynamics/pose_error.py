@@ -25,7 +25,7 @@ from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import torque_regressor, wrench_regressor
 from mocap_id.geometry import planar
 
-_RATE = 50.0  # Hz; movements are below 3 Hz
+_RATE = 50.0  # Hz: rate at which the effect is computed; movements are below 3 Hz
 _STEP = 1e-4  # m, rad: step of numerical derivatives
 
 

@@ -129,7 +129,7 @@ def find_contradictions(samples: Sequence[PlateSamples], choice: PlateChoice, po
 
 
 def _is_constant(samples: PlateSamples) -> bool:
-    """Return whether the load is constant. A loaded plate that works always has noise."""
+    """Return whether the load is constant. Every loaded plate that works has noise."""
     vertical = samples.force[samples.ok, 2]
     return bool(np.ptp(vertical) <= 1e-6 * np.max(np.abs(vertical)))
 

@@ -51,7 +51,7 @@ def compare_directions(force: FloatArray, positions: FloatArray, rate: float) ->
         known &= averaged[:, 2] > _MIN_SHARE * np.nanpercentile(force[:, 2], 95)
     if known.sum() < _MIN_TOTAL_S * rate:
         return None
-    kept = np.flatnonzero(known)[:: max(1, half // 4)]  # the averaged signals have no faster content
+    kept = np.flatnonzero(known)[:: max(1, half // 4)]  # the averaged signals contain no higher frequencies
     return _fit_rotation(averaged[kept, :2], acceleration[:, kept])
 
 

@@ -40,11 +40,10 @@ class EmptyChairReading:
 
 
 def weigh_person(positions: FloatArray, rate: float, vertical: FloatArray) -> tuple[float | None, str | None]:
-    """Return the mass of the person, kg, estimated from the force under the feet while standing still.
+    """Return the mass of the person, kg, and None; or None and the reason why there is no estimate.
 
-    The load alone does not distinguish standing from sitting, so the markers must also show that the person stands.
-    ``vertical`` (F,) is the upward force of the plates under the feet, N. If there is no estimate, the result is None
-    and the reason.
+    The mass follows from the upward force under the feet, ``vertical`` (F,), N, while the person stands still. The load
+    alone does not distinguish standing from sitting, so the markers must also show that the person stands.
     """
     tall, _ = find_upright(positions)
     half = min(max(1, round(_SPEED_OVER_S * rate)), (len(positions) - 1) // 2)
