@@ -24,11 +24,11 @@ def draw(course: Trajectory, joints: Sequence[str], limits: MovementLimits, word
     ----------
     course : Trajectory
     joints : sequence of str
-        Their names.
+        Names of the joints.
     limits : MovementLimits
-        Shaded where an angle may not go.
+        Limits of the angles, as dotted lines.
     words : str
-        Instruction, as the title of the figure.
+        Instruction for the person: the title of the figure.
     """
     drawing = paper_figures.make_figure(0.9 + _PANEL * len(joints))
     panels = drawing.subplots(len(joints), 2, squeeze=False, sharey="row", width_ratios=[2, 1])

@@ -7,7 +7,7 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 
 BINS = 450
-"""Bins across a figure, finer than visible on paper."""
+"""Number of bins across a figure; a finer resolution is not visible on paper."""
 
 
 def thin_curve(time: FloatArray, values: FloatArray, bins: int = BINS) -> tuple[FloatArray, FloatArray]:
@@ -19,7 +19,7 @@ def thin_curve(time: FloatArray, values: FloatArray, bins: int = BINS) -> tuple[
     values : (T,) array
         NaN interrupts the curve; a bin with any NaN keeps one.
     bins : int
-        Curves of up to ``3 * bins`` samples are returned unchanged.
+        Number of bins. A curve with at most ``3 * bins`` samples is returned unchanged.
 
     Returns
     -------
@@ -49,7 +49,7 @@ def thin_band(
     time, low, high : (T,) arrays
         NaN where unknown.
     bins : int
-        Bands of up to ``bins`` samples are returned unchanged.
+        Number of bins. A band with at most ``bins`` samples is returned unchanged.
 
     Returns
     -------

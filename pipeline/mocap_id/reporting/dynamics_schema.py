@@ -12,8 +12,8 @@ class BaseEntry(Entry):
 
     ``verdict`` compares the standard deviation with the size of the parameter (``relative_sd``). ``excitation`` is the
     norm of the part of its regressor column that is independent of all other columns, in standard deviations of the
-    residual per SI unit, and ``own_share`` the share of that part in the column. ``helps`` is the movement that would
-    reduce the standard deviation most, and ``sd_ratio`` the resulting standard deviation divided by the present one; 1
+    residual per SI unit; ``own_share`` is the share of this part in the column. ``helps`` is the movement that would
+    reduce the standard deviation most. ``sd_ratio`` is the resulting standard deviation divided by the present one; 1
     if no tested movement helps. Both are null if every parameter is known, because no movement is tested then.
     ``prior_share`` is the share of the loose prior in the precision (0 … 1; 0 with the pinned chain).
     """
@@ -42,7 +42,7 @@ class ChannelEntry(Entry):
 
 
 class RivalEntry(Entry):
-    """An allometric body on the same chain, over the same samples as the model; off the seat if there is no model."""
+    """Errors of an allometric body on the same chain, over the samples of the model, else over all off the seat."""
 
     height_m: float | None
     mass_kg: float | None
@@ -55,12 +55,12 @@ class RivalEntry(Entry):
 class HeldOutEntry(Entry):
     """Prediction errors for left-out repetitions, by models fitted without them, all over the same ``samples``.
 
-    ``repetitions`` is their number and ``folds`` the number of models; each model leaves out one repetition, or several
-    neighbouring ones if there are more than five. ``model`` is the error of the predictions of Fx, Fy (N), tauz (N·m)
-    and cop_x (m), ``in_sample`` that of the model of the whole trial, and ``reference`` that of the allometric body,
-    null if there is none. With measured poses these three are computed after the low-pass of the fit. ``unfiltered`` is
+    ``repetitions`` is the number of repetitions and ``folds`` the number of models. Each model leaves out one
+    repetition, or several neighbours if there are more than five. Errors are those of Fx, Fy (N), tauz (N·m) and cop_x
+    (m): ``model`` by these models, ``in_sample`` by the model of the whole trial, ``reference`` by the allometric body
+    (null without one). With measured poses these three are computed after the low-pass of the fit. ``unfiltered`` is
     the error of ``model`` against the unfiltered wrench, and ``inside`` the share of samples within 95 % intervals
-    derived from the other repetitions. ``clock_offset_s`` holds the clock offset of each model.
+    derived from the other repetitions. ``clock_offset_s`` lists the clock offset of each model.
     """
 
     repetitions: int | None
@@ -85,10 +85,11 @@ class GapEntry(Entry):
 
 
 class MotionEntry(Entry):
-    """Motion of the masses, and ``why`` it was chosen: the pinned ``chain``, or the measured poses of ``segments``.
+    """Motion of the masses (the pinned ``chain`` or the measured poses of ``segments``), and ``why`` it was chosen.
 
-    ``bands_hz`` holds the cut-off frequencies for x, y and angle of the measured poses, ``bodies`` their names and
-    ``prior`` the source of the loose prior; null for the chain. ``joints`` is null if the poses were not compared.
+    ``bands_hz`` are the cut-off frequencies for x, y and angle of the measured poses, ``bodies`` the names of the
+    bodies and ``prior`` the source of the loose prior; all are null for the chain. ``joints`` is null if chain and
+    poses were not compared.
     """
 
     source: Literal["chain", "segments"]
@@ -111,7 +112,7 @@ class PredictedEntry(Entry):
 class PinsEntry(Entry):
     """Prediction errors with and without pinned joints, on the same left-out ``samples`` and after the same low-pass.
 
-    ``clock_offset_s`` is that of the pinned chain. All are null if the dynamics use the pinned chain.
+    ``clock_offset_s`` is the clock offset of the pinned chain. All are null if the dynamics use the pinned chain.
     """
 
     samples: int | None
@@ -124,10 +125,10 @@ class PinsEntry(Entry):
 class DynamicsEntry(Entry):
     """Results of the identification; ``mass_kg`` and ``cop_mean_m`` come from the plates alone.
 
-    ``wrench`` and ``cop_rms_m`` are errors over the samples of the fit, ``held_out`` those on left-out repetitions.
-    ``consistency`` is the set of bodies considered physically consistent. ``rivals`` holds the reference body of each
-    allometric table by name; empty if none applies. ``motion`` is the motion of the masses, ``pins`` the effect of
-    pinned joints.
+    ``wrench`` and ``cop_rms_m`` are errors over the samples of the fit, ``held_out`` the errors on left-out
+    repetitions. ``consistency`` is the set of bodies considered physically consistent. ``rivals`` are the reference
+    bodies by the name of their allometric table; empty if no table applies. ``motion`` is the motion of the masses, and
+    ``pins`` the effect of pinned joints.
     """
 
     base: list[BaseEntry] | None

@@ -29,7 +29,7 @@ class Embedded:
     scripts : tuple of str
         Plotly, and our scripts that draw with it.
     policy : str
-        Content security policy of the page: these scripts by their digests, and no connection.
+        Content security policy of the page: it allows these scripts by their digests, and no connection.
     """
 
     data: Mapping[str, str]
@@ -38,7 +38,7 @@ class Embedded:
 
 
 def embed(drawings: Drawings, player: Player | None = None) -> Embedded:
-    """Embed the figures of a page, and its player if it has one."""
+    """Return the data and scripts of the figures of a page, and of its player if it has one."""
     contents: dict[str, Any] = {"figure-data": to_json(drawings)}
     if player is not None:
         contents["player-data"] = player.to_json()

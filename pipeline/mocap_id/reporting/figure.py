@@ -1,7 +1,7 @@
 """Figures as data: panels of curves, bands, points and bars, independent of the drawing library.
 
-The page's ``chart.js`` draws a figure with Plotly and :mod:`mocap_id.reporting.paper_figures` with matplotlib. A page
-holds its figures as JSON (:func:`to_json`), from which they are read again for a paper (:func:`from_json`).
+The page's ``chart.js`` draws a figure with Plotly; :mod:`mocap_id.reporting.paper_figures` draws it with matplotlib. A
+page contains its figures as JSON (:func:`to_json`); for a paper they are read from it (:func:`from_json`).
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """The area between two curves, interrupted by NaN."""
+    """The area between the curves ``low`` and ``high``, interrupted by NaN."""
 
     x: FloatArray
     low: FloatArray
@@ -118,7 +118,7 @@ class Text:
 
 @dataclass(frozen=True)
 class Key:
-    """A legend entry without an item of its own."""
+    """A legend entry for a colour that no other item explains."""
 
     colour: str
     label: str
@@ -150,8 +150,8 @@ class Panel:
     height : float
         Height on paper including labels, inches.
     view : (turn, tilt) or None
-        Degrees, as in :func:`project`; only for lines and points with three coordinates, y up. The page starts with
-        this view and lets the reader turn it; paper has this view.
+        Degrees, as in :func:`project`; only for lines and points with three coordinates, y up. A page starts with this
+        view, and the reader can turn it; a figure for a paper has this view.
     """
 
     items: tuple[Item, ...]
@@ -168,7 +168,7 @@ class Panel:
     view: tuple[float, float] | None = None
 
     def flat(self) -> Panel:
-        """Return the panel with its lines and points projected onto its view."""
+        """Return the panel with its lines and points projected onto its view, for paper."""
         if self.view is None:
             return self
         turn, tilt = np.radians(self.view).tolist()
@@ -181,9 +181,9 @@ class Panel:
 
 
 def project(points: FloatArray, turn: float, tilt: float) -> FloatArray:
-    """Return coordinates across and up a view (..., 2) of points (..., 3), without perspective.
+    """Project points (..., 3) onto a view, without perspective; return their coordinates across and up (..., 2).
 
-    The viewer stands on the side of +z, turned by ``turn`` about y towards +x and raised by ``tilt``, rad.
+    The viewer is on the side of +z, rotated by ``turn`` about y towards +x and raised by ``tilt``, rad.
 
     Examples
     --------

@@ -14,7 +14,7 @@ from mocap_id.store.views import Skeleton
 
 
 def read_positions(planar: LongTable, time: FloatArray, labels: Sequence[str], axes: str = "xy") -> FloatArray:
-    """Return measured marker positions in the plane of motion, or in space.
+    """Return the measured marker positions at some instants, in the plane of motion or in space.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class Residual:
 
 
 def compute_residuals(markers: LongTable | None, skeleton: Skeleton | SpatialSkeleton | None) -> dict[str, Residual]:
-    """Return the residuals of ``markers.parquet`` by marker label; empty without that table."""
+    """Return the residuals of ``markers.parquet`` by marker label; empty without this table."""
     if markers is None or not markers.length:
         return {}
     segment = {} if skeleton is None else dict(zip(skeleton.markers, skeleton.marker_segment.tolist(), strict=True))

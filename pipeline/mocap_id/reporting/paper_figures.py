@@ -1,7 +1,7 @@
 """Figures for papers: SVG, PDF and captions, drawn with matplotlib.
 
 The same figure always gives the same bytes. No global state is changed: pyplot is not used, and matplotlib's settings
-are restored by :func:`paper_style`.
+are restored by :func:`use_paper_style`.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ _RC: dict[Any, object] = {
 
 @contextmanager
 def use_paper_style(pdf_fonts: PdfFonts = "type-3") -> Iterator[None]:
-    """Return a context with our matplotlib settings."""
+    """Return a context in which matplotlib uses our settings."""
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(_RC)
@@ -92,7 +92,7 @@ def use_paper_style(pdf_fonts: PdfFonts = "type-3") -> Iterator[None]:
 
 
 def make_figure_files(drawings: Drawings, pdf_fonts: PdfFonts = "type-3") -> dict[str, bytes]:
-    """Return the captions, and each existing figure as SVG and PDF, by file name."""
+    """Return the contents of the figure files by name: captions, and each existing figure as SVG and PDF."""
     contents = {CAPTIONS_FILE: _list_captions(drawings)}
     for one in drawings.all:
         figure = one.figure
@@ -132,12 +132,12 @@ def render(name: str, title: str, draw: Callable[[], MplFigure], pdf_fonts: PdfF
 
 
 def make_figure(height: float) -> MplFigure:
-    """Return an empty figure of the standard width and this height, inches, inside :func:`paper_style`."""
+    """Return an empty figure of the standard width and the given height, inches, in :func:`use_paper_style`."""
     return MplFigure(figsize=(WIDTH, height), layout="constrained")
 
 
 def to_matplotlib(figure: Figure) -> MplFigure:
-    """Convert a figure to a matplotlib figure, inside :func:`paper_style`."""
+    """Convert a figure to a matplotlib figure, in :func:`use_paper_style`."""
     heights = [max(panel.height for panel in line) for line in figure.lines]
     whole = make_figure(0.4 + sum(heights))
     columns = math.lcm(*(len(line) for line in figure.lines))

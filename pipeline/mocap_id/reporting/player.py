@@ -73,8 +73,8 @@ class Player:
     def to_json(self) -> Mapping[str, Any]:
         """Return figure, curves and frames as JSON values.
 
-        Frames are 16-bit integers, one row per frame, with the coordinates of each part; the resolution is finer than
-        visible. In space the page projects the frames, turned about ``centre``.
+        Frames are 16-bit integers, one row per frame, with the coordinates of each part. In space the page rotates the
+        frames about ``centre`` and projects them.
         """
         rows = np.concatenate([part.values.reshape(len(self.time), -1) for part in self.parts], axis=1)
         known = np.isfinite(rows)
@@ -109,7 +109,7 @@ class Player:
 
 
 def make_player(data: ReportData) -> Player | None:
-    """Return the player of a trial; None if there are no moving markers."""
+    """Return the player of a trial in the plane; None if there are no moving markers."""
     planar = data.long("planar.parquet")
     if planar is None or not len(planar.labels):
         return None
@@ -133,7 +133,7 @@ def find_bounds(parts: Sequence[Part]) -> FloatArray:
 
 
 def _fit_any_view(found: FloatArray) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return ranges across and up the view that contain the bounds (3, 2), however they are turned about y."""
+    """Return ranges across and up the view that contain the bounds (3, 2) after any rotation about y."""
     half = np.ptp(found, axis=1) / 2
     wide, high = np.hypot(half[0], half[2]), np.linalg.norm(half)
     side = 1.04 * max(float(wide), float(high), 1e-3)

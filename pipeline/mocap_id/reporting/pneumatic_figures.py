@@ -27,8 +27,10 @@ def draw_curve(
 
     Parameters
     ----------
-    angle, torque, deviation : (N,) arrays
-        rad, N·m.
+    angle : (N,) array
+        Joint angle, rad.
+    torque, deviation : (N,) arrays
+        Torque of the device and its standard deviation, N·m.
     limits : pair of (N,) arrays
         Isothermal and adiabatic torque, N·m.
     friction : float
@@ -59,8 +61,9 @@ def draw_switching(
     controller : Controller
     motion : SwitchedMotion
     limits : (low, high)
-        The person's torque, N·m.
+        Limits of the person's torque, N·m.
     maps : sequence of TransitionMap
+        Unsafe states of each change between two nodes.
     """
     figure = paper_figures.make_figure(6.4)
     columns = max(len(maps), 1)
@@ -106,7 +109,7 @@ def draw_switching(
 
 
 def draw_chain_tour(tour: ChainTour, names: Sequence[str]) -> Figure:
-    """Draw a tour of a chain: angles with the node of each moment, pressures, and torque that is missing.
+    """Draw a tour of a chain: angles and active node, pressures, and missing torque.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""Figures of spring prescriptions: ranges, holdable postures, level sets, spring map (thesis figures 7.6 to 7.9)."""
+"""Figures of prescribed springs: ranges, holdable postures, level sets, map of springs (thesis figures 7.6 to 7.9)."""
 
 from __future__ import annotations
 
@@ -81,11 +81,11 @@ def draw_spring_map(stiffness: FloatArray, rest: FloatArray, width: FloatArray, 
     Parameters
     ----------
     stiffness, rest : (K,), (R,) arrays
-        N·m/rad, rad.
+        Stiffness, N·m/rad, and rest angle, rad, of the springs.
     width : (K, R) array
-        Range, rad.
+        Range of the joint with each spring, rad; NaN without an equilibrium.
     horizon : float
-        s.
+        Time in which the range is reached, s.
     """
     figure = paper_figures.make_figure(3.6)
     axes = figure.subplots()

@@ -49,7 +49,10 @@ def format_unit(text: str) -> str:
 
 
 def find_extent(curves: Sequence[FloatArray], tail: float = 0.0) -> tuple[float, float] | None:
-    """Return the extent of the curves, each without a share ``tail`` of its extremes at either end, or None."""
+    """Return the lowest and highest value of some curves; None if nothing is known.
+
+    At either end, a share ``tail`` of the values of each curve is ignored.
+    """
     known = [curve[np.isfinite(curve)] for curve in curves]
     if tail:
         ends = [tuple(np.quantile(curve, (tail, 1 - tail))) for curve in known if len(curve)]

@@ -1,4 +1,4 @@
-"""Schema of ``summary.json``, version 1. It is an interface: keys may be added, but renaming needs a new version.
+"""Schema of ``summary.json``, version 1. Keys may be added; a renamed key needs a new version.
 
 An unknown quantity is null, and ``why`` in the same object gives the reason (null if everything is known). No number is
 NaN or infinite. ``Summary.model_json_schema()`` returns the JSON Schema of the file.
@@ -49,11 +49,11 @@ class PlaneEntry(Entry):
 
 
 class HypothesisEntry(Entry):
-    """A segmentation that was considered; nothing in it is null, and ``why`` says why it was rejected.
+    """A segmentation that was considered; no value is null, and ``why`` says why it was rejected.
 
     ``segments`` includes the base; the lists start with joint 1. ``left_out`` is the number of moving markers without a
-    segment, before single markers are added to segments of the chosen segmentation. ``cost`` is the sum of log
-    residuals plus a penalty for each segment; only differences are meaningful.
+    segment, before single markers are added to the chosen segmentation. ``cost`` is the sum of log residuals plus a
+    penalty for each segment; only its differences have a meaning.
     """
 
     segments: int
@@ -68,8 +68,8 @@ class HypothesisEntry(Entry):
 class SegmentsEntry(Entry):
     """Segments; ``count`` and ``names`` include the base, and ``assignment`` omits markers without a segment.
 
-    ``confidence`` is the probability that count and assignment are right. ``against`` holds the reduction of the log
-    odds by each piece of evidence (:class:`mocap_id.kinematics.confidence.Confidence`), 0 if there is none.
+    ``confidence`` is the probability that count and assignment are right. ``against`` is the reduction of the log
+    odds by each piece of evidence (:class:`mocap_id.kinematics.confidence.Confidence`); 0 without this evidence.
     ``hypotheses`` are the segmentations considered, lowest cost first.
     """
 
@@ -85,9 +85,9 @@ class SegmentsEntry(Entry):
 class JointEntry(Entry):
     """A joint; ``parent`` is the segment to which its centre is fixed, 0 = base.
 
-    ``axis`` is a unit vector in the frame of the parent; for a two-axis joint there is also the second, in the frame of
-    the segment that moves. ``known`` is false if the motion does not show the centre. ``evidence`` holds for each kind
-    the rotation that it leaves unexplained, as a multiple of the markers' noise. ``glide_m`` is the shift of the centre
+    ``axis`` is a unit vector in the frame of the parent. A two-axis joint also has a second axis, in the frame of the
+    moving segment. ``known`` is false if the motion does not determine the centre. ``evidence`` is the rotation that
+    each kind of joint leaves unexplained, as a multiple of the markers' noise. ``glide_m`` is the shift of the centre
     at an elevation of 180°. In the plane every joint is a hinge about z, and these lists are empty.
     """
 
@@ -107,7 +107,7 @@ class JointEntry(Entry):
 
 
 class LengthEntry(Entry):
-    """Distance between the two joints of a segment; for the base of a robot, from the plane origin to its joint."""
+    """Distance between the two joints of a segment; for the base of a robot, from the plane origin to the joint."""
 
     value: float | None
     sd: float | None
@@ -123,7 +123,7 @@ class MarkersEntry(Entry):
 
 
 class NoiseEntry(Entry):
-    """Noise estimated by the filter: of a marker coordinate, and of the snap (rms over the joints, and per joint)."""
+    """Estimated standard deviations: of a marker coordinate, and of the snap (rms over the joints, and per joint)."""
 
     marker_sd_m: float | None
     sigma_v: float | None
@@ -134,10 +134,10 @@ class NoiseEntry(Entry):
 class RepetitionEntry(Entry):
     """Events of one repetition, on the clock of the recording.
 
-    ``seat_off_72_s`` and ``seat_off_model_s`` are seat-off by the two rules of the thesis, ``reached`` is the greatest
-    height as a share of the trial's rise, ``held_s`` the time in pauses between seat and standing, ``attempts`` the
-    number of failed attempts before it, and ``support`` the unexplained vertical force divided by the weight.
-    ``remark`` describes anything unusual, even if nothing is missing.
+    ``seat_off_72_s`` and ``seat_off_model_s`` are seat-off by the two rules of the thesis. ``reached`` is the greatest
+    height as a share of the trial's rise, and ``held_s`` the time in pauses between seat and standing. ``attempts`` is
+    the number of failed attempts before the rise, and ``support`` the unexplained vertical force divided by the weight.
+    ``remark`` describes unusual events, also if every value is known.
     """
 
     start_s: float | None
@@ -185,7 +185,7 @@ class FiveTimesEntry(Entry):
 
 
 class AttemptEntry(Entry):
-    """A failed attempt to rise: time of the greatest height, height, and share of the chair load taken over."""
+    """A failed attempt to rise: time and value of the greatest height, and share of the chair load on the feet."""
 
     time_s: float
     height: float
@@ -211,7 +211,8 @@ class LoadShareEntry(Entry):
 class EncoderEntry(Entry):
     """Errors of the cameras and of the model's torque against the encoder of a robot, in the sense of the plane.
 
-    ``sign`` is 1 if the encoder has the sense of the plane. An encoder row at t is the state at t + ``clock_offset_s``.
+    ``sign`` is 1 if the encoder has the sense of the plane. A row of the encoder at time t is the state at the time
+    t + ``clock_offset_s`` of the cameras.
     """
 
     sign: int | None
@@ -225,7 +226,7 @@ class EncoderEntry(Entry):
 
 
 class Summary(Entry):
-    """The complete ``summary.json``; ``mirrored`` is true for a left arm, whose z axis points to the left."""
+    """The content of ``summary.json``; ``mirrored`` is true for a left arm, whose z axis points to the left."""
 
     kind: Literal["mocap-id/summary"] = Field("mocap-id/summary", alias="schema")
     version: Literal[1] = 1

@@ -75,7 +75,7 @@ def draw_volume(workspace: Workspace, joint: FloatArray) -> Figure:
 
 
 def draw_change(change: Overlay, names: tuple[str, str]) -> Figure:
-    """Draw what two sessions share, and what was gained and lost; in space as three projections.
+    """Draw the workspaces of two sessions: shared, gained and lost parts; in space as three projections.
 
     Parameters
     ----------

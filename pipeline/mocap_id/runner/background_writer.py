@@ -1,4 +1,4 @@
-"""Background thread that runs jobs, such as writing files, in order while the computation goes on."""
+"""Background thread that runs jobs in order, such as writing files, during the computation."""
 
 from __future__ import annotations
 
@@ -10,10 +10,10 @@ from mocap_id.store.atomic import delaying_signals
 
 
 class BackgroundWriter:
-    """A thread that runs jobs in order; after a job has failed, no further job starts.
+    """A thread that runs jobs in order. After a job has failed, no further job starts.
 
-    The next call of :meth:`submit` or :meth:`wait` raises the failure. Leaving the context waits for all jobs, even if
-    signals arrive, and does not raise their failures.
+    The next call of :meth:`submit` or :meth:`wait` raises the exception of this job. The end of the context waits for
+    all jobs, also if signals arrive, and raises no exception of a job.
     """
 
     def __init__(self) -> None:
@@ -40,7 +40,7 @@ class BackgroundWriter:
         self._jobs.append(self._pool.submit(self._run, job))
 
     def wait(self) -> None:
-        """Wait until all jobs are done; raises the exception of the first job that failed."""
+        """Wait until all jobs are done, and raise the exception of the first job that failed."""
         jobs, self._jobs = self._jobs, []
         for job in jobs:
             job.result()

@@ -1,4 +1,4 @@
-"""The trial whose chain another trial uses: its chain is brought up to date first."""
+"""Update of the trial that is the calibration of another trial."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from mocap_id.stages import Stage
 if TYPE_CHECKING:
     from mocap_id.runner.execution import Outcome
 
-_LONGEST = 600.0  # s, until another trial has brought the calibration up to date
+_LONGEST = 600.0  # s; waiting time if another run updates the calibration
 
 
 def update_calibration(trial: Trial, stages: Sequence[Stage], run_to: Callable[..., Outcome]) -> None:
-    """Run the stages of a trial's calibration up to those that it needs, unless they are up to date.
+    """Run the stages of a trial's calibration that the trial needs, unless they are up to date.
 
-    Several trials may do so at the same time: all but one wait.
+    If several trials do this at the same time, one runs the stages and the others wait.
 
     Raises
     ------

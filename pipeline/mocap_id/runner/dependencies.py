@@ -1,4 +1,4 @@
-"""Dependencies of a stage's outputs (configuration slice, user files, artefacts), and the cache key made of them."""
+"""Dependencies of a stage's outputs (slice of the configuration, user files, artefacts), and their cache key."""
 
 from __future__ import annotations
 
@@ -31,20 +31,20 @@ def collect_parameters(trial: Trial, stage: Stage) -> dict[str, Any]:
 def compute_cache_key(
     stage: Stage, settings: Mapping[str, Any], hashes: Mapping[str, str], refused: Refused | None = None
 ) -> str:
-    """Return the hash of a stage, its version, slice and inputs, and of the refusal that it reports, if any."""
+    """Return the hash of a stage's name, version, slice and inputs, and of the refusal that it reports, if any."""
     refusal = None if refused is None else [refused.code, refused.message]
     return hash_bytes(dumps([stage.name, stage.version, settings, hashes, refusal]).encode())
 
 
 def find_unneeded(stages: Sequence[Stage], later: Sequence[Stage], size: Callable[[str], int | None]) -> set[str]:
-    """Return artefacts that no later stage reads, and large ones that the next stage does not read.
+    """Return the artefacts to drop from memory: no later stage reads them, or they are large and the next does not.
 
     Parameters
     ----------
     stages, later : sequences of Stage
-        All stages, and the ones that have not run yet, in order.
+        All stages, and the stages that have not run yet, in order.
     size : callable
-        Returns the bytes of an artefact in memory; None if it is not in memory.
+        Function that returns the number of bytes of an artefact in memory; None if it is not in memory.
     """
     wanted = {file for stage in later for file in stage.inputs}
     made = {file for stage in stages for file in stage.outputs} - set(later[0].inputs if later else ())
@@ -52,10 +52,10 @@ def find_unneeded(stages: Sequence[Stage], later: Sequence[Stage], size: Callabl
 
 
 _LARGE = 64 << 20
-"""Bytes of a table above which reading it again is better than keeping it in memory."""
+"""Size in bytes above which an artefact is read again instead of kept in memory."""
 
 _SETTLED_NS = 2 * 10**9
-"""A file modified more recently than this may be modified again without a change of its time stamp."""
+"""Age in ns. A file that was modified more recently may change again without a new time stamp."""
 
 
 class FileHashes:
@@ -77,12 +77,12 @@ class FileHashes:
         return {role: self.read(role, path) for role, path in find_user_files(self.trial, stage).items()}
 
     def check_unchanged(self, stage: Stage) -> None:
-        """Check, after a stage has read its files, that they still have the known hashes.
+        """Check that the files of a stage still have the known hashes after the stage has read them.
 
         Raises
         ------
         RecordingError
-            A file was changed or deleted during the run, so the stage's result must be discarded.
+            A file was changed or deleted during the run. The result of the stage must be discarded.
         """
         for role, path in find_user_files(self.trial, stage).items():
             if path in self._stamps and self._stamps[path] == _read_stamp(path):
@@ -94,7 +94,7 @@ class FileHashes:
                 )
 
     def read(self, role: str, path: Path) -> str:
-        """Return the hash of a file; RecordingError as for :meth:`of`."""
+        """Return the hash of a file; RecordingError if it is missing or cannot be read."""
         if path not in self._known:
             now, stamp = time.time_ns(), _read_stamp(path)
             self._known[path] = self._read(role, path)
@@ -113,7 +113,7 @@ class FileHashes:
 
 
 def _read_stamp(path: Path) -> tuple[int, ...]:
-    """Return file properties that change with every write, the times last; empty where the file does not exist."""
+    """Return file properties that change with every write, the times last; empty if the file does not exist."""
     try:
         found = path.stat()
     except (OSError, ValueError):
@@ -136,7 +136,7 @@ def _find_paths(value: Any, key: str) -> Iterator[tuple[str, Path]]:
 
 
 def _to_json(value: Any) -> Any:
-    """Return JSON values; a path becomes its file name, so that a moved recording counts as the same."""
+    """Convert a value to JSON values; a path becomes its file name, so that a moved recording counts as unchanged."""
     if isinstance(value, Path):
         return value.name
     if isinstance(value, BaseModel):

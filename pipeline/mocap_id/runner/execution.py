@@ -1,8 +1,7 @@
-"""Execution of stages: outputs that are up to date are reused, others computed; refusals and failures are reported.
+"""Execution of stages: outputs are reused if they are up to date, or else computed; refusals and failures are reported.
 
-A stage's outputs are reused when the same version of the stage made them with the same settings from inputs with the
-same keys; file times do not matter. ``run`` and the commands of the stages share their results. Within a run, stages
-pass their outputs on in memory, and a background thread writes them.
+Outputs are up to date if the same version of the stage made them with the same settings from inputs with the same keys;
+file times do not matter. Within a run, stages pass their outputs on in memory, and a background thread writes them.
 """
 
 from __future__ import annotations
@@ -44,7 +43,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Step:
-    """A stage and what was done with it; ``seconds`` is how long its computation took, in this run or an earlier one.
+    """A stage and what was done with it; ``seconds`` is the time of its computation, in this run or an earlier one.
 
     ``begun`` is only reported as progress and is not part of an :class:`Outcome`.
     """
@@ -56,20 +55,10 @@ class Step:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result of a run.
+    """Result of a run; ``refused`` is the refusal if a stage refused the trial."""
 
-    Parameters
-    ----------
-    folder : Path
-        The run folder.
-    steps : tuple of Step
-        In the order in which they were taken.
-    refused : Refused, optional
-        The refusal, if a stage refused the trial; the summary and the report show it too.
-    """
-
-    folder: Path
-    steps: tuple[Step, ...]
+    folder: Path  # run folder
+    steps: tuple[Step, ...]  # in the order of the run
     refused: Refused | None = None
 
     def summary(self) -> Mapping[str, Any]:
@@ -91,10 +80,10 @@ def run(trial: Trial, stages: Sequence[Stage] = STAGES, progress: Progress = _si
     Raises
     ------
     ConfigError, RecordingError, NumericalError, StoreError
-        As in :mod:`mocap_id.errors`. A refusal is not raised but returned in the outcome.
+        See :mod:`mocap_id.errors`. A refusal is not raised; it is part of the outcome.
     """
-    with _run(trial, stages, progress) as this:
-        return this.go(stages)
+    with _start_run(trial, stages, progress) as this_run:
+        return this_run.run_stages(stages)
 
 
 def run_stage(trial: Trial, name: str, stages: Sequence[Stage] = STAGES, progress: Progress = _silent) -> Outcome:
@@ -103,42 +92,42 @@ def run_stage(trial: Trial, name: str, stages: Sequence[Stage] = STAGES, progres
     Raises
     ------
     StoreError
-        An artefact that it reads is missing or was made with other settings or files than the trial now has.
+        An artefact that the stage reads is missing, or was made with other settings or files.
     ConfigError, RecordingError, NumericalError
         As for :func:`run`.
     """
     stage = next(stage for stage in stages if stage.name == name)
-    with _run(trial, stages, progress) as this:
-        this.check_inputs(stage)
-        return this.go([stage])
+    with _start_run(trial, stages, progress) as this_run:
+        this_run.check_inputs(stage)
+        return this_run.run_stages([stage])
 
 
 def run_to(
     trial: Trial, name: str, stages: Sequence[Stage] = STAGES, progress: Progress = _silent, wait: float = 0.0
 ) -> Outcome:
-    """Run the stages up to a given one, after waiting up to ``wait`` seconds for another run of the trial to end.
+    """Run the stages up to the stage ``name``, after waiting up to ``wait`` seconds for another run of the trial.
 
-    Errors and refusals are those of :func:`run`.
+    Errors and refusals are as for :func:`run`.
     """
     last = next(k for k, stage in enumerate(stages) if stage.name == name)
-    with _run(trial, stages, progress, wait) as this:
-        return this.go(stages[: last + 1])
+    with _start_run(trial, stages, progress, wait) as this_run:
+        return this_run.run_stages(stages[: last + 1])
 
 
 @contextmanager
-def _run(trial: Trial, stages: Sequence[Stage], progress: Progress, wait: float = 0.0) -> Iterator[_Run]:
-    """Start a run and lock its folder."""
+def _start_run(trial: Trial, stages: Sequence[Stage], progress: Progress, wait: float = 0.0) -> Iterator[_Run]:
+    """Start a run, and lock the run folder while it lasts."""
     update_calibration(trial, stages, run_to)
-    this = _Run(trial, stages, progress)
+    this_run = _Run(trial, stages, progress)
     outputs = {(trial.out / file).resolve() for stage in stages for file in (*stage.outputs, RUN_LOG)}
     files = {role: path for stage in stages for role, path in find_user_files(trial, stage).items()}
     for role, path in files.items():
-        this.files.read(role, path)
+        this_run.files.read(role, path)
         if path.resolve() in outputs:
             raise ConfigError(f"{trial.file}: the run would overwrite `{role}`, {path}: choose another `out:`")
-    with this.folder.locked(wait), keep_log(trial.out, trial.name, files) as log, this.writer:
-        this.log = log
-        yield this
+    with this_run.folder.locked(wait), keep_log(trial.out, trial.name, files) as log, this_run.writer:
+        this_run.log = log
+        yield this_run
 
 
 class _Run:
@@ -153,16 +142,16 @@ class _Run:
         self._steps: list[Step] = []
         self._origins: dict[str, Origin] = {}
 
-    def go(self, stages: Sequence[Stage]) -> Outcome:
-        """Run these stages in order."""
+    def run_stages(self, stages: Sequence[Stage]) -> Outcome:
+        """Run some stages in order, and return the outcome."""
         refused = None
         for number, stage in enumerate(stages):
             try:
                 with _name_errors(self.trial, stage):
-                    self.step(stage)
+                    self.run_or_reuse(stage)
             except Refused as error:
                 refused = error
-                self.refuse(stage, refused)
+                self.report_refusal(stage, refused)
                 break
             self.folder.release(find_unneeded(self.stages, stages[number + 1 :], self.folder.size))
         self.writer.wait()
@@ -170,21 +159,20 @@ class _Run:
         self.log.info(describe_verdict(self.trial.out))
         return Outcome(self.trial.out, tuple(self._steps), refused)
 
-    def step(self, stage: Stage) -> None:
+    def run_or_reuse(self, stage: Stage) -> None:
         """Compute one stage, unless its outputs are up to date."""
-        hashes = self.hashes(stage)
-        origin = self.current(stage, hashes)
-        action: Literal["computed", "reused"] = "computed" if origin is None else "reused"
-        origin = origin or self.compute_or_refuse(stage, hashes)
+        hashes = self.compute_hashes(stage)
+        current = self.find_current(stage, hashes)
+        origin = current or self.compute_unless_refused(stage, hashes)
         self._origins[stage.name] = origin
-        if action == "reused":
-            self.writer.wait()  # until its inputs are on the disk
-            self.freshen(stage)
-        self.record(Step(stage.name, action, origin.seconds))
+        if current is not None:
+            self.writer.wait()  # its inputs must be on the disk
+            self.update_times(stage)
+        self.record(Step(stage.name, "computed" if current is None else "reused", origin.seconds))
 
-    def compute_or_refuse(self, stage: Stage, hashes: Mapping[str, str]) -> Origin:
-        """Run a stage's function, unless it is known to refuse these inputs."""
-        key = self.key(stage, hashes)
+    def compute_unless_refused(self, stage: Stage, hashes: Mapping[str, str]) -> Origin:
+        """Run a stage's function, unless it has refused the same inputs before."""
+        key = self.compute_key(stage, hashes)
         known = read_refusal(self.trial.out, stage.name, key)
         if known is not None:
             raise known
@@ -205,58 +193,58 @@ class _Run:
     def compute(self, stage: Stage, hashes: Mapping[str, str], refused: Refused | None = None) -> Origin:
         """Run a stage's function and queue its outputs for writing."""
         inputs = {file: self.folder.read(file) for file in stage.inputs if file in hashes}
-        settings, slice_ = self.trial.settings[stage.name], collect_parameters(self.trial, stage)
-        context = Context(self.trial.keys, settings, inputs, refused, self.seconds_before(stage))
-        key = compute_cache_key(stage, slice_, hashes, refused)
+        settings = self.trial.settings[stage.name]
+        context = Context(self.trial.keys, settings, inputs, refused, self.collect_seconds(stage))
+        slice_, key = collect_parameters(self.trial, stage), self.compute_key(stage, hashes, refused)
         start = time.perf_counter()
         try:
-            with self.unexpected_as_error():
+            with self.report_unexpected():
                 outputs = stage.function(context)
                 self.files.check_unchanged(stage)
                 origin = Origin(stage.name, stage.version, slice_, hashes, key, time.perf_counter() - start)
                 _check_names(stage, outputs)
                 kept = self.folder.keep(outputs, origin)
         except NumericalError:
-            self.forget_from(stage)
+            self.delete_outputs_from(stage)
             raise
         self.writer.submit(partial(self.write, stage, kept, origin))
         return origin
 
-    def freshen(self, stage: Stage) -> None:
+    def update_times(self, stage: Stage) -> None:
         """Make a stage's outputs no older than its inputs, for `make`."""
         inputs = [self.trial.out / file for file in stage.inputs] + [*find_user_files(self.trial, stage).values()]
         self.folder.update_times(stage.outputs, [self.trial.file, *(path for path in inputs if path.exists())])
 
     def write(self, stage: Stage, outputs: Sequence[store.Artefact | Document], origin: Origin) -> None:
         """Write a stage's outputs."""
-        with _name_errors(self.trial, stage), self.unexpected_as_error():
+        with _name_errors(self.trial, stage), self.report_unexpected():
             self.folder.store(outputs, origin)
-            self.freshen(stage)
+            self.update_times(stage)
 
-    def refuse(self, stage: Stage, refused: Refused) -> None:
-        """Delete outputs that are no longer valid, and report the refusal, unless the existing report already does."""
+    def report_refusal(self, stage: Stage, refused: Refused) -> None:
+        """Delete outputs that are no longer valid, and write a report of the refusal unless there is one already."""
         report = self.stages[-1]
         self.writer.wait()
-        self.forget_from(stage, but=report)
+        self.delete_outputs_from(stage, but=report)
         self.record(Step(stage.name, "refused", 0.0))
         hashes = {file: self.folder.key(file) for file in report.inputs if self.folder.exists(file)}
         with _name_errors(self.trial, report):
-            origin = self.current(report, hashes, refused)
-            if origin is None:
-                self.forget_from(report)
-                origin = self.compute(report, hashes, refused)
-                self.record(Step(report.name, "computed", origin.seconds))
-            else:
+            origin = self.find_current(report, hashes, refused)
+            if origin is not None:
                 self.record(Step(report.name, "reused", origin.seconds))
+                return
+            self.delete_outputs_from(report)
+            origin = self.compute(report, hashes, refused)
+            self.record(Step(report.name, "computed", origin.seconds))
 
-    def forget_from(self, stage: Stage, but: Stage | None = None) -> None:
-        """Delete the outputs, left by an earlier run, of a failed stage and of all later stages."""
+    def delete_outputs_from(self, stage: Stage, but: Stage | None = None) -> None:
+        """Delete the outputs of a failed stage and of all later stages, which are from an earlier run."""
         for later in self.stages[self.stages.index(stage) :]:
             if later is not but:
                 self.folder.remove_outputs(later.name, later.outputs)
 
     @contextmanager
-    def unexpected_as_error(self) -> Iterator[None]:
+    def report_unexpected(self) -> Iterator[None]:
         """Turn an unexpected exception into a NumericalError of one line, with the traceback in ``failure.log``."""
         try:
             yield
@@ -270,30 +258,29 @@ class _Run:
                 where = f"the details are in {log}; please report them"
             except StoreError as problem:
                 where = str(problem)
-            what = str(error).partition("\n")[0]
-            message = f"an unforeseen failure, {type(error).__name__}: {what}; {where}"
-            raise NumericalError(message) from error
+            what = f"{type(error).__name__}: " + str(error).partition("\n")[0]
+            raise NumericalError(f"an unforeseen failure, {what}; {where}") from error
 
     def check_inputs(self, stage: Stage) -> None:
-        """Raise StoreError, naming the stage to run first, if a direct or indirect input is missing or stale."""
-        for earlier in self.ancestors(stage):
+        """Raise StoreError if a direct or indirect input is missing or stale; the message names the stage to run."""
+        for earlier in self.find_earlier_stages(stage):
             missing = [file for file in earlier.outputs if not self.folder.exists(file)]
             if missing:
                 why = f"{self.trial.out / missing[0]} is missing"
-            elif self.stale(earlier):
+            elif self.is_out_of_date(earlier):
                 why = f"{self.trial.out / earlier.outputs[0]} was made from another recording or with other settings"
             else:
                 continue
             first = f"mocap-id {earlier.name} {self.trial.file}"
             raise StoreError(f"{stage.name}: {why}. Run `{first}` first, or all with `mocap-id run {self.trial.file}`")
 
-    def stale(self, stage: Stage) -> bool:
-        """Return whether a stage's outputs, which all exist, are out of date; StoreError if one is damaged."""
+    def is_out_of_date(self, stage: Stage) -> bool:
+        """Return whether the existing outputs of a stage are out of date; StoreError if one is damaged."""
         self.folder.origin(stage.name, stage.outputs)
-        return self.current(stage, self.hashes(stage)) is None
+        return self.find_current(stage, self.compute_hashes(stage)) is None
 
-    def ancestors(self, stage: Stage) -> list[Stage]:
-        """Return the stages that make a stage's inputs, directly or indirectly, in the order of the pipeline."""
+    def find_earlier_stages(self, stage: Stage) -> list[Stage]:
+        """Return the stages on which a stage depends, directly or indirectly, in the order of the pipeline."""
         needed = set(stage.inputs)
         found: list[Stage] = []
         for earlier in reversed(self.stages):
@@ -302,19 +289,19 @@ class _Run:
                 needed |= set(earlier.inputs)
         return found
 
-    def hashes(self, stage: Stage) -> dict[str, str]:
+    def compute_hashes(self, stage: Stage) -> dict[str, str]:
         """Return the hash of every user file and the key of every artefact that a stage reads."""
         if any(self.folder.size(file) is None for file in stage.inputs):
-            self.writer.wait()  # until they are on the disk
+            self.writer.wait()  # the inputs must be on the disk
         return self.files.of(stage) | {file: self.folder.key(file) for file in stage.inputs}
 
-    def key(self, stage: Stage, hashes: Mapping[str, str], refused: Refused | None = None) -> str:
-        """Return the cache key that the stage's outputs would have."""
+    def compute_key(self, stage: Stage, hashes: Mapping[str, str], refused: Refused | None = None) -> str:
+        """Return the cache key of a computation of the stage with the present inputs."""
         return compute_cache_key(stage, collect_parameters(self.trial, stage), hashes, refused)
 
-    def current(self, stage: Stage, hashes: Mapping[str, str], refused: Refused | None = None) -> Origin | None:
-        """Return the origin of a stage's outputs; None unless they exist, are intact and are up to date."""
-        key = self.key(stage, hashes, refused)
+    def find_current(self, stage: Stage, hashes: Mapping[str, str], refused: Refused | None = None) -> Origin | None:
+        """Return the origin of a stage's outputs; None if they are missing, damaged or out of date."""
+        key = self.compute_key(stage, hashes, refused)
         try:
             origin = self.folder.origin(stage.name, stage.outputs)
         except StoreError as error:
@@ -322,15 +309,15 @@ class _Run:
             return None
         return origin if origin is not None and origin.key == key else None
 
-    def seconds_before(self, stage: Stage) -> dict[str, float]:
-        """Return the computation times of earlier stages, as far as their outputs exist."""
+    def collect_seconds(self, stage: Stage) -> dict[str, float]:
+        """Return the computation times of the earlier stages whose outputs exist, s."""
         seconds: dict[str, float] = {}
         for earlier in self.stages[: self.stages.index(stage)]:
             origin = self._origins.get(earlier.name)
             try:
                 origin = origin or self.folder.origin(earlier.name, earlier.outputs)
             except StoreError:
-                continue  # an output that this stage does not read; its own stage will repair it
+                continue  # this stage does not read the damaged output
             if origin is not None:
                 seconds[earlier.name] = origin.seconds
         return seconds
@@ -338,18 +325,18 @@ class _Run:
 
 @contextmanager
 def _name_errors(trial: Trial, stage: Stage) -> Iterator[None]:
-    """Add trial and stage to every error."""
+    """Add the names of trial and stage to every error."""
     try:
         yield
     except MocapIdError as error:
         if getattr(error, "__notes__", None):
-            raise  # from the background writer, which has added the stage that it wrote for
+            raise  # the background writer has already added the names
         error.add_note(f"trial {trial.name}, stage {stage.name}")
         raise
 
 
 def _check_names(stage: Stage, outputs: Outputs) -> None:
-    """Check that a stage returned the outputs of its record; additional documents are allowed."""
+    """Raise ValueError unless a stage returned the outputs of its record; additional documents are allowed."""
     given = [output.file if isinstance(output, Document) else output.schema.file for output in outputs]
     extra = {output.file for output in outputs if isinstance(output, Document)} - set(stage.outputs)
     if [file for file in given if file not in extra] != list(stage.outputs):

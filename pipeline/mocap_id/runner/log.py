@@ -23,10 +23,10 @@ _LARGEST = 1_000_000  # bytes; a longer log is cut to its newer half
 
 @contextlib.contextmanager
 def keep_log(folder: Path, trial: str, files: Mapping[str, Path]) -> Iterator[logging.Logger]:
-    """Collect log messages and warnings, and append them to the folder's log at the end of the run.
+    """Collect log messages and warnings, and append them to the log of the run folder at the end of the run.
 
-    Nothing is written to a folder without other files. A log that cannot be written is no error. Call this only while
-    holding the folder's lock.
+    Nothing is written to a folder without other files. A log that cannot be written causes no error. The caller must
+    have locked the folder.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ def keep_log(folder: Path, trial: str, files: Mapping[str, Path]) -> Iterator[lo
     trial : str
         Name of the trial.
     files : mapping
-        User files by YAML key. The log shows the keys, because file names may identify a person.
+        User files by YAML key. The log contains the keys, because file names may identify a person.
 
     Yields
     ------
@@ -59,7 +59,7 @@ def keep_log(folder: Path, trial: str, files: Mapping[str, Path]) -> Iterator[lo
 
 
 def describe_verdict(folder: Path) -> str:
-    """Return the verdict in a run folder, with its codes."""
+    """Return the verdict of a run folder with its codes, as a line of the log."""
     try:
         verdict = json.loads(plain_files.read(folder / "summary.json"))["verdict"]
     except (OSError, ValueError, KeyError, TypeError):
@@ -101,7 +101,7 @@ class _Lines(logging.Handler):
 def _append(folder: Path, text: str) -> None:
     path = folder / RUN_LOG
     if path.is_symlink() or (path.exists() and not path.is_file()):
-        return  # not a log of mocap-id; a link may lead out of the folder
+        return  # a link may lead out of the folder
     if not path.exists() and not any(file.is_file() for file in folder.iterdir()):
         return
     with path.open("a", encoding="utf-8") as stream:

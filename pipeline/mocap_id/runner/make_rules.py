@@ -1,4 +1,4 @@
-"""Makefile rules for trials, made from the tuple of stages."""
+"""Makefile rules for trials, made from the list of stages."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ from mocap_id.stages import STAGES, Stage
 
 
 def make_rules(trials: Sequence[Trial], command: str, stages: Sequence[Stage] = STAGES) -> str:
-    """Return rules that make the last stage's outputs of every trial with the stages' commands.
+    """Return rules that make the outputs of the last stage of every trial with the commands of the stages.
 
     Parameters
     ----------
     trials : sequence of Trial
-        Every trial has its own run folder.
+        Trials with different run folders.
     command : str
-        How the recipes call mocap-id.
+        Command with which the recipes call mocap-id.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Stored refusals: a stage that refused its inputs once would refuse them again."""
+"""Stored refusals: a stage that has refused some inputs would refuse them again."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def store_refusal(folder: Path, stage: str, key: str, refused: Refused) -> None:
 
 
 def read_refusal(folder: Path, stage: str, key: str) -> Refused | None:
-    """Return the stored refusal of this computation; None where there is none."""
+    """Return the stored refusal of a computation; None if it was not refused."""
     try:
         found: dict[str, Any] = json.loads(plain_files.read(folder / _FILE, links=False))
         refused = Refused(**found["refused"]) if (found["stage"], found["key"]) == (stage, key) else None

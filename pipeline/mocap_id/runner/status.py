@@ -1,4 +1,4 @@
-"""Status of a trial (which stages are done, stale or missing, and why), and removal of its outputs."""
+"""Status of a trial (which stages are done, stale or missing, and why), and deletion of its outputs."""
 
 from __future__ import annotations
 
@@ -30,10 +30,10 @@ class StageStatus:
     ----------
     stage : str
     state : {"done", "stale", "missing", "damaged", "refused", "waiting"}
-        ``stale``: made with other settings or inputs than the trial now has. ``waiting``: depends on an earlier stage
-        that is not done, so its own state is unknown.
+        ``stale``: the outputs were made with other settings or inputs. ``waiting``: the stage depends on an earlier
+        stage that is not done, so its own state is unknown.
     why : str
-        Empty for a stage that is done.
+        Reason for the state; empty for a stage that is done.
     """
 
     stage: str
@@ -48,11 +48,11 @@ class TrialStatus:
     Parameters
     ----------
     stages : tuple of StageStatus
-        In the order of the pipeline.
+        Status of each stage, in the order of the pipeline.
     running : bool
         Whether a run has locked the folder.
     failure : str or None
-        How the last run ended, if it failed.
+        Message of the last run if it failed, else None.
     """
 
     stages: tuple[StageStatus, ...]
@@ -66,7 +66,7 @@ class TrialStatus:
 
 
 def status(trial: Trial, stages: Sequence[Stage] = STAGES) -> TrialStatus:
-    """Return the status of a trial; nothing is written or computed."""
+    """Return the status of a trial without computing or writing anything."""
     folder = Folder(trial.out)
     try:
         folder.is_present()
@@ -78,7 +78,7 @@ def status(trial: Trial, stages: Sequence[Stage] = STAGES) -> TrialStatus:
 
 
 def clean(trial: Trial, first: str | None = None, stages: Sequence[Stage] = STAGES) -> None:
-    """Delete the outputs of all stages, or of the stages from a given one on.
+    """Delete the outputs of all stages, or of the stage ``first`` and all later stages.
 
     Only files that stages or the runner wrote are deleted. The folder is deleted too if it is then empty.
 
@@ -86,7 +86,7 @@ def clean(trial: Trial, first: str | None = None, stages: Sequence[Stage] = STAG
     ----------
     trial : Trial
     first : str, optional
-        Name of the first stage whose outputs are deleted.
+        Name of the first stage whose outputs are deleted; all stages if omitted.
 
     Raises
     ------
@@ -148,7 +148,7 @@ def _find_state(trial: Trial, folder: Folder, files: FileHashes, stage: Stage) -
 
 
 def _list_changes(origin: Origin, stage: Stage, wanted: Mapping[str, Any], hashes: Mapping[str, str]) -> Iterator[str]:
-    """Yield the differences between the computation that made the files and the one that would be made now."""
+    """Yield the differences between the computation that made the files and a computation with the present inputs."""
     if origin.stage_version != stage.version:
         yield f"made by version {origin.stage_version} of the stage, now version {stage.version}"
     for file in sorted({*hashes, *origin.inputs}):
@@ -177,5 +177,5 @@ def _is_locked(folder: Path) -> bool:
             return False
     except Timeout:
         return True
-    except OSError:  # the lock file cannot be opened; its existence alone does not show a run
+    except OSError:  # the lock file cannot be opened, and its existence alone does not prove a run
         return False

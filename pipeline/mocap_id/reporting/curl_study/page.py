@@ -16,15 +16,15 @@ _FOOTER = (
     "study.json describes."
 )
 _REPETITIONS = (
-    "Repetitions are complete curls up to the end of the trial, which is a failed attempt, a pause, a break of the "
-    "tempo, or motion out of the plane. A person's value is the mean of the person's trials; means and their Student t "
-    "intervals are over the people.",
+    "Repetitions are complete curls up to the end of the trial. A failed attempt, a pause, a break of the tempo, or "
+    "motion out of the plane ends the trial. The value of a person is the mean over the person's trials; means and "
+    "their Student t intervals are over the people.",
 )
 _DIFFERENCES = (
-    "A difference pairs trials of the same person and number. Its interval is Student's t interval over the people. p "
-    "compares all combinations of signs of the people's differences, so that with n people it is at least 2/2ⁿ. p is "
-    "not corrected for several tests: of twenty comparisons without any effect, one has p below 0.05.",
-    "These are differences between conditions of these people in these trials. They do not show the cause.",
+    "A difference compares trials with the same person and number. Its interval is Student's t interval over the "
+    "people. p compares all combinations of signs of the people's differences; with n people it is at least 2/2ⁿ. p is "
+    "not corrected for several tests: of twenty comparisons without any effect, one has p below 0.05 on average.",
+    "The differences between conditions are those of these people and trials. They do not show the cause.",
 )
 _COMPENSATION = (
     "Range of each angle within a curl, mean over the curls of a trial. Curls should only bend the elbow. A range "

@@ -19,18 +19,18 @@ _FOOTER = (
 _MEANING = (
     "The volume is what the wrist can reach if each joint uses its whole range, independent of the others, as in the "
     "thesis. The visited volume uses only recorded combinations of joint angles. The surface is the reached share of "
-    "the hemisphere in front of the shoulder; elevation and height are the largest ones.",
+    "the hemisphere in front of the shoulder. Elevation and height are their largest values.",
     "A person's number is the mean of both sides. Its interval is the mean interval of the trials, because their "
     "errors may be common.",
 )
 _CORRELATION = (
-    "People without a score are not in the correlation. Its interval is that among people like these; with few people "
-    "it is wide even if their order is perfect."
+    "The correlation excludes people without a score. Its interval applies to people like these; with few people it is "
+    "wide even if their order is perfect."
 )
 _DIFFERENCES = (
-    "Paired differences, with 95 % intervals: of a person from the intervals of the trials, of the cohort from the "
-    "spread between people (Student's t). If nobody changed between two sessions, twice the standard deviation is the "
-    "smallest change of one person that repetition alone does not explain."
+    "Paired differences with 95 % intervals. The interval of a person follows from the intervals of the trials, the "
+    "interval of the cohort from the differences between people (Student's t). If nobody changed between two sessions, "
+    "twice the standard deviation is the smallest change of one person that repetition alone does not explain."
 )
 
 

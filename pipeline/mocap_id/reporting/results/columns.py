@@ -30,7 +30,7 @@ Value: TypeAlias = Callable[[Any], Any] | None
 class ResultColumn(Column):
     """A column of a result table: its name, type, unit and meaning, and where its values come from."""
 
-    # returns the value for the object that a row is about; None if rows are mappings that name their values
+    # Function that returns the value from the object of a row. None if the rows are mappings of names to values.
     value: Value = None
 
 
@@ -45,12 +45,12 @@ def number(name: str, unit: str, meaning: str, value: Value = None) -> ResultCol
 
 
 def whole(name: str, meaning: str, value: Value = None) -> ResultColumn:
-    """Return a column of whole numbers, all known."""
+    """Return a column of whole numbers without missing values."""
     return ResultColumn(name, "int64", "1", meaning, value)
 
 
 def count(name: str, meaning: str, value: Value = None) -> ResultColumn:
-    """Return a column of whole numbers of which some may be unknown."""
+    """Return a column of whole numbers with missing values."""
     return ResultColumn(name, "Int64", "1", meaning, value)
 
 
@@ -63,13 +63,13 @@ class ResultTable:
 
     @classmethod
     def of(cls, schema: TableSchema, rows: Iterable[Any]) -> ResultTable:
-        """Fill a table; values that a row lacks are missing.
+        """Return the table of some rows; a value that a row does not have is missing.
 
         Parameters
         ----------
         schema : TableSchema
         rows : iterable
-            Mappings of column names to values, or the objects that the columns take their values from.
+            Mappings of column names to values, or objects from which the columns take their values.
 
         Raises
         ------
@@ -132,7 +132,7 @@ class ResultTable:
 
 
 def to_finite(value: float) -> float | None:
-    """Return a number for a JSON document: None where it is not finite."""
+    """Return a number for a JSON document; None if it is not finite."""
     return float(value) if math.isfinite(value) else None
 
 

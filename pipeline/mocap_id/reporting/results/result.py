@@ -1,4 +1,4 @@
-"""A result of a command: its tables, its JSON document and its other files, written whole or not at all."""
+"""A result of a command: a JSON document, tables and other files, which are written together or not at all."""
 
 from __future__ import annotations
 
@@ -23,17 +23,17 @@ class Result:
     kind: str  # such as ``study``; the document's schema is ``mocap-id/<kind>``
     file: str  # name of the JSON document
     content: Mapping[str, Any]  # content of the document after its schema and version; no NaN
-    # written as CSV and as Parquet under their names
+    # Tables by name; each is written as CSV and Parquet.
     tables: Mapping[str, ResultTable] = field(default_factory=dict)
-    # returns the other files, such as page and figures, by name; called once, when they are needed
+    # Function that returns the other files, such as page and figures, by name. It is called once.
     other_files: Callable[[], Mapping[str, bytes]] = dict
-    hashed: bool = False  # the document ends with the hash of every other file
-    indent: int = 1  # of the document
-    end: str = "\n"  # of the document
+    hashed: bool = False  # whether the document ends with the hash of every other file
+    indent: int = 1  # indentation of the document
+    end: str = "\n"  # last characters of the document
 
     @cached_property
     def files(self) -> dict[str, bytes]:
-        """Every file but the document, by name."""
+        """All files except the document, by name."""
         files = {}
         for name, table in self.tables.items():
             files[f"{name}.csv"] = table.csv()
@@ -47,7 +47,7 @@ class Result:
         return head | {"files": {name: hash_bytes(file) for name, file in self.files.items()}} if self.hashed else head
 
     def write(self, folder: Path) -> tuple[str, ...]:
-        """Write all files, or none, and return their names, that of the document first.
+        """Write all files or none, and return their names, the document first.
 
         Raises
         ------

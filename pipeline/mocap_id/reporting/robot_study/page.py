@@ -12,10 +12,11 @@ from mocap_id.reporting.robot_study.page_data import RobotStudyData
 from mocap_id.reporting.robot_study.tables import list_thesis_rows, list_trials
 
 LEGEND = (
-    "Mean (standard deviation): of values over the trials of a cell, of errors over all their samples. P: states from "
-    "the cameras; R: states from the robot's encoder; Ref.: the reference parameters on the same states. States are "
-    "compared with the truth if it is known, else with the encoder. The thesis's rows are below ours; ? is a number "
-    "that cannot be read in it. The thesis did not measure the cells without a row of its own (the fast shoulder)."
+    "Mean (standard deviation). Values: over the trials of a cell; errors: over all samples of these trials. P: states "
+    "from the cameras; R: states from the robot's encoder; Ref.: the reference parameters on the same states. States "
+    "are compared with the truth if it is known, else with the encoder. The rows of the thesis are below the rows of "
+    "this program; ? is a number that is not readable in the thesis. Cells without a row of the thesis (the fast "
+    "shoulder) were not measured there."
 )
 _FOOTER = (
     "The same numbers in SI units are in the CSV and Parquet files beside this page, which validation.json describes."
@@ -50,10 +51,10 @@ def _list_grids(data: RobotStudyData) -> list[Grid]:
 def _describe_truth(data: RobotStudyData) -> str:
     against = set(data.overview["against"]) - {""}
     if "truth" in against:
-        return "Simulated trials: the exact truth is known, and errors are against it."
+        return "Simulated trials: the errors are differences from the exact truth."
     if "encoder" in against:
-        return "The truth is not known: the cameras' states are compared with the encoder's; R has no comparison."
-    return "Neither truth nor encoder is known, so the errors of the states are not known either."
+        return "The truth is not known. The states from the cameras are compared with the encoder; R has no comparison."
+    return "Neither truth nor encoder is known, so the errors of the states are unknown."
 
 
 def render_markdown(data: RobotStudyData, figures: Mapping[str, str]) -> str:

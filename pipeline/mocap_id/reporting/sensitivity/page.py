@@ -45,7 +45,7 @@ def render_sensitivity_page(data: SensitivityData) -> bytes:
 
 
 def describe_criterion(share: float) -> str:
-    """Return when a perturbation is tolerated, in words."""
+    """Return a sentence that says when a perturbation is tolerated."""
     return (
         f"A perturbation is tolerated if no parameter changes by more than {show(100 * share, 2, '%')} of its size, or "
         "by its own stated standard deviation if that is larger."
@@ -58,8 +58,8 @@ def _make_key_numbers(data: SensitivityData) -> tuple[KeyNumber, ...]:
     silent = beyond[(beyond["raised"] == "") & ~beyond["verdict"].isin(_FAILED)]
     return (
         KeyNumber("perturbations", str(len(tried)), f"{tried['kind'].nunique()} kinds, seed {data.seed}"),
-        KeyNumber("tolerated", str(len(tried) - len(beyond)), "of them"),
-        KeyNumber("unnoticed", str(len(silent)), "too much, and no new caution"),
+        KeyNumber("tolerated", str(len(tried) - len(beyond)), "of these perturbations"),
+        KeyNumber("unnoticed", str(len(silent)), "not tolerated, and no new caution"),
         KeyNumber("unperturbed verdict", data.verdict, data.trial),
     )
 

@@ -33,9 +33,9 @@ class SensitivityData:
 
     trial: str  # name of the trial
     verdict: Level  # verdict of the unperturbed trial
-    note: str  # what could not be studied; empty if nothing
+    note: str  # perturbations that could not be studied; empty if there are none
     tolerance: float  # tolerated change of a parameter, as a share of its size
-    seed: int  # seed of everything that was drawn
-    parameters: tuple[ParameterEntry, ...]  # the parameters that are judged
-    titles: Mapping[str, str]  # kinds in words
+    seed: int  # seed of the random numbers
+    parameters: tuple[ParameterEntry, ...]  # parameters whose changes are compared
+    titles: Mapping[str, str]  # names of the kinds of perturbation for readers
     tables: Mapping[str, pd.DataFrame]  # responses, perturbations, tolerates

@@ -12,9 +12,9 @@ from mocap_id.reporting.figure import Bars, Drawing, Figure, Key, Panel, Rule, S
 from mocap_id.reporting.sensitivity.page_data import ParameterEntry, SensitivityData
 
 CAPTION = (
-    "A panel for each parameter, a row for each kind of error, the worst at the top. The bars of a row are the levels "
-    "that were tried, over all joints or components; the worst level is the palest and widest bar. The grey band is "
-    "the tolerated change. The scale is linear up to 1 % and logarithmic beyond. Bars end at 300 %, also those of "
+    "A panel for each parameter, a row for each kind of error, with the largest change at the top. A row has a bar for "
+    "each level, over all joints or components; the worst level is the palest and widest bar. The grey band is the "
+    "tolerated change. The scale is linear up to 1 % and logarithmic beyond. Bars end at 300 %, also those of "
     "parameters that could no longer be identified."
 )
 _LIMIT = 300.0  # %: bars end here
@@ -26,7 +26,7 @@ _WITHIN, _NOTICED, _SILENT = style.FAINT, style.BLUE, style.VERMILLION
 _LEGEND = (
     Key(_WITHIN, "tolerated"),
     Key(_NOTICED, "too much, and the verdict warns of it"),
-    Key(_SILENT, "too much, and the verdict does not say so"),
+    Key(_SILENT, "not tolerated, without a new caution"),
 )
 
 
@@ -45,7 +45,7 @@ def draw(data: SensitivityData) -> Figure | str:
 
 
 def place(percent: float) -> float:
-    """Return the place of a change on the axis: linear up to 1 %, logarithmic beyond."""
+    """Return the position of a change on the axis: linear up to 1 %, logarithmic beyond."""
     size = abs(percent)
     return float(np.sign(percent) * (_LINEAR * size if size <= 1 else _LINEAR + np.log10(size)))
 

@@ -1,4 +1,4 @@
-"""Player of a trial in space: a stick figure with markers that can be turned, and curves of the angles."""
+"""Player of a trial in space: a stick figure with markers that the reader can turn, and curves of the angles."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def _label_time(curves: tuple[Panel, ...]) -> tuple[Panel, ...]:
 
 
 def _make_chain(data: ReportData, time: FloatArray) -> list[Part]:
-    """Return sticks and joints at these times."""
+    """Return the sticks and joints of the chain at the times (K,) of the frames."""
     poses = data.segment_poses
     if poses is None or not len(poses.time):
         return []

@@ -11,9 +11,10 @@ class AngleEntry(Entry):
     """Statistics of one angle over the samples in which it is known and has a meaning, degrees.
 
     Plane and axial rotation of the shoulder have no meaning within 15° of an elevation of 0 or 180°; ``used_share`` is
-    the share of the samples outside this neighbourhood and outside gaps. ``interval_deg`` is the 95 % interval of
+    the share of the samples outside this range and outside gaps. ``interval_deg`` is the 95 % interval of
     ``range_deg``, which is ``high_deg`` minus ``low_deg``. ``sd_deg`` is the typical standard deviation of a change of
-    the angle, ``constant_sd_deg`` that of a constant error from the landmarks; the interval holds both.
+    the angle, and ``constant_sd_deg`` the standard deviation of a constant error from the landmarks; the interval
+    includes both.
     """
 
     low_deg: float | None
@@ -51,7 +52,7 @@ class RangeEntry(Entry):
 
 
 class VisitedEntry(Entry):
-    """Volume reached in the recorded postures and those between them, and the meaning of its share of the box."""
+    """Volume reached in the recorded postures and between them, and the meaning of its share of the box."""
 
     volume_m3: float | None = None
     interval_m3: list[float] | None = None
@@ -63,7 +64,7 @@ class VisitedEntry(Entry):
 
 
 class HeightsEntry(Entry):
-    """Highest and lowest place of the wrist above the shoulder, m and as share of the arm's length; levels reached."""
+    """Highest and lowest position of the wrist above the shoulder, m and as share of the arm length; levels reached."""
 
     highest_m: float
     lowest_m: float
@@ -81,12 +82,12 @@ class TargetEntry(Entry):
 
 
 class WorkspaceEntry(Entry):
-    """Volume that the arm can reach, with its 95 % interval and the quantities that it is computed from.
+    """Volume that the wrist can reach, its 95 % interval, and the quantities from which it is computed.
 
     ``box_deg`` are the independent limits of the angles; ``visited`` is the volume within limits that depend on each
-    other. ``relative_volume`` is the volume divided by that of a sphere whose radius is the arm's length.
-    ``discretisation_m3`` is the change with the last refinement of the grid, ``sources`` the share of every range and
-    dimension in the variance. ``surface`` has the relative areas of the furthest reach by quadrant.
+    other. ``relative_volume`` is the volume divided by the volume of a sphere with the arm length as radius.
+    ``discretisation_m3`` is the change with the last refinement of the grid, and ``sources`` the share of every range
+    and dimension in the variance. ``surface`` has the relative areas of the furthest reach by quadrant.
     """
 
     volume_m3: float | None = None
@@ -112,10 +113,10 @@ class WorkspaceEntry(Entry):
 class CompensationEntry(Entry):
     """Motion of one angle that should not change in curls, one value for each curl; null for failed attempts.
 
-    ``floor_deg`` is the range that errors alone can show, ``offset_deg`` the mean angle of the curl minus that of the
-    first, and ``sustained_s`` the longest time beyond the allowed change, 0 if it is shorter than the rule asks for.
-    Axial rotation is without the part that depends on the flexion alone; ``in_step_deg`` is the range of this part in
-    the first curl.
+    ``floor_deg`` is the range that errors alone can cause. ``offset_deg`` is the mean angle of the curl minus the mean
+    angle of the first curl. ``sustained_s`` is the longest time beyond the allowed change; 0 if it is shorter than the
+    rule requires. Axial rotation excludes the part that depends on the flexion alone; ``in_step_deg`` is the range of
+    this part in the first curl.
     """
 
     range_deg: list[float | None]
@@ -138,8 +139,8 @@ class TrendEntry(Entry):
 class CurlsEntry(Entry):
     """Complete curls up to the end of the trial, failed attempts, and what changes from curl to curl.
 
-    ``end_rule`` is the rule that ends the trial: ``stopped``, ``tempo``, ``plane``, or ``recording`` if none does.
-    ``after_end`` complete curls follow it and are not counted.
+    ``end_rule`` is the rule that ends the trial: ``stopped``, ``tempo``, ``plane``, or ``recording`` if no rule does.
+    ``after_end`` is the number of complete curls after the end, which are not counted.
     """
 
     count: int | None = None
@@ -156,7 +157,7 @@ class CurlsEntry(Entry):
 
 
 class ImuEntry(Entry):
-    """Inertial sensor on a segment: the sample stamped t was taken at ``clock_offset_s + t (1 + 1e-6 ppm)``.
+    """Inertial sensor on a segment. A sample with time stamp t was taken at ``clock_offset_s + t (1 + 1e-6 ppm)``.
 
     ``sd_s`` is the standard deviation of this time in the middle of the trial; ``observable`` is false if the motion
     does not determine the clock offset to 2 ms. ``mounting`` is the rotation from the sensor to the segment,
