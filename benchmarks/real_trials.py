@@ -24,7 +24,7 @@ from mocap_id.stages.identify_dim.function import fit_chain
 from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, read_bodies
 from mocap_id.stages.identify_dim.motion_comparison import predict_on_chain
 from mocap_id.stages.identify_dim.reference_bodies import ReferenceBodies, build_reference_bodies
-from mocap_id.stages.identify_dim.segment_fit import SegmentFit, fit_segments
+from mocap_id.stages.identify_dim.segment_fit import SegmentFit, filter_measured, fit_segments
 from mocap_id.stages.identify_dim.trial_inputs import read_inputs
 from mocap_id.store import Folder
 from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
@@ -136,7 +136,7 @@ def steps(trial: Trial) -> dict[str, list[str]]:
         assert held is not None
         found.append((held.samples, held.filtered, held.filtered_measured))
     for body in best.references.every:
-        found.append((found[0][0], best.filtered(body.parameters), best.filtered_measured))
+        found.append((found[0][0], best.filtered(body.parameters), filter_measured(best.prepared, best.found)))
     both = np.logical_and.reduce([samples & np.isfinite(model).all(axis=1) for samples, model, _ in found])
     threshold = trial.done.cop_threshold
     return {

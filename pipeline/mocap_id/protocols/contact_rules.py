@@ -71,7 +71,7 @@ def find_samples_off_chair(posture: Posture) -> BoolArray:
 
 
 def find_contact_in_low_phases(posture: Posture, evidence: BoolArray) -> BoolArray:
-    """Return True (T,) from the first to the last sample of each low phase with ``evidence`` (T,) of contact.
+    """Return True (T,) for the samples between the first and the last ``evidence`` (T,) of contact in each low phase.
 
     A low phase at the beginning or end of the recording counts as seated up to there. Evidence above half of the rise
     is ignored.
@@ -166,7 +166,7 @@ def extrapolate_release(time: FloatArray, force: FloatArray, last_visible: float
 
 
 def _find_best_instant(left: FloatArray, force: FloatArray, noise: float, instants: FloatArray) -> float:
-    """Return the one of ``instants`` (I,) at which the model, with its best power and factor, fits the force best."""
+    """Return the release, out of ``instants`` (I,), for which the model with its best power fits the force best."""
     shapes = np.maximum(instants[:, None] - left, 0.0)[:, None] ** _POWERS[:, None]  # (I, P, T)
     size = np.maximum(np.sum(shapes**2, axis=2), np.finfo(float).tiny)
     explained = np.maximum(shapes @ force, 0.0) ** 2 / size - (noise * (_POWERS - _PRIOR_POWER) / _PRIOR_SD) ** 2

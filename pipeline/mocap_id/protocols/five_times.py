@@ -20,7 +20,7 @@ REQUIRED_RISES = 5
 
 @dataclass(frozen=True)
 class FiveTimes:
-    """Times of the test, s; None if unknown."""
+    """Times of the five-times-sit-to-stand test, s; None if unknown."""
 
     repetitions: int  # number of rises that reach standing
     # to_fifth_stand, to_fifth_seat_contact, to_fifth_seated: time from the start of the first rise to the fifth
@@ -83,7 +83,7 @@ def _explain_unknown_time(first: Repetition, fifth: Repetition) -> str | None:
 
 @dataclass(frozen=True)
 class Published:
-    """A published time limit of the test."""
+    """A published time limit of the five-times-sit-to-stand test."""
 
     limit: float  # time limit, s
     people: str  # group of people in the study

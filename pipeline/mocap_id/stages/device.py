@@ -41,7 +41,7 @@ class Condition(Settings):
 
 
 class Deviations(Settings):
-    """Standard deviations of the keys of a device, from which that of the torque is computed."""
+    """Standard deviations of the keys of a device, for the standard deviation of its torque."""
 
     pulley_radius_m: float | None = Field(None, ge=0, description="m; default: 1 % of the radius")
     area_flexion_m2: float | None = Field(None, ge=0, description="m²; default: 2 % of the area")

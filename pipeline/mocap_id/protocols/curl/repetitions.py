@@ -115,7 +115,7 @@ def _describe_curl(time: FloatArray, flexion: FloatArray, turns: tuple[int, int,
 
 
 def _find_end_of_fall(time: FloatArray, flexion: FloatArray, turn: int) -> float:
-    """Return the time at which the flexion, which falls from the first sample to the sample ``turn``, stops to fall, s.
+    """Return the time at which a fall of the flexion from the first sample to the sample ``turn`` ends, s.
 
     This is the middle of a short rest. Before a long rest, it is the time at which a minimum-jerk movement would end.
     """

@@ -51,7 +51,7 @@ class ReachArm:
 
 @dataclass(frozen=True)
 class Grid:
-    """Numbers of distances and polar angles, and the number of elevations, which is also that of axial rotations."""
+    """Number of distances, number of polar angles, and number of elevations and of axial rotations."""
 
     distances: int
     polar: int

@@ -91,7 +91,7 @@ def _find_movements(time: FloatArray, path: FloatArray, length: float) -> list[t
 
 
 def _find_spans(flags: BoolArray) -> list[tuple[int, int]]:
-    """Return the first sample of every run of True, and the first sample after it or the last of the recording."""
+    """Return the first sample of every run of True, and the sample after the run (at most the last sample)."""
     return [(run.start, min(run.stop, len(flags) - 1)) for run in find_runs(flags)]
 
 

@@ -146,7 +146,7 @@ class _ClusterPoses:
         return cls(*fit_cluster_poses(correct_axial_rotation(points, chain), chain), still)
 
     def find_pose_at_rest(self) -> SegmentPoses:
-        """Return the poses in the middle one of the still frames with all poses, or else in the first still frame."""
+        """Return the poses in the middle of the still frames with all poses, or else in the first still frame."""
         complete = self.still.start + np.flatnonzero(np.isfinite(self.rotations[self.still]).all(axis=(1, 2, 3)))
         middle = int(complete[len(complete) // 2]) if len(complete) else self.still.start
         return SegmentPoses(self.rotations[middle], self.origins[middle])

@@ -160,7 +160,7 @@ def _make_data(
 
 
 def _measure_arc(tip: FloatArray, start: FloatArray | None) -> float:
-    """Return the range of the angle of a bone about its mean direction, rad; it starts at the origin by default."""
+    """Return the range of the angle of a bone about its mean direction, rad; ``start`` None is the origin."""
     bone = tip if start is None else tip - start
     bone = bone[np.isfinite(bone).all(axis=1)]
     unit = bone / np.linalg.norm(bone, axis=1, keepdims=True)

@@ -82,7 +82,7 @@ def make_columns(result: IdentifiedDynamics) -> dict[str, Any]:
 
 
 def _compute_sd(result: IdentifiedDynamics) -> tuple[FloatArray, FloatArray]:
-    """Return the standard deviations of the model's wrench and centre of pressure, with a board's position."""
+    """Return the standard deviations of the model's wrench and centre of pressure; a board's position adds to them."""
     model, position_sd = result.model, result.prepared.recorded.position_sd
     if position_sd is None:
         return model.wrench_sd, model.cop_sd

@@ -71,7 +71,7 @@ def choose_plate_sd(context: Context, recorded: TrialData) -> float | None:
 
 
 def explain_foot_prior(context: Context, found: Identification) -> tuple[Reason, ...]:
-    """Return a note if there is a prior of the foot."""
+    """Return a note if parameters or torques use the prior of the foot."""
     if found.with_foot is not None:
         return (_FOOT_IN_TORQUES,)
     foot_alone = found.uses_reference and context.settings.reference_pulls is not True

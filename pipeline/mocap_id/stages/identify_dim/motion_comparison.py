@@ -111,7 +111,7 @@ def _explain_gaps(motion: Mapping[str, Any]) -> Iterator[Reason]:
 
 
 def _check_clocks(held_out: Mapping[str, Any]) -> Iterator[Reason]:
-    """Yield a caution if the clock offsets without each of the repetitions differ too much."""
+    """Yield a caution if the clock offsets of the fits without one of the repetitions differ too much."""
     offsets = np.asarray(held_out.get("clock_offset_s") or [], dtype=np.float64)
     apart = float(np.ptp(offsets)) if len(offsets) > 1 else 0.0
     if apart > _CLOCKS_APART:

@@ -80,11 +80,6 @@ class SegmentFit:
         return self._on_fit(self.prepared.filtered @ parameters)
 
     @property
-    def filter_measured(self) -> FloatArray:
-        """Filtered measured wrench (T, 3) without the plate's bias; NaN outside the fit."""
-        return filter_measured(self.prepared, self.found)
-
-    @property
     def facts(self) -> dict[str, Any]:
         """JSON facts about cut-offs, bodies and prior."""
         return {

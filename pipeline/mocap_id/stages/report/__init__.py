@@ -1,4 +1,4 @@
-"""report: verdict and numbers of a trial, for people and for other programs."""
+"""Settings and record of the stage report: verdict and numbers of a trial, for people and for other programs."""
 
 from __future__ import annotations
 
@@ -12,12 +12,10 @@ from mocap_id.store.schemas import SCHEMAS
 
 
 class ReportSettings(Settings):
-    """Figure files."""
+    """Settings of the files with figures."""
 
     figures: bool = Field(False, description="also write the figures as SVG and PDF, like `mocap-id figures`")
-    pdf_fonts: PdfFonts = Field(
-        "type-3", description="fonts in the PDF figures: type-3, or truetype, which some journals require"
-    )
+    pdf_fonts: PdfFonts = Field("type-3", description="fonts in the PDF figures; some journals require truetype")
 
 
 def _function(context: Context) -> Outputs:

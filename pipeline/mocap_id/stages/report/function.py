@@ -10,12 +10,9 @@ from mocap_id.verdict import Reason
 
 
 def report(context: Context) -> Outputs:
-    """Return the summary and the page, made from the existing artefacts, and figures if requested.
+    """Return the summary and the page of a trial, and its figures if the settings request them.
 
-    Parameters
-    ----------
-    context : Context
-        All artefacts of a trial; for a refused trial (``context.refused``) those that exist.
+    For a refused trial (``context.refused``), they are made from the existing artefacts.
     """
     from mocap_id.reporting.report import make_documents  # noqa: PLC0415  report_data needs no template
 
@@ -24,7 +21,7 @@ def report(context: Context) -> Outputs:
 
 
 def report_data(context: Context) -> ReportData:
-    """Return the data of the report."""
+    """Return the artefacts, settings and refusal from which the report is made."""
     refused = context.refused
     refusal = None
     if refused is not None:
@@ -35,19 +32,19 @@ def report_data(context: Context) -> ReportData:
         artefacts=context.inputs,
         refusal=refusal,
         seconds=context.seconds,
-        settings=_trial_settings(context.trial),
+        settings=_describe_trial(context.trial),
     )
 
 
-def _trial_settings(trial: TrialKeys) -> dict[str, str]:
-    """Return the trial's keys as texts, files without folders."""
+def _describe_trial(trial: TrialKeys) -> dict[str, str]:
+    """Return the keys of the trial as texts, with file names without folders."""
     forces = None if trial.recording is None else trial.recording.forces
     forces = forces.balance_board if isinstance(forces, BalanceBoard) else forces
     motion = trial.imus.values() if trial.recording is None else (trial.recording.motion,)
     files = [path.name for path in (*motion, forces) if path is not None]
     subject = trial.subject.model_dump(exclude_none=True)
     plates = trial.plates.model_dump(exclude_defaults=True)
-    shown = {
+    texts = {
         "recording": ", ".join(files),
         "protocol": trial.protocol,
         "space": "" if trial.space == "plane" else trial.space,
@@ -62,4 +59,4 @@ def _trial_settings(trial: TrialKeys) -> dict[str, str]:
         "compare": "" if trial.compare is None else trial.compare.angles.name,
         "encoder": "" if trial.encoder is None else trial.encoder.name,
     }
-    return {key: value for key, value in shown.items() if value}
+    return {key: value for key, value in texts.items() if value}
