@@ -9,8 +9,8 @@ N·m and s. Missing values are NaN.
 
 Many functions have these arguments. A docstring describes them only where they differ.
 
-prepared : PreparedTrial
-    A trial with regressor and filtered signals.
+prepared, trial : PreparedTrial, SpatialTrial
+    A trial in the plane or in space, with regressor and filtered signals.
 gate : (T,) bool array
     Samples in which the body touches only the ground.
 result : Fit or Identification
@@ -23,6 +23,10 @@ centres : (n, 2) array
     Centre of each joint in the frame of the segment before it.
 q, dq, ddq : (T, n) arrays
     Joint angles and their time derivatives.
+grid : PointGrid
+    Grid of point masses.
+error : KinematicError
+    Uncertainty of the geometry.
 """
 
 from mocap_id.dynamics.base_parameters import base_names, structural_base
