@@ -13,18 +13,9 @@ Level = Literal["ok", "caution", "refused"]
 class Reason:
     """One finding that the user of a trial should know.
 
-    Parameters
-    ----------
-    code : str
-        Short permanent name in kebab-case, such as ``segments-unsure``.
-    message : str
-        Text that says what was found, what was expected and what to do.
-    value : float, optional
-        The measured number.
-    limit : float, optional
-        The limit of this number.
-    level : {"ok", "caution", "refused"}
-        Effect on the verdict; ``ok`` is information only.
+    ``code`` is a short permanent name, such as ``segments-unsure``. ``message`` says what was found, what was expected
+    and what to do. ``value`` and ``limit`` are the measured number and its limit. A reason of the level ``ok`` is
+    information only and does not change the verdict.
     """
 
     code: str

@@ -28,10 +28,9 @@ def read_angles(path: Path, columns: Collection[str]) -> AngleTable:
     """Read the given columns of angles.
 
     The header of a MOT or STO file says whether its angles are in degrees (``inDegrees``). In a CSV file the name of
-    each column ends in ``_deg`` or ``_rad``, and the first column is ``time`` or ``time_s``, s.
-
-    Raises ConfigError if the file lacks a column. Raises RecordingError if the file is missing or not such a table, its
-    times do not increase, or a CSV column name has no unit.
+    each column ends in ``_deg`` or ``_rad``, and the first column is ``time`` or ``time_s``, s. Raises ConfigError if
+    the file lacks a column. Raises RecordingError if the file is missing or not such a table, its times do not
+    increase, or a CSV column name has no unit.
     """
     return _read_csv_angles(path, columns) if path.suffix.lower() == ".csv" else _read_motion_angles(path, columns)
 

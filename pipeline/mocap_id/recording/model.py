@@ -228,30 +228,16 @@ class Recording:
     ) -> Recording:
         """Return the recording of a data frame like that of :meth:`to_frame`.
 
-        Parameters
-        ----------
-        frame : DataFrame
-            A row for each frame, with its time in s as index; columns are pairs of marker and ``x``, ``y`` or ``z``.
-        plates, units, vertical
-            As for :meth:`from_arrays`.
-
-        Raises
-        ------
-        RecordingError, ConfigError
-            As for :meth:`from_arrays`; or the frames are not evenly spaced in time.
+        The frame has a row for each time (index, s); its columns are pairs of marker and ``x``, ``y`` or ``z``. Other
+        parameters and errors are those of :meth:`from_arrays`; RecordingError is also raised if the times are not
+        evenly spaced.
         """
         from mocap_id.recording.in_memory import from_frame  # noqa: PLC0415  it imports this module
 
         return from_frame(frame, plates, units=units, vertical=vertical)
 
     def to_frame(self) -> pd.DataFrame:
-        """Return the markers as a data frame.
-
-        Returns
-        -------
-        DataFrame
-            A row for each frame, with its time in s as index; columns are marker and axis (``x``, ``y``, ``z``), m.
-        """
+        """Return the markers as a data frame: a row for each time (index, s), columns of marker and axis, m."""
         from mocap_id.recording.in_memory import to_frame  # noqa: PLC0415  it imports this module
 
         return to_frame(self)
@@ -260,28 +246,17 @@ class Recording:
     def from_xarray(cls, dataset: xr.Dataset, *, units: str = "m", vertical: str = "Z") -> Recording:
         """Return the recording of a dataset like that of :meth:`to_xarray`; xarray itself is not needed.
 
-        Parameters
-        ----------
-        dataset : Dataset
-            ``position`` by time, marker and axis. Optionally, for each plate k, ``force_k`` and ``moment_k`` by
-            ``time_k`` and axis, ``ok_k`` by ``time_k``, and ``corners_k`` by corner and axis.
-        units, vertical
-            As for :meth:`from_arrays`; moments are in newtons times this unit.
-
-        Raises
-        ------
-        RecordingError, ConfigError
-            As for :meth:`from_arrays`; or a variable is missing, or times are not evenly spaced.
+        The dataset contains ``position`` by time, marker and axis. Optionally, it contains for each plate k ``force_k``
+        and ``moment_k`` by ``time_k`` and axis, ``ok_k`` by ``time_k``, and ``corners_k`` by corner and axis. Moments
+        are in newtons times ``units``. Other parameters and errors are those of :meth:`from_arrays`; RecordingError is
+        also raised if a variable is missing or times are not evenly spaced.
         """
         from mocap_id.recording.in_memory import from_dataset  # noqa: PLC0415  it imports this module
 
         return from_dataset(dataset, units=units, vertical=vertical)
 
     def to_xarray(self) -> xr.Dataset:
-        """Return markers and plates as a dataset of xarray, in SI units with z up.
-
-        Raises ConfigError if xarray is not installed.
-        """
+        """Return markers and plates as a dataset of xarray, in SI units with z up; ConfigError if xarray is missing."""
         from mocap_id.recording.in_memory import to_dataset  # noqa: PLC0415  it imports this module
 
         return to_dataset(self)

@@ -55,19 +55,13 @@ class _Rows:
 def read_skeleton(path: Path, *, units: str | None = None, vertical: str | None = None) -> SkeletonRecording:
     """Read the joint positions of a skeleton and interpolate them to times with a constant step.
 
-    Raises RecordingError if the file is missing or has another format, or its times do not increase. Raises ConfigError
-    if ``units`` or ``vertical`` is unknown.
+    The file is TRC; or CSV with ``time_s`` (or ``time``) and ``JOINT_x``, ``JOINT_y``, ``JOINT_z``, optionally
+    ``JOINT_state`` (2 tracked, 1 inferred, 0 missing), in m, in small or capital letters; or rows of 75 or 175 numbers.
+    These are the 25 joints of a Kinect v2, each as x y z or as x y z and a quaternion, in m at 30 Hz.
 
-    Parameters
-    ----------
-    path : Path
-        CSV with ``time_s`` (or ``time``) and ``JOINT_x``, ``JOINT_y``, ``JOINT_z``, optionally ``JOINT_state`` (2
-        tracked, 1 inferred, 0 missing), in m, in small or capital letters; TRC; or rows of 75 or 175 numbers: the 25
-        joints of a Kinect v2, each as x y z or as x y z and a quaternion, in m at 30 Hz.
-    units : str, optional
-        Length unit, if it is not the usual or declared unit.
-    vertical : str, optional
-        Axis of the file that points up; Y if omitted.
+    ``units`` replaces the usual or declared length unit; ``vertical`` is the axis of the file that points up, Y if
+    omitted. Raises RecordingError if the file is missing or has another format, or its times do not increase. Raises
+    ConfigError if ``units`` or ``vertical`` is unknown.
     """
     axis = "Y" if vertical is None else check_axis(vertical)
     oddities: list[str] = []

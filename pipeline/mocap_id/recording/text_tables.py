@@ -88,20 +88,13 @@ class TextTable:
         return self.numbers()[:, [self.names.index(name) for name in names]]
 
     def check_count(self, declared: int | None, values: FloatArray, *, ended: bool) -> list[str]:
-        """Compare the number of rows with the header; return a note if they differ and the last row is whole.
+        """Compare the number of rows with the number in the header; return a note if they differ and the last row is
+        whole.
 
         A file that was shortened by hand ends with a whole row. If the file ends within the last cell, this cell may
-        have lost digits and becomes NaN. Raises RecordingError if the numbers differ, and the last row is incomplete or
-        the declared number is impossible.
-
-        Parameters
-        ----------
-        declared : int or None
-            Number of rows in the header.
-        values : (K, C) array
-            Rows as numbers; changed in place.
-        ended : bool
-            Whether a line end follows the last row.
+        have lost digits and becomes NaN in ``values`` (K, C). ``ended`` says whether a line end follows the last row.
+        Raises RecordingError if the numbers differ and the last row is incomplete, or if the declared number is
+        impossible.
         """
         count = len(values)
         if declared == count or not count or (declared is None and ended):

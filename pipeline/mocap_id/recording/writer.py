@@ -38,20 +38,10 @@ def write_c3d(
 ) -> None:
     """Write markers and force plates as a C3D file (Intel, real, mm, N, N·mm, Z up).
 
-    The file is written under a temporary name and renamed when complete. Raises ValueError if labels, frames and plates
-    do not match.
-
-    Parameters
-    ----------
-    labels : sequence of str, length M
-    positions : (F, M, 3) array
-        Marker positions, lab axes with Z up, m; NaN becomes residual -1.
-    rate : float
-        Frames per second.
-    first_frame : int
-        Number of the first frame, from 1.
-    plates : sequence of PlateSignals
-        Plates of type 2 that cover every frame, all with the same rate, an integer multiple of the frame rate.
+    ``positions`` (F, M, 3) are in lab axes with Z up, m; NaN becomes residual -1. ``rate`` is in frames per second.
+    ``first_frame`` counts from 1. The plates are of type 2 and cover every frame, all with the same rate, an integer
+    multiple of the frame rate. The file is written under a temporary name and renamed when complete. Raises ValueError
+    if labels, frames and plates do not match.
     """
     frames, markers = positions.shape[:2]
     if len(labels) != markers or positions.shape != (frames, markers, 3) or not frames:
@@ -234,21 +224,8 @@ def format_trc(
 ) -> str:
     """Return markers as the text of a TRC file in mm; missing markers are blank.
 
-    Raises ValueError if labels, frames and positions do not fit together.
-
-    Parameters
-    ----------
-    name : str
-        File name for the first line.
-    labels : sequence of str, length M
-    positions : (F, M, 3) array
-        Marker positions, axes with Y up, m; NaN if missing.
-    time : (F,) array
-        Times, s.
-    frames : (F,) int array
-        Frame numbers.
-    rate : float
-        Frames per second.
+    ``name`` is the file name for the first line. ``positions`` (F, M, 3) have Y up, m; NaN if missing. ``time`` (F,) in
+    s, frame numbers (F,), ``rate`` in frames per second. Raises ValueError if the arrays do not fit together.
     """
     count, markers = positions.shape[:2]
     if len(labels) != markers or len(time) != count or len(frames) != count:
@@ -276,22 +253,11 @@ def _format_row(row: Sequence[float]) -> str:
 def format_motion_table(
     name: str, columns: Sequence[str], values: FloatArray, *, time: FloatArray, in_degrees: bool = False
 ) -> str:
-    """Return a table as the text of a MOT or STO file.
+    """Return values (T, C) at times (T,), s, as the text of a MOT or STO file.
 
-    Raises ValueError if columns, times and values do not fit together.
-
-    Parameters
-    ----------
-    name : str
-        Name of the table for the first line.
-    columns : sequence of str, length C
-        Names of all columns except time.
-    values : (T, C) array
-        Values; NaN is written as ``nan``, at which OpenSim's own programs stop reading.
-    time : (T,) array
-        Times, s.
-    in_degrees : bool
-        Value of ``inDegrees`` in the header; the values themselves are not converted.
+    ``name`` is the name of the table for the first line. NaN is written as ``nan``, at which OpenSim's own programs
+    stop reading. ``in_degrees`` is the value of ``inDegrees`` in the header; the values are not converted. Raises
+    ValueError if columns, times and values do not fit together.
     """
     if values.shape != (len(time), len(columns)):
         raise ValueError(f"values of shape {values.shape} do not fit {len(time)} times and {len(columns)} columns")
