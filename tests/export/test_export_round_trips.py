@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from mocap_id import recording
-from mocap_id.recording.angle_table import read_angles
+from mocap_id.recording.sensor_logs import read_angles
 from mocap_id.workflows.export.files import make_legal
 from mocap_id.workflows.export.forces import convert_planar_wrench
 from mocap_id.workflows.export.motions import find_known_rows

@@ -21,7 +21,7 @@ from mocap_id import recording
 from mocap_id.errors import RecordingError
 from mocap_id.recording.c3d_data import decode, read_calibration
 from mocap_id.recording.c3d_file import open_c3d
-from mocap_id.recording.c3d_layout import find_layout
+from mocap_id.recording.c3d_data import find_layout
 from mocap_id.recording.c3d_package import compare_with_package
 
 INTEL, DEC, MIPS = 84, 85, 86

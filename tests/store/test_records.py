@@ -14,7 +14,7 @@ import pytest
 
 from mocap_id.errors import StoreError
 from mocap_id.store import Folder, LongTable, Origin, Table, Tree, hash_bytes, parquet
-from mocap_id.store.hashing import HashedStream
+from mocap_id.store.atomic import HashedStream
 from mocap_id.store.schemas import CHAIN, PLANAR, SCHEMAS, SEGMENTS
 
 ORIGIN = Origin("segment", 3, {"segment": {"count": 4}}, {"planar.parquet": "ab" * 32}, "key-1", 1.25)

@@ -65,18 +65,14 @@ def read(file: Path) -> Source:
         mark = error.problem_mark or error.context_mark
         where = f"{file}, line {mark.line + 1}" if mark else str(file)
         problem = error.problem or error.context or ""
-        raise ConfigError(f"{where}: not valid YAML: {problem}{_advice(problem)}") from error
+        advice = next((f": {text}" for words, text in _ADVICE.items() if words in problem), "")
+        raise ConfigError(f"{where}: not valid YAML: {problem}{advice}") from error
     except (YAMLError, *_BROKEN) as error:
         raise ConfigError(f"{file}: not valid YAML: {first_line(error)}") from error
     if root is None:
         raise ConfigError(f"{file}: the file is empty, expected `trial:`, `recording:` and so on")
     reader = _Reader(file, yaml)
     return Source(file, reader.build(root, ()), {(): 1, **reader.lines})
-
-
-def _advice(problem: str) -> str:
-    """Return advice about the most common mistakes; empty for other mistakes."""
-    return next((f": {advice}" for words, advice in _ADVICE.items() if words in problem), "")
 
 
 def _read_text(file: Path) -> str:

@@ -11,9 +11,8 @@ import c3d
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.recording.c3d_data import read_calibration
+from mocap_id.recording.c3d_data import Layout, find_layout, read_calibration, read_frames
 from mocap_id.recording.c3d_file import C3DFile, open_c3d
-from mocap_id.recording.c3d_layout import Layout, find_layout, read_frames
 from mocap_id.recording.text_tables import open_recording
 
 _FRAMES = 100  # number of frames to compare: a wrong position or stride shows at once

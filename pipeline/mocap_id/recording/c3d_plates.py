@@ -8,9 +8,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.recording.c3d_data import read_calibration
+from mocap_id.recording.c3d_data import Layout, read_calibration
 from mocap_id.recording.c3d_file import C3DFile
-from mocap_id.recording.c3d_layout import Layout
 from mocap_id.recording.channel_units import ForceUnits, find_channel_scales
 from mocap_id.recording.plate_types import CHANNELS, PlateSignals, UnusablePlateError
 from mocap_id.recording.saturation import find_saturated

@@ -10,9 +10,8 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.recording.axes import axis_vector, nearest_axis, parse_axis, to_z_up
-from mocap_id.recording.c3d_data import decode
-from mocap_id.recording.c3d_file import C3DFile, open_c3d
-from mocap_id.recording.c3d_layout import Layout, describe_encoding, find_layout
+from mocap_id.recording.c3d_data import Layout, decode, find_layout
+from mocap_id.recording.c3d_file import PROCESSORS, C3DFile, open_c3d
 from mocap_id.recording.c3d_plates import StoredPlate, list_plate_channels, read_stored_plates
 from mocap_id.recording.lab_plates import place_plate
 from mocap_id.recording.labels import name_markers
@@ -49,7 +48,7 @@ def read_c3d(path: Path, stream: BinaryIO, options: ReadingOptions) -> Recording
     plates = tuple(place_plate(plate, rotation, start, layout.per_frame * layout.rate, oddities) for plate in stored)
     return Recording(
         files=(path,),
-        format=describe_encoding(file, layout),
+        format=f"C3D ({PROCESSORS[file.processor]}, {'real' if layout.real else 'integer'})",
         labels=naming.labels,
         positions=positions,
         frames=frames.astype(np.int64),

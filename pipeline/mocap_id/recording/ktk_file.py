@@ -18,9 +18,8 @@ from mocap_id.arrays import FloatArray, is_time_axis
 from mocap_id.errors import RecordingError
 from mocap_id.recording.channel_units import ForceUnits
 from mocap_id.recording.lab_plates import reverse_force_on_plate, rotate_plate
-from mocap_id.recording.marker_table import MarkerTable, ReadingOptions, assemble_recording
+from mocap_id.recording.marker_table import EvenClock, MarkerTable, ReadingOptions, assemble_recording, fit_even_clock
 from mocap_id.recording.model import Plate, Recording
-from mocap_id.recording.time_stamps import EvenClock, fit_even_clock
 from mocap_id.recording.units import find_force_scale, find_length_scale, find_moment_scale
 
 MAGIC = b"PK\x03\x04"

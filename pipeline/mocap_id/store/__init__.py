@@ -10,9 +10,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from mocap_id.store.artefact_set import ArtefactSet
+from mocap_id.store.atomic import hash_bytes, hash_file
 from mocap_id.store.columns import Column, TableSchema, TreeSchema
 from mocap_id.store.folder import Folder
-from mocap_id.store.hashing import hash_bytes, hash_file
 from mocap_id.store.provenance import Document, Origin, Provenance, dumps
 
 if TYPE_CHECKING:

@@ -1,18 +1,24 @@
-"""Atomic writing: files get temporary names in the same folder and are then renamed together."""
+"""Atomic writing: all files of a stage or none; and SHA-256 hashes of files."""
 
 from __future__ import annotations
 
 import contextlib
 import errno
+import hashlib
 import os
 import signal
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path, PurePosixPath
-from typing import BinaryIO, TypeAlias
+from typing import Any, BinaryIO, TypeAlias
 
+from mocap_id import plain_files
 from mocap_id.errors import StoreError
 
+_CHUNK = 1 << 20  # bytes read at a time
+
+
 _TEMPORARY = ".mocap-id.tmp"
+
 _ADVICE = {
     errno.ENOSPC: "the disk is full: make room and run again",
     errno.EDQUOT: "your disk quota is used up: make room and run again",
@@ -26,6 +32,53 @@ _ADVICE = {
     errno.ENAMETOOLONG: "the name is too long: choose another folder",
 }
 
+Content: TypeAlias = bytes | Callable[[BinaryIO], object]
+"""The bytes of a file, or a function that writes them to a stream."""
+
+
+def hash_bytes(content: bytes) -> str:
+    """Return the SHA-256 of some bytes, as hexadecimal digits."""
+    return hashlib.sha256(content).hexdigest()
+
+
+def hash_file(path: Path, *, links: bool = True) -> str:
+    """Return the SHA-256 of a file's bytes, as hexadecimal digits.
+
+    ``links`` says whether the path may be a symbolic link. Raises OSError if the file cannot be read, is not a regular
+    file, or changes while it is read (:mod:`mocap_id.plain_files`).
+    """
+    digest = hashlib.sha256()
+    with plain_files.open_file(path, links=links) as stream:
+        while chunk := stream.read(_CHUNK):
+            digest.update(chunk)
+    return digest.hexdigest()
+
+
+class HashedStream:
+    """A binary stream that hashes the bytes written to it; it cannot seek."""
+
+    closed = False
+
+    def __init__(self, stream: BinaryIO) -> None:
+        self._stream, self._digest = stream, hashlib.sha256()
+
+    def write(self, data: Any) -> int:
+        """Write a whole buffer, and return the number of bytes."""
+        self._digest.update(data)
+        return self._stream.write(data)
+
+    def tell(self) -> int:
+        """Return the number of bytes written so far."""
+        return self._stream.tell()
+
+    def flush(self) -> None:
+        """Flush the underlying stream."""
+        self._stream.flush()
+
+    def hash(self) -> str:
+        """Return the hash of the bytes written so far, as hexadecimal digits."""
+        return self._digest.hexdigest()
+
 
 @contextlib.contextmanager
 def converting_errors(path: Path) -> Iterator[None]:
@@ -35,10 +88,6 @@ def converting_errors(path: Path) -> Iterator[None]:
     except OSError as error:
         advice = _ADVICE.get(error.errno or 0, error.strerror or str(error))
         raise StoreError(f"{path} cannot be written: {advice}") from error
-
-
-Content: TypeAlias = bytes | Callable[[BinaryIO], object]
-"""The bytes of a file, or a function that writes them to a stream."""
 
 
 def replace_together(folder: Path, contents: Mapping[str, Content], void: str | None = None) -> None:

@@ -17,8 +17,8 @@ import pyarrow.parquet as pq
 from mocap_id.arrays import chunks
 from mocap_id.errors import first_line
 from mocap_id.store.artefacts import LongTable, Table, Values
+from mocap_id.store.atomic import HashedStream
 from mocap_id.store.columns import Column, TableSchema
-from mocap_id.store.hashing import HashedStream
 from mocap_id.store.provenance import PREFIX, Origin, Provenance
 
 _ROWS = 1 << 18  # written together

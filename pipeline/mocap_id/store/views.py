@@ -204,23 +204,18 @@ class IdentifiedDynamics:
     @classmethod
     def from_tree(cls, tree: Tree) -> IdentifiedDynamics:
         """Return the parameters of ``dynamics.h5``."""
-        names = tree.texts("base/name")
-        regrouping = tree.numbers("base/regrouping")
+        names, regrouping = tree.texts("base/name"), tree.numbers("base/regrouping")
+        vectors = ("value", "sd", "relative_sd", "excitation", "own_share", "prior_share")
         return cls(
             names=names,
-            value=tree.numbers("base/value"),
-            sd=tree.numbers("base/sd"),
             units=tree.texts("base/unit"),
             verdicts=tree.texts("base/verdict"),
-            relative_sd=tree.numbers("base/relative_sd"),
-            excitation=tree.numbers("base/excitation"),
-            own_share=tree.numbers("base/own_share"),
-            prior_share=tree.numbers("base/prior_share"),
             regrouping=regrouping.reshape(len(names), -1) if regrouping.size else np.zeros((len(names), 0)),
             reference=tree.numbers("full/reference"),
             grid_segment=tree.integers("grid/segment"),
             grid_position=tree.numbers("grid/position", (-1, 2)),
             grid_mass=tree.numbers("grid/mass"),
+            **{name: tree.numbers(f"base/{name}") for name in vectors},
         )
 
     @property

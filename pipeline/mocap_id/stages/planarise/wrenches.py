@@ -20,6 +20,12 @@ from mocap_id.stages.marker_names import find_markers
 from mocap_id.stages.trial_keys import ExternalForce
 from mocap_id.verdict import Reason
 
+_ZERO_UNKNOWN = Reason(
+    "seat-zero-unknown",
+    "the person never stands in these frames, so the reading of the empty chair's plate is not known. It was not "
+    "corrected, and the chair's weight counts as the person's. If the plate was zeroed with the chair on it, set "
+    "`planarise: {seat_zero: none}`",
+)
 COMPONENTS = ("Fx", "Fy", "tauz")
 """Components of a wrench in the plane."""
 
@@ -82,7 +88,7 @@ def measure_seat(
         *add_wrenches(thinned.samples, plates, used.frame), thinned.positions, thinned.rate, zero
     )
     if empty.reading is None:
-        reasons.append(_describe_unknown_zero())
+        reasons.append(_ZERO_UNKNOWN)
     else:
         wrench = wrench - empty.reading
     if used.base is not None:
@@ -181,15 +187,6 @@ def _describe_doubt(index: int, choice: PlateChoice, why: str) -> Reason:
     else:
         advice = "it looks like a chair's, but was added to the feet's; if a chair stands on it, name it under `seat:`"
     return Reason("plates-doubtful", f"plate {index + 1}, named under `{choice.uses[index]}:`, {why}: {advice}")
-
-
-def _describe_unknown_zero() -> Reason:
-    return Reason(
-        "seat-zero-unknown",
-        "the person never stands in these frames, so the reading of the empty chair's plate is unknown. It was not "
-        "corrected, and the chair's weight counts as the person's. If the plate was zeroed with the chair on "
-        "it, set `planarise: {seat_zero: none}`",
-    )
 
 
 def compute_ground_wrench(
