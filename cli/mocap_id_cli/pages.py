@@ -113,7 +113,7 @@ def _describe_presence(group: tuple[Column, ...]) -> str:
         return f"and, with {_OF_PROTOCOLS[group[0].name]}:"
     if "{k}" in group[0].name:
         return "and, for every force sensor k of `external:`:"
-    return "and, where the forces of a chair or of sensors were measured:"
+    return "and, if the forces of a chair or of sensors were measured:"
 
 
 def _read_head(file: Path, mark: str) -> str:

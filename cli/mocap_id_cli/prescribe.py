@@ -41,7 +41,7 @@ def prescribe(
 ) -> None:
     """Find springs that let a weak person hold most of a range.
 
-    The range is that of a joint or of a chain.
+    This applies to the range of a joint or of a chain.
     """
     log_to_stderr(quiet, verbose)
 

@@ -15,8 +15,16 @@ from typing import Annotated, Any, TypeAlias, cast, get_type_hints
 
 import typer
 
-from mocap_id import simulation
-from mocap_id.simulation import Cohort, Kind, Options, PersonOptions, RobotSet, Strategy
+from mocap_id.simulation import (
+    Cohort,
+    Options,
+    PersonOptions,
+    RobotSet,
+    Strategy,
+    simulate,
+    simulate_cohort,
+    simulate_robot_set,
+)
 from mocap_id.simulation.arm import (
     ArmOptions,
     ChainOptions,
@@ -56,16 +64,16 @@ def commands() -> typer.Typer:
     """Return the commands of ``mocap-id simulate``."""
     plane = [each.name for each in fields(Options) if each.name != "subject"]
     trials: tuple[tuple[str, Callable[..., Path], str, _AnyOptions], ...] = (
-        ("sit-to-stand", partial(_trial, "sit-to-stand"), "a person who stands up and sits down", Options()),
-        ("robot", partial(_trial, "robot"), "a robot that moves one joint in a vertical plane", Options()),
-        ("arm", _arm, "an arm that reaches or curls, in space", ArmOptions()),
-        ("chain", _chain, "a chain of bodies without names, in space", ChainOptions()),
-        ("robot-in-space", _space_robot, "a robot on a force plate that moves in space", SpaceRobotOptions()),
+        ("sit-to-stand", partial(simulate, "sit-to-stand"), "a person who stands up and sits down", Options()),
+        ("robot", partial(simulate, "robot"), "a robot that moves one joint in a vertical plane", Options()),
+        ("arm", write_arm, "an arm that reaches or curls, in space", ArmOptions()),
+        ("chain", write_chain, "a chain of bodies without names, in space", ChainOptions()),
+        ("robot-in-space", simulate_space_robot, "a robot on a force plate that moves in space", SpaceRobotOptions()),
     )
     made = {}
     for name, write, text, options in trials:
         names = plane if isinstance(options, Options) else [each.name for each in fields(options)]
-        made[name] = _make_command(write, f"Simulate {text}.\n\n{_TRIAL}", options, names)
+        made[name] = _make_command(_take_folder(write), f"Simulate {text}.\n\n{_TRIAL}", options, names)
     robot_set = (
         "Simulate the thesis's robot study.\n\nEach joint moves at two speeds in two orientations. FOLDER then "
         "contains the recordings, their exact truth and a robot-study.yaml."
@@ -81,16 +89,16 @@ def commands() -> typer.Typer:
 
 
 def _make_command(
-    simulate: Callable[..., Path], text: str, defaults: _AnyOptions, names: Sequence[str]
+    write: Callable[..., Path], text: str, defaults: _AnyOptions, names: Sequence[str]
 ) -> Callable[..., None]:
-    """Return a command with the parameters of ``simulate``; some fields of its ``options`` become parameters."""
+    """Return a command with the parameters of ``write``; some fields of its ``options`` become parameters."""
 
     def command(**values: Any) -> None:
         chosen = {name: values.pop(name) for name in names}
         chosen |= {name: parse(chosen[name]) for name, parse in _PARSERS.items() if name in chosen}
-        typer.echo(simulate(options=replace(defaults, **chosen), **values))
+        typer.echo(write(options=replace(defaults, **chosen), **values))
 
-    own = [each for each in inspect.signature(simulate, eval_str=True).parameters.values() if each.name != "options"]
+    own = [each for each in inspect.signature(write, eval_str=True).parameters.values() if each.name != "options"]
     signature = inspect.Signature([*own, *_make_parameters(defaults, names)])
     command.__signature__ = signature  # type: ignore[attr-defined]
     command.__annotations__ = {each.name: each.annotation for each in signature.parameters.values()}
@@ -109,20 +117,13 @@ def _make_parameters(defaults: _AnyOptions, names: Sequence[str]) -> Iterator[in
         yield inspect.Parameter(each.name, inspect.Parameter.KEYWORD_ONLY, default=option, annotation=kind)
 
 
-def _trial(kind: Kind, folder: _Folder, *, options: Options) -> Path:
-    return simulation.simulate(kind, folder, options)
+def _take_folder(write: Callable[[Path, Any], Path]) -> Callable[..., Path]:
+    """Return a function that simulates a trial, with the parameters of a command."""
 
+    def simulate_trial(folder: _Folder, *, options: _AnyOptions) -> Path:
+        return write(folder, options)
 
-def _arm(folder: _Folder, *, options: ArmOptions) -> Path:
-    return write_arm(folder, options)
-
-
-def _chain(folder: _Folder, *, options: ChainOptions) -> Path:
-    return write_chain(folder, options)
-
-
-def _space_robot(folder: _Folder, *, options: SpaceRobotOptions) -> Path:
-    return simulate_space_robot(folder, options)
+    return simulate_trial
 
 
 def _robot_set(
@@ -131,7 +132,7 @@ def _robot_set(
     repeats: Annotated[int, typer.Option(help="Trials of each joint, speed and orientation.")] = RobotSet.repeats,
     options: Options,
 ) -> Path:
-    return simulation.simulate_robot_set(folder, RobotSet(repeats, options=options))
+    return simulate_robot_set(folder, RobotSet(repeats, options=options))
 
 
 def _cohort(
@@ -145,7 +146,7 @@ def _cohort(
     options: Options,
 ) -> Path:
     names = tuple(cast(Strategy, name.strip()) for name in strategies.split(","))
-    return simulation.simulate_cohort(folder, Cohort(subjects, names, trials, options))
+    return simulate_cohort(folder, Cohort(subjects, names, trials, options))
 
 
 def _reach_cohort(

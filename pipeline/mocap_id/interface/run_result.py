@@ -31,6 +31,16 @@ class Verdict:
     notes: tuple[Reason, ...]  # other findings
 
 
+def _make_table(file: str, text: str) -> cached_property[pd.DataFrame]:
+    """Return a property of a run that reads a table when it is first used; ``text`` is its docstring."""
+
+    def read(run: Run) -> pd.DataFrame:
+        return run._read_frame(file)
+
+    read.__doc__ = text
+    return cached_property(read)
+
+
 class Run:
     """The results of a trial.
 
@@ -122,60 +132,23 @@ class Run:
         """Whether the trial was refused, because the method is not applicable."""
         return self.verdict.level == "refused"
 
-    @cached_property
-    def planar(self) -> pd.DataFrame:
-        """Measured markers, in the plane of the motion, or for a trial in space in the axes of the lab."""
-        return self._read_frame("planar.parquet")
-
-    @cached_property
-    def wrench(self) -> pd.DataFrame:
-        """Wrenches of the ground and of other contacts."""
-        return self._read_frame("wrench.parquet")
-
-    @cached_property
-    def segments(self) -> pd.DataFrame:
-        """Segment of each marker."""
-        return self._read_frame("segments.parquet")
-
-    @cached_property
-    def states(self) -> pd.DataFrame:
-        """Joint angles with their derivatives and standard deviations."""
-        return self._read_frame("states.parquet")
-
-    @cached_property
-    def poses(self) -> pd.DataFrame:
-        """Measured poses of the bodies."""
-        return self._read_frame("poses.parquet")
-
-    @cached_property
-    def angles(self) -> pd.DataFrame:
-        """Anatomical angles of a trial in space; StoreError in the plane, where the angles are in ``states``."""
-        return self._read_frame("angles.parquet")
-
-    @cached_property
-    def markers(self) -> pd.DataFrame:
-        """Markers predicted from the states."""
-        return self._read_frame("markers.parquet")
-
-    @cached_property
-    def events(self) -> pd.DataFrame:
-        """Repetitions, with the times of their events."""
-        return self._read_frame("events.parquet")
-
-    @cached_property
-    def phases(self) -> pd.DataFrame:
-        """Averages over the repetitions."""
-        return self._read_frame("phases.parquet")
-
-    @cached_property
-    def encoder(self) -> pd.DataFrame:
-        """Angles from the encoder of a robot's joint."""
-        return self._read_frame("encoder.parquet")
-
-    @cached_property
-    def dynamics(self) -> pd.DataFrame:
-        """Joint torques, and measured and modelled wrenches of the ground."""
-        return self._read_frame("dynamics.parquet")
+    planar = _make_table(
+        "planar.parquet",
+        "Measured markers, in the plane of the motion, or for a trial in space in the axes of the lab.",
+    )
+    wrench = _make_table("wrench.parquet", "Wrenches of the ground and of other contacts.")
+    segments = _make_table("segments.parquet", "Segment of each marker.")
+    states = _make_table("states.parquet", "Joint angles with their derivatives and standard deviations.")
+    poses = _make_table("poses.parquet", "Measured poses of the bodies.")
+    angles = _make_table(
+        "angles.parquet",
+        "Anatomical angles of a trial in space; StoreError in the plane, where the angles are in ``states``.",
+    )
+    markers = _make_table("markers.parquet", "Markers predicted from the states.")
+    events = _make_table("events.parquet", "Repetitions, with the times of their events.")
+    phases = _make_table("phases.parquet", "Averages over the repetitions.")
+    encoder = _make_table("encoder.parquet", "Angles from the encoder of a robot's joint.")
+    dynamics = _make_table("dynamics.parquet", "Joint torques, and measured and modelled wrenches of the ground.")
 
     @cached_property
     def parameters(self) -> pd.DataFrame:
@@ -212,7 +185,7 @@ class Run:
         return export(self.folder, formats, None if out is None else Path(out), force=force).files
 
     def _read_frame(self, file: str) -> pd.DataFrame:
-        """Return an artefact as a data frame with its units."""
+        """Return an artefact, such as ``states.parquet``, as a data frame with its units."""
         from mocap_id.store import LongTable, Table  # noqa: PLC0415  a run that is only printed reads no table
         from mocap_id.store.parquet import expand_columns  # noqa: PLC0415
 

@@ -38,9 +38,10 @@ def run(
         A trial's YAML file, or a recording: a C3D or TRC file, a text export, or arrays in memory. The results of a
         recording are in ``runs/<trial>`` of the working folder; ``trial.yaml`` there contains the used settings.
     forces : path, optional
-        MOT file with the ground forces of a TRC file; by default the one beside it with the same name.
+        MOT file with the ground forces of a TRC file; by default the MOT file of the same name beside it.
     save : path, optional
-        YAML file to write, instead of the one in the run folder; the results are then in ``runs/<trial>`` beside it.
+        YAML file to write, instead of ``trial.yaml`` in the run folder; the results are then in
+        ``runs/<trial>`` beside it.
     progress : callable, optional
         Called with each step of the run.
     **settings

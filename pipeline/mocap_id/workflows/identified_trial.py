@@ -90,20 +90,15 @@ class IdentifiedTrial:
 def open_identified_trial(path: Path, progress: runner.Progress = lambda step: None) -> IdentifiedTrial:
     """Open a trial with its dynamics.
 
-    Parameters
-    ----------
-    path : Path
-        The trial's YAML file: missing or outdated results are computed first, up to `identify-dim`. Or its run folder,
-        which is read unchanged.
-    progress : callable, optional
-        Called with each step of a run.
+    ``path`` and ``progress`` are as for :func:`mocap_id.workflows.run_folder.open_run`; only results up to
+    `identify-dim` are computed.
 
     Raises
     ------
     Refused
         The trial was refused.
     StoreError
-        The folder lacks an artefact, or holds artefacts of different runs.
+        The folder lacks an artefact, or contains artefacts of different runs.
     ConfigError, RecordingError, NumericalError
         As for :func:`mocap_id.runner.run`.
     """

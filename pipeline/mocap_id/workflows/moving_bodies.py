@@ -47,7 +47,7 @@ def read_measured_bodies(
     Parameters
     ----------
     poses : Table
-        poses.parquet.
+        Content of poses.parquet.
     centres : (n, 2) array
         Joint centres in the previous segment, m.
     used : sequence of int
@@ -55,7 +55,7 @@ def read_measured_bodies(
     bands : (x, y, angle)
         Cut-off frequencies, Hz.
     gravity : float
-        m/s².
+        Gravity, m/s².
     """
     ready = pin_joints(bridge_gaps(read_bodies(poses, centres, used)))
     return MovingBodies(_skeleton(ready), filter_motion(ready.poses, bands), gravity)

@@ -60,14 +60,8 @@ def find_payload(
 ) -> FoundPayload:
     """Identify the parameters of a payload from two trials with the same chain.
 
-    Parameters
-    ----------
-    loaded, empty : Path
-        YAML files or run folders of the trials with and without the payload.
-    segment : str, optional
-        Name of the segment that carries the payload; by default the last segment.
-    progress : callable, optional
-        Called with each step of a run.
+    ``loaded`` is the trial with the payload, ``empty`` the trial without it. ``segment`` carries the payload, by
+    default the last segment. Paths and ``progress`` are as for :func:`mocap_id.workflows.run_folder.open_run`.
 
     Raises
     ------

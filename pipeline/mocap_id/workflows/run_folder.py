@@ -38,13 +38,7 @@ class RunFolder(ArtefactSet):
 
     @cached_property
     def summary(self) -> Mapping[str, Any]:
-        """Content of summary.json; empty if there is no such file.
-
-        Raises
-        ------
-        StoreError
-            The file is not JSON.
-        """
+        """Content of summary.json; empty if there is no such file. StoreError if the file cannot be read."""
         file = self.path / SUMMARY
         try:
             summary: Mapping[str, Any] = json.loads(file.read_text("utf-8"))
@@ -78,12 +72,8 @@ class RunFolder(ArtefactSet):
 def open_run(path: Path, progress: runner.Progress = lambda step: None) -> RunFolder:
     """Open a run and read all its artefacts.
 
-    Parameters
-    ----------
-    path : Path
-        A trial's YAML file: missing or outdated results are computed first. Or a run folder, which is read unchanged.
-    progress : callable, optional
-        Called with each step of a run.
+    ``path`` is a trial's YAML file, whose missing or outdated results are computed first, or a run folder, which is
+    read unchanged. ``progress`` is called with each step of a run.
 
     Raises
     ------
@@ -161,23 +151,9 @@ def _report_mismatch(folder: Folder, file: str, needed: str) -> StoreError:
 
 
 def open_run_to(path: Path, stage: str, progress: runner.Progress = lambda step: None) -> tuple[Folder, Trial | None]:
-    """Open the run folder of a trial whose results are computed up to one stage.
+    """Open the run folder of a trial whose results are computed up to one stage; with the trial if it has a YAML file.
 
-    Parameters
-    ----------
-    path : Path
-        As for :func:`open_run`.
-    stage : str
-        The last stage that has to run.
-    progress : callable, optional
-        Called with each step of a run.
-
-    Returns
-    -------
-    folder : Folder
-        The run folder.
-    trial : Trial or None
-        The configuration in the YAML file; None if ``path`` is a run folder.
+    ``path`` and ``progress`` are as for :func:`open_run`, ``stage`` is the last stage that has to run.
 
     Raises
     ------

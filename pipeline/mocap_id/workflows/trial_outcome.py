@@ -10,11 +10,12 @@ from typing import TYPE_CHECKING, Any
 from mocap_id.errors import Refused
 from mocap_id.reporting.contents import SUMMARY_FILE
 from mocap_id.reporting.numbers import to_number
+from mocap_id.reporting.results.columns import ResultColumn, count, number
 from mocap_id.reporting.summary_schema import ReasonEntry
 from mocap_id.workflows.parallel import NOT_RUN, TrialRun
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
     from pathlib import Path
 
     from mocap_id.reporting.results.study_page import TrialEntry
@@ -70,5 +71,35 @@ def read_summary(folder: Path, run: TrialRun) -> Mapping[str, Any] | None:
 
 def number_or_nan(value: object) -> float:
     """Return a fact as a number; NaN if it is missing or not finite."""
-    number = to_number(value)
-    return math.nan if number is None else number
+    known = to_number(value)
+    return math.nan if known is None else known
+
+
+def read_entry(*keys: str) -> Callable[[TrialOutcome], Any]:
+    """Return a function that reads an entry of a trial's summary, for a column of a table."""
+    return lambda trial: trial.value(*keys)
+
+
+SUMMARY_COLUMNS: Mapping[str, ResultColumn] = {
+    column.name: column
+    for column in (
+        count("segments", "number of segments with the base", read_entry("segments", "count")),
+        number("confidence", "1", "probability that the segments are right", read_entry("segments", "confidence")),
+        number("missing_fraction", "1", "share of missing marker samples", read_entry("markers", "missing_fraction")),
+        number(
+            "reprojection",
+            "m",
+            "rms distance between measured and predicted markers",
+            lambda trial: trial.metres("markers", "reprojection_rms_mm"),
+        ),
+        number("mass", "kg", "mass that the plates measure while the person stands", read_entry("dynamics", "mass_kg")),
+        number(
+            "condition_number",
+            "1",
+            "condition number of the regressor over the samples of the fit",
+            read_entry("dynamics", "condition_number"),
+        ),
+        number("clock_offset", "s", "clock offset, plates after cameras", read_entry("dynamics", "clock_offset_s")),
+    )
+}
+"""Columns by name that the tables of batches and studies share."""

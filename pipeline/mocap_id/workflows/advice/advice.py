@@ -57,16 +57,9 @@ class Advice:
 
 
 def advise(path: Path, options: AdviceOptions | None = None, progress: runner.Progress = lambda step: None) -> Advice:
-    """Find the movement that improves the parameters most.
+    """Find the movement that reduces the standard deviations of the parameters most.
 
-    Parameters
-    ----------
-    path : Path
-        YAML file or run folder of the trial.
-    options : AdviceOptions, optional
-        Objective and limits of the movement.
-    progress : callable, optional
-        Called with every stage that runs.
+    ``path`` and ``progress`` are as for :func:`mocap_id.workflows.run_folder.open_run`.
 
     Raises
     ------

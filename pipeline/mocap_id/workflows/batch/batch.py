@@ -16,7 +16,7 @@ from mocap_id.store import TableSchema
 from mocap_id.store.atomic import converting_errors, write_files
 from mocap_id.workflows.batch.named_trials import UnreadableFile, find_trials
 from mocap_id.workflows.parallel import Backend, DaskBackend, LocalBackend, OnError, TrialRun, run_trials
-from mocap_id.workflows.trial_outcome import TrialOutcome, read_summary
+from mocap_id.workflows.trial_outcome import SUMMARY_COLUMNS, TrialOutcome, read_entry, read_summary
 
 _log = logging.getLogger(__name__)
 
@@ -43,11 +43,6 @@ class BatchTrial(TrialOutcome):
             return str(path)
 
 
-def _summary(*keys: str) -> Callable[[BatchTrial], Any]:
-    """Return a function that reads an entry of a trial's summary.json."""
-    return lambda trial: trial.value(*keys)
-
-
 BATCH = TableSchema(
     "batch.parquet",
     1,
@@ -65,25 +60,10 @@ BATCH = TableSchema(
         ),
         Column("computed", "bool", "", "whether any stage had to be computed", lambda one: one.run.computed),
         number("seconds", "s", "time that the trial took in this batch", lambda one: one.run.seconds),
-        count("segments", "number of segments with the base", _summary("segments", "count")),
-        number("confidence", "1", "probability that the segments are right", _summary("segments", "confidence")),
-        number("missing_fraction", "1", "share of missing marker samples", _summary("markers", "missing_fraction")),
-        number(
-            "reprojection",
-            "m",
-            "rms distance between measured and predicted markers",
-            lambda one: one.metres("markers", "reprojection_rms_mm"),
-        ),
-        number("marker_sd", "m", "standard deviation of a marker coordinate", _summary("noise", "marker_sd_m")),
-        number("mass", "kg", "mass that the plates measure at rest", _summary("dynamics", "mass_kg")),
-        number(
-            "condition_number",
-            "1",
-            "condition number of the regressor over the samples of the fit",
-            _summary("dynamics", "condition_number"),
-        ),
-        number("clock_offset", "s", "clock offset, plates after cameras", _summary("dynamics", "clock_offset_s")),
-        number("cop_rms", "m", "modelled minus measured centre of pressure, rms", _summary("dynamics", "cop_rms_m")),
+        *(SUMMARY_COLUMNS[name] for name in ("segments", "confidence", "missing_fraction", "reprojection")),
+        number("marker_sd", "m", "standard deviation of a marker coordinate", read_entry("noise", "marker_sd_m")),
+        *(SUMMARY_COLUMNS[name] for name in ("mass", "condition_number", "clock_offset")),
+        number("cop_rms", "m", "modelled minus measured centre of pressure, rms", read_entry("dynamics", "cop_rms_m")),
         count("repetitions", "number of repetitions found", lambda one: one.repetitions),
     ),
 )

@@ -34,14 +34,7 @@ class Comparison:
 
 
 def compare(a: Path, b: Path, progress: runner.Progress = lambda step: None) -> Comparison:
-    """Compare two runs.
-
-    Parameters
-    ----------
-    a, b : Path
-        Each as for :func:`mocap_id.workflows.run_folder.open_run`.
-    progress : callable, optional
-        Called with each step of a run.
+    """Compare two runs; paths and ``progress`` are as for :func:`mocap_id.workflows.run_folder.open_run`.
 
     Raises
     ------

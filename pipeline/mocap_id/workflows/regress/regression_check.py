@@ -58,14 +58,7 @@ def regress(
 ) -> Regression:
     """Recompute trials in temporary folders and compare them with a baseline.
 
-    Parameters
-    ----------
-    named : sequence of str
-        As for :func:`mocap_id.workflows.batch.find_trials`.
-    baseline : Baseline
-    backend : Backend
-    tell : callable, optional
-        Called with each finished trial.
+    ``named`` is as for :func:`mocap_id.workflows.batch.find_trials`; ``tell`` is called with each finished trial.
 
     Raises
     ------

@@ -90,12 +90,7 @@ def repeated_stages() -> tuple[Stage, ...]:
 def locate_trial(path: Path, progress: runner.Progress = lambda step: None) -> TrialSource:
     """Return the run folder and settings of a trial; for a YAML file, missing artefacts are computed first.
 
-    Parameters
-    ----------
-    path : Path
-        The trial's YAML file, or its run folder, in which nothing is computed.
-    progress : callable, optional
-        Called with every stage of a YAML file.
+    ``path`` and ``progress`` are as for :func:`mocap_id.workflows.run_folder.open_run`.
 
     Raises
     ------

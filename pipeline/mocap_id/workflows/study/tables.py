@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
 
 from mocap_id.reporting.results.columns import ResultColumn as Column
 from mocap_id.reporting.results.columns import ResultTable, count, number, text, whole
@@ -14,6 +13,7 @@ from mocap_id.workflows.study.study_outcome import TRIAL_COLUMNS, VERDICT_COLUMN
 from mocap_id.workflows.study.trial_results import SEGMENTS, TrialResult
 from mocap_id.workflows.study.variation_table import parameter_rows, variation_rows
 from mocap_id.workflows.transfer import SERIES
+from mocap_id.workflows.trial_outcome import SUMMARY_COLUMNS, read_entry
 
 _SUBJECT = text("subject", "id of the person; `cohort` = all people")
 _STRATEGY = text("strategy", "strategy of the movement", lambda trial: trial.strategy)
@@ -30,8 +30,6 @@ _PARAMETER = (
 )
 _PARTS = {"mean": "mean", "sd": "standard deviation", "rms": "root mean square"}
 _LENGTH_ERROR = "minus reference, relative to the reference"
-_CONDITION = "condition number of the regressor over the samples of the fit"
-_REPROJECTION = "rms distance between measured and predicted markers"
 
 
 def _errors(name: str, unit: str, meaning: str, parts: Sequence[str] = ("mean", "sd", "rms")) -> list[Column]:
@@ -42,11 +40,6 @@ def _mean_sd(name: str, unit: str, meaning: str) -> list[Column]:
     return _errors(name, unit, meaning, ("mean", "sd"))
 
 
-def _summary(*keys: str) -> Callable[[TrialResult], Any]:
-    """Return a function that reads an entry of a trial's summary.json."""
-    return lambda trial: trial.value(*keys)
-
-
 def _count_repetitions(trial: TrialResult, *, complete: bool = False) -> int | None:
     repetitions = trial.value("repetitions")
     return None if repetitions is None else sum(bool(one["complete"]) or not complete for one in repetitions)
@@ -55,7 +48,7 @@ def _count_repetitions(trial: TrialResult, *, complete: bool = False) -> int | N
 def _segment_columns(segment: str, ends: str) -> tuple[Column, ...]:
     return (
         number(segment, "m", f"length of the {segment}, {ends}", lambda trial: trial.length(segment)),
-        number(f"{segment}_sd", "m", "its standard deviation", _summary("lengths_m", segment, "sd")),
+        number(f"{segment}_sd", "m", "its standard deviation", read_entry("lengths_m", segment, "sd")),
     )
 
 
@@ -86,29 +79,27 @@ TRIALS = TableSchema(
         *TRIAL_COLUMNS,
         _STRATEGY,
         *VERDICT_COLUMNS,
-        count("segments", "number of segments with the base", _summary("segments", "count")),
-        number("confidence", "1", "probability that the segments are right", _summary("segments", "confidence")),
+        *(SUMMARY_COLUMNS[name] for name in ("segments", "confidence")),
         *_segment_columns("shank", "knee to ankle"),
         *_segment_columns("thigh", "hip to knee"),
         _REFERENCE,
         *map(_length_reference, SEGMENTS),
         *map(_length_error, SEGMENTS),
-        number("reprojection", "m", _REPROJECTION, lambda trial: trial.metres("markers", "reprojection_rms_mm")),
-        number("missing_fraction", "1", "share of missing marker samples", _summary("markers", "missing_fraction")),
-        number("mass", "kg", "mass that the plates measure while the person stands", _summary("dynamics", "mass_kg")),
-        count("samples", "number of samples of the fit", _summary("dynamics", "samples")),
-        number("condition_number", "1", _CONDITION, _summary("dynamics", "condition_number")),
-        number("clock_offset", "s", "clock offset, plates after cameras", _summary("dynamics", "clock_offset_s")),
+        *(SUMMARY_COLUMNS[name] for name in ("reprojection", "missing_fraction", "mass")),
+        count("samples", "number of samples of the fit", read_entry("dynamics", "samples")),
+        *(SUMMARY_COLUMNS[name] for name in ("condition_number", "clock_offset")),
         count("repetitions", "number of repetitions found", _count_repetitions),
         count(
             "complete", "number of repetitions with all their events", lambda t: _count_repetitions(t, complete=True)
         ),
-        number("five_times", "s", f"{_FIVE_TIMES} stand", _summary("five_times", "to_fifth_stand_s")),
+        number("five_times", "s", f"{_FIVE_TIMES} stand", read_entry("five_times", "to_fifth_stand_s")),
         number(
-            "five_times_seated", "s", f"{_FIVE_TIMES} seat contact", _summary("five_times", "to_fifth_seat_contact_s")
+            "five_times_seated", "s", f"{_FIVE_TIMES} seat contact", read_entry("five_times", "to_fifth_seat_contact_s")
         ),
-        number("cycle", "s", "mean time from stand to stand", _summary("five_times", "mean_cycle_s")),
-        count("failed_attempts", "number of failed rises within this time", _summary("five_times", "failed_attempts")),
+        number("cycle", "s", "mean time from stand to stand", read_entry("five_times", "mean_cycle_s")),
+        count(
+            "failed_attempts", "number of failed rises within this time", read_entry("five_times", "failed_attempts")
+        ),
         *_model_errors("own", "own model minus measurement over the samples of the fit"),
         *_model_errors("held_out", "own model on left-out repetitions minus measurement"),
         *_model_errors("reference", "allometric body minus measurement, same samples"),
@@ -144,8 +135,8 @@ TABLES: Mapping[str, TableSchema] = {
             _TRIALS,
             *_mean_sd("shank_error", "%", f"shank {_LENGTH_ERROR}"),
             *_mean_sd("thigh_error", "%", f"thigh {_LENGTH_ERROR}"),
-            *_mean_sd("reprojection", "m", _REPROJECTION),
-            *_mean_sd("condition_number", "1", _CONDITION),
+            *_mean_sd("reprojection", "m", SUMMARY_COLUMNS["reprojection"].meaning),
+            *_mean_sd("condition_number", "1", SUMMARY_COLUMNS["condition_number"].meaning),
         ),
     ),
     "models": TableSchema(

@@ -100,16 +100,9 @@ class Transfer:
 
 
 def transfer(model: Path, trials: Sequence[Path], progress: runner.Progress = lambda step: None) -> Transfer:
-    """Apply the model of one trial to others.
+    """Apply the model of one trial to the other trials, which are predicted.
 
-    Parameters
-    ----------
-    model : Path
-        YAML file or run folder of the trial whose body is transferred.
-    trials : sequence of Path
-        YAML files or run folders of the trials to predict.
-    progress : callable, optional
-        Called with every stage that runs.
+    Paths and ``progress`` are as for :func:`mocap_id.workflows.run_folder.open_run`.
 
     Raises
     ------

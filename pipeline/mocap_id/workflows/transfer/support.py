@@ -60,7 +60,7 @@ class Support:
     apart: Mapping[str, float]
     # standard deviation of the transferred body's prediction from the covariance of its parameters, rms
     sd: Mapping[str, float]
-    # error on left-out repetitions of the model's own trial over that of the allometric body; NaN if unknown
+    # error on left-out repetitions of the model's own trial, divided by the error of the allometric body; or NaN
     at_home: Mapping[str, float]
 
 
