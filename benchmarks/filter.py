@@ -19,9 +19,8 @@ from harness import command_line, markdown, publish
 
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.estimation import compiled_filter, reference, smooth
-from mocap_id.estimation.filter_problem import FilterProblem, Track
+from mocap_id.estimation.filter_problem import FilterProblem, SigmaPoints, Track
 from mocap_id.estimation.inverse_kinematics import MarkerChain, find_frame_angles
-from mocap_id.estimation.sigma_points import SigmaPoints
 from mocap_id.geometry.planar import marker_positions
 
 RATE, NOISE = 480.0, 1e-3

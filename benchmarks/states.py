@@ -20,10 +20,9 @@ from scipy.optimize import minimize_scalar
 
 from mocap_id.arrays import FloatArray
 from mocap_id.estimation import FilterSettings, compiled_filter, smooth
-from mocap_id.estimation.filter_problem import FilterProblem
+from mocap_id.estimation.filter_problem import FilterProblem, SigmaPoints
 from mocap_id.estimation.inverse_kinematics import MarkerChain, find_frame_angles
 from mocap_id.estimation.noise import estimate_marker_noise
-from mocap_id.estimation.sigma_points import SigmaPoints
 from mocap_id.kinematics import fit_chain, frames_along_motion, orient_frames
 from mocap_id.simulation import Options, generate
 

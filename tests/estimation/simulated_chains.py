@@ -8,9 +8,8 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.estimation import FilterSettings, States, smooth
-from mocap_id.estimation.filter_problem import FilterProblem
+from mocap_id.estimation.filter_problem import FilterProblem, SigmaPoints
 from mocap_id.estimation.inverse_kinematics import MarkerChain, find_frame_angles
-from mocap_id.estimation.sigma_points import SigmaPoints
 from mocap_id.geometry.planar import marker_positions
 from mocap_id.store import LongTable
 from mocap_id.store.schemas import PLANAR

@@ -17,11 +17,10 @@ from mocap_id.errors import NumericalError
 from mocap_id.estimation import compiled_filter
 from mocap_id.estimation.dead_reckoning import SWITCHED_ON, DeadReckoning, KnownChain, Reckoning
 from mocap_id.estimation.filter_kernels import Inertial
-from mocap_id.estimation.filter_problem import Anchors, FilterProblem
+from mocap_id.estimation.filter_problem import Anchors, FilterProblem, SigmaPoints
 from mocap_id.estimation.inertial import SensorSignals, calibrate_all
 from mocap_id.estimation.inertial.signals import GRAVITY
 from mocap_id.estimation.inertial_smoothing import SHARES, calibrate_worn_sensor, compute_segment_motions
-from mocap_id.estimation.sigma_points import SigmaPoints
 from mocap_id.estimation.smoothing import States
 
 _GATE = 8.0  # largest innovation in the filter, in standard deviations

@@ -18,10 +18,9 @@ from mocap_id.estimation.alternative_estimators import Estimate
 from mocap_id.estimation.backfill import backfill
 from mocap_id.estimation.dropouts import compensate_dropouts
 from mocap_id.estimation.filter_kernels import Inertial
-from mocap_id.estimation.filter_problem import FilterProblem
+from mocap_id.estimation.filter_problem import FilterProblem, SigmaPoints
 from mocap_id.estimation.inverse_kinematics import MarkerChain, find_determined_angles, find_frame_angles
 from mocap_id.estimation.noise import FilterNoise, estimate_marker_noise, estimate_process_noise
-from mocap_id.estimation.sigma_points import SigmaPoints
 from mocap_id.geometry.planar import marker_positions
 
 Method = Literal["rts", "two-filter", "butterworth", "spline"]
