@@ -62,8 +62,7 @@ class JointAngles:
     acceleration: FloatArray  # (F, k) rad/s²
     sd: AngleDeviations  # uncertainty of changes of the angles, of rates and of accelerations, from motion and frames
     constant_sd: FloatArray  # (k,) uncertainty of the mean angles from the frames, rad
-    # (F,) amplification of errors: 1/|sin elevation| (shoulder), 1/|cos carrying| (elbow), else 1
-    condition: FloatArray
+    condition: FloatArray  # (F,) amplification of errors: 1/|sin elevation|, 1/|cos carrying|, else 1
     near_gimbal: BoolArray  # (F,) samples within 15° of the pose in which two angles are not defined separately
 
 
@@ -72,14 +71,8 @@ def shoulder_angles(motion: RelativeMotion, frames: FloatArray | None = None) ->
 
     The elevation is never negative. Near 0 only plane + axial is defined, near π only plane - axial; this sum or
     difference is continuous. When the arm passes through such a pole, the plane may jump by up to π, and the axial
-    rotation jumps by the opposite amount. The first sample away from the poles lies in (-π, π].
-
-    Parameters
-    ----------
-    motion : RelativeMotion
-        Motion of the upper arm's frame relative to the thorax.
-    frames : (6, 6) array, optional
-        Covariance of the errors of both frames (:func:`~mocap_id.anatomy.frames.frame_covariance`), rad².
+    rotation jumps by the opposite amount. The first sample away from the poles lies in (-π, π]. ``frames`` (6, 6) is
+    the covariance of the errors of both segment frames, rad² (:func:`~mocap_id.anatomy.frames.frame_covariance`).
     """
     r = motion.rotation
     elevation = np.arctan2(np.hypot(r[:, 0, 1], r[:, 2, 1]), r[:, 1, 1])
@@ -107,17 +100,7 @@ def wrist_angles(motion: RelativeMotion, frames: FloatArray | None = None) -> Jo
 
 
 def joint_coordinates(motion: RelativeMotion, joint: SpatialJoint, names: tuple[str, ...]) -> JointAngles:
-    """Return a joint's own coordinates, rad: angle of a hinge, two angles, or rotation vector of a ball.
-
-    Parameters
-    ----------
-    motion : RelativeMotion
-        Motion of the child relative to the parent.
-    joint : SpatialJoint
-        Kind and axes of the joint.
-    names : tuple of str
-        Name of each coordinate.
-    """
+    """Return a joint's own coordinates, rad: angle of a hinge, two angles, or rotation vector of a ball."""
     r, one = motion.rotation, np.ones(len(motion.rotation))
     if joint.kind == "ball":
         vector = _unwrap_rotation_vectors(so3.log(r))

@@ -64,15 +64,8 @@ def axes_of_rotations(turns: FloatArray, q: FloatArray, offsets: FloatArray | No
     """Return B of successive rotations, ``R = exp(a_1 q_1) O_1 exp(a_2 q_2) O_2 … exp(a_d q_d)``.
 
     Later coordinates rotate an axis in the child's frame: db_i/dq_k = b_i × b_k for k > i, and zero otherwise.
-
-    Parameters
-    ----------
-    turns : (d, 3) array
-        Unit axes a_i.
-    q : (F, d) array
-        Coordinates, rad.
-    offsets : (d - 1, 3, 3) array, optional
-        Constant rotations O_i between the axes; identity by default.
+    ``turns`` (d, 3) are the unit axes a_i, q (F, d) the coordinates, rad, and ``offsets`` (d - 1, 3, 3) the constant
+    rotations O_i (identity by default).
     """
     count, dimension = q.shape
     axes, later = np.empty((count, 3, dimension)), np.broadcast_to(np.eye(3), (count, 3, 3))
@@ -148,12 +141,8 @@ def _sum_series(square: FloatArray) -> tuple[tuple[FloatArray, FloatArray, Float
 def compute_rates(axes: AxisDerivatives, motion: RelativeMotion) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return rates, accelerations, and the Jacobian of the coordinates with respect to the errors of the motion.
 
-    Returns
-    -------
-    rate, acceleration : (F, d) arrays
-        dq, rad/s, and ddq, rad/s²; NaN where two axes coincide.
-    jacobian : (F, 3 d, 9) array
-        Derivatives of (q, dq, ddq) with respect to the errors of rotation, velocity and acceleration.
+    The rates dq (F, d), rad/s, and ddq (F, d), rad/s², are NaN where two axes coincide. The Jacobian (F, 3 d, 9)
+    contains the derivatives of (q, dq, ddq) with respect to the errors of rotation, velocity and acceleration.
     """
     inverse = _invert_axes(axes.axes)
     rate = np.einsum("fki,fi->fk", inverse, motion.velocity)

@@ -75,14 +75,7 @@ def mirror_points(points: FloatArray) -> FloatArray:
 
 
 def build_frame(definition: FrameDefinition, points: Mapping[str, FloatArray]) -> SegmentFrame:
-    """Build an anatomical frame from landmarks.
-
-    Parameters
-    ----------
-    definition : FrameDefinition
-        Weights of the landmarks.
-    points : mapping
-        Position (..., 3) of each landmark, m; mirrored for a left arm.
+    """Build an anatomical frame from the positions (..., 3) of landmarks, m; mirrored for a left arm.
 
     Raises
     ------
@@ -139,15 +132,9 @@ def frame_covariance(
 ) -> FloatArray:
     """Return the joint covariance of the orientations of n frames that share landmarks, (..., 3 n, 3 n), rad².
 
-    The errors are the rotation vectors of the frames, each in its own axes.
-
-    Parameters
-    ----------
-    frames : tuple of SegmentFrame, length n
-        Frames that were built from landmarks in the same axes.
-    covariances : mapping, optional
-        Covariance (3, 3), m², of each landmark in the axes of the landmarks, or its standard deviation along each axis,
-        m. Other landmarks have the standard deviation :data:`PALPATION`.
+    The errors are the rotation vectors of the frames, each in its own axes. ``covariances`` contains covariances (3, 3)
+    of landmarks, m², in common axes, or their standard deviations along each axis, m. Other landmarks have the standard
+    deviation :data:`PALPATION`.
     """
     known = covariances or {}
     names = dict.fromkeys(name for frame in frames for name in frame.sensitivity)

@@ -79,12 +79,12 @@ class NamedLandmarks:
 def find_landmarks(
     labels: Sequence[str], given: Mapping[str, str] | None = None, side: Side | None = None
 ) -> NamedLandmarks:
-    """Find the landmarks among the names of markers.
+    """Find the landmarks among the names of all markers of a recording.
 
     Parameters
     ----------
     labels : sequence of str
-        Names of all markers of the recording.
+        Names of the markers.
     given : mapping, optional
         Marker names of landmarks that the user has set. They have priority over recognised names.
     side : {"right", "left"}, optional

@@ -55,19 +55,8 @@ def find_pointer_markers(trial: Sequence[str], pointer_trials: Sequence[Sequence
 def locate_tip(markers: FloatArray, pointer: Pointer) -> tuple[FloatArray, FloatArray]:
     """Return the positions of the pointer's tip, by fitting a line to its markers in each frame (least squares).
 
-    Parameters
-    ----------
-    markers : (F, P, 3) array
-        Positions of the pointer's markers, m; NaN where missing.
-    pointer : Pointer
-        Distances of the markers from the tip.
-
-    Returns
-    -------
-    tip : (F, 3) array
-        Position of the tip, m; NaN where a marker is missing.
-    residual : (F,) array
-        rms distance of the markers from their positions on the rod, m.
+    The markers (F, P, 3) are in m, NaN where missing. The tip (F, 3), m, is NaN where a marker is missing. The residual
+    (F,), m, is the rms distance of the markers from their positions on the rod.
     """
     distances = np.asarray(pointer.distances, dtype=np.float64)
     if distances.shape != (markers.shape[1],) or len(distances) < 2 or np.ptp(distances) < 0.05:
@@ -93,18 +82,8 @@ def locate_pointed_landmark(
 ) -> PointedLandmark:
     """Return the landmark of a pointer trial in the frame of the segment's cluster.
 
-    Parameters
-    ----------
-    markers : (F, P, 3) array
-        Positions of the pointer's markers, m.
-    rotation : (F, 3, 3) array
-        Rotation from the cluster's frame to the trial; NaN where missing.
-    origin : (F, 3) array
-        Origin of the cluster's frame, m.
-    pointer : Pointer
-        Distances of the markers from the tip.
-    palpation : float
-        Standard deviation of the touched position along each axis, m.
+    The pointer's markers (F, P, 3) are in m. The cluster has the rotation (F, 3, 3) to the trial and the origin (F, 3),
+    m, NaN where missing. ``palpation`` is the standard deviation of the touched position along each axis, m.
 
     Raises
     ------
@@ -143,17 +122,13 @@ def calibrate_pointer(trials: Sequence[tuple[FloatArray, FloatArray, FloatArray]
 
     The tip p is constant in the frame of the cluster: c(t) - l e(t) = p. Here c is the mean of the markers, e the
     direction of the rod, and l the distance from the tip to c. A least-squares fit gives l, and p of each trial. The
-    noise of e, estimated from neighbouring frames, is not a rotation and is subtracted.
+    noise of e, estimated from neighbouring frames, is not a rotation and is subtracted. The standard deviation of l
+    assumes errors that persist for about half a second.
 
     Parameters
     ----------
     trials : sequence of (markers, rotation, origin)
         Arrays as in :func:`locate_pointed_landmark`, with the markers in the same order in every trial.
-
-    Returns
-    -------
-    Pointer
-        Its standard deviation assumes errors that persist for about half a second.
 
     Raises
     ------

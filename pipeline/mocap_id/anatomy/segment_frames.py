@@ -44,8 +44,7 @@ class AnatomicalFrames:
     """
 
     frames: dict[str, SegmentFrame]  # thorax, upper_arm, forearm, hand
-    # landmark to its (3, 3) covariance in its segment, m², or its standard deviation along each axis, m
-    covariances: Mapping[str, FloatArray | float]
+    covariances: Mapping[str, FloatArray | float]  # (3, 3), m², or standard deviation, m, of landmarks
     reasons: tuple[Reason, ...]  # why frames could not be built
 
     def covariance(self, parent: str, child: str) -> FloatArray:
@@ -120,14 +119,7 @@ def rotate_to_midline(thorax: SegmentFrame, places: Mapping[str, FloatArray]) ->
     The four landmarks lie in the sagittal plane. The ISB defines Z by IJ, C7 and the mean of PX and T8, so its
     direction depends strongly on IJ and C7, which are only 0.1 m apart. A least-squares plane through all four halves
     the error about Y. In the ISB's frame, the plane is z = a x + b y + c, with the normal (-a, -b, 1). See
-    docs/concepts/isb-frames.md.
-
-    Parameters
-    ----------
-    thorax : SegmentFrame
-        Frame by the ISB's definition, in the axes of the thorax's cluster.
-    places : mapping
-        Position (3,) of each landmark in these axes, m.
+    docs/concepts/isb-frames.md. Frame and landmarks, m, are in the axes of the thorax's cluster.
     """
     names = tuple(THORAX.up)
     at = np.array([places[name] for name in names]) @ thorax.rotation
@@ -173,16 +165,10 @@ def rotate_to_elbow_axis(found: AnatomicalFrames, axis: ElbowAxis) -> Anatomical
 
 
 def set_middle_covariance(found: AnatomicalFrames, pair: tuple[str, str], covariance: FloatArray) -> AnatomicalFrames:
-    """Return the frames with the uncertainty of two landmarks whose midpoint is a joint centre.
+    """Return the frames with the uncertainty of two landmarks (such as EL and EM) whose midpoint is a joint centre.
 
-    Parameters
-    ----------
-    found : AnatomicalFrames
-        Frames from landmarks that were moved together, so that their midpoint is the centre.
-    pair : (str, str)
-        Names of the landmarks, such as EL and EM.
-    covariance : (3, 3) array
-        Covariance of the centre in the axes of the landmarks' segment, m².
+    The landmarks were moved together, so that their midpoint is the centre. The covariance (3, 3), m², of the centre is
+    in the axes of the landmarks' segment.
     """
     middle, apart = f"middle of {pair[0]} and {pair[1]}", f"half from {pair[0]} to {pair[1]}"
     frames = {}

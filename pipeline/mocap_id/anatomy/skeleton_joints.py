@@ -36,14 +36,8 @@ def find_roles(labels: Sequence[str], side: Side) -> dict[str, int]:
     """Return the number of the joint for each role, seen from one arm.
 
     Roles are the names in :data:`TRUNK` and :data:`ARM`, and ``far_ankle``, ``near_foot`` and so on. The prefix
-    ``near_`` means the side of the chosen arm, ``far_`` the other side.
-
-    Parameters
-    ----------
-    labels : sequence of str
-        Names of the joints in the file.
-    side : {"right", "left"}
-        Chosen arm.
+    ``near_`` means the side of the chosen arm, ``far_`` the other side. ``labels`` are the names of the joints in the
+    file.
 
     Examples
     --------

@@ -43,16 +43,8 @@ def find_still_pose(points: FloatArray, rate: float, given: tuple[float, float] 
 
     A marker's speed is its displacement over 0.2 s. A frame is quiet if 90 % of the visible markers move at 20 mm/s or
     less, which is the sway of a standing person. If no interval of 0.3 s is quiet, the quietest 0.3 s are returned with
-    the caution ``no-still-pose``. A given interval that is not quiet has the same caution.
-
-    Parameters
-    ----------
-    points : (F, M, 3) array
-        Marker positions, m; NaN where missing.
-    rate : float
-        Frames per second.
-    given : (float, float), optional
-        Start and end of the pose in s from the first frame, if the user has set it.
+    the caution ``no-still-pose``. A ``given`` interval (start and end in s from the first frame) that is not quiet has
+    the same caution. Marker positions (F, M, 3) are in m, NaN where missing; ``rate`` is in frames per second.
 
     Raises
     ------
@@ -124,30 +116,11 @@ def locate_landmarks(
 ) -> tuple[dict[str, LandmarkPosition], tuple[Reason, ...]]:
     """Return the positions of landmarks in the frames of their segments, averaged over the still pose.
 
-    A landmark that is hidden in the still pose is averaged over the whole recording. The skin moves there, so the
-    larger spread is part of its standard deviation.
-
-    Parameters
-    ----------
-    points : mapping
-        Trajectory (F, 3) of each landmark, m; NaN where missing.
-    segment : mapping
-        Number of each landmark's segment.
-    rotations : (F, S, 3, 3) array
-        Rotation from each cluster's frame to the trial; NaN where missing.
-    origins : (F, S, 3) array
-        Origin of each cluster's frame, m.
-    frames : slice
-        Frames of the still pose.
-    palpation : float
-        Standard deviation of each landmark along each axis, m.
-
-    Returns
-    -------
-    places : dict
-        Position of each landmark. Landmarks that are never visible together with their cluster are left out.
-    reasons : tuple of Reason
-        Landmarks that were left out, or are hidden in the still pose.
+    Landmarks that are never visible together with their cluster are left out, with a reason. A landmark that is hidden
+    in the still pose is averaged over the whole recording. The skin moves there, so the larger spread is part of its
+    standard deviation. Trajectories (F, 3) of landmarks and origins (F, S, 3) of clusters are in m, rotations (F, S, 3,
+    3) are cluster to trial, NaN where missing. ``palpation`` is the standard deviation of each landmark along each
+    axis, m.
     """
     places: dict[str, LandmarkPosition] = {}
     reasons: list[Reason] = []

@@ -18,23 +18,10 @@ from mocap_id.geometry.joints import Joint
 
 @dataclass(frozen=True)
 class Chain:
-    """Serial chain of joints.
+    """Serial chain of joints. The numbers of joints and placements must be equal (else a ValueError is raised)."""
 
-    Parameters
-    ----------
-    joints : tuple of Joint, length n
-        Joints from base to tip.
-    placements : (n, 4, 4) array
-        Pose g_{i-1,i} of each joint's frame in the frame of the previous link at q = 0.
-
-    Raises
-    ------
-    ValueError
-        The numbers of placements and joints differ.
-    """
-
-    joints: tuple[Joint, ...]
-    placements: FloatArray
+    joints: tuple[Joint, ...]  # n joints from base to tip
+    placements: FloatArray  # (n, 4, 4) pose g_{i-1,i} of each joint's frame in the previous link at q = 0
 
     def __post_init__(self) -> None:
         if self.placements.shape != (len(self.joints), 4, 4):
@@ -84,20 +71,9 @@ class Chain:
 
 
 def spatial_product(chain: Chain, q: FloatArray, tool: FloatArray) -> FloatArray:
-    """Return the world pose of a tool by the product of exponentials in spatial form (eq. 2.39, 2.40).
+    """Return the world pose of a tool by the product of exponentials in spatial form, (..., 4, 4) (eq. 2.39, 2.40).
 
-    Parameters
-    ----------
-    chain : Chain
-    q : (..., N) array
-        Coordinates of the joints.
-    tool : (4, 4) array
-        Pose of the tool frame in the frame of the last link.
-
-    Returns
-    -------
-    (..., 4, 4) array
-        g_{W,T}(q).
+    The coordinates are q (..., N). ``tool`` (4, 4) is the pose of the tool frame in the frame of the last link.
     """
     g: FloatArray = np.eye(4)
     for joint, home, part in zip(chain.joints, chain.home, chain.slices, strict=True):

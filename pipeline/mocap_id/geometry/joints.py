@@ -43,15 +43,7 @@ class Joint(Protocol):
 class Revolute:
     """Hinge: rotation about an axis through the origin of the joint frame.
 
-    Parameters
-    ----------
-    axis : (x, y, z)
-        Direction of the axis in the joint frame. It is scaled to unit length.
-
-    Raises
-    ------
-    ValueError
-        The axis is zero or not finite.
+    The axis (x, y, z) is scaled to unit length. A ValueError is raised if it is zero or not finite.
     """
 
     axis: tuple[float, float, float]

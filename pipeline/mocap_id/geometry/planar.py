@@ -25,21 +25,10 @@ def rotate(angle: FloatArray, vector: FloatArray) -> FloatArray:
 
 
 def segment_poses(q: FloatArray, centres: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the orientation and the origin of every segment frame.
+    """Return the angle (..., n + 1), rad, and the origin (..., n + 1, 2), m, of every segment frame, base first.
 
-    Parameters
-    ----------
-    q : (..., n) array
-        Joint angles, rad.
-    centres : (..., n, 2) array
-        Centre of each joint in the frame of the previous segment, m.
-
-    Returns
-    -------
-    angle : (..., n + 1) array
-        Angle of each segment in the plane frame, rad. The first is the base, with angle 0.
-    origin : (..., n + 1, 2) array
-        Origin of each segment frame, m. It is the centre of joint j for segment j, and 0 for the base.
+    The origin of segment j is the centre of joint j; angle and origin of the base are 0. The arguments q (..., n) and
+    ``centres`` (..., n, 2) are as in the module.
     """
     base = np.zeros((*q.shape[:-1], 1))
     angle = np.concatenate([base, np.cumsum(q, axis=-1)], axis=-1)
@@ -51,16 +40,8 @@ def segment_poses(q: FloatArray, centres: FloatArray) -> tuple[FloatArray, Float
 def marker_positions(q: FloatArray, centres: FloatArray, segment: IntArray, local: FloatArray) -> FloatArray:
     """Return the positions of markers on the segments, (..., M, 2), m, in the plane frame (eq. 3.18).
 
-    Parameters
-    ----------
-    q : (..., n) array
-        Joint angles, rad.
-    centres : (n, 2) array
-        Centre of each joint in the frame of the previous segment, m.
-    segment : (M,) int array
-        Segment of each marker; 0 is the base.
-    local : (M, 2) array
-        Coordinates of each marker in the frame of its segment, m.
+    ``segment`` (M,) is the segment of each marker (0 is the base), and ``local`` (M, 2) are its coordinates there, m.
+    The arguments q (..., n) and ``centres`` (n, 2) are as in the module.
     """
     angle, origin = segment_poses(q, centres)
     return _place_markers(angle, origin, segment, local)

@@ -13,13 +13,6 @@ from mocap_id.arrays import FloatArray
 class PlaneFrame:
     """Coordinate frame of a vertical plane in a lab whose Z axis points up.
 
-    Parameters
-    ----------
-    yaw : float
-        Angle about the vertical from the lab's X axis to the plane's x axis, rad.
-    origin : (3,) array
-        Origin of the frame in the lab, m.
-
     Examples
     --------
     >>> frame = PlaneFrame(np.pi / 2, np.array([1.0, 0.0, 0.0]))
@@ -27,8 +20,8 @@ class PlaneFrame:
     array([2., 3., 0.])
     """
 
-    yaw: float
-    origin: FloatArray = field(default_factory=lambda: np.zeros(3))
+    yaw: float  # angle about the vertical from the lab's X axis to the plane's x axis, rad
+    origin: FloatArray = field(default_factory=lambda: np.zeros(3))  # (3,) in the lab, m
 
     @property
     def axes(self) -> FloatArray:
@@ -47,12 +40,8 @@ class PlaneFrame:
     def wrench_to_plane(self, force: FloatArray, moment: FloatArray) -> FloatArray:
         """Return the components Fx, Fy (N) and tauz (N·m) of a wrench in the plane, (..., 3).
 
-        Parameters
-        ----------
-        force : (..., 3) array
-            Force in lab axes, N.
-        moment : (..., 3) array
-            Moment about the lab's origin in lab axes, N·m. The moment tauz is about the origin of the plane frame.
+        Force and moment (..., 3) are in lab axes, with the moment about the lab's origin. The moment tauz is about the
+        origin of the plane frame.
         """
         about = moment - np.cross(self.origin, force)
         return np.concatenate([force @ self.axes[:2].T, (about @ self.axes[2])[..., None]], axis=-1)

@@ -37,16 +37,9 @@ class JointLoads:
 def spatial_inertia(mass: FloatArray, centre: FloatArray, about_centre: FloatArray) -> FloatArray:
     """Return the spatial inertia matrix of a link about the origin of its frame, (..., 6, 6) (eq. 2.56).
 
-    The product of this matrix and a twist (v, ω) is the momentum of the link.
-
-    Parameters
-    ----------
-    mass : (...) array
-        Mass, kg.
-    centre : (..., 3) array
-        Centre of mass in the link frame, m.
-    about_centre : (..., 3, 3) array
-        Moment-of-inertia matrix about the centre of mass, kg·m².
+    The product of this matrix and a twist (v, ω) is the momentum of the link. ``mass`` is in kg, ``centre`` (..., 3) is
+    the centre of mass in the link frame, m, and ``about_centre`` (..., 3, 3) the inertia matrix about the centre of
+    mass, kg·m².
     """
     mass = np.asarray(mass, dtype=np.float64)[..., None, None]
     cross = so3.hat(centre)
@@ -67,15 +60,9 @@ def link_wrench(inertia: FloatArray, velocity: FloatArray, acceleration: FloatAr
 def link_motion(
     chain: Chain, q: FloatArray, dq: FloatArray, ddq: FloatArray, base_acceleration: FloatArray
 ) -> LinkMotion:
-    """Return the velocities and accelerations of all links (eq. 2.50-2.53).
+    """Return the velocities and accelerations of all links for given coordinates (..., N) (eq. 2.50-2.53).
 
-    Parameters
-    ----------
-    chain : Chain
-    q, dq, ddq : (..., N) arrays
-        Coordinates and their time derivatives.
-    base_acceleration : (6,) array
-        Acceleration of the base, ``(g·up, 0)`` for gravity. The velocity of the base is zero.
+    The base has the acceleration ``base_acceleration`` (6,), ``(g·up, 0)`` for gravity, and zero velocity.
     """
     relative = chain.relative_poses(q)
     lead = q.shape[:-1]

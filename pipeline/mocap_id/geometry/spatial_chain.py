@@ -13,6 +13,7 @@ angle between the direction ``rest`` (parent's frame) and the ``long_axis`` (chi
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Literal, TypeAlias
 
@@ -24,40 +25,34 @@ from mocap_id.geometry import so3
 JointKind: TypeAlias = Literal["ball", "two-axis", "hinge"]
 DIMENSION: dict[JointKind, int] = {"ball": 3, "two-axis": 2, "hinge": 1}
 """Number of coordinates of each kind."""
-
-
 LEAST_TWIST = 0.1
 """Least value of 1 + cos(swing angle) in the rate of the axial rotation; the cosine is -0.9 at 154°."""
 
 
+def _new(values: FloatArray | list[float]) -> Callable[[], FloatArray]:
+    """Return a function that returns a new array with these values, for the default of a field."""
+    return lambda: np.array(values)
+
+
 @dataclass(frozen=True)
 class SpatialJoint:
-    """Joint between a segment and its parent. Centre and axes have covariances, NaN if unknown."""
+    """Joint between a segment and its parent. Covariances are NaN if unknown; axes and centre are 3-vectors."""
 
     kind: JointKind
     parent: int  # number of the parent segment, smaller than the number of the child
-    centre: FloatArray  # (3,) centre without glide in the parent's frame, m
-    # (3, 3) covariance of the centre, m²
-    covariance: FloatArray = field(default_factory=lambda: np.full((3, 3), np.nan))
-    # (3,) unit axis a in the parent's frame (hinge, two-axis)
-    first_axis: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
-    # (3,) unit axis b in the child's frame (two-axis)
-    second_axis: FloatArray = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
-    # (2, 3, 3) covariance of both unit axes
-    axes_covariance: FloatArray = field(default_factory=lambda: np.full((2, 3, 3), np.nan))
-    offset: FloatArray = field(default_factory=lambda: np.eye(3))  # constant rotation O (hinge, two-axis)
-    glide: FloatArray = field(default_factory=lambda: np.zeros(3))  # translation g at an elevation of 180°, m
-    glide_covariance: FloatArray = field(default_factory=lambda: np.zeros((3, 3)))  # m²
-    # direction of zero elevation in the parent's frame
-    rest: FloatArray = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
-    # long axis of the segment in the child's frame, for the elevation and for the axial rotation of the skin
-    long_axis: FloatArray = field(default_factory=lambda: np.array([0.0, 1.0, 0.0]))
-    # joint rotation at which the axial rotation is zero
-    untwisted: FloatArray = field(default_factory=lambda: np.eye(3))
+    centre: FloatArray  # centre without glide in the parent's frame, m
+    covariance: FloatArray = field(default_factory=_new(np.full((3, 3), np.nan)))  # covariance of the centre, m²
+    first_axis: FloatArray = field(default_factory=_new([0.0, 0.0, 1.0]))  # unit axis a in the parent's frame
+    second_axis: FloatArray = field(default_factory=_new([0.0, 0.0, 1.0]))  # unit axis b in the child's frame
+    axes_covariance: FloatArray = field(default_factory=_new(np.full((2, 3, 3), np.nan)))  # covariance of each axis
+    offset: FloatArray = field(default_factory=_new(np.eye(3)))  # constant rotation O (hinge, two-axis)
+    glide: FloatArray = field(default_factory=_new(np.zeros(3)))  # translation g at an elevation of 180°, m
+    glide_covariance: FloatArray = field(default_factory=_new(np.zeros((3, 3))))  # m²
+    rest: FloatArray = field(default_factory=_new([0.0, 1.0, 0.0]))  # direction of zero elevation in the parent's frame
+    long_axis: FloatArray = field(default_factory=_new([0.0, 1.0, 0.0]))  # axis of axial rotation in the child's frame
+    untwisted: FloatArray = field(default_factory=_new(np.eye(3)))  # rotation of the joint without axial rotation
     known: bool = True  # False if the motion does not determine the centre; its value then has no meaning
-    # standard deviation, along each axis, of the slide of whole marker clusters on the bones beside the joint, m; 0 if
-    # only single markers slide
-    slide_sd: float = 0.0
+    slide_sd: float = 0.0  # standard deviation of the slide of marker clusters at the joint along each axis, m
 
     @property
     def dimension(self) -> int:
@@ -105,8 +100,7 @@ class SpatialChain:
     joints: tuple[SpatialJoint, ...]  # joint k - 1 connects segment k with its parent
     segment: IntArray  # (M,) segment of each marker, 0 … n
     local: FloatArray  # (M, 3) marker coordinates in the frames of their segments, m
-    # (M,) markers of segment 0 that move with the glide of the first joint, such as AC on the shoulder girdle
-    on_glide: BoolArray
+    on_glide: BoolArray  # (M,) markers of segment 0 that move with the glide of the first joint, such as AC
     # (M,) share of its segment's axial rotation that the skin under each marker does not follow; empty if zero for all
     skin: FloatArray = field(default_factory=lambda: np.zeros(0))
     skin_sd: FloatArray = field(default_factory=lambda: np.zeros(0))  # (M,) standard deviation of this share
@@ -117,21 +111,10 @@ class SpatialChain:
         return tuple(joint.parent for joint in self.joints)
 
     def place(self, origin: FloatArray, rotation: FloatArray, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the poses of all segments in the frame of the trial.
+        """Return origins (F, n + 1, 3), m, and rotations (F, n + 1, 3, 3) of all segments in the trial.
 
-        Parameters
-        ----------
-        origin, rotation : (F, 3) and (F, 3, 3) arrays
-            Pose of the base in the frame of the trial, m.
-        joints : (F, n, 3, 3) array
-            Rotation of each joint, child to parent.
-
-        Returns
-        -------
-        origins : (F, n + 1, 3) array
-            Origins of the segment frames, m.
-        rotations : (F, n + 1, 3, 3) array
-            Rotations of the segment frames, segment to trial.
+        The base has the pose ``origin`` (F, 3), ``rotation`` (F, 3, 3) in the trial. ``joints`` (F, n, 3, 3) are the
+        rotations of all joints, child to parent.
         """
         origins, rotations = [origin], [rotation]
         for k, joint in enumerate(self.joints):
@@ -146,15 +129,8 @@ def change_frames(chain: SpatialChain, rotations: FloatArray, origin: FloatArray
     """Return the same chain with other axes of every segment frame and another origin of the base frame.
 
     The origins of the moving segments stay the centres of their joints. The joint coordinates and the marker positions
-    in the trial do not change. The rotation R of a joint becomes N_parentᵀ R N_child.
-
-    Parameters
-    ----------
-    chain : SpatialChain
-    rotations : (n + 1, 3, 3) array
-        New axes N of each segment as columns, in its present frame.
-    origin : (3,) array
-        New origin of the base in its present frame, m.
+    in the trial do not change. The rotation R of a joint becomes N_parentᵀ R N_child, with the new axes N (n + 1, 3, 3)
+    of the segments as columns in their present frames. The new origin (3,), m, is in the present frame of the base.
 
     Examples
     --------

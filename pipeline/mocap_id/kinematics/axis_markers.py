@@ -30,16 +30,8 @@ def find_axis_markers(problem: SegmentationProblem, first: RigidBody, on_segment
     A marker on the axis of joint 1 hardly moves, so rigidity alone assigns it to the base. On segment 1, it locates the
     joint. Segment 1 is fitted again with each candidate, because soft tissue moves the candidate by a few degrees
     against a fixed fit. The fit includes the markers accepted before: once a malleolus has located the axis, a heel
-    does not fit. A left and a right marker at the same position are judged together.
-
-    Parameters
-    ----------
-    problem : SegmentationProblem
-        Markers, base and constraints.
-    first : RigidBody
-        Segment 1.
-    on_segment : int array
-        Columns of all markers on segment 1, also of markers that were not used in its fit.
+    does not fit. A left and a right marker at the same position are judged together. ``first`` is segment 1, and
+    ``on_segment`` are the columns of all markers on it, also of markers that were not used in its fit.
     """
     points, constraints = problem.points, problem.constraints
     on_base = marker_residuals(problem.ground, points)

@@ -93,16 +93,7 @@ def find_base_motion(positions: FloatArray, time: FloatArray, rate: float) -> Ba
 
     The base consists of the low markers that stand still while the body moves. If they move to another position and
     stay there, the base has moved. The motion of the other markers relative to the base is that of a body on a fixed
-    base.
-
-    Parameters
-    ----------
-    positions : (F, M, 3) array
-        Marker positions in lab axes with Z up, m; NaN where missing.
-    time : (F,) array
-        Times of the frames, s.
-    rate : float
-        Frames per second.
+    base. Positions (F, M, 3) are in lab axes with Z up, m, NaN where missing; ``rate`` is in frames per second.
     """
     size = max(1, round(_BLOCK_S * rate))
     blocks, middle = block_means(positions, size), block_means(time[:, None, None], size)[:, 0, 0]
@@ -127,14 +118,8 @@ def find_base_motion(positions: FloatArray, time: FloatArray, rate: float) -> Ba
 def find_standing(blocks: FloatArray, block_s: float, least: float = _STANDING) -> BoolArray:
     """Return the low markers (M,) that stand still while the body moves; none if the body hardly moves.
 
-    Parameters
-    ----------
-    blocks : (K, M, 3) array
-        Mean positions over blocks of frames, m; NaN where missing.
-    block_s : float
-        Duration of a block, s.
-    least : float
-        Least share of the body's moving time in which these markers stand still.
+    ``blocks`` (K, M, 3) are mean positions over blocks of ``block_s`` seconds, m, NaN where missing. A marker stands
+    still in at least the share ``least`` of the body's moving time.
     """
     none = np.zeros(blocks.shape[1], np.bool_)
     step = max(1, round(_STEP_S / block_s))

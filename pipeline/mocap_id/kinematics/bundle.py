@@ -87,7 +87,9 @@ def _solve(problem: ChainProblem, state: ChainState, pull: float) -> tuple[Chain
     for iteration in range(1, _ITERATIONS + 1):
         if iteration <= _ADAPTED:
             limits = _find_burst_limits(problem, off)
-        problem = _weight_bursts(problem, off, scale, limits)
+        limit = limits[problem.segment - 1]
+        bursts = np.where(problem.pinned, 1.0, limit / np.maximum(off, limit))  # Huber weights
+        problem = replace(problem, weights=np.where(problem.weights > 0, scale * bursts, 0.0))
         before, (state, off) = state, _take_step(problem, state, off)
         moved = np.abs(state.centres - before.centres)
         previous, cost = cost, _cost(problem, off)
@@ -135,13 +137,6 @@ def _find_burst_limits(problem: ChainProblem, off: FloatArray) -> FloatArray:
         rayleigh = median / 1.1774  # scale of a Rayleigh distribution from its median
         limits[k - 1] = _HUBER * max(rayleigh, 1e-9)
     return limits
-
-
-def _weight_bursts(problem: ChainProblem, off: FloatArray, scale: FloatArray, limits: FloatArray) -> ChainProblem:
-    """Return the problem with Huber weights for residuals beyond the limit of their segment."""
-    limit = limits[problem.segment - 1]
-    bursts = np.where(problem.pinned, 1.0, limit / np.maximum(off, limit))
-    return replace(problem, weights=np.where(problem.weights > 0, scale * bursts, 0.0))
 
 
 def _weight_markers(problem: ChainProblem, state: ChainState, off: FloatArray) -> FloatArray:

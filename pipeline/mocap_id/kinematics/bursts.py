@@ -17,14 +17,9 @@ def find_bursts(points: FloatArray, rate: float) -> BoolArray:
     """Return the samples (F, M) between a jump of a marker away from its path and the jump back.
 
     A jump is a step that differs suddenly from the steps beside it. A second jump ends the burst if it cancels the
-    first, or if it soon leads to the position that the marker would have had.
-
-    Parameters
-    ----------
-    points : (F, M, 3) array
-        Trajectories, m; NaN where missing.
-    rate : float
-        Frames per second.
+    first, or if it soon leads to the position that the marker would have had. Trajectories (F, M, 3) are in m, NaN
+    where missing;
+    ``rate`` is in frames per second.
     """
     out = np.zeros(points.shape[:2], dtype=np.bool_)
     for marker in range(points.shape[1]):
@@ -50,7 +45,9 @@ def _find_marker_bursts(track: FloatArray, frames: IntArray, rate: float) -> Boo
                     break
                 left = excess[one] + excess[other]
                 if back_is_near:
-                    onwards = _mean_velocity(velocity, away, back) * (frames[back + 1] - frames[away])
+                    around = np.array([away - 2, away - 1, back + 1, back + 2])
+                    around = around[(around >= 0) & (around < len(velocity))]
+                    onwards = velocity[around].mean(axis=0) * (frames[back + 1] - frames[away])
                     left = track[back + 1] - track[away] - onwards
                 if free[other] and np.linalg.norm(left) < np.linalg.norm(excess[[one, other]], axis=1).min() / 2:
                     out[away + 1 : back + 1] = True
@@ -58,21 +55,11 @@ def _find_marker_bursts(track: FloatArray, frames: IntArray, rate: float) -> Boo
     return out
 
 
-def _mean_velocity(velocity: FloatArray, away: int, back: int) -> FloatArray:
-    """Return the mean velocity (3,) before and after two jumps, m per frame."""
-    around = np.array([away - 2, away - 1, back + 1, back + 2])
-    return np.asarray(velocity[around[(around >= 0) & (around < len(velocity))]].mean(axis=0))
-
-
 def find_jumps(velocity: FloatArray, apart: IntArray) -> tuple[IntArray, FloatArray]:
     """Return the steps (J,) that are jumps, and their difference (J, 3) from the steps beside them, m.
 
-    Parameters
-    ----------
-    velocity : (K, 3) array
-        Steps of a marker between the samples in which it is visible, m per frame.
-    apart : (K,) int array
-        Number of frames of each step.
+    ``velocity`` (K, 3) is the motion between visible samples of a marker, m per frame, and ``apart`` (K,) their
+    distances in frames.
     """
     bend = np.diff(velocity, axis=0)
     change = np.sqrt(np.einsum("ki,ki->k", bend, bend))

@@ -28,24 +28,14 @@ def centre_covariance(problem: ChainProblem, state: ChainState, reduced: Reduced
 
     The arguments are values at the solution of the joint fit.
     """
-    return _noise_covariance(problem, reduced) + _slide_covariance(problem, state, reduced)
-
-
-def _noise_covariance(problem: ChainProblem, reduced: Reduced) -> FloatArray:
-    """Return the sandwich covariance: inverse, summed outer products of the blocks' scores, inverse."""
-    blocks = np.array_split(reduced.scores, min(_BLOCKS, len(reduced.scores)))
-    sums = np.stack([block.sum(axis=0) for block in blocks]) @ reduced.inverse[:, : 2 * problem.joints]
-    return np.asarray(len(sums) / max(len(sums) - 1, 1) * sums.T @ sums)
-
-
-def _slide_covariance(problem: ChainProblem, state: ChainState, reduced: Reduced) -> FloatArray:
-    """Return the covariance of the centres from slides of the skin."""
-    size = slide_variances(problem, state)  # (K,) m^2 a coordinate
     centres = reduced.inverse[:, : 2 * problem.joints]
+    blocks = np.array_split(reduced.scores, min(_BLOCKS, len(reduced.scores)))
+    sums = np.stack([block.sum(axis=0) for block in blocks]) @ centres
+    noise = len(sums) / max(len(sums) - 1, 1) * sums.T @ sums
+    sizes = np.sqrt(slide_variances(problem, state))
     moved = slide_responses(problem, state, reduced, slide_shapes(problem, state), centres)
-    moved = moved * np.sqrt(size)[:, None, None, None]
-    flat = moved.reshape(-1, 2 * problem.joints)
-    return np.asarray(flat.T @ flat)
+    flat = (moved * sizes[:, None, None, None]).reshape(-1, 2 * problem.joints)
+    return np.asarray(noise + flat.T @ flat)
 
 
 def slide_variances(problem: ChainProblem, state: ChainState) -> FloatArray:
@@ -77,21 +67,10 @@ def lag_one_covariance(off: ComplexArray, seen: BoolArray) -> tuple[FloatArray, 
 def slide_responses(
     problem: ChainProblem, state: ChainState, reduced: Reduced, shape: FloatArray, towards: FloatArray
 ) -> FloatArray:
-    """Return the change of the fit's common unknowns for slides of each marker.
+    """Return the change (K, S, 2, p) of p common unknowns for slides of each marker along x and y of its segment, m.
 
-    Parameters
-    ----------
-    problem, state, reduced
-        Values at the solution.
-    shape : (T, K, S) array
-        Time courses of each marker's slides, equal in both directions of its segment, m.
-    towards : (P, p) array
-        Columns of ``reduced.inverse`` for the requested unknowns.
-
-    Returns
-    -------
-    (K, S, 2, p) array
-        Changes, m, for each marker, shape, and direction x and y of the segment.
+    ``shape`` (T, K, S) are time courses of the slides, m. ``towards`` (P, p) are the columns of ``reduced.inverse`` for
+    the requested unknowns. The other arguments are values at the solution.
     """
     joints = problem.joints
     _, turn = joint_positions(state)

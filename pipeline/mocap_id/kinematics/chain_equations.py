@@ -180,11 +180,9 @@ def _interleave(hermitian: ComplexArray) -> FloatArray:
 class Reduced:
     """Normal equations after elimination of the angles."""
 
-    # (P, P) pseudo-inverse of the Schur complement, without frame orientations; zero for pinned coordinates
-    inverse: FloatArray
+    inverse: FloatArray  # (P, P) pseudo-inverse of the Schur complement; zero for pinned coordinates
     scores: FloatArray  # (T, P) reduced gradient of every frame
-    # (T, n, P + 1) solutions of the angle blocks for the cross terms and for their own right-hand side
-    solved: FloatArray
+    solved: FloatArray  # (T, n, P + 1) solutions of the angle blocks for cross terms and right-hand side
 
     def step(self) -> tuple[FloatArray, FloatArray]:
         """Return the shortest Gauss-Newton step: (P,) of the common unknowns and (T, n) of the angles."""
@@ -225,14 +223,8 @@ def remaining_share(weights: FloatArray, local: ComplexArray) -> FloatArray:
     """Return the share (K,) of each coordinate's variance that remains after the segment's pose is fitted.
 
     The pose has two translations and a rotation, and the share is one minus the leverage. It is limited to at least
-    0.2, because the residual of a marker with more leverage contains little information about its error.
-
-    Parameters
-    ----------
-    weights : (K,) array
-        Weights of the segment's markers.
-    local : (K,) complex array
-        Coordinates of the markers, m.
+    0.2, because the residual of a marker with more leverage contains little information about its error. The markers
+    (K,) of the segment have weights and coordinates, m.
     """
     share = weights / weights.sum()
     arm = share * np.abs(local - np.sum(share * local)) ** 2
@@ -243,18 +235,8 @@ def remaining_share(weights: FloatArray, local: ComplexArray) -> FloatArray:
 def share_variance(square: FloatArray, weights: FloatArray, segment: IntArray, local: ComplexArray) -> FloatArray:
     """Return the variance (K,) that weights each marker: one third its own, two thirds the mean of its segment.
 
-    With its own residual alone, a segment would finally follow only its two best markers.
-
-    Parameters
-    ----------
-    square : (K,) array
-        Mean squared residual, m^2. The share absorbed by the pose is added.
-    weights : (K,) array
-        Weights in the fit of the residuals.
-    segment : (K,) int array
-        Segment of each marker.
-    local : (K,) complex array
-        Coordinates, m.
+    With its own residual alone, a segment would finally follow only its two best markers. The variance is the mean
+    squared residual ``square``, m^2, in a fit with the given weights, plus the share that the pose has absorbed.
     """
     shared = np.empty_like(square)
     for k in np.unique(segment):

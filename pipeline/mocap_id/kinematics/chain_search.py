@@ -115,25 +115,17 @@ def _best_chains(problem: SegmentationProblem, bodies: list[RigidBody]) -> list[
     best: dict[int, _Path] = {}
     for path in _extend_path((0,), real, len(links), rules):
         chain = tuple(links[i] for i in path[1:])
-        if not _is_disjoint(chain) or _has_needless_segment(path, joints):
+        markers = np.concatenate([body.markers for body in chain])
+        repeated = len(np.unique(markers)) < len(markers)  # a merged tip may contain a body of the chain
+        triples = zip(path, path[1:], path[2:], strict=False)
+        needless = any(joints[a, c].residual < _NEEDED * joints[a, b].residual for a, b, c in triples)
+        if repeated or needless:
             continue
         found = tuple(joints[pair] for pair in pairwise(path))
         cost = _cost(problem, _predict_residuals(problem, chain, found), len(chain))
         if len(path) not in best or cost < best[len(path)].cost:
             best[len(path)] = _Path(chain, found, cost)
     return list(best.values())
-
-
-def _is_disjoint(chain: tuple[RigidBody, ...]) -> bool:
-    """Return whether every marker is on one segment only; a merged tip may contain a body of the chain."""
-    markers = np.concatenate([body.markers for body in chain])
-    return len(np.unique(markers)) == len(markers)
-
-
-def _has_needless_segment(path: tuple[int, ...], joints: dict[tuple[int, int], PairJoint]) -> bool:
-    """Return whether a segment of the path can be skipped at little cost, so it is not between its neighbours."""
-    triples = zip(path, path[1:], path[2:], strict=False)
-    return any(joints[a, c].residual < _NEEDED * joints[a, b].residual for a, b, c in triples)
 
 
 def _find_paired_limbs(
@@ -202,18 +194,8 @@ def merge_tips(
 
     A chain with a given number of segments may end at a body that carries another one, such as a pelvis with a trunk.
     Without a merged tip, the markers of the other body would be on no segment, and a model based on the chain would add
-    their mass to the pelvis.
-
-    Parameters
-    ----------
-    links : sequence of RigidBody
-        Bodies of a level, the base first.
-    real : set of (int, int)
-        Pairs of links with a real joint, the lower link first.
-    joined : callable
-        Returns two bodies as one; None if they must not be joined.
-    limit : float
-        Largest rms distance of the markers from their positions on the merged body, m.
+    their mass to the pelvis. ``joined`` returns two bodies as one, or None. ``limit`` is the largest residual of the
+    merged body, m.
     """
     for i, j in sorted({(min(pair), max(pair)) for pair in real if 0 not in pair}):
         tip = joined(links[i], links[j])

@@ -61,15 +61,7 @@ class CircleFit:
 
 
 def fit_circles(points: ComplexArray, method: CircleMethod = "taubin") -> CircleFit:
-    """Fit a circle to each marker's track.
-
-    Parameters
-    ----------
-    points : (F, M) complex array
-        Tracks in the frame of the previous segment, m; NaN where missing.
-    method : str
-        Method, as described in the module.
-    """
+    """Fit a circle to each marker's track (F, M), m, NaN where missing, in the frame of the previous segment."""
     tracks = _normalise_tracks(points, common=False)
     return _build_fit(tracks, method, *_fit_centre(tracks, method))
 
@@ -79,18 +71,7 @@ def fit_common_centre(points: ComplexArray, method: CommonMethod = "geometric") 
 
     The cost is the sum of the squared residuals of the single fits over the markers. Tracks in different directions
     from the joint determine the centre by the intersection of their normals, and their curvature is hardly needed.
-
-    Parameters
-    ----------
-    points : (F, M) complex array
-        Tracks of the markers of one segment in the frame of the previous segment, m; NaN where missing.
-    method : str
-        Any method of this module except ``pratt``, which cannot have several radii.
-
-    Raises
-    ------
-    ValueError
-        The method has no common centre.
+    ``pratt`` has no form with several radii; it raises a ValueError.
     """
     if method not in get_args(CommonMethod):
         raise ValueError(f"method {method!r} has no common centre; use one of {', '.join(get_args(CommonMethod))}")

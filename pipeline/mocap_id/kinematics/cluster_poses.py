@@ -36,17 +36,11 @@ class ClusterPose:
 
 
 def measure_cluster(points: ComplexArray, target: ComplexArray | None = None) -> ClusterPose | None:
-    """Fit a rigid shape to a cluster, and its pose to every frame.
+    """Fit a rigid shape to a cluster of markers (F, m), m, NaN where missing, and its pose to every frame.
 
-    The result is None for fewer than two markers, markers at one point, or markers that are never visible together.
-
-    Parameters
-    ----------
-    points : (F, m) complex array
-        Markers in the plane frame, m; NaN where missing.
-    target : (m,) complex array, optional
-        Coordinates of the markers in the requested body frame, m. By default, the origin is the centroid, and the axes
-        are parallel to the plane frame on average.
+    The result is None for fewer than two markers, markers at one point, or markers that are never visible together. The
+    body frame is defined by the markers' coordinates ``target`` (m,), m. By default, its origin is the centroid, and
+    its axes are parallel to the plane frame on average.
     """
     together = np.flatnonzero(np.isfinite(points).sum(axis=1) >= LEAST_MARKERS)
     if points.shape[1] < LEAST_MARKERS or len(together) < 2:

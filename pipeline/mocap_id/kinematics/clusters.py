@@ -35,19 +35,11 @@ class Base:
 def find_base(points: ComplexArray, limit: float, constraints: Constraints | None = None) -> Base:
     """Find the base: the still markers below the largest jump in the sorted scatters of all markers.
 
-    A still marker that the user has put together with a moving marker is not on the base. Of two still markers that
-    must be apart, only the stiller one is.
-
-    Parameters
-    ----------
-    points : (F, M) complex array
-        Trajectories in the plane, m; NaN where missing.
-    limit : float
-        Largest scatter of a still marker, m.
-    constraints : Constraints, optional
-        Markers that the user wants together or apart.
+    ``limit`` is the largest scatter of a still marker, m. A still marker that the user has put together with a moving
+    marker is not on the base. Of two still markers that must be apart, only the stiller one is.
     """
-    scatter = _measure_scatter(points)
+    square, counts = variance_over_time(points)
+    scatter = np.where(counts >= max(2, 0.05 * len(points)), np.sqrt(square), np.inf)
     order = np.argsort(scatter)[: np.isfinite(scatter).sum()]
     floor = np.maximum(scatter[order], 1e-5)  # ratios of smaller values show rounding only
     still = int(np.sum(scatter[order] <= limit))
@@ -73,16 +65,9 @@ def _apply_constraints(still: IntArray, moving: IntArray, constraints: Constrain
 
 
 class Clusters:
-    """Moving markers sorted into rigid bodies at any level of detail. Fits of bodies and joints are cached.
+    """Moving markers, by their columns, sorted into rigid bodies at any level of detail. Fits are cached.
 
-    Parameters
-    ----------
-    points : (F, M) complex array
-        Trajectories in the plane, m; NaN where missing.
-    moving : int array
-        Columns of the markers to sort.
-    constraints : Constraints
-        Markers that the user wants together or apart.
+    The trajectories ``points`` (F, M) are in the plane, m, NaN where missing.
     """
 
     def __init__(self, points: ComplexArray, moving: IntArray, constraints: Constraints) -> None:
@@ -123,15 +108,9 @@ class Clusters:
     def merge(self, bodies: list[RigidBody], min_arc: float, tolerance: float) -> list[RigidBody]:
         """Merge bodies that one rigid body fits nearly as well as two.
 
-        Parameters
-        ----------
-        bodies : list of RigidBody
-            Bodies of one level of detail.
-        min_arc : float
-            Two bodies hardly rotate if their relative rotation is below this angle, rad, or below its noise.
-        tolerance : float
-            Two bodies that hardly rotate are merged if the merged residual is below this multiple of their own. Others
-            are merged only if it hardly grows.
+        Two bodies hardly rotate if their relative rotation is below ``min_arc``, rad, or below its noise. They are
+        merged if the merged residual is below ``tolerance`` times their own. Other bodies are merged only if the
+        residual hardly grows.
         """
         bodies = list(bodies)
         while len(bodies) > 1:
@@ -141,8 +120,11 @@ class Clusters:
                 if both is None:
                     continue
                 growth = both.residual / _pool_residuals(first, second)
-                if growth <= _AS_WELL or (growth <= tolerance and self._hardly_turn(first, second, min_arc)):
-                    candidates.append((growth, i, j, both))
+                if growth > _AS_WELL:
+                    noise = _WOBBLE * np.hypot(first.angle_noise, second.angle_noise)
+                    if growth > tolerance or self.joint(first, second).arc >= max(min_arc, noise):
+                        continue
+                candidates.append((growth, i, j, both))
             if not candidates:
                 break
             _, i, j, both = min(candidates, key=lambda candidate: candidate[0])
@@ -160,11 +142,6 @@ class Clusters:
         if key not in self._joints:
             self._joints[key] = fit_joint(parent, child)
         return self._joints[key]
-
-    def _hardly_turn(self, first: RigidBody, second: RigidBody, min_arc: float) -> bool:
-        """Return whether the relative rotation of two bodies is below ``min_arc`` (rad) or below its noise."""
-        wobble = _WOBBLE * np.hypot(first.angle_noise, second.angle_noise)
-        return bool(self.joint(first, second).arc < max(min_arc, wobble))
 
     def _fit_groups(self, groups: list[IntArray]) -> list[RigidBody]:
         return [self._fit(group) for group in groups if len(group) > 1]
@@ -195,12 +172,6 @@ def _pool_residuals(first: RigidBody, second: RigidBody) -> float:
     counts = len(first.markers), len(second.markers)
     square = (counts[0] * first.residual**2 + counts[1] * second.residual**2) / sum(counts)
     return float(max(np.sqrt(square), 1e-4))
-
-
-def _measure_scatter(points: ComplexArray) -> FloatArray:
-    """Return the rms distance (M,) of every marker from its mean, m; inf for a marker that is hardly visible."""
-    square, counts = variance_over_time(points)
-    return np.where(counts >= max(2, 0.05 * len(points)), np.sqrt(square), np.inf)
 
 
 def _distance_variance(points: ComplexArray) -> FloatArray:

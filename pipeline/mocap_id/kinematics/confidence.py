@@ -54,18 +54,12 @@ def assess_confidence(
 
     Evidence against it:
 
-    ``skipped``
-        the segment of the weakest joint could be left out at little cost;
-    ``left-out``
-        moving markers are on no segment and on no limb at the side;
-    ``axis``
-        a still marker near joint 1 could also be on the other side of it;
-    ``first-joint``
-        the two bodies' points at joint 1 are more than 8 mm (rms) apart;
-    ``base``
-        the still markers hardly differ from the moving ones;
-    ``runner-up``
-        another number of segments explains the trial nearly as well.
+    - ``skipped``: the segment of the weakest joint could be left out at little cost;
+    - ``left-out``: moving markers are on no segment and on no limb at the side;
+    - ``axis``: a still marker near joint 1 could also be on the other side of it;
+    - ``first-joint``: the two bodies' points at joint 1 are more than 8 mm (rms) apart;
+    - ``base``: the still markers hardly differ from the moving ones;
+    - ``runner-up``: another number of segments explains the trial nearly as well.
 
     The confidence in a joint is 0.5 if the fit without its segment is 3.5 times worse (last joint: 1.5 times).
 
@@ -100,13 +94,10 @@ def assess_confidence(
 def assess_links(links: LinkFit, explained: float, gap: float) -> Confidence:
     """Return the confidence in a chain with single-marker segments.
 
-    Evidence against it, besides ``left-out`` and ``base`` of :func:`assess_confidence`, whose last two parameters it
-    has:
+    Evidence against it, besides ``left-out`` and ``base`` of :func:`assess_confidence`:
 
-    ``links``
-        a segment has a single marker, and no marker is at either of its joints;
-    ``ankle``
-        joint 1 rotates little, and no marker is at it.
+    - ``links``: a segment has a single marker, and no marker is at either of its joints;
+    - ``ankle``: joint 1 rotates little, and no marker is at it.
     """
     ankle_marked = any(pin.joint == 0 for pin in links.pins)
     against = {
@@ -126,14 +117,8 @@ def log_shortfall(value: float, enough: float) -> float:
 def explained_share(segment: IntArray, lateral: FloatArray, moving: IntArray) -> float:
     """Return the share of the moving markers that are on the chain. Limbs at the side of the last segment are ignored.
 
-    Parameters
-    ----------
-    segment : (M,) int array
-        Segment of each marker, -1 for none.
-    lateral : (M,) array
-        Mean out-of-plane coordinate, m.
-    moving : int array
-        Columns of the moving markers.
+    ``segment`` (M,) is -1 for markers on no segment, ``lateral`` (M,) the mean out-of-plane coordinate, m, and
+    ``moving`` the columns of the moving markers.
     """
     on_chain = moving[segment[moving] > 0]
     from_middle = np.abs(lateral - np.median(lateral[on_chain]))

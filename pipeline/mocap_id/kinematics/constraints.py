@@ -49,12 +49,7 @@ class Constraints:
     def nearest_bodies(self, square: FloatArray, members: IntArray) -> IntArray:
         """Return the body (K,) that fits each member best. Units stay together and, if possible, barred pairs apart.
 
-        Parameters
-        ----------
-        square : (B, K) array
-            Mean squared distance of each member from its position on each of B bodies, m^2.
-        members : (K,) int array
-            Columns of the markers.
+        ``square`` (B, K) is the mean squared distance of each member from its position on each of B bodies, m^2.
         """
         _, index = np.unique(self.unit[members], return_inverse=True)
         cost = np.zeros((len(square), index.max() + 1))

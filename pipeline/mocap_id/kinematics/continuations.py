@@ -25,14 +25,8 @@ class Continuations:
     Which distances stay constant depends on the lag: over one frame nearly all do, over half a second only distances
     within a rigid body. The scale of each distance is therefore a quantile of its own changes over the same lag: within
     three seconds before in the one column, or three seconds after in the other, whichever is larger. Scales from the
-    whole trial would fail, because a column with exchanged labels contains two markers.
-
-    Parameters
-    ----------
-    positions : (F, M, 3) array
-        Trajectories, m; NaN where missing.
-    rate : float
-        Frames per second.
+    whole trial would fail, because a column with exchanged labels contains two markers. Trajectories (F, M, 3) are in
+    m, NaN where missing; ``rate`` is in frames per second.
     """
 
     def __init__(self, positions: FloatArray, rate: float) -> None:
@@ -58,14 +52,9 @@ class Continuations:
         """Return the evidence (N,) that a marker continues in another column, -inf if it does not.
 
         The change r of each distance, in units of its scale, has the heavy-tailed likelihood 1 / (1 + r²). The evidence
-        is the log likelihood ratio of the two continuations, summed over the most rigid partners.
-
-        Parameters
-        ----------
-        column, last, own : (N,) int arrays
-            The marker is visible in ``column`` at frame ``last``, and the column next at frame ``own``.
-        other, found : (N,) int arrays
-            The other column, and the frame in which it is visible.
+        is the log likelihood ratio of the two continuations, summed over the most rigid partners. The marker is visible
+        in ``column`` at frame ``last``; this column is visible next at frame ``own``, and the column ``other`` at frame
+        ``found``, all (N,).
         """
         out = np.full(len(column), -np.inf)
         for rows in _chunks(len(column)):

@@ -15,16 +15,8 @@ def frames_along_motion(points: ComplexArray | FloatArray, count: int, among: In
     """Return at most ``count`` frames, ascending, evenly spaced along the path of the markers.
 
     Skin has the same error in the same posture. A hundred frames of quiet standing contain as much information as one,
-    but would count a hundred times with frames evenly spaced in time.
-
-    Parameters
-    ----------
-    points : (F, M) complex or (F, M, 3) array
-        Trajectories in the plane or in space, m; NaN where missing.
-    count : int
-        Largest number of frames.
-    among : int array, optional
-        Frames to choose from, ascending; all by default.
+    but would count a hundred times with frames evenly spaced in time. Trajectories are complex (F, M) in the plane, or
+    (F, M, 3) in space, m, NaN where missing. The frames are chosen from ``among``, by default from all.
     """
     among = np.arange(len(points)) if among is None else among
     frames = len(among)

@@ -38,16 +38,8 @@ class HeelLift:
 def find_heel_lift(positions: FloatArray, time: FloatArray, rate: float) -> HeelLift | None:
     """Return the largest rotation of a foot; None if all feet stay flat, or their markers show no rotation.
 
-    A rotation is visible in two low markers that keep their distance while one of them rises.
-
-    Parameters
-    ----------
-    positions : (F, M, 3) array
-        Marker positions in lab axes with Z up, m; NaN where missing.
-    time : (F,) array
-        Times of the frames, s.
-    rate : float
-        Frames per second.
+    A rotation is visible in two low markers that keep their distance while one of them rises. Positions (F, M, 3) are
+    in lab axes with Z up, m, NaN where missing; ``rate`` is in frames per second.
     """
     size = max(1, round(_BLOCK_S * rate))
     blocks = block_means(positions, size)

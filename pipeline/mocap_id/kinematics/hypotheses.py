@@ -28,8 +28,7 @@ class SegmentationRules:
     min_arc: float = float(np.radians(6.0))  # smallest arc of a joint, rad
     max_residual: float = 0.05  # largest rms distance between the two bodies' points at a joint, m
     max_body_residual: float = 0.015  # largest rms distance of a body's markers from their positions on it, m
-    # two bodies that hardly rotate are merged if the merged residual is below this multiple of their own
-    merge_tolerance: float = 3.0
+    merge_tolerance: float = 3.0  # largest growth of the residual when bodies that hardly rotate are merged
     split_gain: float = 4.0  # least gain in summed log residual for one more segment
     count: int | None = None  # number of segments with the base, if known
     longest: int = 6  # largest number of segments with the base; the rest of a longer chain is left out as a branch
@@ -61,14 +60,10 @@ class Hypothesis:
     chain: tuple[RigidBody, ...]  # moving segments
     joints: tuple[PairJoint, ...]  # joint of each segment with the previous one
     left_out: tuple[RigidBody, ...]  # bodies of the level that are not on the chain
-    # (M,) residual of every marker predicted through its joint, m; its scatter if it is on no moving segment
-    predicted: FloatArray
-    # summed log of the moving markers' ``predicted``, plus ``split_gain`` per segment, plus ``cut``; lower is better
-    cost: float
+    predicted: FloatArray  # (M,) residual predicted through the joint, m; scatter of markers on no moving segment
+    cost: float  # summed log of ``predicted`` + ``split_gain`` for each segment + ``cut``; lower is better
     best_of_level: bool  # whether this is the best chain of its level; only these can be chosen
-    # cost that the level's best chain gained when it was shortened to the largest allowed length; 0 for this chain
-    # itself
-    cut: float
+    cut: float  # cost that the best chain of the level gained when it was shortened to the allowed length
 
     @property
     def markers(self) -> IntArray:

@@ -103,16 +103,8 @@ def measure_asymmetry(points: ComplexArray, lateral: FloatArray, segment: IntArr
     """Return the rms difference between left and right rotations of segments 1 … n, (n,), rad.
 
     A sagittal segment represents both sides, which assumes that this difference is small. It is NaN with fewer than two
-    markers on a side.
-
-    Parameters
-    ----------
-    points : (F, M) complex array
-        Trajectories in the plane, m; NaN where missing.
-    lateral : (M,) array
-        Mean out-of-plane coordinate of every marker, m.
-    segment : (M,) int array
-        Segment of each marker, 0 = base, -1 = none.
+    markers on a side. ``points`` (F, M) are trajectories in the plane, m, ``lateral`` (M,) mean out-of-plane
+    coordinates, m, and ``segment`` (M,) is 0 on the base and -1 on no segment.
     """
     middle = np.nanmean(lateral[segment > 0])
     return np.array(

@@ -50,15 +50,9 @@ def estimate_hip_shift(
 ) -> complex:
     """Return the change of the hip's position in the thigh's frame by a bending trunk, m; 0 if unknown.
 
-    If the hip rotates little, its shift and its motion with the trunk cannot be separated, and the result is 0.
-
-    Parameters
-    ----------
-    thigh, trunk : ((F,) complex array, (F,) array)
-        Origin in the plane frame, m, and angle, rad, of each body's frame; NaN where unknown. The trunk's y axis points
-        from the hip upwards.
-    marker : (F,) complex array
-        Pelvis marker in the plane frame, m; NaN where missing.
+    If the hip rotates little, its shift and its motion with the trunk cannot be separated, and the result is 0. Each
+    body is given by the origin (F,), m, and the angle (F,), rad, of its frame; the trunk's y axis points from the hip
+    upwards. ``marker`` (F,) is a pelvis marker in the plane frame, m. All are NaN where unknown.
     """
     below, above = np.exp(1j * thigh[1]), np.exp(1j * trunk[1])
     local = np.conj(above) * (marker - trunk[0])
@@ -85,12 +79,8 @@ def locate_ankle(
 ) -> AnklePosition | None:
     """Return the position of the ankle between a moving foot and the shank; None if fewer than ten frames show both.
 
-    Parameters
-    ----------
-    foot, shank : ((F,) complex array, (F,) array)
-        Origin in the plane frame, m, and angle, rad, of each body's frame; NaN where unknown.
-    ankle : complex
-        Position of the ankle in the foot's frame from the joint fit, m.
+    Each body is given by the origin (F,), m, and the angle (F,), rad, of its frame, NaN where unknown. ``ankle`` is the
+    position in the foot's frame from the joint fit, m.
     """
     below, above = np.exp(1j * foot[1]), np.exp(1j * shank[1])
     apart = shank[0] - foot[0] - below * ankle

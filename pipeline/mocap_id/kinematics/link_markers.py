@@ -130,14 +130,7 @@ class _Search:
 def group_points(points: ComplexArray, lateral: FloatArray, markers: IntArray) -> Iterator[IntArray]:
     """Yield columns of markers; a left and a right marker at the same position in the plane together.
 
-    Parameters
-    ----------
-    points : (F, M) complex array
-        Trajectories in the plane, m; NaN where missing.
-    lateral : (M,) array
-        Mean out-of-plane coordinate, m.
-    markers : int array
-        Columns to group.
+    ``points`` (F, M) are trajectories in the plane, and ``lateral`` (M,) mean out-of-plane coordinates, m.
     """
     left = [int(marker) for marker in markers]
     while left:

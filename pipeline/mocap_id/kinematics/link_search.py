@@ -12,7 +12,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from mocap_id.arrays import IntArray
 from mocap_id.kinematics.chain_equations import joint_positions
 from mocap_id.kinematics.hypotheses import SegmentationProblem
 from mocap_id.kinematics.link_fit import SCALE, LinkFit, Pin, costs_on_segments, fit_path, path_cost
@@ -46,7 +45,10 @@ def find_best_links(problem: SegmentationProblem) -> LinkFit | None:
             continue
         tried[len(path)] += 1
         fit = fit_path(problem, path)
-        if fit is not None and _is_allowed(problem, fit.segment):
+        if fit is None:
+            continue
+        members = [np.flatnonzero(fit.segment == k) for k in range(fit.segment.max() + 1)]
+        if all(map(problem.constraints.allow, members)):
             fits.append((fit, path))
     if not fits:
         return None
@@ -54,10 +56,6 @@ def find_best_links(problem: SegmentationProblem) -> LinkFit | None:
     fit = _add_joint_markers(problem, path, fit)
     alone = [points for step, points in zip(path, fit.points, strict=True) if step.body is None]
     return fit if min(alone) < 2 else None  # other chains are found by the search for rigid bodies
-
-
-def _is_allowed(problem: SegmentationProblem, segment: IntArray) -> bool:
-    return all(problem.constraints.allow(np.flatnonzero(segment == k)) for k in range(segment.max() + 1))
 
 
 def _add_joint_markers(problem: SegmentationProblem, path: Path, fit: LinkFit) -> LinkFit:

@@ -78,11 +78,8 @@ def fit_links(points: ComplexArray, segment: IntArray, method: LinkMethod) -> Ch
 def rigid_body_links(points: ComplexArray, segment: IntArray) -> ChainState:
     """Fit rigid bodies and the joint of every neighbouring pair, without initial values.
 
-    Returns
-    -------
-    ChainState
-        Coordinates of all M markers (base markers in the plane frame) and angles in all F frames, NaN where fewer than
-        two markers of the segment are visible.
+    The result has coordinates of all M markers (base markers in the plane frame), and angles in all F frames, NaN where
+    fewer than two markers of the segment are visible.
     """
     joints = int(segment.max())
     bodies: list[RigidBody] = [still_body(points, np.flatnonzero(segment == 0))]
@@ -106,20 +103,9 @@ def chain_angles(
     """Return the segments' angles (F, n), rad, of a known chain; NaN where the markers do not determine them.
 
     A segment with two distinct points determines its own angle. The angle of any other segment follows from the joints
-    at its ends, if a neighbouring segment with two points or joint markers locate them.
-
-    Parameters
-    ----------
-    points : (F, M) complex array
-        Trajectories in the plane, m; NaN where missing.
-    segment : (M,) int array
-        Segment of each marker, 0 = base, 1 … n.
-    centres : (n,) complex array
-        Each joint in the frame of the previous segment, m.
-    local : (M,) complex array
-        Coordinates in the segments' frames, m.
-    joint_markers : mapping of int to (F,) complex array
-        Position of a joint (1 … n) according to its markers, m.
+    at its ends, if a neighbouring segment with two points or joint markers locate them. ``centres`` (n,) and ``local``
+    (M,) are in the frames of the segments, m. ``joint_markers`` are positions (F,) of joints 1 … n according to their
+    markers, m.
     """
     joints = len(centres)
     angles = np.full((len(points), joints), np.nan)
@@ -147,13 +133,7 @@ def chain_angles(
 
 
 def circle_links(points: ComplexArray, segment: IntArray) -> ChainState:
-    """Fit the links by the recursion of 3.2.1. The result is as for :func:`rigid_body_links`.
-
-    Raises
-    ------
-    NumericalError
-        The markers of a link move on straight lines.
-    """
+    """Fit the links by the recursion of 3.2.1. The result is as for :func:`rigid_body_links`."""
     joints = int(segment.max())
     centres, local = np.zeros(joints, dtype=np.complex128), np.zeros(points.shape[1], dtype=np.complex128)
     local[segment == 0] = still_body(points, np.flatnonzero(segment == 0)).template

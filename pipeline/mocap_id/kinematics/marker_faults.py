@@ -79,18 +79,9 @@ def sample_rows(frames: int, rate: float) -> IntArray:
 def find_bad_stretches(
     recorded: RecordedMarkers, found: Segmentation, fitted: ComplexArray, examined: IntArray
 ) -> tuple[BadStretch, ...]:
-    """Find the bad intervals of every marker.
+    """Find the bad intervals of every marker that is ``examined``, after a segmentation was found.
 
-    Parameters
-    ----------
-    recorded : RecordedMarkers
-        Trajectories.
-    found : Segmentation
-        Segments of the markers.
-    fitted : (f, M) complex array
-        Trajectories in the segmented frames, m; NaN also where samples are known to be bad.
-    examined : int array
-        Columns of the markers that may be bad.
+    The segmentation was found from trajectories ``fitted`` (f, M), m, NaN also where samples are known to be bad.
     """
     tracks = _express_in_segments(recorded, found, fitted)
     if tracks is None:
@@ -138,8 +129,7 @@ def _express_in_segments(recorded: RecordedMarkers, found: Segmentation, fitted:
 def _fit_robust_angles(points: ComplexArray, segment: IntArray, state: ChainState) -> FloatArray:
     """Return the angles (T, n) of a known chain, fitted to each frame with Cauchy's loss, rad."""
     seen = np.isfinite(points)
-    problem = ChainProblem.without_points(seen.astype(np.float64), segment, len(state.centres))
-    problem = replace(problem, points=np.where(seen, points, 0))
+    problem = ChainProblem.with_joint_markers(points, segment, {}, len(state.centres))
     ridge = _RIDGE * np.eye(len(state.centres))
     for scale in _SCALES:
         off = residuals(problem, state)

@@ -23,8 +23,7 @@ class PlaneFit:
 
     yaw: float  # angle about the vertical from the lab's X to the line of motion, rad, in (-pi/2, pi/2]
     planarity: float  # share of the motion out of the plane: 0 for planar motion, 1/3 for isotropic motion
-    # angle of the plane from the vertical, about its line of motion, rad; 0 unless the motion clearly leans
-    lean: float = 0.0
+    lean: float = 0.0  # angle between the plane and the vertical, rad; 0 unless the motion clearly leans
 
     def straighten(self, positions: FloatArray, feet: FloatArray) -> FloatArray:
         """Rotate positions (F, M, 3) about the line of motion through the ``feet`` (3,) until the plane is vertical."""
@@ -41,17 +40,12 @@ def fit_plane(positions: FloatArray) -> PlaneFit:
 
     Each marker's mean is subtracted (3.7), so that its position on the body has no effect. A weighted principal axis is
     then fitted to the horizontal displacements. Reweighting reduces the influence of bursts and of limbs that leave the
-    plane.
+    plane. Yaw and planarity are 0 if nothing moves.
 
     Parameters
     ----------
     positions : (F, M, 3) array
         Lab coordinates with Z up, m; NaN where missing.
-
-    Returns
-    -------
-    PlaneFit
-        Yaw and planarity are 0 if nothing moves.
 
     Examples
     --------

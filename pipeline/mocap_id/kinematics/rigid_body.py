@@ -48,12 +48,7 @@ class RigidBody:
 def fit_body(points: ComplexArray, markers: Sequence[int] | IntArray) -> RigidBody:
     """Fit a rigid body to markers by least squares (generalised Procrustes analysis over the frames, ignoring gaps).
 
-    Parameters
-    ----------
-    points : (F, M) complex array
-        Trajectories in the plane, m; NaN where missing.
-    markers : sequence of int
-        At least two columns of ``points``.
+    ``markers`` are at least two columns of the trajectories (F, M), m, NaN where missing.
     """
     columns = np.asarray(markers, dtype=np.int64)
     seen = np.isfinite(points[:, columns])
@@ -121,14 +116,8 @@ def rigid_poses(
 ) -> tuple[ComplexArray, ComplexArray]:
     """Return the rotation and position (F,) that fit a template to each frame (closed form in the plane).
 
-    Parameters
-    ----------
-    z : (F, k) complex array
-        Marker positions, m; 0 where missing.
-    seen : (F, k) bool or float array
-        1 if visible, else 0.
-    template : (k,) complex array
-        Marker coordinates in the body's frame, m.
+    The markers z (F, k), m, are 0 where missing, ``seen`` (F, k) is 1 where they are visible, and ``template`` (k,) are
+    their coordinates in the body's frame, m.
     """
     counts = np.maximum(seen.sum(axis=1), 1)
     centroid = z.sum(axis=1) / counts

@@ -39,12 +39,10 @@ class Segmentation:
     residual: FloatArray  # (M,) rms distance of each marker from its position on its segment, m; NaN for none
     count: int  # number of segments with the base
     confidence: Confidence
-    # for each joint, residual without its segment (the last one: fixed to its parent) over residual with it
-    ratios: tuple[float, ...]
+    ratios: tuple[float, ...]  # residual without the segment of each joint, divided by the residual with it
     base: Base  # still markers
     hypotheses: tuple[Hypothesis, ...] = field(repr=False)  # all hypotheses with rigid bodies only, best first
-    # fitted chain, if one of its segments is not a rigid body (:mod:`.link_markers`)
-    links: LinkFit | None = field(default=None, repr=False)
+    links: LinkFit | None = field(default=None, repr=False)  # fit with single-marker segments
 
 
 def segment_markers(
@@ -80,17 +78,12 @@ def segment_markers(
     found = _assign(problem, considered) if considered else None
     if found is None or found.confidence.value < _SURE or found.confidence.against["left-out"] > 0:
         links = find_best_links(problem)
-        if links is not None and (found is None or _explains_more(problem, links, found)):
+        longer = links is not None and (found is None or len(links.state.centres) >= found.count)
+        if links is not None and longer and (found is None or links.cost < _rigid_cost(problem, found) - _BETTER):
             return _build_from_links(problem, considered, links)
     if found is None:
         raise _explain_missing_chain(problem)
     return found
-
-
-def _explains_more(problem: SegmentationProblem, links: LinkFit, found: Segmentation) -> bool:
-    """Return whether single-marker segments make the chain longer at a lower cost."""
-    longer = len(links.state.centres) >= found.count
-    return longer and links.cost < _rigid_cost(problem, found) - _BETTER
 
 
 def _rigid_cost(problem: SegmentationProblem, found: Segmentation) -> float:

@@ -43,12 +43,7 @@ def find_lone_markers(points: FloatArray) -> BoolArray:
     """Return which markers (M,) move and keep their distance from no other moving marker.
 
     Two markers of one segment keep their distance, and two markers of a limb nearly do. The reflection of a marker in a
-    mirror, or a marker of another person, does not.
-
-    Parameters
-    ----------
-    points : (F, M, 3) array
-        Trajectories, m; NaN where missing.
+    mirror, or a marker of another person, does not. Trajectories (F, M, 3) are in m, NaN where missing.
     """
     step = max(1, len(points) // (10 * _FRAMES))
     some = points[::step]
@@ -81,14 +76,8 @@ def find_repeats(points: FloatArray, rate: float) -> tuple[BadStretch, ...]:
     """Find intervals in which a marker repeats exactly its last position while the markers nearest to it move.
 
     Software fills gaps in this way. The marker must jump when it is visible again: a base without noise also repeats
-    its position while other markers move.
-
-    Parameters
-    ----------
-    points : (F, M, 3) array
-        Trajectories, m; NaN where missing.
-    rate : float
-        Frames per second.
+    its position while other markers move. Trajectories (F, M, 3) are in m, NaN where missing; ``rate`` is in frames per
+    second.
     """
     found = []
     same = np.all(points[1:] == points[:-1], axis=2)

@@ -58,8 +58,7 @@ class SkinModel:
     rest: FloatArray  # (K,) variance of its part that does not follow the joints, m² per coordinate
     mean: FloatArray  # (n,) mean joint angles, rad
     spread: FloatArray  # (K,) scale of the joint angles that the slides follow, rad
-    # (K, 2, 2, P) change of the common unknowns per metre of slide along each shape, in x and y of the segment
-    moved: FloatArray
+    moved: FloatArray  # (K, 2, 2, P) change of the common unknowns per slide (m) of each shape, in x and y
     noise: FloatArray  # (P, P) square root of the common unknowns' covariance from other causes, m
 
     @property
@@ -69,14 +68,10 @@ class SkinModel:
         return np.concatenate([moved.reshape(-1, moved.shape[-1]).T, self.noise], axis=1)
 
     def errors(self, angles: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the errors of the joint angles in postures (T, n), rad.
+        """Return the errors of the joint angles in postures (T, n), rad, and the effect of marker offsets.
 
-        Returns
-        -------
-        errors : (T, n, 4 K + P) array
-            Errors that follow the posture, for one standard deviation of each independent mode, rad.
-        gain : (T, n, K, 2) array
-            Rotation of each joint per offset of each marker, in x and y of its segment, rad/m.
+        The errors (T, n, 4 K + P), rad, follow the posture; they are for one standard deviation of each independent
+        mode. The effect (T, n, K, 2), rad/m, is for offsets in x and y of the marker's segment.
         """
         segment, n = self.segment, len(self.centres)
         state = ChainState(self.centres, self.local, np.cumsum(angles, axis=1))
@@ -91,15 +86,10 @@ class SkinModel:
         return errors, gain
 
     def stored_chain_errors(self) -> tuple[FloatArray, FloatArray]:
-        """Return the effect of every mode on the stored chain, in which +y of a segment points to its next joint.
+        """Return the effect of every mode on centres (n, 2, 4 K + P), m, and joint angles (n, 4 K + P), rad.
 
-        Returns
-        -------
-        centres : (n, 2, 4 K + P) array
-            Changes of the joint centres, m.
-        angles : (n, 4 K + P) array
-            Constant changes of the joint angles, rad, because segment frames rotate with the joints (last segment: with
-            the markers' centroid).
+        In the stored chain, +y of a segment points to its next joint (last segment: to the markers' centroid).
+        Displaced joints therefore rotate the segment frames, which changes the joint angles by constants.
         """
         n = len(self.centres)
         moved = self.common.reshape(n + len(self.segment), 2, -1)
@@ -117,18 +107,9 @@ def fit_skin(
 ) -> SkinModel:
     """Fit the sizes of the slides to the residuals, and compute the response of the joint fit to each slide.
 
-    Parameters
-    ----------
-    points : (F, K) complex array
-        Markers in the plane, m; NaN where missing or left out.
-    segment : (K,) int array
-        Segment of each marker, 1 … n.
-    state : ChainState
-        Centres, coordinates, and finite absolute angles of all frames.
-    observed : (T,) int array
-        Frames whose markers determine every angle.
-    camera_sd : float
-        Standard deviation of the camera noise of a coordinate, m.
+    The markers ``points`` (F, K) are in the plane, m, NaN where missing or left out; their segments are 1 … n.
+    ``state`` has finite angles in all frames. ``observed`` (T,) are frames whose markers determine every angle.
+    ``camera_sd`` is the standard deviation of the camera noise of a coordinate, m.
     """
     relative = np.diff(state.angles, axis=1, prepend=0.0)
     mean = relative.mean(axis=0)
@@ -164,18 +145,8 @@ def skin_from_residuals(
 ) -> SkinModel:
     """Return a skin model without knowledge of the joint fit's response or of the persistence of the residuals.
 
-    The whole residual counts as skin, and the errors of the centres follow their covariance, independent of the skin.
-
-    Parameters
-    ----------
-    state : ChainState
-        Centres, coordinates, and finite absolute angles.
-    segment : (K,) int array
-        Segment of each marker, 1 … n.
-    residual : (K,) array
-        rms distance of each marker from its position, m.
-    centre_covariance : (n, 2, 2) array
-        Covariance of each centre, m²; NaN if unknown (``estimator: circle``). The centre then has no error.
+    The whole rms ``residual`` (K,), m, counts as skin. The errors of the centres follow their covariance (n, 2, 2), m²,
+    independent of the skin. If this is NaN (``estimator: circle``), the centres have no error.
     """
     relative = np.diff(state.angles, axis=1, prepend=0.0)
     mean = relative.mean(axis=0)
@@ -252,21 +223,8 @@ def _lag_one_variance(off: ComplexArray, seen: BoolArray) -> float:
 def angle_errors(skin: SkinModel, angles: FloatArray, rate: float) -> tuple[IntArray, FloatArray]:
     """Return the variances of persistent errors of joint angles and their derivatives.
 
-    Parameters
-    ----------
-    skin : SkinModel
-        Model of the slides.
-    angles : (F, n) array
-        Joint angles, rad, finite.
-    rate : float
-        Frames per second.
-
-    Returns
-    -------
-    frames : (T,) int array
-        Frames of the variances.
-    variance : (T, n, 4) array
-        Variances of angle without its mean error, velocity, acceleration and jerk of each joint, SI.
+    The joint angles (F, n) are in rad, finite; ``rate`` is in frames per second. The result is the frames (T,) of the
+    variances, and the variances (T, n, 4) of angle without its mean error, velocity, acceleration and jerk, SI.
     """
     step = max(1, round(rate / _RATE))
     frames = np.arange(0, len(angles), step)

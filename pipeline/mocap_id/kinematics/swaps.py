@@ -42,23 +42,12 @@ class _Breaks:
 
 
 def find_swaps(positions: FloatArray, rate: float) -> tuple[Swap, ...]:
-    """Find label swaps between trajectories, at a frame or across a gap of up to 1 s.
+    """Find label swaps between trajectories, at a frame or across a gap of up to 1 s, in order of start, then column.
 
     A trajectory is suspect if it has a jump or a gap, and if its distances to the markers that move with it change
     there. It is swapped if each of the interrupted markers continues in another column with unchanged distances. The
     labels of the first frames are assumed correct. An exchange of three or more is reported as successive swaps of two.
-
-    Parameters
-    ----------
-    positions : (F, M, 3) array
-        Trajectories in any fixed frame, m; NaN where missing.
-    rate : float
-        Frames per second.
-
-    Returns
-    -------
-    tuple of Swap
-        Swaps in order of start, then column.
+    Trajectories (F, M, 3) are in any fixed frame, m, NaN where missing; ``rate`` is in frames per second.
     """
     count, markers = positions.shape[:2]
     if count < 2 or markers < 4:

@@ -21,23 +21,16 @@ MIN_SECONDS = 2.0
 
 
 def propose_window(positions: FloatArray, rate: float) -> tuple[int, int]:
-    """Return the longest interval in which at least two markers stand still and at least two others travel.
+    """Return first frame and stop of the longest interval in which two markers stand still and two others travel.
 
-    Parameters
-    ----------
-    positions : (F, M, 3) array
-        Lab coordinates, m; NaN where missing.
-    rate : float
-        Frames per second.
-
-    Returns
-    -------
-    first, stop : int
-        Frame indices, ``stop`` excluded. The whole recording is returned if its base is always fixed or only changes
-        its position, or if there is no interval of :data:`MIN_SECONDS`.
+    The whole recording is returned if its base is always fixed or only changes its position, or if there is no interval
+    of :data:`MIN_SECONDS`. Positions (F, M, 3) are in the lab, m, NaN where missing; ``rate`` is in frames per second.
     """
     frames = len(positions)
-    if _find_still_markers(positions).sum() >= 2 or _has_displaced_base(positions, rate):
+    if _find_still_markers(positions).sum() >= 2:
+        return 0, frames
+    base = find_base_motion(positions, np.arange(frames) / rate, rate)
+    if base is not None and sum(each.end - each.start for each in base.stretches) * rate > _STANDS * frames:
         return 0, frames
     least = MIN_SECONDS * rate
     found = [run for still in _find_still_samples(positions, rate).T for run in find_runs(still)]
@@ -45,12 +38,6 @@ def propose_window(positions: FloatArray, rate: float) -> tuple[int, int]:
     shared = {(max(a[0], b[0]), min(a[1], b[1])) for a, b in combinations(runs, 2)}
     longest_first = sorted((s for s in shared if s[1] - s[0] >= least), key=lambda s: s[0] - s[1])
     return next((s for s in longest_first[:_TRIED] if _has_motion(positions[s[0] : s[1]])), (0, frames))
-
-
-def _has_displaced_base(positions: FloatArray, rate: float) -> bool:
-    """Return whether the base stands still in most of the recording, but not always at the same position."""
-    base = find_base_motion(positions, np.arange(len(positions)) / rate, rate)
-    return base is not None and sum(each.end - each.start for each in base.stretches) * rate > _STANDS * len(positions)
 
 
 def _has_motion(positions: FloatArray) -> bool:

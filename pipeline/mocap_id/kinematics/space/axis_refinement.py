@@ -24,14 +24,9 @@ _SHOWN = 0.85  # largest ratio of the standard deviations of the first axis afte
 
 
 def refine_axes(chain: SpatialChain, rotations: FloatArray) -> tuple[SpatialChain, tuple[int, ...]]:
-    """Return the chain with corrected axes of its two-axis joints, and the numbers of the corrected joints, from 0.
+    """Return the calibrated chain with corrected axes of its two-axis joints, and the numbers of these joints, from 0.
 
-    Parameters
-    ----------
-    chain : SpatialChain
-        Calibrated chain.
-    rotations : (F, n + 1, 3, 3) array
-        Rotations of the clusters in the new trial; NaN where unknown.
+    ``rotations`` (F, n + 1, 3, 3) are the rotations of the clusters in the new trial, NaN where unknown.
     """
     joints, refined = list(chain.joints), []
     for k, joint in enumerate(chain.joints):

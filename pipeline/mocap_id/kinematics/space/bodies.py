@@ -1,4 +1,4 @@
-"""Rigid bodies among the markers of a trial in space, at any level of detail."""
+"""Rigid bodies among the markers of a trial in space, at any level of detail, and joints between them."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.geometry import so3
 from mocap_id.kinematics.constraints import Constraints
 from mocap_id.kinematics.rigid_body import variance_over_time
-from mocap_id.kinematics.space.rigid_body import fit_shape, rigid_poses
+from mocap_id.kinematics.space.rigid_body import fit_shape, mean_rotation, rigid_poses
 
 LEAST = 3
 """Fewest markers of a body that has a rotation."""
@@ -20,6 +20,8 @@ LEAST = 3
 NARROW = 0.01
 """Least width of a body, m; skin motion rotates a narrower body more than a joint does."""
 
+_RIDGE = 1e-4  # selects, of the many common points of a hinge, the point nearest to the markers
+_FEWEST = 10  # fewest frames that show both bodies of a joint
 _ITERATIONS = 2
 _REASSIGNMENTS = 4
 _CLUSTERS = (2, 3, 4)
@@ -34,9 +36,7 @@ class SpatialBody:
     markers: IntArray  # (k,) columns of the trajectories, ascending
     rotation: FloatArray  # (F, 3, 3) rotation of the body; NaN where unknown
     origin: FloatArray  # (F, 3) centroid of the markers, m; NaN where unknown
-    # (M,) rms distance of all markers of the trial from their mean positions on the body, m; inf where unknown. The
-    # body's own markers are compared with the pose of the others
-    residual: FloatArray
+    residual: FloatArray  # (M,) rms distance of all markers from their positions on the body, m; inf if unknown
     width: float  # largest rms distance, in one direction, of the markers from the line that fits them best, m
 
     @property
@@ -90,16 +90,9 @@ def _leave_one_out_factors(shape: FloatArray) -> FloatArray:
 
 
 class SpatialBodies:
-    """Rigid bodies of some markers, and ways to divide them. Fits are cached.
+    """Rigid bodies of some markers, by their columns, and ways to divide them. Fits are cached.
 
-    Parameters
-    ----------
-    points : (F, M, 3) array
-        Trajectories, m; NaN where missing.
-    markers : int array
-        Columns to sort, ascending.
-    constraints : Constraints
-        Markers that the user wants together or apart.
+    The trajectories ``points`` (F, M, 3) are in m, NaN where missing.
     """
 
     def __init__(self, points: FloatArray, markers: IntArray, constraints: Constraints) -> None:
@@ -185,3 +178,51 @@ def distance_deviation(points: FloatArray) -> FloatArray:
     deviation = (deviation + deviation.T) / 2
     np.fill_diagonal(deviation, 0.0)
     return np.asarray(deviation)
+
+
+@dataclass(frozen=True)
+class SpatialPairJoint:
+    """Point that two bodies share, and their rotation about it.
+
+    Two bodies that hardly move against each other share any point, so ``residual`` of a joint is far below ``free``.
+    """
+
+    in_first: FloatArray  # (3,) point in the first body's frame, m
+    in_second: FloatArray  # (3,) point in the second body's frame, m
+    residual: float  # rms distance between the two points over the frames, m; inf if hardly visible together
+    free: float  # rms motion of one body's markers in the other's frame, m; the smaller of the two
+    arc: float  # 2.5 to 97.5 % range of the relative rotation about its main axis, rad
+
+
+def fit_pair_joint(first: SpatialBody, second: SpatialBody) -> SpatialPairJoint:
+    """Fit the common point of two bodies by linear least squares (SCoRE).
+
+    The points x of the first and y of the second body satisfy ``x - C y = d`` in the first body's frame, with the
+    relative rotation C and the second body's origin d.
+    """
+    turn = np.swapaxes(first.rotation, 1, 2) @ second.rotation
+    shift = np.einsum("fji,fj->fi", first.rotation, second.origin - first.origin)
+    both = np.isfinite(shift[:, 0])
+    if both.sum() < _FEWEST:
+        return SpatialPairJoint(np.zeros(3), np.zeros(3), np.inf, 0.0, 0.0)
+    turn, shift = turn[both], shift[both]
+    mean, back = turn.mean(axis=0), -np.einsum("fji,fj->fi", turn, shift)
+    normal = np.block([[np.eye(3), -mean], [-mean.T, np.eye(3)]]) + _RIDGE * np.eye(6)
+    solution = np.linalg.solve(normal, np.concatenate([shift.mean(axis=0), back.mean(axis=0)]))
+    off = solution[:3] - turn @ solution[3:] - shift
+    free = min(_rms(first.residual[second.markers]), _rms(second.residual[first.markers]))
+    return SpatialPairJoint(solution[:3], solution[3:], _rms(np.linalg.norm(off, axis=1)), free, _arc(turn))
+
+
+def _rms(values: FloatArray) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def _arc(turn: FloatArray) -> float:
+    """Return the 2.5 to 97.5 % range of rotations (F, 3, 3) about their main axis, rad."""
+    vector = so3.log(mean_rotation(turn).T @ turn)
+    _, axes = np.linalg.eigh(vector.T @ vector)
+    angle = np.sort(vector @ axes[:, 2])
+    last = len(angle) - 1
+    low, high = np.interp([0.025 * last, 0.975 * last], np.arange(len(angle)), angle)
+    return float(high - low)

@@ -45,8 +45,7 @@ class Bundle:
     state: BundleState
     linear: Linear  # equations at the solution, without priors
     reduced: Reduced
-    # (P, P) normal matrix with the priors, and with the rows that fix the segment axes to their markers
-    matrix: FloatArray
+    matrix: FloatArray  # (P, P) normal matrix with priors and with the rows that fix the segment axes
     sd: FloatArray  # (M,) standard deviation of one coordinate of each marker, m
     together: FloatArray  # (M,) number of frames that count as one, because the error of a marker persists
     iterations: int
@@ -70,16 +69,7 @@ class Bundle:
 
 
 def solve_bundle(problem: BundleProblem, state: BundleState, prior: ChainPrior) -> Bundle:
-    """Return the chain that fits the markers best.
-
-    Parameters
-    ----------
-    problem : BundleProblem
-        Markers and chain. The weights are a first guess, zero where a marker is missing.
-    state : BundleState
-        First guess.
-    prior : ChainPrior
-        Likely values of the parameters.
+    """Return the chain that fits the markers best, from a first guess of weights (zero where missing) and state.
 
     Raises
     ------
@@ -115,7 +105,9 @@ def solve_bundle(problem: BundleProblem, state: BundleState, prior: ChainPrior) 
         if weighings < _WEIGHINGS and (fall <= _NEARLY * cost or since == _PATIENCE):
             sd, together = marker_errors(problem, state, linear)
             root = 1 / (sd * np.sqrt(together))
-            problem = replace(problem, weights=seen * root * _huber_factors(problem, state, sd))
+            size, limit = np.linalg.norm(residuals(problem, state), axis=2), _HUBER * np.sqrt(3) * sd
+            outliers = np.sqrt(np.minimum(1.0, limit / np.maximum(size, limit)))
+            problem = replace(problem, weights=seen * root * outliers)
             problem = replace(problem, long_axes=long_axes(problem, state))
             linear = linearise(problem, state)
             cost = _cost(linear, problem, state, prior)
@@ -257,10 +249,3 @@ def count_correlated_frames(off: FloatArray) -> FloatArray:
         open_ &= correlation > 2 / np.sqrt(3 * len(off))
         total += np.where(open_, 2 * correlation, 0.0)
     return total
-
-
-def _huber_factors(problem: BundleProblem, state: BundleState, sd: FloatArray) -> FloatArray:
-    """Return the factors (F, M) on the weights of outliers."""
-    size = np.linalg.norm(residuals(problem, state), axis=2)
-    limit = _HUBER * np.sqrt(3) * sd
-    return np.asarray(np.sqrt(np.minimum(1.0, limit / np.maximum(size, limit))))

@@ -42,7 +42,8 @@ def chain_covariance(bundle: Bundle) -> FloatArray:
     for j, parent in enumerate(problem.parents):
         shape = so3.log(mean_rotation(turns[:, j]).T @ turns[:, j])
         shape = shape - shape.mean(axis=0)
-        shape = shape @ _whiten(shape)
+        values, vectors = np.linalg.eigh(shape.T @ shape / len(shape))
+        shape = shape @ (vectors / np.sqrt(np.maximum(values, 1e-8)))  # with unit variance
         flat = (shape.T @ sliding.reshape(frames, -1)).reshape(-1, inverse.shape[0]) @ inverse
         total = total + _SLIDE * flat.T @ flat
         moved = (shape.T @ by.reshape(frames, -1)).reshape(-1, rows, inverse.shape[0]) @ inverse
@@ -94,9 +95,3 @@ def _hinge_covariance(bundle: Bundle) -> FloatArray:
                 move[cols.centre[i]] = -state.second[j]
             total += _ANYWHERE**2 * np.outer(move, move)
     return total
-
-
-def _whiten(shape: FloatArray) -> FloatArray:
-    """Return the matrix that scales the components of rotations (F, 3) to unit variance."""
-    values, vectors = np.linalg.eigh(shape.T @ shape / len(shape))
-    return np.asarray(vectors / np.sqrt(np.maximum(values, 1e-8)))

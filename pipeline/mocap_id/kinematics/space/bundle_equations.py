@@ -66,8 +66,7 @@ class Linear:
 
     off: FloatArray  # (F, N) residuals
     by_frame: FloatArray  # (F, N, d) derivatives with respect to the unknowns of the frame
-    # (F, N, P - 3 M) derivatives with respect to the chain's parameters, except the markers' coordinates
-    by_chain: FloatArray
+    by_chain: FloatArray  # (F, N, P - 3 M) derivatives by the chain's parameters without marker coordinates
 
 
 def linearise(problem: BundleProblem, state: BundleState, *, by_frame_only: bool = False) -> Linear:

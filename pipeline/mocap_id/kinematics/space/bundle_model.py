@@ -30,8 +30,7 @@ class BundleProblem:
     on_glide: BoolArray  # (M,) base markers on the shoulder girdle
     glides: bool  # whether the glide is estimated
     long_axes: FloatArray  # (n, 3) long axis of each segment in its own frame, towards its joint
-    # (n,) standard deviation of each joint's slide along each axis, m; 0 if the joint does not slide
-    slide_sd: FloatArray
+    slide_sd: FloatArray  # (n,) standard deviation of each joint's slide along each axis, m; 0 without a slide
 
     @property
     def untwisted(self) -> FloatArray:

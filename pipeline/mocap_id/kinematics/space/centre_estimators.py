@@ -44,16 +44,7 @@ def estimate_centre(
 ) -> tuple[FloatArray, FloatArray]:
     """Return a joint centre in the frames of the clusters of parent and child, m.
 
-    Parameters
-    ----------
-    estimator : {"score", "sphere", "helical"}
-        Method.
-    clusters : Clusters
-        Marker clusters.
-    parent, child : int
-        Numbers of the segments.
-    local : (k, 3) array
-        Markers of the child in the frame of its cluster, m.
+    ``local`` (k, 3) are the markers of the child in the frame of its cluster, m.
     """
     if estimator == "score":
         return fit_shared_point(clusters, parent, child)

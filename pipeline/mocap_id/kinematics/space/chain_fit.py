@@ -102,8 +102,8 @@ def fit_spatial_chain(
         problem, state, _ = start.build_problem(np.arange(len(used)), chosen, rough, estimator=estimator)
         return collect_result(fit_frames_only(problem, state), evidence)
     bundle = _whole_bundle(start, chosen, rough)
-    kinds_left = zip(evidence, bundle.problem.kinds, strict=True)
-    return collect_result(bundle, tuple(replace(each, kind=kind) for each, kind in kinds_left))
+    final = zip(evidence, bundle.problem.kinds, strict=True)
+    return collect_result(bundle, tuple(replace(each, kind=kind) for each, kind in final))
 
 
 def _rough_bundle(start: _Start, frames: IntArray) -> tuple[_Start, Bundle]:
@@ -135,16 +135,11 @@ def _weigh_joints(
 
 def _weigh_all_kinds(bundle: Bundle, clusters: Clusters, kinds: Mapping[int, JointKind]) -> tuple[JointEvidence, ...]:
     """Return the evidence for the kind of each joint of a bundle with ball joints."""
-    turns = joint_rotations(bundle.problem, bundle.state)
-    return tuple(
-        weigh_kinds(
-            turns[:, j],
-            bundle.rotation_noise(j),
-            rotation_arc(clusters.relative_rotation(parent, j + 1)),
-            kinds.get(j + 1),
-        )
-        for j, parent in enumerate(bundle.problem.parents)
-    )
+    turns, found = joint_rotations(bundle.problem, bundle.state), []
+    for j, parent in enumerate(bundle.problem.parents):
+        arc = rotation_arc(clusters.relative_rotation(parent, j + 1))
+        found.append(weigh_kinds(turns[:, j], bundle.rotation_noise(j), arc, kinds.get(j + 1)))
+    return tuple(found)
 
 
 def _whole_bundle(start: _Start, kinds: tuple[JointKind, ...], rough: Bundle) -> Bundle:
@@ -154,22 +149,16 @@ def _whole_bundle(start: _Start, kinds: tuple[JointKind, ...], rough: Bundle) ->
     """
     every, guess = np.arange(len(start.points)), rough
     while True:
-        bundle = solve_bundle(
-            *start.build_problem(every, kinds, guess, _find_riding_markers(rough, kinds, start.named))
-        )
-        if parallel := _find_parallel_axes(bundle):
-            kinds = tuple(_BALL if j in parallel else kind for j, kind in enumerate(kinds))
+        riding = _find_riding_markers(rough, kinds, start.named)
+        bundle = solve_bundle(*start.build_problem(every, kinds, guess, riding))
+        parallel = (np.abs(bundle.state.cosine) > PARALLEL) & (np.array(kinds) == "two-axis")
+        if parallel.any():
+            kinds = tuple(_BALL if near else kind for kind, near in zip(kinds, parallel, strict=True))
             guess = rough  # because wrong axes distort the whole bundle
         elif unlike := set(find_implausible_skin(bundle.problem, bundle.state)) - start.firm:
             start, guess = replace(start, firm=start.firm | unlike), bundle
         else:
             return bundle
-
-
-def _find_parallel_axes(bundle: Bundle) -> list[int]:
-    """Return the two-axis joints, from 0, whose axes are too close to each other to determine two angles."""
-    near = np.abs(bundle.state.cosine) > PARALLEL
-    return [j for j, kind in enumerate(bundle.problem.kinds) if kind == "two-axis" and near[j]]
 
 
 def estimate_slide_sds(clusters: Clusters, segment: IntArray, parents: Sequence[int]) -> FloatArray:
@@ -180,13 +169,7 @@ def estimate_slide_sds(clusters: Clusters, segment: IntArray, parents: Sequence[
 
 
 def choose_frames(points: FloatArray, segment: IntArray, count: int) -> IntArray:
-    """Return frames along the motion in which every segment has three visible markers or more.
-
-    Raises
-    ------
-    NumericalError
-        There are too few frames.
-    """
+    """Return frames along the motion in which every segment has three visible markers or more."""
     seen: BoolArray = np.asarray(np.isfinite(points).all(axis=2))
     enough = np.all([seen[:, segment == k].sum(axis=1) >= 3 for k in range(int(segment.max()) + 1)], axis=0)
     among = np.flatnonzero(enough)
@@ -271,12 +254,8 @@ class _Start:
         if rough is not None:
             if estimator == "bundle":
                 local, known = _move_along_hinges(rough, kinds, axes, centres)
-                state = replace(
-                    state,
-                    local=local,
-                    centres=known,
-                    skin=rough.state.skin * np.isin(self.segment, np.flatnonzero(soft) + 1),
-                )
+                skin = rough.state.skin * np.isin(self.segment, np.flatnonzero(soft) + 1)
+                state = replace(state, local=local, centres=known, skin=skin)
             weights = seen / (rough.sd * np.sqrt(rough.together))
         problem = BundleProblem(
             np.where(seen[..., None], points, 0.0),

@@ -44,8 +44,7 @@ class SpatialFit:
     lengths: FloatArray  # (n - 1,) distances of joints 2 … n from the joint of their parent segment, m
     length_sd: FloatArray  # (n - 1,) standard deviations of these lengths, m
     bundle: Bundle  # solution, for :func:`move_centre`
-    # (P, P) covariance of all parameters, with the columns of ``locate_columns(bundle.problem)``
-    covariance: FloatArray
+    covariance: FloatArray  # (P, P) covariance of the parameters in the order of ``locate_columns(bundle.problem)``
 
     @property
     def centre_covariance(self) -> FloatArray:
@@ -185,14 +184,7 @@ def _is_known(kind: JointKind, covariance: FloatArray, axis: FloatArray) -> bool
 def align_offset(turn: FloatArray, axis: FloatArray, pin: FloatArray, cosine: float) -> FloatArray:
     """Return the rotation (3, 3) nearest to ``turn`` that sets the angle between axis and pin.
 
-    Parameters
-    ----------
-    turn : (3, 3) array
-        Rotation of the joint.
-    axis, pin : (3,) arrays
-        Unit axes in the frames of the parent and of the child.
-    cosine : float
-        Cosine of the angle between them.
+    The unit axis (3,) is in the frame of the parent, and the unit pin (3,) in the frame of the child.
     """
     carried = turn @ pin
     normal = np.cross(axis, carried)
@@ -207,18 +199,9 @@ def move_centre(fit: SpatialFit, joint: int, point: FloatArray, covariance: Floa
     """Return the fit after a joint centre is also measured by other means, such as palpated landmarks.
 
     All parameters move according to their covariance (a Kalman update), so markers, centres and axes stay consistent.
-    In a direction that the motion hardly determines, such as along a hinge, the centre follows the measured point.
-
-    Parameters
-    ----------
-    fit : SpatialFit
-        Fit from motion.
-    joint : int
-        Joint 1 … n, the number of its segment.
-    point : (3,) array
-        Measured centre in the frame of the parent segment of ``fit.chain``, among its markers, m.
-    covariance : (3, 3) array
-        Covariance of the measured centre, m².
+    In a direction that the motion hardly determines, such as along a hinge, the centre follows the measured point. The
+    joint has the number of its segment, 1 … n. The point (3,), m, is in the frame of the parent segment of
+    ``fit.chain``, among its markers, and has the covariance (3, 3), m².
     """
     problem, state = fit.bundle.problem, fit.bundle.state
     about = _centre_jacobian(problem, locate_columns(problem), joint - 1, problem.parents[joint - 1])

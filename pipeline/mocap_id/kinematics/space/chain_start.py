@@ -44,16 +44,9 @@ class Clusters:
 
 
 def fit_clusters(points: FloatArray, segment: IntArray, reference: int) -> Clusters:
-    """Fit a rigid body to the markers of every segment.
+    """Fit a rigid body to the markers of every segment, with the axes of the trial in the frame ``reference``.
 
-    Parameters
-    ----------
-    points : (F, M, 3) array
-        Marker positions, m; NaN where missing.
-    segment : (M,) int array
-        Segment of each marker.
-    reference : int
-        Frame in which the axes of all bodies are those of the trial.
+    ``points`` (F, M, 3) are marker positions, m, NaN where missing, and ``segment`` (M,) their segments.
     """
     local = np.full((points.shape[1], 3), np.nan)
     rotations, origins, noise, variances = [], [], [], []

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from mocap_id.kinematics.confidence import Confidence, log_shortfall, weigh_evidence
-from mocap_id.kinematics.space.chain_order import SpatialBodyChain
+from mocap_id.kinematics.space.chain_search import SpatialBodyChain
 from mocap_id.kinematics.space.division import Division
 
 _BEST = 3.3  # log odds without evidence against the segments
@@ -38,22 +38,14 @@ def assess_spatial_confidence(
 
     Evidence against it:
 
-    ``weakest``
-        two of the segments could nearly be one;
-    ``runner-up``
-        one of the segments could nearly be two;
-    ``hidden-tip``
-        the last segment may be two segments that hardly move relative to each other;
-    ``joint``
-        two neighbours hardly share a point;
-    ``base``
-        both ends of the chain move about equally far;
-    ``not-rigid``
-        the markers of a segment move relative to each other;
-    ``left-out``
-        markers are on no segment and on no branch of the chain;
-    ``one-joint``
-        the joints rotate as if there was only one: segments without relative motion in this trial are one.
+    - ``weakest``: two of the segments could nearly be one;
+    - ``runner-up``: one of the segments could nearly be two;
+    - ``hidden-tip``: the last segment may be two segments that hardly move relative to each other;
+    - ``joint``: two neighbours hardly share a point;
+    - ``base``: both ends of the chain move about equally far;
+    - ``not-rigid``: the markers of a segment move relative to each other;
+    - ``left-out``: markers are on no segment and on no branch of the chain;
+    - ``one-joint``: all joints rotate as one, so that segments without relative motion in this trial may be merged.
 
     The confidence in a joint is 0.5 if its residual is half of the motion without it.
 

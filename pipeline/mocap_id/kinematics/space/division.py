@@ -16,8 +16,7 @@ from itertools import combinations
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.kinematics.space.bodies import SpatialBodies, SpatialBody
-from mocap_id.kinematics.space.pair_joint import SpatialPairJoint, fit_pair_joint
+from mocap_id.kinematics.space.bodies import SpatialBodies, SpatialBody, SpatialPairJoint, fit_pair_joint
 from mocap_id.kinematics.space.unexplained_motion import gain_of_parts, unexplained_distance_sd, unexplained_motion
 
 _GAIN_END = 0.7  # least summed log gain to divide a body with one joint; skin alone reaches 0.5
@@ -39,8 +38,7 @@ class Division:
     whole: SpatialBody
     parts: tuple[SpatialBody, SpatialBody]
     gain: float  # summed log gain of the markers' residuals
-    # the same for motion that the joints next to the body do not explain; ``gain`` for a body without neighbours
-    own: float
+    own: float  # the same for motion that the neighbouring joints do not explain; ``gain`` without neighbours
     needed: float  # least ``own`` of a real division
 
     @property
@@ -61,17 +59,7 @@ class Partition:
 
 
 def divide(sorter: SpatialBodies, start: Sequence[SpatialBody], needed: float = 1.0) -> Partition:
-    """Divide bodies until each is rigid, the clearest division first.
-
-    Parameters
-    ----------
-    sorter : SpatialBodies
-        Fits of bodies.
-    start : sequence of SpatialBody
-        One body of all markers, or the bodies of an earlier division.
-    needed : float
-        Least ``evidence`` of a division.
-    """
+    """Divide bodies until each is rigid, the clearest division first, with at least the evidence ``needed``."""
     found = Partition(list(start))
     joints: dict[bytes, SpatialPairJoint] = {}
     tried: dict[bytes, Division | None] = {}

@@ -12,9 +12,8 @@ from typing import TypeAlias
 import numpy as np
 
 from mocap_id.arrays import FloatArray, IntArray
-from mocap_id.kinematics.space.bodies import LEAST, NARROW, SpatialBodies, SpatialBody, subtract_means
+from mocap_id.kinematics.space.bodies import LEAST, NARROW, SpatialBodies, SpatialBody, fit_pair_joint, subtract_means
 from mocap_id.kinematics.space.division import build_partition, spanning_tree
-from mocap_id.kinematics.space.pair_joint import fit_pair_joint
 from mocap_id.kinematics.space.unexplained_motion import unexplained_residuals
 
 _MARGIN = 0.3  # least gain in summed log residual

@@ -22,19 +22,10 @@ def find_girdle_markers(
 ) -> BoolArray:
     """Return the base markers (M,) that move with the elevation of the next segment.
 
-    Parameters
-    ----------
-    off : (F, M, 3) array
-        Residuals of the markers in the frame of the base, m; 0 where missing.
-    seen : (F, M) bool array
-        Visible samples.
-    base : (M,) bool array
-        Markers of the base.
-    share : (F,) array
-        u = (1 - cos elevation) / 2.
-    named : (M,) bool array
-        Markers that are on the girdle by their names. Sliding skin may hide their motion, but a fixed shoulder would
-        overestimate the elevation of every raised arm.
+    ``off`` (F, M, 3) are residuals in the frame of the base, m, 0 unless ``seen`` (F, M); ``base`` (M,) are the markers
+    of the base, and ``share`` (F,) is u. Markers that are on the girdle by their names, ``named`` (M,), are always
+    included: sliding skin may hide their motion, but a fixed shoulder would overestimate the elevation of every raised
+    arm.
     """
     found = np.zeros(off.shape[1], dtype=bool)
     low, high = np.quantile(share, [0.05, 0.95])

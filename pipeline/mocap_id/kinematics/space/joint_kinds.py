@@ -36,8 +36,7 @@ class JointEvidence:
     kind: JointKind  # kind in use
     likely: JointKind  # simplest kind that explains the rotation; a ball if the joint hardly rotates
     left: dict[JointKind, float]  # rms rotation that each kind leaves unexplained, rad
-    # the same in its least explained direction, relative to the noise of the clusters in this direction
-    ratio: dict[JointKind, float]
+    ratio: dict[JointKind, float]  # the same in the worst direction, relative to the noise of the clusters
     noise: float  # rms rotation about the worst direction that the residuals of the clusters explain, rad
     arc: float  # 2.5 to 97.5 % range of the rotation about its main direction, rad
 
@@ -52,18 +51,10 @@ class JointAxes:
 
 
 def weigh_kinds(turn: FloatArray, noise: FloatArray, arc: float, kind: JointKind | None = None) -> JointEvidence:
-    """Return the evidence for the kind of a joint.
+    """Return the evidence for the kind of a joint; ``kind`` is set if the user has chosen it.
 
-    Parameters
-    ----------
-    turn : (F, 3, 3) array
-        Rotation of the child in the parent.
-    noise : (3, 3) array
-        Covariance of this rotation in one frame, in the parent's frame, rad².
-    arc : float
-        Range of the rotation between the clusters themselves, rad.
-    kind : {"ball", "two-axis", "hinge"}, optional
-        Kind set by the user.
+    ``turn`` (F, 3, 3) is the rotation of the child in the parent, and ``noise`` (3, 3) its covariance in one frame, in
+    the parent's frame, rad². ``arc`` is the range of the rotation between the clusters, rad.
     """
     noise = noise + _LEAST_NOISE**2 * np.eye(3)
     hinge, pair = fit_hinge(turn), fit_two_axes(turn)

@@ -18,6 +18,9 @@ _SWEEPS = 12  # largest number of sweeps of Jacobi rotations; four are typical
 def fit_shape(points: FloatArray, start: FloatArray | None = None, iterations: int = _ITERATIONS) -> FloatArray:
     """Fit the shape of a rigid body to its markers (generalised Procrustes analysis with gaps and robust weights).
 
+    The coordinates (k, 3), m, are relative to their centroid, in arbitrary axes. They are NaN for markers that are
+    never visible together with three known ones.
+
     Parameters
     ----------
     points : (F, k, 3) array
@@ -26,12 +29,6 @@ def fit_shape(points: FloatArray, start: FloatArray | None = None, iterations: i
         First guess, m; NaN where unknown. Default: the frame with most visible markers.
     iterations : int, optional
         Largest number of iterations; two are enough to compare groups of markers.
-
-    Returns
-    -------
-    (k, 3) array
-        Marker coordinates relative to their centroid, m, in arbitrary axes; NaN for markers that are never visible
-        together with three known ones.
 
     Examples
     --------
@@ -66,14 +63,8 @@ def rigid_poses(
 ) -> tuple[FloatArray, FloatArray, IntArray]:
     """Return the pose of a rigid body in every frame, by weighted least squares (Kabsch's closed form).
 
-    Parameters
-    ----------
-    points : (F, k, 3) array
-        Trajectories of the body's markers, m; NaN where missing.
-    local : (k, 3) array
-        Marker coordinates in the body's frame, m; NaN where unknown.
-    weights : (k,) or (F, k) array, optional
-        Weights of the markers, 0 or more; equal by default.
+    The trajectories (F, k, 3), m, are NaN where missing. ``local`` (k, 3) are the coordinates in the body's frame, m,
+    NaN where unknown. The weights (k,) or (F, k) are 0 or more, by default equal.
 
     Returns
     -------

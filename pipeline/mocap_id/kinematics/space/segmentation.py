@@ -1,7 +1,7 @@
 """Number, order and markers of the segments of a chain in space, from the motion alone.
 
 The markers are divided into rigid bodies (:mod:`.division`). The bodies are ordered along real joints, from the body
-that moves least (:mod:`.chain_order`). Leftover markers are assigned to the segment with which they are most rigid.
+that moves least (:mod:`.chain_search`). Leftover markers are assigned to the segment with which they are most rigid.
 """
 
 from __future__ import annotations
@@ -18,11 +18,17 @@ from mocap_id.kinematics.confidence import Confidence
 from mocap_id.kinematics.constraints import Constraints
 from mocap_id.kinematics.frame_sampling import frames_along_motion
 from mocap_id.kinematics.hypotheses import SegmentationRules
-from mocap_id.kinematics.space.bodies import LEAST, SpatialBodies, distance_deviation
-from mocap_id.kinematics.space.chain_order import CHANCE, SpatialBodyChain, fit_joints_along, measure_scatter
-from mocap_id.kinematics.space.chain_search import SpatialSearch, search_best_chain, search_chain
+from mocap_id.kinematics.space.bodies import LEAST, SpatialBodies, distance_deviation, fit_pair_joint
+from mocap_id.kinematics.space.chain_search import (
+    CHANCE,
+    SpatialBodyChain,
+    SpatialSearch,
+    fit_joints_along,
+    measure_scatter,
+    search_best_chain,
+    search_chain,
+)
 from mocap_id.kinematics.space.confidence import assess_spatial_confidence
-from mocap_id.kinematics.space.pair_joint import fit_pair_joint
 from mocap_id.kinematics.space.rigid_body import mean_rotation
 
 _SEARCH_FRAMES = 120
@@ -50,19 +56,15 @@ class SpatialSegmentation:
 
     segment: IntArray  # (M,) 0 = base, 1 … n from base to tip, -1 = none
     parents: tuple[int, ...]  # parent of segments 1 … n
-    # (M,) rms distance of each marker from its position according to its segment's other markers, m; NaN for none
-    residual: FloatArray
+    residual: FloatArray  # (M,) rms distance of each marker from its position on its segment, m; NaN for none
     reasons: tuple[str, ...]  # reason for the assignment of each marker
     count: int  # number of segments with the base
     confidence: Confidence
-    # for each joint, motion of one segment in the other without a joint, over residual of their common point
-    ratios: tuple[float, ...]
+    ratios: tuple[float, ...]  # motion without each joint, divided by the residual of the joint
     joint_residuals: tuple[float, ...]  # rms distance between the two segments' points at each joint, m
     arcs: tuple[float, ...]  # range of each joint's rotation about its main axis, rad
     moving_base: bool  # whether the base moves in the lab
-    # share of the segments' rotation against the base that is not about one axis: 0 if the motion is planar, 2/3 if it
-    # is equal about all axes
-    planarity: float
+    planarity: float  # share of the rotation that is not about one axis; 0 for planar motion, 2/3 for equal rotations
     hypotheses: tuple[SpatialHypothesis, ...] = field(repr=False)  # divisions made and refused, the largest gain first
     branches: tuple[IntArray, ...] = field(default=(), repr=False)  # columns of the bodies that were left out
 

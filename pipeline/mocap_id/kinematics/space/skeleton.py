@@ -69,10 +69,7 @@ class SensorNoise:
 def fit_trunk(points: Mapping[str, FloatArray]) -> Trunk:
     """Fit the trunk to the trajectories (F, 3), m, of its joints in the trial, given by their roles (right arm).
 
-    Raises
-    ------
-    Refused
-        The skeleton has no two shoulders, or no joint below them.
+    A skeleton without two shoulders, or without a joint below them, is refused.
     """
     roles = tuple(points)
     below = [name for name in ("pelvis", "near_hip", "far_hip", "spine") if name in roles]
@@ -143,16 +140,9 @@ def _find_anatomical_axes(local: FloatArray, roles: tuple[str, ...]) -> tuple[Fl
 def fit_bone(tips: FloatArray, expected: FloatArray, expected_sd: float, *, rate: float) -> Bone:
     """Fit a sphere to the positions of a bone's end.
 
-    Parameters
-    ----------
-    tips : (F, 3) array
-        Positions in the trunk's axes, m; NaN where missing.
-    expected : (3,) array
-        Measured centre, m.
-    expected_sd : float
-        Standard deviation of its persistent error along each axis, m.
-    rate : float
-        Frames per second.
+    The positions ``tips`` (F, 3) are in the trunk's axes, m, NaN where missing; ``rate`` is in frames per second.
+    ``expected`` (3,) is the measured centre, m, and ``expected_sd`` the standard deviation of its persistent error
+    along each axis, m.
 
     Raises
     ------

@@ -25,23 +25,9 @@ def unexplained_motion(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the motion of a body's markers in its frame that rotations against its neighbours do not explain.
 
-    The motion is regressed on the components of each relative rotation vector, and on their products.
-
-    Parameters
-    ----------
-    points : (F, M, 3) array
-        Trajectories in the lab, m; NaN where missing.
-    body : SpatialBody
-        Body of the markers.
-    neighbours : sequence of SpatialBody
-        Bodies that joints connect with it.
-
-    Returns
-    -------
-    motion : (F, k, 3) array
-        Unexplained motion in the body's frame, m; 0 where missing.
-    shape : (k, 3) array
-        Mean position of each marker, m.
+    The motion (F, k, 3), m, is 0 where missing; the mean position (k, 3) of each marker, m, is also returned. The
+    motion is regressed on the components of each rotation vector relative to a neighbour, and on their products.
+    Neighbours are bodies that joints connect with the body. Trajectories (F, M, 3) are in the lab, m.
     """
     off, shape, _ = subtract_means(body.local(points[:, body.markers]))
     terms = np.concatenate([np.ones((len(off), 1)), *(_posture_terms(body, other) for other in neighbours)], axis=1)
@@ -66,12 +52,7 @@ def unexplained_motion(
 def gain_of_parts(motion: FloatArray, shape: FloatArray, parts: Sequence[IntArray]) -> float:
     """Return the summed log gain of the markers' residuals if each part has its own small motion.
 
-    Parameters
-    ----------
-    motion, shape : (F, k, 3) and (k, 3) arrays
-        Results of :func:`unexplained_motion`, m.
-    parts : sequence of int arrays
-        Rows of the markers of each part.
+    ``motion`` and ``shape`` are results of :func:`unexplained_motion`; the parts are given by rows of their markers.
     """
     together = _without_pose(motion, shape)
     apart = np.empty_like(together)
