@@ -70,9 +70,9 @@ def shoulder_angles(motion: RelativeMotion, frames: FloatArray | None = None) ->
     """Return plane of elevation, elevation and axial rotation of the upper arm in the thorax.
 
     The elevation is never negative. Near 0 only plane + axial is defined, near π only plane - axial; this sum or
-    difference is continuous. When the arm passes through such a pole, the plane may jump by up to π, and the axial
-    rotation jumps by the opposite amount. The first sample away from the poles lies in (-π, π]. ``frames`` (6, 6) is
-    the covariance of the errors of both segment frames, rad² (:func:`~mocap_id.anatomy.frames.frame_covariance`).
+    difference is continuous. When the arm passes through one of these poles, the plane may jump by up to π, and the
+    axial rotation jumps by the opposite amount. The first sample away from the poles lies in (-π, π]. ``frames`` (6, 6)
+    is the covariance of the errors of both segment frames, rad² (:func:`~mocap_id.anatomy.frames.frame_covariance`).
     """
     r = motion.rotation
     elevation = np.arctan2(np.hypot(r[:, 0, 1], r[:, 2, 1]), r[:, 1, 1])
@@ -185,7 +185,7 @@ def _wrap(angle: FloatArray) -> FloatArray:
 def _unwrap(angle: FloatArray, meaningful: BoolArray | None = None) -> FloatArray:
     """Return an angle (F,) without jumps of 2π, ignoring gaps and samples in which the angle is not defined.
 
-    Whole turns while the angle is not ``meaningful`` are noise and are not counted. The first meaningful sample lies in
+    Changes by 2π while the angle is not ``meaningful`` are noise and are removed. The first meaningful sample lies in
     (-π, π].
     """
     seen = np.isfinite(angle)

@@ -1,7 +1,7 @@
 """Anatomical frames of the upper limb from landmarks (ISB: Wu 2005), with their uncertainty.
 
-All frames are those of a right arm: X forward, Y up along the segment, Z to the right. The landmarks of a left arm are
-mirrored first (:func:`mirror_points`).
+All frames are defined for a right arm: X forward, Y up along the segment, Z to the right. The landmarks of a left arm
+are mirrored first (:func:`mirror_points`).
 """
 
 from __future__ import annotations

@@ -23,20 +23,16 @@ class Joint(Protocol):
     @property
     def dimension(self) -> int:
         """Number of coordinates d."""
-        ...
 
     @property
     def twists(self) -> FloatArray:
         """Twists ξ_k of the coordinates in the joint frame, (6, d)."""
-        ...
 
     def subspace(self, q: FloatArray) -> FloatArray:
         """Return S(q), (..., 6, d). Its product with q̇ is the body velocity of the link in the joint frame."""
-        ...
 
     def subspace_rate(self, q: FloatArray, dq: FloatArray) -> FloatArray:
         """Return the time derivative of :meth:`subspace`, (..., 6, d), from coordinates and rates (..., d)."""
-        ...
 
 
 @dataclass(frozen=True)

@@ -102,8 +102,8 @@ def inverse_dynamics(
     base_acceleration : (6,) array
         Acceleration of the base, ``(g·up, 0)`` for gravity.
     applied : (..., n + 1, 6) array, optional
-        Wrenches of the surroundings on the links except the ground's, such as a seat's, in the links' frames. The
-        thesis has the opposite sign: its Γ_E is the wrench of the body on the surroundings.
+        Other external wrenches on the links (for example, from a seat), in the links' frames. The thesis has the
+        opposite sign: its Γ_E is the wrench of the body on the surroundings.
     """
     moving = link_motion(chain, q, dq, ddq, base_acceleration)
     needed = link_wrench(inertias, moving.velocity, moving.acceleration)

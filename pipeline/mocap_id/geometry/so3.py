@@ -75,9 +75,9 @@ def quaternion(rotation: FloatArray) -> FloatArray:
 
 
 def shift_to_shortest_arc(angles: FloatArray) -> FloatArray:
-    """Shift angles (K,), rad, by whole turns, so that all lie on the shortest arc that contains them, near zero.
+    """Shift angles (K,), rad, by multiples of 2π, so that all lie on the shortest arc that contains them, near zero.
 
-    Angles that were unwrapped through a gap or a singular pose may be off by whole turns.
+    Angles that were unwrapped through a gap or a singular pose may be wrong by multiples of 2π.
 
     Examples
     --------

@@ -92,8 +92,8 @@ def find_base_motion(positions: FloatArray, time: FloatArray, rate: float) -> Ba
     """Find changes of the base's position; None if it keeps its position, or if fewer than two markers locate it.
 
     The base consists of the low markers that stand still while the body moves. If they move to another position and
-    stay there, the base has moved. The motion of the other markers relative to the base is that of a body on a fixed
-    base. Positions (F, M, 3) are in lab axes with Z up, m, NaN where missing; ``rate`` is in frames per second.
+    stay there, the base has moved. Without this motion, the other markers move like a body on a fixed base. Positions
+    (F, M, 3) are in lab axes with Z up, m, NaN where missing; ``rate`` is in frames per second.
     """
     size = max(1, round(_BLOCK_S * rate))
     blocks, middle = block_means(positions, size), block_means(time[:, None, None], size)[:, 0, 0]

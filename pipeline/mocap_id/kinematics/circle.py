@@ -83,9 +83,9 @@ def fit_common_centre(points: ComplexArray, method: CommonMethod = "geometric") 
 class _Tracks:
     """Tracks minus their mean, in units of their rms distance from it. A common centre has common mean and unit."""
 
-    z: ComplexArray  # (F, M), zero where unseen
+    z: ComplexArray  # (F, M), zero where missing
     seen: BoolArray  # (F, M)
-    frames: FloatArray  # (M,) number of frames seen
+    frames: FloatArray  # (M,) number of visible frames
     origin: ComplexArray  # (G,)
     scale: FloatArray  # (G,)
 
@@ -164,7 +164,7 @@ def _fit_pratt(tracks: _Tracks) -> ComplexArray:
 
 
 def _fit_geometric(tracks: _Tracks, start: ComplexArray) -> tuple[ComplexArray, BoolArray]:
-    """Return the centres with the least |z - p| - r by Gauss-Newton, where r is the mean distance."""
+    """Return the centres with the least squared |z - p| - r by Gauss-Newton, where r is the mean distance."""
     centre, settled = start, np.zeros(len(start), dtype=np.bool_)
     direction, off, cost = _measure_distances(tracks, centre)
     for _ in range(_ITERATIONS):

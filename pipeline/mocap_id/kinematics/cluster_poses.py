@@ -17,7 +17,7 @@ from mocap_id.kinematics.rigid_body import fit_body, marker_residuals, rigid_pos
 LEAST_MARKERS = 2
 """Fewest markers that determine a pose."""
 _FRAMES = 600  # for the shape of a cluster
-_LEAST_SEEN = 5  # of these frames; markers seen less are ignored
+_LEAST_SEEN = 5  # fewest of these frames with a visible marker; other markers are ignored
 _LEAST_SPREAD = 0.01  # m, least rms distance of the markers from their centroid that determines an angle
 _OUTLIER = 5.0  # times a marker's own residual: farther samples are left out of a frame
 _LEAST_RESIDUAL = 1e-3  # m; least residual for this limit

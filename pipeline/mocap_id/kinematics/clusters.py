@@ -41,7 +41,7 @@ def find_base(points: ComplexArray, limit: float, constraints: Constraints | Non
     square, counts = variance_over_time(points)
     scatter = np.where(counts >= max(2, 0.05 * len(points)), np.sqrt(square), np.inf)
     order = np.argsort(scatter)[: np.isfinite(scatter).sum()]
-    floor = np.maximum(scatter[order], 1e-5)  # ratios of smaller values show rounding only
+    floor = np.maximum(scatter[order], 1e-5)  # ratios of smaller values are rounding errors
     still = int(np.sum(scatter[order] <= limit))
     if still == 0:
         return Base(np.array([], dtype=np.int64), 0.0, 1.0, scatter)

@@ -23,10 +23,10 @@ class Continuations:
     """Tests of whether a sample (frame, column) and a later sample are the same marker.
 
     Which distances stay constant depends on the lag: over one frame nearly all do, over half a second only distances
-    within a rigid body. The scale of each distance is therefore a quantile of its own changes over the same lag: within
-    three seconds before in the one column, or three seconds after in the other, whichever is larger. Scales from the
-    whole trial would fail, because a column with exchanged labels contains two markers. Trajectories (F, M, 3) are in
-    m, NaN where missing; ``rate`` is in frames per second.
+    within a rigid body. Changes of each distance are therefore compared with a quantile of its changes over the same
+    lag: within three seconds before in the first column, or three seconds after in the second, whichever is larger.
+    Changes in the whole trial cannot be used, because a column with exchanged labels contains two markers. Trajectories
+    (F, M, 3) are in m, NaN where missing; ``rate`` is in frames per second.
     """
 
     def __init__(self, positions: FloatArray, rate: float) -> None:

@@ -17,7 +17,7 @@ _FLAT = 0.4  # least share of the body's moving time in which feet are flat; sha
 _FOOT_M = (0.1, 0.35)  # range of distances of two markers on one foot
 _RIGID_M = 0.003  # largest change of distance of two markers on one foot
 _STILL_M = 0.001  # markers that move less are on the ground, not on a rotating foot
-_MOSTLY = 0.98  # quantile of a marker's distance from its usual place
+_MOSTLY = 0.98  # quantile of a marker's distance from its usual position
 _LEAST_POSITIONS = 2  # fewest distinct marker positions that determine the pose of a foot
 
 LEAST_TURN = float(np.radians(3.0))
@@ -67,7 +67,7 @@ def find_moving_markers(points: FloatArray, rate: float) -> BoolArray:
     Marker positions (F, m, 2) are in the plane frame, m, NaN where missing; the rate is in frames per second.
     """
     blocks = block_means(points, max(1, round(_BLOCK_S * rate)))
-    moving: BoolArray = np.asarray(np.isfinite(blocks).any(axis=(0, 2)))  # seen at all
+    moving: BoolArray = np.asarray(np.isfinite(blocks).any(axis=(0, 2)))
     if not moving.any():
         return moving
     usual = np.nanmedian(blocks[:, moving], axis=0)

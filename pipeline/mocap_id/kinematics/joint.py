@@ -100,10 +100,10 @@ def unwrap_rotation(rotation: ComplexArray) -> FloatArray:
 
 
 def measure_asymmetry(points: ComplexArray, lateral: FloatArray, segment: IntArray) -> FloatArray:
-    """Return the rms difference between left and right rotations of segments 1 … n, (n,), rad.
+    """Return the standard deviation (n,) of the angle between left and right side of segments 1 … n, rad.
 
-    A sagittal segment represents both sides, which assumes that this difference is small. It is NaN with fewer than two
-    markers on a side. ``points`` (F, M) are trajectories in the plane, m, ``lateral`` (M,) mean out-of-plane
+    A sagittal segment represents both sides, which assumes that this angle is nearly constant. It is NaN with fewer
+    than two markers on a side. ``points`` (F, M) are trajectories in the plane, m, ``lateral`` (M,) mean out-of-plane
     coordinates, m, and ``segment`` (M,) is 0 on the base and -1 on no segment.
     """
     middle = np.nanmean(lateral[segment > 0])

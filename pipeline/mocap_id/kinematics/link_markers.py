@@ -1,7 +1,7 @@
 """Chains in which a segment has a single marker, or shares its only one with a neighbour (conventional marker sets).
 
-Two rigid bodies A and B may be connected by a segment without a body of its own. Its marker u then moves on a circle
-about a joint a of A, and on another circle about a joint b of B:
+Two rigid bodies A and B may be connected by a segment that is not a rigid body of markers. Its marker u then moves on a
+circle about a joint a of A, and on another circle about a joint b of B:
 
 - ``link marker``: the distance of a and b is constant. One segment from a to b contains u.
 - ``joint marker``: this distance varies. Two segments, from a to u and from u to b, meet at a joint at u.
@@ -23,7 +23,7 @@ from mocap_id.kinematics.joint import arc
 from mocap_id.kinematics.rigid_body import RigidBody
 
 _ROUND = 0.012  # m; largest rms distance of a link marker from its circle
-_NEAREST = 0.06  # m; smallest radius of such a circle
+_NEAREST = 0.06  # m; smallest radius of this circle
 _CONSTANT = 0.015  # m; largest rms change of the distance between the joints of one segment
 _SHORTEST = 0.05  # m; shortest segment
 _AS_STILL = 0.012  # m; largest rms change of the distance from a still marker at the centre

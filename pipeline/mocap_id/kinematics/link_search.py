@@ -28,7 +28,7 @@ _INNER_FRAMES = 30.0  # weight of this marker in frames, because its error is th
 
 
 def find_best_links(problem: SegmentationProblem) -> LinkFit | None:
-    """Return the cheapest chain that has a segment without a rigid body of its own; None if there is none."""
+    """Return the cheapest chain with a segment that is not a rigid body of markers; None if there is none."""
     if len(list(group_points(problem.points, problem.lateral, problem.moving))) > _MOST_POINTS:
         return None
     paths = list(find_linked_paths(problem))

@@ -79,9 +79,10 @@ def sample_rows(frames: int, rate: float) -> IntArray:
 def find_bad_stretches(
     recorded: RecordedMarkers, found: Segmentation, fitted: ComplexArray, examined: IntArray
 ) -> tuple[BadStretch, ...]:
-    """Find the bad intervals of every marker that is ``examined``, after a segmentation was found.
+    """Find the intervals in which the examined markers (by their columns) are bad, after the segmentation ``found``.
 
-    The segmentation was found from trajectories ``fitted`` (f, M), m, NaN also where samples are known to be bad.
+    ``fitted`` (f, M) are the trajectories from which the segments were found, m. They are also NaN where samples are
+    known to be bad.
     """
     tracks = _express_in_segments(recorded, found, fitted)
     if tracks is None:

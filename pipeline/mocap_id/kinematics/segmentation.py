@@ -214,8 +214,8 @@ def _explain_missing_chain(problem: SegmentationProblem) -> Refused:
             numbers = ", ".join(map(str, found))
             return Refused(
                 "no-chain",
-                f"no chain has {rules.count} segments, as requested by `segment: {{count: {rules.count}}}`; there are "
-                f"chains of {numbers}. Remove `count`, or list markers that are `apart`.",
+                f"no chain has {rules.count} segments, as requested by `segment: {{count: {rules.count}}}`; chains "
+                f"with {numbers} segments exist. Remove `count`, or list markers that are `apart`.",
                 float(rules.count),
                 float(found[-1]),
             )

@@ -85,7 +85,7 @@ def _find_breaks(positions: FloatArray, rate: float) -> _Breaks:
         usual = np.sqrt(np.median(sample[np.isfinite(sample)])) if np.isfinite(sample).any() else 0.0
         bent = square > np.clip(_OF_BEND * usual, *_JUMPS) ** 2
     frame, column = np.nonzero(bent)
-    # a bend at a frame shows a jump before or after it
+    # a large second difference at a frame is a jump before or after it
     jumps = np.unique(np.stack([np.tile(column, 2), np.concatenate([frame, frame + 1])], axis=1), axis=0)
     seen = np.isfinite(positions[..., 0] + positions[..., 1] + positions[..., 2])
     if seen.all():
@@ -104,7 +104,7 @@ def _find_gaps(
     """Return column, last visible and next visible frame of all gaps of at most ``longest`` frames."""
     kind = np.concatenate([np.zeros(len(lost), dtype=np.int64), np.ones(len(found), dtype=np.int64)])
     frame, column = np.concatenate([lost, found]), np.concatenate([lost_column, found_column])
-    order = np.lexsort((1 - kind, frame, column))  # a marker seen for one frame is found before it is lost
+    order = np.lexsort((1 - kind, frame, column))  # a marker that is visible for one frame appears before it disappears
     kind, frame, column = kind[order], frame[order], column[order]
     closed = np.flatnonzero((kind[:-1] == 0) & (kind[1:] == 1) & (column[:-1] == column[1:]))
     closed = closed[frame[closed + 1] - frame[closed] - 1 <= longest]
@@ -170,7 +170,7 @@ def _pair_overlapping(breaks: _Breaks) -> tuple[IntArray, IntArray]:
 
 def _find_durations(events: list[tuple[int, tuple[int, ...]]], markers: int, count: int) -> tuple[Swap, ...]:
     """Return the swaps of two columns with their durations, from the exchanges at each event."""
-    shown_by = list(range(markers))  # the marker that each column shows
+    shown_by = list(range(markers))  # the marker in each column
     standing: dict[tuple[int, int], int] = {}
     out: list[Swap] = []
     for frame in sorted({event[0] for event in events}):
@@ -186,7 +186,7 @@ def _find_durations(events: list[tuple[int, tuple[int, ...]]], markers: int, cou
 
 
 def _list_exchanges(shown_by: list[int]) -> list[tuple[int, int]]:
-    """Return the exchanges of two that sort the columns, by first column; every column is first at most once."""
+    """Return the exchanges of two columns that sort all columns; every column is the first one at most once."""
     rest, out = list(shown_by), []
     for column in range(len(rest)):
         if rest[column] != column:

@@ -41,7 +41,7 @@ def propose_window(positions: FloatArray, rate: float) -> tuple[int, int]:
 
 
 def _has_motion(positions: FloatArray) -> bool:
-    """Return whether at least two markers travel far beyond the still radius, unlike those of a waiting person."""
+    """Return whether at least two markers travel far beyond the still radius, unlike markers on a waiting person."""
     seen: BoolArray = np.asarray(np.isfinite(positions).all(axis=2))
     low = np.where(seen[..., None], positions, np.inf).min(axis=0)
     high = np.where(seen[..., None], positions, -np.inf).max(axis=0)

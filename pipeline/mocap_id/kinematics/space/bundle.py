@@ -25,15 +25,15 @@ _CONVERGED = 1e-4  # relative fall of the cost
 _NEARLY = 1e-2  # relative fall of the cost at which the weights are renewed
 _WEIGHINGS = 5
 _PATIENCE = 8  # iterations after which the weights are renewed in any case
-_HUBER = 3.0  # standard deviations of a marker
+_HUBER = 3.0  # standard deviations; larger residuals are outliers
 _FINEST = 1e-4  # m; smallest standard deviation of a marker
 _EVEN = 0.5  # the same relative to the median segment, because computed markers have no residuals
 _SHARED = 0.1  # share of the segment's typical variance in the variance of a marker
 _LONGEST = 40  # frames; largest number of frames that count as one
 _FRAME_STEPS = 5
-_ANYWHERE = 1.0  # m; standard deviation of a marker that is never seen
+_ANYWHERE = 1.0  # m; standard deviation of a marker that is never visible
 _FREE = 1e-4  # smallest damping
-_FIXED = 1e-4  # rad, m; standard deviation of the axes of a segment about those of its markers
+_FIXED = 1e-4  # rad, m; standard deviation of the axes of a segment relative to its markers
 _STEP = {"markers": 0.01, "centres": 0.02, "axes": 0.2, "skin": 0.2}  # typical steps; m, m, rad, 1
 
 

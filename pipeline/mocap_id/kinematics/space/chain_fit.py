@@ -191,7 +191,7 @@ def fit_clusters_at(points: FloatArray, segment: IntArray, used: IntArray) -> tu
 
 @dataclass(frozen=True)
 class _Start:
-    """Input of all bundles of a trial."""
+    """Markers, clusters and settings from which the first guess of each bundle is built."""
 
     points: FloatArray
     segment: IntArray

@@ -30,8 +30,8 @@ CHANCE = 0.65
 """Largest residual of a joint, relative to the motion of one body in the other without a joint."""
 
 _NEAR_JOINT = 0.08  # m; largest distance of a joint's bony landmarks from its estimated centre
-_AS_RIGID = 3.5  # largest ratio of such a landmark's residuals on the segments before and after the joint
-_MOST = 0.025  # m; largest residual of such a landmark on the segment before it
+_AS_RIGID = 3.5  # largest ratio of a moved landmark's residuals on the segments before and after the joint
+_MOST = 0.025  # m; largest residual of a moved landmark on the segment before the joint
 _CHOICES = 20
 _ROUNDS = 3
 _LENIENT = 0.9  # limit of joint residuals while landmarks may still be on the wrong side
@@ -54,8 +54,8 @@ def find_chain(
 ) -> SpatialBodyChain | None:
     """Return the longest chain of real joints from the body that moves least; None if there is no real joint.
 
-    Each connected group of bodies has its own base. Of equally long chains, the one whose joints rotate most is chosen;
-    the other arm of a person is then a branch. Trajectories (F, M, 3) are in the lab, m; ``chance`` is as for
+    Each connected group of bodies has its own base. Of equally long chains, the chain whose joints rotate most is
+    chosen; the other arm of a person is then a branch. Trajectories (F, M, 3) are in the lab, m; ``chance`` is as for
     :func:`is_real`.
     """
     count = len(found.bodies)
@@ -193,7 +193,7 @@ class SpatialSearch:
 def search_best_chain(sorter: SpatialBodies, rules: SegmentationRules) -> SpatialSearch:
     """Return the chain with most markers, with or without the weak divisions.
 
-    Skin that was treated as a segment of its own is a branch. Without this division, its markers are on the chain.
+    Skin that was treated as a separate segment is a branch. Without this division, its markers are on the chain.
     """
     best = found = search_chain(sorter, rules, 1.0)
     for _ in range(_ROUNDS):

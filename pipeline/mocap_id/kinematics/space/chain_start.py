@@ -25,7 +25,7 @@ _SOFT = 0.01  # m; typical motion of the shared point
 
 @dataclass(frozen=True)
 class Clusters:
-    """Marker clusters as rigid bodies, whose axes are those of the trial in a reference frame; NaN where unknown."""
+    """Marker clusters as rigid bodies. In a reference frame, their axes are the axes of the trial."""
 
     local: FloatArray  # (M, 3) marker coordinates relative to the centroid of their cluster, m
     rotation: FloatArray  # (F, n + 1, 3, 3) cluster to trial
@@ -44,7 +44,7 @@ class Clusters:
 
 
 def fit_clusters(points: FloatArray, segment: IntArray, reference: int) -> Clusters:
-    """Fit a rigid body to the markers of every segment, with the axes of the trial in the frame ``reference``.
+    """Fit a rigid body to the markers of every segment, with the axes of the trial in frame ``reference``.
 
     ``points`` (F, M, 3) are marker positions, m, NaN where missing, and ``segment`` (M,) their segments.
     """

@@ -1,7 +1,7 @@
 """Kind of every joint, chosen by the rotation between two clusters that each kind leaves unexplained.
 
 With soft tissue, every joint looks like a ball joint. A kind is good enough if the rotation that it cannot explain is
-no larger than the noise of the clusters. The simplest such kind is chosen.
+no larger than the noise of the clusters. The simplest of these kinds is chosen.
 """
 
 from __future__ import annotations

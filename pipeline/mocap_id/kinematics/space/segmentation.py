@@ -146,9 +146,9 @@ def _search_with_count(sorter: SpatialBodies, rules: SegmentationRules) -> Spati
     if lengths - {0}:
         raise Refused(
             "no-chain",
-            f"no chain has {rules.count} segments, as requested by `segment: {{count: {rules.count}}}`; there are "
-            f"chains of {', '.join(map(str, sorted(lengths - {0})))}. Remove `count`, or list "
-            "markers that are `apart`.",
+            f"no chain has {rules.count} segments, as requested by `segment: {{count: {rules.count}}}`; "
+            f"chains with {', '.join(map(str, sorted(lengths - {0})))} segments exist. Remove `count`, or list markers "
+            "that are `apart`.",
             float(rules.count or 0),
             float(max(lengths)),
         )
@@ -171,7 +171,7 @@ def _explain_missing_chain(found: SpatialSearch, sorter: SpatialBodies, rules: S
     best = min(joints, key=lambda joint: joint.residual / max(joint.free, 1e-6))
     return Refused(
         "no-chain",
-        f"none of {bodies} rigid bodies turns about a point of another: the best pair keeps a common point within "
+        f"none of {bodies} rigid bodies rotates about a point of another: the best pair keeps a common point within "
         f"{1e3 * best.residual:.0f} mm (limit {1e3 * min(rules.max_residual, CHANCE * best.free):.0f}) over an arc of "
         f"{np.degrees(best.arc):.1f}° (at least {np.degrees(rules.min_arc):.1f}). Record a larger movement of the "
         "joints, with at least three markers on each segment.",
@@ -229,8 +229,8 @@ def _assign_leftovers(
 ) -> None:
     """Remove outliers from their segments (M,), in place, and assign each free marker to its most rigid segment.
 
-    ``residuals`` (n + 1, M) are those of every marker on every segment, m; ``free`` (M,) markers are visible and on no
-    branch.
+    ``residuals`` (n + 1, M) are residuals of every marker on every segment, m. The ``free`` (M,) markers are visible
+    and on no branch.
     """
     for k in range(len(residuals)):
         own = np.flatnonzero(segment == k)
