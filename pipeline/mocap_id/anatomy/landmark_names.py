@@ -100,13 +100,13 @@ def find_landmarks(
     >>> find_landmarks(["Anna:CLAV", "Anna:RELB", "Anna:RELBM", "Anna:RUPA"]).markers
     {'IJ': 0, 'EL': 1, 'EM': 2}
     """
-    found = [reading for marker, label in enumerate(labels) for reading in _read_label(label, marker)]
+    readings = [reading for marker, label in enumerate(labels) for reading in _read_label(label, marker)]
     reasons: list[Reason] = []
-    chosen = _choose_side(found, side, labels, reasons)
+    chosen = _choose_side(readings, side, labels, reasons)
     markers: dict[str, int] = {}
     fixed = _find_given_markers(labels, given or {})
     for name in (*MIDDLE, *SIDED):
-        choice = fixed[name] if name in fixed else _choose_marker(name, found, chosen, labels, reasons)
+        choice = fixed[name] if name in fixed else _choose_marker(name, readings, chosen, labels, reasons)
         if choice is not None:
             markers[name] = choice
     return NamedLandmarks(markers, chosen, tuple(reasons))
@@ -166,14 +166,14 @@ _BY_NAME = _index_spellings()
 
 
 def _choose_side(
-    found: Sequence[_Reading], side: Side | None, labels: Sequence[str], reasons: list[Reason]
+    readings: Sequence[_Reading], side: Side | None, labels: Sequence[str], reasons: list[Reason]
 ) -> Side | None:
     """Return the arm to use. Add a caution if both arms have landmarks and the user has chosen none."""
-    counts: dict[Side, int] = {each: len({r.landmark for r in found if r.side == each}) for each, _ in _SIDES}
+    counts: dict[Side, int] = {each: len({r.landmark for r in readings if r.side == each}) for each, _ in _SIDES}
     if side is not None:
         other: Side = "left" if side == "right" else "right"
         if counts[side] == 0 and counts[other] > 0:
-            names = ", ".join(labels[r.marker] for r in found if r.side == other)
+            names = ", ".join(labels[r.marker] for r in readings if r.side == other)
             raise RecordingError(
                 f"side: {side}, but the landmarks of the recording are of the {other} arm ({names}); "
                 f"write side: {other}, or name the landmarks under `landmarks:`"
@@ -195,13 +195,13 @@ def _choose_side(
 
 def _choose_marker(
     name: str,
-    found: Sequence[_Reading],
+    readings: Sequence[_Reading],
     side: Side | None,
     labels: Sequence[str],
     reasons: list[Reason],
 ) -> int | None:
     """Return the marker of a landmark; None if no name, or more than one equally good name, fits."""
-    fitting = [r for r in found if r.landmark == name and (name in MIDDLE or r.side in (side, None))]
+    fitting = [r for r in readings if r.landmark == name and (name in MIDDLE or r.side in (side, None))]
     if not fitting:
         return None
     order = min((r.rank, r.side is None and side is not None) for r in fitting)

@@ -136,7 +136,7 @@ def calibrate_pointer(trials: Sequence[tuple[FloatArray, FloatArray, FloatArray]
         The pointer rotates too little: the standard deviation of the tip is above 5 mm.
     """
     gain, noise, product = 0.0, 0.0, 0.0
-    left, offsets = [], []
+    centred, offsets = [], []
     for markers, rotation, origin in trials:
         seen = np.isfinite(markers).all(axis=(1, 2)) & np.isfinite(rotation).all(axis=(1, 2))
         middle = np.einsum("fji,fj->fi", rotation[seen], markers[seen].mean(axis=1) - origin[seen])
@@ -147,10 +147,10 @@ def calibrate_pointer(trials: Sequence[tuple[FloatArray, FloatArray, FloatArray]
         gain += float(np.sum(direction**2))
         noise += float(np.mean(np.sum(np.diff(direction, axis=0) ** 2, axis=1)) / 2 * len(direction))
         product += float(np.sum(direction * middle))
-        left.append((middle, direction))
+        centred.append((middle, direction))
     turn = gain - noise
     length = product / turn if turn > noise else np.nan
-    off = np.concatenate([middle - length * direction for middle, direction in left])
+    off = np.concatenate([middle - length * direction for middle, direction in centred])
     sd = float(np.sqrt(np.mean(off**2) * _LASTING / turn)) if turn > noise else np.inf
     if not sd < _SD_TIP:
         raise RecordingError(

@@ -141,17 +141,17 @@ AXIS_SPREAD = np.radians(4.7)
 _AXIS = "elbow axis"
 
 
-def rotate_to_elbow_axis(found: AnatomicalFrames, axis: ElbowAxis) -> AnatomicalFrames:
+def rotate_to_elbow_axis(anatomical: AnatomicalFrames, axis: ElbowAxis) -> AnatomicalFrames:
     """Return the frames, with the frame of the upper arm rotated about Y towards the flexion axis of the elbow.
 
     The line of the palpated epicondyles and the axis from the motion are both near Z. Their mean is weighted by their
     inverse variances; the variance of the axis includes :data:`AXIS_SPREAD`.
     """
-    frame = found.frames["upper_arm"]
+    frame = anatomical.frames["upper_arm"]
     x, y, z = frame.rotation.T
     direction = axis.direction * np.sign(axis.direction @ z)
     angle = float(np.arctan2(direction @ x, direction @ z))
-    palpated = float(frame_covariance((frame,), found.covariances)[1, 1])
+    palpated = float(frame_covariance((frame,), anatomical.covariances)[1, 1])
     across = np.cross(y, direction)
     shown = float(across @ axis.covariance @ across) / max(float(across @ across), 0.1) + AXIS_SPREAD**2
     share = palpated / (palpated + shown)
@@ -160,11 +160,13 @@ def rotate_to_elbow_axis(found: AnatomicalFrames, axis: ElbowAxis) -> Anatomical
     sensitivity = {name: less @ part for name, part in frame.sensitivity.items()}
     sensitivity[_AXIS] = np.diag([0.0, share, 0.0])
     upper = SegmentFrame(frame.origin, turned, sensitivity)
-    covariances = {**found.covariances, _AXIS: float(np.sqrt(shown))}
-    return AnatomicalFrames({**found.frames, "upper_arm": upper}, covariances, found.reasons)
+    covariances = {**anatomical.covariances, _AXIS: float(np.sqrt(shown))}
+    return AnatomicalFrames({**anatomical.frames, "upper_arm": upper}, covariances, anatomical.reasons)
 
 
-def set_middle_covariance(found: AnatomicalFrames, pair: tuple[str, str], covariance: FloatArray) -> AnatomicalFrames:
+def set_middle_covariance(
+    anatomical: AnatomicalFrames, pair: tuple[str, str], covariance: FloatArray
+) -> AnatomicalFrames:
     """Return the frames with the uncertainty of two landmarks (such as EL and EM) whose midpoint is a joint centre.
 
     The landmarks were moved together, so that their midpoint is the centre. The covariance (3, 3), m², of the centre is
@@ -172,14 +174,14 @@ def set_middle_covariance(found: AnatomicalFrames, pair: tuple[str, str], covari
     """
     middle, apart = f"middle of {pair[0]} and {pair[1]}", f"half from {pair[0]} to {pair[1]}"
     frames = {}
-    for name, frame in found.frames.items():
+    for name, frame in anatomical.frames.items():
         sensitivity = dict(frame.sensitivity)
         one, other = (sensitivity.pop(each, np.zeros((3, 3))) for each in pair)
         sensitivity |= {middle: one + other, apart: one - other}
         frames[name] = SegmentFrame(frame.origin, frame.rotation, sensitivity)
-    half = np.mean([np.mean(np.square(found.covariances.get(each, PALPATION))) for each in pair]) / 2
-    known = {**found.covariances, middle: covariance, apart: float(np.sqrt(half))}
-    return AnatomicalFrames(frames, known, found.reasons)
+    half = np.mean([np.mean(np.square(anatomical.covariances.get(each, PALPATION))) for each in pair]) / 2
+    known = {**anatomical.covariances, middle: covariance, apart: float(np.sqrt(half))}
+    return AnatomicalFrames(frames, known, anatomical.reasons)
 
 
 def _locate_in_trial(

@@ -44,12 +44,12 @@ def find_roles(labels: Sequence[str], side: Side) -> dict[str, int]:
     >>> find_roles(["Neck", "ShoulderLeft", "RElbow", "right_wrist", "LElbow"], "right")
     {'neck': 0, 'far_shoulder': 1, 'elbow': 2, 'wrist': 3, 'far_elbow': 4}
     """
-    found: dict[str, int] = {}
+    roles: dict[str, int] = {}
     for number, label in enumerate(labels):
         role = _find_role(label, side)
-        if role and role not in found:
-            found[role] = number
-    return found
+        if role and role not in roles:
+            roles[role] = number
+    return roles
 
 
 def _find_role(label: str, side: Side) -> str | None:
@@ -67,10 +67,10 @@ def _find_role(label: str, side: Side) -> str | None:
 
 def _split_side(name: str) -> list[tuple[str, str]]:
     """Return possible splits of a name into a side and the rest."""
-    found = []
+    splits = []
     for word in ("right", "left", "r", "l"):
         if name.startswith(word):
-            found.append((word, name[len(word) :]))
+            splits.append((word, name[len(word) :]))
         if name.endswith(word):
-            found.append((word, name[: -len(word)]))
-    return found
+            splits.append((word, name[: -len(word)]))
+    return splits

@@ -35,15 +35,15 @@ def find_axis_markers(problem: SegmentationProblem, first: RigidBody, on_segment
     """
     points, constraints = problem.points, problem.constraints
     on_base = marker_residuals(problem.ground, points)
-    taken: dict[int, float] = {}
+    reassigned: dict[int, float] = {}
     margin = np.inf
     alone = np.bincount(constraints.unit)[constraints.unit] == 1
     left = list(_pair_markers(problem, problem.ground.markers[alone[problem.ground.markers]]))
     while left:
-        members = np.concatenate([first.markers, np.array(list(taken), dtype=np.int64)])
-        there = np.concatenate([on_segment, np.array(list(taken), dtype=np.int64)])
+        members = np.concatenate([first.markers, np.array(list(reassigned), dtype=np.int64)])
+        there = np.concatenate([on_segment, np.array(list(reassigned), dtype=np.int64)])
         left = [unit for unit in left if constraints.allow(np.append(there, unit))]
-        spare = len(problem.ground.markers) - len(taken) - _LEAST_BASE
+        spare = len(problem.ground.markers) - len(reassigned) - _LEAST_BASE
         candidates = [
             (_compare_residuals(problem, members, unit, on_base), unit) for unit in left if len(unit) <= spare
         ]
@@ -53,9 +53,9 @@ def find_axis_markers(problem: SegmentationProblem, first: RigidBody, on_segment
         margin = min(margin, max(ratio / _PREFER_MOVING, _PREFER_MOVING / ratio))
         if ratio > _PREFER_MOVING:
             break
-        taken.update(zip(best, residual, strict=True))
+        reassigned.update(zip(best, residual, strict=True))
         left.remove(best)
-    return AxisMarkers(taken, float(margin))
+    return AxisMarkers(reassigned, float(margin))
 
 
 def _compare_residuals(

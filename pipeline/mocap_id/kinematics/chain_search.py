@@ -74,14 +74,14 @@ def _find_bodies(problem: SegmentationProblem, level: int) -> list[RigidBody]:
 def _search_level(problem: SegmentationProblem, level: int, bodies: list[RigidBody]) -> Iterator[Hypothesis]:
     """Yield the best chain of a level, shortened if too long, then the best chain of every other allowed length."""
     rules = problem.rules
-    found = _best_chains(problem, bodies)
-    if not found:
+    paths = _best_chains(problem, bodies)
+    if not paths:
         return
     longest = rules.longest - 1
-    best = min(found, key=lambda path: path.cost)
+    best = min(paths, key=lambda path: path.cost)
     first = _build_hypothesis(problem, level, bodies, _Path(best.chain[:longest], best.joints[:longest], best.cost))
     yield first
-    for path in found:
+    for path in paths:
         if path is not best and len(path.chain) <= longest:
             yield _build_hypothesis(problem, level, bodies, path, first.cost - best.cost)
 
@@ -90,8 +90,8 @@ def _build_hypothesis(
     problem: SegmentationProblem, level: int, bodies: list[RigidBody], path: _Path, cut: float | None = None
 ) -> Hypothesis:
     """Return a path as a hypothesis, with the bodies that it leaves out; by default it is the best of its level."""
-    carried = np.concatenate([link.markers for link in path.chain])
-    left_out = tuple(body for body in bodies if not np.isin(body.markers, carried).all())
+    on_chain = np.concatenate([link.markers for link in path.chain])
+    left_out = tuple(body for body in bodies if not np.isin(body.markers, on_chain).all())
     predicted = _predict_residuals(problem, path.chain, path.joints)
     cost = _cost(problem, predicted, len(path.chain)) + (cut or 0.0)
     return Hypothesis(level, path.chain, path.joints, left_out, predicted, cost, cut is None, cut or 0.0)
@@ -121,10 +121,10 @@ def _best_chains(problem: SegmentationProblem, bodies: list[RigidBody]) -> list[
         needless = any(joints[a, c].residual < _NEEDED * joints[a, b].residual for a, b, c in triples)
         if repeated or needless:
             continue
-        found = tuple(joints[pair] for pair in pairwise(path))
-        cost = _cost(problem, _predict_residuals(problem, chain, found), len(chain))
+        path_joints = tuple(joints[pair] for pair in pairwise(path))
+        cost = _cost(problem, _predict_residuals(problem, chain, path_joints), len(chain))
         if len(path) not in best or cost < best[len(path)].cost:
-            best[len(path)] = _Path(chain, found, cost)
+            best[len(path)] = _Path(chain, path_joints, cost)
     return list(best.values())
 
 

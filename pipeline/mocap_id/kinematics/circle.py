@@ -159,8 +159,10 @@ def _fit_pratt(tracks: _Tracks) -> ComplexArray:
     values, vectors = np.linalg.eig(inverse @ moments)
     # exactly one value is negative, as for the discriminant; the fit belongs to the least of the others
     second = np.argsort(values.real, axis=1)[:, 1]
-    found = np.take_along_axis(vectors.real, second[:, None, None], axis=2)[..., 0]
-    return _divide_coefficients(-(found[:, 1] + 1j * found[:, 2]), 2 * found[:, 0], moments[:, 1:3, 1:3])
+    coefficients = np.take_along_axis(vectors.real, second[:, None, None], axis=2)[..., 0]
+    return _divide_coefficients(
+        -(coefficients[:, 1] + 1j * coefficients[:, 2]), 2 * coefficients[:, 0], moments[:, 1:3, 1:3]
+    )
 
 
 def _fit_geometric(tracks: _Tracks, start: ComplexArray) -> tuple[ComplexArray, BoolArray]:

@@ -57,11 +57,11 @@ def _apply_constraints(still: IntArray, moving: IntArray, constraints: Constrain
     if constraints is None:
         return np.sort(still)
     alone = still[~np.isin(constraints.unit[still], constraints.unit[moving])]
-    kept: list[int] = []
+    allowed: list[int] = []
     for marker in alone:
-        if not constraints.barred[marker, kept].any():
-            kept.append(int(marker))
-    return np.sort(np.array(kept, dtype=np.int64))
+        if not constraints.barred[marker, allowed].any():
+            allowed.append(int(marker))
+    return np.sort(np.array(allowed, dtype=np.int64))
 
 
 class Clusters:

@@ -47,43 +47,44 @@ class Continuations:
         return out
 
     def weigh_evidence(
-        self, column: IntArray, last: IntArray, own: IntArray, other: IntArray, found: IntArray
+        self, column: IntArray, last: IntArray, own: IntArray, other: IntArray, frame: IntArray
     ) -> FloatArray:
         """Return the evidence (N,) that a marker continues in another column, -inf if it does not.
 
         The change r of each distance, in units of its scale, has the heavy-tailed likelihood 1 / (1 + r²). The evidence
         is the log likelihood ratio of the two continuations, summed over the most rigid partners. The marker is visible
-        in ``column`` at frame ``last``; this column is visible next at frame ``own``, and the column ``other`` at frame
-        ``found``, all (N,).
+        in ``column`` at frame ``last``. This column is visible next at frame ``own``, and the column ``other`` at
+        ``frame``, all (N,).
         """
         out = np.full(len(column), -np.inf)
         for rows in _chunks(len(column)):
-            i, a, b, j, c = column[rows], last[rows], own[rows], other[rows], found[rows]
+            i, a, b, j, c = column[rows], last[rows], own[rows], other[rows], frame[rows]
             scale = np.fmax(self._usual_changes(i, a, c - a, -1), self._usual_changes(j, c, c - a, 1))
-            stays, goes = self._changes(i, a, i, b) / scale, self._changes(i, a, j, c) / scale
-            ratio = np.log1p(stays**2) - np.log1p(goes**2)
+            change_here, change_there = self._changes(i, a, i, b) / scale, self._changes(i, a, j, c) / scale
+            ratio = np.log1p(change_here**2) - np.log1p(change_there**2)
             unusable = ~np.isfinite(ratio)
             each = np.arange(len(i))
             unusable[each, i] = unusable[each, j] = True
             partners = np.argsort(np.where(unusable, np.inf, scale), axis=1, kind="stable")[:, :_PARTNERS]
             used = ~np.take_along_axis(unusable, partners, axis=1)
-            ratio, goes, stays = (
-                np.where(used, np.take_along_axis(values, partners, axis=1), np.nan) for values in (ratio, goes, stays)
+            ratio, change_there, change_here = (
+                np.where(used, np.take_along_axis(values, partners, axis=1), np.nan)
+                for values in (ratio, change_there, change_here)
             )
             enough = used.sum(axis=1) >= _LEAST_PARTNERS
-            kept, broken = (_quantile(values[:, :_MOST_RIGID], 0.5) for values in (goes, stays))
-            holds = kept <= np.maximum(_HOLDS, _OF_VIOLATION * broken)
+            usual_there, usual_here = (_quantile(x[:, :_MOST_RIGID], 0.5) for x in (change_there, change_here))
+            constant = usual_there <= np.maximum(_HOLDS, _OF_VIOLATION * usual_here)
             expected = self._expected_positions(i, a, c, partners, used)
             nearer = _norm(self._positions[c, j] - expected) < _norm(self._positions[b, i] - expected)
-            fine = enough & holds & nearer
+            fine = enough & constant & nearer
             out[rows] = np.where(fine, np.where(used, ratio, 0.0).sum(axis=1), -np.inf)
         return out
 
-    def _changes(self, column: IntArray, last: IntArray, other: IntArray, found: IntArray) -> FloatArray:
+    def _changes(self, column: IntArray, last: IntArray, other: IntArray, frame: IntArray) -> FloatArray:
         """Return the absolute changes (N, M) of the distances to all markers, m."""
         points = self._positions
         before = _norm(points[last] - points[last, column][:, None])
-        return np.abs(_norm(points[found] - points[found, other][:, None]) - before)
+        return np.abs(_norm(points[frame] - points[frame, other][:, None]) - before)
 
     def _usual_changes(self, column: IntArray, frame: IntArray, lag: IntArray, side: int) -> FloatArray:
         """Return the usual change (N, M) of distances over a lag before (-1) or after (+1) a frame, m, or NaN."""

@@ -50,15 +50,15 @@ def find_heel_lift(positions: FloatArray, time: FloatArray, rate: float) -> Heel
     usual = np.nanmedian(blocks, axis=0)
     away = np.sort(np.nan_to_num(np.linalg.norm(blocks - usual, axis=2)), axis=0)[-lasting]
     height = np.sort(np.nan_to_num(blocks[..., 2] - usual[:, 2]), axis=0)[-lasting]
-    found: HeelLift | None = None
+    largest: HeelLift | None = None
     for up in np.flatnonzero(height > _LIFT_M):
         for down in np.flatnonzero((away > _STILL_M) & (height < height[up])):
             between = blocks[:, up] - blocks[:, down]
             turn = _measure_rotation(between[np.isfinite(between[:, 0])], lasting)
-            if turn > LEAST_TURN and (found is None or turn > found.turn):
+            if turn > LEAST_TURN and (largest is None or turn > largest.turn):
                 first = int(np.argmax(blocks[:, up, 2] - usual[up, 2] > _LIFT_M))
-                found = HeelLift(int(low[up]), int(low[down]), float(height[up]), turn, float(time[size * first]))
-    return found
+                largest = HeelLift(int(low[up]), int(low[down]), float(height[up]), turn, float(time[size * first]))
+    return largest
 
 
 def find_moving_markers(points: FloatArray, rate: float) -> BoolArray:

@@ -102,9 +102,9 @@ class Hypothesis:
 
 def _describe_cost(terms: Mapping[str, float]) -> str:
     """Return a difference in cost in words: first the terms that raise it, then the terms that reduce it."""
-    shown = sorted((each for each in terms.items() if abs(each[1]) >= _REPORTED), key=lambda each: -abs(each[1]))
-    against = ", ".join(f"{words} (+{value:.1f})" for words, value in shown if value > 0)
-    in_favour = ", ".join(f"{words} ({_MINUS}{-value:.1f})" for words, value in shown if value < 0)
+    reported = sorted((each for each in terms.items() if abs(each[1]) >= _REPORTED), key=lambda each: -abs(each[1]))
+    against = ", ".join(f"{words} (+{value:.1f})" for words, value in reported if value > 0)
+    in_favour = ", ".join(f"{words} ({_MINUS}{-value:.1f})" for words, value in reported if value < 0)
     text = f"costs {sum(terms.values()):.1f} more" + (f": {against}" if against else "")
     return f"{text}; but {in_favour}" if in_favour else text
 

@@ -92,8 +92,8 @@ class LinkFit:
     @property
     def loose(self) -> tuple[int, ...]:
         """Joints (from 0) of segments with a single point and no marker at either joint."""
-        count, held = len(self.state.centres), {pin.joint for pin in self.pins}
-        weak = [k for k, points in enumerate(self.points) if not {k, k + 1} & held and points < 2]
+        count, pinned = len(self.state.centres), {pin.joint for pin in self.pins}
+        weak = [k for k, points in enumerate(self.points) if not {k, k + 1} & pinned and points < 2]
         return tuple(sorted({joint for k in weak for joint in (k, k + 1) if 0 < joint < count}))
 
 
@@ -126,10 +126,10 @@ def fit_path(problem: SegmentationProblem, path: Path, pins: tuple[Pin, ...] = (
     costs, local = costs_on_segments(points, state)
     segment: IntArray | None = None
     for _ in range(_ROUNDS):
-        found = _assign_segments(problem, costs)
-        if segment is not None and np.array_equal(found, segment):
+        assigned = _assign_segments(problem, costs)
+        if segment is not None and np.array_equal(assigned, segment):
             break
-        segment = found
+        segment = assigned
         if (segment > 0).sum() <= len(path):
             return None
         fitted = _fit_bundle(points, segment, replace(state, local=_select_own(local, segment)), pins, used)

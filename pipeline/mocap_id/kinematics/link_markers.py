@@ -156,7 +156,7 @@ def average_track(points: ComplexArray, unit: IntArray) -> ComplexArray:
 
 def _find_bodies(problem: SegmentationProblem) -> list[RigidBody]:
     """Return the ground, then every body of any level whose rotation can be measured."""
-    found: dict[bytes, RigidBody] = {}
+    bodies_by_markers: dict[bytes, RigidBody] = {}
     for level in range(1, min(_LEVELS, max(len(problem.moving) // 2, 1)) + 1):
         bodies = problem.clusters.bodies_at(level)
         merged = problem.clusters.merge(bodies, problem.rules.min_arc, problem.rules.merge_tolerance)
@@ -164,18 +164,18 @@ def _find_bodies(problem: SegmentationProblem) -> list[RigidBody]:
             rigid = body.residual <= problem.rules.max_body_residual
             large = float(np.sqrt(np.mean(np.abs(body.template) ** 2))) > _MIN_SPREAD
             if rigid and large and problem.constraints.allow(body.markers):
-                found[body.markers.tobytes()] = body
-    return [problem.ground, *found.values()]
+                bodies_by_markers[body.markers.tobytes()] = body
+    return [problem.ground, *bodies_by_markers.values()]
 
 
 def _find_loose_markers(problem: SegmentationProblem, bodies: list[RigidBody]) -> IntArray:
     """Return the moving markers that are on no rigid body of three points."""
-    held = [
+    on_bodies = [
         body.markers
         for body in bodies[1:]
         if len(list(group_points(problem.points, problem.lateral, body.markers))) > 2
     ]
-    return np.setdiff1d(problem.moving, np.concatenate(held)) if held else problem.moving
+    return np.setdiff1d(problem.moving, np.concatenate(on_bodies)) if on_bodies else problem.moving
 
 
 def _track_point(body: RigidBody, place: complex) -> ComplexArray:

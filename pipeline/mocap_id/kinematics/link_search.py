@@ -67,9 +67,9 @@ def _add_joint_markers(problem: SegmentationProblem, path: Path, fit: LinkFit) -
     for unit, scatter in zip(units, moves, strict=True):
         if scatter < _MORE_THAN_STILL * min(moves):
             continue
-        tried = fit_path(problem, path, (Pin(0, unit, average_track(problem.points, unit), weight),))
-        if tried is not None and tried.cost - fit.cost < _RISE and (best is None or tried.cost < best.cost):
-            best = tried
+        pinned = fit_path(problem, path, (Pin(0, unit, average_track(problem.points, unit), weight),))
+        if pinned is not None and pinned.cost - fit.cost < _RISE and (best is None or pinned.cost < best.cost):
+            best = pinned
     fit = best or fit
     for joint in range(1, len(path)):
         fit = _add_inner_marker(problem, path, fit, joint, weight) or fit
@@ -89,9 +89,9 @@ def _add_inner_marker(
             near.append((float(np.nanmedian(off)), unit))
     for _, unit in sorted(near, key=lambda each: each[0]):
         pin = Pin(joint, unit, average_track(problem.points, unit), weight * min(_INNER_FRAMES / len(fit.used), 1.0))
-        tried = fit_path(problem, path, (*fit.pins, pin))
-        if tried is not None and tried.cost - fit.cost < _INNER_RISE:
-            return tried
+        pinned = fit_path(problem, path, (*fit.pins, pin))
+        if pinned is not None and pinned.cost - fit.cost < _INNER_RISE:
+            return pinned
     return None
 
 

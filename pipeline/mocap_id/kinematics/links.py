@@ -207,10 +207,10 @@ def _jackknife_covariance(points: ComplexArray, segment: IntArray, state: ChainS
     to all blocks.
     """
     blocks = np.array_split(used, min(_BLOCKS, len(used)))
-    found = np.stack(
+    centres = np.stack(
         [_align_frames(rigid_body_links(np.delete(points, block, axis=0), segment), state, segment) for block in blocks]
     )
-    off = found - found.mean(axis=0)
+    off = centres - centres.mean(axis=0)
     xy = np.stack([off.real, off.imag], axis=2)
     return np.asarray((len(blocks) - 1) / len(blocks) * np.einsum("bji,bjk->jik", xy, xy))
 

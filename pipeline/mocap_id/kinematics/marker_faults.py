@@ -77,17 +77,17 @@ def sample_rows(frames: int, rate: float) -> IntArray:
 
 
 def find_bad_stretches(
-    recorded: RecordedMarkers, found: Segmentation, fitted: ComplexArray, examined: IntArray
+    recorded: RecordedMarkers, segmentation: Segmentation, fitted: ComplexArray, examined: IntArray
 ) -> tuple[BadStretch, ...]:
-    """Find the intervals in which the examined markers (by their columns) are bad, after the segmentation ``found``.
+    """Find the intervals in which the examined markers (by their columns) are bad, after a segmentation.
 
     ``fitted`` (f, M) are the trajectories from which the segments were found, m. They are also NaN where samples are
     known to be bad.
     """
-    tracks = _express_in_segments(recorded, found, fitted)
+    tracks = _express_in_segments(recorded, segmentation, fitted)
     if tracks is None:
         return ()
-    usual = _find_usual_positions(tracks, found.segment)
+    usual = _find_usual_positions(tracks, segmentation.segment)
     bad: list[BadStretch] = []
     strays: list[int] = []
     for marker in examined:
@@ -95,24 +95,24 @@ def find_bad_stretches(
         own = []
         if place is not None and place.share >= _LEAST_SHARE:
             own = _find_stretches(recorded, tracks, place, int(marker))
-        if not own and found.segment[marker] < 0:
+        if not own and segmentation.segment[marker] < 0:
             strays.append(int(marker))
         bad += own
     ghosts = np.intersect1d(strays, np.flatnonzero(find_lone_markers(recorded.points)))
     return (*bad, *(BadStretch(int(marker), 0, int(recorded.rows[-1]), "ghost") for marker in ghosts))
 
 
-def _express_in_segments(recorded: RecordedMarkers, found: Segmentation, fitted: ComplexArray) -> _Tracks | None:
+def _express_in_segments(recorded: RecordedMarkers, segmentation: Segmentation, fitted: ComplexArray) -> _Tracks | None:
     """Return the markers in the frames of the robustly fitted segments; None if too few frames show them."""
     rows, plane = recorded.rows, recorded.points[..., 0] + 1j * recorded.points[..., 1]
-    segment, assigned = found.segment, np.flatnonzero(found.segment >= 0)
-    if found.links is None:
+    segment, assigned = segmentation.segment, np.flatnonzero(segmentation.segment >= 0)
+    if segmentation.links is None:
         state = rigid_body_links(fitted[:, assigned], segment[assigned])
-        held = {}
+        joint_tracks = {}
     else:
-        state = replace(found.links.state, local=found.links.state.local[assigned])
-        held = {pin.joint + 1: plane[:, pin.unit].mean(axis=1) for pin in found.links.pins}
-    start = chain_angles(plane[:, assigned], segment[assigned], state.centres, state.local, held)
+        state = replace(segmentation.links.state, local=segmentation.links.state.local[assigned])
+        joint_tracks = {pin.joint + 1: plane[:, pin.unit].mean(axis=1) for pin in segmentation.links.pins}
+    start = chain_angles(plane[:, assigned], segment[assigned], state.centres, state.local, joint_tracks)
     known = np.isfinite(start)
     if known.all(axis=1).sum() < _FEWEST:
         return None
@@ -167,13 +167,13 @@ def _find_position(tracks: _Tracks, segment: int, marker: int) -> _Position | No
     track = track[np.isfinite(track)]
     if len(track) < _FEWEST // 2:
         return None
-    tried = track[np.linspace(0, len(track) - 1, _TRIED).astype(np.int64)]
-    place = complex(tried[np.argmax((np.abs(track - tried[:, None]) < _HELD).sum(axis=1))])
+    candidates = track[np.linspace(0, len(track) - 1, _TRIED).astype(np.int64)]
+    place = complex(candidates[np.argmax((np.abs(track - candidates[:, None]) < _HELD).sum(axis=1))])
     for _ in range(3):
         place = complex(track[np.abs(track - place) < _HELD].mean())
     off = np.abs(track - place)
-    held = off < _HELD
-    return _Position(segment, place, float(np.median(off[held])), float(held.mean()))
+    near = off < _HELD
+    return _Position(segment, place, float(np.median(off[near])), float(near.mean()))
 
 
 def _find_stretches(recorded: RecordedMarkers, tracks: _Tracks, place: _Position, marker: int) -> list[BadStretch]:
@@ -189,7 +189,7 @@ def _find_stretches(recorded: RecordedMarkers, tracks: _Tracks, place: _Position
     there = np.flatnonzero(np.isfinite(positions[:, 0]))
     positions, apart = positions[there], np.diff(there)
     steps, _ = find_jumps(np.diff(positions, axis=0) / apart[:, None], apart)
-    found: list[BadStretch] = []
+    bad: list[BadStretch] = []
     for run in _bridge_gaps(find_runs(out), tracks.rows[seen], _BRIDGED * rate):
         rows, off = tracks.rows[seen[run]], local[seen[run]]
         if rows[-1] - rows[0] < _SHORTEST * rate:
@@ -202,7 +202,7 @@ def _find_stretches(recorded: RecordedMarkers, tracks: _Tracks, place: _Position
         still, repeated = _find_still_frames(positions, there, rows), _find_repeated(points[seen[run]]).mean() > _MOSTLY
         least = _REPEATED_MOVES if repeated else _SEGMENT_MOVES
         if still is not None and (sudden or repeated) and _measure_range(off) > least:
-            found.append(BadStretch(marker, *still, "frozen"))
+            bad.append(BadStretch(marker, *still, "frozen"))
             continue
         moved = _measure_range(off) < 2 * _HELD and _is_step(local[seen], run, place.local)
         if not sudden and not moved:
@@ -210,8 +210,8 @@ def _find_stretches(recorded: RecordedMarkers, tracks: _Tracks, place: _Position
         before = tracks.rows[seen[run.start - 1]] + 1 if run.start else there[0]
         after = tracks.rows[seen[run.stop]] - 1 if run.stop < len(seen) else there[-1]
         first, last = int(before if begin is None else begin), int(after if end is None else end)
-        found.append(BadStretch(marker, first, last, "moved" if moved else "elsewhere"))
-    return found
+        bad.append(BadStretch(marker, first, last, "moved" if moved else "elsewhere"))
+    return bad
 
 
 def _is_step(track: ComplexArray, run: slice, place: complex) -> bool:

@@ -75,24 +75,25 @@ def segment_markers(
         points, lateral, base, still_body(points, base.markers), moving, rules, constraints, clusters
     )
     considered = tuple(sorted(find_hypotheses(problem), key=lambda hypothesis: hypothesis.cost))
-    found = _assign(problem, considered) if considered else None
-    if found is None or found.confidence.value < _SURE or found.confidence.against["left-out"] > 0:
+    rigid = _assign(problem, considered) if considered else None
+    if rigid is None or rigid.confidence.value < _SURE or rigid.confidence.against["left-out"] > 0:
         links = find_best_links(problem)
-        longer = links is not None and (found is None or len(links.state.centres) >= found.count)
-        if links is not None and longer and (found is None or links.cost < _rigid_cost(problem, found) - _BETTER):
-            return _build_from_links(problem, considered, links)
-    if found is None:
+        if links is not None:
+            longer = rigid is None or len(links.state.centres) >= rigid.count
+            if longer and (rigid is None or links.cost < _rigid_cost(problem, rigid) - _BETTER):
+                return _build_from_links(problem, considered, links)
+    if rigid is None:
         raise _explain_missing_chain(problem)
-    return found
+    return rigid
 
 
-def _rigid_cost(problem: SegmentationProblem, found: Segmentation) -> float:
+def _rigid_cost(problem: SegmentationProblem, segmentation: Segmentation) -> float:
     """Return the cost of a chain of rigid bodies, with the measure of :mod:`.link_fit`."""
     seen = np.isfinite(problem.base.scatter)
-    gaps = np.array([0.0, *(joint.residual for joint in found.hypotheses[0].joints)])
-    on_segment = np.where(np.isfinite(found.residual), found.residual, np.inf)
-    residual = np.hypot(on_segment, gaps[np.maximum(found.segment, 0)])
-    return float(log_cost(residual[seen]).sum()) + SEGMENT_PRICE * (found.count - 1)
+    gaps = np.array([0.0, *(joint.residual for joint in segmentation.hypotheses[0].joints)])
+    on_segment = np.where(np.isfinite(segmentation.residual), segmentation.residual, np.inf)
+    residual = np.hypot(on_segment, gaps[np.maximum(segmentation.segment, 0)])
+    return float(log_cost(residual[seen]).sum()) + SEGMENT_PRICE * (segmentation.count - 1)
 
 
 def _build_from_links(problem: SegmentationProblem, considered: tuple[Hypothesis, ...], links: LinkFit) -> Segmentation:
@@ -207,17 +208,17 @@ def _explain_missing_chain(problem: SegmentationProblem) -> Refused:
     """Return the refusal: no body rotates about a point of the base, or no chain has the requested length."""
     rules = problem.rules
     if rules.count is not None:
-        found = sorted(
+        counts = sorted(
             {len(other.chain) + 1 for other in find_hypotheses(replace(problem, rules=replace(rules, count=None)))}
         )
-        if found:
-            numbers = ", ".join(map(str, found))
+        if counts:
+            numbers = ", ".join(map(str, counts))
             return Refused(
                 "no-chain",
                 f"no chain has {rules.count} segments, as requested by `segment: {{count: {rules.count}}}`; chains "
                 f"with {numbers} segments exist. Remove `count`, or list markers that are `apart`.",
                 float(rules.count),
-                float(found[-1]),
+                float(counts[-1]),
             )
     bodies = [body for level in (1, 2, 3) for body in problem.clusters.bodies_at(level)]
     pairs = [(fit_joint(problem.ground, body), body) for body in bodies]

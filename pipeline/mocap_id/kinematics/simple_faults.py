@@ -79,7 +79,7 @@ def find_repeats(points: FloatArray, rate: float) -> tuple[BadStretch, ...]:
     its position while other markers move. Trajectories (F, M, 3) are in m, NaN where missing; ``rate`` is in frames per
     second.
     """
-    found = []
+    bad = []
     same = np.all(points[1:] == points[:-1], axis=2)
     for marker in range(points.shape[1]):
         for run in (run for run in find_runs(same[:, marker]) if run.stop - run.start >= _SHORTEST * rate):
@@ -93,5 +93,5 @@ def find_repeats(points: FloatArray, rate: float) -> tuple[BadStretch, ...]:
             near = known[np.argsort(np.nanmedian(away[:, known], axis=0))[:_NEIGHBOURS]]
             travel = np.nanmax(points[inside][:, near], axis=0) - np.nanmin(points[inside][:, near], axis=0)
             if len(near) and float(np.median(travel.max(axis=1))) > _REPEAT_MOVES:
-                found.append(BadStretch(marker, inside.start, inside.stop - 1, "frozen"))
-    return tuple(found)
+                bad.append(BadStretch(marker, inside.start, inside.stop - 1, "frozen"))
+    return tuple(bad)

@@ -184,11 +184,11 @@ def _estimate_sizes(
     Only the part of a residual that persists to the next frame is a slide; the rest is camera noise.
     """
     origin, turn = joint_positions(state)
-    found = np.empty((4, len(segment)))
+    sizes = np.empty((4, len(segment)))
     for k, joint in enumerate(segment - 1):  # one by one, to limit memory
         off = (points[:, k] - (origin[:, joint] + turn[:, joint] * state.local[k])) * np.conj(turn[:, joint])
-        found[:, k] = _estimate_marker_sizes(off, scale_angles(relative, spread[k : k + 1], segment[k : k + 1])[:, 0])
-    size, rest, square, often = found
+        sizes[:, k] = _estimate_marker_sizes(off, scale_angles(relative, spread[k : k + 1], segment[k : k + 1])[:, 0])
+    size, rest, square, often = sizes
     square = share_variance(square, often, segment, state.local)  # the weights of the joint fit
     for k in range(1, len(state.centres) + 1):
         members = segment == k

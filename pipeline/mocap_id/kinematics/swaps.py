@@ -60,8 +60,8 @@ def find_swaps(positions: FloatArray, rate: float) -> tuple[Swap, ...]:
     suspects = suspects[
         np.flatnonzero(continuations.find_violations(suspects.column, suspects.last, suspects.following))
     ]
-    found = _find_durations(_find_exchanges(positions, suspects, continuations), markers, count)
-    bounded = [_bound_swap(positions, rate, breaks, swap) if swap.stop == count else swap for swap in found]
+    swaps = _find_durations(_find_exchanges(positions, suspects, continuations), markers, count)
+    bounded = [_bound_swap(positions, rate, breaks, swap) if swap.stop == count else swap for swap in swaps]
     return tuple(sorted(bounded, key=lambda swap: (swap.start, swap.first)))
 
 
@@ -90,20 +90,20 @@ def _find_breaks(positions: FloatArray, rate: float) -> _Breaks:
     seen = np.isfinite(positions[..., 0] + positions[..., 1] + positions[..., 2])
     if seen.all():
         return _Breaks(jumps[:, 0], jumps[:, 1], jumps[:, 1] + 1)
-    lost, lost_column = np.nonzero(seen[:-1] & ~seen[1:])
-    found, found_column = np.nonzero(~seen[:-1] & seen[1:])
-    gaps = _find_gaps(lost, lost_column, found + 1, found_column, round(_GAP * rate))
+    last_visible, last_column = np.nonzero(seen[:-1] & ~seen[1:])
+    first_visible, first_column = np.nonzero(~seen[:-1] & seen[1:])
+    gaps = _find_gaps(last_visible, last_column, first_visible + 1, first_column, round(_GAP * rate))
     columns = np.concatenate([jumps[:, 0], gaps[0]])
     last = np.concatenate([jumps[:, 1], gaps[1]])
     return _Breaks(columns, last, np.concatenate([jumps[:, 1] + 1, gaps[2]]))
 
 
 def _find_gaps(
-    lost: IntArray, lost_column: IntArray, found: IntArray, found_column: IntArray, longest: int
+    last_visible: IntArray, last_column: IntArray, first_visible: IntArray, first_column: IntArray, longest: int
 ) -> tuple[IntArray, IntArray, IntArray]:
     """Return column, last visible and next visible frame of all gaps of at most ``longest`` frames."""
-    kind = np.concatenate([np.zeros(len(lost), dtype=np.int64), np.ones(len(found), dtype=np.int64)])
-    frame, column = np.concatenate([lost, found]), np.concatenate([lost_column, found_column])
+    kind = np.concatenate([np.zeros(len(last_visible), dtype=np.int64), np.ones(len(first_visible), dtype=np.int64)])
+    frame, column = np.concatenate([last_visible, first_visible]), np.concatenate([last_column, first_column])
     order = np.lexsort((1 - kind, frame, column))  # a marker that is visible for one frame appears before it disappears
     kind, frame, column = kind[order], frame[order], column[order]
     closed = np.flatnonzero((kind[:-1] == 0) & (kind[1:] == 1) & (column[:-1] == column[1:]))
@@ -203,7 +203,7 @@ def _bound_swap(positions: FloatArray, rate: float, breaks: _Breaks, swap: Swap)
     before the swap, the labels are exchanged between the two.
     """
     backwards, last = Continuations(positions[::-1], rate), len(positions) - 1
-    found: list[tuple[float, int]] = []
+    exchanges: list[tuple[float, int]] = []
     for column, other in ((swap.first, swap.second), (swap.second, swap.first)):
         seen = np.isfinite(positions[:, other].sum(axis=1))
         for k in np.flatnonzero((breaks.column == column) & ~seen[breaks.following]):
@@ -212,8 +212,8 @@ def _bound_swap(positions: FloatArray, rate: float, breaks: _Breaks, swap: Swap)
             here, own = last - np.array([following]), last - breaks.last[[k]]
             if before.size:
                 evidence = backwards.weigh_evidence(np.array([column]), here, own, np.array([other]), here + 1 + before)
-                found.append((float(evidence[0]), following))
-    strongest, frame = max(found, default=(0.0, 0))
+                exchanges.append((float(evidence[0]), following))
+    strongest, frame = max(exchanges, default=(0.0, 0))
     if strongest <= _EVIDENCE[1]:
         return swap
     return replace(swap, stop=frame) if frame > swap.start else replace(swap, start=frame, stop=swap.start)

@@ -33,8 +33,8 @@ def propose_window(positions: FloatArray, rate: float) -> tuple[int, int]:
     if base is not None and sum(each.end - each.start for each in base.stretches) * rate > _STANDS * frames:
         return 0, frames
     least = MIN_SECONDS * rate
-    found = [run for still in _find_still_samples(positions, rate).T for run in find_runs(still)]
-    runs = [(run.start, run.stop) for run in found if run.stop - run.start >= least]
+    stillness = [run for still in _find_still_samples(positions, rate).T for run in find_runs(still)]
+    runs = [(run.start, run.stop) for run in stillness if run.stop - run.start >= least]
     shared = {(max(a[0], b[0]), min(a[1], b[1])) for a, b in combinations(runs, 2)}
     longest_first = sorted((s for s in shared if s[1] - s[0] >= least), key=lambda s: s[0] - s[1])
     return next((s for s in longest_first[:_TRIED] if _has_motion(positions[s[0] : s[1]])), (0, frames))

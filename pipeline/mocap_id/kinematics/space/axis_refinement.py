@@ -34,9 +34,9 @@ def refine_axes(chain: SpatialChain, rotations: FloatArray) -> tuple[SpatialChai
         turn = turn[np.isfinite(turn).all(axis=(1, 2))]
         if not has_known_axes(joint) or not len(turn):
             continue
-        found = _refine_joint(joint, turn)
-        if np.trace(found.axes_covariance[0]) < _SHOWN**2 * np.trace(joint.axes_covariance[0]):
-            joints[k] = found
+        refined_joint = _refine_joint(joint, turn)
+        if np.trace(refined_joint.axes_covariance[0]) < _SHOWN**2 * np.trace(joint.axes_covariance[0]):
+            joints[k] = refined_joint
             refined.append(k)
     return replace(chain, joints=tuple(joints)), tuple(refined)
 
@@ -58,10 +58,10 @@ def _refine_joint(joint: SpatialJoint, turn: FloatArray) -> SpatialJoint:
     weight = 1 / (_LASTING**2 * len(turn))
     for _ in range(_ITERATIONS):
         along, across = tangents(axis), tangents(pin)
-        carried = turn @ pin
-        rows = np.column_stack([carried @ along, (axis @ turn) @ across, -np.ones(len(turn))])
+        rotated_pin = turn @ pin
+        rows = np.column_stack([rotated_pin @ along, (axis @ turn) @ across, -np.ones(len(turn))])
         matrix = weight * rows.T @ rows
-        vector = weight * rows.T @ (carried @ axis - cosine)
+        vector = weight * rows.T @ (rotated_pin @ axis - cosine)
         places = (slice(0, 2), axis, joint.first_axis, along), (slice(2, 4), pin, joint.second_axis, across)
         for (at, now, start, by), basis, inverse in zip(places, bases, known, strict=True):
             turned = basis.T @ by

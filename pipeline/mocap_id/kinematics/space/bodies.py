@@ -143,7 +143,7 @@ class SpatialBodies:
         spread = self._spread[np.ix_(markers, markers)]
         if own is not None:
             spread = np.sqrt(self.constraints.constrained_variance(own**2, markers))
-        found: dict[bytes, tuple[SpatialBody, SpatialBody]] = {}
+        pairs: dict[bytes, tuple[SpatialBody, SpatialBody]] = {}
         for inside in {group.tobytes(): group for group in _propose_groups(spread)}.values():
             groups = [markers[inside], markers[~inside]]
             if min(map(len, groups)) < LEAST:
@@ -152,8 +152,8 @@ class SpatialBodies:
                 complete = len(bodies) == 2 and sum(len(body.markers) for body in bodies) == len(markers)
                 if complete and min(body.width for body in bodies) >= NARROW:
                     first, second = sorted(bodies, key=lambda body: int(body.markers[0]))
-                    found[first.markers.tobytes()] = first, second
-        return list(found.values())
+                    pairs[first.markers.tobytes()] = first, second
+        return list(pairs.values())
 
 
 def _propose_groups(spread: FloatArray) -> list[BoolArray]:

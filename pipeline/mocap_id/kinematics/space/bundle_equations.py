@@ -181,18 +181,18 @@ def _evaluate_constraint(
     """Return the constraint of one joint (F, 1 or 3), and its derivatives with respect to frame and chain."""
     turn = joint_rotations(problem, state)[:, j]
     axis, pin = state.first[j], state.second[j]
-    carried = turn @ pin
+    rotated_pin = turn @ pin
     if problem.kinds[j] == "hinge":
-        value, project = carried - axis, np.broadcast_to(np.eye(3), turn.shape)
-        by_axis = np.broadcast_to(-tangents(axis), (*carried.shape, 2))
+        value, project = rotated_pin - axis, np.broadcast_to(np.eye(3), turn.shape)
+        by_axis = np.broadcast_to(-tangents(axis), (*rotated_pin.shape, 2))
     else:
-        value, project = (carried @ axis - state.cosine[j])[:, None], np.broadcast_to(axis, (len(turn), 1, 3))
-        by_axis = (carried @ tangents(axis))[:, None]
+        value, project = (rotated_pin @ axis - state.cosine[j])[:, None], np.broadcast_to(axis, (len(turn), 1, 3))
+        by_axis = (rotated_pin @ tangents(axis))[:, None]
     of_frame = np.zeros((*value.shape, problem.frame_size))
     of_chain = np.zeros((*value.shape, cols.size - 3 * cols.markers))
     parent, skip = problem.parents[j], 3 * cols.markers
     of_frame[..., 6 + 3 * j : 9 + 3 * j] = -project @ turn @ so3.hat(pin)
-    of_frame[..., 3 + 3 * parent : 6 + 3 * parent] = project @ so3.hat(carried)
+    of_frame[..., 3 + 3 * parent : 6 + 3 * parent] = project @ so3.hat(rotated_pin)
     first, second, cosine = cols.first[j], cols.second[j], cols.cosine[j]
     assert first is not None and second is not None
     of_chain[..., first.start - skip : first.stop - skip] = by_axis

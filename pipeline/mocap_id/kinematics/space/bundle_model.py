@@ -35,12 +35,12 @@ class BundleProblem:
     @property
     def untwisted(self) -> FloatArray:
         """Rotation (n, 3, 3) of every joint at which the axial rotation of its segment is zero."""
-        found = np.tile(np.eye(3), (len(self.parents), 1, 1))
+        rotations = np.tile(np.eye(3), (len(self.parents), 1, 1))
         along = 1.0 + float(self.long_axes[0] @ self.rest)
         if self.kinds[0] == "ball" and self.parents[0] == 0 and along > _LEAST_ALONG:
             turn = so3.hat(np.cross(self.long_axes[0], self.rest))
-            found[0] += turn + turn @ turn / along
-        return found
+            rotations[0] += turn + turn @ turn / along
+        return rotations
 
     @property
     def frame_size(self) -> int:

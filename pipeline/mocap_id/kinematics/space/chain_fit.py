@@ -124,22 +124,22 @@ def _weigh_joints(
     An axial rotation that all markers of a segment share is hardly visible, so its error can tilt an axis. A kind that
     explains the joint rotation without it needs no such rotation.
     """
-    found = _weigh_all_kinds(rough, start.clusters, kinds)
-    if all(each.kind == "hinge" for j, each in enumerate(found, start=1) if j not in kinds):
-        return found
+    evidence = _weigh_all_kinds(rough, start.clusters, kinds)
+    if all(each.kind == "hinge" for j, each in enumerate(evidence, start=1) if j not in kinds):
+        return evidence
     every = frozenset(range(1, len(start.parents) + 1))
     bare = solve_bundle(*replace(start, firm=every).build_problem(frames, (_BALL,) * len(start.parents)))
-    pairs = zip(found, _weigh_all_kinds(bare, start.clusters, kinds), strict=True)
+    pairs = zip(evidence, _weigh_all_kinds(bare, start.clusters, kinds), strict=True)
     return tuple(min(pair, key=lambda each: _SIMPLEST.index(each.kind)) for pair in pairs)
 
 
 def _weigh_all_kinds(bundle: Bundle, clusters: Clusters, kinds: Mapping[int, JointKind]) -> tuple[JointEvidence, ...]:
     """Return the evidence for the kind of each joint of a bundle with ball joints."""
-    turns, found = joint_rotations(bundle.problem, bundle.state), []
+    turns, evidence = joint_rotations(bundle.problem, bundle.state), []
     for j, parent in enumerate(bundle.problem.parents):
         arc = rotation_arc(clusters.relative_rotation(parent, j + 1))
-        found.append(weigh_kinds(turns[:, j], bundle.rotation_noise(j), arc, kinds.get(j + 1)))
-    return tuple(found)
+        evidence.append(weigh_kinds(turns[:, j], bundle.rotation_noise(j), arc, kinds.get(j + 1)))
+    return tuple(evidence)
 
 
 def _whole_bundle(start: _Start, kinds: tuple[JointKind, ...], rough: Bundle) -> Bundle:

@@ -115,14 +115,14 @@ def _common_share(problem: BundleProblem, state: BundleState, j: int) -> float:
 def find_implausible_skin(problem: BundleProblem, state: BundleState) -> list[int]:
     """Return the segments whose skin shares are impossible for skin, because they come from another motion."""
     anchored = _anchor_skin(problem, state)
-    found = []
+    segments = []
     for j, parent in enumerate(problem.parents):
         here = problem.segment == parent
         if parent > 0 and here.any():
             low, high = anchored[here].min(), anchored[here].max()
             if abs(_common_share(problem, state, j)) > _COMMON or low < _OPPOSITE or high > _WHOLE:
-                found.append(parent)
-    return found
+                segments.append(parent)
+    return segments
 
 
 def _build_joint(bundle: Bundle, covariance: FloatArray, j: int, arc: float) -> SpatialJoint:
@@ -186,12 +186,12 @@ def align_offset(turn: FloatArray, axis: FloatArray, pin: FloatArray, cosine: fl
 
     The unit axis (3,) is in the frame of the parent, and the unit pin (3,) in the frame of the child.
     """
-    carried = turn @ pin
-    normal = np.cross(axis, carried)
+    rotated_pin = turn @ pin
+    normal = np.cross(axis, rotated_pin)
     size = float(np.linalg.norm(normal))
     if size < 1e-9:
         normal, size = tangents(axis)[:, 0], 1.0
-    angle = np.arccos(np.clip(cosine, -1, 1)) - np.arccos(np.clip(carried @ axis, -1, 1))
+    angle = np.arccos(np.clip(cosine, -1, 1)) - np.arccos(np.clip(rotated_pin @ axis, -1, 1))
     return np.asarray(so3.exp(angle * normal / size) @ turn)
 
 

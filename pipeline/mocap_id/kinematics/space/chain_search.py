@@ -50,7 +50,7 @@ class SpatialBodyChain:
 
 
 def find_chain(
-    found: Partition, points: FloatArray, rules: SegmentationRules, chance: float = CHANCE
+    partition: Partition, points: FloatArray, rules: SegmentationRules, chance: float = CHANCE
 ) -> SpatialBodyChain | None:
     """Return the longest chain of real joints from the body that moves least; None if there is no real joint.
 
@@ -58,31 +58,31 @@ def find_chain(
     chosen; the other arm of a person is then a branch. Trajectories (F, M, 3) are in the lab, m; ``chance`` is as for
     :func:`is_real`.
     """
-    count = len(found.bodies)
+    count = len(partition.bodies)
     near: dict[int, list[int]] = {body: [] for body in range(count)}
-    for i, j in spanning_tree(found.joints, count):
-        if is_real(found.joints[i, j], rules, chance):
+    for i, j in spanning_tree(partition.joints, count):
+        if is_real(partition.joints[i, j], rules, chance):
             near[i].append(j)
             near[j].append(i)
-    motion = [float(np.median(measure_scatter(points[:, body.markers]))) for body in found.bodies]
+    motion = [float(np.median(measure_scatter(points[:, body.markers]))) for body in partition.bodies]
     paths: list[list[int]] = []
     for group in _find_groups(near):
         root = min(group, key=lambda body: motion[body])
         paths += [path[: rules.longest] for path in _extend_path(near, [root])]
 
     def summed_arcs(path: list[int]) -> float:
-        return sum(found.joints[min(pair), max(pair)].arc for pair in pairwise(path))
+        return sum(partition.joints[min(pair), max(pair)].arc for pair in pairwise(path))
 
     best = max(paths, key=lambda path: (len(path), summed_arcs(path)), default=[])
     if len(best) < 2:
         return None
     reached = next(group for group in _find_groups(near) if best[0] in group)
     rest = [body for body in range(count) if body not in best]
-    bodies = tuple(found.bodies[body] for body in best)
+    bodies = tuple(partition.bodies[body] for body in best)
     return SpatialBodyChain(
         bodies,
         fit_joints_along(bodies),
-        tuple(found.bodies[body] for body in rest),
+        tuple(partition.bodies[body] for body in rest),
         tuple(body in reached for body in rest),
     )
 
@@ -195,14 +195,14 @@ def search_best_chain(sorter: SpatialBodies, rules: SegmentationRules) -> Spatia
 
     Skin that was treated as a separate segment is a branch. Without this division, its markers are on the chain.
     """
-    best = found = search_chain(sorter, rules, 1.0)
+    best = search = search_chain(sorter, rules, 1.0)
     for _ in range(_ROUNDS):
-        weakest = min((each.evidence for each in found.made), default=np.inf)
+        weakest = min((each.evidence for each in search.made), default=np.inf)
         if best.chain is None or not best.chain.branches or weakest > _CLEAR:
             break
-        found = search_chain(sorter, rules, weakest * (1 + 1e-9))
-        if found.carried > best.carried:
-            best = found
+        search = search_chain(sorter, rules, weakest * (1 + 1e-9))
+        if search.carried > best.carried:
+            best = search
     return best
 
 
@@ -216,13 +216,13 @@ def search_chain(sorter: SpatialBodies, rules: SegmentationRules, needed: float)
     start: tuple[SpatialBody, ...] = (sorter.body(sorter.markers),)
     made: list[Division] = []
     for clear in (True, *(False,) * _ROUNDS):
-        found = divide(sorter, start, max(needed, _COARSE) if clear else needed)
-        if not found.made and not clear:
+        partition = divide(sorter, start, max(needed, _COARSE) if clear else needed)
+        if not partition.made and not clear:
             break
-        made += found.made
-        chain = find_chain(found, sorter.points, rules, _LENIENT)
+        made += partition.made
+        chain = find_chain(partition, sorter.points, rules, _LENIENT)
         if chain is None:
-            start = tuple(found.bodies)
+            start = tuple(partition.bodies)
             continue
         chain = give_landmarks_to_parents(chain, sorter)
         start = (*chain.bodies, *chain.branches)
@@ -232,11 +232,11 @@ def search_chain(sorter: SpatialBodies, rules: SegmentationRules, needed: float)
         if chain is not None:
             chain = give_landmarks_to_parents(chain, sorter)
             start = (*chain.bodies, *chain.branches)
-        found = divide(sorter, start, least)
-        if not found.made:
+        partition = divide(sorter, start, least)
+        if not partition.made:
             break
-        made += found.made
-        start = tuple(found.bodies)
+        made += partition.made
+        start = tuple(partition.bodies)
     return SpatialSearch(
-        find_chain(found, sorter.points, rules), tuple(found.bodies), tuple(made), tuple(found.refused)
+        find_chain(partition, sorter.points, rules), tuple(partition.bodies), tuple(made), tuple(partition.refused)
     )

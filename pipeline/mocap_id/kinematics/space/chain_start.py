@@ -87,7 +87,7 @@ def fit_shared_point(clusters: Clusters, parent: int, child: int) -> tuple[Float
 
 def find_joint_slides(clusters: Clusters, segment: IntArray, parents: Sequence[int]) -> FloatArray:
     """Return the displacement (F, n, 3) between both clusters at every joint that slides, m; 0 at the others."""
-    found = np.zeros((len(clusters.rotation), len(parents), 3))
+    slides = np.zeros((len(clusters.rotation), len(parents), 3))
     for j, parent in enumerate(parents):
         centre, own = fit_shared_point(clusters, parent, j + 1)
         ends = [
@@ -98,8 +98,8 @@ def find_joint_slides(clusters: Clusters, segment: IntArray, parents: Sequence[i
         size = float(np.sqrt(square[: max(int(_USUAL * len(square)), 1)].mean() / 3))
         explained = sum(_variance_at(clusters, segment, k, p) for k, p in ((parent, centre), (j + 1, own)))
         if size > max(_LEAST, _BEYOND * float(np.sqrt(explained))):
-            found[:, j] = apart
-    return found
+            slides[:, j] = apart
+    return slides
 
 
 def _variance_at(clusters: Clusters, segment: IntArray, k: int, point: FloatArray) -> float:

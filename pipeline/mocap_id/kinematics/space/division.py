@@ -60,22 +60,22 @@ class Partition:
 
 def divide(sorter: SpatialBodies, start: Sequence[SpatialBody], needed: float = 1.0) -> Partition:
     """Divide bodies until each is rigid, the clearest division first, with at least the evidence ``needed``."""
-    found = Partition(list(start))
+    partition = Partition(list(start))
     joints: dict[bytes, SpatialPairJoint] = {}
     tried: dict[bytes, Division | None] = {}
     while True:
-        found.joints = _fit_all_joints(found.bodies, joints)
-        divisions = [_best_division(sorter, found, index, tried) for index in range(len(found.bodies))]
+        partition.joints = _fit_all_joints(partition.bodies, joints)
+        divisions = [_best_division(sorter, partition, index, tried) for index in range(len(partition.bodies))]
         known = [division for division in divisions if division is not None]
         best = max(known, key=lambda division: (division.evidence >= needed, division.gain), default=None)
-        if best is None or best.evidence < needed or len(found.bodies) >= _MOST:
-            found.refused = known
-            return found
-        found.made.append(best)
-        others = [body.markers for body in found.bodies if body is not best.whole]
+        if best is None or best.evidence < needed or len(partition.bodies) >= _MOST:
+            partition.refused = known
+            return partition
+        partition.made.append(best)
+        others = [body.markers for body in partition.bodies if body is not best.whole]
         divided = [*others, *(part.markers for part in best.parts)]
         settled = sorter.reassign_markers(divided, _STAY)
-        found.bodies = [sorter.body(group) for group in divided] if len(settled) < len(divided) else list(settled)
+        partition.bodies = [sorter.body(group) for group in divided] if len(settled) < len(divided) else list(settled)
 
 
 def build_partition(bodies: Sequence[SpatialBody]) -> Partition:
@@ -108,22 +108,22 @@ def _fit_all_joints(
 
 
 def _best_division(
-    sorter: SpatialBodies, found: Partition, index: int, tried: dict[bytes, Division | None]
+    sorter: SpatialBodies, partition: Partition, index: int, cached: dict[bytes, Division | None]
 ) -> Division | None:
     """Return the division of a body with the most evidence; None if it is rigid or has too few markers."""
-    whole = found.bodies[index]
+    whole = partition.bodies[index]
     if whole.rms_residual <= _RIGID:
         return None
     neighbours = [
-        found.bodies[j if i == index else i]
-        for i, j in spanning_tree(found.joints, len(found.bodies))
+        partition.bodies[j if i == index else i]
+        for i, j in spanning_tree(partition.joints, len(partition.bodies))
         if index in (i, j)
     ]
     key = b"|".join(body.markers.tobytes() for body in (whole, *neighbours))
-    if key not in tried:
+    if key not in cached:
         every = _weigh_divisions(sorter, whole, neighbours)
-        tried[key] = max(every, key=lambda division: division.evidence, default=None)
-    return tried[key]
+        cached[key] = max(every, key=lambda division: division.evidence, default=None)
+    return cached[key]
 
 
 def _weigh_divisions(sorter: SpatialBodies, whole: SpatialBody, neighbours: Sequence[SpatialBody]) -> list[Division]:

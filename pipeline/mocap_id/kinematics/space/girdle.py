@@ -27,10 +27,10 @@ def find_girdle_markers(
     included: sliding skin may hide their motion, but a fixed shoulder would overestimate the elevation of every raised
     arm.
     """
-    found = np.zeros(off.shape[1], dtype=bool)
+    on_girdle = np.zeros(off.shape[1], dtype=bool)
     low, high = np.quantile(share, [0.05, 0.95])
     if high - low < _RANGE or base.sum() <= _FEWEST:
-        return found
+        return on_girdle
     motion, explained = np.zeros(off.shape[1]), np.zeros(off.shape[1])
     for m in np.flatnonzero(base):
         here = seen[:, m]
@@ -42,7 +42,7 @@ def find_girdle_markers(
         motion[m] = np.linalg.norm(slope)
         explained[m] = motion[m] ** 2 * (u @ u) / np.sum(y**2)
     usual = np.median(motion[base])
-    found = base & (named | (motion > np.maximum(_LEAST, _STANDS_OUT * usual)) & (explained > _EXPLAINED))
-    if base.sum() - found.sum() < _FEWEST:
-        return np.zeros_like(found)
-    return np.asarray(found)
+    on_girdle = base & (named | (motion > np.maximum(_LEAST, _STANDS_OUT * usual)) & (explained > _EXPLAINED))
+    if base.sum() - on_girdle.sum() < _FEWEST:
+        return np.zeros_like(on_girdle)
+    return np.asarray(on_girdle)

@@ -59,8 +59,8 @@ def weigh_kinds(turn: FloatArray, noise: FloatArray, arc: float, kind: JointKind
     noise = noise + _LEAST_NOISE**2 * np.eye(3)
     hinge, pair = fit_hinge(turn), fit_two_axes(turn)
     tilt = np.cross(hinge.first, turn @ hinge.second) @ tangents(hinge.first)
-    shaken = tangents(hinge.first).T @ noise @ tangents(hinge.first)
-    over = np.linalg.eigvals(np.linalg.solve(shaken, tilt.T @ tilt / len(turn))).real.max()
+    noise_across = tangents(hinge.first).T @ noise @ tangents(hinge.first)
+    over = np.linalg.eigvals(np.linalg.solve(noise_across, tilt.T @ tilt / len(turn))).real.max()
     gap, size = _measure_gap(turn, pair, noise)
     left: dict[JointKind, float] = {
         "hinge": float(np.sqrt(np.mean(np.sum(tilt**2, axis=1)))),
@@ -80,17 +80,17 @@ def weigh_kinds(turn: FloatArray, noise: FloatArray, arc: float, kind: JointKind
 
 def _measure_gap(turn: FloatArray, pair: JointAxes, noise: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the angle that two axes leave unexplained (F,), rad, and the variance of its noise, rad²."""
-    carried = turn @ pair.second
-    normal = np.cross(pair.first, carried)
-    gap = (carried @ pair.first - pair.cosine) / np.sqrt(max(1 - pair.cosine**2, 1e-6))
+    rotated = turn @ pair.second
+    normal = np.cross(pair.first, rotated)
+    gap = (rotated @ pair.first - pair.cosine) / np.sqrt(max(1 - pair.cosine**2, 1e-6))
     return gap, np.einsum("fi,ij,fj->f", normal, noise, normal) / np.maximum((normal**2).sum(axis=1), 1e-9)
 
 
 def fit_pin_axes(turn: FloatArray, noise: FloatArray, pin: FloatArray) -> JointAxes | None:
     """Return two axes of which the second is ``pin`` (3,); None if these do not explain the rotation."""
     middle = turn.mean(axis=0)
-    carried = turn @ pin
-    spread = carried - middle @ pin
+    rotated = turn @ pin
+    spread = rotated - middle @ pin
     pull = _UPRIGHT * np.sum(spread**2) / len(turn)
     first = _smallest_eigenvectors(spread.T @ spread / len(turn) + pull * np.outer(middle @ pin, middle @ pin))
     pair = JointAxes(first, pin, float(first @ middle @ pin))
@@ -125,13 +125,13 @@ def fit_two_axes(turn: FloatArray) -> JointAxes:
     size = float(np.trace(spread.T @ spread)) / len(turn)
     second = _spread_directions(_STARTS)
     for pull in (*[_UPRIGHT * size] * _TURNS, *[1e-3 * size] * _TURNS):
-        carried = second @ middle.T
+        rotated = second @ middle.T
         first = _smallest_eigenvectors(
-            np.einsum("ijkl,sj,sl->sik", form, second, second) + pull * _outer_squares(carried)
+            np.einsum("ijkl,sj,sl->sik", form, second, second) + pull * _outer_squares(rotated)
         )
-        carried = first @ middle
+        rotated = first @ middle
         second = _smallest_eigenvectors(
-            np.einsum("ijkl,si,sk->sjl", form, first, first) + pull * _outer_squares(carried)
+            np.einsum("ijkl,si,sk->sjl", form, first, first) + pull * _outer_squares(rotated)
         )
     cosine = np.einsum("si,ij,sj->s", first, middle, second)
     value = np.einsum("ijkl,si,sj,sk,sl->s", form, first, second, first, second) / np.maximum(1 - cosine**2, 1e-6)

@@ -103,9 +103,9 @@ def segment_in_space(
     partners = np.sum(deviation <= _PARTNER * rules.max_body_residual, axis=1) - 1
     markers = np.flatnonzero(seen & (partners >= LEAST - 1))
     _require_motion(len(markers), deviation[np.ix_(seen, seen)])
-    search = points[frames_along_motion(points, min(frames, _SEARCH_FRAMES))]
-    found = _search_with_count(SpatialBodies(search, markers, constraints), rules)
-    return _assemble(found, points, seen, rules, constraints)
+    searched = points[frames_along_motion(points, min(frames, _SEARCH_FRAMES))]
+    search = _search_with_count(SpatialBodies(searched, markers, constraints), rules)
+    return _assemble(search, points, seen, rules, constraints)
 
 
 def _require_motion(count: int, deviation: FloatArray) -> None:
@@ -131,18 +131,18 @@ def _require_motion(count: int, deviation: FloatArray) -> None:
 
 def _search_with_count(sorter: SpatialBodies, rules: SegmentationRules) -> SpatialSearch:
     """Return the chain, with the requested number of segments if there is one."""
-    found = search_best_chain(sorter, rules)
+    search = search_best_chain(sorter, rules)
     lengths = set()
     for _ in range(_ROUNDS):
-        length = 0 if found.chain is None else len(found.chain.bodies)
+        length = 0 if search.chain is None else len(search.chain.bodies)
         lengths.add(length)
-        sizes = [each.evidence for each in (found.refused if length < (rules.count or 0) else found.made)]
+        sizes = [each.evidence for each in (search.refused if length < (rules.count or 0) else search.made)]
         if rules.count is None or length == rules.count or not sizes:
             break
-        found = search_chain(sorter, rules, max(sizes) if length < rules.count else min(sizes) * (1 + 1e-9))
-    length = 0 if found.chain is None else len(found.chain.bodies)
-    if found.chain is not None and rules.count in (None, length):
-        return found
+        search = search_chain(sorter, rules, max(sizes) if length < rules.count else min(sizes) * (1 + 1e-9))
+    length = 0 if search.chain is None else len(search.chain.bodies)
+    if search.chain is not None and rules.count in (None, length):
+        return search
     if lengths - {0}:
         raise Refused(
             "no-chain",
@@ -152,22 +152,22 @@ def _search_with_count(sorter: SpatialBodies, rules: SegmentationRules) -> Spati
             float(rules.count or 0),
             float(max(lengths)),
         )
-    raise _explain_missing_chain(found, sorter, rules)
+    raise _explain_missing_chain(search, sorter, rules)
 
 
-def _explain_missing_chain(found: SpatialSearch, sorter: SpatialBodies, rules: SegmentationRules) -> Refused:
+def _explain_missing_chain(search: SpatialSearch, sorter: SpatialBodies, rules: SegmentationRules) -> Refused:
     """Return the refusal: no two bodies rotate about a common point."""
-    bodies = sum(len(body.markers) >= LEAST for body in found.bodies)
+    bodies = sum(len(body.markers) >= LEAST for body in search.bodies)
     if bodies < 2:
         return Refused(
             "no-chain",
-            f"the {len(sorter.markers)} markers are one body (residual {1e3 * found.bodies[0].rms_residual:.0f} mm "
+            f"the {len(sorter.markers)} markers are one body (residual {1e3 * search.bodies[0].rms_residual:.0f} mm "
             "rms), so there is no joint. Record a larger movement of the joints, with at least three markers on each "
             "segment, or take the chain from another trial (`calibration:`).",
             float(bodies),
             2.0,
         )
-    joints = [fit_pair_joint(first, second) for first, second in combinations(found.bodies, 2)]
+    joints = [fit_pair_joint(first, second) for first, second in combinations(search.bodies, 2)]
     best = min(joints, key=lambda joint: joint.residual / max(joint.free, 1e-6))
     return Refused(
         "no-chain",
@@ -181,13 +181,13 @@ def _explain_missing_chain(found: SpatialSearch, sorter: SpatialBodies, rules: S
 
 
 def _assemble(
-    found: SpatialSearch, points: FloatArray, seen: BoolArray, rules: SegmentationRules, constraints: Constraints
+    search: SpatialSearch, points: FloatArray, seen: BoolArray, rules: SegmentationRules, constraints: Constraints
 ) -> SpatialSegmentation:
     """Return the result, with the bodies fitted to all chosen frames, and with the leftover markers assigned."""
-    assert found.chain is not None
+    assert search.chain is not None
     sorter = SpatialBodies(points, np.flatnonzero(seen), constraints)
-    bodies = [sorter.body(body.markers) for body in found.chain.bodies]
-    chain = SpatialBodyChain(tuple(bodies), fit_joints_along(bodies), found.chain.branches, found.chain.joined)
+    bodies = [sorter.body(body.markers) for body in search.chain.bodies]
+    chain = SpatialBodyChain(tuple(bodies), fit_joints_along(bodies), search.chain.branches, search.chain.joined)
     residuals = np.stack([body.residual for body in bodies])
     segment = np.full(points.shape[1], -1)
     for k, body in enumerate(bodies):
@@ -201,8 +201,8 @@ def _assemble(
     explained = int(np.sum(segment >= 0)) + sum(len(branch.markers) for branch in beside)
     confidence = assess_spatial_confidence(
         chain,
-        found.made,
-        found.refused,
+        search.made,
+        search.refused,
         motion=tip / max(base, 1e-6),
         second_arc=_measure_second_arc(chain),
         left_out=1 - explained / max(int(seen.sum()), 1),
@@ -219,7 +219,7 @@ def _assemble(
         arcs=tuple(joint.arc for joint in chain.joints),
         moving_base=base > rules.still_limit,
         planarity=_measure_planarity(chain),
-        hypotheses=_list_hypotheses(found),
+        hypotheses=_list_hypotheses(search),
         branches=tuple(branch.markers for branch in chain.branches),
     )
 
@@ -304,9 +304,9 @@ def _measure_second_arc(chain: SpatialBodyChain) -> float:
     return float(4 * np.sqrt(max(values[-2], 0.0)))
 
 
-def _list_hypotheses(found: SpatialSearch) -> tuple[SpatialHypothesis, ...]:
+def _list_hypotheses(search: SpatialSearch) -> tuple[SpatialHypothesis, ...]:
     """Return the divisions made and refused, the largest gain first."""
-    every = [(each, True) for each in found.made] + [(each, False) for each in found.refused]
+    every = [(each, True) for each in search.made] + [(each, False) for each in search.refused]
     return tuple(
         SpatialHypothesis((each.parts[0].markers, each.parts[1].markers), each.evidence, each.gain, chosen)
         for each, chosen in sorted(every, key=lambda pair: -pair[0].gain)
