@@ -23,8 +23,7 @@ from mocap_id.protocols.curl.compensation import fit_part_in_step
 from mocap_id.protocols.curl.repetitions import Curl
 from mocap_id.runner import run
 from mocap_id.simulation.arm import ArmOptions, write_arm
-from mocap_id.simulation.arm.options import Preset
-from mocap_id.simulation.arm.pneumatic_device import CurlCondition
+from mocap_id.simulation.arm.options import CurlCondition, Preset
 from mocap_id.store import Folder
 
 PRESETS: tuple[Preset, ...] = ("default", "hard")

@@ -27,8 +27,8 @@ from mocap_id.errors import MocapIdError
 from mocap_id.reporting.numbers import show
 from mocap_id.runner import run
 from mocap_id.simulation.arm import ArmOptions, ReachCohort, generate_arm, simulate_reach_cohort, write_arm
-from mocap_id.simulation.arm.depth_camera import film_skeleton
 from mocap_id.simulation.arm.options import Preset
+from mocap_id.simulation.arm.sensors import film_skeleton
 from mocap_id.workflows.study import run_study
 
 SEVERITIES = (0.0, 0.2, 0.4, 0.6, 0.8)

@@ -35,7 +35,7 @@ from mocap_id.simulation.arm import (
     write_arm,
     write_chain,
 )
-from mocap_id.simulation.arm.pneumatic_device import CurlCondition
+from mocap_id.simulation.arm.options import CurlCondition
 from mocap_id.simulation.options import FaultOptions, read_faults, read_people
 from mocap_id.simulation.space_robot import SpaceRobotOptions, simulate_space_robot
 from mocap_id_cli.console import make_group

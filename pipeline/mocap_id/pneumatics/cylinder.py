@@ -224,24 +224,12 @@ def compute_torque_and_sd(  # noqa: PLR0917
     velocity: FloatArray | None = None,
     angle_sd: FloatArray | float = 0.0,
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the torque of a device on the joint and its standard deviation, (N,) each, N·m.
+    """Return the torque of a device on the joint and its standard deviation at angles, rad, (N,) each, N·m.
 
-    The errors of the description are independent of each other and constant over the angles. The errors of neighbouring
-    samples are therefore the same, not independent.
-
-    Parameters
-    ----------
-    cylinder : Cylinder
-    setting : Setting
-    angle : (N,) array
-        Angles, rad; beyond the stroke both results are NaN.
-    sds : mapping of str to float
-        Standard deviations of fields of :class:`Cylinder`, and ``gauge`` of each sealed pressure, Pa.
-    velocity : (N,) array, optional
-        Velocities, rad/s; without them the torque excludes friction, but its standard deviation includes Coulomb
-        friction.
-    angle_sd : (N,) array or float
-        Standard deviation of the angle, rad.
+    Both are NaN beyond the stroke. ``sds`` are standard deviations of fields of :class:`Cylinder`, and ``gauge`` of
+    each sealed pressure, Pa; ``angle_sd`` is that of the angle, rad. Without a velocity, rad/s, the torque excludes
+    friction, but its standard deviation includes Coulomb friction. The errors of the description are independent of
+    each other and constant over the angles. The errors of neighbouring samples are therefore the same, not independent.
     """
     angle = np.asarray(angle, dtype=np.float64)
 

@@ -65,10 +65,7 @@ class IdentifiedCylinder:
 def identify_cylinder(described: Cylinder, log: TorqueLog) -> IdentifiedCylinder:
     """Return the cylinder that fits a log best, near the described cylinder.
 
-    Raises
-    ------
-    NumericalError
-        The log does not fit any cylinder near the described one.
+    NumericalError is raised if the log does not fit any cylinder near the described one.
     """
     names = [name for name in ESTIMATED if log.velocity is not None or name not in ("coulomb", "viscous")]
     described = replace(

@@ -35,22 +35,12 @@ class NearestSpring:
 def find_nearest_setting(
     cylinder: Cylinder, stiffness: float, rest: float, limits: PressureLimits, angles: FloatArray | None = None
 ) -> NearestSpring:
-    """Return the setting that is nearest to a linear spring with torque -k(θ - θ₀).
+    """Return the setting that is nearest to a linear spring with torque -k(θ - θ₀), N·m/rad and rad.
 
-    Parameters
-    ----------
-    cylinder : Cylinder
-    stiffness, rest : float
-        k, N·m/rad, and θ₀, rad.
-    limits : PressureLimits
-    angles : (N,) array, optional
-        Angles over which the torque should agree, rad; angles beyond the stroke are ignored. By default, stiffness and
-        torque should agree at the rest angle, or the torque over the whole stroke if θ₀ is beyond it.
+    The torques should agree over ``angles`` (N,), rad; angles beyond the stroke are ignored. By default, stiffness and
+    torque should agree at the rest angle, or the torque over the whole stroke if θ₀ is beyond it.
 
-    Raises
-    ------
-    ValueError
-        No angle is within the stroke.
+    ValueError is raised if no angle is within the stroke.
     """
     low, high = cylinder.limits
     local = angles is None and low <= rest <= high

@@ -59,10 +59,7 @@ class AlphaShape:
 def compute_alpha_shape(points: FloatArray, radius: float) -> AlphaShape:
     """Return the alpha shape of points (N, d), d = 2 or 3, for a radius, m.
 
-    Raises
-    ------
-    ValueError
-        There are fewer than d + 1 points, or all of them are on one line (or in one plane).
+    ValueError is raised if there are fewer than d + 1 points, or all of them are on one line (or in one plane).
     """
     spread = points - points.mean(axis=0)
     d = points.shape[1]

@@ -48,6 +48,8 @@ class JointLimits:
 def find_limits(q: FloatArray, sd: FloatArray, measured: BoolArray, quantile: float = 0.0) -> JointLimits:
     """Return the extremes of an observed motion as limits.
 
+    ValueError is raised if a joint was never measured, or did not move.
+
     Parameters
     ----------
     q, sd : (T, n) arrays
@@ -62,11 +64,6 @@ def find_limits(q: FloatArray, sd: FloatArray, measured: BoolArray, quantile: fl
     JointLimits
         The standard deviation of a limit is the standard deviation of the angle at the extreme sample. With a quantile,
         it is the root mean square over the samples between 0.5 and 1.5 times the quantile.
-
-    Raises
-    ------
-    ValueError
-        A joint was never measured, or did not move.
     """
     if not 0.0 <= quantile < 0.5:
         raise ValueError(f"the quantile is {quantile}; expected at least 0 and below 0.5")

@@ -119,10 +119,7 @@ def compute_reachable_set(dynamics: JointDynamics, times: Sequence[float], schem
 
     The ``times``, s, at which the set is returned must ascend.
 
-    Raises
-    ------
-    ValueError
-        There is no equilibrium within the limits, or the times do not ascend from 0.
+    ValueError is raised if there is no equilibrium within the limits, or the times do not ascend from 0.
     """
     at = dynamics.equilibrium()
     if at is None:
@@ -146,10 +143,7 @@ def solve_level_set(  # noqa: PLR0917
 ) -> ReachableSet:
     """Return χ at each of the times, advanced from its first values (N, M) between barrier (N, M) and cap.
 
-    Raises
-    ------
-    ValueError
-        The times do not ascend from 0.
+    ValueError is raised if the times do not ascend from 0.
     """
     ends = np.array([0.0, *times])
     if np.any(np.diff(ends) <= 0):

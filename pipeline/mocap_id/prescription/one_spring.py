@@ -65,10 +65,8 @@ class _Spring:
 def prescribe_spring(joint: OneJoint, requirements: SpringRequirements = SpringRequirements()) -> Prescription:
     """Return the spring with which a person can hold the largest range of a joint.
 
-    Raises
-    ------
-    ValueError
-        A required angle is outside the joint's limits, or the person cannot hold all of them with any spring.
+    ValueError is raised if a required angle is outside the joint's limits, or the person cannot hold all of them with
+    any spring.
     """
     for angle in requirements.required:
         if not joint.lower <= angle <= joint.upper:
@@ -183,23 +181,10 @@ def refine_spring(  # noqa: PLR0917
 ) -> tuple[float, float]:
     """Return stiffness, N·m/rad, and rest angle, rad, with the widest range, by sequential quadratic programming.
 
-    The torques at both ends, at the turning points between them (eq. 7.9) and at required angles (eq. 7.11) are
-    constrained to the person's limits. The number of turning points stays as at the start. The result is the start if
-    the solver fails, so the caller must check whether the range is wider.
-
-    Parameters
-    ----------
-    joint : OneJoint
-    start : (low, high, stiffness, rest)
-        Held range, rad, stiffness, N·m/rad, and rest angle, rad, of the spring to refine.
-    required : sequence of float
-        Required angles, rad.
-    rest : (low, high)
-        Allowed rest angles, rad.
-    stiffest : float
-        Largest stiffness, N·m/rad.
-    penalty : float
-        Penalty per stiffness over the weight, rad.
+    ``start`` is the held range, rad, the stiffness and the rest angle of the spring to refine. The torques at both
+    ends, at the turning points between them (eq. 7.9) and at required angles (eq. 7.11) are constrained to the person's
+    limits. The number of turning points stays as at the start. The result is the start if the solver fails, so the
+    caller must check whether the range is wider. ``penalty`` is the penalty per stiffness over the weight, rad.
     """
     low, high, stiffness, at = start
     weight = joint.weight

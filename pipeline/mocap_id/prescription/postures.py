@@ -55,10 +55,7 @@ def sample_postures(  # noqa: PLR0917
     ``required`` (R, 2) are points in the plane frame at which the tip must be held, m. ``count`` and ``seed`` determine
     the samples.
 
-    Raises
-    ------
-    ValueError
-        A required point cannot be reached.
+    ValueError is raised if a required point cannot be reached.
     """
     q = limits.lower + sobol(count, limits.dimension, seed) * (limits.upper - limits.lower)
     tips = arm.tips(q)
@@ -113,18 +110,10 @@ def count_cells(  # noqa: PLR0917
 ) -> int:  # pragma: no cover
     """Return an upper bound of the number of cells that can be held with any springs of a box.
 
-    The number is exact if both corners of the box are the same. It is -1 if a required point cannot be held.
-
-    Parameters
-    ----------
-    gravity, stretch, cell, cells, required
-        As in :class:`Postures`.
-    across : (S, n) bool array
-        Whether spring s pulls at joint j.
-    torque : (n, 2) array
-        The person's limits, N·m.
-    low, high : (S, 2) arrays
-        Corners of the box: stiffness, N·m/rad, and rest angle, rad, of each spring.
+    The number is exact if both corners of the box are the same. It is -1 if a required point cannot be held. The first
+    parameters are fields of :class:`Postures`. ``across`` (S, n) is True if a spring pulls at a joint; ``torque`` (n,
+    2) are the person's limits, N·m; ``low`` and ``high`` (S, 2) are the corners of the box: stiffness, N·m/rad, and
+    rest angle, rad, of each spring.
     """
     held = np.zeros(cells + required, np.bool_)
     joints, springs = gravity.shape[1], stretch.shape[1]

@@ -115,22 +115,10 @@ def prescribe_several(
 ) -> Springs:
     """Return the springs with which a person can hold the largest functional workspace of several joints.
 
-    Parameters
-    ----------
-    postures : Postures
-    places : sequence of SpringPlace
-        The possible springs; if there are none, the result describes the workspace without assistance.
-    torque : (n, 2) array
-        The person's limits, N·m.
-    penalty : float
-        δ, see :data:`PENALTY`.
-    boxes : int
-        Number of boxes after which the search ends.
+    ``places`` are the possible springs; if there are none, the result describes the workspace without assistance.
+    ``torque`` (n, 2) are the person's limits, N·m. The search ends after a number of boxes.
 
-    Raises
-    ------
-    ValueError
-        The search found no springs that hold every required point.
+    ValueError is raised if the search found no springs that hold every required point.
     """
     search = _Search(postures, places, torque, penalty)
     nothing = np.stack([np.zeros(len(places)), 0.5 * (search.low + search.high)[:, 1]], axis=1)

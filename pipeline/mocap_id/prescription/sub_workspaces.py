@@ -1,18 +1,24 @@
-"""Graph of sub-workspaces (thesis 9.6): a node is the set of postures held with one setting, an edge is an overlap.
+"""Sub-workspaces (thesis 9.6): the softest spring for an interval of angles, and the graph of sub-workspaces.
 
-In the overlap of two sub-workspaces, a device can change its setting while the person holds the posture, because the
-person's torque is sufficient with both settings.
+A node of the graph is the set of postures held with one setting, an edge is an overlap. In the overlap of two
+sub-workspaces, a device can change its setting while the person holds the posture, because the person's torque is
+sufficient with both settings.
+
+A rest angle exists for a stiffness k if w = g + kθ meets three inequalities: max w - min w ≤ span, max w - τ_high ≤ k
+θ_most and min w - τ_low ≥ k θ_least. Each involves a maximum or minimum of functions that are linear in k, and is
+convex in k. The suitable stiffnesses therefore form an interval, and bisection finds its lower end.
 """
 
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.prescription.one_joint import OneJoint
 
 
 @dataclass(frozen=True)
@@ -75,3 +81,54 @@ def build_graph(nodes: Sequence[SubWorkspace], postures: FloatArray) -> Graph:
                 nearest = both[np.abs(postures[both] - middle).sum(axis=1).argmin()]
                 switches.append(Switch((a, b), len(both) / len(postures), int(nearest)))
     return Graph(tuple(nodes), tuple(switches))
+
+
+_GRID = 721
+_STEPS = 200
+
+
+def find_least_spring(
+    joint: OneJoint, interval: tuple[float, float], rest: tuple[float, float], stiffest: float | None = None
+) -> tuple[float, float] | None:
+    """Return stiffness, N·m/rad, and rest angle, rad, of the softest spring that holds an interval of angles, rad.
+
+    The result is (0, NaN) if no spring is needed, and None if no spring is sufficient. ``rest`` contains the smallest
+    and largest rest angle, rad. ``stiffest`` is the largest stiffness; by default it is twenty times the largest moment
+    of gravity per radian.
+    """
+    grid = np.linspace(*interval, _GRID) if interval[1] > interval[0] else np.array([interval[0]])
+    gravity = joint.gravity(grid)
+
+    def excess(k: float) -> float:
+        w = gravity + k * grid
+        above, below = w.max() - joint.torque_high, w.min() - joint.torque_low
+        return float(max(above - below, above - k * rest[1], k * rest[0] - below)) / joint.weight
+
+    if excess(0.0) <= 1e-9:
+        return 0.0, np.nan
+    low, high = 0.0, 20.0 * joint.weight if stiffest is None else stiffest
+    best = _minimise(excess, low, high)
+    if excess(best) > 1e-9:
+        return None
+    outside, inside = 0.0, best
+    for _ in range(_STEPS):
+        middle = 0.5 * (outside + inside)
+        outside, inside = (outside, middle) if excess(middle) <= 1e-9 else (middle, inside)
+    return inside, _middle_rest(joint, gravity + inside * grid, inside, rest)
+
+
+def _minimise(excess: Callable[[float], float], low: float, high: float) -> float:
+    """Return the minimiser of a convex function by ternary search, or the first point at which it is at most 0."""
+    for _ in range(_STEPS):
+        one, other = low + (high - low) / 3, high - (high - low) / 3
+        here, there = excess(one), excess(other)
+        if min(here, there) <= 0:
+            return one if here <= 0 else other
+        low, high = (low, other) if here <= there else (one, high)
+    return 0.5 * (low + high)
+
+
+def _middle_rest(joint: OneJoint, w: FloatArray, stiffness: float, rest: tuple[float, float]) -> float:
+    """Return the allowed rest angle that shifts w (M,) nearest to the middle of the torque's limits, rad."""
+    middle = 0.5 * (w.max() - joint.torque_high + w.min() - joint.torque_low) / stiffness
+    return float(np.clip(middle, *rest))

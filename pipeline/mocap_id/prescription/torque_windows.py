@@ -59,27 +59,12 @@ def find_widest_runs(  # noqa: PLR0917
     first: int,
     last: int,
 ) -> FloatArray:  # pragma: no cover
-    """Return the widest run of holdable angles for each of K stiffnesses.
+    """Return the widest run of holdable angles for each of K stiffnesses, N·m/rad, as rows (K, 3).
 
-    Parameters
-    ----------
-    gravity, angle : (M,) arrays
-        Moments of gravity, N·m, at evenly spaced angles, rad.
-    stiffness : (K,) array
-        Stiffnesses, N·m/rad.
-    half : float
-        0, or a distance, N·m/rad: the result is then an upper bound for all stiffnesses within this distance.
-    limits : (2,) array
-        Limits of the torque, N·m.
-    rest : (2,) array
-        Smallest and largest rest angle, rad.
-    first, last : int
-        As for :func:`find_widest_run`.
-
-    Returns
-    -------
-    (K, 3) array
-        Number of steps of the widest run (-1 for none), and the smallest and the largest g(θ) + k θ in it, N·m.
+    A row is the number of steps of the run (-1 for none), and the smallest and the largest g(θ) + k θ in it, N·m.
+    ``gravity`` (M,) are moments, N·m, at evenly spaced angles (M,), rad. ``limits`` (2,) and ``rest`` (2,) limit the
+    torque, N·m, and the rest angle, rad. ``first`` and ``last`` are as for :func:`find_widest_run`. With a distance
+    ``half`` above 0, N·m/rad, the result is an upper bound for all stiffnesses within this distance.
     """
     runs = np.empty((stiffness.size, 3))
     span = limits[1] - limits[0] + half * (angle[-1] - angle[0])

@@ -52,6 +52,9 @@ def compute_workspace(arm: Arm, limits: JointLimits, samples: int = SAMPLES, see
     deviations, widened on both sides by the discretisation. The standard deviation follows from displacing each limit
     and dimension in turn by its standard deviation; the topology of the edge stays the same.
 
+    ValueError is raised if there are too few samples, the limits are for another number of joints, or the points of the
+    tip have no area (or volume).
+
     Parameters
     ----------
     arm : Arm
@@ -60,12 +63,6 @@ def compute_workspace(arm: Arm, limits: JointLimits, samples: int = SAMPLES, see
         Number of postures, at least 512.
     seed : int
         Seed of the samples.
-
-    Raises
-    ------
-    ValueError
-        There are too few samples, the limits are for another number of joints, or the points of the tip have no area
-        (or volume).
     """
     if samples < _LEAST * max(_PARTS):
         raise ValueError(

@@ -81,12 +81,8 @@ def cohort_trials(cohort: Cohort) -> Iterator[CohortTrial]:
 def simulate_cohort(folder: Path, cohort: Cohort) -> Path:
     """Simulate a cohort, write it with its exact truth, and return the path of ``study.yaml``.
 
-    Parameters
-    ----------
-    folder : Path
-        A new or empty folder; receives ``<subject>/<strategy>-<number>.c3d``, ``truth/<trial>/truth.json`` and
-        ``truth.npz``, and finally ``study.yaml``.
-    cohort : Cohort
+    The folder must be new or empty. It receives ``<subject>/<strategy>-<number>.c3d``, ``truth/<trial>/truth.json`` and
+    ``truth.npz``, and finally ``study.yaml``.
 
     Raises
     ------

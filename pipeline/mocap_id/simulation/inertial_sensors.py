@@ -46,19 +46,10 @@ class SimulatedSensor:
 def simulate_plane_sensors(
     seed: int, scene: Scene, state: TrueState, softness: float, person: int | None = None
 ) -> dict[str, SimulatedSensor]:
-    """Return a sensor on every moving segment of a simulated person without separate bodies.
+    """Return a sensor on every moving segment of a person without separate bodies, at the frames of ``state``.
 
-    Parameters
-    ----------
-    seed : int
-        Seed of the trial.
-    scene : Scene
-    state : TrueState
-        State at the frames.
-    softness : float
-        Factor on the rotation of the skin, which follows the joints at both ends of the segment.
-    person : int, optional
-        Seed of a person who wears the same sensors at the same positions in all trials.
+    ``softness`` is a factor on the rotation of the skin, which follows the joints at both ends of the segment.
+    ``person`` is the seed of a person who wears the same sensors at the same positions in all trials.
     """
     sensors = {}
     axes = scene.plane.axes.T

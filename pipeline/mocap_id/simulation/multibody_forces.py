@@ -46,10 +46,7 @@ def balance_divided(
     The moment that they add to the moment of the chain depends slightly on the lean. Both are therefore updated in turn
     until they agree.
 
-    Raises
-    ------
-    NumericalError
-        No lean of the trunk balances the body.
+    NumericalError is raised if no lean of the trunk balances the body.
     """
     balanced = balance(body, plan)
     duration = plan.chair.schedule.duration

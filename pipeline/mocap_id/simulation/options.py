@@ -204,10 +204,7 @@ def read_people(text: str) -> PersonOptions:
 def read_faults(text: str) -> FaultOptions:
     """Read faults from text like ``frozen_s=4,gain_fz=0.05``.
 
-    Raises
-    ------
-    ConfigError
-        An entry is not ``name=number``, a name is repeated, or a value is out of range.
+    ConfigError is raised if an entry is not ``name=number``, a name is repeated, or a value is out of range.
     """
     return FaultOptions(**_read_numbers(text, "faults", [each.name for each in fields(FaultOptions)]))
 

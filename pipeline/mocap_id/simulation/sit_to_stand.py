@@ -83,10 +83,7 @@ def draw_plan(rng: np.random.Generator, body: SimulatedBody, options: Options) -
 def balance(body: SimulatedBody, plan: Plan, additional: FloatArray | None = None) -> BalancedMotion:
     """Compute the trunk's lean; ``additional`` (K,) is a further moment about the plan's ``push``, N·m.
 
-    Raises
-    ------
-    NumericalError
-        No lean of the trunk balances the body.
+    NumericalError is raised if no lean of the trunk balances the body.
     """
     task, legs, schedule = _trunk_task(body, plan.legs, plan.push), plan.legs, plan.chair.schedule
     if additional is not None:

@@ -55,10 +55,7 @@ def simulate(kind: Kind, folder: Path, options: Options, given: JointMotion | No
 def write_trial(folder: Path, make: Callable[[str], Mapping[str, bytes]]) -> Path:
     """Write a new trial and return the path of ``trial.yaml``; ``make`` returns the files for the trial's name.
 
-    Raises
-    ------
-    StoreError
-        The folder already contains a trial, or cannot be written.
+    StoreError is raised if the folder already contains a trial, or cannot be written.
     """
     if (folder / "trial.c3d").exists():
         raise StoreError(f"{folder} already contains a trial: remove it or choose another folder")

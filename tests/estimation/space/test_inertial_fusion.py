@@ -16,8 +16,8 @@ from mocap_id.estimation.space.space_kernels import Pose, Sensors, predict_senso
 from mocap_id.geometry import so3
 from mocap_id.simulation.arm import SpatialTrial
 from mocap_id.simulation.arm.arm import generate_arm
-from mocap_id.simulation.arm.inertial_sensors import SimulatedSensor, simulate_sensors
 from mocap_id.simulation.arm.options import ArmOptions
+from mocap_id.simulation.arm.sensors import SimulatedSensor, simulate_sensors
 from mocap_id.stages.skin_motion import add_axial_rotation_errors
 
 ON = (0, 1, 2)

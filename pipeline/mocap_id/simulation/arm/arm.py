@@ -56,20 +56,7 @@ class _Skeleton:
 
 
 def simulate_arm(seed: int = 0, preset: Preset = "default", movement: Movement = "reach", **more: Any) -> SpatialTrial:
-    """Simulate an arm; the same arguments give the same numbers.
-
-    Parameters
-    ----------
-    seed : int
-    preset : {"clean", "default", "hard"}
-    movement : {"reach", "curl"}
-    **more
-        Other fields of :class:`ArmOptions`.
-
-    Raises
-    ------
-    ConfigError
-        A value is out of range.
+    """Simulate an arm; the same arguments give the same numbers. ``more`` are other fields of :class:`ArmOptions`.
 
     Examples
     --------

@@ -26,23 +26,7 @@ _TILT = 2.0  # rad of rotation of a swaying base for each metre of its sway
 def simulate_chain(
     seed: int = 0, kinds: str = "SS", arc_deg: float = 40.0, preset: Preset = "default", **more: Any
 ) -> SpatialTrial:
-    """Simulate a chain; the same arguments give the same numbers.
-
-    Parameters
-    ----------
-    seed : int
-    kinds : str
-        Joints from the base outwards: S ball, H hinge, T two-axis.
-    arc_deg : float
-        Largest angle of every coordinate from the start, degrees.
-    preset : {"clean", "default", "hard"}
-    **more
-        Other fields of :class:`ChainOptions`.
-
-    Raises
-    ------
-    ConfigError
-        A value is out of range.
+    """Simulate a chain; the same arguments give the same numbers. ``more`` are other fields of :class:`ChainOptions`.
 
     Examples
     --------

@@ -14,8 +14,8 @@ from typing import get_args
 import numpy as np
 
 from mocap_id.simulation.arm.arm import generate_arm
-from mocap_id.simulation.arm.depth_camera import film_skeleton
 from mocap_id.simulation.arm.options import ArmOptions, Side
+from mocap_id.simulation.arm.sensors import film_skeleton
 from mocap_id.simulation.arm.truth import arm_document, arrays
 from mocap_id.simulation.cohort import FILE
 from mocap_id.simulation.options import check_options, option
@@ -88,10 +88,7 @@ def simulate_reach_cohort(folder: Path, cohort: ReachCohort) -> Path:
     The folder must be new or empty. It receives ``<subject>/<session>/<side>.c3d`` (``.csv`` for skeletons),
     ``truth/<trial>/truth.json`` and ``truth.npz``, and finally ``study.yaml``.
 
-    Raises
-    ------
-    StoreError
-        The folder is not empty, or cannot be written.
+    StoreError is raised if the folder is not empty, or cannot be written.
     """
     create_folder(folder)
     people: dict[str, int | None] = {}

@@ -18,9 +18,8 @@ import numpy as np
 from mocap_id.errors import ConfigError
 from mocap_id.simulation.arm.arm import generate_arm
 from mocap_id.simulation.arm.cohort import derive_seeds
-from mocap_id.simulation.arm.curl_torque import body_keys, carried_loads
-from mocap_id.simulation.arm.options import ArmOptions
-from mocap_id.simulation.arm.pneumatic_device import CurlCondition, device_yaml
+from mocap_id.simulation.arm.curl_torque import body_keys, carried_loads, device_yaml
+from mocap_id.simulation.arm.options import ArmOptions, CurlCondition
 from mocap_id.simulation.arm.truth import arm_document, arrays
 from mocap_id.simulation.body import draw_subject
 from mocap_id.simulation.cohort import FILE
@@ -121,10 +120,7 @@ def simulate_curl_study(folder: Path, study: CurlStudy) -> Path:
     ``<subject>/<trial>.c3d``, ``truth/<trial>/truth.json`` and ``truth.npz``, ``device.yaml`` and finally
     ``study.yaml``.
 
-    Raises
-    ------
-    StoreError
-        The folder is not empty, or cannot be written.
+    StoreError is raised if the folder is not empty, or cannot be written.
     """
     create_folder(folder)
     people, rows = "", ""

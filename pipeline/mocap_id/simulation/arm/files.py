@@ -8,11 +8,9 @@ from typing import Any
 
 from mocap_id.simulation.arm.arm import generate_arm
 from mocap_id.simulation.arm.chain import generate_chain
-from mocap_id.simulation.arm.curl_torque import curl_keys
-from mocap_id.simulation.arm.depth_camera import film_skeleton
-from mocap_id.simulation.arm.inertial_sensors import simulate_sensors
+from mocap_id.simulation.arm.curl_torque import curl_keys, device_yaml
 from mocap_id.simulation.arm.options import ArmOptions, ChainOptions
-from mocap_id.simulation.arm.pneumatic_device import device_yaml
+from mocap_id.simulation.arm.sensors import film_skeleton, simulate_sensors
 from mocap_id.simulation.arm.trial import SpatialTrial
 from mocap_id.simulation.arm.truth import arm_document, arrays, chain_document
 from mocap_id.simulation.inertial_sensors import csv_bytes
@@ -35,10 +33,7 @@ def write_arm(folder: Path, options: ArmOptions) -> Path:
     The folder is created if necessary. It receives ``trial.c3d``, ``truth.json``, ``truth.npz``, ``trial.yaml`` and,
     depending on the options, ``kinect.csv``, ``imu_<segment>.csv`` and ``device.yaml``. It gives the trial its name.
 
-    Raises
-    ------
-    StoreError
-        The folder already contains a trial, or cannot be written.
+    StoreError is raised if the folder already contains a trial, or cannot be written.
     """
 
     def make(name: str) -> dict[str, bytes]:

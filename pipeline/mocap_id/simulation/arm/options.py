@@ -10,12 +10,13 @@ from dataclasses import dataclass
 from typing import Literal, TypeAlias, get_args
 
 from mocap_id.errors import ConfigError
-from mocap_id.simulation.arm.pneumatic_device import CurlCondition
 from mocap_id.simulation.options import LARGEST, check_options, option
 
 Preset: TypeAlias = Literal["clean", "default", "hard"]
 Movement: TypeAlias = Literal["reach", "curl"]
 Side: TypeAlias = Literal["right", "left"]
+CurlCondition: TypeAlias = Literal["C", "AC", "2", "3", "4", "5"]
+"""Conditions of thesis figure 8.5: without the device, with open chambers, and the modes of the device."""
 KINDS = "SHT"
 """Letters of joint kinds: ball (spherical), hinge, two-axis."""
 

@@ -182,10 +182,7 @@ def simulate_space_robot(folder: Path, options: SpaceRobotOptions) -> Path:
     The folder is created if necessary. It receives ``trial.c3d``, ``truth.json``, ``truth.npz`` and ``trial.yaml``, and
     gives the trial its name.
 
-    Raises
-    ------
-    StoreError
-        The folder already contains a trial, or cannot be written.
+    StoreError is raised if the folder already contains a trial, or cannot be written.
     """
     return write_trial(folder, lambda name: _contents(generate_space_robot(options), name))
 

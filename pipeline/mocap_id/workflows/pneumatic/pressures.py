@@ -21,6 +21,8 @@ def spring_pressures(
 ) -> dict[str, Any]:
     """Return the pressures nearest to a spring, and the spring that they give.
 
+    ConfigError is raised if the stiffness is not above zero, or the range is empty or beyond the stroke.
+
     Parameters
     ----------
     config : DeviceConfig
@@ -28,11 +30,6 @@ def spring_pressures(
         Stiffness, N·m/rad, and rest angle, rad, of the spring.
     span : (low, high), optional
         Range over which the torques should agree, rad; by default the spring should agree at its rest angle.
-
-    Raises
-    ------
-    ConfigError
-        The stiffness is not above zero, or the range is empty or beyond the stroke.
     """
     if not 0 < stiffness < np.inf or not np.isfinite(rest):
         raise ConfigError(
@@ -70,10 +67,7 @@ def spring_document(spring: NearestSpring) -> dict[str, Any]:
 def gas_budget(config: DeviceConfig) -> dict[str, Any]:
     """Return the gas of every change between two worn conditions, and the number of changes that a reservoir allows.
 
-    Raises
-    ------
-    ConfigError
-        There are fewer than two worn conditions.
+    ConfigError is raised if there are fewer than two worn conditions.
     """
     keys = config.keys
     worn = {name: one.setting() for name, one in keys.conditions.items() if one.worn}

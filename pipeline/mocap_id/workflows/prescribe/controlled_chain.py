@@ -102,10 +102,7 @@ def control_chain(
 ) -> ControlledChain:
     """Choose pressures for each group of tasks, and simulate the controller through all tasks and back.
 
-    Raises
-    ------
-    ValueError
-        No pressures hold the tasks of any group.
+    ValueError is raised if no pressures hold the tasks of any group.
     """
     assert result.graph is not None and result.graph_postures is not None
     chain, q = _make_chain(result, devices), result.graph_postures

@@ -119,10 +119,7 @@ def control_tasks(
 ) -> ControlledTasks:
     """Choose pressures for each group of tasks, and simulate the controller through all tasks and back.
 
-    Raises
-    ------
-    ValueError
-        No pressures hold the tasks of any group.
+    ValueError is raised if no pressures hold the tasks of any group.
     """
     cylinder, limits = device.keys.cylinder(), device.keys.limits()
     margin, hysteresis = np.radians([rules.margin_deg, rules.hysteresis_deg]).tolist()

@@ -41,10 +41,7 @@ class DeviceSprings:
 def read_devices(config: PrescriptionConfig) -> tuple[DeviceConfig | None, ...]:
     """Return the device of each possible spring; None without a device.
 
-    Raises
-    ------
-    ConfigError
-        As for :func:`mocap_id.config.device.load_device`.
+    ConfigError is raised as for :func:`mocap_id.config.device.load_device`.
     """
     return tuple(
         None if spring.device is None else load_device(spring.device) for spring in config.wishes.springs or ()
@@ -56,10 +53,7 @@ def fit_joint_device(
 ) -> DeviceSprings:
     """Return the pressures with which the person holds the widest interval of one joint.
 
-    Raises
-    ------
-    ValueError
-        The stroke allows no angle of the prescribed range.
+    ValueError is raised if the stroke allows no angle of the prescribed range.
     """
     if not prescribed.helps:
         return DeviceSprings(())
@@ -80,10 +74,7 @@ def fit_chain_devices(
 ) -> DeviceSprings:
     """Return the pressures nearest to the prescribed springs over the held postures, and the workspace with them.
 
-    Raises
-    ------
-    ValueError
-        The stroke of a device allows none of the held postures.
+    ValueError is raised if the stroke of a device allows none of the held postures.
     """
     held = find_holdable(postures, places, strength, prescribed)
     needed, linear = postures.gravity.copy(), prescribed.stiffness.copy()

@@ -8,11 +8,10 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.config.prescription import Task
-from mocap_id.prescription.least_spring import find_least_spring
 from mocap_id.prescription.one_spring import REST
 from mocap_id.prescription.postures import sample_postures
 from mocap_id.prescription.several_springs import find_holdable, prescribe_several
-from mocap_id.prescription.sub_workspaces import Graph, SubWorkspace, build_graph
+from mocap_id.prescription.sub_workspaces import Graph, SubWorkspace, build_graph, find_least_spring
 from mocap_id.workflows.prescribe.result import PrescriptionResult
 
 _ANGLES = 1441
@@ -26,10 +25,7 @@ def build_task_graph(tasks: Sequence[Task], result: PrescriptionResult) -> tuple
     Tasks of one group share a node. The springs of a node are the softest that hold all its tasks; the node contains
     every posture that the person can hold with them.
 
-    Raises
-    ------
-    ValueError
-        A task is outside the joint's limits, or cannot be reached.
+    ValueError is raised if a task is outside the joint's limits, or cannot be reached.
     """
     if not tasks:
         return None, None

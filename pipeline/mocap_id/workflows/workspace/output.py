@@ -31,10 +31,8 @@ class Reach:
 def measure(subject: SubjectArm, samples: int = SAMPLES, seed: int = 0) -> Reach:
     """Compute the workspace of a subject.
 
-    Raises
-    ------
-    ConfigError
-        There are too few samples, or the tip covers no area (volume) because it is on the last joint's axis.
+    ConfigError is raised if there are too few samples, or the tip covers no area (volume) because it is on the last
+    joint's axis.
     """
     try:
         return Reach(subject, compute_workspace(subject.arm, subject.limits, samples, seed), seed)
@@ -45,10 +43,7 @@ def measure(subject: SubjectArm, samples: int = SAMPLES, seed: int = 0) -> Reach
 def compare(before: Reach, after: Reach) -> Overlay:
     """Return the gain and loss from one session to another, after moving the first joints to the same position.
 
-    Raises
-    ------
-    ConfigError
-        One workspace is an area and the other a volume.
+    ConfigError is raised if one workspace is an area and the other a volume.
     """
     if before.subject.arm.dimension != after.subject.arm.dimension:
         raise ConfigError(
