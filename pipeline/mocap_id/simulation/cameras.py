@@ -38,7 +38,7 @@ class Jump:
     by: FloatArray  # (3,) m
 
 
-def true_positions(
+def compute_true_positions(
     scene: Scene, state: TrueState, skin: FloatArray, displacement: Displacement | None = None
 ) -> FloatArray:
     """Return marker positions (T, M, 3) in the laboratory without measurement error, m.

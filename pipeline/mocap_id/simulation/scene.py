@@ -164,7 +164,7 @@ def _draw_body(kind: Kind, options: Options, rng: Streams) -> SimulatedBody:
 
 def _draw_swing(options: Options, rng: np.random.Generator) -> Swing:
     if options.joint is not None:
-        return ur5.swing(options.speed, options.repetitions)
+        return ur5.make_swing(options.speed, options.repetitions)
     return Swing(
         frequency=float(rng.uniform(0.4, 0.5)),
         amplitude=float(rng.uniform(0.75, 1.0)),

@@ -13,12 +13,12 @@ from mocap_id.recording.plate_types import PlateSignals
 from mocap_id.simulation.cameras import (
     Burst,
     Jump,
+    compute_true_positions,
     draw_bursts,
     draw_jumps,
     find_visible,
     jump_displacements,
     measure_positions,
-    true_positions,
 )
 from mocap_id.simulation.faults import add_camera_faults, add_plate_faults, draw_displacement, draw_skin_faults
 from mocap_id.simulation.forces import TrueState
@@ -63,7 +63,7 @@ def measure_scene(scene: Scene, options: Options, rng: Streams) -> SimulatedTria
     faults, schedule = options.faults, None if scene.chair is None else scene.chair.schedule
     skin = skin + draw_skin_faults(rng["faults"], faults, scene.markers, state.time)
     seed = int(rng["displacement"].integers(2**32))
-    positions = true_positions(scene, state, skin, draw_displacement(seed, faults, schedule, state.time))
+    positions = compute_true_positions(scene, state, skin, draw_displacement(seed, faults, schedule, state.time))
     bursts = draw_bursts(rng["occlusion"], scene.markers, frames, options.rate, options.occlusions)
     jumps = draw_jumps(rng["jumps"], scene.markers, frames, options.jumps)
     visible = find_visible(scene.markers, bursts, frames)

@@ -93,7 +93,7 @@ def ur5_body(joint: JointName, speed: Speed) -> SimulatedBody:
     return SimulatedBody((base, arm), (-0.2, 0.2), {"l1": known.distance}, description)
 
 
-def swing(speed: Speed, periods: int) -> Swing:
+def make_swing(speed: Speed, periods: int) -> Swing:
     """Return the motion of the joint about the stretched posture."""
     return Swing(FREQUENCY[speed], AMPLITUDE, 0.0, periods, LEAD)
 
