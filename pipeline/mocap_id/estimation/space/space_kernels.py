@@ -1063,8 +1063,7 @@ def run_filter(
     """Fill the track, its covariance (F, 4 d, 4 d), and flags; return the frame that failed, or −1.
 
     ``z`` (F, M, 3) are the markers without lasting displacements, NaN where the frames' own poses do not use them.
-    ``found`` (F, n + 1) is true where the frame's own markers determine the base or joint, ``followed`` where markers
-    or sensors do.
+    A joint (F, n + 1) is ``found`` by markers of the same frame, and ``followed`` by markers or sensors.
     """
     n, d = len(model.ball), len(noise.density)
     pose, last, start, p = _new_pose(model), _new_pose(model), _new_pose(model), np.zeros((4 * d, 4 * d))
