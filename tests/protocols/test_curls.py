@@ -7,8 +7,7 @@ import pytest
 
 from mocap_id.protocols.curl.compensation import fit_part_in_step, measure_compensation
 from mocap_id.protocols.curl.elbow_torque import Mass, SegmentMotion, compute_elbow_torque
-from mocap_id.protocols.curl.fatigue import fit_trend
-from mocap_id.protocols.curl.repetitions import Curl, CurlRules, find_curls
+from mocap_id.protocols.curl.repetitions import Curl, CurlRules, find_curls, fit_trend
 from mocap_id.protocols.curl.trial_end import find_trial_end
 
 TIME = np.arange(0, 24, 0.01)

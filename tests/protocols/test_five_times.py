@@ -11,8 +11,7 @@ from protocol_cases import CENTRES, sit_to_stand
 from mocap_id.protocols.five_times import PUBLISHED, compute_five_times
 from mocap_id.protocols.load_share import compute_load_share, find_foot_plates
 from mocap_id.protocols.posture import compute_posture
-from mocap_id.protocols.repetitions import Repetition
-from mocap_id.protocols.rise_details import RiseDetails
+from mocap_id.protocols.repetitions import Repetition, RiseDetails
 
 
 def repetitions(count: int, cycle: float = 2.5) -> tuple[Repetition, ...]:

@@ -9,8 +9,13 @@ import pytest
 
 import mocap_id.simulation.arm.reach_volume as truth
 from mocap_id.geometry import so3
-from mocap_id.protocols.reach.reachable_set import Grid, ReachableSet, ReachArm, compute_reachable_set
-from mocap_id.protocols.reach.surface import compute_reach_surface
+from mocap_id.protocols.reach.reachable_set import (
+    Grid,
+    ReachableSet,
+    ReachArm,
+    compute_reach_surface,
+    compute_reachable_set,
+)
 from mocap_id.protocols.reach.visited_region import find_visited_region
 from mocap_id.simulation.arm.body import draw_arm
 

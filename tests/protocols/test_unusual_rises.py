@@ -14,7 +14,7 @@ from mocap_id.protocols.attempts import _find_peaks, find_failed_attempts
 from mocap_id.protocols.movement import Movement, find_movement
 from mocap_id.protocols.posture import compute_posture
 from mocap_id.protocols.remarks import add_remarks, explain_repetitions
-from mocap_id.protocols.rise_details import (
+from mocap_id.protocols.repetitions import (
     SUPPORT_LIMIT,
     RiseDetails,
     find_greatest_height,

@@ -12,8 +12,7 @@ from typing import Literal
 import numpy as np
 
 from mocap_id.protocols.posture import STANDING
-from mocap_id.protocols.repetitions import Repetition
-from mocap_id.protocols.rise_details import RiseDetails
+from mocap_id.protocols.repetitions import Repetition, RiseDetails
 
 REQUIRED_RISES = 5
 

@@ -9,8 +9,7 @@ import numpy as np
 
 from mocap_id.protocols.attempts import Attempt
 from mocap_id.protocols.posture import STANDING, Posture
-from mocap_id.protocols.repetitions import Repetition
-from mocap_id.protocols.rise_details import SUPPORT_LIMIT, RiseDetails
+from mocap_id.protocols.repetitions import SUPPORT_LIMIT, Repetition, RiseDetails
 from mocap_id.verdict import Reason
 
 _RISING = 0.25  # share of the rise above which the last sample belongs to a rise

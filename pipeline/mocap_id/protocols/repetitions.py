@@ -1,8 +1,25 @@
-"""Repetition of a movement in the plane, with its events."""
+"""Repetition of a movement in the plane, with its events and the details of its rise."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+
+import numpy as np
+
+from mocap_id.arrays import BoolArray, FloatArray, IntArray, find_runs
+from mocap_id.protocols.posture import STANDING, Posture
+
+NAN = float("nan")
+_STILL = 0.08  # share of the peak speed of the rise; people who do not stop stay above 0.15
+_PAUSE = 0.3  # s, shortest pause
+_OFF_SEAT, _BELOW_TOP = 0.08, 0.1  # share of the rise: a pause closer to the seat or to the top is a rest
+
+SUPPORT_LIMIT = 0.05
+"""Share of the standing weight; without any support, the error of an allometric body is smaller."""
+
+_NO_SEAT = 0.25  # share of the rise above which no seat is: chairs are released below 0.04 in simulations, once at 0.16
+_QUIET = 0.1  # share of the maximum speed
+_LEAST = 5  # samples of a rise
 
 
 @dataclass(frozen=True)
@@ -16,3 +33,133 @@ class Repetition:
     end: float  # time at which the person sits at rest; for a squat, stands again; for a robot, end of the cycle
     complete: bool  # whether every event of the protocol was found
     why: str = ""  # missing events and their causes; empty if the repetition is complete
+
+
+@dataclass(frozen=True)
+class RiseDetails:
+    """Details of a sit-to-stand or squat; NaN where not applicable or unknown.
+
+    The thesis (6.4.2) takes the chair as released when the measured wrench agrees with a model without a chair. It
+    finds that the feet then carry 72 % of the standing weight. Both instants are earlier than that of zero chair force.
+    """
+
+    # seat_off_72, seat_off_model: seat-off by the share of the weight and by the agreement with the model, s
+    seat_off_72: float = NAN
+    seat_off_model: float = NAN
+    reached: float = NAN  # greatest height of the hip as a share of the trial's rise from seat to standing
+    held: float = NAN  # time in pauses between seat and standing, s
+    attempts: int = 0  # number of failed attempts before this rise
+    support: float = NAN  # vertical force that neither plates nor chair explain, as a share of the standing weight
+    # left_seated, left_rising, left_standing: share of the left foot in the load of both feet: seated before the
+    # rise, rising, and standing after it
+    left_seated: float = NAN
+    left_rising: float = NAN
+    left_standing: float = NAN
+
+
+def find_greatest_height(time: FloatArray, posture: Posture, repetition: Repetition) -> float:
+    """Return the greatest height of the hip in a repetition as a share of the trial's rise; NaN if unknown."""
+    inside = _find_samples_between(time, repetition.start, repetition.end)
+    height = posture.height[inside][np.isfinite(posture.height[inside])]
+    return float(height.max()) if len(height) else NAN
+
+
+def measure_paused_time(time: FloatArray, posture: Posture, repetition: Repetition) -> float:
+    """Return the time in pauses between seat and standing, s; NaN if unknown.
+
+    In a pause, the speed is below 8 % of its peak for at least 0.3 s.
+    """
+    rise = _find_samples_between(time, repetition.start, repetition.stand)
+    known = rise[np.isfinite(posture.height[rise]) & np.isfinite(posture.speed[rise])]
+    if np.isnan(repetition.start) or np.isnan(repetition.stand) or not len(known):
+        return NAN
+    height, speed = posture.height[known], posture.speed[known]
+    low, high = height.min() + _OFF_SEAT, height.max() - _BELOW_TOP
+    still = np.zeros(len(time), dtype=bool)
+    still[known] = (height > low) & (height < high) & (speed < _STILL * speed.max())
+    pauses = [float(time[run.stop - 1] - time[run.start]) for run in find_runs(still)]
+    return float(sum(seconds for seconds in pauses if seconds >= _PAUSE))
+
+
+def _find_samples_between(time: FloatArray, start: float, end: float) -> IntArray:
+    """Return the indices of the samples from start to end; a NaN stands for that end of the recording."""
+    start = time[0] if np.isnan(start) else start
+    end = time[-1] if np.isnan(end) else end
+    return np.flatnonzero((time >= start) & (time <= end)).astype(np.int64)
+
+
+def find_share_crossing(time: FloatArray, vertical: FloatArray, share: float, repetition: Repetition) -> float:
+    """Return the last time before its peak at which the force under the feet rises above a share of the weight, s.
+
+    The time is interpolated between samples; it is NaN if no crossing is known. Crossings after the peak are ignored,
+    because at the end of a fast rise the force is below the share for a short time.
+
+    Parameters
+    ----------
+    time : (T,) array
+        Sample times, s.
+    vertical : (T,) array
+        Vertical force under the feet divided by the standing weight; NaN where unknown.
+    share : float
+        Share of the standing weight; 0.72 in the thesis.
+    """
+    rise = np.flatnonzero((time >= repetition.start) & (time <= repetition.stand))
+    if not len(rise) or not np.isfinite(vertical[rise]).any():
+        return float("nan")
+    top = int(np.nanargmax(vertical[rise]))
+    known = rise[: top + 1][np.isfinite(vertical[rise[: top + 1]])]
+    below = np.flatnonzero(vertical[known] < share)
+    if not len(below) or below[-1] + 1 >= len(known):
+        return float("nan")
+    i, j = known[below[-1]], known[below[-1] + 1]
+    return float(np.interp(share, vertical[[i, j]], time[[i, j]]))
+
+
+def find_model_agreement(time: FloatArray, above_noise: BoolArray | None, repetition: Repetition) -> float:
+    """Return the time from which the measured force agrees with a model without a chair, s; NaN if unknown.
+
+    This is the end of the samples with a chair force above the noise (``above_noise``, (T,) or None if unknown).
+    """
+    if above_noise is None or np.isnan(repetition.start):
+        return NAN
+    samples = np.flatnonzero(above_noise & (time >= repetition.start) & (time <= repetition.seat_off))
+    return float(time[min(samples[-1] + 1, len(time) - 1)]) if len(samples) else NAN
+
+
+def measure_support(
+    time: FloatArray,
+    posture: Posture,
+    missing: FloatArray,
+    weight: float,
+    repetition: Repetition,
+    *,
+    seat_measured: bool,
+) -> float:
+    """Return the mean force of an armrest, a rail or a helping hand in a rise, as a share of the standing weight.
+
+    The acceleration of the body requires a force; the part that the plates do not measure acts elsewhere. Below a
+    quarter of the rise it may act on the chair, so this part is used only if the chair has its own plate. Plates do not
+    measure hands that push on the person's own thighs, which is an internal force. The result is NaN if unknown.
+
+    Parameters
+    ----------
+    time : (T,) array
+        Sample times, s.
+    missing : (T,) array
+        Vertical ground force predicted by a body model minus the measured force, N. Its median in quiet standing is
+        the error of the model and is subtracted.
+    weight : float
+        Standing weight, N.
+    seat_measured : bool
+        Whether the chair force is measured and excluded from ``missing``.
+    """
+    with np.errstate(invalid="ignore"):
+        quiet = (posture.height > STANDING) & (posture.speed < _QUIET * np.nanmax(posture.speed))
+        rise = (time >= repetition.start) & (time <= repetition.stand)
+        if not seat_measured:
+            rise &= (posture.height > _NO_SEAT) & (posture.height < STANDING)
+    rise &= np.isfinite(missing)
+    quiet &= np.isfinite(missing)
+    if np.count_nonzero(rise) < _LEAST or not quiet.any():
+        return float("nan")
+    return float((missing[rise].mean() - np.median(missing[quiet])) / weight)

@@ -1,4 +1,4 @@
-"""Curls of the elbow: start, top and end of every curl, whether it is complete, and the rules of their analysis."""
+"""Curls of the elbow: start, top and end of every curl, rules of their analysis, and trends as signs of fatigue."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
+from scipy.special import stdtrit
 
 from mocap_id.arrays import FloatArray, IntArray
 
@@ -15,6 +16,7 @@ _REST = 0.5  # s: a longer rest is part of no curl
 _ONSET = 1.2  # in a minimum-jerk movement (Flash and Hogan 1985), the ratio of the times for 0 to 2 % and 2 to 10 %
 _LARGE = 80.0  # percentile of the rises that represents the large curls of the trial
 _NOISE = 6.0  # smallest rise of an attempt in standard deviations of the angle
+_FEWEST = 4  # curls with a known value for a trend
 _RATE = 120.0  # Hz: enough samples for the turning points
 
 
@@ -134,3 +136,31 @@ def _find_samples_near(values: FloatArray, turn: int, near: float) -> IntArray:
     first = away[split - 1] + 1 if split else 0
     last = away[split] if split < len(away) else len(values)
     return np.arange(first, last)
+
+
+@dataclass(frozen=True)
+class Trend:
+    """Linear trend of a quantity over the curls."""
+
+    slope: float  # change from one curl to the next, in the unit of the quantity
+    interval: tuple[float, float]  # 95 % interval of the slope by Student's t
+    count: int  # number of curls with a known value
+
+
+def fit_trend(values: FloatArray) -> Trend | None:
+    """Fit the linear trend of a quantity (n,) over n curls by least squares; None with fewer than four known values.
+
+    Examples
+    --------
+    >>> fit_trend(np.array([1.0, 2.0, 3.0, 4.0])).slope
+    1.0
+    """
+    known = np.flatnonzero(np.isfinite(values))
+    if len(known) < _FEWEST:
+        return None
+    number = known - known.mean()
+    slope = float(number @ values[known] / (number @ number))
+    rest = values[known] - values[known].mean() - slope * number
+    free = len(known) - 2
+    half = float(stdtrit(free, 0.975) * np.sqrt(rest @ rest / free / (number @ number)))
+    return Trend(slope, (slope - half, slope + half), len(known))

@@ -5,6 +5,11 @@ the shoulder. The distance |w| determines the flexion. At a given distance and p
 rotations for each elevation, and two elevations for each axial rotation. The plane only rotates the wrist about the
 vertical axis of the thorax, so every solution is an arc as long as the range of the plane. The set is the union of
 these arcs. Its volume is the sum of their lengths over distances and polar angles.
+
+The surface of the set is the furthest reach by direction from the shoulder. Its area is the integral of the squared
+furthest reach over the solid angle; the slope of the surface is ignored. The area is relative to half a sphere with the
+arm's length as radius, like the relative surface area of Kurillo et al. (2013) and Han et al. (2015). It is 1 if the
+straight arm reaches everywhere in front of the frontal plane through the shoulder.
 """
 
 from __future__ import annotations
@@ -201,3 +206,49 @@ class _Solver:
         valid = valid & (np.abs(height) <= far) & (elevation >= self.limits[1, 0]) & (elevation <= self.limits[1, 1])
         azimuth = np.arctan2(sideways, np.cos(elevation) * forward - np.sin(elevation) * y)
         return azimuth, elevation, np.broadcast_to(axial, elevation.shape), flexion, valid
+
+
+SURFACE_GRID = Grid(48, 24, 16)
+"""Grid of the surface, with many distances because the distance is the radius of the surface."""
+AZIMUTHS = 48
+QUADRANTS = ("upper_medial", "upper_lateral", "lower_medial", "lower_lateral")
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Furthest reach by direction from the shoulder."""
+
+    polar: FloatArray  # (C,) angles from the upward axis of the thorax, ascending, rad
+    azimuth: FloatArray  # (K,) angles about this axis, rad: 0 is lateral, π/2 forward
+    radius: FloatArray  # (C, K) furthest reach, m; NaN where nothing is reached
+    # relative areas: ``total`` and :data:`QUADRANTS` in front of the shoulder, ``behind`` for the other half
+    areas: dict[str, float]
+
+    def points(self) -> FloatArray:
+        """Return the points (C, K, 3) of the surface from the shoulder, in the axes of the thorax, m."""
+        across = np.sin(self.polar)[:, None]
+        along = np.broadcast_to(np.cos(self.polar)[:, None], self.radius.shape)
+        direction = np.stack([across * np.sin(self.azimuth), along, across * np.cos(self.azimuth)], axis=-1)
+        return np.asarray(self.radius[..., None] * direction)
+
+
+def compute_reach_surface(arm: ReachArm, limits: FloatArray, planes: PlaneRange | None = None) -> Surface:
+    """Return the surface of the set of :func:`~.reachable_set.compute_reachable_set`, which explains the arguments."""
+    reachable = compute_reachable_set(arm, limits, SURFACE_GRID, planes)
+    azimuth = 2 * np.pi * (np.arange(AZIMUTHS) + 0.5) / AZIMUTHS
+    radius = reachable.radius(azimuth)[::-1]
+    polar = np.arccos((reachable.cosine[1:] + reachable.cosine[:-1]) / 2)[::-1]
+    return Surface(polar, azimuth, radius, _compute_areas(polar, azimuth, radius / arm.length))
+
+
+def _compute_areas(polar: FloatArray, azimuth: FloatArray, radius: FloatArray) -> dict[str, float]:
+    """Return the relative areas by name; ``radius`` is relative to the arm's length."""
+    each = np.nan_to_num(radius) ** 2 * 2 / radius.size  # all cells have the same solid angle
+    front, lateral = np.sin(azimuth) > 0, np.cos(azimuth) > 0
+    upper = np.cos(polar)[:, None] > 0
+    areas = {"total": float(each[:, front].sum())}
+    for name in QUADRANTS:
+        height, side = name.split("_")
+        there = (upper == (height == "upper")) & front & (lateral == (side == "lateral"))
+        areas[name] = float(each[there].sum())
+    return areas | {"behind": float(each[:, ~front].sum())}

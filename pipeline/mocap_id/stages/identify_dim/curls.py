@@ -10,8 +10,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 from mocap_id.protocols.curl.compensation import Compensation, fit_part_in_step, measure_compensation
-from mocap_id.protocols.curl.fatigue import fit_trend
-from mocap_id.protocols.curl.repetitions import Curl, CurlRules, find_curls
+from mocap_id.protocols.curl.repetitions import Curl, CurlRules, find_curls, fit_trend
 from mocap_id.protocols.curl.trial_end import find_trial_end
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim.curl_torques import CurlTorques, compute_curl_torques

@@ -10,8 +10,8 @@ import numpy as np
 from mocap_id.arrays import NORMAL_95, FloatArray
 from mocap_id.protocols.reach.arm_geometry import ANGLES, RecordedArm, UnknownReach, measure_arm
 from mocap_id.protocols.reach.ranges import HELD, AngleRange, find_usable_samples, get_angle, measure_ranges
+from mocap_id.protocols.reach.reachable_set import Surface, compute_reach_surface
 from mocap_id.protocols.reach.reaches import Reach, compute_level_heights, find_reaches, locate_body_targets
-from mocap_id.protocols.reach.surface import Surface, compute_reach_surface
 from mocap_id.protocols.reach.visited_region import VisitedRegion, find_visited_region
 from mocap_id.protocols.reach.workspace import Volume, Workspace, compute_workspace
 from mocap_id.stages.base import Context

@@ -16,8 +16,8 @@ from mocap_id.protocols.load_share import PHASES, LoadShare, compute_load_share,
 from mocap_id.protocols.movement import Movement, find_facing
 from mocap_id.protocols.posture import Posture
 from mocap_id.protocols.remarks import add_remarks, explain_repetitions
-from mocap_id.protocols.repetitions import Repetition
-from mocap_id.protocols.rise_details import (
+from mocap_id.protocols.repetitions import (
+    Repetition,
     RiseDetails,
     find_greatest_height,
     find_model_agreement,
