@@ -71,7 +71,7 @@ def load_robot_study(files: tuple[Path, ...]) -> RobotStudy:
     names = [one.trial.name for one in study.trials]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
-        raise ConfigError(f"two trials are called {twice[0]}: each needs its own name, for its run folder")
+        raise ConfigError(f"two trials are called {twice[0]}: each needs a unique name for its run folder")
     for one in study.trials:
         if one.trial.keys.protocol != "robot-joint":
             raise ConfigError(f"{one.trial.file}: has `protocol: {one.trial.keys.protocol}`, expected robot-joint")

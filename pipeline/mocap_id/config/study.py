@@ -85,7 +85,7 @@ class StudyTrial:
     subject: str
     strategy: str  # empty for reaches and curls
     session: str = ""
-    number: int = 0  # number among the person's trials in the same condition, from 1; 0 without a condition
+    number: int = 0  # number among the person's trials in the same condition, counted from 1; 0 without one
 
     @property
     def name(self) -> str:

@@ -278,7 +278,7 @@ def _find_channels(file: C3DFile, words: int, rate: float, oddities: list[str]) 
 def decode(
     file: C3DFile, layout: Layout, keep: Sequence[int], channels: Sequence[int], metres: float = 1.0
 ) -> tuple[FloatArray, FloatArray]:
-    """Decode all frames of the trajectories ``keep`` and of the analog ``channels``, both from 0.
+    """Decode all frames of the trajectories ``keep`` and of the analog ``channels``, numbered from 0.
 
     Returns positions (frames, keep, 3), m, with ``metres`` per length unit of the file; NaN if the residual marks the
     point as not seen. Returns also counts (frames * per_frame, channels): analog samples as stored, without offset and

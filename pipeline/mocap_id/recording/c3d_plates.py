@@ -10,9 +10,9 @@ from numpy.lib.stride_tricks import sliding_window_view
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.recording.c3d_data import Layout, read_calibration
 from mocap_id.recording.c3d_file import C3DFile
-from mocap_id.recording.channel_units import ForceUnits, find_channel_scales
 from mocap_id.recording.plate_types import CHANNELS, PlateSignals, UnusablePlateError
 from mocap_id.recording.saturation import find_saturated
+from mocap_id.recording.units import ForceUnits, find_channel_scales
 
 _MAX_PLATES = 64  # no laboratory has more plates, and each plate needs memory
 _MEDIAN_WIDTH = 7  # width of a running median, samples: it removes spikes, but no real load
@@ -22,7 +22,7 @@ _MEDIAN_WIDTH = 7  # width of a running median, samples: it removes spikes, but 
 class StoredPlate:
     """Force plate as stored in the file, with K samples."""
 
-    index: int  # number in the file, from 1
+    index: int  # number in the file, counted from 1
     kind: int  # FORCE_PLATFORM:TYPE
     signals: PlateSignals | None  # None if the plate cannot be used
     ok: BoolArray  # (K,) whether every channel is finite and not saturated
@@ -33,7 +33,7 @@ class StoredPlate:
 
 
 def list_plate_channels(file: C3DFile, layout: Layout) -> tuple[int, ...]:
-    """Return the analog channels of force plates, from 0; other channels, such as EMG, are not read."""
+    """Return the analog channels of force plates, numbered from 0; other channels, such as EMG, are not read."""
     named = file.numbers("FORCE_PLATFORM:CHANNEL")
     numbers = set() if named is None else {int(channel) for channel in named.ravel() if np.isfinite(channel)}
     return tuple(channel for channel in range(layout.channels) if channel + 1 in numbers)
@@ -96,7 +96,7 @@ class _PlateReader:
         self.oddities.append(f"plate {self.index}: {oddity}")
 
     def _find_columns(self) -> list[int]:
-        """Return the analog channels of the plate, from 0."""
+        """Return the analog channels of the plate, numbered from 0."""
         if self.kind not in CHANNELS:
             raise UnusablePlateError(f"type {self.kind} is not supported (1, 2, 3 and 4 are)")
         if not self.layout.channels:

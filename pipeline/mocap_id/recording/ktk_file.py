@@ -16,11 +16,10 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray, is_time_axis
 from mocap_id.errors import RecordingError
-from mocap_id.recording.channel_units import ForceUnits
 from mocap_id.recording.lab_plates import reverse_force_on_plate, rotate_plate
 from mocap_id.recording.marker_table import EvenClock, MarkerTable, ReadingOptions, assemble_recording, fit_even_clock
 from mocap_id.recording.model import Plate, Recording
-from mocap_id.recording.units import find_force_scale, find_length_scale, find_moment_scale
+from mocap_id.recording.units import ForceUnits, find_force_scale, find_length_scale, find_moment_scale
 
 MAGIC = b"PK\x03\x04"
 CLASS, SERIES = "class__", "ktk.TimeSeries"
@@ -35,7 +34,7 @@ _UNREADABLE = (zipfile.BadZipFile, zlib.error, EOFError, KeyError, NotImplemente
 
 @dataclass(frozen=True)
 class Series:
-    """A TimeSeries with T samples."""
+    """A TimeSeries of Kinetics Toolkit with T samples."""
 
     name: str
     time: FloatArray  # (T,) s

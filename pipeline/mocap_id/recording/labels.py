@@ -24,7 +24,7 @@ _SEGMENT_AXES = ("O", "A", "L", "P")
 class MarkerNames:
     """Trajectories to keep, and their names."""
 
-    keep: tuple[int, ...]  # trajectories of the file that are markers, from 0
+    keep: tuple[int, ...]  # numbers of the trajectories that are markers, counted from 0
     labels: tuple[str, ...]  # unique names of these trajectories
     oddities: tuple[str, ...]  # notes on renamed and omitted trajectories
 

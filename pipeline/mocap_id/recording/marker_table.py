@@ -11,10 +11,10 @@ import numpy as np
 from mocap_id.arrays import FloatArray, IntArray, is_time_axis
 from mocap_id.errors import RecordingError
 from mocap_id.recording.axes import choose_vertical, to_z_up
-from mocap_id.recording.channel_units import ForceUnits
 from mocap_id.recording.labels import name_markers
 from mocap_id.recording.marker_positions import clean_positions, resolve_length_unit, rotate_z_up
 from mocap_id.recording.model import Recording
+from mocap_id.recording.units import ForceUnits
 
 _MIN_PERIOD_S = 1e-9
 _MAX_ERROR = 0.05  # accepted error of a stamp beyond its rounding, as a share of a frame

@@ -85,7 +85,7 @@ class Plate:
         units: str = "m",
         start: float = 0.0,
     ) -> Plate:
-        """Return the plate of arrays in memory, from its wrench or from force and centre of pressure.
+        """Return a plate made of arrays in memory: its wrench, or its force and centre of pressure.
 
         Parameters
         ----------
@@ -192,7 +192,7 @@ class Recording:
         vertical: str = "Z",
         start: float = 0.0,
     ) -> Recording:
-        """Return the recording of arrays in memory.
+        """Return a recording made of arrays in memory.
 
         Parameters
         ----------

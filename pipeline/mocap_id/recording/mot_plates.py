@@ -10,12 +10,12 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
-from mocap_id.recording.channel_units import ForceUnits
 from mocap_id.recording.lab_plates import reverse_force_on_plate
 from mocap_id.recording.marker_table import EvenClock, fit_even_clock
 from mocap_id.recording.model import Plate
 from mocap_id.recording.saturation import find_clipped
 from mocap_id.recording.text_tables import MotionTable
+from mocap_id.recording.units import ForceUnits
 
 _COLUMN = re.compile(r"^(?P<name>.*?)_?(?P<what>[vpm]?)(?P<axis>[xyz])$")
 _WORDS = re.compile(r"ground|force|torque|moment|free|grf|grm|cop|fp|plate|_|\.|-", re.IGNORECASE)

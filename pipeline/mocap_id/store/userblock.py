@@ -96,7 +96,7 @@ def _check_places(places: Mapping[str, Place], length: int) -> None:
     """Raise ValueError unless every dataset lies within ``length`` bytes and no two overlap."""
     for path, place in places.items():
         if not _PATH.fullmatch(path) or not _TYPE.fullmatch(place.dtype):
-            raise ValueError(f"no dataset has this name or type: {path[:80]!r}, {place.dtype[:80]!r}")
+            raise ValueError(f"a dataset has an invalid name or type: {path[:80]!r}, {place.dtype[:80]!r}")
         if any(type(number) is not int or not 0 <= number <= _FARTHEST for number in (*place.shape, place.start)):
             raise ValueError(f"`{path[:80]}` has an invalid shape or offset")
         if place.start + place.size > length:

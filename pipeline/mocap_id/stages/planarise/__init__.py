@@ -1,4 +1,4 @@
-"""planarise: from the recording to marker trajectories and the ground's wrench in the plane of motion."""
+"""planarise: marker trajectories and the ground's wrench in the plane of motion, from the recording."""
 
 from __future__ import annotations
 

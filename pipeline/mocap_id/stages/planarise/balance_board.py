@@ -36,7 +36,7 @@ _VERTICAL_ONLY = Reason(
 
 @dataclass(frozen=True)
 class PlacedBoard:
-    """The board in the lab."""
+    """A balance board in the lab."""
 
     plate: Plate  # vertical force and its moments; the horizontal force is 0 because it is not measured
     # (3,) origin of the plane frame at the height of the cells, so that tauz needs no horizontal force, m

@@ -35,7 +35,7 @@ class UsedPart:
 
     @property
     def time(self) -> FloatArray:
-        """(F,) s."""
+        """(F,) times on the recording's clock, s."""
         return self.source.time[self.first : self.stop]
 
     @property
