@@ -40,7 +40,7 @@ class RiseDetails:
     """Details of a sit-to-stand or squat; NaN where not applicable or unknown.
 
     The thesis (6.4.2) takes the chair as released when the measured wrench agrees with a model without a chair. It
-    finds that the feet then carry 72 % of the standing weight. Both instants are earlier than that of zero chair force.
+    finds that the feet then carry 72 % of the standing weight. The force of the chair reaches zero later.
     """
 
     # seat_off_72, seat_off_model: seat-off by the share of the weight and by the agreement with the model, s

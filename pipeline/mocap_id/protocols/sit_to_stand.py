@@ -72,7 +72,7 @@ def _describe_rise(time: FloatArray, posture: Posture, touching: BoolArray | Non
     missing = (
         (not rises, f"the recording begins {'during the rise' if begins_low else 'upright'}"),
         (not sits and not cut, f"the recording ends {'during the descent' if ends_low else 'upright'}"),
-        (touching is None, "no plate shows when the chair is released"),
+        (touching is None, "no plate measures when the chair is released"),
         (rises and touching is not None and np.isnan(seat_off), "no chair contact before the rise"),
         (sits and touching is not None and np.isnan(seat_on), "no chair contact after the descent"),
     )

@@ -195,7 +195,7 @@ class TrialKeys(Settings):
         "Default: from the names of the markers, or else right",
     )
     landmarks: dict[Landmark, str] = Field(
-        {}, description="in space: marker labels of anatomical landmarks whose labels are not the usual ones"
+        {}, description="in space: marker labels of anatomical landmarks with other labels than usual"
     )
     pointers: dict[Landmark, Path] = Field(
         {}, description="in space: C3D files of recordings in which a pointer touches a landmark"

@@ -89,7 +89,7 @@ def fit_chain(
 def _fit(
     context: Context, inputs: TrialInputs, prepared: PreparedTrial, references: ReferenceBodies
 ) -> tuple[Identification, SegmentFit | None]:
-    """Return the identification of the pinned chain, and that of the bodies or None if the chain is used."""
+    """Return the identification of the pinned chain, and the fit of the bodies or None if the chain is used."""
     found = fit_chain(context, prepared, inputs.movement, inputs.grid, references)
     if not inputs.body_sets:
         return check_and_calibrate(context, prepared, inputs.movement, found, references.chosen.parameters), None

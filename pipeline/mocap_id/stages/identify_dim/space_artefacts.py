@@ -170,7 +170,7 @@ def make_empty_facts_in_space(chain: SpatialChain, why: str | None) -> dict[str,
     }
     every = [(k, word) for k, joint in enumerate(chain.joints, start=1) for word in words[joint.kind]]
     torques = [{"column": f"tau_{k}", "joint": joint, "about": word} for k, (joint, word) in enumerate(every, 1)]
-    motion = {"source": "chain", "why": "the joints of a chain in space hold"}
+    motion = {"source": "chain", "why": "the joints of a chain in space are pinned"}
     return make_empty_facts(why) | {"motion": motion, "rivals": {}, "torques": torques}
 
 

@@ -135,7 +135,7 @@ def _choose_motion(
     """
     requested, centre_sd = context.settings.motion, np.zeros(len(recorded.centres))
     if context.trial.protocol == "robot-joint" and requested != "segments":
-        return (), {"source": "chain", "why": ASKED_FOR if requested else "a robot's joint holds"}, centre_sd
+        return (), {"source": "chain", "why": ASKED_FOR if requested else "the joint of a robot is pinned"}, centre_sd
     body_sets = find_measured_bodies(context, recorded)
     first = next(body_sets, None)
     if first is not None:
