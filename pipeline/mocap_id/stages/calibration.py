@@ -4,13 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from mocap_id import store
 from mocap_id.errors import RecordingError
 from mocap_id.stages.trial_keys import Calibration, TrialKeys
-from mocap_id.store import Table, Tree, hdf5, parquet
 from mocap_id.store.schemas import CHAIN, STATES
+
+if TYPE_CHECKING:
+    from mocap_id.store import Table, Tree
 
 _T = TypeVar("_T")
 
@@ -38,6 +40,8 @@ def read_chain(calibration: Calibration) -> Tree:
         The file is missing or damaged, or the chain is in space and not in the plane, or the reverse.
     """
     path = calibration.chain
+    from mocap_id.store import hdf5  # noqa: PLC0415  the settings of the stages do not need it
+
     tree = _read(calibration, path, lambda content: hdf5.decode(content, CHAIN)[0])
     plane = calibration.states is not None
     if tree.has("joints/kind") == plane:
@@ -55,6 +59,8 @@ def read_states(calibration: Calibration) -> Table:
         The file is missing or damaged.
     """
     assert calibration.states is not None
+    from mocap_id.store import parquet  # noqa: PLC0415  as above
+
     table = _read(calibration, calibration.states, lambda content: parquet.decode(content, STATES)[0])
     assert isinstance(table, store.Table)
     return table
