@@ -16,7 +16,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.design.trajectory import Trajectory
-from mocap_id.dynamics.fit import conditions
+from mocap_id.dynamics.fit import compute_conditions
 from mocap_id.dynamics.identification import Identification
 from mocap_id.dynamics.kinematic_error import KinematicError, propagate_to_parameters
 from mocap_id.dynamics.lowpass import LowPass, choose_cutoff, erode
@@ -149,7 +149,7 @@ class CovariancePredictor:
         if not len(chosen):
             return np.inf, np.inf
         rows = self.body.regressor(movement.q[chosen], movement.dq[chosen], movement.ddq[chosen])
-        return conditions(rows[:, list(self.body.prepared.settings.components)])
+        return compute_conditions(rows[:, list(self.body.prepared.settings.components)])
 
     def find_fitted(self, movement: Trajectory) -> BoolArray:
         """Return the samples (T,) that an identification would fit: with a value, and away from gaps and ends."""
@@ -191,7 +191,7 @@ class CovariancePredictor:
         lowpass = LowPass(cutoff, movement.rate)
         regressor = lowpass(self.body.regressor(movement.q, movement.dq, movement.ddq))
         rows = regressor[fitted & np.isfinite(regressor).all(axis=(1, 2))][:: lowpass.step]
-        return conditions(rows[:, list(settings.components)])
+        return compute_conditions(rows[:, list(settings.components)])
 
 
 def _split_variances(result: Identification) -> tuple[FloatArray, FloatArray, FloatArray]:

@@ -104,7 +104,7 @@ def scale_reference(
     if len(centres) == 3:
         return np.concatenate([*links, _rotate(whole, -angles[2])])
     pelvis = _place_on_hip(reference.pelvis, height, mass)
-    lumbar = _rotation_matrix(angles[2]) @ centres[3]
+    lumbar = _build_rotation(angles[2]) @ centres[3]
     trunk = _rotate(_shift(whole - pelvis, -lumbar), -angles[3])
     return np.concatenate([*links, _rotate(pelvis, -angles[2]), trunk])
 
@@ -161,18 +161,18 @@ def _build_de_leva(sex: Sex) -> ReferenceTable:
         rows[n][0] for n in ("upper arm", "forearm", "hand", "thigh", "shank", "foot")
     )  # 100, except for rounding
 
-    def link(name: str, sides: int = 2, *, from_top: bool = False) -> SegmentFractions:
+    def build_segment(name: str, sides: int = 2, *, from_top: bool = False) -> SegmentFractions:
         mass, length, centre, gyration = rows[name]
         fraction = centre / 100 if from_top else 1 - centre / 100
         return SegmentFractions(sides * mass / total, fraction, gyration / 100, length / stature)
 
-    lower = link("lower trunk", 1)
+    lower = build_segment("lower trunk", 1)
     hat = _combine_hat(rows, sex, total)
     return ReferenceTable(
         "de-leva",
-        foot=link("foot", from_top=True),
-        shank=link("shank"),
-        thigh=link("thigh"),
+        foot=build_segment("foot", from_top=True),
+        shank=build_segment("shank"),
+        thigh=build_segment("thigh"),
         hat=hat,
         pelvis=SegmentFractions(
             lower.mass,
@@ -232,13 +232,13 @@ def _place_on_hip(fractions: SegmentFractions, height: float, mass: float) -> Fl
     return _compute_moments(fractions.mass * mass, centre, fractions.gyration * length)
 
 
-def _rotation_matrix(angle: float) -> FloatArray:
+def _build_rotation(angle: float) -> FloatArray:
     return np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
 
 
 def _rotate(parameters: FloatArray, angle: float) -> FloatArray:
     """Return the parameters of a body after a rotation about the origin."""
-    return np.array([parameters[0], *(_rotation_matrix(angle) @ parameters[1:3]), parameters[3]])
+    return np.array([parameters[0], *(_build_rotation(angle) @ parameters[1:3]), parameters[3]])
 
 
 def _shift(parameters: FloatArray, shift: FloatArray) -> FloatArray:

@@ -75,7 +75,7 @@ def predict_left_out(
         offset.append(result.offset + shift)
         samples |= out
         bias = parameters[result.base :].sum() * np.array([1.0, 0.0, 0.0])
-        for row, (rows, wrench) in enumerate(_rows_and_wrench(prepared, out, offset[-1])):
+        for row, (rows, wrench) in enumerate(_select_rows(prepared, out, offset[-1])):
             series[2 * row, out], series[2 * row + 1, out] = rows @ base[-1], wrench - bias
         series[:2, out] -= prepared.elsewhere(offset[-1])[out]
     if not samples.any():
@@ -86,9 +86,7 @@ def predict_left_out(
     )
 
 
-def _rows_and_wrench(
-    prepared: PreparedTrial, out: BoolArray, offset: float
-) -> tuple[tuple[FloatArray, FloatArray], ...]:
+def _select_rows(prepared: PreparedTrial, out: BoolArray, offset: float) -> tuple[tuple[FloatArray, FloatArray], ...]:
     """Return the regressor (R, 3, b) and total wrench (R, 3) at some samples (T,), unfiltered and filtered."""
     filtered = prepared.filtered_measured(np.flatnonzero(out), prepared.recorded.time[out] - offset)
     return (prepared.rows[out], prepared.measured(offset)[out]), (prepared.filtered[out], filtered)

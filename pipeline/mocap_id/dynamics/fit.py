@@ -88,7 +88,7 @@ def determines_parameters(prepared: AnyTrial, gate: BoolArray) -> bool:
     if prepared.prior is not None:
         return True
     rows = prepared.filtered[np.flatnonzero(chosen)[:: prepared.lowpass.step]]
-    return conditions(rows[:, list(prepared.settings.components)])[1] < DEPENDENT
+    return compute_conditions(rows[:, list(prepared.settings.components)])[1] < DEPENDENT
 
 
 def fit(prepared: AnyTrial, gate: BoolArray, like: Fit | None = None) -> Fit:
@@ -118,7 +118,7 @@ def fit(prepared: AnyTrial, gate: BoolArray, like: Fit | None = None) -> Fit:
         extended, covariance = _compute_covariance(prepared, samples, offset, design, weights)
     base = prepared.filtered.shape[-1]
     target = _sample_wrench(prepared, samples, time - offset) * weights
-    condition, condition_scaled = conditions(design[..., :base])
+    condition, condition_scaled = compute_conditions(design[..., :base])
     return Fit(
         in_fit=in_fit,
         samples=samples,
@@ -205,10 +205,10 @@ def _estimate_weights(prepared: AnyTrial, design: FloatArray, target: FloatArray
     residual = _compute_residual(design * weights[:, None], target * weights, _prior_rows(prepared, design)) / weights
     floor = _LEAST_SPREAD * np.sqrt(np.mean(target**2, axis=0))
     inverse = np.asarray(1.0 / np.maximum(residual.std(axis=0), floor))
-    return inverse if prepared.prior is None else inverse * np.sqrt(_independent_share(prepared, REFERENCE))
+    return inverse if prepared.prior is None else inverse * np.sqrt(_compute_independent_share(prepared, REFERENCE))
 
 
-def _independent_share(prepared: AnyTrial, seconds: float) -> float:
+def _compute_independent_share(prepared: AnyTrial, seconds: float) -> float:
     """Return the fraction of the fit's samples that are independent if this time, s, counts as one sample."""
     return min(1.0, prepared.lowpass.step / prepared.recorded.rate / seconds)
 
@@ -226,11 +226,11 @@ def _scale_weights(
     prior = _prior_rows(prepared, design)
     if prior is None or prepared.prior is None:
         return weights
-    inverse = weights / np.sqrt(_independent_share(prepared, REFERENCE))
+    inverse = weights / np.sqrt(_compute_independent_share(prepared, REFERENCE))
     seconds = estimate_memory(
         prepared, gate, samples, rows=design * inverse[:, None], target=target * inverse, prior=prior
     )
-    return np.asarray(inverse * np.sqrt(_independent_share(prepared, seconds)))
+    return np.asarray(inverse * np.sqrt(_compute_independent_share(prepared, seconds)))
 
 
 def _compute_covariance(
@@ -249,7 +249,7 @@ def _compute_covariance(
     return extended, estimate_covariance(extended, residual, blocks, more, spread)
 
 
-def conditions(rows: FloatArray) -> tuple[float, float]:
+def compute_conditions(rows: FloatArray) -> tuple[float, float]:
     """Return the 2-norm condition numbers of stacked rows (R, c, b), in SI units and with unit columns."""
     factor = triangularise(rows.reshape(-1, rows.shape[-1]))
     size = np.linalg.norm(factor, axis=0)

@@ -75,7 +75,7 @@ def propagate_to_wrench(
     full = prepared.base.expand(base)
 
     def wrench(states: FloatArray, centres: FloatArray) -> FloatArray:
-        return np.asarray(_regressor(prepared, states, centres) @ full)
+        return np.asarray(_build_regressor(prepared, states, centres) @ full)
 
     return np.concatenate(
         [_propagate_modes(wrench, prepared, samples[s], error) for s in chunks(len(samples), _AT_ONCE)]
@@ -98,7 +98,7 @@ def propagate_to_torques(
         return variance
 
     def torques(states: FloatArray, centres: FloatArray) -> FloatArray:
-        regressor = _regressor(prepared, states, centres)
+        regressor = _build_regressor(prepared, states, centres)
         return planar_torque_regressor(centres, states[:, : recorded.q.shape[1]], regressor) @ prepared.base.expand(
             base
         )
@@ -138,7 +138,7 @@ def _propagate_modes(
     return np.asarray(slopes[..., :count] @ errors + of_centres)
 
 
-def _regressor(prepared: PreparedTrial, states: FloatArray, centres: FloatArray) -> FloatArray:
+def _build_regressor(prepared: PreparedTrial, states: FloatArray, centres: FloatArray) -> FloatArray:
     """Return the full regressor (R, 3, 4(n + 1)) of states (R, 3 n)."""
     q, dq, ddq = np.split(states, 3, axis=1)
     return planar_regressor(centres, q, dq, ddq, prepared.settings.gravity)

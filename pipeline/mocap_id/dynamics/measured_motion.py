@@ -221,7 +221,7 @@ class PoseFilter:
         place = np.full(angle.shape[1], len(poses.body))  # bodies without a segment are beyond every joint
         place[poses.body[::-1]] = np.arange(len(poses.body))[::-1]
         beyond: BoolArray = place > np.arange(len(poses.centres))[:, None]
-        return PlanarMotion(angle, omega, alpha, origin, acceleration, joint_centres(poses, angle, origin), beyond)
+        return PlanarMotion(angle, omega, alpha, origin, acceleration, locate_joints(poses, angle, origin), beyond)
 
     def _smooth(self, coordinate: int, cutoff: float) -> tuple[FloatArray, FloatArray, FloatArray]:
         """Return one filtered coordinate of all bodies (T, K) and its two time derivatives."""
@@ -234,7 +234,7 @@ class PoseFilter:
         return self._filtered[key]
 
 
-def joint_centres(poses: BodyPoses, angle: FloatArray, origin: FloatArray) -> FloatArray:
+def locate_joints(poses: BodyPoses, angle: FloatArray, origin: FloatArray) -> FloatArray:
     """Return the joints' positions (T, n, 2), m: the mean of both sides, shifted; NaN where both sides are one body.
 
     ``angle`` (T, K), rad, and ``origin`` (T, K, 2), m, are those of the bodies' frames.

@@ -105,21 +105,21 @@ def check_optimality(
     free = problem.factor[:, len(bodies.mapping) :]
     rest = mapped @ body + free @ others - problem.target
     cost = problem.floor(float(rest @ rest) + problem.rest)
-    at_most = _gain_by_parameters(problem.factor, rest)
+    at_most = _estimate_gain(problem.factor, rest)
     prices = 2 * mapped.T @ rest
     points = bodies.find_cheapest(prices)
     # up to this additional mass, all at the lowest price
     heavier = _HEAVIER * bodies.mass(body) * abs(float((prices @ points).min(initial=0.0)))
-    absent = max(heavier, _gain_by_point(mapped @ points, rest))
+    absent = max(heavier, _estimate_point_gain(mapped @ points, rest))
     return Optimality(
         primal=bodies.measure_violation(body),
-        stationarity=_gain_by_parameters(free, rest) / cost,
+        stationarity=_estimate_gain(free, rest) / cost,
         dual=min(absent, at_most) / cost,
         complementarity=min(abs(float(prices @ body)), at_most) / cost,
     )
 
 
-def _gain_by_parameters(columns: FloatArray, rest: FloatArray) -> float:
+def _estimate_gain(columns: FloatArray, rest: FloatArray) -> float:
     """Return the decrease of the cost by the best free parameters: the residual's part in the columns' span."""
     if columns.shape[1] == 0:
         return 0.0
@@ -127,7 +127,7 @@ def _gain_by_parameters(columns: FloatArray, rest: FloatArray) -> float:
     return float(np.sum((columns @ step) ** 2))
 
 
-def _gain_by_point(columns: FloatArray, rest: FloatArray) -> float:
+def _estimate_point_gain(columns: FloatArray, rest: FloatArray) -> float:
     """Return the decrease of the cost by the best single point mass, for the case of a solution without mass."""
     size = np.sum(columns**2, axis=0)
     downhill = np.maximum(-(columns.T @ rest), 0.0)

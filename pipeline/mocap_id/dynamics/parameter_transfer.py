@@ -74,13 +74,13 @@ def register_bodies(there: BodyFrames, here: BodyFrames) -> Registration:
         markers[k] = len(before)
         if k == 0:
             shift[k], used = _estimate_feet(before, after, here.centres[0] - there.centres[0])
-            residual[k] = _rms(after[used] - before[used] - shift[k])
+            residual[k] = _compute_rms(after[used] - before[used] - shift[k])
             continue
         if len(before) < LEAST_MARKERS:
             angle[k], shift[k] = np.nan, np.nan
             continue
         angle[k], shift[k], residual[k] = _register(before, after)
-        spread[k] = _rms(before - before.mean(axis=0))
+        spread[k] = _compute_rms(before - before.mean(axis=0))
         mirrored[k] = _register(before * [-1.0, 1.0], after)[2]
     below = there.between[:, 0]
     moved = [_rotate(angle[k], centre) + shift[k] for k, centre in zip(below, there.centres, strict=True)]
@@ -130,7 +130,7 @@ def _register(before: FloatArray, after: FloatArray) -> tuple[float, FloatArray,
     middle, goal = before.mean(axis=0), after.mean(axis=0)
     a, b = before - middle, after - goal
     angle = float(np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b)))
-    return angle, goal - _rotate(angle, middle), _rms(_rotate(angle, a) - b)
+    return angle, goal - _rotate(angle, middle), _compute_rms(_rotate(angle, a) - b)
 
 
 def _rotate(angle: float, points: FloatArray) -> FloatArray:
@@ -138,7 +138,7 @@ def _rotate(angle: float, points: FloatArray) -> FloatArray:
     return np.asarray(points @ np.array([[c, s], [-s, c]]))
 
 
-def _rms(distances: FloatArray) -> float:
+def _compute_rms(distances: FloatArray) -> float:
     return float(np.sqrt(np.mean(np.sum(distances**2, axis=-1)))) if len(distances) else float("nan")
 
 

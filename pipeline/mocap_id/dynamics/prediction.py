@@ -92,7 +92,7 @@ def predict(prepared: PreparedTrial, result: Identification, noise: PredictionNo
         wrench=wrench,
         wrench_sd=np.sqrt(variance(rows, own) + np.einsum("tkk->tk", noise.wrench)),
         cop=centre_of_pressure(wrench, threshold),
-        cop_sd=np.sqrt(variance(cop_rows, own) + _variance_of(cop_own[:, None], noise.wrench)[:, 0]),
+        cop_sd=np.sqrt(variance(cop_rows, own) + _propagate_covariance(cop_own[:, None], noise.wrench)[:, 0]),
         torque=torque,
         torque_sd=np.sqrt(lasting + noise.torque + of_scale),
         torque_lasting_sd=np.sqrt(lasting),
@@ -123,7 +123,7 @@ def estimate_chain_noise(
     needed = np.where(_find_determined(prepared.regressor, prepared)[:, None], prepared.rows, np.nan) @ base
     noise = correlation * recorded.ddq_sd[:, :, None] * recorded.ddq_sd[:, None, :]
     wrench_gain, torque_gain = _differentiate(prepared, base)
-    errors = _estimate_model_errors(prepared, result, needed, _variance_of(wrench_gain, noise))
+    errors = _estimate_model_errors(prepared, result, needed, _propagate_covariance(wrench_gain, noise))
     wrench_gain *= np.sqrt([error.scale for error in errors])[:, None]
     torque_gain *= np.sqrt(errors[_MOMENT].overall)
     steady = np.diag([error.steady for error in errors])
@@ -132,7 +132,7 @@ def estimate_chain_noise(
         geometry = geometry + _propagate_centres(prepared, result.full, centre_sd)
     return PredictionNoise(
         wrench=wrench_gain @ noise @ np.swapaxes(wrench_gain, 1, 2) + steady,
-        torque=_variance_of(torque_gain, noise),
+        torque=_propagate_covariance(torque_gain, noise),
         torque_lasting=geometry,
     )
 
@@ -223,7 +223,7 @@ def _estimate_model_errors(
     return tuple(error or usual for error in errors)
 
 
-def _variance_of(gain: FloatArray, covariance: FloatArray) -> FloatArray:
+def _propagate_covariance(gain: FloatArray, covariance: FloatArray) -> FloatArray:
     """Return the variance (T, k) of linear functions with gains (T, k, n) of errors with covariance (T, n, n)."""
     values: FloatArray = np.einsum("tki,tij,tkj->tk", gain, covariance, gain, optimize=True)
     return np.maximum(values, 0.0)
