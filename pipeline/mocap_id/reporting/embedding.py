@@ -20,21 +20,11 @@ _OPENING = '<script type="application/json" id="figure-data">'
 
 @dataclass(frozen=True)
 class Embedded:
-    """Data and scripts for the page templates.
+    """Data and scripts for the page templates."""
 
-    Parameters
-    ----------
-    data : mapping of str to str
-        JSON that is safe in a script element, by the id of the element.
-    scripts : tuple of str
-        Plotly, and our scripts that draw with it.
-    policy : str
-        Content security policy of the page: it allows these scripts by their digests, and no connection.
-    """
-
-    data: Mapping[str, str]
-    scripts: tuple[str, ...]
-    policy: str
+    data: Mapping[str, str]  # JSON that is safe in a script element, by the id of the element
+    scripts: tuple[str, ...]  # Plotly, and our scripts that draw with it
+    policy: str  # content security policy: it allows these scripts by their digests, and no connection
 
 
 def embed(drawings: Drawings, player: Player | None = None) -> Embedded:

@@ -131,41 +131,23 @@ Item: TypeAlias = Line | Band | Points | Heat | Bars | Spans | Rule | Text | Key
 class Panel:
     """One pair of axes.
 
-    Parameters
-    ----------
-    items : tuple of Item
-        Items from back to front.
-    title, x, y : str
-        Title and axis labels, with units.
-    x_range, y_range : (2,) tuples or None
-        Range of the axis; None to show everything.
-    x_ticks : tuple of (float, str)
-        Positions and labels of ticks, if x is not a numeric scale.
-    rows : tuple of str
-        Row names if y counts rows (0 at the top). Only the first panel of a line shows them.
-    equal : bool
-        Whether both axes have the same scale.
-    linked : bool
-        Whether x is shared with the other linked panels of the figure; only a panel with an x label shows numbers.
-    height : float
-        Height on paper including labels, inches.
-    view : (turn, tilt) or None
-        Degrees, as in :func:`project`; only for lines and points with three coordinates, y up. A page starts with this
-        view, and the reader can turn it; a figure for a paper has this view.
+    Linked panels share x with all other linked panels of the figure; only a linked panel with an x label shows numbers.
+    A ``view`` is given in degrees as in :func:`project`, for lines and points with three coordinates, y up. A page
+    starts with this view, and the reader can turn it; a figure for a paper has this view.
     """
 
-    items: tuple[Item, ...]
+    items: tuple[Item, ...]  # from back to front
     title: str = ""
-    x: str = ""
+    x: str = ""  # label of the axis, with unit
     y: str = ""
-    x_range: tuple[float, float] | None = None
+    x_range: tuple[float, float] | None = None  # None to show everything
     y_range: tuple[float, float] | None = None
-    x_ticks: tuple[tuple[float, str], ...] = ()
-    rows: tuple[str, ...] = ()
-    equal: bool = False
+    x_ticks: tuple[tuple[float, str], ...] = ()  # positions and labels, if x is not a numeric scale
+    rows: tuple[str, ...] = ()  # names if y counts rows (0 at the top); only the first panel of a line shows them
+    equal: bool = False  # whether both axes have the same scale
     linked: bool = False
-    height: float = 2.1
-    view: tuple[float, float] | None = None
+    height: float = 2.1  # height on paper including labels, inches
+    view: tuple[float, float] | None = None  # turn and tilt
 
     def flat(self) -> Panel:
         """Return the panel with its lines and points projected onto its view, for paper."""

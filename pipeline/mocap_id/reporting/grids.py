@@ -69,7 +69,7 @@ class GridColumn:
 
 
 def get_element(source: Source, key: int | str) -> Callable[[Any], Any]:
-    """Return the source of one element of a list or mapping; its value is None if the list or element is missing."""
+    """Return a source for one element of a list or mapping; its value is None if list or element is missing."""
 
     def value(row: Any) -> Any:
         values = _get_value(row, source)

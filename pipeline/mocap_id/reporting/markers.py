@@ -45,24 +45,13 @@ def read_positions(planar: LongTable, time: FloatArray, labels: Sequence[str], a
 
 @dataclass(frozen=True)
 class Residual:
-    """Distance of one marker from its prediction by the chain.
-
-    Parameters
-    ----------
-    label : str
-    segment : int
-        -1 for a marker without a segment.
-    rms, q95 : float
-        Root mean square and 95 % quantile, m; NaN if never visible.
-    seen : float
-        Share of frames in which the marker is visible.
-    """
+    """Distance of one marker from its prediction by the chain; NaN if the marker is never visible."""
 
     label: str
-    segment: int
-    rms: float
-    q95: float
-    seen: float
+    segment: int  # -1 for a marker without a segment
+    rms: float  # root mean square, m
+    q95: float  # 95 % quantile, m
+    seen: float  # share of frames in which the marker is visible
 
 
 def compute_residuals(markers: LongTable | None, skeleton: Skeleton | SpatialSkeleton | None) -> dict[str, Residual]:

@@ -26,7 +26,7 @@ def make_motion_section(data: ReportData, summary: Summary) -> list[Section]:
     if motion.source != "chain":
         choice = (
             f"In the dynamics, every body moves as its own markers were measured, because {motion.why}. Pinned joints "
-            "would hide this movement. Skeleton, lengths and angles are still those of the pinned chain."
+            "would hide this movement. Skeleton, lengths and angles still belong to the pinned chain."
         )
         sentences = (choice, _compare_errors(data, summary, motion))
         grids = (*grids, _list_joints(data, motion), _list_poses(motion))

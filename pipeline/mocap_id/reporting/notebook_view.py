@@ -31,7 +31,7 @@ def render_notebook_view(document: Mapping[str, Any], player: Player | None = No
     document : mapping
         Content of ``summary.json``.
     player : Player, optional
-        Without it the piece has no script.
+        Player of the trial; without it, the piece of HTML has no script.
     """
     summary = Summary.model_validate(document)
     headline, lead = LEVELS[summary.verdict.level]
@@ -47,19 +47,12 @@ def render_notebook_view(document: Mapping[str, Any], player: Player | None = No
 
 
 def render_figure_page(of: str, drawing: Drawing) -> str:
-    """Return a whole page, with its scripts, that shows one figure.
-
-    Parameters
-    ----------
-    of : str
-        Trial or study of the figure.
-    drawing : Drawing
-    """
+    """Return a page with its scripts for one figure of the trial or study ``of``."""
     return _render_page(of, drawing)
 
 
 def render_figure_frame(of: str, drawing: Drawing) -> str:
-    """Return one figure as a piece of HTML: :func:`figure_page` in a frame of its own."""
+    """Return a frame with the page of one figure of the trial or study ``of``, as a piece of HTML."""
     panels = (
         0.0
         if isinstance(drawing.figure, str)

@@ -1,4 +1,4 @@
-"""The common page of trials, studies and other results: one HTML file without other files and without network.
+"""The common page of trials, studies and other results: one HTML file that needs no other file and no network.
 
 Its only scripts draw the figures.
 """

@@ -49,26 +49,13 @@ class Part:
 
 @dataclass(frozen=True)
 class Player:
-    """Moving parts in K frames, and curves over time.
+    """Moving parts in K frames, and curves over time."""
 
-    Parameters
-    ----------
-    time : (K,) array
-        s.
-    parts : tuple of Part
-    curves : tuple of Panel
-        Angles, wrench and centre of pressure; empty if none is known.
-    newton_per_metre : float or None
-        Force of an arrow of one metre, N; None without forces.
-    motion : str
-        A sentence on the motion of the figure and of the model; empty if nothing was identified.
-    """
-
-    time: FloatArray
+    time: FloatArray  # (K,) times of the frames, s
     parts: tuple[Part, ...]
-    curves: tuple[Panel, ...]
-    newton_per_metre: float | None
-    motion: str
+    curves: tuple[Panel, ...]  # angles, wrench and centre of pressure; empty if none is known
+    newton_per_metre: float | None  # force of an arrow of one metre, N; None without forces
+    motion: str  # sentence on the motion of figure and model; empty if nothing was identified
 
     def to_json(self) -> Mapping[str, Any]:
         """Return figure, curves and frames as JSON values.

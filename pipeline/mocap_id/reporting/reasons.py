@@ -1,4 +1,4 @@
-"""Reasons of a verdict with the explanations of their codes, as the pages show them."""
+"""Reasons of a verdict with the explanations of their codes, for the pages."""
 
 from __future__ import annotations
 

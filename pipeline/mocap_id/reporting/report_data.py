@@ -1,4 +1,4 @@
-"""Input of a report: the artefacts of a trial, its refusal if there is one, and views of both."""
+"""Input of a report: the artefacts of a trial, its refusal if it was refused, and views of both."""
 
 from __future__ import annotations
 
@@ -19,33 +19,17 @@ _MOST_SEVERE_FIRST: tuple[Level, ...] = ("refused", "caution", "ok")
 
 @dataclass(frozen=True)
 class ReportData(ArtefactSet):
-    """Artefacts and metadata of a trial for its report.
+    """Artefacts and metadata of a trial for its report."""
 
-    Parameters
-    ----------
-    trial : str
-        Name of the trial.
-    product : str
-        Version of mocap-id.
-    artefacts : mapping of str to Table or Tree
-        Artefacts by file name, without those of stages that did not run.
-    refusal : Reason, optional
-        Why the trial was refused; None if it was not.
-    seconds : mapping of str to float, optional
-        Run time of each stage, s.
-    settings : mapping of str to str
-        Settings of the user, as texts.
-    """
-
-    trial: str
-    product: str
-    artefacts: Mapping[str, Artefact]
-    refusal: Reason | None = None
-    seconds: Mapping[str, float] | None = None
-    settings: Mapping[str, str] = field(default_factory=dict)
+    trial: str  # name of the trial
+    product: str  # version of mocap-id
+    artefacts: Mapping[str, Artefact]  # by file name, without artefacts of stages that did not run
+    refusal: Reason | None = None  # why the trial was refused; None if it was not
+    seconds: Mapping[str, float] | None = None  # run time of each stage, s
+    settings: Mapping[str, str] = field(default_factory=dict)  # settings of the user, as texts
 
     def why_missing(self, file: str) -> str:
-        """Explain in one sentence why a quantity of the artefact ``file`` is missing."""
+        """Return a sentence that says why a quantity of the artefact ``file`` is missing."""
         if file in self.artefacts:
             codes = dict.fromkeys(reason.code for reason in self.artefacts[file].reasons if reason.level != "ok")
             return f"see {', '.join(codes)} in the verdict" if codes else f"{file} does not contain it"

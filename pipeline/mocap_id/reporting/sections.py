@@ -21,7 +21,7 @@ _SHOWN = {
     "wrench", "clock_offset_s", "clock_offset_sd_s", "cop_rms_m", "rivals", "held_out", "advice", "torque", "motion",
     "pins", "torques",
 }  # fmt: skip
-"""Facts of ``dynamics.h5`` that have their own tables, or are for programs alone."""
+"""Facts of ``dynamics.h5`` that are in other tables, or that are only for programs."""
 
 
 def make_sections(data: ReportData, summary: Summary) -> list[Section]:

@@ -18,7 +18,7 @@ SHOWN = frozenset(
         *("divisions", "bad_stretches"),
     }
 )
-"""Facts of ``segments.parquet`` that these tables or the reasons show, or that are for programs alone."""
+"""Facts of ``segments.parquet`` that are in these tables or in reasons, or that are only for programs."""
 
 AGAINST: Mapping[str, str] = {
     "skipped": "a segment could be omitted at little cost: the segment beyond the joint with the lowest confidence",

@@ -63,7 +63,7 @@ def list_model_errors(data: ReportData, summary: Summary) -> Grid:
 
 
 def make_error_columns(decimals: int) -> tuple[GridColumn, ...]:
-    """Return the columns of a channel's errors; ``decimals`` are those of r²."""
+    """Return the columns of the errors of a channel, with r² to some decimals."""
     return number("bias", "bias"), number("standard deviation", "sd"), number("r²", "r2", decimals)
 
 

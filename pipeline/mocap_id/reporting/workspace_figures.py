@@ -75,7 +75,7 @@ def draw_volume(workspace: Workspace, joint: FloatArray) -> Figure:
 
 
 def draw_change(change: Overlay, names: tuple[str, str]) -> Figure:
-    """Draw the workspaces of two sessions: shared, gained and lost parts; in space as three projections.
+    """Draw the change of a workspace between two sessions: its shared, gained and lost parts, in space in three views.
 
     Parameters
     ----------

@@ -26,38 +26,22 @@ State: TypeAlias = Literal["done", "stale", "missing", "damaged", "refused", "wa
 class StageStatus:
     """Status of one stage.
 
-    Parameters
-    ----------
-    stage : str
-    state : {"done", "stale", "missing", "damaged", "refused", "waiting"}
-        ``stale``: the outputs were made with other settings or inputs. ``waiting``: the stage depends on an earlier
-        stage that is not done, so its own state is unknown.
-    why : str
-        Reason for the state; empty for a stage that is done.
+    ``stale``: the outputs were made with other settings or inputs. ``waiting``: the stage depends on an earlier stage
+    that is not done, so its own state is unknown.
     """
 
     stage: str
     state: State
-    why: str = ""
+    why: str = ""  # reason for the state; empty for a stage that is done
 
 
 @dataclass(frozen=True)
 class TrialStatus:
-    """Status of a trial.
+    """Status of a trial."""
 
-    Parameters
-    ----------
-    stages : tuple of StageStatus
-        Status of each stage, in the order of the pipeline.
-    running : bool
-        Whether a run has locked the folder.
-    failure : str or None
-        Message of the last run if it failed, else None.
-    """
-
-    stages: tuple[StageStatus, ...]
-    running: bool
-    failure: str | None
+    stages: tuple[StageStatus, ...]  # status of each stage, in the order of the pipeline
+    running: bool  # whether a run has locked the folder
+    failure: str | None  # message of the last run if it failed
 
     @property
     def done(self) -> bool:

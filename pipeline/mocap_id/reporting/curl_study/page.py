@@ -24,7 +24,7 @@ _DIFFERENCES = (
     "A difference compares trials with the same person and number. Its interval is Student's t interval over the "
     "people. p compares all combinations of signs of the people's differences; with n people it is at least 2/2ⁿ. p is "
     "not corrected for several tests: of twenty comparisons without any effect, one has p below 0.05 on average.",
-    "The differences between conditions are those of these people and trials. They do not show the cause.",
+    "The differences between conditions apply to these people and trials. They do not show the cause.",
 )
 _COMPENSATION = (
     "Range of each angle within a curl, mean over the curls of a trial. Curls should only bend the elbow. A range "

@@ -35,44 +35,24 @@ LEVELS: Mapping[Level, tuple[str, str]] = {
 
 @dataclass(frozen=True)
 class Explanation:
-    """Explanation of one reason code.
+    """Explanation of one reason code."""
 
-    Parameters
-    ----------
-    levels : tuple of str
-        Levels of the verdict at which the code can occur, most severe first.
-    stage : str
-        Stage or command that checks this.
-    title, meaning, action : str
-        Headline, consequences for the results, and what to do.
-    criterion : str
-        Measured quantity and limit. Limits without a setting are constants in the code.
-    """
-
-    levels: tuple[Level, ...]
-    stage: str
+    levels: tuple[Level, ...]  # levels of the verdict at which the code can occur, most severe first
+    stage: str  # stage or command that checks this
     title: str
-    meaning: str
-    action: str
-    criterion: str
+    meaning: str  # consequences for the results
+    action: str  # what to do
+    criterion: str  # measured quantity and limit; limits without a setting are constants in the code
 
 
 @dataclass(frozen=True)
 class ExitCode:
-    """Explanation of one exit code.
-
-    Parameters
-    ----------
-    title, meaning, action : str
-        Headline, what happened and what was written, and what to do.
-    error : type of MocapIdError or None
-        Exception that causes the exit code; None if no exception causes it.
-    """
+    """Explanation of one exit code."""
 
     title: str
-    meaning: str
-    action: str
-    error: type[errors.MocapIdError] | None = None
+    meaning: str  # what happened, and what was written
+    action: str  # what to do
+    error: type[errors.MocapIdError] | None = None  # exception that leads to the exit code
 
     @property
     def name(self) -> str | None:

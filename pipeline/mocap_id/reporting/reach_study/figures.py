@@ -25,25 +25,13 @@ _CAPTION = (
 
 @dataclass(frozen=True)
 class Shape:
-    """Surface of a reachable volume, in the frame of the thorax: forward, up, to the person's right, m.
+    """Surface of a reachable volume, in the frame of the thorax: forward, up, to the person's right, m."""
 
-    Parameters
-    ----------
-    subject : str
-        Id of the person.
-    side : {"right", "left"}
-    session : str
-    wires : (K, 3) array
-        Lines on the surface, interrupted by NaN.
-    arm : (3, 3) array
-        Shoulder, elbow and wrist at the furthest reach.
-    """
-
-    subject: str
-    side: str
+    subject: str  # id of the person
+    side: str  # right or left
     session: str
-    wires: FloatArray
-    arm: FloatArray
+    wires: FloatArray  # (K, 3) lines on the surface, interrupted by NaN
+    arm: FloatArray  # (3, 3) shoulder, elbow and wrist at the furthest reach
 
 
 def draw_reach_figures(data: CohortData, shapes: Sequence[Shape]) -> Drawings:

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 class Result:
     """The output of a command: a JSON document, tables and other files."""
 
-    kind: str  # such as ``study``; the document's schema is ``mocap-id/<kind>``
+    kind: str  # kind of the result, such as ``study``; the schema of the document is ``mocap-id/<kind>``
     file: str  # name of the JSON document
     content: Mapping[str, Any]  # content of the document after its schema and version; no NaN
     # Tables by name; each is written as CSV and Parquet.

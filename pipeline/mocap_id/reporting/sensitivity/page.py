@@ -17,8 +17,8 @@ from mocap_id.reporting.sensitivity.page_data import SensitivityData
 
 _FAILED = ("refused", "failed")
 _FOOTER = (
-    "Levels are in SI units. Torques, states and lengths are compared with those of the unperturbed trial; the numbers "
-    "are for the worst joint. The response of every parameter to every perturbation is in responses.csv and "
+    "Levels are in SI units. Torques, states and lengths are compared with the unperturbed trial; the numbers are for "
+    "the joint with the largest change. The response of every parameter to every perturbation is in responses.csv and "
     "responses.parquet beside this page."
 )
 

@@ -14,7 +14,7 @@ from mocap_id.reporting.sensitivity.page_data import ParameterEntry, Sensitivity
 CAPTION = (
     "A panel for each parameter, a row for each kind of error, with the largest change at the top. A row has a bar for "
     "each level, over all joints or components; the worst level is the palest and widest bar. The grey band is the "
-    "tolerated change. The scale is linear up to 1 % and logarithmic beyond. Bars end at 300 %, also those of "
+    "tolerated change. The scale is linear up to 1 % and logarithmic beyond. Bars end at 300 %, also for "
     "parameters that could no longer be identified."
 )
 _LIMIT = 300.0  # %: bars end here

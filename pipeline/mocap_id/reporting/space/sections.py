@@ -76,7 +76,7 @@ def _make_protocol_section(data: ReportData, summary: Summary) -> list[Section]:
 def _describe_frames(data: ReportData, summary: Summary) -> str:
     """Return a sentence on the frames of the segments."""
     if data.facts("chain.h5").get("frames") == "isb":
-        return "The frames of the segments are those of the ISB (Wu et al. 2005), made from these landmarks."
+        return "The frames of the segments are the ISB frames (Wu et al. 2005), computed from these landmarks."
     missing = "no landmarks were found" if not summary.landmarks else "the landmarks do not suffice for them"
     return (
         f"The frames of the segments are the program's own, because {missing}. The angles are the coordinates of the "

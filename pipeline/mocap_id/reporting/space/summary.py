@@ -20,7 +20,7 @@ from mocap_id.store.spatial_views import MEANINGLESS_AT_POLE, SpatialAngles
 AXES = {"ball": 0, "hinge": 1, "two-axis": 2}
 """Number of axes of each kind of joint."""
 
-_HIDDEN = "the motion does not show the centre of this joint: use `calibration:`, or record a larger motion"
+_HIDDEN = "the motion does not determine the centre of this joint: use `calibration:`, or record a larger motion"
 
 
 def summarise_joints(data: ReportData) -> list[JointEntry] | None:
@@ -96,8 +96,8 @@ def summarise_angles(data: ReportData) -> dict[str, AngleEntry]:
 def _summarise_angle(found: SpatialAngles, k: int) -> AngleEntry:
     """Return the statistics of one angle.
 
-    A constant error of a segment's frame changes an angle by different amounts in different poses: between the two
-    ends of a range by about as much as at each end, which a correlation of 0.5 of both errors describes.
+    A constant error of a segment's frame changes an angle by different amounts in different poses. The difference
+    between the two ends of a range is about as large as the error at each end: their correlation is 0.5.
     """
     name = found.names[k]
     usable = found.find_usable(name)
@@ -139,7 +139,7 @@ def summarise_landmarks(data: ReportData) -> dict[str, LandmarkEntry]:
     )
     return {
         name: LandmarkEntry.explain(
-            "no still pose and no pointer trial shows it",
+            "the landmark is not visible in a still pose or a pointer trial",
             segment=skeleton.segments[int(segment)],
             local_m=to_numbers(local),
             sd_m=to_number(sd),

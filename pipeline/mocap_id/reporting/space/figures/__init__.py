@@ -10,8 +10,8 @@ FIGURES: tuple[FigureEntry, ...] = (
         "skeleton",
         skeleton.draw,
         "Skeleton and markers in three views",
-        "Recovered chain, if one was found, at the two extremes of the motion, without perspective: seen from the side "
-        "of +z, from the side of −x, and from above. Dots: measured markers. Large circles: joint centres that the "
+        "Recovered chain, if one was found, at the two extremes of the motion, without perspective: from the side of "
+        "+z, from the side of −x, and from above. Dots: measured markers. Large circles: joint centres that the "
         "motion shows. Grey is the base; every other colour is one segment, here and in the figure of the residuals. "
         "The player above shows the same chain from any side.",
     ),
@@ -34,10 +34,10 @@ FIGURES: tuple[FigureEntry, ...] = (
         "reach",
         reach.draw,
         "What the wrist can reach",
-        "Furthest reach of the wrist from the shoulder in every direction, in the axes of the thorax: by the ranges of "
-        "all angles taken independently (grey), and by the postures between those recorded (blue). Orange: path of the "
-        "wrist. Thick: the arm at its furthest. Crosses: parts of the body by tables of proportions. On the page, drag "
-        "the figure or use the arrow keys to turn it.",
+        "Furthest reach of the wrist from the shoulder in every direction, in the axes of the thorax: by the "
+        "ranges of all angles taken independently (grey), and by the recorded postures and the postures between "
+        "them (blue). Orange: path of the wrist. Thick: the arm at its furthest. Crosses: parts of the body by "
+        "tables of proportions. On the page, drag the figure or use the arrow keys to turn it.",
     ),
     FigureEntry(
         "phase_portraits",

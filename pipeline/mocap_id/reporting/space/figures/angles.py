@@ -22,23 +22,12 @@ _ANATOMICAL = {"upper_arm": "shoulder", "forearm": "elbow", "hand": "wrist"}
 
 @dataclass(frozen=True)
 class JointMotion:
-    """The angles of one joint.
-
-    Parameters
-    ----------
-    title : str
-    names : tuple of str
-        Names of its angles.
-    states : JointStates
-        NaN where an angle has no meaning.
-    near_gimbal : (T,) array
-        Samples in which some of these angles have no meaning.
-    """
+    """The angles of one joint."""
 
     title: str
-    names: tuple[str, ...]
-    states: JointStates
-    near_gimbal: BoolArray
+    names: tuple[str, ...]  # names of the angles
+    states: JointStates  # NaN where an angle has no meaning
+    near_gimbal: BoolArray  # (T,) samples in which some of the angles have no meaning
 
     def draw_panel(self, order: int, height: float, *, below: str = "") -> Panel:
         """Return the angles (order 0), velocities or accelerations over time, with 95 % bands and shades."""

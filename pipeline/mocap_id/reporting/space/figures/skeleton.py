@@ -17,24 +17,12 @@ from mocap_id.reporting.report_data import ReportData
 
 @dataclass(frozen=True)
 class StickFigure:
-    """Sticks and joints in K samples.
+    """Sticks and joints in K samples, with the joints whose centre the motion determines."""
 
-    Parameters
-    ----------
-    segments : tuple of int
-        Segment of each stick.
-    sticks : tuple of (K, 2, 3) arrays
-        Start and end of each stick, m.
-    joints : (K, J, 3) array
-        Centres of the joints that the motion shows, m.
-    names : tuple of str
-        Names of these joints.
-    """
-
-    segments: tuple[int, ...]
-    sticks: tuple[FloatArray, ...]
-    joints: FloatArray
-    names: tuple[str, ...]
+    segments: tuple[int, ...]  # segment of each stick
+    sticks: tuple[FloatArray, ...]  # (K, 2, 3) start and end of each stick, m
+    joints: FloatArray  # (K, J, 3) centres of the joints, m
+    names: tuple[str, ...]  # names of the joints
 
 
 def make_stick_figure(data: ReportData, samples: IntArray) -> StickFigure | None:
