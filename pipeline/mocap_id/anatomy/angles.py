@@ -1,6 +1,6 @@
 """Angles of shoulder, elbow and wrist (ISB: Wu 2005) and coordinates of other joints, with standard deviations.
 
-Rotations are child to parent, of a right arm:
+Rotations are from child to parent, for a right arm:
 
     shoulder  R_y(plane) R_x(-elevation) R_y(axial)         elevation 0 to π; plane 0: abduction, π/2: forward
     elbow     R_z(flexion) R_x(carrying) R_y(pronation)     carrying is negative at a normal elbow

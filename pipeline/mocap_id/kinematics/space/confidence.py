@@ -52,7 +52,6 @@ def assess_spatial_confidence(
     Parameters
     ----------
     chain : SpatialBodyChain
-        Bodies and joints.
     made, refused : sequences of Division
         Accepted divisions, and the best divisions of the bodies that were not divided.
     motion : float

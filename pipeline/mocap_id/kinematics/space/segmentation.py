@@ -85,7 +85,6 @@ def segment_in_space(
         Limits. Used are ``min_arc``, ``max_residual``, ``max_body_residual``, ``still_limit`` (of a base that does not
         move), ``count`` and ``longest``.
     constraints : Constraints, optional
-        Markers that the user wants together or apart.
     frames : int, optional
         Largest number of frames, chosen along the motion.
 
