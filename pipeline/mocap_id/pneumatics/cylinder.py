@@ -207,7 +207,7 @@ def normal_litres(gas: float) -> float:
 
 
 def usable_gas(volume: float, pressure: float, supply: float, temperature: float = 293.15) -> float:
-    """Return the gas, kg, that a reservoir (m³, Pa) supplies until its pressure is that of the supply, Pa."""
+    """Return the gas, kg, that a reservoir (m³, Pa) supplies until it reaches the supply's pressure, Pa."""
     return max(pressure - supply, 0.0) * volume / (_GAS_CONSTANT * temperature)
 
 
@@ -227,9 +227,10 @@ def compute_torque_and_sd(  # noqa: PLR0917
     """Return the torque of a device on the joint and its standard deviation at angles, rad, (N,) each, N·m.
 
     Both are NaN beyond the stroke. ``sds`` are standard deviations of fields of :class:`Cylinder`, and ``gauge`` of
-    each sealed pressure, Pa; ``angle_sd`` is that of the angle, rad. Without a velocity, rad/s, the torque excludes
-    friction, but its standard deviation includes Coulomb friction. The errors of the description are independent of
-    each other and constant over the angles. The errors of neighbouring samples are therefore the same, not independent.
+    each sealed pressure, Pa; ``angle_sd`` is the standard deviation of the angle, rad. Without a velocity, rad/s, the
+    torque excludes friction, but its standard deviation includes Coulomb friction. The errors of the description are
+    independent of each other and constant over the angles. The errors of neighbouring samples are therefore the same,
+    not independent.
     """
     angle = np.asarray(angle, dtype=np.float64)
 

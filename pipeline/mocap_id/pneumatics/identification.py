@@ -18,7 +18,7 @@ from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.errors import NumericalError
 from mocap_id.pneumatics.cylinder import ADIABATIC, ISOTHERMAL, Cylinder, Setting
 
-# field: (prior standard deviation, whether it is that of the logarithm, lower and upper bound of the field)
+# field: (prior standard deviation, whether it refers to the logarithm, lower and upper bound of the field)
 _PRIORS: Mapping[str, tuple[float, bool, float, float]] = {
     "area_flexion": (0.5, True, 0.0, np.inf),
     "area_extension": (0.5, True, 0.0, np.inf),
@@ -128,7 +128,7 @@ def predict_torque(cylinder: Cylinder, log: TorqueLog) -> FloatArray:
 
 
 def _encode(name: str, value: float) -> float:
-    """Return the value of a parameter, or its logarithm if the prior is that of the logarithm."""
+    """Return the value of a parameter, or its logarithm if the prior refers to the logarithm."""
     if not _PRIORS[name][1]:
         return value
     return float(np.log(value)) if value > 0 else -np.inf

@@ -36,7 +36,7 @@ class AlphaShape:
     def boundary(self) -> IntArray:
         """Return the facets of the shape's boundary, (F, d) indices.
 
-        Their orientation is that of :func:`compute_measure`: outside to the right (d = 2), or outwards (d = 3).
+        They are oriented as :func:`compute_measure` requires: outside to the right (d = 2), or outwards (d = 3).
         """
         simplices, d = self.triangulation.simplices, self.points.shape[1]
         facets = []

@@ -37,7 +37,7 @@ class Workspace:
     postures: FloatArray  # (N, n) postures that reach these points, rad
     measure: float  # area, m², or volume, m³
     interval: tuple[float, float]  # 95 % interval of the measure
-    sd: float  # standard deviation of the measure that follows from those of limits and dimensions
+    sd: float  # standard deviation of the measure, from the uncertain limits and dimensions
     # Largest difference from the measures with a half, a quarter and an eighth of the samples. If half of the samples
     # have 1.6 times the error (a curved surface in space), this is three times the remaining error.
     discretisation: float

@@ -25,7 +25,7 @@ class MarkerSet:
     softness: FloatArray  # (M,) largest displacement by skin motion, m
     hidden: BoolArray  # (M,) whether the cameras may lose sight of the marker
     on_plate: BoolArray  # (M,)
-    at_joint: tuple[str | None, ...]  # joint on whose axis the marker lies
+    at_joint: tuple[str | None, ...]  # joint whose axis passes through the marker; None for other markers
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ from mocap_id.simulation.arm.rotations import (
 from mocap_id.simulation.arm.trial import SpatialTrial, film_markers, transform_points
 
 MIRROR = np.array([1.0, -1.0, 1.0])
-"""Factors that convert laboratory positions of a right arm into those of a left arm."""
+"""Factors that mirror laboratory positions of a right arm to a left arm."""
 _SHOULDER = ("shoulder_plane", "shoulder_elevation", "shoulder_axial")
 _ELBOW = ("elbow_flexion", "elbow_carrying", "elbow_pronation")
 _WRIST = ("wrist_flexion", "wrist_deviation")

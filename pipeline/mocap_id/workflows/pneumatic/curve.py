@@ -26,8 +26,8 @@ def device_curve(
 
     ``exponent`` replaces the exponent of the device.
 
-    ConfigError is raised if the exponent is not between 1 and 1.4, or a pressure is not above zero and up to that of
-    the supply.
+    ConfigError is raised if the exponent is not between 1 and 1.4, or a pressure is not between zero and the pressure
+    of the supply.
     """
     keys = _apply_exponent(config.keys, condition, exponent)
     cylinder, setting = keys.cylinder(), condition.setting()

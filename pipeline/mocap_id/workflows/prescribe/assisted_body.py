@@ -103,7 +103,7 @@ def _make_body(  # noqa: PLR0917
     gravity: float,
     why: str = "",
 ) -> AssistedBody:
-    """Return the body; joint limits in the configuration replace those of the trial."""
+    """Return the body; joint limits in the configuration replace the limits of the trial."""
     wishes = config.wishes
     observed = subject.limits if subject is not None else None
     lower, upper = np.empty(len(names)), np.empty(len(names))
