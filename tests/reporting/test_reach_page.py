@@ -79,7 +79,7 @@ def test_an_arm_taken_for_the_other_one_has_no_volume() -> None:
     wrong = Table(angles.schema, dict(angles.columns) | flexion, angles.facts, angles.reasons)
     _, events = with_reach(artefacts | {"angles.parquet": wrong})
     assert [reason.code for reason in events.reasons] == ["no-reach"]
-    assert "give the right `side:`" in events.reasons[0].message
+    assert "correct `side:`" in events.reasons[0].message
 
 
 def test_other_protocols_have_no_reach() -> None:

@@ -201,7 +201,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure of a page with its name (file stem), title and caption; a sentence instead of a missing figure."""
+    """A figure of a page, or a sentence that replaces it, with its name (stem of its files), title and caption."""
 
     name: str
     title: str
@@ -253,7 +253,7 @@ def to_json(value: Any) -> Any:
 
 
 def from_json(value: Any) -> Any:
-    """Convert the result of :func:`to_json` back.
+    """Return the figure, or the part of one, from the result of :func:`to_json`.
 
     Raises
     ------

@@ -70,7 +70,7 @@ def _compare_errors(data: ReportData, summary: Summary, motion: MotionEntry) -> 
 
 
 def _list_errors(data: ReportData, summary: Summary) -> Grid:
-    """Return the errors on left-out repetitions and the clock offset, for the pinned chain and measured poses."""
+    """Return a table of errors on left-out repetitions and clock offset, for the pinned chain and measured poses."""
     pins = summary.dynamics.pins
     motions = {
         "pinned chain": (pins.chain, pins.clock_offset_s),
@@ -86,7 +86,7 @@ def _list_errors(data: ReportData, summary: Summary) -> Grid:
 
 
 def _list_joints(data: ReportData, motion: MotionEntry) -> Grid:
-    """Return the gap of each joint and whether it is pinned in the dynamics."""
+    """Return a table of the gap of each joint and whether it is pinned in the dynamics."""
     inside = _find_joints_inside_bodies(data)
 
     def describe_treatment(row: tuple[str, GapEntry]) -> str:
@@ -105,7 +105,7 @@ def _list_joints(data: ReportData, motion: MotionEntry) -> Grid:
 
 
 def _list_poses(motion: MotionEntry) -> Grid:
-    """Return bodies, cut-off frequencies and prior of a fit to measured poses."""
+    """Return a table of bodies, cut-off frequencies and prior of a fit to measured poses."""
     cutoffs = {f"cut-off frequency for {axis} (Hz)": f"{cutoff:g}" for axis, cutoff in (motion.bands_hz or {}).items()}
     values = {
         "bodies": motion.bodies,

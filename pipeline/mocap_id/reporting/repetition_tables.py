@@ -11,7 +11,7 @@ from mocap_id.reporting.summary_schema import RepetitionEntry, Summary
 
 
 def list_repetitions(summary: Summary) -> Grid:
-    """Return the events of each repetition."""
+    """Return a table of the events of each repetition."""
     columns = (
         number("start (s)", "start_s", 2),
         number("seat-off (s)", "seat_off_s", 2),
@@ -26,7 +26,7 @@ def list_repetitions(summary: Summary) -> Grid:
 
 
 def list_seat_off_times(summary: Summary) -> Grid:
-    """Return seat-off by each rule, and height, pauses, attempts and support of each rise; empty if unknown."""
+    """Return a table of the rises: seat-off by each rule, height, pauses, attempts and support; empty if unknown."""
     columns = (
         number("seat-off (s)", "seat_off_s", 3),
         _make_delay_column("model agreement (s)", "seat_off_model_s"),
@@ -56,7 +56,7 @@ def _make_delay_column(head: str, name: str) -> GridColumn:
 
 
 def list_attempts(summary: Summary) -> Grid:
-    """Return the failed attempts to rise."""
+    """Return a table of the failed attempts to rise."""
     columns = (
         number("time (s)", "time_s", 2),
         percent("hip height (% of the rise)", "height"),
@@ -66,7 +66,7 @@ def list_attempts(summary: Summary) -> Grid:
 
 
 def list_test_times(summary: Summary) -> Grid:
-    """Return the times of the five-times-sit-to-stand test; empty for other protocols."""
+    """Return a table of the times of the five-times-sit-to-stand test; empty for other protocols."""
     found = summary.five_times
     if found.repetitions is None:
         return Grid()
@@ -90,7 +90,7 @@ def list_test_times(summary: Summary) -> Grid:
 
 
 def list_published_times(summary: Summary) -> Grid:
-    """Return published test times for comparison; empty if the trial has no time."""
+    """Return a table of published test times for comparison; empty if the trial has no time."""
     columns = (
         GridColumn("longer than (s)", lambda one: f"{one.limit_s:g}"),
         text("group", "people"),
@@ -107,7 +107,7 @@ def list_published_times(summary: Summary) -> Grid:
 
 
 def list_load_shares(summary: Summary) -> Grid:
-    """Return the load shares of the left and right foot."""
+    """Return a table of the load shares of the left and right foot."""
     found = summary.load_share
     columns = (
         percent("left (%)", "mean"),
@@ -120,7 +120,7 @@ def list_load_shares(summary: Summary) -> Grid:
 
 
 def list_agreement(data: ReportData) -> Grid:
-    """Return the agreement with the angles of another system."""
+    """Return a table of the agreement with the angles of another system."""
     columns = (
         text("joint", "joint"),
         text("column", "column"),

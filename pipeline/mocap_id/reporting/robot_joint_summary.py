@@ -63,7 +63,7 @@ def summarise_encoder(data: ReportData) -> EncoderEntry:
 
 
 def list_encoder_errors(summary: Summary) -> Grid:
-    """Return the errors of cameras and model against the encoder; empty without one."""
+    """Return a table of the errors of cameras and model against the encoder; empty without one."""
     found = summary.encoder
     if found.clock_offset_s is None or found.clock_offset_sd_s is None:
         return Grid()

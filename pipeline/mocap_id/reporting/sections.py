@@ -160,7 +160,7 @@ def _describe_condition(summary: Summary) -> str:
 
 
 def _list_noise(data: ReportData, summary: Summary) -> Grid:
-    """Return the noise and the residuals of the filter."""
+    """Return a table of the noise and the residuals of the filter."""
     facts = data.facts("states.parquet")
     values = {
         "marker noise per coordinate (mm)": show_fixed(scale(summary.noise.marker_sd_m, 1e3), 2),
@@ -172,7 +172,7 @@ def _list_noise(data: ReportData, summary: Summary) -> Grid:
 
 
 def _list_clock(summary: Summary) -> Grid:
-    """Return the clock offset of the plates, and what they measure."""
+    """Return a table of the clock offset of the plates, and what they measure."""
     dynamics = summary.dynamics
     not_predicted = dynamics.wrench is not None and dynamics.held_out.model is None
     offsets = (show_fixed(1e3 * offset, 2) for offset in dynamics.held_out.clock_offset_s or ())

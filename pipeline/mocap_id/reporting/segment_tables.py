@@ -36,7 +36,7 @@ _NEGLIGIBLE = 5e-4  # would be shown as 0.000
 
 
 def list_evidence(data: ReportData) -> Grid:
-    """Return the evidence against the segments, strongest first."""
+    """Return a table of the evidence against the segments, strongest first."""
     facts = data.facts("segments.parquet")
     if facts.get("against") is None:
         return Grid()
@@ -51,7 +51,7 @@ def list_evidence(data: ReportData) -> Grid:
 
 
 def list_joint_confidences(data: ReportData) -> Grid:
-    """Return the confidence in each joint: how much worse the fit is without the segment beyond it."""
+    """Return a table of the confidence in each joint: how much worse the fit is without the segment beyond it."""
     facts = data.facts("segments.parquet")
     if not facts.get("joint_confidences"):  # segments of a calibration are not searched for
         return Grid()
@@ -69,7 +69,7 @@ def list_joint_confidences(data: ReportData) -> Grid:
 
 
 def list_hypotheses(data: ReportData) -> Grid:
-    """Return the segmentations that were considered, and why they were rejected."""
+    """Return a table of the segmentations that were considered, and why they were rejected."""
     columns = (
         GridColumn("segments", lambda entry: str(entry.get("segments", ""))),
         number("cost", "cost", 1),

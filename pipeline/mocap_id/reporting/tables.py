@@ -17,7 +17,7 @@ _IN_PLANE = ("Fx", "Fy", "tauz")
 
 
 def list_joints(summary: Summary) -> Grid:
-    """Return the centres and arcs of the joints, and in space their kinds."""
+    """Return a table of the centres and arcs of the joints, and in space their kinds."""
     names, in_space = summary.segments.names or [], summary.space == "3d"
     columns = (
         text("joint", "name"),
@@ -44,7 +44,7 @@ def _make_centre_column(k: int) -> GridColumn:
 
 
 def list_lengths(summary: Summary) -> Grid:
-    """Return the segment lengths."""
+    """Return a table of the segment lengths."""
     caption = "Segment lengths, joint to joint, ± one standard deviation"
     return to_grid(caption, summary.lengths_m or {}, [with_sd("length (m)", "value", "sd")], "segment")
 
@@ -55,7 +55,7 @@ def describe_band(data: ReportData) -> str:
 
 
 def list_model_errors(data: ReportData, summary: Summary) -> Grid:
-    """Return the errors of the modelled wrench."""
+    """Return a table of the errors of the modelled wrench."""
     channels = summary.dynamics.wrench or {}
     named = {f"{name} ({_UNITS[name]})" if name in _UNITS else name: channel for name, channel in channels.items()}
     caption = f"Error of the model over the samples of the fit, {describe_band(data)}"
@@ -68,7 +68,7 @@ def make_error_columns(decimals: int) -> tuple[GridColumn, ...]:
 
 
 def list_reference_errors(data: ReportData, summary: Summary) -> Grid:
-    """Return the errors of the identified model and of the allometric bodies."""
+    """Return a table of the errors of the identified model and of the allometric bodies."""
     dynamics = summary.dynamics
     bodies = {"identified model": dynamics, **dynamics.rivals} if dynamics.rivals else {}
     columns = (
@@ -80,7 +80,7 @@ def list_reference_errors(data: ReportData, summary: Summary) -> Grid:
 
 
 def list_held_out_errors(data: ReportData, summary: Summary) -> Grid:
-    """Return the prediction errors of the models and the reference body on left-out repetitions."""
+    """Return a table of the prediction errors of the models and the reference body on left-out repetitions."""
     found = summary.dynamics.held_out
     errors: dict[str, Mapping[str, Any] | None] = {
         "models fitted without the repetition": found.model,
@@ -119,7 +119,7 @@ def _show_bias_and_sd(error: ChannelEntry | float | None, factor: float = 1.0) -
 
 
 def list_base_parameters(data: ReportData, summary: Summary) -> Grid:
-    """Return the identified parameters with intervals and reference values."""
+    """Return a table of the identified parameters with intervals and reference values."""
     dynamics = data.dynamics
     references = () if dynamics is None else dynamics.base_reference
     rows = zip(summary.dynamics.base or (), references, strict=False)
@@ -138,7 +138,7 @@ def list_base_parameters(data: ReportData, summary: Summary) -> Grid:
 
 
 def list_excitation(summary: Summary) -> Grid:
-    """Return how well the movement determines each base parameter, and which movement would improve it."""
+    """Return a table of the excitation of each base parameter, and of the movement that would improve it."""
     columns = (
         text("parameter", "name"),
         text("verdict", "verdict", UNKNOWN),
@@ -158,7 +158,7 @@ def list_excitation(summary: Summary) -> Grid:
 
 
 def list_plates(data: ReportData) -> Grid:
-    """Return the detected use of each force plate."""
+    """Return a table of the detected use of each force plate."""
     columns = (
         text("plate", lambda plate: str(plate.get("index", ""))),
         text("type", "kind"),
@@ -171,7 +171,7 @@ def list_plates(data: ReportData) -> Grid:
 
 
 def list_markers(data: ReportData) -> Grid:
-    """Return segment, reason and prediction error of each marker."""
+    """Return a table of segment, reason and prediction error of each marker."""
     names = dict(enumerate(data.segment_names))
 
     def residual(name: str) -> Callable[[Mapping[str, Any]], float | None]:

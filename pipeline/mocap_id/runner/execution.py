@@ -245,7 +245,7 @@ class _Run:
 
     @contextmanager
     def report_unexpected(self) -> Iterator[None]:
-        """Turn an unexpected exception into a NumericalError of one line, with the traceback in ``failure.log``."""
+        """Convert an unexpected exception to a NumericalError of one line, with the traceback in ``failure.log``."""
         try:
             yield
         except MocapIdError:

@@ -42,7 +42,7 @@ def list_conditions(frame: pd.DataFrame, measures: tuple[str, ...], caption: str
 
 
 def list_comparisons(frame: pd.DataFrame, measures: tuple[str, ...], caption: str) -> Grid:
-    """Return paired differences in some measures, of the cohort or of every person."""
+    """Return a table of paired differences in some measures, of the cohort or of every person."""
     columns = (
         _MEASURE,
         text("difference", "comparison"),
@@ -58,7 +58,7 @@ def list_comparisons(frame: pd.DataFrame, measures: tuple[str, ...], caption: st
 
 
 def list_trials(frame: pd.DataFrame) -> Grid:
-    """Return every trial with its verdict, repetitions and end."""
+    """Return a table of every trial with its verdict, repetitions and end."""
     columns = (
         text("trial", "trial"),
         text("person", "subject"),

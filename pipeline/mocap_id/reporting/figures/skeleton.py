@@ -20,7 +20,7 @@ ALONG, UP = "x, along the motion (m)", "y, up (m)"
 
 @dataclass(frozen=True)
 class Moment:
-    """A sample to draw, with its name."""
+    """A sample of the states to draw, with the name of the posture."""
 
     name: str
     sample: int

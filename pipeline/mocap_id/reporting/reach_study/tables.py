@@ -33,13 +33,13 @@ def list_people(frame: pd.DataFrame) -> Grid:
 
 
 def list_measures(frame: pd.DataFrame) -> Grid:
-    """Return the other measures of reach of every person."""
+    """Return a table of the other measures of reach of every person."""
     others = (estimate(_MEASURES[name], name) for name in ("surface", "elevation", "height"))
     return to_grid("Other measures of reach", frame, (text("person", "subject"), *others))
 
 
 def list_correlations(frame: pd.DataFrame) -> Grid:
-    """Return the correlation of every measure with the score."""
+    """Return a table of the correlation of every measure with the score."""
     columns = (
         _MEASURE,
         number("people", "people", 0),
@@ -51,7 +51,7 @@ def list_correlations(frame: pd.DataFrame) -> Grid:
 
 
 def list_differences(frame: pd.DataFrame, caption: str) -> Grid:
-    """Return paired differences, of the cohort or of every person."""
+    """Return a table of paired differences, of the cohort or of every person."""
     columns = (
         text("difference", "comparison"),
         _MEASURE,
@@ -65,7 +65,7 @@ def list_differences(frame: pd.DataFrame, caption: str) -> Grid:
 
 
 def list_trials(frame: pd.DataFrame) -> Grid:
-    """Return every trial with its verdict and reach."""
+    """Return a table of every trial with its verdict and reach."""
     columns = (
         text("trial", "trial"),
         text("person", "subject"),

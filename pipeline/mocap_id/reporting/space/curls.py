@@ -93,7 +93,7 @@ def _show_peak(torque: Mapping[str, Any] | None, who: str) -> str:
 
 
 def list_compensation(data: ReportData) -> Grid:
-    """Return the mean range of every angle that should not move, beside the range that errors alone can cause."""
+    """Return a table of the mean range of every angle that should not move, and the range by errors alone."""
     entry = summarise_curls(data)
     rows = {
         name: (found, entry.fatigue.get(f"{name}_range_rad"))

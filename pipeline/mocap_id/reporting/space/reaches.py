@@ -30,7 +30,7 @@ def describe_volume(found: WorkspaceEntry) -> tuple[str, ...]:
 
 
 def list_volumes(found: WorkspaceEntry) -> Grid:
-    """Return the volume within both sets with interval, discretisation and convergence."""
+    """Return a table of the volume within both sets with interval, discretisation and convergence."""
     share = {"box": found.relative_volume}
     columns = (
         text("set", lambda row: _SETS[row[0]]),
@@ -48,7 +48,7 @@ def list_volumes(found: WorkspaceEntry) -> Grid:
 
 
 def list_ranges(found: WorkspaceEntry) -> Grid:
-    """Return the robust range of every angle, and its share in the variance of the volume."""
+    """Return a table of the robust range of every angle, and its share in the variance of the volume."""
 
     def share(row: tuple[str, RangeEntry]) -> float | None:
         parts = [share for key, share in (found.sources or {}).items() if key.startswith(row[0])]
@@ -68,7 +68,7 @@ def list_ranges(found: WorkspaceEntry) -> Grid:
 
 
 def list_areas(found: WorkspaceEntry) -> Grid:
-    """Return the relative area of the surface by quadrants."""
+    """Return a table of the relative area of the surface by quadrants."""
     names = ("total", "upper_medial", "upper_lateral", "lower_medial", "lower_lateral", "behind")
     caption = (
         "Relative area of the furthest reach about the shoulder. In front, 1 is half a sphere of the arm's length and "
@@ -79,7 +79,7 @@ def list_areas(found: WorkspaceEntry) -> Grid:
 
 
 def list_heights(found: WorkspaceEntry) -> Grid:
-    """Return the heights that the hand reached."""
+    """Return a table of the heights that the hand reached."""
     one = found.heights
     if one is None:
         return Grid()
@@ -98,7 +98,7 @@ def list_heights(found: WorkspaceEntry) -> Grid:
 
 
 def list_targets(found: WorkspaceEntry) -> Grid:
-    """Return the number of reaches to each part of the body, and the distances by which they missed it."""
+    """Return a table of the number of reaches to each part of the body, and the distances by which they missed it."""
     columns = (
         number("reaches", "count", 0),
         millimetres("smallest miss (mm)", "best_miss_m"),

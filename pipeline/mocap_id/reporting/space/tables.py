@@ -33,7 +33,7 @@ def to_words(entries: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def list_glides(summary: Summary) -> Grid:
-    """Return the translations of joint centres with the elevation; empty without any."""
+    """Return a table of the translations of joint centres with the elevation; empty without any."""
     shifts = (
         with_sd(f"{axis} (mm)", get_element("glide_m", k), get_element("glide_sd_m", k), 1e3)
         for k, axis in enumerate(_AXES)
@@ -44,7 +44,7 @@ def list_glides(summary: Summary) -> Grid:
 
 
 def list_axes(summary: Summary) -> Grid:
-    """Return the axes of hinges and two-axis joints."""
+    """Return a table of the axes of hinges and two-axis joints."""
     rows = []
     for joint in summary.joints or ():
         listed = joint.axis if joint.axis and isinstance(joint.axis[0], list) else [joint.axis] if joint.axis else []
@@ -61,7 +61,7 @@ def list_axes(summary: Summary) -> Grid:
 
 
 def list_kinds(summary: Summary) -> Grid:
-    """Return the evidence for the kind of each joint."""
+    """Return a table of the evidence for the kind of each joint."""
     columns = (
         text("joint", "name"),
         text("kind", "kind"),
@@ -75,7 +75,7 @@ def list_kinds(summary: Summary) -> Grid:
 
 
 def list_angles(summary: Summary) -> Grid:
-    """Return range, interval and share of usable samples of each angle."""
+    """Return a table of range, interval and share of usable samples of each angle."""
     columns = (
         number("lowest (deg)", "low_deg", 1),
         number("highest (deg)", "high_deg", 1),
@@ -93,7 +93,7 @@ def list_angles(summary: Summary) -> Grid:
 
 
 def list_imus(summary: Summary) -> Grid:
-    """Return clock, bias, position and residuals of each inertial sensor."""
+    """Return a table of clock, bias, position and residuals of each inertial sensor."""
 
     def bias(entry: ImuEntry) -> float | None:
         return None if entry.gyro_bias_rad_s is None else math.degrees(math.hypot(*entry.gyro_bias_rad_s))
@@ -115,7 +115,7 @@ def list_imus(summary: Summary) -> Grid:
 
 
 def list_landmarks(data: ReportData, summary: Summary) -> Grid:
-    """Return the landmarks with their uncertainty, and the residual of the marker of the same name."""
+    """Return a table of the landmarks with their uncertainty, and the residual of the marker of the same name."""
     labels = dict(part.split(" ", 1) for part in data.settings.get("landmarks", "").split(", ") if " " in part)
     residuals = {name: data.residuals.get(labels.get(name, name)) for name in summary.landmarks}
     columns = (

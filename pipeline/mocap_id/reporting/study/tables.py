@@ -28,7 +28,7 @@ VARIATION_BY_PERSON = "Coefficient of variation over each person's trials"
 
 
 def list_trials(data: CohortData) -> Grid:
-    """Return every trial with its verdict and errors."""
+    """Return a table of every trial with its verdict and errors."""
     columns = (
         text("trial", "trial"),
         text("subject", "subject"),
@@ -103,7 +103,7 @@ def list_models(frame: pd.DataFrame, caption: str) -> Grid:
 
 
 def list_doubtful(data: CohortData) -> Grid:
-    """Return the predictions that failed or are doubtful, and why."""
+    """Return a table of the predictions that failed or are doubtful, and why."""
     frame = data.of_people("models")
     columns = (
         text("action", "action_trial"),
