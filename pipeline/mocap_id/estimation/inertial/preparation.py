@@ -55,10 +55,10 @@ def prepare_sensor(  # noqa: PLR0917
     """
     frame = float(time[1] - time[0])
     gyro, force = signals.at(found.clock.stamps(time), frame)
-    shown = np.where(seen, motion.axial, np.nan) if axial is None else axial
-    known = np.flatnonzero(np.isfinite(shown))
-    turned = np.interp(np.arange(len(time)), known, shown[known])
-    back = so3.exp(-found.lag * turned[:, None] * motion.long_axis) @ found.mount
+    given = np.where(seen, motion.axial, np.nan) if axial is None else axial
+    known = np.flatnonzero(np.isfinite(given))
+    angle = np.interp(np.arange(len(time)), known, given[known])
+    back = so3.exp(-found.lag * angle[:, None] * motion.long_axis) @ found.mount
     gyro = np.einsum("fij,fj->fi", back, (gyro - found.gyro_bias) / (1 + found.gyro_scale))
     force = np.einsum("fij,fj->fi", back, (force - found.acc_bias) / (1 + found.acc_scale))
     lag = np.hypot(float(found.sd["lag"][0]), _LAG_SD if found.lag else 0.0)

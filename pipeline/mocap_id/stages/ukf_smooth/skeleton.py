@@ -35,17 +35,17 @@ def smooth_skeleton_states(
     sd = np.maximum(tree.numbers("markers/residual"), 1e-3)
     trunk = chain.segment == 0
     points = remove_jumps(points, gate * sd)
-    lost = np.isnan(points[..., 0])
+    missing = np.isnan(points[..., 0])
     points = bridge_gaps(points, round(_BRIDGED * view.rate))
     rotations, origins, _ = rigid_poses(points[:, trunk], chain.local[trunk], 1 / sd[trunk] ** 2)
     shift = np.einsum("fij,j->fi", rotations, np.array(tree.facts["wrist_offset_m"]))
     beyond = np.flatnonzero(chain.segment >= 2)
     points[:, beyond] -= shift[:, None]
-    found = tree.facts["noise"]
-    memory = SensorNoise(found["white"], found["memory_s"])
+    facts = tree.facts["noise"]
+    memory = SensorNoise(facts["white"], facts["memory_s"])
     shoulder = origins + np.einsum("fij,j->fi", rotations, chain.joints[0].centre)
     weight = _weights(tree, view, points, chain, shoulder)
-    weight[lost] = 0.0
+    weight[missing] = 0.0
     noise = SkeletonNoise(
         sd,
         weight,
