@@ -19,9 +19,8 @@ from recording_cases import body, build_c3d, save
 
 from mocap_id import recording
 from mocap_id.errors import RecordingError
-from mocap_id.recording.c3d_data import decode, read_calibration
+from mocap_id.recording.c3d_data import decode, find_layout, read_calibration
 from mocap_id.recording.c3d_file import open_c3d
-from mocap_id.recording.c3d_data import find_layout
 from mocap_id.recording.c3d_package import compare_with_package
 
 INTEL, DEC, MIPS = 84, 85, 86

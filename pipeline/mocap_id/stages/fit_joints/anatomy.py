@@ -106,15 +106,10 @@ def fit_anatomical_frames(
     local = {
         name: rotations[segment[name]].T @ (each.local - shifts[segment[name]]) for name, each in positions.items()
     }
-    covariances = {  # (6, 6), rad², of the errors of the two frames of each joint
-        joint: frames.covariance(*pair).tolist()
-        for joint, pair in JOINTS.items()
-        if all(name in frames.frames for name in pair)
-    }
     facts = {
         "frames": "isb" if frames.frames else "own",
         "still_s": [float(view.time[still.frames.start]), float(view.time[still.frames.stop - 1])],
-        "frame_covariance": covariances,
+        "frame_covariance": _list_covariances(frames),
     }
     landmarks = _make_landmark_arrays(local, segment, positions)
     chain = change_frames(refined.chain, rotations, base)
@@ -249,6 +244,15 @@ def _find_bent_pose(
         return None
     frame = int(np.nanargmin(np.abs(cosine)))
     return SegmentPoses(poses.rotations[frame], poses.origins[frame])
+
+
+def _list_covariances(frames: AnatomicalFrames) -> dict[str, list[list[float]]]:
+    """Return the covariance (6, 6) of the errors of the two frames at each joint, rad², by joint."""
+    return {
+        joint: frames.covariance(*pair).tolist()
+        for joint, pair in JOINTS.items()
+        if all(name in frames.frames for name in pair)
+    }
 
 
 def _make_landmark_arrays(

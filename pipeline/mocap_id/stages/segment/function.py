@@ -45,34 +45,9 @@ def segment(context: Context) -> Outputs:
     settings: SegmentSettings = context.settings
     trial = context.trial
     recorded = Trajectories(context.long("planar.parquet"))
-    rules = make_rules(settings, LONGEST[trial.protocol])
     labels = recorded.labels
     out = list(find_markers(labels, settings.ignore, "segment: ignore"))
-    constraints = make_constraints(labels, settings)
-
-    def segment_into(count: int | None) -> SegmentedMarkers:
-        counted = replace(rules, count=count, longest=max(count or 0, rules.longest))
-        return segment_without_bad_markers(
-            recorded,
-            settings.frames,
-            np.setdiff1d(np.arange(len(labels)), out),
-            lambda points: _segment_plane(_plane(points, out), _lateral(points), counted, constraints, settings),
-        )
-
-    try:
-        done = segment_into(settings.count)
-    except Refused as refused:
-        planarity = recorded.planar.facts["plane"]["planarity"]
-        if planarity <= settings.planarity_caution or refused.code in _NOT_OF_SPACE:
-            raise
-        hint = (
-            f"{100 * planarity:.0f} % of the markers' motion leaves the plane: for an arm, or another chain whose "
-            "joints rotate about several axes, set `space: 3d`."
-        )
-        raise Refused(refused.code, f"{refused} {hint}", refused.value, refused.limit) from refused
-    lift = check_lift(recorded.planar.facts.get("heel_lift"), done.view.bad)
-    if settings.count is None:
-        done = add_foot(done, lift, labels, segment_into)
+    done, lift = _find_segments(recorded, settings, LONGEST[trial.protocol], out)
     found, view, points = done.found, done.view, done.points
     asymmetries = np.degrees(measure_asymmetry(_plane(points, out), _lateral(points), found.segment))
     planarity = _measure_planarity(points[:, found.segment > 0])
@@ -115,6 +90,40 @@ def segment(context: Context) -> Outputs:
         for marker, label in enumerate(labels)
     ]
     return (Table(SEGMENTS, make_columns(labels, found.segment, found.residual, why), facts, reasons),)
+
+
+def _find_segments(
+    recorded: Trajectories, settings: SegmentSettings, longest: int, out: list[int]
+) -> tuple[SegmentedMarkers, Mapping[str, Any] | None]:
+    """Return the segments without bad stretches and the markers ``out``, and the fact ``heel_lift`` or None."""
+    labels = recorded.labels
+    rules = make_rules(settings, longest)
+    constraints = make_constraints(labels, settings)
+
+    def segment_into(count: int | None) -> SegmentedMarkers:
+        counted = replace(rules, count=count, longest=max(count or 0, rules.longest))
+        return segment_without_bad_markers(
+            recorded,
+            settings.frames,
+            np.setdiff1d(np.arange(len(labels)), out),
+            lambda points: _segment_plane(_plane(points, out), _lateral(points), counted, constraints, settings),
+        )
+
+    try:
+        done = segment_into(settings.count)
+    except Refused as refused:
+        planarity = recorded.planar.facts["plane"]["planarity"]
+        if planarity <= settings.planarity_caution or refused.code in _NOT_OF_SPACE:
+            raise
+        hint = (
+            f"{100 * planarity:.0f} % of the markers' motion leaves the plane: for an arm, or another chain whose "
+            "joints rotate about several axes, set `space: 3d`."
+        )
+        raise Refused(refused.code, f"{refused} {hint}", refused.value, refused.limit) from refused
+    lift = check_lift(recorded.planar.facts.get("heel_lift"), done.view.bad)
+    if settings.count is None:
+        done = add_foot(done, lift, labels, segment_into)
+    return done, lift
 
 
 def _plane(points: FloatArray, out: list[int]) -> ComplexArray:
