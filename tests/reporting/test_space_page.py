@@ -54,7 +54,7 @@ def test_the_page_has_joints_kinds_axes_angles_and_landmarks() -> None:
         "Glide: shift",
         "Axes of hinges",
         "Anatomical landmarks",
-        "frames of the segments are those",
+        "frames of the segments are the ISB frames",
     ):
         assert words in text
     for name in ANGLES_OF_ARM:
