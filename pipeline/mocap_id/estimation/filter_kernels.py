@@ -1,7 +1,7 @@
-"""Inner loops of the inverse kinematics and of the compiled engine in the plane.
+"""Inner loops of the inverse kinematics and of the compiled filter engine, for chains in the plane.
 
-They are in one file because numba's cache does not follow dependencies between files. Arrays are small and dense;
-:mod:`mocap_id.estimation.compiled_filter` explains the equations. States are ordered by derivative, then joint
+They are in one file because numba's cache does not follow dependencies between files. The arrays are small and dense.
+:mod:`mocap_id.estimation.compiled_filter` explains the equations. States are ordered by derivative, then by joint
 (:mod:`mocap_id.estimation.process_model`).
 """
 
@@ -17,7 +17,7 @@ from mocap_id.compilation import compiled
 
 
 class FilterModel(NamedTuple):
-    """Constants of a run, from :class:`mocap_id.estimation.filter_problem.FilterProblem`."""
+    """Constants of a run of the filter, from :class:`mocap_id.estimation.filter_problem.FilterProblem`."""
 
     step: FloatArray  # (4,) dt^k / k!
     shape: FloatArray  # (4, 4) process noise of unit density
@@ -31,7 +31,7 @@ class FilterModel(NamedTuple):
     gate_variance: FloatArray  # (M,)
     gate: float
     patience: int  # frames
-    weights: tuple[float, float, float]  # of the mean in the mean and in the covariance, and of the other sigma points
+    weights: tuple[float, float, float]  # of the mean point in the mean and in the covariance, and of every other point
     spread: float
 
 
@@ -50,15 +50,15 @@ class Inertial(NamedTuple):
 
     segment: IntArray  # (K,) 0 = base
     place: FloatArray  # (K, 2) position in the segment's frame, m
-    share: FloatArray  # (K, n) share of each joint's rotation that the skin under the sensor adds
+    share: FloatArray  # (K, n) fraction of each joint's rotation by which the skin rotates under the sensor
     rest: FloatArray  # (n,) joint angles at which the skin is not rotated, rad
     signal: FloatArray  # (F, K, 3) angular velocity, rad/s, specific force along x and y, m/s²; NaN where missing
-    variance: FloatArray  # (F, K, 2) of the angular velocity, and of a component of the force
+    variance: FloatArray  # (F, K, 2) of the angular velocity, and of one component of the force
     gravity: float  # m/s², along -y of the plane
 
 
 class FilterOutput(NamedTuple):
-    """Output arrays of the filter; all flags must be false at the start."""
+    """Arrays that the filter fills; the caller sets all flags to false before."""
 
     mean: FloatArray  # (F, 4n)
     covariance: FloatArray  # (F, 4n, 4n)
@@ -76,7 +76,7 @@ def _copy(source: FloatArray, target: FloatArray) -> None:
 
 @compiled
 def _cholesky(a: FloatArray) -> bool:
-    """Replace the lower triangle by the Cholesky factor; return false if ``a`` is not positive definite."""
+    """Replace the lower triangle of ``a`` by its Cholesky factor; return false if ``a`` is not positive definite."""
     for j in range(len(a)):
         for i in range(j, len(a)):
             total = a[i, j]
@@ -93,7 +93,7 @@ def _cholesky(a: FloatArray) -> bool:
 
 @compiled
 def _solve(lower: FloatArray, b: FloatArray) -> None:
-    """Solve L Lᵀ x = b for every row of b, in place."""
+    """Replace every row of ``b`` by the solution x of L Lᵀ x = row, where L is ``lower``."""
     size = len(lower)
     for r in range(len(b)):
         for i in range(size):
@@ -108,7 +108,7 @@ def _solve(lower: FloatArray, b: FloatArray) -> None:
 
 @compiled
 def _sandwich(a: FloatArray, b: FloatArray, c: FloatArray, d: FloatArray, total: FloatArray) -> None:
-    """Compute A B Aᵀ + C D Cᵀ for symmetric B and D."""
+    """Set ``total`` to A B Aᵀ + C D Cᵀ; B and D must be symmetric."""
     for r in range(len(total)):
         for s in range(r + 1):
             total[r, s] = 0.0
@@ -137,7 +137,7 @@ def _add_sandwich(a: FloatArray, b: FloatArray, total: FloatArray) -> None:
 
 @compiled
 def _times_transition(p: FloatArray, step: FloatArray) -> None:
-    """Replace P by P Fᵀ."""
+    """Replace P by P Fᵀ, where F is the transition matrix of all joints with the powers ``step`` (4,)."""
     size = len(p)
     n = size // len(step)
     for r in range(size):
@@ -148,7 +148,7 @@ def _times_transition(p: FloatArray, step: FloatArray) -> None:
 
 @compiled
 def _finish_prediction(x: FloatArray, p: FloatArray, step: FloatArray, shape: FloatArray, density: FloatArray) -> None:
-    """Replace x by F x, and P Fᵀ by F (P Fᵀ) + Q."""
+    """Replace x by F x, and ``p``, which contains P Fᵀ, by F P Fᵀ + Q, with the transition F and process noise Q."""
     size, n = len(p), len(density)
     for r in range(size):
         for e in range(1, (size - 1 - r) // n + 1):
@@ -160,7 +160,7 @@ def _finish_prediction(x: FloatArray, p: FloatArray, step: FloatArray, shape: Fl
 
 @compiled
 def _add_noise(p: FloatArray, shape: FloatArray, density: FloatArray) -> None:
-    """Replace P by P + Q."""
+    """Add the process noise of all joints to P, in place: ``shape`` (4, 4) times the ``density`` of each joint."""
     n = len(density)
     for r in range(len(p)):
         for e in range(len(shape)):
@@ -169,7 +169,7 @@ def _add_noise(p: FloatArray, shape: FloatArray, density: FloatArray) -> None:
 
 @compiled
 def _reset_covariance(p: FloatArray, start: FloatArray, joint: int) -> None:
-    """Reset the covariance of a joint to its initial value."""
+    """Set the variances of a joint to ``start`` (4,) and its covariances to zero, in place."""
     n = len(p) // len(start)
     for d in range(len(start)):
         for c in range(len(p)):
@@ -180,7 +180,7 @@ def _reset_covariance(p: FloatArray, start: FloatArray, joint: int) -> None:
 
 @compiled
 def _poses(q: FloatArray, centres: FloatArray, pose: FloatArray) -> None:
-    """Compute cosine, sine and origin (n + 1, 4) of every segment (eq. 3.18)."""
+    """Fill ``pose`` (n + 1, 4) with cosine and sine of the rotation, and origin, of every segment (eq. 3.18)."""
     angle = 0.0
     pose[0, 0], pose[0, 1], pose[0, 2], pose[0, 3] = 1.0, 0.0, 0.0, 0.0
     for j in range(len(centres)):
@@ -193,7 +193,7 @@ def _poses(q: FloatArray, centres: FloatArray, pose: FloatArray) -> None:
 
 @compiled
 def _sigma_poses(x: FloatArray, lower: FloatArray, spread: float, centres: FloatArray) -> FloatArray:
-    """Return the poses (2n + 1, n + 1, 4) of the mean and of the points that change an angle, positive points first."""
+    """Return the poses (2n + 1, n + 1, 4) of the mean, then of the n positive and n negative points in angle."""
     n = len(centres)
     poses, q = np.empty((2 * n + 1, n + 1, 4)), np.empty(n)
     for point in range(2 * n + 1):
@@ -209,9 +209,10 @@ def _sigma_poses(x: FloatArray, lower: FloatArray, spread: float, centres: Float
 def _marker_rows(  # noqa: PLR0917
     model: FilterModel, m: int, poses: FloatArray, z: FloatArray, rows: FloatArray, y: FloatArray
 ) -> None:
-    """Compute the rows (2, 2n + 1) of H for marker m, in the order mean, sums, differences, and its innovation (2,).
+    """Fill ``rows`` (2, 2n + 1) of H and the innovation ``y`` (2,) for marker m.
 
-    Poses are indexed by single numbers, because an array view costs more than the computation.
+    The columns are in the order mean, sums, differences (:mod:`mocap_id.estimation.compiled_filter`). Poses are indexed
+    by single numbers, because an array view costs more than the computation.
     """
     n, segment = poses.shape[1] - 1, model.segment[m]
     centre, other = model.weights[1], model.weights[2]
@@ -233,7 +234,7 @@ def _marker_rows(  # noqa: PLR0917
             shift += other * (up + down)
         for k in range(n):
             rows[axis, 1 + k] -= math.sqrt(2.0 * other) * shift
-        rows[axis, 0] = -math.sqrt(centre + 6.0 * n * other) * shift  # the mean and the 6n points at the same angles
+        rows[axis, 0] = -math.sqrt(centre + 6.0 * n * other) * shift  # the mean and the 6n points with the same angles
         y[axis] = z[m, axis] - h - shift
 
 
@@ -251,7 +252,7 @@ def _distance(rows: FloatArray, y: FloatArray, variance: float) -> float:
 
 @compiled
 def _update(x: FloatArray, p: FloatArray, z: FloatArray, used: BoolArray, model: FilterModel) -> tuple[bool, float]:
-    """Update with the markers through the unscented transform, in place; return success and log-likelihood."""
+    """Update x, P and ``used`` (M,), in place, with the markers ``z`` (M, 2); return success and the log-likelihood."""
     if not _cholesky(p):
         return False, 0.0
     poses = _sigma_poses(x, p, model.spread, model.centres)
@@ -286,7 +287,7 @@ def _update(x: FloatArray, p: FloatArray, z: FloatArray, used: BoolArray, model:
 
 @compiled
 def _correct(x: FloatArray, p: FloatArray, c: FloatArray, u: FloatArray) -> None:
-    """Compute x + L₁ u and L₁ (C Cᵀ)⁻¹ L₁ᵀ + L₂ L₂ᵀ, with L in ``p``, which is replaced by P⁺."""
+    """Replace x by x + L₁ u, and ``p``, which contains L = (L₁ L₂), by L₁ (C Cᵀ)⁻¹ L₁ᵀ + L₂ L₂ᵀ; L₁ has n columns."""
     n, size = len(u), len(x)
     for r in range(size):
         for k in range(min(r + 1, n)):
@@ -310,9 +311,10 @@ def _correct(x: FloatArray, p: FloatArray, c: FloatArray, u: FloatArray) -> None
 
 @compiled
 def _anchor(x: FloatArray, p: FloatArray, angles: FloatArray, noise: FloatArray, gate: float) -> tuple[bool, bool]:
-    """Update the state with the angles of one frame, unwrapped to the nearest whole rotation, in place.
+    """Update x and P, in place, with the angles (n,) of one frame, whose covariance is ``noise`` (n, n).
 
-    The update is linear, in Joseph form. Return success, and whether the angles passed the gate.
+    Whole rotations are added to the angles to bring them near the state. The update is linear, in Joseph form. Return
+    false if a matrix is not positive definite, and whether the angles passed the gate.
     """
     n, size = len(angles), len(x)
     s, gain = np.empty((n, n)), np.empty((size, n))
@@ -347,7 +349,7 @@ def _anchor(x: FloatArray, p: FloatArray, angles: FloatArray, noise: FloatArray,
 
 @compiled
 def _needs_anchor(p: FloatArray, z: FloatArray, segment: IntArray, n: int, limit: float) -> bool:
-    """Return whether a measured marker depends on an angle that is too uncertain."""
+    """Return whether a measured marker depends on an angle with a variance above ``limit``."""
     first = n
     for j in range(n - 1, -1, -1):
         if p[j, j] > limit:
@@ -360,7 +362,7 @@ def _needs_anchor(p: FloatArray, z: FloatArray, segment: IntArray, n: int, limit
 
 @compiled
 def _restart(x: FloatArray, p: FloatArray, joint: int, angle: float, start: FloatArray) -> None:
-    """Start a joint again, at an angle and at rest, with its initial covariance."""
+    """Set a joint to ``angle``, rad, and to rest, with its initial covariance, in place."""
     n = len(x) // len(start)
     _reset_covariance(p, start, joint)
     for d in range(len(start)):
@@ -369,7 +371,7 @@ def _restart(x: FloatArray, p: FloatArray, joint: int, angle: float, start: Floa
 
 @compiled
 def _count_failing(z: FloatArray, used: BoolArray, segment: IntArray, failing: IntArray) -> None:
-    """Count successive frames in which over half of a segment's markers fail; no change if none is visible."""
+    """Count successive frames in which over half of a segment's visible markers fail; skip frames that hide all."""
     for j in range(len(failing)):
         seen, passed = 0, 0
         for m in range(len(segment)):
@@ -382,7 +384,7 @@ def _count_failing(z: FloatArray, used: BoolArray, segment: IntArray, failing: I
 
 @compiled
 def _one_minus_gain_transition(gain: FloatArray, step: FloatArray, keep: FloatArray) -> None:
-    """Compute I − K F."""
+    """Set ``keep`` to I − K F, where K is ``gain`` and F is the transition matrix."""
     n = len(gain) // len(step)
     for r in range(len(gain)):
         for c in range(len(gain)):
@@ -393,10 +395,10 @@ def _one_minus_gain_transition(gain: FloatArray, step: FloatArray, keep: FloatAr
 
 @compiled
 def _force_rows(inertial: Inertial, s: int, x: FloatArray, centres: FloatArray, rows: FloatArray) -> None:
-    """Compute the specific force (2,) at sensor s, in the last column of ``rows``, and its derivatives by the state.
+    """Fill ``rows`` (2, 4n + 1) with the derivatives of the specific force at sensor s, and with the force, m/s².
 
-    With v_i the vectors from joint to joint and w_i = φ_i'' 1j − φ_i'², the force is e^(−jφ) (Σ w_i v_i + 1j g), where
-    φ is the angle of the skin under the sensor.
+    The force, in the last column, is e^(−1jφ) (Σ w_i v_i + 1j g). φ is the angle of the skin under the sensor, φ_i are
+    the angles of the segments, v_i the vectors from joint to joint, and w_i = 1j φ_i'' − φ_i'².
     """
     n, segment = len(centres), inertial.segment[s]
     angle, skin, speed, turning = 0.0, 0.0, 0.0, 0.0
@@ -433,7 +435,7 @@ def _force_rows(inertial: Inertial, s: int, x: FloatArray, centres: FloatArray, 
 def _sense(  # noqa: PLR0917
     x: FloatArray, p: FloatArray, inertial: Inertial, frame: int, centres: FloatArray, gate: float
 ) -> None:
-    """Update with the sensors of a frame, in place: all gyroscopes, then the accelerometers, linearised."""
+    """Update x and P with the sensors of a frame, in place: all gyroscopes, then the accelerometers, linearised."""
     n, size = len(centres), len(x)
     rows, gain = np.zeros((2, size + 1)), np.empty(size)
     for c in range(3):
@@ -469,10 +471,10 @@ def _sense(  # noqa: PLR0917
 def run_filter(
     model: FilterModel, measured: Measurements, inertial: Inertial, filtered: FilterOutput
 ) -> tuple[int, float]:
-    """Fill ``filtered``; return the frame that failed (−1 if none) and the log-likelihood.
+    """Run the filter and fill ``filtered``; return the frame that failed (−1 if none) and the log-likelihood.
 
-    The loop carries over the state, its covariance, each joint's angle when last observed, and the number of successive
-    frames in which more than half of its segment's markers failed.
+    A frame fails if a matrix is not positive definite. The loop carries over the state, its covariance, each joint's
+    angle when last observed, and the number of successive frames in which over half of its segment's markers failed.
     """
     n, log_likelihood = len(model.density), 0.0
     x, p = np.zeros(4 * n), np.zeros((4 * n, 4 * n))
@@ -514,7 +516,7 @@ def run_filter(
 
 @compiled
 def run_smoother(model: FilterModel, restarted: BoolArray, mean: FloatArray, covariance: FloatArray) -> int:
-    """Smooth mean and covariance in place, from the last frame to the first; return the frame that failed, or −1."""
+    """Smooth mean and covariance, in place, from the last frame to the first; return the failed frame, −1 if none."""
     n, size = len(model.density), mean.shape[1]
     xp, pp = np.empty(size), np.empty((size, size))
     gain, keep, beyond = np.empty((size, size)), np.empty((size, size)), np.empty((size, size))
@@ -560,7 +562,7 @@ def refine(  # noqa: PLR0917
 ) -> None:
     """Run Gauss–Newton for the angles of single frames, in place, until no angle changes by more than ``converged``.
 
-    Without iterations the function only linearises: one function for both tasks saves time of compilation.
+    With ``iterations`` = 0 only ``normal`` is computed: one function for both tasks saves time of compilation.
 
     Parameters
     ----------
@@ -569,9 +571,9 @@ def refine(  # noqa: PLR0917
     used : (F, M) bool array
         Markers that are used.
     angles : (F, n) array
-        Angles at the start, rad; changed.
+        Angles at the start, rad; replaced by the result.
     centres, segment, local
-        Geometry of the chain.
+        As in :class:`mocap_id.estimation.inverse_kinematics.MarkerChain`.
     damping : float
         Value added to the diagonal of Jᵀ J, m^2/rad^2.
     converged : float
@@ -615,9 +617,9 @@ def _linearise(  # noqa: PLR0917
     normal: FloatArray,
     gradient: FloatArray,
 ) -> None:
-    """Compute the lower triangle of Jᵀ J, and Jᵀ times the residuals (1, n), of one frame.
+    """Set the lower triangle of ``normal`` to Jᵀ J, and ``gradient`` (1, n) to Jᵀ times the residuals, for one frame.
 
-    A column of the Jacobian is z × (marker − joint). ``lever`` (n, 2) is memory for the Jacobian of a marker.
+    A column of the Jacobian J is z × (marker − joint), with z normal to the plane. ``lever`` (n, 2) is working memory.
     """
     for j in range(len(lever)):
         gradient[0, j] = 0.0

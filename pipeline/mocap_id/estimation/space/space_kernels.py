@@ -32,7 +32,7 @@ class ChainModel(NamedTuple):
     ball: BoolArray  # (n,)
     freedom: IntArray  # (n,) degrees of freedom of each joint
     parent: IntArray  # (n,)
-    first: IntArray  # (n + 1,) first degree of freedom: 3 of the base's rotation, then of each joint
+    first: IntArray  # (n + 1,) index of the first degree of freedom: 3 for the base's rotation, then for each joint
     centre: FloatArray  # (n, 3)
     first_axis: FloatArray  # (n, 3) in the parent's frame
     second_axis: FloatArray  # (n, 3) in the child's frame
@@ -85,7 +85,7 @@ class Found(NamedTuple):
     track: Pose
     used: BoolArray  # (F, M) within the limit
     variance: FloatArray  # (F, d) of the pose, rad² or m²
-    leverage: FloatArray  # (F, M) share of a marker's error that the pose follows
+    leverage: FloatArray  # (F, M) fraction of a marker's error that the pose follows
 
 
 class Sensors(NamedTuple):
@@ -93,7 +93,7 @@ class Sensors(NamedTuple):
 
     segment: IntArray  # (S,)
     place: FloatArray  # (S, 3) in the segment's frame, m
-    lag: FloatArray  # (S,) share of the axial rotation that the skin under the sensor does not follow
+    lag: FloatArray  # (S,) fraction of the axial rotation that the skin under the sensor does not follow
     long_axis: FloatArray  # (S, 3) axis of the axial rotation
     parent: IntArray  # (S,) segment relative to which the segment rotates; itself for the base
     rest_axis: FloatArray  # (S, 3) direction of the long axis without swing, in the parent's frame
@@ -105,13 +105,13 @@ class Sensors(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """Rates of the segments in the axes of the trial, and their derivatives by pose, velocity and acceleration."""
+    """Rates of the segments in the axes of the trial; ``…_by``: derivatives by pose, velocity and acceleration."""
 
     omega: FloatArray  # (n + 1, 3)
     alpha: FloatArray  # (n + 1, 3)
     linear: FloatArray  # (n + 1, 3) acceleration of the origins
     own: FloatArray  # (n + 1, 3) angular velocity of the joint
-    spin: FloatArray  # (n + 1, d, 3) rotation by the pose
+    spin: FloatArray  # (n + 1, d, 3) derivative of the rotation by the pose
     omega_by: FloatArray  # (n + 1, 3, d, 3)
     alpha_by: FloatArray  # (n + 1, 3, d, 3)
     linear_by: FloatArray  # (n + 1, 3, d, 3)
@@ -124,9 +124,9 @@ class Placed(NamedTuple):
     origin: FloatArray  # (n + 1, 3)
     turn: FloatArray  # (n + 1, 3, 3)
     axis: FloatArray  # (d, 3) axis of each rotation
-    slope: FloatArray  # (d,) change of the glide's share
-    glide: FloatArray  # (n, 3)
-    share: FloatArray  # (n,)
+    slope: FloatArray  # (d,) derivative of ``share``
+    glide: FloatArray  # (n, 3) largest glide of each joint's centre, m
+    share: FloatArray  # (n,) fraction of this glide in the present pose
 
 
 @compiled
@@ -150,7 +150,7 @@ def _multiply(a: FloatArray, b: FloatArray, c: FloatArray) -> None:
 
 @compiled
 def _exp(v: FloatArray, scale: float, r: FloatArray) -> None:
-    """Compute the rotation by ``scale`` v."""
+    """Set ``r`` (3, 3) to the rotation by the rotation vector ``scale`` v, rad."""
     x, y, z = scale * v[0], scale * v[1], scale * v[2]
     square = x * x + y * y + z * z
     angle = math.sqrt(square)
@@ -165,7 +165,7 @@ def _exp(v: FloatArray, scale: float, r: FloatArray) -> None:
 
 @compiled
 def _log_between(a: FloatArray, b: FloatArray, v: FloatArray) -> None:
-    """Compute the rotation vector of aᵀ b, by the quaternion."""
+    """Set ``v`` (3,) to the rotation vector of aᵀ b, computed from its quaternion."""
     r = np.empty((3, 3))
     for i in range(3):
         for j in range(3):
@@ -196,7 +196,7 @@ def _log_between(a: FloatArray, b: FloatArray, v: FloatArray) -> None:
 
 @compiled
 def _rotate_by_angles(model: ChainModel, pose: Pose, k: int) -> None:
-    """Compute the rotation of a hinge or two-axis joint from its coordinates."""
+    """Set the rotation of joint k, a hinge or two-axis joint, from its coordinates, in place."""
     first, both = np.empty((3, 3)), np.empty((3, 3))
     _exp(model.first_axis[k], pose.angle[k, 0], first)
     if model.freedom[k] == 1:
@@ -209,7 +209,7 @@ def _rotate_by_angles(model: ChainModel, pose: Pose, k: int) -> None:
 
 @compiled
 def _rotate_right(r: FloatArray, v: FloatArray) -> None:
-    """Replace R by R exp(v)."""
+    """Replace the rotation R by R exp(v)."""
     by, product = np.empty((3, 3)), np.empty((3, 3))
     _exp(v, 1.0, by)
     _multiply(r, by, product)
@@ -220,7 +220,7 @@ def _rotate_right(r: FloatArray, v: FloatArray) -> None:
 
 @compiled
 def _move(model: ChainModel, pose: Pose, by: FloatArray) -> None:
-    """Move a pose by a tangent vector (d,): rotations are perturbed on the right, other coordinates are added."""
+    """Change a pose by a tangent vector (d,), in place: rotations are multiplied on the right, the rest is added."""
     for i in range(3):
         pose.origin[i] += by[i]
     _rotate_right(pose.turn[0], by[3:6])
@@ -236,7 +236,7 @@ def _move(model: ChainModel, pose: Pose, by: FloatArray) -> None:
 
 @compiled
 def _subtract_poses(model: ChainModel, start: Pose, end: Pose, by: FloatArray) -> None:
-    """Compute the tangent vector (d,) that moves ``start`` to ``end``."""
+    """Set ``by`` to the tangent vector (d,) that changes ``start`` into ``end``."""
     for i in range(3):
         by[i] = end.origin[i] - start.origin[i]
     _log_between(start.turn[0], end.turn[0], by[3:6])
@@ -287,7 +287,7 @@ def _new_placed(n: int, d: int) -> Placed:
 
 @compiled
 def _place(model: ChainModel, pose: Pose, placed: Placed) -> None:
-    """Compute the poses of all segments, the axes of all rotations, and the glides."""
+    """Fill ``placed`` with the poses of all segments, the axes of all rotations, and the glides."""
     back, child = np.empty(3), np.empty(3)
     for i in range(3):
         placed.origin[0, i] = pose.origin[i]
@@ -331,9 +331,9 @@ def _place(model: ChainModel, pose: Pose, placed: Placed) -> None:
 
 @compiled
 def _locate(model: ChainModel, placed: Placed, m: int, x: FloatArray, rows: FloatArray, columns: IntArray) -> int:
-    """Compute the position x (3,) of a marker and the columns ``rows`` (d, 3) of its Jacobian; return their number.
+    """Compute the position ``x`` (3,) of marker m and ``rows`` (d, 3), its derivatives; return the number of rows.
 
-    ``columns`` (d,) receives the degrees of freedom of the rows.
+    ``columns`` (d,) receives the degree of freedom of each row. The rows beyond this number are not used.
     """
     segment = model.segment[m]
     for i in range(3):
@@ -374,7 +374,7 @@ def _locate(model: ChainModel, placed: Placed, m: int, x: FloatArray, rows: Floa
 
 @compiled
 def predict_markers(model: ChainModel, track: Pose, positions: FloatArray, jacobian: FloatArray) -> None:
-    """Fill marker positions (F, M, 3), and their Jacobian (F, M, 3, d) unless the array has no frames."""
+    """Fill positions (F, M, 3) and, if it has frames, the entries of ``jacobian`` (F, M, 3, d) that are not zero."""
     n, d = len(model.ball), track.rate.shape[2]
     placed, rows, columns = _new_placed(n, d), np.empty((d, 3)), np.empty(d, dtype=np.int64)
     for f in range(positions.shape[0]):
@@ -389,7 +389,7 @@ def predict_markers(model: ChainModel, track: Pose, positions: FloatArray, jacob
 
 @compiled
 def _factor(a: FloatArray) -> bool:
-    """Replace the upper triangle by U with A = Uᵀ U; return false if ``a`` is not positive definite."""
+    """Replace the upper triangle of A by U, where A = Uᵀ U; return false if A is not positive definite."""
     size = len(a)
     for k in range(size):
         if not a[k, k] > 0.0:
@@ -407,7 +407,7 @@ def _factor(a: FloatArray) -> bool:
 
 @compiled
 def _solve(upper: FloatArray, b: FloatArray) -> None:
-    """Replace the rows of B by the solution of Uᵀ U X = B."""
+    """Replace B by the solution X of Uᵀ U X = B, where U is ``upper``."""
     size, width = len(upper), b.shape[1]
     for k in range(size):
         inverse = 1.0 / upper[k, k]
@@ -433,7 +433,7 @@ def _solve(upper: FloatArray, b: FloatArray) -> None:
 def _add_marker(
     a: FloatArray, g: FloatArray, rows: FloatArray, columns: IntArray, count: int, y: FloatArray, weight: float
 ) -> None:
-    """Add Jᵀ J to the upper triangle of A, and Jᵀ y to g, both with a weight."""
+    """Add Jᵀ J to the upper triangle of A, and Jᵀ y to g, both times ``weight``, for a marker with the Jacobian J."""
     for i in range(count):
         r0, r1, r2, at = weight * rows[i, 0], weight * rows[i, 1], weight * rows[i, 2], columns[i]
         g[at] += r0 * y[0] + r1 * y[1] + r2 * y[2]
@@ -446,7 +446,7 @@ def _add_marker(
 def _add_displacement(
     g: FloatArray, turn: FloatArray, slip: FloatArray, rows: FloatArray, columns: IntArray, count: int, weight: float
 ) -> None:
-    """Add Jᵀ R s to g, with a weight, for a displacement s in the segment's frame."""
+    """Add Jᵀ R s to g, times ``weight``, for a displacement s (``slip``) in the frame of a segment with rotation R."""
     if slip[0] == 0.0 and slip[1] == 0.0 and slip[2] == 0.0:
         return
     for i in range(3):
@@ -459,7 +459,7 @@ def _add_displacement(
 def _passes(
     p: FloatArray, rows: FloatArray, columns: IntArray, count: int, y: FloatArray, variance: float, limit: float
 ) -> bool:
-    """Return whether an innovation is within ``limit`` standard deviations (Mahalanobis)."""
+    """Return whether an innovation ``y`` (3,) is within ``limit`` standard deviations (Mahalanobis)."""
     if y[0] ** 2 + y[1] ** 2 + y[2] ** 2 <= limit**2 * variance:
         return True
     s, u = np.zeros((3, 3)), np.empty((3, 1))
@@ -481,9 +481,9 @@ def _passes(
 
 @compiled
 def _advance(model: ChainModel, noise: Noise, pose: Pose, turned: FloatArray) -> None:
-    """Move a pose by one time step; ``turned`` (d,) receives the step of each degree of freedom.
+    """Advance a pose by one time step, in place; ``turned`` (d,) receives the change of each degree of freedom.
 
-    The rotation vector of a step includes the second term of the Magnus series, dt³/12 ω × α.
+    The rotation vector includes the second term of the Magnus series, dt³/12 ω × α.
     """
     d = len(turned)
     for c in range(d):
@@ -504,7 +504,7 @@ def _advance(model: ChainModel, noise: Noise, pose: Pose, turned: FloatArray) ->
 
 @compiled
 def _times_transition(model: ChainModel, step: FloatArray, turned: FloatArray, x: FloatArray) -> None:
-    """Replace the rows of X (4 d, any) by F X, with the step ``turned`` of :func:`_advance`."""
+    """Replace X (4 d, any) by F X, where F is the transition matrix for the change ``turned`` of :func:`_advance`."""
     d, width = len(turned), x.shape[1]
     moved, slip, back, sums = np.empty((3, 3)), np.empty((3, 3)), np.empty((3, 3)), np.empty((3, width))
     for k in range(len(model.ball) + 1):
@@ -539,7 +539,7 @@ def _times_transition(model: ChainModel, step: FloatArray, turned: FloatArray, x
 
 @compiled
 def _right_jacobian(v: FloatArray, j: FloatArray) -> None:
-    """Compute the right Jacobian of a small rotation vector, to third order."""
+    """Set ``j`` (3, 3) to the right Jacobian of a small rotation vector v, up to the second order."""
     square = v[0] ** 2 + v[1] ** 2 + v[2] ** 2
     for i in range(3):
         for k in range(3):
@@ -555,7 +555,10 @@ def _right_jacobian(v: FloatArray, j: FloatArray) -> None:
 
 @compiled
 def _predict(model: ChainModel, noise: Noise, pose: Pose, p: FloatArray, moved: FloatArray, found: BoolArray) -> None:
-    """Advance a pose and its covariance by one step; ``moved`` receives F P before the noise of the step is added."""
+    """Advance pose and P by one step, in place, with the noise of gaps if not ``found`` (n + 1,); set ``moved`` to F P.
+
+    F is the transition matrix, as in :func:`_times_transition`.
+    """
     d = len(noise.density)
     turned = np.empty(d)
     _advance(model, noise, pose, turned)
@@ -577,7 +580,7 @@ def _predict(model: ChainModel, noise: Noise, pose: Pose, p: FloatArray, moved: 
 
 @compiled
 def _reset(noise: Noise, p: FloatArray, first: int, last: int) -> None:
-    """Reset the covariance of some degrees of freedom to its initial value."""
+    """Set the covariance of the degrees of freedom ``first`` to ``last`` − 1 to its initial value, in place."""
     d = len(noise.density)
     for e in range(4):
         for r in range(e * d + first, e * d + last):
@@ -589,7 +592,7 @@ def _reset(noise: Noise, p: FloatArray, first: int, last: int) -> None:
 
 @compiled
 def _restart(model: ChainModel, pose: Pose, k: int, last: Pose, first: int, end: int) -> None:
-    """Set the base (k = 0) or a joint to its pose in ``last``, at rest."""
+    """Set the base (k = 0) or joint k − 1 to its pose in ``last``, and its rates ``first`` to ``end`` − 1 to zero."""
     if k == 0:
         for i in range(3):
             pose.origin[i] = last.origin[i]
@@ -604,7 +607,7 @@ def _restart(model: ChainModel, pose: Pose, k: int, last: Pose, first: int, end:
 
 @compiled
 def _factor_pose(p: FloatArray, u: FloatArray, t: FloatArray) -> bool:
-    """Compute U with P_pose = Uᵀ U, and T with Uᵀ T = the rows of P for the pose."""
+    """Set ``u`` to U, where P_pose = Uᵀ U, and ``t`` (d, 4 d) to U⁻ᵀ P_(pose, all); return false if this fails."""
     d, size = t.shape
     for r in range(d):
         for c in range(r, d):
@@ -625,10 +628,10 @@ def _factor_pose(p: FloatArray, u: FloatArray, t: FloatArray) -> bool:
 
 @compiled
 def _correct(model: ChainModel, pose: Pose, p: FloatArray, a: FloatArray, h: FloatArray, change: FloatArray) -> bool:
-    """Update the covariance with the information A of the pose; ``change`` (4 d,) receives the change of the state.
+    """Update P, in place, with the information matrix A and information vector h of the pose; return false if it fails.
 
-    With P_pose = Uᵀ U, T = P_(all, pose) U⁻¹ and B = I + U A Uᵀ, the change is T B⁻¹ U h and P becomes P − T (I − B⁻¹)
-    Tᵀ. The rows of the pose become T B⁻¹ U, which has no cancellation.
+    With P_pose = Uᵀ U, T = P_(all, pose) U⁻¹ and B = I + U A Uᵀ, the change of the state, T B⁻¹ U h, is added to
+    ``change`` (4 d,), and P becomes P − T (I − B⁻¹) Tᵀ. Its part for the pose is T B⁻¹ U, which has no cancellation.
     """
     d, size = len(h), len(p)
     u, t = np.zeros((d, d)), np.empty((d, size))
@@ -694,9 +697,10 @@ def _update(
     anchor: Pose,
     anchored: bool,
 ) -> bool:
-    """Update with the markers of a frame, in place.
+    """Update pose and P with the markers ``z`` (M, 3) of a frame, in place; return false if the update fails.
 
-    If ``anchored``, the update starts from the frame's own pose ``anchor`` and is iterated.
+    ``used`` (M,) receives the markers within the gate. If ``anchored``, the update starts from the frame's own pose
+    ``anchor``, is iterated, and has no gate.
     """
     n, d = len(model.ball), len(noise.density)
     placed, rows, columns = _new_placed(n, d), np.empty((d, 3)), np.empty(d, dtype=np.int64)
@@ -763,7 +767,7 @@ def _add_cross(a: FloatArray, b: FloatArray, c: FloatArray) -> None:
 def _add_change(
     motion: Motion, k: int, c: int, order: int, arm: FloatArray, moved: FloatArray, into: FloatArray
 ) -> None:
-    """Add the change of α × arm + ω × (ω × arm) of segment k by a state; ``moved`` is the change of the arm."""
+    """Add to ``into`` the derivative of α × arm + ω × (ω × arm) by state c of an order; ``moved``: that of the arm."""
     omega, by = motion.omega[k], motion.omega_by[k, order, c]
     round_arm, inner = np.empty(3), np.empty(3)
     _add_cross(motion.alpha_by[k, order, c], arm, into)
@@ -798,7 +802,7 @@ def _move_base(placed: Placed, pose: Pose, motion: Motion) -> None:
 def _accelerate_glide(
     model: ChainModel, placed: Placed, pose: Pose, k: int, turning: FloatArray, more: FloatArray
 ) -> None:
-    """Compute the acceleration ``more`` of a joint's centre due to its glide, in a parent that rotates."""
+    """Set ``more`` to a joint centre's acceleration by its glide, in a parent with the angular velocity ``turning``."""
     first, w = model.first[k + 1], pose.rate[0]
     speed, gain = 0.0, 0.0
     for c in range(first, first + model.freedom[k]):
@@ -820,7 +824,7 @@ def _accelerate_glide(
 
 @compiled
 def _move_joint(model: ChainModel, placed: Placed, pose: Pose, k: int, motion: Motion) -> None:
-    """Compute rates of segment k + 1 and their derivatives from its parent's; derivatives by glides are approximate."""
+    """Set rates and derivatives of segment k + 1 from its parent's, in place; derivatives of glides are approximate."""
     p, s, first, d = model.parent[k], k + 1, model.first[k + 1], motion.spin.shape[1]
     last = first + model.freedom[k]
     second = first + 1 if model.freedom[k] == 2 else -1
@@ -875,7 +879,7 @@ def _move_joint(model: ChainModel, placed: Placed, pose: Pose, k: int, motion: M
 
 @compiled
 def _rotate_back(turn: FloatArray, v: FloatArray, out: FloatArray) -> None:
-    """Compute Rᵀ v."""
+    """Set ``out`` (3,) to Rᵀ v, where R is ``turn``."""
     for i in range(3):
         out[i] = turn[0, i] * v[0] + turn[1, i] * v[1] + turn[2, i] * v[2]
 
@@ -884,7 +888,7 @@ def _rotate_back(turn: FloatArray, v: FloatArray, out: FloatArray) -> None:
 def _predict_sensor(
     sensors: Sensors, j: int, placed: Placed, motion: Motion, gyro: FloatArray, force: FloatArray, rows: FloatArray
 ) -> None:
-    """Compute the expected signals of sensor j, and their derivatives ``rows`` (6, 3 d) by pose and rates."""
+    """Compute the expected signals (3,) of sensor j, and their derivatives ``rows`` (6, 3 d) by pose and rates."""
     s, d = sensors.segment[j], motion.spin.shape[1]
     turn, along = placed.turn[s], sensors.long_axis[j]
     arm, world, part, change, own = np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3), np.zeros(3)
@@ -942,7 +946,7 @@ def _predict_sensor(
 def predict_sensors(
     model: ChainModel, track: Pose, sensors: Sensors, gyro: FloatArray, force: FloatArray, jacobian: FloatArray
 ) -> None:
-    """Fill the expected signals (F, S, 3), and their derivatives (F, S, 6, 3 d) unless the array has no frames."""
+    """Fill the expected signals (F, S, 3), and ``jacobian`` (F, S, 6, 3 d) unless this array has no frames."""
     n, d = len(model.ball), track.rate.shape[2]
     placed, motion, rows = _new_placed(n, d), _new_motion(n, d), np.empty((6, 3 * d))
     for f in range(len(gyro)):
@@ -961,7 +965,7 @@ def predict_sensors(
 def _fuse(
     p: FloatArray, rows: FloatArray, y: FloatArray, change: FloatArray, variance: float, spread: float, gate: float
 ) -> bool:
-    """Update with three components y, whose derivatives are ``rows`` (3, m); return whether they pass the gate."""
+    """Update P and ``change`` by a residual ``y`` (3,) with derivatives ``rows`` (3, m); return whether it passes."""
     size, known = len(p), rows.shape[1]
     w, u, left, total = np.zeros((3, size)), np.zeros((3, 3)), np.empty(3), 0.0
     for i in range(3):
@@ -1001,7 +1005,7 @@ def _fuse(
 def _update_inertial(
     model: ChainModel, sensors: Sensors, k: int, gate: float, pose: Pose, p: FloatArray, used: BoolArray
 ) -> None:
-    """Update with all sensors of frame k, in place; ``used`` (S, 2) receives which signals pass the gate."""
+    """Update pose and P with all sensors of frame k, in place; ``used`` (S, 2) receives which signals pass the gate."""
     n, d = len(model.ball), pose.rate.shape[1]
     seen = False
     for j in range(len(sensors.segment)):
@@ -1034,7 +1038,7 @@ def _update_inertial(
 
 @compiled
 def _count_failing(model: ChainModel, z: FloatArray, used: BoolArray, failing: IntArray) -> None:
-    """Count successive frames in which over half of a segment's markers fail; no change if none is visible."""
+    """Count successive frames in which over half of a segment's visible markers fail; skip frames that hide all."""
     for k in range(len(failing)):
         seen, passed = 0, 0
         for m in range(len(model.segment)):
@@ -1060,10 +1064,10 @@ def run_filter(
     sensed: BoolArray,
     restarted: BoolArray,
 ) -> int:
-    """Fill the track, its covariance (F, 4 d, 4 d), and flags; return the frame that failed, or −1.
+    """Fill the track, its covariance (F, 4 d, 4 d), and the flags; return the frame that failed, −1 if none.
 
-    ``z`` (F, M, 3) are the markers without lasting displacements, NaN where the frames' own poses do not use them.
-    A joint (F, n + 1) is ``found`` by markers of the same frame, and ``followed`` by markers or sensors.
+    ``z`` (F, M, 3) are the markers without lasting displacements; NaN where the poses of single frames, ``anchors``, do
+    not use them. Markers of a frame determine the base or joint if ``found``, markers or sensors do if ``followed``.
     """
     n, d = len(model.ball), len(noise.density)
     pose, last, start, p = _new_pose(model), _new_pose(model), _new_pose(model), np.zeros((4 * d, 4 * d))
@@ -1112,7 +1116,7 @@ def run_filter(
 def run_smoother(
     model: ChainModel, noise: Noise, followed: BoolArray, restarted: BoolArray, track: Pose, covariance: FloatArray
 ) -> int:
-    """Smooth track and covariance in place, from the last frame to the first; return the frame that failed, or −1."""
+    """Smooth track and covariance, in place, from the last frame to the first; return the failed frame, −1 if none."""
     n, d = len(model.ball), len(noise.density)
     size = 4 * d
     ahead, error, change = _new_pose(model), np.empty(size), np.empty(size)
@@ -1156,7 +1160,7 @@ def run_smoother(
 
 @compiled
 def _add_sandwich(gain: FloatArray, middle: FloatArray, product: FloatArray, total: FloatArray) -> None:
-    """Add Gᵀ M G to a covariance, and keep its diagonal positive in spite of rounding."""
+    """Add Gᵀ M G to a covariance ``total``, and keep its diagonal positive in spite of rounding."""
     size = len(total)
     before = np.empty(size)
     for r in range(size):
@@ -1184,10 +1188,10 @@ def _add_sandwich(gain: FloatArray, middle: FloatArray, product: FloatArray, tot
 def find_poses(
     model: ChainModel, search: Search, z: FloatArray, slip: FloatArray, start: Pose, started: BoolArray, found: Found
 ) -> None:
-    """Find the pose of every frame by Gauss–Newton from its own markers.
+    """Fill ``found`` with the pose of each frame in ``search.order``, by Gauss–Newton from its own markers.
 
-    A hidden marker contributes its displacement ``slip`` (F, M, 3) in its segment's frame. Each frame starts from
-    ``start`` where ``started`` (F, n + 1), otherwise from the frames before.
+    A hidden marker contributes its assumed displacement ``slip`` (F, M, 3), in its segment's frame. The iteration
+    starts from ``start`` where ``started`` (F, n + 1) is true, otherwise from the poses of the frames before.
     """
     n, d, order = len(model.ball), len(search.prior), search.order
     placed, pose, before = _new_placed(n, d), _new_pose(model), _new_pose(model)
@@ -1249,7 +1253,7 @@ def _build_normal_equations(
     a: FloatArray,
     g: FloatArray,
 ) -> bool:
-    """Compute the upper triangle of A and g of a step; return whether a distant marker has a reduced weight."""
+    """Set A (upper triangle), g and ``used`` for a step A⁻¹ g; return whether a distant marker has a reduced weight."""
     d = len(g)
     rows, columns, x, y = np.empty((d, 3)), np.empty(d, dtype=np.int64), np.empty(3), np.empty(3)
     for r in range(d):
@@ -1280,7 +1284,7 @@ def _build_normal_equations(
 def _compute_leverages(
     model: ChainModel, search: Search, placed: Placed, inverse: FloatArray, used: BoolArray, leverage: FloatArray
 ) -> None:
-    """Compute the leverage of each marker: the share of its error that the fitted pose follows."""
+    """Fill ``leverage`` (M,), the fraction of each marker's error that the fitted pose follows; 0 if it is not used."""
     d = len(inverse)
     rows, columns, x = np.empty((d, 3)), np.empty(d, dtype=np.int64), np.empty(3)
     for m in range(len(model.segment)):
