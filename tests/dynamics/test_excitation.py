@@ -99,6 +99,6 @@ def test_descriptions() -> None:
     assert Recommendation("larger", 2, 0.5).describe(joints) == "the hip's movement 1.5 times larger"
     assert (
         Recommendation("faster", 2, 0.5).describe(joints)
-        == "the hip's movement 1.5 times faster, out of step with the others,"
+        == "the hip's movement 1.5 times faster, independently of the other joints,"
     )
     assert Recommendation("alone", 0, 0.5).describe(joints).startswith("the ankle's movement by itself")

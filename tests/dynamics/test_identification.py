@@ -267,7 +267,7 @@ def test_caution_for_weak_excitation() -> None:
     ]
     best = recommend_if_doubtful(prepared, found, told)[told.names.index("I4")]
     assert best is not None
-    assert f"{best.describe(('joint 1', 'joint 2', 'joint 3'))[1:]} would take" in reason.message
+    assert f"{best.describe(('joint 1', 'joint 2', 'joint 3'))[1:]} would reduce" in reason.message
 
 
 def simulated(folder: Path, noise: float) -> tuple[TrialData, dict, dict]:

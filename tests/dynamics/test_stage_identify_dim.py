@@ -141,7 +141,7 @@ def test_a_joint_that_hardly_moves_is_told_with_what_to_do() -> None:
             expected = 100 * advice["sd_ratio"] * base["relative_sd"][i]
             assert f"{base['name'][i]} to {expected:.0f} %" in reason.message
         else:
-            assert "No other movement of these joints would determine" in reason.message
+            assert "No faster or larger movement of these joints would determine" in reason.message
 
 
 def test_what_was_not_fitted_is_not_identifiable_but_the_mass() -> None:

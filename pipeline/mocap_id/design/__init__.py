@@ -1,7 +1,8 @@
-"""Experiment design: which movement to record next so that the parameters are known better.
+"""Experiment design: which movement to record next to determine the parameters more precisely.
 
 Shapes: T samples, n joints, b base parameters, S error modes. Units are SI; rates are in samples per second. A
-covariance is infinite if the movement does not determine the parameters. A docstring describes the arguments
-``predictor``, ``limits``, ``family`` and ``joints`` (names of the joints) only where they differ from the class of this
-name.
+covariance is infinite if the movement does not determine the parameters.
+
+Many docstrings do not describe the arguments ``predictor`` (CovariancePredictor), ``limits`` (MovementLimits),
+``family`` (MovementFamily) and ``joints`` (names of the joints).
 """

@@ -1,7 +1,7 @@
-"""Search for the best movement to record next, among simple changes and movements of all joints.
+"""Search for the best movement to record next: a simple change of the recorded movement, or a new movement.
 
-The search is small and reproducible. It starts from a seed and from the best simple changes, so its result is hardly
-ever worse than the best of these.
+The search tries few movements and is reproducible, because its random numbers have a fixed seed. It also starts from
+the best simple changes, so its result is hardly ever worse than the best of these.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from mocap_id.design.simple_movements import MovementFamily, SimpleMovement, com
 from mocap_id.dynamics.excitation import measure_sizes
 
 HELPS = 0.8
-"""Factor on the objective below which a movement helps. A smaller gain is within the error of the prediction."""
+"""A movement helps if it reduces the objective to this fraction. Less is within the error of the prediction."""
 SMALLER = 0.95
-"""Factor below which a standard deviation counts as smaller. Errors of plate and cameras may hide a smaller gain."""
-_KEPT = 8  # simple changes that are evaluated exactly
-_STARTS_KNOWN = 3  # simple changes from which the search starts too
+"""A standard deviation counts as smaller below this fraction. Errors of plate and cameras may hide a smaller gain."""
+_KEPT = 8  # number of simple changes that are evaluated exactly
+_STARTS_KNOWN = 3  # number of simple changes from which the search also starts
 
 
 @dataclass(frozen=True)
@@ -54,12 +54,15 @@ class ExperimentDesign:
 
     @property
     def best_standalone(self) -> Proposal | None:
-        """The best proposal without any part of the recorded movement, which a robot can follow; None without one."""
+        """The best proposal for a robot, without any part of the recorded movement; None if there is none."""
         return min((each for each in self.proposals if each.standalone), key=lambda each: each.value, default=None)
 
     @property
     def helps(self) -> bool:
-        """Whether the best proposal reduces the objective by a fifth, and at least one standard deviation by 5 %."""
+        """Whether the best proposal reduces the objective by a fifth, and a standard deviation by 5 %.
+
+        The second condition does not apply if the objective is a condition number.
+        """
         if self.best is None or self.best.value >= HELPS * self.value:
             return False
         return self.objective.startswith("condition") or bool(np.any(self.best.predicted.sd < SMALLER * self.now.sd))
@@ -85,7 +88,7 @@ def design_experiment(
     seconds : float, optional
         Duration of the recording, s; by default that of the trial.
     mixed : bool
-        Whether a recording may contain both the trial's own movement and another one; not possible with a chair.
+        Whether half of the recording may repeat the trial's own movement; not possible with a chair.
     seed : int
         Seed of the search's random starts.
     """
@@ -129,7 +132,7 @@ def _identify_kind(each: SimpleMovement) -> object:
 
 
 def _evaluate_exactly(family: MovementFamily, each: SimpleMovement) -> Proposal:
-    """Return a simple change as a proposal, evaluated at the trial's own rate and with its filter."""
+    """Return a simple change as a proposal, evaluated at the rate of the trial and with the filter of the trial."""
     scorer, rate = family.scorer, family.scorer.predictor.own.rate
     if each.change is not None:
         movement = change_movement(scorer.predictor.own, each.change.change, each.change.joint)

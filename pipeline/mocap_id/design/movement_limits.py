@@ -12,7 +12,7 @@ from mocap_id.geometry import planar
 
 _TINY = 1e-9
 _FASTER = 1.5  # allowed speed, relative to the largest observed speed
-_UPRIGHT = 0.9  # quantile of the highest joint's height
+_UPRIGHT = 0.9  # quantile of the highest joint's height above which the body is upright
 _INSIDE = 0.01  # m: least distance of the resting posture's centre of pressure from the edge of the support
 
 
@@ -37,9 +37,9 @@ class MovementLimits:
     def usage(self, movement: Trajectory, wrench: FloatArray, moment_sd: FloatArray | None = None) -> float:
         """Return the largest fraction of any limit that a movement uses; above 1 the movement is not allowed.
 
-        Only fitted samples count, if the movement has them. ``wrench`` (T, 3) is the wrench of the ground, N and N·m.
-        The standard deviation of its moment (T,), N·m, is a margin for the centre of pressure. The result is infinite
-        if the movement has missing samples or lifts the body off the ground.
+        If ``movement.fitted`` is given, only these samples count. ``wrench`` (T, 3) is the wrench of the ground, N and
+        N·m. ``moment_sd`` (T,) is the standard deviation of its moment, N·m, by which the centre of pressure is
+        uncertain. The result is infinite if samples are missing or if the body leaves the ground.
         """
         counted = movement.known if movement.fitted is None else movement.fitted & movement.known
         if not counted.any() or (movement.fitted is None and not counted.all()):
@@ -58,7 +58,7 @@ class MovementLimits:
 
 
 def _compute_support_usage(wrench: FloatArray, moment_sd: FloatArray, support: tuple[float, float]) -> float:
-    """Return the largest distance of the centre of pressure from the support's middle, in half widths."""
+    """Return the largest distance of the centre of pressure from the support's middle, divided by half its width."""
     if np.any(wrench[:, 1] <= 0.0):
         return np.inf
     low, high = support
@@ -90,7 +90,7 @@ def derive_limits(
     widened : float
         Angle by which every joint may exceed its observed range at both ends, rad.
     speed, acceleration : (float, float)
-        Lower and upper bound of the limits, rad/s and rad/s². Between them, the limit is 1.5 (speed) or 2.25
+        Lower and upper bound of the limits, rad/s and rad/s². Between these bounds, the limit is 1.5 (speed) or 2.25
         (acceleration) times the largest observed value. Observed values are always allowed.
     slack : float or None
         Distance by which the centre of pressure may exceed its observed range, m; None for a base that is bolted down.
@@ -116,7 +116,7 @@ def derive_limits(
 
 
 def _compute_limits(values: FloatArray, factor: float, least: float, most: float) -> FloatArray:
-    """Return limits (n,): the largest values of (T, n) times a factor, clipped, but at least the largest values."""
+    """Return limits (n,): ``factor`` times the largest values (T, n), clipped, but at least the largest values."""
     largest = np.abs(values).max(axis=0)
     return np.asarray(np.maximum(largest, np.clip(factor * largest, least, most)))
 
@@ -124,7 +124,7 @@ def _compute_limits(values: FloatArray, factor: float, least: float, most: float
 def find_resting_posture(movement: Trajectory, centres: FloatArray, upright: bool) -> FloatArray:
     """Return the posture (n,) in which a movement starts, rad: the median of the trial's fitted samples.
 
-    ``upright`` uses only the tenth of the samples in which the highest joint is highest.
+    With ``upright``, it is the median of only the tenth of these samples in which the highest joint is highest.
     """
     q = movement.q[movement.known if movement.fitted is None else movement.known & movement.fitted]
     if upright:

@@ -1,8 +1,8 @@
 """Search for the best movement of all joints together within the limits.
 
 The search starts from random movements and from simple ones, each scaled to the limits. The best movement is then
-changed in small random steps as long as it improves. With several joints, a movement may take the whole recording, or
-half of it beside the trial's own movement.
+changed by 60 small random steps; only steps that improve it are kept. With several joints, a movement takes the whole
+recording, or the half of it that follows half of the trial's own movement.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ def search_movement(
 ) -> Proposal | None:
     """Return the best movement of all joints together, or None if the limits allow none.
 
-    ``starts`` are movements to start from in addition to random ones, and whether each takes half of the recording.
+    ``starts`` are movements from which the search also starts. The bool says whether each takes half of the recording.
     """
     sharing = family.mixed and len(family.joints) > 1
     drawn = [(_draw_movement(family, rng), sharing and k % 2 == 1) for k in range(_STARTS)]
@@ -60,7 +60,7 @@ def search_movement(
 
 
 def _evaluate(family: MovementFamily, waves: WaveMovement, shared: bool) -> _Candidate | None:
-    """Return the movement scaled to the limits, with a penalty for joints that hardly rotate; None if impossible."""
+    """Scale a movement to the limits and evaluate it, with a penalty for small rotations; None if none is allowed."""
     scaled = family.fit_to_limits(waves, family.seconds)
     if scaled is None or not np.any(np.abs(scaled.amplitude[:, 0]) >= family.units):
         return None
@@ -73,7 +73,7 @@ def _evaluate(family: MovementFamily, waves: WaveMovement, shared: bool) -> _Can
 
 
 def _draw_movement(family: MovementFamily, rng: np.random.Generator) -> WaveMovement:
-    """Draw a movement between two random postures of each joint, with overtones if nobody has to balance."""
+    """Draw a movement between two random angles of each joint, with overtones if the body need not keep its balance."""
     below, above = family.reaches()
     joints = len(below)
     low, high = -below * rng.uniform(0.0, 1.0, joints), above * rng.uniform(0.0, 1.0, joints)
@@ -92,7 +92,7 @@ def _draw_movement(family: MovementFamily, rng: np.random.Generator) -> WaveMove
 def _change_randomly(
     family: MovementFamily, waves: WaveMovement, rng: np.random.Generator, step: float
 ) -> WaveMovement:
-    """Return the movement changed by a random step; it may exceed the limits."""
+    """Return the movement changed by a random step, which may exceed the limits."""
     below, above = family.reaches()
     room, joints = (below + above) / 2, len(below)
     overtones = np.array([1.0, 0.0 if family.balancing else _OVERTONE])
@@ -107,7 +107,7 @@ def _change_randomly(
 
 
 def _round_to_limits(family: MovementFamily, waves: WaveMovement, shared: bool) -> WaveMovement | None:
-    """Return the movement in whole degrees, half centimetres and 0.01 Hz, shrunk to the limits; None if impossible."""
+    """Round a movement to whole degrees, 5 mm and 0.01 Hz, and scale it down to the limits; None if nothing remains."""
     unit, predictor = family.units, family.scorer.predictor
     for _ in range(_TRIES):
         rounded = replace(

@@ -1,9 +1,9 @@
 """Predicted covariance of the base parameters for a movement that was not recorded.
 
 The chain, the parameters, the noise and the skin model are those of an identified trial; the regressor is computed for
-the other movement. The covariance has three parts: residuals, geometry (joint centres and skin) and plate zero. The
-first two parts are scaled so that the prediction for the trial's own movement equals the identified covariance. The
-derivation is in docs/concepts/predicted-covariance.md.
+the other movement. The covariance has three parts: from the residuals, from the geometry (joint centres and skin) and
+from the error of the plate's zero. The first two parts are scaled so that the prediction for the trial's own movement
+equals the identified covariance. The derivation is in docs/concepts/predicted-covariance.md.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from mocap_id.dynamics.regressor import planar_regressor
 from mocap_id.dynamics.uncertainty import unit_covariance, variance
 
 SAMPLES = 200
-"""Number of samples of a movement from which its variances are computed."""
+"""Approximate number of samples of a movement from which the variances of the parameters are computed."""
 
 
 @dataclass(frozen=True)
@@ -44,7 +44,7 @@ class PredictedUncertainty:
 
 @dataclass(frozen=True)
 class IdentifiedBody:
-    """An identified body, which can perform other movements."""
+    """An identified body, whose wrench can be computed for other movements."""
 
     prepared: PreparedTrial  # the trial in which the body was identified
     result: Identification  # the identified parameters
@@ -66,8 +66,8 @@ class IdentifiedBody:
     def weighted_rows(self, regressor: FloatArray, rate_of_change: FloatArray) -> FloatArray:
         """Return the rows (R, c, b + k + 1) of a fit, weighted as in the fit of the trial.
 
-        ``regressor`` and ``rate_of_change`` (R, 3, b) are the base columns and their time derivative. A clock offset
-        shifts the wrench along its rate of change.
+        ``regressor`` and ``rate_of_change`` (R, 3, b) are the base columns and their time derivative. The last column
+        of the result is the time derivative of the wrench, because a clock offset shifts the wrench in time.
         """
         fit, chosen = self.result.fit, list(self.prepared.settings.components)
         rows, rate = regressor[:, chosen], rate_of_change[:, chosen] @ self.result.base
@@ -77,10 +77,10 @@ class IdentifiedBody:
         return np.asarray(np.concatenate([rows, bias, rate[..., None]], axis=-1) * fit.weights[:, None])
 
     def response(self, states: FloatArray, rows: FloatArray, error: KinematicError) -> FloatArray:
-        """Return the change (b, S) of the parameters with each error mode of the geometry; infinite if undetermined.
+        """Return the change (b, S) of the parameters with each error mode of the geometry.
 
         ``states`` (R, 3, n) are joint angles and their derivatives; ``rows`` (R, c, b + k + 1) are the weighted rows of
-        the fit.
+        the fit. The result is infinite, with S = 1, if the rows do not determine the parameters.
         """
         q, dq, ddq = np.swapaxes(states, 0, 1)
         moved = replace(self.prepared, recorded=replace(self.prepared.recorded, q=q, dq=dq, ddq=ddq))
@@ -123,9 +123,9 @@ class CovariancePredictor:
     ) -> PredictedUncertainty:
         """Predict the uncertainty of the parameters after a movement.
 
-        ``seconds`` is the duration of the fitted samples, by default of all that can be fitted. The variances are
-        computed from a number of samples; fewer are faster. With ``exactly``, the regressor is filtered as in an
-        identification before its condition number is computed, which takes longer.
+        ``seconds`` is the duration of the fitted samples; by default, of all samples that can be fitted. The variances
+        are computed from about ``samples`` samples; a smaller number is faster. With ``exactly``, the condition numbers
+        are those of the filtered regressor, as in an identification, which takes longer.
         """
         fitted = self.find_fitted(movement)
         seconds = float(fitted.sum()) / movement.rate if seconds is None else seconds
@@ -144,7 +144,7 @@ class CovariancePredictor:
         return self._scale_parts(self._compute_parts(movement, fitted, samples), seconds)
 
     def conditions(self, movement: Trajectory, samples: int = SAMPLES) -> tuple[float, float]:
-        """Return condition numbers in SI units and with unit columns, from some samples and without the filter."""
+        """Return the condition numbers of about ``samples`` unfiltered rows, in SI units and with unit columns."""
         chosen = _choose_samples(movement, self.find_fitted(movement), samples)
         if not len(chosen):
             return np.inf, np.inf
@@ -152,14 +152,14 @@ class CovariancePredictor:
         return compute_conditions(rows[:, list(self.body.prepared.settings.components)])
 
     def find_fitted(self, movement: Trajectory) -> BoolArray:
-        """Return the samples (T,) that an identification would fit: with a value, and away from gaps and ends."""
+        """Return a mask (T,) of the samples that an identification would fit, which are away from gaps and ends."""
         if movement.fitted is not None:
             return movement.fitted
         margin = self.body.prepared.lowpass.reach + self.body.prepared.settings.offset_limit
         return erode(movement.known, int(np.ceil(margin * movement.rate)) + 1)
 
     def _compute_parts(self, movement: Trajectory, fitted: BoolArray, samples: int) -> tuple[FloatArray, FloatArray]:
-        """Return the unscaled covariances (b, b) from unit residuals over one second, and from the geometry."""
+        """Return two unscaled covariances (b, b): from unit residuals, for a single sample, and from the geometry."""
         body, chosen = self.body, _choose_samples(movement, fitted, samples)
         three = np.concatenate([chosen - 1, chosen, chosen + 1])
         before, now, after = np.split(body.regressor(movement.q[three], movement.dq[three], movement.ddq[three]), 3)
@@ -203,7 +203,7 @@ def _split_variances(result: Identification) -> tuple[FloatArray, FloatArray, Fl
 
 
 def _choose_samples(movement: Trajectory, fitted: BoolArray, samples: int) -> IntArray:
-    """Return evenly spaced fitted samples whose neighbours have values too."""
+    """Return the indices of about ``samples`` evenly spaced fitted samples whose neighbours also have values."""
     known = movement.known
     inner = fitted & known
     inner[1:-1] &= known[:-2] & known[2:]

@@ -14,8 +14,8 @@ from mocap_id.design.trajectory import Trajectory
 
 Objective: TypeAlias = Literal["intervals", "volume", "condition", "condition-scaled"]
 OBJECTIVES: dict[Objective, str] = {
-    "intervals": "root mean square of the standard deviations by the parameters' sizes (A-optimal)",
-    "volume": "geometric mean of the axes of their joint interval, by the parameters' sizes (D-optimal)",
+    "intervals": "root mean square of the standard deviations, each divided by the parameter's size (A-optimal)",
+    "volume": "geometric mean of the axes of the confidence ellipsoid of these quotients (D-optimal)",
     "condition": "condition number of the regressor in SI units",
     "condition-scaled": "condition number of the regressor with unit columns",
 }
@@ -37,9 +37,10 @@ class Proposal:
 
 
 def compute_objective(objective: Objective, predicted: PredictedUncertainty, size: FloatArray) -> float:
-    """Return the value of the objective, which is to be minimised, for parameters of some sizes (b,), SI.
+    """Return the value of the objective; a smaller value is better.
 
-    It does not include the variance from errors of plate and cameras, which no movement changes.
+    ``size`` (b,) is the size of each parameter, SI. The variance from errors of plate and cameras is not included,
+    because no movement changes it. The value is infinite if the movement does not determine the parameters.
     """
     if objective == "condition":
         return predicted.condition
@@ -78,7 +79,7 @@ class MovementScorer:
         return self.limits.usage(movement, body.wrench(movement), sd)
 
     def quick_value(self, movement: Trajectory, seconds: float | None = None) -> float:
-        """Return the objective from few samples; ``seconds`` as for :meth:`CovariancePredictor.predict`."""
+        """Return the objective, computed from few samples; ``seconds`` as for :meth:`CovariancePredictor.predict`."""
         if self.objective.startswith("condition"):
             return self.predictor.conditions(movement)[self.objective == "condition-scaled"]
         predicted = self.predictor.predict(movement, seconds, samples=_QUICK_SAMPLES, exactly=False)

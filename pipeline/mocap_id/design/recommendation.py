@@ -23,8 +23,8 @@ Change: TypeAlias = Literal["faster", "larger", "alone"]
 
 FACTOR = 1.5
 """Factor by which a movement is made faster or larger."""
-_HELPS = 0.8  # factor on the standard deviation: a smaller reduction is within the error of the prediction
-_QUICK_SAMPLES, _QUICK_ERROR = 40, 1.1  # samples of a first estimate, and the factor by which it may be wrong
+_HELPS = 0.8  # largest ratio of standard deviations: a smaller reduction is within the error of the prediction
+_QUICK_SAMPLES, _QUICK_ERROR = 40, 1.1  # samples of a first estimate, and factor by which this estimate may be wrong
 _RATE = 40.0  # Hz: rate of the samples; movements are below 3 Hz
 
 
@@ -32,8 +32,9 @@ _RATE = 40.0  # Hz: rate of the samples; movements are below 3 Hz
 class Recommendation:
     """A change of the movement that would reduce a parameter's standard deviation."""
 
-    change: Change  # 1.5 times as fast, 1.5 times as far, or half of the time with the other joints at rest
-    joint: int | None  # the joint that moves differently, from 0; None for all joints
+    # faster: 1.5 times as fast; larger: 1.5 times the range; alone: half of the time with the other joints at rest
+    change: Change
+    joint: int | None  # index of the joint whose movement changes, from 0; None for all joints
     ratio: float  # predicted standard deviation for a recording of the same duration, divided by the present one
 
     def describe(self, joints: Sequence[str]) -> str:
@@ -41,7 +42,7 @@ class Recommendation:
         moved = "the whole movement" if self.joint is None else f"the {joints[self.joint]}'s movement"
         if self.change == "alone":
             return f"{moved} by itself for half of the time (the other joints at rest)"
-        step = ", out of step with the others," if self.change == "faster" and self.joint is not None else ""
+        step = ", independently of the other joints," if self.change == "faster" and self.joint is not None else ""
         return f"{moved} {FACTOR:g} times {self.change}{step}"
 
 
@@ -50,7 +51,7 @@ Recommendations: TypeAlias = tuple[Recommendation | None, ...]
 
 
 def recommend_if_doubtful(prepared: PreparedTrial, result: Identification, excited: Excitation) -> Recommendations:
-    """Return recommendations for the parameters in doubt; empty if all are known, because the search is slow."""
+    """Return recommendations for the doubtful parameters; if no parameter is doubtful, return () without a search."""
     if not excited.doubtful:
         return ()
     return recommend_changes(prepared, result, np.array(excited.verdict) != "known")
@@ -59,9 +60,10 @@ def recommend_if_doubtful(prepared: PreparedTrial, result: Identification, excit
 def recommend_changes(
     prepared: PreparedTrial, result: Identification, wanted: BoolArray | None = None
 ) -> Recommendations:
-    """Return for each parameter the change that reduces its standard deviation most; None without a good one.
+    """Return for each parameter the change that reduces its standard deviation most; None if none helps enough.
 
-    A change must reduce it by a fifth. ``wanted`` (b,) selects parameters; by default, changes for all are searched.
+    A change must reduce the standard deviation by a fifth. ``wanted`` (b,) marks the parameters to search for, by
+    default all parameters; the result for the others is None.
     """
     wanted = np.ones(len(result.base), dtype=np.bool_) if wanted is None else wanted
     own = get_recorded_trajectory(prepared.recorded, result.fit.in_fit).thin(_RATE)
@@ -90,15 +92,15 @@ def describe_recommendations(excited: Excitation, recommendations: Recommendatio
         else:
             best.setdefault((each.change, each.joint), []).append((i, each))
     sentences = [
-        f"{_capitalise(group[0][1].describe(joints))} would take "
+        f"{_capitalise(group[0][1].describe(joints))} would reduce the standard deviation of "
         + ", ".join(f"{excited.names[i]} to {100 * each.ratio * excited.relative_sd[i]:.0f} %" for i, each in group)
         + "."
         for group in best.values()
     ]
     if beyond:
         sentences.append(
-            f"No other movement of these joints would determine {', '.join(beyond)} better: the limit is the error of "
-            "the plate's zero, of the joint centres or of the skin."
+            f"No faster or larger movement of these joints would determine {', '.join(beyond)} better, because the "
+            "error of the plate's zero, of the joint centres or of the skin remains."
         )
     return " ".join(sentences)
 
@@ -114,7 +116,7 @@ def _predict_ratios(predictor: CovariancePredictor, movement: Trajectory, sample
 
 
 def list_changes(joints: int) -> list[tuple[Change, int | None]]:
-    """Return the changes to try: of all joints together, then of single joints."""
+    """Return the changes to try, each with the index of its joint or None for all joints together."""
     each: list[tuple[Change, int | None]] = [("faster", None), ("larger", None)]
     if joints > 1:
         each += [(change, joint) for joint in range(joints) for change in ("faster", "larger", "alone")]
@@ -122,7 +124,7 @@ def list_changes(joints: int) -> list[tuple[Change, int | None]]:
 
 
 def change_movement(own: Trajectory, change: Change, joint: int | None) -> Trajectory:
-    """Return the trajectory with one joint, or all joints (None), moved faster, larger or alone.
+    """Return the trajectory in which one joint, or all joints (``joint=None``), move faster, further or alone.
 
     For "alone", every second sample of the recording is replaced by a sample in which only this joint moves.
     """

@@ -1,4 +1,4 @@
-"""Simple movements to compare: the recorded movement faster or larger, one joint alone, or the joints in turn."""
+"""Simple movements: the recorded movement faster or larger, one joint alone, or one joint after the other."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from mocap_id.design.trajectory import Trajectory, concatenate
 from mocap_id.design.wave_movement import WaveMovement, describe_waves, hold_posture, static_centre_of_pressure
 
 FREQUENCIES = (0.2, 0.35, 0.5, 0.7, 1.0)  # Hz
-_SYMMETRIC = 0.4  # ratio of the ranges on both sides above which a joint swings about its rest
+_SYMMETRIC = 0.4  # ratio of the ranges below and above rest from which a joint swings symmetrically about rest
 SWAY = 0.005
 """Step to which the amplitude of a sway is rounded, m."""
 _HALVINGS = 4
-HALF = "half of the recording as it was; in the other half "
+HALF = "for half of the recording, repeat the recorded movement; for the other half, "
 COMPARED = 16.0
-"""Longest duration of a movement that is sampled while many are compared, s."""
+"""Longest part of a movement that is sampled while many movements are compared, s."""
 
 
 @dataclass(frozen=True)
@@ -32,19 +32,19 @@ class SimpleMovement:
     # movements performed one after the other; empty for a change of the trial's own movement
     waves: tuple[WaveMovement, ...] = ()
     shared: bool = False  # whether half of the recording is the trial's own movement
-    seconds: float | None = None  # duration of the fitted samples, s; None for the trajectory's
+    seconds: float | None = None  # duration of the fitted samples, s; None for the duration in `trajectory`
     change: Recommendation | None = None  # the change of the trial's own movement; None for a new movement
 
 
 @dataclass(frozen=True)
 class MovementFamily:
-    """The movements among which the search chooses."""
+    """The movements from which the search chooses."""
 
     scorer: MovementScorer  # evaluation of the movements
     rest: FloatArray  # (n,) posture at both ends, rad
     seconds: float  # duration of the recording, s
     joints: tuple[str, ...]  # names of the joints
-    mixed: bool  # whether a recording may contain both the trial's own movement and another one
+    mixed: bool  # whether half of the recording may repeat the trial's own movement
 
     @property
     def balancing(self) -> bool:
@@ -67,7 +67,7 @@ class MovementFamily:
         return None if low == 0.0 else waves.scale(low)
 
     def reaches(self) -> tuple[FloatArray, FloatArray]:
-        """Return the ranges (n,) of each row of a :class:`WaveMovement` below and above rest, rad or m."""
+        """Return the ranges (n,) below and above rest for each row of a :class:`WaveMovement`, rad (or m: pressure)."""
         limits = self.scorer.limits
         below, above = self.rest - limits.low, limits.high - self.rest
         if self.balancing and limits.support is not None:
@@ -77,7 +77,7 @@ class MovementFamily:
 
     @property
     def units(self) -> FloatArray:
-        """Step (n,) to which each row of a movement is rounded: a degree, or half a centimetre of pressure."""
+        """Step (n,) to which each row of a movement is rounded: 1°, or 5 mm for the centre of pressure."""
         units = np.full(len(self.rest), np.radians(1.0))
         units[0] = SWAY if self.balancing else units[0]
         return units
@@ -119,7 +119,7 @@ def list_simple_movements(family: MovementFamily) -> Iterator[SimpleMovement]:
 
 
 def _change_own_movement(family: MovementFamily) -> Iterator[SimpleMovement]:
-    """Yield the trial's own movement, faster or larger, as far as the limits allow it."""
+    """Yield the trial's own movement made faster or larger, if the limits allow it."""
     predictor = family.scorer.predictor
     own = predictor.own.thin(family.scorer.comparison_rate)
     for change, joint in list_changes(len(family.joints)):
@@ -132,7 +132,7 @@ def _change_own_movement(family: MovementFamily) -> Iterator[SimpleMovement]:
 
 
 def _move_alone(family: MovementFamily, waves: WaveMovement) -> SimpleMovement:
-    """Return a movement of one joint, beside the trial's own movement if there are other joints."""
+    """Return a movement of one joint; if there are other joints, it follows half of the trial's own movement."""
     words, rate = describe_waves(waves, family.joints), family.scorer.comparison_rate
     if len(family.joints) == 1:
         return SimpleMovement(words, compose_trajectory((waves,), family, rate), (waves,))
@@ -154,7 +154,7 @@ def _move_in_turn(family: MovementFamily, singles: Sequence[Sequence[WaveMovemen
 def compose_trajectory(
     waves: Sequence[WaveMovement], family: MovementFamily, rate: float, shared: bool = False
 ) -> Trajectory:
-    """Sample movements one after the other; if ``shared``, after the first half of the trial's own movement."""
+    """Sample several movements in sequence; if ``shared``, they follow the first half of the trial's own movement."""
     predictor = family.scorer.predictor
     seconds = family.seconds / (len(waves) + shared)
     parts = [each.trajectory(predictor.body, seconds, rate) for each in waves]

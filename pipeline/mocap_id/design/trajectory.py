@@ -47,19 +47,19 @@ class Trajectory:
         return self._select(slice(None, None, max(1, int(self.rate / rate + _ROUNDING))))
 
     def cut(self, seconds: float) -> Trajectory:
-        """Return the first ``seconds`` of the movement."""
+        """Return the first part of the movement, which lasts ``seconds``."""
         return self._select(slice(None, max(2, round(seconds * self.rate))))
 
     def _select(self, own: slice) -> Trajectory:
-        """Return some of the samples."""
+        """Return the selected samples as a trajectory."""
         fitted = None if self.fitted is None else self.fitted[own]
         return Trajectory(self.time[own], self.q[own], self.dq[own], self.ddq[own], fitted)
 
     def scale(self, speed: FloatArray, size: FloatArray) -> Trajectory:
-        """Return the movement with the speed and the size of each joint multiplied by factors (n,).
+        """Return the movement with the speed and the range of each joint multiplied by factors (n,).
 
-        The size is changed about the joint's median angle. A joint that is faster than the others runs back and forth
-        through its own recording. If all joints have the same speed, they pass through the recorded postures.
+        ``size`` multiplies the difference of each angle from its median. If the factors of speed differ, each joint
+        moves forwards and backwards through its own recording. If all are equal, only the duration changes.
         """
         time, length = self.time - self.time[0], float(self.time[-1] - self.time[0])
         if np.all(speed == speed[0]):
@@ -81,7 +81,7 @@ class Trajectory:
         return np.asarray(np.nanmedian(self.q if self.fitted is None else self.q[self.fitted], axis=0))
 
     def _interpolate(self, values: FloatArray, clock: FloatArray) -> FloatArray:
-        """Return values (T, n) at times (R, n), which are the seconds from the beginning for each joint."""
+        """Interpolate the values (T, n) at times (R, n), given for each joint in seconds from the beginning."""
         stamped = self.time - self.time[0]
         return np.stack(
             [np.interp(own, stamped, column) for own, column in zip(clock.T, values.T, strict=True)], axis=1

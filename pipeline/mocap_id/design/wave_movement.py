@@ -40,7 +40,7 @@ class WaveMovement:
     def trajectory(self, body: IdentifiedBody, seconds: float, rate: float) -> Trajectory:
         """Return the movement of a body, sampled for a duration (s) at a rate.
 
-        All angles are NaN if a posture cannot keep the balance.
+        The angle of the first joint is NaN in samples in which it cannot keep the balance. No derivative is valid then.
         """
         time = np.arange(round(seconds * rate)) / rate
         angle = 2 * np.pi * np.multiply.outer(time, self.frequency)  # (T, n)
@@ -70,8 +70,8 @@ def balance(body: IdentifiedBody, q: FloatArray, target: FloatArray, near: float
     """Return the angles of the first joint (T,), rad, that move the centre of pressure to a target (T,), m.
 
     All segments above the first joint rotate with it, so the centre of pressure is a constant plus a sine of its angle.
-    The postures ``q`` (T, n) give the other angles. Of the two solutions, the one closer to the angle ``near`` is
-    returned.
+    The postures ``q`` (T, n) give the other angles. Of the two solutions, the one closer to the angle ``near``, rad, is
+    returned; NaN if no angle moves the centre of pressure that far.
     """
     ahead, across = q.copy(), q.copy()
     ahead[:, 0], across[:, 0] = 0.0, np.pi / 2
@@ -119,7 +119,7 @@ def _describe_joint(waves: WaveMovement, joint: int, name: str) -> str:
     middle, first = waves.rest[joint] + waves.centre[joint], abs(float(waves.amplitude[joint, 0]))
     overtone = abs(float(waves.amplitude[joint, 1]))
     ends = f"from {_format_degrees(middle - first)} to {_format_degrees(middle + first)}"
-    second = f", and {_format_degrees(overtone)} at twice that" if overtone >= _LEAST_SWING else ""
+    second = f", and {_format_degrees(overtone)} at twice this frequency" if overtone >= _LEAST_SWING else ""
     return f"swing {add_article(name)} by ±{_format_degrees(first)} ({ends}) at {waves.frequency[joint]:.2f} Hz{second}"
 
 

@@ -2,7 +2,7 @@
 
 Sign convention: all forces are those of the ground (or chair) on the body, not of the body on the plate.
 
-Many functions have these arguments. A docstring describes them only where they differ.
+Many functions have these arguments. A docstring describes an argument only if it differs from this list.
 
 positions : (F, M, 3) array
     Markers, lab axes with Z up, m; NaN where not visible.

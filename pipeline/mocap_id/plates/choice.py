@@ -18,14 +18,14 @@ from mocap_id.recording.resampling import PlateSamples
 Use: TypeAlias = Literal["feet", "seat", "unloaded", "ignored"]
 
 _OFFSET_SHARE = 0.05
-"""A plate is unloaded if its force is less than this share of the force of the most loaded plate."""
+"""A plate is unloaded if its force is less than this fraction of the force of the most loaded plate."""
 
 _STEADY = 0.05
-"""Share of the decrease of the load when the person stands up. Afterwards, the force of an empty chair varies by less
-than this, and the force under the feet by more.
+"""Fraction of the decrease of the load when the person stands up. While the person stands, the force under an empty
+chair varies by less than this, and the force under the feet by more.
 """
 
-_CONFIGURED = "by the configuration"
+_CONFIGURED = "set in the configuration"
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class PlateChoice:
         return tuple(i for i, each in enumerate(self.uses) if each == use)
 
     def facts(self, plates: Sequence[Plate]) -> list[dict[str, Any]]:
-        """Return one dictionary for each plate for the JSON facts: index, kind, use, mean_vertical_N and why."""
+        """Return the JSON facts: one dictionary for each plate, with index, kind, use, mean_vertical_N and why."""
         return [
             {
                 "index": plate.index,
@@ -64,10 +64,10 @@ def choose_plates(
 ) -> PlateChoice:
     """Determine for each plate whether it is under the feet, under a chair or unloaded.
 
-    A plate is unloaded if its force stays below 20 N, or below 5 % of the force of the most loaded plate. A plate under
-    a chair is loaded while the body is low. When the person stands, its load drops to less than half, or to a constant
-    value, which is the weight of the chair. All other loaded plates are under the feet. If no plate is under the feet,
-    no plate counts as under a chair. The configuration has priority over these rules.
+    A plate is unloaded if its force stays below 20 N, or below 5 % of the force of the most loaded plate. A plate is
+    under a chair if its load decreases when the person stands up: to less than half of the load while the body is low,
+    or to a constant value, the weight of the chair. All other loaded plates are under the feet. If all loaded plates
+    seem to be under a chair, they count as under the feet. The configuration has priority over these rules.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def choose_plates(
     Raises
     ------
     ConfigError
-        The configuration names a plate that does not exist, or a plate twice.
+        The configuration names a plate that does not exist, or names a plate under both `feet` and `seat`.
     """
     _check_configured_plates(plates, feet, seat)
     tall, low = find_upright(positions)
@@ -93,22 +93,22 @@ def choose_plates(
             chosen.append(("ignored", plate.problem or "it has no valid sample in these frames"))
         elif _measure_peak(each) >= threshold and _is_constant(each):
             constant = each.force[each.ok, 2][0]
-            chosen.append(("ignored", f"it reads the same {constant:.0f} N throughout: not connected, or saturated"))
+            chosen.append(("ignored", f"it reads {constant:.0f} N in every sample: it is not connected or saturated"))
         elif plate.index in feet and _measure_peak(each) < LOADED_N:
-            chosen.append(("unloaded", f"named under `feet`, but its load stays under {LOADED_N:.0f} N"))
+            chosen.append(("unloaded", f"it is named under `feet`, but its load is below {LOADED_N:.0f} N"))
         elif feet or seat:
             use: Use = "feet" if plate.index in feet else "seat" if plate.index in seat else "ignored"
             chosen.append((use, _CONFIGURED))
         else:
             chosen.append(_classify(each, tall, low, threshold))
     if not any(use == "feet" for use, _ in chosen) and not (feet or seat):
-        # without a plate under the feet there is no chair: this is a jump or walking
+        # without a plate under the feet there is no chair: the movement is a jump or a walk
         chosen = [("feet", "it is loaded") if use == "seat" else (use, why) for use, why in chosen]
     return PlateChoice(tuple(use for use, _ in chosen), loads, tuple(why for _, why in chosen))
 
 
 def find_contradictions(samples: Sequence[PlateSamples], choice: PlateChoice, positions: FloatArray) -> dict[int, str]:
-    """Return the plates whose load contradicts their use in the configuration, with a description.
+    """Return a description of each contradiction between a plate's load and its use in the configuration.
 
     The keys are the indices of the plates (from 0). ``choice`` is the result of :func:`choose_plates`.
     """
@@ -129,7 +129,7 @@ def find_contradictions(samples: Sequence[PlateSamples], choice: PlateChoice, po
 
 
 def _is_constant(samples: PlateSamples) -> bool:
-    """Return whether the load is constant. Every loaded plate that works has noise."""
+    """Return whether the load is constant, which shows a fault: every loaded plate that works has noise."""
     vertical = samples.force[samples.ok, 2]
     return bool(np.ptp(vertical) <= 1e-6 * np.max(np.abs(vertical)))
 
@@ -146,19 +146,19 @@ def _check_configured_plates(plates: Sequence[Plate], feet: Collection[int], sea
 
 
 def _classify(samples: PlateSamples, tall: BoolArray, low: BoolArray, threshold: float) -> tuple[Use, str]:
-    """Return the use of a plate, and the reason, from its load while the body is tall and while it is low."""
+    """Return the use of a plate and the reason, from its load while the body stands (``tall``) and while it is low."""
     vertical = samples.force[:, 2]
     if _measure_peak(samples) < threshold:
-        return "unloaded", f"its load stays at {_measure_peak(samples):.0f} N"
+        return "unloaded", f"its load is only {_measure_peak(samples):.0f} N"
     standing, seated = _average_force(vertical, samples.ok & tall), _average_force(vertical, samples.ok & low)
     if np.isfinite(standing) and np.isfinite(seated):
         if seated > threshold and standing < seated / 2:
-            return "seat", f"{seated:.0f} N while the body is low, {standing:.0f} N while it stands"
+            return "seat", f"{seated:.0f} N while the body is low, but {standing:.0f} N while the person stands"
         decrease = _measure_load(samples, tall) - standing
         if decrease > threshold and _measure_range(samples, tall) < _STEADY * decrease:
-            before = f"up to {standing + decrease:.0f} N before the body stands"
-            return "seat", f"{before}, a constant {standing:.0f} N while it stands"
-    return "feet", "it stays loaded while the body stands" if np.isfinite(seated) else "it is loaded"
+            before = f"up to {standing + decrease:.0f} N before the person stands"
+            return "seat", f"{before}, but a constant {standing:.0f} N afterwards"
+    return "feet", "it stays loaded while the person stands" if np.isfinite(seated) else "it is loaded"
 
 
 def _compute_threshold(samples: Sequence[PlateSamples]) -> float:

@@ -15,10 +15,10 @@ from scipy.optimize import nnls
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 
 _STEP_S = 0.1
-"""Accelerations are second differences over this time."""
+"""Time step of the second differences that give the accelerations."""
 
 _MIN_SHARE = 0.6
-"""Share of the usual load. At a smaller load, a chair, for example, may also exert a horizontal force."""
+"""Fraction of the usual load. If the load is smaller, a chair, for example, may also exert a horizontal force."""
 
 _ANGLES = tuple(np.radians(np.arange(-175, 181, 5)).tolist())
 _MIN_TOTAL_S = 1.0
@@ -36,9 +36,9 @@ class ForceDirection:
 def compare_directions(force: FloatArray, positions: FloatArray, rate: float) -> ForceDirection | None:
     """Compare the direction of a horizontal force with the direction of the body's acceleration.
 
-    The second difference of a position over a step h is the acceleration averaged over ± h with triangular weights. The
-    force (F, 3) on the body, lab axes, N, is averaged with the same weights. The result is None if there are too few
-    samples.
+    ``force`` (F, 3) is the force on the body, lab axes, N. It is averaged over ± h with triangular weights, because the
+    second difference of a position over a step h is the acceleration averaged with these weights. The result is None if
+    there are too few samples.
     """
     half, groups = max(1, round(_STEP_S * rate)), _group_by_height(positions)
     if len(positions) < 4 * half or not groups or not np.isfinite(force).any():
@@ -56,7 +56,7 @@ def compare_directions(force: FloatArray, positions: FloatArray, rate: float) ->
 
 
 def average_markers(values: FloatArray) -> FloatArray:
-    """Return the mean (F, 3) over the visible markers of (F, M, 3) values; NaN if none is visible."""
+    """Return the mean (F, 3) of values (F, M, 3) over the visible markers; NaN in frames without a visible marker."""
     known: BoolArray = np.asarray(np.isfinite(values).all(axis=2))
     count = known.sum(axis=1)
     total = np.where(known[..., None], values, 0.0).sum(axis=1)
@@ -70,7 +70,7 @@ def _average_triangular(values: FloatArray, half: int) -> FloatArray:
 
 
 def _group_by_height(positions: FloatArray) -> Sequence[IntArray]:
-    """Return the indices of the markers in each third of the body's height, without empty thirds."""
+    """Return the indices of the markers in each third of the body's height; thirds without markers are left out."""
     height = np.array([np.median(z[np.isfinite(z)]) if np.isfinite(z).any() else np.nan for z in positions[:, :, 2].T])
     if not np.isfinite(height).any():
         return []
@@ -81,7 +81,7 @@ def _group_by_height(positions: FloatArray) -> Sequence[IntArray]:
 
 
 def _fit_rotation(measured: FloatArray, parts: FloatArray) -> ForceDirection:
-    """Return the rotation of the accelerations (k, T, 2) that best explains the force (T, 2), each minus its mean."""
+    """Find the rotation of accelerations ``parts`` (k, T, 2) that best explains a force (T, 2), without the means."""
     measured, parts = measured - measured.mean(axis=0), parts - parts.mean(axis=1, keepdims=True)
     size = float(np.linalg.norm(measured))
     residual, angle = min((_compute_residual(measured, parts, angle), angle) for angle in _ANGLES)
@@ -90,7 +90,7 @@ def _fit_rotation(measured: FloatArray, parts: FloatArray) -> ForceDirection:
 
 
 def _compute_residual(measured: FloatArray, parts: FloatArray, angle: float) -> float:
-    """Return the norm of the residual of the force (T, 2) after a fit of masses to rotated accelerations (k, T, 2)."""
+    """Return the norm of the force (T, 2) minus fitted masses times rotated accelerations ``parts`` (k, T, 2)."""
     c, s = np.cos(angle), np.sin(angle)
     rows = (parts @ np.array([[c, s], [-s, c]])).reshape(len(parts), -1).T
     return float(nnls(rows, measured.reshape(-1))[1])

@@ -16,16 +16,16 @@ _LOW_M = 0.15
 """Markers on toes, heels and ankles are at most this much higher than the lowest marker."""
 
 _LEG_M, _BESIDE_M = 0.6, 0.25
-"""Above a foot, up to the first height, there is a marker of the leg within the second, horizontal distance."""
+"""A marker of the leg is above the foot: it is at most the first length higher, and horizontally within the second."""
 
 _NEIGHBOUR_M = (0.2, 0.175, 0.15, 0.125)
-"""Largest distances between neighbouring markers of a foot. The smaller ones separate feet that are close together."""
+"""Largest distances between neighbouring markers of a foot, tried in turn: small ones separate feet close together."""
 
 _MIN_MARKERS = 2
 """Minimum number of markers of a foot: one marker gives neither its length nor its direction."""
 
 _FRAMES = 20_000
-"""Largest number of frames over which positions are averaged; more frames only need more memory."""
+"""Largest number of frames over which positions are averaged; more frames would only need more memory."""
 
 _DIRECTIONS = np.stack([np.cos(np.radians(np.arange(0, 360, 2))), np.sin(np.radians(np.arange(0, 360, 2)))])
 
@@ -33,16 +33,17 @@ _DIRECTIONS = np.stack([np.cos(np.radians(np.arange(0, 360, 2))), np.sin(np.radi
 def find_standing_feet(
     positions: FloatArray, samples: BoolArray, surface: float | None, count: int
 ) -> list[FloatArray]:
-    """Return the marker positions (K, 3) of each foot that stands still under a leg, m, as means over some samples.
+    """Return the mean marker positions (K, 3), m, of each foot that stands still under a leg.
 
     Parameters
     ----------
     samples : (F,) bool array
-        Frames to consider.
+        Frames to average over.
     surface : float or None
         Height of the plates' surface, m, to exclude the markers on it; None if it is not known.
     count : int
-        Number of feet to look for. Markers are separated into smaller groups until there are at least this many.
+        Number of feet to look for. Markers are separated into smaller groups until at least this many feet are found.
+        If there are fewer feet, the result contains these.
     """
     chosen = np.flatnonzero(samples)
     considered = positions[chosen[:: -(-len(chosen) // _FRAMES) or 1]]
@@ -99,7 +100,7 @@ def measure_length(outline: FloatArray) -> float:
 
 
 def _group_neighbours(points: FloatArray, reach: float) -> list[IntArray]:
-    """Return the indices of the points (K, 2) of each group that is connected by steps of at most ``reach``, m."""
+    """Return the indices of the points in each group of points (K, 2) with neighbours at most ``reach``, m, apart."""
     near = np.linalg.norm(points[:, None] - points[None], axis=-1) <= reach
     for _ in range(len(points)):
         near = near @ near
@@ -107,7 +108,7 @@ def _group_neighbours(points: FloatArray, reach: float) -> list[IntArray]:
 
 
 def _is_under_leg(foot: FloatArray, legs: FloatArray) -> bool:
-    """Return whether a marker of a leg is close to the foot in the horizontal plane."""
+    """Return whether the horizontal distance of a marker of the legs (L, 3) from the foot (K, 3) is small."""
     if not len(legs):
         return False
     away = np.linalg.norm(legs[:, None, :2] - foot[None, :, :2], axis=-1)

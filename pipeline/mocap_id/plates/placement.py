@@ -23,8 +23,8 @@ from mocap_id.recording.plate_types import compute_plate_axes
 from mocap_id.recording.resampling import PlateSamples
 
 _MIN_FORCE_N, _MIN_SHARE = 50.0, 0.25
-"""Minimum force of a sample, in N and as a share of the peak force. At smaller forces the centre of pressure is too
-noisy.
+"""Minimum force of a sample, in N and as a fraction of the peak force. If the force is smaller, the centre of pressure
+is too noisy.
 """
 
 _PERCENTILE = 90.0
@@ -45,16 +45,16 @@ _TWO_FEET_M = 0.25
 """Least length of the markers of two feet that are so close together that their markers form one group."""
 
 _WHOLE_WEIGHT = 0.75
-"""If the plates carry this share of the standing weight while the body is low, a chair may stand on them."""
+"""Fraction of the standing weight. If the plates carry more while the body is low, a chair may stand on them."""
 
 _STEP_S = 0.1
-"""Speeds are differences over this time to either side."""
+"""A speed is the difference between the positions this time before and after a sample, divided by twice this time."""
 
 _SWAY_M_S = 0.03
 """Largest speed of the markers' mean while a person stands still."""
 
 _PAUSE_S = 0.5
-"""Shortest pause. In a shorter pause, the mean acceleration may differ from zero."""
+"""Shortest time of standing still. In a shorter time, the mean acceleration may differ from zero."""
 
 _MIN_TOTAL_S = 1.0
 
@@ -67,12 +67,12 @@ class PlatePlacement:
     # 90th percentile of the distance of the centre of pressure from the outline of the feet, m, negative inside; None
     # if it cannot be determined
     off_feet: float | None
-    unknown: str | None  # the reason why `off_feet` is None
+    unknown: str | None  # the reason why `off_feet` is None; None if `off_feet` has a value
     allowance: float  # length by which the outline of the markers may be shorter than the foot, m
     # height of the lowest foot marker above the surface of the plate, m; None without foot markers or corners
     over_surface: float | None
     normal: FloatArray | None  # (3,) upward normal of the surface in lab axes; None if the file has no corners
-    load: float  # mean vertical force over the loaded samples, N
+    load: float  # mean vertical force over the samples in which only feet load the plate, N; 0 without such samples
 
     @property
     def inclined(self) -> float | None:
@@ -86,7 +86,7 @@ def compare_with_feet(
     """Compare every plate under the feet with the markers of the feet.
 
     If there are as many feet as plates, each plate is compared with a different foot, otherwise with all feet together.
-    ``samples`` are the wrenches of the plates at the marker times.
+    The result has one entry for each plate.
     """
     surfaces = [plate.centre[2] for plate in plates if plate.centre is not None]
     loaded = _find_samples_on_feet(positions, samples)
@@ -131,10 +131,10 @@ def compare_with_feet(
 
 
 def _find_samples_on_feet(positions: FloatArray, samples: Sequence[PlateSamples]) -> list[BoolArray]:
-    """Return for each plate the samples (F,) in which only feet load it.
+    """Return for each plate a mask (F,) of the samples in which only feet load it.
 
-    These are all loaded samples. If the plates carry the whole weight while the body is low, a chair may stand on them;
-    then only samples of the standing person are returned.
+    These are all loaded samples. But if the plates carry the whole weight while the body is low, a chair may stand on
+    them; then they are only the loaded samples in which the person stands.
     """
     loaded = [_find_loaded(each) for each in samples]
     tall, low = find_upright(positions)
@@ -145,21 +145,22 @@ def _find_samples_on_feet(positions: FloatArray, samples: Sequence[PlateSamples]
 
 
 def _explain_missing_outline(feet: Sequence[FloatArray]) -> str | None:
-    """Return why the markers (K, 3) of the feet do not give an outline of the soles; None if they do."""
+    """Return why the markers (K, 3) of the feet do not give an outline of the soles; None if they give one."""
     if not feet:
         return "no foot with two markers stands still"
     if min(measure_length(foot[:, :2]) for foot in feet) < (_BOTH_ENDS_M if len(feet) > 1 else _TWO_FEET_M):
-        return "the markers show one foot alone, or not both ends of each foot"
+        return "the markers are on one foot alone, or not on both ends of each foot"
     if measure_width(np.concatenate(feet)[:, :2]) < _BOTH_ENDS_M:
-        return "the markers show one foot alone, or one end of the feet"
+        return "the markers are on one foot alone, or on only one end of the feet"
     return None
 
 
 def measure_lean(force: FloatArray, positions: FloatArray, rate: float) -> FloatArray | None:
-    """Return the angles (2,) between the vertical and the mean ground force on the person who stands still, rad.
+    """Return the angles (2,), rad, between the vertical and the mean ground force while the person stands still.
 
-    The angles are along the lab's X and Y. The force (F, 3) is the total of the plates under the feet, lab axes, N. The
-    result is None if the person stands still for less than a second in total.
+    They are positive if the force is inclined towards +X and +Y of the lab. ``force`` (F, 3) is the total force of the
+    plates under the feet, lab axes, N. The result is None if the person stands still for less than a second in total,
+    or if the plates carry no weight then.
     """
     half = max(1, round(_STEP_S * rate))
     if len(positions) <= 2 * half:
@@ -176,7 +177,7 @@ def measure_lean(force: FloatArray, positions: FloatArray, rate: float) -> Float
 
 
 def _keep_long_runs(flags: BoolArray, least: int) -> BoolArray:
-    """Return the flags without runs that are shorter than ``least`` samples."""
+    """Return a copy of the flags (F,) in which all runs of fewer than ``least`` samples are False."""
     kept = np.zeros(len(flags), bool)
     for run in find_runs(flags):
         kept[run] = run.stop - run.start >= least
@@ -184,13 +185,13 @@ def _keep_long_runs(flags: BoolArray, least: int) -> BoolArray:
 
 
 def _find_loaded(samples: PlateSamples) -> BoolArray:
-    """Return the samples (F,) whose vertical force is large enough for a centre of pressure."""
+    """Return a mask (F,) of the samples whose vertical force is large enough for a centre of pressure."""
     vertical = np.where(samples.ok, samples.force[:, 2], 0.0)
     return np.asarray(vertical > max(_MIN_FORCE_N, _MIN_SHARE * float(np.percentile(vertical, 95))))
 
 
 def _measure_distance(outline: FloatArray, plate: Plate, samples: PlateSamples, loaded: BoolArray) -> float:
-    """Return the distance of the centre of pressure from an outline (K, 3), m, negative inside; NaN without load."""
+    """Return the 90th percentile of the centre of pressure's distance from an outline (K, 3), m; NaN without load."""
     if not loaded.any():
         return float("nan")
     centres = compute_centre_of_pressure(plate, samples)[loaded]
@@ -198,6 +199,6 @@ def _measure_distance(outline: FloatArray, plate: Plate, samples: PlateSamples, 
 
 
 def _measure_shortfall(feet: Sequence[FloatArray], width: float = 0.0) -> float:
-    """Return the length by which the markers (K, 3) of feet may be shorter or narrower than the soles, m."""
+    """Return how much shorter than a foot or narrower than ``width`` the outline of the markers (K, 3) is, m, or 0."""
     length = max(measure_length(foot[:, :2]) for foot in feet)
     return max(0.0, _FOOT_M - length, width - measure_width(np.concatenate(feet)[:, :2]))

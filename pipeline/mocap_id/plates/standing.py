@@ -18,14 +18,14 @@ _STILL_M_S = 0.02
 """Largest vertical speed of a person who stands nearly still."""
 
 _SPEED_OVER_S = 0.1
-"""Speeds are differences over this time to either side, to suppress marker noise."""
+"""A speed is the difference between heights this time before and after a sample. A shorter time gives more noise."""
 
 _MIN_TOTAL_S = 0.2
 
 _MIN_MASS_KG = 2.0
 
 _UNLOADED = 0.2
-"""Share of the standing weight. An upright person always loads the plates more, except in a jump."""
+"""Fraction of the standing weight. An upright person always loads the plates more, except in a jump."""
 
 _MIN_DROPOUT_S = 0.6
 """Minimum duration of a drop-out. The flight of a jump is always shorter."""
@@ -35,15 +35,15 @@ _MIN_DROPOUT_S = 0.6
 class EmptyChairReading:
     """Reading of the plates under an empty chair, including the weight of the chair."""
 
-    reading: FloatArray | None  # (3,) median (Fx, Fy, tauz), N and N·m; None if the chair is never known to be empty
-    spread: FloatArray | None  # (3,) standard deviation of the samples of this median, N and N·m
+    reading: FloatArray | None  # (3,) median (Fx, Fy, tauz), N and N·m; None if the person never stands long enough
+    spread: FloatArray | None  # (3,) standard deviation of the samples of this median, N and N·m; None if not measured
 
 
 def weigh_person(positions: FloatArray, rate: float, vertical: FloatArray) -> tuple[float | None, str | None]:
-    """Return the mass of the person, kg, and None; or None and the reason why there is no estimate.
+    """Return the mass of the person, kg, and None; or None and the reason why the mass cannot be estimated.
 
-    The mass follows from the upward force under the feet, ``vertical`` (F,), N, while the person stands still. The load
-    alone does not distinguish standing from sitting, so the markers must also show that the person stands.
+    ``vertical`` (F,) is the upward force under the feet, N. While the person stands still, it is the weight. The force
+    alone does not distinguish standing from sitting, so the positions of the markers are checked too.
     """
     tall, _ = find_upright(positions)
     half = min(max(1, round(_SPEED_OVER_S * rate)), (len(positions) - 1) // 2)
@@ -56,18 +56,19 @@ def weigh_person(positions: FloatArray, rate: float, vertical: FloatArray) -> tu
         return None, "the person never stands still on the plates"
     if not shows_standing(positions, still):
         return None, (
-            "the markers do not show that the person stands: where the body is highest and still, they are as broad as "
-            "those of a seated person or lie in a line; a chair may carry part of the weight"
+            "it is not certain that the person stands: while the body is highest and still, the markers are spread as "
+            "widely as on a seated person, or lie in a line; a chair may carry part of the weight"
         )
     mass = float(np.median(vertical[still])) / GRAVITY
     return (mass, None) if mass > _MIN_MASS_KG else (None, "the plates carry no weight while the person stands")
 
 
 def find_dropouts(vertical: FloatArray, tall: BoolArray, rate: float, weight: float) -> BoolArray:
-    """Return the samples (F,) at which the plates are unloaded although the person stands, as after a loose cable.
+    """Return a mask (F,) of drop-outs: samples in which the plates are unloaded although the person stands.
 
     ``vertical`` (F,) is the total upward force of the plates under the feet, and ``weight`` this force while the person
-    stands, N. ``tall`` (F,) marks samples in which the person stands upright.
+    stands, N. ``tall`` (F,) marks the samples in which the person is upright. A loose cable, for example, causes
+    drop-outs.
     """
     with np.errstate(invalid="ignore"):
         unloaded = vertical < _UNLOADED * weight
@@ -82,8 +83,8 @@ def measure_empty_chair(
 ) -> EmptyChairReading:
     """Measure the reading of the plates under the empty chair, to be subtracted from the wrench of the chair.
 
-    The plate may have been zeroed with or without the chair on it. While the person stands, the chair is empty, so the
-    reading is the median over these samples.
+    The reading is not zero if the plate was zeroed without the chair. It is the median over the samples in which the
+    person stands, because the chair is then empty.
 
     Parameters
     ----------
@@ -92,7 +93,7 @@ def measure_empty_chair(
     ok : (F,) bool array
         Whether each sample has a value.
     rule : {"standing", "none"}
-        ``none`` if the plate was zeroed with the chair on it: the reading is then zero.
+        ``none`` takes the reading as zero, because the plate was zeroed with the chair on it; ``standing`` measures it.
     """
     if rule == "none":
         return EmptyChairReading(np.zeros(3), None)
