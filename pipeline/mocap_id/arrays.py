@@ -35,7 +35,10 @@ def find_runs(flags: BoolArray) -> list[slice]:
 
 
 def interpolate_gaps(series: FloatArray) -> FloatArray:
-    """Return columns (K, n) with missing samples interpolated linearly; zero for a column that is always missing."""
+    """Return ``series`` (K, n) with missing samples (NaN) interpolated linearly in each column.
+
+    The nearest sample is repeated before the first and after the last. A column without any sample becomes zero.
+    """
     every, filled = np.arange(len(series)), np.zeros(series.shape)
     for k, values in enumerate(series.T):
         known = np.isfinite(values)
@@ -50,10 +53,10 @@ def is_time_axis(time: FloatArray) -> bool:
 
 
 def as_complex(points: FloatArray) -> ComplexArray:
-    """Return points (..., 2) as complex numbers x + iy (...)."""
+    """Return points (x, y) of shape (..., 2) as complex numbers x + iy of shape (...)."""
     return np.ascontiguousarray(points, dtype=np.float64).view(np.complex128)[..., 0]
 
 
 def as_xy(points: ComplexArray) -> FloatArray:
-    """Return the coordinates (..., 2) of points given as complex numbers (...)."""
+    """Return the coordinates (x, y), shape (..., 2), of points given as complex numbers x + iy of shape (...)."""
     return np.stack([points.real, points.imag], axis=-1)

@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import BinaryIO
 
 LARGEST = 4 << 30
-"""Bytes. No recording is this large, and a sparse file of this size would keep a run busy for hours."""
+"""Largest size of a file, bytes. No recording is this large, and a sparse file of this size would keep a run busy for
+hours."""
 
 _KINDS = (
     (stat.S_ISFIFO, "it is a pipe"),

@@ -11,7 +11,7 @@ Level = Literal["ok", "caution", "refused"]
 
 @dataclass(frozen=True)
 class Reason:
-    """One finding that the user of a trial should know.
+    """A finding about a trial that the user should know.
 
     ``code`` is a short permanent name, such as ``segments-unsure``. ``message`` says what was found, what was expected
     and what to do. ``value`` and ``limit`` are the measured number and its limit. A reason of the level ``ok`` is
@@ -30,11 +30,11 @@ class Reason:
 
     @classmethod
     def from_dict(cls, data: Mapping[str, Any]) -> Reason:
-        """Return the reason with these fields."""
+        """Return the reason with the fields in ``data``, as from :meth:`as_dict`."""
         return cls(**data)
 
 
 def overall(reasons: Iterable[Reason]) -> Level:
-    """Return the level of the verdict, which is the most severe level of its reasons."""
+    """Return the level of the verdict: the most severe level of its reasons, or ``ok`` if there are none."""
     order: tuple[Level, ...] = ("ok", "caution", "refused")
     return max((reason.level for reason in reasons), key=order.index, default="ok")

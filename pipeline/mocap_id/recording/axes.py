@@ -19,7 +19,7 @@ def parse_axis(text: str) -> str | None:
 
 
 def check_axis(vertical: str) -> str:
-    """Return the name of the upward axis in the user's ``vertical``; ConfigError if it is not an axis."""
+    """Return the axis name of the user's setting ``vertical``; raise ConfigError if it is not an axis."""
     axis = parse_axis(vertical)
     if axis is None:
         raise ConfigError(f"vertical: {vertical!r} is not an axis; expected X, Y or Z, with a minus if it points down")
@@ -27,10 +27,11 @@ def check_axis(vertical: str) -> str:
 
 
 def choose_vertical(force: FloatArray | None, configured: str | None, assumed: str, oddities: list[str]) -> str:
-    """Return the upward axis of a file without one: configured, or along the mean ground force, or ``assumed``.
+    """Return the upward axis of a file that declares none: ``configured``, or along the ground force, or ``assumed``.
 
-    ``force`` (3,) is the mean ground force in the axes of the file, None without plates. A note is added to
-    ``oddities`` if the axis is assumed or contradicts the force.
+    ``configured`` is the user's setting and has priority. ``force`` (3,) is the mean ground force in the axes of the
+    file; it is None if there are no plates. A note is added to ``oddities`` if the axis is assumed or contradicts the
+    force.
     """
     axis = None if force is None or not np.any(force) else nearest_axis(force, 0.9)
     along = None if axis is None else axis.lstrip("-")
@@ -49,7 +50,7 @@ def choose_vertical(force: FloatArray | None, configured: str | None, assumed: s
 
 
 def axis_vector(axis: str) -> FloatArray:
-    """Return the unit vector (3,) of an axis name, in the frame of the file."""
+    """Return the unit vector (3,) of an axis name such as ``"-Y"``, in the axes of the file."""
     vector = np.zeros(3)
     vector[AXES.index(axis[-1])] = -1.0 if axis.startswith("-") else 1.0
     return vector
@@ -74,9 +75,9 @@ def to_z_up(axis: str) -> FloatArray:
 
 
 def nearest_axis(vector: FloatArray, least_cosine: float = 0.95) -> str | None:
-    """Return the signed axis that is nearly parallel to a vector (3,); None if there is none.
+    """Return the name of the axis, with its sign, that is nearly parallel to a vector (3,); None if no axis is.
 
-    ``least_cosine`` is the cosine of the largest accepted angle between vector and axis.
+    ``least_cosine`` is the cosine of the largest accepted angle between the vector and the axis.
     """
     length = float(np.linalg.norm(vector))
     if not np.isfinite(length) or length == 0.0:

@@ -14,7 +14,7 @@ from mocap_id.recording.text_tables import read_csv
 TIME, CELLS = "time_s", ("tl_kg", "tr_kg", "bl_kg", "br_kg")
 LOAD = "load_kg"
 CELLS_BELOW_SURFACE_M = 0.053
-"""Depth of the cells below the surface on which the person stands."""
+"""Depth of the cells below the surface on which the person stands, m."""
 
 _GRAVITY = 9.81
 _WIDTH_M, _DEPTH_M = 0.433, 0.238  # distances of the cells, left to right and bottom to top
@@ -34,7 +34,7 @@ class BoardLog:
 
     start: float  # time of the first sample, s
     rate: float  # samples per second
-    force: FloatArray  # (K,) downward load, N
+    force: FloatArray  # (K,) downward load, N; NaN where ``ok`` is False
     moment: FloatArray  # (K, 2) load times its distance to the right of the board's centre, and towards its top, N·m
     ok: BoolArray  # (K,) whether the log has samples near each time
     averaged: float  # width of the moving average that smooths as much as the resampling, s
@@ -50,9 +50,9 @@ def read_board(path: Path, loads: Path | None = None) -> BoardLog:
     averaged. Each new sample is then the mean over a short window around its time, as in SWARII (Audiffren & Contal
     2016).
 
-    The calibration file ``loads`` contains the same cells and ``load_kg``, a row for each known load
-    (:func:`calibrate_cells`). Raises RecordingError if a file is missing, has another format or too few rows, or its
-    times go backwards.
+    If a calibration file ``loads`` is given, the readings are corrected with :func:`calibrate_cells`. It contains the
+    columns of the cells and ``load_kg``, with a row for each known load. Raises RecordingError if a file is missing,
+    has another format or too few rows, or its times go backwards.
     """
     values = _read_columns(path, TIME)
     values = values[np.isfinite(values).all(axis=1)]
@@ -78,8 +78,8 @@ def calibrate_cells(values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the gain (4,) and the zero (4,) of each cell, so that its load is ``gain * (reading - zero)``, kg.
 
     ``values`` (L, 5) are L known loads, each with the readings of the four cells, kg. Rows with a load of 0 give the
-    zeros. The gains are the values nearest to 1 with which the cells add up to the loads. Put the load near each cell
-    in turn, so that the four gains differ.
+    zeros. The gains are the values nearest to 1 with which the loads of the cells add up to the known loads. The load
+    must be put near each cell in turn, because otherwise the four gains cannot be determined separately.
 
     Examples
     --------
@@ -97,7 +97,7 @@ def calibrate_cells(values: FloatArray) -> tuple[FloatArray, FloatArray]:
 
 
 def _read_columns(path: Path, first: str) -> FloatArray:
-    """Return the columns ``first`` and the four cells, (K, 5)."""
+    """Return the column ``first`` and the columns of the four cells, (K, 5); RecordingError if one is missing."""
     table = read_csv(path)
     expected = [first, *CELLS]
     missing = [name for name in expected if name not in table.names]
@@ -110,7 +110,7 @@ def _read_columns(path: Path, first: str) -> FloatArray:
 
 
 def _resample(time: FloatArray, values: FloatArray) -> BoardLog:
-    """Return the means of values (K, 3) with time stamps (K,) over a window around times with a constant step."""
+    """Average load and moments (K, 3) at irregular times (K,), s, over a window around each time of a constant step."""
     stamps, row = np.unique(time, return_inverse=True)
     count = np.bincount(row)[:, None]
     values = np.stack([np.bincount(row, weights=column) for column in values.T], axis=1) / count

@@ -1,4 +1,4 @@
-"""Arrangement of the data in a C3D file, checked against the size of the file, and their decoding."""
+"""Arrangement of the data in a C3D file, checked against the size of the file, and decoding of these data."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mocap_id.errors import RecordingError
 from mocap_id.recording.c3d_file import BLOCK, C3DFile, convert_floats, endian
 
 _PADDING = 2 * BLOCK
-"""Bytes. Writers pad the last block, and some add another block."""
+"""Largest padding at the end of a file, bytes: writers pad the last block, and some add another block."""
 
 _LARGEST_COUNT = 65535
 
@@ -67,10 +67,10 @@ def find_layout(file: C3DFile) -> Layout:
 
 
 def read_frames(file: C3DFile, layout: Layout, part: slice) -> tuple[FloatArray, FloatArray]:
-    """Read a slice of F frames; RecordingError if the file has become shorter since it was opened.
+    """Read the F frames in the slice ``part``; RecordingError if the file has become shorter since it was opened.
 
-    Returns points (F, points, 4): x, y, z in the unit of the file, and the residual word. Returns also analog samples
-    (F, per_frame, channels) as stored, without offset and scale.
+    The first array (F, points, 4) contains x, y, z in the unit of the file and the residual of every point. The second
+    array (F, per_frame, channels) contains the analog samples as stored, before offset and scale are applied.
     """
     count, size = part.stop - part.start, layout.frame_bytes
     raw = file.read_bytes(layout.start + part.start * size, layout.start + part.stop * size)
@@ -118,7 +118,7 @@ def _read_scalar(file: C3DFile, name: str, header: float, oddities: list[str]) -
 
 
 def _find_data_start(file: C3DFile, oddities: list[str]) -> int:
-    """Return the byte offset of the data; the block in the header has priority."""
+    """Return the position of the data in the file, bytes; the header has priority over POINT:DATA_START."""
     declared = (file.words("POINT:DATA_START") or [0])[0]
     block = file.header.data_block or declared
     if declared and file.header.data_block and declared != file.header.data_block:
@@ -135,7 +135,11 @@ def _find_data_start(file: C3DFile, oddities: list[str]) -> int:
 
 
 def _find_counts(file: C3DFile, word: int, available: int, oddities: list[str]) -> tuple[int, int, int]:
-    """Return points, analog words per frame and frames: the declared combination that fits the size of the file."""
+    """Return the numbers of points, of analog words per frame and of frames that fit the size of the file.
+
+    The file declares each number in several fields, and all combinations are tried. ``word`` is the size of a stored
+    number and ``available`` the size of all frames, bytes.
+    """
     header, channels = file.header, (file.words("ANALOG:USED") or [])[:1]
     points = [*(file.words("POINT:USED") or [])[:1], header.points]
     words = [header.analog_words, *(count * header.analog_per_frame for count in channels)]
@@ -189,7 +193,10 @@ def _check_end(file: C3DFile, start: int, size: int, frames: int, oddities: list
 def _count_beyond_limit(
     file: C3DFile, word: int, available: int, candidates: Iterable[tuple[int, int, int]], oddities: list[str]
 ) -> list[tuple[int, int, int]]:
-    """Count the frames of a file whose counters stop at 65,535, without the padding of the last block."""
+    """Return the numbers of points, analog words and frames of a file with more frames than 16-bit counters can count.
+
+    The list has one item; it is empty if the file contains at most 65,535 frames. Padding at the end is not counted.
+    """
     points, words, _ = next(c for c in candidates if c[2] == _LARGEST_COUNT)
     frame = (4 * points + words) * word
     stored = available // frame
@@ -231,7 +238,7 @@ def _list_declared_frames(file: C3DFile) -> list[int]:
 
 
 def read_frame_number(file: C3DFile, name: str) -> int | None:
-    """Return a frame number stored as two 16-bit words, low word first, such as TRIAL:ACTUAL_START_FIELD."""
+    """Return a frame number stored as two 16-bit words, low word first, such as TRIAL:ACTUAL_END_FIELD, or None."""
     words = file.words(name)
     if not words:
         return None
@@ -280,9 +287,9 @@ def decode(
 ) -> tuple[FloatArray, FloatArray]:
     """Decode all frames of the trajectories ``keep`` and of the analog ``channels``, numbered from 0.
 
-    Returns positions (frames, keep, 3), m, with ``metres`` per length unit of the file; NaN if the residual marks the
-    point as not seen. Returns also counts (frames * per_frame, channels): analog samples as stored, without offset and
-    scale.
+    The first array (frames, len(keep), 3) contains positions, m; NaN if the residual marks the point as not seen.
+    ``metres`` is the length unit of the file, m. The second array (frames * per_frame, len(channels)) contains the
+    analog samples as stored, before offset and scale are applied.
     """
     positions = np.empty((layout.frames, len(keep), 3))
     counts = np.empty((layout.frames, layout.per_frame, len(channels)))

@@ -122,7 +122,7 @@ def open_c3d(path: Path, stream: BinaryIO) -> C3DFile:
 
 
 def convert_floats(raw: bytes, processor: int) -> FloatArray:
-    """Convert 32-bit floats of the given processor to float64."""
+    """Convert the bytes of 32-bit floats in the format of a processor (84, 85 or 86) to an array of float64."""
     with np.errstate(invalid="ignore"):  # a damaged file may contain signalling NaN
         if processor == 85:  # DEC: 16-bit words swapped, exponent larger by two
             words = np.frombuffer(raw, "<u2").reshape(-1, 2)
@@ -144,10 +144,10 @@ def _read_header(data: bytes, processor: int) -> Header:
 
 
 def _read_parameters(path: Path, data: bytes, at: int, processor: int) -> tuple[dict[str, Value], tuple[str, ...]]:
-    """Read the linked list of groups and parameters; the name of a group may follow its parameters.
+    """Return the parameters by ``GROUP:NAME``, and the names of those that occur more than once.
 
-    The list ends at the first block of the data, because some files declare too few parameter blocks and others lack
-    the closing zero.
+    The section is a linked list, in which the name of a group may follow its parameters. The list ends at the first
+    block of the data, because some files declare too few parameter blocks and others lack the closing zero.
     """
     groups: dict[int, str] = {}
     found: list[tuple[int, str, Value]] = []
@@ -185,7 +185,7 @@ def _read_parameters(path: Path, data: bytes, at: int, processor: int) -> tuple[
 
 
 def _read_value(path: Path, name: str, data: bytes, processor: int) -> Value:
-    """Decode type, dimensions and elements of a parameter; ``data`` ends where the next parameter begins."""
+    """Decode the value of a parameter from its type, dimensions and elements; ``data`` ends at the next parameter."""
     kind, rank = struct.unpack("bB", data[:2]) if len(data) >= 2 else (0, 0)
     shape = tuple(data[2 : 2 + rank])
     size = abs(kind) * math.prod(shape)

@@ -15,11 +15,11 @@ from mocap_id.recording.c3d_data import Layout, find_layout, read_calibration, r
 from mocap_id.recording.c3d_file import C3DFile, open_c3d
 from mocap_id.recording.text_tables import open_recording
 
-_FRAMES = 100  # number of frames to compare: a wrong position or stride shows at once
+_FRAMES = 100  # number of frames to compare; this is enough, because a wrong position or stride affects every frame
 
 
 def compare_with_package(path: Path) -> list[str]:
-    """Return sentences about what the ``c3d`` package reads differently in the first 100 frames.
+    """Return a sentence about each value that the ``c3d`` package reads differently in the first 100 frames.
 
     Raises RecordingError if the file cannot be read at all.
     """
@@ -49,7 +49,11 @@ def compare_with_package(path: Path) -> list[str]:
 
 
 def _compare_values(file: C3DFile, layout: Layout, frames: list[tuple[int, FloatArray, FloatArray]]) -> list[str]:
-    """Return sentences about different values; ``frames``: (number, points (P, 5), analog (channels, per frame))."""
+    """Return a sentence about each difference in the values.
+
+    ``frames`` are those that the package has read: number, points (P, 5), and analog samples (channels, samples per
+    frame).
+    """
     if not frames:
         return ["the c3d package reads no frames of this file"]
     differences = []

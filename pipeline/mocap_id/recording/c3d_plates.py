@@ -29,7 +29,7 @@ class StoredPlate:
     problem: str  # reason for which the plate cannot be used, or empty
     oddities: tuple[str, ...]  # notes, as in ``Recording``
     assumptions: tuple[str, ...] = ()  # as in ``Plate``
-    saturated: BoolArray | None = None  # (K,) whether a channel is at its limit; None if no channel ever is
+    saturated: BoolArray | None = None  # (K,) whether a channel is saturated; None if no channel ever is
 
 
 def list_plate_channels(file: C3DFile, layout: Layout) -> tuple[int, ...]:
@@ -42,10 +42,10 @@ def list_plate_channels(file: C3DFile, layout: Layout) -> tuple[int, ...]:
 def read_stored_plates(
     file: C3DFile, layout: Layout, counts: FloatArray, metres: float, units: ForceUnits
 ) -> list[StoredPlate]:
-    """Read the signals of every plate.
+    """Read the signals of every plate; a plate that cannot be used has no signals but a ``problem``.
 
     ``counts`` (K, C) are the samples of the channels from :func:`list_plate_channels`, as stored. ``metres`` is the
-    size of the POINT unit, which is the unit of CORNERS and ORIGIN.
+    size of POINT:UNITS, m, which is the unit of CORNERS and ORIGIN.
     """
     kinds = tuple(file.words("FORCE_PLATFORM:TYPE") or ())
     used = (file.words("FORCE_PLATFORM:USED") or [len(kinds)])[0]
@@ -123,7 +123,7 @@ class _PlateReader:
         return [channel - 1 for channel in channels]
 
     def _read_parameter(self, name: str, shape: tuple[int, ...]) -> FloatArray:
-        """Return this plate's part of a FORCE_PLATFORM parameter, whose last dimension is the plate."""
+        """Return this plate's values of the FORCE_PLATFORM parameter ``name``, as an array of this ``shape``."""
         value = self.file.numbers(f"FORCE_PLATFORM:{name}")
         size = int(np.prod(shape))
         if value is None or value.size < size * self.index:
@@ -134,7 +134,7 @@ class _PlateReader:
         return part.reshape(shape, order="F")
 
     def _read_origin(self) -> FloatArray:
-        """Return ORIGIN in m with negative z; old files contain the reverse vector."""
+        """Return ORIGIN (3,) with negative z, m; 0 for type 1. The opposite vector of some old files is reversed."""
         if self.kind == 1:
             return np.zeros(3)
         origin = self._read_parameter("ORIGIN", (3,)) * self.metres
@@ -148,7 +148,7 @@ class _PlateReader:
         return np.asarray(origin)
 
     def _read_samples(self, columns: list[int]) -> tuple[FloatArray, BoolArray, BoolArray]:
-        """Return the scaled samples (NaN if not finite), and which of them are valid and which saturated."""
+        """Return the scaled samples (K, C), NaN if not finite, and which of them are valid and saturated, both (K,)."""
         offset, scale = (each[columns] for each in read_calibration(self.file, self.layout))
         if not np.isfinite(scale).all():
             raise UnusablePlateError("ANALOG:SCALE does not cover its channels")
@@ -169,7 +169,7 @@ class _PlateReader:
         return values, ok, full
 
     def _subtract_baseline(self, channels: FloatArray) -> FloatArray:
-        """Subtract the mean over the baseline frames (ZERO), if the plate was unloaded in them."""
+        """Return ``channels`` (K, C), minus their mean over the baseline frames (ZERO) if these are unloaded."""
         zero = self.file.words("FORCE_PLATFORM:ZERO") or [0, 0]
         first, last = max(zero[0], 1), zero[-1]
         if self.kind == 1 or len(zero) < 2 or last <= first or last > self.layout.frames:
@@ -232,7 +232,7 @@ class _PlateReader:
 
 
 def _is_offset(level: float, vertical: FloatArray) -> bool:
-    """Return whether a baseline level is an offset: it is small, or has the opposite sign of the loads."""
+    """Return whether the mean load of the baseline frames is an offset, because it is small or of opposite sign."""
     if abs(level) <= 0.1 * float(np.abs(vertical).max()):
         return True
     excursion = vertical - level

@@ -63,7 +63,7 @@ def read_c3d(path: Path, stream: BinaryIO, options: ReadingOptions) -> Recording
 
 
 def _read_labels(file: C3DFile, layout: Layout) -> list[str]:
-    """Return one label per point, from POINT:LABELS, LABELS2 and so on."""
+    """Return a label for each point from POINT:LABELS, LABELS2 and so on; it is empty if the file has none."""
     labels = list(file.strings("POINT:LABELS"))
     number = 2
     while more := file.strings(f"POINT:LABELS{number}"):
@@ -79,7 +79,7 @@ def _read_subjects(file: C3DFile) -> list[str]:
 
 
 def _note_file_name(path: Path, subjects: Sequence[str]) -> list[str]:
-    """Return a note if the file name contains the name of a subject."""
+    """Return a note if the file name contains the name of a subject, or else an empty list."""
     stem = path.stem.casefold()
     if not any(len(name) > 2 and name.strip(":_-. ").casefold() in stem for name in subjects):
         return []
@@ -90,7 +90,7 @@ def _note_file_name(path: Path, subjects: Sequence[str]) -> list[str]:
 
 
 def _read_outputs(file: C3DFile) -> list[str]:
-    """Return the labels that the file declares as computed."""
+    """Return the labels of points that the file declares as computed, not measured."""
     types = file.strings("POINT:TYPE_GROUPS")
     groups = [*_OUTPUT_GROUPS, *(name.strip().upper() for name in types[::2])]
     labels = [
@@ -105,7 +105,7 @@ def _read_outputs(file: C3DFile) -> list[str]:
 def _find_vertical(
     file: C3DFile, stored: Sequence[StoredPlate], positions: FloatArray, override: str | None, oddities: list[str]
 ) -> str:
-    """Return the upward axis: configured, or normal to the plates, or POINT:Y_SCREEN, or Z as an assumption."""
+    """Return the upward axis: ``override``, else the normal of the plates, else POINT:Y_SCREEN, else Z (assumed)."""
     declared = parse_axis(file.text("POINT:Y_SCREEN"))
     normal = _find_plates_normal(stored, positions)
     if override is not None:
@@ -124,7 +124,7 @@ def _find_vertical(
 
 
 def _find_plates_normal(stored: Sequence[StoredPlate], positions: FloatArray) -> str | None:
-    """Return the axis that is normal to the surface of all usable plates and points to the side of the markers."""
+    """Return the axis normal to all usable plates that points towards the markers; None if there is none."""
     axes = set()
     for plate in stored:
         if plate.signals is None:

@@ -1,4 +1,4 @@
-"""Logs of inertial sensors: the program's CSV, exports of Xsens MTw and DOT, and of Delsys."""
+"""Reader of logs of inertial sensors: the program's own CSV, and exports of Xsens MTw, Xsens DOT and Delsys."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ _EXPECTED = f"expected {', '.join(_OWN)} (rad/s, m/s²), or an export of Xsens M
 
 @dataclass(frozen=True)
 class ImuLog:
-    """Samples of an inertial sensor on its own clock: K samples."""
+    """K samples of an inertial sensor, on its own clock."""
 
     time: FloatArray  # (K,) increasing times, s
     gyro: FloatArray  # (K, 3) angular velocity in the sensor's axes, rad/s
@@ -42,8 +42,8 @@ def read_imu(path: Path) -> ImuLog:
 
     The program's CSV has the columns ``time_s, gyro_x, gyro_y, gyro_z, acc_x, acc_y, acc_z`` in rad/s and m/s². Exports
     of Xsens have ``Gyr_X`` … and ``Acc_X`` …. Their gyroscope is in rad/s for MTw, and in degrees per second for DOT,
-    whose files begin with the device's tag. Exports of Delsys state sensor, channel and unit in the names of the
-    columns; a column with its own times precedes each channel.
+    whose files begin with the device's tag. In exports of Delsys the names of the columns contain sensor, channel and
+    unit, and the column before each channel contains its times.
 
     Raises RecordingError if the file is missing, has another format, several sensors or too few rows, or if its times
     do not increase.
@@ -70,7 +70,7 @@ def read_imu(path: Path) -> ImuLog:
 
 
 def format_imu_csv(log: ImuLog) -> bytes:
-    """Return a log as the program's CSV."""
+    """Return a log as the bytes of the program's own CSV."""
     rows = np.column_stack([log.time, log.gyro, log.acc])
     lines = [",".join(_OWN), *(",".join(f"{value:.6f}" for value in row) for row in rows.tolist())]
     return ("\n".join(lines) + "\n").encode()
@@ -106,7 +106,7 @@ def _read_xsens(path: Path, columns: dict[str, FloatArray], head: str) -> ImuLog
 
 
 def _unwrap(counter: FloatArray, wrap: float) -> FloatArray:
-    """Return a counter that starts at 0 and continues to increase where the recorded counter starts again."""
+    """Return a counter that starts at 0, with ``wrap`` added each time that the recorded counter starts again."""
     back = np.concatenate([[0.0], np.cumsum(np.diff(counter) < -wrap / 2)])
     return np.asarray(counter - counter[0] + wrap * back)
 

@@ -1,4 +1,4 @@
-"""Recordings from and to arrays in memory: units and axes of other programs, data frames, and datasets of xarray."""
+"""Conversion of recordings from and to arrays in memory, data frames, and datasets of xarray."""
 
 from __future__ import annotations
 
@@ -161,7 +161,7 @@ def from_dataset(dataset: xr.Dataset, *, units: str, vertical: str) -> Recording
 
 
 def _read_plate(dataset: xr.Dataset, number: str, units: str) -> Plate:
-    """Return one plate of a dataset, from the variables that end with its number."""
+    """Return the plate of a dataset whose variables end with ``number``; RecordingError if a variable is missing."""
     missing = [name for name in (f"moment_{number}", f"time_{number}") if name not in dataset]
     if missing:
         raise RecordingError(
@@ -191,7 +191,7 @@ def _measure_clock(owner: str, time: FloatArray) -> tuple[float, float]:
 
 
 def _check_shape(name: str, values: ArrayLike | None, count: int | None = None) -> FloatArray:
-    """Return values as an array (count, 3); RecordingError if they have another shape."""
+    """Return values as an array (count, 3), or (any, 3) if ``count`` is None; RecordingError for another shape."""
     array = np.array(values, np.float64)
     if array.ndim != 2 or array.shape[1] != 3 or count not in (None, len(array)) or not len(array):
         expected = "(samples, 3)" if count is None else f"({count}, 3)"

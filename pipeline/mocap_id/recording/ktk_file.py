@@ -27,7 +27,8 @@ POINTS, PLATES = "Points", "ForcePlatforms"
 """Names under which ``ktk.read_c3d`` returns its series."""
 
 _LARGEST, _BYTES_PER_BYTE = 38 << 20, 6
-"""Largest size of the text: bytes, and bytes for each byte of the file. Numbers need ten times this memory."""
+"""Limit of the unpacked text: the first number of bytes, plus the second for each byte of the file. The numbers need
+ten times this memory."""
 _FORCE = re.compile(r"(.+)_Force")
 _UNREADABLE = (zipfile.BadZipFile, zlib.error, EOFError, KeyError, NotImplementedError, OSError, RuntimeError)
 
@@ -43,7 +44,7 @@ class Series:
 
     @property
     def points(self) -> list[str]:
-        """Names of the arrays of points: (T, 4) with a last column of ones, or (T, 3)."""
+        """Names of the arrays that contain points: (T, 4) with a last column of ones, or (T, 3)."""
         found = {name: values for name, values in self.data.items() if values.ndim == 2}
         return [
             name
@@ -81,7 +82,7 @@ def read_ktk(path: Path, stream: BinaryIO, options: ReadingOptions) -> Recording
 
 
 def read_series(path: Path, stream: BinaryIO) -> dict[str, Series]:
-    """Return every TimeSeries of a file by name; if the file contains a single TimeSeries, its name is ``Points``.
+    """Return every TimeSeries of a file by name; if the file is a single TimeSeries, its name is ``Points``.
 
     Raises RecordingError if the file is damaged, too large, or contains no TimeSeries.
     """
@@ -151,7 +152,7 @@ def _fit_clock(path: Path, series: Series, oddities: list[str]) -> EvenClock:
 
 
 def _read_plates(path: Path, series: Series, units: ForceUnits, oddities: list[str]) -> list[Plate]:
-    """Return the platforms in the axes of the file, from the moment at their centre or at the centre of pressure."""
+    """Return the platforms in the axes of the file, with moments about the origin."""
     names = [match[1] for name in series.data if (match := _FORCE.fullmatch(name))]
     clock = _fit_clock(path, series, oddities) if names else None
     plates = []
@@ -180,7 +181,10 @@ def _read_plates(path: Path, series: Series, units: ForceUnits, oddities: list[s
 
 
 def _read_vector(path: Path, series: Series, name: str, scale: Any, configured: str | None = None) -> FloatArray:
-    """Return a vector (T, 3) in SI units."""
+    """Return a vector (T, 3) in SI units.
+
+    ``scale`` returns the SI value of a unit; the unit ``configured`` replaces the declared unit.
+    """
     values, unit = series.data[name], configured or series.units[name]
     factor = scale(unit)
     if values.ndim != 2 or values.shape[1] not in (3, 4) or factor is None:

@@ -25,10 +25,10 @@ _SPIKE = 5.0
 
 
 def place_plate(stored: StoredPlate, rotation: FloatArray, start: float, rate: float, oddities: list[str]) -> Plate:
-    """Convert a stored plate to the wrench of the ground on the body in the lab, and add notes to ``oddities``.
+    """Return a stored plate as a plate in the lab with the wrench of the ground on the body; add notes to ``oddities``.
 
-    ``rotation`` (3, 3) leads from the file's axes to the axes of the lab (Z up). ``start`` is the time of the first
-    analog sample, s; ``rate`` is in samples per second.
+    ``rotation`` (3, 3) rotates vectors from the file's axes to the axes of the lab (Z up). ``start`` is the time of the
+    first analog sample, s; ``rate`` is in samples per second.
     """
     assumptions = tuple(f"plate {stored.index}: {text}" for text in stored.assumptions)
     oddities += [*stored.oddities, *assumptions]
@@ -62,7 +62,7 @@ def _find_pose_problem(axes: FloatArray) -> str:
 
 
 def rotate_plate(plate: Plate, rotation: FloatArray) -> Plate:
-    """Return a plate in rotated axes; ``rotation`` (3, 3) leads from the old to the new axes."""
+    """Return a plate in other axes; ``rotation`` (3, 3) converts vectors from the old to the new axes."""
     corners = None if plate.corners is None else plate.corners @ rotation.T
     return replace(plate, corners=corners, force=plate.force @ rotation.T, moment=plate.moment @ rotation.T)
 
@@ -70,9 +70,10 @@ def rotate_plate(plate: Plate, rotation: FloatArray) -> Plate:
 def reverse_force_on_plate(
     index: int, force: FloatArray, moment: FloatArray, ok: BoolArray, oddities: list[str]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return force and moment (K, 3) with the sign of the wrench on the body, judged by the valid samples (K,).
+    """Return force and moment (K, 3) of the ground on the body; both are reversed if they act on the plate.
 
-    ``oddities`` is extended by a note if the signs were reversed.
+    The vertical force of the valid samples, ``ok`` (K,), decides. If the signs are reversed, a note is added to
+    ``oddities``.
     """
     if not is_force_on_plate(force[ok, 2]):
         return force, moment
@@ -81,11 +82,11 @@ def reverse_force_on_plate(
 
 
 def is_force_on_plate(vertical: FloatArray) -> bool:
-    """Return whether a force is that of the body on the plate: it points mostly down under load.
+    """Return whether a force is that of the body on the plate, because it points mostly down under load.
 
-    ``vertical`` (K,) is the upward force of valid samples, N. The mean of all samples over 20 N decides, each limited
-    to five times their median. A few spikes therefore do not outweigh a person, and an offset of the unloaded plate
-    does not outweigh a short contact.
+    ``vertical`` (K,) is the upward force of valid samples, N. The sign of the mean over all samples with more than 20 N
+    decides; each is limited to five times their median magnitude. A few spikes therefore do not outweigh a person, and
+    an offset of the unloaded plate does not outweigh a short contact.
     """
     loaded = vertical[np.abs(vertical) > LOADED_N]
     if not loaded.size:
@@ -95,7 +96,7 @@ def is_force_on_plate(vertical: FloatArray) -> bool:
 
 
 def compute_centre_of_pressure(plate: Plate, wrench: Plate | PlateSamples) -> FloatArray:
-    """Return the centre of pressure of a wrench on the working surface, (K, 2), lab, m; NaN below a load of 20 N."""
+    """Return the centre of pressure (K, 2) of ``wrench`` on the surface of ``plate``, lab, m; NaN up to 20 N."""
     centre = np.zeros(3) if plate.centre is None else plate.centre
     about = wrench.moment - np.cross(centre, wrench.force)
     vertical = np.where(wrench.force[:, 2] > LOADED_N, wrench.force[:, 2], np.nan)
@@ -103,7 +104,7 @@ def compute_centre_of_pressure(plate: Plate, wrench: Plate | PlateSamples) -> Fl
 
 
 def _note_load_off_plate(plate: Plate) -> list[str]:
-    """Return a note if the load acts beside its plate, because a unit, the origin or a corner is wrong."""
+    """Return a note if the load acts beside the plate, which means that a unit, the origin or a corner is wrong."""
     assert plate.corners is not None
     most = plate.force[plate.ok, 2].max(initial=0.0)
     good = plate.ok & (plate.force[:, 2] > max(LOADED_N, 0.1 * most))

@@ -34,7 +34,8 @@ def name_markers(raw: Sequence[str], outputs: Iterable[str] = (), subjects: Iter
 
     ``raw`` are the labels of all trajectories in the file, possibly empty. ``outputs`` are labels that the file
     declares as other than markers (POINT:ANGLES …). ``subjects`` are names of subjects and label prefixes that the file
-    declares. They are removed from the start of labels, as is everything up to a colon; no message contains them.
+    declares. These names are removed from the start of labels, as is everything up to a colon; no message contains
+    them.
     """
     known = sorted({name.strip() for name in subjects if name.strip()}, key=len, reverse=True)
     split = [_split_prefix(strip_padding(text), known) for text in raw]
@@ -57,7 +58,7 @@ def name_markers(raw: Sequence[str], outputs: Iterable[str] = (), subjects: Iter
 
 
 def _split_prefix(label: str, subjects: Sequence[str]) -> tuple[str, str]:
-    """Split a label into its prefix, possibly empty, and its name."""
+    """Split a label into the name of a subject, possibly empty, and the name of the marker."""
     if ":" in label:
         prefix, name = label.split(":", 1)
         return prefix, name.strip()
@@ -69,7 +70,10 @@ def _split_prefix(label: str, subjects: Sequence[str]) -> tuple[str, str]:
 
 
 def _remove_subjects(split: Sequence[tuple[str, str]]) -> tuple[list[str], list[str]]:
-    """Remove the prefixes; if two markers would then share a name, number the subjects instead."""
+    """Return the names without prefixes, and notes.
+
+    If two markers would then have the same name, the prefixes are replaced by numbered subjects.
+    """
     names = [name for _, name in split]
     prefixes = list(dict.fromkeys(prefix for prefix, _ in split if prefix))
     if not prefixes:

@@ -45,7 +45,7 @@ def resolve_length_unit(
 
 
 def thin_frames(positions: FloatArray) -> FloatArray:
-    """Return about a thousand evenly spaced frames, enough to determine the size of a trial."""
+    """Return 1000 to 2000 evenly spaced frames of positions (F, M, 3), or all frames if there are fewer."""
     return positions[:: max(1, len(positions) // _BLOCK)]
 
 
@@ -59,8 +59,8 @@ def rotate_z_up(positions: FloatArray, up: str) -> None:
 def clean_positions(path: Path, positions: FloatArray, units: str, oddities: list[str]) -> None:
     """Set impossible samples of positions (F, M, 3), m, to NaN in place, and check the size of the trial.
 
-    ``units`` is the length unit of the file; if it is empty, the sizes in usual units are noted instead of checked.
-    Raises RecordingError if the size of the trial contradicts its unit.
+    ``units`` is the length unit of the file; if it is empty, the size is not checked, and a note gives it in mm, cm and
+    m. Raises RecordingError if the size of the trial contradicts its unit.
     """
     _check_size(path, positions, units, oddities)
     parts = [positions[at : at + _BLOCK] for at in range(0, len(positions), _BLOCK)]
@@ -77,7 +77,7 @@ def clean_positions(path: Path, positions: FloatArray, units: str, oddities: lis
 
 
 def _mark_missing(positions: FloatArray) -> tuple[int, int, int, int]:
-    """Set invalid samples to NaN; return the number of non-finite, too far, exactly zero and valid samples."""
+    """Set invalid samples to NaN in place; return the numbers of non-finite, too far, zero and valid samples."""
     x, y, z = np.abs(np.moveaxis(positions, 2, 0))
     largest = np.maximum(np.maximum(x, y), z)  # NaN if any coordinate is
     broken = ~np.isfinite(largest) & ~(np.isnan(x) & np.isnan(y) & np.isnan(z))
@@ -89,7 +89,7 @@ def _mark_missing(positions: FloatArray) -> tuple[int, int, int, int]:
 
 
 def _check_size(path: Path, positions: FloatArray, units: str, oddities: list[str]) -> None:
-    """Raise RecordingError if the markers spread over less than 2 cm or mostly over more than 100 m."""
+    """Raise RecordingError if all samples are within 2 cm, or the middle half of them spreads over more than 100 m."""
     frames = thin_frames(positions)
     visible = np.isfinite(frames).all(axis=2)
     if not visible.any():

@@ -10,21 +10,24 @@ from mocap_id.arrays import BoolArray, FloatArray
 
 _RISES_M = 0.15  # a smaller change of the mean height of the body is not sitting down
 _SHANKS, _THIGHS = (0.15, 0.33), (0.38, 0.56)
-"""Height ranges of shanks and thighs of a standing person, as shares of the height of the highest trunk marker."""
+"""Height ranges of shanks and thighs of a standing person, as fractions of the height of the highest trunk marker."""
 
-_KNEE = 0.26  # height of the knee, as a share of the highest trunk marker; markers on the thigh stay above it
+_KNEE = 0.26  # height of the knee, also as a fraction of that height; markers on the thigh stay above it
 _TRUNK_M, _PELVIS_SHARE = 1.15, 0.6
-"""If no marker is higher than this, the highest markers are on the pelvis, at this share of the trunk's height."""
+"""If no marker is higher than the first value, m, the highest markers are on the pelvis. The second value is their
+height as a fraction of that of the highest trunk marker."""
 
 _LEGS, _LEGS_THIN = (0.2, 0.55), 0.16
-"""Height range of the legs and limit of their least horizontal width, both as shares of the markers' height. The width
-is 0.02 to 0.11 for a standing person and 0.21 to 0.48 for a seated person, whose thighs are level."""
+"""Height range of the legs and largest accepted value of their least horizontal width, as fractions of the height of
+all markers. The width is 0.02 to 0.11 for a standing person and 0.21 to 0.48 for a seated person, whose thighs are
+level."""
 
 _BODY_THIN = 0.3
-"""The same limit for all markers above the feet: up to 0.28 for a standing person with the arms forwards. It is needed
-if the highest markers are on the pelvis, since the thighs of a seated person are then at the top."""
+"""The same limit for all markers above the feet. Their width is up to 0.28 for a standing person with the arms
+forwards. The limit is needed if the highest markers are on the pelvis, since the thighs of a seated person are then
+at the top."""
 
-_FLAT = 0.005  # a smaller width means markers in a line or projected into a plane, which do not show the posture
+_FLAT = 0.005  # a smaller width means markers in a line or a vertical plane, from which the posture is unknown
 _SWEEPS = 8  # number of alternating fits of heights with gaps; each removes most of the remaining bias
 _SURE_M = 0.02  # smallest displacement that exceeds noise and soft-tissue motion
 
@@ -63,7 +66,7 @@ def measure_body_height(positions: FloatArray) -> FloatArray:
 def find_upright(positions: FloatArray) -> tuple[BoolArray, BoolArray]:
     """Return the frames (F,) in which the body is upright and the frames (F,) in which it is low.
 
-    If the height of the body does not change, all frames are upright.
+    If the height of the body does not change, all frames with visible markers are upright and none is low.
     """
     height = measure_body_height(positions)
     finite = np.isfinite(height)
@@ -77,12 +80,12 @@ def find_upright(positions: FloatArray) -> tuple[BoolArray, BoolArray]:
 
 
 def shows_standing(positions: FloatArray, samples: BoolArray) -> bool:
-    """Return whether the arrangement of the markers shows a standing person.
+    """Return whether the arrangement of the markers is that of a standing person.
 
-    The weight on the plates cannot show this, because the weight of a seated person is equally steady. The upright legs
-    of a standing person are thin in some horizontal direction. The level thighs of a person who sits, kneels or squats
-    are broad in all directions. Flat marker sets show neither. They count as standing only if the body rises or lowers
-    within the recording.
+    The force on the plates cannot decide this, because the force under a seated person is equally steady. The upright
+    legs of a standing person are thin in some horizontal direction. The level thighs of a person who sits, kneels or
+    squats are broad in all directions. Neither can be seen from markers in one plane. Such a person counts as standing
+    only if the body rises or lowers within the recording.
 
     ``positions`` (F, M, 3) are in lab axes with Z up, m; NaN if not visible. ``samples`` (F,) marks frames of one
     posture.
@@ -120,7 +123,7 @@ def find_facing(positions: FloatArray, direction: FloatArray) -> Facing:
 
 
 def _compare_legs(positions: FloatArray, along: FloatArray, tall: BoolArray, low: BoolArray) -> float:
-    """Return the displacement of the shanks relative to the thighs from upright to low, m."""
+    """Return the displacement of the shanks relative to the thighs from upright to low, m; 0 without such markers."""
     heights = _average(positions[tall][:, :, 2])
     floor, top = float(np.nanmin(heights)), float(np.nanmax(heights))
     trunk = top - floor if top - floor > _TRUNK_M else (top - floor) / _PELVIS_SHARE
@@ -138,7 +141,7 @@ def _compare_legs(positions: FloatArray, along: FloatArray, tall: BoolArray, low
 
 
 def _measure_thinness(points: FloatArray, low: float, high: float) -> float:
-    """Return the least horizontal width of the points (M, 3) in a range of heights, relative to the total height."""
+    """Return the least horizontal width of the points (M, 3) between two heights, all relative to the total height."""
     height = float(np.ptp(points[:, 2]))
     share = (points[:, 2] - points[:, 2].min()) / max(height, 1e-9)
     inside = points[(share >= low) & (share <= high), :2]
@@ -162,6 +165,6 @@ def _measure_spread(positions: FloatArray) -> FloatArray:
 
 
 def _compare_means(values: FloatArray, these: BoolArray, others: BoolArray) -> float:
-    """Return the mean of some values minus the mean of other values; 0 if a group has no finite value."""
+    """Return the mean of the values ``these`` minus the mean of the values ``others``; 0 if one has no finite value."""
     both = [values[group & np.isfinite(values)] for group in (these, others)]
     return float(both[0].mean() - both[1].mean()) if all(group.size for group in both) else 0.0

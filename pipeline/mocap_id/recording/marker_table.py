@@ -1,4 +1,4 @@
-"""Marker trajectories of text and Kinetics Toolkit files: their clock, checks and conversion to a recording."""
+"""Marker trajectories of text and Kinetics Toolkit files: fit of their clock, checks and conversion to a recording."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ class EvenClock:
 
     @property
     def rounding_note(self) -> str:
-        """Sentence that says that the stamps are coarsely rounded; empty if they are not."""
+        """Note that the time stamps are coarsely rounded; empty if they are not."""
         if self.largest_error <= _MAX_ERROR:
             return ""
         return f"its times are rounded by up to {self.largest_error:.2f} of a sample: even times were used instead"
@@ -50,8 +50,8 @@ class EvenClock:
 def fit_even_clock(path: Path, time: FloatArray, stated: float | None = None) -> EvenClock:
     """Fit a clock with a constant rate to increasing time stamps (T,), s, by least squares.
 
-    The rate declared in the file, ``stated``, Hz, is used if it agrees with all stamps. Raises RecordingError if frames
-    are missing, or if a stamp deviates by more than 5 % of a frame beyond its rounding.
+    ``stated`` is the rate declared in the file, Hz; it is used if it agrees with all stamps. Raises RecordingError if
+    frames are missing, or if a stamp deviates by more than 5 % of a frame beyond its rounding.
     """
     steps = np.diff(time)
     if steps.max() > 1.5 * np.median(steps):
@@ -84,10 +84,10 @@ def fit_even_clock(path: Path, time: FloatArray, stated: float | None = None) ->
 
 
 def _estimate_rounding(time: FloatArray) -> FloatArray:
-    """Return the largest rounding error (T,) of each stamp, from its number of digits, s.
+    """Return the largest possible rounding error (T,) of each time stamp (T,), s, from the number of its digits.
 
-    Stamps have a fixed number of decimals or of significant digits. As numbers have no trailing zeros, the longest
-    stamps determine which.
+    All stamps have the same number of decimals or the same number of significant digits. Because trailing zeros are
+    lost, the stamps with the most digits determine this number.
     """
     decimals = np.full(len(time), _MAX_DECIMALS)
     for digits in range(_MAX_DECIMALS - 1, -1, -1):
@@ -116,7 +116,7 @@ class MarkerTable:
 
 @dataclass(frozen=True)
 class ReadingOptions:
-    """Options of :func:`mocap_id.recording.read`, checked."""
+    """Checked options of :func:`mocap_id.recording.read`."""
 
     units: str | None
     vertical: str | None
@@ -127,7 +127,7 @@ class ReadingOptions:
 def assemble_recording(
     path: Path, table: MarkerTable, force: FloatArray | None, options: ReadingOptions, oddities: list[str]
 ) -> tuple[Recording, FloatArray]:
-    """Convert a table to a recording without plates, and return it with the rotation (3, 3) of its axes to Z up.
+    """Return a table as a recording without plates, and the rotation (3, 3) from the axes of the file to Z up.
 
     ``force`` (3,) is the mean ground force in the axes of the file; None without plates.
     """
@@ -157,7 +157,7 @@ def assemble_recording(
 
 
 def fit_clock(path: Path, declared: str, time: FloatArray, oddities: list[str], name: str) -> tuple[FloatArray, float]:
-    """Return evenly spaced times (F,) fitted to a time column (F,), s, and the frame rate.
+    """Return evenly spaced times (F,) fitted to a time column (F,), s, and the frame rate, Hz.
 
     ``declared`` is the rate in the header, possibly not a number; ``name`` is its name in the header. Raises
     RecordingError if the times do not increase or are uneven, if the declared rate is not positive, or if the two rates
@@ -182,7 +182,7 @@ def fit_clock(path: Path, declared: str, time: FloatArray, oddities: list[str], 
 
 
 def parse_rate(path: Path, declared: str, name: str) -> float | None:
-    """Parse a rate in a header; None if it is not a number, RecordingError if it is not positive."""
+    """Return the rate in a header, Hz; None if it is not a number, RecordingError if it is not positive."""
     try:
         stated = float(declared)
     except ValueError:

@@ -42,12 +42,12 @@ class Plate:
     start : float
         Time of sample 0 on the clock of the recording, s; sample k is at ``start + k / rate``.
     problem : str
-        Reason for which the plate cannot be used, or empty; the samples of an unusable plate are NaN.
+        Reason why the plate cannot be used, or empty; the samples of an unusable plate are NaN.
     assumptions : tuple of str
         Assumptions that affect the forces and that the file does not confirm. They are also among the oddities of
         the recording.
     saturated : (K,) bool array or None
-        Whether a channel is at the limit of its range; None if no channel ever is.
+        Whether a channel is saturated; None if no channel ever is.
     """
 
     index: int
@@ -64,7 +64,7 @@ class Plate:
 
     @property
     def centre(self) -> FloatArray | None:
-        """Centre of the working surface in the lab, (3,), m."""
+        """Centre of the working surface in the lab, (3,), m; None if the corners are not known."""
         return None if self.corners is None else self.corners.mean(axis=0)
 
     @property
@@ -85,7 +85,7 @@ class Plate:
         units: str = "m",
         start: float = 0.0,
     ) -> Plate:
-        """Return a plate made of arrays in memory: its wrench, or its force and centre of pressure.
+        """Return a plate made of arrays in memory: force and moment, or force and centre of pressure.
 
         Parameters
         ----------
@@ -100,7 +100,7 @@ class Plate:
         free_moment : (K, 3) array, optional
             Moment about the point of application; 0 by default.
         corners : (4, 3) array, optional
-            Corners of the surface in the lab. Without them, nothing can check whether the force is on the plate.
+            Corners of the surface in the lab. If omitted, the program cannot check whether the force acts on the plate.
         units : str
             Length unit of ``cop`` and ``corners``; moments are in newtons times this unit.
         start : float
@@ -109,7 +109,7 @@ class Plate:
         Raises
         ------
         RecordingError
-            The arrays do not fit together, or both or none of ``moment`` and ``cop`` are given.
+            The arrays do not fit together, or both or neither of ``moment`` and ``cop`` are given.
         ConfigError
             The unit is unknown.
         """
@@ -177,7 +177,7 @@ class Recording:
 
     @property
     def missing_fraction(self) -> float:
-        """Fraction of the marker samples that are missing."""
+        """Fraction of the marker samples that are missing; 1 if there are no samples."""
         return float(1.0 - self.visible.mean()) if self.positions.size else 1.0
 
     @classmethod
@@ -226,7 +226,7 @@ class Recording:
     def from_frame(
         cls, frame: pd.DataFrame, plates: Sequence[Plate] = (), *, units: str = "m", vertical: str = "Z"
     ) -> Recording:
-        """Return the recording of a data frame like that of :meth:`to_frame`.
+        """Return a recording made of a data frame that has the format of :meth:`to_frame`.
 
         The frame has a row for each time (index, s); its columns are pairs of marker and ``x``, ``y`` or ``z``. Other
         parameters and errors are those of :meth:`from_arrays`; RecordingError is also raised if the times are not
@@ -244,7 +244,7 @@ class Recording:
 
     @classmethod
     def from_xarray(cls, dataset: xr.Dataset, *, units: str = "m", vertical: str = "Z") -> Recording:
-        """Return the recording of a dataset like that of :meth:`to_xarray`; xarray itself is not needed.
+        """Return a recording made of a dataset that has the format of :meth:`to_xarray`, which need not be installed.
 
         The dataset contains ``position`` by time, marker and axis. Optionally, it contains for each plate k ``force_k``
         and ``moment_k`` by ``time_k`` and axis, ``ok_k`` by ``time_k``, and ``corners_k`` by corner and axis. Moments

@@ -23,7 +23,7 @@ _WORDS = re.compile(r"ground|force|torque|moment|free|grf|grm|cop|fp|plate|_|\.|
 
 @dataclass(frozen=True)
 class ForceColumns:
-    """Name of one plate, and indices of the columns of its force, point and moment; None if the table lacks them."""
+    """Name of a plate, and columns of its force, point of application and moment (numbered from 0; None if missing)."""
 
     name: str
     force: tuple[int, int, int]
@@ -79,10 +79,10 @@ def read_mot_plates(
     rotation: FloatArray,
     units: ForceUnits,
 ) -> tuple[Plate, ...]:
-    """Return the plates of a MOT table in the lab, and add notes to ``oddities``.
+    """Return the plates of a MOT table in the lab, and add notes to ``oddities``; plates without a point are unusable.
 
-    ``rotation`` (3, 3) leads from the table's axes to the axes of the lab (Z up). The units of the table are m, N and
-    N·m unless ``units`` configures others.
+    ``rotation`` (3, 3) rotates vectors from the table's axes to the axes of the lab (Z up). The units of the table are
+    m, N and N·m unless ``units`` configures others.
     """
     clock = fit_even_clock(path, table.time)
     if clock.rounding_note:

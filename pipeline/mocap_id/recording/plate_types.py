@@ -48,7 +48,7 @@ class PlateSignals:
 
 
 def compute_surface_wrench(plate: PlateSignals) -> tuple[FloatArray, FloatArray]:
-    """Return force (K, 3), N, and moment (K, 3), N·m, about the centre of the working surface, plate frame."""
+    """Return force (K, 3), N, and moment (K, 3) about the centre of the working surface, N·m, in the plate frame."""
     if plate.kind == 1:
         force = plate.channels[:, :3]
         point = np.column_stack([plate.channels[:, 3:5], np.zeros(len(force))])
@@ -64,9 +64,10 @@ def compute_surface_wrench(plate: PlateSignals) -> tuple[FloatArray, FloatArray]
 
 
 def _add_four_sensors(channels: FloatArray, origin: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return force and moment of a type 3 plate, which has a three-component sensor near each corner.
+    """Return force and moment, both (K, 3), of a type 3 plate, which has a three-component sensor near each corner.
 
-    The sensors 1 (+x+y), 2 (-x+y), 3 (-x-y) and 4 (+x-y) are at ±a along x and ±b along y.
+    The moment is about the point between the sensors, in their plane. The sensors 1 (+x+y), 2 (-x+y), 3 (-x-y) and 4
+    (+x-y) are at ±a along x and ±b along y.
     """
     x12, x34, y14, y23, z1, z2, z3, z4 = channels.T
     a, b = origin[0], origin[1]
@@ -78,7 +79,7 @@ def _add_four_sensors(channels: FloatArray, origin: FloatArray) -> tuple[FloatAr
 def compute_plate_axes(corners: FloatArray) -> FloatArray:
     """Return the plate's axes in the lab as columns, (3, 3); NaN if the corners do not form a rectangle.
 
-    x points from corners 2 and 3 to 1 and 4, y from 3 and 4 to 1 and 2, and z = x × y.
+    x points from corners 2 and 3 to corners 1 and 4, y from corners 3 and 4 to corners 1 and 2, and z = x × y.
     """
     x = corners[0] - corners[1] + corners[3] - corners[2]
     y = corners[0] - corners[3] + corners[1] - corners[2]

@@ -29,7 +29,7 @@ _TEXTS = (".tsv", ".csv", ".txt")
 Parser = Callable[[Path, str, list[str]], MarkerTable]
 
 _HEAD_BYTES = 4096
-"""Bytes from the start of a file that show its format."""
+"""Number of bytes at the start of a file from which its format is recognised."""
 
 _QTM = re.compile(rb"(FILE_VERSION|NO_OF_FRAMES|NO_OF_CAMERAS|NO_OF_MARKERS)\t")
 
@@ -98,7 +98,7 @@ def is_marker_text(path: Path) -> bool:
 
 
 def _choose_parser(path: Path, start: bytes) -> Parser | None:
-    """Return the parser of a text file from its first bytes; None for a C3D file."""
+    """Return the parser of a text file from its first bytes; None for C3D, RecordingError for another text format."""
     parse = _find_parser(start)
     if parse is None and path.suffix.lower() == ".trc":
         return parse_trc  # its error says what is wrong
@@ -165,7 +165,7 @@ def _read_text_markers(path: Path, parse: Parser, forces: Path | None, options: 
 
 
 def _compare_spans(markers: Path, forces: Path, a: FloatArray, b: FloatArray, oddities: list[str]) -> None:
-    """Add a note if two files, which share a clock, have different time spans; refuse files that do not overlap."""
+    """Add a note if the times ``a`` and ``b`` of the files have different spans; RecordingError without overlap."""
     spans = f"{markers.name} runs from {a[0]:g} to {a[-1]:g} s, {forces.name} from {b[0]:g} to {b[-1]:g} s"
     if b[-1] < a[0] or b[0] > a[-1]:
         raise RecordingError(f"{spans}: they do not overlap, so they are of different trials or on different clocks")

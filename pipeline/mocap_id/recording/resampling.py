@@ -76,9 +76,9 @@ class ThinnedFrames:
 def compute_averaging_width(analog_rate: float | None, rate: float) -> float:
     """Return the width of the moving average that is equivalent to :func:`decimate`, s; 0 if nothing is averaged.
 
-    The mean over a width W adds W²/24 of the second derivative. :func:`decimate` adds T²/24 by the mean over the frame
-    interval T, and Δ²/12 by the linear interpolation between samples at intervals Δ. ``analog_rate`` is None without
-    plates; rates are in Hz.
+    A moving average over the width W adds W²/24 times its second derivative to a signal. :func:`decimate` adds T²/24 by
+    the mean over the frame interval T, and Δ²/12 by the linear interpolation between samples at intervals Δ.
+    ``analog_rate`` is None if there are no plates. Rates are in Hz.
     """
     if analog_rate is None or analog_rate / rate <= _FASTER:
         return 0.0
@@ -92,7 +92,7 @@ def _interpolate(samples: FloatArray, at: FloatArray) -> FloatArray:
 
 
 def _average_intervals(samples: FloatArray, centre: FloatArray, half: FloatArray) -> FloatArray:
-    """Return the mean of the piecewise linear signal over centre ± half, both in samples."""
+    """Return the mean of the piecewise linear signal over ``centre`` ± ``half``, both (F,) in samples."""
     integral = np.zeros_like(samples)
     np.cumsum((samples[1:] + samples[:-1]) / 2, axis=0, out=integral[1:])
 
@@ -106,7 +106,7 @@ def _average_intervals(samples: FloatArray, centre: FloatArray, half: FloatArray
 
 
 def _contains_bad(bad: BoolArray, start: FloatArray, stop: FloatArray) -> BoolArray:
-    """Return whether any sample in each interval is invalid."""
+    """Return for each interval from ``start`` to ``stop``, (F,) in samples, whether it contains an invalid sample."""
     count = np.concatenate([[0], np.cumsum(bad)])
     low = np.floor(start + _ROUNDING).astype(np.int64)
     high = np.minimum(np.ceil(stop - _ROUNDING).astype(np.int64), len(bad) - 1)

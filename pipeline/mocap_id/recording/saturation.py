@@ -12,12 +12,12 @@ _REST = 0.1  # share of the larger extreme; an extreme closer to zero belongs to
 
 
 def find_saturated(counts: FloatArray, offset: FloatArray, bits: int | None) -> BoolArray:
-    """Return the samples (K,) at which any of C channels is saturated.
+    """Return for each of K samples whether any of the C channels is saturated.
 
-    ``counts`` (K, C) are counts of the converter, if the file contains counts. ``offset`` (C,) are the counts at zero
-    input, about half the range for unsigned converters. ``bits`` is the resolution (ANALOG:BITS). If the counts are
-    integers, the limits of the converter follow from its resolution. Otherwise a channel is clipped if it repeats its
-    extreme exactly but is never constant elsewhere.
+    ``counts`` (K, C) are the samples as stored, in most files counts of the converter. ``offset`` (C,) are the counts
+    at zero input, about half the range for unsigned converters. ``bits`` is the resolution (ANALOG:BITS), None if not
+    declared. If the counts are integers, the limits of the converter follow from its resolution. If they are not,
+    :func:`find_clipped` judges each channel.
     """
     flags = np.zeros(len(counts), bool)
     for stored, zero in zip(counts.T, offset, strict=True):
@@ -41,7 +41,10 @@ def _find_limits(offset: float, bits: int | None) -> tuple[float, float]:
 
 
 def find_clipped(column: FloatArray) -> BoolArray:
-    """Return the samples (K,) that repeat an extreme far from zero, if the channel is not constant elsewhere.
+    """Return for each sample (K,) whether it is clipped: it equals an extreme that occurs 8 times in a row.
+
+    Extremes near zero are not judged, nor is a channel that often repeats other values, because it is coarse or at
+    rest.
 
     ``column`` (K,) is the signal minus its zero level; NaN if missing.
     """

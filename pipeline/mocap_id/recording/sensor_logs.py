@@ -1,4 +1,4 @@
-"""Logs of an encoder and of a force sensor, and joint angles that another system measured."""
+"""Readers of logs of an encoder and of a force sensor, and of joint angles that another system measured."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _TO_RAD = {"_deg": np.pi / 180.0, "_rad": 1.0}
 
 @dataclass(frozen=True)
 class EncoderLog:
-    """Signals of an encoder on its own clock: K samples."""
+    """K samples of the signals of an encoder, on its own clock."""
 
     time: FloatArray  # (K,) increasing times, s
     position: FloatArray  # (K,) rad
@@ -92,7 +92,7 @@ def _read_columns(path: Path) -> dict[str, FloatArray]:
 
 
 def _check_derivative(path: Path, time: FloatArray, position: FloatArray, velocity: FloatArray) -> None:
-    """Raise RecordingError if the velocity is not the derivative of the position: wrong unit, direction or joint."""
+    """Raise RecordingError if the velocity is not the derivative of the position, as with a wrong unit or direction."""
     apart = max(1, round(_SPAN / float(np.median(np.diff(time)))))
     summed = np.concatenate([[0.0], np.cumsum(0.5 * (velocity[1:] + velocity[:-1]) * np.diff(time))])
     by_velocity, by_position = (each[apart:] - each[:-apart] for each in (summed, position))
@@ -152,7 +152,7 @@ def read_force_log(path: Path) -> ForceLog:
 
 
 def _space_evenly(path: Path, time: FloatArray) -> FloatArray:
-    """Return the evenly spaced times (K,) that are closest to the times of the file."""
+    """Return K evenly spaced times from the first to the last time, s; RecordingError if samples are missing."""
     if not is_time_axis(time):
         raise RecordingError(f"{path}: `{TIME}` must contain at least two times that increase from row to row")
     even = np.linspace(time[0], time[-1], len(time))

@@ -27,7 +27,7 @@ _KINECT_RATE = 30.0
 _TIMES = ("time_s", "time")
 _INFERRED = 1
 _LONGEST_STEP = 1.75  # largest step between two rows, in usual steps, that is interpolated
-_ON_ROW = 0.02  # usual steps from a row
+_ON_ROW = 0.02  # a time that is closer to a row than this, in usual steps, takes the values of the row
 _LEAST_ROWS = 20
 _FASTEST = 500.0  # Hz
 
@@ -37,7 +37,7 @@ class SkeletonRecording:
     """A skeleton at times with a constant step: F frames of M joints."""
 
     recording: Recording  # joint positions in place of markers; NaN if a joint is missing
-    inferred: BoolArray  # (F, M) positions that the sensor inferred because it did not see the joint
+    inferred: BoolArray  # (F, M) whether the sensor inferred the position because it did not see the joint
 
 
 @dataclass(frozen=True)
@@ -55,9 +55,9 @@ class _Rows:
 def read_skeleton(path: Path, *, units: str | None = None, vertical: str | None = None) -> SkeletonRecording:
     """Read the joint positions of a skeleton and interpolate them to times with a constant step.
 
-    The file is TRC; or CSV with ``time_s`` (or ``time``) and ``JOINT_x``, ``JOINT_y``, ``JOINT_z``, optionally
-    ``JOINT_state`` (2 tracked, 1 inferred, 0 missing), in m, in small or capital letters; or rows of 75 or 175 numbers.
-    These are the 25 joints of a Kinect v2, each as x y z or as x y z and a quaternion, in m at 30 Hz.
+    Three formats are read. (1) TRC. (2) CSV with ``time_s`` (or ``time``), ``JOINT_x``, ``JOINT_y``, ``JOINT_z`` in m,
+    and optionally ``JOINT_state`` (2 tracked, 1 inferred, 0 missing), in small or capital letters. (3) Text of a Kinect
+    v2 with 75 or 175 numbers in each row: x y z, or x y z and a quaternion, of 25 joints, in m at 30 Hz.
 
     ``units`` replaces the usual or declared length unit; ``vertical`` is the axis of the file that points up, Y if
     omitted. Raises RecordingError if the file is missing or has another format, or its times do not increase. Raises
@@ -101,7 +101,7 @@ def _read_rows(path: Path, oddities: list[str]) -> _Rows:
 
 
 def _read_kinect_rows(path: Path, text: str, oddities: list[str]) -> _Rows:
-    """Return the rows of a Kinect v2, which have no header and no times."""
+    """Return the rows of a text file of a Kinect v2, which has no header and no times."""
     lines = [line.replace(",", " ") for line in text.splitlines()]
     width = len(lines[0].split())
     joints = len(KINECT_V2)
@@ -146,7 +146,7 @@ def _read_csv_rows(path: Path) -> _Rows:
 
 
 def _interpolate(path: Path, rows: _Rows, oddities: list[str]) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Return times with a constant step, and the rows there: interpolated linearly, missing where rows are missing."""
+    """Return times (F,) of equal steps, positions (F, M, 3) (NaN where rows are missing) and inferred flags (F, M)."""
     rows = _drop_repeated_times(path, rows, oddities)
     steps = np.diff(rows.time)
     usual = float(np.median(steps)) if len(steps) else 0.0
@@ -178,7 +178,7 @@ def _interpolate(path: Path, rows: _Rows, oddities: list[str]) -> tuple[FloatArr
 
 
 def _drop_repeated_times(path: Path, rows: _Rows, oddities: list[str]) -> _Rows:
-    """Return the rows without repeated times."""
+    """Return the rows without those that repeat a time; RecordingError if the times decrease or are not numbers."""
     if not np.isfinite(rows.time).all() or (np.diff(rows.time) < 0).any():
         k = int(np.argmax(~(np.isfinite(rows.time) & (np.diff(rows.time, prepend=-np.inf) >= 0))))
         raise RecordingError(f"{path}: the times must be numbers that increase; row {k + 1} of the data does not")

@@ -88,13 +88,12 @@ class TextTable:
         return self.numbers()[:, [self.names.index(name) for name in names]]
 
     def check_count(self, declared: int | None, values: FloatArray, *, ended: bool) -> list[str]:
-        """Compare the number of rows with the number in the header; return a note if they differ and the last row is
-        whole.
+        """Compare the number of rows with the number in the header; return a note if they differ, else an empty list.
 
-        A file that was shortened by hand ends with a whole row. If the file ends within the last cell, this cell may
-        have lost digits and becomes NaN in ``values`` (K, C). ``ended`` says whether a line end follows the last row.
-        Raises RecordingError if the numbers differ and the last row is incomplete, or if the declared number is
-        impossible.
+        ``declared`` is the number in the header, None if there is none. A file that was shortened by hand ends with a
+        whole row and is accepted. If the file ends within the last cell, this cell may have lost digits and becomes NaN
+        in ``values`` (K, C). ``ended`` says whether a line end follows the last row. Raises RecordingError if the
+        numbers differ and the last row is incomplete, or if the declared number is impossible.
         """
         count = len(values)
         if declared == count or not count or (declared is None and ended):
@@ -118,7 +117,7 @@ class TextTable:
         return [number for number, line in enumerate(self.lines, self.first) if line.strip()][row]
 
     def _explain_error(self, arrow_message: str) -> str:
-        """Return the text for a cell that is not a number, from Arrow's message."""
+        """Return a text that says which cell is not a number, from Arrow's message."""
         match = _ARROW_ERROR.search(arrow_message)
         if match is None:
             return " ".join(arrow_message.split())[:160]
@@ -227,9 +226,10 @@ def _read_header_values(lines: Sequence[str]) -> dict[str, str]:
 def _put_time_first(
     path: Path, columns: list[str], values: FloatArray, declared: str, notes: list[str]
 ) -> tuple[list[str], FloatArray]:
-    """Return the columns with the time first.
+    """Return the names and the values of the columns, with the time first.
 
-    The rows of a SIMM table without times span the range in its header evenly.
+    If a SIMM table has no times, they are spread evenly over the range in its header, and a note is added to ``notes``.
+    Raises RecordingError if there is neither a time column in the first place nor such a range.
     """
     if columns and columns[0].lower() in _TIME:
         return columns, values
@@ -241,7 +241,7 @@ def _put_time_first(
 
 
 def parse_count(declared: str | None) -> int | None:
-    """Parse the number of rows or markers in a header; None if it is not a whole number."""
+    """Return the number of rows or markers in a header; None if it is not a whole number."""
     digits = (declared or "").strip()
     if not _WHOLE.fullmatch(digits):
         return None
@@ -249,7 +249,7 @@ def parse_count(declared: str | None) -> int | None:
 
 
 def read_csv(path: Path) -> TextTable:
-    """Read a CSV table with the column names in its first line.
+    """Read a CSV table with the column names in the first line that is not blank.
 
     Raises RecordingError if the file is missing, empty or not a CSV table.
     """

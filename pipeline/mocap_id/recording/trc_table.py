@@ -35,7 +35,7 @@ def parse_trc(path: Path, text: str, oddities: list[str]) -> MarkerTable:
 
     The number of markers follows from NumMarkers, the line with names, the line with X1 Y1 Z1 … and the widest row. If
     they contradict each other, the number that all lines but one support is used, and a note says so. Raises
-    RecordingError if the text is not a TRC file, or is contradictory or cut.
+    RecordingError if the text is not a TRC file, contradicts itself or is truncated.
     """
     lines = split_lines(text)
     header = _find_header(path, lines)
@@ -84,7 +84,7 @@ def _find_header(path: Path, lines: Sequence[str]) -> _Header:
 
 
 def _parse_values(names: str, line: str) -> dict[str, str]:
-    """Return the values of the header by lower-case name; a value has no white space, except between tabs."""
+    """Return the header's values by lower-case name; a value may contain spaces only if tabs separate the values."""
     separator = "," if "," in names and "\t" not in names else "\t"
     keys = [key.lower() for key in names.replace(separator, " ").split()]
     cells = [cell.strip() for cell in line.split(separator)]
@@ -105,7 +105,7 @@ def _find_row_separator(row: str, separator: str | None) -> str | None:
 def _cut_table(
     path: Path, header: _Header, body: Sequence[str], separator: str | None, oddities: list[str]
 ) -> tuple[list[str], TextTable]:
-    """Return the marker names, and the rows without columns to the right of the named markers."""
+    """Return the marker names, and a table of the rows without the columns to the right of the named markers."""
     filled = [row.rstrip() if separator is None else row.rstrip().rstrip(separator) for row in body]
     counts = [len(row.split()) if separator is None else row.count(separator) + 1 for row in filled]
     labels = _find_labels(path, header, max(counts), oddities)
@@ -163,7 +163,7 @@ def _find_labels(path: Path, header: _Header, widest: int, oddities: list[str]) 
 
 
 def _note_extra_columns(path: Path, named: int, columns: int, stated: dict[str, int], oddities: list[str]) -> None:
-    """Add a note on whole triples of columns to the right of the named markers; refuse other extra columns."""
+    """Add a note if whole triples of columns follow those of the named markers; RecordingError for other columns."""
     if columns % 3 or named not in stated.values():
         found = ", ".join(f"{name} {count}" for name, count in stated.items()) or "no NumMarkers"
         raise RecordingError(

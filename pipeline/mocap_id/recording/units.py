@@ -47,7 +47,7 @@ _QUANTITIES = {
 
 
 def find_length_scale(declared: str) -> float | None:
-    """Return the metres per declared unit; None if the name is empty, unknown or ambiguous.
+    """Return the size of a declared unit of length, m; None if the name is empty, unknown or ambiguous.
 
     C3D files truncate strings. A prefix of at least three letters is accepted if all matching names are the same unit.
 
@@ -66,7 +66,7 @@ def find_length_scale(declared: str) -> float | None:
 
 
 def check_length_unit(units: str) -> float:
-    """Return the metres per unit of length in the user's ``units``; ConfigError if the unit is unknown."""
+    """Return the size of the unit of length in the user's setting ``units``, m; ConfigError if it is unknown."""
     scale = find_length_scale(units)
     if scale is None:
         raise ConfigError(f"units: {units!r} is not a unit of length; expected one of {', '.join(LENGTHS)}")
@@ -74,7 +74,7 @@ def check_length_unit(units: str) -> float:
 
 
 def find_force_scale(declared: str) -> float | None:
-    """Return the newtons per declared unit of force; None if the name is empty or not a force.
+    """Return the size of a declared unit of force, N; None if the name is empty or not a unit of force.
 
     Examples
     --------
@@ -85,10 +85,10 @@ def find_force_scale(declared: str) -> float | None:
 
 
 def find_moment_scale(declared: str) -> float | None:
-    """Return the newton metres per declared unit of moment; None if the name is empty or not a moment.
+    """Return the size of a declared unit of moment, N·m; None if the name is empty or not a unit of moment.
 
-    The unit is a force and a length, with or without a separator. The length may come first, but without a separator
-    only if it is in feet or inches, since ``mN`` is a millinewton.
+    The name consists of a unit of force and a unit of length, with or without a separator. The length may come first;
+    without a separator only feet and inches may, because ``mN`` is a millinewton.
 
     Examples
     --------
@@ -154,7 +154,7 @@ class ForceUnits:
         return {"force": self.force, "moment": self.moment}.get(quantity)
 
     def factor(self, quantity: str) -> float:
-        """Return the SI value of the configured unit of ``"force"`` or ``"moment"``; 1 if none is configured."""
+        """Return the size of the configured unit of ``"force"`` or ``"moment"`` in SI units; 1 if there is none."""
         unit = self[quantity]
         scale = None if unit is None else _SCALES[quantity](unit)
         return 1.0 if scale is None else scale
@@ -178,9 +178,10 @@ def find_channel_scales(kind: int, declared: Sequence[str], metres: float, confi
     """Return the unit factors of every channel of a plate of type 1, 2 or 3.
 
     ``declared`` are the ANALOG:UNITS of the channels, empty if undeclared; ``metres`` is the size of the POINT unit.
-    Every channel has its declared unit. A missing unit is taken from the other channels of the same quantity. If they
-    have none, it is the usual unit: N, and POINT:UNITS for lengths. If all channels declare N, this is used for forces
-    only, and the units of moments and lengths count as missing.
+    Every channel has its declared unit, unless ``configured`` replaces it. A missing unit is taken from the other
+    channels of the same quantity. If they have none either, N is assumed for forces, POINT:UNITS for lengths, and their
+    product for moments. If all channels declare N, this is used for forces only, and the units of moments and lengths
+    count as missing.
 
     Raises UnusablePlateError if a channel declares an unknown unit or a unit of another quantity.
     """

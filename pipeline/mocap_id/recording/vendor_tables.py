@@ -174,7 +174,7 @@ def _name_triples(path: Path, names: Sequence[str], axes: Sequence[str]) -> list
 
 
 def _find_first_qtm_row(lines: Sequence[str]) -> int:
-    """Return the index of the first row of numbers: after the last key, and after a line with column names."""
+    """Return the index of the first row of numbers, after the last key and after any line of column names."""
     keys = [k for k, line in enumerate(lines[:_HEADER_LINES]) if _QTM_KEY.match(line)]
     first = keys[-1] + 1 if keys else 0
     while first < len(lines) and (not lines[first] or _has_words(lines[first])):
@@ -198,7 +198,7 @@ def _number_rows(path: Path, rows: Sequence[str], first: int) -> list[str]:
 
 
 def _has_times(path: Path, rows: Sequence[str], markers: int) -> bool:
-    """Return whether a frame number and a time precede the coordinates, judged by the number of cells."""
+    """Return whether a frame number and a time precede the coordinates, judged by the number of cells in ``rows``."""
     width = max(row.rstrip("\r\n ").rstrip("\t").count("\t") + 1 for row in rows)
     most = max(row.count("\t") + 1 for row in rows)
     for extra in (0, 2):

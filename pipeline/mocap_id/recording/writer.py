@@ -19,7 +19,7 @@ from mocap_id.recording.plate_types import PlateSignals, compute_plate_axes
 
 _CHANNEL_NAMES = ("Fx", "Fy", "Fz", "Mx", "My", "Mz")
 _SAME_FRAME = 0.01
-"""Largest difference between the time of the first frame and that of its number, as a share of a frame."""
+"""Largest accepted difference between the time of the first frame and the time of its number, in frames."""
 
 _LAST_TIME = 1e5  # largest time in a text file, s; its nine digits are too coarse for later times
 
@@ -59,9 +59,9 @@ def write_c3d(
 def write_recording(path: Path, recording: Recording) -> None:
     """Write a recording as a C3D file.
 
-    Raises RecordingError if a C3D file cannot store the recording. This is so if the frames are not evenly spaced, or
-    do not start at a whole frame from 0 s on. It is also so if a plate has no corners, or does not cover every frame at
-    a common rate that is a multiple of the frame rate.
+    Raises RecordingError if a C3D file cannot store the recording. The frames must be evenly spaced, and the first must
+    be at 0 s or a multiple of the frame interval later. All usable plates must have corners and cover every frame with
+    the same rate, a multiple of the frame rate.
     """
     _check_even(recording)
     first = _find_first_number(recording)
@@ -125,7 +125,7 @@ def _find_first_number(recording: Recording) -> int:
 
 
 def _compute_channels(plate: Plate, recording: Recording) -> PlateSignals:
-    """Return the channels of a plate of type 2 that give this wrench; NaN where the samples are not valid."""
+    """Return the channels with which a plate of type 2 measures the wrench of ``plate``; NaN for invalid samples."""
     if plate.corners is None:
         raise RecordingError(f"plate {plate.index} has no corners; expected (4, 3), in m")
     if abs(plate.start - recording.time[0]) > 0.5 / plate.rate:
@@ -224,8 +224,9 @@ def format_trc(
 ) -> str:
     """Return markers as the text of a TRC file in mm; missing markers are blank.
 
-    ``name`` is the file name for the first line. ``positions`` (F, M, 3) have Y up, m; NaN if missing. ``time`` (F,) in
-    s, frame numbers (F,), ``rate`` in frames per second. Raises ValueError if the arrays do not fit together.
+    ``name`` is the file name for the first line. ``positions`` (F, M, 3) have Y up, m; NaN if missing. ``time`` (F,) is
+    in s, ``frames`` (F,) are the frame numbers, and ``rate`` is in frames per second. Raises ValueError if the arrays
+    do not fit together.
     """
     count, markers = positions.shape[:2]
     if len(labels) != markers or len(time) != count or len(frames) != count:
@@ -255,9 +256,9 @@ def format_motion_table(
 ) -> str:
     """Return values (T, C) at times (T,), s, as the text of a MOT or STO file.
 
-    ``name`` is the name of the table for the first line. NaN is written as ``nan``, at which OpenSim's own programs
-    stop reading. ``in_degrees`` is the value of ``inDegrees`` in the header; the values are not converted. Raises
-    ValueError if columns, times and values do not fit together.
+    ``name`` is the name of the table for the first line. NaN is written as ``nan``; OpenSim's own programs cannot read
+    files that contain it. ``in_degrees`` is the value of ``inDegrees`` in the header; the values are not converted.
+    Raises ValueError if columns, times and values do not fit together.
     """
     if values.shape != (len(time), len(columns)):
         raise ValueError(f"values of shape {values.shape} do not fit {len(time)} times and {len(columns)} columns")
