@@ -46,7 +46,7 @@ def test_a_name_against_the_motion_is_named(confidence: float, level: str) -> No
     (reason,) = check_marker_names(LABELS, moved, NAMES, confidence)
     assert reason.level == level
     assert reason.value == 2
-    assert "LTIB is on the thigh, its name says shank" in reason.message
+    assert "LTIB is on the thigh, but by its name on the shank" in reason.message
     assert "L.THI is on the shank" in reason.message
     assert "RKNE" not in reason.message
 

@@ -1,4 +1,4 @@
-"""The stages of the pipeline, in order. ``STAGES`` are their records, imported on first access.
+"""Stages of the pipeline, in order. ``STAGES`` is the tuple of their records, which are imported on first access.
 
 ``STAGE_HELP`` is the only list of stages: commands, Makefile rules, settings and documentation are made from it. A
 stage comes after the stages whose outputs it reads. The last stage is the report, which is also made if an earlier
@@ -25,7 +25,7 @@ STAGE_HELP = {
     "identify-dim": "Identify the inertial parameters and the joint torques.",
     "report": "Write the verdict, the figures and the page.",
 }
-"""One line for each stage, in their order."""
+"""Description of each stage in one line, by the name of the stage, in the order of the stages."""
 
 
 def __getattr__(name: str) -> Any:

@@ -1,4 +1,4 @@
-"""Stages as frozen records: inputs, outputs, settings and a function."""
+"""Records of the stages: each describes the inputs, outputs, settings and function of one stage."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ if TYPE_CHECKING:
     from mocap_id.store import Artefact, Document, LongTable, Table, Tree
 
 Only: TypeAlias = Mapping[str, tuple[str, ...]]
-"""Settings that exist in the plane only, or in space only, by name.
+"""Restricted choices by the name of the setting, for settings that exist only in the plane or only in space.
 
-The values are the choices that exist only there; an empty tuple stands for all choices."""
+An empty tuple means that the whole setting is restricted."""
 
 
 class Settings(BaseModel):
     """Base class of all models of the configuration: immutable, without unknown keys.
 
-    ``plane_only`` settings exist only with `space: plane`, ``space_only`` settings only with `space: 3d`.
+    The settings in ``plane_only`` exist only with `space: plane`, those in ``space_only`` only with `space: 3d`.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False, defer_build=True)
@@ -37,8 +37,9 @@ class Settings(BaseModel):
 class Context:
     """Inputs of a stage's function: trial, settings and artefacts.
 
-    ``inputs`` are the input artefacts of the stage by file name. ``refused`` is set only for the report of a refused
-    trial; ``inputs`` are then the artefacts that exist. ``seconds`` are the computation times of earlier stages, s.
+    ``inputs`` are the input artefacts of the stage by file name. ``refused`` is the refusal in the report of a refused
+    trial, else None; ``inputs`` then contains only the artefacts that exist. ``seconds`` are the computation times of
+    the earlier stages by name, s; they are given only to the report.
     """
 
     trial: TrialKeys
@@ -48,26 +49,26 @@ class Context:
     seconds: Mapping[str, float] | None = None
 
     def table(self, file: str) -> Table:
-        """Return an input in a Parquet file with one row for every sample."""
+        """Return the input ``file``, a Parquet file with one row for each sample."""
         artefact = self.inputs[file]
         assert isinstance(artefact, store.Table)
         return artefact
 
     def long(self, file: str) -> LongTable:
-        """Return an input in a Parquet file with one row for every frame and marker."""
+        """Return the input ``file``, a Parquet file with one row for each frame and marker."""
         artefact = self.inputs[file]
         assert isinstance(artefact, store.LongTable)
         return artefact
 
     def tree(self, file: str) -> Tree:
-        """Return an input in an HDF5 file."""
+        """Return the input ``file``, an HDF5 file."""
         artefact = self.inputs[file]
         assert isinstance(artefact, store.Tree)
         return artefact
 
     @property
     def reasons(self) -> tuple[Reason, ...]:
-        """Reasons in all inputs, each one once, in the order of the inputs."""
+        """Reasons of all inputs, in the order of the inputs and without repetitions."""
         return tuple(dict.fromkeys(reason for artefact in self.inputs.values() for reason in artefact.reasons))
 
 
@@ -83,9 +84,9 @@ class Stage:
     # Inputs, outputs: file names of artefacts and documents. A stage may return additional documents such as figures.
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
-    # Keys of :class:`TrialKeys` that the function reads. With the settings, they form the stage's slice.
+    # Keys of :class:`TrialKeys` that the function reads. The stage runs again if one of them or a setting changes.
     uses: tuple[str, ...]
-    settings: type[Settings]  # model of the section with the stage's name in the YAML file
+    settings: type[Settings]  # model of the section in the YAML file that has the name of the stage
     # function that returns the outputs for a :class:`Context`, in the order of ``outputs``
     function: Callable[[Context], Outputs]
     help: str  # one line for the command line and the documentation
@@ -93,5 +94,5 @@ class Stage:
     uses_alone: tuple[str, ...] = ()
 
     def keys_of(self, trial: TrialKeys) -> tuple[str, ...]:
-        """Return the keys of the trial that the function reads."""
+        """Return the names of the keys of the trial that the function reads."""
         return self.uses if trial.recording is not None else (*self.uses, *self.uses_alone)

@@ -1,4 +1,4 @@
-"""Artefacts of the calibration trial, whose chain is used; trials of inertial sensors without markers need one."""
+"""Artefacts of the calibration trial, whose chain is used. A trial without markers always has a calibration trial."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 _T = TypeVar("_T")
 
 FORMAT = "inertial sensors"
-"""Format of a recording without markers in the facts of planar.parquet."""
+"""Fact ``format`` of planar.parquet if the recording has no markers."""
 
 
 def has_no_markers(facts: Mapping[str, Any]) -> bool:
@@ -37,7 +37,8 @@ def read_chain(calibration: Calibration) -> Tree:
     Raises
     ------
     RecordingError
-        The file is missing or damaged, or the chain is in space and not in the plane, or the reverse.
+        The file is missing or damaged. Or its chain is in space although a chain in the plane is expected, or the
+        reverse.
     """
     path = calibration.chain
     from mocap_id.store import hdf5  # noqa: PLC0415  the settings of the stages do not need it
@@ -46,7 +47,7 @@ def read_chain(calibration: Calibration) -> Tree:
     plane = calibration.states is not None
     if tree.has("joints/kind") == plane:
         found, expected = ("space", "the plane") if plane else ("the plane", "space")
-        raise RecordingError(f"{path} is a chain in {found}, expected one in {expected}; check `calibration:`")
+        raise RecordingError(f"{path} contains a chain in {found}, expected one in {expected}; check `calibration:`")
     return tree
 
 
@@ -67,11 +68,11 @@ def read_states(calibration: Calibration) -> Table:
 
 
 def _read(calibration: Calibration, path: Path, decode: Callable[[bytes], _T]) -> _T:
-    """Return the decoded content of a file; RecordingError says how to compute the file again."""
+    """Return the content of a file, decoded by ``decode``; a RecordingError says how to compute the file again."""
     again = f"run `mocap-id run {calibration.trial}` again"
     try:
         return decode(path.read_bytes())
     except OSError as error:
-        raise RecordingError(f"{path}: cannot be read ({error.strerror}): {again}") from error
+        raise RecordingError(f"{path} cannot be read ({error.strerror}); {again}") from error
     except ValueError as error:
-        raise RecordingError(f"{path} {error}: {again}") from error
+        raise RecordingError(f"{path} {error}; {again}") from error

@@ -1,4 +1,4 @@
-"""Keys of a trial of curls: condition, loads, device, and rules of the analysis."""
+"""Keys in the configuration of a trial of curls: condition, loads, device, and rules of the analysis."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _FARTHEST = 0.6
 
 
 def _convert_number(value: object) -> object:
-    """Return the text of a whole number, because `condition: 5` is a name; return other values unchanged."""
+    """Return a whole number as text, because `condition: 5` is a name; return any other value unchanged."""
     return str(value) if type(value) is int else value
 
 
@@ -23,7 +23,7 @@ ConditionName: TypeAlias = Annotated[str, BeforeValidator(_convert_number)]
 
 
 class Body(Settings):
-    """A rigid body on forearm or hand, in the axes of its segment."""
+    """A rigid body that is fixed on the forearm or the hand, in the axes of this segment."""
 
     mass: float = Field(gt=0, lt=100, description="mass, kg")
     centre: Vector = Field(description="centre of mass in the axes of its segment, m; y points to the elbow")
@@ -54,8 +54,8 @@ class CurlKeys(Settings):
         None, gt=0.05, lt=5, description="tempo of the metronome, curls per second; without it, no tempo is checked"
     )
     loads: dict[str, Body] = Field({}, description="dumbbell, brace and other added bodies, by name")
-    forearm: Body | None = Field(None, description="inertia of the forearm; default: de Leva's table by the mass")
-    hand: Body | None = Field(None, description="inertia of the hand; default: de Leva's table by the mass")
+    forearm: Body | None = Field(None, description="inertia of the forearm; default: by the body mass (de Leva)")
+    hand: Body | None = Field(None, description="inertia of the hand; default: by the body mass (de Leva)")
     device: Annotated[dict[str, Any], WithJsonSchema({"type": "string"})] | None = Field(
         None,
         description="YAML file of a pneumatic device at the elbow; `condition` is its state, if the file contains a "
@@ -63,17 +63,19 @@ class CurlKeys(Settings):
     )
     attempt_deg: float = Field(15.0, gt=0, lt=120, description="smallest flexion of an attempt, degrees")
     complete: float = Field(
-        0.6, gt=0, le=1, description="smallest flexion of a complete curl as a share of the large curls"
+        0.6, gt=0, le=1, description="smallest flexion of a complete curl as a share of the flexion in the large curls"
     )
     tempo: float = Field(
-        0.5, gt=0, description="largest difference of a curl's duration from the metronome's period, as a share of it"
+        0.5, gt=0, description="largest difference of a curl's duration from the metronome's period, in periods"
     )
-    pause: float = Field(2.0, gt=0, description="longest pause between curls, in periods")
+    pause: float = Field(
+        2.0, gt=0, description="longest pause between curls, in periods of the metronome or median durations of a curl"
+    )
     plane_deg: float = Field(
         20.0, gt=0, description="largest rotation of the elbow's axis from its direction in the first curl, degrees"
     )
     compensation_deg: float = Field(
-        10.0, gt=0, description="smallest change of an angle of shoulder or thorax that is a compensation, degrees"
+        10.0, gt=0, description="smallest change of an angle of shoulder or thorax in a compensation, degrees"
     )
     sustained_s: float = Field(
         0.25, ge=0, description="shortest duration of a compensation and of motion out of the plane, s"

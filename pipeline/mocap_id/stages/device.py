@@ -33,7 +33,7 @@ class Condition(Settings):
     extension_Pa: _Chamber = Field("open", description=f"extension chamber: {_CHAMBER}")  # noqa: N815
 
     def setting(self) -> Setting:
-        """Return the pressures at which the chambers are sealed, None for an open chamber."""
+        """Return the pressures at which the chambers are sealed; an open chamber has the pressure None."""
         return Setting(
             None if isinstance(self.flexion_Pa, str) else self.flexion_Pa,
             None if isinstance(self.extension_Pa, str) else self.extension_Pa,
@@ -41,7 +41,7 @@ class Condition(Settings):
 
 
 class Deviations(Settings):
-    """Standard deviations of the keys of a device, for the standard deviation of its torque."""
+    """Standard deviations of the values in the file of a device, for the standard deviation of its torque."""
 
     pulley_radius_m: float | None = Field(None, ge=0, description="m; default: 1 % of the radius")
     area_flexion_m2: float | None = Field(None, ge=0, description="m²; default: 2 % of the area")
@@ -59,14 +59,14 @@ class Settling(Settings):
     """Time constants of the pressures after a change of the condition."""
 
     fill_s: _Lag | tuple[_Lag, _Lag] = Field(
-        0.2, description="time constant of a chamber that is filled, s; or of the [flexion, extension] chamber"
+        0.2, description="time constant with which a chamber is filled, s; or of both chambers, [flexion, extension]"
     )
     vent_s: _Lag | tuple[_Lag, _Lag] = Field(
-        0.2, description="time constant of a chamber that is vented, s; or of the [flexion, extension] chamber"
+        0.2, description="time constant with which a chamber is vented, s; or of both chambers, [flexion, extension]"
     )
 
     def lags(self) -> tuple[FloatArray, FloatArray]:
-        """Return the time constants (2,) of flexion and extension chamber for filling and for venting, s."""
+        """Return the time constants for filling and for venting, s, each (2,) for flexion and extension chamber."""
         return np.broadcast_to(self.fill_s, 2), np.broadcast_to(self.vent_s, 2)
 
 
@@ -94,7 +94,7 @@ class DeviceFile(Settings):
     full_flexion_deg: float = Field(
         description="joint angle at the flexed end of the stroke, where the chambers are sealed, degrees"
     )
-    polytropic: float = Field(1.2, ge=ISOTHERMAL, le=ADIABATIC, description="exponent n, from 1 (slow) to 1.4 (fast)")
+    polytropic: float = Field(1.2, ge=ISOTHERMAL, le=ADIABATIC, description="exponent n: 1 if slow, 1.4 if fast")
     coulomb_Nm: float = Field(0.0, ge=0, description="Coulomb friction at the joint, N·m")  # noqa: N815
     viscous_Nms: float = Field(0.0, ge=0, description="viscous friction at the joint, N·m·s/rad")  # noqa: N815
     atmosphere_Pa: float = Field(101_325.0, gt=0, description="pressure of the atmosphere, Pa")  # noqa: N815
@@ -104,7 +104,7 @@ class DeviceFile(Settings):
     conditions: dict[str, Condition] = Field({}, description="states of the chambers by name, for example for a study")
     settling: Settling = Field(Settling(), description="time constants of the pressures")
     reservoir: Reservoir | None = Field(None, description="reservoir of the supply")
-    sd: Deviations = Field(Deviations(), description="standard deviations of these keys")
+    sd: Deviations = Field(Deviations(), description="standard deviations of these values")
 
     def cylinder(self) -> Cylinder:
         """Return the cylinder of the device."""
@@ -127,7 +127,10 @@ class DeviceFile(Settings):
         return PressureLimits(self.atmosphere_Pa, self.supply_Pa)
 
     def deviations(self) -> dict[str, float]:
-        """Return the standard deviations by field of :class:`~mocap_id.pneumatics.cylinder.Cylinder`, and ``gauge``."""
+        """Return the standard deviations by field of :class:`~mocap_id.pneumatics.cylinder.Cylinder`.
+
+        ``gauge`` is the standard deviation of a sealed pressure, Pa.
+        """
         deviations = {"exponent": self.sd.polytropic, "gauge": self.sd.gauge_Pa}
         deviations["full_flexion"] = float(np.radians(self.sd.full_flexion_deg))
         for field, (key, share) in _SHARES.items():
@@ -144,8 +147,8 @@ class DeviceFile(Settings):
     ) -> tuple[FloatArray, FloatArray]:
         """Return the torque on the joint and its standard deviation, N·m; zeros if the device is not worn.
 
-        ``angle``, ``velocity`` and ``angle_deviation`` are arguments of
-        :func:`~mocap_id.pneumatics.cylinder.compute_torque_and_sd`.
+        :func:`~mocap_id.pneumatics.cylinder.compute_torque_and_sd` explains ``angle``, ``velocity`` and
+        ``angle_deviation``.
         """
         if not condition.worn:
             return np.zeros(np.shape(angle)), np.zeros(np.shape(angle))

@@ -10,7 +10,7 @@ from mocap_id.errors import ConfigError
 
 
 def find_markers(labels: Sequence[str], patterns: Sequence[str], key: str) -> tuple[int, ...]:
-    """Return the ascending indices of the markers that match labels or patterns such as ``L*WR*``.
+    """Return the indices, in ascending order, of the markers that match labels or patterns such as ``L*WR*``.
 
     A pattern that is also the label of a marker selects only this marker, because camera software gives unlabelled
     markers names such as ``*12``.

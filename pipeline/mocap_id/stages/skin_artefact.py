@@ -17,12 +17,12 @@ def make_skin_tree(skin: SkinModel, labels: Sequence[str], camera_sd: float | No
 
     Parameters
     ----------
-    labels : (K,) sequence of str
+    labels : sequence of str
         Labels of the markers.
     camera_sd : float or None
         Standard deviation of the camera noise of a coordinate, m; None without cameras.
     basis : str
-        Data from which the variances were estimated.
+        Name of the data from which the variances were estimated.
     """
     data = {
         "joints": {"centre": as_xy(skin.centres), "mean_angle": skin.mean},
@@ -41,7 +41,7 @@ def make_skin_tree(skin: SkinModel, labels: Sequence[str], camera_sd: float | No
 
 
 def read_skin_tree(tree: Tree) -> SkinModel:
-    """Return the model of skin motion from the content of skin.h5."""
+    """Return the model of skin motion that skin.h5 contains."""
     return SkinModel(
         centres=as_complex(tree.array("joints/centre")),
         local=as_complex(tree.array("markers/local")),

@@ -15,15 +15,15 @@ from mocap_id.geometry.spatial_chain import SpatialChain
 from mocap_id.kinematics.space.rigid_body import rigid_poses
 
 _ROUNDS = 4
-"""Each round multiplies the remaining error by the share of the axial rotation that the skin misses, about 0.2."""
+"""Number of rounds; each multiplies the error by the share of the rotation that the skin misses, about 0.2."""
 _COMMON = 0.05
-"""Share of the axial rotation that the skin beside the next joint may also miss."""
+"""Standard deviation of the share of the axial rotation that the skin beside the next joint misses."""
 _ALL_MISS = 0.5
-"""Share that all skin of a segment may miss, relative to what the skin under the sensor misses; in simulated arms."""
+"""Ratio of the share that all skin of a segment may miss to the share under its sensor, from simulated arms."""
 
 
 def fit_cluster_poses(points: FloatArray, chain: SpatialChain) -> tuple[FloatArray, FloatArray]:
-    """Fit the poses of all segments to their markers, rotations (F, S, 3, 3) and origins (F, S, 3), m.
+    """Fit the pose of each segment to its markers; return rotations (F, S, 3, 3) and origins (F, S, 3), m.
 
     ``points`` (F, M, 3) are the markers, m. A pose is NaN if its segment has too few markers with a position.
     """
@@ -36,7 +36,7 @@ def fit_cluster_poses(points: FloatArray, chain: SpatialChain) -> tuple[FloatArr
 def _fit_clusters(
     points: FloatArray, chain: SpatialChain, segments: Iterable[int], rotations: FloatArray, origins: FloatArray
 ) -> None:
-    """Fit the poses of some segments and write them to ``rotations`` and ``origins``."""
+    """Fit the poses of the given segments and write them into ``rotations`` and ``origins``."""
     for k in segments:
         here = (chain.segment == k) & ~chain.on_glide
         rotations[:, k], origins[:, k], _ = rigid_poses(points[:, here], chain.local[here])
@@ -46,16 +46,16 @@ def correct_axial_rotation(points: FloatArray, chain: SpatialChain) -> FloatArra
     """Return the markers (F, M, 3) that the trial would have if the skin followed the axial rotation of the bones, m.
 
     When a segment rotates by τ about its long axis l, the skin under a marker misses the share s of this rotation: in
-    the axes of the segment, the marker is at exp(-s τ l) x. The rotation follows from the poses of the segments, which
-    have the same error; poses and rotation are therefore computed in turn. The corrected marker is NaN if the pose of
-    its segment is unknown.
+    the axes of the segment, the marker is at exp(-s τ l) x instead of x. The rotation follows from the poses of the
+    segments, which have the same error; poses and rotation are therefore computed alternately. A corrected marker is
+    NaN if the pose of its segment is unknown.
 
     Parameters
     ----------
     points : (F, M, 3) array
         Measured markers, m; NaN where missing.
     chain : SpatialChain
-        Fitted chain with the shares that the skin misses.
+        Fitted chain, which contains the share that the skin under each marker misses.
     """
     if not np.any(chain.skin):
         return points
@@ -72,7 +72,7 @@ def correct_axial_rotation(points: FloatArray, chain: SpatialChain) -> FloatArra
 
 
 def _measure_axial_rotations(rotations: FloatArray, chain: SpatialChain) -> FloatArray:
-    """Return the axial rotation (F, n) of every moving segment, rad: continuous, interpolated where it is unknown."""
+    """Return the axial rotation (F, n) of each moving segment, rad, without jumps and interpolated where unknown."""
     angles = np.zeros((len(rotations), len(chain.joints)))
     every = np.arange(len(rotations))
     for k, joint in enumerate(chain.joints):
@@ -87,7 +87,7 @@ def _measure_axial_rotations(rotations: FloatArray, chain: SpatialChain) -> Floa
 def _rotate_back(
     points: FloatArray, angles: FloatArray, rotations: FloatArray, origins: FloatArray, chain: SpatialChain
 ) -> None:
-    """Correct points (f, M, 3) in place by the share of the axial rotations ``angles`` (f, n) that the skin misses."""
+    """Rotate ``points`` (f, M, 3) in place by the part of ``angles`` (f, n), rad, that the skin misses."""
     for k, joint in enumerate(chain.joints, start=1):
         here = np.flatnonzero((chain.segment == k) & (chain.skin != 0))
         own, origin = rotations[:, k], origins[:, k, None]
@@ -99,7 +99,7 @@ def _rotate_back(
 def add_axial_rotation_errors(
     states: SpatialStates, chain: SpatialChain, *, common: float = _COMMON, missed: Mapping[int, float] | None = None
 ) -> SpatialStates:
-    """Return the states with larger uncertainty, for the axial rotation that no marker of a segment follows.
+    """Return the states with larger standard deviations, because the share that the skin misses is uncertain.
 
     If the share that the skin misses has the error c, the segment is rotated by c τ about its long axis, where τ is its
     axial rotation. This is an error of the joint before the segment and, with opposite sign, of the joints after it.
@@ -109,10 +109,10 @@ def add_axial_rotation_errors(
     chain : SpatialChain
         Fitted chain with the standard deviations of the shares.
     common : float
-        Standard deviation of the share that all markers of a segment miss.
+        Standard deviation of an error of the share that is the same for all markers of a segment.
     missed : mapping from int to float, optional
-        Share that the skin under the inertial sensor of a segment misses in comparison with its markers. For these
-        segments, the uncertainty of the velocities follows from this share alone.
+        Share that the skin under an inertial sensor misses in comparison with the markers, by number of the segment.
+        For these segments, the uncertainty of velocities and accelerations follows from this share alone.
     """
     if not len(chain.skin_sd):
         return states
@@ -147,15 +147,15 @@ def add_axial_rotation_errors(
 def correct_cluster_slides(points: FloatArray, chain: SpatialChain, rate: float) -> FloatArray:
     """Return the markers (F, M, 3) without slow slides of whole clusters of markers on the bones, m.
 
-    Each cluster is shifted so that its joint centre is where the cluster before it has this centre. Only the difference
-    between two clusters is known, so the mean shift of all clusters is set to zero. Rotations do not change.
+    Each cluster is shifted so that its joint centre agrees with the same centre in the cluster before it. Only the
+    difference between two clusters is known, so the mean shift of all clusters is zero. Rotations do not change.
 
     Parameters
     ----------
     points : (F, M, 3) array
         Markers, m; NaN where missing.
     chain : SpatialChain
-        Fitted chain; joints without slides have the standard deviation 0 of a slide.
+        Fitted chain; ``slide_sd`` is 0 for a joint without slides.
     rate : float
         Frames per second.
     """
@@ -175,7 +175,7 @@ def correct_cluster_slides(points: FloatArray, chain: SpatialChain, rate: float)
 
 
 def _fill_gaps(series: FloatArray) -> FloatArray:
-    """Return a series (F, 3) with missing samples interpolated; 0 if all samples are missing."""
+    """Return a series (F, 3) with interpolated values for missing samples; zeros if all samples are missing."""
     known = np.flatnonzero(np.isfinite(series).all(axis=1))
     if not len(known):
         return np.zeros_like(series)

@@ -1,4 +1,4 @@
-"""Keys of a trial that several stages read."""
+"""Keys in the configuration of a trial that several stages read."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class BalanceBoard(Settings):
         None, description="centre of the board's surface in the recording's axes, m; default: from the feet"
     )
     loads: Path | None = Field(
-        None, description="calibration: CSV with load_kg, tl_kg, tr_kg, bl_kg, br_kg, a row for each known load"
+        None, description="calibration: CSV with load_kg, tl_kg, tr_kg, bl_kg, br_kg, one row for each known load"
     )
     clock_offset_s: float = Field(
         0.0, description="time on the recording's clock minus `time_s`, to about 0.1 s; the program refines it"
@@ -55,7 +55,7 @@ class Files(Settings):
     @model_validator(mode="after")
     def _one_source(self) -> Files:
         if (self.markers is None) == (self.skeleton is None):
-            raise ValueError("expected one of `markers` and `skeleton`")
+            raise ValueError("expected either `markers` or `skeleton`")
         if self.skeleton is not None and self.forces is not None:
             raise ValueError("`forces` can be used with `markers`, not with a `skeleton`")
         return self
@@ -145,9 +145,9 @@ Landmark: TypeAlias = Literal[
 
 
 class Calibration(Settings):
-    """Files of another trial of the same person, whose chain is used.
+    """Files of the calibration trial: another trial of the same person, whose chain is used.
 
-    ``states`` and ``imus`` are given only if this trial has inertial sensors without markers.
+    ``states`` and ``imus`` are given only if the trial that uses the calibration has no markers.
     """
 
     trial: Path = Field(description="YAML file of the calibration trial")
@@ -191,11 +191,11 @@ class TrialKeys(Settings):
 
     side: Literal["right", "left"] | None = Field(
         None,
-        description="in space: side of the arm; a left arm is mirrored, so that its angles have the same signs. "
+        description="in space: side of the arm; a left arm is mirrored, so that its signs are those of a right arm. "
         "Default: from the names of the markers, or else right",
     )
     landmarks: dict[Landmark, str] = Field(
-        {}, description="in space: marker labels of anatomical landmarks with other labels than usual"
+        {}, description="in space: marker labels of the anatomical landmarks that do not have their usual labels"
     )
     pointers: dict[Landmark, Path] = Field(
         {}, description="in space: C3D files of recordings in which a pointer touches a landmark"
@@ -272,7 +272,7 @@ class TrialKeys(Settings):
     @classmethod
     def _encoder_has_a_joint(cls, value: Path | None, info: ValidationInfo) -> Path | None:
         if value is not None and info.data.get("protocol") != "robot-joint":
-            raise ValueError("only `protocol: robot-joint` has an encoder")
+            raise ValueError("an encoder needs `protocol: robot-joint`")
         return value
 
     @field_validator("curl")
@@ -314,5 +314,5 @@ def get_recording(trial: TrialKeys) -> Files:
 
 
 def get_landmark_labels(trial: TrialKeys) -> dict[str, str]:
-    """Return the marker labels under ``landmarks:``, by landmark."""
+    """Return the marker labels that the configuration gives under ``landmarks:``, by landmark."""
     return {str(name): label for name, label in trial.landmarks.items()}

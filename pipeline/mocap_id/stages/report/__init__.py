@@ -1,4 +1,4 @@
-"""Settings and record of the stage report: verdict and numbers of a trial, for people and for other programs."""
+"""Settings and record of the stage report, which writes verdict and numbers of a trial for people and programs."""
 
 from __future__ import annotations
 

@@ -12,7 +12,7 @@ from mocap_id.verdict import Reason
 def report(context: Context) -> Outputs:
     """Return the summary and the page of a trial, and its figures if the settings request them.
 
-    For a refused trial (``context.refused``), they are made from the existing artefacts.
+    For a refused trial (``context.refused``), these documents are made from the existing artefacts.
     """
     from mocap_id.reporting.report import make_documents  # noqa: PLC0415  report_data needs no template
 
@@ -37,7 +37,7 @@ def report_data(context: Context) -> ReportData:
 
 
 def _describe_trial(trial: TrialKeys) -> dict[str, str]:
-    """Return the keys of the trial as texts, with file names without folders."""
+    """Return the keys of the trial that are not empty, as texts; file names are without folders."""
     forces = None if trial.recording is None else trial.recording.forces
     forces = forces.balance_board if isinstance(forces, BalanceBoard) else forces
     motion = trial.imus.values() if trial.recording is None else (trial.recording.motion,)

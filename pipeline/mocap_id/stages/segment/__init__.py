@@ -1,4 +1,4 @@
-"""Settings and record of the stage segment: groups of markers that move as rigid bodies, and joints between them."""
+"""Settings and record of the stage segment, which finds markers that move as rigid bodies, and the joints between."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bad stretches: times in which a marker is frozen, moved, mislabelled or no marker of the body."""
+"""Bad stretches: periods without usable samples of a marker: it is frozen, moved, mislabelled or not on the body."""
 
 from __future__ import annotations
 
@@ -22,29 +22,33 @@ _UNSURE = 0.5  # confidence below which the segments are doubtful
 _LISTED = 5  # stretches named in a note
 
 _CAUSES = {
-    "frozen": (
+    "frozen": Reason(
         "marker-frozen",
         "does not move in the laboratory while its segment moves; its last position was repeated",
+        level="ok",
     ),
-    "moved": (
+    "moved": Reason(
         "marker-moved",
-        "is at another position on its segment; it was probably attached again, or it was pushed",
+        "is at another position on its segment; it was probably pushed, or it fell off and was attached again",
+        level="ok",
     ),
-    "elsewhere": (
+    "elsewhere": Reason(
         "marker-elsewhere",
         "is away from its position on its segment; it is probably mislabelled, or a reflection",
+        level="ok",
     ),
-    "ghost": (
+    "ghost": Reason(
         "marker-ghost",
-        "is on no segment and keeps its distance from no other moving marker; it is probably not on the body",
+        "is on no segment, and its distance from every other moving marker changes; it is probably not on the body",
+        level="ok",
     ),
 }
-"""Code of the note, and observation with its probable cause, by the kind of a bad stretch."""
+"""Incomplete note by the kind of a bad stretch; its message is an observation with the probable cause."""
 
 
 @dataclass(frozen=True)
 class SegmentedMarkers:
-    """Segments that were found without the bad stretches."""
+    """Segments that were found without the samples in bad stretches."""
 
     found: Segmentation  # segments of the markers
     view: Trajectories  # markers without the bad stretches
@@ -54,16 +58,16 @@ class SegmentedMarkers:
 def segment_without_bad_markers(
     recorded: Trajectories, frames: int, examined: IntArray, segment: Callable[[FloatArray], Segmentation]
 ) -> SegmentedMarkers:
-    """Segment the markers, find their bad stretches, and repeat this without them until no more are found.
+    """Segment the markers and find bad stretches; repeat both without the bad samples until the stretches converge.
 
     Parameters
     ----------
     frames : int
         Number of frames used for the segmentation.
     examined : int array
-        Indices of the markers that may be bad.
+        Indices of the markers in which bad stretches are searched.
     segment : callable
-        Function that returns the segments of points (f, M, 3), m.
+        Function that returns the segments for the positions (f, M, 3) of the markers, m.
 
     Raises
     ------
@@ -82,7 +86,7 @@ def segment_without_bad_markers(
             _make_facts(recorded, stretch, swapped)
             for stretch in find_bad_stretches(markers, done.found, plane, examined)
         )
-        bad_labels = {each["marker"] for each in bad}  # with more certain times than the swaps
+        bad_labels = {each["marker"] for each in bad}  # their times are more certain than those of swaps
         others = (each for each in swapped if each["marker"] not in bad_labels)
         view = Trajectories(recorded.planar, (*others, *bad))
         if _are_same(bad, before):
@@ -91,14 +95,14 @@ def segment_without_bad_markers(
             other = _segment(view, frames, segment)
         except Refused:  # the other markers do not form a chain
             break
-        if other.found.confidence.value < _UNSURE <= done.found.confidence.value:  # better with the bad samples
+        if other.found.confidence.value < _UNSURE <= done.found.confidence.value:  # more certain with the bad samples
             return replace(done, view=view, points=other.points)
         done = other
     return done
 
 
 def remove_repeats(recorded: Trajectories) -> Trajectories:
-    """Return the markers of a trial in space without stretches in which an exact position is repeated."""
+    """Return the markers of a trial in space without the stretches in which a marker repeats exactly one position."""
     points = recorded.read_positions(np.arange(len(recorded.labels)))
     repeats = find_repeats(points, recorded.rate)
     return Trajectories(recorded.planar, [_make_facts(recorded, each, ()) for each in repeats])
@@ -110,7 +114,7 @@ def _segment(view: Trajectories, frames: int, segment: Callable[[FloatArray], Se
 
 
 def _make_facts(view: Trajectories, stretch: BadStretch, swapped: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
-    """Return the facts of a stretch; its kind is "swapped" if the marker is elsewhere during a known swap."""
+    """Return marker, times and kind of a stretch; "elsewhere" becomes "swapped" in one of the stretches ``swapped``."""
     marker, first, last = view.labels[stretch.marker], view.time[stretch.first], view.time[stretch.last]
     known = any(each["marker"] == marker and each["first_s"] < last and first < each["last_s"] for each in swapped)
     how = "swapped" if known and stretch.how == "elsewhere" else stretch.how
@@ -118,7 +122,7 @@ def _make_facts(view: Trajectories, stretch: BadStretch, swapped: Sequence[Mappi
 
 
 def _are_same(bad: Sequence[Mapping[str, Any]], before: Sequence[Mapping[str, Any]]) -> bool:
-    """Return whether two searches found the same stretches, with times equal to a tenth of a second."""
+    """Return whether two searches found the same stretches, with times that differ by less than 0.1 s."""
     return len(bad) == len(before) and all(
         one["marker"] == other["marker"]
         and abs(one["first_s"] - other["first_s"]) < _CLOSE
@@ -128,7 +132,7 @@ def _are_same(bad: Sequence[Mapping[str, Any]], before: Sequence[Mapping[str, An
 
 
 def _find_swapped_stretches(view: Trajectories) -> tuple[dict[str, Any], ...]:
-    """Return the stretches in which two markers have each other's label and planarise has not repaired this."""
+    """Return the stretches in which two markers have exchanged labels that planarise has not repaired."""
     return tuple(
         {"marker": label, "first_s": swap["first_s"], "last_s": swap["last_s"], "how": "swapped"}
         for swap in view.planar.facts.get("swaps", ())
@@ -138,8 +142,8 @@ def _find_swapped_stretches(view: Trajectories) -> tuple[dict[str, Any], ...]:
 
 
 def explain_bad_markers(bad: Sequence[Mapping[str, Any]]) -> Iterator[Reason]:
-    """Yield a note for every kind of bad stretch, with the markers and times."""
-    for how, (code, cause) in _CAUSES.items():
+    """Yield a note for each kind of bad stretch that occurs, with the markers and times."""
+    for how, cause in _CAUSES.items():
         stretches = [each for each in bad if each["how"] == how]
         if not stretches:
             continue
@@ -150,16 +154,15 @@ def explain_bad_markers(bad: Sequence[Mapping[str, Any]]) -> Iterator[Reason]:
             for each in stretches[:_LISTED]
         )
         rest = f"; and {len(stretches) - _LISTED} more" if len(stretches) > _LISTED else ""
-        yield Reason(
-            code,
-            f"a marker {cause}: {listed}{rest}. These samples were left out; all others are used. Check the marker in "
-            "the camera software.",
-            float(sum(each["last_s"] - each["first_s"] for each in stretches)),
-            level="ok",
+        text = (
+            f"a marker {cause.message}: {listed}{rest}. These samples were left out; all other samples are used. Check "
+            "the marker in the camera software."
         )
+        seconds = float(sum(each["last_s"] - each["first_s"] for each in stretches))
+        yield replace(cause, message=text, value=seconds)
 
 
 def describe_bad_stretches(label: str, bad: Sequence[Mapping[str, Any]]) -> str:
-    """Return a text with the times and kinds of the bad stretches of a marker; empty if it has none."""
+    """Return a text with the times and kinds of the bad stretches of a marker; an empty text if it has none."""
     own = [each for each in bad if each["marker"] == label]
     return "".join(f"; left out from {each['first_s']:.2f} to {each['last_s']:.2f} s: {each['how']}" for each in own)

@@ -1,4 +1,4 @@
-"""Function of the stage segment in the plane: assigns the markers to a base and the segments of a chain."""
+"""Function of the stage segment in the plane, which assigns the markers to a base and the segments of a chain."""
 
 from __future__ import annotations
 
@@ -95,7 +95,10 @@ def segment(context: Context) -> Outputs:
 def _find_segments(
     recorded: Trajectories, settings: SegmentSettings, longest: int, out: list[int]
 ) -> tuple[SegmentedMarkers, Mapping[str, Any] | None]:
-    """Return the segments without bad stretches and the markers ``out``, and the fact ``heel_lift`` or None."""
+    """Return the segments, found without bad stretches and the markers ``out``, and the fact ``heel_lift`` or None.
+
+    ``longest`` is the largest number of segments.
+    """
     labels = recorded.labels
     rules = make_rules(settings, longest)
     constraints = make_constraints(labels, settings)
@@ -127,7 +130,7 @@ def _find_segments(
 
 
 def _plane(points: FloatArray, out: list[int]) -> ComplexArray:
-    """Return the markers (f, M) in the plane, m; NaN for the markers ``out``, which the user leaves out."""
+    """Return the markers (f, M) in the plane as x + iy, m; NaN for the markers ``out``, which the user leaves out."""
     plane = np.asarray(points[..., 0] + 1j * points[..., 1])
     plane[:, out] = np.nan
     return plane
@@ -143,7 +146,7 @@ def _measure_planarity(points: FloatArray) -> float:
 
 
 def _check_planarity(planarity: float, settings: SegmentSettings) -> tuple[Reason, ...]:
-    """Return a caution if the chain moves out of its plane; raise Refused if it moves too far out of it."""
+    """Return a caution if ``planarity`` is above `planarity_caution`; raise Refused above `planarity_limit`."""
     observation = f"{100 * planarity:.1f} % of the chain's motion leaves the plane"
     limit, caution = settings.planarity_limit, settings.planarity_caution
     if planarity > limit:
@@ -154,7 +157,7 @@ def _check_planarity(planarity: float, settings: SegmentSettings) -> tuple[Reaso
         raise Refused("not-planar", text, planarity, limit)
     if planarity <= caution:
         return ()
-    text = f"{observation} (usually at most {100 * caution:.0f} %): angles and lengths are measured in its projection."
+    text = f"{observation} (usually at most {100 * caution:.0f} %): angles and lengths are those of its projection."
     return (Reason("not-planar", text, planarity, caution),)
 
 
@@ -167,7 +170,7 @@ def _lateral(points: FloatArray) -> FloatArray:
 
 
 def _explain_bursts(view: Trajectories) -> tuple[Reason, ...]:
-    """Return a note about samples that jump away and back, with the marker that has most of them."""
+    """Return a note about samples that jump away and back, with the marker that has the most."""
     visible = np.asarray(view.planar.values["visible"], dtype=np.bool_)
     counts = np.count_nonzero(view.bursts & visible, axis=0)
     if not counts.any():
@@ -175,8 +178,8 @@ def _explain_bursts(view: Trajectories) -> tuple[Reason, ...]:
     worst = int(np.argmax(counts))
     first = view.time[np.argmax(view.bursts[:, worst])]
     text = (
-        f"{int(counts.sum())} samples jump away and back; they were left out of the segments and the joint fit. "
-        f"{view.labels[worst]} has most of them, the first at {first:.2f} s."
+        f"{int(counts.sum())} samples jump away and back; segments and joint fit do not use these samples. "
+        f"{view.labels[worst]} has the most, the first at {first:.2f} s."
     )
     return (Reason("bursts", text, float(counts.sum() / np.count_nonzero(visible)), level="ok"),)
 
@@ -201,7 +204,7 @@ def _segment_plane(
 def _read_joint_markers(
     labels: tuple[str, ...], given: Mapping[str, tuple[str, ...]], joint_names: Sequence[str]
 ) -> dict[str, list[str]]:
-    """Return the labels of the markers around each joint in the settings, by joint."""
+    """Return the labels of the markers that the settings ``given`` name for each joint, by joint."""
     unknown = [name for name in given if name not in joint_names]
     if unknown:
         raise ConfigError(
@@ -222,7 +225,7 @@ def _find_markers_at_joints(
 
 
 def _make_links(labels: tuple[str, ...], found: Segmentation) -> dict[str, Any] | None:
-    """Return start values of the joint fit, m, if a segment has a single marker: joint centres and marker positions."""
+    """Return joint centres and marker positions, m, to start the joint fit; None without single-marker segments."""
     if found.links is None:
         return None
     state, assigned = found.links.state, np.flatnonzero(found.segment >= 0)
@@ -248,7 +251,7 @@ def _explain_segment(found: Segmentation, marker: int, names: tuple[str, ...]) -
 
 
 def _describe_hypothesis(hypothesis: Hypothesis, best: Hypothesis, labels: tuple[str, ...]) -> dict[str, Any]:
-    """Return a hypothesis about the segments as JSON, for the summary and the report."""
+    """Return a hypothesis about the segments as a dictionary for JSON, for the summary and the report."""
     return {
         "segments": len(hypothesis.chain) + 1,
         "cost": hypothesis.cost,
@@ -285,13 +288,13 @@ def _explain_doubts(found: Segmentation, joint_names: tuple[str, ...]) -> tuple[
         "skipped": f"without the segment after the {joint_names[weakest]}, the markers fit only "
         f"{found.ratios[weakest]:.1f} times worse",
         "left-out": f"{left_out} markers are on no segment, and many of them are not on a side limb either",
-        "axis": f"a marker near the {joint_names[0]} could also be on the other side of it",
+        "axis": f"a marker near the {joint_names[0]} could also be on the other segment of this joint",
         "first-joint": f"the {joint_names[0]} is not a fixed point: it moves by "
         f"{1e3 * (found.hypotheses[0].joints[0].residual if found.hypotheses else np.nan):.0f} mm",
-        "base": f"the first moving marker moves only {found.base.gap:.1f} times as much as the last marker of the base",
+        "base": f"the marker that moves least moves only {found.base.gap:.1f} times as much as the markers of the base",
         "runner-up": "another number of segments explains the markers about as well",
         "links": f"no marker is at the {loose}; add a marker there",
-        "ankle": f"the {joint_names[0]} rotates little and no marker is at it; add a marker there",
+        "ankle": f"the {joint_names[0]} rotates little and has no marker; add a marker there",
     }[gravest]
     return explain_doubt(why, confidence.value)
 

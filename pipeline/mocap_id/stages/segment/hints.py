@@ -1,4 +1,4 @@
-"""Settings of the segmentation as rules and constraints, and the caution about doubtful segments, in both spaces."""
+"""Rules and constraints of the segmentation from its settings, and the caution about doubtful segments."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def make_rules(settings: SegmentSettings, longest: int) -> SegmentationRules:
 def make_constraints(
     labels: tuple[str, ...], settings: SegmentSettings, known: Sequence[list[int]] = ()
 ) -> Constraints:
-    """Return the hints `together` and `apart` by marker indices; ``known`` are more groups on one segment each.
+    """Return the hints `together` and `apart` with marker indices. The markers of a ``known`` group are also together.
 
     Raises ConfigError if the hints contradict each other.
     """
@@ -41,7 +41,8 @@ def make_constraints(
     if constraints.contradictory.any():
         marker = labels[int(np.argmax(constraints.contradictory))]
         raise ConfigError(
-            f"segment: `together` and `apart` contradict each other: they put {marker} on one segment and on two"
+            f"segment: `together` and `apart` contradict each other: one joins {marker} to a marker, the other "
+            "separates these two"
         )
     return constraints
 
@@ -50,8 +51,8 @@ def check_names(names: tuple[str, ...], count: int) -> tuple[str, ...]:
     """Return the user's names of ``count`` segments; ConfigError if the number of names is different."""
     if len(names) != count:
         raise ConfigError(
-            f"segment.names gives {len(names)} names for {count} segments ({', '.join(names)}); "
-            "give one for each, base first, or set segment.count too"
+            f"segment: names: there are {len(names)} names for {count} segments ({', '.join(names)}); "
+            "give one name for each segment, base first, or also set `segment: {count: …}`"
         )
     return names
 

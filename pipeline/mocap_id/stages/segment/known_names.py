@@ -1,4 +1,4 @@
-"""Comparison of the segments by the motion with the marker names of known marker sets; the motion is used."""
+"""Comparison of the segments found from the motion with the marker names of known marker sets."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _PLUG_IN_GAIT = {
     ("thigh", *_TRUNK): ("GTR", "TROCH"),
     _TRUNK: ("ASI", "ASIS", "PSI", "PSIS", "SACR", "SHO", "SHOULDER", "C7", "T10", "CLAV", "STRN", "RBAK"),
 }
-"""Segments on which a marker may be, and its names in Plug-in Gait and usual synonyms, without the side."""
+"""Names in Plug-in Gait and usual synonyms, without the side, by the segments on which such a marker may be."""
 _SEGMENTS_OF = {name: segments for segments, names in _PLUG_IN_GAIT.items() for name in names}
 _SIDES = re.compile(r"^(LEFT|RIGHT|L|R)[_. ]?|[_. ](LEFT|RIGHT|L|R)$")
 _LEAST = 5  # different known names in a known marker set
@@ -37,9 +37,9 @@ def check_marker_names(
     labels : sequence of str, length M
         Labels of the markers.
     segment : (M,) int array
-        Segment of each marker by the motion; -1 for none.
+        Segment of each marker, found from the motion; -1 if it is on no segment.
     names : sequence of str
-        Names of the segments by the protocol.
+        Names of the segments in the protocol.
     confidence : float
         Probability that the segments are right.
     """
@@ -48,7 +48,7 @@ def check_marker_names(
     if len(known) < _LEAST or "shank" not in names:
         return ()
     wrong = [
-        f"{label} is on the {names[k]}, its name says {' or '.join(segments)}"
+        f"{label} is on the {names[k]}, but by its name on the {' or '.join(segments)}"
         for label, segments, k in zip(labels, expected, segment, strict=True)
         if k >= 0 and segments and names[k] not in (*segments, GROUND)
     ]

@@ -1,4 +1,4 @@
-"""Segments that are known without a search, for a skeleton or a calibration; columns and facts of segments.parquet."""
+"""Segments from a skeleton or a calibration, without a search; columns and facts of segments.parquet."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _JOINTS = ("shoulder", "elbow", "wrist")
 
 
 def assign_skeleton(view: Trajectories) -> Table:
-    """Return segments.parquet for a skeleton: the trunk is the base, each joint of the arm the end of a segment."""
+    """Return segments.parquet for a skeleton: the trunk is the base, and each joint of the arm ends a segment."""
     roles = find_roles(view.labels, view.planar.facts["side"])
     segment = np.full(len(view.labels), -1, dtype=np.int64)
     limbs = [role for role in ARM if role in roles]
@@ -46,7 +46,7 @@ def assign_by_calibration(context: Context) -> Outputs:
 def make_columns(
     labels: Sequence[str], segment: IntArray, residual: FloatArray, why: Sequence[str]
 ) -> dict[str, NDArray[Any]]:
-    """Return the columns of segments.parquet."""
+    """Return the columns of segments.parquet; ``why`` says why each marker is on its segment."""
     return {
         "marker": np.array(labels, dtype=object),
         "segment": segment,
@@ -56,7 +56,7 @@ def make_columns(
 
 
 def make_facts(names: Sequence[str], joint_names: Sequence[str], parents: Sequence[int]) -> dict[str, Any]:
-    """Return the facts of segments.parquet in space, without evidence from a search."""
+    """Return the facts of segments.parquet; those about evidence from a search are empty or None."""
     return {
         "count": len(names),
         "names": list(names),

@@ -1,4 +1,4 @@
-"""Feet that rotate about the toes: the foot as a moving segment, or a caution that the base of the chain moves."""
+"""Feet that rotate about the toes: the foot becomes a moving segment, or a caution says that the base moves."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ _FEWEST = 5  # segments: ground, foot, shank, thigh and torso
 
 
 def check_lift(lift: Mapping[str, Any] | None, bad: Sequence[Mapping[str, Any]]) -> Mapping[str, Any] | None:
-    """Return the fact ``heel_lift`` of planar.parquet; None if one of its markers has a ``bad`` stretch."""
+    """Return the fact ``lift`` unchanged, or None if one of its markers has one of the stretches ``bad``."""
     if lift is None or {each["marker"] for each in bad} & {lift["marker"], lift["about"]}:
         return None
     return lift
 
 
 def is_foot_a_segment(lift: Mapping[str, Any] | None, labels: Sequence[str], found: Segmentation) -> bool:
-    """Return whether the first moving segment is the foot, from the two markers of the fact ``heel_lift``.
+    """Return whether the first moving segment is the foot, decided by the two markers of the fact ``heel_lift``.
 
-    At least one of them is on the foot; the other one may be on the shank near the ankle.
+    At least one of these markers must be on the first segment; the other one may be on the next, near the ankle.
     """
     if lift is None or found.count < _FEWEST:
         return False
@@ -38,7 +38,7 @@ def add_foot(
     labels: Sequence[str],
     segment: Callable[[int], SegmentedMarkers],
 ) -> SegmentedMarkers:
-    """Return the segments with the foot as one more segment, or unchanged if a lifting foot is not certain.
+    """Return the segments with the foot as an additional segment; unchanged if it is not certain that the foot rotates.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def add_foot(
     labels : sequence of str
         Labels of the markers.
     segment : callable
-        Function that returns the segments for a given number of segments.
+        Function that segments the markers into a given number of segments.
     """
     if lift is None or is_foot_a_segment(lift, labels, done.found):
         return done

@@ -1,4 +1,4 @@
-"""Function of the stage segment in space: assigns the markers to the segments of a chain."""
+"""Function of the stage segment in space, which assigns the markers to the segments of a chain."""
 
 from __future__ import annotations
 
@@ -34,19 +34,19 @@ _ARM_JOINTS = {"girdle": "clavicle", "upper_arm": "shoulder", "forearm": "elbow"
 _SHOWS = {name: segment for name, segment in LANDMARK_SEGMENTS.items() if name != "GH"} | dict.fromkeys(
     ("AC", "AA", "AI", "TS", "PC"), "girdle"
 )
-"""Segment of a landmark, if the acromion and the scapula do not move with the thorax."""
+"""Segment on which each landmark is, if the acromion and the scapula do not move with the thorax."""
 _WHY = {
     "weakest": "two neighbouring segments could nearly be one",
     "runner-up": "one of the segments could nearly be two",
     "hidden-tip": "the last segment may be two that hardly move against each other",
-    "joint": "two neighbouring segments hardly share a point",
+    "joint": "two neighbouring segments have no point in common that could be their joint",
     "base": "both ends of the chain move about as much, so either could be the base",
     "not-rigid": "the markers of a segment move against each other",
     "left-out": "many markers are on no segment",
     "one-joint": "only one joint rotates, and segments that do not move against each other count as one. Name a trial "
     "in which all joints move as `calibration:`",
 }
-"""Evidence against the segments."""
+"""Texts about evidence against the segments, by kind."""
 _MOVED = 0.02
 """Largest rms distance of a marker from its position in the calibration, m; beyond it, this is another marker."""
 
@@ -79,7 +79,7 @@ def segment_bodies(context: Context) -> Outputs:
         points[:, before] = np.nan
         found, names = search(hints)
     strayed = _find_strayed_wrist(context, points, labels, found, names)
-    if not hints.allow(np.array(strayed, dtype=np.int64)):  # the user puts them apart
+    if not hints.allow(np.array(strayed, dtype=np.int64)):  # the hint `apart` separates them
         strayed = []
     if strayed:
         found, names = search(make_constraints(labels, settings, [strayed]))
@@ -101,9 +101,9 @@ def segment_bodies(context: Context) -> Outputs:
 def _find_strayed_wrist(
     context: Context, points: FloatArray, labels: Sequence[str], found: SpatialSegmentation, names: Sequence[str]
 ) -> list[int]:
-    """Return a marker of the forearm and the wrist's landmarks on the segment after it; or an empty list.
+    """If a segment separates elbow and wrist, return one of its markers and the landmarks at the wrist; else [].
 
-    If the wrist hardly rotates, only the names of these landmarks indicate that they belong to the forearm.
+    If the wrist hardly rotates, only the names of these landmarks indicate that all these markers are on the forearm.
     """
     if context.settings.names or not _splits_arm(names):
         return []
@@ -121,7 +121,7 @@ def _splits_arm(names: Sequence[str]) -> bool:
 
 
 def _name_segments(context: Context, labels: Sequence[str], found: SpatialSegmentation) -> tuple[str, ...]:
-    """Return the names of the segments; they are anatomical if the landmarks of an arm are on them in its order."""
+    """Return the names of the segments: anatomical if the landmarks follow the order of an arm, else numbered."""
     named = find_landmarks(labels, get_landmark_labels(context.trial), context.trial.side)
     counts: Counter[tuple[str, int]] = Counter()
     for landmark, marker in named.markers.items():
@@ -141,7 +141,7 @@ def _name_segments(context: Context, labels: Sequence[str], found: SpatialSegmen
 
 
 def _name_joints(names: Sequence[str]) -> list[str]:
-    """Return the names of the joints before the segments with these names."""
+    """Return the name of the joint before each segment except the base; ``names`` are the names of the segments."""
     return [_ARM_JOINTS.get(name, f"joint {k}") for k, name in enumerate(names[1:], start=1)]
 
 
@@ -186,7 +186,7 @@ def _explain_branches(found: SpatialSegmentation, labels: Sequence[str]) -> tupl
     return (
         Reason(
             "branches-left-out",
-            f"{len(found.branches)} bodies are on no segment of the chain, which has no branches: {groups}.",
+            f"{len(found.branches)} rigid bodies were left out, because the chain cannot have branches: {groups}.",
             float(len(found.branches)),
             level="ok",
         ),
@@ -225,7 +225,7 @@ def _use_calibration(context: Context, view: Trajectories) -> Table:
 
 
 def _compute_residuals(points: FloatArray, local: FloatArray) -> FloatArray:
-    """Return the rms distance of markers (F, k, 3) from their positions ``local`` (k, 3) on a rigid body, m."""
+    """Return the rms distances (k,) of markers (F, k, 3) from ``local`` (k, 3) on a rigid body, m; NaN if k < 3."""
     if points.shape[1] < 3:
         return np.full(points.shape[1], np.nan)
     rotation, origin, _ = rigid_poses(points, local)
