@@ -60,5 +60,5 @@ def test_a_name_that_fits_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
 def test_two_trials_do_not_share_a_folder(tmp_path: Path) -> None:
     one, two = trials(tmp_path, ["one", "two"])
     two.write_text(two.read_text().replace("trial: two", "trial: one"))
-    with pytest.raises(ConfigError, match="give one of them another `out:`"):
+    with pytest.raises(ConfigError, match="give one of them a different `out:`"):
         find_trials([str(one), str(two)])

@@ -182,7 +182,7 @@ def test_times_too_late_for_nine_digits_are_refused(tmp_path: Path) -> None:
 def test_corners_of_some_plates_only_are_refused(tmp_path: Path) -> None:
     made = invented()
     bare = replace(made.plates[0], index=2, corners=None)
-    with pytest.raises(mocap_id.RecordingError, match="plate 1 has corners, but plate 2 has none"):
+    with pytest.raises(mocap_id.RecordingError, match="plates with corners: 1; plates without corners: 2"):
         make_trial(replace(made, plates=(made.plates[0], bare)), {"trial": "own", "out": tmp_path / "run"})
     unusable = replace(bare, problem="its type is unknown")
     trial = make_trial(replace(made, plates=(made.plates[0], unusable)), {"trial": "own", "out": tmp_path / "run"})

@@ -123,7 +123,7 @@ def test_without_a_plate_there_is_nothing_to_foresee(tmp_path: Path) -> None:
     (tmp_path / "trial" / "trial.c3d").unlink()
     write_c3d(tmp_path / "trial" / "trial.c3d", made.scene.markers.labels, made.points, 100.0)
     run_to(load(configuration), "identify-dim")
-    with pytest.raises(RecordingError, match=r"nothing was identified on trial trial.*the ground's wrench"):
+    with pytest.raises(RecordingError, match=r"no parameters were identified on trial trial.*the ground's wrench"):
         advise(configuration)
     said = CliRunner().invoke(build(), ["advise", "-q", str(configuration)])
     assert said.exit_code != 0

@@ -89,7 +89,7 @@ def test_a_page_without_figures_is_an_error(page: str, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="there is no page"):
         write_figures(tmp_path)
     (tmp_path / "report.html").write_text(page)
-    with pytest.raises(StoreError, match="run the command that wrote it again"):
+    with pytest.raises(StoreError, match="repeat the command that wrote the page"):
         write_figures(tmp_path)
     assert not (tmp_path / "figures").exists()
 

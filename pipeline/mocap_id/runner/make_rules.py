@@ -33,7 +33,7 @@ def make_rules(trials: Sequence[Trial], command: str, stages: Sequence[Stage] = 
         other = folders.setdefault(trial.out.resolve(), trial)
         if other is not trial:
             raise ConfigError(
-                f"{trial.file} and {other.file} share the folder {trial.out}: give one of them another `out:`"
+                f"{trial.file} and {other.file} share the folder {trial.out}: give one of them a different `out:`"
             )
     goals = " ".join(_format_path(trial.out / file) for trial in trials for file in stages[-1].outputs)
     lines = [

@@ -44,7 +44,7 @@ def explain(code: str) -> Entry:
     Raises
     ------
     ConfigError
-        The code is unknown; the message names similar ones.
+        The code is unknown; the message names similar codes.
     """
     known = list_entries()
     name = code.strip().lower().replace("_", "-").replace(" ", "-")
@@ -52,13 +52,13 @@ def explain(code: str) -> Entry:
     entry = known.get(aliases.get(name, name), known.get(name))
     if entry is None:
         close = difflib.get_close_matches(name, [*known, *aliases], n=3, cutoff=0.5)
-        near = f"the nearest are {', '.join(close)}" if close else "`mocap-id explain` lists all"
+        near = f"the nearest are {', '.join(close)}" if close else "`mocap-id explain` lists all codes"
         raise ConfigError(f"there is no code `{code}`: {near}")
     return entry
 
 
 def _find_aliases() -> dict[str, str]:
-    """Return other names of exit codes: numbers, and errors with and without hyphens."""
+    """Return exit codes such as ``exit-4`` by alias: the number, or the name of the error with or without hyphens."""
     named = {entry.name: number for number, entry in EXIT_CODES.items() if entry.name}
     hyphened = {re.sub(r"(?<=[a-z])(?=[A-Z])", "-", name).lower(): number for name, number in named.items()}
     plain = {name.lower(): number for name, number in named.items()}

@@ -20,7 +20,7 @@ _UNREADABLE = (ArithmeticError, AttributeError, LookupError, RecursionError, Typ
 
 
 def write_figures(source: Path, out: Path | None = None, pdf_fonts: PdfFonts = "type-3") -> tuple[Path, ...]:
-    """Draw every figure of a page as SVG and PDF, and return the files with their captions.
+    """Draw every figure of a page as SVG and PDF, write the captions, and return the paths of all files.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ def write_figures(source: Path, out: Path | None = None, pdf_fonts: PdfFonts = "
 
 
 def read_page_figures(source: Path) -> Drawings:
-    """Return the figures of a page as data; parameter and errors as for :func:`write_figures`."""
+    """Return the figures of a page as data; ``source`` and the exceptions are as for :func:`write_figures`."""
     page = _find_page(source)
     with _explain_unreadable(page):
         return _read_drawings(page)
@@ -68,7 +68,7 @@ def _explain_unreadable(page: Path) -> Iterator[None]:
         raise StoreError(f"{page} cannot be read: {error.strerror}") from error
     except _UNREADABLE as error:
         raise StoreError(
-            f"{page} contains no figures that this version can draw: run the command that wrote it again"
+            f"{page} contains no figures that this version can draw: repeat the command that wrote the page"
         ) from error
 
 

@@ -37,16 +37,16 @@ class IdentifiedTrial:
     source: Path  # path that the user gave
     folder: Path  # run folder
     chain: MovingBodies  # the n + 1 segments of the pinned chain
-    # bodies on measured poses, on which the model was identified; None if it was identified on the chain
+    # bodies with measured poses, if the model was identified on them; None if the model was identified on the chain
     measured: MovingBodies | None
     q: FloatArray  # (T, n) joint angles, rad; NaN if unknown
     dq: FloatArray  # (T, n) rad/s
     ddq: FloatArray  # (T, n) rad/s²
     dynamics: pd.DataFrame  # rows of `dynamics.parquet`
     parameters: FloatArray  # (4K,) full parameters of :attr:`bodies`; NaN if nothing was identified
-    # (4K, 4K) covariance of the parameters. On the chain, it combines the covariance of the base parameters with the
-    # standard deviations of the reference, where the base parameters do not determine the full ones. NaN if nothing was
-    # identified or there is no reference
+    # (4K, 4K) covariance of the parameters. For the chain, it combines the covariance of the base parameters with the
+    # standard deviations of the reference, where the base parameters do not determine the full parameters. NaN if
+    # nothing was identified or there is no reference
     covariance: FloatArray
     reference: FloatArray  # (4K,) parameters of the allometric body; NaN if there is none
     facts: Mapping[str, Any]  # facts of `dynamics.h5`
@@ -65,7 +65,7 @@ class IdentifiedTrial:
 
     @property
     def bands(self) -> Cutoffs:
-        """Cut-off frequencies for x, y and angle of measured poses, Hz: as for the model, or else the default."""
+        """Cut-off frequencies for x, y and angle of measured poses, Hz: those of the model, or else the defaults."""
         return _read_measured(self.facts)[1]
 
     @cached_property
@@ -78,7 +78,7 @@ class IdentifiedTrial:
     def in_band(self, signal: FloatArray) -> FloatArray:
         """Return a signal (T, ...) in the frequency band in which the trial's model is compared with the plate.
 
-        On measured poses, this is the band of the fit; a model of the chain is compared unfiltered.
+        For measured poses, this is the band of the fit. For the chain, the signal is returned unfiltered.
         """
         if self.measured is None:
             return signal
@@ -88,7 +88,7 @@ class IdentifiedTrial:
 
 
 def open_identified_trial(path: Path, progress: runner.Progress = lambda step: None) -> IdentifiedTrial:
-    """Open a trial with its dynamics.
+    """Open a trial, and return it with its motion and identified dynamics.
 
     ``path`` and ``progress`` are as for :func:`mocap_id.workflows.run_folder.open_run`; only results up to
     `identify-dim` are computed.
@@ -138,7 +138,7 @@ def _read_measured(facts: Mapping[str, Any]) -> tuple[list[int], Cutoffs]:
 
 
 def _combine_covariance(dynamics: Tree, prior: ReferencePrior) -> FloatArray:
-    """Return the covariance of the full parameters of the chain from base parameters and reference; else NaN."""
+    """Return the covariance (4K, 4K) of the chain's full parameters; NaN without base parameters or reference."""
     known, regrouping = dynamics.array("base/covariance"), dynamics.array("base/regrouping")
     if (common := dynamics.facts.get("calibration_covariance")) is not None:
         known = known - np.asarray(common)  # the predicted wrench is measured by the same instruments

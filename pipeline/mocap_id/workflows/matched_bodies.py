@@ -26,7 +26,7 @@ from mocap_id.workflows.moving_bodies import MovingBodies
 def match_bodies(source: IdentifiedTrial, target: IdentifiedTrial) -> MovingBodies:
     """Return the bodies of the source's model with their measured motion in the target.
 
-    No joint is pinned. Joint torques are about the target's own joints; NaN for joints that the source does not have.
+    No joint is pinned. Joint torques are about the target's joints; they are NaN for joints that the source lacks.
 
     Raises
     ------
@@ -68,7 +68,11 @@ def match_bodies(source: IdentifiedTrial, target: IdentifiedTrial) -> MovingBodi
 def _measure_pose(
     source: IdentifiedTrial, target: IdentifiedTrial, body: int, markers: IntArray, columns: dict[str, int]
 ) -> ClusterPose:
-    """Measure the pose of one body in the target from its ``markers`` (indices in the source)."""
+    """Return the measured pose of one body in the target.
+
+    ``markers`` are the body's markers (indices in the source); ``columns`` are the target's markers by label.
+    ConfigError is raised if the markers do not determine the pose.
+    """
     frames = source.skeleton
     own = np.array([columns[frames.markers[i]] for i in markers], dtype=np.int64)
     points = target.planar.read_positions(own, axes="xy")
@@ -84,7 +88,10 @@ def _measure_pose(
 
 
 def _add_joints(motion: PlanarMotion, frames: BodyFrames, target: IdentifiedTrial) -> tuple[PlanarMotion, FloatArray]:
-    """Return the motion with the target's joints, and each joint's centre in the body before it, (n, 2) m."""
+    """Return the motion with the target's joints, and the centre (n, 2) of each joint in the body before it, m.
+
+    A centre is NaN if the target does not have the joint.
+    """
     joint = target.bodies.motion.joint  # (T, n', 2)
     beyond = _find_beyond(frames, target)
     shared, centres = np.zeros(joint.shape[1], dtype=bool), np.full(frames.centres.shape, np.nan)
@@ -98,7 +105,7 @@ def _add_joints(motion: PlanarMotion, frames: BodyFrames, target: IdentifiedTria
 
 
 def _find_beyond(frames: BodyFrames, target: IdentifiedTrial) -> BoolArray:
-    """Return whether each body is beyond each joint of the target (n', K), by the majority of its markers."""
+    """Return (n', K) whether each of K bodies is beyond each of the target's n' joints, as most of its markers are."""
     chain = target.chain.skeleton
     joints = len(chain.centres)
     segment_of = dict(zip(chain.markers, chain.segment.tolist(), strict=True))

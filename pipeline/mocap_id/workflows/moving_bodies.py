@@ -42,7 +42,7 @@ def read_measured_bodies(
 ) -> MovingBodies:
     """Return bodies whose motion follows from their measured, low-pass filtered poses.
 
-    Short gaps are filled, and joints without displacement stay pinned.
+    Short gaps are filled. Joints whose two bodies do not separate are pinned.
 
     Parameters
     ----------

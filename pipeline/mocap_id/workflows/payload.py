@@ -1,4 +1,4 @@
-"""The payload of a robot: two trials in space, with and without it."""
+"""The payload of a robot, identified from two trials in space: one with and one without the payload."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from mocap_id.workflows.run_folder import RunFolder, open_run
 PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 UNITS = ("kg", *["kg*m"] * 3, *["kg*m^2"] * 6)
 _SIGNIFICANT = 2.0  # standard deviations
-_SAME = 0.02  # largest difference of two trials in the axes of a frame, 1, or in the size of a joint's lever, m
+_SAME = 0.02  # largest difference of two trials in the axes of a coordinate frame, or in the lever of a joint, m
 
 
 @dataclass(frozen=True)
@@ -29,14 +29,14 @@ class FoundPayload:
     """The payload that was identified from two trials."""
 
     loaded: str  # name of the trial with the payload
-    empty: str  # name of the trial without it
-    segment: str  # name of the segment that carries it
+    empty: str  # name of the trial without the payload
+    segment: str  # name of the segment that carries the payload
     payload: dynamics.Payload  # in the coordinate frame of this segment in ``chain.h5`` of the loaded trial
     cautions: Mapping[str, tuple[str, ...]]  # codes of the cautions by trial
 
     @property
     def negative(self) -> bool:
-        """Whether the mass is significantly negative: the trials are exchanged, or something else changed."""
+        """Whether the mass is significantly negative, because the trials are exchanged or something else changed."""
         return bool(self.payload.value[0] < -_SIGNIFICANT * self.payload.sd[0])
 
     def as_json(self) -> dict[str, Any]:
@@ -89,21 +89,21 @@ def _list_cautions(run: RunFolder) -> tuple[str, ...]:
 
 
 def _read_dynamics(run: RunFolder) -> Tree:
-    """Return dynamics.h5 of a trial in space; ConfigError if it has no inertial parameters."""
+    """Return dynamics.h5 of a trial in space; raise ConfigError if it has no usable inertial parameters."""
     if not run.in_space:
         raise ConfigError(f"{run.source}: the trial is in the plane; a payload needs trials with `space: 3d`")
     tree = run.tree("dynamics.h5")
     if tree is None or "error_modes" not in tree.facts:
-        raise ConfigError(f"{run.source}: no inertial parameters: {run.why_missing('dynamics.h5')}")
+        raise ConfigError(f"{run.source}: the trial has no inertial parameters: {run.why_missing('dynamics.h5')}")
     if "unit_covariance" not in tree.facts:
         raise ConfigError(
-            f"{run.source}: an earlier version of the program made this run: run the trial again by its YAML file"
+            f"{run.source}: an earlier version of the program made this run: run the trial again from its YAML file"
         )
     return tree
 
 
 def _read_mapping(runs: list[RunFolder], trees: list[Tree]) -> FloatArray:
-    """Return the common mapping (b, 10K) from full to base parameters; ConfigError if the chains differ."""
+    """Return the mapping (b, 10K) from the full to the b base parameters; raise ConfigError if the chains differ."""
     errors, other_errors = ([name for name, _ in tree.facts["error_modes"]] for tree in trees)
     one, other = (np.asarray(tree.array("base/regrouping"), dtype=np.float64) for tree in trees)
     frames, other_frames = (np.asarray(tree.facts["frames"]) for tree in trees)
@@ -111,7 +111,7 @@ def _read_mapping(runs: list[RunFolder], trees: list[Tree]) -> FloatArray:
     if not same or max(np.abs(one - other).max(), np.abs(frames - other_frames).max()) > _SAME:
         raise ConfigError(
             f"{runs[0].source} and {runs[1].source} have different chains, so their parameters cannot be subtracted: "
-            f"write `calibration:` with the YAML file of {runs[1].name} into the trial with the payload"
+            f"write `calibration:` with the YAML file of {runs[1].name} into the file of the trial with the payload"
         )
     return one
 

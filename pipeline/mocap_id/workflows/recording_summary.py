@@ -13,7 +13,7 @@ from mocap_id.recording.model import Plate, Recording
 def describe_recording(recording: Recording) -> dict[str, Any]:
     """Return a summary of a recording as JSON values; None for an unknown quantity.
 
-    ``mass_kg`` is the mean upward force of a plate, or of all plates together, divided by gravity.
+    ``mass_kg`` is the mean upward force divided by gravity: for one plate, or for all plates together.
     """
     total = sum(plate.mean_vertical() for plate in recording.plates if plate.usable and plate.ok.any())
     loaded = any(plate.usable and plate.ok.any() for plate in recording.plates)

@@ -1,4 +1,4 @@
-"""Trials of recordings without a YAML file: space and protocol are guessed, and a file with the keys is written."""
+"""Trials from recordings without a YAML file: space and protocol are guessed, and a file with the keys is written."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def make_trial(recording: Path | Recording, given: Mapping[str, Any], save: Path
         Arrays in memory are written to ``recording.c3d`` in the run folder, or to ``recording.trc`` and
         ``recording.mot`` if the plates have no corners.
     given : mapping
-        Keys of the trial, and ``forces``. Relative paths begin at the working folder.
+        Keys of the trial, and ``forces``. Paths may be relative to the working folder.
     save : Path, optional
         The file to write; by default ``trial.yaml`` in the run folder.
 
@@ -49,7 +49,7 @@ def make_trial(recording: Path | Recording, given: Mapping[str, Any], save: Path
     RecordingError
         There is no such recording, or the arrays cannot be written with their times and plates.
     StoreError
-        The file exists and was edited or not made here, or the folder contains results of another trial.
+        The file exists and was edited or not written by this function, or the folder has results of another trial.
     """
     if not isinstance(recording, Path | Recording):
         raise ConfigError(
@@ -77,7 +77,7 @@ def make_trial(recording: Path | Recording, given: Mapping[str, Any], save: Path
 
 
 def _complete(recording: Path, given: dict[str, Any], out: Path) -> Trial:
-    """Return the checked trial with guesses for missing keys; a warning names the guesses."""
+    """Return the checked trial with guesses for missing keys; a warning lists the guesses."""
     keys = dict(given)
     beside = sorted(recording.parent.iterdir())
     forces = keys.pop("forces", None) or find_forces(recording, beside)
@@ -85,14 +85,14 @@ def _complete(recording: Path, given: dict[str, Any], out: Path) -> Trial:
     reported = [name for name in guessed if name != "space" or keys.get("protocol", "free") == "free"]
     if reported:
         what = ", ".join(f"`{name}: {guessed[name]}`" for name in reported)
-        _log.warning("%s: %s was guessed; if this is wrong, give the right values", recording.name, what)
+        _log.warning("%s: %s was guessed; if this is wrong, give the correct values", recording.name, what)
     data = {**keys, **guessed, "recording": files, "out": str(out)}
     plain = json.loads(json.dumps(data, default=_convert))
     return compose(Source(Path.cwd() / recording.name, plain, {}))
 
 
 def _guess(recording: Path, forces: Path | None, given: Mapping[str, Any]) -> tuple[dict[str, str], dict[str, str]]:
-    """Return guesses for the keys that are not given, and the files of the recording."""
+    """Return guesses for the keys that ``given`` lacks, and the files of the recording by role."""
     reach = read_reach(recording, forces)
     files = {"skeleton" if reach is not None and reach.skeleton else "markers": str(recording)}
     if forces is not None:
@@ -122,18 +122,18 @@ def _check_available(out: Path) -> None:
     file = out / FILE
     if not _is_ours(file) and (file.exists() or (out / ".mocap-id").exists()):
         raise StoreError(
-            f"{out} belongs to another trial, or its {FILE} was edited: choose another folder for the results (`out`), "
-            "or run its file"
+            f"{out} belongs to another trial, or its {FILE} was edited: choose a different folder for the results "
+            f"(`out`), or run this {FILE}"
         )
 
 
 def _add_head(lines: str) -> str:
-    """Return the lines of a file after a head with a checksum, by which later edits are detected."""
+    """Return the lines of a file, preceded by a head with a checksum, which reveals later edits."""
     return f"{_HEAD}{_CHECKSUM.format(zlib.crc32(lines.encode()))}{lines}"
 
 
 def _is_ours(file: Path) -> bool:
-    """Return True if a file was made here and has not been edited."""
+    """Return whether a file was written by this module and has not been edited."""
     if not file.is_file():
         return False
     text = file.read_text("utf-8", errors="replace")
@@ -141,14 +141,15 @@ def _is_ours(file: Path) -> bool:
 
 
 def _write_arrays(recording: Recording, out: Path) -> Path:
-    """Write arrays to a file; RecordingError if only some plates have corners, because no format allows both."""
+    """Write arrays to files and return the path; raise RecordingError if only some of the plates have corners."""
     without_corners = {plate.index: plate.corners is None for plate in recording.plates if plate.usable}
     if len(set(without_corners.values())) > 1:
         without, known = (
             ", ".join(str(k) for k, one in without_corners.items() if one == kind) for kind in (True, False)
         )
         raise RecordingError(
-            f"plate {known} has corners, but plate {without} has none; expected the corners of all plates or of none"
+            f"plates with corners: {known}; plates without corners: {without}; expected the corners of all plates or "
+            "of none"
         )
     with converting_errors(out):
         out.mkdir(parents=True, exist_ok=True)
@@ -160,7 +161,7 @@ def _write_arrays(recording: Recording, out: Path) -> Path:
 
 
 def _format_trial(trial: Trial, given: Mapping[str, Any], file: Path, usual: Path) -> str:
-    """Return the YAML text of a trial with the given and guessed keys; paths are relative to its file."""
+    """Return the YAML text of a trial with the given and guessed keys; paths are relative to ``file``."""
     keys = trial.keys.model_dump(exclude_unset=True, exclude_none=True)
     keys["recording"] = {name: path for name, path in keys["recording"].items() if path is not None}
     if trial.keys.calibration is not None:
@@ -183,7 +184,7 @@ _ALWAYS = ("trial", "recording", "space", "protocol", "side", "out")
 
 
 def _relative(value: Any, folder: Path) -> Any:
-    """Return a value as JSON values; every path in it becomes relative to a folder."""
+    """Return a value as JSON values; paths in the value become relative to ``folder``."""
     if isinstance(value, PurePath):
         return PurePath(os.path.relpath(value, folder)).as_posix()
     if isinstance(value, Mapping):
@@ -194,12 +195,12 @@ def _relative(value: Any, folder: Path) -> Any:
 
 
 def _write(file: Path, text: str) -> None:
-    """Write a file unless it has this content; StoreError if it exists and was edited or not made here."""
+    """Write a file unless it has this content; raise StoreError if it exists and is not :func:`_is_ours`."""
     if file.is_file() and file.read_text("utf-8", errors="replace") == text:
         return
     if file.exists() and not _is_ours(file):
         raise StoreError(
-            f"{file} exists already and was not made by `mocap-id run`, or was edited: use it with `mocap-id run "
-            f"{file}`, or choose another name"
+            f"{file} exists already and was not made by `mocap-id run`, or was edited: run it with `mocap-id run "
+            f"{file}`, or choose a different name"
         )
     write_files(file.parent, {file.name: text.encode()})

@@ -1,4 +1,4 @@
-"""``mocap-id advise``: the movement to record next, so that the parameters of the body become better known."""
+"""``mocap-id advise``: the movement to record next for more precise body parameters."""
 
 from mocap_id.workflows.advice.advice import Advice, advise
 from mocap_id.workflows.advice.options import AdviceOptions, parse_angle_range, parse_support

@@ -36,7 +36,7 @@ from mocap_id.workflows.identified_trial import open_identified_trial
 _WIDEN_ROBOT, _WIDEN = 20.0, 5.0  # degrees beyond the observed range, for a robot and for a person
 _SPEED = (float(np.radians(90.0)), float(np.radians(200.0)))  # rad/s: lowest limit, and highest limit of a person
 _ACCELERATION = (float(np.radians(360.0)), float(np.radians(800.0)))  # rad/s², as above
-_SLACK = 0.03  # m, of the centre of pressure beyond its observed range
+_SLACK = 0.03  # m, how far the centre of pressure may go beyond its observed range
 _POSTURES = 60  # number of postures from which the joints' errors in another movement are predicted
 
 
@@ -52,19 +52,20 @@ class Advice:
     design: ExperimentDesign
     limits: MovementLimits
     weak: float  # relative standard deviation above which a parameter is weak
-    # (b,) standard deviations for the same movement with a wrench sensor before the last segment; None if there is one
+    # (b,) standard deviations for the same movement with a wrench sensor before the last segment; None if unknown, or
+    # if the trial already has this sensor
     sensor_sd: FloatArray | None
 
 
 def advise(path: Path, options: AdviceOptions | None = None, progress: runner.Progress = lambda step: None) -> Advice:
-    """Find the movement that reduces the standard deviations of the parameters most.
+    """Return the movement that most reduces the standard deviations of the trial's parameters.
 
     ``path`` and ``progress`` are as for :func:`mocap_id.workflows.run_folder.open_run`.
 
     Raises
     ------
     RecordingError
-        Nothing was identified on the trial.
+        No parameters were identified on the trial.
     ConfigError
         An option names a joint that does not exist.
     Refused, NumericalError, StoreError
@@ -74,8 +75,8 @@ def advise(path: Path, options: AdviceOptions | None = None, progress: runner.Pr
     identified = open_identified_trial(path, progress)
     if identified.facts.get("condition_number") is None:
         raise RecordingError(
-            f"{path}: nothing was identified on trial {identified.name}, so the value of another movement cannot be "
-            f"predicted: {identified.facts.get('why')}"
+            f"{path}: no parameters were identified on trial {identified.name}, so the benefit of another movement "
+            f"cannot be predicted: {identified.facts.get('why')}"
         )
     context = _read_context(identified.folder)
     outcome = identify_trial(context)
@@ -112,9 +113,9 @@ def advise(path: Path, options: AdviceOptions | None = None, progress: runner.Pr
 
 
 def _predict_with_sensor(model: Identification, prepared: PreparedTrial, gate: BoolArray) -> FloatArray | None:
-    """Return the standard deviations (b,) with a common wrench sensor before the last segment.
+    """Return the standard deviations (b,) of the base parameters with a typical wrench sensor before the last segment.
 
-    None if the trial already has one, or has a prior.
+    ``gate`` marks the samples of the fit. None if the trial already has this sensor, has a prior, or is too short.
     """
     segment = len(prepared.recorded.centres)
     if any(each.segment == segment for each in prepared.recorded.built_in) or prepared.prior is not None:
@@ -124,7 +125,7 @@ def _predict_with_sensor(model: Identification, prepared: PreparedTrial, gate: B
 
 
 def _read_context(path: Path) -> Context:
-    """Return the inputs and settings with which identify-dim wrote its artefacts in a run folder."""
+    """Return the inputs and settings from which identify-dim computed the artefacts in a run folder."""
     folder = Folder(path)
     parameters = folder.provenance("dynamics.h5").origin.parameters
     stage = next(stage for stage in STAGES if stage.name == STAGE.name)

@@ -18,7 +18,7 @@ Support = tuple[float, float] | Literal["bolted"] | None
 
 @dataclass(frozen=True)
 class AdviceOptions:
-    """The objective and the limits of the movement; None for the limit in the trial."""
+    """The objective and the limits of the movement; a limit that is None is derived from the trial."""
 
     objective: Objective = "intervals"
     seconds: float | None = None  # length of the recording, s; None for the length of the trial
@@ -28,8 +28,8 @@ class AdviceOptions:
     angles: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     speed: float | None = None  # limit of every joint, degrees/s
     acceleration: float | None = None  # limit of every joint, degrees/s²
-    # range of the centre of pressure, m in the plane; None for 3 cm beyond its observed range, and for no limit with a
-    # robot, which is bolted down
+    # range of the centre of pressure along the plane's x, m; None for 3 cm beyond its observed range, or for no limit
+    # in a trial of a robot, which is bolted down
     support: Support = None
     seed: int = 0  # seed of the search
 
@@ -47,12 +47,12 @@ class AdviceOptions:
                 raise ConfigError(f"advise: {name} is {value!r}; expected {expected}")
 
     def replace_limits(self, limits: MovementLimits, joints: Sequence[str]) -> MovementLimits:
-        """Return the observed limits, replaced by the limits in the options.
+        """Return ``limits`` with the limits that the options contain in place of the observed ones.
 
         Raises
         ------
         ConfigError
-            There is no joint of this name.
+            An option names a joint that is not in ``joints``.
         """
         low, high, one = limits.low.copy(), limits.high.copy(), np.ones(len(joints))
         for name, ends in self.angles.items():
@@ -73,7 +73,7 @@ def _is_within(value: float | None, low: float, high: float) -> bool:
 
 
 def parse_angle_range(text: str) -> tuple[str, tuple[float, float]]:
-    """Return a joint and its range from a text such as ``hip=-10:60``, degrees.
+    """Return a joint and its range in degrees from a text such as ``hip=-10:60``.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def parse_angle_range(text: str) -> tuple[str, tuple[float, float]]:
 
 
 def parse_support(text: str) -> Support:
-    """Return ``bolted``, or the range of the centre of pressure, m, from a text such as ``-8:3``, cm.
+    """Return ``bolted``, or the range of the centre of pressure in m, from a text such as ``-8:3`` in cm.
 
     Raises
     ------

@@ -32,7 +32,7 @@ def format_text(advised: Advice) -> Iterator[str]:
     yield ""
     if design.best is None or not design.helps:
         yield (
-            "nothing within these limits helps: no tried movement reduces the "
+            "no movement within these limits helps: none reduces the "
             f"{OBJECTIVES[design.objective]} by a fifth and a standard deviation by 5 %. More markers, a zeroed and "
             "calibrated plate or a longer recording would help"
         )
@@ -45,7 +45,7 @@ def format_text(advised: Advice) -> Iterator[str]:
     for rank, each in enumerate(changes, start=1):
         yield f"  {rank}. {each.words}: {_describe_benefit(advised, each)}"
     if not changes:
-        yield "  none is within these limits"
+        yield "  no simple change is better within these limits"
     yield ""
     if design.designed is not None:
         head = "designed" if design.helps else "designed, not recommended"
@@ -69,7 +69,7 @@ def _format_limits(advised: Advice) -> str:
 
 
 def _describe_benefit(advised: Advice, proposal: Proposal) -> str:
-    """Return the benefit of a movement in words: standard deviations that decrease, and the condition number."""
+    """Return the benefit of a movement as text: the standard deviations that decrease, and the condition number."""
     design = advised.design
     before, after = design.now.sd / design.size, proposal.predicted.sd / design.size
     gains = [i for i in np.argsort(-before) if after[i] < SMALLER * before[i]]
@@ -97,8 +97,8 @@ def _format_table(advised: Advice) -> Iterator[str]:
         yield name.ljust(width) + "".join(f"{100 * sd[i] / design.size[i]:10.2f}" for _, sd in sds)
     if advised.sensor_sd is not None:
         yield (
-            f"sensor: the same movement with a wrench sensor in the {advised.joints[-1]}, at best: with no errors but "
-            "the noise of the sensor and of the accelerations"
+            f"sensor: the same movement with a wrench sensor in the {advised.joints[-1]}; these are lower limits, "
+            "because they contain only the noise of the sensor and of the accelerations"
         )
     yield "condition number".ljust(width) + "".join(f"{f.condition:10.1f}" for _, f in columns)
 
@@ -133,7 +133,7 @@ def make_output(advised: Advice) -> Result:
 
 
 def _describe_sensor(advised: Advice) -> dict[str, Any] | None:
-    """Return the standard deviations for the same movement with a wrench sensor before the last segment."""
+    """Return the standard deviations with a wrench sensor before the last segment, as JSON; None if unknown."""
     if advised.sensor_sd is None:
         return None
     size = advised.design.size

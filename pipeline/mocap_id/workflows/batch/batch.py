@@ -1,4 +1,4 @@
-"""Runs of a batch, and its table with one row for each trial, with or without results."""
+"""Run of a batch, and its table with one row for each trial, also for a trial without results."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class BatchTrial(TrialOutcome):
         return len(repetitions) if isinstance(repetitions, list) else None
 
     def relative(self, path: Path | None) -> str:
-        """Return a path relative to the folder of the table; empty for None."""
+        """Return a path relative to the folder of the table; an empty text if ``path`` is None."""
         try:
             return "" if path is None else os.path.relpath(path, self.folder)
         except ValueError:  # on another drive
@@ -55,7 +55,7 @@ BATCH = TableSchema(
         whole("exit_code", "exit code of `mocap-id run` for the trial", lambda one: one.run.exit_code),
         text(
             "message",
-            "why the trial failed, was refused or not run, without names of recordings",
+            "why the trial failed, was refused or was not run, without names of recordings",
             lambda one: one.run.published or "",
         ),
         Column("computed", "bool", "", "whether any stage had to be computed", lambda one: one.run.computed),
@@ -76,7 +76,7 @@ class Batch:
 
     # rows of the table in the order of the trials, followed by the files that could not be read as trials
     rows: Sequence[Mapping[str, Any]]
-    # reason by row number why a trial failed or was refused, for the owner of the recordings: it may name files
+    # why a trial failed or was refused, by row number; for the owner of the recordings only, because it may name files
     messages: Mapping[int, str]
     table: Path
 
@@ -95,7 +95,7 @@ def run_batch(
     begin: Callable[[int], None] = lambda trials: None,
     tell: Callable[[TrialRun], None] = lambda run: None,
 ) -> Batch:
-    """Run all trials that are not up to date, and write their table; a failed trial does not stop the others.
+    """Run all trials that are not up to date, and write one table of all trials.
 
     Parameters
     ----------
@@ -106,6 +106,7 @@ def run_batch(
     backend : Backend, optional
         Where trials run; by default, and always for a single trial, this process.
     on_error : {"continue", "stop"}
+        With ``stop``, no trial starts after one that failed or was refused.
     begin : callable, optional
         Called with the number of trials before the first one runs.
     tell : callable, optional
@@ -114,9 +115,9 @@ def run_batch(
     Raises
     ------
     ConfigError
-        A name matches nothing, or the backend is not available; nothing was run.
+        A name matches nothing, two trials have the same run folder, or the backend is not available. No trial was run.
     StoreError
-        The table cannot be written; trials that did run are kept in their folders.
+        The table cannot be written; the results of the trials remain in their run folders.
     """
     trials, unreadable = find_trials(named)
     table = table.absolute()
@@ -135,12 +136,12 @@ def run_batch(
 
 
 def read_trial(trial: Trial, run: TrialRun, folder: Path) -> BatchTrial:
-    """Return a trial of a batch whose table is in a folder."""
+    """Read the result of a trial from its run folder; ``folder`` is the folder of the batch's table."""
     return BatchTrial(run=run, summary=read_summary(trial.out, run), file=trial.file, out=trial.out, folder=folder)
 
 
 def _make_unreadable(one: UnreadableFile, folder: Path) -> BatchTrial:
-    """Return a file that could not be read as a trial, with its error in place of a result."""
+    """Return the entry of a file that could not be read as a trial; the error takes the place of a result."""
     message = str(one.error)
     published = message.replace(str(one.file), one.file.name)
     run = TrialRun(one.file.stem, one.error.exit_code, message, published, None, computed=False, seconds=0.0)
@@ -148,7 +149,7 @@ def _make_unreadable(one: UnreadableFile, folder: Path) -> BatchTrial:
 
 
 def make_row(trial: BatchTrial) -> dict[str, Any]:
-    """Return the row of a trial in the table; a trial without a summary has no unknown values."""
+    """Return the row of a trial in the table; if the trial has no summary, the row has only the known values."""
     values = {
         column.name: column.value(trial) for column in BATCH.columns if isinstance(column, Column) and column.value
     }

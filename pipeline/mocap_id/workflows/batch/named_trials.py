@@ -33,12 +33,12 @@ def find_trials(named: Sequence[str]) -> tuple[list[Trial], list[UnreadableFile]
     ----------
     named : sequence of str
         Files of trials or studies; folders with files of trials at any depth; patterns such as ``lab/*/trial.yaml``
-        (``**`` for any folders).
+        (``**`` matches folders at any depth).
 
     Raises
     ------
     ConfigError
-        A name matches nothing, or two trials share a run folder.
+        A name matches nothing, or two trials have the same run folder.
     """
     trials: dict[Path, Trial] = {}
     unreadable: list[UnreadableFile] = []
@@ -49,7 +49,8 @@ def find_trials(named: Sequence[str]) -> tuple[list[Trial], list[UnreadableFile]
                 other = trials.setdefault(trial.out.resolve(), trial)
                 if (other.file, other.name) != (trial.file, trial.name):
                     raise _SharedFolder(
-                        f"{trial.file} and {other.file} share the folder {trial.out}: give one of them another `out:`"
+                        f"{trial.file} and {other.file} share the folder {trial.out}: give one of them a different "
+                        "`out:`"
                     )
         except _SharedFolder as error:
             raise ConfigError(str(error)) from error
@@ -59,7 +60,7 @@ def find_trials(named: Sequence[str]) -> tuple[list[Trial], list[UnreadableFile]
 
 
 def find_readable_trials(named: Sequence[str]) -> list[Trial]:
-    """Return the named trials, as :func:`find_trials`; ConfigError if a file cannot be read as a trial."""
+    """Return the trials that :func:`find_trials` finds; raise ConfigError if a file cannot be read as a trial."""
     trials, unreadable = find_trials(named)
     if unreadable:
         raise ConfigError("\n".join(str(one.error) for one in unreadable))
@@ -67,11 +68,11 @@ def find_readable_trials(named: Sequence[str]) -> list[Trial]:
 
 
 class _SharedFolder(ConfigError):
-    """Two trials share a run folder, so neither may use it."""
+    """Two trials have the same run folder, so neither of them may be run."""
 
 
 def _find_files(name: str) -> Iterator[tuple[Path, Source | None]]:
-    """Yield the absolute paths of the files that match a name; with the content if it had to be read."""
+    """Yield the absolute path of each file that matches a name, and its content if it was read, else None."""
     path = Path(name).expanduser()
     files: Mapping[Path, Source | None]
     if path.is_dir():
@@ -89,7 +90,7 @@ def _find_files(name: str) -> Iterator[tuple[Path, Source | None]]:
 
 
 def _read_if_trial(file: Path) -> Iterator[tuple[Path, Source | None]]:
-    """Yield a YAML file in a folder with its content if it is a trial's file, or is unreadable and has this name."""
+    """Yield a YAML file with its content if it describes a trial, or with None if it is unreadable and named trial."""
     try:
         source = read(file)
     except ConfigError:

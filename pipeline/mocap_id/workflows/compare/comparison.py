@@ -60,7 +60,7 @@ def check_format(file: Path) -> None:
 
 
 def write(rows: tuple[Difference, ...], file: Path) -> None:
-    """Write rows as CSV; StoreError if the file cannot be written."""
+    """Write rows to a CSV file; raise StoreError if the file cannot be written."""
     columns = list(Difference.__dataclass_fields__)
     text = pd.DataFrame([asdict(row) for row in rows], columns=columns).to_csv(index=False, lineterminator="\n")
     write_files(file.parent, {file.name: text.encode()})

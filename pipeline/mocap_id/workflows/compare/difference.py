@@ -41,7 +41,7 @@ def compare_numbers(
     *,
     sds: tuple[float | None, float | None] = (None, None),
 ) -> Difference:
-    """Return the difference of two numbers; ``sds`` are their standard deviations if known."""
+    """Return the difference of two numbers; ``sds`` are their standard deviations, None if unknown."""
     if a is None or b is None:
         return Difference(section, name, a, b, unit)
     difference = b - a if abs(b - a) > _ROUNDING else 0.0
@@ -51,13 +51,13 @@ def compare_numbers(
 
 
 def compare_entries(section: str, a: dict[str, Value], b: dict[str, Value]) -> Iterator[Difference]:
-    """Yield the differences of settings or names by key: first the keys of ``a``, then the other keys of ``b``."""
+    """Yield a difference for each key of two mappings: first the keys of ``a``, then the keys that only ``b`` has."""
     for key in dict.fromkeys((*a, *b)):
         yield Difference(section, key, a.get(key), b.get(key))
 
 
 def flatten(value: object, prefix: str = "") -> Iterator[tuple[str, Value]]:
-    """Yield nested settings as dotted keys with plain values."""
+    """Yield each of the nested settings as a dotted key and a plain value; a list becomes one text."""
     match value:
         case dict():
             for key, item in value.items():

@@ -24,7 +24,7 @@ def compare_origins(a: RunFolder, b: RunFolder) -> Iterator[Difference]:
 
 
 def compare_artefacts(a: RunFolder, b: RunFolder) -> Iterator[Difference]:
-    """Yield the differences of the artefacts' keys; artefacts with the same content get the same key."""
+    """Yield the differences between the artefacts' keys; two artefacts with the same content get a common key."""
     first, second = _list_keys(a), _list_keys(b)
     for file in {*first} & {*second}:
         if _has_same_content(a.artefacts[file], b.artefacts[file]):
@@ -37,7 +37,7 @@ def _list_keys(run: RunFolder) -> dict[str, Value]:
 
 
 def _has_same_content(one: Artefact, other: Artefact) -> bool:
-    """Return whether two artefacts have the same data, facts and reasons."""
+    """Return whether two artefacts have the same data, facts and reasons for the verdict."""
     return (one.facts, one.reasons) == (other.facts, other.reasons) and _is_equal(
         _collect_data(one), _collect_data(other)
     )
@@ -76,7 +76,7 @@ def _list_versions(run: RunFolder, stages: set[str]) -> dict[str, Value]:
 
 
 def _list_inputs(run: RunFolder) -> dict[str, Value]:
-    """Return the hashes of the user's files when the stages read them."""
+    """Return by name the hashes that the user's files had when the stages read them."""
     return {
         name: content[:_DIGITS]
         for about in run.provenance.values()

@@ -42,7 +42,7 @@ def _by_name(entries: Sequence[Summary] | None) -> dict[str, Summary]:
 
 
 def _pair(a: Summary, b: Summary) -> Iterator[tuple[str, Summary, Summary]]:
-    """Yield the entries with the same name; an empty entry if one of the mappings does not have the name."""
+    """Yield each name with its entries in ``a`` and ``b``; an entry is empty if the mapping does not have the name."""
     for name in dict.fromkeys((*a, *b)):
         yield name, a.get(name, {}), b.get(name, {})
 
@@ -50,7 +50,7 @@ def _pair(a: Summary, b: Summary) -> Iterator[tuple[str, Summary, Summary]]:
 def _compare_key(
     section: str, name: str, a: Summary, b: Summary, key: str, *, unit: str = "", sd: str = ""
 ) -> Difference:
-    """Return the difference of a number in two entries; ``sd`` is the key of its standard deviation."""
+    """Return the difference of the numbers at ``key`` in two entries; ``sd`` is the key of the standard deviation."""
     return compare_numbers(section, name, a.get(key), b.get(key), unit, sds=(a.get(sd), b.get(sd)))
 
 
@@ -67,7 +67,7 @@ def _compare_verdicts(a: Summary, b: Summary) -> Iterator[Difference]:
 
 
 def _number_reasons(verdict: Summary) -> dict[str, Summary]:
-    """Return the reasons of a verdict by code; repeated codes are numbered."""
+    """Return the reasons for a verdict by code; a repeated code gets a number."""
     reasons: dict[str, Summary] = {}
     for reason in (*verdict["reasons"], *verdict.get("notes", ())):
         key, number = reason["code"], 2

@@ -20,9 +20,9 @@ _FILES = (("states.parquet", _STATES), ("angles.parquet", _ANGLES), ("dynamics.p
 
 
 def compare_series(a: RunFolder, b: RunFolder) -> Iterator[Difference]:
-    """Yield the rms of angles, velocities, accelerations, wrench and torques in both runs, and of their difference.
+    """Yield the rms of angles, velocities, accelerations, wrench and torques in both runs, and their rms difference.
 
-    The second run is interpolated linearly at the times of the first that lie within its range.
+    The second run is interpolated linearly at those times of the first run that lie within the second run.
     """
     for file, pattern in _FILES:
         one, other = a.artefacts.get(file), b.artefacts.get(file)
@@ -37,7 +37,7 @@ def compare_series(a: RunFolder, b: RunFolder) -> Iterator[Difference]:
 
 
 def _compare(name: str, unit: str, a: Table, b: Table) -> Difference | None:
-    """Return the difference of a column; None if the tables have no common time with known values."""
+    """Return the difference of a column; None if there is no time at which both tables have a known value."""
     time, own = a["time"], a[name]
     there, values = b["time"], b[name]
     if not len(time) or not len(there):

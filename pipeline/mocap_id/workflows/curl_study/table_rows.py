@@ -14,7 +14,7 @@ from mocap_id.workflows.study.statistics import average_people, group_by, sign_f
 
 
 def condition_rows(trials: Sequence[CurlResult]) -> Iterator[dict[str, Any]]:
-    """Yield a row for each measure and each condition in which it is known."""
+    """Yield a row for each measure and each condition in which the measure is known."""
     for name, measure in MEASURES.items():
         for condition, own in group_by(trials, lambda trial: trial.condition).items():
             known = [(trial.subject, value) for trial in own if np.isfinite(value := measure.of(trial))]
@@ -55,7 +55,7 @@ def comparison_rows(trials: Sequence[CurlResult]) -> Iterator[dict[str, Any]]:
 def _subtract_conditions(
     trials: Sequence[CurlResult], first: str, second: str, measure: CurlMeasure
 ) -> Mapping[str, Sequence[float]]:
-    """Return the differences, second minus first condition, of each person."""
+    """Return the differences (second minus first condition) by person, one for each pair of trials."""
     values = {(one.condition, one.subject, one.number): measure.of(one) for one in trials}
     people: dict[str, list[float]] = {}
     for (condition, subject, number), value in values.items():
@@ -66,7 +66,7 @@ def _subtract_conditions(
 
 
 def _average_cohort(people: Mapping[str, Sequence[float]]) -> dict[str, Any]:
-    """Return mean with Student's interval, permutation p-value, and standard deviations between and within people."""
+    """Return the cohort's mean with its interval, its p-value, and standard deviations between and within people."""
     means = [float(np.mean(differences)) for differences in people.values()]
     freedom = sum(len(differences) - 1 for differences in people.values())
     squares = sum(float(np.var(differences)) * len(differences) for differences in people.values())

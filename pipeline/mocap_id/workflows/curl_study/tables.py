@@ -41,8 +41,8 @@ TABLES: Mapping[str, TableSchema] = {
             text("condition", "condition of the trials"),
             _MEASURE,
             whole("people", "number of people"),
-            whole("trials", "number of trials with the measure"),
-            whole("of_trials", "number of trials"),
+            whole("trials", "number of trials in which the measure is known"),
+            whole("of_trials", "number of all trials"),
             *estimate_columns("mean", "", "mean over people, in the measure's unit"),
             *(number(name, "", f"{words} of the trials, in the measure's unit") for name, words in _QUANTILES.items()),
         ),
@@ -51,17 +51,17 @@ TABLES: Mapping[str, TableSchema] = {
         "comparisons.parquet",
         1,
         (
-            text("comparison", "what is subtracted from what"),
+            text("comparison", "both conditions: `second - first`"),
             text("first", "condition that is subtracted"),
             text("second", "condition from which the first is subtracted"),
             _MEASURE,
             text("subject", "id of the person; `cohort` = mean over all people"),
             whole("people", "number of people"),
-            whole("pairs", "number of pairs of trials of the same person and number"),
+            whole("pairs", "number of pairs of trials with the same person and the same number"),
             *estimate_columns("difference", "", "difference, in the measure's unit"),
             number("p", "1", "cohort: two-sided permutation p-value, not corrected for several tests"),
-            number("sd_between", "", "cohort: standard deviation between people of their mean differences"),
-            number("sd_within", "", "standard deviation of the differences of one person"),
+            number("sd_between", "", "cohort: standard deviation of the people's mean differences"),
+            number("sd_within", "", "standard deviation of one person's differences; cohort: pooled over all people"),
         ),
     ),
     "trials": TableSchema(
@@ -86,7 +86,7 @@ TABLES: Mapping[str, TableSchema] = {
                 )
                 for angle in ANGLES
             ),
-            text("why", "why the repetitions are unknown, or there are none; else empty", lambda trial: trial.why),
+            text("why", "why the repetitions are unknown or zero; empty otherwise", lambda trial: trial.why),
         ),
     ),
 }

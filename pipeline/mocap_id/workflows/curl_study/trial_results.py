@@ -44,18 +44,18 @@ class CurlResult(StudyOutcome):
         return self.curl.get("why") or ""
 
     def average(self, name: str, key: str) -> float:
-        """Return the mean over the curls of an entry of a quantity, such as a peak torque; NaN if unknown."""
+        """Return the mean over the curls of entry ``key`` of quantity ``name``, e.g. a peak torque; NaN if unknown."""
         entries = self.curl.get(name) or ()
         values = [number_or_nan(entry[key]) for entry in entries if entry is not None]
         return _mean(value for value in values if math.isfinite(value))
 
     def average_compensation(self, angle: str, key: str = "range_rad") -> float:
-        """Return the mean over the curls of an entry of an angle's compensation, degrees; NaN if unknown."""
+        """Return the mean over the curls of entry ``key`` of an angle's compensation, degrees; NaN if unknown."""
         entries = (self.curl.get("compensation") or {}).get(angle) or ()
         return float(np.degrees(_mean(entry[key] for entry in entries if entry is not None)))
 
     def range_in_step(self, angle: str) -> float:
-        """Return the range of the part of an angle that moves in step with the flexion, degrees; NaN if unknown."""
+        """Return the range of that part of an angle that depends only on the flexion, degrees; NaN if unknown."""
         return math.degrees(number_or_nan(((self.curl.get("in_step") or {}).get(angle) or {}).get("range_rad")))
 
 
@@ -94,8 +94,8 @@ MEASURES: Mapping[str, CurlMeasure] = {
     **{angle: _measure_compensation(angle) for angle in ANGLES},
     "shoulder_axial_in_step": Measure(
         "deg",
-        "range of shoulder axial in the first curl that moves in step with the flexion; an error of the elbow's axis "
-        "looks the same",
+        "range of that part of shoulder axial that depends only on the flexion, in the first curl; an error of the "
+        "elbow's axis has the same effect",
         lambda trial: trial.range_in_step("shoulder_axial"),
     ),
 }
@@ -109,7 +109,7 @@ def read_curl_result(study: Study, trial: StudyTrial, run: TrialRun) -> CurlResu
 
 
 def normalise(trials: Sequence[CurlResult]) -> list[CurlResult]:
-    """Return the trials with their repetitions relative to the same person's trial in the reference condition."""
+    """Return the trials with ``normalised`` set: repetitions divided by those in the person's reference condition."""
     base = {(one.subject, one.number): one.repetitions for one in trials if one.condition == one.reference}
 
     def divide(one: CurlResult) -> float:

@@ -40,13 +40,13 @@ def check_installation(folder: Path, *, full: bool = False) -> Iterator[Finding]
 
 
 def find_browser() -> Finding:
-    """Return the finding about Chromium, with which the tests view a report."""
+    """Return whether Chromium was found, which only the tests of the report need."""
     path = next((path for path in map(shutil.which, _BROWSERS) if path), None)
     return Finding("Chromium (optional)", "ok", path or "no Chromium found; only the tests of the report need it")
 
 
 def find_opensim(folder: Path) -> Finding:
-    """Return the finding about a Python with OpenSim, which the tests of the exports use."""
+    """Return whether a Python with OpenSim was found, which only the tests of the exports need."""
     named = os.environ.get(OPENSIM)
     python = Path(named) if named else folder / ".venv-opensim" / "bin" / "python"
     if python.is_file():

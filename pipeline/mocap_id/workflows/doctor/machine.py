@@ -29,7 +29,7 @@ _RATE = 100.0  # Hz, rate of the trial that is filtered to compile the filter
 
 
 def check_machine(folder: Path) -> Iterator[Finding]:
-    """Check threads, compiler and its cache, the folder's free space and permissions, and both file formats."""
+    """Check the threads, the compiler, its cache, the folder's free space and permissions, and HDF5 and Parquet."""
     yield check_threads()
     yield check_compiler()
     yield check_cache()
@@ -38,12 +38,12 @@ def check_machine(folder: Path) -> Iterator[Finding]:
 
 
 def check_threads() -> Finding:
-    """Check that the linear algebra has one thread: more threads slow down computations with small matrices."""
+    """Check that linear algebra uses one thread, because more threads slow down computations with small matrices."""
     set_to = {name: os.environ.get(name, "") for name in _THREADS}
     found = ", ".join(f"{name} is {value or 'not set'}" for name, value in set_to.items())
     if all(value == "1" for value in set_to.values()):
         return Finding("linear algebra", "ok", "one thread")
-    return Finding("linear algebra", "warn", found, "unset them, or set both to 1: mocap-id is faster with one thread")
+    return Finding("linear algebra", "warn", found, "unset both, or set both to 1: mocap-id is faster with one thread")
 
 
 def check_compiler() -> Finding:
@@ -65,7 +65,7 @@ def check_cache() -> Finding:
         if hasattr(each, "stats") and getattr(each.stats, "cache_path", None)
     }
     if not folders:
-        found = "there is no folder for its cache, so every run compiles again (about 10 s)"
+        found = "there is no folder for the compiled code, so every run compiles again (about 10 s)"
         return Finding("compiled code", "warn", found, _WRITABLE)
     read_only = [folder for folder in sorted(folders) if folder.is_dir() and not os.access(folder, os.W_OK)]
     if read_only:
@@ -121,8 +121,8 @@ def _check_parquet(path: Path) -> Finding:
 
 def _report_round_trip(name: str, same: bool, package: str) -> Finding:
     if same:
-        return Finding(name, "ok", "reads back what was written")
-    return Finding(name, "fail", "does not read back what was written", f"reinstall it: pip install {package}")
+        return Finding(name, "ok", "a written file is read back correctly")
+    return Finding(name, "fail", "a written file is not read back correctly", f"reinstall it: pip install {package}")
 
 
 def _report_broken(name: str, error: Exception, package: str) -> Finding:
@@ -131,13 +131,13 @@ def _report_broken(name: str, error: Exception, package: str) -> Finding:
 
 
 def compile_everything(packages: Sequence[Path]) -> Iterator[Finding]:
-    """Compile the modules in the folders of these packages, and then the code of a run."""
+    """Compile the modules in the folders ``packages``, then the numba code of a run, and yield both findings."""
     yield compile_modules(packages)
     yield compile_filter()
 
 
 def compile_modules(packages: Sequence[Path]) -> Finding:
-    """Write the missing or outdated bytecode of the modules in the folders of these packages.
+    """Write missing or outdated bytecode of the modules in the folders ``packages``, and return the finding.
 
     An editable installation with ``PYTHONDONTWRITEBYTECODE``, which many containers set, otherwise compiles 300 modules
     in every run, which takes 0.3 s.
@@ -151,9 +151,9 @@ def compile_modules(packages: Sequence[Path]) -> Finding:
 
 
 def compile_filter() -> Finding:
-    """Compile and cache the code of a run: filter a swinging arm in the plane and in space, and its encoder.
+    """Compile and cache the code of a run by filtering a simulated arm in the plane, in space and with an encoder.
 
-    The cache belongs to a user and a processor: compile as the user who runs the trials, on the same machine.
+    The cache is valid for one user and one processor. Compile as the user who runs the trials, on the same machine.
     """
     start = time.perf_counter()
     time_s = np.arange(200) / _RATE

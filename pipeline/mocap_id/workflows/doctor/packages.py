@@ -28,7 +28,7 @@ class Finding:
     name: str
     level: Level  # ``warn``: mocap-id works, but more slowly or with fewer functions; ``fail``: it does not work
     found: str  # what was found
-    advice: str = ""  # what to do; empty if nothing
+    advice: str = ""  # what to do; empty if nothing needs to be done
 
 
 def first_line(error: Exception) -> str:
@@ -64,7 +64,7 @@ def check_package(name: str, least: str | None) -> Finding:
     except metadata.PackageNotFoundError:
         return Finding(name, "fail", "not installed", advice)
     if least and parse_version(version) < parse_version(least):
-        return Finding(name, "fail", f"{version}, at least {least} is needed", advice)
+        return Finding(name, "fail", f"{version} is too old; at least {least} is needed", advice)
     try:
         importlib.import_module(_MODULES.get(name.lower(), name.replace("-", "_")))
     except Exception as error:  # noqa: BLE001  a broken package may raise anything while it loads

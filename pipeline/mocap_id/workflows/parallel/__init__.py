@@ -1,4 +1,4 @@
-"""Many trials in parallel, on this machine or on a cluster; a failed trial stops no other."""
+"""Many trials in parallel, on this machine or on a cluster."""
 
 from mocap_id.workflows.parallel.backends import Backend, DaskBackend, LocalBackend
 from mocap_id.workflows.parallel.pool import OnError, TrialCallback, run_trials

@@ -43,7 +43,7 @@ _TERMINATION_TIME = 20.0  # s, for a process to end after SIGTERM
 
 @dataclass(frozen=True)
 class Workers:
-    """An executor for trials."""
+    """An executor for trials, and the number of trials to submit."""
 
     executor: Executor
     width: Callable[[], int]  # returns the number of trials to submit at the same time
@@ -60,7 +60,7 @@ class Backend(ABC):
     @abstractmethod
     @contextmanager
     def workers(self, most: int) -> Iterator[Workers]:
-        """Start workers for at most ``most`` trials at a time; they end with the context, at once after an error."""
+        """Start workers for at most ``most`` trials at a time; the workers end with the context, or after an error."""
 
 
 @dataclass(frozen=True)
@@ -125,8 +125,8 @@ class DaskBackend(Backend):
                 yield Workers(client.get_executor(pure=False), _WorkerCount(client))
             except (CancelledError, _import("distributed.comm").CommClosedError) as error:
                 raise NumericalError(
-                    f"the connection to the Dask scheduler at {address} broke: finished trials are kept; run again for "
-                    "the rest"
+                    f"the connection to the Dask scheduler at {address} broke: finished trials are kept; repeat the "
+                    "command for the remaining trials"
                 ) from error
 
 
@@ -146,7 +146,7 @@ def _deploy(cluster: Mapping[str, Any]) -> Iterator[Any]:
     arguments = dict(cluster)
     kind, count = arguments.pop("kind", None), arguments.pop("workers", None)
     if kind not in _KINDS:
-        raise ConfigError(f"a cluster's `kind` is {kind!r}, expected one of {', '.join(_KINDS)}")
+        raise ConfigError(f"a cluster's `kind` is {kind!r}; expected one of {', '.join(_KINDS)}")
     module, name = _KINDS[kind]
     cluster_class = getattr(_import(module), name)
     submit = getattr(getattr(cluster_class, "job_cls", None), "submit_command", None)
@@ -173,7 +173,7 @@ def _deploy(cluster: Mapping[str, Any]) -> Iterator[Any]:
 
 
 def _try_one_job(running: Any) -> None:
-    """Raise ConfigError if the queueing system rejects the job of a worker; Dask itself would wait for ever."""
+    """Raise ConfigError if the queueing system rejects the job of a worker, because Dask itself would wait forever."""
     with _raise_log_level(
         logging.CRITICAL, "asyncio", "tornado.application"
     ):  # Dask logs the errors of its tasks there
@@ -192,7 +192,7 @@ async def _wait_for_jobs(running: Any) -> None:
     for worker in running.workers.values():
         if worker.status.name == "created":
             try:
-                await worker  # submits it again, which raises the reason
+                await worker  # submits the job again, which raises its error
             except Exception:
                 worker.status = type(worker.status).failed  # so that the cluster can be closed
                 raise
@@ -201,8 +201,8 @@ async def _wait_for_jobs(running: Any) -> None:
 class _WorkerCount:
     """The number of trials to submit at the same time: twice the threads of the workers that have joined.
 
-    Workers of a queueing system join at any time, so they are counted again every few seconds. A new worker with
-    another version of this program raises ConfigError.
+    Workers of a queueing system join at any time, so they are counted again every few seconds. ConfigError is raised if
+    a new worker has a different version of this program.
     """
 
     def __init__(self, client: Any) -> None:
@@ -236,11 +236,12 @@ class _WorkerCount:
 
 
 def _check_versions(client: Any, workers: Sequence[str]) -> None:
-    """Raise ConfigError if a worker has another version of this program; workers that have left are ignored."""
+    """Raise ConfigError if a worker has a different version of this program; workers that have left are ignored."""
     for worker, version in client.run(_get_version, workers=workers, on_error="ignore").items():
         if version != __version__:
             raise ConfigError(
-                f"Dask worker {worker} has mocap-id {version}, this machine has {__version__}: install the same version"
+                f"Dask worker {worker} has mocap-id {version}, but this machine has {__version__}: install the same "
+                "version on both"
             )
 
 
@@ -281,7 +282,7 @@ def _set_environment(values: Mapping[str, str]) -> Iterator[None]:
 
 @contextmanager
 def _ignore_ctrl_c() -> Iterator[None]:
-    """Let processes started in this context ignore Ctrl-C: this process ends them in order."""
+    """Let processes started in this context ignore Ctrl-C, because this process ends them itself."""
     if threading.current_thread() is not threading.main_thread():
         yield
         return

@@ -92,7 +92,7 @@ def _run_in_parallel(queue: _Queue, backend: Backend) -> Iterator[_Done]:
 
 
 def _run_until_broken(queue: _Queue, workers: Workers, lost: list[_Numbered]) -> Iterator[_Done]:
-    """Submit trials to the workers until all are done or the pool breaks; ``lost`` collects the interrupted trials."""
+    """Submit trials until all trials are done or the pool breaks; append the interrupted trials to ``lost``."""
     submitted: dict[Future[TrialRun], _Numbered] = {}
     # Futures report here when they finish: polling all of them would be expensive on a large cluster.
     finished: SimpleQueue[Future[TrialRun]] = SimpleQueue()

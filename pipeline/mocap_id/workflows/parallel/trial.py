@@ -1,4 +1,4 @@
-"""Run of one trial of many: a failure is a result, not an exception."""
+"""Run of one trial among many; a failure is returned as a result, not raised as an exception."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from mocap_id.stages import STAGES
 from mocap_id.store import Folder
 
 NOT_RUN = 1
-"""Exit code of a trial that was skipped because another one failed."""
+"""Exit code of a trial that was skipped because another trial failed."""
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,8 @@ class TrialRun:
 
     trial: str  # name of the trial
     exit_code: int  # exit code of `mocap-id run` for this trial
-    message: str | None  # reason why it failed or was refused, for the user's terminal: it may name files
-    published: str | None  # the same reason without names of files, for reports that are passed on
+    message: str | None  # why the trial failed or was refused; only for the user's terminal, because it may name files
+    published: str | None  # the same without names of files, for reports that are passed on
     key: str | None  # cache key of the trial's report, which changes with its content; None if there is no report
     computed: bool  # whether any stage ran
     seconds: float  # duration of the run, s
@@ -70,7 +70,7 @@ class _Terminated(BaseException):
 
 def make_not_run(trial: Trial) -> TrialRun:
     """Return the result of a trial that was not started, because another trial failed."""
-    message = "not run: another trial failed before"
+    message = "not run, because another trial failed before"
     return TrialRun(trial.name, NOT_RUN, message, message, None, computed=False, seconds=0.0)
 
 

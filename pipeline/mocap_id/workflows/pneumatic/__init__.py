@@ -1,4 +1,4 @@
-"""A described pneumatic device as a spring: torque, pressures, parameters from a log, and gas (thesis 8.1, 9.5)."""
+"""A pneumatic device as a spring: its torque, pressures, parameters from a log, and gas (thesis 8.1, 9.5)."""
 
 from mocap_id.workflows.pneumatic.curve import device_curve
 from mocap_id.workflows.pneumatic.identify import identify_device

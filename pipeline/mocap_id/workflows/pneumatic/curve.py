@@ -1,4 +1,4 @@
-"""Torque, stiffness and rest angle of a device over the stroke."""
+"""Torque, stiffness and rest angle of a device at the angles of its stroke."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ _NO_TORQUE = "the device gives no torque in this condition"
 def device_curve(
     config: DeviceConfig, condition: Condition, exponent: float | None = None, angles: int = 181
 ) -> Result:
-    """Return torque and stiffness of a device over its stroke, at a number of angles.
+    """Return torque and stiffness of a device at equally spaced angles of its stroke.
 
-    ``exponent`` replaces the exponent of the device.
+    ``angles`` is their number. ``exponent`` replaces the polytropic exponent of the device.
 
     ConfigError is raised if the exponent is not between 1 and 1.4, or a pressure is not between zero and the pressure
     of the supply.

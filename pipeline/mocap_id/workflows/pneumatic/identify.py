@@ -30,14 +30,14 @@ _KEYS = {
     "viscous": "viscous_Nms",
 }
 _LIMITS = {"area_flexion_m2": (0.25, True), "area_extension_m2": (0.25, True), "full_flexion_deg": (10.0, False)}
-"""Largest plausible difference from the description: as a share of it (True), or in degrees (False)."""
+"""Largest plausible difference from the described value: as a fraction of this value (True), or in degrees (False)."""
 _LEAST = 20  # least number of samples
-_NOT_DETERMINED = "the log does not determine it"
+_NOT_DETERMINED = "the log does not determine this parameter"
 _IN_SPACE = "elbow_flexion", "delbow_flexion", "elbow_torque"
 
 
 def identify_device(config: DeviceConfig, source: Path, joint: int = 1) -> dict[str, Any]:
-    """Return the parameters of a device with their intervals, and name the parameters that the log does not determine.
+    """Return the parameters of a device with their intervals; None for a parameter that the log does not determine.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def identify_device(config: DeviceConfig, source: Path, joint: int = 1) -> dict[
 
 
 def _cautions(parameters: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return the parameters that are far from the description of the device, with the usual causes."""
+    """Return a caution with all parameters far from the device's description and the usual causes; or an empty list."""
     far = []
     for each in parameters:
         if each["value"] is None or each["name"] not in _LIMITS:
@@ -113,18 +113,20 @@ def _read_csv_log(config: DeviceConfig, path: Path) -> tuple[TorqueLog, int]:
     unknown = [name for name in columns if name not in known]
     if missing or unknown or (PRESSURES[0] in columns) != (PRESSURES[1] in columns):
         raise RecordingError(
-            f"{path}: has the columns {', '.join(columns)[:120]}, expected {ANGLE}, {TORQUE} and optionally {TIME}, "
-            f"{VELOCITY}, and {' with '.join(PRESSURES)}"
+            f"{path}: the file has the columns {', '.join(columns)[:120]}; expected {ANGLE}, {TORQUE} and optionally "
+            f"{TIME}, {VELOCITY}, and {' with '.join(PRESSURES)}"
         )
     complete = np.all([np.isfinite(column) for column in columns.values()], axis=0)
     columns = {name: column[complete] for name, column in columns.items()}
     if len(columns[ANGLE]) < _LEAST:
-        raise RecordingError(f"{path}: has {len(columns[ANGLE])} rows without empty cells, expected at least {_LEAST}")
+        raise RecordingError(
+            f"{path}: the file has {len(columns[ANGLE])} rows without empty cells; expected at least {_LEAST}"
+        )
     velocity = columns.get(VELOCITY)
     if velocity is None and TIME in columns:
         if not np.all(np.diff(columns[TIME]) > 0):
             raise RecordingError(
-                f"{path}: `{TIME}` does not increase: continue the time from one condition to the next"
+                f"{path}: `{TIME}` does not increase everywhere; each condition must begin after the end of the last"
             )
         velocity = np.gradient(columns[ANGLE], columns[TIME])
     if PRESSURES[0] in columns:
@@ -144,13 +146,13 @@ def _read_trial_log(config: DeviceConfig, source: Path, joint: int) -> tuple[Tor
         run.artefacts.get(file) for file in ("angles.parquet" if run.in_space else "states.parquet", "dynamics.parquet")
     )
     if not isinstance(motion, Table) or not isinstance(dynamics, Table) or names[2] not in dynamics.columns:
-        what = "the elbow: give `protocol: curl`" if run.in_space else f"joint {joint}"
-        raise ConfigError(f"{source}: has no torque of {what}: {run.why_missing('dynamics.parquet')}")
+        what = "the elbow, which needs `protocol: curl`" if run.in_space else f"joint {joint}"
+        raise ConfigError(f"{source}: the trial has no torque of {what}: {run.why_missing('dynamics.parquet')}")
     angle, velocity, torque = _column(motion, names[0]), _column(motion, names[1]), _column(dynamics, names[2])
     good = np.isfinite(torque) & np.isfinite(angle) & np.isfinite(velocity)
     if good.sum() < _LEAST:
         where = "the elbow" if run.in_space else f"joint {joint}"
-        raise ConfigError(f"{source}: {where} has {int(good.sum())} samples with a torque, expected {_LEAST}")
+        raise ConfigError(f"{source}: {where} has {int(good.sum())} samples with a torque; expected at least {_LEAST}")
     state = config.keys.sealed
     lasting = None
     if run.in_space:
@@ -166,7 +168,10 @@ def _read_trial_log(config: DeviceConfig, source: Path, joint: int) -> tuple[Tor
 def _lasting_errors(  # noqa: PLR0917
     config: DeviceConfig, setting: Setting, angle: FloatArray, angles: Table, dynamics: Table, good: BoolArray
 ) -> FloatArray:
-    """Return the constant errors (N, 2) of an elbow's torque from the forearm's direction and from the flexion, N·m."""
+    """Return the persistent errors (N, 2) of the elbow's torque, N·m: from the forearm's direction, and the flexion.
+
+    Each row belongs to one of the N ``good`` samples; ``angle`` (N,) contains their angles, rad.
+    """
     by_direction = _column(dynamics, "sd_elbow_torque")[good]
     slope = -np.nan_to_num(config.keys.cylinder().stiffness(angle, setting))
     by_flexion = slope * _column(angles, "constant_sd_elbow_flexion")[good]

@@ -1,4 +1,4 @@
-"""Pressures with which a device is nearest to a prescribed spring, and gas for changes between conditions."""
+"""Pressures with which a device best approximates a prescribed spring, and gas for changes between conditions."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _GRID = 361
 def spring_pressures(
     config: DeviceConfig, stiffness: float, rest: float, span: tuple[float, float] | None = None
 ) -> dict[str, Any]:
-    """Return the pressures nearest to a spring, and the spring that they give.
+    """Return the pressures with which a device best approximates a spring, and the spring that results.
 
     ConfigError is raised if the stiffness is not above zero, or the range is empty or beyond the stroke.
 
@@ -29,11 +29,12 @@ def spring_pressures(
     stiffness, rest : float
         Stiffness, N·m/rad, and rest angle, rad, of the spring.
     span : (low, high), optional
-        Range over which the torques should agree, rad; by default the spring should agree at its rest angle.
+        Range in which both torques should agree, rad; by default, they should agree near the rest angle.
     """
     if not 0 < stiffness < np.inf or not np.isfinite(rest):
         raise ConfigError(
-            f"a spring of {stiffness:g} N·m/rad at {rest:g} rad: expected a stiffness above zero, in N·m/rad"
+            f"the spring has {stiffness:g} N·m/rad and a rest angle of {rest:g} rad; expected a stiffness above zero "
+            "and a finite rest angle"
         )
     if span is not None and not span[0] < span[1]:
         raise ConfigError(
@@ -49,7 +50,7 @@ def spring_pressures(
 
 
 def spring_document(spring: NearestSpring) -> dict[str, Any]:
-    """Return a nearest spring as JSON values."""
+    """Return the approximation of a spring by a device as JSON values."""
     return {
         "flexion_Pa": spring.setting.flexion,
         "extension_Pa": spring.setting.extension,
@@ -65,15 +66,15 @@ def spring_document(spring: NearestSpring) -> dict[str, Any]:
 
 
 def gas_budget(config: DeviceConfig) -> dict[str, Any]:
-    """Return the gas of every change between two worn conditions, and the number of changes that a reservoir allows.
+    """Return the gas of each change between conditions with the device worn, and the changes that a reservoir allows.
 
-    ConfigError is raised if there are fewer than two worn conditions.
+    ConfigError is raised if the device is worn in fewer than two conditions.
     """
     keys = config.keys
     worn = {name: one.setting() for name, one in keys.conditions.items() if one.worn}
     if len(worn) < 2:
         where = config.source.where(("conditions",))
-        raise ConfigError(f"{where}: a budget needs at least two worn conditions in `conditions:`, found {len(worn)}")
+        raise ConfigError(f"{where}: a budget needs at least two worn conditions in `conditions:`; found {len(worn)}")
     cylinder, store = keys.cylinder(), keys.reservoir
     usable = (
         None if store is None else usable_gas(store.volume_m3, store.pressure_Pa, keys.supply_Pa, keys.temperature_K)

@@ -1,4 +1,4 @@
-"""The springs that restore most of the range of a joint or a chain (thesis 7.3, 7.4)."""
+"""The springs that restore the largest part of the range of a joint or a chain (thesis 7.3, 7.4)."""
 
 from mocap_id.workflows.prescribe.computation import prescribe_from
 from mocap_id.workflows.prescribe.device_output import device_lines

@@ -29,13 +29,13 @@ class AssistedBody:
     arm: PlanarArm
     weights: ChainMasses | None  # None if the trial's dynamics were not identified
     limits: JointLimits
-    strength: FloatArray  # (n, 2) N·m; NaN for a share of unknown weights
-    inertia: float | None  # inertia about the joint of a body with one joint, kg·m²
-    subject: SubjectArm | None  # the arm of the trial that the body comes from
+    strength: FloatArray  # (n, 2) limits of the person's torque, N·m; NaN if they depend on unknown weights
+    inertia: float | None  # inertia about the joint, kg·m²; None if it is unknown or there are several joints
+    subject: SubjectArm | None  # the arm of the trial that the body comes from; None without a trial
     why: str = ""  # why there are no weights
 
     def one_joint(self) -> OneJoint:
-        """Return the model of the joint of a body with one joint."""
+        """Return the model of the only joint; the body must have one joint, and known weights."""
         assert self.weights is not None
         limits = float(self.limits.lower[0]), float(self.limits.upper[0])
         return self.weights.one_joint(0, np.zeros(1), limits, (float(self.strength[0, 0]), float(self.strength[0, 1])))
@@ -47,7 +47,7 @@ def read_body(config: PrescriptionConfig, progress: runner.Progress) -> Assisted
     Raises
     ------
     ConfigError
-        The trial has another number of joints, or there is no weight.
+        The configuration describes a different number of joints than the trial has, or all masses are zero.
     Refused, RecordingError, NumericalError, StoreError
         As for :func:`mocap_id.runner.run`.
     """
@@ -80,7 +80,7 @@ def _read_trial_body(config: PrescriptionConfig, progress: runner.Progress) -> A
     n = subject.arm.joints
     if len(wishes.joints) != n:
         raise ConfigError(
-            f"{config.where('joints')}: {len(wishes.joints)} joints are described, trial {name} has {n}: "
+            f"{config.where('joints')}: {len(wishes.joints)} joints are described, but trial {name} has {n}: "
             f"{', '.join(subject.joints)}"
         )
     full = dynamics.numbers("full/value", (n + 1, 4))[1:]
@@ -103,7 +103,7 @@ def _make_body(  # noqa: PLR0917
     gravity: float,
     why: str = "",
 ) -> AssistedBody:
-    """Return the body; joint limits in the configuration replace the limits of the trial."""
+    """Return the body; joint limits in the configuration replace the limits observed in the trial."""
     wishes = config.wishes
     observed = subject.limits if subject is not None else None
     lower, upper = np.empty(len(names)), np.empty(len(names))
@@ -124,7 +124,7 @@ def _make_body(  # noqa: PLR0917
 
 
 def _largest_moments(weights: ChainMasses, limits: JointLimits) -> FloatArray:
-    """Return the largest moment of gravity about each joint within the limits of the others, (n,) N·m."""
+    """Return the largest moment of gravity about each joint, (n,) N·m: within the limits, or for one joint anywhere."""
     q = limits.lower + sobol(2048, limits.dimension, 0) * (limits.upper - limits.lower)
     if limits.dimension == 1:
         return np.array([weights.one_joint(0, np.zeros(1), (0.0, 1.0), (-1.0, 1.0)).weight])
@@ -132,7 +132,7 @@ def _largest_moments(weights: ChainMasses, limits: JointLimits) -> FloatArray:
 
 
 def _torque_limits(joint: JointWish, largest: float) -> tuple[float, float]:
-    """Return the limits of the person's torque, N·m, also from a share of the largest moment."""
+    """Return the lower and upper limit of the person's torque, N·m; ``largest`` is the largest moment of gravity."""
     if joint.strength_Nm is not None:
         return joint.strength_Nm
     share = joint.strength_share

@@ -45,9 +45,9 @@ def prescribe_from(
     ----------
     config : PrescriptionConfig
     folder : Path, optional
-        Folder in which the map of springs is saved row by row, so that it can resume.
+        Folder in which the map of springs is saved row by row, so that an interrupted computation can resume.
     progress : callable, optional
-        Called with every stage of a trial's YAML file.
+        Called with each step of the run, if the body comes from a trial's YAML file.
     report : callable, optional
         Called with a line about the progress of the map.
 

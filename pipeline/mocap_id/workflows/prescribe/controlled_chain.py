@@ -30,15 +30,15 @@ from mocap_id.workflows.prescribe.task_graph import task_points
 
 _STARTS = 1024  # number of sampled postures from which the search for postures of a task starts
 _MEETINGS = 13  # number of postures at which two sub-workspaces may be joined
-_TOLERANCE = 1e-3  # share of the smallest range of torque
+_TOLERANCE = 1e-3  # fraction of the smallest range of a joint's torque
 
 
 @dataclass(frozen=True)
 class ChainChange:
-    """A change from one node to another at rest, in the sampled postures that both nodes hold."""
+    """A change at rest from one node (a set of pressures) to another, in the M sampled postures that both hold."""
 
-    before: int
-    after: int
+    before: int  # index of the node
+    after: int  # index of the node
     q: FloatArray  # (M, n) postures, rad
     switched: BoolArray  # (M,) whether the controller changes here
     unsafe: BoolArray  # (M,) whether the person cannot hold the posture during the change
@@ -51,24 +51,24 @@ class ControlledChain:
 
     chain: AssistedChain
     nodes: tuple[ChainNode, ...]
-    margins: tuple[float, ...]  # share of the intended reserve in each node's tasks; 1 is the full reserve
-    held: FloatArray  # (K,) share of the sampled postures that each node holds
-    left_out: tuple[str, ...]  # nodes for which no pressures exist
-    stops: tuple[str, ...]  # task of each stop of the tour
+    margins: tuple[float, ...]  # smallest reserve in each node's tasks, as a fraction of the intended reserve
+    held: FloatArray  # (K,) fraction of the sampled postures that each of the K nodes holds
+    left_out: tuple[str, ...]  # names of the nodes for which no pressures exist
+    stops: tuple[str, ...]  # name of the task of each stop of the tour
     tour: ChainTour
     missing: tuple[float, ...]  # largest missing torque in each visit, N·m
     gas: tuple[float, ...]  # gas of each change in the tour, kg
     changes: tuple[ChainChange, ...]
-    tolerance: float  # largest missing torque that counts as held, N·m
+    tolerance: float  # missing torque up to which a posture counts as held, N·m
 
     @property
     def switches(self) -> tuple[tuple[int, int, int], ...]:
-        """Sample, node before and node after each change in the tour."""
+        """For each change in the tour: the sample, and the indices of the nodes before and after the change."""
         return self.tour.switches
 
     @property
     def settling(self) -> float:
-        """Time in which the pressures settle, s."""
+        """Time that the pressures need to settle, s."""
         return SETTLED * self.chain.slowest
 
     @property
@@ -78,16 +78,16 @@ class ControlledChain:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Sentences about every check that failed."""
+        """One sentence for each failed check; empty if no check failed."""
         problems = [f"no pressures hold the tasks of {name}" for name in self.left_out]
         between = dict.fromkeys((self.stops[a], self.stops[b]) for a, b in self.tour.no_path)
-        problems += [f"no path between {a} and {b} leads through postures that a node holds" for a, b in between]
+        problems += [f"there is no path between {a} and {b} through postures that a node holds" for a, b in between]
         visits = zip(self.tour.visits, self.missing, strict=True)
         missed = dict.fromkeys(self.stops[stop] for (stop, _, _), missing in visits if missing > self.tolerance)
         problems += [f"{task} is not held throughout" for task in missed]
         largest = float(self.tour.excess.max())
         if not missed and largest > self.tolerance:
-            problems.append(f"between the tasks up to {largest:.2f} N·m are missing")
+            problems.append(f"between the tasks, up to {largest:.2f} N·m of torque are missing")
         problems += describe_chatter(self.shortest_dwell, self.settling)
         for one in self.changes:
             if (one.unsafe & one.switched).any():
@@ -100,7 +100,7 @@ class ControlledChain:
 def control_chain(
     result: PrescriptionResult, devices: Sequence[DeviceConfig | None], rules: ControllerRules
 ) -> ControlledChain:
-    """Choose pressures for each group of tasks, and simulate the controller through all tasks and back.
+    """Choose pressures for each group of tasks, simulate a tour through all tasks and back, and return the controller.
 
     ValueError is raised if no pressures hold the tasks of any group.
     """
@@ -141,7 +141,10 @@ def control_chain(
 def _find_groups(
     result: PrescriptionResult, chain: AssistedChain
 ) -> tuple[list[tuple[str, list[str], FloatArray]], list[str]]:
-    """Return the groups that can be held (name, tasks and postures (P, n) of the stops), and the other names."""
+    """Return each group that can be held as (name, tasks, postures (P, n)), and the names of the other groups.
+
+    A group's P postures, rad, and its tasks belong to the P stops of the group.
+    """
     assert result.graph is not None
     tasks = {task.name: task for task in result.config.wishes.tasks}
     groups, left_out = [], []
@@ -156,9 +159,10 @@ def _find_groups(
 
 
 def _extend_groups(chain: AssistedChain, groups: Sequence[FloatArray], overlap: float) -> list[FloatArray]:
-    """Return the postures of the groups, extended so that neighbours hold an overlap in which the node can change.
+    """Return the postures of the groups, extended so that neighbouring groups overlap where the node can change.
 
-    Neighbours meet on the straight line between their nearest stops, where the smaller of both reserves is largest.
+    The overlap, of length ``overlap`` (rad), is on the straight line between the nearest stops of both groups, at the
+    point where the smaller one of their reserves is largest.
     """
     joined = list(groups)
     for k, (one, other) in enumerate(itertools.pairwise(groups)):
@@ -180,7 +184,7 @@ def _extend_groups(chain: AssistedChain, groups: Sequence[FloatArray], overlap: 
 
 
 def _make_chain(result: PrescriptionResult, devices: Sequence[DeviceConfig | None]) -> AssistedChain:
-    """Return the chain with its cylinders; springs without a device are as prescribed in all nodes."""
+    """Return the chain with its cylinders; a spring without a device stays as prescribed in all nodes."""
     body, springs = result.body, result.several
     assert body.weights is not None and springs is not None
     weights, passive = body.weights, []
@@ -204,7 +208,10 @@ def _make_chain(result: PrescriptionResult, devices: Sequence[DeviceConfig | Non
 
 
 def _postures(result: PrescriptionResult, node: SubWorkspace, tasks: Sequence[Task]) -> tuple[list[str], FloatArray]:
-    """Return the task of each point, and the postures (P, n), rad, that reach the points with the largest reserve."""
+    """Return for each of P points of the tasks the name of its task, and the posture with the largest reserve, rad.
+
+    The postures have the shape (P, n).
+    """
     body, wishes = result.body, result.config.wishes
     assert body.weights is not None and node.stiffness is not None and node.rest is not None
     each = [(task.name, task_points(task)) for task in tasks]
@@ -239,7 +246,7 @@ def _check_changes(  # noqa: PLR0917
     rules: TourRules,
     tolerance: float,
 ) -> Iterator[ChainChange]:
-    """Yield the changes between all pairs of nodes that hold common postures (M, n)."""
+    """Yield the changes between all pairs of nodes that hold common postures; ``depth`` (K, N) is for ``q`` (N, n)."""
     for a, b in itertools.permutations(range(len(nodes)), 2):
         both = (depth[a] > 0) & (depth[b] > 0)
         if not both.any():

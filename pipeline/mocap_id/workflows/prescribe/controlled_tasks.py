@@ -29,9 +29,9 @@ from mocap_id.prescription.one_joint import OneJoint
 
 _GRID = 721
 _MEETINGS = 13  # number of angles at which two sub-workspaces may be joined
-SETTLED = 3.0  # time constants of settled pressures; faster changes of the node are chatter
-_AWAY = np.radians(2.0)  # largest distance from the reference at the end of a hold if the task is reached
-_TOLERANCE = 1e-3  # share of the range of the person's torque
+SETTLED = 3.0  # number of time constants after which pressures have settled; faster changes of the node are chatter
+_AWAY = np.radians(2.0)  # rad, largest distance from the reference at the end of a hold of a task that is reached
+_TOLERANCE = 1e-3  # fraction of the range of the person's torque
 _FASTER = 1.5  # changes must be safe up to this factor times the speed of the tour
 
 
@@ -46,11 +46,11 @@ class TaskVisit:
 
 
 def describe_chatter(dwell: float, settling: float) -> list[str]:
-    """Return a sentence if the shortest time in a node is below the settling time of the pressures, s."""
+    """Return a sentence if ``dwell``, the shortest time in a node, is below the settling time, s; else no sentence."""
     if dwell >= settling:
         return []
     return [
-        f"the controller chatters: it stayed {dwell:.2f} s in a node, and the pressures need {settling:.2f} s to settle"
+        f"the controller chatters: it stayed {dwell:.2f} s in a node, but the pressures need {settling:.2f} s to settle"
     ]
 
 
@@ -62,7 +62,7 @@ class ControlledTasks:
     controller: Controller
     tasks: tuple[tuple[str, float, float], ...]  # name of each node, and the interval of its tasks, rad
     margins: tuple[float, ...]  # smallest reserve of the person's torque in each interval, N·m
-    left_out: tuple[str, ...]  # nodes for which no pressures exist
+    left_out: tuple[str, ...]  # names of the nodes for which no pressures exist
     motion: SwitchedMotion
     visits: tuple[TaskVisit, ...]
     gas: tuple[float, ...]  # gas of each change in the tour, kg
@@ -70,12 +70,12 @@ class ControlledTasks:
 
     @property
     def switches(self) -> tuple[tuple[int, int, int], ...]:
-        """Sample, node before and node after each change in the tour."""
+        """For each change in the tour: the sample, and the indices of the nodes before and after the change."""
         return self.motion.switches
 
     @property
     def settling(self) -> float:
-        """Time in which the pressures settle, s."""
+        """Time that the pressures need to settle, s."""
         return SETTLED * self.controller.slowest
 
     @property
@@ -85,7 +85,7 @@ class ControlledTasks:
 
     @property
     def problems(self) -> tuple[str, ...]:
-        """Sentences about every check that failed."""
+        """One sentence for each failed check; empty if no check failed."""
         names = [node.name for node in self.controller.nodes]
         problems = [f"no pressures hold the tasks of {name}" for name in self.left_out]
         pairs = itertools.pairwise(range(len(names)))
@@ -106,7 +106,7 @@ class ControlledTasks:
         return tuple(problems)
 
     def _serves(self, before: int, after: int) -> bool:
-        """Return whether a node holds the angles of another node, or can change to it while the joint is held."""
+        """Return whether node ``before`` holds the tasks of node ``after``, or can change to it and hold the joint."""
         depth, angle = self.controller.nodes[before].depth, self.controller.angle
         _, low, high = self.tasks[after]
         if (depth[(angle >= low) & (angle <= high)] > 0).all():
@@ -117,7 +117,7 @@ class ControlledTasks:
 def control_tasks(
     joint: OneJoint, inertia: float, device: DeviceConfig, tasks: Sequence[Task], rules: ControllerRules
 ) -> ControlledTasks:
-    """Choose pressures for each group of tasks, and simulate the controller through all tasks and back.
+    """Choose pressures for each group of tasks, simulate a tour through all tasks and back, and return the controller.
 
     ValueError is raised if no pressures hold the tasks of any group.
     """
@@ -176,7 +176,7 @@ def _extend_intervals(
     groups: list[tuple[str, float, float]],
     overlap: float,
 ) -> list[tuple[str, float, float]]:
-    """Return the intervals (name, low, high), extended so that neighbours have an overlap in which both are held."""
+    """Return the intervals (name, low, high), extended so that neighbours overlap by ``overlap`` if possible, rad."""
     joined = list(groups)
     for k in range(len(joined) - 1):
         (name, low, high), (other, first, last) = joined[k], joined[k + 1]

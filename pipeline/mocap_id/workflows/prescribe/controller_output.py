@@ -1,4 +1,4 @@
-"""Controllers of a joint and of a chain as JSON, as lines of text, and their unsafe states as CSV."""
+"""Controllers of a joint and of a chain as JSON and as lines of text, and their unsafe states as CSV."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from mocap_id.workflows.prescribe.controlled_tasks import ControlledTasks
 
 
 def controller_document(controlled: ControlledTasks | ControlledChain) -> dict[str, Any]:
-    """Return nodes, changes, tour and problems of a controller."""
+    """Return nodes, changes, tour and problems of a controller as JSON values."""
     if isinstance(controlled, ControlledChain):
         return _chain_document(controlled)
     return _joint_document(controlled)
@@ -135,12 +135,12 @@ def _chain_change(one: ChainChange, names: Sequence[str]) -> dict[str, Any]:
 
 
 def _intervals(angle: FloatArray, which: BoolArray) -> list[list[float]]:
-    """Return the intervals of angles, degrees."""
+    """Return the intervals of ``angle``, rad, in which ``which`` is true, in degrees."""
     return [np.degrees([angle[run.start], angle[run.stop - 1]]).tolist() for run in find_runs(which)]
 
 
 def unsafe_states(controlled: ControlledTasks) -> Iterator[str]:
-    """Yield the unsafe states of a joint as lines of a CSV file."""
+    """Yield the lines of a CSV file with the states of a joint in which a change is unsafe."""
     names = [node.name for node in controlled.controller.nodes]
     yield "from,to,angle_deg,velocity_deg_s,missing_Nm,controller_changes_here"
     for one in controlled.maps:
@@ -151,7 +151,7 @@ def unsafe_states(controlled: ControlledTasks) -> Iterator[str]:
 
 
 def unsafe_postures(controlled: ControlledChain) -> Iterator[str]:
-    """Yield the postures of a chain in which a change is unsafe as lines of a CSV file."""
+    """Yield the lines of a CSV file with the postures of a chain in which a change is unsafe."""
     names, joints = [node.name for node in controlled.nodes], len(controlled.chain.lower)
     yield ",".join(["from", "to", *(f"angle_{j + 1}_deg" for j in range(joints)), "missing_Nm,controller_changes_here"])
     for one in controlled.changes:

@@ -1,4 +1,4 @@
-"""Pneumatic devices of a prescription as JSON, and as lines of text."""
+"""Pneumatic devices of a prescription, as JSON and as lines of text."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mocap_id.workflows.prescribe.result import PrescriptionResult
 
 
 def devices_document(result: PrescriptionResult) -> dict[str, Any]:
-    """Return the pressures of the devices, and the loss of range or workspace relative to the prescribed springs."""
+    """Return the pressures of the devices, and the range or workspace lost relative to the prescribed springs."""
     devices = result.devices
     assert devices is not None
     content: dict[str, Any] = {
@@ -41,7 +41,7 @@ def devices_document(result: PrescriptionResult) -> dict[str, Any]:
 
 
 def _lost_range(result: PrescriptionResult) -> float | None:
-    """Return the difference between the held ranges with the linear spring and with the device, rad."""
+    """Return how much smaller the held range is with the device than with the linear spring, rad; None if unknown."""
     assert result.one is not None and result.devices is not None
     if not result.devices.springs:
         return None
@@ -68,10 +68,10 @@ def device_lines(result: PrescriptionResult) -> Iterator[str]:
 
 def _loss_line(result: PrescriptionResult, devices: DeviceSprings) -> str:
     if not devices.springs:
-        return "device: no spring was prescribed for its joints"
+        return "device: no spring was prescribed for the joints of the device"
     if result.several is not None:
         lost = result.several.area - devices.area
-        return f"with the devices {devices.area:.4f} m² can be held: {lost:.4f} m² less than with linear springs"
+        return f"with the devices, {devices.area:.4f} m² can be held: {lost:.4f} m² less than with linear springs"
     lost_range = np.degrees(_lost_range(result) or 0.0)
     held = "nothing" if devices.range is None else "{:.1f}° to {:.1f}°".format(*np.degrees(devices.range))
-    return f"with it {held} can be held: {lost_range:.1f}° less than with the linear spring"
+    return f"with the device, {held} can be held: {lost_range:.1f}° less than with the linear spring"

@@ -23,10 +23,10 @@ from mocap_id.prescription.several_springs import Springs, find_holdable
 class DeviceSpring:
     """A device that replaces a prescribed spring."""
 
-    place: int  # index of the possible spring
+    place: int  # index of the spring among the possible springs
     device: DeviceConfig
-    setting: Setting  # the setting in use
-    nearest: NearestSpring  # the setting nearest to the prescribed spring
+    setting: Setting  # the pressures in use
+    nearest: NearestSpring  # the pressures that best approximate the prescribed spring
 
 
 @dataclass(frozen=True)
@@ -34,12 +34,12 @@ class DeviceSprings:
     """Devices that replace the prescribed springs."""
 
     springs: tuple[DeviceSpring, ...]  # empty if no spring was prescribed for the joints of a device
-    range: tuple[float, float] | None = None  # for one joint: the widest interval that can be held, rad
+    range: tuple[float, float] | None = None  # for one joint: the widest interval that can be held, rad; else None
     area: float = np.nan  # for several joints: the functional workspace, m²
 
 
 def read_devices(config: PrescriptionConfig) -> tuple[DeviceConfig | None, ...]:
-    """Return the device of each possible spring; None without a device.
+    """Return the device of each possible spring; None for a spring without a device.
 
     ConfigError is raised as for :func:`mocap_id.config.device.load_device`.
     """
@@ -53,7 +53,8 @@ def fit_joint_device(
 ) -> DeviceSprings:
     """Return the pressures with which the person holds the widest interval of one joint.
 
-    ValueError is raised if the stroke allows no angle of the prescribed range.
+    The interval contains the ``required`` angles, rad. ValueError is raised if the stroke contains no angle of the
+    prescribed range.
     """
     if not prescribed.helps:
         return DeviceSprings(())
@@ -72,9 +73,10 @@ def fit_chain_devices(
     prescribed: Springs,
     devices: Sequence[DeviceConfig | None],
 ) -> DeviceSprings:
-    """Return the pressures nearest to the prescribed springs over the held postures, and the workspace with them.
+    """Return the pressures that best approximate the prescribed springs, and the workspace with these pressures.
 
-    ValueError is raised if the stroke of a device allows none of the held postures.
+    The torques are compared in the postures that the prescribed springs hold. ValueError is raised if the stroke of a
+    device contains none of these postures.
     """
     held = find_holdable(postures, places, strength, prescribed)
     needed, linear = postures.gravity.copy(), prescribed.stiffness.copy()

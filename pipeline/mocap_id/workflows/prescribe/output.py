@@ -33,7 +33,7 @@ from mocap_id.workflows.workspace import workspace_result
 def prescription_output(found: PrescriptionResult) -> Result:
     """Return ``prescription.json``, and the tables and figures of all computed parts.
 
-    In the document, `springs` is null if nothing could be prescribed; `why` gives the reason.
+    In the document, `springs` is null if no springs could be prescribed; `why` is then the reason.
     """
     body = found.body
     content: dict[str, Any] = {

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Timed:
-    """The angles that are reached within several times with a spring, and that can be held."""
+    """The angles that can be held with a spring, and that are reached within each of several times."""
 
     dynamics: JointDynamics
     reached: ReachableSet
@@ -35,15 +35,15 @@ class Timed:
 
 @dataclass(frozen=True)
 class PrescriptionResult:
-    """The result of a prescription; a part that was not configured, or is not possible, is None."""
+    """The result of a prescription; a part is None if it was not configured or is not possible."""
 
     config: PrescriptionConfig
     body: AssistedBody
     places: tuple[SpringPlace, ...]  # the possible springs
-    joint: OneJoint | None = None  # for one joint
-    one: Prescription | None = None  # for one joint
-    postures: Postures | None = None  # for several joints
-    several: Springs | None = None  # for several joints
+    joint: OneJoint | None = None  # only for one joint
+    one: Prescription | None = None  # only for one joint
+    postures: Postures | None = None  # only for several joints
+    several: Springs | None = None  # only for several joints
     workspace: Reach | None = None  # the workspace within the joint limits of a trial
     timed: Timed | None = None
     map: SpringMap | None = None
@@ -54,5 +54,5 @@ class PrescriptionResult:
 
     @property
     def refused(self) -> str | None:
-        """Why nothing could be prescribed; None if it could."""
+        """Why no springs could be prescribed; None if springs could be prescribed."""
         return self.body.why or None if self.body.weights is None else None

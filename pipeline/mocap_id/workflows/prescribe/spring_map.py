@@ -1,4 +1,4 @@
-"""The map of springs: the range with every spring of a grid (figure 7.9). An interrupted map can resume."""
+"""The map of springs: the range with each spring of a grid (figure 7.9). An interrupted computation can resume."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ class SpringMap:
     # (K, R) total width of the held intervals that are reached within the horizon, rad; NaN without an equilibrium
     # within the joint's limits
     width: FloatArray
-    static: FloatArray  # (K, R) the same without a time limit, rad
+    static: FloatArray  # (K, R) total width of the held intervals without a time limit, rad
     horizon: float  # s
 
     @property
     def best(self) -> tuple[int, int] | None:
-        """Indices of the spring with the widest range in time; None if no spring has an equilibrium to start from."""
+        """Indices (stiffness, rest) of the spring with the largest ``width``; None if all of ``width`` is NaN."""
         if np.isnan(self.width).all():
             return None
         k, r = np.unravel_index(int(np.nanargmax(self.width)), self.width.shape)
@@ -46,7 +46,7 @@ def map_springs(
 ) -> SpringMap:
     """Return the map of springs, computed row by row.
 
-    Every finished row is saved in ``folder``, if given; saved rows of the same search are not computed again.
+    If ``folder`` is given, each finished row is saved there, and saved rows of the same search are not computed again.
     ``report`` is called with a line after each row. ``inertia`` is in kg·m².
 
     Raises
@@ -74,7 +74,7 @@ def map_springs(
 def _find_widths(
     joint: OneJoint, inertia: float, stiffness: float, rest: float, grid: SearchGrid
 ) -> tuple[float | None, float]:
-    """Return the width of the reached and held range, and of the held range alone, rad."""
+    """Return the width of the reached and held range (None without an equilibrium), and of the held range, rad."""
     dynamics = JointDynamics(joint, inertia, stiffness, rest)
     static = float(sum(high - low for low, high in joint.held_intervals(stiffness, rest)))
     if dynamics.equilibrium() is None:
@@ -86,7 +86,7 @@ def _find_widths(
 def _grid_values(given: tuple[float, float, float]) -> FloatArray:
     first, last, step = given
     if not step > 0 or last < first:
-        raise ValueError(f"the search's grid {list(given)} is empty: expected first, last, step with a step above 0")
+        raise ValueError(f"the search's grid {list(given)} is empty; expected first <= last, and a step above 0")
     return np.asarray(first, dtype=np.float64) + step * np.arange(int(np.floor((last - first) / step + 1e-9)) + 1)
 
 

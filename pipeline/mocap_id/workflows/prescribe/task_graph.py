@@ -22,8 +22,8 @@ _SIDE = 3  # number of points along a side of a task's box
 def build_task_graph(tasks: Sequence[Task], result: PrescriptionResult) -> tuple[Graph | None, FloatArray | None]:
     """Return the graph and its postures (N, n), rad; None without tasks.
 
-    Tasks of one group share a node. The springs of a node are the softest that hold all its tasks; the node contains
-    every posture that the person can hold with them.
+    Tasks of one group belong to one node. The springs of a node are the softest springs that hold all its tasks. The
+    node contains every posture that the person can hold with these springs.
 
     ValueError is raised if a task is outside the joint's limits, or cannot be reached.
     """
@@ -78,7 +78,7 @@ def _make_tip_node(name: str, tasks: Sequence[Task], result: PrescriptionResult,
 
 
 def task_points(task: Task) -> FloatArray:
-    """Return the points (P, 2) of a task, m: its point, or a grid over its box."""
+    """Return the points (P, 2) of a task, m: the task's point, or a grid in its box."""
     if task.point_m is not None:
         return np.array([task.point_m])
     assert task.box_m is not None

@@ -1,4 +1,4 @@
-"""A study of reaches: the reachable volume of several people beside a clinical score (thesis table 7.1).
+"""A study of reaches: the reachable volume of several people and their clinical score (thesis table 7.1).
 
 ``mocap-id study`` runs the trials (:mod:`mocap_id.workflows.study`). Here, `trial_results` reads the result of each
 trial, `tables` declares the tables, and `table_rows` and `correlation` make their rows.

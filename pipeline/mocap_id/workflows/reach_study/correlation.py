@@ -22,17 +22,17 @@ _SEED = 20
 class Correlation:
     """Spearman's correlation of two variables."""
 
-    estimate: Estimate  # with its 95 % interval; NaN for fewer than FEWEST people, or if a variable is constant
-    p: float  # two-sided p-value of the hypothesis that there is no correlation
+    estimate: Estimate  # correlation and 95 % interval; NaN for fewer than FEWEST people, or if a variable is constant
+    p: float  # two-sided p-value of the hypothesis that there is no correlation; NaN as for the estimate
     people: int  # number of people for whom both variables are known
 
 
 def correlate_ranks(x: FloatArray, y: FloatArray) -> Correlation:
-    """Return Spearman's correlation of two variables (N,); NaN values are left out.
+    """Return Spearman's correlation of two variables (N,); pairs with a NaN are left out.
 
-    The p-value compares all orders of ``y``, or 20,000 random ones for more than seven people. The interval
+    The p-value compares all orders of ``y``, or 20,000 random orders for more than seven people. The interval
     contains the correlations of a normal copula for which the observed value is not in the upper or lower 2.5 % of
-    samples with the ties of ``x``. A bootstrap would fail: if a few people are in perfect order, so is every resample.
+    samples with the ties of ``x``. A bootstrap fails, because each resample of perfectly ordered people is ordered too.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ def _rank(values: FloatArray) -> FloatArray:
 
 
 def _correlate(x: FloatArray, y: FloatArray) -> FloatArray:
-    """Return the correlation of x (N,) with each row of y (K, N)."""
+    """Return the correlations (K,) of x (N,) with each row of y (K, N)."""
     x, y = x - x.mean(), y - y.mean(axis=1, keepdims=True)
     return np.asarray(np.clip(y @ x / np.sqrt((x @ x) * (y**2).sum(axis=1)), -1, 1).round(12))
 
@@ -84,7 +84,7 @@ def _find_p(x: FloatArray, y: FloatArray, value: float) -> float:
 
 
 def _find_interval(x: FloatArray, value: float) -> tuple[float, float]:
-    """Return the lowest and highest population correlation that is compatible with the value for the ranks x."""
+    """Return the lowest and highest correlation in the population that agrees with a sample of ``value`` at ranks x."""
     rng = np.random.default_rng(_SEED)
     hidden = np.sort(rng.standard_normal((_DRAWS, len(x))), axis=1)[:, np.argsort(np.argsort(x, kind="stable"))]
     noise = rng.standard_normal((_DRAWS, len(x)))

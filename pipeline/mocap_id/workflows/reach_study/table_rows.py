@@ -17,7 +17,7 @@ from mocap_id.workflows.study.statistics import Estimate, average_estimates, ave
 
 
 def person_rows(trials: Sequence[ReachResult]) -> Iterator[dict[str, Any]]:
-    """Yield a row for each person: first people without a score, then the others by score."""
+    """Yield a row for each person: first people without a score, then people with a score in ascending order."""
     people = group_by(trials, lambda trial: trial.subject)
     volume = MEASURES["volume"]
     for subject, own in sorted(people.items(), key=lambda item: -inf if item[1][0].score is None else item[1][0].score):
@@ -33,7 +33,7 @@ def _average_side(trials: Sequence[ReachResult], side: str, measure: ReachMeasur
 
 
 def correlation_rows(trials: Sequence[ReachResult]) -> Iterator[dict[str, Any]]:
-    """Yield a row for each measure: its correlation with the score over the people who have both."""
+    """Yield a row for each measure: its correlation with the score, from people for whom both are known."""
     rows = list(person_rows(trials))
     score = np.array([nan if row["score"] is None else row["score"] for row in rows], dtype=np.float64)
     for name in MEASURES:
@@ -45,9 +45,9 @@ def correlation_rows(trials: Sequence[ReachResult]) -> Iterator[dict[str, Any]]:
 class _Pair:
     """Two groups of trials of one person that differ only in side or in session."""
 
-    comparison: str  # what is subtracted from what, such as ``left - right``
+    comparison: str  # both sides or sessions: second minus first, such as ``left - right``
     subject: str
-    label: str  # session of two sides, or side of two sessions
+    label: str  # the session in which two sides, or the side in which two sessions are compared
     first: Sequence[ReachResult]
     second: Sequence[ReachResult]
 
@@ -73,7 +73,7 @@ def difference_rows(trials: Sequence[ReachResult]) -> Iterator[dict[str, Any]]:
 
 
 def _pair_trials(trials: Sequence[ReachResult]) -> Iterator[_Pair]:
-    """Yield the pairs of each person: left and right of a session, then successive sessions of a side."""
+    """Yield the pairs of each person: right and left of each session, then successive sessions of each side."""
     sessions = list(dict.fromkeys(trial.session for trial in trials if trial.session))
     for subject, own in group_by(trials, lambda trial: trial.subject).items():
         groups = group_by(own, lambda trial: (trial.session, trial.side))
@@ -88,7 +88,7 @@ def _pair_trials(trials: Sequence[ReachResult]) -> Iterator[_Pair]:
 
 
 def _average_differences(differences: Sequence[tuple[_Pair, Estimate]]) -> dict[str, Any]:
-    """Return the mean over the people with Student's interval, and the standard deviation of all differences."""
+    """Return the columns of the cohort: mean over the people with its interval, and sd of all differences."""
     people = group_by(differences, lambda one: one[0].subject)
     means = [float(np.mean([difference.value for _, difference in own])) for own in people.values()]
     values = np.array([difference.value for _, difference in differences])

@@ -10,13 +10,13 @@ from mocap_id.workflows.reach_study.table_rows import correlation_rows, differen
 from mocap_id.workflows.reach_study.trial_results import MEASURES, ReachResult
 from mocap_id.workflows.study.study_outcome import TRIAL_COLUMNS, VERDICT_COLUMNS, estimate_columns, fill_tables
 
-_SCORE = "clinical score of the person; NaN if none"
+_SCORE = "clinical score of the person; NaN if not given"
 _MEASURE = text("measure", "measure of reach: " + ", ".join(MEASURES))
 _LEVELS = ("waist", "mouth", "overhead")
 
 
 def _read_level(level: str) -> Callable[[ReachResult], int | None]:
-    """Return a function that returns 1 if a trial reached a level, 0 if it did not, and None if unknown."""
+    """Return a function of a trial that returns 1 if the level was reached, 0 if not, and None if this is unknown."""
 
     def read(trial: ReachResult) -> int | None:
         reached = trial.value("workspace", "heights", "levels", level)
@@ -32,8 +32,8 @@ TABLES: Mapping[str, TableSchema] = {
         (
             text("subject", "id of the person"),
             number("score", "1", _SCORE),
-            whole("trials", "number of trials with a volume"),
-            whole("of_trials", "number of trials"),
+            whole("trials", "number of trials with a known volume"),
+            whole("of_trials", "number of all trials"),
             *(column for name, one in MEASURES.items() for column in estimate_columns(name, one.unit, one.meaning)),
             number("volume_right", "m^3", "reachable volume of the right arm, mean over its trials"),
             number("volume_left", "m^3", "reachable volume of the left arm, mean over its trials"),
@@ -44,19 +44,19 @@ TABLES: Mapping[str, TableSchema] = {
         1,
         (
             _MEASURE,
-            whole("people", "number of people with score and measure"),
+            whole("people", "number of people whose score and measure are known"),
             *estimate_columns("spearman", "1", "Spearman's correlation with the score"),
-            number("p", "1", "two-sided permutation p-value against no correlation"),
+            number("p", "1", "two-sided permutation p-value of the hypothesis of no correlation"),
         ),
     ),
     "differences": TableSchema(
         "differences.parquet",
         1,
         (
-            text("comparison", "what is subtracted from what: sides, or sessions"),
+            text("comparison", "both sides or sessions: second minus first"),
             _MEASURE,
             text("subject", "id of the person; `cohort` = mean over all people"),
-            text("label", "session of a difference of sides, or side of a difference of sessions"),
+            text("label", "session in which sides are compared, or side in which sessions are compared"),
             whole("people", "number of people in the row"),
             *estimate_columns("difference", "", "difference, in the measure's unit"),
             number("sd", "", "cohort: standard deviation of the differences, in the measure's unit"),
@@ -76,8 +76,11 @@ TABLES: Mapping[str, TableSchema] = {
                 for name, one in MEASURES.items()
                 for column in estimate_columns(name, one.unit, one.meaning, one.of)
             ),
-            *(count(level, f"1: reached the height of {level}; 0: did not", _read_level(level)) for level in _LEVELS),
-            text("why", "why the volume is unknown; else empty", lambda trial: trial.why),
+            *(
+                count(level, f"1: reached the height of {level}; 0: not reached", _read_level(level))
+                for level in _LEVELS
+            ),
+            text("why", "why the volume is unknown; empty otherwise", lambda trial: trial.why),
         ),
     ),
 }

@@ -36,13 +36,13 @@ class ReachResult(StudyOutcome):
 
     @property
     def side(self) -> str:
-        """Side of the arm; for a trial that failed, the side in its configuration, or right."""
+        """Side of the arm; for a trial that failed, the side in its configuration, or right if not given."""
         mirrored = self.value("mirrored")
         return self.trial.trial.keys.side or "right" if mirrored is None else SIDES[bool(mirrored)]
 
     @property
     def why(self) -> str:
-        """Reason why the volume is unknown; empty if it is known or the trial failed."""
+        """Reason why the volume is unknown; empty if the volume is known or the trial failed."""
         return "" if math.isfinite(MEASURES["volume"].of(self).value) else self.value("workspace", "why") or ""
 
 
@@ -54,7 +54,7 @@ def _read_number(trial: ReachResult, *keys: str) -> float:
 
 
 def _volume(*keys: str) -> Callable[[ReachResult], Estimate]:
-    """Return a function that reads a volume, at these keys of the workspace, with its interval."""
+    """Return a function of a trial that returns the volume at ``keys`` of the workspace, with its interval."""
 
     def estimate(trial: ReachResult) -> Estimate:
         interval = to_numbers(trial.value("workspace", *keys, "interval_m3")) or [math.nan] * 2
@@ -73,7 +73,7 @@ MEASURES: Mapping[str, ReachMeasure] = {
     "visited": Measure("m^3", "reachable volume of the recorded combinations of angles", _volume("visited")),
     "surface": Measure(
         "1",
-        "reached share of the hemisphere in front of the shoulder",
+        "reached fraction of the hemisphere in front of the shoulder",
         lambda trial: Estimate(_read_number(trial, "surface", "box", "total")),
     ),
     "elevation": Measure("deg", "highest elevation of the upper arm", _read_elevation),
@@ -81,7 +81,7 @@ MEASURES: Mapping[str, ReachMeasure] = {
         "m", "highest wrist above the shoulder", lambda trial: Estimate(_read_number(trial, "heights", "highest_m"))
     ),
 }
-"""Measures that are compared between people, sides and sessions; `volume` is the thesis's measure."""
+"""Measures that are compared between people, sides and sessions; the thesis uses `volume`."""
 
 
 def read_reach_result(study: Study, trial: StudyTrial, run: TrialRun) -> ReachResult:
@@ -91,7 +91,7 @@ def read_reach_result(study: Study, trial: StudyTrial, run: TrialRun) -> ReachRe
 
 
 def make_page(data: CohortData, trials: Sequence[ReachResult]) -> bytes:
-    """Return the page of the study as UTF-8; it draws the last trial of each person, side and session."""
+    """Return the page of the study as UTF-8; the page draws the last trial of each person, side and session."""
     from mocap_id.reporting.reach_study.page import render_reach_page  # noqa: PLC0415  it loads the page's templates
 
     with_surface = [trial for trial in trials if trial.reach.get("mesh")]
@@ -100,7 +100,7 @@ def make_page(data: CohortData, trials: Sequence[ReachResult]) -> bytes:
 
 
 def make_shape(trial: ReachResult) -> Shape:
-    """Return the surface of a trial's reachable volume; a left arm is mirrored back to the left."""
+    """Return the surface of a trial's reachable volume; the surface of a left arm is mirrored back to the left."""
     from mocap_id.reporting.space.figures.reach import make_wires  # noqa: PLC0415  as above
 
     mesh, mirror = trial.reach["mesh"], [1, 1, -1 if trial.side == "left" else 1]

@@ -18,8 +18,9 @@ _SCHEMA = "mocap-id/baseline"
 _VERSION = 1
 _DIGITS = 9
 _ABOUT = (
-    "`mocap-id regress` fails if a number changes by more than its tolerance. `tolerances` contains your own, by "
-    "patterns of names such as `lengths_m.*` or `s01/dynamics.*`; the last one that fits is used. An update keeps them."
+    "`mocap-id regress` fails if a number changes by more than its tolerance. `tolerances` contains your own "
+    "tolerances by patterns of names, such as `lengths_m.*` or `s01/dynamics.*`; the last pattern that fits is used. "
+    "An update keeps your tolerances."
 )
 
 
@@ -33,7 +34,7 @@ class Baseline:
     product: str = __version__  # version of the program that computed the results
 
     def find_tolerance(self, trial: str, name: str, usual: float) -> float:
-        """Return the user's tolerance of a number; the usual tolerance if the user gives none."""
+        """Return the user's tolerance of a number, or the ``usual`` tolerance if the user gives none."""
         own = [
             value
             for pattern, value in self.tolerances.items()
@@ -48,7 +49,7 @@ class Baseline:
         Raises
         ------
         RecordingError
-            The file is missing, or is not a baseline.
+            The file is missing, cannot be read, or is not a baseline.
         """
         try:
             data = json.loads(file.read_text("utf-8"))
@@ -65,13 +66,13 @@ class Baseline:
                 f"{file}: no such file: create it from the trials' current results with `--update`"
             ) from error
         except OSError as error:
-            raise RecordingError(f"{file}: cannot be read ({error.strerror})") from error
+            raise RecordingError(f"{file}: the file cannot be read ({error.strerror})") from error
         except (ValueError, KeyError, TypeError, AttributeError) as error:
-            message = f"not a baseline of version {_VERSION} ({error}): expected what `regress --update` writes"
+            message = f"not a baseline of version {_VERSION} ({error}); expected a file from `regress --update`"
             raise RecordingError(f"{file}: {message}") from error
 
     def write(self, file: Path) -> None:
-        """Write the file completely or not at all; StoreError if it cannot be written."""
+        """Write the file completely or not at all; raise StoreError if the file cannot be written."""
         trials = {
             trial: {name: _as_json(one) for name, one in quantities.items()}
             for trial, quantities in self.trials.items()
@@ -90,7 +91,7 @@ class Baseline:
 
 
 def round_value(value: Value) -> Value:
-    """Return a value, rounded to the precision of the file."""
+    """Return a value, rounded to the precision of the baseline's file; text and None are not changed."""
     return value if value is None or isinstance(value, str) else float(f"{value:.{_DIGITS}g}")
 
 

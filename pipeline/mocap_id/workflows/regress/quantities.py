@@ -1,4 +1,4 @@
-"""The main results of a trial, each with a tolerance for changes.
+"""The main results of a trial, each with its tolerated change.
 
 The tolerance of a number with a standard deviation is half of its 95 % interval. Other numbers have a relative
 tolerance, or an absolute one that is negligible in practice.
@@ -26,7 +26,7 @@ class Quantity:
 
 
 def quantities(summary: Mapping[str, Any]) -> dict[str, Quantity]:
-    """Return the quantities in a trial's summary.json by name; a name is the path in the file."""
+    """Return the quantities in a trial's summary.json by name; a name is the path of keys in the file."""
     return {
         **dict(_list_verdict(summary)),
         **dict(_list_skeleton(summary)),
@@ -91,7 +91,7 @@ def _list_repetitions(repetitions: list[Mapping[str, Any]]) -> Iterator[tuple[st
 
 
 def _make_with_interval(value: float | None, sd: float | None, unit: str) -> Quantity:
-    """Return a quantity with half of its 95 % interval as tolerance, or 5 % if the standard deviation is unknown."""
+    """Return a quantity whose tolerance is half of its 95 % interval, or 5 % if the standard deviation is unknown."""
     if sd is None or not math.isfinite(sd):
         return _make_relative(value, 0.05, unit)
     return Quantity(value, NORMAL_95 * sd, unit)

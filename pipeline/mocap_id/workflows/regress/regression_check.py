@@ -18,7 +18,7 @@ from mocap_id.workflows.trial_outcome import read_summary
 
 @dataclass(frozen=True)
 class Change:
-    """A result of a trial in the baseline and now."""
+    """A result of a trial: its value in the baseline, and now."""
 
     trial: str
     name: str
@@ -29,7 +29,7 @@ class Change:
 
     @property
     def tolerance_used(self) -> float:
-        """The change divided by its tolerance; infinite if text changed, or a known value became unknown."""
+        """The change divided by its tolerance; infinite if a text changed, or if only one value is known."""
         if round_value(self.before) == round_value(self.now):
             return 0.0
         if not isinstance(self.before, float | int) or not isinstance(self.now, float | int):
@@ -44,8 +44,8 @@ class Regression:
     moved: tuple[Change, ...]  # results that changed by more than their tolerance
     compared: int  # number of compared results
     unknown: tuple[str, ...]  # trials that are not in the baseline
-    messages: Mapping[str, str]  # reasons by trial why it failed or was refused; they may name files
-    nearest: Change | None  # largest change within its tolerance, relative to it; None if all results moved
+    messages: Mapping[str, str]  # why a trial failed or was refused, by trial; a message may name files
+    nearest: Change | None  # largest change relative to its tolerance among those within it; None if all are beyond
 
     @property
     def passed(self) -> bool:
@@ -56,7 +56,7 @@ class Regression:
 def regress(
     named: Sequence[str], baseline: Baseline, backend: Backend, tell: TrialCallback = lambda done: None
 ) -> Regression:
-    """Recompute trials in temporary folders and compare them with a baseline.
+    """Recompute trials in temporary folders, and return their comparison with a baseline.
 
     ``named`` is as for :func:`mocap_id.workflows.batch.find_trials`; ``tell`` is called with each finished trial.
 
@@ -81,7 +81,7 @@ def regress(
 def update(
     named: Sequence[str], baseline: Baseline, backend: Backend, tell: TrialCallback = lambda done: None
 ) -> Baseline:
-    """Return the baseline with current results of these trials; other trials and the user's tolerances are kept."""
+    """Return the baseline with the current results of the named trials; other trials and tolerances are kept."""
     results, _ = _run(named, backend, tell)
     return Baseline({**baseline.trials, **results}, baseline.tolerances)
 
@@ -97,7 +97,7 @@ def _compare(trial: str, baseline: Baseline, now: Mapping[str, Quantity]) -> Ite
 def _run(
     named: Sequence[str], backend: Backend, tell: TrialCallback
 ) -> tuple[dict[str, Mapping[str, Quantity]], Mapping[str, str]]:
-    """Return the results of every trial, and the messages of failed or refused trials."""
+    """Return the results by trial, and the messages of failed or refused trials by trial."""
     trials = find_readable_trials(named)
     twice = {trial.name for trial in trials if sum(other.name == trial.name for other in trials) > 1}
     if twice:
@@ -110,6 +110,6 @@ def _run(
 
 
 def _read_results(trial: Trial, run: TrialRun) -> Mapping[str, Quantity]:
-    """Return the quantities of a trial; for a failed trial only the exit code."""
+    """Return the quantities of a trial; for a trial without a summary, return only the exit code."""
     summary = read_summary(trial.out, run)
     return {"exit_code": Quantity(str(run.exit_code))} if summary is None else quantities(summary)

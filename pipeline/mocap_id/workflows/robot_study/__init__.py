@@ -1,4 +1,4 @@
-"""The thesis's robot study (ch. 5): trials of one joint each, evaluated by every method for the states."""
+"""The robot study of the thesis (ch. 5): trials of one joint each, evaluated with every method for the states."""
 
 from mocap_id.workflows.robot_study.study import RobotStudyResult, validate_robot
 

@@ -18,7 +18,7 @@ _FRAMES = 60  # number of drawn frames of a marker's path
 
 
 def select_cell(trials: Sequence[RobotTrialResult], joint: str, speed: str) -> list[RobotTrialResult]:
-    """Return the trials of a cell that have results; if there are none, the trials of the first cell with results."""
+    """Return the trials with results of a joint and speed; if there are none, of the first trial's joint and speed."""
     passed = [trial for trial in trials if trial.by_method]
     in_cell = [trial for trial in passed if trial.cell == (joint, speed)]
     return in_cell or [trial for trial in passed if trial.cell == passed[0].cell]
@@ -46,7 +46,7 @@ def collect_recovery(trial: RobotTrialResult) -> Recovery:
 
 
 def collect_traces(trial: RobotTrialResult) -> StateTraces:
-    """Return the joint states over time by cameras and by finite differences, in the robot's coordinate frame."""
+    """Return the joint states over time from the UKF and from differences, in the robot's coordinate frame."""
     first = trial.by_method[CAMERAS.name]
     zero = np.array([first.frame.zero, 0.0, 0.0])
     curves = {
@@ -58,7 +58,7 @@ def collect_traces(trial: RobotTrialResult) -> StateTraces:
 
 
 def average_wrench(trials: Sequence[RobotTrialResult]) -> AveragedWrench | None:
-    """Return the wrench averaged over all complete repetitions of a cell's trials (figures 5.4 and 5.5).
+    """Return the wrench, averaged over all complete repetitions of a cell's trials (figures 5.4 and 5.5).
 
     None if no repetition is complete.
     """
@@ -78,7 +78,7 @@ def average_wrench(trials: Sequence[RobotTrialResult]) -> AveragedWrench | None:
 
 
 def _predict_wrench(trial: RobotTrialResult) -> Mapping[str, FloatArray]:
-    """Return the wrench (T, 3) of every model, by its label in the thesis."""
+    """Return the wrench (T, 3) of each model by the model's label in the thesis."""
     models = {
         method.thesis: _read_wrench(trial.by_method[method.name].identified.dynamics, "_model")
         for method in (ENCODER, CAMERAS)
@@ -93,7 +93,7 @@ def _read_wrench(dynamics: pd.DataFrame, suffix: str) -> FloatArray:
 
 
 def _sample(result: MethodResult, wrench: FloatArray, start: float, end: float) -> FloatArray:
-    """Return the wrench (P, 3) of one repetition at the phases, with x in the direction of the robot's x axis."""
+    """Return the wrench (P, 3) at the P phases of one repetition, with x in the direction of the robot's x axis."""
     at = start + _PHASE / 100 * (end - start)
     direction = np.array([result.frame.sign, 1.0, result.frame.sign])
     return np.asarray(np.column_stack([np.interp(at, result.time, column) for column in wrench.T]) * direction)

@@ -1,8 +1,8 @@
 """The result of one trial by one method for the joint states.
 
 The cameras determine the plane up to a rotation about the vertical, and the coordinate frame of the last segment up to
-a constant angle. Parameters and series are therefore expressed in the robot's own frame, if encoder or truth determine
-it: its angle is zero with the arm stretched upwards, and positive in the encoder's direction.
+a constant angle. Parameters and series are therefore expressed in the robot's own frame if the encoder or the truth
+determines it. In this frame, the angle is zero with the arm stretched upwards, and positive in the encoder's direction.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ class SeriesErrors:
 
     @classmethod
     def of(cls, difference: FloatArray, reference: FloatArray) -> SeriesErrors:
-        """Return the errors of a series, given its differences (N,) from a reference (N,); NaN samples do not count."""
+        """Return the errors of a series from its differences (N,) to a ``reference`` (N,); NaN samples do not count."""
         both = np.isfinite(difference) & np.isfinite(reference)
         if np.count_nonzero(both) < 2:
             return NO_ERRORS
@@ -70,7 +70,7 @@ class RobotFrame:
 
 @dataclass(frozen=True)
 class MethodResult:
-    """The result of one trial by one method; NaN if a number is unknown."""
+    """The result of one trial with one method; a number is NaN if unknown."""
 
     identified: IdentifiedTrial
     frame: RobotFrame
@@ -79,8 +79,8 @@ class MethodResult:
     verdicts: tuple[str, ...]  # known, weak or not identifiable
     condition: float  # condition number of the regressor
     clock_offset: float  # s
-    states: Mapping[str, SeriesErrors]  # errors of :data:`STATES`
-    against: str  # reference of the states: truth, encoder, or empty if there is neither
+    states: Mapping[str, SeriesErrors]  # errors of the series in :data:`STATES`
+    against: str  # reference of the states: ``truth`` or ``encoder``; empty without a reference
     wrench: Mapping[str, SeriesErrors]  # model minus measurement over the samples of the fit
     torque: SeriesErrors  # model minus encoder
 
@@ -101,9 +101,9 @@ class MethodResult:
 
 
 def read_method_result(folder: Folder, truth: Truth | None, *, by_encoder: bool) -> MethodResult:
-    """Read the result of a trial by one method from its run folder.
+    """Read the result of a trial with one method from its run folder.
 
-    With ``by_encoder``, the states come from the encoder, so they cannot be compared with it.
+    If ``by_encoder``, the states come from the encoder, so they cannot be compared with the encoder.
     """
     identified, frame = open_identified_trial(folder.path), _find_robot_frame(folder, truth)
     tree, facts, count = folder.tree("dynamics.h5"), identified.facts, len(PARAMETERS)
@@ -131,7 +131,7 @@ def read_method_result(folder: Folder, truth: Truth | None, *, by_encoder: bool)
 
 
 def _find_robot_frame(folder: Folder, truth: Truth | None) -> RobotFrame:
-    """Return the robot's frame by its encoder, or else by the truth; without both, the frame of the plane."""
+    """Return the robot's frame from its encoder, or else from the truth, or else the frame of the plane."""
     encoder = folder.read("encoder.parquet").facts
     if encoder.get("sign") is not None:
         return RobotFrame(int(encoder["sign"]), float(encoder["zero_rad"]))

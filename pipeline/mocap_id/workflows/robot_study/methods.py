@@ -1,4 +1,4 @@
-"""One trial by every method for the joint states; stages that do not depend on the method run once."""
+"""One trial with every method for the joint states; stages that do not depend on the method run once."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ METHODS = (CAMERAS, ENCODER, DIFFERENCES, SMOOTHER, SPLINE)
 
 
 def run_all_methods(trial: Trial) -> TrialRun:
-    """Run a trial with its report, then its dynamics by every other method; a failure is a result, not an error.
+    """Run a trial with its report, then its dynamics with every other method; a failure is returned as a result.
 
     The encoder's method is omitted if the trial has no encoder. The first method that fails ends the run.
     """
@@ -55,7 +55,7 @@ def run_all_methods(trial: Trial) -> TrialRun:
             if outcome.refused is not None:
                 raise outcome.refused
         except MocapIdError as error:
-            message = f"by {method.name}: {error}"
+            message = f"with the method {method.name}: {error}"
             return replace(
                 done, exit_code=error.exit_code, message=message, published=message.replace(str(trial.out), trial.name)
             )
@@ -68,7 +68,7 @@ def run_all_methods(trial: Trial) -> TrialRun:
 
 
 def with_method(trial: Trial, method: Method) -> Trial:
-    """Return the trial with its states computed by a method, in the run folder of this method."""
+    """Return the trial with the settings and the run folder of a method."""
     if method is CAMERAS:
         return trial
     settings = trial.settings[_STATES].model_copy(update=dict(method.settings))

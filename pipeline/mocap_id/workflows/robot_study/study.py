@@ -1,4 +1,4 @@
-"""``mocap-id validate robot``: run every trial by every method; write the thesis's tables and figures, and a page."""
+"""``mocap-id validate robot``: run every trial with every method; write the thesis's tables and figures, and a page."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class RobotStudyResult:
 
     @property
     def page(self) -> Path:
-        """The page."""
+        """Path of the page."""
         return self.folder / PAGE
 
 
@@ -62,7 +62,7 @@ def validate_robot(
     tell: TrialCallback = lambda run: None,
     page: Path | None = None,
 ) -> RobotStudyResult:
-    """Run a robot study.
+    """Run a robot study, write its tables and page, and return the result.
 
     Parameters
     ----------
@@ -77,14 +77,14 @@ def validate_robot(
     tell : callable, optional
         Called with each trial that ends.
     page : Path, optional
-        A Markdown page whose tables are replaced. The figures are written to a folder beside it.
+        A Markdown page whose tables are replaced. The figures are written to a folder beside this page.
 
     Raises
     ------
     ConfigError
-        A file is wrong; nothing was run.
+        A file is wrong; no trial was run.
     StoreError
-        The folder is in use or cannot be written. The failure of a trial is reported in its row instead.
+        The folder is in use or cannot be written. The failure of a trial raises nothing; it is reported in the tables.
     """
     out = out.absolute()
     text = None if page is None else _read_page(page)
@@ -106,17 +106,17 @@ def validate_robot(
 
 
 def _simulate(out: Path, options: RobotSet) -> Path:
-    """Return the file of the simulated set in the study's folder, which is simulated if it is missing.
+    """Return the file of the simulated set in the study's folder; simulate the set if it is missing.
 
-    ConfigError if a set with other options exists there.
+    ConfigError is raised if the folder contains a set with different options.
     """
     folder = out / "trials"
     if not (folder / FILE).exists():
         return simulate_robot_set(folder, options)
     if (folder / FILE).read_text("utf-8") != robot_set_yaml(options):
         raise ConfigError(
-            f"{folder} contains a set with another seed or number of trials: give the same options as for that set, or "
-            "choose another `--out`"
+            f"{folder} contains a set with a different seed or number of trials: give the same options as for that "
+            "set, or choose a different `--out`"
         )
     return folder / FILE
 
@@ -131,14 +131,14 @@ def _read_page(page: Path) -> str:
     try:
         text = page.read_text("utf-8")
     except OSError as error:
-        raise ConfigError(f"{page}: cannot be read ({error.strerror})") from error
+        raise ConfigError(f"{page}: the file cannot be read ({error.strerror})") from error
     if _BEGIN not in text or _END not in text:
         raise ConfigError(f"{page}: expected the lines `{_BEGIN}` and `{_END}`, which enclose the tables")
     return text
 
 
 def _replace_tables(page: Path, text: str, data: RobotStudyData) -> None:
-    """Write the tables between the page's marks, and the figures into a folder of the page's name."""
+    """Write the tables between the marks in the page, and the figures into a folder with the page's name."""
     from mocap_id.reporting import paper_figures  # noqa: PLC0415  it loads matplotlib
     from mocap_id.reporting.robot_study.figures import draw_robot_figures  # noqa: PLC0415
     from mocap_id.reporting.robot_study.page import render_markdown  # noqa: PLC0415

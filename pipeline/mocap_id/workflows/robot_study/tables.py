@@ -1,7 +1,7 @@
 """The thesis's tables 5.1 to 5.6: each cell averaged over the trials, followed by the values in the thesis.
 
-The values in the thesis come from ``thesis_tables.csv``, in the units of the thesis. A cell is empty if the thesis does
-not give the value, or if our copy is illegible there.
+The values in the thesis come from ``thesis_tables.csv``, in the units of the thesis. A value is empty if the thesis
+does not give it, or if it is illegible in our copy.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class ThesisTable:
 
     @property
     def schema(self) -> TableSchema:
-        """Columns of the table's file."""
+        """Schema of the table's file."""
         pairs = (
             number(f"{one.name}_{part}", one.unit, f"{one.meaning}: {words}")
             for one in self.quantities
@@ -137,7 +137,7 @@ def make_tables(trials: Sequence[RobotTrialResult]) -> dict[str, ResultTable]:
 
 
 def _cell_rows(table: ThesisTable, trials: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the rows of a table: each cell that has trials, followed by the row of the same cell in the thesis."""
+    """Return the rows of a table: a row for each cell with trials, followed by the thesis's row for this cell."""
     in_thesis = read_published(table)
     passed = trials[trials["method"].isin(list(table.methods)) & (trials["verdict"] != "failed")]
     keys = ["joint", "speed"] + (["orientation"] if table.by_orientation else [])
@@ -172,7 +172,7 @@ def read_published(table: ThesisTable) -> Mapping[tuple[str, str, float | None, 
 
 
 def _name_published(quantities: Sequence[Quantity], numbers: Sequence[float]) -> dict[str, float]:
-    """Return means and standard deviations, which alternate in the thesis, as columns in SI units."""
+    """Return the columns of a row in SI units; ``numbers`` alternate between mean and standard deviation."""
     row: dict[str, float] = {}
     for one, mean, sd in zip(quantities, numbers[::2], numbers[1::2], strict=False):  # the thesis has fewer quantities
         row |= {f"{one.name}_mean": one.to_si * mean, f"{one.name}_sd": one.to_si * sd}

@@ -1,4 +1,4 @@
-"""The result of one robot trial by every method."""
+"""The result of one robot trial with every method."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from mocap_id.workflows.trial_outcome import TrialOutcome, read_summary
 
 @dataclass(frozen=True, kw_only=True)
 class RobotTrialResult(TrialOutcome):
-    """The result of one robot trial by every method."""
+    """The result of one robot trial with every method."""
 
     trial: RobotTrial
     labels: Labels
