@@ -4,15 +4,15 @@ The steps, in order: :func:`preparation.prepare`, :func:`fit.fit`, :func:`identi
 :func:`prediction.predict`.
 
 Shapes: T samples, R of them in the fit, n joints, K bodies (the n + 1 segments of a chain, base first), c fitted
-components of the wrench, b base parameters, k constant errors of the plate, S error modes. Units are SI: m, rad, kg, N,
-N·m and s. Missing values are NaN.
+components of the wrench, b base parameters, k constant errors of the plate, S error modes (independent errors of one
+standard deviation each). Units are SI: m, rad, kg, N, N·m and s. Missing values are NaN.
 
-Many functions have these arguments. A docstring describes them only where they differ.
+Many functions have these arguments. A docstring describes an argument only if it differs from this list.
 
 prepared, trial : PreparedTrial, SpatialTrial
     A trial in the plane or in space, with regressor and filtered signals.
 gate : (T,) bool array
-    Samples in which the body touches only the ground.
+    True for samples in which the body touches only the ground.
 result : Fit or Identification
     Result of the fit, or identified parameters.
 base : (b,) array

@@ -29,13 +29,13 @@ def correlate_errors(
     Parameters
     ----------
     q : (T, n) array
-        Joint angles, rad; NaN where missing. The correlation is NaN there too.
+        Joint angles, rad; NaN where missing. If one is missing, the correlation (n, n) of this sample is NaN.
     segment : (M,) int array
         Segment of each marker.
     local : (M, 2) array
         Markers in the frame of their segment, m.
     snap : (n,) array
-        Standard deviation of each joint's process noise, in any common unit: only the ratios have an effect.
+        Standard deviation of each joint's process noise, in any common unit, because only the ratios have an effect.
     """
     correlation = np.full((*q.shape, q.shape[1]), np.nan)
     known = np.isfinite(q).all(axis=1)

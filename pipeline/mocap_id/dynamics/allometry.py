@@ -1,9 +1,9 @@
 """Reference bodies from height, mass and sex: the tables of Winter (2009) and de Leva (1996).
 
 The tables give fractions of body mass and of segment length; here, both legs are one segment. A chain starts at the
-ground, so a leg's segment begins at its lower joint. The tables give centres of mass from the upper joint; they are
-converted. Head, arms and trunk are one rigid segment, HAT. If the chain has a joint within the trunk, HAT is divided
-into the pelvis and the rest. Both together, upright, are the table's HAT.
+ground, so a leg's segment begins at its lower joint. The tables measure centres of mass from the upper joint; here,
+they are measured from the lower joint. Head, arms and trunk are one rigid segment, HAT. If the chain has a joint within
+the trunk, HAT is divided into the pelvis and the rest. In the upright posture, both together equal the table's HAT.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class ReferenceTable:
 
 
 def look_up_table(name: TableName, sex: Sex | None) -> ReferenceTable:
-    """Return the reference table of this name; without a sex, the mean of de Leva's tables of both sexes."""
+    """Return the reference table of this name; if ``sex`` is None, de Leva's table is the mean of both sexes."""
     if name == "winter":
         return _build_winter()
     if sex is not None:
@@ -85,10 +85,10 @@ def scale_reference(
     height, mass : float
         Height, m, and mass, kg, of the body.
     facing : {-1, 1}
-        Sign of the plane frame's x in front of the person.
+        1 if the person faces +x of the plane frame, -1 if the person faces -x.
     standing : (n,) array, optional
-        Angle of each segment's frame, without the base, in the plane frame while the person stands, rad. By default the
-        frames from the hip on are upright.
+        Angle of each segment's frame, except the base's, in the plane frame while the person stands, rad. By default,
+        the frames above the hip are upright.
     """
     if len(centres) not in (3, 4):
         raise ValueError(f"a reference body has 3 or 4 joints; this chain has {len(centres)}")
@@ -187,7 +187,7 @@ def _build_de_leva(sex: Sex) -> ReferenceTable:
 def look_up_arm(name: Literal["forearm", "hand"], sex: Sex | None) -> SegmentFractions:
     """Return one forearm or hand of de Leva's table, with the centre measured from the upper end.
 
-    Without a sex, it is the mean of both sexes.
+    If ``sex`` is None, the result is the mean of both sexes.
 
     Examples
     --------
@@ -202,7 +202,7 @@ def look_up_arm(name: Literal["forearm", "hand"], sex: Sex | None) -> SegmentFra
 
 
 def _combine_hat(rows: dict[str, tuple[float, float, float, float]], sex: Sex, total: float) -> SegmentFractions:
-    """Return head, arms and trunk as one body above the hip; its length is from hip to shoulder, as in Winter."""
+    """Return head, arms and trunk as one segment above the hip; its length is from hip to shoulder, as in Winter."""
     tops = {"head": rows["trunk"][1] + rows["head"][1], "trunk": rows["trunk"][1], "upper arm": _SHOULDER[sex]}
     tops["forearm"] = tops["upper arm"] - rows["upper arm"][1]
     tops["hand"] = tops["forearm"] - rows["forearm"][1]

@@ -1,8 +1,8 @@
 """Base parameters: the combinations of inertial parameters that a wrench determines (thesis 4.1.1.2).
 
 The columns of the regressor are taken in their natural order: base to tip, and m, mx, my, Izz within a segment. Columns
-of zeros are dropped. A column that depends linearly on the columns kept before it is regrouped into them. Another order
-would give another set; this order gives eq. 6.1.
+of zeros are dropped. A column that depends linearly on the columns kept before it is regrouped into these columns. A
+different order would give a different set; this order gives eq. 6.1.
 """
 
 from __future__ import annotations
@@ -44,16 +44,16 @@ def keep_all_parameters(count: int) -> BaseSet:
 
 
 def triangularise(rows: FloatArray) -> FloatArray:
-    """Return R (p, p) of the QR decomposition of rows (r, p). Least squares needs only R."""
+    """Return R of the QR decomposition of rows (r, p): all that least squares needs, (p, p) if r ≥ p, else (r, p)."""
     return np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)
 
 
 def regroup_columns(regressor: FloatArray) -> BaseSet:
     """Split the columns of a stacked regressor (r, p) into independent and regrouped ones (eq. 4.8, 4.9, 4.24).
 
-    An unpivoted QR compresses the rows. The columns of its R are then orthogonalised in turn, without the dependent
-    ones. The diagonal of R alone is not sufficient. A dependent column leaves an arbitrary direction in Q, which can
-    make a later column look dependent.
+    An unpivoted QR compresses the rows. The columns of its R are then orthogonalised in turn, and dependent columns are
+    left out. The diagonal of R alone is not sufficient, because a dependent column leaves an arbitrary direction in Q,
+    which can make a later column look dependent.
     """
     factor = triangularise(regressor)
     directions: list[FloatArray] = []
@@ -84,8 +84,8 @@ def determines_rows(rows: FloatArray, base: BaseSet) -> bool:
     rows : (r, p) array
         Rows of a full regressor, such as one joint's torque; NaN where missing.
     base : BaseSet
-        Base parameters of other rows. If a row is outside the span of these, its prediction also depends on parameters
-        that are not determined.
+        Base parameters of other rows. If a row is outside the span of those rows, its prediction also depends on
+        parameters that are not determined.
     """
     known = rows[np.isfinite(rows).all(axis=1)]
     known = known[:: max(1, len(known) // _ENOUGH)]
@@ -94,7 +94,7 @@ def determines_rows(rows: FloatArray, base: BaseSet) -> bool:
 
 
 def structural_base(centres: FloatArray, components: tuple[int, ...] = (0, 1, 2)) -> BaseSet:
-    """Return the base parameters of a planar chain that moves every joint: all that a trial can determine.
+    """Return the base set of a planar chain in which every joint moves; no trial can determine more parameters.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def base_names(base: BaseSet, centres: FloatArray) -> tuple[str, ...]:
 
 
 def _compute_zero(samples: int, factor: FloatArray) -> float:
-    """Return the norm below which a column counts as dependent (eq. 4.8)."""
+    """Return the norm below which the independent part of a column counts as zero (eq. 4.8)."""
     return samples * float(np.finfo(np.float64).eps) * float(np.max(np.abs(np.diagonal(factor)), initial=0.0))
 
 

@@ -1,10 +1,10 @@
 """Loose prior of every body's parameters: a reference table with wide standard deviations.
 
-The contact wrench hardly determines how the mass is divided between bodies with similar motion. Without a prior, the
-fit predicts the wrench equally well, but gives feet without mass and torques that are wrong by 5 to 7 N·m. The standard
-deviations are 50 % of a mass (25 % for the arms), 10 cm of a centre of mass, and 100 % of a moment of inertia, 2.8
-times the spread of published tables. The data contain nothing about the foot, which rests. Its errors therefore count
-with the spread of the tables. docs/dynamics.md gives the reasons ("The fit").
+The contact wrench hardly determines how the mass is divided between bodies with similar motion. A fit without a prior
+predicts the wrench equally well, but gives feet without mass and torques that are wrong by 5 to 7 N·m. The standard
+deviations are 50 % for a mass (25 % for the arms), 10 cm for a centre of mass, and 100 % for a moment of inertia. They
+are 2.8 times the spread of published tables. The foot rests, so the data contain no information about it, and the
+error of its mean is taken as the spread of the tables. docs/dynamics.md gives the reasons ("The fit").
 """
 
 from __future__ import annotations
@@ -36,16 +36,16 @@ class BodyPrior:
     source: str  # source of the mean, in words
     # (r, 2) first and last time of every repetition, s; errors of the poses recur in each repetition
     spans: FloatArray = field(default_factory=lambda: np.zeros((0, 2)))
-    # standard deviation of the errors of the first body's mean, as a fraction of its standard deviation here
+    # standard deviation of the errors of the first body's mean, as a fraction of the prior's standard deviation
     foot_spread: float = 1.0
 
     @property
     def spread(self) -> FloatArray:
-        """Standard deviations (4K,) of the errors of the rows, in the order of :meth:`rows`."""
+        """Standard deviations (4K,) of the errors of the rows of :meth:`rows`; 1, except for the foot."""
         return np.concatenate([np.full(4, self.foot_spread), np.ones(len(self.mean) - 4)])
 
     def rows(self, columns: int) -> tuple[FloatArray, FloatArray]:
-        """Return least-squares rows (4K, columns) and right-hand side (4K,); columns without a prior are last."""
+        """Return least-squares rows (4K, columns) and right-hand side (4K,); columns after the first 4K are zero."""
         root = np.linalg.cholesky(self.covariance)
         own = solve_triangular(root, np.eye(len(self.mean)), lower=True)
         return np.pad(own, ((0, 0), (0, columns - len(self.mean)))), own @ self.mean
@@ -54,7 +54,7 @@ class BodyPrior:
 def build_table_prior(mean: FloatArray, source: str, others: bool = False) -> BodyPrior:
     """Return the prior around the bodies (4K,) of a reference table, foot first.
 
-    ``source`` is the table's name. With ``others``, the last body is the body of all other markers (arms and head).
+    ``source`` is the table's name. With ``others``, the last body is that of the markers on no segment (arms, head).
     """
     spread = [(_FOOT_MASS, _FOOT_CENTRE, _INERTIA), *[(_MASS, _CENTRE, _INERTIA)] * (len(mean) // 4 - 1)]
     if others:
@@ -64,18 +64,18 @@ def build_table_prior(mean: FloatArray, source: str, others: bool = False) -> Bo
 
 
 def build_even_prior(mass: float, centroid: FloatArray) -> BodyPrior:
-    """Return the prior if no table applies: equal shares of the mass, kg, at the markers' centroids (K, 2), m."""
+    """Return the prior if no table applies: equal masses, kg in total, at the centroids (K, 2) of the markers, m."""
     own = mass / len(centroid)
     inertia = own * (_GYRATION**2 + np.sum(centroid**2, axis=1))
     mean = np.column_stack([np.full(len(centroid), own), own * centroid, inertia])
     blocks = [_compute_covariance(body, _UNKNOWN_MASS, _UNKNOWN_CENTRE, _UNKNOWN_INERTIA) for body in mean]
-    return BodyPrior(mean.reshape(-1), block_diag(*blocks), "an even share of the mass")
+    return BodyPrior(mean.reshape(-1), block_diag(*blocks), "equal masses of all bodies")
 
 
 def split_torso(torso: FloatArray, angle: FloatArray, shift: FloatArray, mass: float) -> tuple[FloatArray, FloatArray]:
-    """Split a table's head, arms and trunk (4,) into the torso (4,) and the body of all other markers (4,).
+    """Split a table's head, arms and trunk into the torso (4,) and the body (4,) of the markers on no segment.
 
-    On average over the samples, the two bodies together equal the given one.
+    On average over the samples, the two bodies together equal the given body.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def split_torso(torso: FloatArray, angle: FloatArray, shift: FloatArray, mass: f
 
 
 def average_transform(angle: FloatArray, shift: FloatArray) -> FloatArray:
-    """Return the matrix (4, 4) that transforms a body's parameters into another frame, as a mean over samples.
+    """Return the mean over samples of the matrix (4, 4) that transforms a body's parameters into another frame.
 
     ``angle`` (T,), rad, and ``shift`` (T, 2), m, are the angle and the origin of the body's frame in the other frame.
     """

@@ -1,9 +1,9 @@
 """Ratios of base parameters that are almost the same in all people.
 
-All mass above the shank acts at the knee. The first moment of the shank with this mass is therefore nearly the mass of
-the body times the length of the shank: .931 ± .007 of it (Winter .931, de Leva .934 and .932). Above the knee the ratio
-is .78 ± .022. Both moments are along the segments. The foot's share moves the centre of pressure by only a few
-millimetres.
+All mass above the shank acts at the knee. The first moment of the shank together with this mass is therefore nearly the
+mass of the body times the length of the shank. The ratio is .931 ± .007 (Winter .931, de Leva .934 and .932). For the
+thigh it is .78 ± .022. Both moments are along the segments. The mass of the foot shifts the centre of pressure by only
+a few millimetres.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ _SEGMENTS = (
     (6, 0.007, 1),
     (9, 0.0064, 2),
     (10, 0.022, 2),
-)  # columns, standard deviations relative to the segment's length, and joints
+)  # column, standard deviation relative to the segment's length, and joint at the segment's end
 
 
 @dataclass(frozen=True)
 class BodyRatios:
-    """Linear relations between the parameters of any person, in standard deviations."""
+    """Linear relations between the parameters of any person, each divided by its standard deviation."""
 
     rows: FloatArray  # (r, b) coefficients of the parameters
     target: FloatArray  # (r,) value of each relation
@@ -53,7 +53,7 @@ def find_body_ratios(
     mass : float
         Identified mass, kg.
     calibration : Calibration
-        Errors of the instruments, and the mass from a scale if there is one.
+        Errors of the instruments, and the mass from a scale if the person was weighed.
     chain : ((4(n + 1), p) array, (4(n + 1),) array), optional
         Matrix and constant that map the fitted parameters to full parameters of the chain; by default, the base
         parameters are fitted.

@@ -1,9 +1,9 @@
-"""Two-sensor identification (thesis 9.3): a wrench sensor built into a joint, beside the ground's sensor.
+"""Two-sensor identification (thesis 9.3): a wrench sensor built into a joint, in addition to the sensor in the ground.
 
 The heavy segments dominate the ground's wrench, so it determines the parameters of a light distal segment badly. A
 sensor in the joint before this segment measures W = Σ_{k ≥ s} Y_k φ_k - Σ_{i: s_i ≥ s} W_i. The first sum is the wrench
-that the segment s and everything beyond require. W_i are measured external wrenches that act there, such as the wrench
-of a handle. The results of both sensors are combined by their covariances.
+that the segment s and all segments beyond it require. W_i are measured external wrenches on these segments, such as the
+wrench of a handle. The results of both sensors are combined with weights from their covariances.
 """
 
 from __future__ import annotations
@@ -56,16 +56,16 @@ class SensorNoise:
 
 
 def fit_sensor(prepared: PreparedTrial, gate: BoolArray, sensor: ExternalWrench) -> SensorFit | None:
-    """Fit the part of the body beyond a joint to the wrench through the joint; return None for too few samples.
+    """Fit the base parameters of the part of the body beyond a joint; return None if there are too few samples.
 
     Parameters
     ----------
     prepared : PreparedTrial
-        The trial, prepared on the pinned chain.
+        The trial, prepared with the motion of the chain instead of measured poses.
     gate : (T,) bool array
-        Samples without an unmeasured contact.
+        True for samples without an unmeasured contact.
     sensor : ExternalWrench
-        The sensor's wrench on the segment beyond the joint, about the plane's origin.
+        Measured wrench through the joint, on the segment beyond it, about the plane's origin.
     """
     size, first = prepared.regressor.shape[-1], len(PLANAR_PARAMETERS) * sensor.segment
     to_joint = _move_to_joint(prepared, sensor.segment)
@@ -110,10 +110,10 @@ def _list_wrenches_beyond(prepared: PreparedTrial, segment: int) -> list[FloatAr
 
 
 def _move_to_joint(prepared: PreparedTrial, segment: int) -> FloatArray:
-    """Return the matrices (T, 3, 3) that move wrenches from the plane's origin to the joint before a segment.
+    """Return the matrices (T, 3, 3) that transform wrenches about the plane's origin to wrenches about a joint.
 
-    About the joint, the noise of the force does not add to the moment; about the origin, its lever is the joint's
-    height.
+    It is the joint before ``segment``. The noise of the force does not affect the moment about the joint, but it does
+    affect the moment about the origin, by the joint's height.
     """
     recorded, before = prepared.recorded, np.array([segment - 1])
     place = marker_positions(recorded.q, recorded.centres, before, recorded.centres[before])[:, 0]
@@ -133,7 +133,7 @@ def combine_with_sensors(
 ) -> Identification:
     """Return the identification from the ground's wrench and the built-in sensors together.
 
-    ``alone`` is the result from the ground's wrench; it is returned unchanged if there are no sensors. The other
+    ``alone`` is the result from the ground's wrench; it is returned if no sensor has enough samples. The other
     arguments are those of :func:`mocap_id.dynamics.identification.identify`.
     """
     fits = (fit_sensor(prepared, gate, each) for each in prepared.recorded.built_in)
@@ -173,11 +173,11 @@ def _combine(parts: Sequence[SensorFit]) -> tuple[FloatArray, FloatArray]:
 def predict_with_sensor(
     alone: Identification, prepared: PreparedTrial, gate: BoolArray, segment: int, noise: SensorNoise
 ) -> FloatArray | None:
-    """Return the covariance (b, b) of the base parameters if the trial also had a given sensor.
+    """Predict the covariance (b, b) of the base parameters if a sensor were also built into a joint of the chain.
 
     The sensor's wrench is computed from the identified body, with noise and with the effect of wrong accelerations.
-    Errors that residuals do not contain, such as a plate's zero, cannot be predicted; because of them, the real
-    improvement is larger. The result is None if there are too few samples.
+    Errors that residuals do not contain, such as that of a plate's zero, cannot be predicted, so the real improvement
+    is larger. The result is None if there are too few samples.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ def predict_with_sensor(
 
 
 def _add_for_agreement(alone: Identification, regrouping: FloatArray, sensor: SensorFit) -> FloatArray:
-    """Return the covariance (b, b) to be added to the ground's covariance so that its result agrees with a sensor.
+    """Return the covariance (b, b) to add to the ground's covariance so that its parameters agree with a sensor.
 
     A constant error of a plate is not in its residuals, but it changes the first moments of a light segment.
     """

@@ -1,9 +1,9 @@
 """Errors of scale of the instruments, and their effect on parameters and torques.
 
 A wrong gain of the plate, or a wrong scale or tilt of the cameras, is the same in every sample, so the residuals hardly
-contain it. The usual size of these errors is therefore a component of the standard deviations of parameters and
-torques. The predicted wrench and centre of pressure are compared with the same plate, so their standard deviations do
-not contain it.
+contain this error. The standard deviations of parameters and torques therefore contain the usual size of these errors.
+The standard deviations of the predicted wrench and centre of pressure do not, because both are compared with the same
+plate.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from mocap_id.dynamics.regressor import torque_regressor, wrench_regressor
 _RATE = 10.0  # Hz: rate at which torques are evaluated; a movement's frequencies are below 3 Hz
 _STEP = 1e-4  # relative, or rad: step of numerical derivatives
 _SURE, _MASS_APART = 2.58, 0.05  # standard deviations of a 99 % interval; relative difference of two masses
-_WRONG_PLATES, _WRONG_GAIN = 0.05, 0.05  # share of plates with a wrong gain, and standard deviation of their gain
+_WRONG_PLATES, _WRONG_GAIN = 0.05, 0.05  # fraction of plates with a wrong gain, and standard deviation of their gain
 
 
 @dataclass(frozen=True)
@@ -42,9 +42,9 @@ class Calibration:
     def estimate_gain_error(self, mass: float, mass_sd: float) -> float:
         """Return the rms error of the gain, given the mass that the plates measure.
 
-        The ratio of this mass to the mass from a scale estimates the gain, but the forces are not corrected by it. The
-        difference between the masses therefore counts as an error of the gain. If it is large, the plate probably has a
-        wrong gain, as some plates have; an unusual error of a good plate is less probable.
+        The ratio of this mass to the mass from a scale estimates the gain, but is not used to correct the forces. The
+        difference between the masses therefore counts as an error of the gain. A large difference probably means that
+        this is one of the few plates with a wrong gain, because an unusual error of a good plate is less probable.
 
         Parameters
         ----------
@@ -65,7 +65,7 @@ class Calibration:
     def mass_limit(self, mass: float) -> float:
         """Return the relative difference above which the mass that the plates measure, kg, contradicts the scale.
 
-        It is 5 %, or less for a heavy person, for whom the errors of plate and scale are smaller in 99 % of all cases.
+        It is 5 %, or the relative error of plate and scale that is not exceeded in 99 % of all cases, if this is less.
         """
         return float(min(_MASS_APART, _SURE * np.hypot(self.gain, self.mass_sd / mass)))
 
@@ -94,7 +94,7 @@ class ScaleCause:
     # value, sd: estimate and its standard deviation: relative, or in N, m or rad, depending on the cause
     value: float
     sd: float
-    explains: float  # decrease of the cost
+    explains: float  # decrease of the cost if this cause is not kept near zero
     limit: float  # magnitude above which the value is significant
 
 
@@ -103,7 +103,8 @@ class ScaleCheck:
     """Result of the check for a wrong scale."""
 
     causes: dict[str, ScaleCause]  # estimate of each cause
-    # causes that explain a contradiction, best first: none without a contradiction, one if the data identify the cause
+    # causes that explain a contradiction, the most likely first; empty without a contradiction. A single cause is
+    # identified by the data.
     suspects: tuple[str, ...]
 
 

@@ -56,9 +56,9 @@ def find_cautions(
     given : float or None
         Mass of the person from the configuration, kg; None if not given.
     standing : float or None
-        Mass that the plates measure while the person stands, kg; None without plates or standing.
+        Mass that the plates measure while the person stands, kg; None if it was not measured.
     calibration : Calibration, optional
-        Errors of plate and scale, which limit the difference of these masses; by default those of the stage.
+        Errors of plate and scale, which give the largest difference of these masses; by default those of the stage.
     """
     reasons = (
         _check_clock(prepared, result),
@@ -84,8 +84,8 @@ def _check_clock(prepared: AnyTrial, result: AnyIdentification) -> Reason | None
     return Reason(
         "clock-offset-unknown",
         f"the clock offset between cameras and plate is not within ± {limit:g} s, or this movement does not determine "
-        f"it (standard deviation {1e3 * result.offset_sd:.0f} ms); it is taken as zero: check that markers and forces "
-        "belong to the same recording, or increase `identify-dim: {clock_offset_limit_s: …}`",
+        f"it (standard deviation {1e3 * result.offset_sd:.0f} ms). No offset was corrected: check that markers and "
+        "forces belong to the same recording, or increase `identify-dim: {clock_offset_limit_s: …}`",
         value=result.fit.best_offset,
         limit=limit,
     )
@@ -98,10 +98,10 @@ def _check_uncorrected_offset(result: AnyIdentification) -> Reason | None:
         return None
     return Reason(
         "clock-offset-kept",
-        f"cameras and plate are {1e3 * result.fit.best_offset:.2f} ms apart (standard deviation "
-        f"{1e3 * result.offset_sd:.2f}), and `identify-dim: {{apply_clock_offset: false}}` leaves the offset "
-        "uncorrected: in a person's movement, one millisecond changes a parameter by up to a third; remove the "
-        "setting, or synchronise the clocks",
+        f"the clocks of cameras and plate are {1e3 * result.fit.best_offset:.2f} ms apart (standard deviation "
+        f"{1e3 * result.offset_sd:.2f} ms), but `identify-dim: {{apply_clock_offset: false}}` prevents the correction. "
+        "In a person's movement, one millisecond changes a parameter by up to a third: remove the setting, or "
+        "synchronise the clocks",
         value=offset,
         limit=limit,
     )
@@ -114,8 +114,8 @@ def _check_cone(result: Identification) -> Reason | None:
     return Reason(
         "cone-unproven",
         f"`identify-dim: {{consistency: {solution.requested}}}` was set, but Clarabel's solution does not pass the "
-        f"optimality check: the solution on the grid (`{solution.consistency}`) is used, which "
-        + ("passes it" if solution.answer.optimality.proven else "does not pass it either"),
+        f"optimality check; the solution on the grid (`{solution.consistency}`) is used instead, which "
+        + ("passes the check" if solution.answer.optimality.proven else "does not pass the check either"),
     )
 
 
@@ -125,7 +125,7 @@ def _check_solver(result: AnyIdentification) -> Reason | None:
         return Reason(
             "solver-unproven",
             f"no solver's solution passes the optimality check; the solution of {answer.solver} ({answer.status}) is "
-            f"used; its cost may exceed the least cost by a fraction of {answer.optimality.excess:.1e}",
+            f"used, although its cost may exceed the least cost by a fraction of {answer.optimality.excess:.1e}",
             value=answer.optimality.excess,
             limit=PROVEN,
         )
@@ -133,8 +133,8 @@ def _check_solver(result: AnyIdentification) -> Reason | None:
         return None
     return Reason(
         "solver-fallback",
-        "the solution of non-negative least squares does not pass the optimality check; the solution of OSQP passes it "
-        "and is used",
+        "the solution of non-negative least squares does not pass the optimality check; the solution of OSQP passes "
+        "the check and is used",
         level="ok",
     )
 
@@ -162,7 +162,7 @@ def _check_parameters(excited: Excitation, recommendation: str) -> Reason | None
         return None
     unknown = [excited.names[i] for i in doubtful if excited.verdict[i] == "not identifiable"]
     listed = ", ".join(f"{excited.names[i]} ({100 * excited.relative_sd[i]:.0f} %)" for i in doubtful)
-    none = f"; not identifiable, above {100 * NOT_IDENTIFIABLE:.0f} %: {', '.join(unknown)}" if unknown else ""
+    none = f"; not identifiable (above {100 * NOT_IDENTIFIABLE:.0f} %): {', '.join(unknown)}" if unknown else ""
     return Reason(
         "parameters-weak",
         f"these base parameters have a standard deviation above {100 * excited.weak:.0f} % of their size: "
@@ -172,7 +172,7 @@ def _check_parameters(excited: Excitation, recommendation: str) -> Reason | None
 
 
 def _check_load(prepared: PreparedTrial, result: Identification, standing: float | None) -> Reason | None:
-    """Return a caution if movement and standing give different masses: something else carries a part of the body."""
+    """Return a caution if movement and standing give different masses, because something else carries weight."""
     total = get_identified_mass(prepared, result)
     if total is None or standing is None or abs(total / standing - 1) <= _MASS_APART:
         return None

@@ -1,7 +1,8 @@
 """Parameters of the chain, full and base (eq. 6.1), from the parameters of separately moving bodies.
 
-The chain has no body for arms and head; they are added to its last segment at their mean position. One body can be two
-segments of the chain. It is then divided between them as in a reference table, as far as their sum allows.
+The chain has no body for arms and head; these are added to its last segment at their mean position. Two segments of the
+chain can be one body. This body is then divided between the segments as in a reference table, as far as their sum
+allows.
 """
 
 from __future__ import annotations
@@ -33,8 +34,8 @@ class ChainMap:
     def apply(self, full: FloatArray) -> FloatArray:
         """Return physically possible full parameters (4(n + 1),) of the chain from those of the bodies (4K,).
 
-        If the table's division of a body gives an impossible segment, it is changed towards an even division as far as
-        necessary. The sum does not change.
+        If the table's division of a body gives an impossible segment, the division is changed towards an even one as
+        far as necessary. The sum does not change. If no division is possible, the table's division is returned.
         """
         likely, even = self.matrix @ full + self.constant, self.halves @ full
         for share in np.linspace(0.0, 1.0, _SHARES):
@@ -54,7 +55,7 @@ def map_to_chain(
     q : (T, n) array
         Joint angles of the chain, rad.
     samples : (T,) bool array
-        Samples over which the mean position of the bodies is computed.
+        True for samples over which the mean position of the bodies is computed.
     reference, reference_sd : (4(n + 1),) arrays
         Full parameters of a reference table and their standard deviations; NaN if no table applies.
     """
@@ -87,7 +88,7 @@ def map_to_chain(
 
 
 def measure_relative_pose(poses: BodyPoses, body: int, other: int, samples: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Return angle (S,), rad, and origin (S, 2), m, of one body's frame in another's, where both are known."""
+    """Return angle (S,), rad, and origin (S, 2), m, of one body's frame in another's, for the S samples with both."""
     origin, angle = poses.origin, poses.angle
     known = samples & np.isfinite(angle[:, [body, other]]).all(axis=1)
     shift = planar.rotate(-angle[known, other], origin[known, body] - origin[known, other])
@@ -95,7 +96,7 @@ def measure_relative_pose(poses: BodyPoses, body: int, other: int, samples: Bool
 
 
 def merge_segments(centres: FloatArray, q: FloatArray, samples: BoolArray, segments: IntArray) -> FloatArray:
-    """Return the matrix (4, 4s) from parameters of adjacent segments to those of their sum, in the first frame."""
+    """Return the matrix (4, 4s) that maps parameters of s adjacent segments to their sum in the first one's frame."""
     known = samples & np.isfinite(q).all(axis=1)
     blocks, angle, shift = [np.eye(4)], np.zeros(int(known.sum())), np.zeros((int(known.sum()), 2))
     for segment in segments[1:]:
@@ -106,7 +107,7 @@ def merge_segments(centres: FloatArray, q: FloatArray, samples: BoolArray, segme
 
 
 def propagate_to_base(chain_map: ChainMap, base: BaseSet, own: FloatArray) -> FloatArray:
-    """Return the covariance (b, b) of the chain's base parameters for exact joint centres.
+    """Return the covariance (b, b) of the chain's base parameters, without errors of the joint centres.
 
     ``own`` (4K, 4K) is the covariance of the full parameters of the bodies.
     """
@@ -115,11 +116,11 @@ def propagate_to_base(chain_map: ChainMap, base: BaseSet, own: FloatArray) -> Fl
 
 
 def propagate_centres(base: BaseSet, centres: FloatArray, q: FloatArray, chain: FloatArray) -> FloatArray:
-    """Return the change (b, n, 2) of the base parameters with each joint centre, per metre in the segment before it.
+    """Return the derivative (b, n, 2) of the base parameters with respect to each joint centre, per metre.
 
-    A displaced joint changes the regrouping of the masses beyond it. It also moves the origin about which the
-    parameters of the next segment are taken. ``q`` (n,) are the mean joint angles, rad, and ``chain`` (4(n + 1),) the
-    full parameters of the chain.
+    The centres are in the frames of the segments before the joints. A displaced joint changes the regrouping of the
+    masses beyond it and the origin for the parameters of the next segment. ``q`` (n,) are the mean joint angles, rad,
+    and ``chain`` (4(n + 1),) the full parameters of the chain.
     """
     out: FloatArray = np.zeros((len(base.kept), *centres.shape))
     undisturbed = structural_base(centres)
@@ -148,7 +149,7 @@ def _is_possible(full: FloatArray) -> bool:
 
 
 def _divide_sum(total: FloatArray, reference: FloatArray, sd: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return gain (4s, 4), constant (4s,) and covariance (4s, 4s) of segments with a known sum, closest to a table."""
+    """Return gain (4s, 4), constant (4s,) and covariance (4s, 4s) of s segments with a given sum, near a table."""
     if not np.isfinite(reference).all():
         gain = np.zeros((total.shape[1], 4))
         gain[:4] = np.eye(4)

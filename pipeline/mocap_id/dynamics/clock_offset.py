@@ -19,7 +19,7 @@ from mocap_id.dynamics.lowpass import known
 _COARSE = 10e-3  # s: a tenth of the time over which the cost is smooth
 _FINE = 1e-6  # s: tolerance of the refined offset
 _AT_ONCE = 8  # number of offsets evaluated together, to limit the memory
-_EDGE = 1e-5  # s: a minimum this close to the end of the search counts as beyond it
+_EDGE = 1e-5  # s: a minimum within this distance of an end of the search counts as outside the search
 
 
 @dataclass(frozen=True)
@@ -58,9 +58,9 @@ def profile_offset(
 ) -> tuple[float, bool]:
     """Return the clock offset δ, s, with the least residual of the fit, and whether it is at an end of the search.
 
-    The parameters are fitted again for every offset. This needs only one projection, because the regressor does not
-    depend on the offset. A coarse search over the whole range avoids local minima; a bounded search refines its result.
-    At an end of the search, there is no minimum inside.
+    An offset at an end is not a minimum. The parameters are fitted again for every offset. This needs only one
+    projection, because the regressor does not depend on the offset. A coarse search over the whole range avoids local
+    minima; a bounded search refines its result.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def profile_offset(
     limit : float
         Largest offset in both directions, s.
     prior : ((p, b) array, (p,) array), optional
-        Rows and right-hand side of a prior of the parameters.
+        Rows and right-hand side of a prior of the parameters, both in standard deviations.
     """
     weighted = (regressor * weights[:, None]).reshape(-1, regressor.shape[-1])
     more, aim = (np.zeros((0, weighted.shape[1])), np.zeros(0)) if prior is None else prior

@@ -51,9 +51,9 @@ def centre_of_pressure_rows(rows: FloatArray, wrench: FloatArray, threshold: flo
 
 
 def compare(wrench: FloatArray, measured: FloatArray, samples: BoolArray, threshold: float) -> Comparison:
-    """Compare a model's wrench (T, 3) with the measured one over some samples (T,).
+    """Compare a model's wrench (T, 3) with the measured wrench (T, 3) over the samples marked in ``samples`` (T,).
 
-    Missing values are NaN. The arguments are as for :func:`centre_of_pressure`.
+    Missing values are NaN. ``threshold`` and the components are as for :func:`centre_of_pressure`.
     """
     components = {name: agreement(wrench[:, k], measured[:, k], samples) for k, name in enumerate(WRENCH_COMPONENTS)}
     cop = agreement(centre_of_pressure(wrench, threshold), centre_of_pressure(measured, threshold), samples)
@@ -61,7 +61,7 @@ def compare(wrench: FloatArray, measured: FloatArray, samples: BoolArray, thresh
 
 
 def agreement(model: FloatArray, measured: FloatArray, samples: BoolArray) -> Agreement | None:
-    """Compare two series (T,) over the samples in which both have values; return None if there are fewer than two."""
+    """Compare two series (T,) over the marked samples in which both have values; return None for fewer than two."""
     both = samples & np.isfinite(model) & np.isfinite(measured)
     if both.sum() < 2:
         return None

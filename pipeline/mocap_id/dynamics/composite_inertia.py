@@ -33,14 +33,14 @@ class CompositeInertia:
 def composite_inertia(
     q: FloatArray, centres: FloatArray, mass: FloatArray, first: FloatArray, second: FloatArray
 ) -> CompositeInertia:
-    """Compute the composite inertia in every posture; it is NaN where an angle is missing.
+    """Return the wrench and torques for a unit acceleration of each joint, in every posture; NaN for missing angles.
 
     Parameters
     ----------
     q : (T, n) array
         Joint angles, rad; NaN where missing.
     mass : (n + 1,) array
-        Mass of every segment, base first, kg. The base has no effect, because no joint moves it.
+        Mass of every segment, base first, kg. The mass of the base has no effect, because no joint moves the base.
     first : (n + 1, 2) array
         First moments in the frame of each segment, kg·m.
     second : (n + 1,) array

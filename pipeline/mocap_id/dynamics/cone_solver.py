@@ -29,12 +29,12 @@ _ROUNDING = 1e-7  # relative violation of the cone that counts as rounding
 
 
 def solve_links(problem: CompressedProblem, bodies: ConicBodies) -> SolverAnswer:
-    """Minimise ‖R · mapping · body - d‖² over possible links; return full parameters, one of many solutions.
+    """Minimise ‖R · mapping · body - d‖² over possible links; return the full parameters of one of many solutions.
 
     Clarabel's accuracy is relative to the whole wrench, whereas the cost is the small remaining residual. As long as
-    the optimality conditions do not hold, Clarabel is run again for a correction on the scale of the residual. They may
-    still not hold if the least cost is only approached by larger and larger links. Then Clarabel starts again with more
-    regularization. Free parameters are eliminated before (:meth:`CompressedProblem.eliminate_others`).
+    the optimality conditions do not hold, Clarabel is run again for a correction on the scale of the residual. If the
+    least cost is only approached by larger and larger links, the conditions may still not hold. Clarabel then starts
+    again with more regularization. The caller eliminates free parameters (:meth:`CompressedProblem.eliminate_others`).
     """
     first = _solve_with_corrections(problem, bodies, None)
     if first.optimality.proven:
@@ -46,7 +46,7 @@ def solve_links(problem: CompressedProblem, bodies: ConicBodies) -> SolverAnswer
 def _solve_with_corrections(
     problem: CompressedProblem, bodies: ConicBodies, regularization: float | None
 ) -> SolverAnswer:
-    """Return Clarabel's solution after corrections, as long as these decrease the cost."""
+    """Return Clarabel's solution after several corrections; corrections that do not decrease the cost are discarded."""
     mapped, body = problem.factor @ bodies.mapping, np.zeros(bodies.mapping.shape[1])
     answer, iterations = None, 0
     for _ in range(_ROUNDS):
@@ -73,9 +73,9 @@ def find_step(
     *,
     regularization: float | None = None,
 ) -> tuple[FloatArray, str, int]:
-    """Return the step that minimises ‖mapped · step - target‖² with body + step in the cone.
+    """Return the step (v,) that minimises ‖mapped · step - target‖² with body + step in the cone.
 
-    Return also Clarabel's status text and the number of iterations. The step is NaN if Clarabel finds none.
+    Also return Clarabel's status text and the number of iterations. The step is NaN if Clarabel fails.
 
     Parameters
     ----------
@@ -108,11 +108,11 @@ def find_step(
 
 
 def find_closest_links(bodies: ConeBodies, body: FloatArray, aim: FloatArray, scale: FloatArray) -> FloatArray:
-    """Return the links with the base parameters of ``body`` whose full parameters are closest to a target.
+    """Return the links (4(n + 1),) with the base parameters of ``body`` whose full parameters are closest to a target.
 
-    The target ``aim`` and its standard deviations ``scale`` are full parameters (4(n + 1),). A link may have first
-    moments but no mass. Its base parameters are then only approached by possible links with larger and larger Izz, and
-    its Izz is NaN.
+    The target ``aim`` and its standard deviations ``scale`` are full parameters (4(n + 1),). If a link has first
+    moments but no mass, possible links with larger and larger Izz only approach its base parameters, and its Izz is
+    NaN.
     """
     hollow = [link for link in range(bodies.links) if _is_hollow(bodies, body, link)]
     limits = bodies if hollow else ConeBodies(np.eye(len(body)), bodies.boxes)  # also limits an unobservable Izz
@@ -135,10 +135,10 @@ def _is_hollow(bodies: ConeBodies, body: FloatArray, link: int) -> bool:
 def find_closest_step(
     limits: ConicBodies, start: FloatArray, directions: FloatArray, distance: FloatArray, scale: FloatArray
 ) -> FloatArray:
-    """Return the steps (d,) along directions (v, d) that lead closest to a target; NaN if Clarabel finds none.
+    """Return the steps (d,) along directions (v, d) after which a body is closest to a target; NaN if Clarabel fails.
 
-    ``start`` (v,) is a body inside the cone, ``scale`` (v,) are the standard deviations of the target, and ``distance``
-    (v,) is target minus start, divided by the scale.
+    ``start`` (v,) is the body before the steps, inside the cone. ``scale`` (v,) are the standard deviations of the
+    target, and ``distance`` (v,) is target minus start, divided by ``scale``.
     """
     sides, cones = limits.sides()
     rows = directions / scale[:, None]
@@ -162,10 +162,10 @@ def solve_cones(
     accuracy: float = _ACCURACY,
     regularization: float | None = None,
 ) -> tuple[FloatArray, str, int]:
-    """Run Clarabel on min ½ xᵀ quadratic x + linear·x with bound - matrix·x in cones; return x, status, iterations.
+    """Minimise ½ xᵀ quadratic x + linear·x with bound - matrix·x in cones; return x, status and number of iterations.
 
-    ``regularization`` is Clarabel's constant on the diagonal of its equations; None for the default. The solution is
-    NaN if Clarabel stops because of an internal error.
+    ``cones`` are the kind and the size of each cone. ``regularization`` is Clarabel's constant on the diagonal of its
+    equations; None for the default. The solution is NaN if Clarabel stops because of an internal error.
     """
     import clarabel  # noqa: PLC0415  not needed for a grid
 

@@ -36,8 +36,8 @@ class ConsistentSolution:
     requested: Consistency
     consistency: Consistency
     parameters: FloatArray  # (b + k,) parameters of the problem: first those of the bodies, then the free ones
-    # (4(n + 1),) full parameters of one body with these parameters: closest to the reference, or of evenly spread point
-    # masses. NaN for an Izz that possible bodies only approach.
+    # (4(n + 1),) full parameters of one body with these parameters: the body closest to the reference, or a body of
+    # evenly spread point masses. NaN for an Izz that possible bodies only approach.
     full: FloatArray
     # (p,) point masses with these full parameters, kg; NaN for the cone, whose bodies need not be on the grid
     masses: FloatArray
@@ -63,7 +63,7 @@ def fit_consistent(
     regrouping : (b, 4(n + 1)) array
         Matrix M of eq. 4.24, from full parameters to the first b parameters of the problem.
     reference : (4(n + 1),) array
-        Full parameters to approach where the problem determines nothing; NaN for none.
+        Full parameters to approach, as far as the problem does not determine them; NaN for none.
     consistency : {"grid", "cone", "bounded-cone"}
         The set of possible bodies.
     relative_sd : float
@@ -104,8 +104,8 @@ def fit_quickly(
 ) -> FloatArray:
     """Return only the parameters (b + k,) of :func:`fit_consistent`, in a fraction of the time.
 
-    If the solution is not proven to be optimal, :func:`fit_consistent` is called. The arguments and errors are the
-    same.
+    The arguments and errors are those of :func:`fit_consistent`, which is called if the solution is not proven to be
+    optimal.
     """
     small, bodies = problem.eliminate_others(len(regrouping)), _choose_bodies(regrouping, grid, consistency)
     answer = solve_nnls(small, bodies.mapping) if isinstance(bodies, GridBodies) else solve_links(small, bodies)
@@ -123,7 +123,7 @@ def _choose_bodies(regrouping: FloatArray, grid: PointGrid, consistency: Consist
 
 
 def _fit_point_masses(problem: CompressedProblem, moments: FloatArray) -> SolverAnswer:
-    """Return the non-negative least-squares solution; if it is not proven, the better of it and OSQP's solution."""
+    """Return the solution of non-negative least squares if it is proven; otherwise, the better of this and OSQP's."""
     first = solve_nnls(problem, moments)
     if first.optimality.proven:
         return first
@@ -131,9 +131,9 @@ def _fit_point_masses(problem: CompressedProblem, moments: FloatArray) -> Solver
     excess = [answer.optimality.excess if np.isfinite(answer.cost) else np.inf for answer in (first, second)]
     if not min(excess) <= _TOLERABLE:
         raise NumericalError(
-            f"the fit of point masses did not converge: {first.solver} reports {first.status!r}, up to {excess[0]:.1e} "
-            f"above the least cost, and {second.solver} reports {second.status!r}, up to {excess[1]:.1e} above it; the "
-            f"limit is {_TOLERABLE:.0e}. Check the chain for two joints at the same place, or for wrong units"
+            f"the fit of point masses did not converge: the cost of {first.solver} ({first.status!r}) may be "
+            f"{excess[0]:.1e} above the least cost, and that of {second.solver} ({second.status!r}) {excess[1]:.1e}; "
+            f"the limit is {_TOLERABLE:.0e}. Check the chain for two joints at the same position, or for wrong units"
         )
     return first if excess[0] <= excess[1] else second
 
@@ -145,7 +145,7 @@ def _complete_solution(
     full_and_masses: tuple[FloatArray, FloatArray],
     answer: SolverAnswer,
 ) -> ConsistentSolution:
-    """Return the solution with its price, checked on the whole problem."""
+    """Return the solution, checked on the whole problem, with the increase of the cost due to consistency."""
     parameters = problem.complete(bodies.mapping @ answer.body)
     optimality = check_optimality(problem, bodies, answer.body, parameters[len(bodies.mapping) :])
     free = problem.cost(problem.free_solution())

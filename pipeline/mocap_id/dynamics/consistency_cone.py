@@ -1,9 +1,9 @@
 """Physical consistency without a grid: all planar bodies that can exist, as second-order cones.
 
-A planar link can exist exactly if m·Izz ≥ mx² + my² and m ≥ 0. This is a second-order cone, and equals the set of point
-masses anywhere in the plane. A mass that tends to zero can have any first moment if it is far enough away. Masses
-inside a box meet more conditions: mx and my are within the sides of the box times m, and Izz is at most that of masses
-at the corners with the same centre:
+A planar link can exist if and only if m·Izz ≥ mx² + my² and m ≥ 0. This is a second-order cone, and equals the set of
+point masses anywhere in the plane. A mass that tends to zero can have any first moment if it is far enough away. Masses
+inside a box meet more conditions: mx / m and my / m are between the sides of the box, and Izz is at most that of masses
+at the corners with the same centre of mass:
 
     Izz ≤ (x₀ + x₁) mx + (y₀ + y₁) my - (x₀ x₁ + y₀ y₁) m.
 
@@ -20,7 +20,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 
 LENGTH = 0.3
-"""Unit of length in which the parameters of a segment have similar sizes, m."""
+"""Unit of length with which the parameters of a segment have similar magnitudes, m."""
 UNITS = np.array([1.0, LENGTH, LENGTH, LENGTH**2])
 """Divisors of a link's m, mx, my and Izz that convert all four to kg."""
 FAR = 10.0
@@ -56,7 +56,7 @@ class ConeBodies:
         return np.vstack([*round_, flat]), (*cones, ("flat", len(flat)))
 
     def is_limited(self, link: int) -> bool:
-        """Return whether the cone limits the link's first moments. Without a box, it needs an observable Izz."""
+        """Return whether the cone limits the link's first moments: the link has a box, or its Izz has an effect."""
         return self.boxes is not None or bool(self.mapping[:, 4 * link + 3].any())
 
     def round_sides(self) -> FloatArray:
@@ -106,7 +106,7 @@ class ConeBodies:
         return columns
 
     def settle(self, body: FloatArray) -> FloatArray:
-        """Return the body without negative masses and without an Izz that is too small, to remove rounding errors."""
+        """Return the body with negative masses set to 0 and an Izz that is too small increased (rounding errors)."""
         links = body.reshape(-1, 4).copy()
         links[:, 0] = np.maximum(links[:, 0], 0.0)
         first = np.sum(links[:, 1:3] ** 2, axis=1)

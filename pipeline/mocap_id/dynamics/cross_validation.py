@@ -1,13 +1,13 @@
 """Cross-validation within a trial: fit some repetitions and predict the others.
 
-The residual of a fit shows how well the model can follow the samples, but not how well it predicts others. Here every
-repetition is predicted by parameters, clock offset and plate bias that were fitted without its forces. Joints, joint
-angles and contact are those of the whole trial.
+The residual of a fit shows how well the model can follow the fitted samples, but not how well it predicts other
+samples. Here every repetition is predicted with parameters, clock offset and plate bias that were fitted without the
+forces of this repetition. Joints, joint angles and contact are those of the whole trial.
 
 Nothing is filtered or searched again. The samples are grouped by the folds that use them. A QR decomposition compresses
-the weighted rows of each group once; a fold combines the triangular factors of its groups. The rows include the column
-along which a clock offset shifts the wrench. Filtered samples within the filter's reach of the left-out repetition
-contain a part of it and are not used.
+the weighted rows of each group once; a fold combines the triangular factors of its groups. The rows include the time
+derivative of the wrench, with which a clock offset is fitted. Filtered samples close to the left-out repetition (within
+`LowPass.reach`) contain a part of it and are not used.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ from mocap_id.dynamics.sample_choice import LEAST_SECONDS, select_samples
 class LeftOutPrediction:
     """Predictions of repetitions by models that were fitted without their forces."""
 
-    samples: BoolArray  # (T,) samples of the fit that were predicted, in all folds that determine the parameters
-    part: IntArray  # (T,) part (repetition) of each sample
+    samples: BoolArray  # (T,) predicted samples: those of the fit, in the folds that determine the parameters
+    part: IntArray  # (T,) part (one or several repetitions) of each sample
     # wrench, measured: (T, 3) predicted wrench of the ground, and the measured wrench with the clock offset and the
     # plate bias of the fold, N and N·m; NaN elsewhere
     wrench: FloatArray
@@ -38,7 +38,7 @@ class LeftOutPrediction:
     # filtered, filtered_measured: (T, 3) the same after the low-pass of the fit
     filtered: FloatArray
     filtered_measured: FloatArray
-    base: FloatArray  # (K, b) base parameters of each fold
+    base: FloatArray  # (K, b) base parameters of each of K folds
     offset: FloatArray  # (K,) clock offset of each fold, s
 
 
@@ -49,9 +49,10 @@ def predict_left_out(
     part: IntArray,
     solve: Callable[[CompressedProblem], FloatArray],
 ) -> LeftOutPrediction | None:
-    """Predict every part of a trial by a model that was fitted to the other parts.
+    """Predict every part of a trial with a model that was fitted to the other parts.
 
-    The result is None if there is only one part, or if the other parts do not determine the parameters.
+    A part is not predicted if the other parts do not determine the parameters. The result is None if no part is
+    predicted, for example because there is only one.
 
     Parameters
     ----------
@@ -87,13 +88,13 @@ def predict_left_out(
 
 
 def _select_rows(prepared: PreparedTrial, out: BoolArray, offset: float) -> tuple[tuple[FloatArray, FloatArray], ...]:
-    """Return the regressor (R, 3, b) and total wrench (R, 3) at some samples (T,), unfiltered and filtered."""
+    """Return the unfiltered, then the filtered regressor (R, 3, b) and total wrench (R, 3) of marked samples (T,)."""
     filtered = prepared.filtered_measured(np.flatnonzero(out), prepared.recorded.time[out] - offset)
     return (prepared.rows[out], prepared.measured(offset)[out]), (prepared.filtered[out], filtered)
 
 
 def _compress_folds(result: Fit, used: BoolArray) -> list[FloatArray]:
-    """Return the triangular factor of each fold's rows, given the samples (K, R) of each fold.
+    """Return the triangular factor of each fold's rows; ``used`` (K, R) marks the samples of each fold.
 
     The columns are those of the design, then the target. Samples of the same folds are compressed together.
     """
@@ -119,7 +120,7 @@ def _determines_parameters(stack: FloatArray, result: Fit, samples: int, rate: f
 
 
 def _correct_clock(stack: FloatArray, result: Fit) -> tuple[CompressedProblem, float]:
-    """Return a fold's problem at its own clock offset, and the difference from the whole fit's offset, s.
+    """Return a fold's problem at the fold's own clock offset, and its difference from the whole fit's offset, s.
 
     One Gauss-Newton step from the offset of the whole fit is sufficient, because the offsets differ by a few
     milliseconds at most. If the whole fit applies no offset, the folds apply none either.

@@ -17,20 +17,20 @@ _LEAST_GAIN = 1e-3  # least decrease of the cost for which the cut-offs are chan
 
 @dataclass(frozen=True)
 class ChosenCutoffs:
-    """The chosen cut-offs and the reason."""
+    """The chosen cut-offs and the reason for the choice."""
 
     bands: Cutoffs  # cut-offs of x, y and angle, Hz
     why: str  # reason for the choice
-    # sum of the logarithms of the rms errors of Fx, Fy and tauz on left-out repetitions; infinite without any
+    # sum of the logarithms of the rms errors of Fx, Fy and tauz in left-out repetitions; infinite if none was left out
     cost: float
 
 
 def choose_cutoffs(predict: Callable[[Cutoffs], LeftOutPrediction | None]) -> ChosenCutoffs:
-    """Choose cut-offs step by step along the list; ``predict`` returns the predictions of left-out repetitions."""
+    """Search among :data:`CUTOFFS` for the best cut-offs; ``predict`` returns predictions of left-out repetitions."""
     cost = {USUAL: score_left_out(predict(USUAL))}
     best = USUAL
     if not np.isfinite(cost[best]):
-        return ChosenCutoffs(best, "the default ones: no repetition could be left out to compare others", cost[best])
+        return ChosenCutoffs(best, "the default: no repetition could be left out to compare other cut-offs", cost[best])
     for _ in range(_ROUNDS):
         before = best
         for axis in range(3):
@@ -48,7 +48,7 @@ def _walk(
     axis: int,
     step: int,
 ) -> Cutoffs:
-    """Return the best cut-offs after steps in one direction, as long as the cost decreases."""
+    """Change one cut-off in one direction as long as the cost decreases; return the best and add costs to ``cost``."""
     while 0 <= (k := CUTOFFS.index(best[axis]) + step) < len(CUTOFFS):
         values = list(best)
         values[axis] = CUTOFFS[k]

@@ -1,7 +1,7 @@
 """Excitation: how well a movement determines each base parameter.
 
-The independent part of a regressor column is the part that is orthogonal to all other columns. The larger its norm, in
-standard deviations of the residual, the less noise affects the parameter.
+The independent part of a regressor column is the part that is orthogonal to all other columns. The larger the norm of
+this part, in standard deviations of the residual, the less noise affects the parameter.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Identifiability: TypeAlias = Literal["known", "weak", "not identifiable"]
 WEAK = 0.2
 """Default limit of the relative standard deviation above which a parameter is weak."""
 WEAK_ROBOT = 0.05
-"""The same limit for robots, whose parameters should be accurate to a few per cent."""
+"""Default limit for robots, whose parameters should be accurate to a few per cent."""
 NOT_IDENTIFIABLE = 1.0
 """Relative standard deviation above which a parameter is not identifiable."""
 _LEAST_LEVER = 0.05  # m: least lever of the base's first moment
@@ -31,7 +31,7 @@ _LEAST_LEVER = 0.05  # m: least lever of the base's first moment
 
 @dataclass(frozen=True)
 class Excitation:
-    """How well each base parameter is known, and how strongly the movement excites it."""
+    """Accuracy of each base parameter, and how strongly the movement excites the parameter."""
 
     names: tuple[str, ...]  # names of the base parameters
     verdict: tuple[Identifiability, ...]  # class of each parameter
@@ -60,7 +60,7 @@ def measure_excitation(prepared: PreparedTrial, result: Identification, weak: fl
 def classify_parameters(
     names: tuple[str, ...], result: Fit, base_sd: FloatArray, size: FloatArray, weak: float = WEAK
 ) -> Excitation:
-    """Classify base parameters by their names, the fit, and their standard deviations and sizes (b,), SI."""
+    """Classify the base parameters of a fit; ``base_sd`` and ``size`` (b,) are standard deviations and sizes, SI."""
     relative = base_sd / np.maximum(size, 1e-300)
     own, share = _measure_own_parts(result.design, result.base)
     return Excitation(
@@ -80,8 +80,9 @@ def classify_parameters(
 def measure_sizes(prepared: PreparedTrial, result: Identification) -> FloatArray:
     """Return the size of each base parameter (b,), SI, with which its standard deviation is compared.
 
-    The size of a first moment is the norm of (mx, my), because mx alone may be zero. The base segment has no my. Its mx
-    is the mass times the centre of pressure of a person who stands straight; its size is at least the mass times 5 cm.
+    The size of a first moment is the norm of (mx, my), because mx alone may be zero. The base segment has no my, and
+    its mx is the body's mass times the centre of pressure in the upright posture. The size of this mx is at least the
+    mass times 5 cm. The size of any other parameter is its absolute value.
     """
     kept = prepared.base.kept
     segment, kind = kept // 4, kept % 4
@@ -101,7 +102,7 @@ def classify(relative_sd: float, weak: float = WEAK) -> Identifiability:
 
 
 def _measure_own_parts(design: FloatArray, base: int) -> tuple[FloatArray, FloatArray]:
-    """Return the norm (b,) of each base column's part orthogonal to all others, and its share of the column's norm."""
+    """Return the norm (b,) of the independent part of each base column, and this norm divided by the column's norm."""
     rows = design.reshape(-1, design.shape[-1])
     own = 1.0 / np.sqrt(np.diag(unit_covariance(rows))[:base])
     return own, own / np.maximum(np.linalg.norm(rows, axis=0)[:base], 1e-300)

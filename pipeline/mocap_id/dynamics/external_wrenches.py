@@ -1,12 +1,12 @@
-"""External wrenches on single segments, other than the ground's, such as from a chair or a rail in the hand (eq. 4.23).
+"""Wrenches on single segments that are not from the ground, but from a chair or a handrail, for example (eq. 4.23).
 
 Let Y φ be the wrench that the motion of the whole body requires, W_0 the wrench of the ground and W_k the wrenches on
 the segments s_k. Each is exerted by the surroundings on the body and taken about the origin. Then
 
     Y φ = W_0 + Σ_k W_k,        τ_j = J_jᵀ (Y φ)_{segments ≥ j} - Σ_{k: s_k ≥ j} J_jᵀ W_k,
 
-where J_j is the unit twist of joint j. An external wrench therefore enters like a segment's share of the regressor,
-with a minus sign. This holds in space (6 rows) and in the plane (3 rows).
+where J_j is the unit twist of joint j. An external wrench therefore enters like a segment's part of Y φ, with a minus
+sign. The equations are valid in space (6 rows) and in the plane (3 rows).
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ class ExternalWrench:
 def sum_external(
     jacobian: FloatArray, joint: IntArray, wrenches: FloatArray, segment: IntArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the reductions of the ground's wrench (..., c) and of the joint torques (..., N) by external wrenches.
+    """Return how much external wrenches reduce the ground's wrench (..., c) and the joint torques (..., N).
 
     ``wrenches`` (..., c, K) are about the origin and act on ``segment`` (K,). ``jacobian`` and ``joint`` are as for
     :func:`mocap_id.dynamics.regressor.project_on_joints`.

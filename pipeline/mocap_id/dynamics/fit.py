@@ -31,7 +31,7 @@ _LEAST_SPREAD = 1e-4  # fraction of a component's rms: smaller residuals are due
 class Fit:
     """Unconstrained least-squares fit on chosen samples."""
 
-    in_fit: BoolArray  # (T,) usable samples within the gate, without the filter's reach at its edges
+    in_fit: BoolArray  # (T,) usable samples within the gate, away from its edges (`select_samples`)
     samples: IntArray  # (R,) indices of the samples used in the fit: every `LowPass.step`-th of `in_fit`
     base: int  # number of base parameters b; the k nuisance parameters (constant errors of the plate) follow them
     # best_offset, offset_sd: clock offset with the least residual and its standard deviation from the residuals, s. At
@@ -45,8 +45,8 @@ class Fit:
     # of independent samples (`prior_weight`).
     weights: FloatArray
     problem: CompressedProblem  # weighted rows of b + k columns, with the prior
-    # (R, c, b + k + 1) weighted rows. The last column is the wrench's rate of change, along which a clock offset shifts
-    # the wrench.
+    # (R, c, b + k + 1) weighted rows. The last column is the time derivative of the wrench, because a clock offset
+    # shifts the wrench in time.
     design: FloatArray
     target: FloatArray  # (R, c) weighted, filtered wrench at `offset`
     # (b + k + 1, b + k + 1) covariance of base parameters, nuisance parameters and offset from the residuals, with the
@@ -60,7 +60,7 @@ class Fit:
     prior: Rows | None = None
 
     def response(self, wrench: FloatArray) -> FloatArray:
-        """Return the change (b + k + 1, s) of the solution due to weighted errors (R, c, s) of the wrench."""
+        """Return the change (b + k + 1, s) of the solution due to s weighted errors (R, c, s) of the wrench."""
         rows = self.design.reshape(-1, self.design.shape[-1])
         factor = triangularise(np.concatenate([rows, self._prior_rows]))
         half = solve_triangular(factor, rows.T @ wrench.reshape(len(rows), -1), trans="T")
@@ -80,7 +80,7 @@ class Fit:
 def determines_parameters(prepared: AnyTrial, gate: BoolArray) -> bool:
     """Return whether the gated samples determine the base parameters.
 
-    The samples must last a second, and no columns may be dependent, as they are if a joint rests in all samples.
+    The samples must last at least a second. Without a prior, no columns may be dependent, as they are if a joint rests.
     """
     chosen = select_samples(prepared, gate)
     if chosen.sum() < LEAST_SECONDS * prepared.recorded.rate:
@@ -94,7 +94,7 @@ def determines_parameters(prepared: AnyTrial, gate: BoolArray) -> bool:
 def fit(prepared: AnyTrial, gate: BoolArray, like: Fit | None = None) -> Fit:
     """Fit base parameters, plate bias and clock offset to the gated samples.
 
-    ``like`` is a fit of the same trial whose clock offset and weights are reused.
+    If ``like`` is given, a fit of the same trial, its clock offset and weights are used again.
     """
     settings = prepared.settings
     in_fit = select_samples(prepared, gate)
@@ -142,7 +142,7 @@ def fit(prepared: AnyTrial, gate: BoolArray, like: Fit | None = None) -> Fit:
 def _search_offset(
     prepared: AnyTrial, gate: BoolArray, samples: IntArray, design: FloatArray
 ) -> tuple[FloatArray, FloatArray, float, bool]:
-    """Return weights before and after :func:`_scale_weights`, the clock offset, and whether it is a minimum."""
+    """Return weights before and after :func:`_scale_weights`, the clock offset, s, and whether this is a minimum."""
     prior, time = _prior_rows(prepared, design), prepared.recorded.time[samples]
     weights = spread = np.ones(len(prepared.settings.components))
     best_offset, at_edge = 0.0, True
@@ -162,7 +162,7 @@ def _search_offset(
 
 
 def _compress(design: FloatArray, target: FloatArray, prior: Rows | None) -> CompressedProblem:
-    """Return the compressed problem of weighted rows (R, c, b + k) and the prior."""
+    """Return the compressed problem of weighted rows (R, c, b + k), their right-hand side (R, c) and the prior."""
     rows, aim = design.reshape(-1, design.shape[-1]), target.reshape(-1)
     if prior is not None:
         rows, aim = np.concatenate([rows, prior[0]]), np.concatenate([aim, prior[1]])
@@ -173,7 +173,7 @@ def _build_rows(prepared: AnyTrial, samples: IntArray) -> FloatArray:
     """Return the rows (R, c, b + k): filtered base columns, then a column for each constant error of the plate.
 
     A constant error of Fx can be estimated, because gravity causes no constant Fx. A constant error of Fy or tauz has
-    the same column as m1 or mx1. It cannot be separated from these parameters and remains in them.
+    the same column as m1 or mx1. It cannot be separated from these parameters, so they contain it.
     """
     components = prepared.settings.components
     rows = prepared.filtered[samples][:, list(components), :]
@@ -201,7 +201,7 @@ def _compute_residual(design: FloatArray, target: FloatArray, prior: Rows | None
 
 
 def _estimate_weights(prepared: AnyTrial, design: FloatArray, target: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return the inverse residual spread of each component after a fit; with a prior, for :data:`REFERENCE`."""
+    """Return 1 / sd of each component's residual after a fit; with a prior, scaled for :data:`REFERENCE`."""
     residual = _compute_residual(design * weights[:, None], target * weights, _prior_rows(prepared, design)) / weights
     floor = _LEAST_SPREAD * np.sqrt(np.mean(target**2, axis=0))
     inverse = np.asarray(1.0 / np.maximum(residual.std(axis=0), floor))
@@ -222,7 +222,7 @@ def _scale_weights(
     *,
     weights: FloatArray,
 ) -> FloatArray:
-    """Return the weights scaled for the number of independent samples that predicts left-out repetitions well."""
+    """Return the weights, scaled for the number of independent samples that :func:`estimate_memory` gives."""
     prior = _prior_rows(prepared, design)
     if prior is None or prepared.prior is None:
         return weights

@@ -30,7 +30,7 @@ class Identification:
     # (b, b) covariance of the base parameters from residuals, geometry, plate zero and errors of scale
     # (`calibration`)
     covariance: FloatArray
-    # (b, b) the part from the residuals, which applies to predictions of the wrench with the same geometry
+    # (b, b) part of the covariance from the residuals, for predictions of the wrench with the same geometry
     residual_covariance: FloatArray
     error: KinematicError  # uncertainty of the geometry
     response: FloatArray  # (b, S) change of the base parameters with each mode of that error
@@ -51,7 +51,7 @@ class Identification:
     calibration: CalibrationEffect | None = None
     # result of the absolute check (`scale_check`); None if it was not possible
     scales: ScaleCheck | None = None
-    # the same with a prior of the foot, for the torques alone; None without this prior
+    # identification with a prior of the foot, used only for the torques; None without this prior
     with_foot: Identification | None = None
 
     @property
@@ -60,7 +60,7 @@ class Identification:
         return self.solution.full
 
     def add_calibration(self, effect: CalibrationEffect, scales: ScaleCheck | None) -> Identification:
-        """Return the identification with the effect of errors of scale on the ground's data added to its covariance."""
+        """Return a copy whose covariance includes the effect of errors of scale, with the result of the scale check."""
         if self.gain is not None:
             effect = replace(effect, parameters=self.gain @ effect.parameters)
         covariance = self.covariance + effect.covariance
@@ -92,7 +92,7 @@ def identify(
     Parameters
     ----------
     reference : (4(n + 1),) array
-        Full parameters to approach where the wrench determines nothing; NaN for none.
+        Full parameters to approach, as far as the wrench does not determine them; NaN for none.
     consistency : {"grid", "cone", "bounded-cone"}
         The set of possible bodies (:mod:`mocap_id.dynamics.consistency`).
     reference_sd : float
@@ -103,9 +103,9 @@ def identify(
         Standard deviation of the foot's first moment divided by the body's mass, m. If it is given, the reference is a
         prior of the foot alone.
     plate_sd : float, optional
-        Standard deviation of the plate's position along the motion, m, by which data and prior of the foot may differ.
-        If it is given, the prior of the foot is used for the torques alone. It is not used if data and prior differ by
-        more than three standard deviations.
+        Standard deviation of the plate's position along the motion, m, which makes data and prior of the foot differ.
+        If it is given, the prior of the foot is used only for the torques, and only if data and prior differ by less
+        than three standard deviations.
 
     Raises
     ------
@@ -132,7 +132,7 @@ def _identify_with_foot(
     solve: Callable[[CompressedProblem, FloatArray], ConsistentSolution],
     plate_sd: float | None,
 ) -> Identification:
-    """Identify the parameters from the data and a prior of the foot; with ``plate_sd``, m, for the torques alone."""
+    """Identify the parameters with a prior of the foot; if ``plate_sd``, m, is given, only in ``with_foot``."""
     regrouping = prepared.base.regrouping
     if plate_sd is None:
         return _identify_with_reference(alone, regrouping, foot, solve)
@@ -215,7 +215,7 @@ def _identify_with_reference(
 
 
 def _propagate_plate_zero(prepared: PreparedTrial, result: Fit) -> FloatArray:
-    """Return the covariance of base parameters, nuisance and offset from constant errors of Fy and tauz.
+    """Return the covariance (b + k + 1, b + k + 1) of the fitted values due to constant errors of Fy and tauz.
 
     Under gravity, m1 causes a constant Fy and mx1 a constant tauz. A constant error of the plate therefore changes only
     these parameters. With a prior, the fit distributes it over the bodies.
