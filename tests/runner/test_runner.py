@@ -322,7 +322,7 @@ def test_a_recording_is_not_taken_for_a_log(bench: Bench) -> None:
 
 
 def test_a_stage_with_other_outputs_than_its_record_is_an_error(bench: Bench) -> None:
-    with pytest.raises(NumericalError, match="its record lists"):
+    with pytest.raises(NumericalError, match="it declares"):
         bench.run(instead("cut", lambda context: ()))
     with pytest.raises(NumericalError, match="residual"):
         bench.run(instead("cut", lambda context: (Table(SEGMENTS, pd.DataFrame({"marker": ["A"]})),)))

@@ -112,7 +112,7 @@ def test_a_study_of_failed_trials_still_has_a_page() -> None:
         ("AD", ", curl: {condition: C}", "no trial has the condition `AD`"),
         ("C", "", r"`trials\[2\].curl` has no `condition`"),
         ("C", ", strategy: normal", "`trials[2].strategy` is not for `protocol: curl`"),
-        ("C", ", protocol: reach", "`protocol: reach` and other protocols need a study each"),
+        ("C", ", protocol: reach", "`protocol: reach` and other protocols cannot be in one study"),
     ],
 )
 def test_mistakes_of_a_file_are_named(tmp_path: Path, reference: str, more: str, said: str) -> None:

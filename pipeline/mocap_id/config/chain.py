@@ -78,7 +78,7 @@ def load_chain(file: Path) -> ChainFile:
 
 
 def _joint_mistakes(parsed: _File, source: Source) -> Iterator[str]:
-    """Yield a line for every axis that is zero and for all limits in the wrong order."""
+    """Yield a message for every joint whose axis is zero or whose limits are in the wrong order."""
     for index, joint in enumerate(parsed.joints):
         if joint.axis == (0.0, 0.0, 0.0):
             where = source.where(("joints", index, "axis"))

@@ -19,7 +19,7 @@ class DeviceConfig:
     source: Source
 
     def condition(self, name: str | None) -> Condition:
-        """Return the condition of a name, or `sealed:` if the name is None; ConfigError if the name is unknown."""
+        """Return the condition called ``name``, or that of `sealed:` if it is None; ConfigError if it is unknown."""
         if name is None:
             return self.keys.sealed
         if name not in self.keys.conditions:

@@ -110,7 +110,7 @@ def key_names(model: type[BaseModel] | None) -> list[str]:
 
 
 def _describe_expected(detail: ErrorDetails, location: Location) -> str:
-    """Return the text about the expected value, from pydantic's message."""
+    """Return a text that says which value was expected, from pydantic's message."""
     message = detail["msg"].removeprefix("Value error, ")
     if message != detail["msg"]:
         return f"but {message}"
@@ -139,7 +139,7 @@ def _format_value(value: Any) -> str:
 
 
 def _find_field(model: type[BaseModel], location: Location) -> FieldInfo | None:
-    """Return the field at a location; list indices and keys chosen by the user are skipped."""
+    """Return the field at a location, or None; list indices and keys chosen by the user are skipped."""
     field: FieldInfo | None = None
     here: type[BaseModel] | None = model
     free = False  # whether the next step is a key chosen by the user

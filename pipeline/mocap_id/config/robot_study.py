@@ -36,7 +36,7 @@ class _Entry(Settings):
 class _File(Settings):
     study: str = Field(pattern=r"^\w[\w .+-]*$", max_length=100, description="name of the study")
     reference: dict[str, RobotReference] = Field({}, description="reference values of the robot, by joint")
-    trials: tuple[_Entry, ...] = Field(min_length=1, description="the trials and their place in the tables")
+    trials: tuple[_Entry, ...] = Field(min_length=1, description="the trials and their labels in the tables")
 
 
 @dataclass(frozen=True)

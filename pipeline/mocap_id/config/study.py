@@ -85,7 +85,7 @@ class StudyTrial:
     subject: str
     strategy: str  # empty for reaches and curls
     session: str = ""
-    number: int = 0  # number among the person's trials in the same condition, counted from 1; 0 without one
+    number: int = 0  # number among the person's trials in the same condition, counted from 1; 0 without a condition
 
     @property
     def name(self) -> str:
@@ -167,7 +167,7 @@ def build_study_schema() -> dict[str, Any]:
 
 
 def _compose_trials(parsed: _File, source: Source, out: Path) -> tuple[StudyTrial, ...]:
-    """Return all trials; the mistakes of all trials are raised together, each once."""
+    """Return all trials; the mistakes of all trials are raised in one ConfigError, each once."""
     labels: dict[str, Any] = {
         name: (str, Field("", description=_Entry.model_fields[name].description)) for name in ("strategy", "session")
     }
@@ -192,7 +192,7 @@ def _compose_trials(parsed: _File, source: Source, out: Path) -> tuple[StudyTria
 
 
 def _find_reference(parsed: _File, source: Source, trials: Sequence[StudyTrial]) -> str:
-    """Return the condition that others are compared with; ConfigError if a condition is missing or unknown."""
+    """Return the condition that others are compared with, empty without curls; ConfigError if missing or unknown."""
     conditions = dict.fromkeys(trial.condition for trial in trials)
     where = source.where(("reference",))
     if trials[0].trial.keys.protocol != CURL:
@@ -209,7 +209,10 @@ def _find_reference(parsed: _File, source: Source, trials: Sequence[StudyTrial])
 
 
 def _lines_below(source: Source) -> Mapping[Location, Mapping[Location, int]]:
-    """Return the lines below each default and each trial's key; collected once because a study may have many trials."""
+    """Return the lines of all values below each default and below each key of a trial, by the location of this key.
+
+    They are collected once, because a study may have many trials.
+    """
     below: defaultdict[Location, dict[Location, int]] = defaultdict(dict)
     for location, line in source.lines.items():
         size = {"defaults": 2, "trials": 3}.get(str(location[0]), 0) if location else 0
@@ -244,7 +247,7 @@ def _find_mistakes(parsed: _File, source: Source) -> Iterator[str]:
             yield f"{where}: `defaults.{key}` is not allowed: write `{key}` at {place}"
     for name in parsed.subjects:
         if name == COHORT:
-            yield f"{source.where(('subjects', name))}: no subject can be called `{COHORT}`, the tables' name for all"
+            yield f"{source.where(('subjects', name))}: no subject can be called `{COHORT}`: it means all in the tables"
     places: dict[str, int] = {}
     for index, entry in enumerate(parsed.trials):
         where = source.where(("trials", index, "trial"))
@@ -269,7 +272,7 @@ def _find_wrong_labels(parsed: _File, source: Source) -> Iterator[str]:
     for index, (entry, kind) in enumerate(zip(parsed.trials, kinds, strict=True)):
         where = source.where(("trials", index))
         if kind != kinds[0]:
-            yield f"{where}: `protocol: {kind or kinds[0]}` and other protocols need a study each"
+            yield f"{where}: `protocol: {kind or kinds[0]}` and other protocols cannot be in one study"
         elif kind and entry.strategy:
             yield f"{where}: `trials[{index}].strategy` is not for `protocol: {kind}`: use {_INSTEAD[kind]}"
         elif kind != REACH and entry.session:

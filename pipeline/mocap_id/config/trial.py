@@ -96,8 +96,8 @@ def compose(
 ) -> Trial:
     """Return the trial described by a YAML file or by a part of a YAML file.
 
-    ``out`` is the run folder if there is no key ``out``; default: ``runs/<trial>`` beside the file. ``model`` is
-    :func:`build_trial_model` (the default) or a subclass of its result. Raises ConfigError as for :func:`load`.
+    ``out`` is the run folder if there is no key ``out``; default: ``runs/<trial>`` beside the file. ``model`` is the
+    result of :func:`build_trial_model` (the default) or a subclass of it. Raises ConfigError as for :func:`load`.
     """
     if isinstance(source.data, dict) and {"study", "trials"} <= source.data.keys():
         raise ConfigError(f"{source.file} is a study, not a trial: `mocap-id study {source.file}` runs all its trials")
@@ -131,7 +131,7 @@ def _check_folder_name(out: Path, source: Source) -> None:
 
 
 def _find_settings_of_other_space(keys: TrialKeys, settings: Mapping[str, Settings], source: Source) -> Iterator[str]:
-    """Yield a line for every setting that does not exist in the trial's space."""
+    """Yield a message for every setting that exists only with the other value of ``space``."""
     own, other = ("3d", "plane") if keys.space == "3d" else ("plane", "3d")
     for stage, given in settings.items():
         for name, values in (given.plane_only if own == "3d" else given.space_only).items():
@@ -146,7 +146,10 @@ def _find_settings_of_other_space(keys: TrialKeys, settings: Mapping[str, Settin
 
 
 def _expand_short_forms(data: dict[str, Any], stages: Sequence[Stage], source: Source) -> dict[str, Any]:
-    """Replace short forms: one recording file, the files of a calibration or device, and sections without any line."""
+    """Return the data with all short forms replaced by full forms.
+
+    Short forms are the name of one file for a recording, a calibration or a device, and sections without any line.
+    """
     data = dict(data)
     if isinstance(data.get("recording"), str):
         data["recording"] = {"markers": data["recording"]}
@@ -172,7 +175,10 @@ def _read_device(source: Source, given: str, condition: object) -> dict[str, Any
 
 
 def _find_calibration(source: Source, given: str, stages: Sequence[Stage], *, alone: bool) -> dict[str, Any]:
-    """Return the files of the trial whose chain is used; ``alone``: for a trial of inertial sensors without markers."""
+    """Return the files of the calibration, which is the trial whose chain is used.
+
+    ``alone`` says whether the trial itself consists of inertial sensors without markers.
+    """
     where = source.where(("calibration",))
     file = _find_file(source, ("calibration",), given, "a trial")
     other = read(file)

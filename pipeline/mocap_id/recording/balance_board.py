@@ -110,7 +110,7 @@ def _read_columns(path: Path, first: str) -> FloatArray:
 
 
 def _resample(time: FloatArray, values: FloatArray) -> BoardLog:
-    """Average load and moments (K, 3) at irregular times (K,), s, over a window around each time of a constant step."""
+    """Return load and moments (K, 3) at irregular times (K,), s, averaged over a window around times of equal steps."""
     stamps, row = np.unique(time, return_inverse=True)
     count = np.bincount(row)[:, None]
     values = np.stack([np.bincount(row, weights=column) for column in values.T], axis=1) / count

@@ -238,7 +238,7 @@ def _list_declared_frames(file: C3DFile) -> list[int]:
 
 
 def read_frame_number(file: C3DFile, name: str) -> int | None:
-    """Return a frame number stored as two 16-bit words, low word first, such as TRIAL:ACTUAL_END_FIELD, or None."""
+    """Return a frame number such as TRIAL:ACTUAL_END_FIELD, stored as two 16-bit words, low first; None if missing."""
     words = file.words(name)
     if not words:
         return None
@@ -252,9 +252,7 @@ def _find_first_frame(file: C3DFile, frames: int, oddities: list[str]) -> int:
     last = read_frame_number(file, "TRIAL:ACTUAL_END_FIELD")
     taken = trial if last is not None and last - trial + 1 == frames else header
     if header != _LARGEST_COUNT and trial % 65536 != header:
-        oddities.append(
-            f"the header starts at frame {header}, TRIAL:ACTUAL_START_FIELD at {trial}: {taken} fits the frames"
-        )
+        oddities.append(f"the header starts at frame {header}, TRIAL:ACTUAL_START_FIELD at {trial}: {taken} was used")
     return taken
 
 
@@ -270,7 +268,7 @@ def _find_channels(file: C3DFile, words: int, rate: float, oddities: list[str]) 
         used = words // per_frame
     else:
         raise RecordingError(
-            f"{file.path}: {words} analog numbers per frame are no multiple of {used} channels (ANALOG:USED) or of "
+            f"{file.path}: {words} analog numbers per frame are not a multiple of {used} channels (ANALOG:USED) or of "
             f"{per_frame} samples per frame (header); the file contradicts itself, export it again"
         )
     declared = file.numbers("ANALOG:RATE")

@@ -224,7 +224,7 @@ class _PlateReader:
         ratio = np.abs(scale) / np.maximum(np.abs(diagonal), 1e-12)
         alike = all(np.ptp(part) < 0.01 * part.mean() for part in (ratio[:3], ratio[3:]))
         if alike and np.ptp(np.abs(scale[:3])) > 0.1 * np.abs(scale[:3]).mean():
-            self._note("ANALOG:SCALE already contains the diagonal of CAL_MATRIX: it was applied once")
+            self._note("ANALOG:SCALE already contains the diagonal of CAL_MATRIX: it was not applied again")
             moments = ratio[3] / ratio[0]
             channels = channels / (np.sign(scale) * diagonal * np.repeat([1.0, moments], 3))
             to_si = np.repeat([1.0, 1e-3 * moments], 3)

@@ -25,7 +25,7 @@ _FASTEST = 100.0  # rad/s, more than any sensor measures
 _RATE = re.compile(r"Update Rate:\s*([0-9.]+)")
 _TICKS = {"dot": 1e-6, "mtw": 1e-4}  # s, one step of SampleTimeFine
 _WRAPS = {"SampleTimeFine": 2.0**32, "PacketCounter": 2.0**16}
-_EXPECTED = f"expected {', '.join(_OWN)} (rad/s, m/s²), or an export of Xsens MTw or DOT, or of Delsys, of one sensor"
+_EXPECTED = f"expected {', '.join(_OWN)} (rad/s, m/s²), or an export of one sensor of Xsens MTw, Xsens DOT or Delsys"
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ def _read_delsys(path: Path, names: list[str], values: FloatArray) -> ImuLog:
         kept = np.isfinite(values[:, own]) & np.isfinite(values[:, k])
         channels[f"{match['kind'].lower()}_{match['axis'].lower()}"] = (values[kept, own], factor * values[kept, k])
     if len(sensors) > 1:
-        raise RecordingError(f"{path}: has {len(sensors)} sensors ({', '.join(sorted(sensors))}); export one to a file")
+        raise RecordingError(f"{path}: has {len(sensors)} sensors ({', '.join(sorted(sensors))}); export only one")
     missing = [name for name in _OWN[1:] if name not in channels]
     if missing:
         raise RecordingError(f"{path}: has no {', '.join(missing)}; {_EXPECTED}")

@@ -82,7 +82,7 @@ def reverse_force_on_plate(
 
 
 def is_force_on_plate(vertical: FloatArray) -> bool:
-    """Return whether a force is that of the body on the plate, because it points mostly down under load.
+    """Return whether a force is that of the body on the plate, which points mostly down under load.
 
     ``vertical`` (K,) is the upward force of valid samples, N. The sign of the mean over all samples with more than 20 N
     decides; each is limited to five times their median magnitude. A few spikes therefore do not outweigh a person, and

@@ -84,8 +84,8 @@ def shows_standing(positions: FloatArray, samples: BoolArray) -> bool:
 
     The force on the plates cannot decide this, because the force under a seated person is equally steady. The upright
     legs of a standing person are thin in some horizontal direction. The level thighs of a person who sits, kneels or
-    squats are broad in all directions. Neither can be seen from markers in one plane. Such a person counts as standing
-    only if the body rises or lowers within the recording.
+    squats are broad in all directions. From markers in one plane neither can be seen. Then the person counts as
+    standing only if the body rises or lowers within the recording.
 
     ``positions`` (F, M, 3) are in lab axes with Z up, m; NaN if not visible. ``samples`` (F,) marks frames of one
     posture.

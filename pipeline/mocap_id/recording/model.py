@@ -244,12 +244,12 @@ class Recording:
 
     @classmethod
     def from_xarray(cls, dataset: xr.Dataset, *, units: str = "m", vertical: str = "Z") -> Recording:
-        """Return a recording made of a dataset that has the format of :meth:`to_xarray`, which need not be installed.
+        """Return a recording made of a dataset that has the format of :meth:`to_xarray`.
 
-        The dataset contains ``position`` by time, marker and axis. Optionally, it contains for each plate k ``force_k``
-        and ``moment_k`` by ``time_k`` and axis, ``ok_k`` by ``time_k``, and ``corners_k`` by corner and axis. Moments
-        are in newtons times ``units``. Other parameters and errors are those of :meth:`from_arrays`; RecordingError is
-        also raised if a variable is missing or times are not evenly spaced.
+        The package xarray is not imported. The dataset contains ``position`` by time, marker and axis. Optionally, it
+        contains for each plate k ``force_k`` and ``moment_k`` by ``time_k`` and axis, ``ok_k`` by ``time_k``, and
+        ``corners_k`` by corner and axis. Moments are in newtons times ``units``. Other parameters and errors are those
+        of :meth:`from_arrays`; RecordingError is also raised if a variable is missing or times are not evenly spaced.
         """
         from mocap_id.recording.in_memory import from_dataset  # noqa: PLC0415  it imports this module
 

@@ -79,10 +79,10 @@ def read_mot_plates(
     rotation: FloatArray,
     units: ForceUnits,
 ) -> tuple[Plate, ...]:
-    """Return the plates of a MOT table in the lab, and add notes to ``oddities``; plates without a point are unusable.
+    """Return the plates of a MOT table in the lab, and add notes to ``oddities``.
 
-    ``rotation`` (3, 3) rotates vectors from the table's axes to the axes of the lab (Z up). The units of the table are
-    m, N and N·m unless ``units`` configures others.
+    A plate without a point of application is unusable. ``rotation`` (3, 3) rotates vectors from the table's axes to the
+    axes of the lab (Z up). The units of the table are m, N and N·m unless ``units`` configures others.
     """
     clock = fit_even_clock(path, table.time)
     if clock.rounding_note:

@@ -119,7 +119,7 @@ def _find_first_number(recording: Recording) -> int:
     if at < -_SAME_FRAME or abs(at - round(at)) > _SAME_FRAME:
         raise RecordingError(
             f"the first frame is at {recording.time[0]:.9g} s; a C3D file stores times from 0 s on that are multiples "
-            f"of 1/{recording.rate:g} s: subtract a constant from all times, also of the plates"
+            f"of 1/{recording.rate:g} s: subtract a constant from all times, also from those of the plates"
         )
     return round(at) + 1
 

@@ -12,8 +12,8 @@ from mocap_id.store.atomic import delaying_signals
 class BackgroundWriter:
     """A thread that runs jobs in order. After a job has failed, no further job starts.
 
-    The next call of :meth:`submit` or :meth:`wait` raises the exception of this job. The end of the context waits for
-    all jobs, also if signals arrive, and raises no exception of a job.
+    The next call of :meth:`submit` or :meth:`wait` raises the exception of this job. When the context ends, it waits
+    for all jobs, even if signals arrive, and raises no exception of a job.
     """
 
     def __init__(self) -> None:
@@ -34,7 +34,7 @@ class BackgroundWriter:
                 raise
 
     def submit(self, job: Callable[[], None]) -> None:
-        """Add a job to the queue."""
+        """Add a job to the queue; if an earlier job has failed, raise its exception instead."""
         if self._failed:
             self.wait()
         self._jobs.append(self._pool.submit(self._run, job))

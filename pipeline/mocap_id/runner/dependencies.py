@@ -1,4 +1,4 @@
-"""Dependencies of a stage's outputs (slice of the configuration, user files, artefacts), and their cache key."""
+"""Dependencies of a stage's outputs (part of the configuration, user files, artefacts), and their cache key."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def find_user_files(trial: Trial, stage: Stage) -> dict[str, Path]:
 
 
 def collect_parameters(trial: Trial, stage: Stage) -> dict[str, Any]:
-    """Return the stage's slice of the configuration: its trial keys and its settings, with files as names only."""
+    """Return the keys of the trial that a stage reads, and its settings; paths are replaced by file names."""
     used = {key: _to_json(getattr(trial.keys, key)) for key in stage.keys_of(trial.keys)}
     return {**used, stage.name: _to_json(trial.settings[stage.name])}
 
@@ -31,13 +31,15 @@ def collect_parameters(trial: Trial, stage: Stage) -> dict[str, Any]:
 def compute_cache_key(
     stage: Stage, settings: Mapping[str, Any], hashes: Mapping[str, str], refused: Refused | None = None
 ) -> str:
-    """Return the hash of a stage's name, version, slice and inputs, and of the refusal that it reports, if any."""
+    """Return a hash of a stage's name and version, its settings, its inputs' hashes and the refusal that it reports."""
     refusal = None if refused is None else [refused.code, refused.message]
     return hash_bytes(dumps([stage.name, stage.version, settings, hashes, refusal]).encode())
 
 
 def find_unneeded(stages: Sequence[Stage], later: Sequence[Stage], size: Callable[[str], int | None]) -> set[str]:
-    """Return the artefacts to drop from memory: no later stage reads them, or they are large and the next does not.
+    """Return the artefacts to remove from memory.
+
+    These are the artefacts that no later stage reads, and large artefacts that the next stage does not read.
 
     Parameters
     ----------
@@ -55,7 +57,7 @@ _LARGE = 64 << 20
 """Size in bytes above which an artefact is read again instead of kept in memory."""
 
 _SETTLED_NS = 2 * 10**9
-"""Age in ns. A file that was modified more recently may change again without a new time stamp."""
+"""Smallest age of a reliable time stamp, ns: a file modified more recently may change again without a new one."""
 
 
 class FileHashes:
@@ -77,7 +79,7 @@ class FileHashes:
         return {role: self.read(role, path) for role, path in find_user_files(self.trial, stage).items()}
 
     def check_unchanged(self, stage: Stage) -> None:
-        """Check that the files of a stage still have the known hashes after the stage has read them.
+        """Check, after a stage has read its files, that they still have the hashes from :meth:`read`.
 
         Raises
         ------

@@ -1,7 +1,8 @@
-"""Execution of stages: outputs are reused if they are up to date, or else computed; refusals and failures are reported.
+"""Execution of stages: outputs are reused if they are up to date, or else they are computed.
 
 Outputs are up to date if the same version of the stage made them with the same settings from inputs with the same keys;
 file times do not matter. Within a run, stages pass their outputs on in memory, and a background thread writes them.
+Refusals and failures are reported.
 """
 
 from __future__ import annotations
@@ -55,7 +56,7 @@ class Step:
 
 @dataclass(frozen=True)
 class Outcome:
-    """Result of a run; ``refused`` is the refusal if a stage refused the trial."""
+    """Result of a run; ``refused`` is the refusal if a stage refused the trial, or else None."""
 
     folder: Path  # run folder
     steps: tuple[Step, ...]  # in the order of the run
@@ -71,7 +72,7 @@ Progress: TypeAlias = Callable[[Step], None]
 
 
 def _silent(step: Step) -> None:
-    """Report nothing."""
+    """Do nothing, as the default for ``progress``."""
 
 
 def run(trial: Trial, stages: Sequence[Stage] = STAGES, progress: Progress = _silent) -> Outcome:
@@ -171,7 +172,7 @@ class _Run:
         self.record(Step(stage.name, "computed" if current is None else "reused", origin.seconds))
 
     def compute_unless_refused(self, stage: Stage, hashes: Mapping[str, str]) -> Origin:
-        """Run a stage's function, unless it has refused the same inputs before."""
+        """Run a stage's function and return its origin; if it refused the same inputs before, raise that refusal."""
         key = self.compute_key(stage, hashes)
         known = read_refusal(self.trial.out, stage.name, key)
         if known is not None:
@@ -211,7 +212,7 @@ class _Run:
         return origin
 
     def update_times(self, stage: Stage) -> None:
-        """Make a stage's outputs no older than its inputs, for `make`."""
+        """Set the times of a stage's outputs so that none is older than its inputs, as `make` requires."""
         inputs = [self.trial.out / file for file in stage.inputs] + [*find_user_files(self.trial, stage).values()]
         self.folder.update_times(stage.outputs, [self.trial.file, *(path for path in inputs if path.exists())])
 
@@ -238,7 +239,7 @@ class _Run:
             self.record(Step(report.name, "computed", origin.seconds))
 
     def delete_outputs_from(self, stage: Stage, but: Stage | None = None) -> None:
-        """Delete the outputs of a failed stage and of all later stages, which are from an earlier run."""
+        """Delete the outputs of a failed stage and of all later stages except ``but``; they are from an earlier run."""
         for later in self.stages[self.stages.index(stage) :]:
             if later is not but:
                 self.folder.remove_outputs(later.name, later.outputs)
@@ -325,7 +326,7 @@ class _Run:
 
 @contextmanager
 def _name_errors(trial: Trial, stage: Stage) -> Iterator[None]:
-    """Add the names of trial and stage to every error."""
+    """Add the names of trial and stage, as a note, to every MocapIdError."""
     try:
         yield
     except MocapIdError as error:
@@ -336,8 +337,8 @@ def _name_errors(trial: Trial, stage: Stage) -> Iterator[None]:
 
 
 def _check_names(stage: Stage, outputs: Outputs) -> None:
-    """Raise ValueError unless a stage returned the outputs of its record; additional documents are allowed."""
+    """Raise ValueError unless a stage returned the outputs that it declares; additional documents are allowed."""
     given = [output.file if isinstance(output, Document) else output.schema.file for output in outputs]
     extra = {output.file for output in outputs if isinstance(output, Document)} - set(stage.outputs)
     if [file for file in given if file not in extra] != list(stage.outputs):
-        raise ValueError(f"{stage.name} returned {given}, its record lists {list(stage.outputs)}")
+        raise ValueError(f"{stage.name} returned {given}, it declares {list(stage.outputs)}")

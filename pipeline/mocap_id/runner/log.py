@@ -59,7 +59,7 @@ def keep_log(folder: Path, trial: str, files: Mapping[str, Path]) -> Iterator[lo
 
 
 def describe_verdict(folder: Path) -> str:
-    """Return the verdict of a run folder with its codes, as a line of the log."""
+    """Return the verdict in a run folder and the codes of its reasons, as a line of the log."""
     try:
         verdict = json.loads(plain_files.read(folder / "summary.json"))["verdict"]
     except (OSError, ValueError, KeyError, TypeError):
@@ -69,7 +69,7 @@ def describe_verdict(folder: Path) -> str:
 
 
 def read_last_failure(folder: Path) -> str | None:
-    """Return the message of the last log line if the last run failed, else None."""
+    """Return the message of the last line in the log if the last run failed, or else None."""
     try:
         lines = plain_files.read(folder / RUN_LOG, links=False).decode("utf-8", "replace").splitlines()
     except OSError:

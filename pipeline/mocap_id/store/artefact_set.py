@@ -17,17 +17,17 @@ class ArtefactSet:
     artefacts: Mapping[str, Artefact]
 
     def table(self, file: str) -> Table | None:
-        """Return a Parquet artefact; None if it is absent."""
+        """Return the Parquet artefact ``file``; None if it is absent or has a row for every frame and marker."""
         artefact = self.artefacts.get(file)
         return artefact if isinstance(artefact, store.Table) else None
 
     def long(self, file: str) -> LongTable | None:
-        """Return a Parquet artefact with a row for every frame and marker; None if it is absent."""
+        """Return the Parquet artefact ``file``, which has a row for every frame and marker; None if it is absent."""
         artefact = self.artefacts.get(file)
         return artefact if isinstance(artefact, store.LongTable) else None
 
     def tree(self, file: str) -> Tree | None:
-        """Return an HDF5 artefact; None if it is absent."""
+        """Return the HDF5 artefact ``file``; None if it is absent."""
         artefact = self.artefacts.get(file)
         return artefact if isinstance(artefact, store.Tree) else None
 

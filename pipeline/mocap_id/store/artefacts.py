@@ -67,11 +67,11 @@ class Table:
         return np.stack([self.columns[name] for name in names], axis=1).astype(np.float64, copy=False)
 
     def column(self, name: str, rows: slice = slice(None)) -> Values:
-        """Return a column, or some rows of it."""
+        """Return a column (n,), or the given rows of it."""
         return self.columns[name][rows]
 
     def with_columns(self, **columns: Values) -> Table:
-        """Return a copy with these columns replaced or added."""
+        """Return a copy of the table in which these columns are replaced or added."""
         return replace(self, columns={**self.columns, **columns})
 
     @property
@@ -82,7 +82,7 @@ class Table:
 
 @dataclass(frozen=True)
 class LongTable:
-    """A Parquet artefact in memory with a row for every frame and marker, ordered by frame first.
+    """A Parquet artefact in memory with a row for every frame and marker; the rows of a frame are consecutive.
 
     The schema is ``long``, with the columns ``frame``, ``time`` and ``marker``.
     """
@@ -111,7 +111,7 @@ class LongTable:
         return ["frame", "time", "marker", *self.values]
 
     def column(self, name: str, rows: slice = slice(None)) -> Values:
-        """Return a column with a value for every row, or some rows of it."""
+        """Return a column with a value for every row of the table, or for the given rows."""
         if name == "marker":
             return np.array(self.labels, dtype=object)[self.codes(rows)]
         if name in self.values:
@@ -120,12 +120,12 @@ class LongTable:
         return np.repeat({"frame": self.frames, "time": self.time}[name][first:last], len(self.labels))[inside]
 
     def codes(self, rows: slice = slice(None)) -> Values:
-        """Return the index (int32) of each row's label."""
+        """Return for each of the given rows the index of its marker in ``labels`` (int32)."""
         first, last, inside = self._find_frames(rows)
         return np.tile(np.arange(len(self.labels), dtype=np.int32), last - first)[inside]
 
     def _find_frames(self, rows: slice) -> tuple[int, int, slice]:
-        """Return the first frame of some rows, the frame after their last frame, and the rows within these frames."""
+        """Return the index of the first frame of ``rows``, that after the last, and the rows within these frames."""
         start, stop, _ = rows.indices(self.length)
         markers = max(len(self.labels), 1)
         first, last = start // markers, -(-stop // markers)
@@ -138,7 +138,7 @@ class LongTable:
 
 
 def _to_array(series: pd.Series[Any]) -> Values:
-    """Return a data frame's column as an array."""
+    """Return a data frame's column as an array, with None for a missing text and -1 for a missing integer."""
     kind = str(series.dtype)
     if kind in ("category", "str", "object", "string"):
         texts = series.astype(object)
@@ -193,7 +193,7 @@ class Tree:
         return np.asarray(node)
 
     def numbers(self, path: str, shape: tuple[int, ...] = (-1,)) -> FloatArray:
-        """Return a node as float64 of this shape; without rows if the node does not exist."""
+        """Return a node as float64 of this shape; an array without rows if the node does not exist."""
         return np.asarray(self.array(path), np.float64).reshape(shape) if self.has(path) else np.zeros((0, *shape[1:]))
 
     def integers(self, path: str) -> IntArray:

@@ -1,4 +1,4 @@
-"""Atomic writing: all files of a stage or none; and SHA-256 hashes of files."""
+"""Atomic writing of files, so that all files of a stage are written or none, and SHA-256 hashes of files."""
 
 from __future__ import annotations
 
@@ -91,12 +91,12 @@ def converting_errors(path: Path) -> Iterator[None]:
 
 
 def replace_together(folder: Path, contents: Mapping[str, Content], void: str | None = None) -> None:
-    """Write several files of an existing folder: either all of them appear, complete, or none.
+    """Write several files into an existing folder, so that either all of them are written completely or none.
 
-    ``contents`` is by file name; ``/`` separates a sub-folder. The file ``void`` declares all others valid. It is
-    deleted before the first rename, so that after a power cut between two renames no file declares a mixture of old and
-    new files valid. Raises StoreError if the folder cannot be written, for example because the disk is full; the
-    previous files are then still there.
+    ``contents`` are by file name, in which ``/`` separates a sub-folder. ``void`` is the name of the file that declares
+    all others valid. It is deleted before the first rename, so that after a power cut between two renames no file
+    declares a mixture of old and new files valid. Raises StoreError if the folder cannot be written, for example
+    because the disk is full; the previous files are then still there.
     """
     temporary: dict[Path, Path] = {}
     try:

@@ -1,4 +1,4 @@
-"""Descriptions of the artefacts: their columns and nodes, and the schemas made of them."""
+"""Classes that describe the columns and nodes of artefacts, and the schemas made of them."""
 
 from __future__ import annotations
 
@@ -50,6 +50,6 @@ class TreeSchema:
     optional: tuple[tuple[Column, ...], ...] = ()
 
     def expand_nodes(self, names: Collection[str]) -> tuple[Column, ...]:
-        """Return the nodes of a tree that contains these names."""
+        """Return all nodes of the schema that a tree with nodes of these names must have."""
         groups = [group for group in self.optional if any(node.name in names for node in group)]
         return self.nodes + tuple(node for group in groups for node in group)

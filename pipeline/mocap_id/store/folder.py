@@ -140,7 +140,7 @@ class Folder:
         return kept
 
     def size(self, file: str) -> int | None:
-        """Return the bytes of an artefact in memory; None if it is not in memory."""
+        """Return the size of an artefact in memory, bytes; None if it is not in memory."""
         return self._read[file][0].nbytes if file in self._read else None
 
     def release(self, files: Iterable[str]) -> None:
@@ -215,7 +215,7 @@ class Folder:
         self.remove([*files, *self._find_unchanged(self.documents(stage)), record_file(stage)])
 
     def update_times(self, files: Iterable[str], inputs: Iterable[Path]) -> None:
-        """Make files no older than their inputs, so that `make` also considers them up to date."""
+        """Set the times of files so that none is older than the inputs, because `make` would then run again."""
         newest = max((path.stat().st_mtime_ns for path in inputs), default=0)
         for path in (self.path / file for file in files):
             if path.stat().st_mtime_ns < newest:
@@ -243,7 +243,7 @@ class Folder:
                     folder.rmdir()
 
     def _find_read_record(self, file: str) -> Record | None:
-        """Return the record that lists an artefact; None if there is no record, or if it has another schema version.
+        """Return the record that lists an artefact; None if there is no such record with the present schema version.
 
         Raises StoreError if the file's bytes are not the bytes that were written.
         """

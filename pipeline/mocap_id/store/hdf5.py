@@ -72,7 +72,8 @@ def _write(
 def decode(content: bytes, schema: TreeSchema) -> tuple[Tree, Provenance]:
     """Read a tree from the bytes of an HDF5 file and check it against its hash and its schema.
 
-    Raises ValueError if the file is damaged, from another program or of another schema; the message completes "FILE …".
+    Raises ValueError if the file is damaged, from another program or of another schema. The message has no subject,
+    because the caller writes the file name before it.
     """
     leaves, metadata = userblock.read(content)
     provenance = read_provenance(metadata, schema)

@@ -20,7 +20,7 @@ _UNKNOWN = (errno.ENOSYS, errno.ENOLCK, errno.EOPNOTSUPP, errno.ENOTSUP)
 
 
 def create_lock(hidden: Path) -> BaseFileLock:
-    """Return the lock, not yet acquired, of the run folder that contains ``hidden``, its ``.mocap-id`` folder.
+    """Return the lock of a run folder without acquiring it; ``hidden`` is the folder ``.mocap-id`` in the run folder.
 
     Raises OSError if the folder is not writable.
     """

@@ -94,7 +94,8 @@ def decode(content: bytes | BinaryIO, schema: TableSchema) -> tuple[Table | Long
     """Read a table from a Parquet file, given as bytes or as a stream, and check its schema and checksums.
 
     Columns are read one by one, so that the table is never in memory twice. Raises ValueError if the file is damaged,
-    from another program or of another schema; the message completes "FILE …".
+    from another program or of another schema. The message has no subject, because the caller writes the file name
+    before it.
     """
     stream = io.BytesIO(content) if isinstance(content, bytes) else content
     size = stream.seek(0, io.SEEK_END)
@@ -164,7 +165,8 @@ def _check_size(found: pq.FileMetaData, schema: pa.Schema, limit: int) -> None:
 def read_provenance(metadata: dict[str, str], schema: Any) -> Provenance:
     """Read the provenance from a file's metadata and check its schema.
 
-    Raises ValueError if the provenance is missing, damaged or of another schema; the message completes "FILE …".
+    Raises ValueError if the provenance is missing, damaged or of another schema. The message has no subject, because
+    the caller writes the file name before it.
     """
     if PREFIX + "schema" not in metadata:
         raise ValueError("was not written by mocap-id: it has no provenance")
@@ -204,8 +206,9 @@ def _rows_to_arrow(table: Table | LongTable, columns: Sequence[Column], schema: 
 def expand_columns(schema: TableSchema, names: Sequence[str]) -> Iterator[Column]:
     """Yield the schema's columns for a table with these column names.
 
-    A group with ``{k}`` occurs for every k with at least one of its columns in ``names``. A group with ``{name}``
-    occurs for every name of its first column, every other optional group once.
+    A group with ``{k}`` occurs for every k for which ``names`` contains at least one of its columns. A group with
+    ``{name}`` occurs for every name with which ``names`` contains its first column. Every other optional group occurs
+    if ``names`` contains one of its columns.
     """
     yield from schema.columns
     for group in (schema.repeated, *schema.optional):
@@ -220,7 +223,7 @@ def expand_columns(schema: TableSchema, names: Sequence[str]) -> Iterator[Column
 
 
 def _find_names(column: Column, names: Sequence[str]) -> list[str]:
-    """Return the text in place of ``{name}`` in each of the names; names of another form are left out."""
+    """Return the texts in place of the column's ``{name}`` in ``names``; names of another form are left out."""
     pattern = re.escape(column.name).replace(r"\{name\}", "(.+)")
     return [match[1] for name in names if (match := re.fullmatch(pattern, str(name)))]
 
@@ -264,7 +267,7 @@ def _to_arrow(values: Values, column: Column) -> pa.Array:
 def _from_buffers(
     kind: pa.DataType, values: Values, length: int | None = None, known: Values | None = None, *more: bytes
 ) -> pa.Array:
-    """Return an Arrow array of these buffers; ``known`` (n,) is false for nulls."""
+    """Return an Arrow array made of these buffers; ``known`` (n,) is false for values that become null."""
     null = None if known is None or known.all() else pa.py_buffer(np.packbits(known, bitorder="little"))
     buffers = [null, pa.py_buffer(values), *map(pa.py_buffer, more)]
     return pa.Array.from_buffers(kind, len(values) if length is None else length, buffers)
@@ -288,7 +291,7 @@ def _find_mismatches(found: pa.Schema, schema: TableSchema) -> Iterator[str]:
 
 
 def _read_column(file: pq.ParquetFile, name: str) -> pa.ChunkedArray:
-    """Read a column in this thread: a thread of Arrow that still uses Python objects can abort an ending process."""
+    """Read a column in this thread, because another thread of Arrow could abort the process when it ends."""
     return file.reader.read_column(file.schema_arrow.names.index(name))
 
 
@@ -300,7 +303,7 @@ def _read_categories(column: pa.ChunkedArray) -> tuple[Values, Values]:
 
 
 def _to_array(column: pa.ChunkedArray, kind: str | None) -> Values:
-    """Return a column as a numpy array; `to_numpy` would import pandas."""
+    """Return a column as a numpy array, without `to_numpy`, which would import pandas; -1 for a missing integer."""
     match kind:
         case "category":
             codes, texts = _read_categories(column)

@@ -1,8 +1,8 @@
 """Provenance of artefacts, stored in Parquet metadata and HDF5 attributes, and records of the outputs of stages.
 
-Artefacts store their origin themselves; documents cannot. A record contains the origin of a stage's outputs and the
-hash of every file at the time of writing. It proves without decoding any file that the files are unchanged, so that a
-run finds quickly that there is nothing to compute.
+Artefacts store their origin themselves; documents, such as the report, cannot. A record contains the origin of a
+stage's outputs and the hash of every file at the time of writing. It proves without decoding any file that the files
+are unchanged, so that a run finds quickly that there is nothing to compute.
 """
 
 from __future__ import annotations

@@ -16,10 +16,11 @@ from mocap_id.geometry.spatial_chain import JointKind, SpatialChain, SpatialJoin
 from mocap_id.store.artefacts import Facts, Table, Tree
 
 NEAR_GIMBAL = float(1 / np.sin(np.radians(15)))
-"""``isb_condition`` from which plane and axial rotation of the shoulder have no meaning: within 15° of the pole."""
+"""Largest ``isb_condition`` with which plane of elevation and axial rotation of the shoulder have a meaning. It is
+larger if the elevation is within 15° of a pole, 0° or 180°."""
 
 MEANINGLESS_AT_POLE = ("shoulder_plane", "shoulder_axial")
-"""Angles without meaning near the pole."""
+"""Angles that have no meaning near a pole."""
 
 _VECTORS = ("centre", "glide", "rest", "long_axis")
 _MATRICES = ("covariance", "offset", "glide_covariance", "untwisted")
@@ -87,7 +88,7 @@ class SpatialSkeleton:
         return self.chain.segment
 
     def locate_tip(self, segment: int) -> FloatArray:
-        """Return the end (3,) of a segment without a child in the segment's frame, m: the centroid of its markers."""
+        """Return the tip (3,) of a segment without a child, in its own frame, m: the centroid of its markers, or 0."""
         own = self.chain.local[self.chain.segment == segment]
         return np.asarray(own.mean(axis=0)) if len(own) else np.zeros(3)
 
@@ -111,7 +112,7 @@ def _read_joints(tree: Tree) -> tuple[SpatialJoint, ...]:
 
 
 def _read_lengths(tree: Tree, segments: tuple[str, ...]) -> dict[str, tuple[float, float]]:
-    """Return length and standard deviation by segment; without anatomy only of segments between two joints."""
+    """Return length and standard deviation, m, by segment; without anatomy, only of segments between two joints."""
     length, sd = tree.numbers("segments/length"), tree.numbers("segments/length_sd")
     named = segments if len(length) == len(segments) else segments[1 : 1 + len(length)]
     return {name: (float(a), float(b)) for name, a, b in zip(named, length, sd, strict=True)}
@@ -154,7 +155,7 @@ class SegmentPoses:
         return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
     def locate_points(self, segment: int, local: FloatArray) -> FloatArray:
-        """Return the positions (T, K, 3) of fixed points (K, 3) of a segment in the frame of the trial, m."""
+        """Return the positions (T, K, 3) in the frame of the trial, m, of points (K, 3) that are fixed in a segment."""
         rotated = np.einsum("tij,kj->tki", self.rotation[:, segment], local)
         return np.asarray(self.origin[:, segment, None] + rotated)
 
@@ -170,8 +171,8 @@ class SpatialAngles:
     time: FloatArray  # (T,)
     names: tuple[str, ...]
     mean: FloatArray  # (T, A, 3) angle, velocity, acceleration
-    sd: FloatArray  # (T, A, 3) of changes, by camera and skin
-    constant_sd: FloatArray  # (T, A) of a constant error, by the landmarks
+    sd: FloatArray  # (T, A, 3) standard deviation of changes, due to camera and skin
+    constant_sd: FloatArray  # (T, A) standard deviation of the error that is constant in a trial, due to the landmarks
     condition: FloatArray  # (T,) 1 / sin(elevation); NaN without landmarks
 
     @classmethod
@@ -197,10 +198,10 @@ class SpatialAngles:
 
     @property
     def near_gimbal(self) -> BoolArray:
-        """(T,) samples in which plane and axial rotation of the shoulder have no meaning."""
+        """(T,) whether plane of elevation and axial rotation of the shoulder have no meaning in a sample."""
         return np.asarray(self.condition > NEAR_GIMBAL)
 
     def find_usable(self, name: str) -> BoolArray:
-        """Return the samples (T,) in which an angle is known and has a meaning."""
+        """Return for every sample (T,) whether the angle ``name`` is finite and has a meaning."""
         known: BoolArray = np.isfinite(self.mean[:, self.names.index(name), 0])
         return known & ~self.near_gimbal if name in MEANINGLESS_AT_POLE else known

@@ -47,7 +47,7 @@ class Place:
 
 
 def compute_block_size(places: Mapping[str, tuple[str, tuple[int, ...]]], provenance: Mapping[str, str]) -> int:
-    """Return the number of bytes of a block that can index datasets of these types and shapes, at any offset."""
+    """Return the size of a block that can index datasets of these types and shapes at any offset, bytes."""
     farthest = {path: Place(dtype, shape, _FARTHEST) for path, (dtype, shape) in places.items()}
     needed, size = _HEAD + len(_format_index(farthest, provenance)), _SMALLEST
     while size < needed:
@@ -65,7 +65,8 @@ def read(content: bytes) -> tuple[dict[str, np.ndarray[Any, Any]], dict[str, str
     """Return the datasets by path, and the provenance, from the bytes of a file.
 
     Texts are numpy ``U`` arrays, scalars have shape (). The hash is checked first, then that every dataset lies within
-    the file. Raises ValueError if the file is damaged or from another program; the message completes "FILE …".
+    the file. Raises ValueError if the file is damaged or from another program. The message has no subject, because the
+    caller writes the file name before it.
     """
     if not content.startswith(_TITLE.encode()):
         if content.startswith(_HDF5):

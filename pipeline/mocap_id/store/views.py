@@ -140,13 +140,13 @@ class Skeleton:
 
     @property
     def tip(self) -> FloatArray:
-        """(2,) end of the last segment in the segment's frame, m: the centroid of its markers."""
+        """(2,) end of the last segment in the segment's frame, m: the centroid of its markers, or 0 if it has none."""
         own = self.local[self.marker_segment == len(self.joints)]
         return own.mean(axis=0) if len(own) else np.zeros(2)
 
 
 def joint_columns(table: Table, name: str, joints: int) -> FloatArray:
-    """Return the columns ``name_1`` … ``name_n`` of the n joints side by side, (T, n)."""
+    """Return the columns ``name_1`` … ``name_n`` side by side, (T, n), for n = ``joints``."""
     if joints == 0:
         return np.zeros((table.length, 0))
     return table.stack([f"{name}_{j}" for j in range(1, joints + 1)])

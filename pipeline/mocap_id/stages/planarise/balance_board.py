@@ -17,10 +17,10 @@ from mocap_id.recording import CELLS_BELOW_SURFACE_M, BoardLog, Plate, Recording
 from mocap_id.stages.trial_keys import BalanceBoard
 from mocap_id.verdict import Reason
 
-_LOADED = 0.9  # share of the usual largest load: the person is off the chair
+_LOADED = 0.9  # fraction of the usual largest load above which the person is off the chair
 _SMOOTH_S = 0.15
 _ALONG = 2.0  # smallest ratio of the movements of the centre of pressure along and across the motion
-_EXPLAINED = 0.5  # smallest share of its movement that the movement of the body explains
+_EXPLAINED = 0.5  # smallest fraction of the variance of the centre of pressure that the movement of the body explains
 _DIRECTIONS = {"forwards": (1.0, 0.0), "backwards": (-1.0, 0.0), "left": (0.0, 1.0), "right": (0.0, -1.0)}
 _FEW = 0.02
 _STANDS_N = 50.0
@@ -46,7 +46,7 @@ class PlacedBoard:
 
 
 def read_board_plate(board: Path | BalanceBoard | None, source: Recording) -> tuple[BoardLog | None, Recording]:
-    """Return the log, and the recording with the board as its only plate, whose moments are not known yet.
+    """Return the log, and the recording with the board as its only plate, whose moments are still zero.
 
     Without a board, the log is None and the recording does not change. Raises RecordingError if the log is unusable or
     shares no time with the recording.
@@ -74,7 +74,7 @@ def place_board(
     *,
     faces: float,
 ) -> PlacedBoard:
-    """Determine the board's position: from the configuration, or else from the movement of the body and the feet.
+    """Determine the board's position from the configuration, or else from the movement of the body and the feet.
 
     The position along the motion is only a first estimate; identify-dim improves it with the model. ``source`` contains
     the board's plate. ``faces`` is 1 if the person faces the plane's x, and -1 if the person faces the opposite
@@ -113,12 +113,12 @@ def place_board(
 
 
 def _find_direction(pressure: FloatArray, load: FloatArray, along: FloatArray, rate: float) -> tuple[str, bool]:
-    """Return the direction of the board's top seen by the person, and whether it is certain.
+    """Return the direction from the board's centre to its top as seen by the person, and whether it is certain.
 
-    The centre of pressure moves mostly along the motion. Under a person off the chair it follows the body, minus a part
-    that is proportional to the body's acceleration. ``pressure`` (F, 2) is its position to the right of the board's
-    centre and towards the top, m; ``load`` (F,) in N; ``along`` (F, M) are the positions of the markers forwards, m;
-    ``rate`` in Hz.
+    The centre of pressure moves mostly along the motion. While the person is off the chair, it follows the body, minus
+    a part that is proportional to the body's acceleration. ``pressure`` (F, 2) is its position to the right of the
+    board's centre and towards the top, m; ``load`` (F,) is in N; ``along`` (F, M) are the coordinates of the markers in
+    the direction in which the person faces, m; ``rate`` is in Hz.
     """
     body = np.nanmean(along - np.nanmean(along, axis=0), axis=1)
     width = max(1, round(_SMOOTH_S * rate))
@@ -152,7 +152,7 @@ def _find_centre(board: BalanceBoard, source: Recording, positions: FloatArray, 
 def _describe_gaps(gaps: int, share: float) -> Reason:
     return Reason(
         "board-gaps",
-        f"the balance board sent nothing for more than 0.15 s {gaps} times ({100 * share:.1f} % of its time): these "
+        f"the balance board sent no data {gaps} times for more than 0.15 s ({100 * share:.1f} % of its time): these "
         "samples are left out. Bring the receiver closer, and close other programs",
         value=share,
         limit=_FEW,

@@ -103,7 +103,10 @@ def planarise(context: Context) -> Outputs:
 def _fit_frame(
     thinned: ThinnedFrames, source: Recording, choice: PlateChoice, settings: PlanariseSettings
 ) -> tuple[PlaneFrame, Facing | None, PlaneFit]:
-    """Return the plane's frame, the facing that determined the direction of its x, and the fit of the motion."""
+    """Return the plane's frame, the facing that determined the direction of its x, and the fit of the plane.
+
+    The facing is None if the configuration gives ``yaw_deg``.
+    """
     lone = find_lone_markers(thinned.positions)
     fit = fit_plane(thinned.positions[:, ~lone] if lone.any() else thinned.positions)
     faced, yaw = None, fit.yaw
@@ -128,7 +131,7 @@ def _build_planar_table(
     more: dict[str, Any],
     reasons: tuple[Reason, ...],
 ) -> LongTable:
-    """Return planar.parquet; ``more`` are facts about swaps and the base."""
+    """Return planar.parquet; ``more`` are additional facts, about swaps and the motion of the base."""
     points = express_trajectories(part, frame)
     visible = np.isfinite(points["x"])
     plane = {
@@ -146,7 +149,7 @@ def _build_planar_table(
 def _find_dropouts(
     part: UsedPart, samples: Sequence[PlateSamples], thinned: ThinnedFrames, choice: PlateChoice, mass: float | None
 ) -> BoolArray:
-    """Return frames (F,) in which the feet's plates show no load under a standing person; none without a known mass."""
+    """Return the frames (F,) with no load on the feet's plates under a standing person; none if ``mass`` is None."""
     if mass is None:
         return np.zeros(len(part.time), np.bool_)
     vertical = sum((samples[index].force[:, 2] for index in choice.indices("feet")), np.zeros(len(part.time)))
@@ -155,7 +158,7 @@ def _find_dropouts(
 
 
 def _mark_missing(samples: Sequence[PlateSamples], choice: PlateChoice, missing: BoolArray) -> tuple[PlateSamples, ...]:
-    """Return the plates' samples, with the missing samples of the feet's plates marked as invalid."""
+    """Return the plates' samples, with those of the feet's plates marked as invalid in the frames ``missing``."""
     feet = choice.indices("feet")
     return tuple(replace(each, ok=each.ok & ~missing) if index in feet else each for index, each in enumerate(samples))
 
@@ -163,7 +166,7 @@ def _mark_missing(samples: Sequence[PlateSamples], choice: PlateChoice, missing:
 def _list_notes(
     part: UsedPart, assumptions: Sequence[str], faced: Facing | None, settings: PlanariseSettings
 ) -> list[Reason]:
-    """Return notes about reading the recording that cast no doubt on the results."""
+    """Return notes about how the recording was read; they cast no doubt on the results."""
     notes = part.list_oddities(assumptions)
     if part.proposed:
         text = (

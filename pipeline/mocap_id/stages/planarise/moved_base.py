@@ -1,4 +1,4 @@
-"""A base that is not fixed: feet that move, heels that lift, a plane that leans; facts and reasons."""
+"""Facts and reasons about feet that move, heels that lift and a plane of motion that leans."""
 
 from __future__ import annotations
 
@@ -22,7 +22,10 @@ _HIGH_M = 1.1  # largest height of the centre of mass
 
 
 def undo_in_samples(base: BaseMotion | None, samples: Sequence[PlateSamples], time: FloatArray) -> list[PlateSamples]:
-    """Return the plates' wrenches relative to a base that stands still, at times (F,), s."""
+    """Return the plates' wrenches at ``time`` (F,), s, relative to a base that stands still.
+
+    They are unchanged if ``base`` is None.
+    """
     if base is None:
         return list(samples)
     moved = [base.undo_wrench(each.force, each.moment, time) for each in samples]
@@ -30,7 +33,7 @@ def undo_in_samples(base: BaseMotion | None, samples: Sequence[PlateSamples], ti
 
 
 def undo_in_frames(base: BaseMotion | None, thinned: ThinnedFrames) -> ThinnedFrames:
-    """Return thinned frames relative to a base that stands still."""
+    """Return thinned frames, expressed relative to a base that stands still; unchanged if ``base`` is None."""
     if base is None:
         return thinned
     positions = base.undo_positions(thinned.positions, thinned.time)
@@ -42,7 +45,7 @@ def describe_motion(
 ) -> tuple[dict[str, Any], tuple[Reason, ...]]:
     """Return facts of planar.parquet and reasons about a base that moves, heels that lift and a plane that leans.
 
-    ``base`` is the motion that was undone, None if the base is fixed. ``still`` are frames relative to a base that
+    ``base`` is the motion that was removed, None if the base is fixed. ``still`` are the frames relative to a base that
     stands still. ``frame`` is the plane's frame before the base moved.
     """
     lift = find_heel_lift(still.positions, still.time, still.rate)
@@ -63,7 +66,7 @@ def describe_motion(
 
 
 def remove_explained_by_lean(reasons: Sequence[Reason], plane: PlaneFit) -> tuple[Reason, ...]:
-    """Remove `plate-misplaced` if the lean of the plane explains that the force acts beside the feet."""
+    """Return the reasons, without `plate-misplaced` if the lean of the plane explains the force beside the feet."""
     beside = _HIGH_M * abs(np.sin(plane.lean))
     return tuple(
         each for each in reasons if each.code != "plate-misplaced" or (each.value or 0.0) - beside > (each.limit or 0.0)

@@ -13,13 +13,13 @@ from mocap_id.recording import Plate, Recording, ThinnedFrames
 from mocap_id.stages.planarise.wrenches import ExternalWrenches
 from mocap_id.verdict import Reason
 
-_FEW = 0.05  # share of the samples; fewer samples outside the recorded time give a note, more a caution
+_FEW = 0.05  # fraction of the frames; fewer frames without plate samples give a note, more give a caution
 
 
 def describe_plates(
     source: Recording, thinned: ThinnedFrames, choice: PlateChoice, external: ExternalWrenches, threshold: float
 ) -> tuple[dict[str, Any], tuple[Reason, ...]]:
-    """Return the facts about the plates and the standing mass, and a reason if no plate is usable."""
+    """Return facts about the plates and the standing mass, and a reason if no plate can be used."""
     plates = source.plates
     feet = choice.indices("feet")
     mass: float | None = None
@@ -85,7 +85,7 @@ def _describe_saturation(plate: Plate, time: FloatArray) -> Reason | None:
 
 
 def _describe_short_plate(plate: Plate, time: FloatArray) -> Reason | None:
-    """Return a reason for frames before the plate's first sample or after its last, by more than one interval."""
+    """Return a reason if frames are before the plate's first sample or after its last by more than one interval."""
     slack = 1.0 / plate.rate + float(np.median(np.diff(time)))
     end = plate.start + (len(plate.ok) - 1) / plate.rate
     share = float(np.mean((time < plate.start - slack) | (time > end + slack)))

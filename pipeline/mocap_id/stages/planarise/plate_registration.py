@@ -15,16 +15,17 @@ from mocap_id.recording import Plate, PlateSamples
 from mocap_id.verdict import Reason
 
 _MARGIN_M = 0.05
-"""Distance from the outermost markers of a foot to the edge of the shoe; good recordings need up to 27 mm."""
+"""Largest accepted distance of the force outside the outermost markers of a foot; up to 27 mm in good recordings."""
 
 _LEAN = np.radians(2.0)
-"""Largest lean of the force under a standing person; good recordings show up to 0.7°, an ordinary plate's bias."""
+"""Largest accepted lean of the force under a standing person; up to 0.7° in good recordings, by the plate's bias."""
 
 _INCLINED = np.radians(1.5)
-"""Largest inclination of a plate by its corners; corners measured with a marker are within 0.25°."""
+"""Largest accepted inclination of a plate by its corners; corners that were measured with a marker give up to 0.25°."""
 
 _TURNED, _TURNED_ALONE = np.radians(30.0), np.radians(90.0)
-"""Largest angle about the vertical: of all plates together, and of one foot's plate, which also pushes sideways."""
+"""Largest accepted angle about the vertical between force and acceleration: for all plates together, and for the plate
+of one foot, which also pushes sideways."""
 
 _COHERENT, _FORCE_N = 0.7, 5.0
 """Smallest coherence with the movement and smallest force for which a direction is judged."""
@@ -98,14 +99,14 @@ def _describe_misplacement(found: PlatePlacement) -> Reason | None:
 
 
 def _describe_unchecked(found: Sequence[PlatePlacement]) -> Reason | None:
-    """Return a note if the position of a plate along the ground could not be compared with the feet."""
+    """Return a note if the horizontal position of a plate could not be compared with the feet."""
     unknown = [each for each in found if each.unknown is not None]
     if not unknown:
         return None
     numbers = " and ".join(str(each.index) for each in unknown)
     return Reason(
         "plate-unchecked",
-        f"whether plate {numbers} {'is' if len(unknown) == 1 else 'are'} where the file says could not be checked: "
+        f"it could not be checked whether plate {numbers} {'is' if len(unknown) == 1 else 'are'} where the file says: "
         f"{unknown[0].unknown}. The check needs markers on heel and toes of both feet; for a robot bolted to the "
         "plate, set `protocol: robot-joint`",
         level="ok",
@@ -128,15 +129,15 @@ def _describe_height(found: PlatePlacement) -> Reason | None:
 
 
 def _describe_tilt(found: Sequence[PlatePlacement], lean: FloatArray | None) -> Reason | None:
-    """Return a reason if the corners incline a plate, or if the force under a standing person is not vertical."""
+    """Return a reason if the corners of a plate are not level, or the force under a standing person is not vertical."""
     inclined = max((each.inclined for each in found if each.inclined is not None), default=0.0)
     corners = f"the corners incline a plate by {np.degrees(inclined):.1f}°, expected under {np.degrees(_INCLINED):.1f}°"
     if inclined > _INCLINED and (lean is None or _corners_explain(found, lean)):
         evidence = (
             ", and nobody stands still, so the force cannot confirm this"
             if lean is None
-            else f", and the force under the standing person leans with them, by {np.degrees(np.hypot(*lean)):.1f}°: "
-            "the corners are wrong"
+            else ", and the force under the standing person leans in the same direction, by "
+            f"{np.degrees(np.hypot(*lean)):.1f}°: the corners are wrong"
         )
         text = f"{corners}{evidence}. Measure them again; part of the weight may count as Fx and affect all parameters"
         return Reason("plate-tilted", text, value=float(np.degrees(inclined)), limit=float(np.degrees(_INCLINED)))
@@ -156,7 +157,7 @@ def _describe_tilt(found: Sequence[PlatePlacement], lean: FloatArray | None) -> 
 
 
 def _corners_explain(found: Sequence[PlatePlacement], lean: FloatArray) -> bool:
-    """Return whether wrong corners explain the lean of the force: level plates would give about this lean."""
+    """Return whether the lean of the force is that which wrong corners of level plates would cause."""
     total = sum(each.load for each in found)
     expected = sum((each.normal[:2] * each.load for each in found if each.normal is not None), np.zeros(2)) / total
     return bool(lean @ expected > 0.5 * (expected @ expected))
@@ -165,7 +166,10 @@ def _corners_explain(found: Sequence[PlatePlacement], lean: FloatArray) -> bool:
 def _describe_rotation(
     plates: Sequence[Plate], whole: ForceDirection | None, alone: Sequence[ForceDirection | None]
 ) -> list[Reason]:
-    """Return reasons for plates whose horizontal force does not point along the acceleration, first for their sum."""
+    """Return reasons for plates whose horizontal force does not point along the acceleration of the body.
+
+    If the sum of all plates is wrong, the only reason is that for the sum.
+    """
     if whole is not None and _points_away(whole, _TURNED):
         return [
             _describe_rotated_plate("the plates" if len(plates) > 1 else f"plate {plates[0].index}", whole, _TURNED)

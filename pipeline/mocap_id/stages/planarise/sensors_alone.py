@@ -90,7 +90,7 @@ def _check_complete(trial: TrialKeys, segments: Sequence[str]) -> None:
 
 
 def _find_common_times(files: Mapping[str, Path], window: tuple[float, float] | None) -> FloatArray:
-    """Return times with a constant step on the first sensor's clock that all sensors cover if their clocks agree."""
+    """Return times with a constant step, s, that all sensors cover, on the assumption that their clocks agree."""
     logs = {segment: read_imu(file) for segment, file in files.items()}
     first, last = max(log.time[0] for log in logs.values()), min(log.time[-1] for log in logs.values())
     steps = [float(np.median(np.diff(log.time))) for log in logs.values()]

@@ -19,7 +19,7 @@ from mocap_id.stages.planarise import PlanariseSettings
 from mocap_id.stages.trial_keys import TrialKeys, get_recording
 from mocap_id.verdict import Reason
 
-_BEHIND = 0.05  # m; hands and feet farther behind the trunk than this show a mirrored file
+_BEHIND = 0.05  # m; if hands or feet are farther behind the trunk than this, the file is a mirror image
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class UprightSkeleton:
     reasons: tuple[Reason, ...]
 
     def facts(self, labels: tuple[str, ...], first: int, stop: int) -> dict[str, Any]:
-        """Return the fact ``skeleton`` of planar.parquet: times of inferred stretches by joint, s."""
+        """Return the fact ``skeleton`` of planar.parquet: first and last times of inferred stretches, by joint, s."""
         time, stretches = self.recording.time, {}
         for number, label in enumerate(self.recording.labels):
             runs = find_runs(self.inferred[first:stop, number])
@@ -80,7 +80,7 @@ def _find_moving_side(source: Recording) -> Side:
 
 
 def _find_trunk(source: Recording, roles: dict[str, int]) -> tuple[FloatArray, FloatArray]:
-    """Return the directions (F, 3) up along the trunk and across it, from the far to the near shoulder."""
+    """Return the vectors (F, 3) up along the trunk (NaN if unknown) and from the far to the near shoulder, m."""
     near, far = (source.positions[:, roles.get(f"{part}_shoulder", roles["near_shoulder"])] for part in ("near", "far"))
     low = [source.positions[:, roles[name]] for name in ("pelvis", "near_hip", "far_hip", "spine") if name in roles]
     if not low:
@@ -89,7 +89,7 @@ def _find_trunk(source: Recording, roles: dict[str, int]) -> tuple[FloatArray, F
 
 
 def _rotate_upright(source: Recording, roles: dict[str, int], notes: list[str]) -> Recording:
-    """Return the recording rotated so that the axis nearest to the trunk points up."""
+    """Return the recording, rotated so that the axis nearest to the trunk points up, and add a note to ``notes``."""
     up = np.nanmedian(_find_trunk(source, roles)[0], axis=0) if len(source.time) else np.zeros(3)
     axis = nearest_axis(up, 0.75)
     tilt = float(np.degrees(np.arctan2(np.linalg.norm(up[:2]), up[2]))) if np.isfinite(up).all() else float("nan")
@@ -100,13 +100,13 @@ def _rotate_upright(source: Recording, roles: dict[str, int], notes: list[str]) 
         return replace(source, positions=positions, vertical=f"{source.vertical} ({axis})")
     notes.append(
         f"{source.vertical} of the file is taken as up; the trunk leans {tilt:.0f}° from it, with an unknown tilt of "
-        "the camera. Angles of the arm against the thorax do not depend on it"
+        "the camera. Angles of the arm relative to the thorax do not depend on it"
     )
     return source
 
 
 def _undo_mirroring(source: Recording, roles: dict[str, int], side: Side) -> tuple[Recording, tuple[Reason, ...]]:
-    """Return the recording, as a mirror image and with a caution if hands and feet are behind the trunk."""
+    """Return the recording; if hands or feet are behind the trunk, mirror it and return a caution too."""
     up, across = _find_trunk(source, roles)
     forward = np.cross(up, across if side == "right" else -across)
     with np.errstate(invalid="ignore"):

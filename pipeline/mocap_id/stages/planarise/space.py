@@ -23,7 +23,7 @@ from mocap_id.store import LongTable, Table
 from mocap_id.store.schemas import PLANAR, WRENCH
 from mocap_id.verdict import Reason
 
-_PLANAR = 0.01  # share of the motion out of the best vertical plane below which a trial in the plane would do
+_PLANAR = 0.01  # fraction of the motion out of the best vertical plane up to which a trial in the plane is sufficient
 
 
 def planarise_in_space(context: Context) -> Outputs:
@@ -82,7 +82,7 @@ def _describe_planar_motion(planarity: float) -> tuple[Reason, ...]:
         Reason(
             "planar-motion",
             f"all markers move in one vertical plane ({100 * (1 - planarity):.1f} % of the motion): a trial with "
-            "`space: plane` would do, and would also give the dynamics of a person.",
+            "`space: plane` is sufficient, and also gives the dynamics of a person.",
             planarity,
             _PLANAR,
             level="ok",

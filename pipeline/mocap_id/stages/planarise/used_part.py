@@ -1,4 +1,4 @@
-"""The part of a recording that is used: markers and frames, corrected labels, coordinates, bursts."""
+"""Selection of the frames and markers of a recording that are used, with their labels, coordinates and bursts."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class UsedPart:
         }
 
     def list_oddities(self, doubted: Sequence[str]) -> list[Reason]:
-        """Return notes about the file, without the oddities in ``doubted``, for which there is a caution already."""
+        """Return notes about the file, without the oddities in ``doubted``, about which there are already cautions."""
         oddities = [oddity for oddity in self.source.oddities if oddity not in doubted]
         return [Reason("recording-oddity", f"{oddity}.", level="ok") for oddity in oddities]
 
@@ -76,7 +76,11 @@ def read_recording(files: Files, settings: PlanariseSettings) -> Recording:
 
 
 def select_part(source: Recording, window: tuple[float, float] | None, ignore: Sequence[str]) -> UsedPart:
-    """Return the frames of the window, configured or proposed, and the markers visible in it."""
+    """Return the frames of the window and the markers visible in it; if ``window`` is None, the program chooses it.
+
+    ``window`` is the first and the last time, s. Raises RecordingError if no marker is visible, and ConfigError if the
+    window has fewer than two frames.
+    """
     file = source.files[0]
     out = find_markers(source.labels, ignore, f"{file}: planarise: ignore")
     keep = [i for i in range(len(source.labels)) if i not in out]
@@ -114,7 +118,7 @@ def _find_visible(positions: FloatArray) -> BoolArray:
 
 
 def express_trajectories(part: UsedPart, frame: PlaneFrame) -> dict[str, FloatArray]:
-    """Return coordinates (F, M) in the plane, m; NaN if not visible."""
+    """Return the coordinates x, y and z in the axes of the plane, by name, each (F, M), m; NaN if not visible."""
     x, y, z = (np.empty(part.positions.shape[:2]) for _ in range(3))
     for some in chunks(len(part.time)):
         local = frame.to_plane(part.positions[some])
@@ -124,7 +128,7 @@ def express_trajectories(part: UsedPart, frame: PlaneFrame) -> dict[str, FloatAr
 
 
 def list_bursts(part: UsedPart, points: Mapping[str, FloatArray]) -> dict[str, list[list[float]]]:
-    """Return first and last time, s, of every burst (a jump away and back), for the markers that have any."""
+    """Return first and last time of every burst (a jump away and back), s, by the label of each marker that has one."""
     found = {}
     for marker, label in enumerate(part.labels):
         track = np.stack([values[:, marker] for values in points.values()], axis=1)

@@ -68,7 +68,7 @@ class UsedFrames:
 def add_wrenches(
     samples: Sequence[PlateSamples], plates: Sequence[int], frame: PlaneFrame
 ) -> tuple[FloatArray, BoolArray]:
-    """Return the sum of some plates' wrenches in the plane (F, 3), and the samples (F,) in which all are valid."""
+    """Return the sum of the wrenches of ``plates`` in the plane (F, 3), and the samples (F,) in which all are valid."""
     each = [frame.wrench_to_plane(samples[index].force, samples[index].moment) for index in plates]
     return sum(each[1:], each[0]), np.logical_and.reduce([samples[index].ok for index in plates], axis=0)
 
@@ -76,7 +76,7 @@ def add_wrenches(
 def measure_seat(
     used: UsedFrames, samples: Sequence[PlateSamples], choice: PlateChoice, zero: ZeroRule
 ) -> ExternalWrenches:
-    """Return the chair's wrench on the body, from the plates under the chair."""
+    """Return the chair's wrench on the body, measured by the plates under the chair; no columns if there are none."""
     thinned = used.thinned
     doubts = find_contradictions(thinned.samples, choice, thinned.positions)
     reasons = [_describe_doubt(index, choice, why) for index, why in doubts.items()]
@@ -192,10 +192,10 @@ def _describe_doubt(index: int, choice: PlateChoice, why: str) -> Reason:
 def compute_ground_wrench(
     time: FloatArray, samples: Sequence[PlateSamples], choice: PlateChoice, frame: PlaneFrame, threshold: float
 ) -> dict[str, np.ndarray[Any, Any]]:
-    """Return the columns of the feet's plates in the plane: their sum, and if there are several, each plate alone.
+    """Return columns of wrench.parquet: the sum of the feet's plates and, if several plates exist, each plate alone.
 
-    ``samples`` are the plates' wrenches at the marker times ``time`` (F,), s. Up to the vertical force ``threshold``,
-    N, there is no centre of pressure.
+    ``samples`` are the wrenches of all plates at the marker times ``time`` (F,), s. The centre of pressure is NaN up to
+    the vertical force ``threshold``, N.
     """
     feet, count = choice.indices("feet"), len(time)
     total, ok = add_wrenches(samples, feet, frame) if feet else (np.empty((count, 3)), np.zeros(count, np.bool_))
@@ -216,10 +216,10 @@ def compute_ground_wrench_in_space(
     *,
     mirrored: bool = False,
 ) -> dict[str, np.ndarray[Any, Any]]:
-    """Return the columns of the sum of the feet's plates in space: six components at marker times.
+    """Return columns of wrench.parquet in space: the six components of the sum of the feet's plates at marker times.
 
-    Parameters as in :func:`compute_ground_wrench`. ``frame`` is the frame of the trial (y up), about whose origin the
-    moments are. ``mirrored`` says whether the trial is mirrored, z → -z.
+    Parameters are as in :func:`compute_ground_wrench`. ``frame`` is the frame of the trial (y up), about whose origin
+    the moments are. ``mirrored`` says whether the trial is mirrored, z → -z.
     """
     feet, count = choice.indices("feet"), len(time)
     ok = np.logical_and.reduce([samples[index].ok for index in feet]) if feet else np.zeros(count, np.bool_)
