@@ -1,4 +1,4 @@
-"""Failed attempts to rise: the hips leave the seat or the feet take over load, and the person sits down again."""
+"""Failed attempts to rise: hips leave the seat, or feet take over load from the chair, but the person stays seated."""
 
 from __future__ import annotations
 
@@ -36,8 +36,9 @@ def find_failed_attempts(
 ) -> tuple[Attempt, ...]:
     """Find the failed attempts to rise, in order of time.
 
-    In a failed attempt, the hips rise by at least 8 % of the way to standing and return to the seat, or the load on the
-    chair decreases by at least 40 % between repetitions. Within a repetition, this decrease is the start of the rise.
+    In a failed attempt, the hips rise by at least 8 % of the rise to standing and return to the seat, or the load on
+    the chair decreases by at least 40 % between repetitions. Within a repetition, a decrease is not counted, because it
+    is the start of the rise.
 
     Parameters
     ----------
@@ -68,7 +69,7 @@ def find_failed_attempts(
 
 
 def _find_peaks(values: FloatArray, prominence: float) -> list[int]:
-    """Return the indices of the peaks of a signal with at least this prominence, in order."""
+    """Return the indices of the peaks of a signal that have at least this prominence, in ascending order."""
     lowest = np.maximum(np.minimum.accumulate(values), np.minimum.accumulate(values[::-1])[::-1])
     candidates = np.flatnonzero(values - lowest >= prominence)
     if not candidates.size:
@@ -79,7 +80,7 @@ def _find_peaks(values: FloatArray, prominence: float) -> list[int]:
 
 
 def _find_samples_outside(time: FloatArray, repetitions: tuple[Repetition, ...]) -> BoolArray:
-    """Return True (T,) for the samples outside all repetitions, also outside those that the recording cuts off."""
+    """Return True (T,) outside all repetitions; without a start or end, a repetition extends to the recording's."""
     out = np.ones(len(time), dtype=bool)
     for each in repetitions:
         begin = -np.inf if np.isnan(each.start) else each.start
@@ -89,7 +90,7 @@ def _find_samples_outside(time: FloatArray, repetitions: tuple[Repetition, ...])
 
 
 def _measure_unloading(time: FloatArray, posture: Posture, vertical: FloatArray) -> FloatArray:
-    """Return the share (T,) of the chair's load at rest that the feet carry in low phases; NaN where unknown."""
+    """Return the share (T,) of the chair's load at rest that the feet took over; NaN if unknown and while upright."""
     out = np.full(len(time), np.nan)
     rate = (len(time) - 1) / (time[-1] - time[0])
     smooth = LowPass(min(_CUTOFF, rate / 5), rate)(vertical[:, None])[:, 0]

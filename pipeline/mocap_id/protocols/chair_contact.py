@@ -16,7 +16,7 @@ from mocap_id.protocols.contact_rules import ContactRule, DecidingRule
 from mocap_id.protocols.posture import Posture
 
 _ROUNDS = 8  # largest number of iterations of model and contact
-_SETTLED = 0.02  # s: the contact has converged if it changes by less; the low-pass blurs it ten times as far
+_SETTLED = 0.02  # s: the contact has converged if it changes by less; the low-pass blurs it over about 0.2 s
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def find_contact(
 
 
 def find_contact_by_seat_plate(prepared: PreparedTrial, posture: Posture) -> Contact:
-    """Find the chair contact by the chair's own plate; all samples are free because all forces are measured."""
+    """Find the chair contact by the chair's own plate; all samples are usable because all forces are measured."""
     everything = np.ones(len(prepared.recorded.time), dtype=bool)
     offset = fit(prepared, everything).offset if determines_parameters(prepared, everything) else 0.0
     seat = prepared.external(offset)[[each.name for each in prepared.recorded.external].index(SEAT)][:, 1]
@@ -89,10 +89,10 @@ def find_contact_by_seat_plate(prepared: PreparedTrial, posture: Posture) -> Con
 
 
 def _find_contact_by_seat_force(prepared: PreparedTrial, posture: Posture, first: BoolArray, weight: float) -> Contact:
-    """Fit a model to the free samples and find the contact with this model, in turn, until the contact converges.
+    """Alternately fit a model to the free samples and find the contact with this model, until the contact converges.
 
-    Without convergence, the contact of both last rounds is excluded. If the free samples of a round would not determine
-    a model, the search ends with the contact of the previous round.
+    Without convergence, samples with contact in either of the last two rounds are excluded. If the free samples of a
+    round would not determine a model, the search ends with the contact of the previous round.
     """
     rate = prepared.recorded.rate
     smooth = LowPass(min(2 * prepared.lowpass.cutoff, 10.0, rate / 5), rate)

@@ -5,7 +5,7 @@ is the force that is missing under the feet, and one of three rules finds the co
 
 - ``seat-force`` (default): a model is identified on samples clearly off the chair and predicts the force under the
   feet. The difference from the measured force acts on the chair. There is contact while the vertical difference exceeds
-  four of its standard deviations off the chair; this threshold is limited to 0.5 to 10 % of the standing weight. The
+  four times its standard deviation off the chair; this threshold is limited to 0.5 to 10 % of the standing weight. The
   contact is then extended to the instant of zero force (:func:`extrapolate_release`).
 - ``weight``: the chair is released when the feet carry 72 % of the standing weight. In simulated trials, the chair
   still carries up to a quarter of the weight at that instant.
@@ -36,7 +36,7 @@ _LOADED = 0.95  # quantile of the chair force that counts as its full load
 
 _POWERS = np.concatenate([[0.25, 0.5], np.arange(1.0, 5.01, 0.25)])
 _PRIOR_POWER, _PRIOR_SD = 3.0, 0.3
-_SHARE, _SHORTEST = 0.03, 0.05  # share of the full load, and s: the longer one is the fitted interval
+_SHARE, _SHORTEST = 0.03, 0.05  # start of the fitted interval: this share of the full load, or this time, s, if earlier
 _LATE = 0.15  # s after the last visible sample; from there on, the force is zero
 _LONGEST = 1.0  # s, longest fitted interval
 _LEAST = 3  # samples of force in the fitted interval
@@ -71,10 +71,10 @@ def find_samples_off_chair(posture: Posture) -> BoolArray:
 
 
 def find_contact_in_low_phases(posture: Posture, evidence: BoolArray) -> BoolArray:
-    """Return True (T,) for the samples between the first and the last ``evidence`` (T,) of contact in each low phase.
+    """Return True (T,) from the first to the last sample with ``evidence`` (T,) of contact in each low phase.
 
-    A low phase at the beginning or end of the recording counts as seated up to there. Evidence above half of the rise
-    is ignored.
+    In a low phase at the beginning or end of the recording, contact extends to that end. Evidence above half of the
+    rise is ignored.
     """
     evidence = evidence & (np.nan_to_num(posture.height, nan=0.0) < _SEATED)
     out = np.zeros(len(evidence), dtype=bool)
@@ -88,7 +88,7 @@ def find_contact_in_low_phases(posture: Posture, evidence: BoolArray) -> BoolArr
 
 
 def extend_contact_to_release(time: FloatArray, touching: BoolArray, seat_force: FloatArray) -> BoolArray:
-    """Extend the contact from the samples above the noise to the instants of zero chair force.
+    """Return True (T,) for the samples with contact, extended from ``touching`` to the instants of zero chair force.
 
     Parameters
     ----------
@@ -136,9 +136,9 @@ def extrapolate_release(time: FloatArray, force: FloatArray, last_visible: float
 
         F(t) = A (t_release - t)^p   before the release, and zero after it.
 
-    A, p and t_release are fitted by least squares. A smooth end hardly determines p, so p has the prior 3 ± 0.3; 3 is
-    the lowest power whose slope ends without a bend. The prior was chosen on simulated trials. It does not suit
-    chairs that are released in two stages.
+    A, p and t_release are fitted by least squares. A smooth end hardly determines p, so p has the prior 3 ± 0.3; with
+    p = 3, force, slope and curvature are all zero at the release. The prior was chosen on simulated trials. It does not
+    suit chairs that are released in two stages.
 
     Parameters
     ----------
@@ -166,7 +166,7 @@ def extrapolate_release(time: FloatArray, force: FloatArray, last_visible: float
 
 
 def _find_best_instant(left: FloatArray, force: FloatArray, noise: float, instants: FloatArray) -> float:
-    """Return the release, out of ``instants`` (I,), for which the model with its best power fits the force best."""
+    """Return the release time, one of ``instants`` (I,), with which the model of best power fits the force best."""
     shapes = np.maximum(instants[:, None] - left, 0.0)[:, None] ** _POWERS[:, None]  # (I, P, T)
     size = np.maximum(np.sum(shapes**2, axis=2), np.finfo(float).tiny)
     explained = np.maximum(shapes @ force, 0.0) ** 2 / size - (noise * (_POWERS - _PRIOR_POWER) / _PRIOR_SD) ** 2

@@ -1,7 +1,7 @@
-"""Times of the five-times-sit-to-stand test by both common stop rules, and published times for context.
+"""Times of the five-times-sit-to-stand test by the common stop rules, and published times for comparison.
 
-A stopwatch starts at the command, so its times also contain the reaction time. The published times are no diagnosis:
-their sources differ in chair, instruction and stop rule.
+A stopwatch starts at the command, so its times also contain the reaction time. The published times are not a diagnosis,
+because their sources differ in chair, instruction and stop rule.
 """
 
 from __future__ import annotations

@@ -29,7 +29,7 @@ class LoadShare:
 
 
 def find_foot_plates(across: Sequence[tuple[int, float]], forwards: int) -> tuple[int, int] | str:
-    """Return the numbers of the plates under the left and the right foot, or a text that says why they are unknown.
+    """Return the numbers of the plates under left and right foot, or a text that says why they are unknown.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def find_foot_plates(across: Sequence[tuple[int, float]], forwards: int) -> tupl
         1 if the person faces x in the plane's axes, -1 if the person faces -x and z points to the left of the person.
     """
     if len(across) != 2:
-        return f"left and right need one plate under each foot, but the feet are on {len(across)}"
+        return f"left and right need one plate under each foot, but the feet are on {len(across)} plates"
     (one, z_one), (other, z_other) = across
     if not abs(z_one - z_other) > _APART_M:  # also where one is unknown
         return f"plates {one} and {other} are not loaded side by side, so they do not carry one foot each"

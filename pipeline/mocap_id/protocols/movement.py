@@ -71,7 +71,7 @@ def find_movement(
 
 
 def find_facing(recorded: TrialData) -> int:
-    """Return 1 if the person faces x in the plane's axes, -1 for -x; the angle of a bent knee has this sign."""
+    """Return 1 if the person faces x in the plane's axes, else -1; this is the sign of the mean knee angle."""
     knee: FloatArray = recorded.q[:, min(recorded.knee, recorded.q.shape[1] - 1)]
     return -1 if not np.nanmean(knee) > 0.0 else 1
 
@@ -118,8 +118,8 @@ def _explain_contact(contact: Contact, requested: ContactRule) -> tuple[Reason, 
     elif contact.converged is False:
         reason = Reason(
             "contact-unsettled",
-            "the iteration between the model and the chair contact did not converge; contact of either of the last two "
-            "iterations was excluded, if enough samples remain",
+            "the iteration between the model and the chair contact did not converge; samples with contact in either of "
+            "the last two iterations were excluded, if enough samples remain",
         )
     else:
         return ()

@@ -1,4 +1,4 @@
-"""Posture of a person whose feet stay on the ground: height of the hip over time."""
+"""Posture of a person whose feet stay on the ground, described by the height of the hip over time."""
 
 from __future__ import annotations
 
@@ -70,7 +70,7 @@ def measure_standing_angles(q: FloatArray, posture: Posture) -> FloatArray | Non
 
 
 def _apply_hysteresis(height: FloatArray) -> BoolArray:
-    """Return the upright state (T,); a sample without a known height has the state of the previous sample."""
+    """Return the upright state (T,), which changes only above 0.7 and below 0.3 of the rise and not where unknown."""
     change = np.where(height > _HIGH, 1, np.where(height < _LOW, -1, 0))
     decided = np.flatnonzero(change)
     if len(decided) == 0:

@@ -43,7 +43,7 @@ def build_reference_body(
     plate_mass: float | None,
     standing: FloatArray | None = None,
 ) -> ReferenceBody:
-    """Build the reference body for a chain of foot, shank, thigh and torso, or with pelvis and trunk for the torso.
+    """Build the reference body for a chain of foot, shank, thigh and torso, or with pelvis and trunk instead of torso.
 
     Parameters
     ----------
@@ -54,8 +54,8 @@ def build_reference_body(
     facing : {-1, 1}
         1 if the person faces x in the plane's axes, -1 for -x.
     height, mass, sex : optional
-        Values given by the user, m and kg. A missing height is estimated from shank and thigh, and a missing mass is
-        ``plate_mass``. Without the sex, the mean of de Leva's two tables is used.
+        Height, m, mass, kg, and sex given by the user. A missing height is estimated from shank and thigh, and a
+        missing mass is ``plate_mass``. Without the sex, the mean of de Leva's two tables is used.
     plate_mass : float or None
         Mass measured by the plates, kg; None if unknown.
     standing : (n,) array or None

@@ -15,9 +15,9 @@ _PAUSE = 0.3  # s, shortest pause
 _OFF_SEAT, _BELOW_TOP = 0.08, 0.1  # share of the rise: a pause closer to the seat or to the top is a rest
 
 SUPPORT_LIMIT = 0.05
-"""Share of the standing weight; without any support, the error of an allometric body is smaller."""
+"""Smallest unexplained force that counts as support, as a share of the standing weight; model errors are smaller."""
 
-_NO_SEAT = 0.25  # share of the rise above which no seat is: chairs are released below 0.04 in simulations, once at 0.16
+_NO_SEAT = 0.25  # share of the rise above which chairs carry nothing: release below 0.04 in simulations, once at 0.16
 _QUIET = 0.1  # share of the maximum speed
 _LEAST = 5  # samples of a rise
 
@@ -39,8 +39,8 @@ class Repetition:
 class RiseDetails:
     """Details of a sit-to-stand or squat; NaN where not applicable or unknown.
 
-    The thesis (6.4.2) takes the chair as released when the measured wrench agrees with a model without a chair. It
-    finds that the feet then carry 72 % of the standing weight. The force of the chair reaches zero later.
+    In the thesis (6.4.2), the chair is released when the measured wrench agrees with a model without a chair; the feet
+    then carry 72 % of the standing weight. The force of the chair reaches zero later.
     """
 
     # seat_off_72, seat_off_model: seat-off by the share of the weight and by the agreement with the model, s
@@ -82,14 +82,14 @@ def measure_paused_time(time: FloatArray, posture: Posture, repetition: Repetiti
 
 
 def _find_samples_between(time: FloatArray, start: float, end: float) -> IntArray:
-    """Return the indices of the samples from start to end; a NaN stands for that end of the recording."""
+    """Return the indices of the samples from start to end; NaN means the start or end of the recording."""
     start = time[0] if np.isnan(start) else start
     end = time[-1] if np.isnan(end) else end
     return np.flatnonzero((time >= start) & (time <= end)).astype(np.int64)
 
 
 def find_share_crossing(time: FloatArray, vertical: FloatArray, share: float, repetition: Repetition) -> float:
-    """Return the last time before its peak at which the force under the feet rises above a share of the weight, s.
+    """Return the time at which the force under the feet last rises above a share of the weight before its peak, s.
 
     The time is interpolated between samples; it is NaN if no crossing is known. Crossings after the peak are ignored,
     because at the end of a fast rise the force is below the share for a short time.
@@ -118,7 +118,8 @@ def find_share_crossing(time: FloatArray, vertical: FloatArray, share: float, re
 def find_model_agreement(time: FloatArray, above_noise: BoolArray | None, repetition: Repetition) -> float:
     """Return the time from which the measured force agrees with a model without a chair, s; NaN if unknown.
 
-    This is the end of the samples with a chair force above the noise (``above_noise``, (T,) or None if unknown).
+    ``above_noise`` (T,) marks the samples with a chair force above the noise; it is None if unknown. The result is the
+    time after the last of these samples.
     """
     if above_noise is None or np.isnan(repetition.start):
         return NAN
@@ -138,8 +139,8 @@ def measure_support(
     """Return the mean force of an armrest, a rail or a helping hand in a rise, as a share of the standing weight.
 
     The acceleration of the body requires a force; the part that the plates do not measure acts elsewhere. Below a
-    quarter of the rise it may act on the chair, so this part is used only if the chair has its own plate. Plates do not
-    measure hands that push on the person's own thighs, which is an internal force. The result is NaN if unknown.
+    quarter of the rise, it may act on the chair, so these samples are used only if the chair has its own plate. Hands
+    that push on the person's own thighs are not found, because this is an internal force. The result is NaN if unknown.
 
     Parameters
     ----------

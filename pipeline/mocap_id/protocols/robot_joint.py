@@ -7,12 +7,12 @@ import numpy as np
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.protocols.repetitions import Repetition
 
-_SIDE = 0.5  # share of half the range: the joint is on one side if it is farther from the middle
+_SIDE = 0.5  # share of half the range: farther from the middle, the joint is on one of the two sides
 _LEAST_ARC = np.radians(3.0)  # smallest range of a joint that moves
 
 
 def find_robot_cycles(time: FloatArray, q: FloatArray) -> tuple[Repetition, ...]:
-    """Find the cycles of the joint that moves most: from the middle to one side, to the other side and back.
+    """Find the cycles of the joint that moves most: from the middle to one side, the other side and back to the middle.
 
     ``time`` (T,) are the sample times, s; ``q`` (T, n) the joint angles, rad, NaN where unknown. Only ``start`` and
     ``end`` of the repetitions are not NaN.

@@ -39,7 +39,7 @@ def find_sit_to_stand_repetitions(
 
 
 def _find_neighbours(state: BoolArray, run: slice) -> tuple[slice, slice]:
-    """Return the runs of the opposite state before and after a run; empty at the ends of the recording."""
+    """Return the runs of the opposite state before and after a run; empty slices at the ends of the recording."""
     others = find_runs(~state)
     before = [other for other in others if other.stop == run.start]
     after = [other for other in others if other.start == run.stop]
@@ -100,15 +100,15 @@ def _describe_squat(time: FloatArray, posture: Posture, down: slice) -> Repetiti
 
 
 def _find_peak_speed(speed: FloatArray, *parts: slice) -> float:
-    """Return the largest known speed in some parts of the recording; 0 if none is known."""
+    """Return the largest known speed in the given parts of the recording; 0 if no speed is known."""
     joined = np.concatenate([speed[part] for part in parts])
     return float(np.nanmax(joined)) if np.isfinite(joined).any() else 0.0
 
 
 def _find_rest(time: FloatArray, posture: Posture, part: slice, peak: float, *, last: bool = False) -> float:
-    """Return the start of the first pause of a part, or the end of its last pause; its slowest instant without a pause.
+    """Return the start of the first pause in a part or, with ``last``, the end of its last pause, s.
 
-    NaN if the part ends with the recording and the person still moves there, so that the rest is not recorded.
+    Without a pause, the result is the slowest instant. It is NaN if the recording ends there while the person moves.
     """
     level = _find_samples_at_level(posture, part)
     with np.errstate(invalid="ignore"):
@@ -138,7 +138,7 @@ def _find_samples_at_level(posture: Posture, part: slice) -> BoolArray:
 
 
 def _find_seat_event(time: FloatArray, touching: BoolArray | None, low: slice, *, last: bool) -> float:
-    """Return the time of seat-off (after the last contact) or of the first contact in a low phase, s, or NaN."""
+    """Return the first contact in a low phase or, with ``last``, seat-off after the last, s; NaN without contact."""
     contact: Sequence[int] = [] if touching is None else np.flatnonzero(touching[low]).tolist()
     if not contact:
         return float("nan")

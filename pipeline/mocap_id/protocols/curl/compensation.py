@@ -17,7 +17,7 @@ import numpy as np
 from mocap_id.arrays import NORMAL_95, FloatArray, find_runs
 from mocap_id.protocols.curl.repetitions import Curl, CurlRules
 
-_VARIES = 0.25  # share of the error of a change of the angle that differs from curl to curl
+_VARIES = 0.25  # share of the error of the angle's changes that differs from curl to curl
 
 
 @dataclass(frozen=True)
@@ -129,7 +129,7 @@ def fit_part_in_step(  # noqa: PLR0917
 
 
 def _find_largest_sd(basis: FloatArray, axis: FloatArray) -> float:
-    """Return the largest standard deviation in a curl of the rotation that an error of the axis causes, rad."""
+    """Return the largest standard deviation, rad, of a rotation in a curl that an error of the elbow's axis causes."""
     extended = int(np.argmax(basis[:, 0]))
     change = basis - basis[extended]
     return float(np.sqrt(np.einsum("ti,ij,tj->t", change, axis, change).max()))

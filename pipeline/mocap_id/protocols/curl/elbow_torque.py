@@ -72,7 +72,7 @@ def compute_elbow_torque(
     elbow = segments[0].origin
     down = np.array([0.0, -gravity, 0.0])
     total, weight_moment, variance = np.zeros(len(time)), np.zeros(len(time)), np.zeros(len(time))
-    acceleration = _differentiate_twice(elbow, rate)  # of the segment's origin
+    acceleration = _differentiate_twice(elbow, rate)  # acceleration of the segment's origin
     for k, motion in enumerate(segments):
         if k:
             before = segments[k - 1]
@@ -99,7 +99,7 @@ def _relative_acceleration(motion: SegmentMotion, out: FloatArray) -> FloatArray
 
 
 def _differentiate_twice(position: FloatArray, rate: float) -> FloatArray:
-    """Return the second derivative of low-passed positions (T, 3); zero if more than half of them are missing."""
+    """Return the second derivative (T, 3) of low-passed positions, m/s²; zeros if more than half are missing."""
     known: BoolArray = np.asarray(np.isfinite(position).all(axis=1))
     if known.sum() < len(known) // 2:
         return np.zeros_like(position)

@@ -12,7 +12,7 @@ from mocap_id.arrays import FloatArray, IntArray
 
 _NEAR = 0.02  # share of the amplitude: nearer to a turning point, the elbow rests there
 _FAR = 0.1  # share of the amplitude: farther from a turning point, the elbow moves
-_REST = 0.5  # s: a longer rest is part of no curl
+_REST = 0.5  # s: a longer rest does not belong to a curl
 _ONSET = 1.2  # in a minimum-jerk movement (Flash and Hogan 1985), the ratio of the times for 0 to 2 % and 2 to 10 %
 _LARGE = 80.0  # percentile of the rises that represents the large curls of the trial
 _NOISE = 6.0  # smallest rise of an attempt in standard deviations of the angle
@@ -29,7 +29,7 @@ class CurlRules:
     complete: float = 0.6  # smallest rise of a complete curl as a share of the large curls of the trial
     # largest difference of a curl's duration from the period of the metronome, as a share of the period
     tempo: float = 0.5
-    pause: float = 2.0  # longest time between two curls, in periods; after a longer one the person has stopped
+    pause: float = 2.0  # longest pause between two curls, in periods; after a longer pause, the person has stopped
     plane: float = 0.35  # largest rotation of the elbow's axis from its direction in the first curl, rad
     compensation: float = 0.17  # smallest change of an angle of shoulder or thorax that counts as compensation, rad
     sustained: float = 0.25  # shortest duration of a compensation and of motion out of the plane, s
@@ -53,7 +53,7 @@ def find_curls(time: FloatArray, flexion: FloatArray, sd: FloatArray, rules: Cur
     """Find the curls of a trial, in order of time.
 
     In a curl, the flexion rises from a low to a high turning point and returns. The curl is complete if both the rise
-    and the return are at least ``rules.complete`` of the large curls of the trial.
+    and the return are at least ``rules.complete`` times the rise in the large curls of the trial.
 
     Parameters
     ----------
@@ -82,7 +82,7 @@ def find_curls(time: FloatArray, flexion: FloatArray, sd: FloatArray, rules: Cur
 
 
 def _find_turning_points(values: FloatArray, least: float) -> IntArray:
-    """Return the indices of alternating lows and highs of a signal that differ by at least ``least``."""
+    """Return the indices of alternating minima and maxima of a signal that differ by at least ``least``."""
     turns: list[int] = []
     low = high = 0
     rising: bool | None = None
@@ -130,7 +130,7 @@ def _find_end_of_fall(time: FloatArray, flexion: FloatArray, turn: int) -> float
 
 
 def _find_samples_near(values: FloatArray, turn: int, near: float) -> IntArray:
-    """Return the indices of the samples around ``turn`` with values at most ``near`` above the value there."""
+    """Return the indices of the run of samples around ``turn`` with values at most ``near`` above the value there."""
     away = np.flatnonzero(values > values[turn] + near)
     split = int(np.searchsorted(away, turn))
     first = away[split - 1] + 1 if split else 0

@@ -44,14 +44,14 @@ def find_trial_end(time: FloatArray, axis: FloatArray, curls: tuple[Curl, ...], 
 
 
 def _end_by_failure(curls: tuple[Curl, ...]) -> TrialEnd | None:
-    """Return the end at the first failed attempt after the last complete curl."""
+    """Return the end at the first failed attempt after the last complete curl; None without a failed attempt."""
     complete = [k for k, curl in enumerate(curls) if curl.complete]
     rest = curls[complete[-1] + 1 :] if complete else curls
     return TrialEnd(rest[0].start, "stopped", f"the next attempt fails: {rest[0].why}") if rest else None
 
 
 def _end_by_pause(curls: tuple[Curl, ...], rules: CurlRules) -> TrialEnd | None:
-    """Return the end at the first pause between curls that is too long."""
+    """Return the end at the first pause between curls that is too long; None without such a pause."""
     durations = [curl.end - curl.start for curl in curls if curl.complete]
     if not durations:
         return None
@@ -64,7 +64,7 @@ def _end_by_pause(curls: tuple[Curl, ...], rules: CurlRules) -> TrialEnd | None:
 
 
 def _end_by_tempo(done: list[Curl], rules: CurlRules) -> TrialEnd | None:
-    """Return the end before the first complete curl whose duration is too far from the metronome's period."""
+    """Return the end before the first complete curl that is out of the metronome's tempo; None without such a curl."""
     if rules.metronome is None:
         return None
     period = 1 / rules.metronome
@@ -77,7 +77,7 @@ def _end_by_tempo(done: list[Curl], rules: CurlRules) -> TrialEnd | None:
 
 
 def _end_by_plane(time: FloatArray, axis: FloatArray, done: list[Curl], rules: CurlRules) -> TrialEnd | None:
-    """Return the end at the first sustained rotation of the elbow's axis from its direction in the first curl."""
+    """Return the end at the first sustained rotation of the elbow's axis from its first direction; None without it."""
     if not done:
         return None
     first = (time >= done[0].start) & (time <= done[0].end)

@@ -1,4 +1,4 @@
-"""Geometry of a recorded arm: shoulder, elbow and wrist, from the poses of its segments."""
+"""Geometry of a recorded arm: positions of shoulder, elbow and wrist from the poses of its segments."""
 
 from __future__ import annotations
 
@@ -50,8 +50,8 @@ def measure_arm(
 ) -> RecordedArm:
     """Compute the dimensions of an arm and the path of its hand from a recording.
 
-    The wrist is the point on the forearm's y axis at the height of the wrist's centre, so that axial rotation of the
-    forearm does not move it.
+    The wrist is the projection of its joint centre onto the forearm's y axis, because axial rotation of the forearm
+    does not move this point.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ def _check_segments(angles: SpatialAngles, poses: SegmentPoses, skeleton: Spatia
     missing = [name.replace("_", " ") for name in SEGMENTS if name not in poses.segments]
     if missing:
         raise UnknownReach(
-            f"the chain has no {' and no '.join(missing)}: name them under `landmarks:` or `segment: {{names: …}}`"
+            f"the chain has no {' and no '.join(missing)}: give `landmarks:`, or the names in `segment: {{names: …}}`"
         )
     missing = [name.replace("_", " ") for name in ANGLES if name not in angles.names]
     if missing:
@@ -120,7 +120,7 @@ def _check_segments(angles: SpatialAngles, poses: SegmentPoses, skeleton: Spatia
 
 
 def _find_median(points: FloatArray, segments: str) -> FloatArray:
-    """Return the median (3,) of the known points (T, 3); ``segments`` are named in the error if none is known."""
+    """Return the median (3,) of the known points (T, 3); ``segments`` names the segments in the error message."""
     known = np.isfinite(points).all(axis=1)
     if not known.any():
         raise UnknownReach(f"no frame has markers of both {segments}")
@@ -168,7 +168,7 @@ def _length_sd(skeleton: SpatialSkeleton, segment: str) -> float:
 
 
 def _fit_glide(centres: FloatArray, elevation: FloatArray) -> tuple[FloatArray, FloatArray, bool]:
-    """Return the shoulder centre at the lowest elevation, its glide, m, and whether the motion determines the glide."""
+    """Return the shoulder centre at the lowest elevation, its glide up to 180°, m, and whether the glide is known."""
     share = (1 - np.cos(elevation)) / 2
     known = np.isfinite(centres).all(axis=1) & np.isfinite(share)
     if not known.any():

@@ -1,4 +1,4 @@
-"""Ranges of the angles of an arm, robust against single samples."""
+"""Ranges of the angles of an arm, which single wrong samples do not change."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mocap_id.geometry.so3 import shift_to_shortest_arc
 from mocap_id.store.spatial_views import MEANINGLESS_AT_POLE, SegmentPoses, SpatialAngles
 
 HELD = 0.05
-"""Total time for which the angle is beyond each end of its range, s, so that one wrong sample moves no end."""
+"""Total time for which the angle is beyond each end of its range, s, so that one wrong sample does not move an end."""
 _EXCESS = 0.56
 """Expected value of the larger of two independent errors, in standard deviations: noise moves each end outwards."""
 _RAISED_SD = float(np.radians(7.0))
@@ -50,7 +50,7 @@ class AngleRange:
 
 
 def find_usable_samples(angles: SpatialAngles, poses: SegmentPoses, name: str) -> BoolArray:
-    """Return True (T,) for the samples in which an angle is defined, known, and measured by markers."""
+    """Return True (T,) for the samples in which the angle ``name`` is defined, known, and measured by markers."""
     usable = angles.find_usable(name)
     pair = BETWEEN.get(name.split("_", maxsplit=1)[0], ())
     for segment in pair:
@@ -60,7 +60,7 @@ def find_usable_samples(angles: SpatialAngles, poses: SegmentPoses, name: str) -
 
 
 def get_angle(angles: SpatialAngles, name: str, usable: BoolArray) -> FloatArray:
-    """Return an angle (K,) in the usable samples, rad; plane and axial rotation have no jumps by full rotations."""
+    """Return the angle ``name`` (K,) in the K usable samples, rad, without jumps by full rotations."""
     values = angles.mean[usable, angles.names.index(name), 0]
     return shift_to_shortest_arc(values) if name in MEANINGLESS_AT_POLE and len(values) else values
 
@@ -93,6 +93,6 @@ def measure_ranges(angles: SpatialAngles, poses: SegmentPoses, *, skeleton: bool
 
 
 def _find_low_end(values: FloatArray, sd: FloatArray, rank: int) -> tuple[float, float]:
-    """Return the rank-th lowest of values (K,), and the median standard deviation of the values up to it."""
+    """Return the ``rank``-th lowest of ``values`` (K,), and the median of ``sd`` over the values up to this one."""
     lowest = np.argsort(values)[:rank]
     return float(values[lowest[-1]]), float(np.median(sd[lowest]))

@@ -6,10 +6,10 @@ rotations for each elevation, and two elevations for each axial rotation. The pl
 vertical axis of the thorax, so every solution is an arc as long as the range of the plane. The set is the union of
 these arcs. Its volume is the sum of their lengths over distances and polar angles.
 
-The surface of the set is the furthest reach by direction from the shoulder. Its area is the integral of the squared
-furthest reach over the solid angle; the slope of the surface is ignored. The area is relative to half a sphere with the
-arm's length as radius, like the relative surface area of Kurillo et al. (2013) and Han et al. (2015). It is 1 if the
-straight arm reaches everywhere in front of the frontal plane through the shoulder.
+The surface of the set is the largest distance from the shoulder in each direction. Its area is the integral of the
+squared distance over the solid angle; the slope of the surface is ignored. The area is relative to half a sphere with
+the arm's length as radius, like the relative surface area of Kurillo et al. (2013) and Han et al. (2015). It is 1 if
+the straight arm can point in all directions in front of the frontal plane through the shoulder.
 """
 
 from __future__ import annotations
@@ -39,11 +39,11 @@ class ReachArm:
     forearm: float  # distance from the elbow centre to the wrist along the forearm's y axis, m
     # (3,) coefficients c0, c1, c2 of the carrying angle c0 + c1 cos(flexion) + c2 sin(flexion), rad
     carrying: FloatArray
-    # rise of the shoulder in the thorax at an elevation of 180°, m; in general rise (1 - cos elevation) / 2
+    # rise of the shoulder in the thorax at an elevation of 180°, m; at others, it is rise (1 - cos(elevation)) / 2
     rise: float
 
     def wrist(self, flexion: FloatArray) -> FloatArray:
-        """Return the wrist (K, 3) in the axes of the upper arm, m, at some flexions (K,), rad."""
+        """Return the position (K, 3) of the wrist in the axes of the upper arm, m, for flexions (K,), rad."""
         bent = self.carrying @ np.stack([np.ones_like(flexion), np.cos(flexion), np.sin(flexion)])
         along = np.stack([np.sin(flexion) * np.cos(bent), -np.cos(flexion) * np.cos(bent), -np.sin(bent)], axis=1)
         return np.asarray(self.elbow + self.forearm * along)
@@ -56,7 +56,7 @@ class ReachArm:
 
 @dataclass(frozen=True)
 class Grid:
-    """Number of distances, number of polar angles, and number of elevations and of axial rotations."""
+    """Numbers of distances and polar angles; ``turns`` is the number of elevations and also of axial rotations."""
 
     distances: int
     polar: int
@@ -73,7 +73,7 @@ class ReachableSet:
 
     distance: FloatArray  # (R + 1,) edges of the cells of the distance from the shoulder, m
     cosine: FloatArray  # (C + 1,) edges of the cells of the cosine of the polar angle
-    # Start, end: (R, C, m) azimuths of the ends of the arcs, rad: 0 is lateral, π/2 forward. ``start`` is ascending,
+    # Start, end: (R, C, A) azimuths of the ends of the arcs, rad: 0 is lateral, π/2 forward. ``start`` is ascending,
     # in [0, 2π). Arcs of length 0 are ignored.
     start: FloatArray
     end: FloatArray
@@ -90,7 +90,7 @@ class ReachableSet:
         return float(np.sum(np.minimum(covered, _FULL) * cell))
 
     def radius(self, azimuth: FloatArray) -> FloatArray:
-        """Return the furthest reach (C, K) in the polar cells at some azimuths (K,), m; NaN where there is none."""
+        """Return the largest distance (C, K), m, in each polar cell at azimuths (K,), rad; NaN for an empty cell."""
         far = np.full((len(self.cosine) - 1, len(azimuth)), np.nan)
         for k, angle in enumerate(azimuth):
             inside = ((self.start <= angle) & (angle <= self.end)) | (angle + _FULL <= self.end)
@@ -103,7 +103,7 @@ class ReachableSet:
 def compute_reachable_set(
     arm: ReachArm, limits: FloatArray, grid: Grid, planes: PlaneRange | None = None
 ) -> ReachableSet:
-    """Return the set of positions that the wrist of an arm reaches, from the shoulder at middle elevation.
+    """Return the set of positions that the wrist can reach, relative to the shoulder at the middle elevation.
 
     Parameters
     ----------
@@ -128,7 +128,7 @@ def compute_reachable_set(
 
 
 _Solutions: TypeAlias = tuple[FloatArray, FloatArray, FloatArray, FloatArray, BoolArray]
-"""Azimuth at plane 0, elevation, axial rotation, flexion, and True where the limits allow them, (R, C, m) arrays."""
+"""Azimuth at plane 0, elevation, axial rotation, flexion, and True where the limits allow them, (R, C, A) arrays."""
 
 
 @dataclass(frozen=True)
@@ -149,7 +149,7 @@ class _Solver:
         flexion = np.linspace(limits[3, 0], limits[3, 1], _CURVE)
         wrist = arm.wrist(flexion)
         reach = np.linalg.norm(wrist, axis=1)
-        longest = int(reach.argmax())  # beyond it, the elbow only repeats distances
+        longest = int(reach.argmax())  # smaller flexions only repeat distances
         reach, flexion, wrist = reach[longest:][::-1], flexion[longest:][::-1], wrist[longest:][::-1]
         slack = abs(arm.rise) / 2
         near, far = max(reach[0] - slack, 0.0), reach[-1] + slack
@@ -171,13 +171,16 @@ class _Solver:
     def _bend_arm(
         self, across: FloatArray, height: FloatArray
     ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, BoolArray]:
-        """Return x, y, z of the wrist in the upper arm, the flexion, and True where a flexion has this distance."""
+        """Return x, y, z of the wrist in the upper arm, m, the flexion, and True where the distance is possible.
+
+        The wrist is at the distance ``across`` from the vertical axis of the shoulder, and ``height`` above it, m.
+        """
         d = np.hypot(across, height)
         x, y, z, flexion = (np.interp(d, self.reach, each) for each in (*self.wrist.T, self.flexion))
         return x, y, z, flexion, (d >= self.reach[0]) & (d <= self.reach[-1])
 
     def solve_at_elevations(self, sign: float) -> _Solutions:
-        """Return the solutions at the elevations of the grid, with one of the two axial rotations."""
+        """Return the solutions at the elevations of the grid; ``sign`` selects one of the two axial rotations."""
         across, height = self._cells()
         elevation = np.linspace(self.limits[1, 0], self.limits[1, 1], self.grid.turns)
         sine, cosine = np.maximum(np.sin(elevation), 1e-9), np.cos(elevation)
@@ -192,7 +195,7 @@ class _Solver:
         return azimuth, np.broadcast_to(elevation, axial.shape), axial, flexion, valid
 
     def solve_at_axials(self, sign: float) -> _Solutions:
-        """Return the solutions at the axial rotations of the grid, with one of the two elevations."""
+        """Return the solutions at the axial rotations of the grid; ``sign`` selects one of the two elevations."""
         across, level = self._cells()
         axial = np.linspace(self.limits[2, 0], self.limits[2, 1], self.grid.turns)
         elevation = np.full((*level.shape[:2], len(axial)), self.limits[1].mean())
@@ -216,16 +219,16 @@ QUADRANTS = ("upper_medial", "upper_lateral", "lower_medial", "lower_lateral")
 
 @dataclass(frozen=True)
 class Surface:
-    """Furthest reach by direction from the shoulder."""
+    """Largest distance of the wrist from the shoulder in each direction."""
 
     polar: FloatArray  # (C,) angles from the upward axis of the thorax, ascending, rad
     azimuth: FloatArray  # (K,) angles about this axis, rad: 0 is lateral, π/2 forward
-    radius: FloatArray  # (C, K) furthest reach, m; NaN where nothing is reached
+    radius: FloatArray  # (C, K) largest distance, m; NaN where nothing is reached
     # relative areas: ``total`` and :data:`QUADRANTS` in front of the shoulder, ``behind`` for the other half
     areas: dict[str, float]
 
     def points(self) -> FloatArray:
-        """Return the points (C, K, 3) of the surface from the shoulder, in the axes of the thorax, m."""
+        """Return the points (C, K, 3) of the surface relative to the shoulder, in the axes of the thorax, m."""
         across = np.sin(self.polar)[:, None]
         along = np.broadcast_to(np.cos(self.polar)[:, None], self.radius.shape)
         direction = np.stack([across * np.sin(self.azimuth), along, across * np.cos(self.azimuth)], axis=-1)
@@ -233,7 +236,7 @@ class Surface:
 
 
 def compute_reach_surface(arm: ReachArm, limits: FloatArray, planes: PlaneRange | None = None) -> Surface:
-    """Return the surface of the set of :func:`~.reachable_set.compute_reachable_set`, which explains the arguments."""
+    """Return the surface of the reachable set; :func:`compute_reachable_set` explains the arguments."""
     reachable = compute_reachable_set(arm, limits, SURFACE_GRID, planes)
     azimuth = 2 * np.pi * (np.arange(AZIMUTHS) + 0.5) / AZIMUTHS
     radius = reachable.radius(azimuth)[::-1]

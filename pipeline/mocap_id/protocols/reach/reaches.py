@@ -1,4 +1,4 @@
-"""Reaches in a motion: times, target, and the distance by which the hand missed the target.
+"""Reaches in a recording: times, target, and the distance by which the hand missed the target.
 
 The targets on the body and the heights come from tables of body proportions (Drillis and Contini 1966), relative to the
 sternal notch; the shoulders are measured. The targets have errors of a few centimetres, because no marker is on hip,
@@ -27,7 +27,7 @@ _PLACES = {
     "mouth": (0.05, 0.085, 0.0),
     "head": (-0.02, 0.17, 0.0),
 }
-"""Position from the sternal notch, in statures: forward, upward and to the right."""
+"""Position of each target relative to the sternal notch, in statures: forward, upward and to the right."""
 _SKIN = np.array([0.04, 0.015, 0.02])  # statures from the shoulder's centre to its surface in front, above and outside
 _LEVELS = {"waist": -0.21, "mouth": 0.085, "overhead": 0.26}
 """Height above the sternal notch, in statures; an overhead shelf is a hand's length above the head."""
@@ -37,10 +37,10 @@ _TOUCH = 0.05
 
 @dataclass(frozen=True)
 class Reach:
-    """A reach: the hand leaves its place of rest or another target, is held at a target, and moves on."""
+    """Movement of the hand from its rest position or another target to a target, with the stay at this target."""
 
-    # start, top, end: times at which the hand starts, is held (middle of this time), and leaves the target or is
-    # back, s
+    # start, top, end: times at which the hand starts, is in the middle of its stay at the target, and is back at rest
+    # or leaves for another target, s
     start: float
     top: float
     end: float
@@ -51,7 +51,7 @@ class Reach:
 
 
 def find_reaches(time: FloatArray, arm: RecordedArm) -> tuple[Reach, ...]:
-    """Find the reaches in a recording from the path of the palm; ``time`` (T,) has a constant step, s."""
+    """Find the reaches in a recording from the path of the palm; the sample times ``time`` (T,), s, are equidistant."""
     palms = arm.palms
     known = np.isfinite(palms).all(axis=1)
     if known.sum() < 10:
@@ -91,12 +91,15 @@ def _find_movements(time: FloatArray, path: FloatArray, length: float) -> list[t
 
 
 def _find_spans(flags: BoolArray) -> list[tuple[int, int]]:
-    """Return the first sample of every run of True, and the sample after the run (at most the last sample)."""
+    """Return the first sample of each run of True and the sample after the run, or else the last sample."""
     return [(run.start, min(run.stop, len(flags) - 1)) for run in find_runs(flags)]
 
 
 def _find_target(arm: RecordedArm, held: slice, path: FloatArray) -> tuple[str, float]:
-    """Return the target nearest to the hand while it is held, and the distance by which the hand misses it, m."""
+    """Return the target nearest to the hand in the samples ``held``, and its distance from the hand, m.
+
+    The distance is 0 if the hand touches the target. Without a near target, the result is "none" and NaN.
+    """
     palm, seen = np.median(path[held], axis=0), np.isfinite(arm.wrists[held]).all(axis=1)
     wrist = np.median(arm.wrists[held][seen], axis=0) if seen.any() else palm
     fingers = 2 * palm - wrist
@@ -126,5 +129,5 @@ def locate_body_targets(arm: RecordedArm) -> dict[str, FloatArray]:
 
 
 def compute_level_heights(arm: RecordedArm) -> dict[str, float]:
-    """Return the heights of waist, mouth and overhead above the shoulder's centre, m."""
+    """Return the heights of the levels waist, mouth and overhead above the shoulder's centre, m, by name."""
     return {name: float(height * arm.stature - arm.shoulder[1]) for name, height in _LEVELS.items()}

@@ -1,7 +1,7 @@
-"""Region of joint space that a recording visits: joint limits that depend on each other.
+"""Region of joint space that a recording visits, as joint limits that depend on each other.
 
-The region is the convex hull of the visited postures, the smallest region that contains all postures between any two of
-them. It needs no radius or resolution, and more samples of the same motion do not enlarge it.
+The region is the convex hull of the visited postures: the smallest region that also contains all postures between two
+visited ones. It needs no radius or resolution, and more samples of the same motion do not enlarge it.
 """
 
 from __future__ import annotations
@@ -12,8 +12,8 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 
-_FEWEST = 40  # postures of a region
-_MOST = 200  # postures of a hull; four times as many change the reachable volume by less than 1 %
+_FEWEST = 40  # smallest number of postures for a region
+_MOST = 200  # largest number of postures for a hull; four times as many change the reachable volume by less than 1 %
 _BLOCK = 8192  # postures computed at once, to limit the memory
 _FLAT = 1e-9  # slope of a face that does not limit the plane
 
@@ -30,9 +30,9 @@ class VisitedRegion:
     limits: FloatArray
 
     def planes(self, elevation: FloatArray, axial: FloatArray, flexion: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return the lowest and highest plane (K,) at the other angles (K,), rad; outside the region, lowest > highest.
+        """Return the lowest and highest plane (K,) for the three other angles (K,), rad.
 
-        ``elevation``, ``axial`` and ``flexion`` are the other three angles.
+        Outside the region, the lowest plane is above the highest one.
         """
         low, high = np.empty(len(elevation)), np.empty(len(elevation))
         slope = self.normals[:, 0]

@@ -1,6 +1,7 @@
 """Reachable volume of a recorded arm with its 95 % interval (7.2), within two kinds of joint limits.
 
-These are the box of the ranges of the four angles, and the visited region, in which the limits depend on each other.
+The first kind is the box of the ranges of the four angles. The second is the visited region, in which the limits of an
+angle depend on the other angles.
 """
 
 from __future__ import annotations
@@ -22,7 +23,7 @@ _CHANGES = Grid(9, 18, 12)
 """Grid for the changes of the volume by one standard deviation; their error is a few per cent."""
 _ENOUGH = 0.01, 0.02
 """Grids for the box and for a region are refined until the volume changes by less than this share."""
-_MOST = 4  # grids
+_MOST = 4  # largest number of grids
 
 
 @dataclass(frozen=True)
@@ -51,7 +52,7 @@ class Workspace:
 
 
 def compute_workspace(arm: RecordedArm, ranges: Mapping[str, AngleRange], region: VisitedRegion | None) -> Workspace:
-    """Return the reachable volume of an arm.
+    """Return the reachable volume of an arm, its 95 % interval and the sources of its variance.
 
     The interval contains the errors of the ends of the ranges, of the lengths and of the shoulder's rise, the constant
     errors of the angles from the landmarks, and the error of the grid. A constant error of the plane is left out
@@ -135,6 +136,6 @@ def _compute_effects(arm: RecordedArm, ranges: Mapping[str, AngleRange], limits:
 
 
 def _limit_step(step: FloatArray, limits: FloatArray) -> FloatArray:
-    """Return the step, reduced so that the elevation stays between 0 and 180° and no range becomes negative."""
+    """Return the change of the limits (4, 2), reduced so that elevations and ranges stay valid; ``step`` is overwritten."""
     step[1] = np.minimum(step[1], [max(limits[1, 0], 0.0), max(np.pi - limits[1, 1], 0.0)])
     return np.minimum(step, 0.5 * (limits[:, 1:] - limits[:, :1]))

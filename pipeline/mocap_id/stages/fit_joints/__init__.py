@@ -11,7 +11,7 @@ from mocap_id.stages.base import Context, Only, Outputs, Settings, Stage
 
 
 class FitJointsSettings(Settings):
-    """Estimator, number of frames, and limits for cautions about joints."""
+    """Settings of the joint fit: estimator, number of frames, and limits for cautions about joints."""
 
     plane_only: ClassVar[Only] = {
         "estimator": ("rigid-body", "circle"),
@@ -26,9 +26,9 @@ class FitJointsSettings(Settings):
 
     estimator: Literal["bundle", "rigid-body", "circle", "score", "sphere", "helical"] = Field(
         "bundle",
-        description="method: bundle fits the whole chain. The others are for comparison. In the plane: rigid-body "
-        "(pairs of rigid bodies) or circle (thesis); in space: score (symmetrical centres of rotation), sphere or "
-        "helical (helical axes)",
+        description="method: bundle fits the whole chain. The other methods are for comparison. In the plane: "
+        "rigid-body (pairs of rigid bodies) or circle (thesis); in space: score (symmetrical centres of rotation), "
+        "sphere or helical (helical axes)",
     )
     kinds: dict[str, Literal["ball", "two-axis", "hinge"]] = Field(
         {}, description="in space: kinds of joints by name; default: from the motion"
@@ -39,7 +39,7 @@ class FitJointsSettings(Settings):
     palpation_sd_m: float = Field(
         0.005, gt=0, description="in space: standard deviation of a palpated landmark along each axis, m"
     )
-    frames: int = Field(400, ge=50, description="number of frames in the fit, evenly along the path of the markers")
+    frames: int = Field(400, ge=50, description="number of frames in the fit, evenly spaced along the markers' paths")
     lambda_a: float = Field(0.01, gt=0, description="weight of the markers in `segment: joint_markers` (3.16)")
     small_arc_deg: float = Field(10.0, ge=0, description="smallest rotation of a joint without a caution, degrees")
     large_sd_m: float = Field(

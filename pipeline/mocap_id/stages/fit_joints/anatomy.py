@@ -1,4 +1,4 @@
-"""Landmarks of the body in a fitted chain: joint centres refined by landmarks, and the chain in anatomical frames."""
+"""Landmarks of the body in a fitted chain: they refine the joint centres and define the anatomical frames."""
 
 from __future__ import annotations
 
@@ -32,20 +32,20 @@ from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
 _MIDDLES = {"upper_arm": ("GH",), "forearm": ("EL", "EM"), "hand": ("RS", "US")}
-"""Landmarks whose middle is the centre of the joint before a segment."""
+"""Landmarks whose midpoint is the centre of the joint before a segment, by this segment."""
 _GH_SD = 0.01
 """Standard deviation of a marker at the shoulder centre from this centre, along each axis, m."""
 _OFTEN = 0.5
-"""Smallest share of frames with the landmarks beside a joint for which these landmarks start the fit."""
+"""Smallest share of frames in which the landmarks beside a joint are visible, so that they help the joint fit."""
 _OVERVIEW = 600
-"""Number of frames outside the still pose that are used to correct the axial rotation of the skin."""
+"""Largest number of frames, evenly over the recording, in which the poses are computed besides the still pose."""
 JOINTS = {"shoulder": ("thorax", "upper_arm"), "elbow": ("upper_arm", "forearm"), "wrist": ("forearm", "hand")}
-"""Segments before and after each joint with angles by the ISB."""
+"""Segments before and after each joint that has angles by the definitions of the ISB."""
 
 
 @dataclass(frozen=True)
 class AnatomicalChain:
-    """A fitted chain in the anatomical frames of the ISB, or in the frames of the fit if there are no landmarks."""
+    """A fitted chain in the anatomical frames of the ISB, or in the frames of the joint fit without landmarks."""
 
     fit: SpatialFit  # fit with joint centres refined by landmarks, in the frames of the fit
     chain: SpatialChain  # the same chain in anatomical frames
@@ -118,7 +118,7 @@ def fit_anatomical_frames(
 
 
 def _choose_frames(still: slice, count: int) -> tuple[IntArray, slice]:
-    """Return the indices of the still frames and of frames over the whole recording, and the slice of the still frames.
+    """Return indices of the still frames and of frames over the whole recording, and the slice of the still ones in it.
 
     ``count`` is the number of frames of the recording.
     """
@@ -130,7 +130,7 @@ def _choose_frames(still: slice, count: int) -> tuple[IntArray, slice]:
 
 @dataclass(frozen=True)
 class _ClusterPoses:
-    """Poses of all segments by their markers, (F, S, 3, 3) and (F, S, 3), m, and the slice of the still frames."""
+    """Poses of all segments: rotations (F, S, 3, 3), origins (F, S, 3), m, and the slice of the still frames in F."""
 
     rotations: FloatArray
     origins: FloatArray
@@ -141,14 +141,17 @@ class _ClusterPoses:
         return cls(*fit_cluster_poses(correct_axial_rotation(points, chain), chain), still)
 
     def find_pose_at_rest(self) -> SegmentPoses:
-        """Return the poses in the middle of the still frames with all poses, or else in the first still frame."""
+        """Return the poses in the middle still frame among those with all poses known, or else in the first one."""
         complete = self.still.start + np.flatnonzero(np.isfinite(self.rotations[self.still]).all(axis=(1, 2, 3)))
         middle = int(complete[len(complete) // 2]) if len(complete) else self.still.start
         return SegmentPoses(self.rotations[middle], self.origins[middle])
 
 
 def find_points_near_joints(context: Context, view: Trajectories, names: Sequence[str]) -> dict[int, FloatArray]:
-    """Return the middle (F, 3) of the landmarks beside each joint of an arm, m, by the segment after the joint."""
+    """Return the midpoint (F, 3) of the landmarks beside each joint of an arm, m, by number of the next segment.
+
+    Joints without landmarks, or with landmarks that are often missing, are left out.
+    """
     markers = find_landmarks(view.labels, get_landmark_labels(context.trial), context.trial.side).markers
     middles = {}
     for child, pair in _MIDDLES.items():
@@ -163,7 +166,7 @@ def find_points_near_joints(context: Context, view: Trajectories, names: Sequenc
 def _move_centres_to_landmarks(
     fit: SpatialFit, locate: Callable[[SpatialFit], Mapping[str, LandmarkPosition]], numbers: Mapping[str, int]
 ) -> SpatialFit:
-    """Return the fit with the centres of shoulder, elbow and wrist combined with the middle of their landmarks.
+    """Return the fit with each centre of shoulder, elbow and wrist combined with the midpoint of its landmarks.
 
     The landmarks are located again for each centre, because the centre is the origin of its segment.
     """
@@ -184,7 +187,10 @@ def _fit_frames(
     poses: _ClusterPoses,
     option: int,
 ) -> AnatomicalFrames:
-    """Return the frames of the ISB in the frames of the fit; ``where`` is the segment of each frame and landmark."""
+    """Return the anatomical frames of the ISB, expressed in the segment frames of the fit.
+
+    ``where`` is the number of the segment by name of segment or landmark; ``option`` is the setting `humerus`.
+    """
     local = {name: position.local for name, position in positions.items()}
     pairs = _find_pairs_at_joints(fit, local, where)
     for child, pair in pairs.items():
@@ -212,9 +218,9 @@ def _fit_frames(
 def _find_pairs_at_joints(
     fit: SpatialFit, local: Mapping[str, FloatArray], where: Mapping[str, int]
 ) -> dict[str, tuple[str, str]]:
-    """Return the two landmarks beside each joint centre that the motion also determines, by the segment after it.
+    """Return the two landmarks beside each joint centre that the motion also determines, by name of the next segment.
 
-    There are none if whole clusters slide, because the centres then move by centimetres between the clusters.
+    The result is empty if whole clusters slide, because the centres then move by centimetres between the clusters.
     """
     if any(joint.slide_sd for joint in fit.chain.joints):
         return {}
@@ -230,7 +236,7 @@ def _find_pairs_at_joints(
 def _find_bent_pose(
     local: Mapping[str, FloatArray], where: Mapping[str, int], poses: _ClusterPoses
 ) -> SegmentPoses | None:
-    """Return the poses in the frame in which the elbow is nearest to a right angle; None if it is never known."""
+    """Return the poses in the frame in which the elbow is nearest to a right angle; None if its angle is unknown."""
     if not {"GH", "EL", "EM", "US"} <= local.keys():
         return None
     track = {
@@ -247,7 +253,7 @@ def _find_bent_pose(
 
 
 def _list_covariances(frames: AnatomicalFrames) -> dict[str, list[list[float]]]:
-    """Return the covariance (6, 6) of the errors of the two frames at each joint, rad², by joint."""
+    """Return the covariance (6, 6) of the rotation errors of the two frames at each joint, rad², by joint."""
     return {
         joint: frames.covariance(*pair).tolist()
         for joint, pair in JOINTS.items()
@@ -258,7 +264,7 @@ def _list_covariances(frames: AnatomicalFrames) -> dict[str, list[list[float]]]:
 def _make_landmark_arrays(
     local: Mapping[str, FloatArray], segment: Mapping[str, int], positions: Mapping[str, LandmarkPosition]
 ) -> dict[str, Any]:
-    """Return the datasets of the group ``landmarks`` of chain.h5; ``local`` are the positions in anatomical frames."""
+    """Return the datasets of the group ``landmarks`` of chain.h5; ``local`` are their positions, m, by name."""
     return {
         "name": np.array(list(local), dtype=object),
         "segment": np.array([segment[name] for name in local], dtype=np.int64),

@@ -1,4 +1,4 @@
-"""Function of the stage fit-joints in the plane: joint centres, marker positions and lengths of the whole chain."""
+"""Function of the stage fit-joints in the plane, which fits joint centres, marker positions and segment lengths."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from mocap_id.store.schemas import CHAIN
 from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
-_MARKED_SD = 0.005  # m; limit for a joint that a marker represents, and for the first joint if its segment has few
+_MARKED_SD = 0.005  # m; limit for a joint with a marker at it, and for the first joint if its segment has few
 _FEW_POSITIONS = 3  # different marker positions on the first segment
 
 
@@ -87,7 +87,7 @@ def fit_joints(context: Context) -> Outputs:
 
 
 def _use_calibration(context: Context) -> Tree:
-    """Return chain.h5 of a trial without markers: the chain of the calibration trial."""
+    """Return chain.h5 of a trial without markers, which is the chain of the calibration trial."""
     calibration = get_calibration(context.trial)
     tree = read_chain(calibration)
     name = calibration.trial.name
@@ -114,7 +114,7 @@ def _make_start(
     labels: list[str],
     tracks: Mapping[int, ComplexArray],
 ) -> ChainState:
-    """Return the chain that the stage segment has fitted, with the angles of all frames."""
+    """Return the chain fitted by the stage segment, with the angles of all frames, as start of the joint fit."""
     centres = np.array([complex(x, y) for x, y in links["centres"]])
     local = np.array([complex(*links["local"][label]) for label in labels])
     return ChainState(centres, local, chain_angles(points, segment, centres, local, tracks))
@@ -127,7 +127,7 @@ def _estimate(
     settings: FitJointsSettings,
     start: ChainState | None,
 ) -> ChainFit:
-    """Fit the chain by the estimator of the settings; ConfigError if it cannot use this trial's markers."""
+    """Fit the chain by the estimator in the settings; ConfigError if it cannot use the markers of this trial."""
     if settings.estimator == "bundle":
         return fit_chain(points, segment, auxiliary, settings.lambda_a, start)
     if start is not None:
@@ -141,7 +141,7 @@ def _estimate(
 
 
 def explain_estimator(settings: FitJointsSettings) -> tuple[Reason, ...]:
-    """Return a caution if the estimator is not the default, in the plane or in space."""
+    """Return a caution if the estimator is not the default; for trials in the plane and in space."""
     if settings.estimator == "bundle":
         return ()
     without_sd = "" if settings.estimator == "rigid-body" else "; its joints and lengths have no standard deviations"
@@ -155,7 +155,7 @@ def explain_estimator(settings: FitJointsSettings) -> tuple[Reason, ...]:
 
 
 def _explain_joint_markers(marked: Mapping[str, list[str]], settings: FitJointsSettings) -> tuple[Reason, ...]:
-    """Return a note for each joint whose centre is attracted by markers; ``marked`` are their labels by joint."""
+    """Return a note for each joint whose centre is attracted by markers; ``marked`` are the marker labels by joint."""
     return tuple(
         Reason(
             "joint-markers",
@@ -173,8 +173,8 @@ def _explain_weak_joints(
 ) -> tuple[Reason, ...]:
     """Return a caution for every joint that rotates too little or whose centre is uncertain.
 
-    The limit is smaller for ``critical`` joints, which occur in conventional marker sets: an error of their centre,
-    times the weight on it, is an error of the torque.
+    The limit is smaller for the joints ``critical`` of conventional marker sets, because an error of their centres,
+    multiplied by the weight on them, is an error of the torque.
     """
     reasons = []
     for name, arc, covariance in zip(names, np.degrees(fit.arcs), fit.covariance, strict=True):

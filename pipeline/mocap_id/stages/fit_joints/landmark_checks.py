@@ -1,4 +1,4 @@
-"""Checks of the landmarks of an arm: exchanged names, a wrong vertical axis or a wrong unit give an impossible arm."""
+"""Checks whether landmarks form a possible arm; exchanged names, a wrong vertical axis or a wrong unit do not."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from mocap_id.kinematics.space.chain_result import SpatialFit
 from mocap_id.verdict import Reason
 
 _ABOVE = (("IJ", "PX"), ("C7", "T8"))
-"""Pairs of landmarks of the thorax; the first one is above the second."""
+"""Pairs of landmarks of the thorax; the first landmark of a pair is above the second."""
 _BELOW = 0.05  # m; in a person who lies, the heights are nearly equal
 _OUT_OF_PLANE = 0.025  # m, rms distance of the thorax's landmarks from the plane through them
-_BESIDE = 0.05  # m, distance of the middle of two landmarks from the joint centre by the motion
-_SURE = 0.02  # m; the distance has less weight in directions in which the standard deviation is larger
-_ACROSS = 45.0  # degrees, angle between the line through the epicondyles and the axis by the motion
+_BESIDE = 0.05  # m, distance of the midpoint of two landmarks from the joint centre found from the motion
+_SURE = 0.02  # m; the distance has less weight in directions with a larger standard deviation
+_ACROSS = 45.0  # degrees, angle between the line through the epicondyles and the axis found from the motion
 _LENGTHS = {"upper_arm": (0.15, 0.45), "forearm": (0.12, 0.40)}
 """Shortest and longest segments of children and adults, m."""
 _NEXT = {"upper_arm": "forearm", "forearm": "hand"}
@@ -34,9 +34,9 @@ def check_landmarks(
     where: Mapping[str, int],
     standing: SegmentPoses,
 ) -> tuple[Reason, ...]:
-    """Return a caution that lists all contradictions to the anatomy of an arm; an empty tuple without contradictions.
+    """Return a caution that lists all contradictions with the anatomy of an arm; an empty tuple if there are none.
 
-    ``standing`` are the poses of the segments at rest, with y up.
+    ``standing`` are the poses of the segments in the still pose; their y axis points up.
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def _check_thorax(
     standing: SegmentPoses,
     fit: SpatialFit,
 ) -> Iterator[str]:
-    """Yield a text for each contradiction in the landmarks of the thorax."""
+    """Yield a text for each contradiction of the landmarks of the thorax with its anatomy."""
     frame = frames.frames.get("thorax")
     if frame is None:
         return
@@ -84,7 +84,7 @@ def _check_thorax(
 
 
 def _check_joints(fit: SpatialFit, at: Mapping[str, FloatArray], where: Mapping[str, int]) -> Iterator[str]:
-    """Yield a text for each contradiction between landmarks and the joint centres and axes by the motion."""
+    """Yield a text for each contradiction of the landmarks with the joint centres and axes found from the motion."""
     for child, pair in PAIRS.items():
         if child not in where or where[child] == 0 or not all(name in at for name in pair):
             continue
@@ -95,7 +95,7 @@ def _check_joints(fit: SpatialFit, at: Mapping[str, FloatArray], where: Mapping[
         off = joint.centre - (at[pair[0]] + at[pair[1]]) / 2
         away = float(np.sqrt(off @ np.linalg.solve(joint.covariance / _SURE**2 + np.eye(3), off)))
         if away > _BESIDE:
-            yield f"the middle of {pair[0]} and {pair[1]} is {1e3 * away:.0f} mm from the centre of their joint"
+            yield f"the midpoint of {pair[0]} and {pair[1]} is {1e3 * away:.0f} mm from the centre of their joint"
         if child == "forearm" and joint.kind == "two-axis" and np.isfinite(joint.axes_covariance[0]).all():
             cosine = abs(float(across @ joint.first_axis)) / max(float(np.linalg.norm(across)), 1e-9)
             angle = float(np.degrees(np.arccos(min(cosine, 1.0))))
@@ -124,7 +124,7 @@ def check_lengths(lengths: Mapping[str, float]) -> list[str]:
 
 
 def explain_implausible_arm(doubts: Sequence[str]) -> tuple[Reason, ...]:
-    """Return a caution that lists all contradictions to the anatomy of an arm; an empty tuple if there are none."""
+    """Return a caution that lists the contradictions ``doubts`` with the anatomy of an arm; nothing without doubts."""
     if not doubts:
         return ()
     text = "Check the names of the landmarks, and the unit and the vertical axis of the recording; the angles are wrong"

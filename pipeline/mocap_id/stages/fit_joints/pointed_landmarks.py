@@ -63,8 +63,8 @@ def read_pointed_landmarks(
             )
     if len(rod) < 2:
         raise RecordingError(
-            f"{next(iter(files.values()))}: all recordings of the pointer have {len(rod)} markers that this trial does "
-            "not have; expected the two or more markers of the pointer"
+            f"{next(iter(files.values()))}: {len(rod)} markers are in all recordings of the pointer but not in this "
+            "trial; expected at least two, the markers of the pointer"
         )
     touches = {name: _read_touch(each, rod, marked, segment[name]) for name, each in recordings.items()}
     pointer = (
@@ -85,7 +85,7 @@ def read_pointed_landmarks(
 def _read_touch(
     trial: Recording, rod: tuple[str, ...], marked: MarkedChain, segment: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the pointer's markers (F, P, 3), m, and the poses (F, 3, 3), (F, 3) of a segment in a recording."""
+    """Return pointer markers (F, P, 3), m, rotations (F, 3, 3) and origins (F, 3), m, of a segment in a recording."""
     points = PlaneFrame(0.0).to_plane(trial.positions)
     points = mirror_points(points) if marked.left else points
     own = [m for m in np.flatnonzero(marked.chain.segment == segment) if marked.labels[m] in trial.labels]

@@ -1,4 +1,4 @@
-"""Function of the stage fit-joints for the skeleton of a camera: an arm of constant lengths on a rigid trunk."""
+"""Function of fit-joints for the skeleton of a camera, which fits an arm of constant lengths on a rigid trunk."""
 
 from __future__ import annotations
 
@@ -30,16 +30,17 @@ from mocap_id.verdict import Reason
 _CARRYING = float(np.radians(-10))
 """Assumed carrying angle of the elbow, rad; a skeleton does not contain it."""
 _WRIST = (0.08, 0.045)
-"""Position of the wrist's centre, forward of and beside the axis from elbow to ulnar styloid, as shares of the length.
+"""Distances of the wrist's centre from the axis between elbow and ulnar styloid, forward and to the side.
 
-Its distance from this axis is a tenth of the length of the forearm, rotated forward by 60° of pronation."""
+They are shares of the forearm's length, for a wrist that is about a tenth of this length from the axis in 60° of
+pronation."""
 _FRAME_SD = np.radians([2.7, 4.0, 4.0, 2.2, 8.0, 2.2, 2.7, 9.0, 4.0])
-"""Constant errors of the axes of thorax, upper arm and forearm, each about x, y, z, rad, for a usual camera."""
+"""Standard deviations of constant errors of thorax, upper arm and forearm about x, y, z, rad, with a usual camera."""
 _USUAL_NOISE = 0.012
 """Noise of a bone's length with a usual camera, m; constant errors are scaled in proportion to this noise."""
 _SCALES = (0.8, 2.5)
-"""Smallest and largest factor of the constant errors."""
-_CENTRE_SD = 0.02  # m, distance of the shoulder's centre from the skeleton's shoulder, along each axis
+"""Smallest and largest factor by which the constant errors are scaled."""
+_CENTRE_SD = 0.02  # m, standard deviation of the shoulder's centre from the skeleton's shoulder, along each axis
 _BIASES = Reason(
     "skeleton-biases",
     "the angles come from the skeleton of a camera, whose joints are centimetres from the anatomical joints. Expected "
@@ -76,7 +77,7 @@ def _express_in_trunk(trunk: Trunk, track: FloatArray) -> FloatArray:
 
 
 def _make_joints(bones: list[Bone]) -> tuple[SpatialJoint, ...]:
-    """Return shoulder, elbow and, if the skeleton has a hand, wrist."""
+    """Return the joints shoulder and elbow, and the wrist if the skeleton has a hand."""
     upper, lower = bones[:2]
     axes_covariance = np.full((2, 3, 3), np.nan)
     axes_covariance[0] = np.diag([np.sin(_FRAME_SD[4]) ** 2, np.sin(_FRAME_SD[3]) ** 2, 0.0])
@@ -111,7 +112,7 @@ def _locate_wrist(length: float) -> FloatArray:
 
 
 def _length_sd(bone: Bone) -> float:
-    """Return the standard deviation of a length, m, with the constant error along the bone."""
+    """Return the standard deviation of the length of a bone, m, including the constant error along the bone."""
     return float(np.hypot(np.sqrt(bone.covariance[3, 3]), LASTING_SD / 2))
 
 
@@ -160,7 +161,7 @@ def _make_data(
 
 
 def _measure_arc(tip: FloatArray, start: FloatArray | None) -> float:
-    """Return the range of the angle of a bone about its mean direction, rad; ``start`` None is the origin."""
+    """Return the range of a bone's angle to its mean direction, rad; it begins at the origin if ``start`` is None."""
     bone = tip if start is None else tip - start
     bone = bone[np.isfinite(bone).all(axis=1)]
     unit = bone / np.linalg.norm(bone, axis=1, keepdims=True)
@@ -189,7 +190,7 @@ def _make_facts(bones: list[Bone], noise: SensorNoise) -> dict[str, Any]:
 def _compute_residuals(
     trunk: Trunk, bones: list[Bone], inside: dict[str, FloatArray], tracks: dict[str, FloatArray]
 ) -> FloatArray:
-    """Return the residuals (F, K) of the positions on the rigid trunk and of the lengths, m."""
+    """Return the residuals, m, (F, K) for K coordinates of points on the rigid trunk and lengths of the arm."""
     parts = [
         _express_in_trunk(trunk, tracks[role]) - local for role, local in zip(trunk.roles, trunk.local, strict=True)
     ]

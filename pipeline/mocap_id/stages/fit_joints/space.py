@@ -1,4 +1,4 @@
-"""Function of the stage fit-joints in space: kinds, centres and axes of the joints, and anatomical landmarks."""
+"""Function of the stage fit-joints in space, which fits kinds, centres and axes of the joints, and landmarks."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ _JOINT_ARRAYS = (
 _CORRECTED_BY = 600
 """Largest number of frames used to correct the axes of a calibration."""
 _WIDE = 60.0
-"""Rotation of a joint beyond which more rotation would not determine its centre, degrees."""
+"""Rotation of a joint, degrees; if it is larger and the centre is unknown, more rotation would not help."""
 _MORE_MOTION = "Name a trial of the same person with a larger motion as `calibration:`."
 _RIGID_MARKERS = (
     "The rotation is large enough, but about one axis only, or the markers of its segments move too much against each "
@@ -96,7 +96,7 @@ def fit_chain_in_space(context: Context) -> Outputs:
 
 
 def _choose_kinds(given: Mapping[str, JointKind], joint_names: Sequence[str]) -> dict[int, JointKind]:
-    """Return the kinds of the joints with anatomical names, or given by the user, by the number of the joint."""
+    """Return the kinds that the user gives, or else those of anatomical joints, by number of the joint."""
     unknown = [name for name in given if name not in joint_names]
     if unknown:
         raise ConfigError(
@@ -138,7 +138,7 @@ def _make_data(
 
 
 def make_joint_arrays(joints: tuple[SpatialJoint, ...]) -> dict[str, Any]:
-    """Return the datasets of the group ``joints`` of chain.h5 without names, parents and arcs, one row for a joint."""
+    """Return the datasets of the group ``joints`` of chain.h5 without names, parents and arcs, one row for each."""
     arrays = {name: np.array([getattr(joint, name) for joint in joints], dtype=np.float64) for name in _JOINT_ARRAYS}
     return {
         "kind": np.array([joint.kind for joint in joints], dtype=object),
@@ -149,7 +149,7 @@ def make_joint_arrays(joints: tuple[SpatialJoint, ...]) -> dict[str, Any]:
 
 
 def _use_calibration(context: Context) -> Tree:
-    """Return the chain of the calibration, with the markers of this trial and with axes corrected by its motion."""
+    """Return the chain of the calibration with only the markers of this trial, and axes corrected by its motion."""
     assert context.trial.calibration is not None
     tree = read_chain(context.trial.calibration)
     segments = context.table("segments.parquet")
@@ -160,14 +160,14 @@ def _use_calibration(context: Context) -> Tree:
     name = context.trial.calibration.trial.name
     data["joints"], corrected = _correct_axes(context, Tree(CHAIN, data, tree.facts))
     addition = f"; the motion of this trial corrects the axes of the {' and '.join(corrected)}" if corrected else ""
-    message = f"centres, axes and landmark frames of the joints come from {name}{addition}."
+    message = f"joint centres, joint axes and anatomical frames come from {name}{addition}."
     note = Reason("calibrated", message, level="ok")
     cautions = tuple(reason for reason in tree.reasons if reason.level != "ok")
     return Tree(CHAIN, data, {**tree.facts, "calibration": name}, (note, *cautions))
 
 
 def _correct_axes(context: Context, tree: Tree) -> tuple[Mapping[str, Any], list[str]]:
-    """Return the group ``joints`` of chain.h5 with axes corrected by this trial, and the names of these joints."""
+    """Return the group ``joints`` of chain.h5 with axes corrected by this trial, and the names of corrected joints."""
     skeleton, planar = SpatialSkeleton.from_tree(tree), context.long("planar.parquet")
     joints: Mapping[str, Any] = tree.data["joints"]  # type: ignore[assignment]
     if is_skeleton(planar.facts) or tree.facts["frames"] == "skeleton":
@@ -203,8 +203,8 @@ def _explain_weak_joints(fit: SpatialFit, names: Sequence[str], settings: FitJoi
             reasons.append(
                 Reason(
                     "centre-unknown",
-                    f"the motion does not determine the centre of the {name}, which rotates by {arc:.0f}°: no lengths "
-                    f"and angles depend on it. {_MORE_MOTION if arc < _WIDE else _RIGID_MARKERS}",
+                    f"the motion does not determine the centre of the {name}, which rotates by {arc:.0f}°; no length "
+                    f"or angle depends on it. {_MORE_MOTION if arc < _WIDE else _RIGID_MARKERS}",
                     float(arc),
                 )
             )
