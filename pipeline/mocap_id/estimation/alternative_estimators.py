@@ -1,7 +1,8 @@
 """Alternative estimators of joint states, for comparison: two averaged filter passes, a low-pass, a spline.
 
 ``two-filter`` is the thesis's method (ch. 3.2.6). The other two smooth the angles of single frames, joint by joint.
-They do not use the uncertainty of an angle: they bridge gaps up to a fixed time and give no standard deviations.
+They do not use the uncertainty of an angle. They therefore bridge gaps up to a fixed time only, and give no standard
+deviations.
 """
 
 from __future__ import annotations
@@ -27,25 +28,25 @@ _REVERSED = np.array([1.0, -1.0, 1.0, -1.0])  # reversing time changes the sign 
 _POLES = 2  # of one pass; both passes together have four, as is usual in movement analysis
 
 Derivatives = Callable[[FloatArray, BoolArray, float], FloatArray]
-"""Function from an angle (F,), its known samples (F,) and the time step, s, to the states (F, 4)."""
+"""Function from an angle (F,), rad, flags of its known samples (F,) and the time step, s, to the states (F, 4)."""
 
 
 class Estimate(NamedTuple):
-    """States of all joints from one of the methods."""
+    """Estimated states of all joints, from any method."""
 
     mean: FloatArray  # (F, n, 4) rad and s
     sd: FloatArray  # (F, n, 4) standard deviations; NaN if unknown
     used: BoolArray  # (F, M) markers used
-    log_likelihood: float
-    filled: BoolArray | None = None  # (F, n) states extrapolated backwards from later frames, if the method does so
+    log_likelihood: float  # NaN if the method has none
+    filled: BoolArray | None = None  # (F, n) states extrapolated backwards from later frames; None: no state
 
 
 def average_two_passes(problem: FilterProblem, run_filter: Callable[[FilterProblem], Track]) -> Estimate:
-    """Average the filter run forwards and the same filter run over the reversed series (ch. 3.2.6).
+    """Return the average of a filter pass over the series and a pass over the reversed series (ch. 3.2.6).
 
-    The errors of the passes have an unknown correlation, because both use the frame itself. For any correlation, the
-    standard deviation of the average is at most the mean of the two standard deviations. This bound is returned.
-    ``used`` combines both passes; the likelihood belongs to the forward pass.
+    The errors of the two passes have an unknown correlation, because both use the frame itself. For any correlation,
+    the standard deviation of the average is at most the mean of the two standard deviations. This bound is returned. A
+    marker is ``used`` if one of the passes used it; the likelihood is that of the forward pass.
     """
     ahead = run_filter(problem)
     anchors = problem.anchors
@@ -59,9 +60,10 @@ def average_two_passes(problem: FilterProblem, run_filter: Callable[[FilterProbl
 
 
 def smooth_butterworth(anchors: Anchors, dt: float, cutoff: float) -> Estimate:
-    """Smooth the angles of single frames by a zero-phase Butterworth low-pass, then take central differences.
+    """Smooth the angles of single frames by a zero-phase Butterworth low-pass, then differentiate them.
 
     ``cutoff`` is the cut-off of each of the two passes, Hz; both passes together halve the amplitude at this frequency.
+    The derivatives are central differences. Long gaps are NaN, as are all standard deviations.
 
     Raises
     ------
@@ -89,12 +91,15 @@ def smooth_butterworth(anchors: Anchors, dt: float, cutoff: float) -> Estimate:
 
 
 def smooth_spline(anchors: Anchors, dt: float) -> Estimate:
-    """Smooth the angles of single frames by a quintic spline (ch. 5.5, :mod:`mocap_id.estimation.quintic_spline`)."""
+    """Smooth the angles of single frames by a quintic spline (ch. 5.5, :mod:`mocap_id.estimation.quintic_spline`).
+
+    Long gaps are NaN, as are all standard deviations.
+    """
     return _smooth_joints(anchors, dt, fit_smoothing_spline)
 
 
 def _smooth_joints(anchors: Anchors, dt: float, derivatives: Derivatives) -> Estimate:
-    """Smooth each joint's observed angles between long gaps; the result is NaN in these gaps."""
+    """Apply ``derivatives`` to each joint's angles between its long gaps; the result is NaN in these gaps."""
     mean = np.full((*anchors.angles.shape, ORDER), np.nan)
     for j in range(mean.shape[1]):
         seen = anchors.observed[:, j]
@@ -106,7 +111,10 @@ def _smooth_joints(anchors: Anchors, dt: float, derivatives: Derivatives) -> Est
 
 
 def _find_stretches(seen: BoolArray, limit: float) -> Iterator[slice]:
-    """Yield the stretches with enough known samples and no gap of more than ``limit`` samples."""
+    """Yield each stretch that has enough known samples and no gap of more than ``limit`` samples.
+
+    ``seen`` (F,) marks the known samples.
+    """
     found = np.flatnonzero(seen)
     for part in np.split(found, np.flatnonzero(np.diff(found) > limit + 1) + 1):
         if len(part) >= LEAST_SAMPLES:

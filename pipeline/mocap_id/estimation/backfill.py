@@ -1,8 +1,8 @@
 """Backfill: states before a joint's angle is determined, extrapolated backwards from later frames.
 
 A joint whose angle is too uncertain starts again in every frame until a frame determines its angle. The smoother does
-not connect the states before and after such a start. The process (eq. 3.17) run backwards extends the states into the
-frames before the last start. Their uncertainty grows as at the beginning of a gap.
+not connect the states before such a start with those after it. Therefore the process model (eq. 3.17) is run backwards
+from the last start. The uncertainty of the extrapolated states grows with the distance, as in a gap.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from mocap_id.estimation.process_model import noise_shape, transition
 
 
 def backfill(problem: FilterProblem, track: Track, mean: FloatArray, sd: FloatArray) -> BoolArray:
-    """Extrapolate into the frames before a joint's last start where this reduces the variance; return them (F, n).
+    """Extrapolate into the frames before each joint's last start where this reduces the variance; return where (F, n).
 
-    With x = F⁻¹ (x' − w) and no other information, P = F⁻¹ (P' + Q) F⁻ᵀ. ``track`` is smoothed. ``mean`` and ``sd`` (F,
-    n, 4) are its states by joint, which are changed in place.
+    ``track`` is the smoothed track. ``mean`` and ``sd`` (F, n, 4) are its states by joint, which are changed in place.
+    The state x before a state x' = F x + w, where w has the covariance Q, has the covariance P = F⁻¹ (P' + Q) F⁻ᵀ.
     """
     back = np.linalg.inv(transition(problem.dt))
     filled = np.zeros(track.restarted.shape, dtype=np.bool_)

@@ -1,4 +1,4 @@
-"""Residuals of the markers in their segments' frames, without the part that follows the posture."""
+"""Residuals of the markers in their segments' frames, without the part that depends on the posture."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, as_complex, as_
 from mocap_id.estimation.smoothing import States
 from mocap_id.geometry.planar import segment_poses
 
-_RIDGE = 1e-9  # relative to the regression's squares, for angles that do not move
+_RIDGE = 1e-9  # added to the diagonal of the regression, relative to it, for angles that do not move
 _LEAST = 10  # frames per unknown of a regression
 
 
 @dataclass(frozen=True)
 class ChainResiduals:
-    """Distances of the markers from their predictions by the chain."""
+    """Differences of the markers from the positions that the chain predicts."""
 
     states: States
     used_markers: FloatArray  # (F, M, 2) markers used for the states, plane frame, m; NaN elsewhere
@@ -26,7 +26,7 @@ class ChainResiduals:
 
     @cached_property
     def _posture(self) -> FloatArray:
-        """Quadratic functions (F, P) of the angles; zero where an angle is missing."""
+        """Linear and quadratic functions (F, P) of the angles; zero in frames in which an angle is missing."""
         angles = self.states.mean[..., 0]
         given = np.isfinite(angles)
         centred = angles - np.sum(angles, axis=0, where=given) / np.maximum(np.sum(given, axis=0), 1)
@@ -36,10 +36,10 @@ class ChainResiduals:
         return np.asarray(basis / np.sqrt(np.mean(basis**2, axis=0) + 1e-30))
 
     def columns(self) -> Iterator[tuple[int, ComplexArray, BoolArray]]:
-        """Yield the number of each marker with enough samples, its residual (F,), m, and the frames (F,) that use it.
+        """Yield for each marker with enough samples: its index, its residual (F,), m, and whether each frame uses it.
 
-        The residual is interpolated in gaps. The part that is a quadratic function of the joint angles is removed,
-        because it is attributed to sliding skin (:mod:`mocap_id.kinematics.skin_slides`).
+        The residual is x + 1j y in the segment's axes, interpolated in gaps. The part that is a quadratic function of
+        the joint angles is removed, because it is attributed to sliding skin (:mod:`mocap_id.kinematics.skin_slides`).
         """
         chain, basis = self.states.chain, self._posture
         rotation, origin = segment_poses(self.states.mean[..., 0], chain.centres)

@@ -4,9 +4,9 @@ A marker's residual e with the power spectrum S(f) causes an error of joint j's 
 
     sum over the markers of a_jk times the integral of (2 pi f)^(2 d) S_k(f) H_j(f)^2 df,
 
-where a_jk is the squared gain of A = (JᵀJ)⁻¹Jᵀ and H = 1 / (1 + (f / f0)^8) is the smoother. The integral is evaluated
-in time, as the mean square of the filtered residuals. Noise at rest thus counts even if skin moves more during
-movement.
+where a_jk is the squared gain from marker k to joint j in A = (JᵀJ)⁻¹Jᵀ, J is the Jacobian of the markers, and H = 1 /
+(1 + (f / f0)^8) is the frequency response of the smoother. The integral is evaluated in time, as a local mean square of
+the filtered residuals. Noise at rest is therefore not mixed with the larger errors of skin during movement.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from mocap_id.geometry.planar import marker_jacobian
 
 _DERIVATIVES = (1, 2)  # the angle has errors from skin and slow drift only; the jerk has no column in the table
 _POSTURES = 100
-_LEAST_LEFT = 0.2  # smallest share of a marker's error that remains in its residual
+_LEAST_LEFT = 0.2  # smallest fraction of a marker's error that remains in its residual
 _BAND = 3.0  # times f0; nothing passes above this frequency
 _MEMORY = 0.5  # s; standard deviation of the window of the mean squares
 
@@ -29,10 +29,10 @@ _MEMORY = 0.5  # s; standard deviation of the window of the mean squares
 def estimate_coloured_variance(
     residuals: ChainResiduals, angles: FloatArray, frames: IntArray, camera: float
 ) -> FloatArray:
-    """Return the variances (T, n, 4) of the states from the markers' residuals beyond white camera noise.
+    """Return the variances (T, n, 4) of velocity and acceleration due to residuals that exceed white camera noise.
 
-    ``angles`` (F, n) are the joint angles, rad, without gaps; ``frames`` (T,) are the frames of the variances, and
-    ``camera`` is the camera noise of a coordinate, m.
+    The variances of angle and jerk are zero. ``angles`` (F, n) are the joint angles, rad, without gaps; ``frames`` (T,)
+    are the frames of the variances; ``camera`` is the standard deviation of a coordinate due to camera noise, m.
     """
     states, rate = residuals.states, residuals.rate
     count, n = angles.shape
@@ -66,7 +66,8 @@ def estimate_coloured_variance(
 def _compute_gains(residuals: ChainResiduals, angles: FloatArray) -> tuple[IntArray, FloatArray]:
     """Return frames (f,) spread over the trial, and the squared gains a_jk (M, n, f) in these frames, rad²/m².
 
-    The gains allow for the part of a marker's error that the angles follow, which its residual does not contain.
+    The angles follow a part of a marker's error, which its residual does not contain. The gains are increased
+    accordingly.
     """
     states = residuals.states
     some = np.unique(np.linspace(0, len(angles) - 1, _POSTURES).round().astype(np.int64))

@@ -1,15 +1,16 @@
 """Compiled engine: unscented Kalman filter and Rauch–Tung–Striebel smoother.
 
-The update of the unscented Kalman filter is arranged for many markers. If the deviations of the sigma points include
-the square roots of the weights, the innovation covariance is S = R + H Hᵀ. R is diagonal, and H has only 2n + 1
-columns; :mod:`mocap_id.estimation.process_model` explains why it does not have 8n + 1. One column is the deviation of
-the mean. The other columns are the sum and the difference of the two points' deviations, for each of the first n
-columns of L = chol(P). The matrix inversion lemma reduces the update to A = I + Hᵀ R⁻¹ H. L₁ are the first n columns of
-L, L₂ the other columns, and d is the index of the differences:
+The update of the unscented Kalman filter is arranged for many markers. If the deviations of the sigma points are
+multiplied by the square roots of their weights, the innovation covariance is S = R + H Hᵀ. The marker noise R is
+diagonal, and H has only 2n + 1 columns; :mod:`mocap_id.estimation.process_model` explains why it does not have 8n + 1.
+One column is the deviation of the mean point. The other columns are the sum and the difference of the deviations of two
+opposite points, for each of the first n columns of L = chol(P). By the matrix inversion lemma, only A = I + Hᵀ R⁻¹ H
+must be inverted. L₁ are the first n columns of L, L₂ the other columns, y is the innovation, and d stands for the
+columns with differences:
 
     x⁺ = x + L₁ [A⁻¹ Hᵀ R⁻¹ y]_d        P⁺ = L₁ [A⁻¹]_dd L₁ᵀ + L₂ L₂ᵀ
 
-These equal x + K y and P − K S Kᵀ without the cancellation in the difference: P⁺ is a sum of squares.
+These equal x + K y and P − K S Kᵀ with the Kalman gain K, but have no cancellation, because P⁺ is a sum of squares.
 """
 
 from __future__ import annotations
@@ -35,7 +36,7 @@ _NO_SENSORS = Inertial(
 
 
 def filter_forwards(problem: FilterProblem) -> Track:
-    """Run the filter over all frames.
+    """Run the filter over all frames, and return the filtered states.
 
     Raise NumericalError if a covariance is not positive definite.
     """
@@ -62,7 +63,7 @@ def filter_forwards(problem: FilterProblem) -> Track:
 
 
 def smooth_backwards(problem: FilterProblem, track: Track) -> Track:
-    """Run the Rauch–Tung–Striebel smoother over a filtered track, and overwrite its arrays.
+    """Run the Rauch–Tung–Striebel smoother over a filtered track, and return this track with its arrays overwritten.
 
     Raises
     ------

@@ -1,13 +1,13 @@
-"""Dead reckoning of a planar chain: the constants, biases and clocks with which inertial sensors alone agree.
+"""Dead reckoning of a planar chain: the motion, biases and clocks for which inertial sensors alone agree best.
 
 The gyroscopes give the angular velocities φ' of the segments. Their integrals are the angles φ up to a constant. With
 the vectors v_k from joint to joint and w_k = 1j φ_k'' − φ_k'², the accelerometer of a segment must measure
 
     e^(−1j (φ + ψ)) (Σ w_k v_k + 1j g)
 
-where ψ is the rotation of the skin under it relative to the segment. Least squares of the difference from the measured
-force give the constants, the change of each gyroscope's bias at knots in time, the change of each accelerometer's bias,
-and the clocks relative to the first sensor.
+where ψ is the rotation of the skin under the sensor relative to the segment, and g is gravity. A least-squares fit to
+the measured forces gives the constants, the change of each gyroscope's bias at knots in time, the change of each
+accelerometer's bias, and the clocks relative to the first sensor.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _KNOT = 10.0  # s between the values of a gyroscope's bias
 _MOST_KNOTS = 12
 _WALK = 2e-4  # rad/s/√s, random walk of a gyroscope's bias
 _CLOCK = 0.1  # s, standard deviation between the clocks of two sensors
-_SMOOTHED = 0.025  # s, standard deviation of the window on all signals of the fit
+_SMOOTHED = 0.025  # s, standard deviation of the Gaussian window that smooths all signals of the fit
 _ROUNDS = 8
 _STEP = 1e-4  # of a parameter, for derivatives
 _FAR = 4.0  # times the rms residual; farther samples count less
@@ -52,20 +52,20 @@ class KnownChain:
 
 @dataclass(frozen=True)
 class Reckoning:
-    """Motion of n segments at F times from their gyroscopes, and what the accelerometers determine of it.
+    """Motion of n segments at F times from their gyroscopes, with the parameters that the accelerometers determine.
 
     Biases are changes since the trial with markers.
     """
 
     angle: FloatArray  # (F, n) angles of the segments, rad
     angle_sd: FloatArray  # (F, n) standard deviations due to the parameters below, rad
-    shift: FloatArray  # (n,) stamp of each sensor's clock minus the first clock's stamp at the same time, s
+    shift: FloatArray  # (n,) time on each sensor's clock minus the time on the first sensor's clock, s
     shift_sd: FloatArray  # (n,) standard deviations, s
     gyro_bias: FloatArray  # (F, n) bias of each gyroscope about the plane's normal, rad/s
     gyro_bias_sd: FloatArray  # (F, n) standard deviations, rad/s
     force_bias: FloatArray  # (n, 2) bias of each accelerometer, m/s²
     force_bias_sd: FloatArray  # (n, 2) standard deviations, m/s²
-    residual: FloatArray  # (n,) rms of a component's difference for each accelerometer, m/s²
+    residual: FloatArray  # (n,) rms residual of a component of each accelerometer, m/s²
 
 
 @dataclass(frozen=True)
@@ -79,10 +79,10 @@ class _Unknowns:
 
 
 class DeadReckoning:
-    """Least-squares fit of the accelerometers, with the motion from the gyroscopes.
+    """Least-squares fit to the accelerometers of the motion from the gyroscopes.
 
-    ``signals`` come from the sensor on each moving segment; ``time`` (F,) are uniform times on the first sensor's
-    clock, s.
+    ``signals`` are those of the sensors on the moving segments 1 … n; ``time`` (F,) are uniform times on the first
+    sensor's clock, s.
     """
 
     def __init__(self, signals: Sequence[SensorSignals], time: FloatArray, chain: KnownChain) -> None:
@@ -106,12 +106,18 @@ class DeadReckoning:
         self.sample = lru_cache(maxsize=2 * n)(self._sample)
 
     def _sample(self, shift: tuple[float, ...]) -> tuple[FloatArray, ComplexArray]:
-        """Return angular velocities and specific forces (F, n) of the skin under each sensor, in the skin's axes."""
+        """Return angular velocities (F, n), rad/s, and specific forces (F, n), m/s², of the skin under each sensor.
+
+        ``shift`` (n,) are the clocks, s. Forces are x + 1j y in the skin's axes. Missing values are NaN.
+        """
         parts = [self.prepare(k, each) for k, each in enumerate(shift)]
         return np.stack([gyro[:, 2] for gyro, _ in parts], 1), np.stack([as_complex(f[:, :2]) for _, f in parts], 1)
 
     def prepare(self, k: int, shift: float) -> tuple[FloatArray, FloatArray]:
-        """Return a sensor's signals (F, 3) in the axes of its segment, corrected by the calibration's biases."""
+        """Return the angular velocity, rad/s, and specific force, m/s², (F, 3) of sensor k in the axes of its segment.
+
+        They are corrected by the biases of the calibration. ``shift`` is the sensor's clock relative to the first, s.
+        """
         still, none = np.zeros(len(self.time)), np.zeros((len(self.time), 3))
         motion = SegmentMotion(none, none, none, still, still, np.array([0.0, 1.0, 0.0]))
         found = self.chain.sensors[k].calibration
@@ -120,7 +126,7 @@ class DeadReckoning:
         return prepared.gyro, prepared.force
 
     def solve(self) -> Reckoning:
-        """Return the motion with the parameters that fit best, by Gauss–Newton with weak priors."""
+        """Return the motion and the parameters that fit best, by Gauss–Newton with weak priors."""
         unknowns, prior = np.zeros(self._size), self._prior()
         unknowns[self._at[0]] = self._find_upright()
         calibrations = [each.calibration for each in self.chain.sensors]
@@ -174,7 +180,7 @@ class DeadReckoning:
         return angle, smooth, np.gradient(smooth, self._dt, axis=0)
 
     def _expect(self, angle: FloatArray, speed: FloatArray, acceleration: FloatArray) -> ComplexArray:
-        """Return the specific forces (F, n), m/s², that the accelerometers should measure."""
+        """Return the specific forces (F, n), m/s², that the accelerometers should measure for a motion (F, n)."""
         rotation, weight = np.exp(1j * angle), 1j * acceleration - speed**2
         carried = np.cumsum(weight[:, :-1] * self._links[1:] * rotation[:, :-1], axis=1)
         carried = np.concatenate([np.zeros((len(angle), 1)), carried], axis=1)
@@ -183,7 +189,7 @@ class DeadReckoning:
         return np.asarray(total * np.exp(-1j * (angle + skin)))
 
     def _find_upright(self) -> FloatArray:
-        """Return the constants (n,) of the angles, rad, with which the mean force points upwards."""
+        """Return the constants (n,) of the angles, rad, for which measured and expected forces agree in direction."""
         given = self._split(np.zeros(self._size))
         angle, speed, acceleration = self._motion(given)
         force, start = self.sample(tuple(given.shift))[1], np.zeros(len(self._signals))
@@ -193,7 +199,7 @@ class DeadReckoning:
         return np.asarray(start)
 
     def _residual(self, unknowns: FloatArray) -> ComplexArray:
-        """Return the differences (f, n) of the forces, m/s², at the frames of the fit; NaN where not measured."""
+        """Return measured minus expected forces (f, n), m/s², at the frames of the fit; NaN where not measured."""
         given = self._split(unknowns)
         measured = self._smooth(self.sample(tuple(given.shift))[1]) - given.force
         return np.asarray((measured - self._expect(*self._motion(given)))[self._some])

@@ -1,10 +1,11 @@
-"""Compensation of dropouts, so that the angles do not step when a marker vanishes.
+"""Compensation of dropouts, so that the angles do not jump when a marker vanishes.
 
-Skin displaces every marker, and the fit averages the displacements. When a marker vanishes, the average and the angle
-step. A missing marker therefore keeps the residual r that it has beside the gap. The residual fades with the memory of
-the skin, and it moves the angles by δ (docs/concepts/dropouts.md):
+Skin displaces every marker, and the fit averages the displacements. When a marker vanishes, the average jumps, and so
+does the angle. A missing marker is therefore assumed to keep the residual r that it has beside the gap. This residual
+decays with the time constant of the skin and changes the angles by δ (docs/concepts/dropouts.md), where J is the
+Jacobian of a marker:
 
-    (Σ_seen Jᵀ J) δ = Σ_missing Jᵀ r
+    (Σ_visible Jᵀ J) δ = Σ_missing Jᵀ r
 """
 
 from __future__ import annotations
@@ -17,29 +18,32 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks
 from mocap_id.estimation.inverse_kinematics import FrameAngles, MarkerChain
 from mocap_id.geometry.planar import marker_jacobian, marker_positions, rotate
 
-SKIN_MEMORY = 0.9  # time constant, s, of the skin's displacement: its correlation is 0.57 after 0.5 s
+SKIN_MEMORY = 0.9  # time constant, s, of the skin's displacement: its autocorrelation is 0.57 after 0.5 s
 
-_BESIDE = 5  # frames on either side of a gap, in which the residual is averaged
-PAIRS = 1000  # pairs of consecutive frames for the lasting part of a residual
+_BESIDE = 5  # frames before and after a gap over which the residual is averaged
+PAIRS = 1000  # pairs of consecutive frames used to estimate the persistent part of a residual
 _ROUNDS = 2  # the residuals beside a gap depend on the angles in other markers' gaps
 
 
 @dataclass(frozen=True)
 class _GappedMarker:
-    """A marker with gaps, and how its residual is bridged."""
+    """A marker with gaps, and the data with which its residual is bridged."""
 
     observed: FloatArray  # (F, 2) m
     used: BoolArray  # (F,)
     chain: MarkerChain  # the chain with this marker alone
     gaps: Gaps
     lasting: float  # variance of the part of the residual that persists to the next frame, m^2 per coordinate
-    noise: float  # variance of the rest
+    noise: float  # variance of the rest, m^2 per coordinate
 
     @classmethod
     def of(
         cls, observed: FloatArray, frames: FrameAngles, chain: MarkerChain, marker: int, memory: float
     ) -> _GappedMarker | None:
-        """Return a marker with its gaps; None for a marker that is never or always missing."""
+        """Return a marker with its gaps; None if it has no gap or is never used in two successive frames.
+
+        ``memory`` is the time constant of the skin, in frames.
+        """
         track, used = observed[:, marker], frames.used[:, marker]
         gaps = find_gaps(used, memory)
         pairs = np.flatnonzero(used[1:] & used[:-1])
@@ -53,7 +57,7 @@ class _GappedMarker:
         return replace(found, lasting=lasting, noise=noise)
 
     def add_push(self, push: FloatArray, angles: FloatArray) -> None:
-        """Add Jᵀ r to ``push`` (F, n) in the frames without the marker, in place."""
+        """Add Jᵀ r, m²/rad, to ``push`` (F, n), in place, in the frames without the marker."""
         sides = (shrink_mean(self.residual(angles, side), self.lasting, self.noise) for side in self.gaps.beside)
         displacement = self.gaps.bridge(*sides)
         at = angles[self.gaps.missing]
@@ -72,11 +76,11 @@ class _GappedMarker:
 def compensate_dropouts(
     observed: FloatArray, frames: FrameAngles, chain: MarkerChain, marker_sd: float, rate: float
 ) -> FrameAngles:
-    """Return the frames' angles as if the missing markers were still used, and move the visible markers accordingly.
+    """Return the angles of the frames as if the missing markers were still used.
 
     ``observed`` (F, M, 2) are the markers of the moving segments, plane frame, m; NaN where missing. They are changed
-    in place: the markers move with the segments by the correction of the angles. ``marker_sd`` is the marker noise, m,
-    and ``rate`` the number of frames per second.
+    in place: the visible markers move with their segments by the correction of the angles. ``marker_sd`` is the marker
+    noise, m, and ``rate`` the number of frames per second.
     """
     anchors = frames.anchors(marker_sd)
     some = np.flatnonzero(~frames.used.all(axis=1) & anchors.observed.any(axis=1))
@@ -101,10 +105,11 @@ def compensate_dropouts(
 
 
 def compute_forgotten_share(used: BoolArray, frames: IntArray, rate: float) -> FloatArray:
-    """Return the share (T, M) of the variance of each marker's displacement that is unknown at given frames (T,).
+    """Return the fraction (T, M) of the variance of each marker's displacement that is unknown in ``frames`` (T,).
 
-    The displacement is a first-order Markov process between two known values: the share is 0 where the marker is used,
-    and 1 if the marker is never used. ``used`` (F, M) are the used markers, ``rate`` the frames per second.
+    The displacement is a first-order Markov process between the known values beside a gap. The fraction is 0 where the
+    marker is used, and 1 if the marker is never used. ``used`` (F, M) marks the used markers; ``rate`` is in frames per
+    second.
     """
     unknown = np.zeros((len(frames), used.shape[1]))
     for marker in range(used.shape[1]):
@@ -118,7 +123,7 @@ def compute_forgotten_share(used: BoolArray, frames: IntArray, rate: float) -> F
 
 
 def _invert_information(information: FloatArray, observed: BoolArray) -> FloatArray:
-    """Return the inverse (f, n, n) of Jᵀ J over the observed joints, zero elsewhere."""
+    """Return the inverse (f, n, n) of Jᵀ J (f, n, n) over the observed joints (f, n); its other entries are zero."""
     both = observed[:, :, None] & observed[:, None, :]
     inverse = np.linalg.inv(np.where(both, information, np.eye(observed.shape[1])))
     return np.where(both, inverse, 0.0)
@@ -126,19 +131,19 @@ def _invert_information(information: FloatArray, observed: BoolArray) -> FloatAr
 
 @dataclass(frozen=True)
 class Gaps:
-    """Gaps of a marker: T frames in G gaps. Times are in units of the skin's memory."""
+    """Gaps of a marker: T frames in G gaps. The unit of time is the time constant of the skin."""
 
     missing: IntArray  # (T,) frames in the gaps
-    gap: IntArray  # (T,) gap of each of these frames
+    gap: IntArray  # (T,) number of the gap in which each of these frames is
     since: FloatArray  # (T,) time since the gap began; infinite if the trial begins with it
     until: FloatArray  # (T,) time until the gap ends; infinite if the trial ends with it
-    beside: tuple[IntArray, IntArray]  # (G, b) frames before and after every gap; -1 beyond the trial
+    beside: tuple[IntArray, IntArray]  # (G, b) b frames before and b frames after every gap; -1 beyond the trial
 
     def bridge(self, before: FloatArray, after: FloatArray) -> FloatArray:
-        """Return the displacements (T, k) expected between the values ``before`` and ``after`` (G, k) of the gaps.
+        """Return the displacements (T, k) expected in the gaps, from the values ``before`` and ``after`` (G, k) them.
 
-        The mean of a first-order Markov process at s = ``since`` and u = ``until`` has the weights sinh(u)/sinh(s + u)
-        and sinh(s)/sinh(s + u).
+        At s = ``since`` and u = ``until``, the mean of a first-order Markov process is the sum of these values with the
+        weights sinh(u)/sinh(s + u) and sinh(s)/sinh(s + u). NaN counts as 0.
         """
         s, u = self.since, self.until
         both = -np.expm1(-2 * (s + u))
@@ -147,7 +152,10 @@ class Gaps:
 
 
 def find_gaps(used: BoolArray, memory: float) -> Gaps:
-    """Return the gaps of a marker, used in frames (F,); ``memory`` is the time constant of the skin, in frames."""
+    """Return the gaps of a marker; ``used`` (F,) marks the frames that use it.
+
+    ``memory`` is the time constant of the skin, in frames.
+    """
     edges = np.flatnonzero(np.diff(np.concatenate([[True], used, [True]]).astype(np.int8))).reshape(-1, 2)
     missing, frames = np.flatnonzero(~used), len(used)
     gap = np.searchsorted(edges[:, 0], missing, side="right") - 1
@@ -169,7 +177,10 @@ def split_variance(first: FloatArray, second: FloatArray) -> tuple[float, float]
 
 
 def shrink_mean(residual: FloatArray, lasting: float, noise: float) -> FloatArray:
-    """Return the mean (G, k) of residuals (G, b, k), shrunk according to its noise; NaN if all are missing."""
+    """Return the mean (G, k) of residuals (G, b, k) over b, reduced towards zero according to its noise.
+
+    ``lasting`` and ``noise`` are as from :func:`split_variance`. The mean is NaN where all residuals are NaN.
+    """
     count = np.isfinite(residual[..., 0]).sum(axis=1, keepdims=True)
     factor = lasting / np.maximum(count * lasting + noise, np.finfo(np.float64).tiny)
     return np.where(count > 0, factor * np.nansum(residual, axis=1), np.nan)

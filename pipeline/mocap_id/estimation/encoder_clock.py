@@ -1,9 +1,9 @@
 """Sign, zero and clock offset of an encoder relative to the cameras, from the movement that both record.
 
-With the joint angle c(t) from the cameras and e(t) on the encoder's clock, ``c(t) = sign * e(t - offset) + zero``: the
-encoder's row at t is the state at t + offset on the markers' clock. For both signs, the squared difference is minimised
-over the offset, and the better sign is taken. Both series are smoothed, so their differences are correlated; the
-standard deviations allow for this (Newey and West).
+The joint angle c(t) from the cameras and the angle e(t) on the encoder's clock satisfy ``c(t) = sign * e(t - offset) +
+zero``: the encoder's row at t is the state at t + offset on the markers' clock. For both signs, the squared difference
+is minimised over the offset, and the sign with the smaller difference is chosen. Both series are smoothed, so their
+differences are correlated; the standard deviations account for this (Newey and West).
 """
 
 from __future__ import annotations
@@ -18,9 +18,9 @@ from scipy.optimize import minimize_scalar
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.estimation.encoder_smoothing import EncoderStates
 
-_LEAST_OVERLAP = 0.5  # share of the cameras' frames that the encoder must cover at an offset
+_LEAST_OVERLAP = 0.5  # fraction of the cameras' frames that the encoder must cover at an offset
 _COARSE, _FINE = 5e-3, 1e-8  # s, steps of the offset in the first and in the second search
-_LAG = 0.5  # s; lag beyond which differences are uncorrelated
+_LAG = 0.5  # s; differences that are farther apart in time are uncorrelated
 _COARSE_FRAMES = 400  # used in the first search
 
 
@@ -40,7 +40,7 @@ class EncoderMatch:
     at_edge: bool  # the smallest difference is at an end of the search range
 
     def express_in_plane(self, mean: FloatArray) -> FloatArray:
-        """Return states (K, 3) of the encoder with the plane's sign and zero."""
+        """Return states (K, 3) of the encoder with the sign and zero of the angle in the plane."""
         moved = self.sign * mean
         moved[:, 0] += self.zero
         return np.asarray(moved)
@@ -57,13 +57,13 @@ class _Curves:
     end: float
 
     def encoder(self, offset: float, frames: slice = slice(None)) -> tuple[FloatArray, BoolArray]:
-        """Return the encoder's angle at the frames for an offset, and whether each frame is inside its record."""
+        """Return the encoder's angle in some frames for an offset, s, and whether each frame is within its record."""
         time = self.time[frames] - offset
         inside: BoolArray = (time >= self.start) & (time <= self.end)
         return np.asarray(self.curve(np.clip(time, self.start, self.end))), inside
 
     def cost(self, offset: float, sign: int, frames: slice = slice(None)) -> float:
-        """Return the mean square difference with the best zero, rad²; infinite if too few frames overlap."""
+        """Return the mean square difference with the best zero, rad²; infinite if the encoder covers too few frames."""
         encoder, inside = self.encoder(offset, frames)
         if np.count_nonzero(inside) < _LEAST_OVERLAP * len(inside):
             return math.inf
@@ -91,7 +91,7 @@ def match_encoder(time: FloatArray, angle: FloatArray, encoder: EncoderStates, l
 
 
 def _best_offset(curves: _Curves, sign: int, limit: float) -> tuple[float, float]:
-    """Return the offset, s, with the least mean square difference, and this difference, rad²."""
+    """Return the offset, s, with the least mean square difference, and this difference, rad²; infinite if none fits."""
     frames = slice(None, None, max(1, len(curves.time) // _COARSE_FRAMES))
     grid = np.linspace(-limit, limit, 2 * math.ceil(limit / _COARSE) + 1)
     coarse = [curves.cost(float(offset), sign, frames) for offset in grid]
@@ -132,7 +132,10 @@ def _describe_match(curves: _Curves, sign: int, offset: float, *, opposite: floa
 
 
 def _estimate_sds(slopes: FloatArray, residual: FloatArray, lag: int) -> FloatArray:
-    """Return least-squares standard deviations (p,) with slopes (N, p), for residuals correlated up to a lag."""
+    """Return the standard deviations (p,) of a least-squares fit whose residuals (N,) are correlated up to a lag.
+
+    ``slopes`` (N, p) are the derivatives by the parameters; ``lag`` is a number of samples.
+    """
     inverse = np.linalg.pinv(slopes.T @ slopes)
     scores = slopes * residual[:, None]
     total = scores.T @ scores

@@ -1,8 +1,8 @@
 """States of one joint from its encoder: third-order filter and smoother of position and velocity (ch. 5.4.1).
 
 The state is angle, velocity and acceleration, driven by white jerk. Position and velocity are measured, so the problem
-is linear and the smoother exact. Samples may be uneven. The cameras' frames are additional steps of the same process
-without a measurement, so nothing is interpolated.
+is linear and the smoother exact. The samples need not be uniform. The cameras' frames are additional times of the same
+process without a measurement, so nothing is interpolated.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from mocap_id.compilation import compiled
 START_SD = (1.0, 30.0, 1e3)
 """Standard deviations before the first sample, relative to its position: rad, rad/s, rad/s^2.
 
-They are no larger than needed, because the first update subtracts two nearly equal variances.
+They are no larger than needed, because with larger values the first update would subtract nearly equal numbers.
 """
 
 _SIZE = 3  # of the state: angle, velocity, acceleration
@@ -41,7 +41,7 @@ class EncoderNoise:
 
 @dataclass(frozen=True)
 class EncoderStates:
-    """States of the joint at K times, with the encoder's sign and clock."""
+    """States of the joint at K times, with the sign, zero and clock of the encoder."""
 
     time: FloatArray  # (K,) on the encoder's clock, s
     mean: FloatArray  # (K, 3) angle, velocity and acceleration, rad, rad/s, rad/s^2
@@ -57,10 +57,10 @@ def smooth_encoder(
     *,
     at: FloatArray | None = None,
 ) -> EncoderStates:
-    """Return the smoothed states at the times of the samples, or at the increasing times ``at`` (N,), s.
+    """Return the smoothed states at the times of the samples, or at the increasing times ``at`` (N,), s, if given.
 
     ``position`` and ``velocity`` (K,) are the measured angle, rad, and angular velocity, rad/s, at the increasing times
-    ``time``, s.
+    ``time`` (K,), s.
     """
     times = np.concatenate([time, time[:0] if at is None else at])
     order = np.argsort(times, kind="stable")
@@ -82,10 +82,10 @@ def estimate_noise(
     position_sd: float | None = None,
     velocity_sd: float | None = None,
 ) -> EncoderNoise:
-    """Estimate the noise by maximum likelihood of the innovations; given standard deviations, rad and rad/s, are kept.
+    """Return the noise with the maximum likelihood of the innovations.
 
-    ``position`` and ``velocity`` (K,) are as for :func:`smooth_encoder`. Of a long record, only the part with the most
-    movement is used.
+    ``time``, ``position`` and ``velocity`` (K,) are as for :func:`smooth_encoder`. ``position_sd``, rad, and
+    ``velocity_sd``, rad/s, are estimated if None. Of a long record, only the part with the most movement is used.
     """
     part = _choose_part(velocity)
     time, position, velocity = time[part], position[part], velocity[part]
@@ -113,7 +113,7 @@ def estimate_noise(
 
 
 def _choose_part(velocity: FloatArray) -> slice:
-    """Return the :data:`_ENOUGH` successive samples with the most movement."""
+    """Return the :data:`_ENOUGH` successive samples with the most movement; all samples of a shorter record."""
     if len(velocity) <= _ENOUGH:
         return slice(None)
     travelled = np.concatenate([[0.0], np.cumsum(np.abs(velocity))])
@@ -122,7 +122,10 @@ def _choose_part(velocity: FloatArray) -> slice:
 
 
 def _guess_noise(time: FloatArray, position: FloatArray, velocity: FloatArray) -> FloatArray:
-    """Return first values of the noise (3,): from third differences, and from steps of the smoothed velocity."""
+    """Return start values (3,) of the two standard deviations and the density.
+
+    The standard deviations are from third differences, the density is from second differences of the smoothed velocity.
+    """
     step = float(np.median(np.diff(time)))
     sds = [float(np.std(np.diff(each, 3))) / math.sqrt(20.0) for each in (position, velocity)]
     wide = max(1, round(0.05 / step))
@@ -134,7 +137,10 @@ def _guess_noise(time: FloatArray, position: FloatArray, velocity: FloatArray) -
 def _smooth(  # noqa: PLR0917
     time: FloatArray, measured: BoolArray, values: FloatArray, variance: FloatArray, density: float, start: FloatArray
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Run the Rauch–Tung–Striebel smoother: states (K, 3), standard deviations, and the log-likelihood."""
+    """Run filter and smoother; return states (K, 3), their standard deviations (K, 3), and the log-likelihood.
+
+    The arguments are as for :func:`_filter`.
+    """
     ahead, ahead_p, mean, covariance, total = _filter(time, measured, values, variance, density, start)
     dt = np.diff(time)
     transition = np.broadcast_to(np.eye(_SIZE), (len(dt), _SIZE, _SIZE)).copy()
@@ -153,7 +159,11 @@ def _smooth(  # noqa: PLR0917
 def _filter(  # noqa: PLR0917
     time: FloatArray, measured: BoolArray, values: FloatArray, variance: FloatArray, density: float, start: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray, float]:
-    """Run the Kalman filter: predicted and updated states (K, 3), covariances (K, 3, 3), and the log-likelihood."""
+    """Run the Kalman filter; return predicted states and covariances, updated states and covariances, log-likelihood.
+
+    States are (K, 3), covariances (K, 3, 3). ``values`` (K, 2) are position and velocity where ``measured`` (K,),
+    ``variance`` (2,) is their noise, and ``start`` (3,) are the variances of the first state.
+    """
     count = len(time)
     ahead, ahead_p = np.empty((count, _SIZE)), np.empty((count, _SIZE, _SIZE))
     found, found_p = np.empty((count, _SIZE)), np.empty((count, _SIZE, _SIZE))

@@ -1,4 +1,4 @@
-"""Input and output of a filter engine, common to all engines, with the sigma points of its unscented transform."""
+"""Input and output of the filter engines, and the sigma points of their unscented transform."""
 
 from __future__ import annotations
 
@@ -15,33 +15,33 @@ from mocap_id.estimation.process_model import ORDER
 START_SD = (1.0, 10.0, 200.0, 1e4)
 """Standard deviations with which a joint starts: angle (rad), velocity, acceleration and jerk.
 
-A joint starts again if its angle becomes more uncertain than 1 rad. Then π is three standard deviations; beyond this,
-the number of whole rotations is ambiguous. The derivatives suit very fast movements. The velocity must stay
+A joint starts again if its angle becomes more uncertain than 1 rad, because π is then only three standard deviations,
+and the number of whole rotations becomes ambiguous. The derivatives suit very fast movements. The velocity must stay
 below 1 rad per frame, because otherwise a joint would start again in every frame.
 """
 
 PATIENCE = 0.1
 """Time, s, after which a joint starts again if more than half of its segment's markers fail the gate.
 
-Markers do not jump together for so long, so the filter must have diverged.
+Markers are not wrong together for so long, so the filter must have diverged.
 """
 
 ANCHOR_SD = 0.1
 """Standard deviation of an angle, rad, above which the unscented transform is not used.
 
-The sigma points would be so far apart (0.35 rad for three joints) that the curvature of the forward map biases the
-result. Instead, the angles from the frame's own markers are used as the measurement.
+The sigma points would be so far apart (0.35 rad for three joints) that the curvature of the forward kinematics biases
+the result. Instead, the angles from the frame's own markers are used as the measurement.
 """
 
 _START_STEP = 0.3
-"""Largest change of a starting joint's angle in one frame due to each of velocity, acceleration and jerk, rad.
+"""Limit of the angle's change in one frame, rad, due to each starting standard deviation of the derivatives.
 
-At low frame rates, with larger changes the joint would start again one frame later.
+With a larger change, as at low frame rates, the joint would start again one frame later.
 """
 
 
 def start_sd(dt: float) -> FloatArray:
-    """Return :data:`START_SD` (4,) with the derivatives limited for a time step, s."""
+    """Return :data:`START_SD` (4,), with the values for the derivatives limited for the time step ``dt``, s."""
     return np.minimum(START_SD, (np.inf, _START_STEP / dt, _START_STEP / dt**2, _START_STEP / dt**3))
 
 
@@ -61,9 +61,9 @@ class SigmaPoints:
 
     A state of L components has 2L + 1 points: the mean, and the mean ± sqrt(c) times each column of the lower Cholesky
     factor of its covariance, c = alpha^2 (L + kappa). The default is c = L with beta = 2. Then the mean point has no
-    weight in the mean, and no weight is negative, so the innovation covariance is positive definite for any forward
-    map. The angles of a tracked chain are known to a few mrad. Points sqrt(12) standard deviations away are therefore
-    still close compared with the curvature of the forward map.
+    weight in the mean, and no weight is negative, so the innovation covariance is positive definite for any measurement
+    function. The angles of a tracked chain have standard deviations of a few mrad. For three joints, the points are
+    sqrt(12) standard deviations away, and the forward kinematics is still nearly linear between them.
     """
 
     alpha: float = 1.0  # spread of the points
@@ -71,17 +71,17 @@ class SigmaPoints:
     kappa: float = 0.0  # second scaling of the spread
 
     def spread(self, size: int) -> float:
-        """Return the factor c for a state of ``size`` components."""
+        """Return the factor c of the covariance for a state of ``size`` components."""
         return self.alpha**2 * (size + self.kappa)
 
     def weights(self, size: int) -> tuple[float, float, float]:
-        """Return the weights of the mean in the mean, of the mean in the covariance, and of every other point in both.
+        """Return the weights of the mean point in the mean and in the covariance, and of every other point in both.
 
         Raises
         ------
         ConfigError
-            c is not positive, or the weight of the mean in the covariance is negative, so that the result may not be a
-            covariance.
+            c is not positive, or the weight of the mean point in the covariance is negative, so that the result may not
+            be positive definite.
         """
         c = self.spread(size)
         if c <= 0:
@@ -120,7 +120,7 @@ class FilterProblem:
 
     @property
     def patience(self) -> int:
-        """Number of successive frames in which a segment's markers may fail the gate."""
+        """Number of successive frames in which more than half of a segment's markers may fail the gate."""
         return math.ceil(PATIENCE / self.dt)
 
 
@@ -140,13 +140,13 @@ class Track:
         return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2)))
 
     def by_joint(self) -> tuple[FloatArray, FloatArray]:
-        """Return means (a view of the track) and standard deviations, (F, n, 4) each."""
+        """Return the means (F, n, 4), a view of ``mean``, and their standard deviations (F, n, 4)."""
         shape = (len(self.mean), ORDER, self.restarted.shape[1])
         mean, sd = (np.swapaxes(each.reshape(shape), 1, 2) for each in (self.mean, self.sd))
         return mean, sd
 
     @property
     def found(self) -> BoolArray:
-        """Frames (F, n) in which a joint starts again and does not start again in the next frame."""
+        """Whether (F, n) a joint starts again in a frame and not in the next frame."""
         after = np.concatenate([self.restarted[1:], np.zeros_like(self.restarted[:1])])
         return np.asarray(self.restarted & ~after)

@@ -1,8 +1,8 @@
 """Smoothed states of a planar chain from its markers and inertial sensors.
 
-The markers alone give a first motion. Each sensor is calibrated on it, and a sensor that contradicts it is left out.
-The filter then runs again with both. A gyroscope measures the sum of the joints' velocities up to its segment. An
-accelerometer measures gravity and the acceleration of its position, both in the plane.
+The markers alone give a first motion. Each sensor is calibrated with this motion, and a sensor that contradicts it is
+left out. The filter then runs again with markers and sensors. A gyroscope measures the sum of the joints' velocities up
+to its segment. An accelerometer measures gravity and the acceleration of its position, both in the plane.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from mocap_id.estimation.smoothing import FilterSettings, States, prepare_states
 from mocap_id.geometry import so3
 
 SHARES = (1.5, 1.5)
-"""As :data:`mocap_id.estimation.inertial.preparation.SHARES`, for hinges, which can follow skin that rotates."""
+"""As :data:`mocap_id.estimation.inertial.preparation.SHARES`, but larger, because hinges can follow rotating skin."""
 
-_SHARE_SD = 0.05  # of the share of a joint's rotation that the skin under a sensor follows
-_COVERED, _QUANTILE = 0.95, 1.645  # share of stretches, in movement and rest, whose drift is covered
+_SHARE_SD = 0.05  # standard deviation of the fraction of a joint's rotation that the skin under a sensor follows
+_COVERED, _QUANTILE = 0.95, 1.645  # fraction of intervals whose drift is covered; this quantile in standard deviations
 _SOME = 500  # frames, for the residual
 _NORMAL, _UP = np.array([0.0, 0.0, 1.0]), np.array([0.0, 1.0, 0.0])
 _WORSE = 1.5  # times the residual of the markers alone, at which the sensors contradict them
@@ -50,11 +50,11 @@ def smooth_with_sensors(
     sensors: Mapping[int, SensorSignals],
     settings: FilterSettings,
 ) -> tuple[States, dict[int, SensorResult]]:
-    """Estimate the states of every joint from markers and inertial sensors; also return the result of each sensor.
+    """Return the states of every joint from markers and inertial sensors, and the result of each sensor by segment.
 
     If all sensors are left out, the states come from the markers alone. Markers and chain are as for
-    :func:`mocap_id.estimation.smooth`; ``observed`` is changed as by ``overwrite``. ``time`` (F,) are uniform times of
-    the cameras, s. ``sensors`` are numbered by their segment, 0 = base.
+    :func:`mocap_id.estimation.smooth`; ``observed`` is changed in place as with its ``overwrite``. ``time`` (F,) are
+    uniform times of the cameras, s. ``sensors`` are numbered by their segment, 0 = base.
 
     Raise NumericalError if a covariance is not positive definite.
     """
@@ -82,7 +82,7 @@ def smooth_with_sensors(
 
 
 def compute_segment_motions(states: States, rate: float) -> list[SegmentMotion]:
-    """Return the motion of every segment in its own axes; NaN where its markers do not determine it."""
+    """Return the motion of every segment, base first, in its own axes; NaN where markers do not determine it."""
     known = find_observed_segments(_find_determined(states), rate)
     still = np.zeros((len(states.mean), 1))
     angle, speed, acceleration = (
@@ -108,12 +108,12 @@ def _find_determined(states: States) -> BoolArray:
 
 @dataclass(frozen=True)
 class WornSensor:
-    """A sensor on skin that follows the joints beside it in part."""
+    """A sensor on skin that follows the rotations of the joints beside it in part."""
 
     calibration: SensorCalibration
     prepared: PreparedSensor
-    share: FloatArray  # (n,) share of each joint's rotation that the skin follows
-    left: FloatArray  # (F,) sensor's angular velocity minus the skin's according to the markers, rad/s
+    share: FloatArray  # (n,) fraction of each joint's rotation that the skin follows
+    left: FloatArray  # (F,) angular velocity of the sensor minus that of the skin from the markers, rad/s
 
 
 def calibrate_worn_sensor(  # noqa: PLR0917
@@ -124,7 +124,10 @@ def calibrate_worn_sensor(  # noqa: PLR0917
     states: States,
     time: FloatArray,
 ) -> WornSensor:
-    """Estimate how far the skin under a sensor follows the joints beside it, and calibrate the sensor again."""
+    """Estimate how far the skin under a sensor follows the joints beside it, and calibrate the sensor again with this.
+
+    ``s`` is the segment, ``found`` the first calibration, and ``motion`` the motion of the segment from markers.
+    """
     seen, rest = _find_determined(states)[:, s], np.nanmean(states.mean[..., 0], axis=0)
     first = prepare_sensor(signals, found, motion, time, seen, SHARES)
     beside = [j for j in (s - 1, s) if j < len(rest)]
@@ -144,7 +147,7 @@ def calibrate_worn_sensor(  # noqa: PLR0917
 
 
 def _fit_share(off: FloatArray, rates: FloatArray, found: SensorCalibration) -> FloatArray:
-    """Return the shares of the joints' rates (F, k) in a difference of angular velocities (F,), rad/s."""
+    """Return the fractions (k,) of the joints' rates (F, k) that add up to ``off`` (F,) best, all in rad/s."""
     known = np.isfinite(off + rates.sum(axis=1))
     weight = 1.0 / (found.residual[0] ** 2 * found.correlated[0])
     normal = weight * rates[known].T @ rates[known] + np.eye(rates.shape[1]) / _SHARE_SD**2
@@ -166,7 +169,7 @@ def _collect_signals(states: States, worn: Mapping[int, WornSensor]) -> Inertial
 
 
 def _add_drift(states: States, worn: Mapping[int, WornSensor], dt: float) -> FloatArray:
-    """Return the standard deviations, increased in gaps by the integrated differences between sensors and markers."""
+    """Return the standard deviations (F, n, 4), increased in gaps by the drift of the angles from the sensors."""
     sd = states.sd.copy()
     gaps = [find_runs(~states.observed[:, j]) for j in range(sd.shape[1])]
     longest = max((run.stop - run.start for runs in gaps for run in runs), default=0)
@@ -182,7 +185,7 @@ def _add_drift(states: States, worn: Mapping[int, WornSensor], dt: float) -> Flo
 
 
 def _measure_drift(left: FloatArray, count: int, dt: float) -> FloatArray:
-    """Return the usual size (count + 1,), rad, of an angular velocity (F,), rad/s, integrated over frames."""
+    """Return the standard deviations, rad, of an angular velocity (F,), rad/s, integrated over 0 … ``count`` frames."""
     known = np.isfinite(left)
     total, missing = (
         np.concatenate([[0.0], np.cumsum(each)]) for each in (np.where(known, left, 0.0) * dt, (~known).astype(float))
@@ -199,7 +202,7 @@ def _measure_drift(left: FloatArray, count: int, dt: float) -> FloatArray:
 
 
 def _measure_residual(states: States, observed: FloatArray) -> float:
-    """Return the rms distance, m, of the used markers from their predictions; infinite if none is used."""
+    """Return the rms distance, m, of the used markers from their predicted positions; infinite if none is used."""
     some = slice(None, None, max(1, len(observed) // _SOME))
     squares = np.sum((observed[some] - states.predicted_in(some)) ** 2, axis=2)[states.used[some]]
     return float(np.sqrt(np.nanmean(squares))) if np.isfinite(squares).any() else np.inf

@@ -2,7 +2,7 @@
 
 The trial with markers calibrates the sensors on their segments. Dead reckoning then gives angles, biases and clocks,
 and the filter smooths the corrected signals. The trial with markers is also tracked without its markers; the
-differences measure the lasting errors of mounting, chain and skin.
+differences give the persistent errors of mounting, chain and skin.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ from mocap_id.estimation.inertial_smoothing import SHARES, calibrate_worn_sensor
 from mocap_id.estimation.smoothing import States
 
 _GATE = 8.0  # largest innovation in the filter, in standard deviations
-_ACCELERATION_SHARE = 0.35  # of the filter's sd, from simulated people: the filter treats lasting errors as white noise
-_LEAST = 1.0  # s that the logs must have in common
-_MARGIN = 0.3  # s at the ends, where the clocks of the sensors may not overlap
+_ACCELERATION_SHARE = 0.35  # factor on the filter's sd, from simulated people: it treats lasting errors as white noise
+_LEAST = 1.0  # s, least time that the logs must have in common
+_MARGIN = 0.3  # s left out at both ends, because the clocks of the sensors may differ
 
 
 @dataclass(frozen=True)
@@ -45,7 +45,7 @@ class TrackedStates:
 
 @dataclass(frozen=True)
 class CalibratedChain:
-    """A chain with its sensors, and the errors of states without markers."""
+    """A chain with its calibrated sensors, and the errors of its states if they are estimated without markers."""
 
     known: KnownChain
     errors: FloatArray  # (n, 3) rms errors of angle, rad, velocity, rad/s, and acceleration, rad/s²
@@ -56,9 +56,9 @@ def calibrate_chain(
 ) -> CalibratedChain:
     """Calibrate the sensors on a trial with markers, and track the same trial without the markers.
 
-    Of the ``states`` of the trial with markers, only ``mean``, ``observed`` and ``chain`` are used. ``time`` (F,) are
-    uniform times of the cameras, s; ``sensors`` are on every moving segment 1 … n; ``density`` (n,) is the spectral
-    density of each joint's snap, rad²/s⁷.
+    ``states`` are those of the trial with markers; only ``mean``, ``observed`` and ``chain`` are used. ``time`` (F,)
+    are uniform times of the cameras, s. ``sensors`` has one sensor for each moving segment 1 … n. ``density`` (n,) is
+    the spectral density of each joint's snap, rad²/s⁷.
 
     Raises
     ------
@@ -91,7 +91,7 @@ def calibrate_chain(
 
 
 def track_without_markers(signals: Sequence[SensorSignals], time: FloatArray, chain: CalibratedChain) -> TrackedStates:
-    """Estimate the states of the joints from the sensors on the moving segments.
+    """Return the states of the joints from ``signals``, those of the sensors on the moving segments 1 … n.
 
     ``time`` (F,) are uniform times on the first sensor's clock, s.
 
@@ -109,7 +109,7 @@ def track_without_markers(signals: Sequence[SensorSignals], time: FloatArray, ch
 
 
 def _track(reckoned: DeadReckoning) -> tuple[FloatArray, FloatArray, Reckoning]:
-    """Return mean and standard deviation (F, n, 4) of the filter's states, and the motion before the filter."""
+    """Return the filter's states (F, n, 4), their standard deviations (F, n, 4), and the motion before the filter."""
     reckoning, known = reckoned.solve(), reckoned.chain
     gyro, force = reckoned.sample(tuple(reckoning.shift))
     residual = np.array([each.calibration.residual for each in known.sensors])
@@ -151,7 +151,7 @@ def _track(reckoned: DeadReckoning) -> tuple[FloatArray, FloatArray, Reckoning]:
 
 
 def _measure_out_of_plane(reckoned: DeadReckoning, reckoning: Reckoning) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return mean forces out of the plane, rotations about the vertical and their standard deviations, (n,) each."""
+    """Return the fields ``level``, ``heading`` and ``heading_sd`` of :class:`TrackedStates`, (n,) each."""
     sensors, time = reckoned.chain.sensors, reckoned.time
     level, heading, heading_sd = (np.empty(len(sensors)) for _ in range(3))
     duration = float(time[-1] - time[0])

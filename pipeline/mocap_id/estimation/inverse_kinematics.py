@@ -1,7 +1,7 @@
 """Inverse kinematics: the joint angles of each frame from its own markers alone.
 
-These angles start the filter and restart it after gaps. They determine which angles are observed, and they form the
-linear problem for the noise estimate.
+These angles start the filter, and restart it after gaps. They are also used to find which angles are observed, and to
+estimate the noise.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ _UNOBSERVED_VARIANCE = 1e6  # rad^2; larger than any prior
 _ITERATIONS = 20
 _CONVERGED = 1e-6  # rad
 _DAMPING = 1e-6  # m^2/rad^2; fixes angles that no marker determines, and hardly affects other angles
-_OUTLIER_SHARE = 0.25  # largest share of outliers among a segment's markers if its joint is reliable
-_ROUNDS = 2  # in the first round, outliers inflate the ordinary residuals
-_BEYOND = 3.0  # limit of a marker's ordinary residual, relative to its median and its segment
-_ENOUGH = 4000  # residuals per marker, evenly over the trial, for its ordinary size
-_QUANTILE = 0.8  # quantile of the residuals; bursts are rarer than this, movement is not
+_OUTLIER_SHARE = 0.25  # largest fraction of outliers among a segment's markers with which its joint is reliable
+_ROUNDS = 2  # the second round is needed because outliers inflate the ordinary residuals in the first
+_BEYOND = 3.0  # limit of a marker's ordinary residual, relative to its median and to the markers of its segment
+_ENOUGH = 4000  # residuals per marker, spread evenly over the trial, from which its ordinary residual is estimated
+_QUANTILE = 0.8  # quantile of the residuals: bursts of errors take less than the rest of the time, movement more
 
 
 @dataclass(frozen=True)
@@ -44,13 +44,13 @@ class FrameAngles:
 
     angles: FloatArray  # (F, n) rad, unwrapped over the observed frames; interpolated where unobserved
     information: FloatArray  # (F, n, n) Jᵀ J of the used markers, m^2/rad^2: inverse covariance for 1 m of noise
-    used: BoolArray  # (F, M) markers that are visible and no outliers
-    reliable: BoolArray  # (F, n) few markers up to the joint's segment are outliers; if many, some remain undetected
+    used: BoolArray  # (F, M) markers that are visible and not outliers
+    reliable: BoolArray  # (F, n) few markers up to the joint's segment are outliers; with many, some stay undetected
     squares: float  # sum of squared distances of the used markers from their predictions, m^2, over reliable frames
-    scale: FloatArray  # (M,) ordinary size of each marker's residual per coordinate, m; NaN if never visible
+    scale: FloatArray  # (M,) ordinary residual of each marker per coordinate, m; NaN if never visible
 
     def anchors(self, marker_sd: float) -> Anchors:
-        """Return the angles as a linear measurement, for a marker noise in m."""
+        """Return the angles as a linear measurement of the state, for a marker noise ``marker_sd``, m."""
         covariance, observed = np.empty_like(self.information), self.reliable.copy()
         for s in chunks(len(covariance)):
             found = compute_angle_covariance(self.information[s], marker_sd)
@@ -61,13 +61,16 @@ class FrameAngles:
 
 
 def compute_angle_covariance(information: FloatArray, marker_sd: float) -> FloatArray:
-    """Return the covariance (F, n, n) of a frame's angles, rad^2, from Jᵀ J and a prior of one radian each."""
+    """Return the covariance (F, n, n) of the angles of each frame, rad^2, with a prior of 1 rad for each angle.
+
+    ``information`` (F, n, n) is Jᵀ J, m^2/rad^2, and ``marker_sd`` the marker noise, m.
+    """
     n = information.shape[1]
     return np.asarray(np.linalg.inv(information / marker_sd**2 + np.eye(n) / _WEAK_SD**2))
 
 
 def find_determined_angles(angles: FloatArray, used: BoolArray, chain: MarkerChain, marker_sd: float) -> BoolArray:
-    """Return which angles (F, n) the used markers (F, M) of their frame determine, for a marker noise in m."""
+    """Return which angles (F, n) the ``used`` markers (F, M) of their frame determine, for a marker noise in m."""
     found = np.empty(angles.shape, dtype=np.bool_)
     for s in chunks(len(angles)):
         found[s] = find_observed_angles(
@@ -84,10 +87,10 @@ def find_observed_angles(covariance: FloatArray) -> BoolArray:
 def find_frame_angles(observed: FloatArray, chain: MarkerChain, gate: float, floor: float) -> FrameAngles:
     """Estimate the angles of every frame by Gauss–Newton, and find the outliers among its markers.
 
-    A marker is an outlier in a frame if its residual exceeds ``gate`` times its ordinary size, which is at least
-    ``floor``, m. An outlier distorts the residuals of the other markers. Therefore the worst marker of each frame is
-    removed and the frame solved again, until no marker is an outlier. ``observed`` (F, M, 2) are the markers of the
-    moving segments, plane frame, m; NaN where missing.
+    A marker is an outlier in a frame if its residual exceeds ``gate`` times its ordinary residual, which is at least
+    ``floor``, m. An outlier distorts the residuals of the other markers. Therefore, in each frame with an outlier, the
+    worst marker is removed and the frame is solved again, until no marker is an outlier. ``observed`` (F, M, 2) are the
+    markers of the moving segments, plane frame, m; NaN where missing.
     """
     parts = chunks(len(observed))
     used: BoolArray = np.concatenate([np.isfinite(observed[s]).all(axis=-1) for s in parts])
@@ -116,9 +119,9 @@ def _remove_outliers(
     *,
     limit: FloatArray,
 ) -> None:
-    """Remove the worst marker of every frame and solve the frame again, in place, until all are within ``limit``.
+    """Remove the worst marker of each frame with outliers and solve it again, until no residual exceeds ``limit``.
 
-    ``limit`` (M,) is the largest residual of each marker, m.
+    ``limit`` (M,) is the largest residual of each marker, m. ``used``, ``angles`` and ``residual`` change in place.
     """
     frames = np.arange(len(observed))
     for _ in range(observed.shape[1]):
@@ -161,10 +164,10 @@ def _refine(observed: FloatArray, used: BoolArray, angles: FloatArray, chain: Ma
 
 
 def _guess_angles(observed: FloatArray, used: BoolArray, chain: MarkerChain) -> FloatArray:
-    """Return approximate angles (F, n), rad, from base to tip.
+    """Return approximate angles (F, n), rad, found one after the other from base to tip.
 
-    Each segment is rotated onto its own markers; without them, towards the next joint, which the next segment's markers
-    determine. Frames with neither are interpolated.
+    Each segment is rotated onto its own markers. Without them, it points to the next joint, whose position the next
+    segment's markers determine. Frames without either are interpolated.
     """
     n = len(chain.centres)
     angles = np.zeros((len(observed), n))
@@ -181,7 +184,10 @@ def _guess_angles(observed: FloatArray, used: BoolArray, chain: MarkerChain) -> 
 
 
 def _find_angle(observed: FloatArray, used: BoolArray, chain: MarkerChain, j: int, origin: FloatArray) -> FloatArray:
-    """Return the absolute angle (f,) of segment j + 1, rad, from its own or the next segment's markers, or NaN."""
+    """Return the absolute angle (f,), rad, of segment j + 1 from its own or the next segment's markers.
+
+    It is NaN without such markers. ``origin`` (f, 2) is the position of the segment's joint, m.
+    """
     turned = _fit_markers(observed, used, chain, j, origin)
     unseen = np.flatnonzero(np.isnan(turned))
     if unseen.size and j + 1 < len(chain.centres):
@@ -190,7 +196,7 @@ def _find_angle(observed: FloatArray, used: BoolArray, chain: MarkerChain, j: in
 
 
 def _fit_markers(observed: FloatArray, used: BoolArray, chain: MarkerChain, j: int, origin: FloatArray) -> FloatArray:
-    """Return the absolute angle (F,), rad, that rotates segment j + 1 about its joint onto its markers, or NaN."""
+    """Return the absolute angle (f,), rad, that rotates segment j + 1 about its joint onto its markers; NaN without."""
     own = chain.segment == j + 1
     arm = np.where(used[:, own, None], observed[:, own] - origin[:, None], 0.0)
     turned = _fit_rotation(chain.local[own][None], arm)
@@ -198,9 +204,10 @@ def _fit_markers(observed: FloatArray, used: BoolArray, chain: MarkerChain, j: i
 
 
 def _point_at_next(observed: FloatArray, used: BoolArray, chain: MarkerChain, j: int, origin: FloatArray) -> FloatArray:
-    """Return the absolute angle (F,), rad, that points segment j + 1 at the next joint, or NaN.
+    """Return the absolute angle (f,), rad, at which segment j + 1 points to the next joint.
 
-    The position of the next joint follows from the markers of its segment.
+    The position of the next joint is found from the markers of the next segment; the angle is NaN if it has less than
+    two.
     """
     own = chain.segment == j + 2
     weight = used[:, own, None].astype(np.float64)
@@ -214,7 +221,7 @@ def _point_at_next(observed: FloatArray, used: BoolArray, chain: MarkerChain, j:
 
 
 def _fit_rotation(start: FloatArray, end: FloatArray) -> FloatArray:
-    """Return the angle (F,), rad, that best rotates vectors ``start`` (F or 1, m, 2) onto ``end`` (F, m, 2)."""
+    """Return the angle (f,), rad, that best rotates the vectors ``start`` (f or 1, m, 2) onto ``end`` (f, m, 2)."""
     across = (start[..., 0] * end[..., 1] - start[..., 1] * end[..., 0]).sum(axis=1)
     return np.asarray(np.arctan2(across, (start * end).sum(axis=(1, 2))))
 
@@ -225,10 +232,10 @@ def _measure_residual(observed: FloatArray, angles: FloatArray, chain: MarkerCha
 
 
 def _estimate_scale(residual: FloatArray, used: BoolArray, segment: IntArray) -> FloatArray:
-    """Return the ordinary standard deviation (M,) per coordinate, m, from a quantile of normal residuals.
+    """Return the ordinary standard deviation (M,) of each marker per coordinate, m, from a quantile of its residuals.
 
-    A marker with more bursts than the quantile allows would raise its own limit. Its value is therefore limited by its
-    median and by the markers of its segment.
+    A marker with more bursts of errors than the quantile allows would raise its own limit. Its value is therefore
+    limited by its median and by the markers of its segment. It is NaN if the marker is never used.
     """
     scale, middle = _estimate_from_quantiles(residual, used, (_QUANTILE, 0.5))
     limit = np.full(len(scale), np.nan)
@@ -241,7 +248,10 @@ def _estimate_scale(residual: FloatArray, used: BoolArray, segment: IntArray) ->
 
 
 def _estimate_from_quantiles(residual: FloatArray, used: BoolArray, shares: tuple[float, ...]) -> FloatArray:
-    """Return the standard deviations (S, M) per coordinate of normal residuals, m, from their quantiles (S,)."""
+    """Return the standard deviations (S, M) per coordinate, m, of normally distributed residuals from S quantiles.
+
+    ``shares`` are the probabilities of the quantiles. The result is NaN if a marker is never used.
+    """
     quantiles = np.full((len(shares), residual.shape[1]), np.nan)
     for m in np.flatnonzero(used.any(axis=0)):
         own = residual[used[:, m], m]

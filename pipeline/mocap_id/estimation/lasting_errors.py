@@ -1,12 +1,13 @@
 """Standard deviations of the states from white camera noise and from lasting errors of skin and chain geometry.
 
-The filter treats all residuals of the chain as white noise. Most of them are due to skin, which averages out slowly or
-not at all. With camera noise alone the filter's variance is smaller, and the lasting errors are added separately.
+Lasting errors are equal or similar in many frames. The filter treats all residuals of the chain as white noise. Most of
+them are due to skin, whose displacements average out slowly or not at all. The filter's variance is therefore reduced
+to camera noise alone, and the variance of the lasting errors is added.
 
-The filter's variance also includes what a movement driven by white snap would have beyond its pass band. For a fourfold
-integrator observed in white noise, the smoother passes 1 / (1 + (w / w0)^8). Of the variance of derivative d, the share
-1 - (2 d + 1) / 8 is passed noise, and the rest is movement that is not passed. The latter part is estimated from the
-movement itself.
+The filter's variance also includes the movement beyond the smoother's pass band, assuming a movement driven by white
+snap. For a fourfold integrator observed in white noise, the smoother has the frequency response H = 1 / (1 + (w /
+w0)^8). Of the variance of derivative d, the fraction 1 - (2 d + 1) / 8 is noise that the smoother passes, and the rest
+is movement that it does not pass. This rest is estimated from the movement itself.
 """
 
 from __future__ import annotations
@@ -20,17 +21,17 @@ from mocap_id.estimation.process_model import ORDER
 from mocap_id.estimation.smoothing import States
 
 _WITHHELD = (2 * np.arange(ORDER) + 1) / (2 * ORDER)
-"""Share of each derivative's variance that is movement not passed by the smoother."""
+"""Fraction of each derivative's variance that is movement which the smoother does not pass."""
 
 _TWICE = _WITHHELD - 1 + (2 - _WITHHELD) * (3 - _WITHHELD) / 6
-"""Share of the passed noise that a second smoothing removes: the integral of H^2 (1 - H)^2 relative to H^2."""
+"""Fraction of the passed noise that a second smoothing removes: integral of H^2 (1 - H)^2 over integral of H^2."""
 
 
 def estimate_camera_sd(used_markers: FloatArray, states: States, floor: float) -> float:
     """Return the standard deviation, m, of the markers' white noise, between ``floor`` and the filter's marker noise.
 
-    It is estimated from second differences of the residuals, which remove lasting errors. If no marker is visible in
-    three successive frames, it is the filter's marker noise. ``used_markers`` (F, M, 2) are the markers used for the
+    It is estimated from second differences of the residuals, which remove lasting errors. If no marker is used in three
+    successive frames, the filter's marker noise is returned. ``used_markers`` (F, M, 2) are the markers used for the
     states, plane frame, m; NaN elsewhere.
     """
     squares, count = 0.0, 0
@@ -47,7 +48,7 @@ def estimate_camera_sd(used_markers: FloatArray, states: States, floor: float) -
 
 @dataclass(frozen=True)
 class LastingErrors:
-    """Variances of errors that do not average out, and the camera noise, which does."""
+    """Variances of lasting errors, which do not average out, and the camera noise, which does."""
 
     camera: float  # camera noise of a coordinate, m
     frames: IntArray  # (T,) frames of the variances, ascending
@@ -55,7 +56,7 @@ class LastingErrors:
 
 
 def add_lasting_errors(states: States, rate: float, errors: LastingErrors) -> FloatArray:
-    """Return the standard deviations (F, n, 4) of states with these errors included; ``rate`` in frames per second."""
+    """Return the standard deviations (F, n, 4) of the states with lasting errors; ``rate`` is in frames per second."""
     sd, every = np.empty_like(states.sd), np.arange(len(states.sd))
     for joint in range(sd.shape[1]):
         variance: FloatArray = states.sd[:, joint] ** 2
@@ -70,13 +71,13 @@ def add_lasting_errors(states: States, rate: float, errors: LastingErrors) -> Fl
 
 
 def compute_corner(steady: FloatArray) -> float:
-    """Return the smoother's w0 of a joint, rad/s, from its variances (4,), each order with its own share."""
+    """Return the corner w0 of the smoother of a joint, rad/s, from its variances (4,) of angle and acceleration."""
     ratio = np.sin(5 * np.pi / 8) / np.sin(np.pi / 8) * steady[2] / steady[0]
     return float(ratio**0.25)
 
 
 def _measure_withheld(angle: FloatArray, steady: FloatArray, rate: float) -> FloatArray:
-    """Return the mean square (F, 4) of movement that a second smoothing removes, over the smoother's memory."""
+    """Return the mean square (F, 4) of the movement that a second smoothing removes, averaged around each frame."""
     squares = np.empty((len(angle), ORDER))
     extended, w0 = _extend_backwards(angle), compute_corner(steady)
     frequency = 2 * np.pi * np.fft.rfftfreq(len(extended), 1 / rate)
@@ -89,6 +90,6 @@ def _measure_withheld(angle: FloatArray, steady: FloatArray, rate: float) -> Flo
 
 
 def _extend_backwards(angle: FloatArray) -> FloatArray:
-    """Return the angles (2 F,) without gaps, then their time reversal, so that the series ends where it begins."""
+    """Return the interpolated angles (F,) followed by their time reversal, (2 F,), so that the series is periodic."""
     filled = interpolate_gaps(angle[:, None])[:, 0]
     return np.concatenate([filled, filled[::-1]])

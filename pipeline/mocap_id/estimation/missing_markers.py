@@ -1,7 +1,8 @@
 """Growth of the angles' variance from sliding skin in frames with missing markers (docs/concepts/dropouts.md).
 
-Displacements ("slides") of variance s² cause an angle error of variance A⁻¹ (Σ s² JᵀJ) A⁻¹ with A = Σ JᵀJ. The sums run
-over the visible markers. The growth begins as the displacements of the missing markers become unknown.
+Displacements of the markers ("slides") with the variance s² cause errors of the angles with the covariance A⁻¹ (Σ s²
+JᵀJ) A⁻¹, where J is the Jacobian of a marker and A = Σ JᵀJ. The sums run over the visible markers. The variance grows
+gradually after a marker vanishes, because its displacement becomes unknown gradually.
 """
 
 from __future__ import annotations
@@ -14,14 +15,14 @@ from mocap_id.estimation.inverse_kinematics import compute_angle_covariance, fin
 from mocap_id.estimation.smoothing import States
 from mocap_id.geometry.planar import marker_jacobian
 
-_LEAST = 1e-5  # m; least size of a displacement
-_ENOUGH = 4000  # frames, evenly over the trial, for the size of the displacements
+_LEAST = 1e-5  # m; least rms displacement
+_ENOUGH = 4000  # frames, spread evenly over the trial, from which the rms displacements are estimated
 
 
 def compute_variance_growth(
     states: States, used_markers: FloatArray, angles: FloatArray, frames: IntArray, *, rate: float, camera: float
 ) -> FloatArray:
-    """Return the factor (T, n), at least 1, by which missing markers increase the variance of lasting errors.
+    """Return the factor (T, n), at least 1, by which missing markers increase the variance of errors from skin.
 
     It is 1 where the markers do not determine an angle, because the filter's own variance covers this case.
     ``used_markers`` (F, M, 2) are the markers used for the states, plane frame, m, otherwise NaN; ``angles`` (F, n)
@@ -43,7 +44,7 @@ def compute_variance_growth(
 
 
 def _measure_slides(states: States, used_markers: FloatArray, camera: float) -> FloatArray:
-    """Return the mean square (M,) of a coordinate's residual without camera noise, m^2."""
+    """Return the mean square (M,) of each marker's residual per coordinate without camera noise, m^2."""
     squares, count = np.zeros(used_markers.shape[1]), np.zeros(used_markers.shape[1])
     frames = np.arange(0, len(used_markers), max(1, len(used_markers) // _ENOUGH))
     for part in chunks(len(frames)):
@@ -63,9 +64,10 @@ def _compute_growth(
     forgotten: FloatArray,
     marker_sd: float,
 ) -> FloatArray:
-    """Return the factor (f, n) from Jacobians (f, M, 2, n), markers used (f, M), and the forgotten share (f, M).
+    """Return the factor (f, n) in f frames, from the Jacobians (f, M, 2, n) of the markers.
 
-    ``often`` (M,) is the share of frames that use each marker, ``slide`` (M,) the mean square of its displacement, m^2.
+    ``used`` (f, M) marks the used markers. ``often`` (M,) is the fraction of frames that use each marker, ``slide``
+    (M,) the mean square of its displacement, m^2, and ``forgotten`` (f, M) the fraction of this that is unknown.
     """
     own = np.einsum("fmik,fmil->fmkl", jacobian, jacobian)  # (f, M, n, n)
     seen = np.einsum("fm,fmkl->fkl", used, own)

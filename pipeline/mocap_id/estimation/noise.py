@@ -1,9 +1,10 @@
-"""Marker and process noise by maximum likelihood, from the linear problem of the single frames' angles.
+"""Marker and process noise by maximum likelihood, from the angles of single frames.
 
-To first order, the likelihood of the markers splits in two. The residuals of the chain within each frame determine the
-marker noise alone. The angles of the frames, with the covariance from the marker noise, are linear measurements of the
-process and determine its noise density. The second part is solved joint by joint from the marginal variance of each
-angle. For every trial value, a filter with four states and a scalar measurement gives the likelihood.
+To first order, the likelihood of the markers has two factors. The residuals of the chain within each frame determine
+the marker noise alone. The angles of the frames, whose covariance follows from the marker noise, are linear
+measurements of the process and determine the density of its noise. This density is estimated joint by joint from the
+marginal variance of each angle. For every trial value, a filter with four states and a scalar measurement gives the
+likelihood.
 """
 
 from __future__ import annotations
@@ -24,14 +25,14 @@ SIGMA_V_BOUNDS = (1.0, 1e6)  # search range of the snap's standard deviation ove
 
 _LEVER_SQUARED = 1e-4  # m^2; an angle uses a degree of freedom if its markers have a lever above 1 cm
 OUTLIER_SHARE = 1e-3
-"""Share of outliers among the angles of single frames; jumps count as outliers, not as process noise."""
+"""Fraction of outliers among the angles of single frames; jumps count as outliers, not as process noise."""
 
 _STEP = 0.25  # s; time between angles that are compared to detect motion
-_RESTING = 0.1  # of a joint's largest change in this time; less is rest
+_RESTING = 0.1  # of a joint's largest change in this time; a joint with a smaller change is at rest
 _LEAST_CHANGE = 0.05  # rad; a joint whose largest change is less does not move
 _LARGEST = 0.99  # quantile that counts as the largest change
-_LEAST_MOTION = 0.25  # share of motion from which all frames count
-_NEAR = 2  # steps around motion that count as motion
+_LEAST_MOTION = 0.25  # fraction of frames with motion from which all frames count
+_NEAR = 2  # number of times _STEP before and after motion that count as motion
 _SETTLE = 10  # innovations that determine the unknown start; they are not counted
 
 
@@ -44,10 +45,10 @@ class FilterNoise:
 
 
 def estimate_marker_noise(frames: FrameAngles, floor: float) -> float:
-    """Return the marker noise, m, at least ``floor``, from the residuals of single frames, without bias.
+    """Return an unbiased estimate of the marker noise, m, from the residuals of single frames, or ``floor`` if larger.
 
-    The degrees of freedom used by the angles are subtracted. The floor limits the weight of filtered or synthetic
-    recordings, which have no noise.
+    The degrees of freedom used by the angles are subtracted. The floor is needed for filtered or synthetic recordings,
+    which have almost no noise.
     """
     sound: BoolArray = np.all(frames.reliable, axis=1)
     lost_freedom = np.concatenate([_count_freedom(frames.information[s]) for s in chunks(len(sound))])
@@ -63,11 +64,11 @@ def _count_freedom(information: FloatArray) -> FloatArray:
 
 
 def estimate_process_noise(anchors: Anchors, dt: float) -> FloatArray:
-    """Estimate the standard deviation of each joint's snap over one frame (n,), rad/s^4, for a time step in s.
+    """Return the standard deviation (n,) of each joint's snap, held over one frame, rad/s^4, for a time step in s.
 
-    The search is limited to :data:`SIGMA_V_BOUNDS`. With too few observed angles the result is the upper bound, and the
-    states then follow the angles of their own frames. Frames at rest count only if rest takes at most three quarters of
-    the time, because a joint at rest would make the noise of its motion too small.
+    The search is limited to :data:`SIGMA_V_BOUNDS`. With too few observed angles the result is the upper bound, so that
+    the states follow the angles of single frames. Frames at rest count only if rest takes at most three quarters of the
+    time, because rest would make the estimate too small for the motion.
     """
     step, shape, start = transition(dt)[0], noise_shape(dt), start_sd(dt) ** 2
     low, high = np.log(SIGMA_V_BOUNDS)
@@ -106,12 +107,12 @@ def _find_motion(anchors: Anchors, dt: float) -> BoolArray:
 def log_likelihood(  # noqa: PLR0917
     angle: FloatArray, variance: FloatArray, step: FloatArray, process: FloatArray, start: FloatArray, outliers: float
 ) -> float:
-    """Return the log-likelihood of the innovations of one angle under eq. 3.17, robust against outliers.
+    """Return the log-likelihood of the innovations of one angle for the process model (eq. 3.17), robust to outliers.
 
     ``angle`` (F,), rad, is NaN where unobserved, and ``variance`` (F,) is its noise, rad^2. ``step`` (4,) is dt^k / k!,
-    and ``process`` (4, 4) the process noise of a step. ``start`` (4,) are the initial variances of the state, also used
-    after a gap that leaves a larger variance. ``outliers`` is the share of angles that may be anywhere on the circle.
-    An angle that is more likely an outlier is ignored.
+    and ``process`` (4, 4) is the process noise of a step. ``start`` (4,) are the initial variances of the state, which
+    are used again after a gap if the variance of the angle has become larger. ``outliers`` is the fraction of angles
+    that may have any value. An angle that is more likely an outlier is ignored.
     """
     x, p, gain = np.zeros(ORDER), np.zeros((ORDER, ORDER)), np.empty(ORDER)
     p[0, 0] = math.inf
@@ -146,7 +147,7 @@ def log_likelihood(  # noqa: PLR0917
 
 @compiled
 def _predict(x: FloatArray, p: FloatArray, step: FloatArray, process: FloatArray) -> None:
-    """Replace x by F x and P by F P Fᵀ + Q for one joint."""
+    """Replace x by F x and P by F P Fᵀ + Q for one joint, with the transition F (``step``) and Q (``process``)."""
     for d in range(ORDER):
         for e in range(d + 1, ORDER):
             x[d] += step[e - d] * x[e]

@@ -1,8 +1,8 @@
 """Process model of the joint states (eq. 3.17): angle, velocity, acceleration and jerk, driven by noise in the snap.
 
-The state of n joints is ordered by derivative, then joint: all angles, all velocities, all accelerations, all jerks.
-With the angles first, only the first n columns of a lower Cholesky factor of the covariance displace an angle. An
-unscented transform through the forward map then needs 2n + 1 evaluations instead of 8n + 1.
+The state of n joints is ordered by derivative, then by joint: all angles, all velocities, all accelerations, all jerks.
+Because the angles come first, only the first n columns of the lower Cholesky factor of the covariance change an angle.
+An unscented transform through the forward kinematics then needs 2n + 1 evaluations instead of 8n + 1.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 
-ORDER = 4  # derivatives in the state of one joint: angle, velocity, acceleration, jerk
+ORDER = 4  # quantities in the state of one joint: angle, velocity, acceleration, jerk
 
 
 def transition(dt: float) -> FloatArray:
     """Return the transition matrix (4, 4) of one joint over a time step, s (eq. 3.17).
 
-    Entry (i, j) is dt^(j-i) / (j-i)! on and above the diagonal.
+    Entry (i, j) is dt^(j-i) / (j-i)! on and above the diagonal, otherwise zero.
 
     Examples
     --------
@@ -34,9 +34,10 @@ def noise_shape(dt: float) -> FloatArray:
     """Return the process noise covariance (4, 4) of one joint over a time step, s, for a snap of unit spectral density.
 
     Entry (i, j) is dt^(7-i-j) / ((3-i)! (3-j)! (7-i-j)). The snap is white with spectral density q, in (rad/s^4)^2 s.
-    It is integrated over the step, so that q is independent of the frame rate. The thesis's snap of standard deviation
-    sigma_v, held over one frame, has q = sigma_v^2 dt. Both give the jerk the variance (sigma_v dt)^2 per frame; the
-    variances of the other derivatives differ by a factor of at most 2.3.
+    The matrix for q is q times the result. Because the snap is integrated over the step, q is independent of the frame
+    rate. The snap of the thesis has the standard deviation sigma_v and is constant over one frame; it corresponds to q
+    = sigma_v^2 dt. Both give the jerk the variance (sigma_v dt)^2 per frame. The variances of the other derivatives
+    differ by a factor of at most 2.3.
     """
     i = np.arange(ORDER)
     integral = 2 * ORDER - 1 - i[:, None] - i[None, :]
@@ -45,10 +46,10 @@ def noise_shape(dt: float) -> FloatArray:
 
 
 def joint_transition(dt: float, joints: int) -> FloatArray:
-    """Return the transition matrix (4n, 4n) of all joints over a time step, in the order of this module."""
+    """Return the transition matrix (4n, 4n) of all joints over a time step, s, in the order of this module."""
     return np.asarray(np.kron(transition(dt), np.eye(joints)), dtype=np.float64)
 
 
 def joint_noise(dt: float, density: FloatArray) -> FloatArray:
-    """Return the process noise (4n, 4n) of all joints over a time step, from their snap densities (n,), rad^2/s^7."""
+    """Return the process noise (4n, 4n) of all joints over a time step, s, for their snap densities (n,), rad^2/s^7."""
     return np.asarray(np.kron(noise_shape(dt), np.diag(density)), dtype=np.float64)

@@ -1,8 +1,8 @@
 """Quintic smoothing spline whose stiffness is chosen by generalised cross-validation, for reliable accelerations.
 
-The spline θ(t) minimises Σ (y_k − θ(t_k))² + λ ∫ (d³θ/dt³)² dt. A cubic spline penalises the acceleration itself, which
-becomes piecewise linear and zero at the ends. The acceleration of the quintic spline is smooth and free at the ends
-(Woltring 1986).
+The spline θ(t) minimises Σ (y_k − θ(t_k))² + λ ∫ (d³θ/dt³)² dt for the samples y_k and the stiffness λ. A cubic spline
+penalises the acceleration itself, which becomes piecewise linear, and zero at the ends. The acceleration of the quintic
+spline is smooth, and need not be zero at the ends (Woltring 1986).
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ _TOLERANCE = 0.01
 
 
 def fit_smoothing_spline(angle: FloatArray, seen: BoolArray, dt: float) -> FloatArray:
-    """Return the spline through the known samples, and its derivatives (F, 4): angle, velocity, acceleration, jerk.
+    """Return the smoothing spline of the known samples as states (F, 4): angle, velocity, acceleration, jerk.
 
-    ``angle`` (F,) is unwrapped, rad, with more than 10 samples; ``seen`` (F,) is true for the samples that are fitted,
-    and ``dt`` is the time step, s.
+    ``angle`` (F,), rad, is unwrapped. ``seen`` (F,) is true for the known samples, which must be more than 10, and
+    ``dt`` is the time step, s.
     """
     frames = len(angle)
     spacing = max(1.0, 1.0 / (_KNOT_RATE * dt))  # samples
@@ -59,7 +59,7 @@ def fit_smoothing_spline(angle: FloatArray, seen: BoolArray, dt: float) -> Float
 
 
 def _penalty(intervals: int) -> dia_array:
-    """Return ∫ (third derivative)² as a quadratic form in the coefficients, for unit knot spacing.
+    """Return the matrix of ∫ (third derivative)² as a quadratic form in the coefficients, for unit knot spacing.
 
     The third derivative is the quadratic spline whose coefficients are the third differences. Three Gauss points per
     interval integrate its square exactly.
@@ -84,12 +84,12 @@ def _bands(matrix: dia_array) -> FloatArray:
 
 
 def _freedom(stiffness: float, intervals: int, seen: int) -> float:
-    """Return the trace of the smoother matrix, approximated by sine modes over a number of intervals.
+    """Return the trace of the smoother matrix (degrees of freedom), approximated by sine modes.
 
-    Smoothing multiplies mode k by 1 / (1 + λ (π k / K)⁶ K / N) for N samples on K intervals; polynomials up to the
-    second degree pass unchanged.
+    For N samples on K intervals, smoothing with the stiffness λ multiplies mode k by 1 / (1 + λ (π k / K)⁶ K / N).
+    Polynomials up to the second degree are not changed.
     """
-    free_ends = 0.5 * (_PENALISED - 1)  # free ends raise the frequencies, as for a beam (there by a half)
+    free_ends = 0.5 * (_PENALISED - 1)  # free ends raise the frequencies; those of a free beam have k + 1/2
     frequency = math.pi * (np.arange(1, min(seen, intervals + DEGREE) - _PENALISED + 1) + free_ends) / intervals
     passed = 1.0 / (1.0 + stiffness * frequency ** (2 * _PENALISED) * intervals / seen)
     return _PENALISED + float(passed.sum())

@@ -2,10 +2,10 @@
 
 It is slow and serves to verify the compiled engine.
 
-filterpy leaves three things to its caller. A missing marker must be removed from measurement, noise and forward map,
-because one NaN spoils the state. The first frame needs explicit sigma points, because ``update`` uses the points of the
-preceding ``predict``. The smoother of filterpy has one process noise for all steps and cannot start joints again, so it
-is not used.
+filterpy leaves three tasks to its caller. A missing marker must be removed from measurement, noise and measurement
+function, because one NaN spoils the state. The first frame needs explicit sigma points, because ``update`` uses the
+points of the preceding ``predict``. The smoother of filterpy has one process noise for all steps and cannot start
+joints again, so it is not used.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from mocap_id.geometry.planar import marker_positions
 
 
 def filter_forwards(problem: FilterProblem) -> Track:
-    """Run the filter over all frames.
+    """Run the filter over all frames, and return the filtered states.
 
     Raise NumericalError if a covariance is not positive definite.
     """
@@ -51,7 +51,7 @@ def filter_forwards(problem: FilterProblem) -> Track:
 
 
 def smooth_backwards(problem: FilterProblem, track: Track) -> Track:
-    """Run the Rauch–Tung–Striebel smoother over a filtered track."""
+    """Run the Rauch–Tung–Striebel smoother over a filtered track, and return the smoothed states as a new track."""
     n = problem.joints
     f, q = joint_transition(problem.dt, n), joint_noise(problem.dt, problem.density)
     start = np.repeat(start_sd(problem.dt) ** 2, n)
@@ -88,13 +88,13 @@ def _make_filter(problem: FilterProblem) -> UnscentedKalmanFilter:
 
 
 def _forward(problem: FilterProblem, states: FloatArray, markers: BoolArray) -> FloatArray:
-    """Return the positions (..., m, 2) of the chosen markers (eq. 3.18) for states (..., 4n)."""
+    """Return the positions (..., m, 2) of the m chosen markers (eq. 3.18) for states (..., 4n)."""
     angles = states[..., : problem.joints]
     return marker_positions(angles, problem.centres, problem.segment[markers], problem.local[markers])
 
 
 def _restart(ukf: UnscentedKalmanFilter, last_angle: FloatArray, lost: BoolArray, dt: float) -> None:
-    """Start joints again at their last angles and at rest, with their initial covariance."""
+    """Set the joints ``lost`` (n,) to their last angles and to rest, with their initial covariance, in place."""
     rows = np.tile(lost, 4)
     ukf.P[rows, :] = 0.0
     ukf.P[:, rows] = 0.0
@@ -104,7 +104,7 @@ def _restart(ukf: UnscentedKalmanFilter, last_angle: FloatArray, lost: BoolArray
 
 
 def _measure(ukf: UnscentedKalmanFilter, problem: FilterProblem, k: int) -> tuple[float, BoolArray]:
-    """Update with frame k; return the gain in log-likelihood and the markers used."""
+    """Update the filter with frame k; return the increase of the log-likelihood and the markers used (M,)."""
     visible = np.isfinite(problem.observed[k]).all(axis=-1)
     uncertain = np.flatnonzero(np.diag(ukf.P)[: problem.joints] > ANCHOR_SD**2)
     if uncertain.size and np.any(visible & (problem.segment > uncertain[0])):
@@ -122,7 +122,10 @@ def _measure(ukf: UnscentedKalmanFilter, problem: FilterProblem, k: int) -> tupl
 
 
 def _count_failing(problem: FilterProblem, k: int, used: BoolArray, failing: IntArray) -> IntArray:
-    """Count successive frames in which over half of a segment's markers fail; no change if none is visible."""
+    """Return ``failing`` (n,), the number of successive frames in which over half of a segment's markers fail.
+
+    It does not change in a frame in which no marker of the segment is visible.
+    """
     own = problem.segment[:, None] == np.arange(1, problem.joints + 1)  # (M, n)
     seen = (own & np.isfinite(problem.observed[k]).all(axis=-1)[:, None]).sum(axis=0)
     passed = (own & used[:, None]).sum(axis=0)
@@ -131,7 +134,7 @@ def _count_failing(problem: FilterProblem, k: int, used: BoolArray, failing: Int
 
 
 def _passes_gate(ukf: UnscentedKalmanFilter, problem: FilterProblem, k: int, visible: BoolArray) -> BoolArray:
-    """Return which of the visible markers are within the gate."""
+    """Return which of the m visible markers (M,) are within the gate, as flags (m,)."""
     points = _forward(problem, ukf.sigmas_f, visible)  # (2L + 1, m, 2)
     expected = np.einsum("s,smi->mi", ukf.Wm, points)
     deviation = points - expected
@@ -143,9 +146,9 @@ def _passes_gate(ukf: UnscentedKalmanFilter, problem: FilterProblem, k: int, vis
 
 
 def _anchor(ukf: UnscentedKalmanFilter, angles: FloatArray, noise: FloatArray, gate: float) -> bool:
-    """Update the state with the angles of one frame, unwrapped to the nearest whole rotation; linear, Joseph form.
+    """Update the filter with the angles (n,) of one frame and their covariance; return whether they passed the gate.
 
-    Return whether the angles passed the gate.
+    Whole rotations are added to the angles to bring them near the state. The update is linear, in Joseph form.
     """
     n, size = len(angles), len(ukf.x)
     h = np.eye(n, size)

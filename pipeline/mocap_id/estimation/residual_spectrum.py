@@ -1,13 +1,13 @@
 """Spectrum of the residuals: evidence of a low-pass filter, and of segments whose markers oscillate together.
 
-**Filter.** The cameras' noise is white. If the residuals fall steeply above a frequency and stay low, the recording was
-filtered or resampled. The product S(f) f^4 has its maximum at the cut-off of two passes of a second-order Butterworth
-filter. Skin and movement fall less steeply.
+**Filter.** The cameras' noise is white. If the power S of the residuals falls steeply above a frequency f and stays
+low, the recording was filtered or resampled. For two passes of a second-order Butterworth filter, the product S(f) f^4
+has its maximum at the cut-off. The power of skin and movement falls less steeply.
 
 **Oscillation.** If all markers of a segment move alike, as on wobbling tissue, the chain rotates instead, and the
-residuals contain only a part of the oscillation. A rigid displacement does not rotate the segment, however. The
-rotation of its markers relative to the chain is therefore the error of the chain's angle. Only a narrow peak counts,
-because broad peaks occur in every real movement.
+residuals contain only a part of the oscillation. In truth the markers are displaced without a rotation of the segment.
+The rotation of its markers relative to the chain is therefore the error of the chain's angle. Only a narrow peak
+counts, because broad peaks occur in every real movement.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from mocap_id.estimation.process_model import ORDER
 
 _WINDOW = 4.0  # s
 _MOST = 150  # windows of the median spectrum
-_NEIGHBOURS = 5  # frequencies of an average
+_NEIGHBOURS = 5  # number of neighbouring frequencies in an average
 _LOWEST = 1.0  # Hz; least cut-off that is searched for
-_DROP = 50.0  # least ratio of the power at the cut-off to the power an octave and more above it
+_DROP = 50.0  # least ratio of the power at the cut-off to the power one octave or more above it
 _FLATTEST = 0.75  # of the highest frequency; a filter with a higher cut-off cannot be detected
-_NOISE = (5e-5, 2e-3)  # m, of a coordinate before the filter; no camera has less, and more is movement off the chain
+_NOISE = (5e-5, 2e-3)  # m, noise of a coordinate before the filter: no camera has less; more is movement off the chain
 _STEEPEST = 25.0  # largest ratio of the power an octave below the cut-off to the power at the cut-off
 _PEAK = 10.0  # least ratio of a peak to the power beside it
 _HALF_WIDTH = 1.3  # ratio of frequencies within a peak
@@ -38,7 +38,7 @@ _LEAST_SPREAD = 0.02  # m, rms distance of a segment's markers from their centro
 
 @dataclass(frozen=True)
 class Oscillation:
-    """A narrow peak in the common motion of a segment's markers."""
+    """A narrow peak in the spectrum of the common displacement of a segment's markers."""
 
     segment: int  # 1 … n
     frequency: float  # Hz
@@ -52,7 +52,7 @@ class ResidualSpectrum:
     rate: float  # frames per second
     frequency: FloatArray  # (P,) Hz; empty if no window is complete
     power: FloatArray  # (P,) median of the markers' power spectra, m²/Hz
-    shift: ComplexArray  # (F, n) displacement of each segment's markers, m
+    shift: ComplexArray  # (F, n) mean displacement of each segment's markers, m
     rotation: FloatArray  # (F, n) their rotation, rad; 0 for a segment whose markers are too close together
 
     @cached_property
@@ -76,7 +76,7 @@ class ResidualSpectrum:
 
     @cached_property
     def oscillations(self) -> tuple[Oscillation, ...]:
-        """Clearest oscillation of each segment that oscillates."""
+        """Strongest oscillation of each segment whose markers oscillate together."""
         found = []
         for k in range(self.shift.shape[1]):
             windows = list(_spectra(self.shift[:, k], self.rate, None))
@@ -90,7 +90,7 @@ class ResidualSpectrum:
         return tuple(found)
 
     def oscillating_variance(self, frames: IntArray) -> FloatArray:
-        """Return the variances (T, n, 4) of the states from oscillations, equal in all frames (T,)."""
+        """Return the variances (T, n, 4) of the states due to oscillations, which are equal in all ``frames`` (T,)."""
         count, n = self.rotation.shape
         if not self.oscillations:
             return np.zeros((len(frames), n, ORDER))
@@ -124,7 +124,10 @@ def compute_residual_spectrum(residuals: ChainResiduals) -> ResidualSpectrum:
 
 
 def _find_clearest_peak(f: FloatArray, power: FloatArray) -> float | None:
-    """Return the frequency, Hz, of the clearest narrow peak; None if no peak is clear."""
+    """Return the frequency, Hz, of the clearest narrow peak; None if no peak is high enough above the power beside it.
+
+    ``f`` (P,) are the frequencies, Hz, and ``power`` (P,) the spectrum.
+    """
     best, found = _PEAK, None
     for k in np.flatnonzero((f >= _RANGE[0]) & (f <= min(_RANGE[1], f[-1] / 2))):
         ratio = f / f[k]
@@ -137,7 +140,7 @@ def _find_clearest_peak(f: FloatArray, power: FloatArray) -> float | None:
 
 
 def _smooth(power: FloatArray) -> FloatArray:
-    """Return a spectrum averaged over neighbouring frequencies."""
+    """Return a spectrum (P,) averaged over neighbouring frequencies."""
     if len(power) < _NEIGHBOURS:
         return power
     ones = np.ones(_NEIGHBOURS)
@@ -147,7 +150,10 @@ def _smooth(power: FloatArray) -> FloatArray:
 def _spectra(
     series: ComplexArray, rate: float, seen: BoolArray | None, most: int | None = None
 ) -> Iterator[FloatArray]:
-    """Yield power spectra (P,) of a coordinate of a series (F,), in at most ``most`` windows without gaps."""
+    """Yield the power spectrum (P,), per coordinate, of each window of a series (F,) of positions x + 1j y.
+
+    Windows with frames that are not ``seen`` (F,) are left out. ``most`` is the largest number of windows.
+    """
     size = _window_size(len(series), rate)
     taper = np.hanning(size)
     taper /= np.sqrt(2 * rate * np.sum(taper**2))

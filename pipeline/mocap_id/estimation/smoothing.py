@@ -1,6 +1,6 @@
 """Smoothed joint states of a planar chain from its markers (ch. 3.2.6): main entry point of the package.
 
-The loops of filter and smoother, with the smoother's gain, are in :mod:`mocap_id.estimation.filter_kernels`.
+The loops of filter and smoother are in :mod:`mocap_id.estimation.filter_kernels`.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class FilterSettings:
 
     method: Method = "rts"  # filter and smoother, or one of :mod:`mocap_id.estimation.alternative_estimators`
     butterworth_hz: float = 6.0  # cut-off of ``butterworth``, Hz
-    engine: Literal["compiled", "filterpy"] = "compiled"  # filterpy: the same result, a hundred times slower
+    engine: Literal["compiled", "filterpy"] = "compiled"  # filterpy gives the same result a hundred times slower
     marker_sd: float | None = None  # standard deviation of a marker's coordinate, m; None: estimated
     sigma_v: float | None = None  # sd of every joint's snap held over one frame, rad/s^4; None: estimated
     sigma_v_ratio: float = math.inf  # largest estimate of a joint's sigma_v, relative to the median of all joints
@@ -56,7 +56,7 @@ class States:
     mean: FloatArray  # (F, n, 4) angle (rad, unwrapped), velocity, acceleration, jerk; NaN if the angle is uncertain
     sd: FloatArray  # (F, n, 4) standard deviations, also of uncertain states; NaN for methods that give none
     observed: BoolArray  # (F, n) the frame's own markers determine the angle; false where it is bridged
-    used: BoolArray  # (F, M) markers used for the states: measured, on a moving segment, within the gate
+    used: BoolArray  # (F, M) markers used for the states: visible, on a moving segment, and within the gate
     noise: FilterNoise  # estimated or given
     log_likelihood: float  # of the filter's innovations; NaN for methods without one
     chain: MarkerChain  # with all M markers
@@ -67,7 +67,10 @@ class States:
         return self.predicted_in(slice(None))
 
     def predicted_in(self, frames: slice | IntArray) -> FloatArray:
-        """Return the predicted positions (..., M, 2) in some frames (...), m; NaN where an angle before is NaN."""
+        """Return the positions (..., M, 2), m, of all markers in the chosen frames (...), plane frame.
+
+        They are NaN if the angle of a joint between base and marker is NaN.
+        """
         return marker_positions(self.mean[frames, :, 0], self.chain.centres, self.chain.segment, self.chain.local)
 
 
@@ -81,7 +84,7 @@ def smooth(
     settings: FilterSettings | None = None,
     overwrite: bool = False,
 ) -> States:
-    """Estimate the states of every joint at every frame.
+    """Return the states of every joint at every frame, estimated from markers.
 
     Parameters
     ----------
@@ -98,8 +101,8 @@ def smooth(
     settings : FilterSettings, optional
         Default: :class:`FilterSettings`.
     overwrite : bool
-        Allow changes of ``observed``, which saves a copy: where markers are missing, the other markers are moved by
-        :func:`mocap_id.estimation.dropouts.compensate_dropouts`.
+        Whether ``observed`` may be changed, which saves a copy: in frames with missing markers,
+        :func:`mocap_id.estimation.dropouts.compensate_dropouts` moves the other markers.
 
     Raises
     ------
@@ -113,7 +116,7 @@ def smooth(
 
 @dataclass(frozen=True)
 class PreparedStates:
-    """Noise and markers of a trial, prepared once to be smoothed once or several times."""
+    """Markers of a trial and their noise, from which states can be estimated several times."""
 
     problem: FilterProblem  # with the markers of the moving segments
     noise: FilterNoise
@@ -121,9 +124,10 @@ class PreparedStates:
     settings: FilterSettings
 
     def estimate(self, inertial: Inertial | None = None) -> States:
-        """Return the states from the markers alone, or with inertial sensors (``rts`` by the compiled engine).
+        """Return the states from the markers, and from inertial sensors if given.
 
-        Raise NumericalError if a covariance is not positive definite.
+        Sensors need the method ``rts`` and the compiled engine. Raise NumericalError if a covariance is not positive
+        definite.
         """
         problem = self.problem if inertial is None else replace(self.problem, inertial=inertial)
         estimate = _estimate(problem, self.settings)
@@ -147,7 +151,7 @@ def prepare_states(
 ) -> PreparedStates:
     """Estimate the noise of a trial, and prepare its markers for :meth:`PreparedStates.estimate`.
 
-    The arguments are the same as for :func:`smooth`; ``observed`` is changed as by ``overwrite``.
+    The arguments are as for :func:`smooth`; ``observed`` may be changed in place, as with its ``overwrite``.
     """
     settings = settings or FilterSettings()
     moves, dt = segment > 0, 1.0 / rate
@@ -195,7 +199,7 @@ def _estimate(problem: FilterProblem, settings: FilterSettings) -> Estimate:
 def _find_determined(
     estimate: Estimate, problem: FilterProblem, noise: FilterNoise, settings: FilterSettings
 ) -> BoolArray:
-    """Return which angles (F, n) the markers used in their own frame determine."""
+    """Return which angles (F, n) are determined by the markers that are used in the same frame."""
     if settings.method in FRAMEWISE:  # these start from the frames' own angles and bridge no long gap
         return np.asarray(problem.anchors.observed & np.isfinite(estimate.mean[..., 0]))
     chain = MarkerChain(problem.centres, problem.segment, problem.local)

@@ -1,4 +1,4 @@
-"""Calibration of all sensors of a trial, each on the segment that the configuration names."""
+"""Calibration of all inertial sensors of a trial, each on the segment that the configuration names."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from mocap_id.estimation.inertial.preparation import explain_disagreement
 from mocap_id.estimation.inertial.signals import SegmentMotion, SensorSignals
 
 _CLEAR = 0.5  # least correlation of the rotation speeds that determines a clock
-_MARGIN = 0.2  # s; the motion beside a gap is also bridged
+_MARGIN = 0.2  # s before and after a gap in which the motion is also partly bridged
 
 
 @dataclass(frozen=True)
@@ -22,9 +22,9 @@ class SensorResult:
     """Calibration of the sensor on one segment, and whether it can be used."""
 
     calibration: SensorCalibration | None  # None if sensor and markers have too little time in common
-    saturated: float  # share of its samples that are saturated
-    why: str | None = None  # reason for which the sensor is left out
-    better_segment: int | None = None  # another segment, whose motion the sensor fits better
+    saturated: float  # fraction of its samples that are saturated
+    why: str | None = None  # reason for which the sensor is left out; None if it is used
+    better_segment: int | None = None  # another segment, whose motion the sensor fits better; None if there is none
 
     @property
     def used(self) -> SensorCalibration | None:
@@ -35,10 +35,10 @@ class SensorResult:
 def calibrate_all(
     sensors: Mapping[int, SensorSignals], motions: Sequence[SegmentMotion], time: FloatArray
 ) -> dict[int, SensorResult]:
-    """Calibrate all sensors; a sensor whose motion does not determine its clock takes the clock of the others.
+    """Calibrate all sensors; return the results by segment, like ``sensors``.
 
-    ``sensors`` are numbered by their segment. ``motions`` are the motions of all segments from markers alone, and
-    ``time`` (F,) are uniform times of the cameras, s.
+    A sensor whose motion does not determine its clock takes the clock of the others. ``motions`` are the motions of all
+    segments from markers alone, and ``time`` (F,) are uniform times of the cameras, s.
     """
     coarse = {s: find_clock(each, motions[s], time) for s, each in sensors.items()}
     clocks: list[Clock] = []
@@ -62,7 +62,7 @@ def calibrate_all(
 def _find_better_segment(
     signals: SensorSignals, motions: Sequence[SegmentMotion], time: FloatArray, own: int, found: SensorCalibration
 ) -> int | None:
-    """Return the segment whose motion the sensor fits much better than its own segment's; None if there is none."""
+    """Return the segment whose motion the sensor fits much better than that of its segment; None if there is none."""
     best, least = None, 0.5 * float(found.residual[0])
     for s, motion in enumerate(motions):
         if s == own:
@@ -75,7 +75,10 @@ def _find_better_segment(
 
 
 def find_observed_segments(observed: BoolArray, rate: float) -> BoolArray:
-    """Return where (F, n) a segment is observed and no bridged frame is near; ``rate`` in Hz."""
+    """Return where (F, n) a segment is observed in a frame and in all frames near it.
+
+    ``observed`` (F, n) is false in bridged frames; ``rate`` is in frames per second.
+    """
     width = 2 * round(_MARGIN * rate) + 1
     hidden = np.stack([np.convolve(~each, np.ones(width), mode="same") for each in observed.T], axis=1) > 0.5
     return np.asarray(~hidden)

@@ -1,14 +1,15 @@
 """Calibration of an inertial sensor on a moving segment, by maximum likelihood with weak priors.
 
 A sensor at the position r has the mounting M, a rotation from sensor to segment. The skin under it lags: it does not
-follow the share s of the segment's axial rotation τ about the long axis l. With E = exp(s τ l), the sensor measures
+follow the fraction s of the segment's axial rotation τ about the long axis l. With E = exp(s τ l), the sensor measures
 
     gyroscope      A_g Mᵀ E (ω − s τ' l) + b_g
     accelerometer  A_a Mᵀ E (f + α × r + ω × (ω × r)) + b_a
 
-at its own times. ω, α and the specific force f at the segment's origin are in the segment's axes; A_g and A_a are
-diagonal. Both residuals are correlated over time, because errors of markers and skin persist over successive frames.
-Their weights are divided by the number of correlated samples.
+at the times of its clock. The angular velocity ω, the angular acceleration α and the specific force f at the segment's
+origin are in the segment's axes. The scales A_g and A_a are diagonal, and b_g and b_a are biases. Both residuals are
+correlated over time, because errors of markers and skin persist over successive frames. Their weights are therefore
+divided by the number of correlated samples.
 """
 
 from __future__ import annotations
@@ -23,9 +24,9 @@ from mocap_id.estimation.inertial.clock import OBSERVABLE_SD, Clock
 from mocap_id.estimation.inertial.signals import SegmentMotion, SensorSignals
 from mocap_id.geometry import so3
 
-_ROUNDS, _SETTLED = 12, 0.05  # rounds of the search, and its last step in standard deviations
+_ROUNDS, _SETTLED = 12, 0.05  # iterations of the search, and the change, in standard deviations, at which it ends
 _MOST, _FEW, _ENOUGH = 3000, 500, 25.0  # frames, and frames per second: residuals are correlated over 0.5 s or more
-_FAR = 5.0  # times the rms residual; farther samples do not count
+_FAR = 5.0  # times the rms residual; samples with a larger residual do not count
 _GYRO_SD, _FORCE_SD = 0.05, 0.5  # rad/s and m/s², for the first weights
 _PRIOR = {
     **{"turn": 10.0, "gyro_scale": 5e-3, "lag": 0.15, "gyro_bias": 0.2},
@@ -33,7 +34,7 @@ _PRIOR = {
 }
 """Prior standard deviations of the parameters: rad, –, –, rad/s, s, –, m, –, m/s²."""
 _USUAL_LAG = 0.1
-_IN_PHASE = 0.12  # share of the residual that may follow the acceleration, as if the clock were late: skin lags
+_IN_PHASE = 0.12  # fraction of the residual that skin may make proportional to the acceleration, like a late clock
 _SIZES = (
     *(("turn", 3), ("gyro_scale", 3), ("lag", 1), ("gyro_bias", 3), ("shift", 1), ("drift", 1)),
     *(("place", 3), ("acc_scale", 3), ("acc_bias", 3)),
@@ -51,14 +52,14 @@ class SensorCalibration:
     clock: Clock
     mount: FloatArray  # (3, 3) rotation from the sensor to its segment
     place: FloatArray  # (3,) position in the segment's frame, m
-    lag: float  # share of the segment's axial rotation that the skin under the sensor does not follow
+    lag: float  # fraction of the segment's axial rotation that the skin under the sensor does not follow
     gyro_scale: FloatArray  # (3,) relative error of the gyroscope's scale
     gyro_bias: FloatArray  # (3,) rad/s
     acc_scale: FloatArray  # (3,) relative error of the accelerometer's scale
     acc_bias: FloatArray  # (3,) m/s²
-    sd: dict[str, FloatArray]  # standard deviations by these names; ``turn`` (3,) of the mounting, rad; ``shift``, s
-    residual: FloatArray  # (2,) rms of a component's residual: gyroscope, rad/s, and accelerometer, m/s²
-    correlated: FloatArray  # (2,) numbers of successive frames with correlated residuals
+    sd: dict[str, FloatArray]  # standard deviations by these names; mounting: ``turn`` (3,), rad; clock: ``shift``, s
+    residual: FloatArray  # (2,) rms residual of a component: gyroscope, rad/s, and accelerometer, m/s²
+    correlated: FloatArray  # (2,) number of successive frames with correlated residuals: gyroscope, accelerometer
     segment_rate: float  # rms of the segment's angular velocity, rad/s
 
 
@@ -71,12 +72,12 @@ def calibrate_sensor(
     follows: bool = True,
     start: SensorCalibration | None = None,
 ) -> SensorCalibration | None:
-    """Estimate the parameters of a sensor on a segment; None if the two have too few samples in common.
+    """Return the parameters of a sensor on a segment; None if sensor and motion have too few samples in common.
 
-    ``motion`` comes from markers alone at ``time`` (F,), uniform times of the cameras, s. The search starts with
-    ``clock``, whose standard deviation limits it if finite, and with ``start``, such as the result for almost the same
-    motion. If ``follows``, the share of the axial rotation that the skin does not follow is estimated; otherwise the
-    skin follows fully.
+    ``motion`` comes from markers alone at ``time`` (F,), uniform times of the cameras, s. The search starts from
+    ``clock`` and, if given, from ``start``, for example the result for almost the same motion. The standard deviation
+    of ``clock``, if finite, is that of its prior. If ``follows``, the lag of the skin is estimated; otherwise it is
+    zero.
     """
     frame = float(time[1] - time[0])
     thin = _thin_frames(len(time), frame)
@@ -111,7 +112,7 @@ def calibrate_sensor(
 
 
 def _thin_frames(frames: int, frame: float) -> int:
-    """Return the step between the frames that are used; ``frame`` is the time between frames, s."""
+    """Return k if every k-th frame is used; ``frames`` is the number of frames, ``frame`` the time between them, s."""
     return max(1, -(-frames // _MOST), min(int(1.0 / (_ENOUGH * frame)), frames // _FEW))
 
 
@@ -126,7 +127,7 @@ def _prior(clock: Clock, follows: bool) -> FloatArray:
 def _guess_mounting(
     signals: SensorSignals, motion: SegmentMotion, time: FloatArray, clock: Clock, frame: float
 ) -> SensorCalibration:
-    """Return the mounting that fits both gyroscope and accelerometer best, with all other errors zero."""
+    """Return start values: the mounting that fits both signals best, the gyroscope's bias, other errors zero."""
     gyro, acc = signals.at(clock.stamps(time), frame)
     there = np.isfinite(gyro[:, 0])
     bias = np.median(gyro[there], axis=0)
@@ -141,7 +142,10 @@ def _guess_mounting(
 def _residuals(  # noqa: PLR0917
     signals: SensorSignals, motion: SegmentMotion, time: FloatArray, frame: float, at: SensorCalibration, middle: float
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return derivatives (F, 6, p) of the expected signals, residuals (F, 6), and weights (F, 2) that are 0 or 1."""
+    """Return derivatives (F, 6, p) of the expected signals by p parameters, residuals (F, 6), and weights (F, 2).
+
+    ``at`` are the parameters. A weight is 0 for a missing or distant sample of gyroscope or accelerometer, otherwise 1.
+    """
     stamps = at.clock.stamps(time)
     measured = np.concatenate(signals.at(stamps, frame), axis=1)
     slope = np.concatenate(signals.at(stamps, frame, 1), axis=1)
@@ -173,7 +177,10 @@ def _residuals(  # noqa: PLR0917
 
 
 def _measure_residuals(off: FloatArray, kept: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the rms (2,) of a component's residual, and the numbers (2,) of samples with correlated residuals."""
+    """Return the rms residual (2,) of a component, and the number (2,) of successive samples that are correlated.
+
+    ``off`` (F, 6) are the residuals, and ``kept`` (F, 2) their weights.
+    """
     rms, correlated = np.empty(2), np.empty(2)
     padded = next_fast_len(2 * len(off), real=True)
     for k in range(2):
@@ -188,7 +195,7 @@ def _measure_residuals(off: FloatArray, kept: FloatArray) -> tuple[FloatArray, F
 
 
 def _differ_from_prior(found: SensorCalibration, clock: Clock, middle: float, lag: float) -> FloatArray:
-    """Return the parameters (p,) minus their prior values; the mounting has no prior."""
+    """Return the parameters (p,) minus their prior values; zero for the mounting, which has no prior value."""
     out = np.zeros(_COUNT)
     for name in _VECTORS:
         out[_AT[name]] = getattr(found, name)
@@ -199,7 +206,7 @@ def _differ_from_prior(found: SensorCalibration, clock: Clock, middle: float, la
 
 
 def _add_step(found: SensorCalibration, step: FloatArray, middle: float) -> SensorCalibration:
-    """Return the parameters after a step (p,) of the search; the clock is shifted at the middle of the trial."""
+    """Return the parameters changed by ``step`` (p,); ``middle`` is the time, s, at which the clock is shifted."""
     stamp = float(found.clock.stamps(np.array(middle))) - float(step[_AT["shift"]][0])
     drift = found.clock.drift + float(step[_AT["drift"]][0])
     offset = middle - stamp * (1 + drift)

@@ -31,9 +31,9 @@ class Clock:
 
 
 def find_clock(signals: SensorSignals, motion: SegmentMotion, time: FloatArray) -> tuple[float, float]:
-    """Return the clock offset, s, at which the rotation speeds of sensor and segment agree best, and their correlation.
+    """Return the clock offset, s, with the largest correlation of the angular speeds of sensor and segment, and this.
 
-    ``time`` (F,) are uniform times of the cameras, s.
+    ``time`` (F,) are uniform times of the cameras, s. Both are zero if the motion is known in no frame.
     """
     step = float(time[1] - time[0])
     known = motion.known
@@ -62,7 +62,10 @@ def find_clock(signals: SensorSignals, motion: SegmentMotion, time: FloatArray) 
 
 
 def borrow_clock(others: Sequence[Clock]) -> Clock:
-    """Return the clock of a sensor whose motion does not determine it, from the clocks of the other sensors."""
+    """Return the median offset of the other sensors' clocks, for a sensor whose motion does not determine its clock.
+
+    Without other sensors, the offset is zero and its standard deviation infinite.
+    """
     if not others:
         return Clock(0.0, sd=np.inf)
     offsets = np.array([each.offset for each in others])

@@ -12,17 +12,17 @@ from mocap_id.estimation.inertial.signals import GRAVITY, SegmentMotion, SensorS
 from mocap_id.geometry import so3
 
 SHARES = (0.5, 1.0)
-"""Standard deviations of a frame's signals in the filter, relative to their differences from the markers' motion.
+"""Standard deviations of gyroscope and accelerometer in the filter, relative to the rms residuals of the calibration.
 
 The skin rotates a sensor on its segment, and the chain cannot follow this rotation. With smaller values, the joints
 would follow the skin.
 """
 
-_MOST_OFF = 0.35  # largest difference of a gyroscope, relative to the segment's rms angular velocity
+_MOST_OFF = 0.35  # largest rms difference of a gyroscope, relative to the segment's rms angular velocity
 _LEAST_RATE = 0.15  # rad/s
 _MOST_FORCE, _MOST_BIAS = 2.0, 3.0  # m/s²
-_LAG_SD = 0.08  # of the share of the axial rotation: the skin under markers and sensor lags by changing shares
-_UNKNOWN_AXIAL, _BRIDGED_AXIAL = 0.3, 0.1  # rad, where the markers are hidden: interpolated, and from sensors
+_LAG_SD = 0.08  # standard deviation of the lag, because the skin under markers and sensor lags by changing fractions
+_UNKNOWN_AXIAL, _BRIDGED_AXIAL = 0.3, 0.1  # rad, sd of the axial rotation in gaps: interpolated, and from sensors
 
 
 @dataclass(frozen=True)
@@ -31,9 +31,9 @@ class PreparedSensor:
 
     gyro: FloatArray  # (F, 3) angular velocity of the skin under the sensor, rad/s; NaN where missing
     force: FloatArray  # (F, 3) specific force at the sensor, m/s²; NaN where missing
-    variance: FloatArray  # (F, 2) variance of a component of each
+    variance: FloatArray  # (F, 2) variance of a component of the angular velocity, and of the force
     lasting: FloatArray  # (F,) variance of a gyroscope component from slow errors: scale, mounting, bias and skin
-    spread: FloatArray  # (2,) variance of the difference between markers and sensor
+    spread: FloatArray  # (2,) mean square difference of a component between sensor and markers
 
 
 def prepare_sensor(  # noqa: PLR0917
@@ -46,12 +46,12 @@ def prepare_sensor(  # noqa: PLR0917
     *,
     axial: FloatArray | None = None,
 ) -> PreparedSensor:
-    """Return a sensor's signals at the cameras' uniform times (F,), s, corrected by its calibration, with their noise.
+    """Return the signals of a sensor at uniform times of the cameras, corrected by its calibration, with their noise.
 
-    ``motion`` comes from markers alone; its axial rotation converts the signals from the skin's axes to the segment's.
-    ``seen`` (F,) is true where the frame's own markers determine the segment's pose. ``shares`` are as :data:`SHARES`,
-    for gyroscope and accelerometer. ``axial`` (F,), rad, is the axial rotation if it is also known in other frames;
-    otherwise it is interpolated there.
+    ``time`` (F,) is in s. ``motion`` comes from markers alone; its axial rotation converts the signals from the skin's
+    axes to the segment's. ``seen`` (F,) is true where the frame's own markers determine the segment's pose. ``shares``
+    are as :data:`SHARES`. ``axial`` (F,), rad, is the axial rotation in all frames; if omitted, it is interpolated
+    where the markers do not determine it.
     """
     frame = float(time[1] - time[0])
     gyro, force = signals.at(found.clock.stamps(time), frame)
@@ -76,7 +76,7 @@ def prepare_sensor(  # noqa: PLR0917
 
 
 def explain_disagreement(found: SensorCalibration) -> str | None:
-    """Return a text that says why a sensor contradicts the motion of its segment; None if it agrees."""
+    """Return a text that says how a sensor contradicts the motion of its segment; None if it agrees."""
     off = float(found.residual[0]) * np.sqrt(3.0)
     limit = _MOST_OFF * max(found.segment_rate, _LEAST_RATE)
     if off > limit:

@@ -12,9 +12,9 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 
 GRAVITY = 9.81  # gravity, m/s²; in the trial's axes, it acts along -y
 
-_GAP = 2.5  # usual steps between samples; a longer step is a gap
+_GAP = 2.5  # times the usual time between samples; a longer time is a gap
 _AVERAGED = 1.5  # samples in a frame; if there are more, they are averaged
-_PINNED = 3  # so many successive samples at the largest value of a channel are saturated
+_PINNED = 3  # number of successive samples at the largest value of a channel from which they are saturated
 
 
 @dataclass(frozen=True)
@@ -34,14 +34,14 @@ class SegmentMotion:
         return np.asarray(np.isfinite(self.omega[:, 0] + self.alpha[:, 0] + self.force[:, 0] + self.axial_rate))
 
     def select(self, frames: IntArray) -> SegmentMotion:
-        """Return the motion in some frames."""
+        """Return the motion in the chosen frames."""
         names = ("omega", "alpha", "force", "axial", "axial_rate")
         return replace(self, **{name: getattr(self, name)[frames] for name in names})
 
 
 @dataclass(frozen=True)
 class SensorSignals:
-    """Samples of a sensor on its own clock."""
+    """K samples of a sensor on its own clock."""
 
     time: FloatArray  # (K,) increasing times, s
     gyro: FloatArray  # (K, 3) angular velocity in the sensor's axes, rad/s
@@ -54,7 +54,7 @@ class SensorSignals:
 
     @cached_property
     def saturated(self) -> BoolArray:
-        """Samples (K,) in which a channel stays at its largest or smallest value."""
+        """Whether (K,) a channel stays at its largest or smallest value in several successive samples."""
         both = np.concatenate([self.gyro, self.acc], axis=1)
         found = np.zeros(len(both), dtype=np.bool_)
         for values in (both, -both):
@@ -82,10 +82,10 @@ class SensorSignals:
         return CubicSpline(self.time, np.concatenate([self.gyro, self.acc], axis=1))
 
     def at(self, time: FloatArray, frame: float, order: int = 0) -> tuple[FloatArray, FloatArray]:
-        """Return gyroscope and accelerometer (F, 3), or their derivatives, at times (F,) of the sensor's clock, s.
+        """Return gyroscope (F, 3) and accelerometer (F, 3) at times (F,) of the sensor's clock, s.
 
-        Samples are averaged over each frame, which takes ``frame`` seconds, if it contains more than one. The result is
-        NaN in gaps, at saturated samples, and beyond the ends.
+        ``order`` is the order of the derivative that is returned. If a frame, which takes ``frame`` seconds, contains
+        several samples, they are averaged. The result is NaN in gaps, at saturated samples, and beyond the ends.
         """
         if self.rate * frame > _AVERAGED:
             total = self._splines.antiderivative()
