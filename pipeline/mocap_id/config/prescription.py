@@ -127,7 +127,7 @@ class PrescriptionFile(Settings):
         min_length=1, max_length=_MAX_JOINTS, description="joints from the base to the tip"
     )
     springs: tuple[SpringWish, ...] | None = Field(
-        None, max_length=_MAX_JOINTS, description="places for springs; default: one on every joint"
+        None, max_length=_MAX_JOINTS, description="springs that may be used; default: one on every joint"
     )
     required_deg: tuple[float, ...] = Field((), description="for one joint: angles that must be held")
     required_m: tuple[_Pair, ...] = Field((), description="for several joints: points at which the tip must be held, m")

@@ -215,7 +215,7 @@ class Folder:
         self.remove([*files, *self._find_unchanged(self.documents(stage)), record_file(stage)])
 
     def update_times(self, files: Iterable[str], inputs: Iterable[Path]) -> None:
-        """Set the times of files so that none is older than the inputs, because `make` would then run again."""
+        """Set the times of files so that none is older than its inputs; otherwise `make` would make them again."""
         newest = max((path.stat().st_mtime_ns for path in inputs), default=0)
         for path in (self.path / file for file in files):
             if path.stat().st_mtime_ns < newest:

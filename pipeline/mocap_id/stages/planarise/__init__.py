@@ -28,7 +28,7 @@ class PlanariseSettings(Settings):
         None, description="unit of the plates' moment channels, if the file does not declare it or is wrong"
     )
     facing: Literal["-x", "+x"] = Field(
-        "-x", description="direction along the plane's x that the subject faces; +x turns the plane around"
+        "-x", description="direction along the plane's x that the subject faces; with +x, the plane is rotated by 180°"
     )
     yaw_deg: float | None = Field(
         None, ge=-180, le=180, description="angle of the plane's x from the lab's X, degrees; fitted if not given"
