@@ -132,7 +132,7 @@ def test_a_segment_that_is_hardly_seen_is_refused(chain, method: LinkMethod) -> 
     truth = chain(14)
     points = truth.points.copy()
     points[20:, truth.segment == 2] = np.nan
-    with pytest.raises(Refused, match="20 of 400 frames show at least two markers") as refused:
+    with pytest.raises(Refused, match="20 of 400 frames contain at least two markers") as refused:
         fit_links(points, truth.segment, method)
     assert refused.value.code == "too-few-frames"
 

@@ -4,7 +4,7 @@ Rotations are from child to parent, for a right arm:
 
     shoulder  R_y(plane) R_x(-elevation) R_y(axial)         elevation 0 to π; plane 0: abduction, π/2: forward
     elbow     R_z(flexion) R_x(carrying) R_y(pronation)     carrying is negative at a normal elbow
-    wrist     R_z(flexion) R_x(deviation) R_y(rest)         the third rotation is not an angle of the wrist: left out
+    wrist     R_z(flexion) R_x(deviation) R_y(rest)         R_y(rest) is not a wrist angle and is left out
 
 The filter works on rotations (SO(3)). They are decomposed into angles afterwards, so no angle is ever filtered.
 """
@@ -51,9 +51,8 @@ class AngleDeviations:
 class JointAngles:
     """Angles of one joint over time, with standard deviations.
 
-    The uncertainty of the anatomical frames shifts the mean of an angle (``constant_sd``) and changes its course (part
-    of
-    ``sd``). The standard deviation of an absolute angle is ``hypot(sd.angle, constant_sd)``.
+    Errors of the anatomical frames shift the mean of an angle (``constant_sd``) and change its course over time
+    (included in ``sd``). The standard deviation of an absolute angle is ``hypot(sd.angle, constant_sd)``.
     """
 
     names: tuple[str, ...]  # names of the k angles
@@ -69,10 +68,12 @@ class JointAngles:
 def shoulder_angles(motion: RelativeMotion, frames: FloatArray | None = None) -> JointAngles:
     """Return plane of elevation, elevation and axial rotation of the upper arm in the thorax.
 
-    The elevation is never negative. Near 0 only plane + axial is defined, near π only plane - axial; this sum or
-    difference is continuous. When the arm passes through one of these poles, the plane may jump by up to π, and the
-    axial rotation jumps by the opposite amount. The first sample away from the poles lies in (-π, π]. ``frames`` (6, 6)
-    is the covariance of the errors of both segment frames, rad² (:func:`~mocap_id.anatomy.frames.frame_covariance`).
+    The elevation is never negative. Near an elevation of 0, only the sum of plane and axial rotation is defined; near
+    π, only their difference. This sum or difference is continuous in time. When the arm passes through one of these
+    poles, the plane of elevation may jump by up to π, and the axial rotation changes so that the sum or difference does
+    not jump. In the first sample away from the poles, both angles lie in (-π, π]. ``frames`` (6, 6) is the covariance
+    of the errors of both segment frames, rad² (:func:`~mocap_id.anatomy.frames.frame_covariance`). Without it, the
+    frames are assumed to be exact.
     """
     r = motion.rotation
     elevation = np.arctan2(np.hypot(r[:, 0, 1], r[:, 2, 1]), r[:, 1, 1])
@@ -100,7 +101,7 @@ def wrist_angles(motion: RelativeMotion, frames: FloatArray | None = None) -> Jo
 
 
 def joint_coordinates(motion: RelativeMotion, joint: SpatialJoint, names: tuple[str, ...]) -> JointAngles:
-    """Return a joint's own coordinates, rad: angle of a hinge, two angles, or rotation vector of a ball."""
+    """Return the coordinates of a joint, rad: one angle (hinge), two angles (two-axis) or a rotation vector (ball)."""
     r, one = motion.rotation, np.ones(len(motion.rotation))
     if joint.kind == "ball":
         vector = _unwrap_rotation_vectors(so3.log(r))
@@ -119,7 +120,7 @@ def joint_coordinates(motion: RelativeMotion, joint: SpatialJoint, names: tuple[
 
 
 def _flexion_angles(names: tuple[str, ...], motion: RelativeMotion, frames: FloatArray | None) -> JointAngles:
-    """Return flexion, carrying (or deviation) angle and pronation, as many as there are names."""
+    """Return flexion, carrying (or deviation) angle and pronation; angles without a name in ``names`` are left out."""
     r = motion.rotation
     cosine = np.hypot(r[:, 0, 1], r[:, 1, 1])
     flexion = _unwrap(np.arctan2(-r[:, 0, 1], r[:, 1, 1]))
@@ -140,9 +141,10 @@ def _build_joint_angles(
     *,
     sine: FloatArray,
 ) -> JointAngles:
-    """Return the first angles, as many as names, with rates, accelerations and standard deviations.
+    """Return the first ``len(names)`` of the angles (F, d), with rates, accelerations and standard deviations.
 
-    ``sine`` (F,) is the factor by which the angles lose accuracy; 0 where two angles are not defined separately.
+    The errors of the angles are proportional to 1 / |``sine``| (F,), which is 0 where two angles are not defined
+    separately.
     """
     rate, acceleration, jacobian = compute_rates(axes, motion)
     keep, dimension = len(names), angles.shape[1]
@@ -183,10 +185,10 @@ def _wrap(angle: FloatArray) -> FloatArray:
 
 
 def _unwrap(angle: FloatArray, meaningful: BoolArray | None = None) -> FloatArray:
-    """Return an angle (F,) without jumps of 2π, ignoring gaps and samples in which the angle is not defined.
+    """Return an angle (F,), rad, without jumps of 2π across gaps and across samples in which the angle is not defined.
 
-    Changes by 2π while the angle is not ``meaningful`` are noise and are removed. The first meaningful sample lies in
-    (-π, π].
+    ``meaningful`` (F,) marks the samples in which the angle is defined (by default all). Changes by 2π in the other
+    samples are noise and are removed. The first meaningful sample lies in (-π, π].
     """
     seen = np.isfinite(angle)
     result = angle.copy()
@@ -209,7 +211,10 @@ def _unwrap(angle: FloatArray, meaningful: BoolArray | None = None) -> FloatArra
 def _unwrap_through_poles(
     plane: FloatArray, axial: FloatArray, elevation: FloatArray, meaningful: BoolArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return continuous plane and axial rotation. Near a pole, only their sum or difference is continuous."""
+    """Return plane and axial rotation (F,), rad, without jumps.
+
+    Near a pole, only their sum or difference is free of jumps.
+    """
     seen = np.isfinite(plane)
     plane = _unwrap(plane, meaningful)
     if not seen.any():
@@ -227,7 +232,7 @@ def _unwrap_through_poles(
 
 
 def _unwrap_rotation_vectors(vector: FloatArray) -> FloatArray:
-    """Return rotation vectors (F, 3) that are continuous beyond half a turn."""
+    """Return rotation vectors (F, 3), rad, that remain continuous when the rotation angle exceeds π."""
     result = vector.copy()
     last: FloatArray | None = None
     for i in np.flatnonzero(np.isfinite(vector).all(axis=1)):

@@ -53,7 +53,7 @@ def compose_motions(first: RelativeMotion, second: RelativeMotion) -> RelativeMo
 
 @dataclass(frozen=True)
 class AxisDerivatives:
-    """Matrix B of a joint, with its derivatives with respect to the coordinates."""
+    """Matrix B of a joint, whose columns are the axes b_i, and its derivatives with respect to the coordinates."""
 
     axes: FloatArray  # (F, 3, d) B
     first: FloatArray  # (F, 3, d, d) derivative of column i with respect to q_k at [:, :, i, k]
@@ -119,7 +119,7 @@ def axes_of_rotation_vector(q: FloatArray) -> AxisDerivatives:
 
 
 def _sum_series(square: FloatArray) -> tuple[tuple[FloatArray, FloatArray, FloatArray], ...]:
-    """Return a(s) and c(s), with two derivatives with respect to s, by power series, which always converge."""
+    """Return a(s) and c(s) of :func:`axes_of_rotation_vector`, each with its first two derivatives, by power series."""
     terms = 40
     results = []
     for shift in (2, 3):
@@ -141,8 +141,9 @@ def _sum_series(square: FloatArray) -> tuple[tuple[FloatArray, FloatArray, Float
 def compute_rates(axes: AxisDerivatives, motion: RelativeMotion) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return rates, accelerations, and the Jacobian of the coordinates with respect to the errors of the motion.
 
-    The rates dq (F, d), rad/s, and ddq (F, d), rad/s², are NaN where two axes coincide. The Jacobian (F, 3 d, 9)
-    contains the derivatives of (q, dq, ddq) with respect to the errors of rotation, velocity and acceleration.
+    The rates dq (F, d), rad/s, and the accelerations ddq (F, d), rad/s², are NaN where two axes coincide. The Jacobian
+    (F, 3 d, 9) contains the derivatives of (q, dq, ddq) with respect to the errors of rotation, velocity and
+    acceleration.
     """
     inverse = _invert_axes(axes.axes)
     rate = np.einsum("fki,fi->fk", inverse, motion.velocity)
@@ -165,7 +166,7 @@ def compute_rates(axes: AxisDerivatives, motion: RelativeMotion) -> tuple[FloatA
 
 
 def _invert_axes(axes: FloatArray) -> FloatArray:
-    """Return the (pseudo-)inverse (F, d, 3) of B; NaN where B is singular."""
+    """Return the pseudo-inverse (F, d, 3) of B (the inverse for d = 3); NaN where the columns of B are dependent."""
     square = np.swapaxes(axes, 1, 2) @ axes
     usable = np.asarray(np.isfinite(square).all(axis=(1, 2)))
     usable &= np.linalg.det(np.where(usable[:, None, None], square, 0.0)) > 1e-16

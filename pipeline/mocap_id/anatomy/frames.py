@@ -75,7 +75,9 @@ def mirror_points(points: FloatArray) -> FloatArray:
 
 
 def build_frame(definition: FrameDefinition, points: Mapping[str, FloatArray]) -> SegmentFrame:
-    """Build an anatomical frame from the positions (..., 3) of landmarks, m; mirrored for a left arm.
+    """Build an anatomical frame from the positions (..., 3) of landmarks, m.
+
+    The positions of a left arm must be mirrored first (:func:`mirror_points`).
 
     Raises
     ------
@@ -113,14 +115,14 @@ def build_frame(definition: FrameDefinition, points: Mapping[str, FloatArray]) -
 def build_straight_hand(forearm: SegmentFrame, points: Mapping[str, FloatArray]) -> SegmentFrame:
     """Return the frame of a hand that is straight in the landmarks' pose.
 
-    It is parallel to the forearm, with its origin at the middle of the wrist. The angles of the wrist are then measured
-    from this pose.
+    The frame has the axes of the forearm's frame, and its origin is the middle of the wrist. The angles of the wrist
+    are therefore zero in this pose.
     """
     return SegmentFrame(_sum_weighted(_WRIST, points), forearm.rotation, forearm.sensitivity)
 
 
 def has_bent_elbow(points: Mapping[str, FloatArray]) -> BoolArray:
-    """Return whether the elbow is bent by 60 to 120° (...), so that option 2 of the upper arm is well defined."""
+    """Return whether the elbow is bent by 60 to 120°, (...); otherwise, option 2 of the upper arm is poorly defined."""
     upper, lower = _sum_weighted(UPPER_ARM.up, points), _sum_weighted(FOREARM.up, points)
     cosine = np.einsum("...i,...i->...", upper, lower)
     size = np.linalg.norm(upper, axis=-1) * np.linalg.norm(lower, axis=-1)
@@ -130,11 +132,11 @@ def has_bent_elbow(points: Mapping[str, FloatArray]) -> BoolArray:
 def frame_covariance(
     frames: tuple[SegmentFrame, ...], covariances: Mapping[str, FloatArray | float] | None = None
 ) -> FloatArray:
-    """Return the joint covariance of the orientations of n frames that share landmarks, (..., 3 n, 3 n), rad².
+    """Return the common covariance (..., 3 n, 3 n), rad², of the orientation errors of n frames that share landmarks.
 
     The errors are the rotation vectors of the frames, each in its own axes. ``covariances`` contains covariances (3, 3)
-    of landmarks, m², in common axes, or their standard deviations along each axis, m. Other landmarks have the standard
-    deviation :data:`PALPATION`.
+    of landmarks, m², in axes that all frames share, or their standard deviations along each axis, m. Other landmarks
+    have the standard deviation :data:`PALPATION`.
     """
     known = covariances or {}
     names = dict.fromkeys(name for frame in frames for name in frame.sensitivity)

@@ -54,7 +54,7 @@ _DOUBTFUL = {
     "AC": "shoulder",
     "EL": "elbow",
 }
-"""Spellings that are used for more than one landmark. They are used, with a caution, if no better name is found."""
+"""Spellings that labs use for more than one landmark. They are accepted, with a caution, if no better name is found."""
 
 SEGMENTS = {
     **dict.fromkeys(("IJ", "PX", "C7", "T8", "AC", "AA", "AI", "TS", "PC"), "thorax"),
@@ -93,7 +93,7 @@ def find_landmarks(
     Raises
     ------
     RecordingError
-        A given landmark or marker does not exist, or only landmarks of the other arm have names.
+        A given landmark or marker does not exist, or all landmarks of an arm are on the arm that ``side`` excludes.
 
     Examples
     --------
@@ -137,7 +137,7 @@ def _read_label(label: str, marker: int) -> list[_Reading]:
 
 
 def _split_side(text: str, bare: str) -> list[tuple[Side | None, str]]:
-    """Return possible splits of a name into side and rest: side first, no side, side last.
+    """Return possible splits of a name into side and rest: side at the start, no side, then side at the end.
 
     Some programs write the letter p, for point, before every name.
     """
@@ -168,7 +168,10 @@ _BY_NAME = _index_spellings()
 def _choose_side(
     readings: Sequence[_Reading], side: Side | None, labels: Sequence[str], reasons: list[Reason]
 ) -> Side | None:
-    """Return the arm to use. Add a caution if both arms have landmarks and the user has chosen none."""
+    """Return the arm to use; None if no landmark has a side.
+
+    If both arms have at least two landmarks and the user has chosen no arm, a caution is appended to ``reasons``.
+    """
     counts: dict[Side, int] = {each: len({r.landmark for r in readings if r.side == each}) for each, _ in _SIDES}
     if side is not None:
         other: Side = "left" if side == "right" else "right"
@@ -200,7 +203,10 @@ def _choose_marker(
     labels: Sequence[str],
     reasons: list[Reason],
 ) -> int | None:
-    """Return the marker of a landmark; None if no name, or more than one equally good name, fits."""
+    """Return the marker of a landmark; None if no name, or more than one equally good name, fits.
+
+    A caution is appended to ``reasons`` if the name is ambiguous or doubtful.
+    """
     fitting = [r for r in readings if r.landmark == name and (name in MIDDLE or r.side in (side, None))]
     if not fitting:
         return None

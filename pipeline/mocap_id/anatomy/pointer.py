@@ -19,7 +19,7 @@ from mocap_id.verdict import Reason
 
 _SD_TIP = 0.005  # m; largest usable standard deviation of the tip
 _BEND = 0.005  # m; largest rms distance of the markers from the rod
-_LASTING = 50.0  # frames that share one error of skin and hand
+_LASTING = 50.0  # frames over which the error of skin and hand is practically constant
 _MOVES = 0.005  # m; largest rms motion of the tip in the cluster's frame
 
 
@@ -53,10 +53,11 @@ def find_pointer_markers(trial: Sequence[str], pointer_trials: Sequence[Sequence
 
 
 def locate_tip(markers: FloatArray, pointer: Pointer) -> tuple[FloatArray, FloatArray]:
-    """Return the positions of the pointer's tip, by fitting a line to its markers in each frame (least squares).
+    """Return the tip positions and the residuals of a least-squares line through the pointer's markers in each frame.
 
     The markers (F, P, 3) are in m, NaN where missing. The tip (F, 3), m, is NaN where a marker is missing. The residual
-    (F,), m, is the rms distance of the markers from their positions on the rod.
+    (F,), m, is the rms distance of the markers from their positions on the rod. A RecordingError is raised if the
+    distances of the pointer do not fit the markers.
     """
     distances = np.asarray(pointer.distances, dtype=np.float64)
     if distances.shape != (markers.shape[1],) or len(distances) < 2 or np.ptp(distances) < 0.05:
@@ -82,8 +83,9 @@ def locate_pointed_landmark(
 ) -> PointedLandmark:
     """Return the landmark of a pointer trial in the frame of the segment's cluster.
 
-    The pointer's markers (F, P, 3) are in m. The cluster has the rotation (F, 3, 3) to the trial and the origin (F, 3),
-    m, NaN where missing. ``palpation`` is the standard deviation of the touched position along each axis, m.
+    The pointer's markers (F, P, 3) are in m. ``rotation`` (F, 3, 3), cluster to trial, and ``origin`` (F, 3), m, are
+    the pose of the cluster. All are NaN where missing. ``palpation`` is the standard deviation of the touched position
+    along each axis, m.
 
     Raises
     ------
@@ -122,8 +124,8 @@ def calibrate_pointer(trials: Sequence[tuple[FloatArray, FloatArray, FloatArray]
 
     The tip p is constant in the frame of the cluster: c(t) - l e(t) = p. Here c is the mean of the markers, e the
     direction of the rod, and l the distance from the tip to c. A least-squares fit gives l, and p of each trial. The
-    noise of e, estimated from neighbouring frames, is not a rotation and is subtracted. The standard deviation of l
-    assumes errors that persist for about half a second.
+    noise of e is estimated from neighbouring frames and subtracted, because it is not a rotation. The standard
+    deviation of l assumes errors that persist for about half a second.
 
     Parameters
     ----------

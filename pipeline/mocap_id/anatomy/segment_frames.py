@@ -32,7 +32,7 @@ class SegmentPoses:
     origins: FloatArray  # (S, 3) m
 
     def place(self, local: FloatArray, segment: int) -> FloatArray:
-        """Return the position in the trial (3,), m, of a point in the frame of a cluster."""
+        """Return the position (3,) in the trial, m, of the point ``local`` (3,), m, in the frame of a cluster."""
         return np.asarray(self.rotations[segment] @ local + self.origins[segment])
 
 
@@ -123,7 +123,7 @@ def rotate_to_midline(thorax: SegmentFrame, places: Mapping[str, FloatArray]) ->
     """
     names = tuple(THORAX.up)
     at = np.array([places[name] for name in names]) @ thorax.rotation
-    slopes = np.linalg.pinv(np.column_stack([at[:, :2], np.ones(len(at))]))[:2]  # (2, 4): of a and b by each z
+    slopes = np.linalg.pinv(np.column_stack([at[:, :2], np.ones(len(at))]))[:2]  # (2, 4) d(a, b)/dz
     along_x, along_y = slopes @ at[:, 2]
     steep = float(np.hypot(along_x, along_y))
     turn = np.array([along_y, -along_x, 0.0]) * (np.arctan(steep) / steep if steep else 1.0)
@@ -136,7 +136,7 @@ def rotate_to_midline(thorax: SegmentFrame, places: Mapping[str, FloatArray]) ->
 
 
 AXIS_SPREAD = np.radians(4.7)
-"""Standard deviation of the angle between elbow axis and epicondyle line in one plane, rad; 6.6° in two planes."""
+"""Standard deviation of the angle between elbow axis and epicondyle line in each of two planes, rad (total: 6.6°)."""
 
 _AXIS = "elbow axis"
 
@@ -198,7 +198,10 @@ def _apply_second_option(
     bent: SegmentPoses | None,
     reasons: list[Reason],
 ) -> SegmentFrame:
-    """Return the upper arm's frame by option 2; the given frame (option 1) if the elbow is not bent."""
+    """Return the upper arm's frame by option 2, or the frame ``first`` (option 1) if there is no suitable pose.
+
+    If the pose ``bent`` is given but not suitable, a caution is appended to ``reasons``.
+    """
     if bent is None:
         return first
     if all(name in places for name in UPPER_ARM_2.landmarks):

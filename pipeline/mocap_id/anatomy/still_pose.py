@@ -15,7 +15,7 @@ from mocap_id.verdict import Reason
 _SPAN = 0.2  # s; time over which a speed is measured
 _QUIET = 0.02  # m/s; postural sway is slower
 _SHORTEST = 0.3  # s; shortest still pose
-_SHARE = 0.9  # share of the visible markers that must be quiet, so that one shaking marker is ignored
+_SHARE = 0.9  # fraction of the visible markers that must be quiet; one shaking marker is ignored
 _HOLES = 0.1  # s; shorter gaps between quiet frames are closed
 _LOOSE = 0.01  # m; a landmark with a larger rms spread does not follow its cluster
 
@@ -42,14 +42,15 @@ def find_still_pose(points: FloatArray, rate: float, given: tuple[float, float] 
     """Return the longest interval in which the markers hardly move.
 
     A marker's speed is its displacement over 0.2 s. A frame is quiet if 90 % of the visible markers move at 20 mm/s or
-    less, which is the sway of a standing person. If no interval of 0.3 s is quiet, the quietest 0.3 s are returned with
-    the caution ``no-still-pose``. A ``given`` interval (start and end in s from the first frame) that is not quiet has
-    the same caution. Marker positions (F, M, 3) are in m, NaN where missing; ``rate`` is in frames per second.
+    less, which is the sway of a standing person. If no interval of 0.3 s is quiet, the quietest 0.3 s are returned. If
+    ``given`` (start and end in s from the first frame), that interval is returned. The caution ``no-still-pose`` is
+    added if the markers move faster than 30 mm/s. Marker positions (F, M, 3) are in m, NaN where missing; ``rate`` is
+    in frames per second.
 
     Raises
     ------
     RecordingError
-        The given interval is outside the recording, or the recording is shorter than 0.5 s.
+        The given interval is outside the recording, or the recording is too short or has no visible marker.
     """
     speed = _measure_speeds(points, rate)
     shortest = max(round(_SHORTEST * rate), 2)
@@ -96,7 +97,7 @@ def _measure_speeds(points: FloatArray, rate: float) -> FloatArray:
 
 
 def _close_holes(flags: BoolArray, longest: int) -> BoolArray:
-    """Return flags (F,) in which gaps of at most ``longest`` frames are set."""
+    """Return the flags (F,), with True also in gaps of at most ``longest`` frames between frames that are True."""
     closed = flags.copy()
     for hole in find_runs(~flags):
         inside = hole.start > 0 and hole.stop < len(flags)
@@ -117,10 +118,10 @@ def locate_landmarks(
     """Return the positions of landmarks in the frames of their segments, averaged over the still pose.
 
     Landmarks that are never visible together with their cluster are left out, with a reason. A landmark that is hidden
-    in the still pose is averaged over the whole recording. The skin moves there, so the larger spread is part of its
-    standard deviation. Trajectories (F, 3) of landmarks and origins (F, S, 3) of clusters are in m, rotations (F, S, 3,
-    3) are cluster to trial, NaN where missing. ``palpation`` is the standard deviation of each landmark along each
-    axis, m.
+    in the still pose is averaged over the whole recording. Because the skin moves during the recording, the larger
+    spread is included in the landmark's standard deviation. Trajectories (F, 3) of landmarks and origins (F, S, 3) of
+    clusters are in m, rotations (F, S, 3, 3) are cluster to trial, NaN where missing. ``palpation`` is the standard
+    deviation of each landmark along each axis, m.
     """
     places: dict[str, LandmarkPosition] = {}
     reasons: list[Reason] = []
@@ -149,7 +150,10 @@ def locate_landmarks(
 
 
 def _average_positions(local: FloatArray, palpation: float, skin: float) -> LandmarkPosition | None:
-    """Return the mean of positions (K, 3). The share ``skin`` of their spread is not reduced by averaging."""
+    """Return the mean of positions (K, 3), m; None if all are missing.
+
+    The fraction ``skin`` of their spread is an error that averaging does not reduce.
+    """
     seen = np.isfinite(local).all(axis=1)
     count = int(seen.sum())
     if count == 0:

@@ -14,7 +14,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry import so3
 
-_SMALL = 0.05  # rad; below this angle the series are exact to rounding, above it the closed forms are
+_SMALL = 0.05  # rad; the series are accurate to rounding below this angle, and the closed forms above it
 
 
 class Joint(Protocol):
@@ -29,7 +29,7 @@ class Joint(Protocol):
         """Twists ξ_k of the coordinates in the joint frame, (6, d)."""
 
     def subspace(self, q: FloatArray) -> FloatArray:
-        """Return S(q), (..., 6, d). Its product with q̇ is the body velocity of the link in the joint frame."""
+        """Return the matrix S(q), (..., 6, d); S(q) q̇ is the body velocity of the link in the joint frame."""
 
     def subspace_rate(self, q: FloatArray, dq: FloatArray) -> FloatArray:
         """Return the time derivative of :meth:`subspace`, (..., 6, d), from coordinates and rates (..., d)."""
@@ -80,10 +80,11 @@ class Ball:
         return np.eye(6)[:, 3:]
 
     def subspace(self, q: FloatArray) -> FloatArray:
-        """Return S, (..., 6, 3): three rows of zeros, then the right Jacobian 1 - a q̂ + b q̂² of the exponential.
+        """Return the matrix S(q), (..., 6, 3): three rows of zeros above the right Jacobian 1 - a q̂ + b q̂².
 
-        The right Jacobian times q̇ is the angular velocity of the link in its own frame (Chirikjian, Stochastic Models,
-        Information Theory, and Lie Groups, vol. 2, 10.86).
+        The factors a and b are those of :func:`_jacobian_coefficients`. The right Jacobian times q̇ is the angular
+        velocity of the link in its own frame (Chirikjian, Stochastic Models, Information Theory, and Lie Groups, vol.
+        2, 10.86).
         """
         a, b, _, _ = _jacobian_coefficients(np.linalg.norm(q, axis=-1)[..., None, None])
         cross = so3.hat(q)
@@ -99,12 +100,12 @@ class Ball:
 
 
 def _stack_below_zeros(rotation: FloatArray) -> FloatArray:
-    """Return matrices (..., 6, 3) with zeros above the given rotational part (..., 3, 3)."""
+    """Return matrices (..., 6, 3): three rows of zeros above the matrices ``rotation`` (..., 3, 3)."""
     return np.concatenate([np.zeros_like(rotation), rotation], axis=-2)
 
 
 def _jacobian_coefficients(angle: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return a = (1 - cos θ)/θ² and b = (θ - sin θ)/θ³, and the derivatives of both with respect to θ, divided by θ."""
+    """Return a = (1 - cos θ)/θ², b = (θ - sin θ)/θ³, (da/dθ)/θ and (db/dθ)/θ at the angles θ."""
     sine, a = so3.exp_coefficients(angle)
     square = angle**2
     small = angle < _SMALL

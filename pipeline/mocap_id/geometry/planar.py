@@ -28,7 +28,7 @@ def segment_poses(q: FloatArray, centres: FloatArray) -> tuple[FloatArray, Float
     """Return the angle (..., n + 1), rad, and the origin (..., n + 1, 2), m, of every segment frame, base first.
 
     The origin of segment j is the centre of joint j; angle and origin of the base are 0. The arguments q (..., n) and
-    ``centres`` (..., n, 2) are as in the module.
+    ``centres`` (..., n, 2) are described at the top of this module.
     """
     base = np.zeros((*q.shape[:-1], 1))
     angle = np.concatenate([base, np.cumsum(q, axis=-1)], axis=-1)
@@ -40,8 +40,9 @@ def segment_poses(q: FloatArray, centres: FloatArray) -> tuple[FloatArray, Float
 def marker_positions(q: FloatArray, centres: FloatArray, segment: IntArray, local: FloatArray) -> FloatArray:
     """Return the positions of markers on the segments, (..., M, 2), m, in the plane frame (eq. 3.18).
 
-    ``segment`` (M,) is the segment of each marker (0 is the base), and ``local`` (M, 2) are its coordinates there, m.
-    The arguments q (..., n) and ``centres`` (n, 2) are as in the module.
+    ``segment`` (M,) is the segment of each marker (0 is the base), and ``local`` (M, 2) are the marker's coordinates in
+    the frame of this segment, m. The arguments q (..., n) and ``centres`` (n, 2) are described at the top of this
+    module.
     """
     angle, origin = segment_poses(q, centres)
     return _place_markers(angle, origin, segment, local)
@@ -50,8 +51,8 @@ def marker_positions(q: FloatArray, centres: FloatArray, segment: IntArray, loca
 def marker_jacobian(q: FloatArray, centres: FloatArray, segment: IntArray, local: FloatArray) -> FloatArray:
     """Return the derivatives of :func:`marker_positions` with respect to the joint angles, (..., M, 2, n), m/rad.
 
-    Column j - 1 is z × (marker - joint j) for the markers beyond joint j, and zero for the others. These are the planar
-    rows of the spatial Jacobian (eq. 2.47). Parameters are as for :func:`marker_positions`.
+    Column j - 1 is z × (marker - joint j) for the markers beyond joint j, and zero for the others. This is the spatial
+    Jacobian (eq. 2.47) applied to the markers. Parameters are as for :func:`marker_positions`.
     """
     angle, origin = segment_poses(q, centres)
     position = _place_markers(angle, origin, segment, local)
@@ -76,8 +77,8 @@ def _place_markers(angle: FloatArray, origin: FloatArray, segment: IntArray, loc
 def spatial_jacobian(q: FloatArray, centres: FloatArray) -> FloatArray:
     """Return the rows v_x, v_y, ω_z of the spatial Jacobian, (..., 3, n), in the plane frame (eq. 2.47).
 
-    Column j - 1 is the unit twist (p_y, -p_x, 1) of joint j at p. Its product with a wrench (Fx, Fy, tauz) about the
-    origin is the moment of the wrench about the joint. Parameters are as for :func:`segment_poses`.
+    Column j - 1 is the unit twist (p_y, -p_x, 1) of joint j, whose position is p. Its product with a wrench (Fx, Fy,
+    tauz) about the origin is the moment of the wrench about the joint. Parameters are as for :func:`segment_poses`.
     """
     _, origin = segment_poses(q, centres)
     x, y = origin[..., 1:, 0], origin[..., 1:, 1]

@@ -27,7 +27,7 @@ class LinkMotion:
 
 @dataclass(frozen=True)
 class JointLoads:
-    """Wrenches that cause a motion of a chain."""
+    """Wrenches and generalised forces that cause a given motion of a chain."""
 
     joint_wrench: FloatArray  # (..., n, 6) wrench of link i - 1 on link i in frame i, N and N·m
     effort: FloatArray  # (..., N) generalised force of each coordinate; the torque of a hinge, N·m
@@ -62,7 +62,7 @@ def link_motion(
 ) -> LinkMotion:
     """Return the velocities and accelerations of all links for given coordinates (..., N) (eq. 2.50-2.53).
 
-    The base has the acceleration ``base_acceleration`` (6,), ``(g·up, 0)`` for gravity, and zero velocity.
+    The base has zero velocity and the acceleration ``base_acceleration`` (6,), which is ``(g·up, 0)`` for gravity.
     """
     relative = chain.relative_poses(q)
     lead = q.shape[:-1]

@@ -45,7 +45,7 @@ def vee(matrix: FloatArray) -> FloatArray:
 
 
 def exp(twist: FloatArray) -> FloatArray:
-    """Return the pose after motion along a constant twist (m, rad; ξθ in the thesis) for unit time (eq. 2.20)."""
+    """Return the pose after a motion with a constant twist (m, rad; ξθ in the thesis) for unit time (eq. 2.20)."""
     twist = np.asarray(twist, dtype=np.float64)
     v, omega = twist[..., :3], twist[..., 3:]
     angle = np.linalg.norm(omega, axis=-1)[..., None]
@@ -99,7 +99,7 @@ def move_wrench(g: FloatArray, wrench: FloatArray) -> FloatArray:
     return (np.swapaxes(Ad(inverse(g)), -1, -2) @ wrench[..., None])[..., 0]
 
 
-_SMALL = 1e-2  # rad; below this angle the series are exact to rounding, above it the closed forms are
+_SMALL = 1e-2  # rad; the series are accurate to rounding below this angle, and the closed forms above it
 
 
 def _third_coefficient(angle: FloatArray) -> FloatArray:

@@ -43,7 +43,7 @@ def exp(omega: FloatArray) -> FloatArray:
 
 
 def log(rotation: FloatArray) -> FloatArray:
-    """Return the rotation vector, rad, of a rotation matrix; the inverse of :func:`exp`. Its length is 0 to π.
+    """Return the rotation vector, rad, of a rotation matrix; the inverse of :func:`exp`. The vector's length is 0 to π.
 
     The unit quaternion is computed from its largest component, so the result is accurate near zero and near π. At
     exactly π the sign of the axis is arbitrary.
@@ -75,9 +75,9 @@ def quaternion(rotation: FloatArray) -> FloatArray:
 
 
 def shift_to_shortest_arc(angles: FloatArray) -> FloatArray:
-    """Shift angles (K,), rad, by multiples of 2π, so that all lie on the shortest arc that contains them, near zero.
+    """Return angles (K,), rad, shifted by multiples of 2π so that they lie on their shortest common arc, near zero.
 
-    Angles that were unwrapped through a gap or a singular pose may be wrong by multiples of 2π.
+    This corrects angles that were unwrapped through a gap or a singular pose, which can shift them by multiples of 2π.
 
     Examples
     --------

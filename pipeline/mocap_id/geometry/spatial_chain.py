@@ -24,13 +24,13 @@ from mocap_id.geometry import so3
 
 JointKind: TypeAlias = Literal["ball", "two-axis", "hinge"]
 DIMENSION: dict[JointKind, int] = {"ball": 3, "two-axis": 2, "hinge": 1}
-"""Number of coordinates of each kind."""
+"""Number of coordinates of each kind of joint."""
 LEAST_TWIST = 0.1
-"""Least value of 1 + cos(swing angle) in the rate of the axial rotation; the cosine is -0.9 at 154°."""
+"""Lower limit of 1 + cos(swing angle) in the rate of the axial rotation; a swing angle of 154° reaches this limit."""
 
 
 def _new(values: FloatArray | list[float]) -> Callable[[], FloatArray]:
-    """Return a function that returns a new array with these values, for the default of a field."""
+    """Return the default factory of a dataclass field: a function that returns a new array with these values."""
     return lambda: np.array(values)
 
 
@@ -51,7 +51,7 @@ class SpatialJoint:
     rest: FloatArray = field(default_factory=_new([0.0, 1.0, 0.0]))  # direction of zero elevation in the parent's frame
     long_axis: FloatArray = field(default_factory=_new([0.0, 1.0, 0.0]))  # axis of axial rotation in the child's frame
     untwisted: FloatArray = field(default_factory=_new(np.eye(3)))  # rotation of the joint without axial rotation
-    known: bool = True  # False if the motion does not determine the centre; its value then has no meaning
+    known: bool = True  # False if the motion does not determine the centre, which then has no meaning
     slide_sd: float = 0.0  # standard deviation of the slide of marker clusters at the joint along each axis, m
 
     @property
@@ -80,8 +80,8 @@ class SpatialJoint:
 
         All vectors are in the child's axes. With the long axis l, and its direction l' in the pose ``untwisted``, the
         vector is (l + l') / (1 + l · l'). The axial rotation is measured from the shortest swing of the long axis, so a
-        swing in a changing direction also changes it. The vector is limited where the segment points almost backwards
-        (:data:`LEAST_TWIST`), because it has no limit there.
+        swing in a changing direction also changes it. The denominator is limited (:data:`LEAST_TWIST`), because the
+        vector grows without bound where the segment points almost backwards.
         """
         rest = np.swapaxes(rotation, -1, -2) @ (self.untwisted @ self.long_axis)
         size = np.maximum(1.0 + rest @ self.long_axis, LEAST_TWIST)
@@ -101,9 +101,9 @@ class SpatialChain:
     segment: IntArray  # (M,) segment of each marker, 0 … n
     local: FloatArray  # (M, 3) marker coordinates in the frames of their segments, m
     on_glide: BoolArray  # (M,) markers of segment 0 that move with the glide of the first joint, such as AC
-    # (M,) share of its segment's axial rotation that the skin under each marker does not follow; empty if zero for all
+    # (M,) fraction of the segment's axial rotation that the skin under each marker does not follow; empty if always 0
     skin: FloatArray = field(default_factory=lambda: np.zeros(0))
-    skin_sd: FloatArray = field(default_factory=lambda: np.zeros(0))  # (M,) standard deviation of this share
+    skin_sd: FloatArray = field(default_factory=lambda: np.zeros(0))  # (M,) standard deviation of this fraction
 
     @property
     def parents(self) -> tuple[int, ...]:
@@ -113,8 +113,8 @@ class SpatialChain:
     def place(self, origin: FloatArray, rotation: FloatArray, joints: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return origins (F, n + 1, 3), m, and rotations (F, n + 1, 3, 3) of all segments in the trial.
 
-        The base has the pose ``origin`` (F, 3), ``rotation`` (F, 3, 3) in the trial. ``joints`` (F, n, 3, 3) are the
-        rotations of all joints, child to parent.
+        The pose of the base in the trial is given by ``origin`` (F, 3), m, and ``rotation`` (F, 3, 3). ``joints`` (F,
+        n, 3, 3) are the rotations of all joints, child to parent.
         """
         origins, rotations = [origin], [rotation]
         for k, joint in enumerate(self.joints):
@@ -129,8 +129,9 @@ def change_frames(chain: SpatialChain, rotations: FloatArray, origin: FloatArray
     """Return the same chain with other axes of every segment frame and another origin of the base frame.
 
     The origins of the moving segments stay the centres of their joints. The joint coordinates and the marker positions
-    in the trial do not change. The rotation R of a joint becomes N_parentᵀ R N_child, with the new axes N (n + 1, 3, 3)
-    of the segments as columns in their present frames. The new origin (3,), m, is in the present frame of the base.
+    in the trial do not change. The rotation R of a joint becomes N_parentᵀ R N_child, where N are the matrices
+    ``rotations`` (n + 1, 3, 3): the new axes of each segment frame as columns in its present frame. ``origin`` (3,) is
+    the new origin of the base frame in its present frame, m.
 
     Examples
     --------
@@ -157,7 +158,11 @@ def change_frames(chain: SpatialChain, rotations: FloatArray, origin: FloatArray
 def _change_joint_frames(
     joint: SpatialJoint, parent: FloatArray, child: FloatArray, origin: FloatArray
 ) -> SpatialJoint:
-    """Return a joint for the new frames of its parent and its child."""
+    """Return a joint in the new frames of its parent and its child.
+
+    The columns of ``parent`` and ``child`` (3, 3) are the new axes. ``origin`` (3,) is the new origin of the parent's
+    frame, m.
+    """
     first, second = joint.axes_covariance
     return replace(
         joint,

@@ -21,17 +21,18 @@ class AxisMarkers:
     """Base markers that are reassigned to segment 1."""
 
     residual: dict[int, float]  # column of each marker to its rms distance from its position on segment 1, m
-    margin: float  # ratio between the threshold and the closest decision, at least 1; inf if no marker was considered
+    margin: float  # factor between the threshold and the nearest residual ratio, at least 1; inf without candidates
 
 
 def find_axis_markers(problem: SegmentationProblem, first: RigidBody, on_segment: IntArray) -> AxisMarkers:
     """Find still markers that belong to segment 1.
 
-    A marker on the axis of joint 1 hardly moves, so rigidity alone assigns it to the base. On segment 1, it locates the
-    joint. Segment 1 is fitted again with each candidate, because soft tissue moves the candidate by a few degrees
-    against a fixed fit. The fit includes the markers accepted before: once a malleolus has located the axis, a heel
-    does not fit. A left and a right marker at the same position are judged together. ``first`` is segment 1, and
-    ``on_segment`` are the columns of all markers on it, also of markers that were not used in its fit.
+    A marker on the axis of joint 1 hardly moves, so rigidity alone assigns it to the base. If it is assigned to segment
+    1, it locates the joint. Segment 1 is fitted again with each candidate, because soft tissue moves the candidate by a
+    few degrees relative to a fit without it. The fit includes the markers accepted before: when a malleolus has located
+    the axis, a heel marker no longer fits. A left and a right marker at the same position are judged together.
+    ``first`` is segment 1, and ``on_segment`` are the columns of all markers on it, also of markers that were not used
+    in its fit.
     """
     points, constraints = problem.points, problem.constraints
     on_base = marker_residuals(problem.ground, points)
@@ -61,7 +62,7 @@ def find_axis_markers(problem: SegmentationProblem, first: RigidBody, on_segment
 def _compare_residuals(
     problem: SegmentationProblem, members: IntArray, unit: tuple[int, ...], on_base: np.ndarray
 ) -> tuple[float, list[float]]:
-    """Return the ratio of some markers' residuals on segment 1 and on the base, and each residual on segment 1, m."""
+    """Return the rms residual on segment 1 divided by that on the base, and each marker's residual on segment 1, m."""
     body = fit_body(problem.points, np.append(members, unit))
     residual = marker_residuals(body, problem.points[:, list(unit)])
     before = float(np.sqrt(np.mean(on_base[list(unit)] ** 2)))
@@ -70,7 +71,7 @@ def _compare_residuals(
 
 
 def _pair_markers(problem: SegmentationProblem, markers: IntArray) -> Iterator[tuple[int, ...]]:
-    """Yield the markers; a left and a right marker at the same position as a pair."""
+    """Yield tuples of one marker, or of a left and a right marker at the same position in the side view."""
     if not len(markers):
         return
     place = np.nanmean(problem.points[:, markers], axis=0)

@@ -46,7 +46,7 @@ class BaseMotion:
     feet: tuple[int, ...]  # columns of the markers that move with the base
     fixed: BoolArray  # (M,) markers that keep their positions, on the floor or on a plate
     centre: FloatArray  # (2,) centre of the feet in the first interval, lab, m
-    knots: FloatArray  # (K,) times of known poses, s
+    knots: FloatArray  # (K,) times at which the pose of the base was determined, s
     poses: FloatArray  # (K, 3) shift, m, and rotation about ``centre``, rad
 
     def undo_positions(self, positions: FloatArray, time: FloatArray) -> FloatArray:
@@ -59,7 +59,7 @@ class BaseMotion:
         return np.where(self.fixed[:, None], positions, moved + _set_zero_height(self.centre))
 
     def undo_wrench(self, force: FloatArray, moment: FloatArray, time: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return force and moment about the lab's origin (F, 3) for the body whose base stands still.
+        """Return force and moment about the lab's origin (F, 3) as if the base stood still, N and N·m.
 
         Body and wrench undergo the same rigid motion, so the wrench relative to the body does not change.
         """
@@ -74,7 +74,7 @@ class BaseMotion:
         return all(each.misfit <= _RIGID_M for each in self.stretches)
 
     def _interpolate_pose(self, time: FloatArray) -> FloatArray:
-        """Return shift and rotation (F, 3) of the base at some times."""
+        """Return shift, m, and rotation, rad, of the base (F, 3) at the times (F,), s."""
         from scipy.interpolate import PchipInterpolator  # noqa: PLC0415  a fixed base is usual
 
         inside = np.clip(time, self.knots[0], self.knots[-1])
@@ -82,18 +82,18 @@ class BaseMotion:
 
     @staticmethod
     def _rotate_back(vectors: FloatArray, turn: FloatArray) -> FloatArray:
-        """Return vectors (..., 3) rotated about the vertical by the negative angle."""
+        """Return vectors (..., 3) rotated about the vertical by the angle ``-turn``, rad."""
         c, s = np.cos(turn), np.sin(turn)
         x, y, z = np.moveaxis(vectors, -1, 0)
         return np.stack([c * x + s * y, c * y - s * x, z], axis=-1)
 
 
 def find_base_motion(positions: FloatArray, time: FloatArray, rate: float) -> BaseMotion | None:
-    """Find changes of the base's position; None if it keeps its position, or if fewer than two markers locate it.
+    """Return the motion of the base; None if the base keeps its position, or if fewer than two markers locate it.
 
     The base consists of the low markers that stand still while the body moves. If they move to another position and
-    stay there, the base has moved. Without this motion, the other markers move like a body on a fixed base. Positions
-    (F, M, 3) are in lab axes with Z up, m, NaN where missing; ``rate`` is in frames per second.
+    stay there, the base has moved. When this motion is removed, the other markers move like a body on a fixed base.
+    Positions (F, M, 3) are in lab axes with Z up, m, NaN where missing; ``rate`` is in frames per second.
     """
     size = max(1, round(_BLOCK_S * rate))
     blocks, middle = block_means(positions, size), block_means(time[:, None, None], size)[:, 0, 0]
@@ -118,8 +118,8 @@ def find_base_motion(positions: FloatArray, time: FloatArray, rate: float) -> Ba
 def find_standing(blocks: FloatArray, block_s: float, least: float = _STANDING) -> BoolArray:
     """Return the low markers (M,) that stand still while the body moves; none if the body hardly moves.
 
-    ``blocks`` (K, M, 3) are mean positions over blocks of ``block_s`` seconds, m, NaN where missing. A marker stands
-    still in at least the share ``least`` of the body's moving time.
+    ``blocks`` (K, M, 3) are mean positions over blocks of ``block_s`` seconds, m, NaN where missing. A marker is
+    returned if it stands still in at least the fraction ``least`` of the time in which the body moves.
     """
     none = np.zeros(blocks.shape[1], np.bool_)
     step = max(1, round(_STEP_S / block_s))
@@ -141,7 +141,7 @@ def find_standing(blocks: FloatArray, block_s: float, least: float = _STANDING) 
 
 
 def _measure_range(tracks: FloatArray) -> FloatArray:
-    """Return the 2.5 to 97.5 % range (N,) of each track (K, N, 2), m."""
+    """Return the distance (N,), m, from the 2.5 to the 97.5 percentile of each track (K, N, 2)."""
     ordered, seen = np.sort(tracks, axis=0), np.isfinite(tracks[..., 0]).sum(axis=0)  # NaN last
     low, high = ((share * (seen - 1)).astype(np.int64) for share in (0.025, 0.975))
     markers = np.arange(tracks.shape[1])
@@ -151,8 +151,8 @@ def _measure_range(tracks: FloatArray) -> FloatArray:
 def _find_other_foot(places: FloatArray, fixed: BoolArray, standing: BoolArray) -> BoolArray:
     """Return the markers (M,) on a foot that keeps its position: fixed, near the moving feet, and at the same height.
 
-    ``places`` (N, 3) are mean positions of the N ``standing`` (M,) markers, m; ``fixed`` (N,) of them keep their
-    positions.
+    ``standing`` (M,) marks the N markers that stand still. ``places`` (N, 3) are their mean positions, m, and ``fixed``
+    (N,) marks those that keep their positions for the whole recording.
     """
     feet = places[~fixed]
     near = np.linalg.norm(places[:, :2] - feet[:, :2].mean(axis=0), axis=1) < _STEP_M
@@ -162,7 +162,10 @@ def _find_other_foot(places: FloatArray, fixed: BoolArray, standing: BoolArray) 
 
 
 def _find_still_blocks(feet: FloatArray, step: int) -> BoolArray:
-    """Return the blocks (K,) in which most of the foot markers (K, N, 3) stand still or none is visible."""
+    """Return the blocks (K,) in which most foot markers (K, N, 3) stand still or all are hidden.
+
+    A marker is compared with its position ``step`` blocks later.
+    """
     travel = np.linalg.norm(feet[step:] - feet[:-step], axis=2)
     moved = (travel >= _STILL_M).sum(axis=1) * 2 > np.isfinite(travel).sum(axis=1)
     still = np.ones(len(feet), np.bool_)
@@ -172,7 +175,10 @@ def _find_still_blocks(feet: FloatArray, step: int) -> BoolArray:
 
 
 def _merge_stretches(runs: list[tuple[int, int]], feet: FloatArray) -> list[tuple[int, int]]:
-    """Join intervals in which the foot markers (K, N, 2) have the same positions; return one if no marker moved far."""
+    """Join successive intervals with the same positions of the foot markers (K, N, 2).
+
+    Only the first interval is returned if no marker is far from its first position in any other interval.
+    """
     places = [_median_positions(feet, run) for run in runs]
     if not any(_measure_distance(places[0], place) >= MOVED_M for place in places[1:]):
         return runs[:1]
@@ -186,7 +192,7 @@ def _merge_stretches(runs: list[tuple[int, int]], feet: FloatArray) -> list[tupl
 
 
 def _median_positions(feet: FloatArray, run: tuple[int, int]) -> FloatArray:
-    """Return the median position (N, 2) of each marker in an interval; NaN if it is not visible."""
+    """Return the median position (N, 2) of each marker in an interval; NaN if the marker is not visible."""
     part = feet[slice(*run)]
     places = np.full(part.shape[1:], np.nan)
     seen = np.isfinite(part[..., 0]).any(axis=0)
@@ -201,7 +207,10 @@ def _measure_distance(here: FloatArray, there: FloatArray) -> float:
 
 
 def _fit_motion(tracks: FloatArray, time: FloatArray, runs: list[tuple[int, int]], margin: int) -> BaseMotion:
-    """Fit the motion of the base to tracks (K, N, 2) of foot markers that are visible in the first interval."""
+    """Fit the motion of the base to tracks (K, N, 2) of foot markers that are visible in the first interval.
+
+    The fields ``feet`` and ``fixed`` of the result are empty.
+    """
     first = _median_positions(tracks, runs[0])
     centre = first.mean(axis=0)
     fits = [_fit_rigid_motion(first - centre, _median_positions(tracks, run) - centre) for run in runs]
@@ -226,7 +235,10 @@ def _fit_motion(tracks: FloatArray, time: FloatArray, runs: list[tuple[int, int]
 
 
 def _fit_rigid_motion(before: FloatArray, after: FloatArray, *, turning: bool = True) -> tuple[FloatArray, float]:
-    """Return shift and rotation (3,) about the origin that move points (N, 2), and the remaining rms distance."""
+    """Return the shift and rotation (3,) about the origin that move points (N, 2), and the remaining rms distance.
+
+    Without ``turning``, the rotation is 0.
+    """
     seen = np.isfinite(before[:, 0]) & np.isfinite(after[:, 0])
     if not seen.any():
         return np.zeros(3), 0.0
@@ -243,7 +255,7 @@ def _fit_rigid_motion(before: FloatArray, after: FloatArray, *, turning: bool = 
 
 
 def block_means(values: FloatArray, size: int) -> FloatArray:
-    """Return the means (K, M, C) of values (F, M, C) over blocks of frames; NaN where all values are missing."""
+    """Return the means (K, M, C) of values (F, M, C) over blocks of ``size`` frames; NaN if all are missing."""
     count = len(values) // size
     parts = values[: count * size].reshape(count, size, *values.shape[1:])
     known = np.isfinite(parts)

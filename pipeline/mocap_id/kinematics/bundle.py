@@ -1,9 +1,9 @@
 """Joint centres, marker coordinates and angles of the whole chain, fitted together (3.13 to 3.16).
 
-The fit is Gauss-Newton on :mod:`mocap_id.kinematics.chain_equations`, robust against bursts. The data do not determine
-the orientation of a segment frame. Each step is the shortest one, and :func:`orient_frames` sets the orientation
-afterwards (the purpose of lambda_phi in 3.16). Each marker is weighted by its residuals, because skin over muscle
-slides more than skin over bone.
+The fit solves :mod:`mocap_id.kinematics.chain_equations` by Gauss-Newton; bursts (large residuals) have less weight.
+The data do not determine the orientation of a segment frame. Each iteration therefore takes the shortest step, and
+:func:`orient_frames` sets the orientation afterwards (the purpose of lambda_phi in 3.16). Each marker is weighted by
+its residuals, because skin over muscle slides more than skin over bone.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ _CONVERGED = 1e-7  # relative decrease of the cost
 _NEARLY = 1e-3  # relative decrease of the cost at which the markers are weighted by their residuals
 _WEIGHINGS = 2
 _SHORTENINGS = 6
-_HUBER = 3.0  # scales beyond which a residual is a burst
+_HUBER = 3.0  # a residual larger than this many times the scale is a burst
 _OFF_JOINT = 0.01  # m; standard deviation of a marker from the joint that it represents, in x and in y
 _EXACT = 1e-4  # m; markers with smaller residuals have equal weights
 
@@ -66,7 +66,8 @@ def fit_chain(
     Raises
     ------
     Refused
-        ``too-few-frames`` show every segment; ``joint-unsettled`` if the iteration does not converge.
+        ``too-few-frames`` if every segment is visible in too few frames; ``joint-unsettled`` if the iteration does not
+        converge.
     """
     moving = np.flatnonzero(segment > 0)
     joints = int(segment.max())
@@ -80,7 +81,7 @@ def fit_chain(
 
 
 def _solve(problem: ChainProblem, state: ChainState, pull: float) -> tuple[ChainState, ChainProblem, int]:
-    """Return state, problem and number of steps at the minimum of the cost. Bursts have less weight."""
+    """Return the state at the minimum of the cost, the problem with the final weights, and the number of iterations."""
     scale = np.where(problem.pinned, pull, 1.0)
     cost, weighings = np.inf, 0
     limits, moved, off = np.zeros(problem.joints), np.zeros(problem.joints), np.abs(residuals(problem, state))
@@ -110,7 +111,7 @@ def _solve(problem: ChainProblem, state: ChainState, pull: float) -> tuple[Chain
 
 
 def _take_step(problem: ChainProblem, state: ChainState, off: FloatArray) -> tuple[ChainState, FloatArray]:
-    """Return the state after a step, halved while it increases the cost, and the residual distances (T, K), m."""
+    """Return the state after a step, which is halved while the cost increases, and the residual distances (T, K), m."""
     common, turns = eliminate_angles(problem, state).step()
     before = _cost(problem, off)
     for _ in range(_SHORTENINGS):
@@ -140,7 +141,7 @@ def _find_burst_limits(problem: ChainProblem, off: FloatArray) -> FloatArray:
 
 
 def _weight_markers(problem: ChainProblem, state: ChainState, off: FloatArray) -> FloatArray:
-    """Return the inverse variance, 1 on average, of each marker that is not pinned."""
+    """Return the weight of each marker that is not pinned: its inverse variance, scaled to a mean of 1."""
     own = ~problem.pinned
     seen = (problem.weights > 0)[:, own]
     off = np.where(seen, off[:, own], 0)

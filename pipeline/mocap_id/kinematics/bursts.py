@@ -8,18 +8,17 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 
 _LONGEST = 1.5  # s; a longer excursion is a relabelled marker, not a burst
 _SHORT = 0.4  # s; in a shorter burst, the jumps need not cancel if the marker returns to its expected position
-_JUMP = 4.0  # multiple of the 95th percentile of the change of a step between frames
+_JUMP = 4.0  # multiple of the 95th percentile of the change between successive displacements
 _LEAST = 0.012  # m; the robust fits handle smaller jumps
-_BESIDE = np.array([-2, -1, 1, 2])  # neighbouring steps that give the expected step
+_BESIDE = np.array([-2, -1, 1, 2])  # neighbouring displacements that give the expected displacement
 
 
 def find_bursts(points: FloatArray, rate: float) -> BoolArray:
-    """Return the samples (F, M) between a jump of a marker away from its path and the jump back.
+    """Return which samples (F, M) lie between a jump of a marker away from its path and the jump back.
 
-    A jump is a step that differs suddenly from the steps beside it. A second jump ends the burst if it cancels the
-    first, or if it soon leads to the position that the marker would have had. Trajectories (F, M, 3) are in m, NaN
-    where missing;
-    ``rate`` is in frames per second.
+    A jump is a displacement between frames that differs suddenly from the displacements before and after it. A second
+    jump ends the burst if it cancels the first, or if it soon leads to the position that the marker would have had.
+    Trajectories (F, M, 3) are in m, NaN where missing; ``rate`` is in frames per second.
     """
     out = np.zeros(points.shape[:2], dtype=np.bool_)
     for marker in range(points.shape[1]):
@@ -31,7 +30,7 @@ def find_bursts(points: FloatArray, rate: float) -> BoolArray:
 
 
 def _find_marker_bursts(track: FloatArray, frames: IntArray, rate: float) -> BoolArray:
-    """Return the bursts (K,) among the visible samples (K, 3) of one marker, in the frames ``frames``."""
+    """Return which visible samples ``track`` (K, 3) of one marker, at the frames ``frames`` (K,), are in a burst."""
     out = np.zeros(len(track), dtype=np.bool_)
     apart = np.diff(frames)
     velocity = np.diff(track, axis=0) / apart[:, None]  # m per frame
@@ -56,10 +55,10 @@ def _find_marker_bursts(track: FloatArray, frames: IntArray, rate: float) -> Boo
 
 
 def find_jumps(velocity: FloatArray, apart: IntArray) -> tuple[IntArray, FloatArray]:
-    """Return the steps (J,) that are jumps, and their difference (J, 3) from the steps beside them, m.
+    """Return the indices (J,) of jumps, and their difference (J, 3) from the neighbouring displacements, m.
 
-    ``velocity`` (K, 3) is the motion between visible samples of a marker, m per frame, and ``apart`` (K,) their
-    distances in frames.
+    ``velocity`` (K, 3), m per frame, is the mean velocity from each visible sample of a marker to the next, and
+    ``apart`` (K,) is the number of frames between them.
     """
     bend = np.diff(velocity, axis=0)
     change = np.sqrt(np.einsum("ki,ki->k", bend, bend))

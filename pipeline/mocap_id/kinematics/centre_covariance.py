@@ -41,7 +41,8 @@ def centre_covariance(problem: ChainProblem, state: ChainState, reduced: Reduced
 def slide_variances(problem: ChainProblem, state: ChainState) -> FloatArray:
     """Return the variance (K,) of each marker's slide in one coordinate, m^2.
 
-    It is the part of the residual that persists to the next frame, divided by the share that the segment's pose leaves.
+    The variance is the lag-one covariance of the residuals, divided by the fraction that remains after the segment's
+    pose is fitted.
     """
     seen = problem.weights > 0
     off = np.where(seen, residuals(problem, state), 0)
@@ -67,10 +68,10 @@ def lag_one_covariance(off: ComplexArray, seen: BoolArray) -> tuple[FloatArray, 
 def slide_responses(
     problem: ChainProblem, state: ChainState, reduced: Reduced, shape: FloatArray, towards: FloatArray
 ) -> FloatArray:
-    """Return the change (K, S, 2, p) of p common unknowns for slides of each marker along x and y of its segment, m.
+    """Return the change (K, S, 2, p) of p common unknowns if each marker slides along x or y of its segment.
 
-    ``shape`` (T, K, S) are time courses of the slides, m. ``towards`` (P, p) are the columns of ``reduced.inverse`` for
-    the requested unknowns. The other arguments are values at the solution.
+    ``shape`` (T, K, S) are S time courses of the slide of each marker, m. ``towards`` (P, p) are the columns of
+    ``reduced.inverse`` for the requested unknowns. The other arguments are values at the solution.
     """
     joints = problem.joints
     _, turn = joint_positions(state)
@@ -97,7 +98,10 @@ def _split_directions(pull: np.ndarray) -> FloatArray:
 
 
 def slide_shapes(problem: ChainProblem, state: ChainState) -> FloatArray:
-    """Return the centred angles (T, K, 2) of the joints below and above each segment, with a joint rms of 1."""
+    """Return the angles (T, K, 2) of the joints below and above each marker's segment, without mean and scaled.
+
+    The rms of both angles together is 1.
+    """
     relative = np.diff(state.angles, axis=1, prepend=0.0, append=0.0)  # (T, n + 1)
     relative[:, -1] = 0
     relative = relative - relative.mean(axis=0)

@@ -21,7 +21,7 @@ from mocap_id.arrays import BoolArray, ComplexArray, FloatArray, IntArray
 
 @dataclass(frozen=True)
 class ChainProblem:
-    """Trajectories of the moving markers, and their assignment to segments.
+    """Trajectories of K moving markers in T frames, and their assignment to segments.
 
     A pinned marker is at the joint below its segment: its coordinates are zero and not unknown (3.15).
     """
@@ -36,7 +36,7 @@ class ChainProblem:
     def with_joint_markers(
         cls, points: ComplexArray, segment: IntArray, joint_tracks: Mapping[int, ComplexArray], joints: int
     ) -> ChainProblem:
-        """Return a problem with weights of 1, from markers (T, K) and tracks (T,) of markers at joints 1 … n, m."""
+        """Return a problem with weights of 1, from trajectories (T, K) and ``joint_tracks`` (T,) of joints 1 … n, m."""
         columns = np.concatenate([points, *(track[:, None] for track in joint_tracks.values())], axis=1)
         seen = np.isfinite(columns)
         return cls(
@@ -66,7 +66,7 @@ class ChainProblem:
 
 @dataclass(frozen=True)
 class ChainState:
-    """Values of the unknowns."""
+    """Values of the unknowns of n joints, K markers and T frames."""
 
     centres: ComplexArray  # (n,) joint centres, m
     local: ComplexArray  # (K,) marker coordinates, m
@@ -117,7 +117,10 @@ class Normal:
 
 
 def normal_equations(problem: ChainProblem, state: ChainState) -> Normal:
-    """Return the normal equations, without a dense Jacobian: a marker depends on few of the unknowns."""
+    """Return the normal equations.
+
+    No dense Jacobian is built, because a marker depends on few unknowns.
+    """
     derivatives = _derivatives(problem, state)
     lever, below, own, _, pulled = derivatives
     joints, markers, weights = problem.joints, len(problem.segment), problem.weights
@@ -145,8 +148,9 @@ def _derivatives(
 ) -> tuple[ComplexArray, BoolArray, ComplexArray, ComplexArray, ComplexArray]:
     """Return the derivatives of the markers.
 
-    In order: with respect to the centres (T, n), for the joints below each marker (K, n); the coordinates (T, K); the
-    angles (T, K, n), and the same conjugated and weighted.
+    The five results are: the derivatives (T, n) with respect to the centres, the centres (K, n) on which each marker
+    depends, the derivatives (T, K) with respect to the marker's coordinates, the derivatives (T, K, n) with respect to
+    the angles, and the latter conjugated and weighted.
     """
     _, turn = joint_positions(state)
     lever = np.concatenate([np.ones((len(turn), 1)), turn[:, :-1]], axis=1)
@@ -202,7 +206,7 @@ def eliminate_angles(problem: ChainProblem, state: ChainState) -> Reduced:
 
 
 def _pseudo_inverse(hessian: FloatArray, problem: ChainProblem) -> FloatArray:
-    """Return the inverse without the orientations of the segment frames, which do not change any marker."""
+    """Return the pseudo-inverse without the orientations of segment frames, which do not change marker positions."""
     free = np.ix_(problem.free, problem.free)
     values, vectors = np.linalg.eigh((hessian[free] + hessian[free].T) / 2)
     kept = slice(problem.joints, None)
@@ -212,7 +216,7 @@ def _pseudo_inverse(hessian: FloatArray, problem: ChainProblem) -> FloatArray:
 
 
 def apply_step(state: ChainState, step: tuple[FloatArray, FloatArray]) -> ChainState:
-    """Return the state after a step of the common unknowns (P,) and the angles (T, n)."""
+    """Return the state after a change of the common unknowns (P,) and of the angles (T, n)."""
     common, turns = step
     joints = len(state.centres)
     change = common[0::2] + 1j * common[1::2]
@@ -220,11 +224,11 @@ def apply_step(state: ChainState, step: tuple[FloatArray, FloatArray]) -> ChainS
 
 
 def remaining_share(weights: FloatArray, local: ComplexArray) -> FloatArray:
-    """Return the share (K,) of each coordinate's variance that remains after the segment's pose is fitted.
+    """Return the fraction (K,) of each coordinate's variance that remains after the segment's pose is fitted.
 
-    The pose has two translations and a rotation, and the share is one minus the leverage. It is limited to at least
-    0.2, because the residual of a marker with more leverage contains little information about its error. The markers
-    (K,) of the segment have weights and coordinates, m.
+    The pose has two translations and a rotation, and the fraction is one minus the leverage. The fraction is limited to
+    at least 0.2, because the residual of a marker with more leverage contains little information about its error.
+    ``weights`` (K,) and coordinates ``local`` (K,), m, are those of the segment's markers.
     """
     share = weights / weights.sum()
     arm = share * np.abs(local - np.sum(share * local)) ** 2
@@ -236,7 +240,8 @@ def share_variance(square: FloatArray, weights: FloatArray, segment: IntArray, l
     """Return the variance (K,) that weights each marker: one third its own, two thirds the mean of its segment.
 
     With its own residual alone, a segment would finally follow only its two best markers. The variance is the mean
-    squared residual ``square``, m^2, in a fit with the given weights, plus the share that the pose has absorbed.
+    squared residual ``square``, m^2, in a fit with the given weights, divided by the fraction that remains after the
+    pose is fitted.
     """
     shared = np.empty_like(square)
     for k in np.unique(segment):

@@ -25,7 +25,7 @@ class ChainFit:
 
     @property
     def lengths(self) -> FloatArray:
-        """Distances (n - 1,) between the joints of segments 1 … n-1, m."""
+        """Lengths (n - 1,) of segments 1 … n-1, m: the distances between neighbouring joints."""
         return np.asarray(np.abs(self.centres[1:]))
 
 
@@ -64,7 +64,7 @@ def length_sd(centres: ComplexArray, covariance: FloatArray) -> FloatArray:
 
 
 def unwrap_angles(angles: FloatArray) -> FloatArray:
-    """Return angles (F, n) without jumps of 2 pi over the known frames, starting in (-pi, pi]."""
+    """Return angles (F, n), rad, without jumps of 2 pi between the frames that are not NaN, starting in [-pi, pi]."""
     known = np.isfinite(angles).all(axis=1)
     out = np.full(angles.shape, np.nan)
     out[known] = np.unwrap(angles[known], axis=0)

@@ -1,4 +1,4 @@
-"""Search for chains from the base to a tip over real joints, at every level of detail.
+"""Search for chains from the base to a tip over real joints, at every level (number of bodies).
 
 A joint is real if its two bodies rotate far enough about a point that is fixed in both
 (``SegmentationRules.is_joint``). The best chain of each number of segments is kept for the report. Only the best chain
@@ -22,9 +22,9 @@ _APART = 0.2  # m; least distance between two limbs on either side of their pare
 _MIDDLE = 0.03  # m; largest distance of their parent from the middle between two limbs
 _ASIDE = 0.05  # m; least distance of a limb to one side of its parent
 _SAME_PLACE = 0.15  # m; largest distance between the joints of a pair of limbs in the side view
-_NEEDED = 1.2  # least ratio of the joint residuals without and with a real segment
+_NEEDED = 1.2  # a segment is needed if the joint residual without it is larger by at least this factor
 _DEEPEST = 9  # largest number of segments of a path, with the base
-_LEVELS = 12  # number of levels of detail
+_LEVELS = 12  # largest number of bodies into which the markers are sorted
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,10 @@ def _key(bodies: Sequence[RigidBody]) -> tuple[tuple[int, ...], ...]:
 
 
 def _find_bodies(problem: SegmentationProblem, level: int) -> list[RigidBody]:
-    """Return the bodies of a level, merged where one body fits as well as two; none if the constraints forbid them."""
+    """Return the bodies of a level, merged where one body fits as well as two.
+
+    The list is empty if the constraints forbid one of the bodies.
+    """
     bodies = problem.clusters.bodies_at(level)
     if not all(problem.constraints.allow(body.markers) for body in bodies):
         return []
@@ -89,7 +92,11 @@ def _search_level(problem: SegmentationProblem, level: int, bodies: list[RigidBo
 def _build_hypothesis(
     problem: SegmentationProblem, level: int, bodies: list[RigidBody], path: _Path, cut: float | None = None
 ) -> Hypothesis:
-    """Return a path as a hypothesis, with the bodies that it leaves out; by default it is the best of its level."""
+    """Return a path as a hypothesis, with the bodies that it leaves out.
+
+    ``cut`` is added to its cost: the cost increase by which the best path of the level was shortened. None marks this
+    best path.
+    """
     on_chain = np.concatenate([link.markers for link in path.chain])
     left_out = tuple(body for body in bodies if not np.isin(body.markers, on_chain).all())
     predicted = _predict_residuals(problem, path.chain, path.joints)
@@ -131,7 +138,7 @@ def _best_chains(problem: SegmentationProblem, bodies: list[RigidBody]) -> list[
 def _find_paired_limbs(
     real: set[tuple[int, int]], joints: dict[tuple[int, int], PairJoint], lateral: FloatArray
 ) -> set[tuple[int, int]]:
-    """Return the joints to limbs on both sides of one position; a serial chain cannot pass through them."""
+    """Return the joints to pairs of limbs, one on each side of a body; a serial chain cannot contain these joints."""
     aside = {(i, j): lateral[j] - lateral[i] for i, j in real}
     return {
         (i, j)
@@ -159,7 +166,7 @@ def _is_pair_of_limbs(lateral: FloatArray, child: RigidBody, parent: RigidBody) 
 def _extend_path(
     path: tuple[int, ...], real: set[tuple[int, int]], count: int, rules: SegmentationRules
 ) -> Iterator[tuple[int, ...]]:
-    """Yield every path from the base over real joints, with ``rules.count`` segments if given."""
+    """Yield every path from the base over real joints; only paths of ``rules.count`` segments if this is given."""
     if len(path) > 1 and rules.count in (None, len(path)):
         yield path
     if len(path) < (rules.count or _DEEPEST):
@@ -171,7 +178,7 @@ def _extend_path(
 def _predict_residuals(
     problem: SegmentationProblem, chain: tuple[RigidBody, ...], joints: tuple[PairJoint, ...]
 ) -> FloatArray:
-    """Return the residuals (M,) of markers predicted through their joint, m, or the scatter of markers left out."""
+    """Return the residuals (M,), m: on the chain, of markers predicted through their joint; elsewhere, the scatter."""
     floor = max(problem.base.noise, FLOOR)
     residual = np.maximum(problem.base.scatter, floor)
     for body, joint in zip(chain, joints, strict=True):
@@ -180,7 +187,7 @@ def _predict_residuals(
 
 
 def _cost(problem: SegmentationProblem, predicted: FloatArray, segments: int) -> float:
-    """Return the cost of a chain: summed log residual of the moving markers, plus the price of its segments."""
+    """Return the cost of a chain: summed log residual of the moving markers, plus a penalty for each segment."""
     return float(np.sum(np.log(predicted[problem.moving]))) + problem.rules.split_gain * segments
 
 
@@ -190,12 +197,12 @@ def merge_tips(
     joined: Callable[[RigidBody, RigidBody], RigidBody | None],
     limit: float,
 ) -> Iterator[tuple[RigidBody, set[int]]]:
-    """Yield every two bodies with a real joint between them as one last segment, and the links below it.
+    """Yield every two bodies with a real joint between them as one last segment, and the links below this segment.
 
     A chain with a given number of segments may end at a body that carries another one, such as a pelvis with a trunk.
     Without a merged tip, the markers of the other body would be on no segment, and a model based on the chain would add
-    their mass to the pelvis. ``joined`` returns two bodies as one, or None. ``limit`` is the largest residual of the
-    merged body, m.
+    their mass to the pelvis. ``joined`` returns two bodies as one, or None if they may not be merged. ``limit`` is the
+    largest residual of the merged body, m.
     """
     for i, j in sorted({(min(pair), max(pair)) for pair in real if 0 not in pair}):
         tip = joined(links[i], links[j])

@@ -7,7 +7,7 @@ define the distance of a point from a circle differently, so noise has different
 
 ``kasa``
     The method of 3.8 (where r stands for r^2): squared distance minus squared radius, linear. Noise shifts the centre
-    towards the track, by half the radius on an arc of r arc^2 = 27 standard deviations of the noise.
+    towards the track, by half the radius if r arc^2 is 27 standard deviations of the noise.
 ``taubin``, ``pratt``
     The same algebraic distance, divided by its mean gradient (Taubin) or by the discriminant of the circle's equation
     (Pratt). Practically no bias, one small eigenvalue problem for each marker, no iteration.
@@ -69,9 +69,9 @@ def fit_circles(points: ComplexArray, method: CircleMethod = "taubin") -> Circle
 def fit_common_centre(points: ComplexArray, method: CommonMethod = "geometric") -> CircleFit:
     """Fit circles with a common centre and one radius for each marker, as the thesis does for a known segment.
 
-    The cost is the sum of the squared residuals of the single fits over the markers. Tracks in different directions
-    from the joint determine the centre by the intersection of their normals, and their curvature is hardly needed.
-    ``pratt`` has no form with several radii; it raises a ValueError.
+    The cost is the sum of the costs of the single fits of all markers. Tracks in different directions from the joint
+    determine the centre by the intersection of their normals, and their curvature is hardly needed. ``pratt`` has no
+    form with several radii; it raises a ValueError.
     """
     if method not in get_args(CommonMethod):
         raise ValueError(f"method {method!r} has no common centre; use one of {', '.join(get_args(CommonMethod))}")
@@ -134,7 +134,7 @@ def _fit_centre(tracks: _Tracks, method: CircleMethod) -> tuple[ComplexArray, Bo
 
 
 def _fit_kasa(tracks: _Tracks) -> ComplexArray:
-    """Return the centres by Kåsa's method: linear least squares on |z|^2 = 2 p . z + one constant per marker (3.8)."""
+    """Return the centres p by Kåsa's method: linear least squares on |z|^2 = 2 p . z + constant of the marker (3.8)."""
     design, target = 2 * tracks.centre_points(tracks.z), tracks.centre(np.abs(tracks.z) ** 2)
     pull = tracks.pool(np.einsum("fmi,fm->mi", design, target))
     return _solve(tracks.pool(np.einsum("fmi,fmj->mij", design, design)), pull)
@@ -150,14 +150,14 @@ def _fit_taubin(tracks: _Tracks) -> ComplexArray:
 
 
 def _fit_pratt(tracks: _Tracks) -> ComplexArray:
-    """Return the centres by Pratt's method: an eigenvector of the moments relative to the discriminant B^2 - 4 A D."""
+    """Return the centres by Pratt's method: circles A |z|^2 + B . z + D = 0 with the constraint B^2 - 4 A D = 1."""
     z = tracks.z
     design = np.stack([np.abs(z) ** 2, z.real, z.imag, np.ones(z.shape)], axis=2) * tracks.seen[..., None]
     moments = np.einsum("fmi,fmj->mij", design, design)
     inverse = np.diag([0.0, 1.0, 1.0, 0.0])
     inverse[0, 3] = inverse[3, 0] = -0.5
     values, vectors = np.linalg.eig(inverse @ moments)
-    # exactly one value is negative, as for the discriminant; the fit belongs to the least of the others
+    # one eigenvalue is negative, as for the discriminant; the fit is the eigenvector of the smallest other one
     second = np.argsort(values.real, axis=1)[:, 1]
     coefficients = np.take_along_axis(vectors.real, second[:, None, None], axis=2)[..., 0]
     return _divide_coefficients(
@@ -166,7 +166,7 @@ def _fit_pratt(tracks: _Tracks) -> ComplexArray:
 
 
 def _fit_geometric(tracks: _Tracks, start: ComplexArray) -> tuple[ComplexArray, BoolArray]:
-    """Return the centres with the least squared |z - p| - r by Gauss-Newton, where r is the mean distance."""
+    """Return the centres p with the least squares of |z - p| - r by Gauss-Newton, where r is the mean distance."""
     centre, settled = start, np.zeros(len(start), dtype=np.bool_)
     direction, off, cost = _measure_distances(tracks, centre)
     for _ in range(_ITERATIONS):
@@ -218,7 +218,7 @@ def _build_fit(tracks: _Tracks, method: CircleMethod, centre: ComplexArray, sett
 
 
 def _estimate_covariance(tracks: _Tracks, design: FloatArray, off: FloatArray) -> FloatArray:
-    """Return the covariance (G, 2, 2) of a least-squares centre, for residuals of different size in each frame."""
+    """Return the covariance (G, 2, 2) of a least-squares centre; the residuals' variance may differ between frames."""
     normal = tracks.pool(np.einsum("fmi,fmj->mij", design, design))
     scores = design * off[..., None]
     spread = tracks.pool(np.einsum("fmi,fmj->mij", scores, scores))

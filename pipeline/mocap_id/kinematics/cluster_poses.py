@@ -1,7 +1,8 @@
 """Measured poses of single marker clusters, without joints between them.
 
-In a chain, joints connect the segments. The pose of a single cluster is independent of joints, so it also contains gaps
-at the joints. It is the pose of the chain's segment frame, so coordinates in both are the same.
+In a chain, joints connect the segments. The pose of a single cluster does not depend on joints, so the ends of two
+clusters may move apart at their joint. With the chain's marker coordinates as ``target``, the pose is that of the
+chain's segment frame.
 """
 
 from __future__ import annotations
@@ -19,8 +20,8 @@ LEAST_MARKERS = 2
 _FRAMES = 600  # for the shape of a cluster
 _LEAST_SEEN = 5  # fewest of these frames with a visible marker; other markers are ignored
 _LEAST_SPREAD = 0.01  # m, least rms distance of the markers from their centroid that determines an angle
-_OUTLIER = 5.0  # times a marker's own residual: farther samples are left out of a frame
-_LEAST_RESIDUAL = 1e-3  # m; least residual for this limit
+_OUTLIER = 5.0  # samples farther than this many times the marker's own residual are left out
+_LEAST_RESIDUAL = 1e-3  # m; lower limit of this residual
 
 
 @dataclass(frozen=True)
@@ -36,9 +37,11 @@ class ClusterPose:
 
 
 def measure_cluster(points: ComplexArray, target: ComplexArray | None = None) -> ClusterPose | None:
-    """Fit a rigid shape to a cluster of markers (F, m), m, NaN where missing, and its pose to every frame.
+    """Fit a rigid shape to the trajectories (F, m) of a cluster, and its pose in every frame.
 
-    The result is None for fewer than two markers, markers at one point, or markers that are never visible together. The
+    Trajectories are in metres, NaN where missing.
+
+    The result is None for fewer than two markers, markers at one point, or no two frames with two visible markers. The
     body frame is defined by the markers' coordinates ``target`` (m,), m. By default, its origin is the centroid, and
     its axes are parallel to the plane frame on average.
     """
@@ -79,7 +82,7 @@ def measure_cluster(points: ComplexArray, target: ComplexArray | None = None) ->
 def _fit_poses(
     points: ComplexArray, template: ComplexArray, own: FloatArray
 ) -> tuple[ComplexArray, ComplexArray, IntArray, FloatArray]:
-    """Return rotation and position (f,), NaN if unknown, number of markers used (f,), and their residuals, m."""
+    """Return rotation and position (f,), NaN if unknown, number of markers used (f,), and the residuals of all, m."""
     seen = np.isfinite(points)
     rotation, position, off = _fit_template(points, seen, template)
     while True:
@@ -105,7 +108,10 @@ def _fit_template(
 
 
 def _find_worst_marker(points: ComplexArray, seen: BoolArray, template: ComplexArray) -> IntArray:
-    """Return the marker (f,) whose removal improves the fit most, since an outlier also displaces the other markers."""
+    """Return the marker (f,) whose removal improves the fit most in each frame.
+
+    The largest residual is not a reliable sign, because an outlier also increases the residuals of the others.
+    """
     cost = np.full(seen.shape, np.inf)
     for k in range(seen.shape[1]):
         others = seen.copy()
@@ -118,7 +124,7 @@ def _find_worst_marker(points: ComplexArray, seen: BoolArray, template: ComplexA
 def _align_frame(
     template: ComplexArray, target: ComplexArray | None, rotation: ComplexArray
 ) -> tuple[complex, complex]:
-    """Return rotation and shift from the template to the body's frame."""
+    """Return rotation and shift from the template's frame to the body's frame as complex numbers."""
     if target is None:
         return complex(np.exp(1j * np.angle(rotation.mean()))), 0j
     known = np.isfinite(target)

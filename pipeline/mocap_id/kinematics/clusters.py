@@ -15,8 +15,8 @@ from mocap_id.kinematics.joint import PairJoint, fit_joint
 from mocap_id.kinematics.rigid_body import RigidBody, fit_body, marker_residuals, variance_over_time
 
 _REASSIGNMENTS = 20
-_AS_WELL = 1.2  # largest growth of the residual at which one body fits as well as two
-_FOREIGN = 4.0  # residual of a marker that is on no body, relative to the median of the nearest one
+_AS_WELL = 1.2  # one body fits as well as two if the residual grows at most by this factor
+_FOREIGN = 4.0  # a marker with more than this many times the median residual of its nearest body is on no body
 _MIN_FOREIGN = 0.02  # m
 _MOST_FOREIGN = 2
 _WOBBLE = 6.0  # 2.5 to 97.5 % range of an angle of pure noise, in standard deviations, with a margin
@@ -36,7 +36,7 @@ def find_base(points: ComplexArray, limit: float, constraints: Constraints | Non
     """Find the base: the still markers below the largest jump in the sorted scatters of all markers.
 
     ``limit`` is the largest scatter of a still marker, m. A still marker that the user has put together with a moving
-    marker is not on the base. Of two still markers that must be apart, only the stiller one is.
+    marker is not on the base. Of two still markers that must be apart, only the stiller one is on the base.
     """
     square, counts = variance_over_time(points)
     scatter = np.where(counts >= max(2, 0.05 * len(points)), np.sqrt(square), np.inf)
@@ -53,7 +53,7 @@ def find_base(points: ComplexArray, limit: float, constraints: Constraints | Non
 
 
 def _apply_constraints(still: IntArray, moving: IntArray, constraints: Constraints | None) -> IntArray:
-    """Return the still markers, from sorted ones, that may be on the base together."""
+    """Return the still markers that the constraints allow on the base. ``still`` is sorted by scatter."""
     if constraints is None:
         return np.sort(still)
     alone = still[~np.isin(constraints.unit[still], constraints.unit[moving])]
@@ -65,7 +65,7 @@ def _apply_constraints(still: IntArray, moving: IntArray, constraints: Constrain
 
 
 class Clusters:
-    """Moving markers, by their columns, sorted into rigid bodies at any level of detail. Fits are cached.
+    """Division of the moving markers into any number of rigid bodies. Fits are cached.
 
     The trajectories ``points`` (F, M) are in the plane, m, NaN where missing.
     """
@@ -83,8 +83,8 @@ class Clusters:
     def bodies_at(self, count: int) -> list[RigidBody]:
         """Return at most ``count`` bodies of at least two markers.
 
-        Average linkage on the variance of mutual distances gives the first bodies. Every marker then moves to the body
-        that fits it best, until none changes. A marker that fits no body is left out.
+        Average linkage on the variance of mutual distances gives the first bodies. Every marker is then reassigned to
+        the body that fits it best, until no marker changes its body. A marker that fits no body is left out.
         """
         if self._tree is None:
             return []
@@ -108,9 +108,8 @@ class Clusters:
     def merge(self, bodies: list[RigidBody], min_arc: float, tolerance: float) -> list[RigidBody]:
         """Merge bodies that one rigid body fits nearly as well as two.
 
-        Two bodies hardly rotate if their relative rotation is below ``min_arc``, rad, or below its noise. They are
-        merged if the merged residual is below ``tolerance`` times their own. Other bodies are merged only if the
-        residual hardly grows.
+        Two bodies are merged if their common residual is hardly larger than their own. If their relative rotation is
+        below ``min_arc``, rad, or below its noise, the common residual may be up to ``tolerance`` times their own.
         """
         bodies = list(bodies)
         while len(bodies) > 1:
@@ -175,7 +174,7 @@ def _pool_residuals(first: RigidBody, second: RigidBody) -> float:
 
 
 def _distance_variance(points: ComplexArray) -> FloatArray:
-    """Return the variance (M, M) of mutual distances, m^2; the largest for pairs that are never visible together."""
+    """Return the variance (M, M) of mutual distances, m^2; the largest variance for pairs never visible together."""
     count = points.shape[1]
     variance = np.zeros((count, count))
     for marker in range(count):

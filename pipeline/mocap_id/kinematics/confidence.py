@@ -43,7 +43,7 @@ class Confidence:
 
 
 def weigh_evidence(best: float, joints: tuple[float, ...], against: Mapping[str, float]) -> Confidence:
-    """Return the confidence from the log odds without evidence against the segments, and the evidence."""
+    """Return the confidence from the log odds ``best`` without evidence and their reductions ``against``."""
     return Confidence(float(1 / (1 + np.exp(sum(against.values()) - best))), joints, against)
 
 
@@ -56,12 +56,12 @@ def assess_confidence(
 
     - ``skipped``: the segment of the weakest joint could be left out at little cost;
     - ``left-out``: moving markers are on no segment and on no limb at the side;
-    - ``axis``: a still marker near joint 1 could also be on the other side of it;
+    - ``axis``: a still marker near joint 1 could also belong to the other of its two segments;
     - ``first-joint``: the two bodies' points at joint 1 are more than 8 mm (rms) apart;
     - ``base``: the still markers hardly differ from the moving ones;
     - ``runner-up``: another number of segments explains the trial nearly as well.
 
-    The confidence in a joint is 0.5 if the fit without its segment is 3.5 times worse (last joint: 1.5 times).
+    The confidence in a joint is 0.5 if the residual without its segment is 3.5 times as large (last joint: 1.5 times).
 
     Parameters
     ----------
@@ -70,9 +70,9 @@ def assess_confidence(
     ratios : tuple of float
         For each joint, the residual without its segment divided by the residual with it.
     explained : float
-        Share of the moving markers that are on the chain (:func:`explained_share`).
+        Fraction of the moving markers that are on the chain (:func:`explained_share`).
     margin : float
-        Margin of the closest decision about a marker on the first axis, 1 or more.
+        Margin of the least certain decision about a marker on the first axis, 1 or more (``AxisMarkers.margin``).
     gap : float
         Scatter of the stillest moving marker divided by the largest scatter of a base marker.
     """
@@ -115,7 +115,7 @@ def log_shortfall(value: float, enough: float) -> float:
 
 
 def explained_share(segment: IntArray, lateral: FloatArray, moving: IntArray) -> float:
-    """Return the share of the moving markers that are on the chain. Limbs at the side of the last segment are ignored.
+    """Return the fraction of the moving markers that are on the chain, without limbs at the side of the last segment.
 
     ``segment`` (M,) is -1 for markers on no segment, ``lateral`` (M,) the mean out-of-plane coordinate, m, and
     ``moving`` the columns of the moving markers.

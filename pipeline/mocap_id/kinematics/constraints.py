@@ -19,7 +19,7 @@ class Constraints:
 
     @classmethod
     def of(cls, count: int, together: Iterable[Sequence[int]] = (), apart: Iterable[Sequence[int]] = ()) -> Constraints:
-        """Return constraints from groups of columns that are together on a segment, or all on different segments."""
+        """Return constraints from groups of columns, ``together`` on one segment or ``apart`` on different segments."""
         unit = np.arange(count)
         for group in together:
             unit[np.isin(unit, unit[list(group)])] = unit[group[0]]
@@ -64,7 +64,7 @@ class Constraints:
 
     @staticmethod
     def _separate(cost: FloatArray, best: IntArray, barred: BoolArray, pair: tuple[int, int]) -> None:
-        """Move one of two units to its next best free body, whichever costs less."""
+        """Reassign, in ``best``, one of two units to its next best free body: the unit for which this costs less."""
         moves = []
         for unit in pair:
             taken = np.isin(np.arange(len(cost)), best[barred[unit]])

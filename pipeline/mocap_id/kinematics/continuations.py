@@ -8,7 +8,7 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 
 _NEAR = 3.0  # s before and after, in which the usual change of a distance is measured
 _SAMPLES = 24  # changes in this time
-_QUANTILE = 0.65  # of these changes is the scale; other swaps nearby may disturb larger ones
+_QUANTILE = 0.65  # the scale of a distance is this quantile of its changes; other swaps nearby may disturb larger ones
 _PARTNERS = 10  # most rigid partners used
 _LEAST_PARTNERS = 3
 _FLOOR = 1e-3  # m; least scale of a distance
@@ -34,7 +34,7 @@ class Continuations:
         self._near = max(round(_NEAR * rate), _SAMPLES)
 
     def find_violations(self, column: IntArray, last: IntArray, following: IntArray) -> BoolArray:
-        """Return whether (N,) two or more distances of a column change by more than usual over the lag.
+        """Return whether two or more distances of a column change more than usual between two frames, for N cases (N,).
 
         The marker is visible in ``column`` at frame ``last`` and next at frame ``following``, each (N,).
         """
@@ -49,7 +49,7 @@ class Continuations:
     def weigh_evidence(
         self, column: IntArray, last: IntArray, own: IntArray, other: IntArray, frame: IntArray
     ) -> FloatArray:
-        """Return the evidence (N,) that a marker continues in another column, -inf if it does not.
+        """Return the evidence (N,) that a marker continues in another column; -inf if that is ruled out.
 
         The change r of each distance, in units of its scale, has the heavy-tailed likelihood 1 / (1 + r²). The evidence
         is the log likelihood ratio of the two continuations, summed over the most rigid partners. The marker is visible
@@ -81,13 +81,19 @@ class Continuations:
         return out
 
     def _changes(self, column: IntArray, last: IntArray, other: IntArray, frame: IntArray) -> FloatArray:
-        """Return the absolute changes (N, M) of the distances to all markers, m."""
+        """Return the absolute changes (N, M) of the distances to all markers, m.
+
+        Distances are measured from ``column`` at frame ``last``, and from ``other`` at ``frame``.
+        """
         points = self._positions
         before = _norm(points[last] - points[last, column][:, None])
         return np.abs(_norm(points[frame] - points[frame, other][:, None]) - before)
 
     def _usual_changes(self, column: IntArray, frame: IntArray, lag: IntArray, side: int) -> FloatArray:
-        """Return the usual change (N, M) of distances over a lag before (-1) or after (+1) a frame, m, or NaN."""
+        """Return the usual change (N, M), m, of distances over a lag before or after a frame; NaN if unknown.
+
+        ``side`` is -1 for the time before the frame, and 1 for the time after it.
+        """
         points = self._positions
         room = frame + 1 if side < 0 else len(points) - frame
         spread = np.clip(np.minimum(room, self._near + lag) - 1 - lag, 0, None)
@@ -115,7 +121,7 @@ def _norm(vectors: FloatArray) -> FloatArray:
 
 
 def _quantile(values: FloatArray, part: float) -> FloatArray:
-    """Return a quantile of the finite values along the last axis; NaN without any."""
+    """Return the quantile ``part`` of the finite values along the last axis; NaN if no value is finite."""
     ordered = np.sort(values, axis=-1)
     last = np.maximum(np.isfinite(ordered).sum(axis=-1) - 1, 0)
     place = np.round(part * last).astype(np.int64)[..., None]

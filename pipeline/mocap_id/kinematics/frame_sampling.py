@@ -6,8 +6,8 @@ import numpy as np
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray, chunks
 
-_STILL_SHARE = 0.1  # share of the frames that is spread evenly over time
-_RESTING = 0.1  # of the largest speed; slower is rest
+_STILL_SHARE = 0.1  # fraction of the frames that is spread evenly over time
+_RESTING = 0.1  # fraction of the largest speed; slower markers are at rest
 _WINDOWS = 200  # windows of a trial, over which the speed is measured
 
 
@@ -15,8 +15,9 @@ def frames_along_motion(points: ComplexArray | FloatArray, count: int, among: In
     """Return at most ``count`` frames, ascending, evenly spaced along the path of the markers.
 
     Skin has the same error in the same posture. A hundred frames of quiet standing contain as much information as one,
-    but would count a hundred times with frames evenly spaced in time. Trajectories are complex (F, M) in the plane, or
-    (F, M, 3) in space, m, NaN where missing. The frames are chosen from ``among``, by default from all.
+    but would have a hundred times its weight if the frames were evenly spaced in time. Trajectories are complex (F, M)
+    in the plane, or (F, M, 3) in space, m, NaN where missing. The frames are chosen from ``among``, by default from
+    all.
     """
     among = np.arange(len(points)) if among is None else among
     frames = len(among)
@@ -32,7 +33,7 @@ def frames_along_motion(points: ComplexArray | FloatArray, count: int, among: In
 
 
 def frames_over_time(points: ComplexArray, count: int) -> IntArray:
-    """Return at most ``count`` frames, evenly over time; along the motion of points (F, M) if they mostly rest."""
+    """Return at most ``count`` frames, evenly spaced in time, or along the motion if the points (F, M) mostly rest."""
     every = np.arange(len(points))
     if len(every) <= count:
         return every

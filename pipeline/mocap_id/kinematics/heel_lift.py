@@ -11,7 +11,7 @@ from mocap_id.kinematics.base_motion import block_means, find_standing
 from mocap_id.kinematics.rigid_body import count_positions
 
 _BLOCK_S = 0.1
-_LASTING_S = 0.3  # a lift lasts at least as long
+_LASTING_S = 0.3  # shortest lift
 _LIFT_M = 0.012  # least lift; markers on heels that stay on the ground rise by up to 9 mm
 _FLAT = 0.4  # least share of the body's moving time in which feet are flat; shanks move in most of it
 _FOOT_M = (0.1, 0.35)  # range of distances of two markers on one foot
@@ -78,7 +78,10 @@ def find_moving_markers(points: FloatArray, rate: float) -> BoolArray:
 
 
 def _measure_rotation(between: FloatArray, lasting: int) -> float:
-    """Return the rotation of the line (K, 3) between two markers from its usual direction, rad; 0 if not on a foot."""
+    """Return the rotation of the line (K, 3) between two markers from its usual direction, rad; 0 if not on a foot.
+
+    The rotation lasts for ``lasting`` blocks.
+    """
     if len(between) <= lasting:
         return 0.0
     lengths = np.linalg.norm(between, axis=1)

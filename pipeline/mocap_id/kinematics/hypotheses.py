@@ -96,7 +96,7 @@ class Hypothesis:
         )
 
     def _compare_residuals(self, best: Hypothesis, markers: IntArray) -> float:
-        """Return the difference in the summed log residual of some markers from the best hypothesis."""
+        """Return the summed log residual of some markers, minus the same sum in the best hypothesis."""
         return float(np.sum(np.log(self.predicted[markers] / best.predicted[markers])))
 
 

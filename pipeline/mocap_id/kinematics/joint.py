@@ -41,7 +41,7 @@ def fit_joint(parent: RigidBody, child: RigidBody) -> PairJoint:
     body's origin, its centroid, is independent of the noise of its angle.
 
     At most half of the variance of the relative angle is subtracted, and nothing if noise could explain all of it. The
-    centre is then poorly determined and stays near the noisier body's centroid; ``arc`` shows this.
+    centre is then poorly determined and stays near the noisier body's centroid; ``arc`` is then small.
     """
     both = np.isfinite(parent.rotation) & np.isfinite(child.rotation)
     frames = int(both.sum())
@@ -102,9 +102,9 @@ def unwrap_rotation(rotation: ComplexArray) -> FloatArray:
 def measure_asymmetry(points: ComplexArray, lateral: FloatArray, segment: IntArray) -> FloatArray:
     """Return the standard deviation (n,) of the angle between left and right side of segments 1 … n, rad.
 
-    A sagittal segment represents both sides, which assumes that this angle is nearly constant. It is NaN with fewer
-    than two markers on a side. ``points`` (F, M) are trajectories in the plane, m, ``lateral`` (M,) mean out-of-plane
-    coordinates, m, and ``segment`` (M,) is 0 on the base and -1 on no segment.
+    A sagittal segment represents both sides, which assumes that this angle is nearly constant. The result is NaN with
+    fewer than two markers on a side. ``points`` (F, M) are trajectories in the plane, m, ``lateral`` (M,) mean
+    out-of-plane coordinates, m, and ``segment`` (M,) is 0 on the base and -1 on no segment.
     """
     middle = np.nanmean(lateral[segment > 0])
     return np.array(

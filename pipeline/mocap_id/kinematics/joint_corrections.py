@@ -6,12 +6,12 @@ A measured body has the origin p and the angle a. If a joint is at h in body 1 a
 
 This equation is solved by least squares, with a normal prior.
 
-Hip: if a body consists of trunk and pelvis, its markers rotate mostly with the trunk. If the pelvis rotates against the
-trunk in proportion to the hip, a joint fit finds a centre between hip and lumbar spine, with small residuals. But a
-marker at the front of the pelvis then moves along the trunk by s, and the hip moves across the trunk by v s. The
-position c becomes c + v s. The lumbar joint is about as far above the hip as it is behind the front of the pelvis, so v
-is near one. Its imaginary part, a motion along the trunk, is near zero. The movement determines v in part, and the
-prior the rest.
+Hip: if a body consists of trunk and pelvis, its markers rotate mostly with the trunk. If the pelvis rotates relative to
+the trunk in proportion to the hip angle, a joint fit finds a centre between hip and lumbar spine, with small residuals.
+However, a marker at the front of the pelvis then moves along the trunk by s, and the hip moves across the trunk by v s.
+The position c becomes c + v s. The lumbar joint is about as far above the hip as it is behind the front of the pelvis,
+so v is near one. The imaginary part of v, a motion along the trunk, is near zero. The movement determines v in part,
+and the prior the rest.
 
 Ankle: a joint fit assumes a fixed base, so motion of the foot changes the fitted position of the ankle. The prior is
 the position from the joint fit, so that an ankle that hardly rotates stays there.
@@ -33,7 +33,7 @@ _LEAST_GAP = 1e-5  # m; least gap, so that an ankle without rotation stays in pl
 _ANKLE_SD = 0.01  # m; standard deviation of the ankle from a joint fit if the foot moves
 
 REMAINING = 0.4
-"""Share of the hip's error from a bending trunk that remains, as a standard deviation."""
+"""Fraction of the hip's error from a bending trunk that remains after the correction, as a standard deviation."""
 
 
 @dataclass(frozen=True)
@@ -77,7 +77,7 @@ def estimate_hip_shift(
 def locate_ankle(
     foot: tuple[ComplexArray, FloatArray], shank: tuple[ComplexArray, FloatArray], ankle: complex
 ) -> AnklePosition | None:
-    """Return the position of the ankle between a moving foot and the shank; None if fewer than ten frames show both.
+    """Return the position of the ankle between a moving foot and the shank; None with fewer than ten common frames.
 
     Each body is given by the origin (F,), m, and the angle (F,), rad, of its frame, NaN where unknown. ``ankle`` is the
     position in the foot's frame from the joint fit, m.

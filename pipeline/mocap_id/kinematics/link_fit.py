@@ -38,7 +38,7 @@ _FOREIGN_BETWEEN = (0.008, 0.025)  # m; range of this limit
 _FRAMES = 150
 _ROUNDS = 3
 _STEPS = 20
-_SETTLED = 1e-4  # relative fall of the cost
+_SETTLED = 1e-4  # relative decrease of the cost
 _FRAMES_A_SEGMENT = 15
 _SHORTEST = 0.03  # m; a shorter link is not accepted
 
@@ -66,12 +66,12 @@ class LinkFit:
 
     @property
     def arcs(self) -> FloatArray:
-        """Arcs (n,) of the joint angles, rad."""
+        """2.5 to 97.5 % ranges (n,) of the joint angles, rad."""
         turns = np.diff(self.state.angles, axis=1, prepend=0.0)
         return np.array([arc(np.exp(1j * turn)) for turn in turns.T])
 
     def ratios(self, points: ComplexArray) -> tuple[float, ...]:
-        """Return for each joint the residual of the markers beyond it without this joint, over that with it."""
+        """Return, for each joint, the residual of the markers beyond it without the joint, divided by that with it."""
         origin, turn = joint_positions(self.state)
         ratios = []
         for k in range(1, len(self.state.centres) + 1):
@@ -103,7 +103,7 @@ def log_cost(residual: FloatArray) -> FloatArray:
 
 
 def path_cost(problem: SegmentationProblem, path: Path) -> float:
-    """Return the cost of a path before any fit, on a few frames; inf if too few frames show it."""
+    """Return the cost of a path before any fit, in a few frames; inf for too few frames or a too short segment."""
     state, used = _start_chain(path)
     if len(used) < _FRAMES_A_SEGMENT * len(path):
         return np.inf
@@ -117,7 +117,7 @@ def path_cost(problem: SegmentationProblem, path: Path) -> float:
 
 
 def fit_path(problem: SegmentationProblem, path: Path, pins: tuple[Pin, ...] = ()) -> LinkFit | None:
-    """Fit the chain of a path, with pinned joints, to all markers; None if too few frames or markers support it."""
+    """Fit the chain of a path, with pinned joints, to all markers; None with too few frames or markers."""
     state, used = _start_chain(path)
     if len(used) < _FRAMES_A_SEGMENT * len(path):
         return None
@@ -148,7 +148,7 @@ def fit_path(problem: SegmentationProblem, path: Path, pins: tuple[Pin, ...] = (
 
 
 def _start_chain(path: Path) -> tuple[ChainState, IntArray]:
-    """Return the initial chain of a path from its joints' tracks, and the frames in which all of it is known."""
+    """Return the initial chain of a path from its joints' tracks, and the frames in which all joints are known."""
     tracks = np.stack([step.joint for step in path], axis=1)
     angles = np.empty(tracks.shape)
     for k, step in enumerate(path):
@@ -163,7 +163,7 @@ def _start_chain(path: Path) -> tuple[ChainState, IntArray]:
 
 
 def costs_on_segments(points: ComplexArray, state: ChainState) -> tuple[FloatArray, ComplexArray]:
-    """Return cost (n + 1, M), inf if hardly visible, and coordinates, m, of every marker on every segment."""
+    """Return cost (inf if hardly visible) and coordinates, m, of every marker on every segment, each (n + 1, M)."""
     origin, turn = joint_positions(state)
     counts = np.isfinite(points).sum(axis=0)
     costs = np.full((len(state.centres) + 1, points.shape[1]), np.inf)

@@ -1,4 +1,4 @@
-"""Chains in which a segment has a single marker, or shares its only one with a neighbour (conventional marker sets).
+"""Chains in which a segment has a single marker, or shares it with a neighbour (conventional marker sets).
 
 Two rigid bodies A and B may be connected by a segment that is not a rigid body of markers. Its marker u then moves on a
 circle about a joint a of A, and on another circle about a joint b of B:
@@ -27,7 +27,7 @@ _NEAREST = 0.06  # m; smallest radius of this circle
 _CONSTANT = 0.015  # m; largest rms change of the distance between the joints of one segment
 _SHORTEST = 0.05  # m; shortest segment
 _AS_STILL = 0.012  # m; largest rms change of the distance from a still marker at the centre
-_USUAL = 0.88  # share of the frames used for these residuals; the others may contain faults
+_USUAL = 0.88  # fraction of the frames used for these residuals; the others may contain faults
 _FEWEST_FRAMES = 20
 _SAME_PLACE = 0.03  # m; a left and a right marker this close in the plane are one point
 _OTHER_SIDE = 0.08  # m; least distance across the plane between them
@@ -37,7 +37,7 @@ _LEVELS = 12
 
 @dataclass(frozen=True)
 class Step:
-    """One segment of a path, and the joint at its near end."""
+    """One segment of a path, and its joint with the previous segment."""
 
     joint: ComplexArray  # (F,) track of this joint in the plane, m
     body: RigidBody | None  # rigid body of the segment; None if it has none
@@ -53,7 +53,7 @@ Path = tuple[Step, ...]
 
 
 def find_linked_paths(problem: SegmentationProblem) -> Iterator[Path]:
-    """Yield every path from the base over bodies, link markers and joint markers that has a single-marker segment."""
+    """Yield every path with a single-marker segment, from the base over bodies, link markers and joint markers."""
     yield from _Search(problem).paths()
 
 
@@ -128,7 +128,7 @@ class _Search:
 
 
 def group_points(points: ComplexArray, lateral: FloatArray, markers: IntArray) -> Iterator[IntArray]:
-    """Yield columns of markers; a left and a right marker at the same position in the plane together.
+    """Yield the columns of single markers, and of pairs: a left and a right marker at the same position in the plane.
 
     ``points`` (F, M) are trajectories in the plane, and ``lateral`` (M,) mean out-of-plane coordinates, m.
     """
@@ -194,7 +194,7 @@ def _measure_constancy(distance: FloatArray) -> tuple[float, float]:
 
 
 def _fit_circle(track: ComplexArray, least_arc: float) -> complex | None:
-    """Return the centre of a point's circular track; None if the track is no circle."""
+    """Return the centre of a point's circular track; None if the track is not a circle."""
     known = track[np.isfinite(track)]
     for _ in range(2):  # the second fit is without faults
         if len(known) < _FEWEST_FRAMES:

@@ -1,8 +1,8 @@
 """Search for the best chain with single-marker segments, and for the markers that represent its joints.
 
-The arc of an ankle is too short to determine its centre, and an inner joint without a rigid body on both sides is not
-fixed. A marker near this joint then represents it, with a standard deviation for the distance between the two. This is
-done only if it hardly raises the cost.
+The arc of an ankle is too short to determine its centre, and the markers do not determine an inner joint without a
+rigid body on both sides. A marker near such a joint then represents it, with a standard deviation for the distance
+between marker and joint, if this hardly raises the cost.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ _INNER_FRAMES = 30.0  # weight of this marker in frames, because its error is th
 
 
 def find_best_links(problem: SegmentationProblem) -> LinkFit | None:
-    """Return the cheapest chain with a segment that is not a rigid body of markers; None if there is none."""
+    """Return the chain with the lowest cost that has a single-marker segment; None if no chain is possible."""
     if len(list(group_points(problem.points, problem.lateral, problem.moving))) > _MOST_POINTS:
         return None
     paths = list(find_linked_paths(problem))

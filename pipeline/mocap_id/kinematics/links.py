@@ -6,7 +6,7 @@ the assignment of the markers, ``segment`` (M,) with 0 = base and 1 … n from b
 
 ``rigid-body``
     A rigid body for every segment, then the joint of every neighbouring pair. The bodies are fitted in the plane, so an
-    error at one joint does not propagate, but no joint uses the segments beyond its two.
+    error at one joint does not propagate, but each joint uses only the markers of its two segments.
 ``circle``
     The recursion of 3.2.1. In the frame of link i-1, the markers of link i move on circles with a common centre, joint
     i (3.8, Kåsa's fit). The angles and coordinates of link i follow by least squares (3.16 with the centre known), and
@@ -46,7 +46,7 @@ def fit_links(points: ComplexArray, segment: IntArray, method: LinkMethod) -> Ch
     Raises
     ------
     Refused
-        ``too-few-frames`` show every segment.
+        ``too-few-frames`` if every segment is visible in too few frames.
     NumericalError
         The markers of a segment move on straight lines, so that their circles have no centre.
     """
@@ -179,7 +179,7 @@ def _fit_rotations(arms: ComplexArray) -> tuple[ComplexArray, ComplexArray]:
 
 
 def _directions(moment: ComplexArray) -> ComplexArray:
-    """Return complex numbers scaled to length 1; 1 for zero."""
+    """Return complex numbers scaled to length 1; zeros become 1."""
     size = np.abs(moment)
     return np.where(size > 0, moment / np.where(size > 0, size, 1), 1)
 
@@ -192,7 +192,7 @@ def find_used_frames(angles: FloatArray) -> BoolArray:
     if used.sum() < needed:
         raise Refused(
             "too-few-frames",
-            f"{used.sum()} of {len(used)} frames show at least two markers of each of {joints} moving segments; "
+            f"{used.sum()} of {len(used)} frames contain at least two markers of each of {joints} moving segments; "
             f"{needed} are needed to fit their joints. Use a longer `window:`, or fill the gaps.",
             float(used.sum()),
             float(needed),
@@ -203,8 +203,8 @@ def find_used_frames(angles: FloatArray) -> BoolArray:
 def _jackknife_covariance(points: ComplexArray, segment: IntArray, state: ChainState, used: IntArray) -> FloatArray:
     """Return the covariance (n, 2, 2) of the centres by leaving out one block of time at a time (jackknife), m^2.
 
-    It includes the dependence between joints, and residuals that are correlated within a block, but not errors common
-    to all blocks.
+    The covariance includes the dependence between joints and the correlation of residuals within a block, but not
+    errors common to all blocks.
     """
     blocks = np.array_split(used, min(_BLOCKS, len(used)))
     centres = np.stack(

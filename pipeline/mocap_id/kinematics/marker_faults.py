@@ -1,4 +1,4 @@
-"""Markers that are bad for a part of a trial: frozen, attached again elsewhere, mislabelled, or no marker of the body.
+"""Markers that are bad for a part of a trial: frozen, attached again elsewhere, mislabelled, or not on the body.
 
 Every marker is followed in the frame of its own segment, after the chain is fitted robustly to every frame. A good
 marker keeps its position there, within the motion of the skin. In a bad interval it is elsewhere. The interval also
@@ -29,16 +29,16 @@ _TRIED = 40  # candidates for the position of a marker
 _SCALES = np.repeat([0.06, 0.02, 0.008], 3)  # m; scales of the loss
 _RIDGE = 1e-6  # m^2; angles that no marker determines do not change
 _HELD = 0.02  # m; largest distance of a good marker from its position
-_LEAST_SHARE = 0.35  # least share of the motion in which a good marker is at its position
+_LEAST_SHARE = 0.35  # least fraction of the motion in which a good marker is at its position
 _OFF = 5.0  # least distance of a bad sample from the position, relative to the usual distance
 _LEAST_OFF = 0.015  # m; the same as a length
 _SHORTEST = 0.2  # s; shortest bad interval
 _BRIDGED = 0.5  # s; intervals closer than this are joined
 _NEAR = 0.25  # s; a jump this close to the end of an interval is its end
-_MOSTLY = 0.8  # least share of still samples in a still interval
-_STEP = 0.6  # least share of the displacement that is a single step
+_MOSTLY = 0.8  # least fraction of still samples in a still interval
+_STEP = 0.6  # least fraction of a displacement that occurs between two samples
 _STILL = 2e-3  # m; largest distance of a still marker from its median
-_SEGMENT_MOVES = 0.02  # m; least motion of its segment meanwhile
+_SEGMENT_MOVES = 0.02  # m; least motion of the segment of a still marker
 _REPEATED_MOVES = 0.003  # m; the same, if exactly the same coordinates are repeated
 
 
@@ -58,7 +58,7 @@ class _Position:
     segment: int
     local: complex  # coordinates, m
     usual: float  # usual distance from this position, m
-    share: float  # share of the motion in which the marker is there
+    share: float  # fraction of the motion in which the marker is there
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def sample_rows(frames: int, rate: float) -> IntArray:
 def find_bad_stretches(
     recorded: RecordedMarkers, segmentation: Segmentation, fitted: ComplexArray, examined: IntArray
 ) -> tuple[BadStretch, ...]:
-    """Find the intervals in which the examined markers (by their columns) are bad, after a segmentation.
+    """Return the intervals in which the markers ``examined`` (columns) are bad, after a segmentation.
 
     ``fitted`` (f, M) are the trajectories from which the segments were found, m. They are also NaN where samples are
     known to be bad.
@@ -103,7 +103,7 @@ def find_bad_stretches(
 
 
 def _express_in_segments(recorded: RecordedMarkers, segmentation: Segmentation, fitted: ComplexArray) -> _Tracks | None:
-    """Return the markers in the frames of the robustly fitted segments; None if too few frames show them."""
+    """Return the markers in the frames of robustly fitted segments; None if the angles are known in too few frames."""
     rows, plane = recorded.rows, recorded.points[..., 0] + 1j * recorded.points[..., 1]
     segment, assigned = segmentation.segment, np.flatnonzero(segmentation.segment >= 0)
     if segmentation.links is None:
@@ -144,7 +144,7 @@ def _fit_robust_angles(points: ComplexArray, segment: IntArray, state: ChainStat
 
 
 def _find_usual_positions(tracks: _Tracks, segment: IntArray) -> list[_Position | None]:
-    """Return the position of each marker (M) on its own segment; None for a marker without a segment."""
+    """Return the position of each of M markers on its own segment; None without a segment, or if hardly visible."""
     own = [_find_position(tracks, int(k), marker) if k >= 0 else None for marker, k in enumerate(segment)]
     typical = {
         k: float(np.median([place.usual for place in own if place is not None and place.segment == k]))
@@ -215,7 +215,7 @@ def _find_stretches(recorded: RecordedMarkers, tracks: _Tracks, place: _Position
 
 
 def _is_step(track: ComplexArray, run: slice, place: complex) -> bool:
-    """Return whether a marker changes its position once, between two samples, before or after a run of them."""
+    """Return whether a run of samples at one end of the track is elsewhere after one step between two samples."""
     if (run.start == 0) == (run.stop == len(track)):
         return False
     last = run.start if run.start else run.stop

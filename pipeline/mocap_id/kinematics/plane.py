@@ -22,7 +22,7 @@ class PlaneFit:
     """
 
     yaw: float  # angle about the vertical from the lab's X to the line of motion, rad, in (-pi/2, pi/2]
-    planarity: float  # share of the motion out of the plane: 0 for planar motion, 1/3 for isotropic motion
+    planarity: float  # squared motion out of the plane / total squared motion: 0 if planar, 1/3 if isotropic
     lean: float = 0.0  # angle between the plane and the vertical, rad; 0 unless the motion clearly leans
 
     def straighten(self, positions: FloatArray, feet: FloatArray) -> FloatArray:
@@ -83,7 +83,7 @@ def find_feet(positions: FloatArray) -> FloatArray:
 
 
 def _fit_leaning(displacements: FloatArray) -> PlaneFit:
-    """Fit a plane with any normal to displacements (K, 3), with the same reweighting."""
+    """Fit a plane with any normal to displacements (K, 3), m, with the reweighting of :func:`fit_plane`."""
     weights = np.ones(len(displacements))
     for _ in range(_REWEIGHTINGS + 1):
         _, vectors = np.linalg.eigh((displacements * weights[:, None]).T @ displacements)

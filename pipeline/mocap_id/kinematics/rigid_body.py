@@ -88,7 +88,7 @@ def still_body(points: ComplexArray, markers: Sequence[int] | IntArray) -> Rigid
 
 
 def marker_residuals(body: RigidBody, points: ComplexArray) -> FloatArray:
-    """Return the rms distance (M,) of markers from their mean positions on a body, m; inf if never visible with it."""
+    """Return the rms distance (M,) of markers from their mean positions on a body, m; inf if never visible."""
     square, counts = variance_over_time(body.local(points))
     return np.where(counts > 1, np.sqrt(square), np.inf)
 
@@ -103,7 +103,7 @@ def variance_over_time(values: FloatArray | ComplexArray) -> tuple[FloatArray, I
 
 
 def count_positions(local: ComplexArray) -> int:
-    """Return the number of distinct positions among (K,), m; positions within 30 mm of each other count once."""
+    """Return the number of distinct positions among ``local`` (K,), m; those within 30 mm count once."""
     kept: list[complex] = []
     for each in local:
         if all(abs(each - other) > _SAME_PLACE for other in kept):

@@ -1,8 +1,8 @@
 """Number, order and markers of the segments, from the motion alone (3.2.1, 3.2.4).
 
 The thesis finds segments one by one from base to tip, by circles in the frame of the previous segment. Circles are a
-weak test: a marker two links away also moves on a circle if the joint between hardly moves. Here, rigid bodies are
-found first, at several levels of detail. Each level gives a hypothesis, a chain from the base to a tip over real
+weak test, because a marker two links away also moves on a circle if the joint between hardly moves. Here, rigid bodies
+are found first, at several levels of detail. Each level gives a hypothesis, a chain from the base to a tip over real
 joints. The hypothesis that best predicts the markers for its number of segments is chosen.
 """
 
@@ -143,7 +143,7 @@ def _hint_at_unit(extent: float) -> str:
 
 
 def _assign(problem: SegmentationProblem, considered: tuple[Hypothesis, ...]) -> Segmentation:
-    """Return the segmentation of the best hypothesis. Leftover markers and some still ones join its segments."""
+    """Return the segmentation of the best hypothesis. Leftover and axis markers are added."""
     points, best = problem.points, considered[0]
     links = (problem.ground, *best.chain)
     residuals = np.stack([marker_residuals(body, points) for body in links])
@@ -172,8 +172,8 @@ def _assign(problem: SegmentationProblem, considered: tuple[Hypothesis, ...]) ->
 def _assign_leftovers(constraints: Constraints, segment: IntArray, cost: FloatArray) -> None:
     """Assign leftover markers (-1 in ``segment``, in place) to the segments that fit them, the most certain first.
 
-    ``cost`` (n + 1, M) is the residual of every marker on every segment, divided by the largest allowed one. A unit
-    stays together.
+    ``cost`` (n + 1, M) is the residual of every marker on every segment, divided by the largest allowed one. Markers
+    that must be together get the same segment.
     """
     seen = np.isfinite(cost).any(axis=0)
     left = np.flatnonzero((segment < 0) & seen)
@@ -193,7 +193,10 @@ def _assign_leftovers(constraints: Constraints, segment: IntArray, cost: FloatAr
 def _compute_ratios(
     points: ComplexArray, links: tuple[RigidBody, ...], joints: tuple[PairJoint, ...]
 ) -> tuple[float, ...]:
-    """Return for each joint the residual without its segment (the last one: fixed) divided by the residual with it."""
+    """Return, for each joint, the residual without its segment divided by the residual with it.
+
+    For the last joint, the segment is fixed to its parent instead.
+    """
     skipped = [
         fit_joint(links[i], links[i + 2]).residual / max(joints[i].residual, FLOOR) for i in range(len(joints) - 1)
     ]

@@ -13,16 +13,16 @@ from mocap_id.kinematics.frame_sampling import frames_along_motion
 Fault: TypeAlias = Literal["frozen", "moved", "elsewhere", "ghost"]
 
 _FRAMES = 120
-_FEWEST = 20  # fewest frames that show both markers
+_FEWEST = 20  # fewest frames in which both markers are visible
 _MOVES = 0.02  # m rms; least scatter of a moving marker
 _NEAR_BASE = 0.07  # m rms; a marker that moves less may be near the first joint and keep its distance from the base
-_MOST = 0.1  # largest share of the markers; more of them are limbs with one marker each
-_SHARE = 0.3  # 10 to 90 % range of the distance from every other marker, relative to the marker's own scatter
+_MOST = 0.1  # largest fraction of lone markers; more of them are limbs with one marker each
+_SHARE = 0.3  # least 10 to 90 % range of a lone marker's distances, relative to its own scatter
 _STRAYS = (0.02, 0.04)  # m; range of this limit
 _SHORTEST = 0.2  # s; shortest repetition
 _NEIGHBOURS = 3  # number of nearest markers whose motion is compared
 _REPEAT_MOVES = 0.003  # m; least motion of the neighbours, and least jump of the marker afterwards
-_MOSTLY = 0.8  # largest share of the interval in which a neighbour also repeats its position
+_MOSTLY = 0.8  # largest fraction of the interval in which a neighbour also repeats its position
 
 
 @dataclass(frozen=True)
@@ -43,7 +43,8 @@ def find_lone_markers(points: FloatArray) -> BoolArray:
     """Return which markers (M,) move and keep their distance from no other moving marker.
 
     Two markers of one segment keep their distance, and two markers of a limb nearly do. The reflection of a marker in a
-    mirror, or a marker of another person, does not. Trajectories (F, M, 3) are in m, NaN where missing.
+    mirror, or a marker of another person, does not. If more than a tenth of the markers would be lone, none is
+    returned. Trajectories (F, M, 3) are in m, NaN where missing.
     """
     step = max(1, len(points) // (10 * _FRAMES))
     some = points[::step]
@@ -75,9 +76,9 @@ def _distance_ranges(points: FloatArray, marker: int, others: BoolArray) -> Floa
 def find_repeats(points: FloatArray, rate: float) -> tuple[BadStretch, ...]:
     """Find intervals in which a marker repeats exactly its last position while the markers nearest to it move.
 
-    Software fills gaps in this way. The marker must jump when it is visible again: a base without noise also repeats
-    its position while other markers move. Trajectories (F, M, 3) are in m, NaN where missing; ``rate`` is in frames per
-    second.
+    Software fills gaps in this way. The marker must jump when it is visible again, because base markers without noise
+    also repeat their positions while other markers move. Trajectories (F, M, 3) are in m, NaN where missing; ``rate``
+    is in frames per second.
     """
     bad = []
     same = np.all(points[1:] == points[:-1], axis=2)

@@ -53,9 +53,9 @@ class SkinModel:
     centres: ComplexArray  # (n,) joint centres of the fitted chain, m
     local: ComplexArray  # (K,) marker coordinates, m
     segment: IntArray  # (K,) segment of each marker, 1 … n
-    weight: FloatArray  # (K,) weight of each marker in the angles of a frame: share of frames in which it is visible
+    weight: FloatArray  # (K,) weight of each marker in the fit of the angles: fraction of frames in which it is visible
     size: FloatArray  # (K,) variance of the persistent part of a marker's residual, m² per coordinate
-    rest: FloatArray  # (K,) variance of its part that does not follow the joints, m² per coordinate
+    rest: FloatArray  # (K,) variance of the part of this residual that does not follow the joints, m² per coordinate
     mean: FloatArray  # (n,) mean joint angles, rad
     spread: FloatArray  # (K,) scale of the joint angles that the slides follow, rad
     moved: FloatArray  # (K, 2, 2, P) change of the common unknowns per slide (m) of each shape, in x and y
@@ -63,7 +63,7 @@ class SkinModel:
 
     @property
     def common(self) -> FloatArray:
-        """Changes (P, 4 K + P) of the common unknowns for one standard deviation of each mode, m."""
+        """Changes (P, 4 K + P), m, of the common unknowns by one standard deviation of each mode of error."""
         moved = self.moved * np.sqrt(self.size)[:, None, None, None]
         return np.concatenate([moved.reshape(-1, moved.shape[-1]).T, self.noise], axis=1)
 
@@ -105,7 +105,7 @@ class SkinModel:
 def fit_skin(
     points: ComplexArray, segment: IntArray, state: ChainState, observed: IntArray, camera_sd: float
 ) -> SkinModel:
-    """Fit the sizes of the slides to the residuals, and compute the response of the joint fit to each slide.
+    """Estimate the variances of the slides from the residuals, and the response of the joint fit to each slide.
 
     The markers ``points`` (F, K) are in the plane, m, NaN where missing or left out; their segments are 1 … n.
     ``state`` has finite angles in all frames. ``observed`` (T,) are frames whose markers determine every angle.
@@ -130,7 +130,7 @@ def fit_skin(
 def fit_response(
     problem: ChainProblem, state: ChainState, shape: FloatArray, camera_sd: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the changes (K, 2, 2, P) of the common unknowns per slide, and the square root (P, P) of their noise.
+    """Return the changes (K, 2, 2, P) of the common unknowns per slide, and the root (P, P) of their noise covariance.
 
     ``shape`` (T, K, 2) is the course of the slides; ``camera_sd`` is the standard deviation of the camera noise, m.
     """
@@ -143,10 +143,11 @@ def fit_response(
 def skin_from_residuals(
     state: ChainState, segment: IntArray, residual: FloatArray, centre_covariance: FloatArray
 ) -> SkinModel:
-    """Return a skin model without knowledge of the joint fit's response or of the persistence of the residuals.
+    """Return a skin model in which residuals count as slides, and slides do not change the centres.
 
-    The whole rms ``residual`` (K,), m, counts as skin. The errors of the centres follow their covariance (n, 2, 2), m²,
-    independent of the skin. If this is NaN (``estimator: circle``), the centres have no error.
+    The whole rms ``residual`` (K,), m, counts as a slide, persistent or not. The errors of the centres follow
+    ``centre_covariance`` (n, 2, 2), m², independent of the skin. If the covariance is NaN (``estimator: circle``), the
+    centres have no error.
     """
     relative = np.diff(state.angles, axis=1, prepend=0.0)
     mean = relative.mean(axis=0)
@@ -163,7 +164,10 @@ def skin_from_residuals(
 
 
 def slide_scales(relative: FloatArray) -> FloatArray:
-    """Return the rms (n,) of each segment's two slide shapes from centred angles (F, n), rad; 1 if nothing moves."""
+    """Return the scale (n,), rad, of the two joint angles that the slides on each segment follow; 1 if nothing moves.
+
+    The scale is the root of the summed mean squares. ``relative`` (F, n) are joint angles without mean, rad.
+    """
     square = np.zeros((relative.shape[1] + 1, len(relative)))
     square[:-1] = relative.T**2
     spread = np.sqrt(np.mean(square[:-1] + square[1:], axis=1))
@@ -171,7 +175,7 @@ def slide_scales(relative: FloatArray) -> FloatArray:
 
 
 def scale_angles(relative: FloatArray, spread: FloatArray, segment: IntArray) -> FloatArray:
-    """Return the centred angles (T, n) of the joints below and above each marker, divided by its scale, (T, K, 2)."""
+    """Return the centred angles (T, K, 2) of the joints below and above each marker's segment, over ``spread``."""
     beyond = np.concatenate([relative, np.zeros((len(relative), 1))], axis=1)
     return np.asarray(np.stack([beyond[:, segment - 1], beyond[:, segment]], axis=2) / spread[:, None])
 
@@ -179,7 +183,7 @@ def scale_angles(relative: FloatArray, spread: FloatArray, segment: IntArray) ->
 def _estimate_sizes(
     points: ComplexArray, segment: IntArray, state: ChainState, relative: FloatArray, spread: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return two variances of the slide, m^2, the inverse weight, and the share of visible frames of each marker (K,).
+    """Return four arrays (K,): two variances of the slides, inverse weights (all m^2), and fractions of visible frames.
 
     Only the part of a residual that persists to the next frame is a slide; the rest is camera noise.
     """
@@ -200,10 +204,10 @@ def _estimate_sizes(
 
 
 def _estimate_marker_sizes(off: ComplexArray, shape: FloatArray) -> tuple[float, float, float, float]:
-    """Return the sizes of one marker from its offset (F,) and shapes (F, 2), m^2 per coordinate.
+    """Return three variances of one marker's offset (F,), m^2 per coordinate, and its fraction of visible frames.
 
-    These are the variances of the persistent offset, of its part without the shapes, and of the whole offset, and the
-    share of frames in which the marker is visible.
+    The variances are those of the persistent offset, of the part of it that does not follow the shapes, and of the
+    whole offset. ``shape`` (F, 2) are the shapes.
     """
     seen = np.isfinite(off)
     off = np.where(seen, off, 0)
@@ -270,7 +274,8 @@ def predict_skin(skin: SkinModel, angles: FloatArray, camera_sd: float, seen: in
     camera_sd : float
         Standard deviation of the camera noise of a coordinate, m.
     seen : int
-        Number of frames from which ``skin`` was estimated. The part of its sizes from camera noise does not grow.
+        Number of frames from which ``skin`` was estimated. The part of the variances that camera noise causes does not
+        grow.
     frames : int
         Number of postures used.
     """

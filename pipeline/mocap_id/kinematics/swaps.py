@@ -12,7 +12,7 @@ from mocap_id.kinematics.continuations import Continuations
 _GAP = 1.0  # s; longest gap of a column: two markers hidden for half a second each
 _OF_BEND = 2.5  # smallest jump, relative to the median second difference of the trajectories
 _JUMPS = (0.008, 0.015)  # m; range of this smallest jump
-_EVERY = 16  # this median uses one of so many samples
+_EVERY = 16  # this median uses every 16th sample
 _EVIDENCE = (8.0, 18.0)  # least log likelihood ratio for each marker, from frame to frame and across gaps
 
 
@@ -28,7 +28,7 @@ class Swap:
 
 @dataclass(frozen=True)
 class _Breaks:
-    """Breaks (N,) after which a column may show another marker: visible at ``last`` and next at ``following``."""
+    """Breaks (N,) between the visible frames ``last`` and ``following``, after which a column may be another marker."""
 
     column: IntArray
     last: IntArray
@@ -46,8 +46,8 @@ def find_swaps(positions: FloatArray, rate: float) -> tuple[Swap, ...]:
 
     A trajectory is suspect if it has a jump or a gap, and if its distances to the markers that move with it change
     there. It is swapped if each of the interrupted markers continues in another column with unchanged distances. The
-    labels of the first frames are assumed correct. An exchange of three or more is reported as successive swaps of two.
-    Trajectories (F, M, 3) are in any fixed frame, m, NaN where missing; ``rate`` is in frames per second.
+    labels of the first frames are assumed correct. An exchange of three or more labels is reported as successive swaps
+    of two. Trajectories (F, M, 3) are in any fixed frame, m, NaN where missing; ``rate`` is in frames per second.
     """
     count, markers = positions.shape[:2]
     if count < 2 or markers < 4:
@@ -114,7 +114,7 @@ def _find_gaps(
 def _drop_implausible(
     positions: FloatArray, breaks: _Breaks, source: IntArray, target: IntArray
 ) -> tuple[IntArray, IntArray]:
-    """Return pairs of breaks without adjacent frames where the own column is nearer to the expected position."""
+    """Return pairs of breaks, except those at adjacent frames whose own column is nearer to the expected position."""
     last, column = breaks.last[source], breaks.column[source]
     start = positions[last, column]
     step = np.where((last > 0)[:, None], start - positions[last - 1, column], np.nan)
@@ -130,14 +130,14 @@ def _drop_implausible(
 def _find_exchanges(
     positions: FloatArray, breaks: _Breaks, continuations: Continuations
 ) -> list[tuple[int, tuple[int, ...]]]:
-    """Return the first frame and the columns of each exchange; each marker continues in the next column."""
+    """Return first frame and columns of each exchange; each marker continues in the next column (cyclically)."""
     source, target = _drop_implausible(positions, breaks, *_pair_overlapping(breaks))
     here, there = breaks[source], breaks[target]
     evidence = continuations.weigh_evidence(here.column, here.last, here.following, there.column, there.following)
     gap = np.maximum(here.following, there.following) - here.last > 1
     strong = np.flatnonzero(evidence > np.where(gap, _EVIDENCE[1], _EVIDENCE[0]))
     while not (mutual := np.isin(target[strong], source[strong])).all():
-        strong = strong[mutual]  # a marker can only move to a column that another leaves
+        strong = strong[mutual]  # a marker can only continue in a column that another marker leaves
     strongest_last = strong[np.argsort(evidence[strong], kind="stable")]
     best = {int(source[link]): int(target[link]) for link in strongest_last}
     out, done = [], set[int]()
@@ -186,7 +186,7 @@ def _find_durations(events: list[tuple[int, tuple[int, ...]]], markers: int, cou
 
 
 def _list_exchanges(shown_by: list[int]) -> list[tuple[int, int]]:
-    """Return the exchanges of two columns that sort all columns; every column is the first one at most once."""
+    """Return exchanges of two columns that restore the order of all columns; each column comes first at most once."""
     rest, out = list(shown_by), []
     for column in range(len(rest)):
         if rest[column] != column:
@@ -197,10 +197,10 @@ def _list_exchanges(shown_by: list[int]) -> list[tuple[int, int]]:
 
 
 def _bound_swap(positions: FloatArray, rate: float, breaks: _Breaks, swap: Swap) -> Swap:
-    """Return a swap without an end, bounded by an exchange of one marker while the other is hidden, if there is one.
+    """Return a swap without an end, bounded by a break at which one of its markers is hidden, if there is evidence.
 
-    Backwards in time, the marker that a column shows after this exchange continues in the other column. If this is
-    before the swap, the labels are exchanged between the two.
+    Backwards in time, the marker that a column contains after this break continues in the other column. If the break is
+    before the swap, the labels are exchanged from the break to the start of the swap.
     """
     backwards, last = Continuations(positions[::-1], rate), len(positions) - 1
     exchanges: list[tuple[float, int]] = []

@@ -1,4 +1,4 @@
-"""Time window of a recording in which the base is fixed, because people walk on and off."""
+"""Time window of a recording in which the base is fixed; people often walk before and after it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ STILL_RADIUS = 0.015
 """Largest distance (m) of a base marker from its rest position: skin, toes and heels move by a few millimetres."""
 
 _TRAVEL = 5.0  # least travel of a moving marker, in still radii
-_STANDS = 0.7  # least share of the recording in which a displaced base stands still
+_STANDS = 0.7  # least fraction of the recording in which a displaced base stands still
 _TRIED = 200  # stretches tried, the longest first
 
 MIN_SECONDS = 2.0
@@ -61,7 +61,7 @@ def _find_still_markers(positions: FloatArray) -> BoolArray:
 
 
 def _find_still_samples(positions: FloatArray, rate: float) -> BoolArray:
-    """Return whether (F, M) a marker stays within the still radius of one point during the second around each frame.
+    """Return whether each marker stays within the still radius of one point in the second around each frame, (F, M).
 
     The point is the centre of the bounding box of its positions. Missing samples are ignored, but half of the second
     must be visible.

@@ -153,7 +153,7 @@ def test_hints_are_honoured() -> None:
     ignored[:, names.index("UPA1")] = np.nan
     without = segment_in_space(ignored)
     assert without.segment[names.index("UPA1")] == -1
-    assert without.reasons[names.index("UPA1")] == "seen in too few frames"
+    assert without.reasons[names.index("UPA1")] == "visible in too few frames"
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,7 @@ def has_known_axes(joint: SpatialJoint) -> bool:
 
 
 def _refine_joint(joint: SpatialJoint, turn: FloatArray) -> SpatialJoint:
-    """Return the joint after Gauss-Newton steps of the axes and κ; all frames share one error of the skin."""
+    """Return the joint with axes and κ refined by Gauss-Newton; the error of the skin is the same in all frames."""
     axis, pin = joint.first_axis, joint.second_axis
     before = cosine = float(axis @ joint.offset @ pin)
     bases = tangents(axis), tangents(pin)

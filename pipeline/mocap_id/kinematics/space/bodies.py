@@ -1,4 +1,4 @@
-"""Rigid bodies among the markers of a trial in space, at any level of detail, and joints between them."""
+"""Rigid bodies among the markers of a trial in space, divisions into bodies, and joints between them."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ NARROW = 0.01
 """Least width of a body, m; skin motion rotates a narrower body more than a joint does."""
 
 _RIDGE = 1e-4  # selects, of the many common points of a hinge, the point nearest to the markers
-_FEWEST = 10  # fewest frames that show both bodies of a joint
+_FEWEST = 10  # fewest frames in which both bodies of a joint are visible
 _ITERATIONS = 2
 _REASSIGNMENTS = 4
 _CLUSTERS = (2, 3, 4)
 _FEW = 14  # most markers of a body for which all rigid triples are tested
-_FREE = 0.15  # lower limit of the share of a marker's error that the pose does not absorb
+_FREE = 0.15  # lower limit of the fraction of a marker's error that the pose does not absorb
 
 
 @dataclass(frozen=True)
@@ -75,9 +75,9 @@ def subtract_means(local: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]
 def _leave_one_out_factors(shape: FloatArray) -> FloatArray:
     """Return the matrices (k, 3, 3) from each marker's residual to its residual from the pose of the other markers.
 
-    The pose of a body absorbs the share H of a marker's error. Without the marker, the residual is (I - H)⁻¹ times as
-    large. The factor is limited in directions that the other markers hardly determine: three markers leave one
-    direction free.
+    The pose of a body absorbs the part H (3, 3) of a marker's error. Without the marker, the residual is (I - H)⁻¹
+    times as large. The factor is limited in directions that the other markers hardly determine (with three markers,
+    there is one such direction).
     """
     known: BoolArray = np.asarray(np.isfinite(shape).all(axis=1))
     centred = np.where(known[:, None], shape, 0.0)
@@ -90,7 +90,7 @@ def _leave_one_out_factors(shape: FloatArray) -> FloatArray:
 
 
 class SpatialBodies:
-    """Rigid bodies of some markers, by their columns, and ways to divide them. Fits are cached.
+    """Rigid bodies of some markers (columns), and ways to divide the markers into bodies. Fits are cached.
 
     The trajectories ``points`` (F, M, 3) are in m, NaN where missing.
     """
@@ -112,10 +112,10 @@ class SpatialBodies:
         return self._bodies[key]
 
     def reassign_markers(self, groups: list[IntArray], stay: float = 1.0) -> tuple[SpatialBody, ...]:
-        """Return the bodies of groups of markers, after each marker has moved to the body that fits it best.
+        """Return the bodies of groups of markers, after each marker is reassigned to the body that fits it best.
 
-        A marker leaves its body for a residual below the share ``stay`` of the present one. A group with fewer than
-        three markers is dropped.
+        A marker changes its body only if its residual there is below ``stay`` times the present one. A group with fewer
+        than three markers is dropped.
         """
         among = np.sort(np.concatenate(groups))
         groups = [group for group in groups if len(group) >= LEAST]
@@ -136,7 +136,8 @@ class SpatialBodies:
         """Return ways to divide some markers (k,) into two bodies.
 
         The first groups are clusters (average linkage on the standard deviations of mutual distances), and every marker
-        with the two that are most rigid with it. Other standard deviations ``own`` (k, k), m, may be given instead.
+        with the two markers whose distances from it vary least. ``own`` (k, k), m, replaces these standard deviations
+        if given.
         """
         if len(markers) < 2 * LEAST:
             return []
@@ -167,7 +168,7 @@ def _propose_groups(spread: FloatArray) -> list[BoolArray]:
 
 
 def distance_deviation(points: FloatArray) -> FloatArray:
-    """Return the standard deviation (M, M) of all mutual distances, m; the largest for pairs never visible together."""
+    """Return the standard deviation (M, M), m, of mutual distances; the largest for pairs never visible together."""
     count = points.shape[1]
     deviation = np.full((count, count), np.nan)
     for marker in range(count):
@@ -184,7 +185,8 @@ def distance_deviation(points: FloatArray) -> FloatArray:
 class SpatialPairJoint:
     """Point that two bodies share, and their rotation about it.
 
-    Two bodies that hardly move against each other share any point, so ``residual`` of a joint is far below ``free``.
+    Two bodies that hardly move relative to each other share any point. At a joint, ``residual`` is therefore far below
+    ``free``.
     """
 
     in_first: FloatArray  # (3,) point in the first body's frame, m

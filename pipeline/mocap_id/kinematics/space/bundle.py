@@ -1,4 +1,4 @@
-"""Fit of all parameters of a chain in space (bundle): Levenberg-Marquardt, markers weighted by their residuals."""
+"""Bundle adjustment of a chain in space: all parameters by Levenberg-Marquardt, markers weighted by their residuals."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ from mocap_id.kinematics.space.bundle_model import (
 from mocap_id.kinematics.space.chain_prior import ChainPrior
 
 _ITERATIONS = 60
-_CONVERGED = 1e-4  # relative fall of the cost
-_NEARLY = 1e-2  # relative fall of the cost at which the weights are renewed
+_CONVERGED = 1e-4  # relative decrease of the cost
+_NEARLY = 1e-2  # relative decrease of the cost at which the weights are renewed
 _WEIGHINGS = 5
 _PATIENCE = 8  # iterations after which the weights are renewed in any case
 _HUBER = 3.0  # standard deviations; larger residuals are outliers
 _FINEST = 1e-4  # m; smallest standard deviation of a marker
-_EVEN = 0.5  # the same relative to the median segment, because computed markers have no residuals
-_SHARED = 0.1  # share of the segment's typical variance in the variance of a marker
-_LONGEST = 40  # frames; largest number of frames that count as one
+_EVEN = 0.5  # the same, relative to the median of the segments, because computed markers have no residuals
+_SHARED = 0.1  # weight of the segment's typical variance in the variance of a marker
+_LONGEST = 40  # frames; largest lag of the autocorrelation of residuals
 _FRAME_STEPS = 5
 _ANYWHERE = 1.0  # m; standard deviation of a marker that is never visible
 _FREE = 1e-4  # smallest damping
@@ -39,7 +39,7 @@ _STEP = {"markers": 0.01, "centres": 0.02, "axes": 0.2, "skin": 0.2}  # typical 
 
 @dataclass(frozen=True)
 class Bundle:
-    """Solution of the bundle."""
+    """Solution of the bundle adjustment."""
 
     problem: BundleProblem  # with the final weights
     state: BundleState
@@ -47,7 +47,7 @@ class Bundle:
     reduced: Reduced
     matrix: FloatArray  # (P, P) normal matrix with priors and with the rows that fix the segment axes
     sd: FloatArray  # (M,) standard deviation of one coordinate of each marker, m
-    together: FloatArray  # (M,) number of frames that count as one, because the error of a marker persists
+    together: FloatArray  # (M,) number of frames over which the error of each marker persists; they count as one
     iterations: int
     prior: ChainPrior | None = None
 
@@ -69,7 +69,7 @@ class Bundle:
 
 
 def solve_bundle(problem: BundleProblem, state: BundleState, prior: ChainPrior) -> Bundle:
-    """Return the chain that fits the markers best, from a first guess of weights (zero where missing) and state.
+    """Fit the chain to the markers, starting from the weights in ``problem`` (zero where missing) and from ``state``.
 
     Raises
     ------
@@ -124,10 +124,10 @@ def solve_bundle(problem: BundleProblem, state: BundleState, prior: ChainPrior) 
 
 
 def _settle_repeatedly(problem: BundleProblem, state: BundleState) -> tuple[BundleState, Linear]:
-    """Return the state after steps of the frames' unknowns alone, while these help, and its equations.
+    """Return the state after steps of the frames' unknowns only, repeated while the cost decreases, and its equations.
 
-    The frames of a first guess do not satisfy its axes. Steps of the whole chain from there can move the axes far away,
-    to another minimum.
+    In a first guess, the rotations in the frames do not agree with the joint axes. From there, steps of all unknowns
+    can end in another minimum with wrong axes.
     """
     cost = np.inf
     for _ in range(_FRAME_STEPS):
@@ -139,9 +139,10 @@ def _settle_repeatedly(problem: BundleProblem, state: BundleState) -> tuple[Bund
 
 
 def fit_frames(problem: BundleProblem, state: BundleState) -> tuple[BundleState, Linear]:
-    """Return the state after one step of the frames' unknowns alone, where it helps, and its equations.
+    """Return the state after one step of the frames' unknowns only, and its equations.
 
-    The constraints make the minimum a curved valley. Without this step, the steps of the chain would be short.
+    Frames in which the step increases the cost stay unchanged. The constraints make the cost a curved valley, so the
+    steps of the chain's parameters would be short without this step.
     """
     linear = linearise(problem, state, by_frame_only=True)
     turned = np.swapaxes(linear.by_frame, 1, 2)
@@ -159,9 +160,9 @@ def fit_frames(problem: BundleProblem, state: BundleState) -> tuple[BundleState,
 
 
 def gauge_rows(problem: BundleProblem, state: BundleState, cols: Columns) -> FloatArray:
-    """Return the derivatives (K, P) of the mean rotation (rad) and shift (m) of every segment's markers.
+    """Return derivatives (K, P) of the mean rotation of each segment's markers, rad, and of the base markers' shift, m.
 
-    The axes of a segment's frame, and the origin of the base, are arbitrary. They are fixed to the markers.
+    The axes of a segment's frame, and the origin of the base, are arbitrary, so they are fixed to the markers.
     """
     rows = []
     for k in range(len(problem.parents) + 1):
@@ -190,7 +191,7 @@ def _step_scales(cols: Columns) -> FloatArray:
 
 
 def long_axes(problem: BundleProblem, state: BundleState) -> FloatArray:
-    """Return the long axis of every segment (n, 3): from its next joint, or its markers, to its own joint."""
+    """Return the long axis (n, 3) of each segment, from its next joint or its markers' mean to its own joint."""
     axes = np.zeros((len(problem.parents), 3))
     for k in range(1, len(problem.parents) + 1):
         children = [j for j, parent in enumerate(problem.parents) if parent == k]
@@ -200,7 +201,7 @@ def long_axes(problem: BundleProblem, state: BundleState) -> FloatArray:
 
 
 def fit_frames_only(problem: BundleProblem, state: BundleState) -> Bundle:
-    """Return a bundle of given parameters after a fit of its frames alone; its normal matrix is NaN."""
+    """Fit only the frames' unknowns, with given parameters of the chain; the normal matrix of the result is NaN."""
     state, linear = _settle_repeatedly(problem, state)
     sd, together = marker_errors(problem, state, linear)
     reduced = eliminate_frames(problem, linear)
@@ -213,7 +214,7 @@ def _cost(linear: Linear, problem: BundleProblem, state: BundleState, prior: Cha
 
 
 def marker_errors(problem: BundleProblem, state: BundleState, linear: Linear) -> tuple[FloatArray, FloatArray]:
-    """Return the standard deviation of each marker (M,), m, and how many frames share one error (M,).
+    """Return the standard deviation (M,), m, of each marker, and the number of frames (M,) that share its error.
 
     A residual is smaller than the error, because the unknowns of the frame absorb a part of it.
     """
@@ -240,7 +241,7 @@ def marker_errors(problem: BundleProblem, state: BundleState, linear: Linear) ->
 
 
 def count_correlated_frames(off: FloatArray) -> FloatArray:
-    """Return the number of frames (M,) that share one error, from residuals (F, M, 3): integrated autocorrelation."""
+    """Return the number of frames (M,) over which residuals (F, M, 3) persist: the integrated autocorrelation."""
     energy = np.maximum((off**2).sum(axis=(0, 2)), 1e-18)
     total = np.ones(off.shape[1])
     open_ = np.ones(off.shape[1], dtype=bool)

@@ -1,9 +1,9 @@
 """Covariance of the parameters of a chain in space, including soft tissue.
 
-The inverse of the normal matrix describes noise, with the number of frames that share one error. Soft tissue causes
-larger errors, which are the same whenever the posture is the same. Three motions in proportion to the joint rotations
-are therefore modelled: every marker slides, with a variance from the persistent part of its residual; every cluster
-rotates on the bone; and every joint slides between clusters that slide as a whole. They are propagated through the
+The inverse of the normal matrix describes noise, which may persist over several frames. Soft tissue causes larger
+errors, which are the same whenever the posture is the same. Three motions in proportion to the joint rotations are
+therefore modelled: every marker slides, with a variance from the persistent part of its residual; every cluster rotates
+on the bone; and every joint slides between clusters that slide as a whole. These motions are propagated through the
 normal equations.
 """
 
@@ -23,7 +23,7 @@ _SLIDE = 0.4  # variance of the slides of a marker, relative to the persistent v
 
 
 def chain_covariance(bundle: Bundle) -> FloatArray:
-    """Return the covariance (P, P) of the parameters of a bundle; NaN if only its frames were fitted."""
+    """Return the covariance (P, P) of the parameters of the chain; NaN if only the frames' unknowns were fitted."""
     if np.isnan(bundle.matrix).any():
         return bundle.matrix
     inverse = np.linalg.inv(bundle.matrix)
@@ -61,7 +61,10 @@ def chain_covariance(bundle: Bundle) -> FloatArray:
 
 
 def _slide_derivatives(bundle: Bundle) -> FloatArray:
-    """Return the derivatives (F, 3 J, P) of the cost by the parameters and by typical slides of J joints."""
+    """Return the mixed second derivatives (F, 3 J, P) of the cost by the slides of J joints and by the parameters.
+
+    Slides are in units of their rms.
+    """
     problem, linear = bundle.problem, bundle.linear
     rows = slice(linear.off.shape[1] - 3 * len(problem.sliding), None)
     size = np.array([np.sqrt(np.mean(bundle.state.slides[:, j] ** 2)) for j in problem.sliding])
@@ -81,7 +84,7 @@ def _cluster_rotations(bundle: Bundle, k: int, lasting: FloatArray) -> FloatArra
 
 
 def _hinge_covariance(bundle: Bundle) -> FloatArray:
-    """Return the covariance of the position along each hinge, which is arbitrary: centre, markers and next joints."""
+    """Return the covariance (P, P) from the arbitrary position of each hinge centre along its axis."""
     problem, state = bundle.problem, bundle.state
     cols = locate_columns(problem)
     total = np.zeros((cols.size, cols.size))

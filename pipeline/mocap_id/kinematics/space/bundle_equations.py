@@ -1,15 +1,15 @@
-"""Equations of the bundle over a chain in space: residuals, analytic Jacobians and normal equations.
+"""Equations of the bundle adjustment of a chain in space: residuals, analytic Jacobians and normal equations.
 
 Marker m of segment k has the measured position y. In the frame of its segment, with the centre of its joint as origin,
 
     v = R_kᵀ (y - p_k),     residual  r = Eᵀ v - x_m,     E = exp(-s_m τ_k l_k)
 
-with the coordinates x_m of the marker, the axial rotation τ_k of the segment about its long axis l_k, and the share s_m
-of this rotation that the skin under the marker does not follow. The origin of a segment is the origin of its parent
+with the coordinates x_m of the marker, the axial rotation τ_k of the segment about its long axis l_k, and the fraction
+s_m of this rotation that the skin under the marker does not follow. The origin of a segment is the origin of its parent
 plus R_parent (c + u g), with the centre c of the joint, the glide g of the girdle, and u = (1 - cos elevation) / 2.
 Axes are constraints on the rotation Q = R_parentᵀ R_k: a · Q b = κ for two axes, Q b = a for a hinge. If whole clusters
-slide on the bones, the centre of the joint between them is c + d, with a slide d in every frame and its standard
-deviation.
+slide on the bones, the centre of the joint between them is c + d. The slide d is unknown in every frame and has a prior
+standard deviation.
 
 Every frame has its own unknowns: the origin of the base, the rotations R_k ← R_k exp(δ_k), and the slides. They are
 eliminated by a Schur complement, so that only the parameters of the chain remain.
@@ -46,7 +46,7 @@ def residuals(problem: BundleProblem, state: BundleState) -> FloatArray:
 def _evaluate_markers(
     problem: BundleProblem, state: BundleState
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return residuals, positions v without skin motion (F, M, 3), skin rotations E, and axial rotations (F, M)."""
+    """Return residuals, positions Eᵀ v without skin motion (F, M, 3), rotations Eᵀ, and axial rotations (F, M)."""
     origins = segment_origins(problem, state)
     at, segment = origins[:, problem.segment], problem.segment
     seen = np.einsum("fmji,fmj->fmi", state.rotations[:, segment], problem.points - at)
@@ -62,11 +62,11 @@ def _evaluate_markers(
 
 @dataclass(frozen=True)
 class Linear:
-    """Residuals and Jacobians, all weighted. The N rows are three of each marker, then constraints, then slides."""
+    """Residuals and Jacobians, all weighted. The N rows are those of the markers, constraints and slides."""
 
     off: FloatArray  # (F, N) residuals
     by_frame: FloatArray  # (F, N, d) derivatives with respect to the unknowns of the frame
-    by_chain: FloatArray  # (F, N, P - 3 M) derivatives by the chain's parameters without marker coordinates
+    by_chain: FloatArray  # (F, N, P - 3 M) derivatives with respect to the chain's other parameters (not markers)
 
 
 def linearise(problem: BundleProblem, state: BundleState, *, by_frame_only: bool = False) -> Linear:
@@ -105,7 +105,7 @@ def linearise(problem: BundleProblem, state: BundleState, *, by_frame_only: bool
 
 @dataclass(frozen=True)
 class _Context:
-    """Values that the Jacobians of all segments share."""
+    """Values that are common to the Jacobians of all segments."""
 
     problem: BundleProblem
     state: BundleState
@@ -118,7 +118,7 @@ class _Context:
     share: FloatArray
 
     def fill(self, k: int, by_frame: FloatArray, by_chain: FloatArray) -> None:
-        """Fill the rows of the markers of segment k."""
+        """Fill the rows of the markers of segment k in ``by_frame`` and ``by_chain``."""
         problem, state, cols = self.problem, self.state, self.cols
         here = np.flatnonzero(problem.segment == k)
         skip = 3 * cols.markers
@@ -162,7 +162,7 @@ class _Context:
         by_frame[:, here, :, 3:6] += along * parent[:, None, None]
 
     def _fill_skin(self, k: int, here: IntArray, by_frame: FloatArray, by_chain: FloatArray) -> None:
-        """Fill the derivatives of some markers with respect to their skin shares and to the axial rotation."""
+        """Fill the derivatives of some markers with respect to their fractions s_m and to the axial rotation."""
         problem, state = self.problem, self.state
         swirl = np.cross(problem.long_axes[k - 1], self.free[:, here])
         place = self.cols.skin.start - 3 * self.cols.markers + here
@@ -178,7 +178,7 @@ class _Context:
 def _evaluate_constraint(
     problem: BundleProblem, state: BundleState, cols: Columns, j: int
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the constraint of one joint (F, 1 or 3), and its derivatives with respect to frame and chain."""
+    """Return the constraint of one joint (F, 1 or 3), and its derivatives by the frame's and the chain's unknowns."""
     turn = joint_rotations(problem, state)[:, j]
     axis, pin = state.first[j], state.second[j]
     rotated_pin = turn @ pin

@@ -1,4 +1,4 @@
-"""Problem, unknowns and geometry of the bundle over a chain in space; its equations are in :mod:`.bundle_equations`."""
+"""Problem, unknowns and geometry of the bundle adjustment in space; see :mod:`.bundle_equations` for the equations."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _LEAST_ALONG = 0.5  # least 1 + cos of the angle from the rest direction to the 
 
 @dataclass(frozen=True)
 class BundleProblem:
-    """Input of the bundle.
+    """Input of the bundle adjustment.
 
     The axial rotation of a ball joint on the base is measured from the shortest swing from ``rest``. For other joints
     it is measured from the shortest swing from the reference pose.
@@ -58,7 +58,7 @@ class BundleProblem:
         return slice(at, at + 3)
 
     def path(self, segment: int) -> list[int]:
-        """Return the joints from a segment to the base."""
+        """Return the numbers of the joints from a segment to the base, from 0."""
         joints = []
         while segment > 0:
             joints.append(segment - 1)
@@ -68,7 +68,7 @@ class BundleProblem:
 
 @dataclass(frozen=True)
 class BundleState:
-    """Unknowns of the bundle."""
+    """Unknowns of the bundle adjustment."""
 
     local: FloatArray  # (M, 3) marker coordinates, m
     centres: FloatArray  # (n, 3) joint centres in the frames of the parents, m
@@ -76,7 +76,7 @@ class BundleState:
     second: FloatArray  # (n, 3) unit axes b in the child's frame; without meaning for a ball joint
     cosine: FloatArray  # (n,) cosine κ of the angle between two axes
     glide: FloatArray  # (3,) glide of joint 1, m
-    skin: FloatArray  # (M,) share of its segment's axial rotation that the skin under each marker does not follow
+    skin: FloatArray  # (M,) fraction of the segment's axial rotation that the skin under each marker does not follow
     origin: FloatArray  # (F, 3) origin of the base, m
     rotations: FloatArray  # (F, n + 1, 3, 3) segment to trial
     slides: FloatArray  # (F, n, 3) slides of the joints in the frames of the parents, m
@@ -128,7 +128,7 @@ def tangents(axis: FloatArray) -> FloatArray:
 
 
 def glide_share(problem: BundleProblem, state: BundleState) -> FloatArray:
-    """Return u = (1 - cos elevation) / 2 in every frame (F,)."""
+    """Return the factor u = (1 - cos elevation) / 2 of the glide in every frame (F,)."""
     turned = np.swapaxes(state.rotations[:, 0], 1, 2) @ (state.rotations[:, 1] @ problem.long_axes[0])[..., None]
     return np.asarray((1 - turned[..., 0] @ problem.rest) / 2)
 
@@ -151,9 +151,10 @@ def joint_rotations(problem: BundleProblem, state: BundleState) -> FloatArray:
 
 
 def twists(problem: BundleProblem, state: BundleState) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the axial rotation of every segment (F, n), rad, and its derivatives (F, n, 3) by child and parent.
+    """Return the axial rotations (F, n), rad, and their derivatives (F, n, 3) by rotations of the child and the parent.
 
-    It is the rotation about the long axis that remains after the shortest swing from :attr:`BundleProblem.untwisted`.
+    The axial rotation is the rotation about the long axis that remains after the shortest swing from
+    :attr:`BundleProblem.untwisted`.
     """
     untwisted = problem.untwisted
     quaternion = so3.quaternion(np.swapaxes(untwisted, 1, 2) @ joint_rotations(problem, state))

@@ -1,4 +1,4 @@
-"""Alternative estimators of joint centres, to compare with the bundle. They give no covariance.
+"""Alternative estimators of joint centres, to compare with the bundle adjustment. They provide no covariance.
 
 ``score``: the point that moves least in both segments, the symmetrical centre of rotation (Ehrig et al. 2006).
 ``sphere``: the common centre of spheres on which the child's markers move in the parent (Gamage and Lasenby 2002).
@@ -16,7 +16,7 @@ from mocap_id.kinematics.space.chain_start import Clusters, fit_shared_point
 
 CentreEstimator: TypeAlias = Literal["score", "sphere", "helical"]
 
-_TURN = 0.25  # lag between the two poses of a finite rotation, as a share of the frames
+_TURN = 0.25  # lag between the two poses of a finite rotation, as a fraction of the frames
 _LEAST_TURN = 1e-3  # weight of the child's mean position, for directions that the motion does not determine
 
 
@@ -42,7 +42,7 @@ def _fit_helical_axes(turn: FloatArray, origin: FloatArray) -> FloatArray:
 def estimate_centre(
     estimator: CentreEstimator, clusters: Clusters, parent: int, child: int, local: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return a joint centre in the frames of the clusters of parent and child, m.
+    """Return a joint centre (3,) in the frame of the parent's cluster and in that of the child's cluster, m.
 
     ``local`` (k, 3) are the markers of the child in the frame of its cluster, m.
     """

@@ -37,7 +37,7 @@ _FRAMES = 180
 _FRAMES_OF_KINDS = 80
 _FEWEST = 20
 _FIRST_SD = 0.002  # m; first guess of the error of a marker
-_LASTING = 1.5  # frames that share one error; a larger number is soft tissue
+_LASTING = 1.5  # frames over which errors persist; a larger number is soft tissue
 _UP = (0.0, 1.0, 0.0)
 _BALL: JointKind = "ball"
 _SIMPLEST: tuple[JointKind, ...] = ("hinge", "two-axis", _BALL)
@@ -56,7 +56,7 @@ def fit_spatial_chain(
     girdle: Collection[int] = (),
     up: Sequence[float] = _UP,
 ) -> SpatialFit:
-    """Fit a chain of rigid segments to marker trajectories in one bundle.
+    """Fit a chain of rigid segments to marker trajectories by one bundle adjustment.
 
     Parameters
     ----------
@@ -70,8 +70,8 @@ def fit_spatial_chain(
         Kinds of joints that the user has set, by the number of their segment, 1 … n. The others are chosen by evidence.
         A two-axis joint with nearly parallel axes becomes a ball, because its axes would not determine its angles.
     estimator : {"bundle", "score", "sphere", "helical"}
-        Other estimators than the bundle find centres from pairs of clusters. There are then no covariances, no glide
-        and no motion of the skin, and every centre counts as known.
+        ``bundle`` is the bundle adjustment. The others find centres from pairs of clusters. The result then has no
+        covariances, no glide and no motion of the skin, and every centre counts as known.
     near : mapping of int to (F, 3) array, optional
         Trajectories of points near the joints, such as the middle of the epicondyles, by the number of the segment, m;
         NaN where missing.
@@ -85,7 +85,7 @@ def fit_spatial_chain(
     Raises
     ------
     NumericalError
-        Too few frames show all segments, or the iteration does not converge.
+        Too few frames contain all segments, or the iteration does not converge.
     """
     used = choose_frames(points, segment, _FRAMES)
     clusters, used = fit_clusters_at(points, segment, used)
@@ -107,7 +107,7 @@ def fit_spatial_chain(
 
 
 def _rough_bundle(start: _Start, frames: IntArray) -> tuple[_Start, Bundle]:
-    """Return the input without implausible skin motion, and the bundle over some frames with ball joints only."""
+    """Return the input without implausible skin motion, and the fit to some frames with ball joints only."""
     balls = (_BALL,) * len(start.parents)
     rough = solve_bundle(*start.build_problem(frames, balls))
     if unlike := find_implausible_skin(rough.problem, rough.state):
@@ -119,10 +119,10 @@ def _rough_bundle(start: _Start, frames: IntArray) -> tuple[_Start, Bundle]:
 def _weigh_joints(
     start: _Start, rough: Bundle, frames: IntArray, kinds: Mapping[int, JointKind]
 ) -> tuple[JointEvidence, ...]:
-    """Return the evidence for the kind of each joint, with or without axial skin motion, whichever is simpler.
+    """Return the evidence for the kind of each joint: the simpler kind of two fits, with and without axial skin motion.
 
-    An axial rotation that all markers of a segment share is hardly visible, so its error can tilt an axis. A kind that
-    explains the joint rotation without it needs no such rotation.
+    An axial rotation that all markers of a segment share is hardly visible, so its error can tilt an axis. Therefore a
+    simpler kind is preferred if it explains the joint rotation without this axial rotation.
     """
     evidence = _weigh_all_kinds(rough, start.clusters, kinds)
     if all(each.kind == "hinge" for j, each in enumerate(evidence, start=1) if j not in kinds):
@@ -134,7 +134,7 @@ def _weigh_joints(
 
 
 def _weigh_all_kinds(bundle: Bundle, clusters: Clusters, kinds: Mapping[int, JointKind]) -> tuple[JointEvidence, ...]:
-    """Return the evidence for the kind of each joint of a bundle with ball joints."""
+    """Return the evidence for the kind of each joint, from a fit with ball joints."""
     turns, evidence = joint_rotations(bundle.problem, bundle.state), []
     for j, parent in enumerate(bundle.problem.parents):
         arc = rotation_arc(clusters.relative_rotation(parent, j + 1))
@@ -143,9 +143,9 @@ def _weigh_all_kinds(bundle: Bundle, clusters: Clusters, kinds: Mapping[int, Joi
 
 
 def _whole_bundle(start: _Start, kinds: tuple[JointKind, ...], rough: Bundle) -> Bundle:
-    """Return the bundle over all frames, solved again until all kinds of joints and skin shares are plausible.
+    """Return the fit to all frames, repeated until the kinds of all joints and the skin motion are plausible.
 
-    Two axes that are nearly parallel become a ball joint. Implausible skin shares are set to zero.
+    Two axes that are nearly parallel become a ball joint. Implausible skin motion is set to zero.
     """
     every, guess = np.arange(len(start.points)), rough
     while True:
@@ -154,7 +154,7 @@ def _whole_bundle(start: _Start, kinds: tuple[JointKind, ...], rough: Bundle) ->
         parallel = (np.abs(bundle.state.cosine) > PARALLEL) & (np.array(kinds) == "two-axis")
         if parallel.any():
             kinds = tuple(_BALL if near else kind for kind, near in zip(kinds, parallel, strict=True))
-            guess = rough  # because wrong axes distort the whole bundle
+            guess = rough  # because wrong axes distort the whole fit
         elif unlike := set(find_implausible_skin(bundle.problem, bundle.state)) - start.firm:
             start, guess = replace(start, firm=start.firm | unlike), bundle
         else:
@@ -162,20 +162,23 @@ def _whole_bundle(start: _Start, kinds: tuple[JointKind, ...], rough: Bundle) ->
 
 
 def estimate_slide_sds(clusters: Clusters, segment: IntArray, parents: Sequence[int]) -> FloatArray:
-    """Return the standard deviation of each joint's slide (n,), m, for correlated frames; 0 without a slide."""
+    """Return the standard deviation of each joint's slide (n,), m; 0 without a slide.
+
+    It is increased, because the slides of neighbouring frames are correlated.
+    """
     slides = find_joint_slides(clusters, segment, parents)
     about = slides - slides.mean(axis=0)
     return np.asarray(np.sqrt((about**2).mean(axis=(0, 2)) * count_correlated_frames(about)))
 
 
 def choose_frames(points: FloatArray, segment: IntArray, count: int) -> IntArray:
-    """Return frames along the motion in which every segment has three visible markers or more."""
+    """Return at most ``count`` frames along the motion in which every segment has three visible markers or more."""
     seen: BoolArray = np.asarray(np.isfinite(points).all(axis=2))
     enough = np.all([seen[:, segment == k].sum(axis=1) >= 3 for k in range(int(segment.max()) + 1)], axis=0)
     among = np.flatnonzero(enough)
     if len(among) < _FEWEST:
         raise NumericalError(
-            f"{len(among)} frames show three markers of every segment; at least {_FEWEST} are needed to fit the joints"
+            f"{len(among)} frames contain three markers of every segment; {_FEWEST} are needed to fit the joints"
         )
     return frames_along_motion(points.reshape(len(points), -1).astype(np.complex128), count, among)
 
@@ -191,7 +194,7 @@ def fit_clusters_at(points: FloatArray, segment: IntArray, used: IntArray) -> tu
 
 @dataclass(frozen=True)
 class _Start:
-    """Markers, clusters and settings from which the first guess of each bundle is built."""
+    """Markers, clusters and settings from which the first guess of each fit is built."""
 
     points: FloatArray
     segment: IntArray
@@ -204,7 +207,7 @@ class _Start:
     firm: frozenset[int] = frozenset()
 
     def _guess_centres(self, estimator: Estimator) -> tuple[FloatArray, FloatArray]:
-        """Return the joint centres (n, 3) in their parents, and the origins of all segments in their clusters, m."""
+        """Return the joint centres (n, 3) in the parents' frames and the segments' origins in their clusters, m."""
         own, centres = np.zeros((len(self.parents) + 1, 3)), np.zeros((len(self.parents), 3))
         name: CentreEstimator = "score" if estimator == "bundle" else estimator
         for j, parent in enumerate(self.parents):
@@ -276,7 +279,7 @@ class _Start:
 def _move_along_hinges(
     rough: Bundle, kinds: tuple[JointKind, ...], axes: list[JointAxes], centres: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return markers (M, 3) and centres (n, 3), m, of a rough fit, with hinge centres at likely positions."""
+    """Return markers (M, 3) and centres (n, 3), m, of a rough fit, with hinge centres shifted along their axes."""
     problem, local, known = rough.problem, rough.state.local.copy(), rough.state.centres.copy()
     for j in np.flatnonzero([kind == "hinge" for kind in kinds]):
         ahead = axes[j].first @ (centres[j] - known[j])
@@ -298,7 +301,7 @@ def _guess_axes(rough: Bundle, j: int, kind: JointKind, inner: bool) -> tuple[Jo
 
 
 def _find_riding_markers(rough: Bundle, kinds: tuple[JointKind, ...], named: BoolArray) -> BoolArray:
-    """Return the base markers (M,) on the shoulder girdle: they follow the elevation of segment 1."""
+    """Return the base markers (M,) on the shoulder girdle, which follow the elevation of segment 1."""
     problem, state = rough.problem, rough.state
     if kinds[0] != "ball" or problem.parents[0] != 0:
         return np.zeros(len(problem.segment), dtype=bool)

@@ -17,7 +17,7 @@ _ON_HINGE = 0.005  # m; standard deviation along a hinge, where the motion does 
 _GLIDE = 0.02  # m; standard deviation of the glide of the girdle
 _LONG_AXIS = np.radians(3.5)  # standard deviation in the fit; small, because the fit treats soft tissue as noise
 _OFF_LONG_AXIS = np.radians(8)  # typical angle between the axis of pronation and the line between the joints
-_SLOPE = 0.6  # share of axial rotation that the skin does not follow at the near end of a segment
+_SLOPE = 0.6  # fraction of axial rotation that the skin does not follow at the near end of a segment
 _SCATTER = 0.12  # scatter of single markers about the linear increase from the far end
 _NO_SKIN = 1e-4
 
@@ -26,9 +26,9 @@ _NO_SKIN = 1e-4
 class ChainPrior:
     """Likely values of the parameters of a chain.
 
-    The centre of a joint is between its clusters. The second axis of a two-axis joint is the long axis of its segment:
-    the forearm rotates about the line from elbow to wrist. The skin follows the axial rotation of the bone at the far
-    end of a segment, at elbow and wrist, and lags behind it by a share that grows towards the near end.
+    The centre of a joint is between its clusters. The second axis of a two-axis joint is the long axis of its segment;
+    for example, the forearm rotates about the line from elbow to wrist. The skin follows the axial rotation of the bone
+    at the far end of a segment, at elbow and wrist, and lags behind it by a fraction that grows towards the near end.
     """
 
     centres: FloatArray  # (n, 3) likely centres in the frames of the parents, m
@@ -38,7 +38,7 @@ class ChainPrior:
     glide_sd: float = _GLIDE  # standard deviation of each coordinate of the glide, m
 
     def equations(self, problem: BundleProblem, state: BundleState) -> tuple[FloatArray, FloatArray]:
-        """Return the weighted residuals (K,) and their derivatives with respect to the parameters (K, P)."""
+        """Return the weighted residuals (K,) of the prior, and their derivatives (K, P) by the parameters."""
         cols = locate_columns(problem)
         values, rows = [], []
 
@@ -65,7 +65,7 @@ class ChainPrior:
         return np.concatenate(values), np.concatenate(rows)
 
     def axis_errors(self, problem: BundleProblem, state: BundleState) -> FloatArray:
-        """Return the gradients (K, P) from typical errors of the likely second axes."""
+        """Return the gradients (K, P) of the cost for typical errors of the likely second axes."""
         cols = locate_columns(problem)
         rows = np.zeros((2 * len(problem.kinds), cols.size))
         for j, second in enumerate(cols.second):
@@ -75,7 +75,7 @@ class ChainPrior:
         return rows
 
     def _skin_root(self, problem: BundleProblem, state: BundleState) -> FloatArray:
-        """Return the root of the inverse covariance of the skin shares (M, M)."""
+        """Return the root (M, M) of the inverse covariance of the fractions ``state.skin``."""
         root = np.eye(len(problem.segment)) / _NO_SKIN
         for k in np.flatnonzero(self.soft) + 1:
             here = np.flatnonzero(problem.segment == k)

@@ -24,8 +24,8 @@ from mocap_id.kinematics.space.bundle_model import (
 from mocap_id.kinematics.space.joint_kinds import JointEvidence
 
 _UNKNOWN = 0.02  # m; largest standard deviation of a known centre across its axis
-_COMMON = 0.5  # largest share of axial rotation that the skin beside the next joint does not follow
-_OPPOSITE, _WHOLE = -0.25, 0.9  # range of plausible skin shares
+_COMMON = 0.5  # largest fraction of axial rotation that the skin beside the next joint does not follow
+_OPPOSITE, _WHOLE = -0.25, 0.9  # range of plausible fractions
 _LEAST_ARC = float(np.radians(6))  # least rotation that determines a centre; soft tissue alone may reach this
 
 
@@ -33,8 +33,8 @@ _LEAST_ARC = float(np.radians(6))  # least rotation that determines a centre; so
 class SpatialFit:
     """Chain fitted to markers.
 
-    The origin of a segment's frame is the centre of its joint. Its axes are nearly the axes of the trial in the first
-    frame of the fit.
+    The origin of a segment's frame is the centre of its joint. The frame's axes are nearly parallel to those of the
+    trial in the first frame of the fit.
     """
 
     chain: SpatialChain
@@ -55,7 +55,7 @@ class SpatialFit:
         return np.asarray(self.covariance[np.ix_(at, at)])
 
     def centre_among_markers(self, joint: int, segment: int) -> FloatArray:
-        """Return the covariance (3, 3) of the centre of joint 1 … n among the markers of one of its segments, m²."""
+        """Return the covariance (3, 3), m², of the centre of a joint, 1 … n, relative to a segment's mean marker."""
         about = _centre_jacobian(self.bundle.problem, locate_columns(self.bundle.problem), joint - 1, segment)
         return np.asarray(about @ self.covariance @ about.T)
 
@@ -63,7 +63,7 @@ class SpatialFit:
 def collect_result(
     bundle: Bundle, evidence: tuple[JointEvidence, ...], covariance: FloatArray | None = None
 ) -> SpatialFit:
-    """Return the fit of a solved bundle."""
+    """Return the result of a bundle adjustment; the covariance (P, P) of the parameters is computed if not given."""
     problem, state = bundle.problem, bundle.state
     cols = locate_columns(problem)
     covariance = chain_covariance(bundle) if covariance is None else covariance
@@ -92,10 +92,10 @@ def collect_result(
 
 
 def _anchor_skin(problem: BundleProblem, state: BundleState) -> FloatArray:
-    """Return the shares of axial rotation (M,) that the skin does not follow, with share 0 beside the next joint.
+    """Return the fractions (M,) of axial rotation that the skin does not follow, changed to 0 beside the next joint.
 
-    The motion shows differences between markers, but hardly the share that all markers of a segment have in common.
-    With the share c beside the next joint, 1 - s becomes (1 - s) / (1 - c). A last segment has no next joint.
+    The motion determines the differences between markers, but hardly the mean of all markers of a segment. With the
+    fraction c beside the next joint, 1 - s becomes (1 - s) / (1 - c). A last segment has no next joint.
     """
     skin: FloatArray = np.zeros_like(state.skin)
     for j, parent in enumerate(problem.parents):
@@ -106,14 +106,14 @@ def _anchor_skin(problem: BundleProblem, state: BundleState) -> FloatArray:
 
 
 def _common_share(problem: BundleProblem, state: BundleState, j: int) -> float:
-    """Return the mean skin share of the parent's two markers that are nearest to joint j."""
+    """Return the mean fraction ``state.skin`` of the parent's two markers that are nearest to joint j."""
     here = np.flatnonzero(problem.segment == problem.parents[j])
     away = np.linalg.norm(state.local[here] - state.centres[j], axis=1)
     return float(state.skin[here[np.argsort(away)[:2]]].mean())
 
 
 def find_implausible_skin(problem: BundleProblem, state: BundleState) -> list[int]:
-    """Return the segments whose skin shares are impossible for skin, because they come from another motion."""
+    """Return the segments whose fractions ``state.skin`` are impossible for skin and must describe another motion."""
     anchored = _anchor_skin(problem, state)
     segments = []
     for j, parent in enumerate(problem.parents):
@@ -163,7 +163,7 @@ def _build_joint(bundle: Bundle, covariance: FloatArray, j: int, arc: float) -> 
 
 
 def _centre_jacobian(problem: BundleProblem, cols: Columns, j: int, segment: int) -> FloatArray:
-    """Return the derivatives (3, P) of a centre relative to the mean of a segment's markers."""
+    """Return the derivatives (3, P) of the centre of joint ``j``, from 0, relative to a segment's mean marker."""
     here = np.flatnonzero(problem.segment == segment)
     rows = np.zeros((3, cols.size))
     if segment == problem.parents[j]:
@@ -182,7 +182,7 @@ def _is_known(kind: JointKind, covariance: FloatArray, axis: FloatArray) -> bool
 
 
 def align_offset(turn: FloatArray, axis: FloatArray, pin: FloatArray, cosine: float) -> FloatArray:
-    """Return the rotation (3, 3) nearest to ``turn`` that sets the angle between axis and pin.
+    """Return the rotation (3, 3) nearest to ``turn`` that brings ``axis`` and ``pin`` to the angle with this cosine.
 
     The unit axis (3,) is in the frame of the parent, and the unit pin (3,) in the frame of the child.
     """
@@ -198,9 +198,9 @@ def align_offset(turn: FloatArray, axis: FloatArray, pin: FloatArray, cosine: fl
 def move_centre(fit: SpatialFit, joint: int, point: FloatArray, covariance: FloatArray) -> SpatialFit:
     """Return the fit after a joint centre is also measured by other means, such as palpated landmarks.
 
-    All parameters move according to their covariance (a Kalman update), so markers, centres and axes stay consistent.
-    In a direction that the motion hardly determines, such as along a hinge, the centre follows the measured point. The
-    joint has the number of its segment, 1 … n. The point (3,), m, is in the frame of the parent segment of
+    All parameters change according to their covariance (a Kalman update), so markers, centres and axes stay consistent.
+    In a direction that the motion hardly determines, such as along a hinge, the centre follows the measured point.
+    ``joint`` is the number of the joint's segment, 1 … n. The point (3,), m, is in the frame of the parent segment of
     ``fit.chain``, among its markers, and has the covariance (3, 3), m².
     """
     problem, state = fit.bundle.problem, fit.bundle.state

@@ -1,7 +1,7 @@
 """Search for the chain among rigid bodies in space.
 
 The bodies are divided and ordered from the body that moves least, over real joints, to the farthest tip. Landmarks near
-a joint go to the segment before it. Then the bodies are divided again.
+a joint are assigned to the segment before it. Then the bodies are divided again.
 """
 
 from __future__ import annotations
@@ -30,11 +30,11 @@ CHANCE = 0.65
 """Largest residual of a joint, relative to the motion of one body in the other without a joint."""
 
 _NEAR_JOINT = 0.08  # m; largest distance of a joint's bony landmarks from its estimated centre
-_AS_RIGID = 3.5  # largest ratio of a moved landmark's residuals on the segments before and after the joint
-_MOST = 0.025  # m; largest residual of a moved landmark on the segment before the joint
+_AS_RIGID = 3.5  # largest ratio of a reassigned landmark's residuals on the segments before and after the joint
+_MOST = 0.025  # m; largest residual of a reassigned landmark on the segment before the joint
 _CHOICES = 20
 _ROUNDS = 3
-_LENIENT = 0.9  # limit of joint residuals while landmarks may still be on the wrong side
+_LENIENT = 0.9  # limit of joint residuals while landmarks may still be on the wrong segment
 _CLEAR = 1.5  # evidence above which a division is kept in any case
 _COARSE = 4.0  # evidence above which a division is made first
 
@@ -102,11 +102,11 @@ def fit_joints_along(bodies: Sequence[SpatialBody]) -> tuple[SpatialPairJoint, .
 
 
 def give_landmarks_to_parents(chain: SpatialBodyChain, sorter: SpatialBodies) -> SpatialBodyChain:
-    """Return the chain with markers near a joint moved to the segment before it, if they fit both segments.
+    """Return the chain with markers near a joint assigned to the segment before it, if they fit both segments.
 
-    The motion of a marker near a joint's centre hardly shows its segment, because skin moves it more than the joint
-    does. Bony landmarks there, such as epicondyles, malleoli and styloid processes, are ends of the segment before the
-    joint.
+    The motion of a marker near a joint's centre hardly determines its segment, because skin moves the marker more than
+    the joint does. Bony landmarks there, such as epicondyles, malleoli and styloid processes, are ends of the segment
+    before the joint.
     """
     bodies = list(chain.bodies)
     for _ in range(_ROUNDS):
@@ -119,7 +119,7 @@ def give_landmarks_to_parents(chain: SpatialBodyChain, sorter: SpatialBodies) ->
 
 
 def _give_landmarks(parent: SpatialBody, child: SpatialBody, sorter: SpatialBodies) -> tuple[SpatialBody, SpatialBody]:
-    """Return two bodies after the landmarks near their joint that fit the parent have moved to it."""
+    """Return two bodies after the landmarks near their joint that fit the parent are assigned to it."""
     joint = fit_pair_joint(parent, child)
     own = child.markers
     _, place, _ = subtract_means(child.local(sorter.points[:, own]))
@@ -137,7 +137,7 @@ def _give_landmarks(parent: SpatialBody, child: SpatialBody, sorter: SpatialBodi
 def _move_markers(
     given: IntArray, parent: SpatialBody, child: SpatialBody, sorter: SpatialBodies
 ) -> tuple[SpatialBody, SpatialBody] | None:
-    """Return two bodies after some markers have moved from the child to the parent; None if this is not allowed."""
+    """Return two bodies after some markers are reassigned from the child to the parent; None if this is not allowed."""
     kept, taken = np.setdiff1d(child.markers, given), np.sort(np.concatenate([parent.markers, given]))
     constraints = sorter.constraints
     together = bool(np.isin(constraints.unit[given], constraints.unit[kept]).any())
@@ -191,9 +191,10 @@ class SpatialSearch:
 
 
 def search_best_chain(sorter: SpatialBodies, rules: SegmentationRules) -> SpatialSearch:
-    """Return the chain with most markers, with or without the weak divisions.
+    """Return the search whose chain has most markers, among searches with and without weak divisions.
 
-    Skin that was treated as a separate segment is a branch. Without this division, its markers are on the chain.
+    If skin is divided off as a separate body, this body is a branch. Without this division, its markers are on the
+    chain.
     """
     best = search = search_chain(sorter, rules, 1.0)
     for _ in range(_ROUNDS):
@@ -210,7 +211,7 @@ def search_chain(sorter: SpatialBodies, rules: SegmentationRules, needed: float)
     """Return the longest chain of real joints among rigid bodies, with divisions of at least the evidence ``needed``.
 
     Landmarks on the wrong side of a joint distort the bodies on both sides. Therefore only clear divisions are made
-    first. After the landmarks have moved, every body is tested for another division. At the end, bodies exchange
+    first. After the landmarks are reassigned, every body is tested for another division. At the end, bodies exchange
     markers.
     """
     start: tuple[SpatialBody, ...] = (sorter.body(sorter.markers),)

@@ -1,8 +1,9 @@
 """First guess of a chain in space: marker clusters as rigid bodies, their common points, and slides on the bones.
 
-A cluster that is fixed to a plate keeps its shape while it moves by centimetres on the bone. The markers' distances do
-not change, but the joint centre, as both clusters locate it, separates into two points. If they are farther apart than
-errors of single markers explain, the joint slides in the fit. Otherwise the displacement would rotate the clusters.
+A cluster that is fixed to a plate keeps its shape while it moves by centimetres on the bone. The distances between its
+markers do not change, but the two clusters of a joint then locate the joint centre at two different points. If these
+are farther apart than errors of single markers explain, the fit includes a slide of the joint. Without it, the
+displacement would rotate the clusters.
 """
 
 from __future__ import annotations
@@ -19,13 +20,13 @@ from mocap_id.kinematics.space.rigid_body import fit_shape, rigid_poses
 _FAR = 0.3  # m; typical distance of a joint from its clusters
 _BEYOND = 2.5  # least ratio of the slide to the displacement that single markers explain; up to 1.8 without a slide
 _LEAST = 0.001  # m
-_USUAL = 0.95  # share of the frames used; the others may contain swapped markers
+_USUAL = 0.95  # fraction of the frames used; the others may contain swapped markers
 _SOFT = 0.01  # m; typical motion of the shared point
 
 
 @dataclass(frozen=True)
 class Clusters:
-    """Marker clusters as rigid bodies. In a reference frame, their axes are the axes of the trial."""
+    """Marker clusters as rigid bodies, whose axes are parallel to those of the trial in one reference frame."""
 
     local: FloatArray  # (M, 3) marker coordinates relative to the centroid of their cluster, m
     rotation: FloatArray  # (F, n + 1, 3, 3) cluster to trial
@@ -39,7 +40,7 @@ class Clusters:
         return np.asarray(np.nanmedian(local, axis=0))
 
     def relative_rotation(self, parent: int, child: int) -> FloatArray:
-        """Return the rotation of a child in its parent (F, 3, 3)."""
+        """Return the rotation (F, 3, 3) of a child's cluster in its parent's cluster."""
         return np.asarray(np.swapaxes(self.rotation[:, parent], 1, 2) @ self.rotation[:, child])
 
 
@@ -86,7 +87,7 @@ def fit_shared_point(clusters: Clusters, parent: int, child: int) -> tuple[Float
 
 
 def find_joint_slides(clusters: Clusters, segment: IntArray, parents: Sequence[int]) -> FloatArray:
-    """Return the displacement (F, n, 3) between both clusters at every joint that slides, m; 0 at the others."""
+    """Return the displacement (F, n, 3), m, between both clusters at each joint that slides; 0 at the other joints."""
     slides = np.zeros((len(clusters.rotation), len(parents), 3))
     for j, parent in enumerate(parents):
         centre, own = fit_shared_point(clusters, parent, j + 1)

@@ -47,7 +47,7 @@ def assess_spatial_confidence(
     - ``left-out``: markers are on no segment and on no branch of the chain;
     - ``one-joint``: all joints rotate as one, so that segments without relative motion in this trial may be merged.
 
-    The confidence in a joint is 0.5 if its residual is half of the motion without it.
+    The confidence in a joint is 0.5 if its residual is half of the motion without the joint.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def assess_spatial_confidence(
     second_arc : float
         Arc of the second independent rotation of the joints, rad; 0 for a single joint.
     left_out : float
-        Share of the markers that are neither on the chain nor on its branches.
+        Fraction of the markers that are neither on the chain nor on its branches.
     """
     tip = chain.bodies[-1].markers
     hidden = [each.evidence for each in refused if np.array_equal(each.whole.markers, tip)]

@@ -1,10 +1,10 @@
 """Division of the markers into rigid bodies, which distinguishes sliding skin from a joint.
 
-The skin of a limb slides, and follows only a part of the limb's axial rotation. Two groups of markers on it then rotate
-against each other by several degrees, as two segments do. But this rotation follows the joints next to the body
-(:mod:`.unexplained_motion`), unlike the rotation of an undetected joint inside the body. A body is therefore divided
-only if the two parts fit the motion better that these joints do not explain, or if they fit far better than skin could
-explain.
+The skin of a limb slides, and follows only a part of the limb's axial rotation. Two groups of its markers then rotate
+relative to each other by several degrees, as two segments do. However, this rotation follows the joints next to the
+body (:mod:`.unexplained_motion`), unlike the rotation of an undetected joint inside the body. A body is therefore
+divided only if the two parts clearly reduce the motion that these joints do not explain, or reduce the residuals by
+more than skin could cause.
 """
 
 from __future__ import annotations
@@ -27,13 +27,13 @@ _RIGID = 1.2e-3  # m; residual of a body without a joint; a joint with 2° of ro
 _NEARLY_RIGID = 0.01  # m; largest residual of a body with at most a small joint rotation
 _UNKNOWN = 10.0  # m; residual on a body whose markers are on one line
 _FLOOR = 1e-3  # m; smaller residuals do not increase a gain
-_STAY = 0.5  # a marker changes its part after an accepted division if its residual becomes smaller than this share
+_STAY = 0.5  # after an accepted division, a marker changes its body if its residual is reduced to this fraction
 _MOST = 16  # largest number of bodies
 
 
 @dataclass(frozen=True)
 class Division:
-    """One body, or the same markers as two."""
+    """Division of a body into two, and the evidence for it."""
 
     whole: SpatialBody
     parts: tuple[SpatialBody, SpatialBody]
@@ -43,7 +43,7 @@ class Division:
 
     @property
     def evidence(self) -> float:
-        """Evidence for two bodies, relative to the required one: 1 or more if they are real."""
+        """Evidence for two bodies, relative to the required evidence: 1 or more if the bodies are real."""
         far = self.gain / len(self.whole.markers) / _FAR_BETTER
         return max(self.own / self.needed, far)
 
@@ -59,7 +59,7 @@ class Partition:
 
 
 def divide(sorter: SpatialBodies, start: Sequence[SpatialBody], needed: float = 1.0) -> Partition:
-    """Divide bodies until each is rigid, the clearest division first, with at least the evidence ``needed``."""
+    """Divide bodies, the clearest division first, until no division has at least the evidence ``needed``."""
     partition = Partition(list(start))
     joints: dict[bytes, SpatialPairJoint] = {}
     tried: dict[bytes, Division | None] = {}
@@ -97,7 +97,7 @@ def spanning_tree(joints: dict[tuple[int, int], SpatialPairJoint], count: int) -
 def _fit_all_joints(
     bodies: Sequence[SpatialBody], known: dict[bytes, SpatialPairJoint]
 ) -> dict[tuple[int, int], SpatialPairJoint]:
-    """Return the joint of each pair of bodies; ``known`` caches them between steps."""
+    """Return the joint of each pair of bodies; new joints are added to the cache ``known``."""
     joints = {}
     for i, j in combinations(range(len(bodies)), 2):
         key = bodies[i].markers.tobytes() + b"|" + bodies[j].markers.tobytes()

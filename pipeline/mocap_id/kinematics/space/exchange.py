@@ -1,7 +1,8 @@
 """Exchange of markers between neighbouring bodies, where their residuals become smaller.
 
-Sliding skin may be divided from its segment instead of a segment that hardly moves, such as the hand. This division
-fits the markers well, but is not the best: a marker in the wrong body moves in it as the joint rotates.
+A division may separate sliding skin from its segment, and join a segment that hardly moves, such as the hand, to its
+neighbour. This division fits the markers well, but not best, because a marker on the wrong body moves relative to this
+body when the joint rotates.
 """
 
 from __future__ import annotations
@@ -19,12 +20,12 @@ from mocap_id.kinematics.space.unexplained_motion import unexplained_residuals
 _MARGIN = 0.3  # least gain in summed log residual
 _FLOOR, _OWN_FLOOR = 1e-3, 0.5e-3  # m; smaller residuals (of all motion, of unexplained motion) have equal costs
 _UNKNOWN = 10.0  # m; residual on a body whose markers are on one line
-_FAR = 4.0  # largest ratio of residuals on the other body and on its own for a marker that may move
-_CLOSE = 0.012  # m; a marker with a smaller residual on the other body may also move
+_FAR = 4.0  # largest ratio of residuals on the other body and on its own for a marker that may be exchanged
+_CLOSE = 0.012  # m; a marker with a smaller residual on the other body may also be exchanged
 _NEAR_JOINT = 0.06  # m; distance from the joint within which a marker fits both bodies
-_LANDMARK = 3.0  # penalty for moving a marker near the joint alone
+_LANDMARK = 3.0  # penalty for reassigning a single marker near the joint
 _SMALL = 0.02  # m; relative motion of two bodies below which their markers are divided again
-_HOPELESS = 2.0  # largest increase of the plain cost for which the own cost is computed
+_HOPELESS = 2.0  # largest increase of the plain cost for which the cost of the unexplained motion is computed
 _ROUNDS = 3
 
 _Pair: TypeAlias = tuple[SpatialBody, SpatialBody]
@@ -49,7 +50,7 @@ class _Exchange:
         self._costs: dict[bytes, float] = {}
 
     def improve(self, i: int, j: int) -> bool:
-        """Exchange markers of two neighbours while this helps; return whether it did."""
+        """Exchange markers of two neighbours while this reduces the cost; return whether the bodies have changed."""
         before = self.bodies[i]
         new = fit_pair_joint(self.bodies[i], self.bodies[j]).free < _SMALL
         for _ in range(_ROUNDS):
@@ -74,7 +75,7 @@ class _Exchange:
         return self.bodies[i] is not before
 
     def _own_cost(self, first: SpatialBody, second: SpatialBody, i: int, j: int) -> float:
-        """Return the summed log residual of two bodies, without motion that their neighbours explain."""
+        """Return the summed log residual of two bodies, without the motion that their neighbours explain."""
         at = {i: first, j: second}
         total = 0.0
         for k, body in at.items():
@@ -88,7 +89,7 @@ class _Exchange:
         return total
 
     def _propose_exchanges(self, first: SpatialBody, second: SpatialBody) -> Iterator[tuple[_Pair, float]]:
-        """Yield the bodies after one marker has changed sides, or one of each, and the penalty for this exchange."""
+        """Yield both bodies after one marker, or one of each, has changed its body, and the penalty for this."""
         joint = fit_pair_joint(first, second)
         leaving, joining = self._find_movable(first, second), self._find_movable(second, first)
         doubts = self._penalise(first, leaving, joint.in_first), self._penalise(second, joining, joint.in_second)
@@ -120,7 +121,7 @@ class _Exchange:
         return [int(m) for m in body.markers[close]]
 
     def _penalise(self, body: SpatialBody, markers: list[int], centre: FloatArray) -> list[float]:
-        """Return the penalty for moving each marker off a body; landmarks near the joint centre (3,), m, have one."""
+        """Return the penalties for removing single markers from a body: 0 except near the joint ``centre`` (3,), m."""
         if not markers:
             return []
         _, place, _ = subtract_means(body.local(self.sorter.points[:, markers]))
@@ -128,7 +129,7 @@ class _Exchange:
         return [_LANDMARK if each else 0.0 for each in near]
 
     def _is_possible(self, first: IntArray, second: IntArray) -> bool:
-        """Return whether both groups may be bodies, with markers together and apart as the user wants."""
+        """Return whether both groups are large enough for a body and satisfy the constraints of the user."""
         constraints = self.sorter.constraints
         apart = np.isin(constraints.unit[first], constraints.unit[second]).any()
         return not apart and min(len(first), len(second)) >= LEAST and all(map(constraints.allow, (first, second)))

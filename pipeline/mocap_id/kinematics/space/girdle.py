@@ -11,8 +11,8 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 
 _LEAST = 0.004  # m; least modelled motion at an elevation of 180°
-_EXPLAINED = 0.5  # least share of the marker's motion in the base that follows the elevation
-_STANDS_OUT = 3.0  # least ratio of its motion to the typical motion of the other markers
+_EXPLAINED = 0.5  # least fraction of the marker's motion in the base that follows the elevation
+_STANDS_OUT = 3.0  # least ratio of the motion of a girdle marker to the typical motion of the base markers
 _RANGE = 0.15  # least range of u; otherwise the arm is hardly raised
 _FEWEST = 4  # fewest base markers that are not on the girdle
 
@@ -22,10 +22,11 @@ def find_girdle_markers(
 ) -> BoolArray:
     """Return the base markers (M,) that move with the elevation of the next segment.
 
-    ``off`` (F, M, 3) are residuals in the frame of the base, m, 0 unless ``seen`` (F, M); ``base`` (M,) are the markers
-    of the base, and ``share`` (F,) is u. Markers that are on the girdle by their names, ``named`` (M,), are always
-    included: sliding skin may hide their motion, but a fixed shoulder would overestimate the elevation of every raised
-    arm.
+    ``off`` (F, M, 3) are residuals in the frame of the base, m, 0 unless ``seen`` (F, M); ``base`` (M,) marks the
+    markers of the base, and ``share`` (F,) is the factor u = (1 - cos elevation) / 2. Base markers that are on the
+    girdle by their names, ``named`` (M,), are included whatever their motion. Sliding skin may hide it, and without the
+    glide, the elevation of every raised arm would be overestimated. No marker is returned if the arm is hardly raised,
+    or if too few base markers would remain.
     """
     on_girdle = np.zeros(off.shape[1], dtype=bool)
     low, high = np.quantile(share, [0.05, 0.95])

@@ -1,7 +1,7 @@
 """Kind of every joint, chosen by the rotation between two clusters that each kind leaves unexplained.
 
 With soft tissue, every joint looks like a ball joint. A kind is good enough if the rotation that it cannot explain is
-no larger than the noise of the clusters. The simplest of these kinds is chosen.
+not much larger than the noise of the clusters. The simplest of these kinds is chosen.
 """
 
 from __future__ import annotations
@@ -51,10 +51,10 @@ class JointAxes:
 
 
 def weigh_kinds(turn: FloatArray, noise: FloatArray, arc: float, kind: JointKind | None = None) -> JointEvidence:
-    """Return the evidence for the kind of a joint; ``kind`` is set if the user has chosen it.
+    """Return the evidence for the kind of a joint; ``kind`` is the kind that the user has chosen, if any.
 
-    ``turn`` (F, 3, 3) is the rotation of the child in the parent, and ``noise`` (3, 3) its covariance in one frame, in
-    the parent's frame, rad². ``arc`` is the range of the rotation between the clusters, rad.
+    ``turn`` (F, 3, 3) is the rotation of the child in the parent, and ``noise`` (3, 3) the covariance of its error at
+    one time, in the parent's axes, rad². ``arc`` is the range of the rotation between the clusters, rad.
     """
     noise = noise + _LEAST_NOISE**2 * np.eye(3)
     hinge, pair = fit_hinge(turn), fit_two_axes(turn)

@@ -19,7 +19,7 @@ def fit_shape(points: FloatArray, start: FloatArray | None = None, iterations: i
     """Fit the shape of a rigid body to its markers (generalised Procrustes analysis with gaps and robust weights).
 
     The coordinates (k, 3), m, are relative to their centroid, in arbitrary axes. They are NaN for markers that are
-    never visible together with three known ones.
+    never visible together with three markers of known coordinates.
 
     Parameters
     ----------
@@ -92,10 +92,10 @@ def mean_rotation(rotation: FloatArray) -> FloatArray:
 def _turn_onto(  # noqa: PLR0917
     points: FloatArray, local: FloatArray, weight: FloatArray, rotation: FloatArray, origin: FloatArray, seen: IntArray
 ) -> None:
-    """Write the results of :func:`rigid_poses`.
+    """Write the results of :func:`rigid_poses` to ``rotation``, ``origin`` and ``seen``.
 
     The eigenvectors v of MᵀM, with the moment M, give the axes M v of the points. The third axes complete both frames,
-    so the result is no reflection, and markers in one plane need no special case.
+    so the result is not a reflection, and markers in one plane need no special case.
     """
     here, there, moment = np.empty(3), np.empty(3), np.empty((3, 3))
     for f in range(points.shape[0]):
@@ -128,7 +128,7 @@ def _moment(  # noqa: PLR0917
     there: FloatArray,
     moment: FloatArray,
 ) -> int:
-    """Write both weighted means and the moment about them; return the number of markers used."""
+    """Write the weighted means ``here`` and ``there`` and the moment about them; return the number of markers used."""
     total, count = 0.0, 0
     here[:], there[:], moment[:] = 0.0, 0.0, 0.0
     for k in range(len(points)):

@@ -33,7 +33,7 @@ from mocap_id.kinematics.space.rigid_body import mean_rotation
 
 _SEARCH_FRAMES = 120
 _STEPS = 60  # rotations are compared over 1/60 of the frames, to reduce the effect of noise
-_SEEN = 0.05  # least share of the frames in which a marker is visible
+_SEEN = 0.05  # least fraction of the frames in which a marker is visible
 _RIGID = 3e-3  # m; least standard deviation of a distance if a joint moves
 _PARTNER = 1.5  # largest standard deviation of a distance within a body, relative to the largest body residual
 _FOREIGN = 6.0  # largest residual of a marker on its segment, relative to the median residual there
@@ -42,7 +42,7 @@ _ROUNDS = 4
 
 @dataclass(frozen=True)
 class SpatialHypothesis:
-    """One body or two: a division that was made or refused."""
+    """Division of a body into two, which was made or refused."""
 
     parts: tuple[IntArray, IntArray]  # columns of the markers of the two parts
     evidence: float  # evidence for two bodies relative to the required one; 1 or more if they were divided
@@ -64,7 +64,7 @@ class SpatialSegmentation:
     joint_residuals: tuple[float, ...]  # rms distance between the two segments' points at each joint, m
     arcs: tuple[float, ...]  # range of each joint's rotation about its main axis, rad
     moving_base: bool  # whether the base moves in the lab
-    planarity: float  # share of the rotation that is not about one axis; 0 for planar motion, 2/3 for equal rotations
+    planarity: float  # fraction of the rotation that is not about one axis; 0 if planar, 2/3 for equal rotations
     hypotheses: tuple[SpatialHypothesis, ...] = field(repr=False)  # divisions made and refused, the largest gain first
     branches: tuple[IntArray, ...] = field(default=(), repr=False)  # columns of the bodies that were left out
 
@@ -113,8 +113,8 @@ def _require_motion(count: int, deviation: FloatArray) -> None:
     if largest < _RIGID and count:
         raise Refused(
             "no-motion",
-            f"no joint moves: all distances between markers stay constant within {1e3 * largest:.1f} mm rms (a joint "
-            f"changes some by more than {1e3 * _RIGID:.0f}). Record a movement of the joints.",
+            f"no joint moves: all distances between markers stay constant within {1e3 * largest:.1f} mm rms (at a "
+            f"joint, some change by more than {1e3 * _RIGID:.0f} mm). Record a movement of the joints.",
             largest,
             _RIGID,
         )
@@ -122,14 +122,14 @@ def _require_motion(count: int, deviation: FloatArray) -> None:
         raise Refused(
             "no-chain",
             f"{count} of {len(deviation)} markers move together with two others, but two segments in space need at "
-            f"least {2 * LEAST}: three each. Add markers, so that each segment has three.",
+            f"least {2 * LEAST} markers, three each. Add markers, so that each segment has three.",
             float(count),
             float(2 * LEAST),
         )
 
 
 def _search_with_count(sorter: SpatialBodies, rules: SegmentationRules) -> SpatialSearch:
-    """Return the chain, with the requested number of segments if there is one."""
+    """Return the search whose chain has the requested number of segments; refuse the trial if there is none."""
     search = search_best_chain(sorter, rules)
     lengths = set()
     for _ in range(_ROUNDS):
@@ -170,10 +170,10 @@ def _explain_missing_chain(search: SpatialSearch, sorter: SpatialBodies, rules: 
     best = min(joints, key=lambda joint: joint.residual / max(joint.free, 1e-6))
     return Refused(
         "no-chain",
-        f"none of {bodies} rigid bodies rotates about a point of another: the best pair keeps a common point within "
-        f"{1e3 * best.residual:.0f} mm (limit {1e3 * min(rules.max_residual, CHANCE * best.free):.0f}) over an arc of "
-        f"{np.degrees(best.arc):.1f}° (at least {np.degrees(rules.min_arc):.1f}). Record a larger movement of the "
-        "joints, with at least three markers on each segment.",
+        f"none of {bodies} rigid bodies rotates about a point of another body: the best pair keeps a common point "
+        f"within {1e3 * best.residual:.0f} mm (limit {1e3 * min(rules.max_residual, CHANCE * best.free):.0f}) over an "
+        f"arc of {np.degrees(best.arc):.1f}° (at least {np.degrees(rules.min_arc):.1f}). Record a larger movement "
+        "of the joints, with at least three markers on each segment.",
         best.residual,
         rules.max_residual,
     )
@@ -226,10 +226,10 @@ def _assemble(
 def _assign_leftovers(
     segment: IntArray, residuals: FloatArray, free: BoolArray, rules: SegmentationRules, constraints: Constraints
 ) -> None:
-    """Remove outliers from their segments (M,), in place, and assign each free marker to its most rigid segment.
+    """Remove outliers from ``segment`` (M,), in place, and assign each free marker to the segment that fits it best.
 
-    ``residuals`` (n + 1, M) are residuals of every marker on every segment, m. The ``free`` (M,) markers are visible
-    and on no branch.
+    ``residuals`` (n + 1, M) are residuals of every marker on every segment, m. ``free`` (M,) marks the markers that are
+    visible and on no branch.
     """
     for k in range(len(residuals)):
         own = np.flatnonzero(segment == k)
@@ -254,12 +254,12 @@ def _explain_assignment(
     k = int(segment[marker])
     if k >= 0:
         better = int(np.argmin(residuals[:, marker]))
-        own = f"rigid with {'the base' if k == 0 else f'segment {k}'} to {1e3 * residuals[k, marker]:.1f} mm rms"
+        own = f"rigid with {'the base' if k == 0 else f'segment {k}'} within {1e3 * residuals[k, marker]:.1f} mm rms"
         if better == k:
             return own
-        return f"{own}; at the joint to segment {better}, which fits it to {1e3 * residuals[better, marker]:.1f} mm"
+        return f"{own}; at the joint to segment {better}, which it fits within {1e3 * residuals[better, marker]:.1f} mm"
     if not seen[marker]:
-        return "seen in too few frames"
+        return "visible in too few frames"
     for branch, joined in zip(chain.branches, chain.joined, strict=True):
         if marker in branch.markers:
             with_others = f"rigid with {len(branch.markers) - 1} other markers"
@@ -267,13 +267,16 @@ def _explain_assignment(
             return f"{with_others} {where}"
     nearest = int(np.argmin(residuals[:, marker]))
     return (
-        f"on no segment: it moves by {1e3 * residuals[nearest, marker]:.0f} mm rms against the nearest one "
+        f"on no segment: it moves by {1e3 * residuals[nearest, marker]:.0f} mm rms relative to the nearest one "
         f"({'the base' if nearest == 0 else f'segment {nearest}'}), and fewer than three markers move with it"
     )
 
 
 def _measure_planarity(chain: SpatialBodyChain) -> float:
-    """Return the share of the segments' rotation against the base, over short times, that is not about one axis."""
+    """Return the fraction of the segments' squared rotation relative to the base that is not about one axis.
+
+    Rotations are compared over short times.
+    """
     base = chain.bodies[0].rotation
     moment = np.zeros((3, 3))
     for body in chain.bodies[1:]:

@@ -1,9 +1,9 @@
 """Chain of an arm with constant lengths, fitted to the joints of a skeleton (thesis 7.2.3).
 
 The joints from a depth camera have noise, and errors of some centimetres that persist for the whole trial. The
-persistent error of the elbow relative to the shoulder can be estimated: the elbow moves on a sphere about another point
-than the measured shoulder. The centre of this sphere is the shoulder of the chain. The persistent error of the wrist
-relative to the elbow is estimated in the same way and removed.
+persistent error of the elbow relative to the shoulder can be estimated, because the elbow moves on a sphere about
+another point than the measured shoulder. The centre of this sphere is the shoulder of the chain. The persistent error
+of the wrist relative to the elbow is estimated in the same way and removed.
 """
 
 from __future__ import annotations
@@ -56,7 +56,7 @@ class Bone:
 class SensorNoise:
     """Noise of a joint's coordinate in time: a white part, and an autocorrelated part."""
 
-    white: float  # share of the variance that is white
+    white: float  # fraction of the variance that is white
     memory: float  # time in which the autocorrelation of the rest decays to 1/e, s
 
     def relative_power(self, frequency: FloatArray, dt: float) -> FloatArray:
@@ -67,7 +67,7 @@ class SensorNoise:
 
 
 def fit_trunk(points: Mapping[str, FloatArray]) -> Trunk:
-    """Fit the trunk to the trajectories (F, 3), m, of its joints in the trial, given by their roles (right arm).
+    """Fit the trunk to the trajectories (F, 3), m, of its joints, which ``points`` maps from their roles (right arm).
 
     A skeleton without two shoulders, or without a joint below them, is refused.
     """
@@ -147,7 +147,7 @@ def fit_bone(tips: FloatArray, expected: FloatArray, expected_sd: float, *, rate
     Raises
     ------
     Refused
-        Fewer than 20 frames show the joint.
+        Fewer than 20 frames contain the joint.
     """
     tips = tips[np.isfinite(tips).all(axis=1)]
     if len(tips) < _LEAST_FRAMES:

@@ -23,7 +23,7 @@ _FLOOR = 0.5e-3  # m; smaller residuals do not increase a gain
 def unexplained_motion(
     points: FloatArray, body: SpatialBody, neighbours: Sequence[SpatialBody]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the motion of a body's markers in its frame that rotations against its neighbours do not explain.
+    """Return the motion of a body's markers in its frame that rotations relative to its neighbours do not explain.
 
     The motion (F, k, 3), m, is 0 where missing; the mean position (k, 3) of each marker, m, is also returned. The
     motion is regressed on the components of each rotation vector relative to a neighbour, and on their products.
@@ -50,7 +50,7 @@ def unexplained_motion(
 
 
 def gain_of_parts(motion: FloatArray, shape: FloatArray, parts: Sequence[IntArray]) -> float:
-    """Return the summed log gain of the markers' residuals if each part has its own small motion.
+    """Return the summed log gain of the markers' residuals if each part may have its own small rigid motion.
 
     ``motion`` and ``shape`` are results of :func:`unexplained_motion`; the parts are given by rows of their markers.
     """

@@ -247,7 +247,7 @@ def _explain_segment(found: Segmentation, marker: int, names: tuple[str, ...]) -
         return f"still: moves by {1e3 * scatter:.1f} mm rms"
     if marker in found.base.markers:
         return f"nearly still, on the axis of joint 1: fits {names[1]} as well as the base"
-    return f"rigid with {names[k]} to {1e3 * found.residual[marker]:.1f} mm rms"
+    return f"rigid with {names[k]} within {1e3 * found.residual[marker]:.1f} mm rms"
 
 
 def _describe_hypothesis(hypothesis: Hypothesis, best: Hypothesis, labels: tuple[str, ...]) -> dict[str, Any]:
