@@ -136,6 +136,6 @@ def _compute_effects(arm: RecordedArm, ranges: Mapping[str, AngleRange], limits:
 
 
 def _limit_step(step: FloatArray, limits: FloatArray) -> FloatArray:
-    """Return the change of the limits (4, 2), reduced so that elevations and ranges stay valid; ``step`` is overwritten."""
+    """Return ``step`` (4, 2), reduced so that elevations and ranges stay valid; the argument itself is changed too."""
     step[1] = np.minimum(step[1], [max(limits[1, 0], 0.0), max(np.pi - limits[1, 1], 0.0)])
     return np.minimum(step, 0.5 * (limits[:, 1:] - limits[:, :1]))

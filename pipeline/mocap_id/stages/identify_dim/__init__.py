@@ -11,7 +11,7 @@ from mocap_id.stages.base import Context, Only, Outputs, Settings, Stage
 
 
 class IdentifyDimSettings(Settings):
-    """Settings of the identification of people and robots."""
+    """Settings of the identification, for people and robots."""
 
     plane_only: ClassVar[Only] = dict.fromkeys(
         (
@@ -23,8 +23,8 @@ class IdentifyDimSettings(Settings):
 
     motion: Literal["chain", "segments"] | None = Field(
         None,
-        description="motion of the masses: chain with pinned joints, or measured poses of all segments if the two "
-        "sides of a joint separate; default: segments, for robot-joint chain",
+        description="motion of the masses: chain (with pinned joints), or segments (measured poses of all segments, if "
+        "the two sides of a joint separate). Default: segments; for robot-joint: chain",
     )
     components: tuple[Literal["Fx", "Fy", "tauz"], ...] = Field(
         ("Fx", "Fy", "tauz"), min_length=1, description="components of the wrench to fit"
@@ -32,8 +32,8 @@ class IdentifyDimSettings(Settings):
     cutoff_hz: float | None = Field(
         None,
         gt=0,
-        description="cut-off of the low-pass of regressor and wrench, Hz; default: from the joint velocities, 5 with "
-        "measured poses",
+        description="cut-off of the low-pass of regressor and wrench, Hz. Default: from the joint velocities; with "
+        "measured poses: 5",
     )
     apply_clock_offset: bool = Field(
         True, description="correct the clock offset between cameras and plate; it is always reported"
@@ -78,14 +78,14 @@ class IdentifyDimSettings(Settings):
     reference_sd: float = Field(0.15, gt=0, le=1, description="relative standard deviation of the reference parameters")
     reference_pulls: bool | Literal["foot"] | None = Field(
         None,
-        description="use the reference body as a prior of all parameters (4.13; true), of none (false) or of the foot; "
-        "default: foot for chains with one or two marker positions on a segment; for other people without measured "
-        "forces of a chair or on a hand, the foot for the torques only",
+        description="parameters for which the reference body is a prior (4.13): all (true), none (false), or those of "
+        "the foot. Default for people: foot, if a segment has only one or two marker positions; otherwise, the foot "
+        "for the torques only, or none if forces of a chair or on a hand are measured",
     )
     consistency: Literal["grid", "cone", "bounded-cone"] | None = Field(
         None,
-        description="physical consistency by point masses (grid) or by the exact cone; default: grid, with measured "
-        "poses cone",
+        description="physical consistency by point masses (grid) or by the exact cone. Default: grid; with measured "
+        "poses: cone",
     )
     grid: tuple[int, int] = Field((5, 9), description="number of point masses across and along each segment")
     block_s: float = Field(1.0, gt=0, description="length of the blocks used for standard deviations, s")

@@ -19,19 +19,22 @@ from mocap_id.stages.identify_dim.trial_data import read_kinematic_error
 from mocap_id.verdict import Reason
 
 _TAUZ = 2
-_INERTIA = 3  # index of Izz among a segment's parameters
+_INERTIA = 3  # index of Izz among the four parameters of a segment
 _ROUNDS = 2  # the response depends on the clock offset and the weights, so the shift is estimated twice
 _FOOT_SD = 0.001  # m: first moment of the feet divided by the body's mass, as for single-marker segments
-_REPEATED_SD = 0.0025  # m: errors of the joints that are equal in all repetitions, from simulated trials
+_REPEATED_SD = 0.0025  # m: joint errors that are the same in all repetitions, from simulated trials
 _GIVEN_SD, _FEET_SD = 0.005, 0.03  # m: for a position from the configuration, and from the feet
-_CLEARLY = 3.0  # smallest ratio of misfits, opposite to assumed direction, for a certain direction; 2 to 200 simulated
+_CLEARLY = 3.0  # smallest ratio of misfits of opposite and assumed direction for certainty; 2 to 200 simulated
 _FITTED = 0.9  # smallest r² of tauz; in simulations at least 0.98 for the right direction, at most 0.6 for the opposite
 _OPPOSITE = {"forwards": "backwards", "backwards": "forwards", "left": "right", "right": "left"}
 
 
 @dataclass(frozen=True)
 class _Shift:
-    """Shift of the board along the motion for which the model fits best, its standard deviation, m, and the misfit."""
+    """Shift of the board along the motion for which the model fits best and its standard deviation, m.
+
+    ``misfit`` is the remaining sum of squares divided by the degrees of freedom.
+    """
 
     value: float
     sd: float
@@ -44,7 +47,7 @@ def locate_board(
     """Return the trial with the board at its estimated position, and the fact ``board`` of dynamics.h5.
 
     If the board is e away from its assumed position (from the configuration, or under the feet), the moment is e·Fy too
-    large. The trial is unchanged and the fact is None without a board.
+    large. Without a board, the trial is unchanged and the fact is None.
     """
     board = context.table("wrench.parquet").facts.get("board")
     if board is None:
@@ -97,7 +100,7 @@ def explain_board(context: Context, facts: dict[str, Any]) -> tuple[Reason, ...]
 def _change_moment(
     prepared: PreparedTrial, sign: float = 1.0, *, shift: float = 0.0, sd: float | None = None
 ) -> PreparedTrial:
-    """Return the trial with the moment of a board that is turned round (``sign`` -1) or shifted by ``shift``, m."""
+    """Return the trial as if its board were rotated by 180° (``sign`` -1) or shifted by ``shift`` ± ``sd``, m."""
     wrench = prepared.recorded.wrench.copy()
     wrench[:, _TAUZ] = sign * wrench[:, _TAUZ] + shift * wrench[:, 1]
     return prepare(replace(prepared.recorded, wrench=wrench, position_sd=sd), prepared.settings)
@@ -106,9 +109,9 @@ def _change_moment(
 def _estimate_shift(context: Context, prepared: PreparedTrial, movement: Movement) -> _Shift | None:
     """Return the board's shift for which the fitted first moments agree best with the reference body; None if unknown.
 
-    Fit, shift and reference body are combined by their covariances. The data determine trunk and thigh, whose angles
-    change most; the reference body determines foot and shank, whose first moments along the motion are small. Moments
-    of inertia are left out, because a person's accelerations hardly determine them for single segments.
+    Fit and reference body are weighted by their covariances. The data determine trunk and thigh, whose angles change
+    most; the reference body determines foot and shank, whose first moments along the motion are small. Moments of
+    inertia are left out, because a person's accelerations hardly determine them for single segments.
     """
     reference = build_reference_bodies(context, prepared.recorded, movement).chosen.parameters
     if _TAUZ not in prepared.settings.components or not np.isfinite(reference).all():
@@ -132,7 +135,7 @@ def _estimate_shift(context: Context, prepared: PreparedTrial, movement: Movemen
 
 
 def _compute_response(prepared: PreparedTrial, found: Fit) -> FloatArray:
-    """Return the change of the fitted base parameters (b,) for each metre that the board is away from its position."""
+    """Return the change of the fitted base parameters (b,) for a board that is one metre away from its position."""
     row = prepared.settings.components.index(_TAUZ)
     stamped = prepared.recorded.time[found.samples] - found.offset
     moment = np.zeros((*found.target.shape, 1))

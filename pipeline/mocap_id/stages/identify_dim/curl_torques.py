@@ -19,14 +19,14 @@ _ADDED_SD, _TABLE_SD = 0.02, 0.15  # relative standard deviation of a mass: weig
 
 @dataclass(frozen=True)
 class CurlTorques:
-    """Torques about the elbow's axis; ``device`` and ``person`` are NaN without the file of a device."""
+    """Torques about the elbow's axis; ``device`` and ``person`` are NaN if the trial has no file of a device."""
 
     total: ElbowTorque
     device: ElbowTorque
     person: ElbowTorque
 
     def columns(self) -> dict[str, FloatArray]:
-        """Return the columns of dynamics.parquet."""
+        """Return the torques and their standard deviations as columns of dynamics.parquet."""
         columns: dict[str, FloatArray] = {}
         for suffix, one in (("", self.total), ("_device", self.device), ("_person", self.person)):
             columns |= {f"elbow_torque{suffix}": one.torque, f"sd_elbow_torque{suffix}": one.sd}
@@ -80,7 +80,7 @@ def _compute_total_torque(
 def _make_own_bodies(context: Context, skeleton: SpatialSkeleton, name: str, *, alone: bool) -> list[Mass]:
     """Return the body of a segment, from the user or from the table by the person's mass and the segment's length.
 
-    If the chain has no hand (``alone``), the forearm also has the body of the hand at its end.
+    If the chain has no hand (``alone``), the result also contains the body of the hand, at the end of the forearm.
     """
     keys, subject = context.trial.curl, context.trial.subject
     length = skeleton.lengths.get("forearm", (np.nan, np.nan))[0]

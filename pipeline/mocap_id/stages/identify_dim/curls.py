@@ -21,18 +21,18 @@ from mocap_id.verdict import Reason
 
 _FLEXION = "elbow_flexion"
 _SHOULDER = ("shoulder_plane", "shoulder_elevation", "shoulder_axial")
-_AXIAL = _SHOULDER[2]  # angle with the error of the elbow's axis
+_AXIAL = _SHOULDER[2]  # angle that contains the error of the elbow's axis
 _THORAX = ("thorax_lateral", "thorax_axial", "thorax_flexion")  # rotations about x, y, z of the thorax
 
 
 def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
-    """Return events.parquet of a trial with `protocol: curl`, and the torques for dynamics.parquet."""
+    """Return events.parquet of a trial with `protocol: curl`, and columns of dynamics.parquet with known torques."""
     angles, keys = context.table("angles.parquet"), context.trial.curl
     time = angles["time"]
     if _FLEXION not in angles.names:
         why = (
-            "no flexion of the elbow: the chain has no upper arm and forearm with landmarks. Curls hardly move the "
-            "shoulder: name a trial of the same person in which all joints move as `calibration:`"
+            "the flexion of the elbow is unknown, because the chain has no upper arm and forearm with landmarks. Curls "
+            "hardly move the shoulder: name a trial of the same person in which all joints move as `calibration:`"
         )
         return _make_table((), {"why": why}, (Reason("no-curls", why),)), {}
     rules = CurlRules(
@@ -106,7 +106,7 @@ def _find_axis_covariance(skeleton: SpatialSkeleton) -> FloatArray | None:
 def _collect_angles(
     context: Context, poses: SegmentPoses, curls: Sequence[Curl]
 ) -> dict[str, tuple[FloatArray, FloatArray]]:
-    """Return the angles of shoulder and thorax, and the standard deviations of their changes, rad, by name."""
+    """Return the angles (T,) of shoulder and thorax and the standard deviations of their changes, rad, by name."""
     angles, table = context.table("angles.parquet"), context.table("poses.parquet")
     channels = {}
     clear = angles["isb_condition"] < NEAR_GIMBAL if "isb_condition" in angles.names else None
@@ -128,7 +128,7 @@ def _collect_angles(
 
 
 def _find_peak_torques(time: FloatArray, torques: CurlTorques, curl: Curl) -> dict[str, float | None] | None:
-    """Return the largest total torque and torque of the person in a curl, with their standard deviations, N·m."""
+    """Return the peaks of total and person's torque in a curl and their standard deviations, N·m; None if unknown."""
     within = (time >= curl.start) & (time <= (curl.end if np.isfinite(curl.end) else time[-1]))
     found: dict[str, float | None] = {}
     for name, one in (("", torques.total), ("person_", torques.person)):
@@ -142,7 +142,7 @@ def _find_peak_torques(time: FloatArray, torques: CurlTorques, curl: Curl) -> di
 def _collect_quantities(
     curls: Sequence[Curl], moved: dict[str, tuple[Compensation | None, ...]]
 ) -> dict[str, FloatArray]:
-    """Return the quantities that may change with fatigue, one value for every complete curl."""
+    """Return the quantities that may change with fatigue by name, each with one value for every complete curl."""
     done = [k for k, curl in enumerate(curls) if curl.complete]
     quantities = {
         "duration_s": np.array([curls[k].end - curls[k].start for k in done]),

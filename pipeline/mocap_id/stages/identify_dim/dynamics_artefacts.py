@@ -30,10 +30,10 @@ from mocap_id.stages.identify_dim.validation import SERIES, Validation
 
 @dataclass(frozen=True)
 class IdentifiedDynamics:
-    """Results of an identification, for its artefacts.
+    """Results of an identification from which its artefacts are made.
 
-    ``prepared``, ``found`` and ``references`` are for the motion used; ``chain``, ``in_chain`` and ``chain_reference``
-    are for the pinned chain. If the pinned chain is used, both are the same.
+    ``prepared``, ``found`` and ``references`` belong to the motion that is used: measured poses or the pinned chain.
+    ``chain``, ``in_chain`` and ``chain_reference`` always belong to the pinned chain.
     """
 
     prepared: PreparedTrial
@@ -54,7 +54,7 @@ class IdentifiedDynamics:
 
     @property
     def measured_poses(self) -> bool:
-        """Whether measured poses were used."""
+        """Whether the motion that is used consists of measured poses."""
         return self.prepared.prior is not None
 
 
@@ -82,7 +82,7 @@ def make_columns(result: IdentifiedDynamics) -> dict[str, Any]:
 
 
 def _compute_sd(result: IdentifiedDynamics) -> tuple[FloatArray, FloatArray]:
-    """Return the standard deviations of the model's wrench and centre of pressure; a board's position adds to them."""
+    """Return the standard deviations of the model's wrench (T, 3) and centre of pressure (T,), also from a board."""
     model, position_sd = result.model, result.prepared.recorded.position_sd
     if position_sd is None:
         return model.wrench_sd, model.cop_sd
@@ -92,7 +92,7 @@ def _compute_sd(result: IdentifiedDynamics) -> tuple[FloatArray, FloatArray]:
 
 
 def make_empty_columns(recorded: TrialData, reference: FloatArray, cop_threshold: float) -> dict[str, Any]:
-    """Return the columns of dynamics.parquet without a model: measured wrench and wrench of the reference body.
+    """Return the columns of dynamics.parquet without a model: the wrenches of plate and reference body.
 
     The other columns are NaN. ``reference`` (T, 3) is NaN without a reference body; ``cop_threshold`` is the largest
     vertical force without a centre of pressure, N.
@@ -139,7 +139,7 @@ def make_data(result: IdentifiedDynamics) -> dict[str, dict[str, Any]]:
 
 
 def _make_held_out(result: IdentifiedDynamics) -> dict[str, FloatArray]:
-    """Return the parameters of the models of the cross-validation as base parameters of the chain."""
+    """Return base parameters of the chain and clock offsets of the models of the cross-validation."""
     data = validation.get_parameters(result.validation, result.found.fit.base)
     if result.chain_map is None or not len(data["base"]):
         return data | {"base": np.zeros((0, len(result.in_chain.base))) if result.chain_map else data["base"]}
@@ -148,7 +148,7 @@ def _make_held_out(result: IdentifiedDynamics) -> dict[str, FloatArray]:
 
 
 def _get_full_covariance(result: IdentifiedDynamics) -> FloatArray:
-    """Return the covariance (4K, 4K) of the bodies' parameters without errors of scale; NaN for the pinned chain."""
+    """Return the covariance (4K, 4K) of the parameters of K bodies, without errors of scale; NaN for a pinned chain."""
     found = result.found
     if not result.measured_poses:
         return np.full((len(found.full), len(found.full)), np.nan)
@@ -158,7 +158,7 @@ def _get_full_covariance(result: IdentifiedDynamics) -> FloatArray:
 def make_empty_data(
     centres: FloatArray, grid: PointGrid, mass: float | None, reference: FloatArray
 ) -> dict[str, dict[str, Any]]:
-    """Return the datasets of dynamics.h5 with the mass (first base parameter) and the reference body, else NaN."""
+    """Return the datasets of dynamics.h5 without a model: mass (first base parameter) and reference body, else NaN."""
     base = structural_base(centres)
     value = np.full(len(base.kept), np.nan)
     value[0] = np.nan if mass is None else mass
@@ -178,7 +178,7 @@ def make_empty_data(
 
 
 def _make_advice(result: IdentifiedDynamics, joints: Sequence[str]) -> list[dict[str, Any]]:
-    """Return JSON with the best change of the movement for each base parameter; empty if every parameter is known."""
+    """Return JSON with the best change of the movement for each base parameter; empty if no parameter is doubtful."""
     return [
         {
             "name": name,
@@ -192,7 +192,7 @@ def _make_advice(result: IdentifiedDynamics, joints: Sequence[str]) -> list[dict
 
 
 def _make_base_without_fit(value: FloatArray) -> dict[str, Any]:
-    """Return the datasets of the group ``base`` about excitation, for base parameters (b,) that were not fitted."""
+    """Return the datasets about excitation in the group ``base``, for base parameters ``value`` without a fit."""
     absent = np.full(len(value), np.nan)
     return {
         "verdict": np.array(["known" if np.isfinite(each) else "not identifiable" for each in value], dtype=object),
@@ -250,7 +250,7 @@ def make_facts_without_model(
 ) -> tuple[FloatArray, dict[str, Any]]:
     """Return the reference body's wrench (T, 3) and the facts of dynamics.h5 of a trial without an identification.
 
-    ``why`` is the reason. Reference bodies are compared over the samples ``free`` (T,) without contact to the chair.
+    ``why`` says why there is none. Reference bodies are compared in the samples ``free`` (T,), without chair contact.
     """
     regressor = planar_regressor(recorded.centres, recorded.q, recorded.dq, recorded.ddq, gravity)
     facts = make_empty_facts(why) | {
@@ -268,7 +268,7 @@ def make_facts_without_model(
 
 
 def make_empty_facts(why: str | None) -> dict[str, Any]:
-    """Return the facts of dynamics.h5 without an identification; ``why`` is the reason for this."""
+    """Return the facts of dynamics.h5 without an identification; ``why`` says why there is none."""
     keys = (
         "condition_number", "condition_number_scaled", "clock_offset_s", "clock_offset_sd_s", "wrench", "cop_rms_m",
         "samples", "reference_table", "rivals", "held_out", "consistency", "solver", "reference_pulls", "cutoff_hz",
@@ -281,7 +281,7 @@ def make_empty_facts(why: str | None) -> dict[str, Any]:
 def find_undetermined(result: IdentifiedDynamics) -> list[str]:
     """Return the columns of the model that are NaN because the fitted wrench components do not determine them.
 
-    Torques of joints within one body are left out.
+    Torques of joints whose two sides are in one body are not listed.
     """
     joint = result.prepared.motion.joint
     inner = {f"tau_{j + 1}" for j in range(joint.shape[1]) if not np.isfinite(joint[:, j]).any()}
@@ -295,7 +295,7 @@ def _get_measured(result: IdentifiedDynamics) -> FloatArray:
 
 
 def describe_solver(solution: ConsistentSolution | SemidefiniteSolution, requested: str) -> dict[str, Any]:
-    """Return JSON about the solver of the physical consistency; ``requested`` is the kind of consistency."""
+    """Return JSON about the solver of the physical consistency; ``requested`` is the requested kind."""
     answer = solution.answer
     return {
         "name": answer.solver,

@@ -1,7 +1,7 @@
-"""Prior of the foot, which the torque of the ankle needs, and a caution about torques that may be wrong.
+"""Prior of the foot's first moment, which the ankle's torque needs, and a caution about torques that may be wrong.
 
-The data hardly separate the small first moment of the foot from the moments above it. This is hardest with one or two
-marker positions on shank and thigh, as in conventional marker sets.
+The data hardly separate the small first moment of the foot from the first moments of the segments above it. This is
+worst with one or two marker positions on shank and thigh, as in conventional marker sets.
 """
 
 from __future__ import annotations
@@ -32,9 +32,9 @@ _FOOT_IN_TORQUES = Reason(
     "and wrench depend on the data alone. Set `identify-dim: {reference_pulls: false}` to use the data alone for both",
     level="ok",
 )
-_FEW = 3  # positions of markers on a segment; clusters have at least as many
+_FEW = 3  # marker positions on a segment; clusters have at least as many
 _FOOT_SD = 0.001  # m; from people's feet, which have 3 % of the body's mass
-_TORQUE = 5.0  # N·m, largest rms error
+_TORQUE = 5.0  # N·m, largest rms error of a torque without a caution
 _ONE_IN_100 = 2.576  # standard deviations that a normal error exceeds in one of 100 cases
 
 
@@ -49,8 +49,8 @@ def has_few_markers(context: Context) -> bool:
 def choose_foot_sd(context: Context, recorded: TrialData) -> float | None:
     """Return the standard deviation of the foot's first moment divided by the body's mass, m; None without this prior.
 
-    There is no prior for a robot, or if the position of the ankle has no standard deviation. With measured forces of a
-    chair or on a hand, there is a prior only for few markers, because it was not tested for others.
+    A robot has no prior, and neither has a person if the standard deviation of the ankle's position is unknown. With
+    measured forces of a chair or on a hand, there is a prior only for few markers, because other cases were not tested.
     """
     chosen, covariance = context.settings.reference_pulls, read_skeleton(context).covariance
     if chosen not in {None, "foot"} or context.trial.protocol == "robot-joint" or not np.isfinite(covariance[:1]).any():
@@ -61,9 +61,9 @@ def choose_foot_sd(context: Context, recorded: TrialData) -> float | None:
 
 
 def choose_plate_sd(context: Context, recorded: TrialData) -> float | None:
-    """Return the standard deviation of the plate's position, m, if only the torques use the prior of the foot.
+    """Return the standard deviation of the plate's position, m, if only the torques use the foot's prior, else None.
 
-    The result is None otherwise: with few markers, the parameters also need the prior.
+    With few markers, the parameters also need the prior.
     """
     if has_few_markers(context) or context.settings.reference_pulls == "foot":
         return None
@@ -71,7 +71,7 @@ def choose_plate_sd(context: Context, recorded: TrialData) -> float | None:
 
 
 def explain_foot_prior(context: Context, found: Identification) -> tuple[Reason, ...]:
-    """Return a note if parameters or torques use the prior of the foot."""
+    """Return a note if parameters or torques use the prior of the foot; an empty tuple if they do not."""
     if found.with_foot is not None:
         return (_FOOT_IN_TORQUES,)
     foot_alone = found.uses_reference and context.settings.reference_pulls is not True
@@ -83,8 +83,8 @@ def check_torques(context: Context, result: IdentifiedDynamics, free: BoolArray)
 
     The errors of parameters and geometry are constant in a trial and normal over trials; errors of the motion add their
     mean square. The caution is for torques whose error exceeds 5 N·m in more than one of 100 trials. Errors of scale
-    are left out, because they are the same in all trials of a laboratory. In the samples ``free`` (T,), only the ground
-    touches the body.
+    are left out, because they are the same in all trials of a laboratory. ``free`` (T,) marks the samples in which only
+    the ground touches the body.
     """
     model = result.model
     used = free & np.isfinite(model.torque_sd).any(axis=1)

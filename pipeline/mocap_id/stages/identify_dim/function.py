@@ -1,4 +1,4 @@
-"""Function of the stage identify-dim in the plane: identifies the dynamics and describes the repetitions."""
+"""Function of the stage identify-dim in the plane, which identifies the dynamics and describes the repetitions."""
 
 from __future__ import annotations
 
@@ -52,9 +52,9 @@ def identify_dim(context: Context) -> Outputs:
 
 
 def identify_trial(context: Context) -> tuple[PreparedTrial, Movement, Identification] | NotIdentifiable:
-    """Return the prepared trial, its movement and its identification, or the reason why there is none.
+    """Return the prepared trial, its movement and its identification, or the reason why nothing can be identified.
 
-    All three are for the pinned chain. With measured poses, its parameters are computed from the bodies' parameters.
+    The results are for the pinned chain. With measured poses, its parameters are computed from those of the bodies.
     """
     inputs = read_inputs(context)
     if inputs.prepared is None or inputs.obstacle is not None:
@@ -68,7 +68,7 @@ def identify_trial(context: Context) -> tuple[PreparedTrial, Movement, Identific
 def fit_chain(
     context: Context, prepared: PreparedTrial, movement: Movement, grid: PointGrid, references: ReferenceBodies
 ) -> Identification:
-    """Identify the parameters of the pinned chain."""
+    """Return the identification of the pinned chain."""
     settings: IdentifyDimSettings = context.settings
     consistency, reference = settings.consistency or "grid", references.chosen.parameters
     found = identify(
@@ -89,7 +89,7 @@ def fit_chain(
 def _fit(
     context: Context, inputs: TrialInputs, prepared: PreparedTrial, references: ReferenceBodies
 ) -> tuple[Identification, SegmentFit | None]:
-    """Return the identification of the pinned chain, and the fit of the bodies or None if the chain is used."""
+    """Return the identification of the pinned chain, and the fit of the measured bodies, None if the chain is used."""
     found = fit_chain(context, prepared, inputs.movement, inputs.grid, references)
     if not inputs.body_sets:
         return check_and_calibrate(context, prepared, inputs.movement, found, references.chosen.parameters), None
@@ -97,7 +97,7 @@ def _fit(
 
 
 def _make_events(context: Context, inputs: TrialInputs, prepared: PreparedTrial | None, dynamics: Table) -> Table:
-    """Return events.parquet, with details for sit-to-stand."""
+    """Return events.parquet; for sit-to-stand, it contains details of every rise."""
     movement, recorded = inputs.movement, inputs.recorded
     if movement.posture is None:
         return make_events(movement.repetitions)
@@ -112,7 +112,7 @@ def _make_events(context: Context, inputs: TrialInputs, prepared: PreparedTrial 
 
 
 def _identify(context: Context, inputs: TrialInputs, prepared: PreparedTrial) -> tuple[Table, Tree, PreparedTrial]:
-    """Return dynamics.parquet, dynamics.h5 and the prepared trial with the motion used."""
+    """Return dynamics.parquet, dynamics.h5 and the prepared trial with the motion that is used."""
     movement, threshold = inputs.movement, read_cop_threshold(context)
     references = build_reference_bodies(context, prepared.recorded, movement)
     found, segments = _fit(context, inputs, prepared, references)

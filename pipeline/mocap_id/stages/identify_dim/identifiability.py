@@ -1,4 +1,4 @@
-"""Checks before the fit: whether parameters can be identified from a trial."""
+"""Checks before the fit whether parameters can be identified from a trial."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from mocap_id.stages.base import Context
 
 @dataclass(frozen=True)
 class NotIdentifiable:
-    """Reason why nothing can be identified; ``mass``, kg, is given if at least the mass is known."""
+    """Code and text of the reason why nothing can be identified; ``mass`` is the mass, kg, or None if unknown."""
 
     code: str
     why: str
@@ -23,7 +23,7 @@ class NotIdentifiable:
 
 
 def check_wrench(context: Context, recorded: TrialData) -> NotIdentifiable | None:
-    """Return the reason why there are no data for an identification, or None."""
+    """Return the reason why the data do not suffice for an identification; None if they do."""
     facts = context.table("wrench.parquet").facts
     measured = np.isfinite(recorded.surroundings).all(axis=1)
     if not measured.any():
@@ -41,7 +41,7 @@ def check_wrench(context: Context, recorded: TrialData) -> NotIdentifiable | Non
 
 
 def check_excitation(context: Context, prepared: PreparedTrial, movement: Movement) -> NotIdentifiable | None:
-    """Return the reason why the usable samples do not determine the parameters, or None."""
+    """Return the reason why the usable samples do not determine the parameters; None if they do."""
     settings, recorded = context.settings, prepared.recorded
     chosen = select_samples(prepared, movement.free)
     mass = context.table("wrench.parquet").facts.get("mass_kg")
@@ -55,9 +55,9 @@ def check_excitation(context: Context, prepared: PreparedTrial, movement: Moveme
     if chosen.sum() < LEAST_SECONDS * recorded.rate:
         return NotIdentifiable(
             "too-few-samples",
-            f"{chosen.sum() / recorded.rate:.2f} s are usable, off the chair and at least "
-            f"{prepared.lowpass.reach:.2f} s (the reach of the low-pass) from gaps; expected at least "
-            f"{LEAST_SECONDS:g} s: record longer or with fewer gaps",
+            f"{chosen.sum() / recorded.rate:.2f} s are usable, expected at least {LEAST_SECONDS:g} s: usable samples "
+            f"are off the chair and at least {prepared.lowpass.reach:.2f} s from gaps, which the low-pass spreads. "
+            "Record longer or with fewer gaps",
             mass,
         )
     arc = np.degrees(np.max(measure_arcs(recorded.q, chosen)))
@@ -82,7 +82,7 @@ def check_excitation(context: Context, prepared: PreparedTrial, movement: Moveme
 
 
 def _is_contact_excluded(context: Context, movement: Movement, seat_measured: bool) -> bool:
-    """Return whether measurements, and not only assumptions, exclude an unmeasured contact."""
+    """Return whether measurements, and not only assumptions, exclude contacts with unmeasured force."""
     if context.trial.protocol == "robot-joint" or seat_measured:
         return True
     return movement.contact is not None and movement.contact.chair is not None

@@ -1,20 +1,21 @@
 """Uncertainty of joint centres on measured poses: from the joint fit, from gaps, and from a trunk that bends.
 
-Both bodies at a joint have a position of its centre, and the torques use the mean of the two. Let G(t) be the gap
-between the true centres in the two bodies, in the axes of the body before the joint. A joint fit estimates the centres
-n and f in the two bodies with errors dn and df, and the measured gap is
+Each of the two bodies at a joint has its own centre of the joint, and the torques use the mean of both centres. Let
+G(t) be the gap between the true centres, in the axes of the body before the joint. A joint fit estimates the centre in
+the body before the joint with the error dn, and in the body after it with the error df. The measured gap is
 
     g(t) = G(t) - dn + R(θ(t)) df .
 
-The fit minimises g, weighted with the information of the poses. A gap that depends on the joint angle θ is therefore
-hidden in dn and df; nearly all of a gap in proportion to θ is hidden. The hidden part is estimated from g with a model
-of a smooth gap,
+The fit minimises g, weighted with the information matrix of the poses. A gap that depends on the joint angle θ is
+therefore hidden in dn and df; a gap in proportion to θ is hidden nearly completely. The hidden part is estimated from g
+with a model of a smooth gap,
 
     G(t) = Σ_p a_p T_p(x(t)),   a_p ~ N(0, 4^(1-p) σ² I),   p = 1, 2,
 
-where x is θ scaled to -1 … 1 and T_p are Chebyshev polynomials. Each order is half of the order before, as for a sine
-of the angle over one to two radians. σ² follows from the part of g with the shapes of this model. The mean of the two
-centres has the error (dn + R df) / 2 from the fit, and the error g / 2 because the joint may be at either centre.
+where x is θ scaled to -1 … 1 and T_p are Chebyshev polynomials. The coefficients of each order are half as large as
+those of the order before, as for a sine of the angle over one to two radians. σ² is estimated from the part of g that
+this model can explain. The mean of the two centres has the error (dn + R df) / 2 from the fit, and the error g / 2,
+because the joint may be at either centre.
 """
 
 from __future__ import annotations
@@ -33,8 +34,8 @@ from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies
 from mocap_id.stages.identify_dim.trial_data import read_skeleton
 
 _BENT = "hip"  # joint before a trunk that may bend
-_OWN = 0.25  # smallest share of a centre's variance that does not come from the previous joint
-_ORDERS = (1.0, 0.5)  # size of the first and second order of a gap in the joint angle, relative to σ
+_OWN = 0.25  # smallest share of the variance of a centre that does not come from the previous joint
+_ORDERS = (1.0, 0.5)  # standard deviations of the coefficients of first and second order, relative to σ
 _LARGEST = 0.01  # m/rad: largest σ over half the joint's arc; people's hips shift by about a centimetre in two radians
 _SHAPED = 1e-6  # smallest size of a measured shape, relative to the largest shape
 _STILL = 1e-9  # rad, smallest half of an arc
@@ -52,8 +53,8 @@ def compute_centre_covariance(context: Context, bodies: MeasuredBodies, q: Float
 def compute_position_sd(context: Context, bodies: MeasuredBodies, q: FloatArray) -> FloatArray:
     """Return the standard deviation (n,) of each joint centre in one direction, relative to the markers around it, m.
 
-    The covariance of a centre by the joint fit also contains the error of the previous centre, which is removed. The
-    ankle of feet that move has another standard deviation (:mod:`mocap_id.kinematics.joint_corrections`).
+    The covariance of a centre from the joint fit also contains the error of the previous centre, which is removed. The
+    ankles of moving feet have the standard deviations of :mod:`mocap_id.kinematics.joint_corrections`.
     """
     own = remove_previous_errors(np.einsum("jkk->j", read_skeleton(context).covariance) / 2)
     for joint, sd in bodies.placed.items():
@@ -64,7 +65,7 @@ def compute_position_sd(context: Context, bodies: MeasuredBodies, q: FloatArray)
 def remove_previous_errors(relative: FloatArray) -> FloatArray:
     """Return the variance (n,) of each joint centre, m², from its variance relative to the previous centre.
 
-    The variance of a centre is at most the variance of the next centre relative to it, which contains it.
+    The result for a centre is at most the relative variance of the next centre, because that includes it.
     """
     own = np.zeros(len(relative))
     for joint, (variance, following) in enumerate(zip(relative, [*relative[1:], np.inf], strict=True)):
@@ -73,7 +74,7 @@ def remove_previous_errors(relative: FloatArray) -> FloatArray:
 
 
 def estimate_hidden_gaps(poses: BodyPoses, loose: Sequence[int]) -> FloatArray:
-    """Return the variance (n,) of each joint centre from gaps that the joint fit hides, m² in each coordinate.
+    """Return the variance (n,) of each joint centre due to gaps that the joint fit hides, m² in each coordinate.
 
     ``loose`` are the joints, from 0, that may have a gap. Each gap also moves the centres of the neighbouring joints.
     """
@@ -106,7 +107,7 @@ def estimate_hidden_gaps(poses: BodyPoses, loose: Sequence[int]) -> FloatArray:
 
 
 def _estimate_gap(gap: FloatArray, turned: FloatArray, angle: FloatArray) -> tuple[FloatArray, float]:
-    """Return the shapes (T, 2, S) of a gap with σ = 1, and σ, m, estimated from the measured gap.
+    """Return the S shapes (T, 2, S) of a gap for σ = 1, and σ, m, estimated from the measured gap.
 
     The measured gap (T, 2) and R(θ) (T, 2, 2) are in the axes of the body before the joint; ``angle`` (T,) is θ, rad.
     """
@@ -131,11 +132,11 @@ def _make_rotations(angle: FloatArray) -> FloatArray:
 
 
 def _estimate_motion_variance(context: Context, bodies: MeasuredBodies, q: FloatArray) -> FloatArray:
-    """Return the variance (n,) of each centre from its gap, and at the hip from a bending trunk, m² in each coordinate.
+    """Return the variance (n,) of each centre due to its gap and, at the hip, a bending trunk, m² in each coordinate.
 
-    If the pelvis bends against the trunk, the joint fit estimates a centre between hip and lumbar spine, with small
-    residuals. But the marker next to the hip moves relative to the trunk. If the hip moves in the same way and in
-    phase with its angle, the error of the centre is this motion divided by the motion of the angle. The shift of the
+    If the pelvis rotates relative to the trunk, the joint fit estimates a centre between hip and lumbar spine, with
+    small residuals, but the marker next to the hip moves relative to the trunk. If the hip moves in the same way and in
+    phase with its angle, the error of the centre is this motion divided by the change of the angle. The shift of the
     joint (:mod:`mocap_id.kinematics.joint_corrections`) corrects a part of this error.
     """
     skeleton, residual = read_skeleton(context), context.tree("chain.h5").numbers("markers/residual")

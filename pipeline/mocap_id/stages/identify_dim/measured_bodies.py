@@ -41,7 +41,7 @@ class MeasuredBodies:
     """Rigid bodies and their poses."""
 
     names: tuple[str, ...]  # names of the bodies
-    poses: BodyPoses  # poses with short gaps in time bridged, and pinned at the joints whose two sides do not separate
+    poses: BodyPoses  # poses with short gaps in time bridged; joints whose two sides do not separate are pinned
     observed: BoolArray  # (T,) samples in which every pose was measured
     gap: dict[int, JointGap]  # gap between the two sides of each joint between two bodies, by joint, from 0
     markers: tuple[dict[str, list[float]], ...]  # positions of the markers of each body in its axes, m, by label
@@ -68,9 +68,9 @@ class MeasuredBodies:
 
 
 def find_measured_bodies(context: Context, recorded: TrialData) -> Iterator[MeasuredBodies]:
-    """Yield the bodies of poses.parquet, bridged, for every division of the person; none if a segment has no pose.
+    """Yield the measured bodies, with short gaps bridged, for each possible division of the person into bodies.
 
-    Pelvis and trunk may be two bodies or one.
+    Pelvis and trunk may be two bodies or one. A division is possible if every segment is in a body with a known pose.
     """
     table = context.table("poses.parquet")
     segments = [set(body["segments"]) for body in table.facts["bodies"]]
@@ -89,7 +89,7 @@ def find_measured_bodies(context: Context, recorded: TrialData) -> Iterator[Meas
 def _has_pose(table: Table, k: int, recorded: TrialData) -> bool:
     """Return whether body ``k`` has a known pose in most samples with known joint states.
 
-    Except for the base, the body needs markers at more than two positions: two points follow the skin, not the segment.
+    Except for the base, the body needs markers at more than two positions, because two points follow only the skin.
     """
     visible = table[f"markers_{k + 1}"][known(recorded.ddq)] >= LEAST_MARKERS
     if not len(visible) or float(np.mean(visible)) < _OFTEN:
@@ -99,7 +99,7 @@ def _has_pose(table: Table, k: int, recorded: TrialData) -> bool:
 
 
 def bridge_gaps(bodies: MeasuredBodies) -> MeasuredBodies:
-    """Return the bodies with short gaps in time bridged, and with the gaps of their joints."""
+    """Return the bodies with short gaps in time bridged, and with the gaps between the two sides of each joint."""
     poses, observed = fill_gaps(bodies.poses)
     return replace(
         bodies, poses=poses, observed=observed, gap=measure_gaps(poses, np.ones(len(poses.time), dtype=bool))
@@ -107,13 +107,13 @@ def bridge_gaps(bodies: MeasuredBodies) -> MeasuredBodies:
 
 
 def pin_joints(bodies: MeasuredBodies) -> MeasuredBodies:
-    """Return bridged bodies that are pinned at the joints whose two sides do not separate."""
+    """Return bodies with bridged gaps, now pinned at the joints whose two sides do not separate."""
     pinned = [joint for joint, each in bodies.gap.items() if each.pinned]
     return replace(bodies, poses=close_gaps(bodies.poses, pinned))
 
 
 def read_bodies(table: Table, centres: FloatArray, used: Sequence[int]) -> MeasuredBodies:
-    """Return bodies of poses.parquet as measured, neither bridged nor pinned.
+    """Return bodies of poses.parquet as measured: without bridged gaps, pinned joints and values of ``gap``.
 
     Parameters
     ----------
@@ -168,7 +168,7 @@ def _find_shift(body: Mapping[str, Any], segment: int) -> list[float]:
 def make_body_prior(
     bodies: MeasuredBodies, q: FloatArray, movement: Movement, table: ReferenceBody, mass: float
 ) -> BodyPrior:
-    """Return the prior of the bodies' parameters: the reference body, or equal masses without a reference body.
+    """Return the prior of the bodies' parameters from the reference body, or with equal masses if there is none.
 
     Parameters
     ----------
@@ -177,7 +177,7 @@ def make_body_prior(
     movement : Movement
         Movement whose usable samples give the mean positions of the bodies.
     table : ReferenceBody
-        Reference body with the chain; NaN without a reference body.
+        Reference body with the chain; its parameters are NaN if there is none.
     mass : float
         Mass of the person, kg.
     """

@@ -1,4 +1,4 @@
-"""Choice of cut-offs, and of chain or measured poses, by predictions of left-out repetitions at a reduced rate."""
+"""Choice of cut-offs, and of chain or measured poses: which predicts left-out repetitions best, at a reduced rate."""
 
 from __future__ import annotations
 
@@ -21,11 +21,11 @@ from mocap_id.stages.identify_dim import validation
 from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies
 
 _RATE = 50.0  # Hz; smallest reduced rate
-_CLEARLY = 0.3  # clear difference of the cost, a sum of logarithms of Fx, Fy, tauz: 10 % of each
+_CLEARLY = 0.3  # clear difference of the cost, the sum of the logarithms of errors of Fx, Fy, tauz: 10 % of each
 
 
 class RepetitionPredictor:
-    """Predictor of each repetition of a trial from the others.
+    """Predictor of each repetition of a trial by a model fitted to the other repetitions.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class RepetitionPredictor:
         self._found: dict[Cutoffs, LeftOutPrediction | None] = {}
 
     def predict_on_poses(self, cutoffs: Cutoffs) -> LeftOutPrediction | None:
-        """Predict with measured poses filtered by some cut-offs.
+        """Predict with measured poses filtered by ``cutoffs``; None if no subset of the repetitions is sufficient.
 
         Later calls use the clock offset and weights of the first call. Only the prediction with the usual cut-offs is
         stored, because it is needed twice and a prediction takes as much memory as a trial.
@@ -85,7 +85,7 @@ class RepetitionPredictor:
         return predicted
 
     def predict_on_chain(self) -> LeftOutPrediction | None:
-        """Predict with the pinned chain and the cut-off of measured poses."""
+        """Predict with the pinned chain and the cut-off of measured poses; None if the data are not sufficient."""
         cutoff = self._settings.cutoff or MEASURED_CUTOFF
         ready = prepare(self._recorded, replace(self._settings, cutoff=cutoff))
         return self._predict(ready, fit(ready, self._free)) if determines_parameters(ready, self._free) else None
@@ -98,7 +98,7 @@ def prefers_poses(predictor: RepetitionPredictor) -> bool:
     """Return whether measured poses predict left-out repetitions about as well as the pinned chain, or better.
 
     In doubt, poses are used, because their intervals are also valid if the two sides of a joint separate. The chain is
-    used only if it is clearly better than poses with the usual cut-offs, and better than with the best cut-offs.
+    used only if it is clearly better than poses with the usual cut-offs, and better than poses with the best cut-offs.
     """
     chain = score_left_out(predictor.predict_on_chain())
     if score_left_out(predictor.predict_on_poses(USUAL)) <= chain + _CLEARLY:
@@ -107,6 +107,6 @@ def prefers_poses(predictor: RepetitionPredictor) -> bool:
 
 
 def _number_repetitions(prepared: PreparedTrial, movement: Movement) -> IntArray:
-    """Return the number of the repetition of each sample (T,)."""
+    """Return the number (T,) of the repetition of each sample; zeros with fewer than two repetitions."""
     spans, time = validation.find_spans(movement), prepared.recorded.time
     return number_parts(time, np.array(spans)) if len(spans) > 1 else np.zeros(len(time), dtype=np.int64)

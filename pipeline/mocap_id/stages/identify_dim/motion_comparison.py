@@ -21,17 +21,17 @@ from mocap_id.stages.identify_dim.segment_fit import SegmentFit
 from mocap_id.verdict import Reason
 
 ASKED_FOR = "asked for"
-"""Text in the facts of dynamics.h5 if the pinned chain is used because of `motion: chain`."""
+"""Reason in the facts of dynamics.h5 if the pinned chain is used because of the setting `motion: chain`."""
 _CLOCKS_APART = 0.005  # s; 5 ms changes a base parameter of a person by a fifth or more
 
 
 def predict_on_chain(
     prepared: PreparedTrial, pinned: Identification, movement: Movement, segments: SegmentFit
 ) -> tuple[BoolArray, FloatArray, FloatArray] | None:
-    """Predict left-out repetitions by the pinned chain; return samples (T,), and predicted and measured wrench (T, 3).
+    """Return the samples (T,) of left-out repetitions, and their wrenches (T, 3) predicted by the chain and measured.
 
-    Chain and bodies both predict these samples. The wrenches are filtered by the low-pass of the bodies. The result is
-    None without predictions.
+    In these samples, chain and bodies both have predictions. The wrenches are filtered by the low-pass of the bodies.
+    The result is None without predictions.
     """
     on_chain = validation.validate(prepared, movement, pinned, np.zeros((len(prepared.recorded.time), 3))).held_out
     on_bodies = segments.validation.held_out
@@ -79,7 +79,7 @@ def _get_offset(found: Identification) -> float | None:
 
 
 def explain_motion(facts: Mapping[str, Any]) -> tuple[Reason, ...]:
-    """Return reasons about gaps of joints and about clocks, from the facts of dynamics.h5."""
+    """Return reasons about the gaps of joints and the clock offset, from the facts of dynamics.h5."""
     return (*_explain_gaps(facts["motion"]), *_check_clocks(facts.get("held_out") or {}))
 
 
@@ -111,7 +111,7 @@ def _explain_gaps(motion: Mapping[str, Any]) -> Iterator[Reason]:
 
 
 def _check_clocks(held_out: Mapping[str, Any]) -> Iterator[Reason]:
-    """Yield a caution if the clock offsets of the fits without one of the repetitions differ too much."""
+    """Yield a caution if the clock offsets of the fits without each of the repetitions differ too much."""
     offsets = np.asarray(held_out.get("clock_offset_s") or [], dtype=np.float64)
     apart = float(np.ptp(offsets)) if len(offsets) > 1 else 0.0
     if apart > _CLOCKS_APART:

@@ -20,9 +20,9 @@ from mocap_id.store.schemas import EVENTS
 from mocap_id.store.spatial_views import SegmentPoses, SpatialAngles, SpatialSkeleton
 from mocap_id.verdict import Reason
 
-_LEAST_RANGE = np.radians(2.0)  # of an angle that moves
-_ENDS = "the recording ends before the hand leaves"
-_PATH = 600  # points of the path of the wrist
+_LEAST_RANGE = np.radians(2.0)  # smallest range of an angle that moves
+_ENDS = "the recording ends before the hand leaves the target"
+_PATH = 600  # approximate number of points of the path of the wrist
 _NO_REGION = "the visited postures have no volume in joint space: an angle hardly moves independently of the others"
 
 
@@ -114,7 +114,7 @@ def _group_by_target(reaches: Sequence[Reach]) -> dict[str, Any]:
 def _compute_volumes(
     angles: SpatialAngles, poses: SegmentPoses, arm: RecordedArm, ranges: Mapping[str, AngleRange]
 ) -> dict[str, Any]:
-    """Return facts on the reachable volume and surface, within the ranges of the joints and within visited postures.
+    """Return facts on the reachable volume and surface, within the box of the ranges and within the visited region.
 
     Raises
     ------

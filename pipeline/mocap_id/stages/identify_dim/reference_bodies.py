@@ -28,7 +28,7 @@ class ReferenceBodies:
 
 
 def build_reference_bodies(context: Context, recorded: TrialData, movement: Movement) -> ReferenceBodies:
-    """Return the reference bodies of a sit-to-stand trial; other protocols have none."""
+    """Return the reference bodies of a sit-to-stand trial; for other protocols, there is no reference body."""
     settings, subject, chain = context.settings, context.trial.subject, recorded.centres
     if context.trial.protocol != "sit-to-stand":
         return ReferenceBodies(make_empty_reference(len(chain), None), ())
@@ -37,7 +37,7 @@ def build_reference_bodies(context: Context, recorded: TrialData, movement: Move
             make_empty_reference(len(chain), "the tables are for people whose feet are flat on the ground"), ()
         )
     if not np.isfinite(recorded.q).all(axis=1).any():
-        return ReferenceBodies(make_empty_reference(len(chain), "the joint angles are never known together"), ())
+        return ReferenceBodies(make_empty_reference(len(chain), "no sample has all joint angles"), ())
     mass = context.table("wrench.parquet").facts.get("mass_kg")
     if mass is None and movement.contact is not None and np.isfinite(movement.contact.weight):
         mass = movement.contact.weight / settings.gravity
@@ -97,6 +97,6 @@ def compare_references(
 
 
 def describe_comparison(compared: Comparison) -> dict[str, Any]:
-    """Return JSON of a comparison of wrenches and centres of pressure."""
+    """Return JSON about a comparison of wrenches and centres of pressure."""
     wrench = {name: None if one is None else asdict(one) for name, one in compared.wrench.items()}
     return {"wrench": wrench, "cop_rms_m": compared.cop_rms}

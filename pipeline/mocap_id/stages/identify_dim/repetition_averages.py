@@ -56,7 +56,7 @@ def average_signals(context: Context, events: Table, dynamics: Table) -> Table:
 
 
 def _make_columns(averages: Sequence[tuple[str, str, str, Averaged]]) -> dict[str, Any]:
-    """Return the columns of phases.parquet, with 101 rows for every span and quantity."""
+    """Return the columns of phases.parquet, with 101 rows for each pair of span and quantity."""
     columns: dict[str, Any] = {"percent": np.tile(100 * GRID, len(averages))}
     for k, name in enumerate(("span", "quantity", "unit")):
         columns[name] = np.repeat(np.array([row[k] for row in averages], dtype=object), len(GRID))
@@ -66,7 +66,7 @@ def _make_columns(averages: Sequence[tuple[str, str, str, Averaged]]) -> dict[st
 
 
 def _list_signals(states: Table, dynamics: Table) -> Iterator[tuple[str, str, FloatArray, FloatArray]]:
-    """Yield name, unit, times (T,), s, and values (T,) of each signal; angles without an observation are NaN."""
+    """Yield name, unit, times (T,), s, and values (T,) of each signal; joint angles are NaN where not observed."""
     for joint in range(1, joint_count(states) + 1):
         yield f"theta_{joint}", "rad", states["time"], _get_angle(states, joint)
     wrench_time = dynamics["time"]
@@ -98,7 +98,7 @@ def _read_other_system(context: Context) -> Iterator[tuple[str, str, FloatArray,
 
 
 def interpolate_at(time: FloatArray, values: FloatArray, at: FloatArray) -> FloatArray:
-    """Return a signal (K,) interpolated at other times (T,); NaN outside its times and next to a gap."""
+    """Return a signal ``values`` (K,) interpolated at the times ``at`` (T,); NaN outside ``time`` and next to a gap."""
     gap = np.interp(at, time, np.isnan(values).astype(np.float64)) > 0
     return np.where(gap, np.nan, np.interp(at, time, values, np.nan, np.nan))
 

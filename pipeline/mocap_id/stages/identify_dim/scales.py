@@ -1,4 +1,4 @@
-"""Check of the absolute scale of plate, cameras and clocks, and effect of errors of scale on standard deviations."""
+"""Check of the scales of plate, cameras and clocks, and effect of their errors on the standard deviations."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def check_and_calibrate(
 ) -> Identification:
     """Return the identification with the result of the check of scales, and with errors of scale in its covariance.
 
-    If the check suspects an error, the size that the check has estimated is added to the covariance.
+    If the check suspects an error, the covariance contains the error at the size that the check has estimated.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def check_and_calibrate(
     chain : (BaseSet, ChainMap), optional
         Base parameters of the chain, and the map from the bodies to them; for measured poses.
     unsmoothed : PreparedTrial, optional
-        Trial with hardly filtered poses for the check, because the low-pass of the fit reduces accelerations.
+        Trial with nearly unfiltered poses for the check, because the low-pass of the fit reduces accelerations.
     """
     usual = read_calibration(context)
     mass = float(found.full[::4].sum())
@@ -93,7 +93,7 @@ def check_and_calibrate(
 
 
 def make_scale_facts(found: Identification) -> dict[str, Any]:
-    """Return JSON of the check, and the part of the covariance of base parameters that comes from errors of scale."""
+    """Return JSON about the check, and the part of the base parameters' covariance that comes from errors of scale."""
     scales = None
     if found.scales is not None:
         causes = {name: asdict(cause) for name, cause in found.scales.causes.items()}
@@ -103,7 +103,7 @@ def make_scale_facts(found: Identification) -> dict[str, Any]:
 
 
 def explain_scales(found: Identification, given: float | None) -> tuple[Reason, ...]:
-    """Return the cautions of the check, and a note if the user has not given the mass (``given``, kg)."""
+    """Return a caution about suspected errors of scale, and a note if the user has not given the mass ``given``, kg."""
     scales = found.scales
     if scales is None:
         return ()
@@ -132,7 +132,7 @@ _ON_TRUST = Reason(
 
 
 def _describe_cause(name: str, cause: ScaleCause) -> str:
-    """Return a text with the error and its size, if this cause is the only one."""
+    """Return a text with the error and the size that it has if only this cause is wrong."""
     value, sd = cause.value, cause.sd
     if name == "inertia":
         factor = max(1.0 + value, 0.05)

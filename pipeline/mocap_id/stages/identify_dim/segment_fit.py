@@ -53,10 +53,10 @@ class SegmentFit:
     validation: Validation  # predictions of left-out repetitions
     # (n,) standard deviation of each joint centre in one direction, relative to the markers around it, m
     centre_sd: FloatArray
-    effect: PoseEffect  # effect of errors of the poses that are the same in every repetition
+    effect: PoseEffect  # effect of the errors of the poses that are the same in every repetition
 
     def noise(self) -> PredictionNoise:
-        """Return the errors of a prediction without the errors of the parameters."""
+        """Return the errors of predicted wrench and torques, except those from errors of the parameters."""
         left_out, found = self.validation.held_out, self.found
         if left_out is not None:
             residual = np.where(left_out.samples[:, None], left_out.measured - left_out.wrench, np.nan)
@@ -104,12 +104,16 @@ def fit_segments(
     pinned: Identification,
     tables: ReferenceBodies,
 ) -> SegmentFit:
-    """Identify the bodies with their measured poses.
+    """Return the identification of the bodies with their measured poses.
 
     Parameters
     ----------
     body_sets : sequence of MeasuredBodies
         Divisions of the person; the division that predicts left-out repetitions best is used.
+    pinned : Identification
+        Identification of the pinned chain.
+    tables : ReferenceBodies
+        Reference bodies with the chain.
     """
     settings, recorded, reference = context.settings, prepared.recorded, tables.chosen.parameters
     mass = float(pinned.full[::4].sum()) if tables.chosen.mass is None else tables.chosen.mass
@@ -151,7 +155,7 @@ def fit_segments(
 def _identify_bodies(
     context: Context, ready: PreparedTrial, movement: Movement, prior: BodyPrior, grid: PointGrid
 ) -> Identification:
-    """Identify the bodies without errors of the poses."""
+    """Return the identification of the bodies; its covariance does not contain errors of the poses."""
     return identify(
         ready,
         movement.free,
@@ -164,7 +168,7 @@ def _identify_bodies(
 
 
 def _convert_references(tables: ReferenceBodies, mean: Callable[[ReferenceBody], FloatArray]) -> ReferenceBodies:
-    """Return the reference bodies with parameters of the measured bodies; NaN without a reference body."""
+    """Return the reference bodies with parameters ``mean`` of the measured bodies; NaN without a reference body."""
     every = tuple(replace(each, parameters=mean(each)) for each in tables.every)
     chosen = mean(tables.chosen)
     known = np.isfinite(tables.chosen.parameters).all()
@@ -174,7 +178,7 @@ def _convert_references(tables: ReferenceBodies, mean: Callable[[ReferenceBody],
 def _choose_bodies(
     body_sets: Sequence[MeasuredBodies], prepared: PreparedTrial, movement: Movement, table: ReferenceBody, mass: float
 ) -> tuple[MeasuredBodies, BodyPrior, ChosenCutoffs]:
-    """Return the bodies that predict left-out repetitions best at the usual cut-offs, their prior and best cut-offs."""
+    """Return the bodies that best predict left-out repetitions with usual cut-offs, their prior and best cut-offs."""
     candidates = []
     for bodies in body_sets:
         prior = make_body_prior(bodies, prepared.recorded.q, movement, table, mass)
@@ -202,7 +206,7 @@ def _add_effect(found: Identification, effect: PoseEffect) -> Identification:
 
 
 def _describe_skin(context: Context, bodies: MeasuredBodies) -> tuple[SlidingBody, ...]:
-    """Return the skin motion of each body; for markers on no moving segment, it is estimated from their residual."""
+    """Return the skin motion of each body; markers that are not in skin.h5 have the variance of the body's residual."""
     skin = context.tree("skin.h5")
     size = dict(zip(skin.texts("markers/name"), skin.numbers("markers/variance"), strict=True))
     joints = len(bodies.poses.centres)
@@ -219,7 +223,7 @@ def _describe_skin(context: Context, bodies: MeasuredBodies) -> tuple[SlidingBod
 def _convert_to_chain(
     prepared: PreparedTrial, pinned: Identification, found: Identification, chain_map: ChainMap, centres: FloatArray
 ) -> tuple[Identification, FloatArray]:
-    """Return the parameters of the chain, computed from the bodies, and the prior's share of each base parameter."""
+    """Return the identification of the chain from that of the bodies, and ``prior_share`` of :class:`SegmentFit`."""
     own, recorded = slice(found.fit.base), prepared.recorded
     covariance = propagate_to_base(chain_map, prepared.base, found.covariance)
     residual = propagate_to_base(chain_map, prepared.base, found.residual_covariance)

@@ -1,4 +1,4 @@
-"""events.parquet of a trial in the plane: events of the repetitions, and details of a sit-to-stand."""
+"""Contents of events.parquet of a trial in the plane: events of the repetitions, and details of a sit-to-stand."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ def make_sit_to_stand_events(
     Parameters
     ----------
     missing : sequence of (T,) arrays
-        Vertical force of the ground by a body model minus the measured force, N: one array for each plausible clock
-        offset; empty without a model. The smallest support by these arrays is used.
+        Vertical force of the ground predicted by a body model minus the measured force, N: one array for each plausible
+        clock offset; empty without a model. Of the supports that follow from these arrays, the smallest is used.
     share : float
-        Share of the standing weight, for seat-off by the rule of the thesis.
+        Share of the standing weight under the feet at seat-off, by the rule of the thesis.
     seat_measured : bool
         Whether the chair's force is measured and therefore not part of ``missing``.
     """

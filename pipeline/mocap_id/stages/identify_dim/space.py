@@ -1,4 +1,4 @@
-"""Function of the stage identify-dim in space: identifies a chain whose base is carried by a plate."""
+"""Function of the stage identify-dim in space, which identifies a chain whose base is on a plate."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def identify_in_space(context: Context) -> Outputs:
 
 
 def _make_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
-    """Return events.parquet and additional columns of dynamics.parquet, by the protocol."""
+    """Return events.parquet and additional columns of dynamics.parquet, as the protocol requires."""
     if context.trial.protocol == "curl":
         from mocap_id.stages.identify_dim.curls import find_curl_events  # noqa: PLC0415  only for curls
 
@@ -102,7 +102,7 @@ def _explain_obstacle(context: Context, inputs: SpatialInputs) -> tuple[Table, T
 
 
 def _check_explained_force(found: SpatialIdentification) -> tuple[Reason, ...]:
-    """Return a caution if the motion of the chain does not explain the horizontal force after the low-pass."""
+    """Return a caution if the motion of the chain does not explain the low-passed horizontal force of the plate."""
     fit, base = found.fit, found.base
     target = fit.target[:, [0, 2]] - fit.target[:, [0, 2]].mean(axis=0)
     rest = (fit.target - fit.design[..., : len(base)] @ base)[:, [0, 2]]

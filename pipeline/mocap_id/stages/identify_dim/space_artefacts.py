@@ -109,7 +109,7 @@ def make_empty_data(segments: int, mass: float | None) -> dict[str, dict[str, An
 
 
 def _make_groups(full: FloatArray, base: int) -> dict[str, dict[str, Any]]:
-    """Return the groups of dynamics.h5 without the group ``base``; there is no reference body and no grid."""
+    """Return the groups of dynamics.h5 except ``base``, without a reference body and a grid."""
     absent = np.full(len(full), np.nan)
     return {
         "full": {
@@ -159,9 +159,9 @@ def make_facts(
 
 
 def make_empty_facts_in_space(chain: SpatialChain, why: str | None) -> dict[str, Any]:
-    """Return the facts of dynamics.h5 without an identification; ``why`` is the reason for this.
+    """Return the facts of dynamics.h5 without an identification; ``why`` says why there is none.
 
-    ``torques`` are the joint, from 1, and the direction of each column ``tau_k``.
+    The fact ``torques`` contains the joint, from 1, and the direction of the torque in each column ``tau_k``.
     """
     words = {
         "hinge": ("axis",),
@@ -175,7 +175,7 @@ def make_empty_facts_in_space(chain: SpatialChain, why: str | None) -> dict[str,
 
 
 def make_no_averages() -> Table:
-    """Return phases.parquet without rows."""
+    """Return phases.parquet without rows, because trials in space are not averaged."""
     empty = np.zeros(0)
     names = np.zeros(0, dtype=object)
     values = {"span": names, "percent": empty, "quantity": names, "unit": names, "mean": empty, "sd": empty}

@@ -1,4 +1,4 @@
-"""Inputs of the identification in space: chain, motion of the segments, base at rest, wrench with six components."""
+"""Inputs of the identification in space: chain, motion of the segments, base at rest, and wrench (6 components)."""
 
 from __future__ import annotations
 
@@ -38,12 +38,12 @@ class SpatialInputs:
     segments: tuple[str, ...]  # names of the segments, base first
     # (T, 6) measured wrench of the ground about the origin of the trial's axes, N and N·m; NaN where unknown
     wrench: FloatArray
-    trial: SpatialTrial | None = None  # prepared trial; None if there is an obstacle without one
+    trial: SpatialTrial | None = None  # prepared trial; None if it could not be prepared
     obstacle: NotIdentifiable | None = None  # reason why nothing can be identified; None if there is none
 
 
 def read_spatial_inputs(context: Context) -> SpatialInputs:
-    """Read and prepare a trial in space; StoreError if poses and wrench have different times."""
+    """Return a trial in space, prepared if possible; StoreError if poses and wrench have different times."""
     settings: IdentifyDimSettings = context.settings
     poses, wrench = context.table("poses.parquet"), context.table("wrench.parquet")
     time = read_common_time(context, "poses.parquet")
@@ -90,7 +90,7 @@ def _make_fit_settings(settings: IdentifyDimSettings) -> FitSettings:
 
 
 def _read_wrench(table: Table) -> FloatArray:
-    """Return the six components of the wrench of the ground (T, 6); NaN where the plate is not valid."""
+    """Return the wrench of the ground (T, 6), N and N·m; NaN where it is not valid or has fewer components."""
     if not set(COMPONENTS) <= set(table.names):
         return np.full((table.length, len(COMPONENTS)), np.nan)
     return np.where(table["plate_ok"][:, None], table.stack(COMPONENTS), np.nan)
@@ -104,7 +104,7 @@ def _check_wrench(context: Context, inputs: SpatialInputs) -> NotIdentifiable | 
 
 
 def _check_base(context: Context, inputs: SpatialInputs) -> NotIdentifiable | None:
-    """Return the reason why plates also carry bodies other than the chain, or None if they carry only its base."""
+    """Return the reason why the plates also measure bodies that are not in the chain; None if they do not."""
     person = context.trial.protocol in _OF_PERSONS or inputs.segments[0] == _PERSON
     if not person and all(joint.known and not joint.glide.any() for joint in inputs.chain.joints):
         return None
@@ -174,16 +174,16 @@ def _read_segment_poses(poses: Table, segments: tuple[str, ...], k: int) -> tupl
 
 
 def _check_excitation(settings: IdentifyDimSettings, trial: SpatialTrial) -> NotIdentifiable | None:
-    """Return the reason why the usable samples do not determine the parameters, or None."""
+    """Return the reason why the usable samples do not determine the parameters; None if they do."""
     everywhere = np.ones(len(trial.usable), dtype=np.bool_)
     chosen = select_samples(trial, everywhere)
     recorded = trial.recorded
     if chosen.sum() < LEAST_SECONDS * recorded.rate:
         return NotIdentifiable(
             "too-few-samples",
-            f"{chosen.sum() / recorded.rate:.2f} s are usable, with known segments and plate and at least "
-            f"{trial.lowpass.reach:.2f} s (the reach of the low-pass) from gaps, expected at least {LEAST_SECONDS:g} "
-            "s: record longer or with fewer gaps",
+            f"{chosen.sum() / recorded.rate:.2f} s are usable, expected at least {LEAST_SECONDS:g} s: in usable "
+            "samples, all segments and the wrench of the plate are known, and gaps are at least "
+            f"{trial.lowpass.reach:.2f} s away, because the low-pass spreads gaps. Record longer or with fewer gaps",
         )
     mass = float(np.nanmedian(recorded.wrench[chosen, 1])) / settings.gravity
     arc = float(np.degrees(_measure_rotations(recorded, chosen).max()))

@@ -82,7 +82,7 @@ def read_cop_threshold(context: Context) -> float:
 
 
 def _read_external_wrenches(context: Context, segments: Sequence[str], measures: str) -> tuple[ExternalWrench, ...]:
-    """Return the external wrenches that measure contacts or, with ``measures`` "beyond", the load of a joint."""
+    """Return the external wrenches whose key `measures` is ``measures``: "contact" or "beyond"."""
     table, settings = context.table("wrench.parquet"), context.settings
     wrenches = []
     for fact in table.facts.get("external") or ():
@@ -111,12 +111,12 @@ def _find_segment_number(names: Sequence[str], given: str | int, key: str) -> in
 
 
 def _find_thigh(names: Sequence[str]) -> int:
-    """Return the number of the segment named thigh, or else of the segment after the shank."""
+    """Return the number of the segment named thigh, or else 2, or the last number if there are fewer segments."""
     return names.index(_THIGH) if _THIGH in names else min(_THIGH_NUMBER, len(names) - 1)
 
 
 def read_joint_names(context: Context) -> tuple[str, ...]:
-    """Return the names of the joints of the chain; numbers if they have no names."""
+    """Return the names of the joints of the chain; joints without names are numbered."""
     return read_skeleton(context).joint_names
 
 

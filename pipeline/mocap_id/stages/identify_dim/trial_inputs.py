@@ -54,7 +54,7 @@ class TrialInputs:
 
 
 def read_inputs(context: Context) -> TrialInputs:
-    """Read a trial, choose the motion of its masses, and find the samples for the identification."""
+    """Return the data of a trial, the choice of the motion of its masses, and the samples for the identification."""
     settings: IdentifyDimSettings = context.settings
     chain = read_skeleton(context)
     recorded = read_trial_data(context, chain)
@@ -129,7 +129,7 @@ def _make_predictor(
 def _choose_motion(
     context: Context, recorded: TrialData
 ) -> tuple[tuple[MeasuredBodies, ...], dict[str, Any], FloatArray]:
-    """Return the bodies with measured poses, facts about this choice, and standard deviations of the centres (n,), m.
+    """Return bodies with measured poses, facts about the choice, and the standard deviations ``centre_sd`` (n,), m.
 
     There are no bodies if the pinned chain is used.
     """

@@ -1,4 +1,4 @@
-"""Cross-validation: every repetition of a trial is predicted by a model that was fitted to the others."""
+"""Cross-validation: every repetition of a trial is predicted by a model that was fitted to the other repetitions."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from mocap_id.verdict import Reason
 SERIES = (*WRENCH_COMPONENTS, "cop_x")
 """Compared quantities, in the order of the columns of `dynamics.parquet`."""
 _JUDGED = ("Fy", "tauz", "cop_x")
-_FAR = 1.5  # times the error within the fit; expected with less than three independent observations for a parameter
-_NOTICEABLE = 1e-4  # share of the measured variance; with a smaller error, the model is practically exact
+_FAR = 1.5  # times the error within the fit; expected with fewer than three independent observations per parameter
+_NOTICEABLE = 1e-4  # share of the measured variance; with a smaller mean square error, the model is practically exact
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Validation:
 
 
 def validate(prepared: PreparedTrial, movement: Movement, found: Identification, model: FloatArray) -> Validation:
-    """Predict each repetition by a model that is fitted to the others.
+    """Return predictions of each repetition by a model that is fitted to the other repetitions.
 
     ``model`` (T, 3) is the wrench of the model of the whole fit; a component with only NaN is not predicted.
     """
@@ -63,7 +63,7 @@ def make_facts(
     *,
     filtered: bool = False,
 ) -> dict[str, Any]:
-    """Return errors on left-out repetitions, and errors of the whole fit and of the reference body on the same samples.
+    """Return the errors for left-out repetitions, and those of the whole fit and the reference body for these samples.
 
     Parameters
     ----------
@@ -100,7 +100,10 @@ def make_facts(
 
 
 def _measure_coverage(left_out: LeftOutPrediction, threshold: float) -> dict[str, float] | None:
-    """Return the share of left-out samples in 95 % intervals whose width is estimated from the other repetitions."""
+    """Return the shares of left-out samples that are in their 95 % intervals, by quantity; None if unknown.
+
+    The widths of the intervals in a repetition are estimated from the errors in the other repetitions.
+    """
     off = left_out.filtered - left_out.filtered_measured
     cop = centre_of_pressure(left_out.filtered, threshold) - centre_of_pressure(left_out.filtered_measured, threshold)
     series = np.column_stack([off, cop])
@@ -124,7 +127,7 @@ def get_wrench(validation: Validation, samples: int) -> FloatArray:
 
 
 def get_parameters(validation: Validation, base: int) -> dict[str, FloatArray]:
-    """Return base parameters and clock offsets of the models without each of the repetitions, one row for a model."""
+    """Return base parameters and clock offsets of the models of the cross-validation, one row for each model."""
     left_out = validation.held_out
     if left_out is None:
         return {"base": np.zeros((0, base)), "clock_offset": np.zeros(0)}
@@ -146,7 +149,7 @@ def explain_validation(found: Mapping[str, Any]) -> tuple[Reason, ...]:
                 "held-out-worse",
                 "the model does not predict left-out repetitions better than the reference body from height and mass: "
                 f"the ratio of the errors is {_list_ratios(worse)}. This recording does not allow an individual model "
-                "of these quantities: errors by markers, loose joints or limbs without markers are larger than the "
+                "of these quantities: errors of markers, loose joints or limbs without markers are larger than the "
                 "difference between the person and the reference body",
                 value=max(worse.values()),
                 limit=1.0,
@@ -166,7 +169,7 @@ def explain_validation(found: Mapping[str, Any]) -> tuple[Reason, ...]:
 
 
 def find_spans(movement: Movement) -> list[tuple[float, float]]:
-    """Return the first and last event of every repetition with a known event, s."""
+    """Return the times of the first and last known event of each repetition that has a known event, s."""
     spans = []
     for each in movement.repetitions:
         events = (each.start, each.seat_off, each.stand, each.seat_on, each.end)

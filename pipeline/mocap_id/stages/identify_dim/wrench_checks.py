@@ -16,7 +16,10 @@ from mocap_id.verdict import Reason
 
 
 def check_chair(prepared: PreparedTrial) -> tuple[PreparedTrial, tuple[Reason, ...]]:
-    """Return the trial, without the chair's wrench if it contradicts the body's motion, and a note or caution."""
+    """Return the trial, without the chair's wrench if it contradicts the body's motion, and a note or caution.
+
+    Without a plate under the chair, the trial is unchanged and the tuple is empty.
+    """
     recorded = prepared.recorded
     if recorded.seat is None:
         return prepared, ()
@@ -73,5 +76,5 @@ def make_gain_facts(prepared: PreparedTrial, found: Fit) -> list[dict[str, Any]]
 
 
 def _find_worst(wrong: Sequence[WrenchGain]) -> WrenchGain:
-    """Return the gain with the largest effect relative to its limit."""
+    """Return the gain whose deviation from 1 has the largest effect relative to its limit."""
     return max(wrong, key=lambda gain: abs(gain.value - 1.0) * gain.size / gain.limit)
