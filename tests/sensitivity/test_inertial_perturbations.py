@@ -76,11 +76,11 @@ def test_without_a_plate_no_tolerance_of_sensors_is_claimed(trial: TrialInputs) 
     selections, note = _select_possible(ALL_KINDS, bare)
     assert {one.kind for one in selections} == {kind.name for kind in KINDS.values() if kind.entry == "fit-joints"}
     assert note.startswith(
-        "there is no force plate: only lengths and states are compared; left out, because they change no length: "
+        "there is no force plate: only lengths and states are compared; left out, because they do not change lengths: "
         "the filter's noise, angle bias, angle noise, clock offset"
     )
     assert "wander of the inertial sensors' clocks, drift of" in note
-    with pytest.raises(ConfigError, match=r"has no force plate, so nothing .* change no length: wander"):
+    with pytest.raises(ConfigError, match=r"has no force plate, so there is nothing .* not change lengths: wander"):
         _select_possible((KindSelection("imu-clock"),), bare)
 
 

@@ -13,7 +13,7 @@ from mocap_id.workflows.sensitivity.plan import ALL_KINDS, KindSelection, Sensit
 LEG = ("ankle", "knee", "hip")
 MISTAKES = [
     ("- kind: clock-ofset", "line 1", "did you mean `clock-offset`?"),
-    ("- kind: drop-outs\n  levels: [0.1, 1.5]", "line 2", "the level 1.5 is not a share from 0 to below 1"),
+    ("- kind: drop-outs\n  levels: [0.1, 1.5]", "line 2", "the level 1.5 is not a fraction of at least 0 and below 1"),
     ("- kind: marker-count\n  levels: [2.5]", "line 2", "a whole number of markers"),
     ("- kind: soft-tissue\n  on: [knee]", "line 2", "acts on everything"),
     ("- kind: wrench-bias\n  on: [Fz]", "line 2", "expected one of Fx, Fy, tauz"),

@@ -61,7 +61,7 @@ def test_markers_of_an_arm_are_reaches_and_the_fewer_are_left_out(tmp_path: Path
     found = discover(tmp_path)
     assert {one.markers.name: one.side for one in found.trials} == {"right.c3d": "right", "reach.c3d": "left"}
     assert not any(one.skeleton for one in found.trials)
-    assert list(found.left_out.values()) == ["no markers of an arm and no skeleton: not a reach"]
+    assert list(found.left_out.values()) == ["not a reach: no markers of an arm and no skeleton"]
     markers(tmp_path / "anna" / "squat2.c3d", "RANK", "RKNE", "RASI")
     found = discover(tmp_path)
     assert not found.reach

@@ -135,8 +135,8 @@ def test_a_trc_file_takes_its_mot_and_gives_way_to_a_c3d(tmp_path: Path) -> None
     files = [(trial.markers.name, trial.forces and trial.forces.name) for trial in found.trials]
     assert files == [("sts1.trc", "sts1_grf.mot"), ("sts2.trc", None), ("sts3.c3d", None)]
     assert {path.name: why for path, why in found.left_out.items()} == {
-        "static1.trc": "a static or calibration trial, by its name",
-        "sts3.trc": "the C3D file of the same name is used",
+        "static1.trc": "the name is that of a static or calibration trial",
+        "sts3.trc": "the C3D file with the same name is used",
     }
 
 
@@ -146,7 +146,7 @@ def test_what_does_not_fit_is_told_and_nothing_found_is_an_error(tmp_path: Path)
     assert list(found.left_out.values()) == ["does not fit the pattern {subject}/{strategy}*"]
     with pytest.raises(ConfigError, match="none of the 2 recordings fits the pattern x/"):
         discover(folder, "x/{subject}/{strategy}*")
-    with pytest.raises(ConfigError, match="it contains no recording"):
+    with pytest.raises(ConfigError, match="the folder contains no recording"):
         discover(touched(tmp_path / "empty", "readme.txt"))
     with pytest.raises(ConfigError, match="no such folder"):
         discover(tmp_path / "nowhere")

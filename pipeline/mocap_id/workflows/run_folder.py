@@ -1,4 +1,4 @@
-"""Run folders on disk: complete runs, partial runs and refused trials, opened by YAML file or by folder."""
+"""Run folders on disk: complete runs, partial runs and refused trials, opened from a YAML file or a folder."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ class RunFolder(ArtefactSet):
 
     @cached_property
     def summary(self) -> Mapping[str, Any]:
-        """Content of summary.json; empty if there is no such file. StoreError if the file cannot be read."""
+        """Content of summary.json, empty if there is no such file; StoreError is raised if it cannot be read."""
         file = self.path / SUMMARY
         try:
             summary: Mapping[str, Any] = json.loads(file.read_text("utf-8"))
@@ -56,11 +56,11 @@ class RunFolder(ArtefactSet):
         return is_in_space(self.facts("planar.parquet"))
 
     def why_missing(self, file: str) -> str:
-        """Return the reason why an artefact, or the data in it, is missing."""
+        """Return the reason why an artefact, or its data, is missing."""
         if file == "angles.parquet" and file in self.artefacts and not self.in_space:
-            return "a trial in the plane has no anatomical angles: see its `states`"
+            return "a trial in the plane has no anatomical angles: use its `states`"
         if file in self.artefacts:
-            return str(self.facts(file).get("why") or f"{file} gives no reason")
+            return str(self.facts(file).get("why") or f"{file} does not contain the reason")
         refusals = [
             f"the trial was refused ({reason['code']}) before {file} was made"
             for reason in self.summary.get("verdict", {}).get("reasons", ())
@@ -70,17 +70,17 @@ class RunFolder(ArtefactSet):
 
 
 def open_run(path: Path, progress: runner.Progress = lambda step: None) -> RunFolder:
-    """Open a run and read all its artefacts.
+    """Open a run, read all its artefacts, and return them.
 
-    ``path`` is a trial's YAML file, whose missing or outdated results are computed first, or a run folder, which is
-    read unchanged. ``progress`` is called with each step of a run.
+    If ``path`` is a trial's YAML file, missing or outdated results are computed first. If it is a run folder, it is
+    read and not changed. ``progress`` is called with each step of a run.
 
     Raises
     ------
     StoreError
-        The folder has no artefacts, a damaged one, or artefacts of different runs.
+        The folder has no artefacts, a damaged artefact, or artefacts of different runs.
     ConfigError, RecordingError, NumericalError
-        As for :func:`mocap_id.runner.run`. A refused trial raises nothing: the folder describes the refusal.
+        As for :func:`mocap_id.runner.run`. A refused trial raises nothing; its run folder describes the refusal.
     """
     if not path.exists():
         raise ConfigError(f"{path}: no such file or folder; expected a trial's YAML file or a run folder, runs/<trial>")
@@ -92,15 +92,15 @@ def open_run(path: Path, progress: runner.Progress = lambda step: None) -> RunFo
 
 
 def open_lazily(path: Path) -> RunFolder:
-    """Open a run folder whose artefacts are read when they are first used.
+    """Open a run folder; each artefact is read when it is used.
 
-    Reading an artefact raises StoreError if it is damaged, or was made from other versions of its inputs than the
-    folder contains. ``provenance`` is empty.
+    ``provenance`` is empty. Reading an artefact raises StoreError if the artefact is damaged, or if it was made from
+    inputs that differ from the inputs in the folder.
 
     Raises
     ------
     StoreError
-        The folder has neither artefacts nor a summary. A trial that was refused at once has only a summary.
+        The folder has neither artefacts nor a summary. A trial that the first stage refused has only a summary.
     """
     folder = Folder(path)
     if not (path / SUMMARY).is_file():
@@ -109,7 +109,7 @@ def open_lazily(path: Path) -> RunFolder:
 
 
 class _LazyArtefacts(Mapping[str, "Artefact"]):
-    """The artefacts in a folder by file name, read when they are first used."""
+    """The artefacts in a folder by file name; each artefact is read when it is used."""
 
     def __init__(self, folder: Folder) -> None:
         self._folder = folder
@@ -133,7 +133,7 @@ class _LazyArtefacts(Mapping[str, "Artefact"]):
 
 
 def _list_artefacts(folder: Folder) -> list[str]:
-    """Return the file names of the artefacts in a folder; StoreError if there are none."""
+    """Return the file names of the artefacts in a folder; raise StoreError if the folder contains no artefacts."""
     files = [file for file in SCHEMAS if folder.exists(file)]
     if not files:
         raise StoreError(
@@ -151,9 +151,10 @@ def _report_mismatch(folder: Folder, file: str, needed: str) -> StoreError:
 
 
 def open_run_to(path: Path, stage: str, progress: runner.Progress = lambda step: None) -> tuple[Folder, Trial | None]:
-    """Open the run folder of a trial whose results are computed up to one stage; with the trial if it has a YAML file.
+    """Return the run folder of a trial with its results up to one stage, and the trial.
 
-    ``path`` and ``progress`` are as for :func:`open_run`, ``stage`` is the last stage that has to run.
+    ``path`` and ``progress`` are as for :func:`open_run`; ``stage`` is the last stage that must have run. The trial is
+    None if ``path`` is a folder, whose results are not checked.
 
     Raises
     ------
@@ -172,12 +173,12 @@ def open_run_to(path: Path, stage: str, progress: runner.Progress = lambda step:
 
 
 def check_provenance(folder: Folder, files: Iterable[str]) -> dict[str, Provenance]:
-    """Check that artefacts were made from each other, and return their provenance by file name.
+    """Check that artefacts of a folder belong together, and return their provenance by file name.
 
     Raises
     ------
     StoreError
-        An artefact is missing or damaged, or was made from another version of its input than the folder contains.
+        An artefact is missing or damaged, or was made from an input that differs from the input in the folder.
     """
     provenance = {file: folder.provenance(file) for file in files}
     for file, own in provenance.items():

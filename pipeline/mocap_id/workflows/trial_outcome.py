@@ -1,4 +1,4 @@
-"""The outcome of a trial's run: its exit code, and its summary."""
+"""The outcome of a trial's run: exit code and summary."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ class TrialOutcome:
     """The outcome of a trial's run."""
 
     run: TrialRun
-    summary: Mapping[str, Any] | None  # content of summary.json; None for a trial that failed
+    summary: Mapping[str, Any] | None  # content of summary.json; None for a trial that failed or was not run
 
     @property
     def level(self) -> Any:
@@ -41,19 +41,19 @@ class TrialOutcome:
         return [str(reason["code"]) for reason in self.value("verdict", "reasons") or ()]
 
     def value(self, *keys: str) -> Any:
-        """Return an entry of the summary by its keys, outermost first; None if the summary does not have it."""
+        """Return an entry of the summary by its keys, from the outermost key; None if there is no such entry."""
         entry: Any = self.summary
         for key in keys:
             entry = (entry or {}).get(key)
         return entry
 
     def metres(self, *keys: str) -> float | None:
-        """Return an entry of the summary in millimetres, converted to metres; None if the summary does not have it."""
+        """Return an entry of the summary, converted from millimetres to metres; None if there is no such entry."""
         value = self.value(*keys)
         return None if value is None else value / 1e3
 
     def entry(self, name: str, about: str, report: str) -> TrialEntry:
-        """Return the entry of the trial on a page; `report` is the path of its report, which a failed trial lacks."""
+        """Return the entry of the trial on a page; `report` is the path of its report, unused for a failed trial."""
         from mocap_id.reporting.results.study_page import TrialEntry  # noqa: PLC0415  it loads the page's templates
 
         reasons = [ReasonEntry(**reason) for reason in self.value("verdict", "reasons") or ()]
@@ -62,7 +62,7 @@ class TrialOutcome:
 
 
 def read_summary(folder: Path, run: TrialRun) -> Mapping[str, Any] | None:
-    """Return the content of summary.json; None for a failed trial, because the file may be of an earlier run."""
+    """Return the content of summary.json; None for a failed trial, because its file may be from an earlier run."""
     if run.exit_code not in (0, Refused.exit_code):
         return None
     summary: Mapping[str, Any] = json.loads((folder / SUMMARY_FILE).read_text("utf-8"))
@@ -85,7 +85,9 @@ SUMMARY_COLUMNS: Mapping[str, ResultColumn] = {
     for column in (
         count("segments", "number of segments with the base", read_entry("segments", "count")),
         number("confidence", "1", "probability that the segments are right", read_entry("segments", "confidence")),
-        number("missing_fraction", "1", "share of missing marker samples", read_entry("markers", "missing_fraction")),
+        number(
+            "missing_fraction", "1", "fraction of missing marker samples", read_entry("markers", "missing_fraction")
+        ),
         number(
             "reprojection",
             "m",
@@ -102,4 +104,4 @@ SUMMARY_COLUMNS: Mapping[str, ResultColumn] = {
         number("clock_offset", "s", "clock offset, plates after cameras", read_entry("dynamics", "clock_offset_s")),
     )
 }
-"""Columns by name that the tables of batches and studies share."""
+"""Columns that are the same in the tables of batches and studies, by name."""

@@ -25,7 +25,7 @@ class RobotTrialResult(TrialOutcome):
     trial: RobotTrial
     labels: Labels
     truth: Truth | None
-    reference: Mapping[str, float]  # the known reference parameters, and ``base``, the distance of the joint, m
+    reference: Mapping[str, float]  # known reference parameters, and ``base``: distance of the joint from the origin, m
     by_method: Mapping[str, MethodResult]  # empty for a trial that failed or was refused
 
     @property
@@ -35,12 +35,12 @@ class RobotTrialResult(TrialOutcome):
 
     @property
     def cell(self) -> tuple[str, str]:
-        """Joint and speed."""
+        """Joint and speed, which identify a cell in the thesis's tables."""
         return self.labels.joint, self.labels.speed
 
     @property
     def method_of_reference(self) -> MethodResult | None:
-        """The result whose states are used with the reference parameters; None if not all parameters are known."""
+        """The result whose states are used with the reference parameters; None if a reference parameter is unknown."""
         known = all(name in self.reference for name in PARAMETERS)
         return self.by_method.get(ENCODER.name, self.by_method.get(CAMERAS.name)) if known else None
 
@@ -69,7 +69,7 @@ def read_trial_result(trial: RobotTrial, run: TrialRun, reference: Mapping[str, 
 
 
 def predict_reference(trial: RobotTrialResult, result: MethodResult) -> tuple[FloatArray, FloatArray]:
-    """Return wrench (T, 3) and torque (T,), in the plane, of the reference parameters on the states of a method."""
+    """Return wrench (T, 3) and torque (T,) in the plane, from the reference parameters and the states of a method."""
     identified = result.identified
     base = result.frame.into_plane(np.array([trial.reference[name] for name in PARAMETERS]))
     full = np.linalg.pinv(result.folder.tree("dynamics.h5").array("base/regrouping").astype(np.float64)) @ base

@@ -1,4 +1,4 @@
-"""The table `trials`: a row for every trial and method, and a row for the reference parameters on the same states."""
+"""The table `trials`: a row for each trial and method, and a row for each trial with the reference parameters."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ CELL = (
     text("joint", "the joint that moves"),
     text("speed", "speed of the movement"),
     number("orientation", "deg", "angle of the robot about the vertical; NaN: all orientations"),
-    text("obs", "source of the states: P cameras, R encoder, Ref. the reference parameters, or a method"),
+    text("obs", "P: states from the cameras; R: from the encoder; Ref.: reference parameters; else name of a method"),
     text("source", "`this` program, or the `thesis`"),
     whole("trials", "number of trials in the row; 0 for the thesis"),
 )
@@ -61,7 +61,7 @@ TRIALS = TableSchema(
         text("method", "cameras, encoder, differences, differences-6, spline, or reference"),
         text("verdict", "verdict of the trial: ok, caution, refused or failed"),
         text("codes", "codes of the verdict's reasons"),
-        text("against", "reference of the states: truth, encoder, or empty"),
+        text("against", "reference of the states: truth or encoder; empty without a reference"),
         number("base", "m", "distance of the joint from the plane's origin"),
         number("base_sd", "m", "its standard deviation"),
         number("base_error", "m", "distance minus the distance of the reference"),
@@ -80,7 +80,7 @@ TRIALS = TableSchema(
 
 
 def trial_rows(trials: Sequence[RobotTrialResult]) -> Iterator[dict[str, Any]]:
-    """Yield the rows of the table `trials`; a trial without results has one row without numbers."""
+    """Yield the rows of the table `trials`; a trial without results has a single row without numbers."""
     for trial in trials:
         orientation = trial.labels.orientation
         labels = {
@@ -144,7 +144,7 @@ def _name_errors(name: str, errors: SeriesErrors) -> dict[str, float]:
 
 
 def _describe_reference(trial: RobotTrialResult, result: MethodResult) -> dict[str, Any]:
-    """Return the reference parameters, and the errors of their wrench and torque on the same states."""
+    """Return the reference parameters, and the errors of the wrench and torque that they predict for the states."""
     wrench, torque = predict_reference(trial, result)
     row: dict[str, Any] = {name: trial.reference[name] for name in PARAMETERS}
     row |= {f"{name}_reference": trial.reference[name] for name in PARAMETERS}
@@ -157,7 +157,7 @@ def _describe_reference(trial: RobotTrialResult, result: MethodResult) -> dict[s
 
 
 def _compare_torque(trial: RobotTrialResult, result: MethodResult, torque: FloatArray) -> SeriesErrors:
-    """Return the errors of a torque (T,) in the plane against the encoder's torque, at the encoder's times."""
+    """Return the errors of a torque (T,) in the plane relative to the torque in the encoder's file, at its times."""
     file, encoder = trial.trial.trial.keys.encoder, result.folder.read("encoder.parquet").facts
     log = None if file is None else recording.read_encoder(file)
     if log is None or log.torque is None or encoder.get("sign") is None:

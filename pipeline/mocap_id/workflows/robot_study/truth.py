@@ -43,7 +43,7 @@ class Labels:
     orientation: float | None = None
 
     def completed_by(self, other: Labels) -> Labels:
-        """Return these labels, with the other labels in place of unknown ones."""
+        """Return these labels; an unknown label is replaced by the label of ``other``."""
         orientation = other.orientation if self.orientation is None else self.orientation
         return Labels(self.joint or other.joint, self.speed or other.speed, orientation)
 
@@ -54,7 +54,7 @@ def read_truth(recording: Path) -> Truth | None:
     Raises
     ------
     RecordingError
-        The files exist and cannot be read.
+        The files exist but cannot be read.
     """
     file, arrays = recording.parent / "truth.json", recording.parent / "truth.npz"
     if not (file.exists() and arrays.exists()):
@@ -65,11 +65,11 @@ def read_truth(recording: Path) -> Truth | None:
             states = np.column_stack([data[name][:, 0] for name in ("q", "qd", "qdd")]).astype(np.float64)
             return Truth(document, np.asarray(data["t"], dtype=np.float64), states)
     except (OSError, ValueError, KeyError, IndexError) as error:
-        raise RecordingError(f"{file}: not the truth of a simulated trial ({error}); remove it") from None
+        raise RecordingError(f"{file}: the file is not the truth of a simulated trial ({error}); remove it") from None
 
 
 def read_labels(truth: Truth | None) -> Labels:
-    """Return the labels in truth.json; all unknown if there is no truth."""
+    """Return the labels in truth.json; all labels are unknown if there is no truth."""
     if truth is None:
         return Labels()
     frequency = truth.document.get("freq_hz")

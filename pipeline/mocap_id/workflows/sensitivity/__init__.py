@@ -2,6 +2,6 @@
 
 `kinds` lists the kinds of perturbation, and `plan` makes the list to run from the user's options. The modules
 `signal_perturbations` and `marker_perturbations` change the inputs of the stages, which `trial_inputs` reads. `runs`
-runs the stages that depend on them. `responses` compares the results, `tolerance` determines the tolerated levels, and
-`study` writes `tables` and page.
+runs the stages that depend on these inputs. `responses` compares the results, `tolerance` determines the tolerated
+levels, and `study` writes `tables` and page.
 """

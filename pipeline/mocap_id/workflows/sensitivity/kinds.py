@@ -1,4 +1,4 @@
-"""The kinds of perturbation: the kinds of thesis 5.5.2, and others that occur in a laboratory."""
+"""The kinds of perturbation: those of thesis 5.5.2, and further errors that occur in a laboratory."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ Worse: TypeAlias = Literal["more", "less", "either"]
 
 COMPONENTS = ("Fx", "Fy", "tauz")
 JOINTS = ("joints",)
-"""Targets of a kind that acts on each joint of the trial, or on all of them."""
+"""Value of :attr:`Kind.targets` for a kind that acts on each joint of the trial, or on all joints."""
 ALL = "all"
 """Target for all joints at once."""
 _THESIS_SD = ("0.0001", "0.001", "0.1")
@@ -24,21 +24,21 @@ class Kind:
 
     name: str  # name in the settings file and the tables
     title: str  # name in texts
-    entry: Entry  # first stage that uses the perturbed quantity; it and all later stages are run again
+    entry: Entry  # first stage that uses the perturbed quantity; this stage and all later stages are run again
     unit: str  # unit of the levels; empty for counts
     levels: tuple[float, ...]  # default levels
     allowed: Callable[[float], bool]  # returns whether a level is valid
     expected: str  # description of a valid level
     targets: tuple[str, ...] = ()  # possible targets, or :data:`JOINTS`; empty if the kind acts on everything
-    usual: tuple[str, ...] = ()  # default targets; empty for all
-    free: bool = False  # whether targets are any numbers; ``targets`` are then the defaults
+    usual: tuple[str, ...] = ()  # default targets; empty if all targets are the default
+    free: bool = False  # whether a target may be any number; ``targets`` are then the defaults
     worse: Worse = "more"  # direction in which the levels get worse
     random: bool = False  # whether the perturbation is drawn at random, from the seed
     needs_imus: bool = False  # whether the perturbation changes the logs of inertial sensors
 
     @property
     def changes_lengths(self) -> bool:
-        """Whether it can change lengths of segments, and not only states and dynamics."""
+        """Whether the perturbation can change lengths of segments, and not only states and dynamics."""
         return self.entry == "fit-joints"
 
     @property
@@ -60,7 +60,7 @@ _CLOCK = (lambda level: abs(level) <= 1, "a time up to ± 1 s")
 _DIVISOR = (_at_least(1), "a whole number by which the frame rate is divided, 1 or more")
 _MARKERS = (_at_least(2), "a whole number of markers, 2 or more")
 _NUMBER = (math.isfinite, "a number")
-_SHARE = (lambda level: 0 <= level < 1, "a share from 0 to below 1")
+_SHARE = (lambda level: 0 <= level < 1, "a fraction of at least 0 and below 1")
 _SIZE = (lambda level: level >= 0, "0 or more")
 _SNAP = (lambda level: level > 0, "a standard deviation of the snap above 0, rad/s^4")
 _IGNORED = _both_signs(0.001, 0.003, 0.01, 0.03, 0.1)
@@ -82,7 +82,7 @@ _KINDS = (
     Kind("board-steps", "steps of a balance board's cells", _DYN, "kg", (0.1, 0.5, 2.0), *_SIZE, random=True),
     Kind("stamp-jitter", "jitter of the force's time stamps", _DYN, "s", (0.003, 0.01, 0.03), *_SIZE, random=True),
     Kind("camera-noise", "camera noise", _FIT, "m", (0.001, 0.003, 0.01), *_SIZE, random=True),
-    Kind("marker-count", "markers a segment", _FIT, "", (4, 3, 2), *_MARKERS, worse="less", random=True),
+    Kind("marker-count", "markers per segment", _FIT, "", (4, 3, 2), *_MARKERS, worse="less", random=True),
     Kind("drop-outs", "drop-outs", _FIT, "of samples", (0.05, 0.2, 0.5), *_SHARE, random=True),
     Kind("soft-tissue", "soft tissue", _FIT, "m", (0.001, 0.003, 0.01), *_SIZE, random=True),
     Kind("frame-rate", "frame rate", _FIT, "", (2, 4, 8), *_DIVISOR),

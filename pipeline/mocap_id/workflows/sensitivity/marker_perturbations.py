@@ -1,4 +1,4 @@
-"""Perturbations of the markers: noise, skin, drop-outs, their number, the frame rate, and noise of the angles."""
+"""Perturbations of the markers: noise, skin motion, drop-outs, fewer markers, lower frame rate, noise of the angles."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ _BURST = (0.05, 0.5)  # s, shortest and longest drop-out
 
 
 def camera_noise(trial: TrialInputs, change: Perturbation) -> TrialInputs:
-    """Add white noise to every coordinate of every marker on a moving segment."""
+    """Return the trial with white noise added to each coordinate of each marker on a moving segment."""
     moving = _find_moving(trial)
     noise = change.rng().standard_normal((len(trial.time), len(moving), 2))
     return _shift(trial, moving, change.level * noise)
 
 
 def angle_noise(trial: TrialInputs, change: Perturbation) -> TrialInputs:
-    """Move the markers as white noise in the angles would.
+    """Return the trial with its markers shifted as by white noise in the angles.
 
-    The markers move by the difference of the forward map (3.18) with and without the noise. The angles of each frame
-    then have exactly this error; the chain and everything else do not change.
+    The shift is the difference between the marker positions (3.18) with and without the noise. The angles of each frame
+    then have exactly this error, and the chain does not change.
     """
     q = _fill_gaps(trial.states("theta"))
     noisy = q.copy()
@@ -44,7 +44,7 @@ def angle_noise(trial: TrialInputs, change: Perturbation) -> TrialInputs:
 
 
 def soft_tissue(trial: TrialInputs, change: Perturbation) -> TrialInputs:
-    """Let the skin slide as in the simulation, by up to the level: with the joint angles, and as a slow drift."""
+    """Return the trial with skin motion as in the simulation: up to the level, with the angles and as a slow drift."""
     moving, segment = _find_moving(trial), _read_segments(trial)
     q = _fill_gaps(trial.states("theta"))
     count = len(moving)
@@ -63,7 +63,7 @@ def soft_tissue(trial: TrialInputs, change: Perturbation) -> TrialInputs:
 
 
 def drop_outs(trial: TrialInputs, change: Perturbation) -> TrialInputs:
-    """Remove bursts of samples of the moving segments' markers, until the level's share is removed."""
+    """Return the trial without bursts of samples of moving markers; the level is the removed fraction of samples."""
     moving, time = _find_moving(trial), trial.time
     missing = np.zeros((len(time), len(moving)), dtype=np.bool_)
     bursts, removed = _draw_bursts(change.rng(), missing.shape, time[1] - time[0]), 0
@@ -77,7 +77,7 @@ def drop_outs(trial: TrialInputs, change: Perturbation) -> TrialInputs:
 
 
 def _draw_bursts(rng: np.random.Generator, shape: tuple[int, ...], dt: float) -> Iterator[tuple[slice, int]]:
-    """Yield frames and marker of each drop-out."""
+    """Yield endless random drop-outs, each as its frames and its marker; ``dt`` is the time between frames, s."""
     frames, markers = shape
     while True:
         start, marker = int(rng.integers(frames)), int(rng.integers(markers))
@@ -85,7 +85,7 @@ def _draw_bursts(rng: np.random.Generator, shape: tuple[int, ...], dt: float) ->
 
 
 def marker_count(trial: TrialInputs, change: Perturbation) -> TrialInputs:
-    """Keep as many random markers as the level says on every moving segment that has more."""
+    """Return the trial with at most ``level`` markers, chosen at random, on each moving segment."""
     table, rng = trial.table(SEGMENTS), change.rng()
     segment = table["segment"].copy()
     for number in sorted(set(segment[segment > 0])):
@@ -94,7 +94,7 @@ def marker_count(trial: TrialInputs, change: Perturbation) -> TrialInputs:
 
 
 def frame_rate(trial: TrialInputs, change: Perturbation) -> TrialInputs:
-    """Divide the frame rate by the level, and average the wrench over the longer interval as planarise does."""
+    """Return the trial with its frame rate divided by the level; the wrench is averaged as in planarise."""
     every = int(change.level)
     if every == 1:
         return trial
@@ -110,7 +110,10 @@ def frame_rate(trial: TrialInputs, change: Perturbation) -> TrialInputs:
 
 
 def _average(table: Table, every: int) -> Table:
-    """Return means over ``every`` rows about every ``every``-th row; an even number takes half of the outer two."""
+    """Return each ``every``-th row, as the mean of the ``every`` rows around it.
+
+    If ``every`` is even, the two outer rows of each mean have half the weight.
+    """
     weight = np.ones(every) if every % 2 else np.r_[0.5, np.ones(every - 1), 0.5]
     reach = len(weight) // 2
     columns = {}
@@ -124,13 +127,13 @@ def _average(table: Table, every: int) -> Table:
 
 
 def _find_columns(trial: TrialInputs, labels: Sequence[str]) -> IntArray:
-    """Return the columns of markers in planar.parquet."""
+    """Return the columns of the markers with these labels in planar.parquet."""
     known = trial.long(PLANAR).labels
     return np.array([known.index(label) for label in labels], dtype=np.int64)
 
 
 def _read_segments(trial: TrialInputs) -> IntArray:
-    """Return the segment of every marker of planar.parquet; -1 for a marker without a segment."""
+    """Return the segment of each marker in planar.parquet; -1 for a marker without a segment."""
     table = trial.table(SEGMENTS)
     segment = np.full(len(trial.long(PLANAR).labels), -1)
     segment[_find_columns(trial, list(table["marker"]))] = table["segment"]
@@ -143,7 +146,7 @@ def _find_moving(trial: TrialInputs) -> IntArray:
 
 
 def _fill_gaps(angles: FloatArray) -> FloatArray:
-    """Return the angles (T, n) with gaps interpolated."""
+    """Return the angles (T, n) with linearly interpolated gaps; a column without known values stays NaN."""
     filled = angles.copy()
     for column in filled.T:
         known = np.isfinite(column)
@@ -153,7 +156,7 @@ def _fill_gaps(angles: FloatArray) -> FloatArray:
 
 
 def _shift(trial: TrialInputs, columns: IntArray, shift: FloatArray) -> TrialInputs:
-    """Return the trial with the markers of some columns shifted by (F, m, 2), m."""
+    """Return the trial with the markers in ``columns`` (m,) shifted by ``shift`` (F, m, 2), metres."""
     table = trial.long(PLANAR)
     values = dict(table.values)
     for axis, name in enumerate("xy"):
@@ -163,6 +166,6 @@ def _shift(trial: TrialInputs, columns: IntArray, shift: FloatArray) -> TrialInp
 
 
 def _remove_samples(table: LongTable, missing: BoolArray) -> LongTable:
-    """Return planar.parquet without the samples in a mask (F, M)."""
+    """Return planar.parquet without the samples that ``missing`` (F, M) marks."""
     seen = {name: np.where(missing, np.nan, table.values[name]) for name in ("x", "y", "z")}
     return replace(table, values={**seen, "visible": table.values["visible"].astype(np.bool_) & ~missing})

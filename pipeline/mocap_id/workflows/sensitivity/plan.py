@@ -1,4 +1,4 @@
-"""The perturbations to run: the user's options, and from them each kind at its levels on its targets."""
+"""The perturbations to run, from the user's options: each kind with each of its levels on each of its targets."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SEED = 1
 
 @dataclass(frozen=True)
 class KindSelection:
-    """A kind of perturbation with its levels and targets; empty for the default levels or targets."""
+    """A kind of perturbation with levels and targets; an empty tuple means the default levels or targets."""
 
     kind: str  # one of :data:`mocap_id.workflows.sensitivity.kinds.KINDS`
     levels: tuple[float, ...] = ()
@@ -38,20 +38,20 @@ class SensitivityOptions:
 
     selections: tuple[KindSelection, ...] = ALL_KINDS
     seed: int = SEED
-    tolerance: float = 0.05  # tolerated change of a base parameter, as a share of its size
+    tolerance: float = 0.05  # tolerated change of a base parameter, as a fraction of its size
 
     def only(self, kinds: Sequence[str]) -> SensitivityOptions:
-        """Return the options with some of the selected kinds; the same options if no kind is given.
+        """Return the options with only the selections of ``kinds``; the same options if ``kinds`` is empty.
 
         Raises
         ------
         ConfigError
-            There is no such kind, or it is not selected.
+            There is no such kind, or none of the kinds is selected.
         """
         for name in kinds:
             if name not in KINDS:
                 raise ConfigError(
-                    f"--only {name}: there is no such kind of perturbation: {suggest_name(name, list(KINDS))}"
+                    f"--only {name}: there is no perturbation of this kind: {suggest_name(name, list(KINDS))}"
                 )
         selections = tuple(one for one in self.selections if not kinds or one.kind in kinds)
         if not selections:
@@ -61,8 +61,8 @@ class SensitivityOptions:
 
 class _Entry(Settings):
     kind: str = Field(description="what is perturbed")
-    levels: tuple[float, ...] = Field((), description="levels to try, in the kind's unit; the kind's own if not given")
-    on: tuple[str | float, ...] = Field((), description="joints, components or marker sd; the kind's own if not given")
+    levels: tuple[float, ...] = Field((), description="levels to try, in the kind's unit; if not given, its defaults")
+    on: tuple[str | float, ...] = Field((), description="joints, components or marker sd; if not given, the defaults")
 
     @property
     def targets(self) -> tuple[str, ...]:
@@ -70,9 +70,9 @@ class _Entry(Settings):
 
 
 class _File(Settings):
-    seed: int = Field(SEED, ge=0, description="seed of everything that is drawn")
+    seed: int = Field(SEED, ge=0, description="seed of the random numbers")
     tolerance: float = Field(5.0, gt=0, description="tolerated change of a base parameter, % of its size")
-    perturbations: tuple[_Entry, ...] = Field((), description="what to try; everything if not given")
+    perturbations: tuple[_Entry, ...] = Field((), description="perturbations to try; all kinds if not given")
 
 
 def read_options(file: Path) -> SensitivityOptions:
@@ -81,7 +81,7 @@ def read_options(file: Path) -> SensitivityOptions:
     Raises
     ------
     ConfigError
-        The file has mistakes; the message has one line for each, with file, line, key, and the expected value.
+        The file has mistakes; the message has a line for each mistake: file, line, key, and the expected value.
     """
     source = read(file.absolute())
     if isinstance(source.data, list):
@@ -96,7 +96,7 @@ def read_options(file: Path) -> SensitivityOptions:
 
 
 def _find_mistakes(entry: _Entry, number: int, source: Source) -> Iterator[str]:
-    """Yield messages about mistakes that the types of the settings do not exclude."""
+    """Yield a message for each mistake in an entry that the types of the settings do not exclude."""
     key = ("perturbations", number)
     kind = KINDS.get(entry.kind)
     if kind is None:
@@ -110,7 +110,7 @@ def _find_mistakes(entry: _Entry, number: int, source: Source) -> Iterator[str]:
         where = source.where((*key, "on", k))
         if kind.free:
             if not _is_positive(name):
-                yield f"{where}: {kind.name}: `on` is {name!r}, expected a marker's standard deviation above 0, m"
+                yield f"{where}: {kind.name}: `on` is {name!r}; expected a marker's standard deviation above 0, m"
         elif not kind.targets:
             yield f"{where}: {kind.name} acts on everything: leave out `on`"
         elif kind.targets != JOINTS and name not in kind.targets:
@@ -126,7 +126,7 @@ def _is_positive(text: str) -> bool:
 
 @dataclass(frozen=True)
 class Perturbation:
-    """One change to one trial."""
+    """One perturbation of a trial: a kind at one level on one target."""
 
     kind: str
     target: str  # a joint, a component or a marker's standard deviation; empty if the kind acts on everything
@@ -135,22 +135,22 @@ class Perturbation:
 
     @property
     def definition(self) -> Kind:
-        """The definition of its kind."""
+        """The definition of the perturbation's kind."""
         return KINDS[self.kind]
 
     @property
     def name(self) -> str:
-        """Kind, target and level, as in the tables; unique in a study."""
+        """Kind, target and level as one text, as in the tables; unique in a study."""
         return " ".join(part for part in (self.kind, self.target, f"{self.level:g}") if part)
 
     def rng(self) -> np.random.Generator:
-        """Return a generator that depends only on seed, kind and target: a higher level scales the same draw."""
+        """Return a random generator that depends only on seed, kind and target, so that all levels get equal draws."""
         words = np.frombuffer(hashlib.sha256(f"{self.kind}/{self.target}".encode()).digest(), dtype=np.uint32)
         return np.random.default_rng([self.seed, *words.tolist()])
 
 
 def plan(selections: Sequence[KindSelection], joints: Sequence[str], seed: int = SEED) -> tuple[Perturbation, ...]:
-    """Return the perturbations of a trial without duplicates.
+    """Return the perturbations of a trial that the selections describe, without duplicates.
 
     Parameters
     ----------
@@ -162,7 +162,7 @@ def plan(selections: Sequence[KindSelection], joints: Sequence[str], seed: int =
     Raises
     ------
     ConfigError
-        The trial does not have a target.
+        The trial does not have one of the targets.
     """
     perturbations = (
         Perturbation(one.kind, target, float(level), seed)
@@ -180,7 +180,7 @@ def _choose_targets(selection: KindSelection, joints: Sequence[str]) -> Sequence
     possible = (*joints, ALL) if kind.targets == JOINTS else kind.targets
     wrong = [target for target in selection.targets if target not in possible]
     if wrong:
-        expected = f"expected one of {', '.join(possible)}" if possible else "it acts on everything: leave out `on`"
+        expected = f"expected one of {', '.join(possible)}" if possible else "this kind has no target: leave out `on`"
         raise ConfigError(f"{kind.name}: there is no {wrong[0]!r} to perturb in this trial; {expected}")
     if selection.targets:
         return selection.targets

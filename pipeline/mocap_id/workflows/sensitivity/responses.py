@@ -1,4 +1,4 @@
-"""The response to a perturbation: changes of the parameters, and of everything else in the result."""
+"""The response to a perturbation: changes of the parameters, of the other results, and of the time series."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Parameter:
     unit: str
     value: float  # NaN if unknown
     sd: float  # standard deviation; NaN if unknown
-    size: float  # size to which changes are relative, as in the verdict on the standard deviation
+    size: float  # value by which changes are divided; the verdict on the standard deviation uses the same value
     verdict: str = ""  # ``known``, ``weak`` or ``not identifiable``; empty for a length
 
 
@@ -50,7 +50,7 @@ class Estimates:
 class SeriesChanges:
     """Changes of the series of a perturbed trial of n joints from the unperturbed one, at common times."""
 
-    # (3, n) r² of angle, velocity and acceleration against the unperturbed ones; 1 = no change
+    # (3, n) r² of angle, velocity and acceleration relative to the unperturbed series; 1 = no change
     state_r2: FloatArray = field(default_factory=lambda: np.zeros((3, 0)))
     angle_rms: FloatArray = field(default_factory=lambda: np.zeros(0))  # (n,) rad
     torque_rms: FloatArray = field(default_factory=lambda: np.zeros(0))  # (n,) N·m
@@ -58,7 +58,7 @@ class SeriesChanges:
 
     @property
     def torque_share(self) -> float:
-        """Largest rms change of a joint torque, relative to the rms of the unperturbed torque; NaN if unknown."""
+        """Largest rms change of a joint torque, divided by the rms of the unperturbed torque; NaN if unknown."""
         known = np.isfinite(self.torque_rms) & (self.torque_size > 0)
         return float(np.max(self.torque_rms[known] / self.torque_size[known])) if known.any() else math.nan
 
@@ -91,7 +91,7 @@ def _read_base(trial: TrialInputs) -> list[Parameter]:
 
 
 def _find_size(value: float, sd: float, relative: float) -> float:
-    """Return the size of a parameter that its relative standard deviation refers to."""
+    """Return the size of a parameter: its ``sd`` divided by its ``relative`` sd, or else its absolute value."""
     return float(sd / relative) if relative > 0 and math.isfinite(sd) else abs(float(value))
 
 
@@ -106,7 +106,7 @@ def _read_lengths(trial: TrialInputs) -> list[Parameter]:
 
 
 def compare_series(own: TrialInputs, changed: TrialInputs) -> SeriesChanges:
-    """Return the changes of the perturbed series from the unperturbed ones."""
+    """Return the changes of the perturbed series relative to the unperturbed series."""
     before, now = _find_common_rows(own.time, changed.time)
     states = [(own.states(name)[before], changed.states(name)[now]) for name in STATE_NAMES]
     torques = [
@@ -122,14 +122,14 @@ def compare_series(own: TrialInputs, changed: TrialInputs) -> SeriesChanges:
 
 
 def _find_common_rows(own: FloatArray, changed: FloatArray) -> tuple[IntArray, IntArray]:
-    """Return the rows of two increasing time columns, s, that have the same times."""
+    """Return the rows (m,) of two increasing time columns, s, at which their m common times occur."""
     nearest = np.clip(np.searchsorted(own, changed - _SAME_TIME), 0, len(own) - 1)
     same = np.abs(own[nearest] - changed) <= _SAME_TIME
     return nearest[same], np.flatnonzero(same)
 
 
 def _r2(own: FloatArray, changed: FloatArray) -> FloatArray:
-    """Return r² of each column; NaN for a constant column or one without common samples."""
+    """Return r² of each column; NaN for a column that is constant or has no common samples."""
     both = np.isfinite(own) & np.isfinite(changed)
     counted = np.maximum(both.sum(axis=0), 1)
     mean = np.where(both, own, 0.0).sum(axis=0) / counted
@@ -139,7 +139,7 @@ def _r2(own: FloatArray, changed: FloatArray) -> FloatArray:
 
 
 def _rms(values: FloatArray) -> FloatArray:
-    """Return the root mean square of each column over its known samples; NaN if none is known."""
+    """Return the root mean square of the known samples of each column; NaN for a column without known samples."""
     known = np.isfinite(values)
     squares = np.where(known, values**2, 0.0).sum(axis=0)
     return np.where(known.any(axis=0), np.sqrt(squares / np.maximum(known.sum(axis=0), 1)), np.nan)
@@ -148,8 +148,8 @@ def _rms(values: FloatArray) -> FloatArray:
 def tolerance_ratio(parameter: Parameter, changed: Parameter | None, tolerance: float) -> float:
     """Return the change of a parameter divided by the tolerated change.
 
-    The tolerated change is a share of the parameter's size, or its standard deviation if that is larger. The ratio is
-    NaN if the unperturbed parameter is unknown, and infinite if the perturbed one is unknown.
+    The tolerated change is ``tolerance`` times the parameter's size, or the standard deviation if that is larger. The
+    ratio is NaN if the unperturbed parameter is unknown, and infinite if only the perturbed parameter is unknown.
     """
     if not math.isfinite(parameter.value):
         return math.nan
@@ -163,7 +163,7 @@ def tolerance_ratio(parameter: Parameter, changed: Parameter | None, tolerance: 
 def largest_ratio(
     own: Estimates, changed: Estimates | None, names: Sequence[str], tolerance: float
 ) -> tuple[float, str]:
-    """Return the largest tolerance ratio of some parameters, and the parameter's name; (NaN, "") if none is known."""
+    """Return the largest tolerance ratio of the named parameters, and its parameter; (NaN, "") if none is known."""
     after = {} if changed is None else changed.parameters
     ratios = [(tolerance_ratio(own.parameters[name], after.get(name), tolerance), name) for name in names]
     known = [pair for pair in ratios if not math.isnan(pair[0])]

@@ -43,7 +43,7 @@ CHANGES: Mapping[str, Callable[[TrialInputs, Perturbation], TrialInputs]] = {
     "soft-tissue": marker_perturbations.soft_tissue,
     "frame-rate": marker_perturbations.frame_rate,
 }
-"""The function of each kind that changes the inputs; the kinds for inertial sensors change logs instead."""
+"""The function that changes the inputs, by kind; the kinds for inertial sensors change logs instead."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +53,7 @@ class PerturbationRun:
     perturbation: Perturbation
     estimates: Estimates | None  # estimates of the perturbed trial; None if it was refused or failed
     changes: SeriesChanges  # changes from the unperturbed trial; empty if there are no estimates
-    why: str  # reason why there are no estimates; empty if there are
+    why: str  # reason why there are no estimates; empty if there are estimates
     refused: bool  # whether the perturbed trial was refused, rather than failed
     seconds: float  # processor time, s
 
@@ -62,12 +62,12 @@ RunCallback: TypeAlias = Callable[[PerturbationRun], None]
 
 
 def perturb(trial: TrialInputs, perturbation: Perturbation) -> TrialInputs:
-    """Perturb a trial and compute everything that depends on the change again.
+    """Perturb a trial, compute the dependent artefacts again, and return the trial with these artefacts.
 
     Raises
     ------
     Refused, RecordingError, NumericalError, ConfigError
-        A stage cannot treat the perturbed trial.
+        A stage refuses the perturbed trial or fails.
     """
     entry = perturbation.definition.entry
     if perturbation.definition.needs_imus:
@@ -91,10 +91,10 @@ def run_from(entry: str, trial: TrialInputs) -> TrialInputs:
 
 
 def _align(chain: Tree, own: Tree) -> Artefact:
-    """Return the chain with its last coordinate frame aligned with the unperturbed one by the common markers.
+    """Return the chain with its last coordinate frame aligned to the frame of the unperturbed chain ``own``.
 
-    An axis of this frame points at the centroid of the markers. With other markers it has another direction, which
-    changes angle and first moments although the body is the same.
+    An axis of this frame points to the centroid of the markers. With other markers, its direction is different, which
+    changes angle and first moments although the body is the same. The common markers determine the rotation.
     """
     now, before = (_read_last_segment(tree) for tree in (chain, own))
     common = [label for label in now if label in before]
@@ -118,7 +118,7 @@ def _read_last_segment(chain: Tree) -> dict[str, tuple[float, float]]:
 
 
 def run_perturbation(trial: TrialInputs, perturbation: Perturbation) -> PerturbationRun:
-    """Run a perturbed trial; a failure is a result, not an error."""
+    """Run a perturbed trial; a failure is returned as a result, not raised as an exception."""
     start = time.process_time()
     estimates, changes, why, refused = None, SeriesChanges(), "", False
     try:
@@ -134,14 +134,14 @@ def run_perturbation(trial: TrialInputs, perturbation: Perturbation) -> Perturba
 def run_perturbations(
     source: TrialSource, perturbations: Sequence[Perturbation], jobs: int, tell: RunCallback
 ) -> tuple[PerturbationRun, ...]:
-    """Run all perturbations of a trial and return the results in the order of the perturbations.
+    """Run all perturbations of a trial in parallel, and return the results in the order of the perturbations.
 
     Parameters
     ----------
     source : TrialSource
     perturbations : sequence of Perturbation
     jobs : int
-        Number of parallel processes; the libraries in each use one thread.
+        Number of parallel processes; the libraries in each process use one thread.
     tell : callable
         Called with each run that ends.
 

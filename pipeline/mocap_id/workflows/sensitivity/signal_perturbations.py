@@ -29,7 +29,7 @@ STATES, WRENCH = "states.parquet", "wrench.parquet"
 
 
 def filter_noise(trial: TrialInputs, change: Perturbation) -> TrialInputs:
-    """Set the noise of the filter (3.17) instead of estimating it: sigma_v of each joint, and the markers' sd."""
+    """Return the trial with given instead of estimated noise of the filter (3.17): sigma_v and the markers' sd."""
     return trial.with_settings("ukf-smooth", sigma_v=change.level, marker_sd=float(change.target))
 
 
@@ -40,19 +40,19 @@ def joints_of(trial: TrialInputs, change: Perturbation) -> IntArray:
 
 
 def angle_bias(trial: TrialInputs, change: Perturbation) -> TrialInputs:
-    """Add a constant to angles, but not to their derivatives."""
+    """Return the trial with a constant added to angles, but not to their derivatives."""
     table = trial.table(STATES)
     columns = [f"theta_{j + 1}" for j in joints_of(trial, change)]
     return trial.with_artefacts(table.with_columns(**{name: table[name] + change.level for name in columns}))
 
 
 def clock_offset(trial: TrialInputs, change: Perturbation) -> TrialInputs:
-    """Delay the plates' samples by the level; the program may estimate the offset."""
+    """Return the trial with the plates' samples delayed by the level; the program may estimate this offset."""
     return trial.with_artefacts(_delay(trial.table(WRENCH), change.level))
 
 
 def clock_offset_ignored(trial: TrialInputs, change: Perturbation) -> TrialInputs:
-    """Delay the plates' samples by exactly the level, without clock correction by the program.
+    """Return the trial with the plates' samples delayed by exactly the level, and without clock correction.
 
     The offset that the program corrected in the unperturbed trial is corrected first.
     """
@@ -64,7 +64,7 @@ def clock_offset_ignored(trial: TrialInputs, change: Perturbation) -> TrialInput
 
 
 def _delay(table: Table, delay: float | FloatArray) -> Table:
-    """Return wrench.parquet delayed by ``delay`` s; sensors with their own clock do not change."""
+    """Return wrench.parquet delayed by ``delay`` (one value or (T,)), s; sensors with their own clock do not change."""
     if not np.any(delay):
         return table
     time = table["time"]
@@ -81,30 +81,30 @@ def _delay(table: Table, delay: float | FloatArray) -> Table:
 
 
 def wrench_bias(trial: TrialInputs, change: Perturbation) -> TrialInputs:
-    """Add a constant to a component of the plates' wrench."""
+    """Return the trial with a constant added to a component of the plates' wrench."""
     return _add_error(trial, change.target, change.level)
 
 
 def wrench_noise(trial: TrialInputs, change: Perturbation) -> TrialInputs:
-    """Add white noise, one sample for each frame, to a component of the plates' wrench."""
+    """Return the trial with white noise, one value for each frame, added to a component of the plates' wrench."""
     return _add_error(trial, change.target, change.level * change.rng().standard_normal(trial.table(WRENCH).length))
 
 
 def board_steps(trial: TrialInputs, change: Perturbation) -> TrialInputs:
-    """Add the rounding errors of a balance board's four cells to Fy and, times their distance, to tauz."""
+    """Return the trial with rounding errors of a balance board's four load cells added to Fy and tauz."""
     error = change.level * (change.rng().random((trial.table(WRENCH).length, 4)) - 0.5) * GRAVITY
     front, back = error[:, :2].sum(axis=1), error[:, 2:].sum(axis=1)
     return _add_error(_add_error(trial, "Fy", front + back), "tauz", _HALF_DEPTH_M * (front - back))
 
 
 def stamp_jitter(trial: TrialInputs, change: Perturbation) -> TrialInputs:
-    """Shift the time of each sample of the plates at random, with the level as standard deviation."""
+    """Return the trial with random shifts of the plates' sample times; the level is their standard deviation."""
     length = trial.table(WRENCH).length
     return trial.with_artefacts(_delay(trial.table(WRENCH), change.level * change.rng().standard_normal(length)))
 
 
 def _add_error(trial: TrialInputs, component: str, error: float | FloatArray) -> TrialInputs:
-    """Return the trial with an error in a component, and with the quantities that planarise derives from it."""
+    """Return the trial with an error added to a component, and with updated mass and centre of pressure."""
     table = trial.table(WRENCH)
     table = table.with_columns(**{component: table[component] + error})
     facts = dict(table.facts)
@@ -117,7 +117,7 @@ def _add_error(trial: TrialInputs, component: str, error: float | FloatArray) ->
 
 
 def perturb_logs(trial: TrialInputs, change: Perturbation, folder: Path) -> TrialInputs:
-    """Return the trial with perturbed logs of all inertial sensors, which are written to a folder."""
+    """Write perturbed logs of all inertial sensors to ``folder``, and return the trial with these logs."""
     files = {}
     for number, (segment, file) in enumerate(trial.source.keys.imus.items()):
         rng = np.random.default_rng([number, *change.rng().integers(2**32, size=4)])
@@ -128,7 +128,7 @@ def perturb_logs(trial: TrialInputs, change: Perturbation, folder: Path) -> Tria
 
 
 def _wander_clock(log: ImuLog, level: float, rng: np.random.Generator) -> ImuLog:
-    """Return a log with time stamps that wander by ``level`` s."""
+    """Return a log whose time stamps have a sinusoidal error with an amplitude of ``level`` s."""
     phase = rng.uniform(0, 2 * np.pi)
     return replace(log, time=log.time + level * np.sin(2 * np.pi * log.time / _WANDER_PERIOD + phase))
 
@@ -159,4 +159,4 @@ LOG_CHANGES: Mapping[str, Callable[[ImuLog, float, np.random.Generator], ImuLog]
     "imu-bias": _drift_bias,
     "imu-mounting": _rotate_sensor,
 }
-"""The function of each kind that changes the log of one sensor."""
+"""The function that changes the log of one sensor, by kind."""

@@ -40,7 +40,7 @@ class SensitivityResult:
     options: SensitivityOptions
     own: Estimates  # estimates of the unperturbed trial
     runs: tuple[PerturbationRun, ...]
-    note: str  # what could not be studied on this trial, and what failed; empty if nothing
+    note: str  # what could not be studied on this trial, and what failed; empty if all was studied
 
     @property
     def judged_parameters(self) -> tuple[str, ...]:
@@ -72,7 +72,7 @@ def sensitivity(
     progress: runner.Progress = lambda step: None,
     tell: PerturbationCallback = lambda run, number, total: None,
 ) -> SensitivityOutput:
-    """Perturb a trial and write the results.
+    """Perturb a trial, write the results, and return them.
 
     Parameters
     ----------
@@ -83,9 +83,9 @@ def sensitivity(
     jobs : int
         Number of perturbations that run at the same time, each in its own process. The results do not depend on it.
     out : Path, optional
-        Folder of the results; by default the run folder's name with ``-sensitivity``, beside it.
+        Folder of the results; by default beside the run folder, with the same name and ``-sensitivity``.
     progress : callable, optional
-        Called with every stage that has to run first.
+        Called with each step of the run that must come first.
     tell : callable, optional
         Called with each finished perturbation.
 
@@ -102,7 +102,7 @@ def sensitivity(
     source = locate_trial(path, progress)
     folder = out or source.folder.with_name(f"{source.folder.name}-sensitivity")
     if folder.resolve() == source.folder.resolve():
-        raise ConfigError(f"--out {folder}: this is the trial's own run folder: choose another")
+        raise ConfigError(f"--out {folder}: this is the trial's own run folder: choose a different folder")
     trial = read_inputs(source)
     Skeleton.from_tree(trial.tree("chain.h5"))  # raises StoreError for a trial in space
     selections, note = _select_possible(options.selections, trial)
@@ -122,23 +122,23 @@ def _select_possible(selections: Sequence[KindSelection], trial: TrialInputs) ->
     name = f"trial {trial.source.name}"
     if has_no_markers(trial.long("planar.parquet").facts):
         raise ConfigError(
-            f"{name} has only inertial sensors, and the lengths of its calibration: no perturbation can change them. "
-            "Choose a trial with markers"
+            f"{name} has only inertial sensors and takes its lengths from a calibration, so no perturbation can "
+            "change them: choose a trial with markers"
         )
     if not trial.source.keys.imus:
         selections = tuple(one for one in selections if not KINDS[one.kind].needs_imus)
         if not selections:
-            raise ConfigError(f"{name} has no inertial sensors: none of their errors can be tried")
+            raise ConfigError(f"{name} has no inertial sensors, so their errors cannot be studied")
     facts = trial.tree("dynamics.h5").facts
     if trial.has_plate and facts["samples"]:
         return tuple(selections), ""
     possible = tuple(one for one in selections if KINDS[one.kind].changes_lengths)
     others = dict.fromkeys(KINDS[one.kind].title for one in selections if one not in possible)
-    left_out = f"; left out, because they change no length: {', '.join(others)}" if others else ""
+    left_out = f"; left out, because they do not change lengths: {', '.join(others)}" if others else ""
     if not possible:
         missing = "no identified parameters" if trial.has_plate else "no force plate"
-        raise ConfigError(f"{name} has {missing}, so nothing can be tried{left_out}")
-    note = f"nothing was identified ({facts['why']})" if trial.has_plate else "there is no force plate"
+        raise ConfigError(f"{name} has {missing}, so there is nothing to study{left_out}")
+    note = f"no parameters were identified ({facts['why']})" if trial.has_plate else "there is no force plate"
     return possible, f"{note}: only lengths and states are compared{left_out}"
 
 

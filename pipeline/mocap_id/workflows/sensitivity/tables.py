@@ -37,12 +37,12 @@ class Response:
         return math.nan if self.after is None else self.after.value - self.before.value
 
     def divide_change(self, size: float, factor: float = 1.0) -> float:
-        """Return the change relative to a size; NaN for a size of zero."""
+        """Return ``factor`` times the change, divided by ``size``; NaN if ``size`` is zero or NaN."""
         return factor * self.change / size if size > 0 else math.nan
 
 
 def _broken(name: str, missing: Any) -> Callable[[Tolerance], Any]:
-    """Return a function that reads an attribute of the mildest level that is not tolerated."""
+    """Return a function that reads an attribute of a tolerance's ``broken`` level; ``missing`` without this level."""
     return lambda one: missing if one.broken is None else getattr(one.broken, name)
 
 
@@ -52,7 +52,7 @@ _PERTURBATION = (
     text("kind", _KIND, lambda row: row.run.perturbation.kind),
     text(
         "target",
-        "joint, component or marker sd (m) that it acted on; empty: everything",
+        "joint, component or marker sd (m) that was perturbed; empty: everything",
         lambda row: row.run.perturbation.target,
     ),
     number("level", "", "level of the perturbation, in `level_unit`", lambda row: row.run.perturbation.level),
@@ -93,7 +93,7 @@ TABLES: Mapping[str, TableSchema] = {
             ),
             text(
                 "judged",
-                "known, weak or not identifiable in the perturbed trial",
+                "verdict in the perturbed trial: known, weak or not identifiable",
                 lambda row: row.after and row.after.verdict,
             ),
         ),
@@ -108,41 +108,41 @@ TABLES: Mapping[str, TableSchema] = {
             text("raised", "codes that are new in the perturbed verdict"),
             text("fallen", "codes of the unperturbed verdict that no longer occur"),
             number("ratio", "1", "largest change of a parameter divided by the tolerated change"),
-            text("parameter", "the parameter with this change"),
+            text("parameter", "the parameter with the largest change"),
             Column("tolerated", "bool", "", "whether the ratio is at most 1"),
             whole("samples", "number of samples of the fit"),
             number("condition_number", "1", "condition number of the regressor"),
             number("clock_offset", "s", "clock offset that the program estimated"),
-            *(number(f"{name}_r2", "1", "r² of the model against the measurement") for name in COMPONENTS),
+            *(number(f"{name}_r2", "1", "r² of the model relative to the measurement") for name in COMPONENTS),
             number("cop_rms", "m", "rms error of the model's centre of pressure"),
-            number("theta_r2", "1", "r² of the worst joint's angle against the unperturbed one"),
-            number("dtheta_r2", "1", "r² of the worst joint's velocity against the unperturbed one"),
-            number("ddtheta_r2", "1", "r² of the worst joint's acceleration against the unperturbed one"),
+            number("theta_r2", "1", "r² of the worst joint's angle relative to the unperturbed angle"),
+            number("dtheta_r2", "1", "r² of the worst joint's velocity relative to the unperturbed velocity"),
+            number("ddtheta_r2", "1", "r² of the worst joint's acceleration relative to the unperturbed one"),
             number("theta_rms", "rad", "change of the worst joint's angle, rms"),
         ),
         (number("tau_{k}_rms", "N*m", "change of the joint's torque, rms"),),
-        ((text("why", "why there is no result; else empty"),),),
+        ((text("why", "why there is no result; empty otherwise"),),),
     ),
     "tolerates": TableSchema(
         "tolerates.parquet",
         1,
         (
             text("kind", _KIND, lambda one: one.kind.name),
-            text("target", "what it acted on; empty: everything", lambda one: one.target),
+            text("target", "what was perturbed; empty: everything", lambda one: one.target),
             number("low", "", "lowest tolerated level, in `level_unit`", lambda one: one.low),
             number("high", "", "highest tolerated level, interpolated, in `level_unit`", lambda one: one.high),
             text("level_unit", "unit of the levels; empty: a count", lambda one: one.kind.unit),
             number("least_tried", "", "mildest level tried", lambda one: one.points[0].level if one.points else None),
             number("most_tried", "", "worst level tried", lambda one: one.points[-1].level if one.points else None),
-            number("breaks_at", "", "level that is not tolerated", _broken("level", None)),
-            text("parameter", "the parameter with the largest change there", _broken("parameter", "")),
+            number("breaks_at", "", "mildest level that is not tolerated", _broken("level", None)),
+            text("parameter", "the parameter with the largest change at this level", _broken("parameter", "")),
             number("change_percent", "%", "its change, relative to its size", _broken("percent", None)),
             text(
                 "silent",
                 "levels that are not tolerated and give no new caution in the verdict",
                 lambda one: ", ".join(f"{level:g}" for level in one.silent),
             ),
-            text("sentence", "the same as a sentence", describe_tolerance),
+            text("sentence", "the content of the row as a sentence", describe_tolerance),
         ),
     ),
 }

@@ -1,8 +1,8 @@
-"""The tolerated levels of each kind of error, and whether the verdict warns of larger errors; also as sentences.
+"""The tolerated levels of each kind of error, and whether the verdict warns of larger errors, also as text.
 
-A perturbation is tolerated if no base parameter changes by more than a share of its size (5 % by default), or by its
-stated standard deviation if that is larger: a smaller change is within the uncertainty of the trial. Between the tried
-levels, the level at which the first parameter exceeds this limit is interpolated.
+A perturbation is tolerated if no base parameter changes by more than a fraction of its size (5 % by default), or by its
+stated standard deviation if that is larger, because a smaller change is within the uncertainty of the trial. Between
+the tested levels, the level at which the first parameter exceeds this limit is interpolated.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ _MUCH = 5.0  # %: rms change of a joint torque above which it is mentioned
 
 @dataclass(frozen=True)
 class Point:
-    """A level of one kind on one target; for a level that was tried with both signs, the worse one."""
+    """The response to a level of one kind on one target; of a level with both signs, the response to the worse sign."""
 
-    level: float  # absolute level
+    level: float  # absolute value of the level
     ratio: float  # largest change of a parameter, divided by the tolerated change; infinite if parameters are missing
     parameter: str  # the parameter with this change
     percent: float  # the change, % of the parameter's size
@@ -44,15 +44,18 @@ class Tolerance:
 
     kind: Kind
     target: str
-    # from the mildest to the worst level; by level for a kind that gets worse in both directions
+    # from the mildest to the worst level; ascending levels for a kind that gets worse in both directions
     points: tuple[Point, ...]
-    # ends of the tolerated levels, interpolated; NaN if no tried level is tolerated and none can be estimated
+    # ends of the tolerated levels, interpolated; NaN if no tested level is tolerated and no end can be estimated
     low: float
     high: float
 
     @property
     def broken(self) -> Point | None:
-        """The mildest level that is not tolerated; the level of most change if both directions make it worse."""
+        """The mildest level that is not tolerated, or the level of largest change if :attr:`Kind.worse` is either.
+
+        None if all levels are tolerated.
+        """
         beyond = [point for point in self.points if not point.is_tolerated]
         if self.kind.worse == "either":
             return max(beyond, key=lambda point: point.ratio, default=None)
@@ -77,7 +80,7 @@ def find_tolerances(
     names : sequence of str
         Parameters that are judged.
     share : float
-        Tolerated change of a parameter, as a share of its size.
+        Tolerated change of a parameter, as a fraction of its size.
     """
     series: dict[tuple[str, str], dict[float, Point]] = {}
     for run in runs:
@@ -109,7 +112,7 @@ def _find_tolerance(kind: Kind, target: str, points: Iterable[Point]) -> Toleran
 
 
 def _find_limit(kind: Kind, points: Sequence[Point]) -> float:
-    """Return the worst level that is tolerated together with all milder levels; NaN if there is none."""
+    """Return the worst level that is tolerated together with all milder levels; NaN if there is no such level."""
     mild = None
     for point in points:
         if not point.is_tolerated:
@@ -119,7 +122,7 @@ def _find_limit(kind: Kind, points: Sequence[Point]) -> float:
 
 
 def _find_crossing(kind: Kind, mild: Point | None, beyond: Point) -> float:
-    """Return the limit between a tolerated level and the next level, which is not tolerated."""
+    """Return the limit between ``mild``, a tolerated level or None, and ``beyond``; NaN if it cannot be estimated."""
     if kind.is_count:
         return math.nan if mild is None else mild.level
     if mild is None or mild.level == 0:  # without a perturbation nothing changes
@@ -128,7 +131,7 @@ def _find_crossing(kind: Kind, mild: Point | None, beyond: Point) -> float:
 
 
 def _interpolate(mild: Point, beyond: Point) -> float:
-    """Return the level of ratio 1 by a power law; the tolerated level if a ratio is zero or infinite."""
+    """Return the level with ratio 1, interpolated by a power law; ``mild.level`` if a ratio is zero or infinite."""
     if not math.isfinite(beyond.ratio) or mild.ratio <= 0:
         return mild.level
     share = math.log(1 / mild.ratio) / math.log(beyond.ratio / mild.ratio)
@@ -136,7 +139,7 @@ def _interpolate(mild: Point, beyond: Point) -> float:
 
 
 def _find_range(points: Sequence[Point]) -> tuple[float, float]:
-    """Return both ends of the tolerated range around the level of least change."""
+    """Return both ends of the tolerated range around the level of least change; NaN if no level is tolerated."""
     if not any(point.is_tolerated for point in points):
         return math.nan, math.nan
     first = last = min(range(len(points)), key=lambda k: points[k].ratio)
@@ -168,13 +171,13 @@ def describe_tolerance(one: Tolerance) -> str:
 
 
 def describe_failures(runs: Sequence[PerturbationRun]) -> str:
-    """Return a note about perturbations that failed without being refused; empty if there are none."""
+    """Return a note about perturbations that failed without a refusal; empty if no perturbation failed."""
     whys = [run.why for run in runs if run.estimates is None and not run.refused]
     return f"{len(whys)} of {len(runs)} perturbations failed and count as not tolerated ({whys[0]})" if whys else ""
 
 
 def _format_level(one: Tolerance, level: float) -> str:
-    """Return a level with a common unit."""
+    """Return a level as text, in a usual unit."""
     if one.kind.name == "marker-count":
         return f"{level:g} markers"
     if one.kind.is_count:
@@ -216,7 +219,10 @@ def _describe_warning(one: Tolerance) -> str:
 
 
 def _describe_torques(one: Tolerance) -> str:
-    """Describe the largest change of a torque at a tolerated level; noise changes torques more than parameters."""
+    """Return text about the largest change of a torque at a tolerated level; empty if it is small.
+
+    Noise changes torques more than parameters.
+    """
     points = [point for point in one.points if point.is_tolerated and point.torque > _MUCH]
     if not points:
         return ""

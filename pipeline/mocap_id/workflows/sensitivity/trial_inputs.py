@@ -1,4 +1,4 @@
-"""The inputs of a sensitivity study: artefacts, keys and settings of the trial, which are only read."""
+"""The inputs of a sensitivity study: artefacts, keys and settings of the trial; its files are not changed."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class TrialSource:
     name: str
     folder: Path  # the run folder
     keys: TrialKeys  # keys of the trial, without the keys for the report's comparison with other systems
-    settings: Mapping[str, Settings]  # settings of the stages that are run again
+    settings: Mapping[str, Settings]  # settings by stage, of the stages that are run again
 
 
 @dataclass(frozen=True)
@@ -41,11 +41,11 @@ class TrialInputs:
     settings: Mapping[str, Settings]  # settings by stage
 
     def table(self, file: str) -> Table:
-        """Return a Parquet artefact with a row for every sample or object."""
+        """Return a Parquet artefact that has a row for each sample or object."""
         return cast(Table, self.artefacts[file])
 
     def long(self, file: str) -> LongTable:
-        """Return a Parquet artefact with a row for every frame and marker."""
+        """Return a Parquet artefact that has a row for each pair of frame and marker."""
         return cast(LongTable, self.artefacts[file])
 
     def tree(self, file: str) -> Tree:
@@ -53,11 +53,11 @@ class TrialInputs:
         return cast(Tree, self.artefacts[file])
 
     def with_artefacts(self, *changed: Artefact) -> TrialInputs:
-        """Return the inputs with some artefacts replaced."""
+        """Return the inputs with the ``changed`` artefacts in place of the artefacts with the same file names."""
         return replace(self, artefacts={**self.artefacts, **{one.schema.file: one for one in changed}})
 
     def with_settings(self, stage: str, **values: object) -> TrialInputs:
-        """Return the inputs with some settings of a stage replaced."""
+        """Return the inputs with new ``values`` for some settings of a stage."""
         changed = self.settings[stage].model_copy(update=values)
         return replace(self, settings={**self.settings, stage: changed})
 
@@ -72,7 +72,7 @@ class TrialInputs:
         return self.table("states.parquet")["time"]
 
     def states(self, name: str) -> FloatArray:
-        """Return a state of every joint (T, n)."""
+        """Return a state (T, n) of all n joints; ``name`` is theta, dtheta or ddtheta."""
         return joint_columns(self.table("states.parquet"), name, len(self.joints))
 
     @property
@@ -88,7 +88,7 @@ def repeated_stages() -> tuple[Stage, ...]:
 
 
 def locate_trial(path: Path, progress: runner.Progress = lambda step: None) -> TrialSource:
-    """Return the run folder and settings of a trial; for a YAML file, missing artefacts are computed first.
+    """Return the run folder and settings of a trial; if ``path`` is a YAML file, missing artefacts are computed first.
 
     ``path`` and ``progress`` are as for :func:`mocap_id.workflows.run_folder.open_run`.
 
@@ -97,7 +97,7 @@ def locate_trial(path: Path, progress: runner.Progress = lambda step: None) -> T
     Refused
         The trial was refused.
     StoreError
-        The run folder lacks an artefact or was made by another version of the program.
+        The run folder lacks an artefact, or was made by a different version of the program.
     ConfigError, RecordingError, NumericalError
         As for :func:`mocap_id.runner.run`.
     """
@@ -110,21 +110,21 @@ def locate_trial(path: Path, progress: runner.Progress = lambda step: None) -> T
 
 
 def _read_source(path: Path) -> TrialSource:
-    """Return the trial of a run folder, with the settings that its artefacts were made with."""
+    """Return the trial of a run folder, with the settings from which its artefacts were computed."""
     folder, settings, parameters = Folder(path), {}, dict[str, Any]()
     for stage in repeated_stages():
         origin = folder.provenance(stage.outputs[0]).origin
         if origin.stage_version != stage.version:
             raise StoreError(
-                f"{path / stage.outputs[0]} was made by version {origin.stage_version} of {stage.name}, this is "
-                f"version {stage.version}: run the trial again (`mocap-id run TRIAL.yaml`)"
+                f"{path / stage.outputs[0]} was made by version {origin.stage_version} of {stage.name}, but this "
+                f"program has version {stage.version}: run the trial again (`mocap-id run TRIAL.yaml`)"
             )
         settings[stage.name] = stage.settings.model_validate_json(dumps(origin.parameters[stage.name]), strict=True)
         parameters |= origin.parameters
     if getattr(settings["ukf-smooth"], "method", None) == "encoder":
-        raise ConfigError(f"{path}: its states come from an encoder's file: give the trial's YAML file instead")
+        raise ConfigError(f"{path}: the states come from an encoder's file: give the trial's YAML file instead")
     if parameters.get("imus"):
-        raise ConfigError(f"{path}: its inertial sensors have files of their own: give the trial's YAML file instead")
+        raise ConfigError(f"{path}: the inertial sensors have their own files: give the trial's YAML file instead")
     known = {name: parameters[name] for name in ("trial", "protocol")}
     subject = Subject.model_validate(parameters["subject"])
     # No stage that is run again reads the recording.
@@ -138,7 +138,7 @@ def read_inputs(source: TrialSource) -> TrialInputs:
     Raises
     ------
     StoreError
-        An artefact is missing or damaged, or was not made from the other artefacts in the folder.
+        An artefact is missing or damaged, or was not computed from the other artefacts in the folder.
     """
     folder = Folder(source.folder)
     files = {file for stage in repeated_stages() for file in (*stage.inputs, *stage.outputs)} - {"markers.parquet"}

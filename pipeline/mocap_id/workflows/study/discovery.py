@@ -1,7 +1,7 @@
 """The recordings of a study, found in a folder and its sub-folders.
 
-These are C3D files, text files with markers (and their MOT files), and skeletons. Files that are not used are listed
-with the reason.
+These are C3D files, text files with markers (and their MOT files), and skeletons. Recordings that are not used are
+listed with the reason.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Discovery:
     pattern: str  # the path pattern that was used
     trials: tuple[FoundRecording, ...]
     left_out: Mapping[Path, str]  # reason for each file that is not used
-    tried: tuple[str, ...] = ()  # the patterns that were compared; empty if the user gave one
+    tried: tuple[str, ...] = ()  # the patterns that were compared; empty if the user gave a pattern
 
     @property
     def reach(self) -> bool:
@@ -61,13 +61,13 @@ class Discovery:
 def discover(
     folder: Path, pattern: str | None = None, *, keep_names: bool = False, known: Mapping[str, str] | None = None
 ) -> Discovery:
-    """Find the recordings in a folder and its sub-folders.
+    """Return the recordings in a folder and its sub-folders, and the reasons why files were left out.
 
     Parameters
     ----------
     folder : Path
     pattern : str, optional
-        Text of a :class:`mocap_id.workflows.study.patterns.Pattern`; by default the common pattern that fits best.
+        Text of a :class:`mocap_id.workflows.study.patterns.Pattern`; by default, the common pattern that fits best.
     keep_names : bool
         Use the names in the folder as ids, instead of s01, s02 …
     known : mapping of str to str, optional
@@ -90,8 +90,8 @@ def discover(
     }  # relative to the folder
     if not paths:
         raise ConfigError(
-            f"{folder}: it contains no recording; expected C3D files, TRC files with their MOT, exports of QTM, Motive "
-            "or Nexus, or skeletons of a depth camera or of markerless software (CSV, TRC)"
+            f"{folder}: the folder contains no recording; expected C3D files, TRC files with their MOT, exports of "
+            "QTM, Motive or Nexus, or skeletons of a depth camera or of markerless software (CSV, TRC)"
         )
     chosen = Pattern(pattern) if pattern is not None else choose_pattern(list(paths.values()))
     labels = _read_labels(folder, paths, chosen, left_out, given=pattern is not None)
@@ -102,7 +102,7 @@ def discover(
 
 
 def _find_recordings(files: Sequence[Path]) -> tuple[list[Path], dict[Path, str]]:
-    """Return files that may be trials, and the files that are certainly not, with reasons."""
+    """Return the recordings that may be trials, and the reasons why other recordings are certainly not, by file."""
     recordings, left_out = [], {}
     c3d = {path.with_suffix("") for path in files if path.suffix.lower() == ".c3d"}
     for path in files:
@@ -110,9 +110,9 @@ def _find_recordings(files: Sequence[Path]) -> tuple[list[Path], dict[Path, str]
         if ending not in _RECORDINGS and not (ending in _EXPORTS and (is_marker_text(path) or _is_skeleton(path))):
             continue
         if _NO_TRIAL.search(path.stem):
-            left_out[path] = "a static or calibration trial, by its name"
+            left_out[path] = "the name is that of a static or calibration trial"
         elif ending != ".c3d" and path.with_suffix("") in c3d:
-            left_out[path] = "the C3D file of the same name is used"
+            left_out[path] = "the C3D file with the same name is used"
         else:
             recordings.append(path)
     return recordings, left_out
@@ -124,20 +124,23 @@ def _is_skeleton(path: Path) -> bool:
 
 
 def _find_reaches(recordings: Sequence[Path], files: Sequence[Path], left_out: dict[Path, str]) -> Mapping[Path, Reach]:
-    """Return the recordings of reaches if they are the majority; leave out the recordings of the minority."""
+    """Return the recordings of reaches by file if they are the majority, or else nothing.
+
+    The recordings of the minority are added to ``left_out``.
+    """
     found = {path: read_reach(path, find_forces(path, files)) for path in recordings}
     reaches = {path: reach for path, reach in found.items() if reach is not None}
     if 2 * len(reaches) > len(recordings):
-        left_out |= dict.fromkeys(found.keys() - reaches.keys(), "no markers of an arm and no skeleton: not a reach")
+        left_out |= dict.fromkeys(found.keys() - reaches.keys(), "not a reach: no markers of an arm and no skeleton")
         return reaches
-    left_out |= dict.fromkeys(reaches, "markers of an arm or a skeleton, no force plate: a reach, for another study")
+    left_out |= dict.fromkeys(reaches, "a reach, which needs a separate study: an arm or a skeleton, no force plate")
     return {}
 
 
 def _read_labels(
     folder: Path, paths: Mapping[Path, PurePosixPath], pattern: Pattern, left_out: dict[Path, str], *, given: bool
 ) -> dict[Path, PathLabels]:
-    """Return person and strategy of each recording that fits the pattern; leave out the others."""
+    """Return person and strategy of each recording that fits the pattern; add the other recordings to ``left_out``."""
     matches = {path: pattern.match(relative) for path, relative in paths.items()}
     left_out |= {path: f"does not fit the pattern {pattern.text}" for path, match in matches.items() if match is None}
     labels = {path: match for path, match in matches.items() if match is not None}
@@ -159,7 +162,7 @@ def _make_trials(
     ids: Mapping[str, str],
     files: Sequence[Path],
 ) -> list[FoundRecording]:
-    """Return the trials; a reach with both arms gives a trial for each arm."""
+    """Return the trials of the recordings; a reach with both arms becomes one trial for each arm."""
     counts: Counter[str] = Counter()
 
     def name_trial(*words: str) -> str:
@@ -182,7 +185,7 @@ def _make_trials(
 
 
 def find_forces(markers: Path, files: Iterable[Path]) -> Path | None:
-    """Return the MOT file that belongs to a text file with markers; None if there is none."""
+    """Return the MOT file that belongs to a text file with markers; None if there is no such MOT file."""
     if markers.suffix.lower() == ".c3d":
         return None
     stems = [f"{markers.stem}{suffix}".casefold() for suffix in _FORCE_SUFFIXES]
@@ -192,14 +195,14 @@ def find_forces(markers: Path, files: Iterable[Path]) -> Path | None:
 
 
 def _make_ids(names: Iterable[str], keep_names: bool, known: Mapping[str, str]) -> dict[str, str]:
-    """Return an id for each name."""
+    """Return the id of each person by name: the known ids, and new ids s01, s02 … or derived from the names."""
     ordered = sorted(dict.fromkeys(names), key=_sort_key)
     if keep_names:
         ids = {name: re.sub(r"[^\w.+-]+", "-", name).strip("-.+") for name in ordered}
         twice = sorted(name for name, count in Counter(ids.values()).items() if count > 1 or not name)
         if twice:
             raise ConfigError(
-                f"--keep-names: several folders give the id `{twice[0]}`: rename one, or leave out the option"
+                f"--keep-names: several folders give the id `{twice[0]}`: rename one of them, or leave out the option"
             )
         return ids
     taken, number = set(known.values()), 0

@@ -1,4 +1,4 @@
-"""A first version of a study's file, and the list of names and ids beside it."""
+"""A first version of a study's file, and a file beside it with the people's names and ids."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _REACH = ("reach", "{space: 3d, protocol: reach}", "{score: 2}, a clinical score
 
 
 def write_draft(found: Discovery, file: Path, *, keep_names: bool = False, force: bool = False) -> list[Path]:
-    """Write a study's file and, unless the ids are names, the list of names and ids; return the written files.
+    """Write a study's file and, unless ``keep_names``, the file with names and ids; return the paths of both.
 
     Raises
     ------
@@ -41,18 +41,20 @@ def write_draft(found: Discovery, file: Path, *, keep_names: bool = False, force
         contents[SUBJECTS_FILE] = stream.getvalue().encode()
     existing = [file.parent / name for name in contents if (file.parent / name).exists()]
     if existing and not force:
-        raise StoreError(f"{existing[0]} exists already: choose another with --out, or overwrite it with --force")
+        raise StoreError(
+            f"{existing[0]} exists already: choose a different file with --out, or overwrite it with --force"
+        )
     write_files(file.parent, contents)
     return [file.parent / name for name in contents]
 
 
 def read_known_ids(file: Path) -> dict[str, str]:
-    """Return the ids by name in subjects.csv beside a study's file; empty if there is no subjects.csv.
+    """Return the ids by name from subjects.csv in the folder of a study's file; empty if there is no subjects.csv.
 
     Raises
     ------
     ConfigError
-        subjects.csv cannot be read or has other columns.
+        subjects.csv cannot be read, or does not have the columns id and name.
     """
     subjects = file.parent / SUBJECTS_FILE
     try:
@@ -65,7 +67,7 @@ def read_known_ids(file: Path) -> dict[str, str]:
 
 
 def _format_study(found: Discovery, file: Path) -> str:
-    """Return the YAML text of a study with the found recordings, paths relative to the study's file."""
+    """Return the YAML text of a study with the found recordings; paths are relative to the study's file."""
     name, defaults, person = _REACH if found.reach else _SIT_TO_STAND
     lines = [
         _HEAD.format(file=file.name),
@@ -96,6 +98,6 @@ def _quote_path(path: Path, folder: Path) -> str:
 
 
 def _quote(text: str) -> str:
-    """Return a YAML scalar that YAML always reads as text."""
+    """Return ``text``, quoted if YAML would not read it as text."""
     plain = set(text) <= _PLAIN and text[:1].isalpha() and text.lower() not in ("yes", "no", "true", "false", "null")
     return text if plain else json.dumps(text, ensure_ascii=False)

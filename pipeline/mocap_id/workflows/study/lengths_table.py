@@ -21,7 +21,7 @@ _QUANTITIES: Mapping[str, Callable[[TrialResult], float | None]] = {
 
 
 def length_rows(trials: Sequence[TrialResult]) -> list[dict[str, Any]]:
-    """Return the rows of the table `lengths`: first the rows of each person, then the rows of the cohort."""
+    """Return the rows of the table `lengths`: first the rows of all people, then the rows of the cohort."""
     people = group_by(trials, lambda trial: trial.subject)
     rows = [row for segment in SEGMENTS for own in people.values() for row in _person_lengths(own, segment)]
     return [*rows, *_cohort_lengths(rows)]
@@ -54,7 +54,7 @@ def _length_row(trial: TrialResult, segment: str, method: str, lengths: Sequence
 
 
 def _explain_missing(trial: TrialResult, segment: str, method: str, lengths: Sequence[float]) -> str:
-    """Return why a row has no error; empty if it has one."""
+    """Return why a row has no error; empty if the error is known."""
     if trial.reference.kind == "":
         return _NO_REFERENCE
     if trial.reference.lengths[segment] is None:
@@ -65,7 +65,7 @@ def _explain_missing(trial: TrialResult, segment: str, method: str, lengths: Seq
 
 
 def _cohort_lengths(people: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Yield mean and standard deviation over the people for each segment, reference and method."""
+    """Yield a row with mean and standard deviation over the people for each segment, reference and method."""
     known = [row for row in people if not row["why"]]
     keys = ("segment", "reference", "method")
     for group, rows in group_by(known, lambda row: tuple(row[key] for key in keys)).items():
@@ -81,7 +81,7 @@ def _cohort_lengths(people: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, A
 
 
 def strategy_rows(trials: Sequence[TrialResult]) -> list[dict[str, Any]]:
-    """Return the rows of the table `strategies`: first the rows of each person, then the rows of the cohort."""
+    """Return the rows of the table `strategies`: first the rows of all people, then the rows of the cohort."""
     identified = [trial for trial in trials if trial.identified is not None]
     groups = group_by(identified, lambda trial: (trial.subject, trial.strategy))
     subjects, strategies = (list(dict.fromkeys(key[k] for key in groups)) for k in (0, 1))
@@ -108,7 +108,7 @@ def _person_strategy(trials: Sequence[TrialResult]) -> dict[str, Any]:
 
 
 def _cohort_strategies(people: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Yield mean and standard deviation over the people, for landmarks and stature separately."""
+    """Yield a row with mean and standard deviation over the people for each strategy and kind of reference."""
     for (strategy, reference), rows in group_by(people, lambda row: (row["strategy"], row["reference"])).items():
         row: dict[str, Any] = {
             "subject": COHORT,

@@ -19,7 +19,7 @@ _OWN = (OWN, HELD_OUT)
 
 
 def model_rows(trials: Sequence[TrialResult]) -> list[dict[str, Any]]:
-    """Return the rows of the table `models`: first the rows of each person, then the rows of the cohort."""
+    """Return the rows of the table `models`: first the rows of all people, then the rows of the cohort."""
     identified = [trial for trial in trials if trial.identified is not None]
     people = group_by(identified, lambda trial: trial.subject)
     rows = [row for trial in identified for row in _predict_trial(trial, people[trial.subject])]
@@ -27,7 +27,7 @@ def model_rows(trials: Sequence[TrialResult]) -> list[dict[str, Any]]:
 
 
 def _predict_trial(action: TrialResult, same_person: Sequence[TrialResult]) -> Iterator[dict[str, Any]]:
-    """Yield a row for each model that predicts one trial."""
+    """Yield a row for each model that predicts the trial ``action``."""
     for body in action.bodies:
         yield _make_row(action, body.name, action.name if body.name in _OWN else "", body)
     for model in same_person:
@@ -36,12 +36,12 @@ def _predict_trial(action: TrialResult, same_person: Sequence[TrialResult]) -> I
 
 
 def _transfer(action: TrialResult, model: TrialResult) -> dict[str, Any]:
-    """Return the row of another trial's body on this trial, with the reason if it cannot be transferred."""
+    """Return the row for the body of trial ``model`` on trial ``action``, or for why it cannot be transferred."""
     assert action.identified is not None and model.identified is not None
     name, source = model.strategy, model.name
     if not np.isfinite(model.identified.parameters).all():
-        why = model.identified.facts.get("why") or "its full parameters are not all known"
-        return _make_row(action, name, source, None, why=f"no body to transfer from {source}: {why}")
+        why = model.identified.facts.get("why") or "some of its full parameters are unknown"
+        return _make_row(action, name, source, None, why=f"there is no body to transfer from {source}: {why}")
     try:
         result = apply_model(model.identified, action.identified)
     except ConfigError as error:  # the message begins with the trial's folder, which is not published
@@ -67,7 +67,7 @@ def _make_row(action: TrialResult, name: str, source: str, body: BodyErrors | No
         "pairs": int(body is not None and any(error is not None for error in body.errors.values())),
         "samples": int(action.identified.dynamics["in_fit"].sum()),
         "condition_number_mean": action.value("dynamics", "condition_number"),
-        "why": why or (f"nothing was identified on {action.name}: {not_identified}" if not_identified else ""),
+        "why": why or (f"no parameters were identified on {action.name}: {not_identified}" if not_identified else ""),
     }
     if body is not None:
         for series, error in body.errors.items():
@@ -83,7 +83,7 @@ def _bias_sd(name: str, error: Agreement | None) -> dict[str, float]:
 
 
 def _average_cohort(people: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Yield a row for each model and strategy, with the errors of all people pooled."""
+    """Yield a row for each strategy and model, with the pooled errors of all people."""
     known = [row for row in people if math.isfinite(row.get("Fy_mean", math.nan))]
     torques = {name.removesuffix("_mean") for row in people for name in row if name.startswith("tau_")}
     series = [*SERIES, *sorted(name for name in torques if not name.endswith("_sd"))]
@@ -107,7 +107,7 @@ def _average_cohort(people: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, A
 
 
 def _sort(rows: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
-    """Return rows by strategy; within each: the allometric body, the own model, other trials by their strategies."""
+    """Return rows sorted by strategy, then: allometric body, own model, models of other trials by their strategy."""
     actions = list(dict.fromkeys(row["action"] for row in rows))
 
     def rank(row: Mapping[str, Any]) -> tuple[int, int, int]:

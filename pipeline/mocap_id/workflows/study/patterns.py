@@ -1,4 +1,4 @@
-"""Person and strategy from the path of a recording, by patterns such as ``{subject}/{strategy}*.c3d``."""
+"""Patterns such as ``{subject}/{strategy}*.c3d``, which find person and strategy in the path of a recording."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import PurePosixPath
 from mocap_id.errors import ConfigError
 
 UNNAMED = "movement"
-"""The strategy if a pattern has none."""
+"""The strategy if a pattern has no ``{strategy}``."""
 _STRATEGY_WORDS = re.compile(
     "normal|natural|comfort|self|select|prefer|usual|dynamic|momentum|fast|quick|stab|slow|forced"
 )
@@ -45,13 +45,13 @@ class PathLabels:
 class Pattern:
     """A path pattern, relative to the folder with the recordings.
 
-    ``{subject}`` and ``{strategy}`` stand for a part of one name, ``*`` for any part of a name, ``**/`` for any folders
-    between. A pattern with an ending (``*.c3d``) fits only this ending; one without an ending fits any recording.
+    ``{subject}``, ``{strategy}`` and ``*`` match a part of one name, and ``**/`` matches any number of folders. A
+    pattern with an ending (``*.c3d``) fits only this ending; a pattern without an ending fits any recording.
 
     Raises
     ------
     ConfigError
-        The text has neither ``{subject}`` nor ``{strategy}``, one of them twice, or another name in braces.
+        The text has neither ``{subject}`` nor ``{strategy}``, has one of them twice, or has another name in braces.
     """
 
     def __init__(self, text: str) -> None:
@@ -87,12 +87,15 @@ class Pattern:
 
 
 def choose_pattern(paths: Sequence[PurePosixPath]) -> Pattern:
-    """Return the common pattern that fits most paths; the first of these if several fit equally many."""
+    """Return the common pattern with the highest rating for these paths; of equal ratings, the first pattern."""
     return max(map(Pattern, COMMON_PATTERNS), key=lambda pattern: _rate(pattern, paths))
 
 
 def _rate(pattern: Pattern, paths: Sequence[PurePosixPath]) -> float:
-    """Return the share of the paths that fit; half of it for a pattern of last resort, 0 if the labels are wrong."""
+    """Return the rating of a pattern: the fraction of paths that fit.
+
+    The rating is halved for the two most general patterns, and 0 if the labels are wrong.
+    """
     labels = [label for label in map(pattern.match, paths) if label is not None]
     if pattern.text in _BY_STRATEGY and any(not _is_strategy(label.strategy) for label in labels):
         return 0.0

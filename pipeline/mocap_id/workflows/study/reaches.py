@@ -1,4 +1,4 @@
-"""Recordings of reaches: markers of an arm without a force plate, or a skeleton; their side and session."""
+"""Sides and sessions of recordings of reaches, which have markers of an arm without a force plate, or a skeleton."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Reach:
 
 
 def read_reach(path: Path, forces: Path | None) -> Reach | None:
-    """Return the arms in a recording of reaches; None if it is no reach, or cannot be read."""
+    """Return the arms in a recording of reaches; None if the recording is not a reach, or cannot be read."""
     if forces is not None:
         return None
     try:
@@ -52,7 +52,7 @@ def read_reach(path: Path, forces: Path | None) -> Reach | None:
 
 
 def find_session(path: PurePosixPath) -> str:
-    """Return the session that a path names, such as ``session1``; empty if it names none.
+    """Return the session that a path names, such as ``session1``; empty if the path names no session.
 
     Examples
     --------

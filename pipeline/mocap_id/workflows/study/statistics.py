@@ -1,4 +1,4 @@
-"""Means, standard deviations, intervals and p-values of numbers of which some may be missing."""
+"""Means, standard deviations, intervals and p-values of numbers, some of which may be missing."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Estimate:
     high: float = math.nan
 
     def minus(self, other: Estimate) -> Estimate:
-        """Return the difference from another estimate whose error is independent."""
+        """Return this estimate minus ``other``, with an interval that assumes independent errors."""
         value = self.value - other.value
         below = math.hypot(self.value - self.low, other.high - other.value)
         above = math.hypot(self.high - self.value, other.value - other.low)
@@ -40,7 +40,7 @@ class Estimate:
 
 
 def average_estimates(estimates: Iterable[Estimate]) -> Estimate:
-    """Return the mean of the known estimates; its interval assumes that all have the same error.
+    """Return the mean of the known estimates; its interval assumes that all estimates have the same error.
 
     Examples
     --------
@@ -52,7 +52,7 @@ def average_estimates(estimates: Iterable[Estimate]) -> Estimate:
 
 
 def average_people(values: Sequence[float]) -> Estimate:
-    """Return the mean of one value for each person, with Student's interval; the interval is NaN for one person.
+    """Return the mean of the people's values with Student's interval, which is NaN for one person.
 
     Examples
     --------
@@ -69,9 +69,9 @@ def average_people(values: Sequence[float]) -> Estimate:
 
 
 def sign_flip_p(differences: Sequence[float]) -> float:
-    """Return the two-sided permutation p-value that paired differences have no preferred sign; NaN for one person.
+    """Return the two-sided permutation p-value for differences without a preferred sign; NaN for one person.
 
-    All signs are compared, or 20,000 random ones for more than 14 people.
+    All combinations of signs are compared, or 20,000 random combinations for more than 14 people.
 
     Examples
     --------
@@ -91,7 +91,7 @@ def sign_flip_p(differences: Sequence[float]) -> float:
 
 
 def mean_sd(values: Iterable[float | None]) -> tuple[float, float]:
-    """Return mean and sample standard deviation (n − 1) of the known values; NaN if there are too few.
+    """Return mean and sample standard deviation (n − 1) of the known values; NaN if there are too few values.
 
     Examples
     --------
@@ -118,9 +118,10 @@ def group_by(members: Iterable[T], key: Callable[[T], K]) -> Mapping[K, list[T]]
 
 
 def pool_errors(errors: Sequence[Agreement | None]) -> tuple[float, float]:
-    """Return mean and standard deviation of the samples of several errors together, each error with the same weight.
+    """Return mean and standard deviation of the samples of several errors together; each error has the same weight.
 
-    With means b_i and standard deviations s_i: mean b of the b_i, and sqrt(mean(s_i² + b_i²) − b²).
+    From means b_i and standard deviations s_i: the mean b of the b_i, and sqrt(mean(s_i² + b_i²) − b²). NaN without a
+    known error.
     """
     known = [error for error in errors if error is not None]
     if not known:

@@ -25,8 +25,8 @@ _log = logging.getLogger(__name__)
 DOCUMENT = "study.json"
 _VERSION = 4  # raised whenever the same trials would give other tables or another page
 _ABOUT = (
-    "Each table is a CSV and a Parquet file (units and meanings in the field metadata). A row of the subject `cohort` "
-    "is about all people. A missing value is empty in CSV and NaN in Parquet."
+    "Each table is a CSV and a Parquet file (units and meanings in the field metadata). A row with the subject "
+    "`cohort` is about all people. A missing value is empty in CSV and NaN in Parquet."
 )
 
 
@@ -46,7 +46,7 @@ class StudyResult:
 
     @property
     def page(self) -> Path:
-        """The cohort's page."""
+        """Path of the page of the cohort."""
         return self.study.folder / PAGE_FILE
 
 
@@ -56,7 +56,7 @@ def run_study(
     begin: Callable[[int], None] = lambda trials: None,
     tell: TrialCallback = lambda run: None,
 ) -> StudyResult:
-    """Run a study.
+    """Run all trials of a study, write its tables and page, and return the result.
 
     Parameters
     ----------
@@ -72,18 +72,16 @@ def run_study(
     Raises
     ------
     ConfigError
-        The file is wrong; nothing was run.
+        The file is wrong; no trial was run.
     StoreError
-        The study's folder is in use or cannot be written. The failure of a trial is reported in its row instead.
+        The study's folder is in use or cannot be written. The failure of a trial raises nothing; it is in the tables.
     """
     study = load_study(file)
     with Folder(study.folder).locked():
         begin(len(study.trials))
         runs = run_trials([one.trial for one in study.trials], LocalBackend(jobs), tell)
         for first, other in find_same_recordings(study):
-            _log.warning(
-                f"{file}: the trials {first} and {other} have the same recording: one file was probably copied"
-            )
+            _log.warning(f"{file}: the trials {first} and {other} have the same recording; one file is probably a copy")
         key = _hash_content(study, runs)
         document = _read_if_current(study.folder, key)
         if document is not None:
@@ -94,7 +92,7 @@ def run_study(
 
 
 def find_same_recordings(study: Study) -> Iterator[tuple[str, str]]:
-    """Yield pairs of trials, after they have run, that used the same time window of files with the same content."""
+    """Yield the names of two finished trials that used the same time window of files with the same content."""
     first_trials: dict[Any, str] = {}
     for one in study.trials:
         origin = Folder(one.trial.out).origin(STAGES[0].name, STAGES[0].outputs)
@@ -119,7 +117,7 @@ class StudyKind:
 
 
 def _choose_kind(study: Study) -> StudyKind:
-    """Return the functions for a study's protocol; they load only the templates of its own page."""
+    """Return the functions for a study's protocol; only the templates of this protocol's page are imported."""
     if study.curl:
         from mocap_id.reporting.curl_study.page import render_curl_page  # noqa: PLC0415  other studies do not need it
         from mocap_id.workflows import curl_study  # noqa: PLC0415
@@ -184,7 +182,7 @@ def _describe(trial: Any, labels: Mapping[str, str]) -> dict[str, Any]:
 
 
 def _hash_content(study: Study, runs: Sequence[TrialRun]) -> str:
-    """Return a hash of everything that tables and page depend on: trials' reports, people, the file's entries."""
+    """Return a hash of all inputs of tables and page: the trials' reports, the people, and the entries of the file."""
     trials = [
         [one.name, one.subject, one.strategy, one.session, one.condition, run.exit_code, run.published, run.key]
         for one, run in zip(study.trials, runs, strict=True)
@@ -194,7 +192,7 @@ def _hash_content(study: Study, runs: Sequence[TrialRun]) -> str:
 
 
 def _read_if_current(folder: Path, key: str) -> Mapping[str, Any] | None:
-    """Return study.json if it has this key and every file that it names is unchanged, or else None."""
+    """Return study.json if it has this key and all files that it lists are unchanged, or else None."""
     try:
         document: Mapping[str, Any] = json.loads((folder / DOCUMENT).read_text("utf-8"))
         unchanged = all(hash_file(folder / file) == content for file, content in document["files"].items())

@@ -1,4 +1,4 @@
-"""The parts that studies of all kinds share: the outcome of a trial, measures, and columns of tables."""
+"""Definitions for all kinds of studies: the outcome of a trial, measures, and columns of tables."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def estimate_columns(
     ----------
     name, unit, meaning : str
     estimate : callable, optional
-        Returns the estimate of a trial; by default, rows give the values by name.
+        Returns the estimate of a trial; by default, the rows contain the values by column name.
     """
     return [
         number(f"{name}_{end}" if end else name, unit, f"{meaning}{words}", _part_of(estimate, end or "value"))
@@ -81,13 +81,13 @@ def fill_tables(
     rows: Mapping[str, Callable[[Sequence[Any]], Iterable[Any]]],
     trials: Sequence[Any],
 ) -> dict[str, ResultTable]:
-    """Return the tables of a study by name; a table without a function for its rows has a row for each trial."""
+    """Return the tables of a study by name; a table without a function in ``rows`` has a row for each trial."""
     return {
         name: ResultTable.of(schema, rows[name](trials) if name in rows else trials) for name, schema in schemas.items()
     }
 
 
 def read_event_facts(trial: StudyTrial, run: TrialRun, protocol: str) -> Mapping[str, Any]:
-    """Return the facts of events.parquet about a protocol; empty if the trial failed or was refused."""
+    """Return the facts of events.parquet about a protocol; empty if missing, or if the trial failed or was refused."""
     facts = Folder(trial.trial.out).read("events.parquet").facts if run.exit_code == 0 else {}
     return facts.get(protocol) or {}

@@ -1,4 +1,4 @@
-"""The tables of a study: columns, units and meanings. Rows of the subject `cohort` are about all people together."""
+"""The tables of a study: columns, units and meanings. Rows with the subject `cohort` are about all people together."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ _STRATEGY = text("strategy", "strategy of the movement", lambda trial: trial.str
 _SUBJECTS = whole("subjects", "number of people in the row")
 _TRIALS = whole("trials", "number of trials in the row")
 _REFERENCE = text(
-    "reference", "reference of the lengths: landmarks, or stature by an allometric table", lambda t: t.reference.kind
+    "reference", "reference of the lengths: landmarks, or stature and allometric table", lambda t: t.reference.kind
 )
-_WHY = text("why", "why numbers are missing; else empty")
+_WHY = text("why", "why numbers are missing; empty otherwise")
 _PARAMETER = (
     text("parameter", "short name as in the thesis: m1, mx1, mr2, I2 …"),
-    text("expression", "the parameters regrouped in it"),
+    text("expression", "the parameters that are regrouped into this parameter"),
     text("unit", "kg, kg*m or kg*m^2"),
 )
 _PARTS = {"mean": "mean", "sd": "standard deviation", "rms": "root mean square"}
@@ -53,7 +53,7 @@ def _segment_columns(segment: str, ends: str) -> tuple[Column, ...]:
 
 
 def _length_reference(segment: str) -> Column:
-    meaning = f"length of the {segment} by the reference"
+    meaning = f"reference length of the {segment}"
     return number(f"{segment}_reference", "m", meaning, lambda trial: trial.reference.lengths[segment])
 
 
@@ -114,12 +114,12 @@ TABLES: Mapping[str, TableSchema] = {
             _SUBJECT,
             text("segment", "shank (knee to ankle) or thigh (hip to knee)"),
             _REFERENCE,
-            text("method", "framework = this program; stature = height times the share of the allometric table"),
+            text("method", "framework = this program; stature = height times the factor in the allometric table"),
             _SUBJECTS,
             _TRIALS,
             number("length_mean", "m", "length by this method, mean"),
             number("length_sd", "m", "its standard deviation over the trials, for the cohort over the people"),
-            number("reference_length", "m", "length by the reference, mean"),
+            number("reference_length", "m", "reference length, mean"),
             *_mean_sd("error", "%", f"method {_LENGTH_ERROR}; over trials, for the cohort over people"),
             _WHY,
         ),
@@ -154,13 +154,13 @@ TABLES: Mapping[str, TableSchema] = {
             text("model_trial", "the trial of the body; empty for the cohort and the allometric table"),
             _SUBJECTS,
             whole("pairs", "number of predictions in the row; each has the same weight"),
-            count("samples", "number of compared samples, off the seat"),
+            count("samples", "number of compared samples, without contact to the seat"),
             *_mean_sd("condition_number", "1", "condition number of the regressor of the predicted trial"),
             *(column for name, unit in SERIES.items() for column in _errors(name, unit, "model minus measurement")),
             number(
                 "registration_residual", "m", "distance between the markers of the two trials after registration, rms"
             ),
-            text("supported", "yes or no: whether the recordings support this transfer; empty if not known"),
+            text("supported", "yes or no: whether the recordings support this transfer; empty if unknown"),
             text("codes", "codes of the reasons not to rely on the prediction"),
             _WHY,
         ),
@@ -191,7 +191,7 @@ TABLES: Mapping[str, TableSchema] = {
             _TRIALS,
             number("mean", "", "mean of the identified values over the trials, in `unit`"),
             number("sd", "", "their standard deviation, in `unit`"),
-            number("cv", "1", "coefficient of variation, sd over absolute mean; for the cohort its mean"),
+            number("cv", "1", "coefficient of variation, sd divided by the absolute mean; for the cohort its mean"),
             number("cv_sd", "1", "for the cohort: its standard deviation over the people"),
             number("reference_mean", "", "mean for the allometric body on the same chains, in `unit`"),
             number("reference_sd", "", "standard deviation for the allometric body, in `unit`"),

@@ -31,19 +31,19 @@ class LengthReference:
 
     kind: str  # ``landmarks``, or ``stature`` with the name of the allometric table; empty if there is no reference
     lengths: Mapping[str, float | None]  # reference lengths by segment, m; None if unknown
-    by_stature: Mapping[str, float | None]  # lengths by the allometric table for the person's height, m
+    by_stature: Mapping[str, float | None]  # lengths from height and allometric table, m; None if the height is unknown
 
 
 @dataclass(frozen=True)
 class BaseParameters:
     """The b base parameters of a trial."""
 
-    symbols: tuple[str, ...]  # the first parameter of each group: m1, mx1, mx2 …
+    symbols: tuple[str, ...]  # the first parameter in each expression: m1, mx1, mx2 …
     expressions: tuple[str, ...]
     units: tuple[str, ...]
     verdicts: tuple[str, ...]
     value: FloatArray  # (b,) NaN if unknown
-    sd: FloatArray  # (b,) standard deviations
+    sd: FloatArray  # (b,) standard deviations; NaN if unknown
     reference: FloatArray  # (b,) values for the allometric body on the same chain; NaN if unknown
     segments: int  # number of segments of the chain, including the base
 
@@ -54,7 +54,8 @@ class TrialResult(StudyOutcome):
 
     reference: LengthReference
     identified: IdentifiedTrial | None  # None if the trial failed or was refused
-    # errors of the trial's own model, in the fit and on left-out repetitions, and of the allometric body
+    # errors of the trial's own model, in the fit and on left-out repetitions, and of the allometric body; empty if
+    # the trial failed or was refused
     bodies: tuple[BodyErrors, ...]
     parameters: BaseParameters | None  # None if no parameter was identified
 
@@ -69,12 +70,12 @@ class TrialResult(StudyOutcome):
         return length
 
     def length_error(self, segment: str) -> float | None:
-        """Return length minus reference, % of the reference; None if either is unknown."""
+        """Return length minus reference length, % of the reference; None if one of the lengths is unknown."""
         length, reference = self.length(segment), self.reference.lengths[segment]
         return None if length is None or reference is None else 100 * (length / reference - 1)
 
     def model_errors(self, model: str) -> dict[str, tuple[float, float, float]]:
-        """Return bias, standard deviation and root mean square of a model's error, for each known series.
+        """Return bias, standard deviation and root mean square of a model's error, by name of each known series.
 
         Parameters
         ----------
@@ -107,7 +108,7 @@ def read_trial_result(study: Study, trial: StudyTrial, run: TrialRun) -> TrialRe
 
 
 def find_length_reference(person: Person, name: TableName) -> LengthReference:
-    """Return the reference for a person's lengths: landmarks if any is given, or else stature."""
+    """Return the reference for a person's lengths: landmarks if one of them is given, or else stature."""
     table = look_up_table(name, person.sex)
     by_stature = {
         segment: None if person.height is None else getattr(table, segment).length * person.height
@@ -120,7 +121,7 @@ def find_length_reference(person: Person, name: TableName) -> LengthReference:
 
 
 def _read_parameters(out: Path) -> BaseParameters | None:
-    """Read the base parameters from a run folder; None if none was identified."""
+    """Read the base parameters from a run folder; None if no parameter except the mass was identified."""
     tree = Folder(out).tree("dynamics.h5")
     value, reference = tree.numbers("base/value"), tree.numbers("full/reference")
     if np.isfinite(value).sum() <= 1:  # the mass alone is no model

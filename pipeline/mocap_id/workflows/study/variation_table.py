@@ -29,14 +29,14 @@ class ParameterValue:
     """One parameter of a trial."""
 
     symbol: str
-    expression: str  # the parameters regrouped in it
+    expression: str  # the parameters that are regrouped into this parameter
     unit: str
     value: float
     reference: float  # value for the allometric body
 
 
 def parameter_rows(trials: Sequence[TrialResult]) -> Iterator[dict[str, Any]]:
-    """Yield the rows of the table `parameters`."""
+    """Yield the rows of the table `parameters`: one for each base parameter of each trial."""
     for trial in trials:
         parameters = trial.parameters
         if parameters is None:
@@ -55,7 +55,7 @@ def parameter_rows(trials: Sequence[TrialResult]) -> Iterator[dict[str, Any]]:
 
 
 def variation_rows(trials: Sequence[TrialResult]) -> list[dict[str, Any]]:
-    """Return the rows of the table `variation`: first the rows of each person, then the rows of the cohort."""
+    """Return the rows of the table `variation`: first the rows of all people, then the rows of the cohort."""
     rows = [
         row
         for subject, own in group_by(trials, lambda trial: trial.subject).items()
@@ -73,7 +73,7 @@ def _base(parameters: BaseParameters) -> list[ParameterValue]:
 
 
 def _modify(parameters: BaseParameters) -> list[ParameterValue]:
-    """Return the modified parameters: each pair (mx, my) replaced by its length mr."""
+    """Return the modified parameters, in which the length mr replaces each pair (mx, my)."""
     by_symbol = {parameter.symbol: parameter for parameter in _base(parameters)}
     modified = []
     for symbol, mx in by_symbol.items():
@@ -88,13 +88,13 @@ def _modify(parameters: BaseParameters) -> list[ParameterValue]:
 
 
 def _person(subject: str, trials: Sequence[BaseParameters]) -> Iterator[dict[str, Any]]:
-    """Yield the variation over the trials whose chains have the most common number of segments."""
+    """Yield a person's rows, from the trials whose chains have the most frequent number of segments."""
     if not trials:
         return
     segments = Counter(trial.segments for trial in trials).most_common(1)[0][0]
     counted = [trial for trial in trials if trial.segments == segments]
     left_out = len(trials) - len(counted)
-    why = f"{left_out} trials have another number of segments and do not count" if left_out else ""
+    why = f"trials with a different number of segments, which do not count: {left_out}" if left_out else ""
     for kind, read in (("base", _base), ("modified", _modify)):
         for same in zip(*map(read, counted), strict=True):
             yield {
@@ -113,14 +113,14 @@ def _person(subject: str, trials: Sequence[BaseParameters]) -> Iterator[dict[str
 
 
 def _variation(prefix: str, values: Sequence[float]) -> dict[str, float]:
-    """Return mean, standard deviation and coefficient of variation, which is NaN if the mean is zero."""
+    """Return the columns mean, sd and cv; the coefficient of variation cv is NaN if the mean is zero."""
     mean, sd = mean_sd(values)
     cv = sd / abs(mean) if abs(mean) > _ROUNDING else math.nan
     return {f"{prefix}mean": mean, f"{prefix}sd": sd, f"{prefix}cv": cv}
 
 
 def _cohort(people: Sequence[Mapping[str, Any]]) -> Iterator[dict[str, Any]]:
-    """Yield mean and standard deviation of the people's coefficients of variation."""
+    """Yield rows with mean and standard deviation of the people's coefficients of variation."""
     known = [row for row in people if row["trials"] > 1]
     for group, rows in group_by(known, lambda row: tuple(row[name] for name in _GROUP)).items():
         cv, reference = mean_sd(row["cv"] for row in rows), mean_sd(row["reference_cv"] for row in rows)

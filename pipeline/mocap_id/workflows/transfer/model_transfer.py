@@ -33,11 +33,11 @@ from mocap_id.workflows.transfer.support import (
 )
 
 OWN, HELD_OUT, TRANSFERRED = "own", "own, held out", "transferred"
-"""Names of bodies; the allometric body has the name of its table."""
-_MIRRORED = 0.5  # of the residual: if mirrored markers fit this much better, the person faces the other direction
-_LARGEST_RESIDUAL = 0.025  # m rms: skin and posture cause about 1 cm, markers that were placed again several cm
+"""Names of bodies in the results; the name of the allometric body is the name of its table."""
+_MIRRORED = 0.5  # fraction of the residual; if the residual of mirrored markers is smaller, the person turned around
+_LARGEST_RESIDUAL = 0.025  # m, rms: skin and posture cause about 1 cm, but markers that were placed again several cm
 _UNCONFIRMED = "transfer-nothing"
-_MASS_DIFFERENCE = 0.05  # of the standing mass, as for the verdict of a trial
+_MASS_DIFFERENCE = 0.05  # fraction of the standing mass, as for the verdict of a trial
 
 
 @dataclass(frozen=True)
@@ -46,34 +46,34 @@ class BodyErrors:
 
     name: str  # ``own``, ``own, held out``, ``transferred``, or the name of the allometric table
     errors: Mapping[str, Agreement | None]  # model minus measurement for each of :data:`SERIES`; None if unknown
-    # each joint torque minus the torque of the trial's own model, N·m, joint 1 first; None if unknown. Empty for the
-    # own model
+    # each joint torque minus the torque of the trial's own model, N·m, from joint 1; None if unknown. The tuple of the
+    # own model is empty
     torques: tuple[Agreement | None, ...]
 
 
 @dataclass(frozen=True)
 class TrialTransfer:
-    """A model applied to one trial."""
+    """The result of applying a model to one trial."""
 
     trial: str
-    samples: int  # number of samples that the trial's own model was fitted to, off the chair
+    samples: int  # number of samples to which the trial's own model was fitted, without contact to the chair
     condition: float | None  # condition number of the regressor over these samples
     bodies: tuple[BodyErrors, ...]
     registration: Registration  # pose of the model's bodies in the trial's bodies
-    # evidence without the trial's forces; None if there is no allometric body to compare with
+    # evidence for the transfer, without the trial's forces; None if there is no allometric body to compare with
     support: Support | None
     # stated standard deviation of the transferred body's prediction for each of :data:`SERIES`, N, N·m and m, rms over
     # the samples; NaN if unknown
     stated: Mapping[str, float]
-    inside: Mapping[str, float]  # share of the samples within the stated 95 % intervals; NaN if unknown
+    inside: Mapping[str, float]  # fraction of the samples within the stated 95 % intervals; NaN if unknown
     reasons: tuple[Reason, ...]  # reasons against the use of the result
 
     @property
     def supported(self) -> bool | None:
-        """Whether the recordings support an individual model of this trial.
+        """Whether the recordings support the transferred model for this trial.
 
-        True if there is no reason against it and the model is closer to the forces than the allometric body. None if
-        there is no reason against it, but the forces or the allometric body that could confirm it are missing.
+        False if there is a reason against the transfer. None if there is no such reason, but the forces or the
+        allometric body that could confirm the transfer are missing.
         """
         if any(reason.code != _UNCONFIRMED for reason in self.reasons):
             return False
@@ -81,33 +81,33 @@ class TrialTransfer:
 
     @property
     def registration_residual(self) -> float:
-        """Largest residual of the registration of a moving body, m; NaN if none is known."""
+        """Largest residual of the registration of the moving bodies, m; NaN if all residuals are unknown."""
         return max(filter(math.isfinite, self.registration.residual[1:].tolist()), default=math.nan)
 
 
 @dataclass(frozen=True)
 class Transfer:
-    """A model applied to other trials."""
+    """The result of applying the model of one trial to other trials."""
 
     model: str  # name of the trial on which the model was identified
-    segments: tuple[str, ...]  # the bodies that were identified on this trial
+    segments: tuple[str, ...]  # names of the bodies that were identified on this trial
     trials: tuple[TrialTransfer, ...]
 
     @property
     def joints(self) -> int:
-        """Largest number of joints of a trial."""
+        """Largest number of joint torques of a trial."""
         return max((len(body.torques) for trial in self.trials for body in trial.bodies), default=0)
 
 
 def transfer(model: Path, trials: Sequence[Path], progress: runner.Progress = lambda step: None) -> Transfer:
-    """Apply the model of one trial to the other trials, which are predicted.
+    """Predict ``trials`` with the model that was identified on the trial ``model``, and return the errors.
 
     Paths and ``progress`` are as for :func:`mocap_id.workflows.run_folder.open_run`.
 
     Raises
     ------
     ConfigError
-        The two trials have too few markers in common on a body, or the person faces the other direction.
+        Two trials have too few common markers on a body, or the person faces opposite directions.
     RecordingError
         The model's trial has no identified body.
     Refused, NumericalError, StoreError
@@ -117,19 +117,19 @@ def transfer(model: Path, trials: Sequence[Path], progress: runner.Progress = la
     if not np.isfinite(source.parameters).all():
         raise RecordingError(
             f"{model}: there is no body to transfer from trial {source.name}: "
-            f"{source.facts.get('why') or 'its full parameters are not all known'}"
+            f"{source.facts.get('why') or 'some of its full parameters are unknown'}"
         )
     targets = [open_identified_trial(path, progress) for path in trials]
     return Transfer(source.name, source.skeleton.segments, tuple(apply_model(source, target) for target in targets))
 
 
 def apply_model(source: IdentifiedTrial, target: IdentifiedTrial) -> TrialTransfer:
-    """Apply the body of one identified trial to another.
+    """Predict the trial ``target`` with the body that was identified on the trial ``source``, and return the errors.
 
-    A model of the pinned chain is transferred segment by segment if the other trial's chain has the same number of
-    segments. Any other model is transferred on measured poses: its markers locate its bodies in the other trial,
-    whatever segments that trial has. The transferred and the allometric body are compared with the forces in the
-    frequency band of the trial's own fit, at the clock offset of that fit.
+    A model of the pinned chain is transferred segment by segment if the target's chain has the same number of segments.
+    Any other model is transferred with measured poses: the markers of its bodies determine their poses in the target,
+    whatever segments the target has. The transferred and the allometric body are compared with the forces in the
+    frequency band of the target's own fit, with the clock offset of this fit.
 
     Raises
     ------
@@ -164,30 +164,33 @@ def _describe_joints(skeleton: BodyFrames) -> list[str]:
 
 
 def _register(source: IdentifiedTrial, target: IdentifiedTrial, here: BodyFrames) -> Registration:
-    """Return the registration of the model's bodies in the target's bodies; ConfigError if it is impossible."""
+    """Return the registration of the model's bodies in the target's bodies ``here``.
+
+    ConfigError is raised if a body has too few common markers, or if the markers are mirrored.
+    """
     there = source.skeleton
     registration = register_bodies(there, here)
     for k, name in enumerate(here.segments[1:], start=1):
         if registration.markers[k] < LEAST_MARKERS or registration.spread[k] < LEAST_SPREAD:
             raise ConfigError(
-                f"{target.source}: trials {source.name} and {target.name} have {registration.markers[k]} markers in "
-                f"common on the {name}, spread by {100 * registration.spread[k]:.1f} cm; expected at least "
-                f"{LEAST_MARKERS}, spread by {100 * LEAST_SPREAD:g} cm, to align it in both. Markers are matched by "
-                "label: give markers at the same position the same label"
+                f"{target.source}: trials {source.name} and {target.name} have {registration.markers[k]} common "
+                f"markers on the {name}, with a spread of {100 * registration.spread[k]:.1f} cm; expected at least "
+                f"{LEAST_MARKERS} with a spread of {100 * LEAST_SPREAD:g} cm. Markers are matched by label: give "
+                "markers at the same position the same label"
             )
     mirrored, residual = (
         root_mean_square(each[there.jointed]) for each in (registration.mirrored, registration.residual)
     )
     if mirrored < _MIRRORED * residual:
         raise ConfigError(
-            f"{target.source}: the person of trial {target.name} faces the other direction than in trial "
-            f"{source.name}: the mirrored markers fit. Set `planarise: {{facing: …}}` in one of them"
+            f"{target.source}: in trial {target.name}, the person faces the opposite direction to trial "
+            f"{source.name}, because the mirrored markers fit: set `planarise: {{facing: …}}` in one of both trials"
         )
     return registration
 
 
 def errors_at_home(target: IdentifiedTrial) -> tuple[BodyErrors, ...]:
-    """Return the errors of the own model, in the fit and on left-out repetitions, and of the allometric body."""
+    """Return the errors of a trial's own model, in the fit and on left-out repetitions, and of the allometric body."""
     samples = _read_fitted(target)
     return tuple(body for body in (*_compare_own(target, samples), _compare_table(target, samples)) if body is not None)
 
@@ -197,7 +200,7 @@ def _read_fitted(target: IdentifiedTrial) -> BoolArray:
 
 
 def _compare_bodies(target: IdentifiedTrial, transferred: TransferredBody, samples: BoolArray) -> Iterator[BodyErrors]:
-    """Yield the errors of the own model (fit, left-out repetitions), the transferred and the allometric body."""
+    """Yield the errors of the own model (fit, left-out repetitions), of the transferred and of the allometric body."""
     yield from _compare_own(target, samples)
     yield _compare_full(target, TRANSFERRED, transferred.bodies, transferred.parameters, samples)
     table = _compare_table(target, samples)
@@ -215,7 +218,7 @@ def _compare_own(target: IdentifiedTrial, samples: BoolArray) -> Iterator[BodyEr
 
 
 def _compare_table(target: IdentifiedTrial, samples: BoolArray) -> BodyErrors | None:
-    """Return the errors of the allometric body, on the bodies of the trial's own model."""
+    """Return the errors of the allometric body on the bodies of the trial's own model; None without this body."""
     name = target.facts.get("reference_table")
     return None if name is None else _compare_full(target, str(name), target.bodies, target.reference, samples)
 
@@ -223,7 +226,7 @@ def _compare_table(target: IdentifiedTrial, samples: BoolArray) -> BodyErrors | 
 def _compare_full(
     target: IdentifiedTrial, name: str, bodies: MovingBodies, full: FloatArray, samples: BoolArray
 ) -> BodyErrors:
-    """Return the errors of a body with full parameters (4K,), and its torques minus the own model's torques."""
+    """Return the errors of K ``bodies`` with parameters ``full`` (4K,), and their torques minus the own torques."""
     torques = target.dynamics[[f"tau_{j + 1}" for j in range(target.q.shape[1])]].to_numpy(dtype=np.float64)
     own = target.bodies.torque_regressor @ target.parameters
     pairs = zip((bodies.torque_regressor @ full).T, np.where(np.isfinite(torques), own, np.nan).T, strict=True)
@@ -251,7 +254,8 @@ def _list_reasons(
     if not target.dynamics["in_fit"].any():
         yield Reason(
             "transfer-nothing",
-            f"nothing was identified on this trial, so there are no samples to compare: {target.facts.get('why')}",
+            "no parameters were identified on this trial, so there are no samples to compare: "
+            f"{target.facts.get('why')}",
         )
     jointed = source.skeleton.jointed
     worst = float(np.nanmax(registration.residual[jointed]))
@@ -259,8 +263,8 @@ def _list_reasons(
         body = source.skeleton.segments[jointed[int(np.nanargmax(registration.residual[jointed]))]]
         yield Reason(
             "transfer-markers",
-            f"the markers of the {body} are {1e3 * worst:.0f} mm (rms) from their positions relative to each other in "
-            "the model's trial: they were placed again, have other labels, or this is another person",
+            f"the markers of the {body} differ by {1e3 * worst:.0f} mm (rms) from their relative positions in the "
+            "model's trial: they were placed again, have different labels, or this is a different person",
             value=worst,
             limit=_LARGEST_RESIDUAL,
         )
@@ -268,8 +272,8 @@ def _list_reasons(
     if target.mass is not None and abs(mass / target.mass - 1) > _MASS_DIFFERENCE:
         yield Reason(
             "transfer-mass",
-            f"the model has {mass:.1f} kg and the plates measure {target.mass:.1f} kg while the person stands: this is "
-            "another person, or the person carries something",
+            f"the model has {mass:.1f} kg, but the plates measure {target.mass:.1f} kg while the person stands: this "
+            "is a different person, or the person carries something",
             value=mass,
             limit=target.mass,
         )
@@ -278,10 +282,10 @@ def _list_reasons(
     ratios = {name: rms_error(errors[TRANSFERRED][name]) / rms_error(table.get(name)) for name in SERIES}
     worse = {name: ratio for name, ratio in ratios.items() if ratio > 1.0}
     if worse:
-        listed = ", ".join(f"{name} ({ratio:.2f} times its error)" for name, ratio in worse.items())
+        listed = ", ".join(f"{name} (error ratio {ratio:.2f})" for name, ratio in worse.items())
         yield Reason(
             "transfer-worse",
-            f"the body of trial {source.name} predicts this one no better than the allometric body, which uses only "
+            f"the body of trial {source.name} predicts this trial no better than the allometric body, which uses only "
             f"height and mass, in {listed}: these two recordings do not support an individual model",
             value=max(worse.values()),
             limit=1.0,

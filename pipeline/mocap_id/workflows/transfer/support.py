@@ -1,9 +1,9 @@
 """Evidence that a body may be transferred from one trial to another, without the forces of the other trial.
 
-Errors against the other trial's forces show only afterwards whether a prediction was good. A prediction is useful if
-this is known before. There are three reasons against a transfer: the model does not predict the repetitions of its own
-trial better than the allometric body; its prediction of the other movement differs from the prediction of the
-allometric body by less than its uncertainty; the two trials locate a joint of the same person at different positions.
+The errors relative to the other trial's forces show only afterwards whether a prediction was good, but a prediction is
+useful only if this is known before. There are three reasons against a transfer. The model does not predict repetitions
+of its own trial better than the allometric body; its prediction of the other movement differs too little from that of
+the allometric body; or a joint of the same person has different positions in the two trials.
 """
 
 from __future__ import annotations
@@ -24,29 +24,29 @@ from mocap_id.workflows.identified_trial import IdentifiedTrial
 from mocap_id.workflows.moving_bodies import MovingBodies
 
 SERIES = {"Fx": "N", "Fy": "N", "tauz": "N*m", "cop_x": "m"}
-"""The compared series, with units."""
+"""Units of the compared series by name."""
 AT_HOME = ("Fy", "tauz", "cop_x")
 """Series that the model must predict better than the allometric body, on its own trial."""
 _DISTINCT = ("tauz", "cop_x")
-"""Series in which it must differ from the allometric body; in Fy it differs by the mass, which any plate measures."""
-_TIMES = 2.0  # least difference from the allometric body's prediction, standard deviations
-_JOINTS = 0.03  # m: joints that bend enough agree within a few mm, under moving skin within two cm
-_ELSEWHERE = 1.4  # factor on the error on the model's own trial: measured on twenty pairs of real trials
-_INSIDE = 0.8  # least share of the samples in the 95 % intervals
+"""Series in which the model must differ from the allometric body; Fy differs mainly by the mass, known from a plate."""
+_TIMES = 2.0  # least difference from the allometric body's prediction, in standard deviations
+_JOINTS = 0.03  # m: positions of joints that bend enough agree within a few mm, with skin motion within two cm
+_ELSEWHERE = 1.4  # error on another movement divided by the error on the own trial, from twenty pairs of real trials
+_INSIDE = 0.8  # least fraction of the samples in the 95 % intervals
 
 
 @dataclass(frozen=True)
 class TransferredBody:
-    """The body of one trial, transferred to the bodies of another."""
+    """The identified body of one trial, transferred to the bodies of another trial."""
 
     bodies: MovingBodies  # K bodies of the other trial with their motion
-    registration: Registration  # pose of the model's bodies in these bodies
+    registration: Registration  # pose of the model's bodies in these K bodies
     parameters: FloatArray  # (4K,)
     covariance: FloatArray  # (4K, 4K) covariance of the parameters; NaN if unknown
 
     @classmethod
     def of(cls, source: IdentifiedTrial, bodies: MovingBodies, registration: Registration) -> TransferredBody:
-        """Return the model of the source, transferred to other bodies with which its own bodies were registered."""
+        """Return the model of the source, transferred to ``bodies`` with the registration of its own bodies."""
         parameters = transfer_parameters(source.parameters, registration)
         return cls(bodies, registration, parameters, transfer_covariance(source.covariance, registration))
 
@@ -60,14 +60,14 @@ class Support:
     apart: Mapping[str, float]
     # standard deviation of the transferred body's prediction from the covariance of its parameters, rms
     sd: Mapping[str, float]
-    # error on left-out repetitions of the model's own trial, divided by the error of the allometric body; or NaN
+    # error on left-out repetitions of the model's own trial, divided by the allometric body's error; NaN if unknown
     at_home: Mapping[str, float]
 
 
 def find_support(source: IdentifiedTrial, target: IdentifiedTrial, transferred: TransferredBody) -> Support | None:
     """Return the comparison of a transferred body with the allometric body on the target's states, without its forces.
 
-    None if there is no allometric body to compare with.
+    None if there is no allometric body to compare with, or if the covariance of the model is unknown.
     """
     if not (np.isfinite(target.reference).all() and np.isfinite(source.covariance).all()):
         return None
@@ -81,19 +81,19 @@ def find_support(source: IdentifiedTrial, target: IdentifiedTrial, transferred: 
 
 
 def stated_sd(source: IdentifiedTrial, target: IdentifiedTrial, transferred: TransferredBody) -> FloatArray:
-    """Return the stated standard deviation of the transferred body's prediction of :data:`SERIES`, (T, 4), N, N·m, m.
+    """Return the stated standard deviations (T, 4) of the predicted :data:`SERIES`, N, N·m and m.
 
-    It combines the covariance of the parameters with the mean square error on left-out repetitions of the model's trial
-    (or of the fit, if none could be left out), times 1.4 for another movement.
+    They combine the covariance of the parameters with the rms error on left-out repetitions of the model's trial (or of
+    the fit if no repetition could be left out). The factor 1.4 accounts for the different movement.
     """
     residual = _read_residual(source.facts, banded=target.measured is not None)
     return np.asarray(_ELSEWHERE * np.hypot(_find_parameters_sd(target, transferred), residual))
 
 
 def share_inside(model: FloatArray, measured: FloatArray, sd: FloatArray, samples: BoolArray) -> dict[str, float]:
-    """Return the share of samples whose measurement is within the stated 95 % interval, for each of :data:`SERIES`.
+    """Return the fraction of samples whose measurement is within the stated 95 % interval, for each of :data:`SERIES`.
 
-    The share is NaN if no sample is known.
+    The fraction is NaN if no sample is known.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def share_inside(model: FloatArray, measured: FloatArray, sd: FloatArray, sample
 
 
 def warn_if_worse_than_stated(shares: Mapping[str, float]) -> Iterator[Reason]:
-    """Yield a reason if the stated intervals contain too few samples."""
+    """Yield a reason if the stated intervals contain too few samples; ``shares`` is from :func:`share_inside`."""
     few = {name: share for name, share in shares.items() if share < _INSIDE}
     if few:
         listed = ", ".join(f"{name} ({100 * share:.0f} %)" for name, share in few.items())
@@ -124,20 +124,23 @@ def warn_if_worse_than_stated(shares: Mapping[str, float]) -> Iterator[Reason]:
 
 
 def make_series(target: IdentifiedTrial, ground: FloatArray) -> FloatArray:
-    """Return :data:`SERIES` (T, 4) of a ground wrench (T, 3), in the frequency band of the trial's comparisons."""
+    """Return :data:`SERIES` (T, 4) from a ground wrench (T, 3), in the frequency band of :meth:`in_band`."""
     banded = np.column_stack([target.in_band(component) for component in ground.T])
     return np.column_stack([banded, centre_of_pressure(banded, target.cop_threshold)])
 
 
 def predict(target: IdentifiedTrial, bodies: MovingBodies, parameters: FloatArray) -> FloatArray:
-    """Return the predicted :data:`SERIES` (T, 4) for parameters (4K,), without the wrench of chair and sensors."""
+    """Return the :data:`SERIES` (T, 4) that K bodies with ``parameters`` (4K,) predict for the ground alone.
+
+    The wrench of chair and sensors is subtracted.
+    """
     columns = [f"{name}_external" for name in WRENCH_COMPONENTS]
     external = target.dynamics[columns].to_numpy(dtype=np.float64) if columns[0] in target.dynamics else 0.0
     return make_series(target, bodies.regressor @ parameters - external)
 
 
 def _find_parameters_sd(target: IdentifiedTrial, transferred: TransferredBody) -> FloatArray:
-    """Return the standard deviation (T, 4) of the prediction from the covariance of the parameters."""
+    """Return the standard deviations (T, 4) of the prediction that follow from the covariance of the parameters."""
     rows = target.in_band(transferred.bodies.regressor)
     pressure = centre_of_pressure_rows(rows, rows @ transferred.parameters, target.cop_threshold)
     rows = np.concatenate([rows, pressure[:, None]], axis=1)
@@ -145,7 +148,7 @@ def _find_parameters_sd(target: IdentifiedTrial, transferred: TransferredBody) -
 
 
 def list_doubts(support: Support | None, registration: Registration, joints: Sequence[str]) -> Iterator[Reason]:
-    """Yield the reasons against the transfer of a body.
+    """Yield the reasons against the transfer of a body that do not use the target's forces.
 
     Parameters
     ----------
@@ -163,8 +166,8 @@ def list_doubts(support: Support | None, registration: Registration, joints: Seq
         yield Reason(
             "transfer-joints",
             f"the positions of the joint {joints[worst]} in the two trials differ by "
-            f"{1e3 * registration.joint[worst]:.0f} mm relative to the same markers: in one of them the joint does not "
-            "bend enough, or its markers slid",
+            f"{1e3 * registration.joint[worst]:.0f} mm relative to the same markers: in one trial, the joint does not "
+            "bend enough or the markers moved on the skin",
             value=float(registration.joint[worst]),
             limit=_JOINTS,
         )
@@ -174,11 +177,11 @@ def _check_home(support: Support) -> Iterator[Reason]:
     """Yield a reason if the model predicts its own trial no better than the allometric body."""
     worse = {name: ratio for name, ratio in support.at_home.items() if ratio > 1.0}
     if worse:
-        listed = ", ".join(f"{name} ({ratio:.2f} times its error)" for name, ratio in worse.items())
+        listed = ", ".join(f"{name} (error ratio {ratio:.2f})" for name, ratio in worse.items())
         yield Reason(
             "transfer-not-at-home",
             f"on left-out repetitions of its own trial, the model predicts no better than the allometric body in "
-            f"{listed}: there is nothing individual to transfer",
+            f"{listed}: there is no individual information to transfer",
             value=max(worse.values()),
             limit=1.0,
         )
@@ -201,7 +204,7 @@ def _check_difference(support: Support) -> Iterator[Reason]:
 
 
 def _read_residual(facts: Mapping[str, Any], banded: bool) -> FloatArray:
-    """Return the rms errors (4,) of a model on left-out repetitions of its trial; of the fit if none was left out."""
+    """Return the rms errors (4,) of a model on left-out repetitions of its trial, or else of the fit."""
     held_out = facts.get("held_out") or {}
     errors = (None if banded else held_out.get("unfiltered")) or held_out.get("model")
     if errors is None:

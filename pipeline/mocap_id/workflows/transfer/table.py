@@ -24,7 +24,7 @@ FORMATS = (".csv", ".parquet")
 
 
 def check_format(file: Path) -> None:
-    """Raise ConfigError if a file name has none of the endings in :data:`FORMATS`."""
+    """Raise ConfigError if the file name does not have one of the endings in :data:`FORMATS`."""
     if file.suffix.lower() not in FORMATS:
         raise ConfigError(f"--out {file}: expected a file name that ends in {' or '.join(FORMATS)}")
 
@@ -51,9 +51,9 @@ def as_frame(result: Transfer) -> pd.DataFrame:
     """Return a data frame with one row for each trial and body.
 
     The columns are trial, model (the trial on which the body was identified), body, samples and condition_number; mean,
-    sd and rms of the error, model minus measurement, of Fx, Fy (N), tauz (N·m) and cop_x (m); mean and sd of each joint
+    sd and rms of the error (model minus measurement) of Fx, Fy (N), tauz (N·m) and cop_x (m); mean and sd of each joint
     torque tau_1 … minus the torque of the trial's own model (N·m); the largest residual of the registration (m); and
-    whether the recordings support the transfer, which is missing if this is unknown.
+    whether the recordings support the transfer (missing if unknown).
     """
     joints = range(1, result.joints + 1)
     frame = pd.DataFrame([_make_row(result, trial, body, joints) for trial in result.trials for body in trial.bodies])

@@ -38,18 +38,18 @@ class SubjectArm:
 def read_arm(
     path: Path, tip: str | None = None, quantile: float = 0.0, progress: runner.Progress = lambda step: None
 ) -> SubjectArm:
-    """Read the arm of a trial's YAML file or run folder, or of a chain's YAML file.
+    """Return the arm from a trial's YAML file or run folder, or from a chain's YAML file.
 
     Parameters
     ----------
     path : Path
         A trial's YAML file is run up to the joint states, which needs no forces.
     tip : str, optional
-        A marker of the last segment, or a point ``x,y`` in its frame, m; by default the farthest marker from the joint.
+        A marker of the last segment, or a point ``x,y`` in its frame, m; by default the marker farthest from the joint.
     quantile : float
-        Share of the samples left out at either end of an observed angle.
+        Fraction of the samples that is left out at each end of the range of an observed angle.
     progress : callable, optional
-        Called with every stage of a trial's YAML file.
+        Called with each step of the run if ``path`` is a trial's YAML file.
 
     Raises
     ------
@@ -63,7 +63,7 @@ def read_arm(
     if not path.is_dir() and is_chain(path):
         if tip is not None or quantile:
             raise ConfigError(
-                f"{path}: a chain in YAML has its own `tip:` and limits; leave out `--tip` and `--quantile`"
+                f"{path}: a chain's YAML file contains `tip:` and limits; leave out `--tip` and `--quantile`"
             )
         return _read_chain(load_chain(path))
     folder, trial = open_run_to(path, _LAST, progress)
@@ -71,12 +71,12 @@ def read_arm(
 
 
 def read_folder(folder: Folder, name: str, source: Path, tip: str | None, quantile: float) -> SubjectArm:
-    """Read the arm from the artefacts in a run folder; messages name `source`.
+    """Return the arm from the artefacts in a run folder; ``source`` is the path in messages.
 
     Raises
     ------
     StoreError
-        An artefact is missing or damaged, or was not made from those beside it.
+        An artefact is missing or damaged, or was not computed from the other artefacts in the folder.
     ConfigError, RecordingError
         As for :func:`read_arm`.
     """
@@ -89,7 +89,9 @@ def read_folder(folder: Folder, name: str, source: Path, tip: str | None, quanti
     notes = []
     if not np.isfinite(covariance).all():
         covariance = np.zeros_like(covariance)
-        notes.append("the joints have no standard deviations, so the interval includes only those of the limits")
+        notes.append(
+            "the joints have no standard deviations, so the interval includes only the uncertainty of the limits"
+        )
     q, sd, observed = (joint_columns(states, name, len(centres)) for name in ("theta", "sd_theta", "observed"))
     seen = observed.astype(bool)
     if not np.isfinite(sd[seen & np.isfinite(q)]).all():
@@ -119,7 +121,7 @@ def _read_chain(chain: ChainFile) -> SubjectArm:
 
 
 def _find_tip(skeleton: Skeleton, residual: FloatArray, tip: str | None, source: Path) -> tuple[str, FloatArray, float]:
-    """Return name and position of the tip in the last segment's frame, m, and the error of this position, m."""
+    """Return name and position (2,) of the tip in the last segment's frame, and the rms error of this position, m."""
     labels, segment, local, last = skeleton.markers, skeleton.marker_segment, skeleton.local, len(skeleton.centres)
     if tip is not None and "," in tip:
         return f"({tip}) m", _parse_point(tip), 0.0

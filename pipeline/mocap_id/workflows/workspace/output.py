@@ -1,4 +1,4 @@
-"""Workspace of an arm and comparison of two, and their files: a JSON document, the edge as CSV, and figures."""
+"""Workspace of an arm, comparison of two workspaces, and the output files: JSON, the edge as CSV, and figures."""
 
 from __future__ import annotations
 
@@ -31,8 +31,8 @@ class Reach:
 def measure(subject: SubjectArm, samples: int = SAMPLES, seed: int = 0) -> Reach:
     """Compute the workspace of a subject.
 
-    ConfigError is raised if there are too few samples, or the tip covers no area (volume) because it is on the last
-    joint's axis.
+    ConfigError is raised if there are too few samples, or if the tip covers no area or volume because it is on the axis
+    of the last joint.
     """
     try:
         return Reach(subject, compute_workspace(subject.arm, subject.limits, samples, seed), seed)
@@ -41,14 +41,14 @@ def measure(subject: SubjectArm, samples: int = SAMPLES, seed: int = 0) -> Reach
 
 
 def compare(before: Reach, after: Reach) -> Overlay:
-    """Return the gain and loss from one session to another, after moving the first joints to the same position.
+    """Return the gain and loss of workspace from ``before`` to ``after``, with the first joints at the same position.
 
     ConfigError is raised if one workspace is an area and the other a volume.
     """
     if before.subject.arm.dimension != after.subject.arm.dimension:
         raise ConfigError(
-            f"the workspace of {before.subject.name} has {before.subject.arm.dimension} dimensions and that of "
-            f"{after.subject.name} {after.subject.arm.dimension}: only workspaces of the same dimension can be compared"
+            f"the workspace of {before.subject.name} has {before.subject.arm.dimension} dimensions, but the workspace "
+            f"of {after.subject.name} has {after.subject.arm.dimension}: only equal dimensions can be compared"
         )
     shift = first_joint(before.subject.arm) - first_joint(after.subject.arm)
     return overlay_workspaces(before.workspace.shape, after.workspace.shape, shift, before.seed)
@@ -132,7 +132,7 @@ def _document(reach: Reach) -> dict[str, Any]:
 
 
 def _edge_rows(reach: Reach) -> Iterator[str]:
-    """Yield the edge as lines of a CSV file: two points for each facet in the plane, three in space."""
+    """Yield the lines of a CSV file with the edge: two points for each facet in the plane, three points in space."""
     shape = reach.workspace.shape
     yield ",".join(["facet", "corner", *(f"{axis}_m" for axis in "xyz"[: shape.points.shape[1]])])
     for k, facet in enumerate(shape.boundary().tolist()):
