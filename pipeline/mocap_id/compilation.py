@@ -19,9 +19,9 @@ _log = logging.getLogger(__name__)
 
 
 class _CompiledCode(FunctionCache):
-    """Cache of numba that does not import the modules for compiling; importing them takes 0.3 s, a tenth of a run.
+    """A numba cache that loads compiled code without importing the compiler, which takes 0.3 s, a tenth of a run.
 
-    It uses a private method of numba. If a later version of numba lacks the method, these modules are imported.
+    It uses a private method of numba. If a later version of numba lacks this method, the compiler is imported.
     """
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:

@@ -36,7 +36,7 @@ class RecordingError(MocapIdError):
 
 
 class Refused(MocapIdError):
-    """Refusal of a motion that the method cannot process, with the arguments of :class:`mocap_id.verdict.Reason`."""
+    """Refusal of a motion that the method cannot process, with the fields of a :class:`mocap_id.verdict.Reason`."""
 
     exit_code = 4
 

@@ -16,7 +16,7 @@ from mocap_id.stages.base import Settings
 
 
 class RobotReference(Settings):
-    """Reference values of the part beyond a joint, in the robot's frame; all keys are optional."""
+    """Reference values of a robot for one joint, in the robot's frame; all keys are optional."""
 
     base: float | None = Field(None, gt=0, description="distance of the joint from the plate's centre, m")
     mass: float | None = Field(None, gt=0, description="mass of everything on the plate, kg")

@@ -11,7 +11,7 @@ AXES = ("X", "Y", "Z")
 
 
 def parse_axis(text: str) -> str | None:
-    """Return the axis name of ``"+Z"``, ``"y"`` or ``"-Y"`` as ``"Z"``, ``"Y"`` or ``"-Y"``; None if not an axis."""
+    """Return an axis name in capitals and without plus, such as ``"Z"`` or ``"-Y"``; None if it is not an axis."""
     name = text.strip().strip("\x00").upper()
     sign = "-" if name.startswith("-") else ""
     name = name.lstrip("+-").strip()

@@ -118,7 +118,7 @@ def _read_scalar(file: C3DFile, name: str, header: float, oddities: list[str]) -
 
 
 def _find_data_start(file: C3DFile, oddities: list[str]) -> int:
-    """Return the position of the data in the file, bytes; the header has priority over POINT:DATA_START."""
+    """Return the position of the data in the file, bytes, from the header, or else from POINT:DATA_START."""
     declared = (file.words("POINT:DATA_START") or [0])[0]
     block = file.header.data_block or declared
     if declared and file.header.data_block and declared != file.header.data_block:
@@ -170,7 +170,7 @@ def _find_counts(file: C3DFile, word: int, available: int, oddities: list[str]) 
 
 
 def _check_end(file: C3DFile, start: int, size: int, frames: int, oddities: list[str]) -> None:
-    """Add notes on blank frames before the declared end, and on data after it."""
+    """Add notes to ``oddities`` on blank frames before the declared end, and on data after it."""
 
     def frame(index: int) -> bytes:
         return file.read_bytes(start + index * size, start + (index + 1) * size)

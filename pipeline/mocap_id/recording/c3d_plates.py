@@ -42,7 +42,7 @@ def list_plate_channels(file: C3DFile, layout: Layout) -> tuple[int, ...]:
 def read_stored_plates(
     file: C3DFile, layout: Layout, counts: FloatArray, metres: float, units: ForceUnits
 ) -> list[StoredPlate]:
-    """Read the signals of every plate; a plate that cannot be used has no signals but a ``problem``.
+    """Read the signals of every plate; a plate that cannot be used has a ``problem`` instead of signals.
 
     ``counts`` (K, C) are the samples of the channels from :func:`list_plate_channels`, as stored. ``metres`` is the
     size of POINT:UNITS, m, which is the unit of CORNERS and ORIGIN.
@@ -148,7 +148,7 @@ class _PlateReader:
         return np.asarray(origin)
 
     def _read_samples(self, columns: list[int]) -> tuple[FloatArray, BoolArray, BoolArray]:
-        """Return the scaled samples (K, C), NaN if not finite, and which of them are valid and saturated, both (K,)."""
+        """Return the scaled samples (K, C), NaN if not finite, and whether each is valid (K,) and saturated (K,)."""
         offset, scale = (each[columns] for each in read_calibration(self.file, self.layout))
         if not np.isfinite(scale).all():
             raise UnusablePlateError("ANALOG:SCALE does not cover its channels")
@@ -197,7 +197,7 @@ class _PlateReader:
         return channels
 
     def _convert_to_si(self, channels: FloatArray, columns: list[int]) -> FloatArray:
-        """Convert the channels to N, m and N·m."""
+        """Return the channels (K, C) in N, m and N·m."""
         if self.kind == 4:
             if self.units.configured:
                 self._note("its CAL_MATRIX gives N and N·mm: the units in the configuration were ignored")
@@ -211,10 +211,10 @@ class _PlateReader:
         return np.asarray(channels * scales.factors)
 
     def _apply_matrix(self, channels: FloatArray, scale: FloatArray) -> FloatArray:
-        """Apply the 6 × 6 matrix of a type 4 plate, which gives N and N·mm, and convert to SI.
+        """Apply the 6 × 6 matrix of a type 4 plate, which gives N and N·mm, and return the channels (K, 6) in SI units.
 
         In some files ANALOG:SCALE already contains the diagonal of the matrix (and the matrix is in N and N·m).
-        Applying it again would make the forces several times too large.
+        Applying the diagonal again would make the forces several times too large.
         """
         matrix = self._read_parameter("CAL_MATRIX", (6, 6))
         if np.linalg.matrix_rank(matrix) < 6:
@@ -232,7 +232,7 @@ class _PlateReader:
 
 
 def _is_offset(level: float, vertical: FloatArray) -> bool:
-    """Return whether the mean load of the baseline frames is an offset, because it is small or of opposite sign."""
+    """Return whether the load ``level`` of the baseline frames is an offset: it is small or has the opposite sign."""
     if abs(level) <= 0.1 * float(np.abs(vertical).max()):
         return True
     excursion = vertical - level

@@ -73,7 +73,7 @@ def _read_labels(file: C3DFile, layout: Layout) -> list[str]:
 
 
 def _read_subjects(file: C3DFile) -> list[str]:
-    """Return the names and label prefixes of the subjects in the header."""
+    """Return the names and label prefixes of subjects that the file declares."""
     names = [*file.strings("SUBJECTS:NAMES"), *file.strings("SUBJECTS:LABEL_PREFIXES")]
     return [name.strip() for name in names if name.strip()]
 

@@ -41,9 +41,9 @@ def read_imu(path: Path) -> ImuLog:
     """Read the log of one inertial sensor.
 
     The program's CSV has the columns ``time_s, gyro_x, gyro_y, gyro_z, acc_x, acc_y, acc_z`` in rad/s and m/s². Exports
-    of Xsens have ``Gyr_X`` … and ``Acc_X`` …. Their gyroscope is in rad/s for MTw, and in degrees per second for DOT,
-    whose files begin with the device's tag. In exports of Delsys the names of the columns contain sensor, channel and
-    unit, and the column before each channel contains its times.
+    of Xsens have the columns ``Gyr_X``, ``Acc_X`` and so on. The angular velocity is in rad/s for MTw, and in degrees
+    per second for DOT, whose files begin with the device's tag. In exports of Delsys the names of the columns contain
+    sensor, channel and unit, and the column before each channel contains its times.
 
     Raises RecordingError if the file is missing, has another format, several sensors or too few rows, or if its times
     do not increase.

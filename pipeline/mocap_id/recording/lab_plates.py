@@ -70,7 +70,7 @@ def rotate_plate(plate: Plate, rotation: FloatArray) -> Plate:
 def reverse_force_on_plate(
     index: int, force: FloatArray, moment: FloatArray, ok: BoolArray, oddities: list[str]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return force and moment (K, 3) of the ground on the body; both are reversed if they act on the plate.
+    """Return force and moment (K, 3) of the ground on the body; both are reversed if they are those on the plate.
 
     The vertical force of the valid samples, ``ok`` (K,), decides. If the signs are reversed, a note is added to
     ``oddities``.
@@ -84,9 +84,9 @@ def reverse_force_on_plate(
 def is_force_on_plate(vertical: FloatArray) -> bool:
     """Return whether a force is that of the body on the plate, which points mostly down under load.
 
-    ``vertical`` (K,) is the upward force of valid samples, N. The sign of the mean over all samples with more than 20 N
-    decides; each is limited to five times their median magnitude. A few spikes therefore do not outweigh a person, and
-    an offset of the unloaded plate does not outweigh a short contact.
+    ``vertical`` (K,) is the upward force of valid samples, N. The sign of the mean of all samples above 20 N in
+    magnitude decides; each sample is limited to five times their median magnitude. A few spikes therefore do not
+    outweigh a person, and an offset of the unloaded plate does not outweigh a short contact.
     """
     loaded = vertical[np.abs(vertical) > LOADED_N]
     if not loaded.size:
@@ -96,7 +96,10 @@ def is_force_on_plate(vertical: FloatArray) -> bool:
 
 
 def compute_centre_of_pressure(plate: Plate, wrench: Plate | PlateSamples) -> FloatArray:
-    """Return the centre of pressure (K, 2) of ``wrench`` on the surface of ``plate``, lab, m; NaN up to 20 N."""
+    """Return the centre of pressure (K, 2) of ``wrench`` on the surface of ``plate``, in lab axes, m.
+
+    It is NaN if the vertical force is at most 20 N.
+    """
     centre = np.zeros(3) if plate.centre is None else plate.centre
     about = wrench.moment - np.cross(centre, wrench.force)
     vertical = np.where(wrench.force[:, 2] > LOADED_N, wrench.force[:, 2], np.nan)

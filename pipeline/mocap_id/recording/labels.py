@@ -32,9 +32,9 @@ class MarkerNames:
 def name_markers(raw: Sequence[str], outputs: Iterable[str] = (), subjects: Iterable[str] = ()) -> MarkerNames:
     """Select the markers among the trajectories and give each a unique name without the name of a person.
 
-    ``raw`` are the labels of all trajectories in the file, possibly empty. ``outputs`` are labels that the file
-    declares as other than markers (POINT:ANGLES …). ``subjects`` are names of subjects and label prefixes that the file
-    declares. These names are removed from the start of labels, as is everything up to a colon; no message contains
+    ``raw`` are the labels of all trajectories in the file, possibly empty. ``outputs`` are labels of trajectories that
+    the file declares not to be markers (POINT:ANGLES …). ``subjects`` are names of subjects and label prefixes that the
+    file declares. These names are removed from the start of labels, as is everything up to a colon; no message contains
     them.
     """
     known = sorted({name.strip() for name in subjects if name.strip()}, key=len, reverse=True)

@@ -24,7 +24,8 @@ def resolve_length_unit(
 
     ``declared`` is the unit in the file, possibly empty; ``override`` is the unit in the configuration, which has
     priority. If no unit is known and ``required`` is false, the unit is empty and lengths are read as millimetres. If
-    it is true, RecordingError is raised. Raises ConfigError if ``override`` is not a unit of length.
+    ``required`` is true, RecordingError is raised. Raises ConfigError if ``override`` is not a unit of length.
+    Contradictions are noted in ``oddities``.
     """
     name = strip_padding(declared)
     if override is not None:
@@ -57,10 +58,10 @@ def rotate_z_up(positions: FloatArray, up: str) -> None:
 
 
 def clean_positions(path: Path, positions: FloatArray, units: str, oddities: list[str]) -> None:
-    """Set impossible samples of positions (F, M, 3), m, to NaN in place, and check the size of the trial.
+    """Set impossible samples of positions (F, M, 3), m, to NaN in place, and check the space that the markers occupy.
 
-    ``units`` is the length unit of the file; if it is empty, the size is not checked, and a note gives it in mm, cm and
-    m. Raises RecordingError if the size of the trial contradicts its unit.
+    ``units`` is the length unit of the file; if it is empty, the size of this space is not checked, and a note gives it
+    in mm, cm and m. All changes are noted in ``oddities``. Raises RecordingError if the size contradicts the unit.
     """
     _check_size(path, positions, units, oddities)
     parts = [positions[at : at + _BLOCK] for at in range(0, len(positions), _BLOCK)]

@@ -50,7 +50,7 @@ def measure_body_height(positions: FloatArray) -> FloatArray:
     """Return the mean height of the moving markers relative to their usual heights, (F,), m; NaN if none is visible.
 
     Only markers are used whose height varies at least half as much as that of the most variable marker. Their usual
-    heights and the common height are fitted together, so that markers with gaps do not shift the result.
+    heights and the result are fitted together, so that markers with gaps do not shift the result.
     """
     height = positions[:, :, 2]
     spread = np.sqrt(_average((height - _average(height)) ** 2))
@@ -64,9 +64,9 @@ def measure_body_height(positions: FloatArray) -> FloatArray:
 
 
 def find_upright(positions: FloatArray) -> tuple[BoolArray, BoolArray]:
-    """Return the frames (F,) in which the body is upright and the frames (F,) in which it is low.
+    """Return for each frame whether the body is upright, (F,), and whether it is low, (F,).
 
-    If the height of the body does not change, all frames with visible markers are upright and none is low.
+    If the height of the body changes by less than 15 cm, it is upright in all frames with visible markers.
     """
     height = measure_body_height(positions)
     finite = np.isfinite(height)

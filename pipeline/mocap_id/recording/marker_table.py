@@ -129,7 +129,8 @@ def assemble_recording(
 ) -> tuple[Recording, FloatArray]:
     """Return a table as a recording without plates, and the rotation (3, 3) from the axes of the file to Z up.
 
-    ``force`` (3,) is the mean ground force in the axes of the file; None without plates.
+    ``force`` (3,) is the mean ground force in the axes of the file; it is None if there are no plates. Notes are added
+    to ``oddities``.
     """
     required = options.unit_required
     unit, metres = resolve_length_unit(path, table.units, options.units, oddities, required=required)
@@ -159,9 +160,9 @@ def assemble_recording(
 def fit_clock(path: Path, declared: str, time: FloatArray, oddities: list[str], name: str) -> tuple[FloatArray, float]:
     """Return evenly spaced times (F,) fitted to a time column (F,), s, and the frame rate, Hz.
 
-    ``declared`` is the rate in the header, possibly not a number; ``name`` is its name in the header. Raises
-    RecordingError if the times do not increase or are uneven, if the declared rate is not positive, or if the two rates
-    differ by more than 2 %.
+    ``declared`` is the rate in the header, possibly not a number; ``name`` is its name in the header. Differences are
+    noted in ``oddities``. Raises RecordingError if the times do not increase or are uneven, if the declared rate is not
+    positive, or if the two rates differ by more than 2 %.
     """
     if not is_time_axis(time):
         raise RecordingError(f"{path}: the Time column does not increase from frame to frame; export it again")

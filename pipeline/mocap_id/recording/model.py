@@ -36,7 +36,7 @@ class Plate:
     moment : (K, 3) array
         Moment of the ground on the body about the *lab origin*, N·m.
     ok : (K,) bool array
-        Whether every channel is finite and unsaturated.
+        Whether every channel is finite and not saturated, for each sample.
     rate : float
         Samples per second.
     start : float
@@ -47,7 +47,7 @@ class Plate:
         Assumptions that affect the forces and that the file does not confirm. They are also among the oddities of
         the recording.
     saturated : (K,) bool array or None
-        Whether a channel is saturated; None if no channel ever is.
+        Whether a channel is saturated, for each sample; None if no channel ever is.
     """
 
     index: int
@@ -246,10 +246,10 @@ class Recording:
     def from_xarray(cls, dataset: xr.Dataset, *, units: str = "m", vertical: str = "Z") -> Recording:
         """Return a recording made of a dataset that has the format of :meth:`to_xarray`.
 
-        The package xarray is not imported. The dataset contains ``position`` by time, marker and axis. Optionally, it
-        contains for each plate k ``force_k`` and ``moment_k`` by ``time_k`` and axis, ``ok_k`` by ``time_k``, and
-        ``corners_k`` by corner and axis. Moments are in newtons times ``units``. Other parameters and errors are those
-        of :meth:`from_arrays`; RecordingError is also raised if a variable is missing or times are not evenly spaced.
+        The package xarray is not imported. The dataset contains ``position`` with the dimensions time, marker and axis.
+        For each plate k it may contain ``force_k`` and ``moment_k`` (``time_k``, axis), ``ok_k`` (``time_k``) and
+        ``corners_k`` (corner, axis). Moments are in newtons times ``units``. Other parameters and errors are those of
+        :meth:`from_arrays`; RecordingError is also raised if a variable is missing or times are not evenly spaced.
         """
         from mocap_id.recording.in_memory import from_dataset  # noqa: PLC0415  it imports this module
 

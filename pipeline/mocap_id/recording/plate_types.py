@@ -32,10 +32,10 @@ class PlateSignals:
         Type 1: Fx Fy Fz (N), CoPx CoPy (m), Tz (N·m). Types 2 and 4: Fx Fy Fz (N), Mx My Mz (N·m), after
         calibration. Type 3: Fx12 Fx34 Fy14 Fy23 Fz1 Fz2 Fz3 Fz4 (N).
     origin : (3,) array
-        Plate frame, m. Types 2 and 4: from the transducer to the centre of the working surface (z negative). Type 3:
-        half the distances between sensors along x and y, and the same z.
+        Vector in the plate frame, m. Types 2 and 4: from the transducer to the centre of the working surface (z
+        negative). Type 3: half the distances between sensors along x and y, and z as for type 2. Type 1: zero.
     corners : (4, 3) array
-        Corners +x+y, -x+y, -x-y, +x-y in the lab, m.
+        Corners in the lab, in the order +x+y, -x+y, -x-y, +x-y, m.
     rate : float
         Samples per second.
     """

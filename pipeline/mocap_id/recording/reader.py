@@ -62,7 +62,7 @@ def read(
         They do not apply to plates of type 4, whose calibration matrix defines the units.
     unit_required : bool
         Whether a file without a length unit is refused. If it is not refused, its lengths are read as millimetres and
-        ``units`` is empty: the recording shows what the file contains, but nothing can be computed from it.
+        ``units`` is empty: the recording contains what is in the file, but nothing can be computed from it.
 
     Returns
     -------
@@ -111,7 +111,7 @@ def _choose_parser(path: Path, start: bytes) -> Parser | None:
 
 
 def _check_kinds(markers: Path, forces: Path | None) -> None:
-    """Raise ConfigError if the file names show that a file is under the wrong key."""
+    """Raise ConfigError if a file is under the wrong key, judged by the endings of the file names."""
     if markers.suffix.lower() in _TABLES:
         if forces is not None and forces.suffix.lower() not in _TABLES:
             raise ConfigError(
@@ -165,7 +165,10 @@ def _read_text_markers(path: Path, parse: Parser, forces: Path | None, options: 
 
 
 def _compare_spans(markers: Path, forces: Path, a: FloatArray, b: FloatArray, oddities: list[str]) -> None:
-    """Add a note if the times ``a`` and ``b`` of the files have different spans; RecordingError without overlap."""
+    """Add a note if two files have different time spans; raise RecordingError if the spans do not overlap.
+
+    ``a`` and ``b`` are the times of markers and forces, s.
+    """
     spans = f"{markers.name} runs from {a[0]:g} to {a[-1]:g} s, {forces.name} from {b[0]:g} to {b[-1]:g} s"
     if b[-1] < a[0] or b[0] > a[-1]:
         raise RecordingError(f"{spans}: they do not overlap, so they are of different trials or on different clocks")

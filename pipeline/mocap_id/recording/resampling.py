@@ -25,12 +25,13 @@ class PlateSamples:
 
 
 def decimate(plate: Plate, times: FloatArray, rate: float) -> PlateSamples:
-    """Return the samples of a plate averaged over one marker interval, centred on every marker time.
+    """Return the wrench of a plate averaged over one marker interval T, centred on every marker time t.
 
     ``times`` (F,) are marker times on the clock of the plate, s; ``rate`` is in marker frames per second. The mean of
     the piecewise linear signal over [t - T/2, t + T/2] is symmetric about t for every ratio of the rates, so there is
     no lag; averaging blocks of samples could shift the wrench by half a block. At the ends of the signal the interval
-    shrinks symmetrically. Plates that are not sampled faster than the markers are interpolated.
+    shrinks symmetrically. Plates that are not sampled faster than the markers are interpolated. Samples outside the
+    plate's time are NaN.
     """
     samples = np.where(plate.ok[:, None], np.concatenate([plate.force, plate.moment], axis=1), 0.0)
     last = len(samples) - 1

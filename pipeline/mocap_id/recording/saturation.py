@@ -34,14 +34,14 @@ def find_saturated(counts: FloatArray, offset: FloatArray, bits: int | None) -> 
 
 
 def _find_limits(offset: float, bits: int | None) -> tuple[float, float]:
-    """Return the lowest and highest count of a converter, offset binary or two's complement."""
+    """Return the lowest and the highest count of a converter that uses offset binary or two's complement."""
     resolution = bits if bits in (12, 14, 16) else (12 if 1900 < abs(offset) < 2200 else 16)
     span = 2.0**resolution
     return (0.0, span - 1) if abs(offset) > span / 4 else (-span / 2, span / 2 - 1)
 
 
 def find_clipped(column: FloatArray) -> BoolArray:
-    """Return for each sample (K,) whether it is clipped: it equals an extreme that occurs 8 times in a row.
+    """Return for each sample (K,) whether it is clipped: it equals an extreme that occurs at least 8 times in a row.
 
     Extremes near zero are not judged, nor is a channel that often repeats other values, because it is coarse or at
     rest.

@@ -131,9 +131,9 @@ class ForceLog:
 def read_force_log(path: Path) -> ForceLog:
     """Read the log of a force sensor.
 
-    The columns are ``time_s``, ``Fx_N``, ``Fy_N``, ``Fz_N`` and, all or none, ``Mx_Nm``, ``My_Nm``, ``Mz_Nm``. Their
-    names contain the units, so that no unit is guessed. Raises RecordingError if the file is missing or not such a
-    table, has other columns, or its times are not evenly spaced.
+    The columns are ``time_s``, ``Fx_N``, ``Fy_N``, ``Fz_N`` and optionally all of ``Mx_Nm``, ``My_Nm``, ``Mz_Nm``.
+    Their names contain the units, so that no unit is guessed. Raises RecordingError if the file is missing or not such
+    a table, has other columns, or its times are not evenly spaced.
     """
     table = read_csv(path)
     names = list(table.names)
@@ -175,7 +175,7 @@ class AngleTable:
 
 
 def read_angles(path: Path, columns: Collection[str]) -> AngleTable:
-    """Read the given columns of angles.
+    """Read the given columns of joint angles from a MOT, STO or CSV file.
 
     The header of a MOT or STO file says whether its angles are in degrees (``inDegrees``). In a CSV file the name of
     each column ends in ``_deg`` or ``_rad``, and the first column is ``time`` or ``time_s``, s. Raises ConfigError if

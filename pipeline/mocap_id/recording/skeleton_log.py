@@ -146,7 +146,10 @@ def _read_csv_rows(path: Path) -> _Rows:
 
 
 def _interpolate(path: Path, rows: _Rows, oddities: list[str]) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Return times (F,) of equal steps, positions (F, M, 3) (NaN where rows are missing) and inferred flags (F, M)."""
+    """Return times (F,) with a constant step, s, positions (F, M, 3), and whether each is inferred (F, M).
+
+    Positions are interpolated linearly between rows; they are NaN where rows are missing.
+    """
     rows = _drop_repeated_times(path, rows, oddities)
     steps = np.diff(rows.time)
     usual = float(np.median(steps)) if len(steps) else 0.0

@@ -229,7 +229,7 @@ def _put_time_first(
     """Return the names and the values of the columns, with the time first.
 
     If a SIMM table has no times, they are spread evenly over the range in its header, and a note is added to ``notes``.
-    Raises RecordingError if there is neither a time column in the first place nor such a range.
+    Raises RecordingError if the first column is not the time and there is no such range.
     """
     if columns and columns[0].lower() in _TIME:
         return columns, values

@@ -34,8 +34,8 @@ def parse_trc(path: Path, text: str, oddities: list[str]) -> MarkerTable:
     """Parse the text of a TRC file.
 
     The number of markers follows from NumMarkers, the line with names, the line with X1 Y1 Z1 … and the widest row. If
-    they contradict each other, the number that all lines but one support is used, and a note says so. Raises
-    RecordingError if the text is not a TRC file, contradicts itself or is truncated.
+    they contradict each other, the number on which all of them but one agree is used, with a note in ``oddities``.
+    Raises RecordingError if the text is not a TRC file, contradicts itself or is truncated.
     """
     lines = split_lines(text)
     header = _find_header(path, lines)

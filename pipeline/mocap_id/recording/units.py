@@ -104,7 +104,7 @@ def find_moment_scale(declared: str) -> float | None:
 
 
 def strip_padding(declared: str) -> str:
-    """Remove the padding of a text field."""
+    """Return a text field without blanks and NUL characters at its ends."""
     return declared.strip().strip("\x00").strip()
 
 
@@ -177,7 +177,7 @@ class ChannelScales:
 def find_channel_scales(kind: int, declared: Sequence[str], metres: float, configured: ForceUnits) -> ChannelScales:
     """Return the unit factors of every channel of a plate of type 1, 2 or 3.
 
-    ``declared`` are the ANALOG:UNITS of the channels, empty if undeclared; ``metres`` is the size of the POINT unit.
+    ``declared`` are the ANALOG:UNITS of the channels, empty if undeclared; ``metres`` is the size of POINT:UNITS, m.
     Every channel has its declared unit, unless ``configured`` replaces it. A missing unit is taken from the other
     channels of the same quantity. If they have none either, N is assumed for forces, POINT:UNITS for lengths, and their
     product for moments. If all channels declare N, this is used for forces only, and the units of moments and lengths

@@ -77,7 +77,7 @@ def write_recording_as_text(path: Path, recording: Recording) -> None:
 
     The MOT file contains each wrench as force and moment at the lab's origin, and no corners of plates. Both files have
     Y up, as in OpenSim, and the times of the recording. Raises RecordingError if the frames are not evenly spaced, a
-    time is too large for the format, or the plates have different samples.
+    time is too large for the format, or the plates have different sample times.
     """
     _check_even(recording)
     if np.abs(recording.time).max() > _LAST_TIME:
@@ -187,7 +187,7 @@ def _put_points(content: Any, labels: Sequence[str], positions: FloatArray, rate
 
 
 def _put_frame_fields(content: Any, first_frame: int, frames: int) -> None:
-    """Store the first and last frame as two 16-bit words each, since the words of the header end at 65,535."""
+    """Store the first and last frame as two 16-bit words each, since a word of the header cannot exceed 65,535."""
     for name, number in (("ACTUAL_START_FIELD", first_frame), ("ACTUAL_END_FIELD", first_frame + frames - 1)):
         low, high = number % 65536, number // 65536
         content.add_parameter("TRIAL", name, [low - 65536 if low > 32767 else low, high])

@@ -96,7 +96,7 @@ class FileHashes:
                 )
 
     def read(self, role: str, path: Path) -> str:
-        """Return the hash of a file; RecordingError if it is missing or cannot be read."""
+        """Return the hash of the file under the YAML key ``role``; RecordingError if missing or not readable."""
         if path not in self._known:
             now, stamp = time.time_ns(), _read_stamp(path)
             self._known[path] = self._read(role, path)

@@ -46,7 +46,7 @@ _log = logging.getLogger(__name__)
 class Step:
     """A stage and what was done with it; ``seconds`` is the time of its computation, in this run or an earlier one.
 
-    ``begun`` is only reported as progress and is not part of an :class:`Outcome`.
+    A step with the action ``begun`` is only reported as progress and is not part of an :class:`Outcome`.
     """
 
     stage: str
@@ -172,7 +172,7 @@ class _Run:
         self.record(Step(stage.name, "computed" if current is None else "reused", origin.seconds))
 
     def compute_unless_refused(self, stage: Stage, hashes: Mapping[str, str]) -> Origin:
-        """Run a stage's function and return its origin; if it refused the same inputs before, raise that refusal."""
+        """Compute a stage and return its outputs' origin; if it refused the same inputs before, raise that refusal."""
         key = self.compute_key(stage, hashes)
         known = read_refusal(self.trial.out, stage.name, key)
         if known is not None:
@@ -192,7 +192,7 @@ class _Run:
         self.progress(step)
 
     def compute(self, stage: Stage, hashes: Mapping[str, str], refused: Refused | None = None) -> Origin:
-        """Run a stage's function and queue its outputs for writing."""
+        """Run a stage's function, queue its outputs for writing and return their origin."""
         inputs = {file: self.folder.read(file) for file in stage.inputs if file in hashes}
         settings = self.trial.settings[stage.name]
         context = Context(self.trial.keys, settings, inputs, refused, self.collect_seconds(stage))
@@ -217,7 +217,7 @@ class _Run:
         self.folder.update_times(stage.outputs, [self.trial.file, *(path for path in inputs if path.exists())])
 
     def write(self, stage: Stage, outputs: Sequence[store.Artefact | Document], origin: Origin) -> None:
-        """Write a stage's outputs."""
+        """Write a stage's outputs and update their times."""
         with _name_errors(self.trial, stage), self.report_unexpected():
             self.folder.store(outputs, origin)
             self.update_times(stage)
@@ -246,7 +246,7 @@ class _Run:
 
     @contextmanager
     def report_unexpected(self) -> Iterator[None]:
-        """Convert an unexpected exception to a NumericalError of one line, with the traceback in ``failure.log``."""
+        """Convert an unexpected exception to a NumericalError of one line; write its traceback to ``failure.log``."""
         try:
             yield
         except MocapIdError:
@@ -291,7 +291,7 @@ class _Run:
         return found
 
     def compute_hashes(self, stage: Stage) -> dict[str, str]:
-        """Return the hash of every user file and the key of every artefact that a stage reads."""
+        """Return the hashes of user files, by YAML key, and the keys of artefacts, by file name, that a stage reads."""
         if any(self.folder.size(file) is None for file in stage.inputs):
             self.writer.wait()  # the inputs must be on the disk
         return self.files.of(stage) | {file: self.folder.key(file) for file in stage.inputs}

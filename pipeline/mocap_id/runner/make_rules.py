@@ -14,7 +14,7 @@ from mocap_id.stages import STAGES, Stage
 
 
 def make_rules(trials: Sequence[Trial], command: str, stages: Sequence[Stage] = STAGES) -> str:
-    """Return rules that make the outputs of the last stage of every trial with the commands of the stages.
+    """Return Makefile rules that make the outputs of the last stage of every trial with the commands of the stages.
 
     Parameters
     ----------
@@ -58,7 +58,10 @@ def _make_rule(trial: Trial, stage: Stage, command: str) -> Iterator[str]:
 
 
 def _format_path(path: Path, *, pattern: bool = False) -> str:
-    """Return a path for a Makefile, relative to the working folder if it is inside."""
+    """Return a path for a Makefile, relative to the working folder if it is inside.
+
+    With ``pattern``, ``%`` replaces the dot of the file name. Raises ConfigError if make cannot handle the path.
+    """
     here, plain = Path.cwd(), Path(os.path.normpath(path))  # make compares names: a/../b is not b
     path = plain if plain.resolve() == path.resolve() else path
     text = str(path.relative_to(here) if path.is_relative_to(here) else path)

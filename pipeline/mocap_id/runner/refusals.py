@@ -14,7 +14,7 @@ _FILE = ".mocap-id/refusal.json"
 
 
 def store_refusal(folder: Path, stage: str, key: str, refused: Refused) -> None:
-    """Store which computation was refused, and why.
+    """Store that the stage has refused the computation with the cache key ``key``, and why.
 
     Raises
     ------
@@ -27,7 +27,7 @@ def store_refusal(folder: Path, stage: str, key: str, refused: Refused) -> None:
 
 
 def read_refusal(folder: Path, stage: str, key: str) -> Refused | None:
-    """Return the stored refusal of a computation; None if it was not refused."""
+    """Return the stored refusal of the computation with the cache key ``key``; None if it was not refused."""
     try:
         found: dict[str, Any] = json.loads(plain_files.read(folder / _FILE, links=False))
         refused = Refused(**found["refused"]) if (found["stage"], found["key"]) == (stage, key) else None

@@ -41,7 +41,7 @@ class Table:
     def from_frame(
         cls, schema: TableSchema, frame: pd.DataFrame, facts: Facts | None = None, reasons: tuple[Reason, ...] = ()
     ) -> Table:
-        """Return the table of a data frame; missing integers become -1, missing texts None."""
+        """Return a table made of a data frame; missing integers become -1, and missing texts become None."""
         return cls(schema, {str(name): _to_array(frame[name]) for name in frame.columns}, facts or {}, reasons)
 
     @property
@@ -51,7 +51,7 @@ class Table:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of the arrays."""
+        """Size of the arrays, bytes."""
         return sum(values.nbytes for values in self.columns.values())
 
     @property
@@ -102,7 +102,7 @@ class LongTable:
 
     @property
     def nbytes(self) -> int:
-        """Bytes of the arrays in ``values``."""
+        """Size of the arrays in ``values``, bytes."""
         return sum(values.nbytes for values in self.values.values())
 
     @property

@@ -1,4 +1,4 @@
-"""Run folder of one trial, which reads and writes all artefacts."""
+"""Run folder of a trial, through which all artefacts are read and written."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _HIDDEN = ".mocap-id"
 
 
 class Folder:
-    """The run folder of a trial; locking it creates it, with its parent folders.
+    """The run folder of a trial; it and its parent folders are created when it is locked.
 
     Each artefact is read once and kept in memory. Outputs of a stage are passed to later stages in the form that
     reading their files would give: types by the schema, facts as JSON, read-only arrays. A stage therefore gets the
@@ -144,12 +144,12 @@ class Folder:
         return self._read[file][0].nbytes if file in self._read else None
 
     def release(self, files: Iterable[str]) -> None:
-        """Drop artefacts from memory; the next access reads them from the disk."""
+        """Remove artefacts from memory; the next access reads them from the disk."""
         for file in files:
             self._read.pop(file, None)
 
     def write(self, outputs: Iterable[Artefact | Document], origin: Origin) -> None:
-        """Call :meth:`keep`, then :meth:`store`."""
+        """Keep a stage's outputs in memory and write them to files; errors as for :meth:`keep` and :meth:`store`."""
         kept = self.keep(outputs, origin)
         try:
             self.store(kept, origin)
@@ -254,7 +254,7 @@ class Folder:
         return self._verified.get(file)
 
     def _verify(self, file: str, record: Record) -> bool:
-        """Return whether a record lists an existing artefact; StoreError if the artefact is damaged."""
+        """Return whether an artefact exists and a record lists it; StoreError if the artefact is damaged."""
         if file in self._verified:
             return True
         checksum = record.artefacts.get(file)
@@ -296,7 +296,7 @@ class Folder:
         return record if sound else None
 
     def _may_be_document(self, file: str) -> bool:
-        """Return whether a name may be a document: in this folder, and neither an artefact nor a record."""
+        """Return whether a file of this name may be a document: it is in this folder, and no artefact or record."""
         path = resolve_path(self.path, file)
         return file not in SCHEMAS and not file.startswith(_HIDDEN) and not path.is_dir()
 

@@ -51,7 +51,7 @@ def _encode_texts(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
 def _write(
     schema: TreeSchema, arrays: Leaves, provenance: Mapping[str, str], size: int
 ) -> tuple[bytes, dict[str, userblock.Place]]:
-    """Return an HDF5 file whose first ``size`` bytes are free, and the positions of the datasets in it."""
+    """Return the bytes of an HDF5 file, of which the first ``size`` are free, and the positions of its datasets."""
     import h5py  # noqa: PLC0415  reading does not need it
 
     stream, places = io.BytesIO(), {}

@@ -78,7 +78,7 @@ def to_arrow(table: Table | LongTable) -> pa.Table:
 def conform(table: Table | LongTable) -> Table | LongTable:
     """Return a table with exactly the columns, types and order of its schema, as :func:`decode` would return it.
 
-    Raises ValueError if a column is missing, unknown or cannot be converted without loss.
+    Raises ValueError if a column is missing, unknown or of another type.
     """
     columns, file = _find_columns(table), table.schema.file
     if isinstance(table, LongTable) != table.schema.long:
@@ -223,13 +223,13 @@ def expand_columns(schema: TableSchema, names: Sequence[str]) -> Iterator[Column
 
 
 def _find_names(column: Column, names: Sequence[str]) -> list[str]:
-    """Return the texts in place of the column's ``{name}`` in ``names``; names of another form are left out."""
+    """Return the text that each of ``names`` has in place of the column's ``{name}``; other names are left out."""
     pattern = re.escape(column.name).replace(r"\{name\}", "(.+)")
     return [match[1] for name in names if (match := re.fullmatch(pattern, str(name)))]
 
 
 def _find_number(column: Column, name: str) -> int | None:
-    """Return the k in a column's name, 0 for a column without k; None if the name does not match."""
+    """Return the number k in ``name``; 0 if the column has no ``{k}``, None if it is not a name of this column."""
     match = _compile_pattern(column.name).fullmatch(name)
     return None if match is None else int(match[1]) if match.groups() else 0
 
@@ -296,7 +296,7 @@ def _read_column(file: pq.ParquetFile, name: str) -> pa.ChunkedArray:
 
 
 def _read_categories(column: pa.ChunkedArray) -> tuple[Values, Values]:
-    """Return each row's index into the distinct texts of a column, and these texts."""
+    """Return for each row of a column the index of its text, and the array of distinct texts."""
     parts = column.unify_dictionaries().chunks
     codes = np.concatenate([np.empty(0, np.int32), *(np.from_dlpack(part.indices) for part in parts)])
     return codes, np.array(parts[0].dictionary.to_pylist() if parts else [], dtype=object)

@@ -134,7 +134,7 @@ def convert_as_stored(facts: Facts, reasons: Iterable[Reason]) -> tuple[Facts, t
 
 
 def _read_mapping(text: str) -> dict[str, Any]:
-    """Read a JSON object."""
+    """Read a JSON object; TypeError if the text contains another kind of value."""
     found = json.loads(text)
     if not isinstance(found, dict):
         raise TypeError(f"expected an object, found {type(found).__name__}")

@@ -2,7 +2,7 @@
 
 An HDF5 file may begin with a user block, which HDF5 programs skip; its size is 512 bytes times a power of two. The
 block of mocap-id is text: a line with the SHA-256 of the rest of the file, and a line of JSON, padded with blanks. The
-JSON contains the provenance, and type, shape and first byte of every dataset. With this index, values can be read
+JSON contains the provenance, and the type, shape and position of every dataset. With this index, values can be read
 without the HDF5 library, which may loop forever over a damaged or malicious file.
 """
 
@@ -56,7 +56,7 @@ def compute_block_size(places: Mapping[str, tuple[str, tuple[int, ...]]], proven
 
 
 def fill_block(content: bytes, size: int, places: Mapping[str, Place], provenance: Mapping[str, str]) -> bytes:
-    """Return an HDF5 file whose first ``size`` bytes, which are free, are replaced by the block."""
+    """Return the bytes of an HDF5 file in which the block replaces the first ``size`` bytes, which are free."""
     rest = _format_index(places, provenance).ljust(size - _HEAD) + content[size:]
     return _format_head(rest) + rest
 

@@ -68,9 +68,10 @@ class Trajectories:
         *,
         keep_bursts: bool = False,
     ) -> FloatArray:
-        """Return a copy (f, m, axes) of the positions of some markers in some frames, given by their indices, m.
+        """Return the positions of some markers in some frames as an array (frames, markers, axes), m.
 
-        Bursts and bad stretches are NaN, unless ``keep_bursts`` is true.
+        ``markers`` and ``frames`` are indices. Bursts and bad stretches are NaN, unless ``keep_bursts`` is true. The
+        array is a copy.
         """
         columns = [np.asarray(self.planar.values[name][frames, markers], np.float64) for name in axes]
         positions = np.stack(columns, axis=2)

@@ -122,7 +122,7 @@ def _describe_base(base: BaseMotion) -> Reason:
 
 
 def _describe_change(before: BaseStretch, after: BaseStretch) -> str:
-    """Return the amount and the time of one change as text."""
+    """Return how far and when the feet moved between two stretches, as text."""
     shift, turn = 1e2 * float(np.linalg.norm(after.shift - before.shift)), float(np.degrees(after.turn - before.turn))
     rotation = f" and rotated by {abs(turn):.0f}°" if abs(turn) >= 1.0 else ""
     return f"by {shift:.1f} cm{rotation} between {before.end:.1f} and {after.start:.1f} s"

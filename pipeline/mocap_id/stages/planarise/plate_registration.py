@@ -45,7 +45,7 @@ class PlateCheck:
 def check_registration(
     plates: Sequence[Plate], samples: Sequence[PlateSamples], positions: FloatArray, rate: float, *, person: bool
 ) -> PlateCheck:
-    """Compare the feet's plates with the markers.
+    """Compare positions and axes of the feet's plates with the markers.
 
     ``samples`` are the plates' wrenches at the times of ``positions`` (F, M, 3), lab axes with Z up, m. ``person`` says
     whether a person moves; a robot has no feet.
@@ -168,7 +168,7 @@ def _describe_rotation(
 ) -> list[Reason]:
     """Return reasons for plates whose horizontal force does not point along the acceleration of the body.
 
-    If the sum of all plates is wrong, the only reason is that for the sum.
+    If the sum of their forces points in a wrong direction, there is only one reason, for all plates together.
     """
     if whole is not None and _points_away(whole, _TURNED):
         return [

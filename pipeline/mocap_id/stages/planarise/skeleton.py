@@ -24,7 +24,7 @@ _BEHIND = 0.05  # m; if hands or feet are farther behind the trunk than this, th
 
 @dataclass(frozen=True)
 class UprightSkeleton:
-    """A skeleton with its trunk upright, lab axes with Z up."""
+    """A skeleton whose trunk is upright, in lab axes with Z up."""
 
     recording: Recording
     side: Side
@@ -32,7 +32,10 @@ class UprightSkeleton:
     reasons: tuple[Reason, ...]
 
     def facts(self, labels: tuple[str, ...], first: int, stop: int) -> dict[str, Any]:
-        """Return the fact ``skeleton`` of planar.parquet: first and last times of inferred stretches, by joint, s."""
+        """Return the fact ``skeleton`` of planar.parquet: first and last times of inferred stretches, by joint, s.
+
+        Only the joints ``labels`` and the frames from ``first`` to ``stop`` - 1 are considered.
+        """
         time, stretches = self.recording.time, {}
         for number, label in enumerate(self.recording.labels):
             runs = find_runs(self.inferred[first:stop, number])

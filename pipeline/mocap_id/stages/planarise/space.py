@@ -30,7 +30,7 @@ def planarise_in_space(context: Context) -> Outputs:
     """Return planar.parquet and wrench.parquet of a trial in space.
 
     The trial's frame has the lab's axes with y up: x is the file's first horizontal axis, z = x × y. A left arm is
-    mirrored.
+    mirrored (z → -z).
     """
     settings: PlanariseSettings = context.settings
     files = get_recording(context.trial)
@@ -75,7 +75,7 @@ def planarise_in_space(context: Context) -> Outputs:
 
 
 def _describe_planar_motion(planarity: float) -> tuple[Reason, ...]:
-    """Return a note if all markers move in one plane."""
+    """Return a note if all markers move in one vertical plane, or else an empty tuple."""
     if planarity > _PLANAR:
         return ()
     return (

@@ -109,7 +109,7 @@ def measure_seat(
 def _subtract_chair(
     samples: Sequence[PlateSamples], chair: FloatArray, used: UsedFrames, base: BaseMotion
 ) -> FloatArray:
-    """Return the wrench (F, 3) relative to a base that moves, from plates under a chair that does not move.
+    """Return the wrench of a chair on the body (F, 3), relative to a base that moves, while the chair does not move.
 
     ``chair`` (3,) is the wrench of the empty chair in the plane.
     """
@@ -255,7 +255,7 @@ def find_plates_centre(
 
 
 def measure_lateral_cop(samples: Sequence[PlateSamples], frame: PlaneFrame, threshold: float) -> list[float | None]:
-    """Return the median centre of pressure of each plate along z, m; None for a plate that is hardly loaded."""
+    """Return the median centre of pressure of each plate along z, m; None if never loaded above ``threshold``, N."""
     medians: list[float | None] = []
     for plate in samples:
         force = plate.force @ frame.axes.T
