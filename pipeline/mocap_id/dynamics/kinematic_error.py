@@ -1,9 +1,9 @@
 """Errors of the geometry that recur with the movement, and their effect on the parameters.
 
 Skin slides over bone as the joints rotate, with the same error in every repetition. Resampling the trial does not
-contain this error, although it is the largest part of the parameters' error. Therefore it is modelled. The slide of
-each marker is an error mode, which changes the joint centres and the angles in every posture. Each mode is propagated
-through the least squares. See docs/concepts/sliding-skin.md.
+reveal this error, although it is the largest part of the parameters' error. It is therefore modelled: the slide of each
+marker is an error mode, which changes the joint centres and the angles in every posture. The effect of each mode on the
+least-squares solution is computed. See docs/concepts/sliding-skin.md.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regresso
 
 _SAMPLES = 300  # number of samples used: sufficient for errors that recur with the movement
 _AT_ONCE = 300  # number of samples whose effect is computed at a time, to limit the memory
-_MOMENT = 1.0 / 30.0  # s: time step for derivatives of the posture's errors
+_MOMENT = 1.0 / 30.0  # s: time step for the derivatives of the angles' errors
 _RATE = 10.0  # Hz: rate at which torques are evaluated; a movement's frequencies are below 3 Hz
 _STEP = 1e-6  # rad, rad/s …, m: step of numerical derivatives
 
@@ -37,11 +37,11 @@ class KinematicError:
 
     @classmethod
     def none(cls, joints: int) -> KinematicError:
-        """Return the error of an exact geometry."""
+        """Return the uncertainty of an exact geometry, which has no modes (S = 0)."""
         return cls(lambda q: np.zeros((*q.shape, 0)), np.zeros((joints, 2, 0)))
 
     def states(self, q: FloatArray, dq: FloatArray, ddq: FloatArray) -> FloatArray:
-        """Return errors (T, 3 n, S) of angles, velocities and accelerations, by differences over three postures."""
+        """Return the errors (T, 3 n, S) of angles, velocities and accelerations, from differences of three postures."""
         bend = _MOMENT**2 / 2 * ddq
         moments = np.concatenate([q + side * _MOMENT * dq + side**2 * bend for side in (-1, 0, 1)])
         before, now, after = np.split(self.angle(moments), 3)
@@ -54,8 +54,8 @@ def propagate_to_parameters(
 ) -> FloatArray:
     """Return the change (b + k + 1, S) of the fitted parameters with every mode, in the order of ``result.covariance``.
 
-    If q has the error e, the modelled wrench changes by its derivatives times e. The least-squares parameters change by
-    minus the part of this that the columns explain.
+    If q has the error e, the modelled wrench changes by its derivatives times e. The parameters change by minus the
+    least-squares solution for this change of the wrench.
     """
     if error.centre.shape[-1] == 0:
         return np.zeros((result.design.shape[-1], 0))
@@ -69,7 +69,7 @@ def propagate_to_parameters(
 def propagate_to_wrench(
     prepared: PreparedTrial, base: FloatArray, error: KinematicError, samples: IntArray
 ) -> FloatArray:
-    """Return the change (R, 3, S) of the modelled wrench with every mode at some samples (R,), N and N·m."""
+    """Return the change (R, 3, S) of the modelled wrench with every mode, for sample indices (R,), N and N·m."""
     if error.centre.shape[-1] == 0:
         return np.zeros((len(samples), 3, 0))
     full = prepared.base.expand(base)
@@ -118,7 +118,7 @@ def _propagate_modes(
     samples: IntArray,
     error: KinematicError,
 ) -> FloatArray:
-    """Return the changes (R, k, S) of a function with every mode.
+    """Return the changes (R, m, S) of the m values of a function with every mode, for sample indices (R,).
 
     Arguments of the function are states (R, 3 n) and joint centres (n, 2), or (R, n, 2) for different centres in every
     row.

@@ -1,6 +1,6 @@
-"""Linear least squares after a QR decomposition, with as many rows as parameters.
+"""Linear least squares, compressed by a QR decomposition to as many rows as parameters.
 
-After the fit, only the triangular factor R of the QR decomposition of the data is needed: the cost of parameters x is
+Only the triangular factor R of the QR decomposition of the data is needed, because the cost of parameters x is
 ‖R x - d‖² plus a constant. Thousands of rows become a dozen, and the condition number is not squared.
 """
 
@@ -16,7 +16,7 @@ from mocap_id.dynamics.base_parameters import triangularise
 
 @dataclass(frozen=True)
 class CompressedProblem:
-    """A least-squares problem after QR: cost = ‖R x - d‖² + rest."""
+    """A least-squares problem after a QR decomposition, with the cost ‖R x - d‖² + rest of parameters x."""
 
     factor: FloatArray  # (b, b) triangular factor R
     target: FloatArray  # (b,) right-hand side d, which is Qᵀ times the original right-hand side
@@ -36,11 +36,11 @@ class CompressedProblem:
         return np.asarray(np.linalg.lstsq(self.factor, self.target, rcond=None)[0], dtype=np.float64)
 
     def cost(self, parameters: FloatArray) -> float:
-        """Return the squared residual at these parameters."""
+        """Return the cost of these parameters (b,): the sum of squared residuals."""
         return float(np.sum((self.factor @ parameters - self.target) ** 2)) + self.rest
 
     def floor(self, cost: float) -> float:
-        """Return the cost, or a value above rounding if that is larger, so that costs can be divided by it."""
+        """Return the cost, but at least the size of rounding errors, so that it can be a divisor."""
         return max(cost, 1e-9 * float(self.target @ self.target), 1e-300)
 
     def eliminate_others(self, kept: int) -> CompressedProblem:
@@ -54,7 +54,7 @@ class CompressedProblem:
         return CompressedProblem.of(rows, self.target - basis @ (basis.T @ self.target), self.rest)
 
     def complete(self, parameters: FloatArray) -> FloatArray:
-        """Return the given first parameters, followed by the optimal values of the remaining parameters."""
+        """Return all parameters (b,): the given first ones, then the optimal values of the remaining ones."""
         rest = self.target - self.factor[:, : len(parameters)] @ parameters
         others = np.linalg.lstsq(self.factor[:, len(parameters) :], rest, rcond=None)[0]
         return np.concatenate([parameters, others])

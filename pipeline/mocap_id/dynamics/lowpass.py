@@ -1,8 +1,9 @@
-"""Zero-phase low-pass filter of regressor and wrench, and the reach of a sample.
+"""Zero-phase low-pass filter of regressor and wrench, and the filter's reach.
 
 The wrench is linear in the regressor. The same linear filter on both therefore does not change the parameters, but it
-removes noise of the accelerations, which would bias them. A sample in a gap or with a contact affects the filtered
-samples around it. The usable samples are therefore eroded by the filter's reach.
+removes noise of the accelerations, which would bias the parameters. A sample in a gap or with a contact affects the
+filtered samples around it. The reach is the time up to which this effect matters, so that samples closer than the reach
+to such a sample are not used.
 """
 
 from __future__ import annotations
@@ -23,10 +24,10 @@ _COLUMNS = 8  # number of columns filtered at a time, to limit the memory
 class LowPass:
     """Butterworth filter of order 2, run forwards and backwards.
 
-    It has no phase. Its gain at the frequency f is 1 / (1 + (tan(πf/rate) / tan(π·cutoff/rate))⁴), which multiplies the
-    Fourier transform of each interval without gaps. Before, the straight line through the ends of the interval is
-    subtracted; afterwards it is added again. The remainder is extended beyond both ends by its reflection with the
-    opposite sign.
+    It does not shift the phase. Its gain at the frequency f is 1 / (1 + (tan(πf/rate) / tan(π·cutoff/rate))⁴), which
+    multiplies the Fourier transform of each interval without gaps. The straight line through the ends of the interval
+    is subtracted first and added again at the end. The remainder is extended beyond both ends by its reflection with
+    the opposite sign.
     """
 
     cutoff: float  # cut-off frequency of a single pass, Hz
@@ -34,24 +35,24 @@ class LowPass:
 
     @property
     def reach(self) -> float:
-        """Reach of one sample, s: 3 % of the area of the impulse response is beyond it."""
+        """Time to either side of a sample, s, beyond which only 3 % of the area of its impulse response lies."""
         return 0.8 / self.cutoff
 
     @property
     def reach_samples(self) -> int:
-        """:attr:`reach` in samples."""
+        """Number of samples in :attr:`reach`."""
         return round(self.reach * self.rate)
 
     @property
     def step(self) -> int:
-        """Step between samples that preserves the information of a filtered signal: ten per period of the cut-off."""
+        """Number k of which every k-th sample is sufficient after filtering: about ten samples per cut-off period."""
         return max(1, int(self.rate / (_OVERSAMPLED * self.cutoff)))
 
     def __call__(self, signal: FloatArray) -> FloatArray:
         """Filter each interval without gaps of a signal (T, ...) along the first axis.
 
-        A sample with any NaN counts as missing. The result is NaN there, and in intervals that are shorter than twice
-        the filter's reach.
+        A sample with any NaN counts as missing. The result (T, ...) is NaN in missing samples, and in intervals of at
+        most twice the filter's reach.
         """
         flat = signal.reshape(len(signal), -1)
         moving = np.flatnonzero(np.any(flat != 0.0, axis=0))  # columns of zeros stay zeros
@@ -65,7 +66,7 @@ class LowPass:
         return out.reshape(signal.shape)
 
     def _filter_interval(self, signal: FloatArray) -> FloatArray:
-        """Filter an interval (T, c) without gaps."""
+        """Return an interval (T, c) without gaps, filtered."""
         count, beyond = len(signal), 2 * self.reach_samples
         place = np.arange(count)[:, None] / (count - 1)
         line: FloatArray = (1.0 - place) * signal[0] + place * signal[-1]
@@ -81,9 +82,9 @@ class LowPass:
 def choose_cutoff(dq: FloatArray, rate: float) -> float:
     """Return the default cut-off, Hz: twice the frequency below which 99.9 % of the velocity's power lies.
 
-    The spectrum of the fastest joint's velocity shows the movement, whereas noise dominates the spectrum of the
-    acceleration. The result is between 3 and 10 Hz, and at most a fifth of the rate. Of the velocities (T, n), rad/s,
-    the longest interval without gaps is used.
+    ``dq`` (T, n) are the joint velocities, rad/s, of which the longest interval without gaps and the joint with the
+    highest frequency are used. The result is between 3 and 10 Hz, and at most a fifth of the rate. Velocities are used
+    instead of accelerations because noise dominates the spectrum of the accelerations.
     """
     longest = max(find_runs(known(dq)), key=lambda run: run.stop - run.start, default=slice(0, 0))
     signal = dq[longest]
@@ -96,11 +97,11 @@ def choose_cutoff(dq: FloatArray, rate: float) -> float:
 
 
 def undo_averaging(filtered: FloatArray, samples: float) -> FloatArray:
-    """Return a filtered signal (T, c), corrected for the averaging of its samples over a width W, in samples.
+    """Return a filtered signal (T, c), corrected for the averaging of each sample over a time W of ``samples`` samples.
 
     The mean of a smooth signal w over W is w + W²/24 · w'' plus a term in W⁴. The second derivative is computed from
-    the filtered signal, which contains little noise. For W of one sample and below a tenth of the rate, the correction
-    is less than 2 %. The ends of an interval without gaps are not changed.
+    the filtered signal, which contains little noise. If W is one sample, the correction is less than 2 % at frequencies
+    below a tenth of the rate. The ends of an interval without gaps are not changed.
     """
     bend = np.zeros_like(filtered)
     bend[1:-1] = np.diff(filtered, 2, axis=0)
@@ -108,12 +109,12 @@ def undo_averaging(filtered: FloatArray, samples: float) -> FloatArray:
 
 
 def known(values: FloatArray) -> BoolArray:
-    """Return whether every value of each sample (T, ...) is finite, (T,)."""
+    """Return a mask (T,) of the samples (T, ...) whose values are all finite."""
     return np.asarray(np.isfinite(values.reshape(len(values), -1)).all(axis=1), dtype=np.bool_)
 
 
 def erode(mask: BoolArray, samples: int) -> BoolArray:
-    """Return the flags with ``samples`` removed from both ends of every run, also at the ends of the recording."""
+    """Return a copy of a mask (T,) in which the first and last ``samples`` flags of every run of True are False."""
     out = np.zeros_like(mask)
     for run in find_runs(mask):
         out[run.start + samples : max(run.stop - samples, run.start + samples)] = True
@@ -121,12 +122,12 @@ def erode(mask: BoolArray, samples: int) -> BoolArray:
 
 
 def blank_incomplete(wrench: FloatArray) -> FloatArray:
-    """Return a wrench (T, c) with NaN in all components of a sample if any is missing."""
+    """Return a copy of a wrench (T, c), with NaN in all components of a sample if one of them is missing."""
     return np.where(known(wrench)[:, None], wrench, np.nan)
 
 
 def interpolate_samples(time: FloatArray, samples: IntArray, steps: IntArray, values: FloatArray) -> FloatArray:
-    """Return values (t, n), given at the samples ``steps`` (t,), interpolated at ``samples``; NaN at all others."""
+    """Interpolate values (t, n) of the samples ``steps`` (t,) to ``samples``; return (T, n), NaN in other samples."""
     out = np.full((len(time), values.shape[1]), np.nan)
     for column, series in enumerate(values.T):
         out[samples, column] = np.interp(time[samples], time[steps], series)

@@ -1,8 +1,9 @@
 """Motion of bodies from their measured poses: pinned joints, low-pass filters, derivatives.
 
-A person's joints are not perfect pins: at the hip, the thigh and the trunk move apart by a centimetre and more. The
-measured poses contain this, and therefore the real motion of the mass. Horizontal position, vertical position and angle
-have different cut-offs, because the wrench depends on them up to different frequencies.
+A person's joints are not perfect pins, so the two sides of a joint have a gap: at the hip, thigh and trunk move apart
+by a centimetre and more. The measured poses contain this motion, and therefore the real motion of the mass. Horizontal
+position, vertical position and angle have different cut-offs, because the wrench depends on them up to different
+frequencies.
 """
 
 from __future__ import annotations
@@ -47,8 +48,8 @@ class BodyPoses:
     information: FloatArray
     body: IntArray  # (n + 1,) body of each segment of the chain
     centres: FloatArray  # (n, 2) centre of joint j in the frame of segment j - 1, m
-    # (n, 2) correction of each joint's position for the torques, in the frame of segment j - 1, m. It is an error of
-    # the joint fit, estimated from the body beyond the joint. Gaps and pins use the uncorrected position.
+    # (n, 2) correction of each joint's position for the torques, in the frame of segment j - 1, m. The error of the
+    # joint fit is estimated from the body beyond the joint. Gaps are computed without this correction.
     shift: FloatArray | None = None
     beyond: FloatArray | None = None  # (n, 2) centre of joint j in the frame of segment j, m; its origin by default
 
@@ -63,7 +64,7 @@ class BodyPoses:
         return [j for j in range(len(self.centres)) if self.body[j] != self.body[j + 1]]
 
     def select(self, body: int) -> BodyPoses:
-        """Return one body alone, without joints."""
+        """Return the poses of one body alone, without joints."""
         own = slice(body, body + 1)
         return BodyPoses(
             time=self.time,
@@ -94,10 +95,10 @@ class BodyPoses:
         return np.asarray(after - before)
 
     def joint_variance(self, joint: int) -> float:
-        """Return the variance of a joint's position in the bodies on its two sides, m² per coordinate.
+        """Return the variance of a joint's position in the bodies before and after the joint, m² per coordinate.
 
-        It follows from the residuals of the markers: where the markers of a body move relative to each other, a joint
-        does too.
+        It follows from the residuals of the markers: if the markers of a body move relative to each other, the joint
+        also moves relative to them.
         """
         variance = 0.0
         for body, point in self.sides(joint):
@@ -109,25 +110,25 @@ class BodyPoses:
 
 @dataclass(frozen=True)
 class JointGap:
-    """Relative motion of the two sides of a joint."""
+    """Relative motion of the two sides of a joint: of its centre in the body before it and in the body after it."""
 
     size: float  # rms change of the gap, m; NaN without samples
     acceleration: float  # rms acceleration of the gap below 3 Hz, m/s²; NaN if no interval is long enough
-    place: float  # variance of the joint's position in the bodies on its two sides, m² per coordinate
+    place: float  # variance of the joint's position in the bodies before and after the joint, m² per coordinate
 
     @property
     def pinned(self) -> bool:
-        """Whether the gap is within the noise or unknown, so that the joint counts as a pin."""
+        """Whether the joint counts as a pin, because the acceleration of the gap is within the noise or unknown."""
         return not self.acceleration > GIVES_WAY
 
     @property
     def excess(self) -> float:
-        """Variance of the gap that sliding skin (``place``) does not explain, m² per coordinate; 0 if unknown."""
+        """Variance of the gap in addition to ``place``, which is due to skin, m² per coordinate; 0 if unknown."""
         return max(self.size**2 / 2 - self.place, 0.0) if np.isfinite(self.size) else 0.0
 
 
 def fill_gaps(poses: BodyPoses) -> tuple[BodyPoses, BoolArray]:
-    """Return the poses with short intervals interpolated, and the samples (T,) in which all poses were measured."""
+    """Return the poses with short gaps interpolated, and a mask (T,) of the samples with all poses measured."""
     series = np.concatenate([poses.position, poses.angle[..., None]], axis=-1)  # (T, K, 3)
     longest = round(BRIDGED * poses.rate)
     observed = known(series)
@@ -145,7 +146,7 @@ def fill_gaps(poses: BodyPoses) -> tuple[BodyPoses, BoolArray]:
 
 
 def measure_gaps(poses: BodyPoses, samples: BoolArray) -> dict[int, JointGap]:
-    """Return the relative motion in each joint (from 0) between two bodies, over some samples (T,)."""
+    """Return the gap of each joint (from 0) between two bodies, over the marked samples (T,)."""
     lowpass = LowPass(min(_GAP_BAND, poses.rate / 5), poses.rate)
     gaps = {}
     for joint in poses.joints:
@@ -160,10 +161,10 @@ def measure_gaps(poses: BodyPoses, samples: BoolArray) -> dict[int, JointGap]:
 
 
 def close_gaps(poses: BodyPoses, joints: Sequence[int]) -> BodyPoses:
-    """Close the gaps of some joints (from 0) by the smallest change of the poses.
+    """Return the poses, changed as little as possible so that the gaps of some joints (from 0) are zero.
 
     With the information W of the poses, the gaps g and their Jacobian J, the change is -W⁻¹ Jᵀ (J W⁻¹ Jᵀ)⁻¹ g. A second
-    step removes the remainder, which is due to the rotation of the bodies.
+    iteration removes the remainder, which is due to the rotation of the bodies.
     """
     if not joints:
         return poses
@@ -175,10 +176,10 @@ def close_gaps(poses: BodyPoses, joints: Sequence[int]) -> BodyPoses:
 
 
 def differentiate_gaps(poses: BodyPoses, joints: Sequence[int], angle: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return derivatives of gaps by the poses of all bodies, J (f, 2j, 3K), and J W⁻¹ with the poses' information W.
+    """Return the Jacobian J (f, 2j, 3K) of j gaps, and J W⁻¹ (f, 2j, 3K) with the poses' information W.
 
-    The rows are x and y of each joint's gap; the columns are x, y and angle of each body. The argument ``angle`` (f, K)
-    contains the angles of the bodies, rad; NaN where missing.
+    The rows are x and y of each joint's gap; the columns are x, y and angle of each body. ``angle`` (f, K) contains the
+    angles of the bodies in f samples, rad; NaN where missing.
     """
     size, bodies = angle.shape
     weak = 1.0 / np.concatenate([np.repeat(poses.information[:, :1], 2, axis=1), poses.information[:, 1:]], axis=1)
@@ -204,7 +205,10 @@ def _solve_closing(poses: BodyPoses, joints: Sequence[int], angle: FloatArray, g
 
 
 class PoseFilter:
-    """Low-pass filter of poses (without gaps as needed) that filters every coordinate only once with each cut-off."""
+    """Low-pass filter of poses that filters every coordinate only once with each cut-off.
+
+    The poses must be the interpolated ones, with closed gaps if the motion should have closed gaps.
+    """
 
     def __init__(self, poses: BodyPoses) -> None:
         self._poses = poses
@@ -224,7 +228,7 @@ class PoseFilter:
         return PlanarMotion(angle, omega, alpha, origin, acceleration, locate_joints(poses, angle, origin), beyond)
 
     def _smooth(self, coordinate: int, cutoff: float) -> tuple[FloatArray, FloatArray, FloatArray]:
-        """Return one filtered coordinate of all bodies (T, K) and its two time derivatives."""
+        """Return one filtered coordinate of all bodies (T, K), and its first and second time derivative."""
         key = coordinate, cutoff
         if key not in self._filtered:
             lowpass = LowPass(min(cutoff, self._poses.rate / 5), self._poses.rate)
@@ -235,9 +239,10 @@ class PoseFilter:
 
 
 def locate_joints(poses: BodyPoses, angle: FloatArray, origin: FloatArray) -> FloatArray:
-    """Return the joints' positions (T, n, 2), m: the mean of both sides, shifted; NaN where both sides are one body.
+    """Return the joints' positions (T, n, 2), m; NaN where both sides of a joint are one body.
 
-    ``angle`` (T, K), rad, and ``origin`` (T, K, 2), m, are those of the bodies' frames.
+    A position is the mean of the joint's positions in the bodies before and after it, plus ``poses.shift``. ``angle``
+    (T, K), rad, and ``origin`` (T, K, 2), m, are those of the bodies' frames.
     """
     joint = np.full((len(angle), len(poses.centres), 2), np.nan)
     for j in poses.joints:
@@ -254,7 +259,7 @@ def filter_motion(poses: BodyPoses, bands: tuple[float, float, float]) -> Planar
 
 
 def _differentiate(values: FloatArray, rate: float) -> tuple[FloatArray, FloatArray]:
-    """Return first and second time derivatives by central differences of fourth order; NaN at the ends."""
+    """Return first and second time derivative from central differences of fourth order; NaN in two samples per end."""
     first, second = np.full(values.shape, np.nan), np.full(values.shape, np.nan)
     back, before, now, after, ahead = (values[k : len(values) - 4 + k] for k in range(5))
     first[2:-2] = (back - 8 * before + 8 * after - ahead) * (rate / 12)

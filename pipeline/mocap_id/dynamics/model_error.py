@@ -1,10 +1,10 @@
 """Size of the error of the model's wrench, estimated from the plate.
 
 The standard deviations of the states assume that the process noise acts all the time. Real movements are smooth and
-contain pauses, so the errors of the accelerations are smaller by an unknown factor. Angles and geometry have errors
-too, which do not vary with those of the accelerations. When only the ground touches the body, the plate measures both.
-The difference between measured and modelled wrench is the error of the model plus the noise of the plate. They differ
-in frequency: the model is smooth and the plate's noise is white.
+contain pauses, so the errors of the accelerations are smaller by an unknown factor. Angles and geometry also have
+errors, which do not vary with the errors of the accelerations. When only the ground touches the body, the difference
+between measured and modelled wrench is the error of the model plus the noise of the plate. The two can be separated,
+because the error of the model is smooth and the plate's noise is white.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ from mocap_id.dynamics.lowpass import LowPass
 
 _BAND = 25.0  # Hz: smoothed accelerations of people and robots have no power above this frequency
 _SHARE = 0.25  # largest band as a fraction of the rate: the noise is measured above it
-_HIDDEN = 0.1  # fraction of the variance in the band: a smaller one cannot be separated from the plate's noise
+_HIDDEN = 0.1  # fraction of the variance in the band: a smaller error cannot be separated from the plate's noise
 
 
 @dataclass(frozen=True)
@@ -34,8 +34,8 @@ class ModelError:
 def estimate_model_error(residual: FloatArray, noise: FloatArray, samples: BoolArray, rate: float) -> ModelError | None:
     """Estimate the model's error in one component of the wrench; return None if no interval is long enough.
 
-    The squared residual within the band is fitted, with non-negative coefficients, by a constant and by the variance
-    that follows from the accelerations. White noise with the density measured above the band is subtracted. Plate noise
+    A constant and the variance that follows from the accelerations are fitted, with non-negative coefficients, to the
+    squared residual below 25 Hz. White noise with the density measured above this frequency is subtracted. Plate noise
     that is not white counts as an error of the model, which is then overestimated.
 
     Parameters

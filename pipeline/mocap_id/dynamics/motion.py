@@ -1,7 +1,8 @@
 """Planar motion of a body's segments, the input of the regressor.
 
-It is computed from the joint angles of a chain whose segments are pinned to each other (:func:`move_chain`), or from
-measured poses of marker clusters, in which every body moves separately (:mod:`mocap_id.dynamics.measured_motion`).
+It is computed from the joint angles of a pinned chain, whose segments cannot move apart in the joints
+(:func:`move_chain`), or from measured poses of marker clusters, in which every body moves separately
+(:mod:`mocap_id.dynamics.measured_motion`).
 """
 
 from __future__ import annotations
@@ -30,7 +31,7 @@ class PlanarMotion:
 
     @property
     def jacobian(self) -> FloatArray:
-        """Unit twists (p_y, -p_x, 1) of the joints (T, 3, n); their product with a wrench is its moment about them."""
+        """Unit twists (p_y, -p_x, 1) of the joints, (T, 3, n); their product with a wrench is its moment there."""
         x, y = self.joint[..., 0], self.joint[..., 1]
         return np.stack([y, -x, np.ones_like(x)], axis=1)
 
@@ -74,7 +75,7 @@ def move_chain(centres: FloatArray, q: FloatArray, dq: FloatArray, ddq: FloatArr
 
 
 def point_acceleration(arm: FloatArray, omega: FloatArray, alpha: FloatArray) -> FloatArray:
-    """Return the acceleration of a point at ``arm`` (..., 2) in a rotating body, relative to the body's origin."""
+    """Return the acceleration (..., 2) of a point at ``arm`` (..., 2) in a rotating body, relative to its origin."""
     normal = np.stack([-arm[..., 1], arm[..., 0]], axis=-1)
     acceleration: FloatArray = alpha[..., None] * normal - (omega**2)[..., None] * arm
     return acceleration

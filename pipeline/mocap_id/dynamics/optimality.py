@@ -1,16 +1,16 @@
 """Proof that a solution is optimal: the Karush-Kuhn-Tucker conditions, checked independently of the solver.
 
 Every set of bodies that is fitted here is a convex cone of non-negative point masses, and the cost is convex. A
-solution is therefore optimal exactly if it meets four conditions:
+solution is therefore optimal if and only if it meets four conditions:
 
-- **primal feasibility**: it is in the cone;
+- **primal feasibility**: the solution is in the cone;
 - **stationarity**: the cost does not change to first order with the free parameters;
 - **dual feasibility**: no additional mass at any point reduces the cost. The derivative of the cost with respect to a
-  mass is the *price* of this mass, a multiplier of the constraints; none may be negative;
+  mass is the *price* of this mass, a multiplier of the constraints. No price may be negative;
 - **complementarity**: points with mass have the price zero.
 
-The last three are expressed as the decrease of the cost that they still allow, relative to the cost. Their sum is an
-upper bound of the distance to the least cost, because a convex function is above its tangents.
+The violations of the last three are expressed as the decrease of the cost that is still possible, relative to the cost.
+Their sum is an upper bound of the distance to the least cost, because a convex function is above its tangents.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _HEAVIER = 2.0  # the bound is valid for bodies of up to this multiple of the ma
 
 
 class BodyCone(Protocol):
-    """A convex cone of bodies, each given by v numbers that map linearly to the first b parameters of a problem."""
+    """A convex cone of bodies; v numbers describe a body and map linearly to the first b parameters of a problem."""
 
     @property
     def mapping(self) -> FloatArray:
@@ -43,7 +43,7 @@ class BodyCone(Protocol):
         """Return the total mass of a body (v,), kg."""
 
     def find_cheapest(self, prices: FloatArray) -> FloatArray:
-        """Return bodies (v, q) of 1 kg at single points that include the cheapest one for prices (v,)."""
+        """Return q bodies (v, q) of 1 kg at single points; one of them has the lowest price for the prices (v,)."""
 
 
 @dataclass(frozen=True)
@@ -51,8 +51,8 @@ class Optimality:
     """Deviation of a solution from each optimality condition."""
 
     primal: float  # violation of the cone, relative to the body
-    # stationarity, dual, complementarity: decrease of the cost that is still possible by free parameters, by additional
-    # masses and by the present masses, relative to the cost
+    # stationarity, dual, complementarity: decrease of the cost that is still possible by a change of the free
+    # parameters, by additional masses and by a change of the present masses, relative to the cost
     stationarity: float
     dual: float
     complementarity: float
@@ -64,13 +64,13 @@ class Optimality:
 
     @property
     def proven(self) -> bool:
-        """Whether all four conditions hold; false if any is NaN."""
+        """Whether all four conditions hold within their tolerances; false if a value is NaN."""
         return self.primal <= _INSIDE and self.excess <= PROVEN
 
 
 @dataclass(frozen=True)
 class SolverAnswer:
-    """The solution and the report of a solver."""
+    """The solution of a solver and its report."""
 
     solver: str  # name of the solver
     body: FloatArray  # (v,) numbers of the body; NaN if the solver found no solution
@@ -88,7 +88,7 @@ def check_optimality(
 ) -> Optimality:
     """Check the optimality conditions of min ‖R [mapping · body; others] - d‖² over bodies in a cone.
 
-    The bound of the result is valid for bodies of up to twice the mass.
+    The bound ``excess`` of the result is valid for bodies of up to twice the mass.
 
     Parameters
     ----------
@@ -120,7 +120,7 @@ def check_optimality(
 
 
 def _estimate_gain(columns: FloatArray, rest: FloatArray) -> float:
-    """Return the decrease of the cost by the best free parameters: the residual's part in the columns' span."""
+    """Return the decrease of the cost by the best factors of the columns: the squared residual in their span."""
     if columns.shape[1] == 0:
         return 0.0
     step = np.linalg.lstsq(columns, rest, rcond=None)[0]
@@ -128,7 +128,7 @@ def _estimate_gain(columns: FloatArray, rest: FloatArray) -> float:
 
 
 def _estimate_point_gain(columns: FloatArray, rest: FloatArray) -> float:
-    """Return the decrease of the cost by the best single point mass, for the case of a solution without mass."""
+    """Return the decrease of the cost by the best single point mass, which is also valid for solutions without mass."""
     size = np.sum(columns**2, axis=0)
     downhill = np.maximum(-(columns.T @ rest), 0.0)
     gains = np.divide(downhill**2, size, out=np.zeros_like(size), where=size > 0.0)

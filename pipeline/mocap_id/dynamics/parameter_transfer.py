@@ -2,16 +2,16 @@
 
 Each trial has its own frames: the +Y axis of a segment points to the joint that was fitted in this trial, and the feet
 may stand elsewhere on the plate. The mass, however, does not move relative to the markers of its segment. Each body's
-frame is therefore registered to the frame in the other trial by the common markers (Procrustes), and m, (mx, my), Izz
-are transformed:
+frame is therefore registered to its frame in the other trial with the common markers (Procrustes), and m, (mx, my) and
+Izz are transformed:
 
     m' = m,  c' = R c + m t,  Izz' = Izz + 2 t·R c + m |t|²,  c = (mx, my).
 
 The full, consistent parameters are transferred, not the base parameters. A base parameter such as my2 + p3y (m3 + m4)
-contains the joint position p3 of its own trial; full parameters can be combined with the joint position of the other
-trial. The contact wrench does not determine how a mass at a joint is divided between the two adjacent segments. If the
-trials locate the joint at positions that differ by e, an unknown mass of μ kg causes a moment of μ e g and a
-displacement of the centre of pressure of μ e / M.
+contains the joint position p3 of its own trial, whereas full parameters can be combined with the joint position of the
+other trial. The contact wrench does not determine how a mass at a joint is divided between the two adjacent segments.
+If the positions of the joint in the two trials differ by e, such a mass of μ kg causes an error of μ e g in the moment
+and of μ e / M in the centre of pressure, where M is the mass of the body.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 
 LEAST_MARKERS = 2
+"""Least number of common markers with which a body is registered."""
 LEAST_SPREAD = 0.02
 """Least rms distance of the common markers from their centroid with which they determine a body's orientation, m."""
 
@@ -33,7 +34,7 @@ class BodyFrames:
 
     segments: tuple[str, ...]  # names of the K bodies, base first
     centres: FloatArray  # (n, 2) centre of each joint in the frame of the body before it, m; NaN where unknown
-    between: IntArray  # (n, 2) bodies before and after each joint; a body of arms and head has no joint
+    between: IntArray  # (n, 2) bodies before and after each joint; the body of arms and head has no joint
     markers: tuple[str, ...]  # labels of the markers
     segment: IntArray  # (M,) body of each marker
     local: FloatArray  # (M, 2) markers in the body's frame, m
@@ -51,7 +52,7 @@ class Registration:
     angle: FloatArray  # (K,) rotation, rad; 0 for the base, whose frame is the plane frame in both trials
     shift: FloatArray  # (K, 2) translation, m; for the base, the displacement of the feet
     markers: IntArray  # (K,) number of common markers
-    residual: FloatArray  # (K,) rms distance of the common markers after registration, m; NaN without any
+    residual: FloatArray  # (K,) rms distance of the common markers after registration, m; NaN without common markers
     mirrored: FloatArray  # (K,) residual for the mirrored body, m; close to `residual` if the markers are collinear
     spread: FloatArray  # (K,) rms distance of the common markers from their centroid, m
     # (n,) distance between the two trials' positions of each joint, relative to the markers of the body before it, m;
@@ -62,8 +63,8 @@ class Registration:
 def register_bodies(there: BodyFrames, here: BodyFrames) -> Registration:
     """Return the registration of the bodies of the trial ``there`` to those of the trial ``here``.
 
-    Both trials have the same bodies and joints. The markers that both have on the same body are used. The registration
-    is NaN for a body with fewer than two of them.
+    Both trials must have the same bodies and joints. The markers that both trials have on the same body are used. The
+    registration of a body with fewer than two such markers is NaN, except for the base.
     """
     count = len(here.segments)
     angle, shift = np.zeros(count), np.zeros((count, 2))
@@ -95,13 +96,13 @@ def transfer_parameters(full: FloatArray, registration: Registration) -> FloatAr
 
 
 def transfer_covariance(covariance: FloatArray, registration: Registration) -> FloatArray:
-    """Return the covariance (4K, 4K) after :func:`transfer_parameters`, for an exact registration."""
+    """Return the covariance (4K, 4K) of the transferred parameters, without errors of the registration."""
     move = np.column_stack([transfer_parameters(unit, registration) for unit in np.eye(len(covariance))])
     return np.asarray(move @ covariance @ move.T)
 
 
 def _match_markers(there: BodyFrames, here: BodyFrames, segment: int) -> tuple[FloatArray, FloatArray]:
-    """Return the coordinates (k, 2) in the frames of both trials of the markers that both have on this body, m."""
+    """Return the coordinates (k, 2), m, of the markers that both trials have on a body, in each trial's frame."""
     before, after = (
         {label: i for i, label in enumerate(of.markers) if of.segment[i] == segment} for of in (there, here)
     )
@@ -111,11 +112,11 @@ def _match_markers(there: BodyFrames, here: BodyFrames, segment: int) -> tuple[F
 
 
 def _estimate_feet(before: FloatArray, after: FloatArray, ankle: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Return the displacement of the feet (2,), m, and the markers (k,) from which it is estimated.
+    """Return the displacement of the feet (2,), m, and a mask (k,) of the markers from which it is estimated.
 
     Markers of the base are on the feet or on the plate; markers on the plate do not move. A marker counts as on the
-    feet if its displacement is closer to that of the ankle than to zero. If no marker is, all are used. The result
-    affects only the foot's own mass, because the ankle of the other trial locates the joints beyond it.
+    feet if its displacement is closer to that of the ankle (2,) than to zero. If no marker is on the feet, all markers
+    are used; without markers, the displacement of the ankle is returned. The result affects only the mass of the foot.
     """
     if not len(before):
         return ankle, np.zeros(0, dtype=bool)
@@ -126,7 +127,7 @@ def _estimate_feet(before: FloatArray, after: FloatArray, ankle: FloatArray) -> 
 
 
 def _register(before: FloatArray, after: FloatArray) -> tuple[float, FloatArray, float]:
-    """Return angle, shift (2,) and rms residual of the rigid motion of points (k, 2) to other points (k, 2)."""
+    """Fit the rigid motion from points (k, 2) to other points (k, 2); return angle, shift (2,) and rms residual."""
     middle, goal = before.mean(axis=0), after.mean(axis=0)
     a, b = before - middle, after - goal
     angle = float(np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b)))

@@ -1,4 +1,4 @@
-"""Point-mass grid: physical consistency by construction (eq. 4.12, 4.25).
+"""Point-mass grid, which makes every fit physically consistent (eq. 4.12, 4.25).
 
 A segment is a set of points with non-negative masses. Its m, mx, my, Izz therefore belong to a possible body (m·Izz ≥
 mx² + my²) within the grid. The grid covers the segment's joints and markers with a margin for flesh.
@@ -45,8 +45,8 @@ def build_grid(
 ) -> PointGrid:
     """Return the grid over the box of each segment's joints and markers, with a margin for flesh.
 
-    The markers (M, 2) are in the frames of their segments (M,), m. ``points`` is the number of points along the short
-    and the long side of the box.
+    ``marker_local`` (M, 2) are the markers in the frames of their segments ``marker_segment`` (M,), m. ``points`` are
+    the numbers of points along the short and the long side of the box.
     """
     segments = len(centres) + 1
     boxes = [_fill_box(k, centres, marker_local[marker_segment == k], points) for k in range(segments)]

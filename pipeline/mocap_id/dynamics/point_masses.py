@@ -1,11 +1,11 @@
 """Least squares over non-negative point masses (eq. 4.26), with a proof of optimality.
 
-With B = M P the cost is ‖R [B ρ; c] - d‖², ρ ≥ 0. Non-negative least squares, an exact active-set method, solves it.
-OSQP is used for problems in which this fails, and for comparison in tests. The problem is split, with variables ρ and y
-= R B ρ, so that the condition number is not squared. OSQP's tolerances are relative to the whole wrench, whereas the
-cost is the small remaining residual. It can report "solved" when the cost is several per cent too high
-(docs/measured/dynamics.md). It is therefore run repeatedly for corrections on the scale of the residual, until the
-optimality conditions hold.
+The cost of point masses ρ (p,) ≥ 0 is ‖R [B ρ; c] - d‖², where B = M P maps masses to base parameters (eq. 4.25) and c
+are free parameters. Non-negative least squares, an exact active-set method, minimises it. OSQP is used for problems in
+which this fails, and for comparison in tests. For OSQP, the problem has the variables ρ and y = R B ρ, so that the
+condition number is not squared. OSQP's tolerances are relative to the whole wrench, whereas the cost is the small
+remaining residual. OSQP can report "solved" when the cost is several per cent too high (docs/measured/dynamics.md). It
+is therefore run repeatedly for corrections on the scale of the residual, until the optimality conditions hold.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ _EQUAL, _EVEN = 1e5, 1e-3  # weights of the base parameters and of evenly spread
 
 @dataclass(frozen=True)
 class GridBodies:
-    """Bodies of masses at given points; the numbers of a body are its masses."""
+    """Bodies of point masses at given points; the numbers that describe a body are its p masses, kg."""
 
     mapping: FloatArray  # (b, p) matrix B from masses to base parameters
 
@@ -49,14 +49,14 @@ class GridBodies:
         return float(np.abs(body).sum())
 
     def find_cheapest(self, prices: FloatArray) -> FloatArray:
-        """Return a body of 1 kg at every point."""
+        """Return bodies (p, p) with 1 kg at one point each, whatever the prices are."""
         return np.eye(len(prices))
 
 
 def solve_osqp(problem: CompressedProblem, moments: FloatArray) -> SolverAnswer:
-    """Solve for the point masses by OSQP in split form.
+    """Fit the point masses with OSQP, with the variables ρ and y = R B ρ.
 
-    ``moments`` (b, p) is B = M P of eq. 4.25. Free parameters must be eliminated before.
+    ``moments`` (b, p) is B = M P of eq. 4.25. The problem must have no free parameters.
     """
     mapped = problem.factor @ moments
     masses, status, iterations = np.zeros(moments.shape[1]), "not run", 0
@@ -73,7 +73,7 @@ def solve_osqp(problem: CompressedProblem, moments: FloatArray) -> SolverAnswer:
 
 
 def solve_nnls(problem: CompressedProblem, moments: FloatArray) -> SolverAnswer:
-    """Solve for the point masses by non-negative least squares; arguments as for :func:`solve_osqp`."""
+    """Fit the point masses by non-negative least squares; the arguments are those of :func:`solve_osqp`."""
     points = moments.shape[1]
     status = "solved"
     try:
@@ -91,15 +91,15 @@ def run_osqp(
     accuracy: float,
     iterations: int = _ITERATIONS,
 ) -> tuple[FloatArray, str, int]:
-    """Run one round of OSQP: min ‖y - target‖² over ρ ≥ least and y = mapped · ρ, both scaled to order one.
+    """Minimise ‖y - target‖² over ρ ≥ least and y = mapped · ρ with one run of OSQP, scaled to order one.
 
-    Return ρ (p,), OSQP's status text and the number of iterations. ρ is within OSQP's tolerance of its bounds, or zero
-    if OSQP finds no solution.
+    Return ρ (p,), OSQP's status text and the number of iterations. ρ meets its bounds within OSQP's tolerance, and is
+    zero if OSQP finds no solution.
 
     Parameters
     ----------
     mapped : (b, p) array
-        R B.
+        Matrix R B from masses to the right-hand side.
     target : (b,) array
         Right-hand side.
     least : (p,) array
@@ -139,8 +139,8 @@ def spread_masses(
 ) -> FloatArray:
     """Return the point masses (p,) with given base parameters whose full parameters are closest to a target.
 
-    The data determine only B ρ. A penalty within the fit would change B ρ. Here, a weight of 1e5 times that of the
-    target keeps it constant. Without a target the masses are spread evenly.
+    The data determine only B ρ. A penalty within the fit would change B ρ. Here B ρ is constant, because its weight is
+    1e5 times that of the target. Without a target, the masses are spread evenly.
 
     Parameters
     ----------
@@ -176,7 +176,7 @@ def spread_masses(
     except RuntimeError as error:
         raise NumericalError(
             f"the {rows.shape[1]} point masses could not be distributed: {error}; check the chain for two joints at "
-            "the same place, or for wrong units"
+            "the same position, or for wrong units"
         ) from error
 
 

@@ -5,10 +5,10 @@ of a body changes the body's measured pose by
 
     (d / m, ρ × d / Σ|ρ|²),
 
-where ρ is the marker's position relative to the centroid. Slides follow the angle of the joint below or above the body,
-as in :mod:`mocap_id.kinematics.skin_slides`. Together, the markers of a body give a (3, 3) covariance of the pose's
-error in x, y and angle. Its modes are propagated through the fit. The errors of the joints' positions are estimated
-separately.
+where ρ is the marker's position relative to the centroid. Slides are proportional to the angle of the joint below or
+above the body, as in :mod:`mocap_id.kinematics.skin_slides`. Together, the markers of a body give a (3, 3) covariance
+of the pose's error in x, y and angle. The effect of its modes on the fit is computed. The errors of the joints'
+positions are estimated separately.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class SlidingBody:
     # (3, 3) covariance of the error in x, y (body's frame, m) and angle (rad), for one standard deviation of a joint
     # angle
     covariance: FloatArray
-    joints: tuple[int, ...]  # joints, from 0, whose angles the slides follow
+    joints: tuple[int, ...]  # joints, from 0, to whose angles the slides are proportional
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ def propagate_slides(local: FloatArray, variance: FloatArray, joints: tuple[int,
     variance : (m,) array
         Variance of each marker's slide, per coordinate, m².
     joints : tuple of int
-        Joints, from 0, whose angles the slides follow.
+        Joints, from 0, to whose angles the slides are proportional.
     """
     arm = local - local.mean(axis=0)
     count, spread = len(local), float(np.sum(arm**2))
@@ -110,7 +110,7 @@ def propagate_pose_errors(prepared: PreparedTrial, result: Fit, full: FloatArray
 
 @dataclass(frozen=True)
 class _ThinnedMotion:
-    """Thinned poses, their motion, and the wrench (t, K, 3) that each body requires."""
+    """Poses at t samples of the trial, their motion, and the wrench (t, K, 3) that each body requires."""
 
     poses: BodyPoses
     bands: tuple[float, float, float]
@@ -120,9 +120,9 @@ class _ThinnedMotion:
     wrenches: FloatArray
 
     def effects(self, body: int, shape: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return derivatives of wrench (t, 3, 3) and torques (t, n, 3) by one body's x, y and angle, with fixed joints.
+        """Return the change of wrench (t, 3, 3) and torques (t, n, 3) per unit error of one body's x, y and angle.
 
-        The errors are in the body's frame, and their course over time is ``shape`` (t,).
+        The errors are in the body's frame and are multiplied by ``shape`` (t,). The joints are not displaced.
         """
         poses, base, wrench, torque = self.poses.select(body), self.motion, [], []
         for axis in range(3):
@@ -141,7 +141,7 @@ class _ThinnedMotion:
 
 
 def _standardise(q: FloatArray, samples: BoolArray) -> FloatArray:
-    """Return joint angles (T, n) minus their mean over some samples, in standard deviations; 0 where missing."""
+    """Return joint angles (T, n) minus their mean over the marked samples, in standard deviations; 0 where missing."""
     own = q[samples]
     spread = np.nanstd(own, axis=0)
     return np.asarray(np.nan_to_num((q - np.nanmean(own, axis=0)) / np.where(spread > 0, spread, 1.0)))
@@ -161,13 +161,13 @@ def _compute_torques(motion: PlanarMotion, wrenches: FloatArray) -> FloatArray:
 
 
 def _take_root(covariance: FloatArray) -> FloatArray:
-    """Return the square root (3, 3) of a covariance."""
+    """Return a matrix L (3, 3) with L Lᵀ equal to a covariance (3, 3)."""
     values, vectors = np.linalg.eigh(covariance)
     return np.asarray(vectors * np.sqrt(np.maximum(values, 0.0)))
 
 
 def _interpolate(time: FloatArray, known: FloatArray, values: FloatArray) -> FloatArray:
-    """Return values (t, ...) at known times, interpolated linearly at other times."""
+    """Interpolate values (t, ...) at the times ``known`` (t,) linearly to other times (T,); return (T, ...)."""
     flat = values.reshape(len(known), -1)
     out = np.stack([np.interp(time, known, column) for column in flat.T], axis=-1)
     return np.asarray(out.reshape(len(time), *values.shape[1:]))

@@ -38,8 +38,9 @@ class Prediction:
     # torque, torque_sd: (T, n) joint torques, N·m
     torque: FloatArray
     torque_sd: FloatArray
-    # torque_lasting_sd, torque_noise_sd: (T, n) two parts of `torque_sd`, N·m: from parameters and geometry, which
-    # are nearly one error per trial, and from noise of the motion. Neither contains errors of scale.
+    # torque_lasting_sd, torque_noise_sd: (T, n) two parts of `torque_sd`, N·m, without errors of scale. The first is
+    # from parameters and geometry, whose error is persistent: nearly the same in the whole trial. The second is from
+    # noise of the motion.
     torque_lasting_sd: FloatArray
     torque_noise_sd: FloatArray
     # columns (Fx, Fy, tauz, cop_x, tau_1 …) that are NaN, because they depend on parameters that the fitted components
@@ -47,7 +48,7 @@ class Prediction:
     undetermined: tuple[str, ...]
 
     def replace_torques(self, other: Prediction) -> Prediction:
-        """Return the prediction with the torques of another prediction."""
+        """Return a copy with the torques, and their standard deviations, of another prediction."""
         return replace(
             self,
             torque=other.torque,
@@ -73,7 +74,8 @@ def predict(prepared: PreparedTrial, result: Identification, noise: PredictionNo
 
     ``noise`` is the result of :func:`estimate_chain_noise` or :func:`estimate_residual_noise`. The centre of pressure
     is NaN where the vertical force is at most ``threshold``, N. If Fy and tauz were fitted, the base parameters
-    determine all columns. A column outside the span of the fitted components is NaN and listed in ``undetermined``.
+    determine all predicted quantities. Otherwise, quantities that they do not determine are NaN and listed in
+    ``undetermined``.
     """
     base, own = result.base, result.residual_covariance
     full_torque = torque_regressor(prepared.motion, prepared.regressor)
@@ -104,13 +106,13 @@ def predict(prepared: PreparedTrial, result: Identification, noise: PredictionNo
 def estimate_chain_noise(
     prepared: PreparedTrial, result: Identification, correlation: FloatArray, centre_sd: FloatArray | None = None
 ) -> PredictionNoise:
-    """Return the noise of a pinned chain due to its accelerations; that of angles and velocities is negligible.
+    """Return the errors of the wrench and torques of a pinned chain, due to accelerations and geometry.
 
-    The states give the course of the noise over time and its correlation between the joints. The plate gives its size
-    (:mod:`mocap_id.dynamics.model_error`), and the part of the wrench's error that is independent of the accelerations.
-    The torques are moments, so their noise is scaled like that of tauz. For the wrench, the covariance from the
-    residuals is sufficient, because the fitted parameters compensate errors of the geometry. The torques were not
-    fitted.
+    The standard deviations of the accelerations give the course of the noise over time and ``correlation`` that between
+    the joints. The plate gives the size of the noise (:mod:`mocap_id.dynamics.model_error`), and the part of the
+    wrench's error that is independent of the accelerations. The noise of the torques is scaled like that of tauz,
+    because torques are moments. Errors of the geometry are added only to the torques: for the wrench, the fitted
+    parameters compensate these errors.
 
     Parameters
     ----------
@@ -146,13 +148,13 @@ def estimate_residual_noise(
     of_poses: FloatArray,
     parameters: float = 0.0,
 ) -> PredictionNoise:
-    """Return the noise of a model on measured poses, with its size estimated from residuals.
+    """Return the errors of the wrench and torques of a model on measured poses, estimated from residuals.
 
     Parameters
     ----------
     residual : (T, 3) array
-        Measured minus modelled wrench, without the low-pass of the fit, of left-out repetitions if there are any; NaN
-        elsewhere. The plate's white noise is subtracted here.
+        Measured minus modelled wrench, without the low-pass of the fit. It is that of left-out repetitions if there are
+        any. NaN in all other samples. The variance of the plate's white noise is subtracted here.
     centre_sd : (n,) array
         Standard deviation of each joint's centre, m. Its effect on the torque is proportional to the force through the
         joint.
@@ -184,21 +186,21 @@ def estimate_residual_noise(
 
 
 def _propagate_centres(prepared: PreparedTrial, full: FloatArray, centre_sd: FloatArray) -> FloatArray:
-    """Return the variance (T, n) of the torques from the joint centres: the force times the centre's error."""
+    """Return the variance (T, n) of the torques due to errors of the joint centres, which are levers of the force."""
     distal = np.repeat(prepared.motion.beyond, len(PLANAR_PARAMETERS), axis=1)  # (n, 4K)
     force = np.einsum("tcp,jp->tjc", prepared.regressor[:, :2], distal * full)
     return np.asarray(centre_sd**2 * np.sum(force**2, axis=2))
 
 
 def _subtract_external(prepared: PreparedTrial, offset: float) -> tuple[FloatArray, FloatArray]:
-    """Return the reduction of the ground's wrench (T, 3) and of the torques (T, n) by the external wrenches."""
+    """Return how much the external wrenches reduce the ground's wrench (T, 3) and the torques (T, n)."""
     recorded = prepared.recorded
     wrenches, segment = stack_wrenches(recorded.external, prepared.external(offset), len(recorded.time))
     return sum_external(prepared.motion.jacobian, np.arange(1, recorded.q.shape[1] + 1), wrenches, segment)
 
 
 def _find_determined(regressor: FloatArray, prepared: PreparedTrial) -> BoolArray:
-    """Return the rows (k,) of a full regressor (T, k, p) that the base parameters determine."""
+    """Return a mask (k,) of the rows of a full regressor (T, k, p) that the base parameters determine."""
     return np.array(
         [determines_rows(regressor[:, k], prepared.base) for k in range(regressor.shape[1])], dtype=np.bool_
     )
@@ -215,7 +217,7 @@ def _list_undetermined(determined: BoolArray, torque_determined: BoolArray) -> t
 def _estimate_model_errors(
     prepared: PreparedTrial, result: Identification, needed: FloatArray, noise: FloatArray
 ) -> tuple[ModelError, ...]:
-    """Return the model's error in each component; if it cannot be estimated, from the states alone."""
+    """Return the model's error in each component; if it cannot be estimated, it follows from the states alone."""
     recorded = prepared.recorded
     residual = prepared.measured(result.fit.offset) - needed
     errors = [estimate_model_error(residual[:, k], noise[:, k], result.fit.in_fit, recorded.rate) for k in range(3)]
@@ -230,9 +232,9 @@ def _propagate_covariance(gain: FloatArray, covariance: FloatArray) -> FloatArra
 
 
 def _differentiate(prepared: PreparedTrial, base: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the derivatives of wrench (T, 3, n) and torques (T, n, n) by the joint accelerations.
+    """Return the derivatives of wrench (T, 3, n) and torques (T, n, n) with respect to the joint accelerations.
 
-    They are computed for the body whose regrouped parameters are zero, which has the same base parameters.
+    They are computed for the body with these base parameters whose regrouped parameters are zero.
     """
     recorded = prepared.recorded
     mass, mx, my, inertia = prepared.base.expand(base).reshape(-1, len(PLANAR_PARAMETERS)).T

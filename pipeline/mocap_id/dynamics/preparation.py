@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 AnyTrial: TypeAlias = "PreparedTrial | SpatialTrial"
 """A prepared trial in the plane or in space."""
 MEASURED_CUTOFF = 5.0
-"""Cut-off of regressor and wrench for measured poses, Hz: movements are slower, and the poses are already filtered."""
+"""Cut-off of regressor and wrench for measured poses, Hz. Movements are slower, and the poses are already filtered."""
 
 
 @dataclass(frozen=True)
@@ -37,17 +37,17 @@ class TrialData:
     dq: FloatArray
     ddq: FloatArray
     ddq_sd: FloatArray  # (T, n) standard deviation of the accelerations, rad/s²
-    observed: BoolArray  # (T,) whether every angle is measured by markers
-    # (T, 3) (Fx, Fy, tauz) of the ground on the body in the plane frame, N and N·m, at the times of the plate's clock;
+    observed: BoolArray  # (T,) whether every angle was measured by markers
+    # (T, 3) (Fx, Fy, tauz) of the ground on the body in the plane frame, N and N·m, at ``time`` on the plate's clock;
     # NaN where missing
     wrench: FloatArray
     centres: FloatArray  # (n, 2) centre of each joint in the frame of the segment before it, m
-    external: tuple[ExternalWrench, ...] = ()  # measured wrenches on the body other than the ground's
+    external: tuple[ExternalWrench, ...] = ()  # measured wrenches on the body, except the ground's
     averaged: float = 0.0  # time over which each plate sample is averaged, s; 0 for instantaneous samples
     # motion of the bodies from their measured poses; None to use the motion of the pinned chain
     measured: PlanarMotion | None = None
     knee: int = 1  # number of the knee among the joints, from 0
-    # components of `wrench` that the ground's sensor measures; the others are 0 there
+    # components of `wrench` that the ground's sensor measures; the other components of `wrench` are 0
     measures: tuple[int, ...] = (0, 1, 2)
     # height above the plane's origin of the surface on which the centre of pressure is, m; 0 for plates
     surface: float = 0.0
@@ -128,11 +128,11 @@ class PreparedTrial:
     base: BaseSet  # base parameters that the motion determines
     regressor: FloatArray  # (T, 3, 4(n + 1)) full regressor without filtering; NaN where a state is
     filtered: FloatArray  # (T, 3, b) base columns after the low-pass
-    # wrench, filtered_wrench: sum of all plates, at the times of their clock; in the filtered one, the averaging of the
-    # samples is undone
+    # wrench, filtered_wrench: sum of all plates, at times of their clock. `filtered_wrench` is corrected for the
+    # averaging of the samples.
     wrench: SampledWrench
     filtered_wrench: SampledWrench
-    # sensors, filtered_sensors: (T, 3) sum of all other sensors, at the times of the cameras' clock
+    # sensors, filtered_sensors: (T, 3) sum of all other sensors, at times of the cameras' clock
     sensors: FloatArray
     filtered_sensors: FloatArray
     usable: BoolArray  # (T,) samples with filtered regressor, and with filtered wrench at every offset within the limit
@@ -141,7 +141,7 @@ class PreparedTrial:
 
     @property
     def constants(self) -> tuple[int, ...]:
-        """Components whose constant error is estimated: Fx, in which gravity causes no constant."""
+        """Components whose constant error is estimated: only Fx, because gravity causes no constant Fx."""
         return (0,) if self.settings.plate_bias and 0 in self.settings.components else ()
 
     @cached_property
@@ -167,7 +167,10 @@ class PreparedTrial:
         return SampledWrench.of(self.recorded.time, blank_incomplete(self.recorded.wrench))
 
     def external(self, offset: float, filtered: bool = False) -> list[FloatArray]:
-        """Return every external wrench (T, 3) at the cameras' times, for a clock offset of the plates, s."""
+        """Return every external wrench (T, 3) at the cameras' times, for a clock offset of the plates, s.
+
+        With ``filtered``, the wrenches are filtered like the regressor.
+        """
         time = self.recorded.time
         wrenches = []
         for each in self.recorded.external:
@@ -178,7 +181,7 @@ class PreparedTrial:
         return wrenches
 
     def elsewhere(self, offset: float) -> FloatArray:
-        """Return the sum (T, 3) of the external wrenches, as :meth:`external`."""
+        """Return the sum (T, 3) of the external wrenches at the cameras' times, for a clock offset of the plates, s."""
         return sum(self.external(offset), np.zeros_like(self.recorded.wrench))
 
     def filtered_measured(self, samples: IntArray, stamped: FloatArray) -> FloatArray:
@@ -189,7 +192,7 @@ class PreparedTrial:
 def prepare(recorded: TrialData, settings: FitSettings, prior: BodyPrior | None = None) -> PreparedTrial:
     """Build the regressor, find the base parameters, filter regressor and wrench, and mark the usable samples.
 
-    With a prior of the full parameters, all of these are fitted.
+    With a prior, all full parameters are fitted instead of the base parameters.
     """
     regressor = wrench_regressor(recorded.motion, settings.gravity)
     moving = known(regressor)
@@ -228,19 +231,19 @@ def _choose_cutoff(recorded: TrialData, settings: FitSettings) -> float:
 
 
 def _filter_wrench(recorded: TrialData, lowpass: LowPass, wrench: FloatArray) -> FloatArray:
-    """Return the plate wrench (T, 3) filtered like the regressor, with the averaging of its samples undone."""
+    """Return the plate wrench (T, 3), filtered like the regressor and corrected for the averaging of its samples."""
     return undo_averaging(lowpass(wrench), recorded.averaged * recorded.rate)
 
 
 def find_usable(lowpass: LowPass, observed: BoolArray, filtered_wrench: FloatArray, offset_limit: float) -> BoolArray:
-    """Return the samples (T,) with filtered regressor, and with filtered wrench at every offset within the limit, s."""
+    """Return a mask (T,) of samples with filtered regressor, and filtered wrench at every offset up to the limit, s."""
     limit = int(np.ceil(offset_limit * lowpass.rate)) + 1
     usable = erode(observed, lowpass.reach_samples)
     return usable & erode(known(filtered_wrench), lowpass.reach_samples + limit)
 
 
 def measure_arcs(q: FloatArray, samples: BoolArray) -> FloatArray:
-    """Return the arc (n,) of each joint over some samples, from the 2.5 to the 97.5 % quantile, rad; 0 if empty."""
+    """Return the range (n,) of each joint angle over marked samples, from 2.5 to 97.5 % quantile, rad; 0 if none."""
     if not samples.any():
         return np.zeros(q.shape[1])
     low, high = np.nanquantile(q[samples], [0.025, 0.975], axis=0)

@@ -1,4 +1,4 @@
-"""Weight of the data relative to the prior: the time of the recording that counts as one independent sample.
+"""Weight of the data relative to the prior, from the length of recording that counts as one independent sample.
 
 Errors of poses are correlated over time and recur in every repetition. The residuals contain only the part that the
 parameters have not absorbed, so they do not give the number of independent samples. The one-standard-error rule
@@ -15,10 +15,10 @@ from mocap_id.dynamics.preparation import AnyTrial
 from mocap_id.dynamics.sample_choice import LEAST_SECONDS, number_parts, select_samples
 
 MEMORIES = (0.1, 0.2, 0.4, 0.8, 1.6, 3.2)
-"""Candidates for the time of the recording that counts as one sample, s."""
+"""Candidates for the length of recording that counts as one independent sample, s."""
 REFERENCE = 0.4
-"""Time that counts as one sample while the residuals' spread is estimated, and if too few repetitions can be left out,
-s.
+"""Length of recording that counts as one independent sample, s, while the weights of the components are estimated, and
+if too few repetitions can be left out.
 """
 _LEAST_FOLDS = 3  # fewer give no useful standard error
 
@@ -32,7 +32,7 @@ def estimate_memory(
     target: FloatArray,
     prior: tuple[FloatArray, FloatArray],
 ) -> float:
-    """Return the time of the recording that counts as one sample, s.
+    """Return the length of recording that counts as one independent sample, s.
 
     It is :data:`REFERENCE` if fewer than three parts can be left out.
 
@@ -79,10 +79,10 @@ def score_memories(
     fitted: BoolArray,
     predicted: BoolArray,
 ) -> FloatArray:
-    """Return the mean squared error (M,) of a fit on left-out samples, for each of :data:`MEMORIES`.
+    """Return the mean squared error (M,) of a fit in left-out samples, for each of :data:`MEMORIES`.
 
-    ``fitted`` and ``predicted`` (R,) are the rows to fit and to predict, and ``apart`` is the time from one row to the
-    next, s. The other arguments are those of :func:`estimate_memory`.
+    ``fitted`` and ``predicted`` (R,) mark the samples to fit and to predict, and ``apart`` is the time from one sample
+    to the next, s. The other arguments are those of :func:`estimate_memory`.
     """
     data = np.concatenate([rows[fitted], target[fitted, :, None]], axis=-1).reshape(-1, rows.shape[-1] + 1)
     known = np.column_stack(prior)

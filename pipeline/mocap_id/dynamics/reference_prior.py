@@ -2,9 +2,9 @@
 
 The thesis weights kg, kg·m and kg·m² with one λ. Here every full parameter of the reference has a standard deviation;
 for tables of people it is 10 to 20 % of the parameter's size. By default the reference determines only what the data do
-not determine, and the base parameters depend on the data alone. Optionally it is also a prior of the base parameters.
-The data are then weighted by the covariance of the base parameters, not by the number of rows, because the rows are
-correlated and do not contain errors that recur with the movement.
+not determine, and the base parameters depend on the data alone. Optionally, the reference is also a prior of the base
+parameters. The weight of the data then follows from the covariance of the base parameters, not from the number of rows,
+because the rows are correlated and do not contain errors that recur with the movement.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from mocap_id.dynamics.least_squares import CompressedProblem
 FOOT_MOMENT = 1
 """Column of the foot's mx among the full parameters."""
 _LEAST = 1e-6  # SI: least standard deviation, for parameters that are zero
-_APART = 3.0  # limit of a contradiction, in standard deviations
+_APART = 3.0  # difference above which data and prior contradict each other, in standard deviations
 _OPEN = 10.0  # relative standard deviation of parameters that are left to the data
 
 
@@ -36,10 +36,10 @@ def compute_reference_sd(reference: FloatArray, relative: float) -> FloatArray:
 
 
 def compute_foot_sd(reference: FloatArray, first_moment: float, relative: float) -> FloatArray:
-    """Return the standard deviations (4(n + 1),) of a reference that is known for the foot, its first segment, alone.
+    """Return the standard deviations (4(n + 1),) of a reference that is used only for the foot, the first segment.
 
-    The mass of the foot is small, so its first moment differs little between people. With it, the torque of the ankle
-    follows from the centre of pressure and the position of the joint, and does not depend on the masses above.
+    The mass of the foot is small, so its first moment differs little between people. Given this moment, the torque of
+    the ankle follows from the centre of pressure and the position of the joint, and not from the masses above.
     ``first_moment`` is the standard deviation of the foot's mx, kg·m, and ``relative`` that of its mass, as a fraction.
     """
     deviations = compute_reference_sd(reference, _OPEN)
@@ -51,7 +51,8 @@ def compute_foot_sd(reference: FloatArray, first_moment: float, relative: float)
 class ReferencePrior:
     """A reference body as a normal distribution of the full parameters.
 
-    In the methods, ``covariance`` (b, b) is that of base parameters from data, and ``regrouping`` (b, f) the matrix M.
+    In the methods, ``covariance`` (b, b) is the covariance of base parameters that were fitted to data, and
+    ``regrouping`` (b, f) is the matrix M of eq. 4.24 from f = 4(n + 1) full parameters to b base parameters.
     """
 
     # mean, sd: (4(n + 1),) full parameters and their standard deviations
@@ -83,15 +84,15 @@ class ReferencePrior:
         return bool(moved[parameter] ** 2 > _APART**2 * variance[parameter])
 
     def covariance(self, gain: FloatArray, regrouping: FloatArray, of_data: FloatArray) -> FloatArray:
-        """Return the covariance (b, b) of base parameters from data, with the covariance ``of_data``, and the prior."""
+        """Return the covariance (b, b) of base parameters from the prior and from data with covariance ``of_data``."""
         rest = np.eye(len(gain)) - gain
         return np.asarray(gain @ of_data @ gain.T + rest @ self._spread(regrouping) @ rest.T)
 
     def complete(self, covariance: FloatArray, regrouping: FloatArray) -> FloatArray:
         """Return the covariance (f, f) of the full parameters, given the covariance of the base parameters.
 
-        The part that the base parameters do not determine has the prior's covariance. It has an effect in another trial
-        with other joint positions.
+        The part that the base parameters do not determine has the prior's covariance. This part has an effect in
+        another trial with different joint positions.
         """
         spread = np.diag(self.sd**2)
         follow = np.linalg.solve(self._spread(regrouping), regrouping @ spread).T

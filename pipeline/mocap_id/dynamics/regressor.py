@@ -1,8 +1,9 @@
 """Geometric regressor: the wrench and the joint torques as linear maps of the inertial parameters (thesis 4.2.1).
 
 A link has ten parameters, in the order of eq. 4.4: m, mx, my, mz, Ixx, Iyy, Izz, Ixy, Ixz, Iyz, all about the origin of
-the link's frame; Ixy is the matrix element. A planar link has four of them: m, mx, my, Izz. The columns are ordered
-from the base to the tip. Gravity is modelled as an upward acceleration of the base.
+the link's frame. Ixy is the element of the inertia matrix, which is minus the product of inertia. A planar link has
+four of these parameters: m, mx, my, Izz. The columns are ordered from the base to the tip. Gravity is modelled as an
+upward acceleration of the base.
 """
 
 from __future__ import annotations
@@ -24,9 +25,9 @@ WRENCH_COMPONENTS = ("Fx", "Fy", "tauz")
 
 
 def momentum_regressor(twist: FloatArray) -> FloatArray:
-    """Return the regressor Y_V (..., 6, 10) of the momentum I V of one link (eq. 4.15; of an acceleration, eq. 4.16).
+    """Return the regressor Y_V (..., 6, 10) of the momentum I V of one link (eq. 4.15).
 
-    ``twist`` (..., 6) is (v, ω) or its time derivative, in the link frame.
+    ``twist`` (..., 6) is V = (v, ω) in the link frame, or its time derivative for the regressor of eq. 4.16.
     """
     v, omega = twist[..., :3], twist[..., 3:]
     x, y, z = omega[..., 0], omega[..., 1], omega[..., 2]
@@ -53,8 +54,8 @@ def spatial_regressor(
 ) -> FloatArray:
     """Return the regressor Y (..., 6, 10(n + 1)) of the ground's wrench on the whole chain (eq. 4.19-4.22).
 
-    Its product with the full parameters, base first, is the wrench (F, τ) of the ground on the chain about the origin
-    of the world frame, in this frame.
+    The product of Y with the full parameters, base first, is the wrench (F, τ) of the ground on the chain about the
+    origin of the world frame, in world axes.
 
     Parameters
     ----------
@@ -70,8 +71,8 @@ def spatial_regressor(
 def bodies_regressor(poses: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
     """Return the regressor (..., 6, 10K) of the wrench on K bodies about the origin of the world frame (eq. 4.19).
 
-    ``poses`` (..., K, 4, 4) are those of the bodies' frames in the world frame. ``velocity`` and ``acceleration`` (...,
-    K, 6) are the body velocity and its derivative, in the body's frame.
+    ``poses`` (..., K, 4, 4) are the poses of the bodies' frames in the world frame. ``velocity`` and ``acceleration``
+    (..., K, 6) are the body velocities and their time derivatives, in the bodies' frames.
     """
     to_world = np.swapaxes(se3.Ad(se3.inverse(poses)), -1, -2)  # (..., K, 6, 6)
     blocks = to_world @ link_regressor(velocity, acceleration)
@@ -81,9 +82,9 @@ def bodies_regressor(poses: FloatArray, velocity: FloatArray, acceleration: Floa
 def project_on_joints(jacobian: FloatArray, joint: IntArray, wrenches: FloatArray, segment: IntArray) -> FloatArray:
     """Return the joint torques (..., N, P) due to wrenches on single segments, in space or in the plane.
 
-    The wrench through joint j is the sum of the wrenches on the segments beyond it. Its product with the joint's
-    spatial twist, a column of the spatial Jacobian (eq. 2.47), is the torque. The wrenches are columns of a regressor
-    or external wrenches (:mod:`mocap_id.dynamics.external_wrenches`).
+    The wrench through joint j is the sum of the wrenches on the segments beyond it. The product of this wrench with the
+    joint's spatial twist, a column of the spatial Jacobian (eq. 2.47), is the torque. The wrenches are columns of a
+    regressor or external wrenches (:mod:`mocap_id.dynamics.external_wrenches`).
 
     Parameters
     ----------
@@ -92,7 +93,7 @@ def project_on_joints(jacobian: FloatArray, joint: IntArray, wrenches: FloatArra
     joint : (N,) int array
         Joint, from 1, to which each coordinate belongs.
     wrenches : (..., c, P) array
-        Wrenches about the origin of the world (plane) frame, in this frame.
+        Wrenches about the origin of the world or plane frame, in the axes of this frame.
     segment : (P,) int array
         Segment, from 0, on which each wrench acts.
     """
@@ -136,7 +137,8 @@ def wrench_regressor(motion: PlanarMotion, gravity: float = 9.81) -> FloatArray:
 def torque_regressor(motion: PlanarMotion | SpatialMotion, regressor: FloatArray) -> FloatArray:
     """Return the regressor (T, N, p K) of the joint torques, given that of the wrench (T, c, p K) on K bodies.
 
-    The rows give the moment about joint j of the wrench on the bodies beyond it, N·m; NaN where a joint has no centre.
+    A body has p parameters. A row gives the moment about a joint of the wrench on the bodies beyond it, N·m; NaN where
+    a joint has no centre.
     """
     torque = np.swapaxes(motion.jacobian, -1, -2) @ regressor
     distal = np.repeat(motion.beyond, regressor.shape[-1] // motion.beyond.shape[1], axis=1)
@@ -164,7 +166,7 @@ def planar_torque_regressor(centres: FloatArray, q: FloatArray, regressor: Float
     """Return the regressor (T, n, 4(n + 1)) of the joint torques of a planar chain, given that of the wrench.
 
     tau_j is the torque of segment j - 1 on segment j, N·m: the moment about joint j of the wrench on the segments
-    beyond it. The arguments are those of :func:`planar_regressor`, and its result.
+    beyond it. ``centres`` and ``q`` are the arguments of :func:`planar_regressor`, and ``regressor`` is its result.
     """
     joints = np.arange(q.shape[1] + 1)
     jacobian = planar.spatial_jacobian(q, centres)

@@ -1,4 +1,4 @@
-"""Choice of samples: for a fit, for parts of a trial that are left out, and without long rests."""
+"""Choice of samples for a fit and for parts of a trial that are left out, and shortening of long rests."""
 
 from __future__ import annotations
 
@@ -10,22 +10,23 @@ from mocap_id.dynamics.preparation import AnyTrial
 
 LEAST_SECONDS = 1.0
 """Least duration of the samples of a fit, s."""
-_FOLDS = 5  # largest number of folds; of more repetitions, neighbouring ones are left out together
+_FOLDS = 5  # largest number of folds; if there are more repetitions, neighbouring repetitions are left out together
 _RESTING = 0.05  # fraction of a fast joint velocity below which a joint rests
 _MOSTLY = 0.5  # fraction of rest above which all rest is left out
 _LONG = 0.75  # fraction of rest above which rest is thinned
 
 
 def select_samples(prepared: AnyTrial, gate: BoolArray) -> BoolArray:
-    """Return the samples (T,) to fit: usable ones within the gate, without the filter's reach at its edges."""
+    """Return a mask (T,) of the samples to fit: usable samples within the gate, at least the filter's reach inside."""
     return prepared.usable & erode(gate, prepared.lowpass.reach_samples)
 
 
 def number_parts(time: FloatArray, spans: FloatArray) -> IntArray:
-    """Return the part of each sample (T,), from 0: one repetition, or several neighbouring ones if there are many.
+    """Return the number (T,), from 0, of the part of the trial to which each sample belongs.
 
-    ``spans`` (r, 2) are the first and last time of every repetition, in order, s. A sample between two repetitions
-    belongs to the nearer. If there are fewer than two repetitions, all samples belong to part 0.
+    A part is one repetition, or several neighbouring repetitions if there are more than five. ``spans`` (r, 2) are the
+    first and last time of every repetition, in order, s. A sample between two repetitions belongs to the nearer one. If
+    there are fewer than two repetitions, all samples belong to part 0.
     """
     between = (spans[:-1, 1] + spans[1:, 0]) / 2
     repetition = np.searchsorted(between, time)
@@ -34,19 +35,19 @@ def number_parts(time: FloatArray, spans: FloatArray) -> IntArray:
 
 
 def skip_long_rests(velocity: FloatArray) -> BoolArray:
-    """Return the samples in motion if a person rests most of the time, otherwise all samples (T,).
+    """Return a mask (T,) of the samples in motion if the person rests most of the time, otherwise of all.
 
-    The joint velocities (T, n), rad/s, determine what is rest. A constant posture repeats its errors, and would
-    outweigh the motion in every mean.
+    ``velocity`` (T, n) are the joint velocities, rad/s, which are small at rest. The errors of a constant posture are
+    the same in all its samples, and would outweigh the motion in every mean.
     """
     moving = _find_motion(velocity)
     return moving if len(moving) and moving.mean() < 1 - _MOSTLY else np.ones(len(moving), dtype=np.bool_)
 
 
 def shorten_rests(velocity: FloatArray) -> BoolArray:
-    """Return the samples in motion and about as many at rest if rests are long, otherwise all samples (T,).
+    """Return a mask (T,) of the samples in motion and about as many at rest if rests are long, otherwise of all.
 
-    The joint velocities (T, n), rad/s, determine what is rest.
+    ``velocity`` (T, n) are the joint velocities, rad/s, which are small at rest.
     """
     moving = _find_motion(velocity)
     if not len(moving) or moving.mean() >= 1 - _LONG:
@@ -57,7 +58,7 @@ def shorten_rests(velocity: FloatArray) -> BoolArray:
 
 
 def _find_motion(velocity: FloatArray) -> BoolArray:
-    """Return the samples (T,) in which a joint moves."""
+    """Return a mask (T,) of the samples in which at least one joint moves."""
     speed = np.abs(velocity).max(axis=1, initial=0.0)
     if not len(speed):
         return np.zeros(0, dtype=np.bool_)

@@ -1,12 +1,12 @@
-"""Absolute check of the dynamics: do plate, cameras, clock rates and the person have the same scale?
+"""Check for a wrong scale of plate, cameras or clock rates, for which the residuals are not sufficient.
 
-Residuals hide an error of scale, because the parameters adapt to it. Three facts make it visible. Gravity and inertia
-act on the same masses. Forces and moments belong to one wrench. Nearly all mass above the shank acts at the knee, so
-that ratios of the parameters are almost the same in all people (:mod:`mocap_id.dynamics.body_ratios`).
+Residuals hide an error of scale, because the parameters adapt to it. Three facts make the error visible. Gravity and
+inertia act on the same masses. Forces and moments belong to one wrench. Nearly all mass above the shank acts at the
+knee, so that ratios of the parameters are almost the same in all people (:mod:`mocap_id.dynamics.body_ratios`).
 
-The wrench is modelled as Y ρ plus a column for each cause of error. First every cause is kept near zero, then one at a
-time is free. A cause is identified if it decreases the cost by more than 6.6, the 1 % point of χ² with one degree of
-freedom, and by at least 6.6 more than every other cause.
+The wrench is modelled as the regressor times the parameters, plus a column for each cause of error. First, all causes
+are kept near zero; then one cause at a time is free. A cause is identified if it decreases the cost by more than 6.6,
+the 1 % point of χ² with one degree of freedom, and by at least 6.6 more than every other cause.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from mocap_id.dynamics.regressor import wrench_regressor
 from mocap_id.dynamics.sample_choice import skip_long_rests
 from mocap_id.dynamics.uncertainty import number_blocks
 
-_CUTOFF, _POSES_CUTOFF = 2.5, 4.0  # Hz: for a chain, with errors of the accelerations at higher ones, and for poses
+_CUTOFF, _POSES_CUTOFF = 2.5, 4.0  # Hz: for a chain, whose accelerations have errors above it, and for measured poses
 _THINNED, _CLEAN = 25.0, 10.0  # Hz: rate of the samples, and low-pass of the wrench before thinning
 _EVERY = 2  # every second of these samples is a row
 _SECONDS = 1.5  # s: least duration of the rows
@@ -41,7 +41,7 @@ _FOLLOWED = np.array([2.5, 2.0])  # N: rms residuals of Fx and Fy below which a 
 
 @dataclass(frozen=True)
 class _Size:
-    """Standard deviations of a cause: while it is near zero, while it is free, and due to people unlike a chain."""
+    """Standard deviations of a cause: kept near zero, free, and without an error, as people are no rigid chains."""
 
     held: float
     free: float
@@ -58,17 +58,17 @@ CAUSES: Mapping[str, _Size] = {
     "tilt": _Size(0.0015, 0.1, 0.02),
     "gain": _Size(0.003, 1.0, 0.05),
 }
-"""Causes of a wrong scale. ``inertia`` is the factor of the inertial terms minus 1, which a wrong rate changes."""
+"""Causes of a wrong scale. ``inertia`` is the factor of the inertial terms minus 1, which depends on the frame rate."""
 _OF_MODEL = ("inertia", "lengths", "tilt")
 
 
 def check_scales(
     prepared: PreparedTrial, gate: BoolArray, result: Identification, ratios: BodyRatios
 ) -> ScaleCheck | None:
-    """Return the result of a check for a wrong scale of plate, cameras or clock rates.
+    """Check for a wrong scale of plate, cameras or clock rates.
 
-    It is None if there are too few usable samples, or if a pinned chain does not describe the person. ``ratios`` are
-    the relations between the parameters of any person.
+    The result is None if there are too few usable samples, or if the pinned chain does not describe the person.
+    ``ratios`` are the relations between the parameters of any person.
     """
     problem = _build_problem(prepared, gate, result, ratios)
     if problem is None or (problem.pinned and not problem.followed):
@@ -86,7 +86,7 @@ def check_scales(
 
 
 def _find_suspects(causes: Mapping[str, ScaleCause]) -> tuple[str, ...]:
-    """Return the significant cause that explains most and the causes that explain almost as much; empty if none."""
+    """Return the significant cause that explains most, then causes that explain almost as much; () if none is found."""
     significant = [name for name, each in causes.items() if each.explains > _SEEN and abs(each.value) > each.limit]
     if not significant:
         return ()
@@ -109,7 +109,8 @@ class _Solution:
 class _Problem:
     """Weighted rows of the check: columns of the model (R, c, b), of nuisances (R, c, k) and of every cause.
 
-    ``of_model`` has the derivative of the model's columns by a cause, ``of_data`` the column of a cause itself.
+    ``of_model`` has the derivatives (R, c, b) of the model's columns with respect to a cause, ``of_data`` the columns
+    (R, c) of the other causes.
     """
 
     model: FloatArray
@@ -125,7 +126,7 @@ class _Problem:
     followed: bool
 
     def solve(self, free: str | None, start: FloatArray | None = None) -> _Solution:
-        """Return cost and estimate with one cause free, by Gauss-Newton steps; the model is bilinear."""
+        """Return cost and estimate with one cause free, or none, by Gauss-Newton steps, as the model is bilinear."""
         base = self.start if start is None else start
         value = dict.fromkeys(CAUSES, 0.0)
         solution = _Solution(np.inf, 0.0, np.inf)
@@ -162,7 +163,7 @@ class _Problem:
         return np.arange(first, first + self.modes + len(CAUSES))
 
     def _build_limits(self, free: str | None) -> FloatArray:
-        """Return rows that keep these columns near zero, except the free cause."""
+        """Return rows that keep the columns :attr:`_zero` near zero, except that of the free cause."""
         sd = [size.free if name == free else size.held for name, size in CAUSES.items()]
         rows = np.zeros((len(self._zero), self._zero[-1] + 1))
         rows[np.arange(len(rows)), self._zero] = np.concatenate([np.ones(self.modes), 1.0 / np.array(sd)])
@@ -224,7 +225,7 @@ def _build_problem(
 
 
 def _reduce_modes(effect: FloatArray) -> FloatArray:
-    """Return fewer modes with nearly the same covariance, from independent modes (R, 3, S) in standard deviations."""
+    """Return fewer modes with nearly the same covariance as the independent modes (R, 3, S), whose unit is 1 sd."""
     if effect.shape[-1] == 0:
         return effect
     flat = effect.reshape(-1, effect.shape[-1])
@@ -240,11 +241,11 @@ def _build_plate_columns(target: FloatArray) -> dict[str, FloatArray]:
     columns["vertical gain"][:, 1] = target[:, 1]
     columns["vertical force"][:, 1] = 1.0
     columns["position"][:, 2] = target[:, 1]
-    return columns  # a common gain changes only the parameters: it is visible only with a known mass
+    return columns  # the column of a common gain is zero, because it changes only the parameters; a known mass shows it
 
 
 def _build_prior(prepared: PreparedTrial, ratios: BodyRatios, nuisance: int) -> tuple[FloatArray, FloatArray]:
-    """Return the rows and right-hand side of the fit's own prior and of the ratios."""
+    """Return the rows and right-hand side of the trial's prior, if it has one, and of the ratios."""
     columns = len(prepared.base.kept) + nuisance + len(CAUSES)
     causes = np.zeros((len(ratios.rows), len(CAUSES)))
     for name, column in ratios.by_cause.items():
@@ -273,8 +274,9 @@ def _compute_residual(
 def _estimate_weights(columns: FloatArray, target: FloatArray, time: FloatArray, prepared: PreparedTrial) -> FloatArray:
     """Return the weights (3,) of the components, from the residual of a fit without causes.
 
-    A residual that is correlated in time counts as fewer samples. Their fraction follows from the products of each
-    column and the residual: squared sums over blocks of time, divided by the sum of squares.
+    If the residual is correlated in time, the samples count as fewer independent samples. For each column, the products
+    of column and residual are summed in blocks of time. The number of samples is divided by the sum of the squared
+    block sums, relative to the sum of the squared products.
     """
     weights, residual = np.ones(3), target
     for _ in range(_ROUNDS):

@@ -10,7 +10,10 @@ from mocap_id.dynamics.base_parameters import triangularise
 
 
 def number_blocks(time: FloatArray, length: float) -> IntArray:
-    """Return the block of each time (R,), for blocks of ``length`` s; blocks without samples are not numbered."""
+    """Return the number (R,), from 0, of the block of each time (R,), s; empty blocks get no number.
+
+    Blocks are ``length`` s long.
+    """
     _, block = np.unique(np.floor((time - time[0]) / length), return_inverse=True)
     return block.astype(np.int64)
 
@@ -40,7 +43,8 @@ def estimate_covariance(
         Rows P of a prior that is part of the fit, in standard deviations. The covariance is then (XᵀX + PᵀP)⁻¹ (Σ_g
         X_gᵀ r_g r_gᵀ X_g + PᵀS²P) (XᵀX + PᵀP)⁻¹.
     spread : (p,) array or float
-        Diagonal of S: standard deviations of the prior's errors in these units; below 1 if a prior is loose on purpose.
+        Diagonal of S: standard deviations of the prior's errors, divided by those in P; below 1 for a prior that is
+        wider than its errors.
     """
     columns = design.shape[-1]
     rows = design.reshape(-1, columns)

@@ -1,8 +1,8 @@
-"""Check of external wrenches: the factor on each component with which the forces add up.
+"""Check of external wrenches: a fit with a factor on each component, which is 1 for a correct wrench.
 
-A plate may have the wrong sign or wrong corners, or a sensor may report the force of the body on it instead of the
-opposite force. Then no body fits the samples in which it is loaded. A fit with a factor for each component of the
-wrench shows the error. A correct wrench has factors of 1.
+A plate may have the wrong sign or wrong corners, or a sensor may report the force of the body on the sensor instead of
+the opposite force. Then no inertial parameters fit the samples in which the plate or sensor is loaded. The fitted
+factors reveal the wrong component.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class WrenchGain:
 
     name: str  # name of the external wrench
     component: str  # Fx, Fy or tauz
-    # value, sd: factor with which the forces add up, 1 for a correct wrench, and its standard deviation
+    # value, sd: fitted factor of the component, 1 for a correct wrench, and its standard deviation
     value: float
     sd: float
     size: float  # magnitude of the component under load, N or N·m
@@ -59,8 +59,8 @@ class _Column:
 def estimate_gains(prepared: PreparedTrial, result: Fit) -> tuple[WrenchGain, ...]:
     """Return the factors of the components of the external wrenches; empty if the movement determines none.
 
-    Components that are too small, or too similar to the wrench of the body, have no factor. ``result`` is a fit on
-    samples with external wrenches.
+    Components that are too small, or too similar to the effect of the parameters, have no factor. ``result`` is a fit
+    to samples with external wrenches.
     """
     candidates = _list_candidates(prepared, result)
     if not candidates:

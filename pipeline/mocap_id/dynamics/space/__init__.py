@@ -1,6 +1,6 @@
 """Identification of inertial parameters in space, for a base that rests on a force plate.
 
-The steps, in order: :func:`trial.prepare`, :func:`identification.identify`, :func:`prediction.predict`. Shapes and
-common arguments are as in :mod:`mocap_id.dynamics`, with ten full parameters for each of K segments and N joint
-coordinates. The frame of the trial has y up.
+The functions are called in this order: :func:`trial.prepare`, :func:`identification.identify`,
+:func:`prediction.predict`. Shapes and common arguments are as in :mod:`mocap_id.dynamics`, with ten full parameters for
+each of K segments (base included), n joints and N joint coordinates. The y axis of the trial's frame points up.
 """

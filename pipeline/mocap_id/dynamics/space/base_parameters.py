@@ -1,8 +1,8 @@
 """Base parameters of a chain in space: the combinations of ten parameters per segment that a wrench determines.
 
-They are determined as in the plane (:mod:`mocap_id.dynamics.base_parameters`), but in other frames, in which they are
-simple. For the base, these are the axes of the trial's frame. For a segment beyond a hinge, z is along the axis of the
-hinge.
+They are determined as in the plane (:mod:`mocap_id.dynamics.base_parameters`), but in the simple frames, in which the
+combinations are short. The simple frame of the base has the axes of the trial's frame. That of a segment beyond a hinge
+has z along the axis of the hinge.
 """
 
 from __future__ import annotations
@@ -39,7 +39,7 @@ class SpatialBase:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Base parameters as symbols in the simple frames; "…" replaces more than three regrouped parameters."""
+        """Names of the base parameters as symbols; "…" replaces regrouped parameters if there are more than three."""
         symbols = name_parameters(len(self.frames))
         return tuple(
             _format_name(row, int(column), self.base, symbols)
@@ -58,7 +58,7 @@ def name_parameters(segments: int) -> tuple[str, ...]:
 
 
 def structural_base(chain: SpatialChain, base: FloatArray) -> SpatialBase:
-    """Return the base parameters of a chain that moves every joint: all that a trial can determine.
+    """Return the base parameters of a chain in which every joint moves; no trial can determine more parameters.
 
     ``base`` (4, 4) is the pose of the base, which is at rest, in the trial's frame, m.
     """
@@ -73,7 +73,7 @@ def structural_base(chain: SpatialChain, base: FloatArray) -> SpatialBase:
 
 
 def build_simple_frames(chain: SpatialChain, base: FloatArray) -> FloatArray:
-    """Return frames in which the base parameters are simple, as poses (K, 4, 4) in the segments' frames."""
+    """Return the simple frames of the segments, as poses (K, 4, 4) in the segments' own frames."""
     frames = [se3.pose(base[:3, :3].T, np.zeros(3))]
     for joint in chain.joints:
         axis = {

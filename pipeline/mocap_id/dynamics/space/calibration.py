@@ -36,18 +36,18 @@ class SpatialCalibration:
 
 @dataclass(frozen=True)
 class ErrorMode:
-    """One standard deviation of one error."""
+    """Effect of one error with the size of one standard deviation."""
 
     name: str  # field of `SpatialCalibration`, or `centre` for a joint centre
     parameters: FloatArray  # (b + k + 1,) change of the fit's parameters, in the order of `Fit.covariance`
-    motion: SpatialMotion | None = None  # motion after one numerical step of the error; None for errors of the plate
-    size: float = 0.0  # standard deviation in units of this step
+    motion: SpatialMotion | None = None  # motion after a small step of the error; None for errors of the plate
+    size: float = 0.0  # standard deviation of the error, divided by this step
 
 
 def propagate_errors(
     trial: SpatialTrial, result: Fit, base: FloatArray, sd: SpatialCalibration
 ) -> tuple[ErrorMode, ...]:
-    """Return the effect of each error on the fit, for base parameters (b,) and standard deviations of the errors."""
+    """Return the effect of each error on the fit; ``sd`` are the standard deviations of the instruments' errors."""
     whole = np.zeros(result.design.shape[-1])
     whole[: len(base)] = base
     effects: list[tuple[str, FloatArray, SpatialMotion | None, float]] = [
@@ -78,7 +78,7 @@ def make_exact() -> SpatialCalibration:
 
 
 def _list_plate_errors(wrench: FloatArray, sd: SpatialCalibration) -> Iterator[tuple[str, FloatArray]]:
-    """Yield the change (R, 6) of the measured wrench with each error of the plate."""
+    """Yield the name of each error of the plate, and the change (R, 6) of the measured wrench with it."""
     force, moment = wrench[:, :3], wrench[:, 3:]
     none = np.zeros_like(force)
     yield "moments", np.hstack([none, sd.moments * moment])
@@ -93,7 +93,7 @@ def _list_plate_errors(wrench: FloatArray, sd: SpatialCalibration) -> Iterator[t
 
 
 def _list_motion_errors(trial: SpatialTrial, sd: SpatialCalibration) -> Iterator[tuple[str, SpatialMotion, float]]:
-    """Yield the motion after one step of each error of cameras and joint centres, and its standard deviation."""
+    """Yield name, motion after a small step, and standard deviation of each error of cameras and joint centres."""
     recorded = trial.recorded
     yield "lengths", recorded.motion.scale(1 + _STEP), sd.lengths
     for axis in (0, 2):
@@ -112,8 +112,8 @@ def _list_motion_errors(trial: SpatialTrial, sd: SpatialCalibration) -> Iterator
 def _project_covariance(chain: SpatialChain, k: int) -> FloatArray:
     """Return the covariance (3, 3) of a joint's centre, m², without displacements along axes of hinges.
 
-    The origin of a segment may be displaced along the axis of its hinge, and the joints on the segment are displaced
-    back: this changes no motion.
+    Such displacements do not change the motion: if the origin of a segment is displaced along the axis of its hinge,
+    the joints on the segment are displaced by the opposite amount in its frame.
     """
     joint = chain.joints[k]
     axes = [joint.first_axis] if joint.kind == "hinge" else []
@@ -126,5 +126,5 @@ def _project_covariance(chain: SpatialChain, k: int) -> FloatArray:
 
 
 def _replace_joint(chain: SpatialChain, k: int, joint: SpatialJoint) -> SpatialChain:
-    """Return the chain with another k-th joint."""
+    """Return a copy of the chain in which ``joint`` replaces the k-th joint."""
     return replace(chain, joints=(*chain.joints[:k], joint, *chain.joints[k + 1 :]))

@@ -1,8 +1,9 @@
 """Physical consistency in space: each segment's pseudo-inertia is positive semidefinite, and its mass is within a ball.
 
-Without the ball, the first moment of a segment whose second moments have no effect would be free: a mass that tends to
-zero can have any first moment if it is far enough away. The masses of a segment are therefore within :data:`REACH` of
-its origin, which is tr(Σ) ≤ REACH² m. Both conditions together are those of point masses in this ball.
+The ball is needed for segments whose second moments have no effect. Without it, their first moments would be arbitrary,
+because a mass that tends to zero can have any first moment if it is far enough away. The masses of a segment are
+therefore at most :data:`REACH` from its origin, so that tr(Σ) ≤ REACH² m. Point masses in this ball give exactly the
+bodies that meet both conditions.
 """
 
 from __future__ import annotations
@@ -27,17 +28,17 @@ REACH = 2.0
 _UNITS = np.array([1.0, *[LENGTH] * 3, *[LENGTH**2] * 6])
 _ROWS, _COLUMNS = np.array([(row, column) for column in range(4) for row in range(column + 1)]).T
 _WEIGHTS = np.where(_ROWS == _COLUMNS, 1.0, np.sqrt(2.0))  # weights of the entries of Clarabel's triangles
-_ACCURACY = (1e-9, 1e-9, 1e-9, 1e-7)  # tolerance of Clarabel in each round
+_ACCURACY = (1e-9, 1e-9, 1e-9, 1e-7)  # Clarabel's tolerance in each round
 _REGULARIZATION = 1e-12  # Clarabel's default, 1e-8, hides parameters with little effect
 _TOLERABLE = 0.1  # largest relative distance to the least cost with which a solution is accepted
 _DEPENDENT = 1e-10  # fraction of the largest singular value
 _ROUNDING = 1e-7  # relative violation of the cone that counts as rounding
-_SPREAD = 0.1  # m: radius of gyration of the bodies to approach where nothing is known
+_SPREAD = 0.1  # m: radius of gyration of the bodies to approach if the data do not determine the masses
 
 
 @dataclass(frozen=True)
 class SemidefiniteBodies:
-    """Possible segments, given by their full parameters, ten for each."""
+    """Possible segments, described by ten full parameters each (:class:`~mocap_id.dynamics.optimality.BodyCone`)."""
 
     mapping: FloatArray  # (b, 10K) matrix from full parameters to the parameters of the problem
 
@@ -52,7 +53,10 @@ class SemidefiniteBodies:
         return np.tile(_UNITS, self.segments)
 
     def sides(self) -> tuple[FloatArray, tuple[tuple[ConeKind, int], ...]]:
-        """Return the rows of all conditions, kg: triangles of the pseudo-inertias, then the reach of the masses."""
+        """Return rows (r, 10K) whose products with a body, kg, must be in cones, and the kind and size of each cone.
+
+        The first rows give the triangles of the pseudo-inertias, the last K rows the limit :data:`REACH` of the masses.
+        """
         triangle = _scale_inertia(np.eye(10))[:, _ROWS, _COLUMNS].T * _WEIGHTS[:, None]
         every = np.eye(self.segments)
         cones: list[tuple[ConeKind, int]] = [("semidefinite", 4)] * self.segments
@@ -70,7 +74,7 @@ class SemidefiniteBodies:
         return float(np.abs(body[::10]).sum())
 
     def settle(self, body: FloatArray) -> FloatArray:
-        """Return the body without negative eigenvalues and with sufficient masses, to remove rounding errors."""
+        """Return the body with negative eigenvalues set to 0 and masses increased as needed (rounding errors)."""
         if not np.isfinite(body).all():
             return body
         size, vectors = np.linalg.eigh(_scale_inertia(body.reshape(-1, 10)))
@@ -119,7 +123,7 @@ def fit_semidefinite(problem: CompressedProblem, mapping: FloatArray) -> Semidef
         raise NumericalError(
             f"the fit of physically consistent parameters did not converge: the solver Clarabel reports "
             f"{answer.status!r}, and the cost may be {answer.optimality.excess:.1e} above the least cost (limit "
-            f"{_TOLERABLE:.0e}). Check the chain for two joints at the same place, or for wrong units"
+            f"{_TOLERABLE:.0e}). Check the chain for two joints at the same position, or for wrong units"
         )
     free = problem.cost(problem.free_solution())
     return SemidefiniteSolution(
@@ -131,7 +135,7 @@ def fit_semidefinite(problem: CompressedProblem, mapping: FloatArray) -> Semidef
 
 
 def _solve(problem: CompressedProblem, bodies: SemidefiniteBodies) -> SolverAnswer:
-    """Return the best solution of several rounds; each round corrects the last one on the scale of its residual."""
+    """Return the best solution of several rounds; each round corrects the best solution so far."""
     units, (sides, cones) = bodies.units, bodies.sides()
     rows = problem.factor @ (bodies.mapping * units)
     body, best, iterations = np.zeros(len(units)), None, 0
@@ -172,20 +176,20 @@ def _spread_masses(bodies: SemidefiniteBodies, body: FloatArray) -> FloatArray:
 
 
 def _scale_inertia(links: FloatArray) -> FloatArray:
-    """Return the pseudo-inertias (K, 4, 4) of parameters (K, 10) in units of kg."""
+    """Return the pseudo-inertias (K, 4, 4) of parameters (K, 10), with all entries converted to kg."""
     return pseudo_inertia(links / _UNITS)
 
 
 def _measure_margin(links: FloatArray) -> FloatArray:
-    """Return REACH² m - tr(Σ) (K,) of parameters (K, 10), in units of kg; negative for masses that are too far away."""
+    """Return REACH² m - tr(Σ) (K,) of parameters (K, 10), converted to kg; negative if masses are too far away."""
     return np.asarray((REACH**2 * links[:, 0] - links[:, 4:7].sum(axis=1) / 2) / LENGTH**2)
 
 
 def _find_cheapest_point(prices: FloatArray) -> FloatArray:
     """Return the point (3,) within :data:`REACH` of the origin with the least price of 1 kg, for prices (10,).
 
-    The price is a quadratic function of the position. Its minimum in a ball is where the gradient of the price plus λ
-    |x|² is zero, with the least λ ≥ 0 that makes this sum convex and the point reachable.
+    The price is a quadratic function of the position x. In a ball, its minimum is the point at which the gradient of
+    the price plus λ |x|² is zero, with the least λ ≥ 0 for which this sum is convex and the point is in the ball.
     """
     linear, (xx, yy, zz, xy, xz, yz) = prices[1:4], prices[4:]
     square = np.array([[yy + zz, -xy / 2, -xz / 2], [-xy / 2, xx + zz, -yz / 2], [-xz / 2, -yz / 2, xx + yy]])

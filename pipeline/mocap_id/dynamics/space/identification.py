@@ -26,7 +26,7 @@ class SpatialIdentification:
     base: FloatArray
     base_sd: FloatArray
     covariance: FloatArray  # (b, b) covariance from residuals, joint centres, plate zero and errors of the instruments
-    residual_covariance: FloatArray  # (b, b) the part from the residuals
+    residual_covariance: FloatArray  # (b, b) part of the covariance from the residuals
     modes: tuple[ErrorMode, ...]  # errors that the residuals do not contain
     offset_sd: float  # standard deviation of the clock offset, s
     # constant errors of the plate's Fx and Fz, N, and tauy, N·m; empty if they were not estimated
@@ -40,7 +40,7 @@ class SpatialIdentification:
 
     @property
     def unit_covariance(self) -> FloatArray:
-        """Covariance (b, b) of the base parameters for independent residuals of unit size, after weighting."""
+        """Covariance (b, b) of the base parameters for independent weighted residuals of unit variance."""
         rows = self.fit.design.reshape(-1, self.fit.design.shape[-1])
         own = slice(len(self.base))
         return unit_covariance(rows)[own, own]
@@ -52,7 +52,9 @@ def identify(trial: SpatialTrial, gate: BoolArray, calibration: SpatialCalibrati
     Parameters
     ----------
     gate : (T,) bool array
-        Samples in which only the plate carries the body.
+        True for samples in which only the plate carries the body.
+    calibration : SpatialCalibration
+        Standard deviations of the instruments' errors.
 
     Raises
     ------
@@ -80,15 +82,15 @@ def identify(trial: SpatialTrial, gate: BoolArray, calibration: SpatialCalibrati
 
 
 def measure_excitation_in_space(trial: SpatialTrial, result: SpatialIdentification, weak: float = WEAK) -> Excitation:
-    """Classify every base parameter as :func:`mocap_id.dynamics.excitation.measure_excitation` does."""
+    """Measure the excitation of every base parameter; a relative standard deviation above ``weak`` makes it weak."""
     return classify_parameters(trial.structure.names, result.fit, result.base_sd, measure_sizes(trial, result), weak)
 
 
 def measure_sizes(trial: SpatialTrial, result: SpatialIdentification) -> FloatArray:
     """Return the size of each base parameter (b,), SI, with which its standard deviation is compared.
 
-    A single component of the first or second moments may be zero, so its size is the norm of the segment's first or
-    second moments. The size of the base's first moments is at least the mass times 5 cm.
+    The size of a first or second moment is the norm of all first or second moments of its segment, because a single
+    component may be zero. The size of the base's first moments is at least the mass times 5 cm.
     """
     segment, column = trial.base.kept // 10, trial.base.kept % 10
     order = np.where(column == 0, 0, np.where(column < 4, 1, 2))

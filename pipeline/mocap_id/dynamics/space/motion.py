@@ -24,8 +24,8 @@ class SpatialMotion:
     # origin, acceleration: (T, K, 3) origin of each body's frame, m, and its acceleration without gravity, m/s²
     origin: FloatArray
     acceleration: FloatArray
-    # joint, axis: (T, N, 3) centre of the joint, m, and unit direction of the torque of each coordinate. For a ball
-    # joint, the directions are the axes of the parent.
+    # joint, axis: (T, N, 3) centre of the joint, m, and unit direction of the torque, for each coordinate. For a ball
+    # joint, the directions are the axes of the parent's frame.
     joint: FloatArray
     axis: FloatArray
     beyond: BoolArray  # (N, K) whether each body is distal to the joint of each coordinate
@@ -55,7 +55,7 @@ class SpatialMotion:
         return replace(self, rotation=rotation @ self.rotation, **vectors)
 
     def in_frames(self, frames: FloatArray) -> SpatialMotion:
-        """Return the motion of other frames on the same bodies, given by their poses (K, 4, 4) in the old frames."""
+        """Return the motion of other frames on the same bodies, with poses ``frames`` (K, 4, 4) in the old frames."""
         arm = np.einsum("tkij,kj->tki", self.rotation, frames[:, :3, 3])
         return replace(
             self,
@@ -66,7 +66,7 @@ class SpatialMotion:
 
 
 def point_acceleration(arm: FloatArray, omega: FloatArray, alpha: FloatArray) -> FloatArray:
-    """Return the acceleration (..., 3) of a point at ``arm`` in a rotating body, relative to the body's origin."""
+    """Return the acceleration (..., 3) of a point at ``arm`` (..., 3) in a rotating body, relative to its origin."""
     return np.asarray(np.cross(alpha, arm) + np.cross(omega, np.cross(omega, arm)))
 
 
@@ -91,7 +91,7 @@ def segment_regressor(motion: SpatialMotion, gravity: float = 9.81) -> FloatArra
 def move_segments(
     chain: SpatialChain, base: FloatArray, rotation: FloatArray, omega: FloatArray, alpha: FloatArray
 ) -> SpatialMotion:
-    """Return the motion of a chain from the rotations of its segments, without displacements in the joints.
+    """Return the motion of a chain from the rotations of its segments; in the joints, segments do not move apart.
 
     Parameters
     ----------
@@ -154,7 +154,10 @@ def move_joints(chain: SpatialChain, base: FloatArray, q: FloatArray, dq: FloatA
 def _move_child(
     joint: SpatialJoint, q: FloatArray, dq: FloatArray, ddq: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return rotation (T, 3, 3), angular velocity and acceleration (T, 3, 1) of the child in the parent's frame."""
+    """Return rotation (T, 3, 3), angular velocity and angular acceleration (T, 3, 1) of a child relative to its parent.
+
+    All are in the parent's frame.
+    """
     rotation = joint.rotation(q)
     if joint.kind == "ball":
         subspace = Ball().subspace(q)[..., 3:, :]
@@ -174,7 +177,7 @@ def _move_child(
 
 
 def _find_directions(joint: SpatialJoint, parent: FloatArray, child: FloatArray) -> FloatArray:
-    """Return the directions (T, d, 3) of a joint's torques in the trial's frame."""
+    """Return the directions (T, d, 3) of the torques of a joint's d coordinates, in the trial's frame."""
     if joint.kind == "ball":
         return np.swapaxes(parent, 1, 2)
     axes = [parent @ joint.first_axis]
@@ -182,7 +185,7 @@ def _find_directions(joint: SpatialJoint, parent: FloatArray, child: FloatArray)
 
 
 def _find_distal(chain: SpatialChain) -> BoolArray:
-    """Return whether each segment (n + 1) is distal to each joint (n)."""
+    """Return a mask (n, n + 1) of the segments that are distal to each joint."""
     distal = np.zeros((len(chain.joints), len(chain.joints) + 1), dtype=np.bool_)
     for k, joint in enumerate(chain.joints):
         distal[:, k + 1] = distal[:, joint.parent]

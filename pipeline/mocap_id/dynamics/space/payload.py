@@ -21,7 +21,7 @@ class BaseEstimate:
     # `space.identification.SpatialIdentification`
     unit_covariance: FloatArray
     residual_covariance: FloatArray
-    modes: FloatArray  # (k, b) change by one standard deviation of each error of the instruments, SI
+    modes: FloatArray  # (k, b) change of the parameters with one standard deviation of each instrument's error, SI
 
 
 @dataclass(frozen=True)
@@ -35,7 +35,7 @@ class Payload:
     covariance: FloatArray  # (10, 10) covariance of the parameters
 
     def centre(self) -> tuple[FloatArray, FloatArray]:
-        """Return the centre of mass (3,) in the frame of the segment and its standard deviation, m; NaN if unknown."""
+        """Return the centre of mass (3,) in the segment's frame and its standard deviation (3,), m; NaN if unknown."""
         mass, moments = self.value[0], self.value[1:4]
         centre = moments / mass
         jacobian = np.column_stack([-centre / mass, np.eye(3) / mass])
@@ -45,10 +45,11 @@ class Payload:
 
 
 def identify_payload(mapping: FloatArray, loaded: BaseEstimate, empty: BaseEstimate, segment: int) -> Payload:
-    """Return the parameters of a payload fixed to one segment, by weighted least squares on the change of eq. 4.24.
+    """Return the parameters of a payload fixed to one segment.
 
-    Both trials must have the same chain and base, as with ``calibration:``, and the same instruments. The errors of the
-    instruments are common to both, so they largely cancel.
+    They are a weighted least-squares fit to the change of the base parameters (eq. 4.24). Both trials must have the
+    same instruments, and the same chain and base, for example because one trial names the other under ``calibration:``.
+    The errors of the instruments are the same in both trials, so they largely cancel.
 
     Parameters
     ----------
@@ -66,8 +67,8 @@ def identify_payload(mapping: FloatArray, loaded: BaseEstimate, empty: BaseEstim
     """
     if loaded.modes.shape != empty.modes.shape or loaded.modes.shape[1] != len(mapping):
         raise ValueError(
-            f"the trials with and without payload have {len(loaded.value)} and {len(empty.value)} base parameters, "
-            "expected the same chain: give `calibration:` in one of them"
+            f"the trials with and without payload have {len(loaded.value)} and {len(empty.value)} base parameters and "
+            "do not match; expected the same chain: give `calibration:` in one of the trials"
         )
     columns = mapping[:, 10 * segment : 10 * segment + 10]
     half = np.linalg.cholesky(np.linalg.inv(loaded.unit_covariance + empty.unit_covariance)).T

@@ -64,8 +64,9 @@ def _estimate_noise(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the variances of the wrench (T, 6) and of the torques (T, N) due to errors of the accelerations.
 
-    As in the plane, the states give their course over time, and the plate gives their size
-    (:mod:`mocap_id.dynamics.model_error`). Torques are moments, so their noise has the scale of the moments.
+    As in the plane, the standard deviations of the accelerations give the course of the variances over time, and the
+    plate gives their size (:mod:`mocap_id.dynamics.model_error`). The variances of the torques are scaled like those of
+    the moments.
     """
     wrench, torque = _propagate_accelerations(trial, result.base, torque_rows)
     samples = result.fit.in_fit & known(residual)
@@ -82,7 +83,7 @@ def _propagate_accelerations(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the variances of wrench (T, 6) and torques (T, N) due to the standard deviations of the accelerations.
 
-    The wrench is linear in the accelerations, so a change of each by 1 rad/s² gives its derivative.
+    The wrench is linear in the accelerations, so a change of each acceleration by 1 rad/s² gives the derivative.
     """
     recorded = trial.recorded
     motion, gravity = recorded.motion, trial.settings.gravity
@@ -97,7 +98,10 @@ def _propagate_accelerations(
 
 
 def _propagate_errors(trial: SpatialTrial, result: SpatialIdentification) -> FloatArray:
-    """Return the variance (T, N) of the torques due to errors of instruments and centres; in each, effects cancel."""
+    """Return the variance (T, N) of the torques due to errors of instruments and joint centres.
+
+    The effects of an error through the parameters and through the motion are correlated and largely cancel.
+    """
     recorded = trial.recorded
     valid = np.flatnonzero(known(trial.regressor))
     steps = valid[:: max(1, round(recorded.rate / _RATE))]

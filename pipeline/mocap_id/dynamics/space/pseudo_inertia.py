@@ -1,4 +1,4 @@
-"""Pseudo-inertia: the 4 × 4 matrix of a body's moments, positive semidefinite exactly if the body can exist.
+"""Pseudo-inertia: the 4 × 4 matrix of a body's moments, positive semidefinite if and only if the body can exist.
 
 With the second moments Σ = ∫ x xᵀ dm it is [[Σ, m c], [m cᵀ, m]] (Wensing, Kim and Slotine 2018, Linear Matrix
 Inequalities for Physically Consistent Inertial Parameter Identification). The matrix of moments of inertia is tr(Σ) 1 -
@@ -28,7 +28,7 @@ def pseudo_inertia(parameters: FloatArray) -> FloatArray:
 
 
 def body_parameters(matrix: FloatArray) -> FloatArray:
-    """Return the ten parameters (..., 10) of a pseudo-inertia; the inverse of :func:`pseudo_inertia`."""
+    """Return the ten parameters (..., 10) of a pseudo-inertia (..., 4, 4); the inverse of :func:`pseudo_inertia`."""
     second = matrix[..., :3, :3]
     inertia = np.trace(second, axis1=-2, axis2=-1)[..., None, None] * np.eye(3) - second
     entries = np.stack([inertia[..., i, j] for i, j in _ENTRIES], axis=-1)
@@ -42,9 +42,9 @@ def point_mass(position: FloatArray) -> FloatArray:
 
 
 def change_of_frame(pose: FloatArray) -> FloatArray:
-    """Return the matrix (..., 10, 10) that expresses parameters in another frame.
+    """Return the matrix (..., 10, 10) that transforms a body's ten parameters into another frame.
 
-    ``pose`` (..., 4, 4) is the pose of the present frame in the other one.
+    ``pose`` (..., 4, 4) is the pose of the present frame in the other frame.
     """
     units = pseudo_inertia(np.eye(10))
     moved = pose[..., None, :, :] @ units @ np.swapaxes(pose, -1, -2)[..., None, :, :]

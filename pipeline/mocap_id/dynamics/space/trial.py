@@ -20,7 +20,7 @@ from mocap_id.geometry.spatial_chain import SpatialChain
 
 COMPONENTS = ("Fx", "Fy", "Fz", "taux", "tauy", "tauz")
 """Components of a wrench in space."""
-_FAST = 1 / 3  # fraction of the fastest coordinate's velocity
+_FAST = 1 / 3  # fraction of the fastest coordinate's velocity above which a coordinate is fast
 _FREE = (0, 2, 4)  # gravity along -y causes no constant Fx, Fz and tauy
 
 
@@ -39,12 +39,12 @@ class SpatialRecord:
     alpha: FloatArray
     alpha_sd: FloatArray  # (T, n) standard deviation of the acceleration about each axis, rad/s²
     observed: BoolArray  # (T,) whether every segment is measured by markers
-    # (T, 6) force and moment of the ground on the body about the origin of the trial's frame, N and N·m, at the times
-    # of the plate's clock; NaN where missing
+    # (T, 6) force and moment of the ground on the body about the origin of the trial's frame, N and N·m, at ``time`` on
+    # the plate's clock; NaN where missing
     wrench: FloatArray
     averaged: float = 0.0  # time over which each plate sample is averaged, s; 0 for instantaneous samples
-    # (3,) centre of the plate's surface, m, by default the origin of the base. A wrong zero of Fx causes no moment
-    # about it.
+    # (3,) centre of the plate's surface, m; None for the origin of the base. A wrong zero of Fx causes no moment about
+    # this centre.
     plate: FloatArray | None = None
 
     @property
@@ -64,7 +64,7 @@ class SpatialRecord:
 
     @property
     def to_plate(self) -> FloatArray:
-        """Matrix (6, 6) that moves wrenches from the origin of the trial's frame to the plate's centre."""
+        """Matrix (6, 6) that moves the reference point of wrenches from the trial's origin to the plate's centre."""
         return shift_wrench(-self.reference)
 
     @property
@@ -78,7 +78,10 @@ class SpatialRecord:
         return blank_incomplete(self.wrench @ self.to_plate.T)
 
     def regressor(self, motion: SpatialMotion, frames: FloatArray, gravity: float) -> FloatArray:
-        """Return the regressor (T, 6, 10K) of the wrench about the plate's centre, in other frames of the segments."""
+        """Return the regressor (T, 6, 10K) of the wrench about the plate's centre.
+
+        ``frames`` (K, 4, 4) are the frames of the parameters, as poses in the segments' frames.
+        """
         return shift_wrench(self.base[:3, 3] - self.reference) @ segment_regressor(motion.in_frames(frames), gravity)
 
     @cached_property
@@ -95,12 +98,12 @@ class SpatialTrial:
     settings: FitSettings  # settings of the identification
     lowpass: LowPass  # filter of regressor and wrench
     structure: SpatialBase  # base parameters of the chain
-    # (T, 6, 10K) full regressor in the simple frames of the structure, without filtering; NaN where a pose is
+    # (T, 6, 10K) full regressor in the simple frames (`structure`), without filtering; NaN where a pose is NaN
     regressor: FloatArray
     filtered: FloatArray  # (T, 6, b) base columns after the low-pass
-    filtered_wrench: SampledWrench  # filtered wrench, at the times of the plate's clock
+    filtered_wrench: SampledWrench  # filtered wrench, at times of the plate's clock
     usable: BoolArray  # (T,) samples with filtered regressor, and with filtered wrench at every offset within the limit
-    prior: BodyPrior | None = None  # there is none in space
+    prior: BodyPrior | None = None  # always None, because there is no prior in space
 
     @property
     def base(self) -> BaseSet:
@@ -114,27 +117,27 @@ class SpatialTrial:
 
     @property
     def constants(self) -> tuple[int, ...]:
-        """Components whose constant error is estimated: Fx, Fz and tauy, in which gravity causes no constant."""
+        """Components whose constant error is estimated: Fx, Fz and tauy, which gravity does not affect."""
         return _FREE if self.settings.plate_bias else ()
 
     def filtered_measured(self, samples: IntArray, stamped: FloatArray) -> FloatArray:
-        """Return the filtered wrench (..., R, 6) of samples (R,) at times (..., R) on the plates' clock, s."""
+        """Return the filtered wrench (..., R, 6) at times (..., R) on the plates' clock, s; ``samples`` is not used."""
         return self.filtered_wrench(stamped)
 
     def measured(self, offset: float) -> FloatArray:
-        """Return the wrench (T, 6) about the plate's centre at the cameras' times, for a clock offset, s."""
+        """Return the wrench (T, 6) about the plate's centre at the cameras' times, for a plate's clock offset, s."""
         sampled = SampledWrench.of(self.recorded.time, self.recorded.plate_wrench)
         return sampled(self.recorded.time - offset)
 
     def build_rows(self, motion: SpatialMotion, gravity: float) -> FloatArray:
-        """Return the minimal regressor (T, 6, b) of another motion of the segments."""
+        """Return the minimal regressor (T, 6, b) for any motion of the segments."""
         return self.recorded.regressor(motion, self.structure.frames, gravity)[:, :, self.base.kept]
 
 
 def prepare(recorded: SpatialRecord, settings: FitSettings) -> SpatialTrial:
     """Build the regressor, find the base parameters, filter regressor and wrench, and mark the usable samples.
 
-    The settings must have six components (:data:`COMPONENTS`).
+    ``settings.components`` must contain the indices of all six :data:`COMPONENTS`.
     """
     structure = structural_base(recorded.chain, recorded.centred)
     regressor = recorded.regressor(recorded.motion, structure.frames, settings.gravity)
@@ -162,7 +165,7 @@ def shift_wrench(arm: FloatArray) -> FloatArray:
 
 
 def _find_fast_velocities(recorded: SpatialRecord) -> FloatArray:
-    """Return the velocities (T, c) of the coordinates that move most, rad/s; the spectrum of slow ones is noise."""
+    """Return the velocities (T, c), rad/s, of the c fast coordinates; the spectrum of slow ones contains only noise."""
     motion, joints = recorded.motion, recorded.chain.joints
     relative = motion.omega[:, 1:] - motion.omega[:, [joint.parent for joint in joints]]
     each = np.repeat(relative, [joint.dimension for joint in joints], axis=1)
