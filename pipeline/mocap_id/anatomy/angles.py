@@ -143,8 +143,7 @@ def _build_joint_angles(
 ) -> JointAngles:
     """Return the first ``len(names)`` of the angles (F, d), with rates, accelerations and standard deviations.
 
-    The errors of the angles are proportional to 1 / |``sine``| (F,), which is 0 where two angles are not defined
-    separately.
+    ``sine`` (F,) is 0 where two angles are not defined separately. The errors of the angles grow with 1 / |``sine``|.
     """
     rate, acceleration, jacobian = compute_rates(axes, motion)
     keep, dimension = len(names), angles.shape[1]

@@ -34,7 +34,7 @@ class RelativeMotion:
 def compose_motions(first: RelativeMotion, second: RelativeMotion) -> RelativeMotion:
     """Return the motion of a grandchild relative to its grandparent, from two successive motions.
 
-    With the second rotation R, omega = R^T omega_1 + omega_2 and alpha = R^T alpha_1 + (R^T omega_1) x omega_2 +
+    With the rotation R of ``second``, omega = R^T omega_1 + omega_2 and alpha = R^T alpha_1 + (R^T omega_1) x omega_2 +
     alpha_2. The errors of the two motions are assumed to be independent.
     """
     back = np.swapaxes(second.rotation, 1, 2)

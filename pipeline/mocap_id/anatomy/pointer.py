@@ -56,8 +56,8 @@ def locate_tip(markers: FloatArray, pointer: Pointer) -> tuple[FloatArray, Float
     """Return the tip positions and the residuals of a least-squares line through the pointer's markers in each frame.
 
     The markers (F, P, 3) are in m, NaN where missing. The tip (F, 3), m, is NaN where a marker is missing. The residual
-    (F,), m, is the rms distance of the markers from their positions on the rod. A RecordingError is raised if the
-    distances of the pointer do not fit the markers.
+    (F,), m, is the rms distance of the markers from their positions on the rod. A RecordingError is raised unless the
+    pointer has one distance for each marker, at least two, and 50 mm between the smallest and the largest.
     """
     distances = np.asarray(pointer.distances, dtype=np.float64)
     if distances.shape != (markers.shape[1],) or len(distances) < 2 or np.ptp(distances) < 0.05:

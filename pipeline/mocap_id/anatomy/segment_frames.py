@@ -117,9 +117,9 @@ def rotate_to_midline(thorax: SegmentFrame, places: Mapping[str, FloatArray]) ->
     """Return the thorax frame, rotated so that Z is normal to the plane that fits IJ, C7, PX and T8 best.
 
     The four landmarks lie in the sagittal plane. The ISB defines Z by IJ, C7 and the mean of PX and T8, so its
-    direction depends strongly on IJ and C7, which are only 0.1 m apart. A least-squares plane through all four halves
-    the error about Y. In the ISB's frame, the plane is z = a x + b y + c, with the normal (-a, -b, 1). See
-    docs/concepts/isb-frames.md. Frame and landmarks, m, are in the axes of the thorax's cluster.
+    direction depends strongly on IJ and C7, which are only 0.1 m apart. The error about Y is half as large with a
+    least-squares plane through all four landmarks. In the ISB's frame, the plane is z = a x + b y + c, with the normal
+    (-a, -b, 1). See docs/concepts/isb-frames.md. Frame and landmarks, m, are in the axes of the thorax's cluster.
     """
     names = tuple(THORAX.up)
     at = np.array([places[name] for name in names]) @ thorax.rotation

@@ -33,7 +33,7 @@ ARM = ("elbow", "wrist", "hand")
 
 
 def find_roles(labels: Sequence[str], side: Side) -> dict[str, int]:
-    """Return the number of the joint for each role, relative to one arm.
+    """Return the number of the joint in each role; roles are relative to the arm ``side``.
 
     Roles are the names in :data:`TRUNK` and :data:`ARM`, and ``far_ankle``, ``near_foot`` and so on. The prefix
     ``near_`` means the side of the chosen arm, ``far_`` the other side. ``labels`` are the names of the joints in the

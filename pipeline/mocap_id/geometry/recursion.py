@@ -51,7 +51,7 @@ def spatial_inertia(mass: FloatArray, centre: FloatArray, about_centre: FloatArr
 
 
 def link_wrench(inertia: FloatArray, velocity: FloatArray, acceleration: FloatArray) -> FloatArray:
-    """Return the wrench (..., 6) that causes the motion of one link, in its frame about its origin (eq. 2.55)."""
+    """Return the wrench (..., 6) that causes the motion of a link, about the origin of the link's frame (eq. 2.55)."""
     momentum = inertia @ velocity[..., None]
     gyroscopic = np.swapaxes(se3.ad(velocity), -1, -2) @ momentum
     return (inertia @ acceleration[..., None] - gyroscopic)[..., 0]

@@ -91,7 +91,7 @@ def move_twist(g: FloatArray, twist: FloatArray) -> FloatArray:
 
 
 def move_wrench(g: FloatArray, wrench: FloatArray) -> FloatArray:
-    """Transform wrenches from axes and origin of frame B to axes and origin of frame A with the pose g = g_AB.
+    """Transform wrenches from frame B to frame A with the pose g = g_AB; moments are about the origin of each frame.
 
     The matrix is the transposed adjoint of the inverse pose (eq. 2.54 in the form of 2.57), so the power of the wrench,
     its product with the twist, is the same in both frames.

@@ -76,12 +76,12 @@ class SpatialJoint:
         return np.asarray((angle + np.pi) % (2 * np.pi) - np.pi)
 
     def twist_axis(self, rotation: FloatArray) -> FloatArray:
-        """Return the vector (..., 3) whose product with the joint's angular velocity is the rate of axial rotation.
+        """Return the vector (..., 3) whose dot product with the joint's angular velocity is the rate of axial rotation.
 
-        All vectors are in the child's axes. With the long axis l, and its direction l' in the pose ``untwisted``, the
-        vector is (l + l') / (1 + l · l'). The axial rotation is measured from the shortest swing of the long axis, so a
-        swing in a changing direction also changes it. The denominator is limited (:data:`LEAST_TWIST`), because the
-        vector grows without bound where the segment points almost backwards.
+        All vectors are in the child's axes. With the long axis l, and the direction l' that this axis has in the pose
+        ``untwisted``, the vector is (l + l') / (1 + l · l'). The axial rotation is measured from the shortest swing of
+        the long axis, so a swing in a changing direction also changes it. The denominator is limited
+        (:data:`LEAST_TWIST`), because the vector grows without bound where the segment points almost backwards.
         """
         rest = np.swapaxes(rotation, -1, -2) @ (self.untwisted @ self.long_axis)
         size = np.maximum(1.0 + rest @ self.long_axis, LEAST_TWIST)

@@ -209,7 +209,8 @@ def _measure_distance(here: FloatArray, there: FloatArray) -> float:
 def _fit_motion(tracks: FloatArray, time: FloatArray, runs: list[tuple[int, int]], margin: int) -> BaseMotion:
     """Fit the motion of the base to tracks (K, N, 2) of foot markers that are visible in the first interval.
 
-    The fields ``feet`` and ``fixed`` of the result are empty.
+    ``runs`` are the still intervals, (first block, stop); ``margin`` blocks at their inner ends count as motion. The
+    fields ``feet`` and ``fixed`` of the result are empty.
     """
     first = _median_positions(tracks, runs[0])
     centre = first.mean(axis=0)

@@ -66,7 +66,7 @@ def fit_chain(
     Raises
     ------
     Refused
-        ``too-few-frames`` if every segment is visible in too few frames; ``joint-unsettled`` if the iteration does not
+        ``too-few-frames`` if too few frames contain all segments; ``joint-unsettled`` if the iteration does not
         converge.
     """
     moving = np.flatnonzero(segment > 0)
@@ -185,7 +185,7 @@ def _collect(
 
 
 def _placement_covariance(problem: ChainProblem, state: ChainState, size: int) -> FloatArray:
-    """Return the covariance of the centres, m^2, from the unknown distances between pinned markers and their joints."""
+    """Return the covariance (size, size) of the centres, m^2, from unknown distances of pinned markers to joints."""
     total = np.zeros((size, size))
     at_rest = eliminate_angles(problem, state).step()[0] if problem.pinned.any() else np.zeros(size)
     for column in np.flatnonzero(problem.pinned):

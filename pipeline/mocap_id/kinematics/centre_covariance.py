@@ -98,7 +98,7 @@ def _split_directions(pull: np.ndarray) -> FloatArray:
 
 
 def slide_shapes(problem: ChainProblem, state: ChainState) -> FloatArray:
-    """Return the angles (T, K, 2) of the joints below and above each marker's segment, without mean and scaled.
+    """Return the angles (T, K, 2) of the joints below and above each marker's segment, minus their means and scaled.
 
     The rms of both angles together is 1.
     """

@@ -29,7 +29,7 @@ class ChainProblem:
     points: ComplexArray  # (T, K) positions, m; zero where missing
     weights: FloatArray  # (T, K) weight of every residual; zero where missing
     segment: IntArray  # (K,) segment of each marker, 1 … n
-    pinned: BoolArray  # (K,)
+    pinned: BoolArray  # (K,) whether a marker is pinned
     joints: int  # number of joints n
 
     @classmethod

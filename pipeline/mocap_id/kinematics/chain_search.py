@@ -94,8 +94,8 @@ def _build_hypothesis(
 ) -> Hypothesis:
     """Return a path as a hypothesis, with the bodies that it leaves out.
 
-    ``cut`` is added to its cost: the cost increase by which the best path of the level was shortened. None marks this
-    best path.
+    ``cut`` is added to its cost: the increase of the cost when the best path of the level was shortened. None marks
+    this best path.
     """
     on_chain = np.concatenate([link.markers for link in path.chain])
     left_out = tuple(body for body in bodies if not np.isin(body.markers, on_chain).all())
@@ -105,7 +105,10 @@ def _build_hypothesis(
 
 
 def _best_chains(problem: SegmentationProblem, bodies: list[RigidBody]) -> list[_Path]:
-    """Return the cheapest path from the base over real joints for each number of segments, by exhaustive search."""
+    """Return the path with the lowest cost, from the base over real joints, for each number of segments.
+
+    All paths are tried.
+    """
     rules = problem.rules
     links: list[RigidBody] = [problem.ground, *(body for body in bodies if body.residual <= rules.max_body_residual)]
     pairs = [(i, j) for i in range(len(links)) for j in range(1, len(links)) if i != j]

@@ -41,9 +41,9 @@ _FLAT = 1e-14  # determinant over squared trace; smaller for a line or a point
 class CircleFit:
     """Circles of M markers about G centres: one centre for each marker (G = M), or one common centre (G = 1).
 
-    The covariance of the centres is first-order, for noise that is independent between frames. It has no meaning if the
-    standard error exceeds a quarter of the radius, because the arc is then almost straight. For ``kasa``, it does not
-    include the bias.
+    The covariance of the centres is first-order, for noise that is independent between frames. The covariance has no
+    meaning if the standard error exceeds a quarter of the radius, because the arc is then almost straight. For
+    ``kasa``, it does not include the bias.
     """
 
     method: CircleMethod  # method of the fit
@@ -61,7 +61,10 @@ class CircleFit:
 
 
 def fit_circles(points: ComplexArray, method: CircleMethod = "taubin") -> CircleFit:
-    """Fit a circle to each marker's track (F, M), m, NaN where missing, in the frame of the previous segment."""
+    """Fit a circle to each marker's track.
+
+    The tracks ``points`` (F, M) are in the frame of the previous segment, m, NaN where missing.
+    """
     tracks = _normalise_tracks(points, common=False)
     return _build_fit(tracks, method, *_fit_centre(tracks, method))
 
@@ -81,7 +84,7 @@ def fit_common_centre(points: ComplexArray, method: CommonMethod = "geometric") 
 
 @dataclass(frozen=True)
 class _Tracks:
-    """Tracks minus their mean, in units of their rms distance from it. A common centre has common mean and unit."""
+    """Tracks minus their mean, in units of their rms distance from it; both are common for a common centre."""
 
     z: ComplexArray  # (F, M), zero where missing
     seen: BoolArray  # (F, M)
@@ -141,7 +144,7 @@ def _fit_kasa(tracks: _Tracks) -> ComplexArray:
 
 
 def _fit_taubin(tracks: _Tracks) -> ComplexArray:
-    """Return the centres by Taubin's method: the smallest eigenvector of the moments of (|z|^2 / 2, x, y)."""
+    """Return the centres by Taubin's method: eigenvector of the least eigenvalue of moments of (|z|^2 / 2, x, y)."""
     square = tracks.centre(np.abs(tracks.z) ** 2) / 2
     design = np.concatenate([square[..., None], tracks.centre_points(tracks.z)], axis=2)
     moments = tracks.pool(np.einsum("fmi,fmj->mij", design, design))

@@ -41,9 +41,9 @@ def measure_cluster(points: ComplexArray, target: ComplexArray | None = None) ->
 
     Trajectories are in metres, NaN where missing.
 
-    The result is None for fewer than two markers, markers at one point, or no two frames with two visible markers. The
-    body frame is defined by the markers' coordinates ``target`` (m,), m. By default, its origin is the centroid, and
-    its axes are parallel to the plane frame on average.
+    The result is None for fewer than two markers, markers at one point, or fewer than two frames with two visible
+    markers. The body frame is defined by the markers' coordinates ``target`` (m,), m. By default, its origin is the
+    centroid, and its axes are parallel to the plane frame on average.
     """
     together = np.flatnonzero(np.isfinite(points).sum(axis=1) >= LEAST_MARKERS)
     if points.shape[1] < LEAST_MARKERS or len(together) < 2:

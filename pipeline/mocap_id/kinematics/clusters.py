@@ -33,7 +33,7 @@ class Base:
 
 
 def find_base(points: ComplexArray, limit: float, constraints: Constraints | None = None) -> Base:
-    """Find the base: the still markers below the largest jump in the sorted scatters of all markers.
+    """Return the base: the still markers whose scatter is below the largest jump in the sorted scatters of all markers.
 
     ``limit`` is the largest scatter of a still marker, m. A still marker that the user has put together with a moving
     marker is not on the base. Of two still markers that must be apart, only the stiller one is on the base.
@@ -106,7 +106,7 @@ class Clusters:
         return self._fit_groups(groups)
 
     def merge(self, bodies: list[RigidBody], min_arc: float, tolerance: float) -> list[RigidBody]:
-        """Merge bodies that one rigid body fits nearly as well as two.
+        """Return the bodies after merging those that one rigid body fits nearly as well as two.
 
         Two bodies are merged if their common residual is hardly larger than their own. If their relative rotation is
         below ``min_arc``, rad, or below its noise, the common residual may be up to ``tolerance`` times their own.

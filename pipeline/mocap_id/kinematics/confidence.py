@@ -1,9 +1,9 @@
 """Confidence in the segments: the probability that they are right, from the evidence against them.
 
-Each piece of evidence reduces the log odds; good evidence does not. The weights were fitted to simulated trials of
-every difficulty (skin motion of 0.5 to 8 times the usual, camera noise of 0.2 to 3 mm, 0 to 60 % of the markers
-removed). These trials do not test ``skipped`` and ``base``, whose weights come from real trials.
-``benchmarks/kinematic_sweep.py`` compares the confidences with fresh trials.
+Each piece of evidence against the segments reduces the log odds; evidence in favour does not increase them. The weights
+were fitted to simulated trials of every difficulty (skin motion of 0.5 to 8 times the usual, camera noise of 0.2 to 3
+mm, 0 to 60 % of the markers removed). These trials do not test ``skipped`` and ``base``, whose weights come from real
+trials. ``benchmarks/kinematic_sweep.py`` compares the confidences with fresh trials.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ def assess_confidence(
 ) -> Confidence:
     """Return the confidence in a chain of rigid bodies.
 
-    Evidence against it:
+    Evidence against the segments:
 
     - ``skipped``: the segment of the weakest joint could be left out at little cost;
     - ``left-out``: moving markers are on no segment and on no limb at the side;
@@ -94,7 +94,7 @@ def assess_confidence(
 def assess_links(links: LinkFit, explained: float, gap: float) -> Confidence:
     """Return the confidence in a chain with single-marker segments.
 
-    Evidence against it, besides ``left-out`` and ``base`` of :func:`assess_confidence`:
+    Evidence against the segments, besides ``left-out`` and ``base`` of :func:`assess_confidence`:
 
     - ``links``: a segment has a single marker, and no marker is at either of its joints;
     - ``ankle``: joint 1 rotates little, and no marker is at it.
@@ -115,7 +115,7 @@ def log_shortfall(value: float, enough: float) -> float:
 
 
 def explained_share(segment: IntArray, lateral: FloatArray, moving: IntArray) -> float:
-    """Return the fraction of the moving markers that are on the chain, without limbs at the side of the last segment.
+    """Return the fraction of the moving markers that are on the chain; limbs beside the last segment do not count.
 
     ``segment`` (M,) is -1 for markers on no segment, ``lateral`` (M,) the mean out-of-plane coordinate, m, and
     ``moving`` the columns of the moving markers.

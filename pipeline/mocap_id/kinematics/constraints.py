@@ -12,7 +12,7 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 
 @dataclass(frozen=True)
 class Constraints:
-    """Markers that share a segment, and pairs that do not."""
+    """Markers that share a segment, and pairs of markers that do not."""
 
     unit: IntArray  # (M,) markers with the same number are assigned together
     barred: BoolArray  # (M, M) pairs that may not share a segment; symmetric, the same for all markers of a unit
@@ -41,7 +41,7 @@ class Constraints:
         return not self.barred[np.ix_(members, members)].any()
 
     def constrained_variance(self, variance: FloatArray, members: IntArray) -> FloatArray:
-        """Return variances of mutual distances (K, K) with zero within a unit, and large values for barred pairs."""
+        """Return variances of mutual distances (K, K), set to 0 within a unit and to a large value for barred pairs."""
         far = 10 * np.max(variance, initial=0.0) + 1.0
         shaped = np.where(self.barred[np.ix_(members, members)], far, variance)
         return np.where(self.unit[members][:, None] == self.unit[members], 0.0, shaped)

@@ -63,7 +63,7 @@ class Hypothesis:
     predicted: FloatArray  # (M,) residual predicted through the joint, m; scatter of markers on no moving segment
     cost: float  # summed log of ``predicted`` + ``split_gain`` for each segment + ``cut``; lower is better
     best_of_level: bool  # whether this is the best chain of its level; only these can be chosen
-    cut: float  # cost that the best chain of the level gained when it was shortened to the allowed length
+    cut: float  # increase of the cost when the best chain of the level was shortened to the allowed length
 
     @property
     def markers(self) -> IntArray:

@@ -1,8 +1,8 @@
 """Fit of a chain with single-marker segments: the segment of each marker, and the joints that are at a marker.
 
-Assignment and chain are fitted alternately. Every marker goes to the segment that fits it best. Then the chain is
-fitted to the markers with a robust loss (Cauchy's, with a decreasing scale). This ends when no marker changes its
-segment.
+Assignment and chain are fitted alternately. Every marker is assigned to the segment that fits it best. Then the chain
+is fitted to the markers with a robust loss (Cauchy's, with a decreasing scale). The iteration ends when no marker
+changes its segment.
 """
 
 from __future__ import annotations
@@ -57,12 +57,12 @@ class Pin:
 class LinkFit:
     """Chain fitted to all markers of a trial."""
 
-    cost: float  # sum over markers of the mean log residual, plus the price of the segments
+    cost: float  # sum over markers of the mean log residual, plus ``SEGMENT_PRICE`` for each segment
     segment: IntArray  # (M,) 0 = base, -1 = none
     residual: FloatArray  # (M,) typical residual of each marker on its segment, m
     state: ChainState  # centres, coordinates of the M markers on their segments, angles in the frames ``used``
     used: IntArray  # (T,) frames in which every angle is known
-    pins: tuple[Pin, ...] = ()
+    pins: tuple[Pin, ...] = ()  # joints that markers represent
 
     @property
     def arcs(self) -> FloatArray:
@@ -98,7 +98,7 @@ class LinkFit:
 
 
 def log_cost(residual: FloatArray) -> FloatArray:
-    """Return the cost of residuals, m. It does not grow beyond a residual of 50 mm."""
+    """Return the cost of residuals, m. The cost does not grow beyond a residual of 50 mm."""
     return np.asarray(np.minimum(_log_cost(residual), _log_cost(_LEFT_OUT)))
 
 
@@ -181,7 +181,7 @@ def _log_cost(residual: FloatArray | float) -> FloatArray:
 
 
 def _invert_cost(cost: FloatArray) -> FloatArray:
-    """Return the residuals, m, with these costs; the inverse of :func:`log_cost`."""
+    """Return the residuals, m, with these costs; the inverse of :func:`_log_cost`."""
     return np.asarray(SCALE * np.sqrt(np.expm1(2 * cost)))
 
 

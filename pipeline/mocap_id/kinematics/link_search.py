@@ -59,7 +59,7 @@ def find_best_links(problem: SegmentationProblem) -> LinkFit | None:
 
 
 def _add_joint_markers(problem: SegmentationProblem, path: Path, fit: LinkFit) -> LinkFit:
-    """Return the fit in which markers represent the ankle and the inner joints, as far as the cost allows."""
+    """Return the fit in which markers represent the ankle and the inner joints, where this hardly raises the cost."""
     weight = (SCALE / _OFF_AXIS) ** 2
     units = list(group_points(problem.points, problem.lateral, problem.base.markers))
     moves = [float(np.mean(problem.base.scatter[unit])) for unit in units]

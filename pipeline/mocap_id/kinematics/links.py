@@ -46,7 +46,7 @@ def fit_links(points: ComplexArray, segment: IntArray, method: LinkMethod) -> Ch
     Raises
     ------
     Refused
-        ``too-few-frames`` if every segment is visible in too few frames.
+        ``too-few-frames`` if too few frames contain all segments.
     NumericalError
         The markers of a segment move on straight lines, so that their circles have no centre.
     """
@@ -185,7 +185,7 @@ def _directions(moment: ComplexArray) -> ComplexArray:
 
 
 def find_used_frames(angles: FloatArray) -> BoolArray:
-    """Return the frames (F,) in which every angle (F, n) is known. Refuse the trial if there are too few."""
+    """Return the frames (F,) in which every angle (F, n) is known. Refuse the trial if these are too few."""
     used = np.asarray(np.isfinite(angles).all(axis=1))
     joints = angles.shape[1]
     needed = _FRAMES_A_JOINT * joints

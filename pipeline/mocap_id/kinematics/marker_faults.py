@@ -1,8 +1,8 @@
 """Markers that are bad for a part of a trial: frozen, attached again elsewhere, mislabelled, or not on the body.
 
 Every marker is followed in the frame of its own segment, after the chain is fitted robustly to every frame. A good
-marker keeps its position there, within the motion of the skin. In a bad interval it is elsewhere. The interval also
-begins or ends with a jump, or the marker stands still in the laboratory while its segment moves. Limbs outside the
+marker keeps its position there, within the motion of the skin. In a bad interval, the marker is elsewhere. The interval
+also begins or ends with a jump, or the marker stands still in the laboratory while its segment moves. Limbs outside the
 chain also leave their positions, but without a jump and without standing still.
 """
 
@@ -154,7 +154,7 @@ def _find_usual_positions(tracks: _Tracks, segment: IntArray) -> list[_Position 
 
 
 def _find_best_position(tracks: _Tracks, marker: int) -> _Position | None:
-    """Return the position of a marker on the moving segment where it stays longest, or else on the base."""
+    """Return the position of a marker on the moving segment where it stays longest, or on the base; None if hidden."""
     places = [_find_position(tracks, k, marker) for k in range(len(tracks.local))]
     moving = [place for place in places[1:] if place is not None]
     best = max(moving, key=lambda place: place.share, default=None)
@@ -215,7 +215,7 @@ def _find_stretches(recorded: RecordedMarkers, tracks: _Tracks, place: _Position
 
 
 def _is_step(track: ComplexArray, run: slice, place: complex) -> bool:
-    """Return whether a run of samples at one end of the track is elsewhere after one step between two samples."""
+    """Return whether a run of samples at one end of the track is displaced by one step between two samples."""
     if (run.start == 0) == (run.stop == len(track)):
         return False
     last = run.start if run.start else run.stop

@@ -88,7 +88,7 @@ def still_body(points: ComplexArray, markers: Sequence[int] | IntArray) -> Rigid
 
 
 def marker_residuals(body: RigidBody, points: ComplexArray) -> FloatArray:
-    """Return the rms distance (M,) of markers from their mean positions on a body, m; inf if never visible."""
+    """Return the rms distance (M,) of markers from their mean positions on a body, m; inf if hardly visible."""
     square, counts = variance_over_time(body.local(points))
     return np.where(counts > 1, np.sqrt(square), np.inf)
 

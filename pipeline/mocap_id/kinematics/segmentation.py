@@ -86,7 +86,7 @@ def segment_markers(
 
 
 def _rigid_cost(problem: SegmentationProblem, segmentation: Segmentation) -> float:
-    """Return the cost of a chain of rigid bodies, with the measure of :mod:`.link_fit`."""
+    """Return the cost of a chain of rigid bodies, computed as in :mod:`.link_fit`."""
     seen = np.isfinite(problem.base.scatter)
     gaps = np.array([0.0, *(joint.residual for joint in segmentation.hypotheses[0].joints)])
     on_segment = np.where(np.isfinite(segmentation.residual), segmentation.residual, np.inf)

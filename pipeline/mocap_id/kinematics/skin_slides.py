@@ -46,8 +46,8 @@ _OVERLAP = 3  # postures shared by neighbouring chunks, for the derivatives
 class SkinModel:
     """Chain, slides of its markers, and response of the joint fit to each slide.
 
-    P = 2 (n + K) is the number of common unknowns of the joint fit, centres first. A slide has two shapes, in
-    proportion to the joint below and to the joint above its segment.
+    P = 2 (n + K) is the number of common unknowns of the joint fit, centres first. A slide has two time courses
+    (shapes), which are proportional to the angles of the joints below and above the marker's segment.
     """
 
     centres: ComplexArray  # (n,) joint centres of the fitted chain, m
@@ -70,7 +70,7 @@ class SkinModel:
     def errors(self, angles: FloatArray) -> tuple[FloatArray, FloatArray]:
         """Return the errors of the joint angles in postures (T, n), rad, and the effect of marker offsets.
 
-        The errors (T, n, 4 K + P), rad, follow the posture; they are for one standard deviation of each independent
+        The errors (T, n, 4 K + P), rad, depend on the posture; they are for one standard deviation of each independent
         mode. The effect (T, n, K, 2), rad/m, is for offsets in x and y of the marker's segment.
         """
         segment, n = self.segment, len(self.centres)
@@ -227,8 +227,9 @@ def _lag_one_variance(off: ComplexArray, seen: BoolArray) -> float:
 def angle_errors(skin: SkinModel, angles: FloatArray, rate: float) -> tuple[IntArray, FloatArray]:
     """Return the variances of persistent errors of joint angles and their derivatives.
 
-    The joint angles (F, n) are in rad, finite; ``rate`` is in frames per second. The result is the frames (T,) of the
-    variances, and the variances (T, n, 4) of angle without its mean error, velocity, acceleration and jerk, SI.
+    The joint angles (F, n) are in rad, finite; ``rate`` is in frames per second. The results are the frames (T,) of the
+    variances, and the variances (T, n, 4) of angle (without its mean error), velocity, acceleration and jerk, in SI
+    units.
     """
     step = max(1, round(rate / _RATE))
     frames = np.arange(0, len(angles), step)

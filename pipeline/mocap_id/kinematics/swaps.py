@@ -28,7 +28,7 @@ class Swap:
 
 @dataclass(frozen=True)
 class _Breaks:
-    """Breaks (N,) between the visible frames ``last`` and ``following``, after which a column may be another marker."""
+    """Breaks (N,) of columns between the visible frames ``last`` and ``following``; the marker may change there."""
 
     column: IntArray
     last: IntArray

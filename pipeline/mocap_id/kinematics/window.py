@@ -21,7 +21,7 @@ MIN_SECONDS = 2.0
 
 
 def propose_window(positions: FloatArray, rate: float) -> tuple[int, int]:
-    """Return first frame and stop of the longest interval in which two markers stand still and two others travel.
+    """Return first frame and stop of the longest interval in which two markers stand still and two others move.
 
     The whole recording is returned if its base is always fixed or only changes its position, or if there is no interval
     of :data:`MIN_SECONDS`. Positions (F, M, 3) are in the lab, m, NaN where missing; ``rate`` is in frames per second.

@@ -1,9 +1,9 @@
 """Axes of a calibrated chain, corrected with another trial of the same person and markers.
 
 Skin slides with the joints, so an axis fitted to one motion is wrong by a few degrees for another motion. A wrong axis
-of the elbow changes its flexion into axial rotation of the shoulder. Two axes a and b keep their angle: a · Q b = κ in
-every rotation Q of the joint. The trial corrects a, b and κ as far as its motion determines them; the calibration is
-the prior.
+of the elbow changes its flexion into axial rotation of the shoulder. The angle between two axes a and b is constant: a
+· Q b = κ for every rotation Q of the joint. The trial corrects a, b and κ as far as its motion determines them; the
+calibration is the prior.
 """
 
 from __future__ import annotations
@@ -24,7 +24,9 @@ _SHOWN = 0.85  # largest ratio of the standard deviations of the first axis afte
 
 
 def refine_axes(chain: SpatialChain, rotations: FloatArray) -> tuple[SpatialChain, tuple[int, ...]]:
-    """Return the calibrated chain with corrected axes of its two-axis joints, and the numbers of these joints, from 0.
+    """Return the calibrated chain with corrected axes of two-axis joints, and the numbers of these joints, from 0.
+
+    Only joints whose axes become clearly more certain are corrected.
 
     ``rotations`` (F, n + 1, 3, 3) are the rotations of the clusters in the new trial, NaN where unknown.
     """

@@ -50,7 +50,7 @@ class SpatialBody:
 
 
 def fit_spatial_body(points: FloatArray, markers: IntArray) -> SpatialBody:
-    """Fit a rigid body to some markers of the trajectories (F, M, 3), m."""
+    """Fit a rigid body to the columns ``markers`` of the trajectories (F, M, 3), m."""
     shape = fit_shape(points[:, markers], iterations=_ITERATIONS)
     rotation, origin, _ = rigid_poses(points[:, markers], shape)
     back = (points - origin[:, None]) @ rotation
@@ -73,7 +73,7 @@ def subtract_means(local: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]
 
 
 def _leave_one_out_factors(shape: FloatArray) -> FloatArray:
-    """Return the matrices (k, 3, 3) from each marker's residual to its residual from the pose of the other markers.
+    """Return matrices (k, 3, 3) that map each marker's residual to its residual from the pose of the other markers.
 
     The pose of a body absorbs the part H (3, 3) of a marker's error. Without the marker, the residual is (I - H)⁻¹
     times as large. The factor is limited in directions that the other markers hardly determine (with three markers,

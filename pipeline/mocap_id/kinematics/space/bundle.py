@@ -52,7 +52,7 @@ class Bundle:
     prior: ChainPrior | None = None
 
     def rotation_noise(self, joint: int) -> FloatArray:
-        """Return the covariance (3, 3) of the rotation of a joint in one frame, in the parent's frame, rad²."""
+        """Return the covariance (3, 3), rad², of the rotation of a joint at one time, in the parent's axes."""
         turn = joint_rotations(self.problem, self.state)[:, joint]
         own = self.cluster_noise(joint + 1)
         return np.asarray(
@@ -60,7 +60,7 @@ class Bundle:
         )
 
     def cluster_noise(self, k: int) -> FloatArray:
-        """Return the covariance (3, 3) of the rotation of a cluster in one frame, in its own frame, rad²."""
+        """Return the covariance (3, 3), rad², of the rotation of a cluster at one time, in its own axes."""
         here = self.problem.segment == k
         weight = 1 / self.sd[here] ** 2
         about = self.state.local[here] - weight @ self.state.local[here] / weight.sum()

@@ -1,6 +1,7 @@
 """Equations of the bundle adjustment of a chain in space: residuals, analytic Jacobians and normal equations.
 
-Marker m of segment k has the measured position y. In the frame of its segment, with the centre of its joint as origin,
+Marker m of segment k has the measured position y. In the frame of the segment, whose origin is the centre of the
+segment's joint,
 
     v = R_kᵀ (y - p_k),     residual  r = Eᵀ v - x_m,     E = exp(-s_m τ_k l_k)
 
@@ -11,8 +12,8 @@ Axes are constraints on the rotation Q = R_parentᵀ R_k: a · Q b = κ for two 
 slide on the bones, the centre of the joint between them is c + d. The slide d is unknown in every frame and has a prior
 standard deviation.
 
-Every frame has its own unknowns: the origin of the base, the rotations R_k ← R_k exp(δ_k), and the slides. They are
-eliminated by a Schur complement, so that only the parameters of the chain remain.
+Every frame has its own unknowns: the origin of the base, the rotations R_k ← R_k exp(δ_k), and the slides. These
+unknowns are eliminated by a Schur complement, so that only the parameters of the chain remain.
 """
 
 from __future__ import annotations

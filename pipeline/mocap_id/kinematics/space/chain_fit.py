@@ -164,7 +164,7 @@ def _whole_bundle(start: _Start, kinds: tuple[JointKind, ...], rough: Bundle) ->
 def estimate_slide_sds(clusters: Clusters, segment: IntArray, parents: Sequence[int]) -> FloatArray:
     """Return the standard deviation of each joint's slide (n,), m; 0 without a slide.
 
-    It is increased, because the slides of neighbouring frames are correlated.
+    The standard deviation is increased, because the slides of neighbouring frames are correlated.
     """
     slides = find_joint_slides(clusters, segment, parents)
     about = slides - slides.mean(axis=0)

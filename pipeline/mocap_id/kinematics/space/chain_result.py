@@ -196,7 +196,7 @@ def align_offset(turn: FloatArray, axis: FloatArray, pin: FloatArray, cosine: fl
 
 
 def move_centre(fit: SpatialFit, joint: int, point: FloatArray, covariance: FloatArray) -> SpatialFit:
-    """Return the fit after a joint centre is also measured by other means, such as palpated landmarks.
+    """Return the fit, updated with another measurement of a joint centre, such as palpated landmarks.
 
     All parameters change according to their covariance (a Kalman update), so markers, centres and axes stay consistent.
     In a direction that the motion hardly determines, such as along a hinge, the centre follows the measured point.

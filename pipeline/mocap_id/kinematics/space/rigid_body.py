@@ -71,7 +71,7 @@ def rigid_poses(
     rotation : (F, 3, 3) array
         Body to the frame of ``points``; NaN with fewer than three visible markers, or with markers on one line.
     origin : (F, 3) array
-        Origin of the body's frame, m; NaN likewise.
+        Origin of the body's frame, m; NaN in the same frames.
     seen : (F,) int array
         Number of markers used.
     """

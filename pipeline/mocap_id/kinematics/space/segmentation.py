@@ -1,7 +1,7 @@
 """Number, order and markers of the segments of a chain in space, from the motion alone.
 
 The markers are divided into rigid bodies (:mod:`.division`). The bodies are ordered along real joints, from the body
-that moves least (:mod:`.chain_search`). Leftover markers are assigned to the segment with which they are most rigid.
+that moves least (:mod:`.chain_search`). Leftover markers are assigned to the segment that fits them best.
 """
 
 from __future__ import annotations
@@ -82,8 +82,8 @@ def segment_in_space(
     points : (F, M, 3) array
         Trajectories in the lab, m; NaN where missing, and for markers that the user ignores.
     rules : SegmentationRules, optional
-        Limits. Used are ``min_arc``, ``max_residual``, ``max_body_residual``, ``still_limit`` (of a base that does not
-        move), ``count`` and ``longest``.
+        Limits. Only ``min_arc``, ``max_residual``, ``max_body_residual``, ``still_limit`` (of a base that does not
+        move), ``count`` and ``longest`` are used.
     constraints : Constraints, optional
     frames : int, optional
         Largest number of frames, chosen along the motion.

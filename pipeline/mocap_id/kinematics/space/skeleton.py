@@ -67,7 +67,7 @@ class SensorNoise:
 
 
 def fit_trunk(points: Mapping[str, FloatArray]) -> Trunk:
-    """Fit the trunk to the trajectories (F, 3), m, of its joints, which ``points`` maps from their roles (right arm).
+    """Fit the trunk to its joints; ``points`` maps their roles (right arm) to their trajectories (F, 3), m.
 
     A skeleton without two shoulders, or without a joint below them, is refused.
     """
