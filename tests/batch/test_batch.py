@@ -168,7 +168,7 @@ def test_a_lost_scheduler_says_how_to_go_on(cluster: Any) -> None:
 
 
 def test_a_scheduler_without_workers_says_so_once(monkeypatch: pytest.MonkeyPatch, caplog: Any) -> None:
-    monkeypatch.setattr(backends, "_COUNTED_EVERY", 0.0)
+    monkeypatch.setattr(backends, "_COUNTING_INTERVAL", 0.0)
     with (
         distributed.LocalCluster(n_workers=0, processes=False, dashboard_address=":0", silence_logs=50) as alone,
         DaskBackend(alone.scheduler_address).workers(1) as workers,

@@ -129,8 +129,8 @@ def test_operations_a_trial_are_the_same_for_any_number_of_trials_and_workers(co
 
 def test_workers_that_join_later_get_work(monkeypatch: pytest.MonkeyPatch) -> None:
     """As a cluster's queue gives them: the first trials are asked for when nobody is there yet."""
-    monkeypatch.setattr(backends, "_COUNTED_EVERY", 0.2)
-    monkeypatch.setattr(backends, "_LEAST_WAITING", 1)
+    monkeypatch.setattr(backends, "_COUNTING_INTERVAL", 0.2)
+    monkeypatch.setattr(backends, "_LEAST_SUBMITTED", 1)
     with distributed.LocalCluster(
         n_workers=0, threads_per_worker=4, processes=False, dashboard_address=":0", silence_logs=50
     ) as cluster:
@@ -162,10 +162,10 @@ def test_a_worker_that_joins_with_another_version(monkeypatch: pytest.MonkeyPatc
             asked.append(workers)
             return {name: function() if name == "one" else "0.0.1" for name in workers}
 
-    monkeypatch.setattr(backends, "_COUNTED_EVERY", 0.0)
+    monkeypatch.setattr(backends, "_COUNTING_INTERVAL", 0.0)
     client = Client()
     joining = backends._WorkerCount(client)
-    assert joining() == backends._LEAST_WAITING
+    assert joining() == backends._LEAST_SUBMITTED
     client.threads = {"one": 1, "two": 100}
     with pytest.raises(backends.ConfigError, match=r"two has mocap-id 0\.0\.1"):
         joining()

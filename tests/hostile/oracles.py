@@ -334,7 +334,7 @@ def _read_record(bench: Bench, case: Case) -> str:
     folder, stage = Folder(run), case.name.removesuffix(".json")
     documents = folder.documents(stage)
     folder.origin(stage, ["summary.json", "report.html"])
-    runner.refusals.stored_refusal(run, "segment", "x")
+    runner.refusals.read_refusal(run, "segment", "x")
     folder.remove_outputs(stage, [])
     if not isinstance(documents, dict) or not (bench.place / "x").exists():
         return f"documents {documents!r}"

@@ -94,8 +94,8 @@ def test_hints_of_the_user_count_more_than_names_of_the_wrist(stiff_wrist: tuple
 
 def test_a_segment_between_upper_arm_and_forearm_is_doubtful() -> None:
     """It cannot be: the elbow connects these two."""
-    assert not segment_stage._without_forearm(["thorax", "upper_arm", "forearm", "hand"])
-    assert not segment_stage._without_forearm(["base", "segment_1", "segment_2"])
-    (reason,) = segment_stage._without_forearm(["thorax", "upper_arm", "segment_2", "forearm"])
+    assert not segment_stage._splits_arm(["thorax", "upper_arm", "forearm", "hand"])
+    assert not segment_stage._splits_arm(["base", "segment_1", "segment_2"])
+    (reason,) = segment_stage._splits_arm(["thorax", "upper_arm", "segment_2", "forearm"])
     assert reason.code == "segments-unsure"
     assert reason.level != "ok"

@@ -267,7 +267,7 @@ def test_a_run_folder_of_two_runs_is_refused(subject, normal, dynamic, tmp_path)
         open_identified_trial(mixed)
     assert raised.value.exit_code == 6
     shutil.rmtree(mixed / ".mocap-id")  # the files alone still tell what they were made from
-    with pytest.raises(StoreError, match=r"another planar\.parquet"):
+    with pytest.raises(StoreError, match=r"another chain\.h5"):
         open_identified_trial(mixed)
 
 
@@ -309,7 +309,7 @@ def test_the_command_prints_a_table(cli, subject, normal, dynamic) -> None:
     lines = out.splitlines()
     assert "s21-normal" in lines[0]
     assert f"s21-dynamic: {dynamic.dynamics['in_fit'].sum()} samples, condition number" in out
-    for row in ("Fx (N)", "Fy (N)", "tauz (N·m)", "cop_x (mm)", "tau_3 less own (N·m)"):
+    for row in ("Fx (N)", "Fy (N)", "tauz (N·m)", "cop_x (mm)", "tau_3 minus own (N·m)"):
         assert any(line.startswith(row) for line in lines)
     assert "share of the samples in its 95 % interval" in out
     assert lines[-1].startswith("verdict: supported")

@@ -77,7 +77,7 @@ def page(trials: list[TrialResult]) -> bytes:
 def test_the_page_of_a_study_that_ran(ran: Ran) -> None:
     found = checked(ran.outcome.page.read_bytes())
     assert found.tags.count("figure") == found.tags.count("details") == 3
-    assert "2 of 5 trials went through" in found.text
+    assert "2 of 5 trials have results" in found.text
     for words in ("s01-dynamic-1", "Good", "Refused", "Failed", "no such file", "thesis table 6.3", "mr2", "winter"):
         assert words in found.text, words
     assert {"../s01-normal-1/report.html", "../s01-refused/report.html"} <= set(found.references)

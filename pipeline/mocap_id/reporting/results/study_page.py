@@ -64,7 +64,7 @@ class TrialEntry:
 
 def count_passed(trials: Sequence[TrialEntry]) -> str:
     """Return in words how many trials have results."""
-    return f"{sum(trial.passed for trial in trials)} of {len(trials)} trials went through"
+    return f"{sum(trial.passed for trial in trials)} of {len(trials)} trials have results"
 
 
 def render_study_page(
@@ -81,7 +81,7 @@ def render_study_page(
     return Page(
         name=data.study,
         headline=count_passed(trials),
-        lead=f"{endings} Tables and figures are about the trials that went through.",
+        lead=f"{endings} Tables and figures are about the trials that have results.",
         command="study",
         sections=tuple(sections),
         figures=figures,

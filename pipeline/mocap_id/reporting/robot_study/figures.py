@@ -50,7 +50,7 @@ def _make_drawings(data: RobotStudyData) -> Iterator[Drawing]:
     for k, one in enumerate(data.recoveries, start=1):
         title = style.clean(f"Kinematic recovery: {one.speed} swing of the {one.joint} ({one.trial})")
         yield Drawing(f"recovery-{k}", title, _RECOVERY, _draw_recovery(one))
-    wrench: Figure | str = "No repetition is complete in any trial that went through."
+    wrench: Figure | str = "No repetition is complete in any trial that has results."
     errors, cell, averaged = wrench, "", data.averaged
     if averaged is not None:
         cell = f": {averaged.cell}, {averaged.repetitions} swings"
@@ -58,7 +58,7 @@ def _make_drawings(data: RobotStudyData) -> Iterator[Drawing]:
         errors = _draw_wrench(averaged, averaged.errors)
     yield Drawing("wrench", f"Measured and recovered contact wrench{cell}", _WRENCH, wrench)
     yield Drawing("residuals", f"Errors of the recovered contact wrench{cell}", _ERRORS, errors)
-    accelerations = "No trial went through." if data.traces is None else _draw_accelerations(data.traces)
+    accelerations = "No trial has results." if data.traces is None else _draw_accelerations(data.traces)
     yield Drawing("accelerations", "Acceleration by the smoother and by differences", _ACCELERATIONS, accelerations)
 
 

@@ -82,7 +82,7 @@ def _list_perturbations(data: SensitivityData) -> Grid:
         return "not identified" if row["ratio"] == float("inf") else show(row["ratio"], 2)
 
     def largest_torque(row: Mapping[str, Any]) -> str:
-        return show(np.nanmax([row[name] for name in torques], initial=-np.inf), 2, "N·m")
+        return show(max((row[name] for name in torques if np.isfinite(row[name])), default=np.nan), 2, "N·m")
 
     columns = (
         text("perturbation", "perturbation"),
