@@ -1,4 +1,4 @@
-"""A chain in space as the compiled filter needs it, and poses of clusters from which a search can start."""
+"""Chains in space as arrays for the compiled filter, and start poses from the marker clusters of the segments."""
 
 from __future__ import annotations
 
@@ -40,18 +40,18 @@ def make_chain_model(chain: SpatialChain) -> ChainModel:
 
 
 def degrees_of_freedom(model: ChainModel) -> int:
-    """Return the number d of degrees of freedom: six of the base, then the joints'."""
+    """Return the number d of degrees of freedom: six of the base, and those of the joints."""
     return int(6 + model.freedom.sum())
 
 
 def group_columns(model: ChainModel) -> list[slice]:
-    """Return the degrees of freedom of the base (six), then of each joint, as slices."""
+    """Return the slices of the degrees of freedom of the base (six) and of each joint, n + 1 in all."""
     starts = model.first[1:].tolist()
     return [slice(0, 6)] + [slice(at, at + int(size)) for at, size in zip(starts, model.freedom, strict=True)]
 
 
 def make_track(model: ChainModel, frames: int) -> Pose:
-    """Return poses of a number of frames, at rest with all coordinates zero."""
+    """Return poses for ``frames`` frames, at rest, with identity rotations and all coordinates zero."""
     n, d = len(model.freedom), degrees_of_freedom(model)
     return Pose(
         np.zeros((frames, 3)),
@@ -62,12 +62,16 @@ def make_track(model: ChainModel, frames: int) -> Pose:
 
 
 def select_frames(track: Pose, frames: slice | IntArray) -> Pose:
-    """Return the poses in some frames."""
+    """Return a copy of the poses in the chosen frames."""
     return Pose(*(np.ascontiguousarray(each[frames]) for each in track))
 
 
 def sum_steps(model: ChainModel, track: Pose) -> FloatArray:
-    """Return the sums (F, d) of the rotation steps between frames, in each segment's axes; coordinates unchanged."""
+    """Return one series (F, d) for each degree of freedom, m or rad.
+
+    For the base and ball joints, it is the sum of the rotation vectors between successive frames, in the segment's
+    axes. The position of the base and the coordinates of other joints are not changed.
+    """
     steps = np.zeros((len(track.origin), degrees_of_freedom(model)))
     steps[:, :3] = track.origin
     for k in range(track.turn.shape[1]):
@@ -82,7 +86,10 @@ def sum_steps(model: ChainModel, track: Pose) -> FloatArray:
 
 
 def find_visible_clusters(chain: SpatialChain, points: FloatArray) -> BoolArray:
-    """Return where (F, n + 1) a segment's own visible markers determine its pose."""
+    """Return where (F, n + 1) the visible markers of a segment, without those of a glide, determine its pose.
+
+    ``points`` (F, M, 3) are the markers, m; NaN where missing.
+    """
     seen = np.asarray(np.isfinite(points).all(axis=2))
     found = np.zeros((len(points), len(chain.joints) + 1), dtype=np.bool_)
     for k in range(found.shape[1]):
@@ -95,9 +102,10 @@ def find_visible_clusters(chain: SpatialChain, points: FloatArray) -> BoolArray:
 def estimate_start_poses(
     chain: SpatialChain, model: ChainModel, points: FloatArray, frames: IntArray
 ) -> tuple[Pose, BoolArray]:
-    """Estimate poses in ``frames`` (T,) from the cluster of each segment; also return where (F, n + 1) this succeeded.
+    """Return the poses of F frames, estimated in ``frames`` (T,) from the marker cluster of each segment.
 
-    ``points`` (F, M, 3) are the markers, m; NaN where missing. The poses of the other frames are meaningless.
+    Also return where (F, n + 1) the base or joint was estimated. All other poses are zero. ``points`` (F, M, 3) are the
+    markers, m; NaN where missing.
     """
     track, started = make_track(model, len(points)), np.zeros((len(points), len(model.freedom) + 1), dtype=np.bool_)
     some = points[frames]
@@ -139,7 +147,10 @@ def _measure_spread(local: FloatArray) -> float:
 
 
 def _fit_rotations(local: FloatArray, seen: FloatArray, known: BoolArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return rotations (T, 3, 3) from local (m, 3) to seen (T, m, 3) coordinates, and both centroids (T, 3)."""
+    """Return the rotations (T, 3, 3) that fit ``local`` (m, 3) to ``seen`` (T, m, 3), and centroids of both (T, 3), m.
+
+    The centroid of ``seen`` is first. Frames that are not ``known`` (T,) have the identity.
+    """
     there = np.asarray(np.isfinite(seen).all(axis=2))[..., None]
     count = np.maximum(there.sum(axis=1), 1)
     middle = np.where(there, seen, 0.0).sum(axis=1) / count
@@ -167,6 +178,6 @@ def _nearest_angle(rotation: FloatArray, axis: FloatArray) -> FloatArray:
 
 
 def _angle_between(start: FloatArray, end: FloatArray, axis: FloatArray) -> FloatArray:
-    """Return the angle (T,), rad, about ``axis`` from ``start`` to ``end`` (T, 3)."""
+    """Return the angle (T,), rad, about ``axis`` from the directions ``start`` to the directions ``end`` (T, 3)."""
     across = np.cross(start, end) @ axis
     return np.asarray(np.arctan2(across, (start * end).sum(axis=1) - (start @ axis) * (end @ axis)))

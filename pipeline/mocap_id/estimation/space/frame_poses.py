@@ -1,4 +1,4 @@
-"""Poses of single frames from their own markers, and the size of each marker's errors."""
+"""Poses of single frames from their own markers, and the standard deviation of each marker's errors."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from mocap_id.geometry.spatial_chain import SpatialChain
 OBSERVED_SD = 0.1  # largest standard deviation of an angle, rad, that a frame's own markers determine
 
 _WEAK_SD = 1.0  # rad and m; prior of degrees of freedom that no marker determines
-_SOME = 300  # frames for the size of the errors
-_ROUNDS = 3  # the errors depend on the poses, and the poses on the size of the errors
-_WIDE = 0.05  # m; residual that counts little before the size of the errors is known
+_SOME = 300  # frames from which the standard deviations of the errors are estimated
+_ROUNDS = 3  # the errors depend on the poses, and the poses on the standard deviations of the errors
+_WIDE = 0.05  # m; larger residuals count little as long as the standard deviations of the errors are unknown
 _LEAST_SHARE = 0.25  # least standard deviation of a marker, relative to the rms of its segment
 _QUANTILE, _BEYOND = 0.8, 6.0  # squares larger than this multiple of their quantile do not count in full
-_FILLS = 2  # the residuals beside a gap depend on the poses in other markers' gaps
+_FILLS = 2  # iterations, because the residuals beside a gap depend on the poses in other markers' gaps
 _USUAL, _OF_NORMAL = 0.975, 3.06  # quantile of residuals that are no outliers, and its value for unit variance
 _LARGEST = 3.0  # largest ordinary displacement of a marker, in standard deviations
 
@@ -39,16 +39,16 @@ class FramePoses:
     observed: BoolArray  # (F, n + 1) the frame's markers determine the base and each joint
     used: BoolArray  # (F, M) markers that are not outliers
     residual: FloatArray  # (F, M, 3) in the frame of the trial, m; NaN where missing
-    leverage: FloatArray  # (F, M) share of a marker's error that the pose follows
+    leverage: FloatArray  # (F, M) fraction of a marker's error that the pose follows
     slips: FloatArray  # (F, M, 3) assumed displacements of unused markers in their segments' frames, m
 
 
 def estimate_marker_sds(chain: SpatialChain, model: ChainModel, points: FloatArray, floor: float) -> FloatArray:
     """Return the standard deviation (M,) of a coordinate of each marker around its position on the chain, m.
 
-    It includes the skin. It is estimated from some frames of ``points`` (F, M, 3), m, and corrected for the share of
-    the error that the fitted pose follows (leverage). It is at least a share of the rms value of the segment, and at
-    least ``floor``, m.
+    It includes errors from skin. It is estimated from some frames of ``points`` (F, M, 3), m, and corrected for the
+    fraction of the error that the fitted pose follows (leverage). It is at least ``floor``, m, and at least a quarter
+    of the rms value of its segment.
     """
     ready = find_visible_clusters(chain, points)
     determined = ready.sum(axis=1)
@@ -83,10 +83,10 @@ def estimate_residual_sds(found: FramePoses) -> FloatArray:
 def find_frame_poses(
     chain: SpatialChain, model: ChainModel, points: FloatArray, sd: FloatArray, *, rate: float, gate: float
 ) -> FramePoses:
-    """Find the poses of all frames, from the most complete frame to both ends.
+    """Return the poses of all frames, found one after the other from the most complete frame to both ends.
 
-    ``points`` (F, M, 3) are the markers, m, NaN where missing, and ``sd`` (M,) is the standard deviation of each
-    marker's errors, m. ``gate`` is the limit of a residual, in standard deviations.
+    ``points`` (F, M, 3) are the markers, m; NaN where missing. ``sd`` (M,) is the standard deviation of each marker's
+    errors, m, ``rate`` the number of frames per second, and ``gate`` the limit of a residual in standard deviations.
     """
     ready = find_visible_clusters(chain, points)
     best = int(np.argmax(ready.sum(axis=1)))
@@ -120,7 +120,7 @@ def find_frame_poses(
 
 
 def widen_sds(found: FramePoses, sd: FloatArray) -> FloatArray:
-    """Return standard deviations (M,) that include the largest ordinary displacements of the skin, m."""
+    """Return ``sd`` (M,), m, increased by up to a factor of 3 for markers with large residuals that are no outliers."""
     wide = sd.copy()
     for m in range(len(sd)):
         off = np.linalg.norm(found.residual[:, m], axis=1)
@@ -133,10 +133,11 @@ def widen_sds(found: FramePoses, sd: FloatArray) -> FloatArray:
 def remove_displacements(
     chain: SpatialChain, model: ChainModel, points: FloatArray, found: FramePoses, *, rate: float, camera: float
 ) -> tuple[FramePoses, FloatArray]:
-    """Return poses from markers without their lasting displacements, and these markers (F, M, 3), m.
+    """Return poses fitted to the markers without their slow displacements, and these markers (F, M, 3), m.
 
-    All markers have equal weights. Slow displacements are thus weighted by the whole error, while white noise averages
-    over all markers. When a marker vanishes, the other markers do not step.
+    The displacements are the slow part of the residuals of ``found``, in which markers with large errors have small
+    weights. The new fit weights all markers equally, because only their white noise, with the standard deviation
+    ``camera``, m, is left. The poses do not jump when a marker vanishes.
     """
     own = np.where(found.used[..., None], _express_in_segments(chain, found), found.slips)
     slow = remove_fast_part(own, rate)
@@ -156,7 +157,7 @@ def predict_positions(model: ChainModel, track: Pose) -> FloatArray:
 
 
 def _express_in_segments(chain: SpatialChain, found: FramePoses) -> FloatArray:
-    """Return the residuals (F, M, 3) in the frames of the segments."""
+    """Return the residuals (F, M, 3), m, in the axes of the markers' segments."""
     turns = chain.place(found.track.origin, found.track.turn[:, 0], found.track.turn[:, 1:])[1]
     own = np.empty_like(found.residual)
     for s in np.unique(chain.segment):
@@ -177,7 +178,10 @@ def _search(
     slips: FloatArray | None = None,
     near: Pose | None = None,
 ) -> FramePoses:
-    """Run Gauss–Newton from the clusters in the frames ``starts`` (F,), or from the poses ``near`` in every frame."""
+    """Fit poses by Gauss–Newton from ``near`` if given, otherwise from the clusters in the frames ``starts`` (F,).
+
+    ``starts`` (all frames if None) and ``order`` (F,), the sequence of frames, belong to a search without ``near``.
+    """
     frames, count = points.shape[:2]
     d = degrees_of_freedom(model)
     if near is None:

@@ -1,7 +1,7 @@
 """Smoothed states of a chain in space from its markers and inertial sensors.
 
-The markers alone give a first motion. Each sensor is calibrated on it, and a sensor that contradicts it is left out.
-The filter then runs again with both.
+The markers alone give a first motion. Each sensor is calibrated with this motion, and a sensor that contradicts it is
+left out. The filter then runs again with markers and sensors.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ from mocap_id.geometry.spatial_chain import SpatialChain
 
 _UP = (0.0, 1.0, 0.0)  # long axis of the base, which has no axial rotation
 _SNAP = 2.0  # factor on the snap, because sensors measure faster movement than markers
-_ACCELERATION_SHARE = 0.35  # of the filter's sd, from simulated arms at rest; errors from skin are added separately
+_ACCELERATION_SHARE = 0.35  # factor on the filter's sd, from simulated arms at rest; errors from skin are added later
 _LONG = 0.1  # s without markers, after which the axial rotation is not interpolated
-_LASTS = 0.3  # s, in which errors of a gyroscope keep their sign
+_LASTS = 0.3  # s, time for which errors of a gyroscope keep their sign
 _WORSE = 1.5  # times the residual of the markers alone, at which the sensors contradict them
-_LEAST_USED = 0.8  # share of the samples that pass the gate
+_LEAST_USED = 0.8  # least fraction of the samples that must pass the gate
 
 
 def smooth_with_sensors(
@@ -55,7 +55,7 @@ def smooth_with_sensors(
     sensors: Mapping[int, SensorSignals],
     settings: SpatialSettings | None = None,
 ) -> tuple[SpatialStates, dict[int, SensorResult]]:
-    """Estimate the states of all segments from markers and inertial sensors; also return each sensor's result.
+    """Return the states of all segments from markers and inertial sensors, and the result of each sensor by segment.
 
     If all sensors are left out, the states come from the markers alone. ``points`` (F, M, 3) are the measured markers
     in the frame of the trial (y up), m, NaN where missing. ``time`` (F,) are uniform times of the cameras, s.
@@ -92,7 +92,7 @@ def smooth_with_sensors(
 
 @dataclass(frozen=True)
 class _Smoothing:
-    """Markers of a trial and their noise, to be smoothed with and without sensors."""
+    """Markers of a trial and their noise, from which states can be estimated with and without sensors."""
 
     chain: SpatialChain
     model: ChainModel
@@ -103,7 +103,7 @@ class _Smoothing:
     settings: SpatialSettings
 
     def smooth(self, found: Mapping[int, SensorCalibration], ready: Mapping[int, PreparedSensor]) -> SpatialStates:
-        """Return the states from the markers and from the prepared sensors, if any."""
+        """Return the states from the markers, and from the sensors ``ready``, if any, with their calibrations."""
         model, dt, noise = self.model, 1.0 / self.rate, self.noise
         sensors, followed = None, None
         if ready:
@@ -122,7 +122,10 @@ class _Smoothing:
 
 
 def _find_counted_segments(chain: SpatialChain, own: Sequence[int]) -> BoolArray:
-    """Return which segments (n + 1,) have a sensor and skin whose axial rotation has an estimated uncertainty."""
+    """Return which segments (n + 1,) have a sensor, and skin whose axial rotation has an estimated uncertainty.
+
+    ``own`` are the segments with sensors.
+    """
     every = np.arange(len(chain.joints) + 1)
     if not len(chain.skin_sd):
         return every < 0
@@ -130,7 +133,7 @@ def _find_counted_segments(chain: SpatialChain, own: Sequence[int]) -> BoolArray
 
 
 def _is_hidden_for_long(observed: BoolArray, found: Mapping[int, SensorCalibration], rate: float) -> bool:
-    """Return whether a segment with skin that lags is hidden for too long to interpolate its axial rotation."""
+    """Return whether a segment whose skin lags is hidden for too long to interpolate its axial rotation."""
     soft = (s for s, each in found.items() if each.lag)
     return any(run.stop - run.start > _LONG * rate for s in soft for run in find_runs(~observed[:, s]))
 
@@ -159,7 +162,10 @@ def _check_gate(track: SpatialTrack, sensors: Sensors | None) -> None:
 
 
 def _adapt_noise(noise: SpatialNoise, followed: BoolArray) -> SpatialNoise:
-    """Return the noise with more snap, and unknown errors of the rates, where sensors determine the rates (d,)."""
+    """Return the noise for the filter with sensors; ``followed`` (d,) are degrees of freedom whose rates they measure.
+
+    There, the snap is larger, and the errors of velocity and acceleration are NaN.
+    """
     errors = noise.errors.copy()
     errors[1:, followed] = np.nan
     return replace(noise, snap=np.where(followed, _SNAP, 1.0) * noise.snap, errors=errors)
@@ -168,7 +174,7 @@ def _adapt_noise(noise: SpatialNoise, followed: BoolArray) -> SpatialNoise:
 def compute_segment_motions(
     chain: SpatialChain, states: SpatialStates, rate: float, known: BoolArray
 ) -> list[SegmentMotion]:
-    """Return the motion of every segment in its own axes; NaN where ``known`` (F, n + 1) is false."""
+    """Return the motion of every segment, base first, in its own axes; NaN where ``known`` (F, n + 1) is false."""
     motions = []
     for s in range(len(chain.joints) + 1):
         rotation, origin = states.rotations[:, s], states.origins[:, s]
@@ -212,7 +218,10 @@ def _collect_signals(
 
 
 def _find_followed(model: ChainModel, own: Sequence[int]) -> BoolArray:
-    """Return the degrees of freedom (d,) whose rates are measured: of joints with sensors on both segments."""
+    """Return which degrees of freedom (d,) are measured: those of the joints with sensors on both segments.
+
+    Those of the base need one sensor, on the base. ``own`` are the segments with sensors.
+    """
     groups = group_columns(model)
     followed = np.zeros(groups[-1].stop, dtype=np.bool_)
     followed[groups[0]] = 0 in own
@@ -222,7 +231,7 @@ def _find_followed(model: ChainModel, own: Sequence[int]) -> BoolArray:
 
 
 def _shrink_accelerations(covariance: FloatArray, followed: BoolArray) -> None:
-    """Reduce the variances of the measured accelerations in the covariance (F, 4 d, 4 d), in place."""
+    """Reduce the variances of the accelerations ``followed`` (d,) in the covariance (F, 4 d, 4 d), in place."""
     scale = np.ones(ORDER * len(followed))
     scale[2 * len(followed) : 3 * len(followed)][followed] = _ACCELERATION_SHARE
     for part in chunks(len(covariance)):
@@ -232,7 +241,7 @@ def _shrink_accelerations(covariance: FloatArray, followed: BoolArray) -> None:
 def _add_lasting_errors(
     covariance: FloatArray, model: ChainModel, observed: BoolArray, ready: Mapping[int, PreparedSensor], dt: float
 ) -> None:
-    """Add the integrated lasting errors of gyroscopes to the covariance of the pose in gaps, in place."""
+    """Add the errors of gyroscopes, integrated over gaps of markers, to the covariance of the pose, in place."""
     for k, own in enumerate(group_columns(model)):
         both = (k,) if k == 0 else (k, int(model.parent[k - 1]))
         if any(s not in ready for s in both):

@@ -1,4 +1,4 @@
-"""Rates of joints and segments from the states, and how errors of the states change them."""
+"""Velocities and accelerations ("rates") of joints and segments, and their derivatives by the states."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ class JointRates:
     velocity: FloatArray  # (F, n, 3) rad/s
     acceleration: FloatArray  # (F, n, 3) rad/s²
     jerk: FloatArray  # (F, n, 3) rad/s³
-    maps: list[FloatArray]  # n arrays (F, 9, 3 c): change of rotation error, velocity and acceleration by c coordinates
+    maps: list[FloatArray]  # n arrays (F, 9, 3 c): derivatives of rotation, velocity, acceleration by c coordinates
 
     def at(self, frames: slice | IntArray) -> JointRates:
-        """Return the rates in some frames."""
+        """Return the rates in the chosen frames."""
         maps = [each[frames] for each in self.maps]
         return JointRates(self.velocity[frames], self.acceleration[frames], self.jerk[frames], maps)
 
 
 def compute_joint_rates(chain: SpatialChain, model: ChainModel, pose: Pose) -> JointRates:
-    """Return the rates of all joints in the child's axes."""
+    """Return the rates of all joints in the axes of their child segments."""
     frames, n = len(pose.origin), len(chain.joints)
     rates = np.zeros((3, frames, n, 3))
     maps = []
@@ -45,7 +45,7 @@ def compute_joint_rates(chain: SpatialChain, model: ChainModel, pose: Pose) -> J
 
 
 def _compute_axis_rates(joint: SpatialJoint, rotation: FloatArray, rate: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return velocity, acceleration and jerk (3, F, 3) of a hinge or two-axis joint, and their map (F, 9, 3 c)."""
+    """Return velocity, acceleration and jerk (3, F, 3) of a hinge or two-axis joint, and its array of ``maps``."""
     first = np.einsum("fji,j->fi", rotation, joint.first_axis)
     second, c = joint.second_axis, joint.dimension
     dq, ddq, dddq = rate[:, 0], rate[:, 1], rate[:, 2]
@@ -77,12 +77,12 @@ class SegmentRates:
     alpha: FloatArray  # (F, n + 1, 3) rad/s²
 
     def at(self, frames: slice | IntArray) -> SegmentRates:
-        """Return the rates in some frames."""
+        """Return the rates in the chosen frames."""
         return SegmentRates(self.omega[frames], self.alpha[frames])
 
 
 def compute_segment_rates(chain: SpatialChain, pose: Pose, turns: FloatArray, joints: JointRates) -> SegmentRates:
-    """Return angular velocity and acceleration of all segments, whose rotations are ``turns`` (F, n + 1, 3, 3)."""
+    """Return the rates of all segments; ``turns`` (F, n + 1, 3, 3) are their rotations."""
     omega, alpha = np.empty(turns.shape[:3]), np.empty(turns.shape[:3])
     omega[:, 0] = _rotate(turns[:, 0], pose.rate[:, 0, 3:6])
     alpha[:, 0] = _rotate(turns[:, 0], pose.rate[:, 1, 3:6])
@@ -97,10 +97,10 @@ def compute_segment_rates(chain: SpatialChain, pose: Pose, turns: FloatArray, jo
 def compute_rate_jacobians(
     chain: SpatialChain, model: ChainModel, turns: FloatArray, joints: JointRates, rates: SegmentRates
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the changes of rotation, omega and alpha (F, n + 1, 3, 3 d) by the pose, velocity and acceleration.
+    """Return the derivatives of rotation, omega and alpha by pose, velocity and acceleration, (F, n + 1, 3, 3 d) each.
 
-    The rotation's change is a rotation vector in the axes of the trial. ``turns`` (F, n + 1, 3, 3) are the rotations of
-    the segments.
+    The change of a rotation is a rotation vector in the axes of the trial. ``turns`` (F, n + 1, 3, 3) are the rotations
+    of the segments.
     """
     groups = group_columns(model)
     d = groups[-1].stop
@@ -109,7 +109,7 @@ def compute_rate_jacobians(
     spin[:, 0, :, 0, 3:6] = turns[:, 0]
     omega[:, 0, :, 1, 3:6] = turns[:, 0]
     alpha[:, 0, :, 2, 3:6] = turns[:, 0]
-    for m in range(3):  # of the base's errors, only the rotation error rotates its rates
+    for m in range(3):  # a change of the base's rotation also rotates its rates
         omega[:, 0, m, 0, 3:6] = -(so3.hat(rates.omega[:, 0]) @ turns[:, 0])[:, m]
         alpha[:, 0, m, 0, 3:6] = -(so3.hat(rates.alpha[:, 0]) @ turns[:, 0])[:, m]
     flat = (len(turns), 3, 3 * d)

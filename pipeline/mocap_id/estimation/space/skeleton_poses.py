@@ -1,4 +1,4 @@
-"""Poses of the segments of an arm from single frames of a skeleton, in closed form."""
+"""Poses of the segments of an arm from single frames of a skeleton recording, in closed form."""
 
 from __future__ import annotations
 
@@ -11,22 +11,23 @@ from mocap_id.estimation.space.space_kernels import ChainModel, Pose, predict_ma
 from mocap_id.geometry.spatial_chain import SpatialChain
 
 LEAST_FLEXION = float(np.radians(-10))
-"""Smallest flexion of an elbow, rad. A smaller flexion belongs to the mirrored pose, the humerus rotated by 180°."""
+"""Smallest flexion of an elbow, rad. In a pose with a smaller flexion, the humerus is wrongly rotated by 180°."""
 
 _STRAIGHT = float(np.sin(np.radians(15)))
-"""Sine of the angle between upper arm and forearm below which they do not determine the rotation of the humerus."""
-_WEAK = 1.0  # rad and m, prior of degrees of freedom that no joint determines
+"""Sine of the angle between the directions of upper arm and forearm below which the humerus's rotation is unknown."""
+_WEAK = 1.0  # rad and m, prior standard deviation of degrees of freedom that no joint of the skeleton determines
 
 
 def find_skeleton_poses(
     chain: SpatialChain, model: ChainModel, points: FloatArray, trunk: tuple[FloatArray, FloatArray], sd: FloatArray
 ) -> tuple[FramePoses, BoolArray]:
-    """Return the poses of single frames, and whether each determines the rotation of the humerus about its axis (F,).
+    """Return the poses of single frames, and whether each (F,) determines the axial rotation of the humerus.
 
-    The chain consists of trunk, upper arm (ball), forearm (hinge) and possibly hand (two-axis), each limb with one
-    joint of the skeleton. ``points`` (F, M, 3) are these joints, m, NaN where missing; ``sd`` (M,) is the standard
-    deviation of their coordinates, m. ``trunk`` is its rotation (F, 3, 3) and position (F, 3), m; NaN where unknown.
-    Where a joint of the skeleton is missing, the pose of the frame before is kept.
+    The segments of the chain are trunk, upper arm (ball joint), forearm (hinge) and, in some chains, hand (two-axis
+    joint). Each segment of the arm has one joint of the skeleton. ``points`` (F, M, 3) are all joints of the skeleton,
+    m, NaN where missing; ``sd`` (M,) is the standard deviation of their coordinates, m. ``trunk`` is the trunk's
+    rotation (F, 3, 3) and position (F, 3), m; NaN where unknown. Where a joint of the skeleton is missing, the pose of
+    the frame before is kept.
     """
     frames, segments = len(points), len(chain.joints) + 1
     track = make_track(model, frames)
@@ -55,7 +56,7 @@ def find_skeleton_poses(
 def _find_arm_pose(
     chain: SpatialChain, upper: FloatArray, lower: FloatArray
 ) -> tuple[FloatArray, FloatArray, BoolArray]:
-    """Return the rotation of the humerus (F, 3, 3), the flexion (F,), rad, and whether the axial rotation is known.
+    """Return the humerus's rotation (F, 3, 3), the flexion (F,), rad, and whether (F,) the axial rotation is known.
 
     ``upper`` and ``lower`` (F, 3) are the vectors from shoulder to elbow and from elbow to wrist, m.
     """
@@ -78,7 +79,10 @@ def _find_arm_pose(
 
 
 def _hold_last(values: FloatArray) -> FloatArray:
-    """Return values (F, …) with unknown frames filled by the last known frame, or by the first at the start."""
+    """Return values (F, …) with NaN replaced by the last frame that is known, or at the start by the first one.
+
+    If no frame is known, all values are zero.
+    """
     known = np.isfinite(values).reshape(len(values), -1).all(axis=1)
     if not known.any():
         return np.zeros_like(values)

@@ -1,4 +1,4 @@
-"""Smoothed states of an arm from a skeleton, whose joints have lasting errors and autocorrelated noise."""
+"""Smoothed states of an arm from a skeleton recording, whose joints have lasting errors and autocorrelated noise."""
 
 from __future__ import annotations
 
@@ -27,8 +27,8 @@ from mocap_id.geometry.spatial_chain import SpatialChain
 _LIMITS = SpatialSettings(angle_sd_limit=1.0, origin_sd_limit=0.1)
 """Wide limits: a straight elbow does not determine the rotation of the humerus, but the rest of the pose is known."""
 _POSTURES = 60
-_SLOWEST = 1.5  # Hz, least corner of the smoother, which every movement of an arm needs
-_DAMPING = 4.0  # 1/rad², prior information on degrees of freedom that no joint determines: half a radian
+_SLOWEST = 1.5  # Hz, least corner of the smoother, because every movement of an arm needs it
+_DAMPING = 4.0  # 1/rad², prior of degrees of freedom that no joint determines: a standard deviation of half a radian
 _LEAST_WEIGHT = 1e-3
 _HALF = 2  # frames on each side of a running median
 
@@ -38,9 +38,9 @@ class SkeletonNoise:
     """Errors of the M joints of a skeleton."""
 
     sd: FloatArray  # (M,) standard deviation of the noise of a coordinate of each joint, m
-    weight: FloatArray  # (F, M) of each sample: 1 is usual, less if guessed or of a wrong length, 0 in filled gaps
-    colour: Callable[[FloatArray], FloatArray]  # power at frequencies (K,), Hz, relative to equal white noise
-    lasting: FloatArray  # (M,) sd of the part of the lasting error that changes with the posture, m
+    weight: FloatArray  # (F, M) usually 1; less if the sample is guessed or its bone has a wrong length; 0 in gaps
+    colour: Callable[[FloatArray], FloatArray]  # power at frequencies (K,), Hz, relative to white noise of this sd
+    lasting: FloatArray  # (M,) sd of the part of each lasting error that changes with the posture, m
 
 
 def smooth_skeleton(
@@ -52,9 +52,9 @@ def smooth_skeleton(
     *,
     gate: float = 5.0,
 ) -> SpatialStates:
-    """Estimate the states of trunk and arm at every frame.
+    """Return the states of trunk and arm at every frame.
 
-    ``points`` (F, M, 3) are the joints of the skeleton without known lasting errors and jumps, m. Short gaps are
+    ``points`` (F, M, 3) are the joints of the skeleton, m, without jumps and known lasting errors. Short gaps are
     filled; long gaps are NaN. ``chain`` and ``trunk`` are as for
     :func:`~mocap_id.estimation.space.skeleton_poses.find_skeleton_poses`. A sample farther from its prediction than
     ``gate`` standard deviations is left out.
@@ -80,7 +80,7 @@ def smooth_skeleton(
 
 
 def remove_jumps(points: FloatArray, limit: FloatArray) -> FloatArray:
-    """Return points (F, M, 3) without samples farther than ``limit`` (M,), m, from the median of their neighbours."""
+    """Return points (F, M, 3) with NaN for each sample farther than ``limit`` (M,), m, from the median around it."""
     kept = points.copy()
     if len(points) <= 2 * _HALF:
         return kept
@@ -96,7 +96,7 @@ def remove_jumps(points: FloatArray, limit: FloatArray) -> FloatArray:
 
 
 def bridge_gaps(points: FloatArray, longest: int) -> FloatArray:
-    """Return points (F, M, 3) in which gaps of at most ``longest`` frames are filled linearly."""
+    """Return points (F, M, 3) in which gaps of at most ``longest`` frames are interpolated linearly."""
     filled, every = points.copy(), np.arange(len(points))
     for m in range(points.shape[1]):
         seen = np.isfinite(points[:, m, 0])
@@ -110,7 +110,7 @@ def bridge_gaps(points: FloatArray, longest: int) -> FloatArray:
 
 
 def _limit_to_measured(model: ChainModel, frames: FramePoses, weight: FloatArray) -> FramePoses:
-    """Return the poses with ``observed`` and ``used`` false where no sample was measured."""
+    """Return the poses with ``observed`` and ``used`` false where the weight (F, M) of the samples is zero."""
     there = np.asarray(weight > 0)
     seen = np.stack([there[:, model.segment == s].any(axis=1) for s in range(frames.observed.shape[1])], axis=1)
     seen[:, 1:3] &= seen[:, 1:2] & seen[:, 2:3]
@@ -118,7 +118,10 @@ def _limit_to_measured(model: ChainModel, frames: FramePoses, weight: FloatArray
 
 
 def _limit_to_bent(frames: FramePoses, shown: BoolArray) -> FramePoses:
-    """Return the poses with the shoulder observed only where the elbow determines the rotation of the humerus."""
+    """Return the poses with the shoulder observed only in the frames ``shown`` (F,), unless there are none.
+
+    In these frames the elbow is bent enough to determine the axial rotation of the humerus.
+    """
     observed = frames.observed.copy()
     observed[:, 1] &= shown
     if not observed[:, 1].any():
@@ -127,7 +130,10 @@ def _limit_to_bent(frames: FramePoses, shown: BoolArray) -> FramePoses:
 
 
 def _unmirror(chain: SpatialChain, model: ChainModel, track: SpatialTrack, sd: FloatArray) -> None:
-    """Replace every mirrored pose of the arm, in place, by the anatomical pose with the same joint positions."""
+    """Replace every pose with a wrongly rotated humerus, in place, by the anatomical pose with the same positions.
+
+    ``sd`` (M,) is as for :func:`find_skeleton_poses`.
+    """
     wrong = np.flatnonzero(track.pose.angle[:, 1, 0] < LEAST_FLEXION)
     if not wrong.size:
         return
@@ -140,7 +146,10 @@ def _unmirror(chain: SpatialChain, model: ChainModel, track: SpatialTrack, sd: F
 def _estimate_lasting_errors(
     chain: SpatialChain, model: ChainModel, pose: Pose, noise: SkeletonNoise, known: BoolArray
 ) -> SkinErrors:
-    """Return the errors of the pose from lasting errors of the joints that change with the posture."""
+    """Return the errors of the pose due to the lasting errors of the skeleton's joints, which change with the posture.
+
+    ``known`` (F,) are the frames from which the postures are chosen.
+    """
     at = np.flatnonzero(known) if known.any() else np.arange(len(known))
     postures: IntArray = np.unique(at[np.linspace(0, len(at) - 1, _POSTURES).round().astype(np.int64)])
     d, segments = degrees_of_freedom(model), len(chain.joints) + 1

@@ -1,7 +1,8 @@
 """Variances of the states from skin that slides with the joints (docs/concepts/rotations-in-the-filter.md).
 
-A marker's lasting error is proportional to the motion of the joints beside its segment. The pose follows the error with
-the gain of the weighted fit, and velocity and acceleration follow with the joints' velocity and acceleration.
+A marker's lasting error, which is the same in all frames with the same posture, is proportional to the motion of the
+joints beside its segment. The error of the pose is the gain of the weighted fit times this error. The errors of
+velocity and acceleration are proportional to the velocity and acceleration of the joints.
 """
 
 from __future__ import annotations
@@ -18,12 +19,12 @@ from mocap_id.geometry import so3
 from mocap_id.geometry.spatial_chain import SpatialChain
 
 _AXIAL_SHARE = 1.5
-"""Displacement by which the skin of a segment rotates about its long axis, relative to each marker's lasting error.
+"""Common displacement of a segment's markers by skin that rotates about its long axis, relative to their lasting error.
 
-The residuals contain only the differences between markers, so the value is assumed. It is valid for simulated arms.
+The residuals do not contain a common displacement, so the value is assumed. It is valid for simulated arms.
 """
 
-_ALIKE = 2.0  # variance of the pose from markers that slide partly alike, relative to independent markers; also assumed
+_ALIKE = 2.0  # assumed variance of the pose from markers that slide partly alike, relative to independent markers
 
 _POSTURES = 40
 _LEAST_MOTION = 0.01  # rad, rms; joints that move less do not move the skin
@@ -32,9 +33,13 @@ _DAMPING = 1e-6  # m²/rad², for degrees of freedom that no marker determines
 
 @dataclass(frozen=True)
 class SkinErrors:
-    """Variances of the pose due to skin, for the skin of S segments."""
+    """Covariances of the pose due to the skin of S segments, at T postures.
 
-    pose: FloatArray  # (T, 2 S, d, d) covariance at T postures for a unit of motion: markers apart, then together
+    There are two for each segment: for independent displacements of its markers (the first S), and for a common
+    rotation about its long axis (the last S).
+    """
+
+    pose: FloatArray  # (T, 2 S, d, d) covariance at the postures for a unit of ``motion``
     postures: IntArray  # (T,) frames of the postures
     motion: FloatArray  # (3, F, 2 S) squared motion, velocity and acceleration, relative to the mean square motion
 
@@ -61,8 +66,8 @@ def estimate_skin_errors(
 ) -> SkinErrors:
     """Return the variances of the states due to the motion of the skin.
 
-    ``lasting`` (M,) is the variance of a coordinate's lasting error, m², and ``weight`` (M,) the weight of each marker,
-    1/m². ``known`` (K,) are the frames with complete states.
+    ``lasting`` (M,) is the variance of the lasting error of each marker's coordinate, m², and ``weight`` (M,) the
+    weight of each marker, 1/m². ``known`` (K,) are the frames with complete states, from which postures are chosen.
     """
     postures = np.unique(known[np.linspace(0, len(known) - 1, _POSTURES).round().astype(np.int64)])
     d, count = degrees_of_freedom(model), len(model.segment)
@@ -88,14 +93,20 @@ def estimate_skin_errors(
 
 
 def drop_axial_rates(skin: SkinErrors, counted: BoolArray) -> SkinErrors:
-    """Return the variances without the rates of the skin's common axial rotation in the segments ``counted`` (S,)."""
+    """Return the errors without those of the velocities and accelerations by axial rotation of the skin.
+
+    They are removed in the segments ``counted`` (S,), which are true.
+    """
     motion = skin.motion.copy()
     motion[1:, :, len(counted) :][:, :, counted] = 0.0
     return replace(skin, motion=motion)
 
 
 def compute_cluster_variances(chain: SpatialChain) -> FloatArray:
-    """Return the variance per axis (n + 1,), m², of each cluster's slide on its bone: half of its joints' slides."""
+    """Return the variance (n + 1,) per axis, m², of the slide of each segment's marker cluster on its bone.
+
+    It is half of the variances of the slides of the joints beside the segment.
+    """
     found = np.zeros(len(chain.joints) + 1)
     for k, joint in enumerate(chain.joints, start=1):
         found[[joint.parent, k]] += joint.slide_sd**2 / 2
@@ -103,7 +114,7 @@ def compute_cluster_variances(chain: SpatialChain) -> FloatArray:
 
 
 def _find_long_axes(chain: SpatialChain) -> FloatArray:
-    """Return the direction (n, 3) from each joint to the next joint, or to the markers, in the child's frame."""
+    """Return the unit vector (n, 3) from each joint to the next joint, or to the mean marker, in the child's frame."""
     found = np.zeros((len(chain.joints), 3))
     for s in range(1, len(found) + 1):
         ahead = [joint.centre for joint in chain.joints if joint.parent == s]
@@ -116,7 +127,10 @@ def _find_long_axes(chain: SpatialChain) -> FloatArray:
 def _measure_motion(
     chain: SpatialChain, pose: Pose, joints: JointRates, known: IntArray, axes: FloatArray
 ) -> FloatArray:
-    """Return the squared motion (3, F, 2 S) beside each segment, then about its long axis; the mean motion is one."""
+    """Return ``motion`` of :class:`SkinErrors`: of the joints beside each segment, then about its long axis.
+
+    Its mean over the frames ``known`` (K,) is one. It is zero for joints that hardly move.
+    """
     frames, n = joints.velocity.shape[:2]
     squares = np.zeros((3, frames, 2 * (n + 1)))
     for k, joint in enumerate(chain.joints):
@@ -134,10 +148,10 @@ def _measure_motion(
 def compute_segment_variances(
     skin: SkinErrors, spin: FloatArray, origin: FloatArray, rates: SegmentRates
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return the variances (F, n + 1) per axis of origin, rotation, omega and alpha due to skin.
+    """Return the variances per axis of origin, rotation, omega and alpha due to skin, (F, n + 1) each.
 
-    ``spin`` and ``origin`` (T, n + 1, 3, d) are the changes of the segments' rotations and origins by the pose, at the
-    postures.
+    ``spin`` and ``origin`` (T, n + 1, 3, d) are the derivatives of the segments' rotations and origins by the pose, at
+    the postures.
     """
     rotational, translational = (
         skin.at_frames(np.einsum("tgik,tskl,tgil->tsg", each, skin.pose, each) / 3) for each in (spin, origin)
@@ -150,9 +164,9 @@ def compute_segment_variances(
 def compute_joint_variances(
     skin: SkinErrors, model: ChainModel, joints: JointRates, k: int
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the covariance (F, 9, 9) of a joint, and the variances (F, 3, c) of its coordinates, due to skin.
+    """Return the covariance (F, 9, 9) of joint k, and the variances (F, 3, c) of its coordinates, due to skin.
 
-    The covariance is for rotation error, velocity and acceleration in the child's axes. The variances are for the
+    The covariance is for rotation error, velocity and acceleration in the child's axes. The variances are for the c
     coordinates, their velocities and accelerations.
     """
     own = group_columns(model)[k + 1]

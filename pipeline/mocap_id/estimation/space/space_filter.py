@@ -29,8 +29,8 @@ _NO_SENSORS = Sensors(
 class SpatialTrack:
     """Smoothed states of all d degrees of freedom at F frames."""
 
-    pose: Pose  # poses and rates
-    covariance: FloatArray  # (F, 4 d, 4 d) of pose (rotations: error vectors in the child's axes) and derivatives
+    pose: Pose  # poses with velocities, accelerations and jerks
+    covariance: FloatArray  # (F, 4 d, 4 d) of pose (of rotation: error vector in the child's axes) and derivatives
     used: BoolArray  # (F, M) markers that were measured and passed the gate
     sensed: BoolArray  # (F, S, 2) gyroscopes and accelerometers that were measured and passed the gate
 
@@ -47,7 +47,7 @@ def filter_and_smooth(
     weight: FloatArray | None = None,
     sensors: Sensors | None = None,
 ) -> SpatialTrack:
-    """Run the filter forwards and the smoother backwards.
+    """Run the filter forwards and the smoother backwards, and return the smoothed states.
 
     Raise NumericalError if a covariance is not positive definite.
 
@@ -58,15 +58,15 @@ def filter_and_smooth(
     dt : float
         Time step, s.
     frames : FramePoses
-        Poses for the start and after gaps.
+        Poses of single frames, from which the filter starts at the beginning and after gaps.
     noise : SpatialNoise
-        Noise of markers and movement; its marker_sd and errors are not used.
+        Noise of markers and movement; ``marker_sd`` and ``errors`` are not used.
     gate : float
         Limit of an innovation, in standard deviations.
     gate_sd : (M,) array, optional
-        Standard deviation of a coordinate in the gate, m; by default from the residuals of single frames.
+        Standard deviation of a coordinate of each marker in the gate, m; by default from residuals of ``frames``.
     weight : (F, M) array, optional
-        Weight of each sample, relative to a sample with the variances above; default: 1.
+        Weight of each sample; its variances are divided by the weight. Default: 1.
     sensors : Sensors, optional
         Inertial sensors.
     """
@@ -100,7 +100,7 @@ def filter_and_smooth(
 def _run(  # noqa: PLR0917
     model: ChainModel, noise: Noise, points: FloatArray, frames: FramePoses, sensors: Sensors, track: SpatialTrack
 ) -> None:
-    """Fill the track by the filter, then by the smoother."""
+    """Run filter and smoother, and fill the arrays of ``track``."""
     count, observed = len(points), frames.observed
     followed = _find_followed(model, observed, sensors)
     restarted = np.zeros((count, len(model.freedom) + 1), dtype=np.bool_)
@@ -114,7 +114,7 @@ def _run(  # noqa: PLR0917
 
 
 def _find_followed(model: ChainModel, observed: BoolArray, sensors: Sensors) -> BoolArray:
-    """Return where (F, n + 1) markers determine the base or a joint, or sensors on both sides measure its rotation."""
+    """Return where (F, n + 1) markers determine the base or a joint, or sensors on both its segments measure it."""
     if not len(sensors.segment):
         return observed
     followed = observed.copy()
@@ -127,10 +127,10 @@ def _find_followed(model: ChainModel, observed: BoolArray, sensors: Sensors) -> 
 
 
 def scale_to_movement(track: SpatialTrack, errors: FloatArray) -> None:
-    """Scale the covariance to the mean squared errors (3, d) of pose, velocity and acceleration, in place.
+    """Scale the covariance, in place, to ``errors`` (3, d), the mean squared errors of pose, velocity and acceleration.
 
-    Each degree of freedom is scaled separately. A degree of freedom without a known error (NaN) keeps its variance, and
-    so do gaps.
+    Each degree of freedom is scaled separately. It keeps its variance if its error is NaN. Variance that exceeds the
+    median over all frames, as in gaps, is not scaled.
     """
     d = errors.shape[1]
     scale = np.ones((len(track.covariance), ORDER, d))

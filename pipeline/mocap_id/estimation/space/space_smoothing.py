@@ -54,9 +54,9 @@ class SpatialSettings:
 
 @dataclass(frozen=True)
 class SpatialStates:
-    """Smoothed states of a trial in space, F frames, n joints, M markers; NaN where they are too uncertain.
+    """Smoothed states of a trial in space with F frames, n joints and M markers; NaN where they are too uncertain.
 
-    Standard deviations include camera noise, movement beyond the smoother's band, and skin that slides with the joints.
+    Standard deviations include camera noise, movement that the smoother removes, and skin that slides with the joints.
     """
 
     origins: FloatArray  # (F, n + 1, 3) position of each segment in the frame of the trial, m
@@ -83,7 +83,7 @@ class SpatialStates:
 def smooth_in_space(
     points: FloatArray, rate: float, chain: SpatialChain, settings: SpatialSettings | None = None
 ) -> SpatialStates:
-    """Estimate the states of all segments and joints at every frame.
+    """Return the states of all segments and joints at every frame, estimated from markers.
 
     Parameters
     ----------
@@ -114,7 +114,7 @@ def smooth_in_space(
 def estimate_noise(
     chain: SpatialChain, model: ChainModel, points: FloatArray, rate: float, settings: SpatialSettings
 ) -> tuple[FramePoses, FloatArray, SpatialNoise]:
-    """Return the poses of single frames, the markers (F, M, 3) without lasting displacements, and the noise."""
+    """Return the poses of single frames, the markers (F, M, 3), m, without slow displacements, and the noise."""
     floor = settings.marker_sd_floor
     size = (
         np.full(points.shape[1], settings.marker_sd)
@@ -142,10 +142,11 @@ def collect_states(  # noqa: PLR0917
     lasting: SkinErrors | None = None,
     counted: BoolArray | None = None,
 ) -> SpatialStates:
-    """Return the states from the smoothed track; NaN for the segments ``lost`` (F, n + 1).
+    """Return the states from the smoothed track; NaN where a segment is ``lost`` (F, n + 1).
 
-    ``lasting`` are errors that replace the errors from skin. In the segments ``counted`` (n + 1,), the rates do not
-    include the common axial rotation of the skin, because the sensors' calibration counts it.
+    ``lasting``, if given, replaces the errors from skin. In the segments ``counted`` (n + 1,), standard deviations of
+    velocities and accelerations do not include the common axial rotation of the skin, because the calibration of the
+    sensors includes it.
     """
     pose = track.pose
     origins, rotations = chain.place(pose.origin, pose.turn[:, 0], pose.turn[:, 1:])
@@ -181,7 +182,7 @@ def collect_states(  # noqa: PLR0917
 def find_uncertain_segments(
     chain: SpatialChain, model: ChainModel, track: SpatialTrack, settings: SpatialSettings
 ) -> BoolArray:
-    """Return where (F, n + 1) the pose of a segment, or of a segment before it, is too uncertain."""
+    """Return where (F, n + 1) the pose of a segment, or of a segment between it and the base, is too uncertain."""
     groups = group_columns(model)
     spread = np.diagonal(track.covariance, axis1=1, axis2=2)[:, : groups[-1].stop]
     weak = spread > settings.angle_sd_limit**2
@@ -201,7 +202,7 @@ def _estimate_segment_sds(  # noqa: PLR0917
     rates: SegmentRates,
     skin: SkinErrors,
 ) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Return the standard deviations (F, n + 1) per axis of origin, rotation, omega and alpha."""
+    """Return the standard deviations per axis of origin, rotation, omega and alpha, (F, n + 1) each."""
     d = degrees_of_freedom(model)
     variance = np.empty((4, *rotations.shape[:2]))
     for part in chunks(len(rotations), 256):
@@ -219,14 +220,14 @@ def _estimate_segment_sds(  # noqa: PLR0917
 
 
 def _propagate(jacobian: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Return the variances per axis (f, g) of J x, from J (f, g, 3, m) and the covariance (f, m, m) of x."""
+    """Return the variances (f, g) per axis of J x, from J (f, g, 3, m) and the covariance (f, m, m) of x."""
     flat = jacobian.reshape(len(jacobian), -1, jacobian.shape[-1])
     squares = np.einsum("fik,fik->fi", flat @ covariance, flat)
     return np.asarray(np.maximum(squares.reshape(*jacobian.shape[:3]).mean(axis=2), 0.0))
 
 
 def _origin_jacobian(model: ChainModel, pose: Pose) -> FloatArray:
-    """Return the change (f, n + 1, 3, d) of the segments' origins by the pose."""
+    """Return the derivatives (f, n + 1, 3, d) of the segments' origins by the pose."""
     segments = len(model.freedom) + 1
     ends = model._replace(
         segment=np.arange(segments), local=np.zeros((segments, 3)), on_glide=np.zeros(segments, dtype=np.bool_)
@@ -240,7 +241,7 @@ def _origin_jacobian(model: ChainModel, pose: Pose) -> FloatArray:
 def _estimate_joint_covariances(
     chain: SpatialChain, model: ChainModel, track: SpatialTrack, joints: JointRates, skin: SkinErrors
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the joints' covariances, their coordinates, and the coordinates' standard deviations."""
+    """Return the fields ``joint_covariance``, ``coordinates`` and ``sd_coordinates`` of :class:`SpatialStates`."""
     frames, n = joints.velocity.shape[:2]
     d = degrees_of_freedom(model)
     covariance = np.empty((frames, n, 9, 9))

@@ -1,16 +1,15 @@
 """Marker and process noise of a chain in space, from the poses of single frames.
 
-The steps between frames, in each segment's own axes, sum up to one series for each degree of freedom. A series is
-movement and white noise of known variance r. A snap of standard deviation s over one frame gives the smoother H = 1 /
-(1 + (w / w0)^8) with w0^8 = s² / r. The snap is chosen for the least squared error of the smoothed acceleration. Up to
-a constant, this error is
+The changes between frames, in the axes of each segment, are added up to one series for each degree of freedom. A series
+consists of movement and white noise of known variance r. For a snap with the standard deviation s, held over one frame,
+the smoother has the frequency response H = 1 / (1 + (w / w0)^8), where w0^8 = s² / r for a time step of one. The snap
+is chosen for the least squared error of the smoothed acceleration. Up to a constant, this error is
 
     sum over frequencies of H² I − 2 H (I − N)
 
-with the power I of the measured acceleration and the power N of its noise. Where I comes near N, the movement is
-assumed to fall steadily. The likelihood of white snap, in contrast, is misled by slow movement, which has less power
-than white snap would give it. Only moving samples count, because a start at rest would suggest less snap than the
-movement has.
+with the power I of the measured acceleration and the power N of its noise. Where I is near N, the power of the movement
+is assumed to decrease steadily with frequency. The likelihood of white snap is not used, because slow movement, which
+has less power than white snap, would bias it. Only samples in motion count, because rest would make the snap too small.
 """
 
 from __future__ import annotations
@@ -31,18 +30,18 @@ from mocap_id.estimation.space.space_kernels import ChainModel
 SNAP_BOUNDS = (1e-1, 1e6)  # search range of the snap's standard deviation over one frame, rad/s⁴ or m/s⁴
 
 _LARGEST_RATIO = 2.0  # of the snaps of two coordinates of one joint
-_STILL = 0.3  # of the rms speed; slower samples do not count
-_AROUND = 0.25  # s; samples this near to a moving sample also count
+_STILL = 0.3  # of the rms speed; slower samples are at rest and do not count
+_AROUND = 0.25  # s; samples at rest that are this near to a moving sample also count
 _WINDOW = 4.0  # s
 _MOST = 100  # windows
-_MOSTLY = 0.5  # least share of moving samples in a window
-_GAP_SHARE = 0.36  # s^½; with it, white snap and a constant snap cause equal errors after 0.3 s
-_REACH = 1.9  # highest frequency of movement that is not passed, relative to the corner
-_CAUTION = 1.3  # factor on the best snap for autocorrelated noise: fast movement needs more than the average
+_MOSTLY = 0.5  # least fraction of moving samples in a window
+_GAP_SHARE = 0.36  # s^½; with this factor, white snap and a constant snap cause equal errors after 0.3 s
+_REACH = 1.9  # highest frequency, relative to the corner, of the movement that the smoother does not pass
+_CAUTION = 1.3  # factor on the best snap for autocorrelated noise, because fast movement needs more than the average
 _LEAST = 16  # frames of a window
 _FASTEST = 4.0  # Hz, highest frequency of movement that exceeds autocorrelated noise
 _NEAR = 10.0  # ratio of measured power to noise power below which the power of the movement is modelled
-_STEEPNESS = np.array([4.0, 6.0, 8.0, 12.0, 16.0])  # of the fall of movement relative to noise; 4: constant movement
+_STEEPNESS = np.array([4.0, 6.0, 8.0, 12.0, 16.0])  # exponents of the fall of movement relative to noise; 4: constant
 _CROSSINGS = 80  # frequencies at which movement and noise may be equal
 _TRIALS = 120  # values of the snap
 
@@ -58,14 +57,15 @@ class SpatialNoise:
     camera_sd: float  # standard deviation of a marker's white noise, per coordinate, m
     marker_sd: FloatArray  # (M,) the same with the lasting error of the skin, for each marker, m
     snap: FloatArray  # (d,) standard deviation of the snap, held over one frame, rad/s⁴ or m/s⁴
-    gap_snap: FloatArray  # (d,) the same in gaps, larger because the snap of a movement lasts
+    gap_snap: FloatArray  # (d,) the same in gaps; it is larger, because the snap of a real movement is not white
     errors: FloatArray  # (3, d) mean squared error of pose, velocity, acceleration, without skin; NaN if unknown
 
 
 def estimate_camera_noise(frames: FramePoses, floor: float) -> float:
     """Return the standard deviation, m, of the markers' white noise, at least ``floor``.
 
-    Second differences of the residuals remove lasting errors, and the share that the pose follows is added.
+    It is estimated from second differences of the residuals, which remove lasting errors. It is increased for the
+    fraction of the noise that the poses follow.
     """
     squares, freedom = 0.0, 0.0
     for s in chunks(len(frames.residual)):
@@ -81,10 +81,11 @@ def estimate_camera_noise(frames: FramePoses, floor: float) -> float:
 def estimate_process_noise(
     model: ChainModel, frames: FramePoses, dt: float, colour: Colour | None = None, slowest: float = 0.0
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return snap and gap_snap (d,) of each degree of freedom, and the mean squared errors (3, d) that remain.
+    """Return the fields ``snap``, ``gap_snap`` and ``errors`` of :class:`SpatialNoise`, estimated from ``frames``.
 
     ``dt`` is the time step, s. The noise is white, or has the power ``colour`` relative to white noise of the same
-    variance. ``slowest`` is the least corner of the smoother of a joint, Hz.
+    variance. ``slowest`` is the least corner of the smoother of a joint, Hz. Without observed frames, the snap is the
+    upper end of :data:`SNAP_BOUNDS`.
     """
     series, variance = sum_steps(model, frames.track), frames.variance
     snaps, gaps = np.empty(series.shape[1]), np.empty(series.shape[1])
@@ -122,12 +123,12 @@ def estimate_process_noise(
 
 
 def _model_fall(power: FloatArray, noise: FloatArray) -> FloatArray:
-    """Return the power with a steady fall of the movement's power where it comes near the power of the noise.
+    """Return the measured power, replaced by a smooth model at the frequencies at which it is near that of the noise.
 
-    The power from few windows scatters. Where it is by chance twice the power of the noise, at a high frequency, it
-    would be mistaken for movement. The model therefore begins at the first frequency at which the power of the noise is
-    a tenth of the measured power. From there, the power is 1 + (c / k)^q times the power of the noise at frequency k,
-    with the likeliest c and q for a periodogram.
+    The power from few windows scatters. If it is by chance twice the power of the noise at a high frequency, it would
+    be mistaken for movement. The model therefore begins at the first frequency at which the power of the noise is more
+    than a tenth of the measured power. From there, the power is 1 + (c / k)^q times the power of the noise, where k is
+    the index of the frequency, and c and q are the likeliest values for a periodogram.
     """
     ratio = power[1:] / noise[1:]
     near = np.flatnonzero(ratio < _NEAR)
@@ -143,7 +144,7 @@ def _model_fall(power: FloatArray, noise: FloatArray) -> FloatArray:
 
 
 def _shade(power: FloatArray, noise: FloatArray, frequency: FloatArray, colour: Colour) -> FloatArray:
-    """Return the power of autocorrelated noise; at frequencies too high for movement, all power is noise."""
+    """Return the power of autocorrelated noise; at frequencies too high for movement, all measured power is noise."""
     coloured = noise * colour(frequency)
     return np.where(frequency > _FASTEST, np.maximum(coloured, power), coloured)
 
@@ -151,7 +152,7 @@ def _shade(power: FloatArray, noise: FloatArray, frequency: FloatArray, colour: 
 def _limit_ratios(model: ChainModel, snaps: FloatArray) -> FloatArray:
     """Return the snaps (d,), with a limited ratio between the two coordinates of a two-axis joint.
 
-    If skin slides fast, the axial rotation of a limb has more noise than its markers suggest.
+    Without the limit, the snap of a limb's axial rotation would be too large, because sliding skin adds fast motion.
     """
     found = snaps.copy()
     for k, at in enumerate(model.first[1:].tolist()):
@@ -161,7 +162,10 @@ def _limit_ratios(model: ChainModel, snaps: FloatArray) -> FloatArray:
 
 
 def _estimate_errors(power: FloatArray, noise: FloatArray, angular: FloatArray, corner: float, dt: float) -> FloatArray:
-    """Return the mean squared errors (3,) of a series and its derivatives, smoothed up to a corner, rad/s."""
+    """Return the mean squared errors (3,) of a series, its first and its second derivative after smoothing.
+
+    ``corner`` is the corner of the smoother, rad/s.
+    """
     passed = 1 / (1 + (angular / corner) ** (2 * ORDER))
     near = (angular > 0) & (angular < _REACH * corner)  # beyond, the noise exceeds the movement by far
     averages = passed**2 * noise
@@ -175,7 +179,10 @@ def _estimate_errors(power: FloatArray, noise: FloatArray, angular: FloatArray, 
 
 
 def _list_groups(model: ChainModel) -> list[tuple[int, slice]]:
-    """Return the joints and degrees of freedom that share one snap: position, rotation, ball, or a coordinate."""
+    """Return the groups of degrees of freedom with one snap: each is the number of the joint, 0 = base, and a slice.
+
+    The groups are position and rotation of the base, each ball joint, and each coordinate of other joints.
+    """
     groups = [(0, slice(0, 3)), (0, slice(3, 6))]
     for k, at in enumerate(model.first[1:].tolist()):
         if model.ball[k]:
@@ -186,7 +193,10 @@ def _list_groups(model: ChainModel) -> list[tuple[int, slice]]:
 
 
 def _find_moving(series: FloatArray, seen: BoolArray, dt: float) -> BoolArray:
-    """Return the samples (F,) faster than a share of the rms speed, and samples around them; all of a short trial."""
+    """Return whether (F,) a sample is in motion or near motion; in a short trial all samples are.
+
+    ``series`` (F, c) is one group, and ``seen`` (F,) are the frames from which its rms speed is taken.
+    """
     half = max(round(_AROUND / dt / 2), 1)
     if len(series) < 8 * half:
         return np.ones(len(series), dtype=np.bool_)
@@ -201,7 +211,10 @@ def _find_moving(series: FloatArray, seen: BoolArray, dt: float) -> BoolArray:
 
 
 def _find_windows(moving: BoolArray, seen: BoolArray, dt: float) -> tuple[IntArray, int]:
-    """Return the first frames of windows with movement and without gaps, and their length; else the middle window."""
+    """Return the first frames of the windows with motion and without gaps, and the length of a window in frames.
+
+    If no window is suitable, the middle window is returned; none if the trial is too short or nothing is observed.
+    """
     size = min(round(_WINDOW / dt), len(seen) - 2)
     if size < _LEAST or not seen.any():
         return np.empty(0, dtype=np.int64), size
@@ -216,9 +229,9 @@ def _find_windows(moving: BoolArray, seen: BoolArray, dt: float) -> tuple[IntArr
 def _compute_spectrum(
     series: FloatArray, variance: FloatArray, seen: BoolArray, starts: IntArray, size: int
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Return the power of the second differences, the power of their noise, and the white variance of the series.
+    """Return the power of the second differences, the power of their noise, and the noise variance of the series.
 
-    The powers sum up to variances over the frequencies.
+    Over the frequencies, the powers add up to variances. ``variance`` (F,) is the variance expected from the markers.
     """
     filled = np.interp(np.arange(len(series)), np.flatnonzero(seen), series[seen])
     bends = np.diff(filled, 2)
