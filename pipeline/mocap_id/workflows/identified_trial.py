@@ -141,7 +141,7 @@ def _combine_covariance(dynamics: Tree, prior: ReferencePrior) -> FloatArray:
     """Return the covariance (4K, 4K) of the chain's full parameters; NaN without base parameters or reference."""
     known, regrouping = dynamics.array("base/covariance"), dynamics.array("base/regrouping")
     if (common := dynamics.facts.get("calibration_covariance")) is not None:
-        known = known - np.asarray(common)  # the predicted wrench is measured by the same instruments
+        known = known - np.asarray(common)  # the same in all trials with these instruments
     if not (np.isfinite(known).all() and np.isfinite(prior.mean).all()):
         return np.full((len(prior.mean), len(prior.mean)), np.nan)
     return prior.complete(known.astype(np.float64), regrouping.astype(np.float64))

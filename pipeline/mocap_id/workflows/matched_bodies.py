@@ -105,7 +105,10 @@ def _add_joints(motion: PlanarMotion, frames: BodyFrames, target: IdentifiedTria
 
 
 def _find_beyond(frames: BodyFrames, target: IdentifiedTrial) -> BoolArray:
-    """Return (n', K) whether each of K bodies is beyond each of the target's n' joints, as most of its markers are."""
+    """Return (n', K) for the target's n' joints and the K bodies whether the body is beyond the joint.
+
+    A body is in the target's segment to which most of its markers belong.
+    """
     chain = target.chain.skeleton
     joints = len(chain.centres)
     segment_of = dict(zip(chain.markers, chain.segment.tolist(), strict=True))

@@ -28,12 +28,12 @@ class MovingBodies:
 
     @cached_property
     def regressor(self) -> FloatArray:
-        """Unfiltered regressor of the wrench that the motion requires (T, 3, 4K)."""
+        """Unfiltered regressor (T, 3, 4K) of the wrench that the motion requires."""
         return wrench_regressor(self.motion, self.gravity)
 
     @cached_property
     def torque_regressor(self) -> FloatArray:
-        """Unfiltered regressor of the torques of the chain's n joints (T, n, 4K)."""
+        """Unfiltered regressor (T, n, 4K) of the torques of the chain's n joints."""
         return torque_regressor(self.motion, self.regressor)
 
 
@@ -49,7 +49,7 @@ def read_measured_bodies(
     poses : Table
         Content of poses.parquet.
     centres : (n, 2) array
-        Joint centres in the previous segment, m.
+        Centre of each of the n joints in the segment before this joint, m.
     used : sequence of int
         Indices of the bodies in poses.parquet, from 0.
     bands : (x, y, angle)

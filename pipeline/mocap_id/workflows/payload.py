@@ -20,7 +20,7 @@ from mocap_id.workflows.run_folder import RunFolder, open_run
 
 PARAMETERS = ("m", "mx", "my", "mz", "Ixx", "Iyy", "Izz", "Ixy", "Ixz", "Iyz")
 UNITS = ("kg", *["kg*m"] * 3, *["kg*m^2"] * 6)
-_SIGNIFICANT = 2.0  # standard deviations
+_SIGNIFICANT = 2.0  # number of standard deviations above which a negative mass is significant
 _SAME = 0.02  # largest difference of two trials in the axes of a coordinate frame, or in the lever of a joint, m
 
 
@@ -58,10 +58,11 @@ class FoundPayload:
 def find_payload(
     loaded: Path, empty: Path, segment: str | None = None, progress: runner.Progress = lambda step: None
 ) -> FoundPayload:
-    """Identify the parameters of a payload from two trials with the same chain.
+    """Return the parameters of a payload, identified from two trials with the same chain.
 
-    ``loaded`` is the trial with the payload, ``empty`` the trial without it. ``segment`` carries the payload, by
-    default the last segment. Paths and ``progress`` are as for :func:`mocap_id.workflows.run_folder.open_run`.
+    ``loaded`` is the trial with the payload, and ``empty`` is the trial without it. ``segment`` carries the payload;
+    the default is the last segment. Paths and ``progress`` are as for
+    :func:`mocap_id.workflows.run_folder.open_run`.
 
     Raises
     ------

@@ -99,7 +99,7 @@ def _guess(recording: Path, forces: Path | None, given: Mapping[str, Any]) -> tu
         files["forces"] = str(forces)
     likely = {"space": "plane", "protocol": "sit-to-stand"}
     if reach is not None:
-        named = PurePosixPath(*recording.parts[-2:])  # a folder further up may be called L, too
+        named = PurePosixPath(*recording.parts[-2:])  # a folder further up may be called L by chance
         likely = {"space": "3d", "protocol": "reach", "side": reach.choose_sides(named)[0]}
     protocol = given.get("protocol")
     if protocol in IN_PLANE or protocol in IN_SPACE:

@@ -78,7 +78,7 @@ def parse_angle_range(text: str) -> tuple[str, tuple[float, float]]:
     Raises
     ------
     ConfigError
-        The text has another form.
+        The text does not have this form.
     """
     name, _, rest = text.partition("=")
     expected = "JOINT=LOW:HIGH in degrees, such as hip=-10:60"
@@ -91,7 +91,7 @@ def parse_support(text: str) -> Support:
     Raises
     ------
     ConfigError
-        The text has another form.
+        The text does not have this form.
     """
     if text == "bolted":
         return "bolted"

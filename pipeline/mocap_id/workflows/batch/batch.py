@@ -108,9 +108,9 @@ def run_batch(
     on_error : {"continue", "stop"}
         With ``stop``, no trial starts after one that failed or was refused.
     begin : callable, optional
-        Called with the number of trials before the first one runs.
+        Called with the number of trials before the first trial runs.
     tell : callable, optional
-        Called with each trial that ends.
+        Called with the result of each finished trial.
 
     Raises
     ------

@@ -90,7 +90,7 @@ def _find_files(name: str) -> Iterator[tuple[Path, Source | None]]:
 
 
 def _read_if_trial(file: Path) -> Iterator[tuple[Path, Source | None]]:
-    """Yield a YAML file with its content if it describes a trial, or with None if it is unreadable and named trial."""
+    """Yield a YAML file with its content if it describes a trial; with None if it is unreadable but named ``trial``."""
     try:
         source = read(file)
     except ConfigError:

@@ -34,7 +34,9 @@ class Comparison:
 
 
 def compare(a: Path, b: Path, progress: runner.Progress = lambda step: None) -> Comparison:
-    """Compare two runs; paths and ``progress`` are as for :func:`mocap_id.workflows.run_folder.open_run`.
+    """Return the comparison of two runs.
+
+    Paths and ``progress`` are as for :func:`mocap_id.workflows.run_folder.open_run`.
 
     Raises
     ------

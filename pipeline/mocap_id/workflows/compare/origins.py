@@ -16,7 +16,7 @@ _DIGITS = 12  # number of digits of a hash that are output
 
 
 def compare_origins(a: RunFolder, b: RunFolder) -> Iterator[Difference]:
-    """Yield the differences of versions, input files, and settings of the stages that both runs completed."""
+    """Yield the differences in versions, input files, and settings of the stages that both runs completed."""
     both = _list_stages(a) & _list_stages(b)
     yield from compare_entries("versions", _list_versions(a, both), _list_versions(b, both))
     yield from compare_entries("inputs", _list_inputs(a), _list_inputs(b))

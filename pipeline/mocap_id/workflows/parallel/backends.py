@@ -67,7 +67,7 @@ class Backend(ABC):
 class LocalBackend(Backend):
     """Processes of this machine."""
 
-    jobs: int = 1  # number of trials at a time; with 1, they run in this process
+    jobs: int = 1  # number of trials at a time; with 1, the trials run in this process
 
     @property
     def parallel(self) -> bool:

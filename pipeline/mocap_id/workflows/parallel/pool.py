@@ -41,7 +41,7 @@ def run_trials(
     backend : Backend
         Where the trials run.
     tell : callable
-        Called with each finished trial, in the order in which they finish.
+        Called with the result of each trial as soon as the trial finishes.
     on_error : {"continue", "stop"}
         With ``stop``, no trial starts after one that failed or was refused; running trials are allowed to finish.
     run : callable, optional

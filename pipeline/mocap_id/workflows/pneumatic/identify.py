@@ -87,7 +87,7 @@ def identify_device(config: DeviceConfig, source: Path, joint: int = 1) -> dict[
 
 
 def _cautions(parameters: Sequence[Mapping[str, Any]]) -> list[str]:
-    """Return a caution with all parameters far from the device's description and the usual causes; or an empty list."""
+    """Return one caution with the parameters far from their description and the usual causes; empty if none is far."""
     far = []
     for each in parameters:
         if each["value"] is None or each["name"] not in _LIMITS:
@@ -170,7 +170,7 @@ def _lasting_errors(  # noqa: PLR0917
 ) -> FloatArray:
     """Return the persistent errors (N, 2) of the elbow's torque, N·m: from the forearm's direction, and the flexion.
 
-    Each row belongs to one of the N ``good`` samples; ``angle`` (N,) contains their angles, rad.
+    Each row belongs to one of the N ``good`` samples; ``angle`` (N,) is the flexion in these samples, rad.
     """
     by_direction = _column(dynamics, "sd_elbow_torque")[good]
     slope = -np.nan_to_num(config.keys.cylinder().stiffness(angle, setting))

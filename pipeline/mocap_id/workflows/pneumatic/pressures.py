@@ -66,7 +66,7 @@ def spring_document(spring: NearestSpring) -> dict[str, Any]:
 
 
 def gas_budget(config: DeviceConfig) -> dict[str, Any]:
-    """Return the gas of each change between conditions with the device worn, and the changes that a reservoir allows.
+    """Return the gas of each change between two worn conditions, and how often a reservoir allows this change.
 
     ConfigError is raised if the device is worn in fewer than two conditions.
     """

@@ -124,7 +124,10 @@ def _make_body(  # noqa: PLR0917
 
 
 def _largest_moments(weights: ChainMasses, limits: JointLimits) -> FloatArray:
-    """Return the largest moment of gravity about each joint, (n,) N·m: within the limits, or for one joint anywhere."""
+    """Return the largest moment of gravity about each joint, (n,) N·m.
+
+    Several joints stay within their limits; a single joint may have any angle.
+    """
     q = limits.lower + sobol(2048, limits.dimension, 0) * (limits.upper - limits.lower)
     if limits.dimension == 1:
         return np.array([weights.one_joint(0, np.zeros(1), (0.0, 1.0), (-1.0, 1.0)).weight])

@@ -40,7 +40,7 @@ class ChainChange:
     before: int  # index of the node
     after: int  # index of the node
     q: FloatArray  # (M, n) postures, rad
-    switched: BoolArray  # (M,) whether the controller changes here
+    switched: BoolArray  # (M,) whether the controller changes the node in this posture
     unsafe: BoolArray  # (M,) whether the person cannot hold the posture during the change
     missing: FloatArray  # (M,) largest missing torque, N·m
 
@@ -143,7 +143,7 @@ def _find_groups(
 ) -> tuple[list[tuple[str, list[str], FloatArray]], list[str]]:
     """Return each group that can be held as (name, tasks, postures (P, n)), and the names of the other groups.
 
-    A group's P postures, rad, and its tasks belong to the P stops of the group.
+    ``tasks`` and ``postures`` (rad) contain the task and the posture of each of the P stops of the group.
     """
     assert result.graph is not None
     tasks = {task.name: task for task in result.config.wishes.tasks}
@@ -208,10 +208,7 @@ def _make_chain(result: PrescriptionResult, devices: Sequence[DeviceConfig | Non
 
 
 def _postures(result: PrescriptionResult, node: SubWorkspace, tasks: Sequence[Task]) -> tuple[list[str], FloatArray]:
-    """Return for each of P points of the tasks the name of its task, and the posture with the largest reserve, rad.
-
-    The postures have the shape (P, n).
-    """
+    """Return the task of each of the tasks' P points, and the posture (P, n) with the largest reserve there, rad."""
     body, wishes = result.body, result.config.wishes
     assert body.weights is not None and node.stiffness is not None and node.rest is not None
     each = [(task.name, task_points(task)) for task in tasks]

@@ -176,7 +176,7 @@ def _extend_intervals(
     groups: list[tuple[str, float, float]],
     overlap: float,
 ) -> list[tuple[str, float, float]]:
-    """Return the intervals (name, low, high), extended so that neighbours overlap by ``overlap`` if possible, rad."""
+    """Return the intervals (name, low, high), extended so that, if possible, neighbours overlap by ``overlap``, rad."""
     joined = list(groups)
     for k in range(len(joined) - 1):
         (name, low, high), (other, first, last) = joined[k], joined[k + 1]

@@ -84,7 +84,7 @@ def _find_p(x: FloatArray, y: FloatArray, value: float) -> float:
 
 
 def _find_interval(x: FloatArray, value: float) -> tuple[float, float]:
-    """Return the lowest and highest correlation in the population that agrees with a sample of ``value`` at ranks x."""
+    """Return the lowest and highest correlation in the population for which ``value`` is plausible at the ranks x."""
     rng = np.random.default_rng(_SEED)
     hidden = np.sort(rng.standard_normal((_DRAWS, len(x))), axis=1)[:, np.argsort(np.argsort(x, kind="stable"))]
     noise = rng.standard_normal((_DRAWS, len(x)))

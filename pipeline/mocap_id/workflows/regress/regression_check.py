@@ -45,7 +45,7 @@ class Regression:
     compared: int  # number of compared results
     unknown: tuple[str, ...]  # trials that are not in the baseline
     messages: Mapping[str, str]  # why a trial failed or was refused, by trial; a message may name files
-    nearest: Change | None  # largest change relative to its tolerance among those within it; None if all are beyond
+    nearest: Change | None  # of the results within their tolerance, the one nearest to it; None if there is none
 
     @property
     def passed(self) -> bool:

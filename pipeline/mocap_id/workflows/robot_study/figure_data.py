@@ -18,7 +18,7 @@ _FRAMES = 60  # number of drawn frames of a marker's path
 
 
 def select_cell(trials: Sequence[RobotTrialResult], joint: str, speed: str) -> list[RobotTrialResult]:
-    """Return the trials with results of a joint and speed; if there are none, of the first trial's joint and speed."""
+    """Return the trials with results for a joint and speed, or else for the joint and speed of the first trial."""
     passed = [trial for trial in trials if trial.by_method]
     in_cell = [trial for trial in passed if trial.cell == (joint, speed)]
     return in_cell or [trial for trial in passed if trial.cell == passed[0].cell]
@@ -100,7 +100,7 @@ def _sample(result: MethodResult, wrench: FloatArray, start: float, end: float) 
 
 
 def _find_repetitions(result: MethodResult) -> list[tuple[float, float]]:
-    """Return start and end of the complete repetitions, s; each begins with a movement in the positive direction."""
+    """Return start and end of each complete repetition, s; a repetition begins in the positive direction."""
     events = result.folder.table("events.parquet")
     complete = events["complete"]
     time, speed = result.time, result.frame.sign * result.identified.dq[:, 0]

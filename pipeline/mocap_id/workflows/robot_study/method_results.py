@@ -53,12 +53,12 @@ class RobotFrame:
     zero: float = 0.0  # rad
 
     def from_plane(self, parameters: FloatArray, covariance: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """Return base parameters (5,) in the plane, and their covariance, transformed to the robot's frame."""
+        """Return base parameters (5,) and their covariance (5, 5), transformed from the plane to the robot's frame."""
         matrix = self._matrix()
         return matrix @ parameters, matrix @ covariance @ matrix.T
 
     def into_plane(self, parameters: FloatArray) -> FloatArray:
-        """Return base parameters (5,) in the robot's frame, transformed to the plane."""
+        """Return base parameters (5,), transformed from the robot's frame to the plane."""
         return np.asarray(np.linalg.solve(self._matrix(), parameters))
 
     def _matrix(self) -> FloatArray:
@@ -96,7 +96,7 @@ class MethodResult:
 
     @property
     def joint_states(self) -> FloatArray:
-        """Angle, velocity and acceleration of the joint in the plane (T, 3), rad, rad/s, rad/s²."""
+        """Angle, velocity and acceleration (T, 3) of the joint in the plane, rad, rad/s and rad/s²."""
         return _read_joint_states(self.identified)
 
 
@@ -149,7 +149,7 @@ def _compare_states(
 ) -> tuple[dict[str, SeriesErrors], str]:
     """Return the errors of the states and the name of their reference.
 
-    The mean error of the angle is removed, because its zero depends on the coordinate frame.
+    The mean error of the angle is removed, because the zero of the angle depends on the coordinate frame.
     """
     encoder = folder.table("encoder.parquet")
     if truth is not None:

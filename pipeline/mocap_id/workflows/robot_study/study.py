@@ -67,7 +67,7 @@ def validate_robot(
     Parameters
     ----------
     files : sequence of Path
-        A study's file, or trials' files. If empty, a set is simulated in ``out/trials``, unless it exists.
+        A study's file, or trials' files. If empty, the set in ``out/trials`` is used, which is simulated if missing.
     out : Path
         Folder of the tables and the page. The run folders of the trials are in its sub-folder ``runs``.
     generated : RobotSet, optional
@@ -75,7 +75,7 @@ def validate_robot(
     jobs : int
         Number of trials that run at the same time.
     tell : callable, optional
-        Called with each trial that ends.
+        Called with the result of each finished trial.
     page : Path, optional
         A Markdown page whose tables are replaced. The figures are written to a folder beside this page.
 

@@ -44,7 +44,7 @@ def angle_noise(trial: TrialInputs, change: Perturbation) -> TrialInputs:
 
 
 def soft_tissue(trial: TrialInputs, change: Perturbation) -> TrialInputs:
-    """Return the trial with skin motion as in the simulation: up to the level, with the angles and as a slow drift."""
+    """Return the trial with simulated skin motion up to the level, m, which depends on the angles and drifts slowly."""
     moving, segment = _find_moving(trial), _read_segments(trial)
     q = _fill_gaps(trial.states("theta"))
     count = len(moving)

@@ -185,5 +185,5 @@ def _choose_targets(selection: KindSelection, joints: Sequence[str]) -> Sequence
     if selection.targets:
         return selection.targets
     if len(joints) == 1 and kind.targets == JOINTS:
-        return joints  # one joint is all joints
+        return joints  # with a single joint, "all" would be the same target
     return kind.usual or possible or ("",)

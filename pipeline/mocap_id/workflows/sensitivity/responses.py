@@ -34,7 +34,7 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Estimates:
-    """The estimates of a trial, perturbed or not; NaN if a number is unknown."""
+    """The estimates of a perturbed or unperturbed trial; a number is NaN if unknown."""
 
     parameters: Mapping[str, Parameter]  # by name
     condition: float  # condition number
@@ -48,7 +48,7 @@ class Estimates:
 
 @dataclass(frozen=True)
 class SeriesChanges:
-    """Changes of the series of a perturbed trial of n joints from the unperturbed one, at common times."""
+    """Changes of the time series of n joints between the unperturbed and the perturbed trial, at common times."""
 
     # (3, n) r² of angle, velocity and acceleration relative to the unperturbed series; 1 = no change
     state_r2: FloatArray = field(default_factory=lambda: np.zeros((3, 0)))

@@ -143,7 +143,7 @@ def run_perturbations(
     jobs : int
         Number of parallel processes; the libraries in each process use one thread.
     tell : callable
-        Called with each run that ends.
+        Called with the result of each finished run.
 
     Raises
     ------

@@ -29,7 +29,7 @@ STATES, WRENCH = "states.parquet", "wrench.parquet"
 
 
 def filter_noise(trial: TrialInputs, change: Perturbation) -> TrialInputs:
-    """Return the trial with given instead of estimated noise of the filter (3.17): sigma_v and the markers' sd."""
+    """Return the trial with fixed noise of the filter (3.17), which is otherwise estimated: sigma_v and marker sd."""
     return trial.with_settings("ukf-smooth", sigma_v=change.level, marker_sd=float(change.target))
 
 

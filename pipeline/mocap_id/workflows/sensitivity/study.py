@@ -44,7 +44,7 @@ class SensitivityResult:
 
     @property
     def judged_parameters(self) -> tuple[str, ...]:
-        """Names of the parameters that are judged: the base parameters, or the lengths if nothing was identified."""
+        """Names of the parameters with a tolerance: base parameters, or lengths if there are no base parameters."""
         known = [one for one in self.own.parameters.values() if math.isfinite(one.value)]
         return tuple(one.name for one in known if bool(one.verdict) == bool(self.own.samples))
 
@@ -81,7 +81,7 @@ def sensitivity(
     options : SensitivityOptions, optional
         The perturbations; all of them by default.
     jobs : int
-        Number of perturbations that run at the same time, each in its own process. The results do not depend on it.
+        Number of perturbations that run at the same time, in separate processes. It does not affect the results.
     out : Path, optional
         Folder of the results; by default beside the run folder, with the same name and ``-sensitivity``.
     progress : callable, optional

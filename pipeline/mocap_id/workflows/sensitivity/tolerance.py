@@ -23,7 +23,7 @@ _MUCH = 5.0  # %: rms change of a joint torque above which it is mentioned
 
 @dataclass(frozen=True)
 class Point:
-    """The response to a level of one kind on one target; of a level with both signs, the response to the worse sign."""
+    """The response to one level of a kind on a target; of two levels with opposite signs, only the worse response."""
 
     level: float  # absolute value of the level
     ratio: float  # largest change of a parameter, divided by the tolerated change; infinite if parameters are missing
@@ -52,7 +52,7 @@ class Tolerance:
 
     @property
     def broken(self) -> Point | None:
-        """The mildest level that is not tolerated, or the level of largest change if :attr:`Kind.worse` is either.
+        """The mildest level that is not tolerated; for ``kind.worse == "either"``, the level with the largest change.
 
         None if all levels are tolerated.
         """
@@ -78,7 +78,7 @@ def find_tolerances(
         Estimates of the unperturbed trial.
     runs : sequence of PerturbationRun
     names : sequence of str
-        Parameters that are judged.
+        Parameters whose changes are compared with the tolerance.
     share : float
         Tolerated change of a parameter, as a fraction of its size.
     """
@@ -122,7 +122,7 @@ def _find_limit(kind: Kind, points: Sequence[Point]) -> float:
 
 
 def _find_crossing(kind: Kind, mild: Point | None, beyond: Point) -> float:
-    """Return the limit between ``mild``, a tolerated level or None, and ``beyond``; NaN if it cannot be estimated."""
+    """Return the limit between ``mild`` (tolerated; None: no perturbation) and ``beyond`` (not); NaN if unknown."""
     if kind.is_count:
         return math.nan if mild is None else mild.level
     if mild is None or mild.level == 0:  # without a perturbation nothing changes

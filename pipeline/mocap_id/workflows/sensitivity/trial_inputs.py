@@ -82,7 +82,7 @@ class TrialInputs:
 
 
 def repeated_stages() -> tuple[Stage, ...]:
-    """Return the stages that may be run again, first to last."""
+    """Return the stages that may be run again, from first to last."""
     names = [stage.name for stage in STAGES]
     return STAGES[names.index(FIRST) : names.index(LAST) + 1]
 

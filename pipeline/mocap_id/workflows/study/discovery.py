@@ -124,7 +124,7 @@ def _is_skeleton(path: Path) -> bool:
 
 
 def _find_reaches(recordings: Sequence[Path], files: Sequence[Path], left_out: dict[Path, str]) -> Mapping[Path, Reach]:
-    """Return the recordings of reaches by file if they are the majority, or else nothing.
+    """Return the recordings of reaches by file if they are the majority, or else an empty mapping.
 
     The recordings of the minority are added to ``left_out``.
     """

@@ -27,7 +27,7 @@ _REACH = ("reach", "{space: 3d, protocol: reach}", "{score: 2}, a clinical score
 
 
 def write_draft(found: Discovery, file: Path, *, keep_names: bool = False, force: bool = False) -> list[Path]:
-    """Write a study's file and, unless ``keep_names``, the file with names and ids; return the paths of both.
+    """Write a study's file and, unless ``keep_names``, the file with names and ids; return the written paths.
 
     Raises
     ------

@@ -82,7 +82,7 @@ class Pattern:
         subject = (_NUMBERED.sub("", subject) if self._numbered else subject).strip(" _-.")
         strategy = UNNAMED if text is None else _clean_strategy(PurePosixPath(text).name, subject)
         if not self._has_subject and strategy in _COUNTERS:
-            strategy = UNNAMED  # trial1, trial2
+            strategy = UNNAMED  # of names such as trial1
         return PathLabels(subject, strategy) if bool(subject) == self._has_subject and strategy else None
 
 
@@ -102,7 +102,7 @@ def _rate(pattern: Pattern, paths: Sequence[PurePosixPath]) -> float:
     if any(_LEVEL.fullmatch(label.strategy) for label in labels):
         return 0.0
     if pattern.text in _FLAT and all(_is_strategy(label.subject.casefold()) for label in labels):
-        return 0.0  # slow_trial1 of one person
+        return 0.0  # names such as slow_trial1, of one person
     share = len(labels) / max(len(paths), 1)
     return share if "{strategy}" in pattern.text and pattern.text != _ONE_PERSON else share / 2
 

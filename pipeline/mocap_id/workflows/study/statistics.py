@@ -69,9 +69,9 @@ def average_people(values: Sequence[float]) -> Estimate:
 
 
 def sign_flip_p(differences: Sequence[float]) -> float:
-    """Return the two-sided permutation p-value for differences without a preferred sign; NaN for one person.
+    """Return the two-sided permutation p-value of the hypothesis that the differences have no preferred sign.
 
-    All combinations of signs are compared, or 20,000 random combinations for more than 14 people.
+    All combinations of signs are compared, or 20,000 random combinations for more than 14 people. NaN for one person.
 
     Examples
     --------

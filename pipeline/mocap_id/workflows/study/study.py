@@ -65,9 +65,9 @@ def run_study(
     jobs : int
         Number of trials that run at the same time.
     begin : callable, optional
-        Called with the number of trials before the first one runs.
+        Called with the number of trials before the first trial runs.
     tell : callable, optional
-        Called with each trial that ends.
+        Called with the result of each finished trial.
 
     Raises
     ------

@@ -124,7 +124,7 @@ def _read_parameters(out: Path) -> BaseParameters | None:
     """Read the base parameters from a run folder; None if no parameter except the mass was identified."""
     tree = Folder(out).tree("dynamics.h5")
     value, reference = tree.numbers("base/value"), tree.numbers("full/reference")
-    if np.isfinite(value).sum() <= 1:  # the mass alone is no model
+    if np.isfinite(value).sum() <= 1:  # the mass alone is not a model
         return None
     expressions = tree.texts("base/name")
     return BaseParameters(

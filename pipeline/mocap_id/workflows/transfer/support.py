@@ -65,7 +65,7 @@ class Support:
 
 
 def find_support(source: IdentifiedTrial, target: IdentifiedTrial, transferred: TransferredBody) -> Support | None:
-    """Return the comparison of a transferred body with the allometric body on the target's states, without its forces.
+    """Return the comparison of the transferred and the allometric body on the target's states, without the forces.
 
     None if there is no allometric body to compare with, or if the covariance of the model is unknown.
     """
@@ -204,7 +204,10 @@ def _check_difference(support: Support) -> Iterator[Reason]:
 
 
 def _read_residual(facts: Mapping[str, Any], banded: bool) -> FloatArray:
-    """Return the rms errors (4,) of a model on left-out repetitions of its trial, or else of the fit."""
+    """Return the rms errors (4,) of a model on left-out repetitions of its trial, or else of the fit.
+
+    Unless ``banded``, the errors on left-out repetitions are those of the unfiltered series, if known.
+    """
     held_out = facts.get("held_out") or {}
     errors = (None if banded else held_out.get("unfiltered")) or held_out.get("model")
     if errors is None:

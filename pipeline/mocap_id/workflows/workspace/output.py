@@ -60,7 +60,7 @@ def first_joint(arm: PlanarArm | SpatialArm) -> FloatArray:
 
 
 def workspace_result(reach: Reach, later: Reach | None = None, change: Overlay | None = None) -> Result:
-    """Return ``workspace.json``, the edge as CSV and the figures of one workspace, or of two and their difference."""
+    """Return ``workspace.json``, the edge as CSV, and figures: of one workspace, or of two and their difference."""
     content: dict[str, Any] = {"product": __version__, **_document(reach)}
     if later is not None and change is not None:
         content["compared_with"] = _document(later)
