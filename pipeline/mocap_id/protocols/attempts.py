@@ -1,4 +1,4 @@
-"""Failed attempts to rise: hips leave the seat, or feet take over load from the chair, but the person stays seated."""
+"""Failed attempts to rise: the hips leave the seat or the feet take over load, but the person does not stand up."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def _find_peaks(values: FloatArray, prominence: float) -> list[int]:
 
 
 def _find_samples_outside(time: FloatArray, repetitions: tuple[Repetition, ...]) -> BoolArray:
-    """Return True (T,) outside all repetitions; without a start or end, a repetition extends to the recording's."""
+    """Return True (T,) outside all repetitions; an unknown start or end is replaced by that of the recording."""
     out = np.ones(len(time), dtype=bool)
     for each in repetitions:
         begin = -np.inf if np.isnan(each.start) else each.start

@@ -117,9 +117,10 @@ def compute_contact_threshold(seat_force: FloatArray, off_chair: BoolArray, weig
     Parameters
     ----------
     seat_force : (T,) array
-        Vertical force under the feet predicted by the model minus the measured force, N.
+        Vertical force of the chair, N: measured, or the force under the feet that a model predicts minus the measured
+        force under the feet.
     off_chair : (T,) bool array
-        Samples from which the standard deviation of this difference is computed.
+        Samples from which the standard deviation of this force is computed.
     weight : float
         Standing weight, N.
     """
@@ -166,7 +167,7 @@ def extrapolate_release(time: FloatArray, force: FloatArray, last_visible: float
 
 
 def _find_best_instant(left: FloatArray, force: FloatArray, noise: float, instants: FloatArray) -> float:
-    """Return the release time, one of ``instants`` (I,), with which the model of best power fits the force best."""
+    """Return the release time, one of ``instants`` (I,), for which F(t) with its best power fits the force best."""
     shapes = np.maximum(instants[:, None] - left, 0.0)[:, None] ** _POWERS[:, None]  # (I, P, T)
     size = np.maximum(np.sum(shapes**2, axis=2), np.finfo(float).tiny)
     explained = np.maximum(shapes @ force, 0.0) ** 2 / size - (noise * (_POWERS - _PRIOR_POWER) / _PRIOR_SD) ** 2

@@ -40,7 +40,7 @@ def compute_five_times(
     """Compute the times of the five-times-sit-to-stand test.
 
     Rises that do not reach standing, according to ``rises``, are not counted. Squats (``chair`` is False) have no
-    times; None means that it is unknown whether a chair is used.
+    times. ``chair`` is None if it is unknown whether a chair is used.
     """
     if chair is False:
         return FiveTimes(0, why="no chair is used, so the rises are squats and not sit-to-stands")

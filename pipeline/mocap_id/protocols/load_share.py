@@ -49,7 +49,7 @@ def find_foot_plates(across: Sequence[tuple[int, float]], forwards: int) -> tupl
 def compute_load_share(
     time: FloatArray, posture: Posture, left: FloatArray, right: FloatArray, repetitions: tuple[Repetition, ...]
 ) -> dict[str, FloatArray]:
-    """Return the mean share of the left foot in the load of both feet, an (R,) array for each of :data:`PHASES`.
+    """Return the mean share of the left foot in the load, by phase in :data:`PHASES`, (R,) for the R repetitions.
 
     Parameters
     ----------

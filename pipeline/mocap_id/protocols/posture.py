@@ -70,7 +70,7 @@ def measure_standing_angles(q: FloatArray, posture: Posture) -> FloatArray | Non
 
 
 def _apply_hysteresis(height: FloatArray) -> BoolArray:
-    """Return the upright state (T,), which changes only above 0.7 and below 0.3 of the rise and not where unknown."""
+    """Return the upright state (T,), from above 0.7 until below 0.3 of the rise; unknown heights are skipped."""
     change = np.where(height > _HIGH, 1, np.where(height < _LOW, -1, 0))
     decided = np.flatnonzero(change)
     if len(decided) == 0:

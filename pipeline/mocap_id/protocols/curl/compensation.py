@@ -42,7 +42,7 @@ def measure_compensation(
 ) -> tuple[Compensation | None, ...]:
     """Measure the motion of an angle of shoulder or thorax during every curl.
 
-    The result is None for a failed attempt and for a curl in which the angle is unknown.
+    The entry of a curl is None if it is a failed attempt or if the angle is unknown in it.
 
     Parameters
     ----------

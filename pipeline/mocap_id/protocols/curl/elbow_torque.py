@@ -1,7 +1,8 @@
 """Torque about the elbow's flexion axis, from the motion of forearm and hand and their inertia (thesis 8.3).
 
 The elbow has the acceleration a. A centre of mass of the forearm at r from the elbow has the acceleration
-a_centre = a + α × r + ω × (ω × r). With gravity g, the torque of all muscles and devices about the unit axis h is
+a_centre = a + α × r + ω × (ω × r). With the acceleration g of gravity, the torque of all muscles and devices about the
+unit axis h is
 
     τ = h · Σ [ r × m (a_centre - g) + I α + ω × I ω ]        positive if it flexes
 """

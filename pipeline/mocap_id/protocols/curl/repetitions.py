@@ -117,9 +117,9 @@ def _describe_curl(time: FloatArray, flexion: FloatArray, turns: tuple[int, int,
 
 
 def _find_end_of_fall(time: FloatArray, flexion: FloatArray, turn: int) -> float:
-    """Return the time at which a fall of the flexion from the first sample to the sample ``turn`` ends, s.
+    """Return the end, s, of a fall of the flexion that begins at the first sample and is lowest at the sample ``turn``.
 
-    This is the middle of a short rest. Before a long rest, it is the time at which a minimum-jerk movement would end.
+    The end is in the middle of a short rest. Before a long rest, it is the end of a minimum-jerk movement.
     """
     fall = float(flexion[0] - flexion[turn])
     rest = _find_samples_near(flexion, turn, _NEAR * fall)

@@ -68,7 +68,7 @@ def get_angle(angles: SpatialAngles, name: str, usable: BoolArray) -> FloatArray
 def measure_ranges(angles: SpatialAngles, poses: SegmentPoses, *, skeleton: bool = False) -> dict[str, AngleRange]:
     """Return the range of every angle that is usable for long enough, by name.
 
-    Set ``skeleton`` if the angles come from the skeleton of a camera. Its noise is slow and makes every range too
+    ``skeleton`` is True if the angles come from the skeleton of a camera. Its noise is slow and makes every range too
     large, so each end is then moved inwards by the expected excess.
     """
     rate = float(1 / np.median(np.diff(angles.time))) if len(angles.time) > 1 else 1.0

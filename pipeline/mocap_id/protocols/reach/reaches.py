@@ -91,14 +91,14 @@ def _find_movements(time: FloatArray, path: FloatArray, length: float) -> list[t
 
 
 def _find_spans(flags: BoolArray) -> list[tuple[int, int]]:
-    """Return the first sample of each run of True and the sample after the run, or else the last sample."""
+    """Return the first sample of each run of True, and the sample after it, or the last one if the run ends there."""
     return [(run.start, min(run.stop, len(flags) - 1)) for run in find_runs(flags)]
 
 
 def _find_target(arm: RecordedArm, held: slice, path: FloatArray) -> tuple[str, float]:
-    """Return the target nearest to the hand in the samples ``held``, and its distance from the hand, m.
+    """Return the target nearest to the hand in the samples ``held``, and by how much the hand misses it, m.
 
-    The distance is 0 if the hand touches the target. Without a near target, the result is "none" and NaN.
+    The second value is 0 if the hand touches the target. Without a near target, the result is "none" and NaN.
     """
     palm, seen = np.median(path[held], axis=0), np.isfinite(arm.wrists[held]).all(axis=1)
     wrist = np.median(arm.wrists[held][seen], axis=0) if seen.any() else palm

@@ -118,7 +118,7 @@ def fit_anatomical_frames(
 
 
 def _choose_frames(still: slice, count: int) -> tuple[IntArray, slice]:
-    """Return indices of the still frames and of frames over the whole recording, and the slice of the still ones in it.
+    """Return indices of still frames and of frames over the whole recording, and the slice of the still ones in them.
 
     ``count`` is the number of frames of the recording.
     """
@@ -141,7 +141,7 @@ class _ClusterPoses:
         return cls(*fit_cluster_poses(correct_axial_rotation(points, chain), chain), still)
 
     def find_pose_at_rest(self) -> SegmentPoses:
-        """Return the poses in the middle still frame among those with all poses known, or else in the first one."""
+        """Return the poses in one still frame: the middle one of those with all poses known, or else the first one."""
         complete = self.still.start + np.flatnonzero(np.isfinite(self.rotations[self.still]).all(axis=(1, 2, 3)))
         middle = int(complete[len(complete) // 2]) if len(complete) else self.still.start
         return SegmentPoses(self.rotations[middle], self.origins[middle])

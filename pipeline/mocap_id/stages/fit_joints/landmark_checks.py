@@ -1,4 +1,4 @@
-"""Checks whether landmarks form a possible arm; exchanged names, a wrong vertical axis or a wrong unit do not."""
+"""Checks whether landmarks form a possible arm, to find exchanged names, a wrong vertical axis or a wrong unit."""
 
 from __future__ import annotations
 
@@ -124,7 +124,7 @@ def check_lengths(lengths: Mapping[str, float]) -> list[str]:
 
 
 def explain_implausible_arm(doubts: Sequence[str]) -> tuple[Reason, ...]:
-    """Return a caution that lists the contradictions ``doubts`` with the anatomy of an arm; nothing without doubts."""
+    """Return a caution that lists the contradictions ``doubts`` with the anatomy of an arm; () if there are none."""
     if not doubts:
         return ()
     text = "Check the names of the landmarks, and the unit and the vertical axis of the recording; the angles are wrong"

@@ -72,7 +72,7 @@ def fit_skeleton_chain(context: Context) -> Outputs:
 
 
 def _express_in_trunk(trunk: Trunk, track: FloatArray) -> FloatArray:
-    """Return a track (F, 3) in the axes of the trunk, m."""
+    """Return the positions ``track`` (F, 3), m, in the axes of the trunk."""
     return np.asarray(np.einsum("fji,fj->fi", trunk.rotations, track - trunk.origins))
 
 
@@ -161,7 +161,7 @@ def _make_data(
 
 
 def _measure_arc(tip: FloatArray, start: FloatArray | None) -> float:
-    """Return the range of a bone's angle to its mean direction, rad; it begins at the origin if ``start`` is None."""
+    """Return the range of a bone's angle to its mean direction, rad; for ``start`` None, the bone is ``tip``."""
     bone = tip if start is None else tip - start
     bone = bone[np.isfinite(bone).all(axis=1)]
     unit = bone / np.linalg.norm(bone, axis=1, keepdims=True)
@@ -190,7 +190,7 @@ def _make_facts(bones: list[Bone], noise: SensorNoise) -> dict[str, Any]:
 def _compute_residuals(
     trunk: Trunk, bones: list[Bone], inside: dict[str, FloatArray], tracks: dict[str, FloatArray]
 ) -> FloatArray:
-    """Return the residuals, m, (F, K) for K coordinates of points on the rigid trunk and lengths of the arm."""
+    """Return the residuals (F, K), m, of the K coordinates on the rigid trunk and lengths of the arm."""
     parts = [
         _express_in_trunk(trunk, tracks[role]) - local for role, local in zip(trunk.roles, trunk.local, strict=True)
     ]

@@ -138,7 +138,7 @@ def _make_data(
 
 
 def make_joint_arrays(joints: tuple[SpatialJoint, ...]) -> dict[str, Any]:
-    """Return the datasets of the group ``joints`` of chain.h5 without names, parents and arcs, one row for each."""
+    """Return the datasets of the group ``joints`` of chain.h5 except names, parents and arcs; one row per joint."""
     arrays = {name: np.array([getattr(joint, name) for joint in joints], dtype=np.float64) for name in _JOINT_ARRAYS}
     return {
         "kind": np.array([joint.kind for joint in joints], dtype=object),

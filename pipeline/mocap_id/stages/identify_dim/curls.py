@@ -26,7 +26,7 @@ _THORAX = ("thorax_lateral", "thorax_axial", "thorax_flexion")  # rotations abou
 
 
 def find_curl_events(context: Context) -> tuple[Table, dict[str, FloatArray]]:
-    """Return events.parquet of a trial with `protocol: curl`, and columns of dynamics.parquet with known torques."""
+    """Return events.parquet of a trial with `protocol: curl`, and the torque columns of dynamics.parquet if known."""
     angles, keys = context.table("angles.parquet"), context.trial.curl
     time = angles["time"]
     if _FLEXION not in angles.names:

@@ -82,7 +82,10 @@ def make_columns(result: IdentifiedDynamics) -> dict[str, Any]:
 
 
 def _compute_sd(result: IdentifiedDynamics) -> tuple[FloatArray, FloatArray]:
-    """Return the standard deviations of the model's wrench (T, 3) and centre of pressure (T,), also from a board."""
+    """Return the standard deviations of the model's wrench (T, 3) and centre of pressure (T,).
+
+    They include the uncertainty of the position of a balance board.
+    """
     model, position_sd = result.model, result.prepared.recorded.position_sd
     if position_sd is None:
         return model.wrench_sd, model.cop_sd
@@ -158,7 +161,7 @@ def _get_full_covariance(result: IdentifiedDynamics) -> FloatArray:
 def make_empty_data(
     centres: FloatArray, grid: PointGrid, mass: float | None, reference: FloatArray
 ) -> dict[str, dict[str, Any]]:
-    """Return the datasets of dynamics.h5 without a model: mass (first base parameter) and reference body, else NaN."""
+    """Return the datasets of dynamics.h5 without a model: mass and reference body; other values are NaN."""
     base = structural_base(centres)
     value = np.full(len(base.kept), np.nan)
     value[0] = np.nan if mass is None else mass

@@ -204,7 +204,7 @@ def _describe_bodies(
 
 
 def choose_weak_share(context: Context) -> float:
-    """Return the relative standard deviation above which a parameter is weak; it is smaller for a robot."""
+    """Return the relative standard deviation above which a parameter is weak; a robot has a smaller default."""
     given: float | None = context.settings.weak_share
     return given or (WEAK_ROBOT if context.trial.protocol == "robot-joint" else WEAK)
 

@@ -87,7 +87,7 @@ def find_measured_bodies(context: Context, recorded: TrialData) -> Iterator[Meas
 
 
 def _has_pose(table: Table, k: int, recorded: TrialData) -> bool:
-    """Return whether body ``k`` has a known pose in most samples with known joint states.
+    """Return whether body ``k`` has a known pose in at least 80 % of the samples with known joint states.
 
     Except for the base, the body needs markers at more than two positions, because two points follow only the skin.
     """

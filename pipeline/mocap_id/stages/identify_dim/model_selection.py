@@ -1,4 +1,4 @@
-"""Choice of cut-offs, and of chain or measured poses: which predicts left-out repetitions best, at a reduced rate."""
+"""Choice of cut-offs, and of chain or measured poses, by predicting left-out repetitions at a reduced frame rate."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class RepetitionPredictor:
         self._found: dict[Cutoffs, LeftOutPrediction | None] = {}
 
     def predict_on_poses(self, cutoffs: Cutoffs) -> LeftOutPrediction | None:
-        """Predict with measured poses filtered by ``cutoffs``; None if no subset of the repetitions is sufficient.
+        """Predict left-out repetitions with measured poses filtered by ``cutoffs``; None if this is impossible.
 
         Later calls use the clock offset and weights of the first call. Only the prediction with the usual cut-offs is
         stored, because it is needed twice and a prediction takes as much memory as a trial.
@@ -85,7 +85,7 @@ class RepetitionPredictor:
         return predicted
 
     def predict_on_chain(self) -> LeftOutPrediction | None:
-        """Predict with the pinned chain and the cut-off of measured poses; None if the data are not sufficient."""
+        """Predict left-out repetitions with the pinned chain at the cut-off of measured poses; None if impossible."""
         cutoff = self._settings.cutoff or MEASURED_CUTOFF
         ready = prepare(self._recorded, replace(self._settings, cutoff=cutoff))
         return self._predict(ready, fit(ready, self._free)) if determines_parameters(ready, self._free) else None

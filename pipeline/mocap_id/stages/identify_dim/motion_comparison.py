@@ -28,7 +28,7 @@ _CLOCKS_APART = 0.005  # s; 5 ms changes a base parameter of a person by a fifth
 def predict_on_chain(
     prepared: PreparedTrial, pinned: Identification, movement: Movement, segments: SegmentFit
 ) -> tuple[BoolArray, FloatArray, FloatArray] | None:
-    """Return the samples (T,) of left-out repetitions, and their wrenches (T, 3) predicted by the chain and measured.
+    """Return True (T,) in left-out samples, the wrench (T, 3) that the chain predicts, and the measured wrench (T, 3).
 
     In these samples, chain and bodies both have predictions. The wrenches are filtered by the low-pass of the bodies.
     The result is None without predictions.

@@ -30,7 +30,7 @@ _SOURCES = ("", "_model", "_reference")
 
 
 def average_signals(context: Context, events: Table, dynamics: Table) -> Table:
-    """Return phases.parquet: the average of every signal over the repetitions, at 0, 1 … 100 % of each.
+    """Return phases.parquet: the average of every signal over the repetitions, at 0, 1 … 100 % of a repetition.
 
     Raises
     ------

@@ -76,7 +76,7 @@ class SegmentFit:
         )
 
     def filtered(self, parameters: FloatArray) -> FloatArray:
-        """Return the filtered wrench (T, 3) of bodies with these parameters; NaN outside the fit."""
+        """Return the filtered wrench (T, 3) of bodies with the given parameters; NaN outside the samples of the fit."""
         return self._on_fit(self.prepared.filtered @ parameters)
 
     @property
@@ -190,7 +190,7 @@ def _choose_bodies(
 
 
 def filter_measured(prepared: PreparedTrial, found: Identification) -> FloatArray:
-    """Return the filtered measured wrench (T, 3) without the plate's bias; NaN outside the fit."""
+    """Return the filtered measured wrench (T, 3) without the plate's bias; NaN outside the samples of the fit."""
     used = np.flatnonzero(found.fit.in_fit)
     out = np.full((len(prepared.recorded.time), 3), np.nan)
     out[used] = prepared.filtered_measured(used, prepared.recorded.time[used] - found.fit.offset)

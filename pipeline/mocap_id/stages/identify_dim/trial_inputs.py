@@ -54,7 +54,7 @@ class TrialInputs:
 
 
 def read_inputs(context: Context) -> TrialInputs:
-    """Return the data of a trial, the choice of the motion of its masses, and the samples for the identification."""
+    """Return the data of a trial, the motion chosen for its masses, and the usable samples."""
     settings: IdentifyDimSettings = context.settings
     chain = read_skeleton(context)
     recorded = read_trial_data(context, chain)
@@ -92,7 +92,7 @@ def read_inputs(context: Context) -> TrialInputs:
 def _find_movement(
     context: Context, recorded: TrialData, prepared: PreparedTrial | None, chair_reasons: tuple[Reason, ...]
 ) -> Movement:
-    """Return repetitions, contact and usable samples by the trial's protocol."""
+    """Return repetitions, contact and usable samples according to the trial's protocol."""
     settings: IdentifyDimSettings = context.settings
     movement = find_movement(
         context.trial.protocol,

@@ -1,4 +1,4 @@
-"""Settings and record of the stage segment, which finds markers that move as rigid bodies, and the joints between."""
+"""Settings and record of the stage segment, which groups the markers into rigid bodies with joints."""
 
 from __future__ import annotations
 

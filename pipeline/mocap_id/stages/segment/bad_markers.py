@@ -1,4 +1,4 @@
-"""Bad stretches: periods without usable samples of a marker: it is frozen, moved, mislabelled or not on the body."""
+"""Bad stretches, which are periods in which a marker is frozen, moved, mislabelled or not on the body."""
 
 from __future__ import annotations
 
@@ -58,7 +58,9 @@ class SegmentedMarkers:
 def segment_without_bad_markers(
     recorded: Trajectories, frames: int, examined: IntArray, segment: Callable[[FloatArray], Segmentation]
 ) -> SegmentedMarkers:
-    """Segment the markers and find bad stretches; repeat both without the bad samples until the stretches converge.
+    """Return the segments found without the bad stretches of the markers.
+
+    The markers are segmented, then bad stretches are found; both are repeated until the stretches no longer change.
 
     Parameters
     ----------
@@ -102,7 +104,7 @@ def segment_without_bad_markers(
 
 
 def remove_repeats(recorded: Trajectories) -> Trajectories:
-    """Return the markers of a trial in space without the stretches in which a marker repeats exactly one position."""
+    """Return the markers of a trial in space without the stretches in which a marker has exactly the same position."""
     points = recorded.read_positions(np.arange(len(recorded.labels)))
     repeats = find_repeats(points, recorded.rate)
     return Trajectories(recorded.planar, [_make_facts(recorded, each, ()) for each in repeats])

@@ -170,7 +170,7 @@ def _lateral(points: FloatArray) -> FloatArray:
 
 
 def _explain_bursts(view: Trajectories) -> tuple[Reason, ...]:
-    """Return a note about samples that jump away and back, with the marker that has the most."""
+    """Return a note about samples that jump away and back, and the marker with the most such samples."""
     visible = np.asarray(view.planar.values["visible"], dtype=np.bool_)
     counts = np.count_nonzero(view.bursts & visible, axis=0)
     if not counts.any():

@@ -31,7 +31,7 @@ def make_rules(settings: SegmentSettings, longest: int) -> SegmentationRules:
 def make_constraints(
     labels: tuple[str, ...], settings: SegmentSettings, known: Sequence[list[int]] = ()
 ) -> Constraints:
-    """Return the hints `together` and `apart` with marker indices. The markers of a ``known`` group are also together.
+    """Return the hints `together` and `apart` with marker indices. Each group in ``known`` is also on one segment.
 
     Raises ConfigError if the hints contradict each other.
     """

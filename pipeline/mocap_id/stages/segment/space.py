@@ -101,7 +101,7 @@ def segment_bodies(context: Context) -> Outputs:
 def _find_strayed_wrist(
     context: Context, points: FloatArray, labels: Sequence[str], found: SpatialSegmentation, names: Sequence[str]
 ) -> list[int]:
-    """If a segment separates elbow and wrist, return one of its markers and the landmarks at the wrist; else [].
+    """Return a marker of a segment that separates elbow and wrist, and the wrist's landmarks; an empty list without it.
 
     If the wrist hardly rotates, only the names of these landmarks indicate that all these markers are on the forearm.
     """
