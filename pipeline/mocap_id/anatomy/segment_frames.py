@@ -57,7 +57,7 @@ class ElbowAxis:
     """Flexion axis of the elbow, estimated from the motion."""
 
     direction: FloatArray  # (3,) unit vector in the frame of the upper arm's cluster, to the right
-    covariance: FloatArray  # (3, 3)
+    covariance: FloatArray  # (3, 3) covariance of the unit vector
 
 
 def fit_segment_frames(

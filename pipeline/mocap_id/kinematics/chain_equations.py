@@ -195,7 +195,7 @@ class Reduced:
 
 
 def eliminate_angles(problem: ChainProblem, state: ChainState) -> Reduced:
-    """Eliminate the angles from the normal equations, frame by frame."""
+    """Return the normal equations after elimination of the angles, frame by frame."""
     normal = normal_equations(problem, state)
     # with as many right-hand sides as unknowns, the product with the inverse is twice as fast as solving
     solved = np.linalg.inv(normal.angles) @ np.concatenate([normal.cross, normal.turn[..., None]], axis=2)

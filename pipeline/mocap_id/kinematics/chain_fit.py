@@ -30,7 +30,10 @@ class ChainFit:
 
 
 def orient_frames(fit: ChainFit) -> ChainFit:
-    """Rotate each segment frame so that +Y points to the next joint (last segment: to the markers' centroid)."""
+    """Return the fit with segment frames rotated so that +Y points to the next joint.
+
+    In the last segment, +Y points to the markers' centroid.
+    """
     joints = len(fit.centres)
     tip = fit.local[fit.segment == joints].mean()
     towards = np.append(fit.centres[1:], tip)

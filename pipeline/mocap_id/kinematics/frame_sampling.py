@@ -47,7 +47,7 @@ def frames_over_time(points: ComplexArray, count: int) -> IntArray:
 
 
 def _speed(points: ComplexArray | FloatArray, among: IntArray, window: int) -> FloatArray:
-    """Return the rms displacement (A,) of visible markers over a window around each frame of ``among``."""
+    """Return the rms displacement (A,), m, of visible markers over ``window`` frames around the A frames ``among``."""
     rms = np.empty(len(among) - window)
     for here in chunks(len(rms)):
         moved = points[among[window:][here]] - points[among[here]]

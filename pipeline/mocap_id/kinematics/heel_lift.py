@@ -13,7 +13,7 @@ from mocap_id.kinematics.rigid_body import count_positions
 _BLOCK_S = 0.1
 _LASTING_S = 0.3  # shortest lift
 _LIFT_M = 0.012  # least lift; markers on heels that stay on the ground rise by up to 9 mm
-_FLAT = 0.4  # least share of the body's moving time in which feet are flat; shanks move in most of it
+_FLAT = 0.4  # least fraction of the body's moving time in which feet are flat; shanks move in most of it
 _FOOT_M = (0.1, 0.35)  # range of distances of two markers on one foot
 _RIGID_M = 0.003  # largest change of distance of two markers on one foot
 _STILL_M = 0.001  # markers that move less are on the ground, not on a rotating foot
@@ -36,7 +36,7 @@ class HeelLift:
 
 
 def find_heel_lift(positions: FloatArray, time: FloatArray, rate: float) -> HeelLift | None:
-    """Return the largest rotation of a foot; None if all feet stay flat, or their markers show no rotation.
+    """Return the largest rotation of a foot; None if all feet stay flat, or if no two markers of a foot rotate.
 
     A rotation is visible in two low markers that keep their distance while one of them rises. Positions (F, M, 3) are
     in lab axes with Z up, m, NaN where missing; ``rate`` is in frames per second.

@@ -184,7 +184,10 @@ def _track_point(body: RigidBody, place: complex) -> ComplexArray:
 
 
 def _measure_constancy(distance: FloatArray) -> tuple[float, float]:
-    """Return the median of a distance (F,), m, and the rms difference from it without the largest differences."""
+    """Return the median of a distance (F,), m, and the rms difference from it without the largest differences.
+
+    With too few frames, the result is (0, inf).
+    """
     known = distance[np.isfinite(distance)]
     if len(known) < _FEWEST_FRAMES:
         return 0.0, np.inf

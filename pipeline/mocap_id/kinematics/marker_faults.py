@@ -224,7 +224,7 @@ def _is_step(track: ComplexArray, run: slice, place: complex) -> bool:
 
 
 def _find_repeated(positions: FloatArray) -> BoolArray:
-    """Return which positions (K, 3) equal exactly the previous or the next one."""
+    """Return which positions (K, 3) are exactly equal to the previous or the next position."""
     same = np.zeros(len(positions) + 1, dtype=np.bool_)
     same[1:-1] = np.all(positions[1:] == positions[:-1], axis=1)
     return np.asarray(same[1:] | same[:-1])

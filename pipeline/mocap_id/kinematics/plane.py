@@ -26,7 +26,7 @@ class PlaneFit:
     lean: float = 0.0  # angle between the plane and the vertical, rad; 0 unless the motion clearly leans
 
     def straighten(self, positions: FloatArray, feet: FloatArray) -> FloatArray:
-        """Rotate positions (F, M, 3) about the line of motion through the ``feet`` (3,) until the plane is vertical."""
+        """Return positions (F, M, 3), m, rotated about the line of motion through ``feet`` (3,) to a vertical plane."""
         across = np.array([np.sin(self.yaw), -np.cos(self.yaw), 0.0])
         away = positions - feet
         c, s, z = np.cos(self.lean), np.sin(self.lean), away @ across

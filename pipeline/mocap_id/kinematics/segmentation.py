@@ -136,7 +136,7 @@ def _require_base_and_motion(base: Base, points: ComplexArray, rules: Segmentati
 
 
 def _hint_at_unit(extent: float) -> str:
-    """Return a hint if the markers are higher than any body."""
+    """Return a hint at a wrong unit if the markers are higher than any body; otherwise an empty text."""
     if extent <= _TALLEST:
         return ""
     return f" The markers span {extent:.0f} m in height: is the unit of length right (`planarise: {{units: …}}`)?"

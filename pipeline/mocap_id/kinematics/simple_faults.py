@@ -74,7 +74,7 @@ def _distance_ranges(points: FloatArray, marker: int, others: BoolArray) -> Floa
 
 
 def find_repeats(points: FloatArray, rate: float) -> tuple[BadStretch, ...]:
-    """Find intervals in which a marker repeats exactly its last position while the markers nearest to it move.
+    """Return intervals in which a marker repeats its last position exactly while the markers nearest to it move.
 
     Software fills gaps in this way. The marker must jump when it is visible again, because base markers without noise
     also repeat their positions while other markers move. Trajectories (F, M, 3) are in m, NaN where missing; ``rate``

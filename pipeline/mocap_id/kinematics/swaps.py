@@ -155,7 +155,7 @@ def _find_exchanges(
 
 
 def _pair_overlapping(breaks: _Breaks) -> tuple[IntArray, IntArray]:
-    """Return all ordered pairs of breaks of two columns that overlap in time."""
+    """Return all ordered pairs of breaks of two columns that overlap in time, as two arrays of indices."""
     order = np.argsort(breaks.last, kind="stable")
     last, following = breaks.last[order], breaks.following[order]
     stop = np.searchsorted(last, following, side="left")
@@ -169,7 +169,7 @@ def _pair_overlapping(breaks: _Breaks) -> tuple[IntArray, IntArray]:
 
 
 def _find_durations(events: list[tuple[int, tuple[int, ...]]], markers: int, count: int) -> tuple[Swap, ...]:
-    """Return the swaps of two columns with their durations, from the exchanges at each event."""
+    """Return the swaps of two columns with their durations, from exchanges (frame, columns) in ``events``."""
     shown_by = list(range(markers))  # the marker in each column
     standing: dict[tuple[int, int], int] = {}
     out: list[Swap] = []

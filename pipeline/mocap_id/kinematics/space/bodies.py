@@ -158,7 +158,7 @@ class SpatialBodies:
 
 
 def _propose_groups(spread: FloatArray) -> list[BoolArray]:
-    """Return groups of markers with small standard deviations (k, k) of distances: clusters and triples."""
+    """Return groups of markers with small standard deviations ``spread`` (k, k) of distances, each as flags (k,)."""
     tree = linkage(squareform(spread, checks=False), "average")
     labels = [fcluster(tree, count, "maxclust") for count in _CLUSTERS]
     starts = [each == label for each in labels for label in np.unique(each)]

@@ -106,7 +106,7 @@ def linearise(problem: BundleProblem, state: BundleState, *, by_frame_only: bool
 
 @dataclass(frozen=True)
 class _Context:
-    """Values that are common to the Jacobians of all segments."""
+    """Values for the Jacobians of all segments, from ``_evaluate_markers``, ``twists`` and ``glide_share``."""
 
     problem: BundleProblem
     state: BundleState
@@ -119,7 +119,7 @@ class _Context:
     share: FloatArray
 
     def fill(self, k: int, by_frame: FloatArray, by_chain: FloatArray) -> None:
-        """Fill the rows of the markers of segment k in ``by_frame`` and ``by_chain``."""
+        """Fill in the rows of the markers of segment k in ``by_frame`` and ``by_chain``."""
         problem, state, cols = self.problem, self.state, self.cols
         here = np.flatnonzero(problem.segment == k)
         skip = 3 * cols.markers
@@ -148,7 +148,7 @@ class _Context:
         self._fill_skin(k, here, by_frame, by_chain)
 
     def _fill_glide(self, here: IntArray, axes: FloatArray, by_frame: FloatArray, by_chain: FloatArray) -> None:
-        """Fill the derivatives of some markers with respect to the glide and to the elevation."""
+        """Fill in the derivatives of some markers with respect to the glide and to the elevation."""
         problem, state = self.problem, self.state
         assert self.cols.glide is not None
         share = self.share
@@ -163,7 +163,7 @@ class _Context:
         by_frame[:, here, :, 3:6] += along * parent[:, None, None]
 
     def _fill_skin(self, k: int, here: IntArray, by_frame: FloatArray, by_chain: FloatArray) -> None:
-        """Fill the derivatives of some markers with respect to their fractions s_m and to the axial rotation."""
+        """Fill in the derivatives of some markers with respect to their fractions s_m and to the axial rotation."""
         problem, state = self.problem, self.state
         swirl = np.cross(problem.long_axes[k - 1], self.free[:, here])
         place = self.cols.skin.start - 3 * self.cols.markers + here

@@ -36,7 +36,7 @@ def assess_spatial_confidence(
 ) -> Confidence:
     """Return the confidence in a chain of rigid bodies in space.
 
-    Evidence against it:
+    Evidence against the segments:
 
     - ``weakest``: two of the segments could nearly be one;
     - ``runner-up``: one of the segments could nearly be two;
