@@ -51,7 +51,7 @@ def test_a_wrong_geometry_or_a_sliding_tip_is_told() -> None:
     assert "pointer-moves" in [
         r.code for r in locate_pointed_landmark(slid, rotation, origin, Pointer(DISTANCES)).reasons
     ]
-    with pytest.raises(RecordingError, match="one for each marker"):
+    with pytest.raises(RecordingError, match="one distance for each marker"):
         locate_tip(markers, Pointer(DISTANCES[:2]))
     with pytest.raises(RecordingError, match="never visible in the same frame"):
         locate_pointed_landmark(markers, np.full_like(rotation, np.nan), origin, Pointer(DISTANCES))

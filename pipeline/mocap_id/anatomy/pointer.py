@@ -62,8 +62,8 @@ def locate_tip(markers: FloatArray, pointer: Pointer) -> tuple[FloatArray, Float
     distances = np.asarray(pointer.distances, dtype=np.float64)
     if distances.shape != (markers.shape[1],) or len(distances) < 2 or np.ptp(distances) < 0.05:
         raise RecordingError(
-            f"the pointer has {markers.shape[1]} markers and {distances.size} distances from its tip; expected one for "
-            "each marker, at least two, and 50 mm between the nearest and the farthest"
+            f"the pointer has {markers.shape[1]} markers and {distances.size} distances from its tip; expected one "
+            "distance for each marker, at least two, and 50 mm between the nearest and the farthest"
         )
     centred = distances - distances.mean()
     along = np.einsum("p,fpi->fi", centred, markers)

@@ -105,10 +105,12 @@ def fit_segment_frames(
             frames[name] = _express_in_segment(
                 build_straight_hand(build_frame(FOREARM, standing), standing), name, segment, still
             )
-            message = f"the hand has no landmarks {', '.join(missing)}; the wrist is assumed straight in the still pose"
+            message = (
+                f"the hand has no landmarks {', '.join(missing)}; the wrist is assumed to be straight in the still pose"
+            )
             reasons.append(Reason("wrist-at-rest", message, level="ok"))
         else:
-            message = f"no ISB frame of the {name.replace('_', ' ')}: the landmarks {', '.join(missing)} are missing"
+            message = f"the {name.replace('_', ' ')} has no ISB frame: the landmarks {', '.join(missing)} are missing"
             reasons.append(Reason("no-isb-frame", f"{message}; name them under `landmarks:`"))
     return AnatomicalFrames(frames, covariances or {}, tuple(reasons))
 

@@ -61,7 +61,7 @@ def find_still_pose(points: FloatArray, rate: float, given: tuple[float, float] 
             raise RecordingError(f"static: {given[0]:g} to {given[1]:g} s is outside the recording, 0 to {end:.2f} s")
         return _judge_pose(frames, speed)
     if len(points) < shortest + 2 or not np.isfinite(speed).any():
-        raise RecordingError(f"the recording has {len(points)} frames; a still pose needs at least 0.5 s")
+        raise RecordingError(f"the recording has {len(points)} frames, too few for a still pose; record at least 0.5 s")
     quiet = _close_holes(np.nan_to_num(speed, nan=np.inf) <= _QUIET, int(_HOLES * rate))
     runs = [run for run in find_runs(quiet) if run.stop - run.start >= shortest]
     if runs:

@@ -86,7 +86,7 @@ class Hypothesis:
                 best, out
             ),
             f"includes {_format_count(len(extra), 'marker')} more": self._compare_residuals(best, extra),
-            f"fits {'the others' if len(out) + len(extra) else 'the markers'} {'worse' if fit > 0 else 'better'}": fit,
+            f"fits {'the other' if len(out) + len(extra) else 'the'} markers {'worse' if fit > 0 else 'better'}": fit,
             "a longer chain was better, and was shortened afterwards": self.cut,
         }
         more = len(self.chain) - len(best.chain)

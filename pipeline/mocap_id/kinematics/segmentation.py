@@ -234,9 +234,9 @@ def _explain_missing_chain(problem: SegmentationProblem) -> Refused:
     return Refused(
         "no-chain",
         f"no body rotates about a joint on the fixed base: the best one ({len(body.markers)} markers) has a residual "
-        f"of {1e3 * body.residual:.0f} mm (limit {1e3 * rules.max_body_residual:.0f}). Its joint has a residual of "
-        f"{1e3 * joint.residual:.0f} mm (limit {1e3 * rules.max_residual:.0f}) over an arc of "
-        f"{np.degrees(joint.arc):.1f}° (at least {np.degrees(rules.min_arc):.1f}). "
+        f"of {1e3 * body.residual:.0f} mm (limit {1e3 * rules.max_body_residual:.0f} mm). Its joint has a residual of "
+        f"{1e3 * joint.residual:.0f} mm (limit {1e3 * rules.max_residual:.0f} mm) over an arc of "
+        f"{np.degrees(joint.arc):.1f}° (at least {np.degrees(rules.min_arc):.1f}°). "
         "Check that the chain is fixed to the still markers.",
         joint.residual,
         rules.max_residual,

@@ -121,7 +121,7 @@ def _require_motion(count: int, deviation: FloatArray) -> None:
     if count < 2 * LEAST:
         raise Refused(
             "no-chain",
-            f"{count} of {len(deviation)} markers move together with two others, but two segments in space need at "
+            f"{count} of {len(deviation)} markers move rigidly with two others, but two segments in space need at "
             f"least {2 * LEAST} markers, three each. Add markers, so that each segment has three.",
             float(count),
             float(2 * LEAST),
@@ -171,8 +171,8 @@ def _explain_missing_chain(search: SpatialSearch, sorter: SpatialBodies, rules: 
     return Refused(
         "no-chain",
         f"none of {bodies} rigid bodies rotates about a point of another body: the best pair keeps a common point "
-        f"within {1e3 * best.residual:.0f} mm (limit {1e3 * min(rules.max_residual, CHANCE * best.free):.0f}) over an "
-        f"arc of {np.degrees(best.arc):.1f}° (at least {np.degrees(rules.min_arc):.1f}). Record a larger movement "
+        f"within {1e3 * best.residual:.0f} mm (limit {1e3 * min(rules.max_residual, CHANCE * best.free):.0f} mm) over "
+        f"an arc of {np.degrees(best.arc):.1f}° (at least {np.degrees(rules.min_arc):.1f}°). Record a larger movement "
         "of the joints, with at least three markers on each segment.",
         best.residual,
         rules.max_residual,
