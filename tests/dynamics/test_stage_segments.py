@@ -221,7 +221,7 @@ def test_bodies_can_exist_and_weigh_what_the_person_does() -> None:
 
 def test_without_a_table_the_prior_is_an_even_share() -> None:
     facts = free().facts
-    assert facts["motion"]["prior"] == "equal masses of all bodies"
+    assert facts["motion"]["prior"] == "an even division of the mass"
     assert facts["motion"]["bands_hz"] == dict(zip(("x", "y", "angle"), USUAL, strict=True))
     assert "no repetition" in facts["motion"]["bands_why"]
     assert facts["held_out"]["folds"] is None

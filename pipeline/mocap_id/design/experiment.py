@@ -85,6 +85,8 @@ def design_experiment(
     ----------
     rest : (n,) array
         Posture at the start and the end, rad.
+    objective : Objective
+        Name of the objective to minimise (:data:`~mocap_id.design.proposal.OBJECTIVES`).
     seconds : float, optional
         Duration of the recording, s; by default that of the trial.
     mixed : bool

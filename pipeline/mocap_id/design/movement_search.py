@@ -60,7 +60,7 @@ def search_movement(
 
 
 def _evaluate(family: MovementFamily, waves: WaveMovement, shared: bool) -> _Candidate | None:
-    """Scale a movement to the limits and evaluate it, with a penalty for small rotations; None if none is allowed."""
+    """Scale a movement to the limits and compute its objective, larger for small rotations; None if it is too small."""
     scaled = family.fit_to_limits(waves, family.seconds)
     if scaled is None or not np.any(np.abs(scaled.amplitude[:, 0]) >= family.units):
         return None

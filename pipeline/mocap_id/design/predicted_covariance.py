@@ -159,7 +159,7 @@ class CovariancePredictor:
         return erode(movement.known, int(np.ceil(margin * movement.rate)) + 1)
 
     def _compute_parts(self, movement: Trajectory, fitted: BoolArray, samples: int) -> tuple[FloatArray, FloatArray]:
-        """Return two unscaled covariances (b, b): from unit residuals, for a single sample, and from the geometry."""
+        """Return unscaled covariances (b, b) from residuals of unit variance, for one sample, and from the geometry."""
         body, chosen = self.body, _choose_samples(movement, fitted, samples)
         three = np.concatenate([chosen - 1, chosen, chosen + 1])
         before, now, after = np.split(body.regressor(movement.q[three], movement.dq[three], movement.ddq[three]), 3)
@@ -171,7 +171,7 @@ class CovariancePredictor:
         return noise * len(chosen), response @ response.T
 
     def _scale_parts(self, parts: tuple[FloatArray, FloatArray], seconds: float) -> FloatArray:
-        """Return the covariance with its parts scaled to those of the trial (predicted-covariance.md, eq. 3)."""
+        """Return the sum (b, b) of the parts, scaled to those of the trial (predicted-covariance.md, eq. 3)."""
         residual, geometry, fixed = _split_variances(self.body.result)
         noise_scale = np.sqrt(residual / np.diag(self._own_parts[0]))
         geometry_scale = np.sqrt(geometry / np.maximum(np.diag(self._own_parts[1]), 1e-300))

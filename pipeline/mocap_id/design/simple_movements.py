@@ -52,7 +52,7 @@ class MovementFamily:
         return self.scorer.limits.support is not None and len(self.joints) > 1
 
     def fit_to_limits(self, waves: WaveMovement, seconds: float) -> WaveMovement | None:
-        """Scale a movement down until the limits allow it; return None if less than a sixteenth would remain."""
+        """Scale a movement of ``seconds`` down until the limits allow it; None if less than 1/16 of it would remain."""
 
         def usage(scale: float) -> float:
             body, scorer = self.scorer.predictor.body, self.scorer
@@ -67,7 +67,7 @@ class MovementFamily:
         return None if low == 0.0 else waves.scale(low)
 
     def reaches(self) -> tuple[FloatArray, FloatArray]:
-        """Return the ranges (n,) below and above rest for each row of a :class:`WaveMovement`, rad (or m: pressure)."""
+        """Return the ranges (n,) of each joint below and above rest, rad; for the centre of pressure in m."""
         limits = self.scorer.limits
         below, above = self.rest - limits.low, limits.high - self.rest
         if self.balancing and limits.support is not None:

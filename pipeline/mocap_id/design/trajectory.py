@@ -39,7 +39,7 @@ class Trajectory:
 
     @property
     def known(self) -> BoolArray:
-        """Whether angle, velocity and acceleration of every joint have a value, (T,) bool."""
+        """Mask (T,) of the samples with angle, velocity and acceleration of every joint."""
         return np.asarray(np.isfinite(np.hstack([self.q, self.dq, self.ddq])).all(axis=1))
 
     def thin(self, rate: float) -> Trajectory:
@@ -58,8 +58,8 @@ class Trajectory:
     def scale(self, speed: FloatArray, size: FloatArray) -> Trajectory:
         """Return the movement with the speed and the range of each joint multiplied by factors (n,).
 
-        ``size`` multiplies the difference of each angle from its median. If the factors of speed differ, each joint
-        moves forwards and backwards through its own recording. If all are equal, only the duration changes.
+        ``size`` multiplies the difference of each angle from its median. If the factors of speed differ, a joint moves
+        forwards and backwards through its own recording. If they are equal, they change the duration instead.
         """
         time, length = self.time - self.time[0], float(self.time[-1] - self.time[0])
         if np.all(speed == speed[0]):

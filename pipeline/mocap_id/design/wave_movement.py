@@ -67,11 +67,11 @@ def static_centre_of_pressure(body: IdentifiedBody, q: FloatArray) -> FloatArray
 
 
 def balance(body: IdentifiedBody, q: FloatArray, target: FloatArray, near: float) -> FloatArray:
-    """Return the angles of the first joint (T,), rad, that move the centre of pressure to a target (T,), m.
+    """Return the angles (T,) of the first joint, rad, with which a body at rest has the centre of pressure ``target``.
 
     All segments above the first joint rotate with it, so the centre of pressure is a constant plus a sine of its angle.
     The postures ``q`` (T, n) give the other angles. Of the two solutions, the one closer to the angle ``near``, rad, is
-    returned; NaN if no angle moves the centre of pressure that far.
+    returned. It is NaN if no angle gives the ``target`` (T,), m.
     """
     ahead, across = q.copy(), q.copy()
     ahead[:, 0], across[:, 0] = 0.0, np.pi / 2

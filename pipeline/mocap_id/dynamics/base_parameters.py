@@ -32,7 +32,7 @@ class BaseSet:
         return regressor if len(self.kept) == regressor.shape[-1] else regressor[..., self.kept]
 
     def expand(self, base: FloatArray) -> FloatArray:
-        """Return full parameters (p,) with these base parameters (b,): zero in all columns that are not kept."""
+        """Return the full parameters (p,) with these base parameters (b,) that are zero in all columns not kept."""
         full = np.zeros(self.regrouping.shape[1])
         full[self.kept] = base
         return full
@@ -44,12 +44,12 @@ def keep_all_parameters(count: int) -> BaseSet:
 
 
 def triangularise(rows: FloatArray) -> FloatArray:
-    """Return R of the QR decomposition of rows (r, p): all that least squares needs, (p, p) if r ≥ p, else (r, p)."""
+    """Return R (min(r, p), p) of the QR decomposition of rows (r, p), which is all that least squares needs."""
     return np.asarray(np.linalg.qr(rows, mode="r"), dtype=np.float64)
 
 
 def regroup_columns(regressor: FloatArray) -> BaseSet:
-    """Split the columns of a stacked regressor (r, p) into independent and regrouped ones (eq. 4.8, 4.9, 4.24).
+    """Find the independent columns of a stacked regressor (r, p) and regroup the other columns (eq. 4.8, 4.9, 4.24).
 
     An unpivoted QR compresses the rows. The columns of its R are then orthogonalised in turn, and dependent columns are
     left out. The diagonal of R alone is not sufficient, because a dependent column leaves an arbitrary direction in Q,
@@ -150,7 +150,7 @@ def _format_name(row: FloatArray, column: int, base: BaseSet, centres: FloatArra
 
 
 def _find_lever(centre: FloatArray, joint: int, kind: int) -> tuple[float, str]:
-    """Return the coefficient of a mass beyond the joint in m, mx, my or Izz of the segment before it, and its name."""
+    """Return value and symbol of the factor of a mass beyond a joint in parameter ``kind`` of the segment before it."""
     x, y = float(centre[0]), float(centre[1])
     return (
         (1.0, ""),

@@ -52,7 +52,7 @@ class BodyPrior:
 
 
 def build_table_prior(mean: FloatArray, source: str, others: bool = False) -> BodyPrior:
-    """Return the prior around the bodies (4K,) of a reference table, foot first.
+    """Return the prior whose mean (4K,) are the bodies of a reference table, foot first.
 
     ``source`` is the table's name. With ``others``, the last body is that of the markers on no segment (arms, head).
     """
@@ -64,12 +64,12 @@ def build_table_prior(mean: FloatArray, source: str, others: bool = False) -> Bo
 
 
 def build_even_prior(mass: float, centroid: FloatArray) -> BodyPrior:
-    """Return the prior if no table applies: equal masses, kg in total, at the centroids (K, 2) of the markers, m."""
+    """Return the prior if no table applies: equal parts of ``mass``, kg, at the markers' centroids (K, 2), m."""
     own = mass / len(centroid)
     inertia = own * (_GYRATION**2 + np.sum(centroid**2, axis=1))
     mean = np.column_stack([np.full(len(centroid), own), own * centroid, inertia])
     blocks = [_compute_covariance(body, _UNKNOWN_MASS, _UNKNOWN_CENTRE, _UNKNOWN_INERTIA) for body in mean]
-    return BodyPrior(mean.reshape(-1), block_diag(*blocks), "equal masses of all bodies")
+    return BodyPrior(mean.reshape(-1), block_diag(*blocks), "an even division of the mass")
 
 
 def split_torso(torso: FloatArray, angle: FloatArray, shift: FloatArray, mass: float) -> tuple[FloatArray, FloatArray]:
@@ -82,7 +82,8 @@ def split_torso(torso: FloatArray, angle: FloatArray, shift: FloatArray, mass: f
     torso : (4,) array
         Parameters of head, arms and trunk together, in the torso's frame.
     angle, shift : (T,) and (T, 2) arrays
-        Angle, rad, and origin, m, of the other body's frame in the torso's frame. The origin is the markers' centroid.
+        Angle, rad, and origin, m, of the second body's frame in the torso's frame. The origin is the centroid of the
+        markers on no segment.
     mass : float
         Mass of the whole body, kg.
     """

@@ -112,8 +112,8 @@ def _list_wrenches_beyond(prepared: PreparedTrial, segment: int) -> list[FloatAr
 def _move_to_joint(prepared: PreparedTrial, segment: int) -> FloatArray:
     """Return the matrices (T, 3, 3) that transform wrenches about the plane's origin to wrenches about a joint.
 
-    It is the joint before ``segment``. The noise of the force does not affect the moment about the joint, but it does
-    affect the moment about the origin, by the joint's height.
+    It is the joint before ``segment``. The noise of the force does not affect the moment about the joint. It affects
+    the moment about the origin, in proportion to the joint's height.
     """
     recorded, before = prepared.recorded, np.array([segment - 1])
     place = marker_positions(recorded.q, recorded.centres, before, recorded.centres[before])[:, 0]
@@ -205,9 +205,10 @@ def predict_with_sensor(
 
 
 def _add_for_agreement(alone: Identification, regrouping: FloatArray, sensor: SensorFit) -> FloatArray:
-    """Return the covariance (b, b) to add to the ground's covariance so that its parameters agree with a sensor.
+    """Return the covariance (b, b) to add to that of the ground's result so that this result agrees with a sensor.
 
-    A constant error of a plate is not in its residuals, but it changes the first moments of a light segment.
+    The residuals of a plate do not contain its constant error, but this error changes the first moments of a light
+    segment.
     """
     to_sensor = sensor.rows @ np.linalg.pinv(regrouping)
     size = np.abs(sensor.rows).max(axis=1)

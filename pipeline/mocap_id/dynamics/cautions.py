@@ -58,7 +58,7 @@ def find_cautions(
     standing : float or None
         Mass that the plates measure while the person stands, kg; None if it was not measured.
     calibration : Calibration, optional
-        Errors of plate and scale, which give the largest difference of these masses; by default those of the stage.
+        Errors of plate and scale, which give the allowed difference of these masses; by default those of the stage.
     """
     reasons = (
         _check_clock(prepared, result),

@@ -149,7 +149,7 @@ def _is_possible(full: FloatArray) -> bool:
 
 
 def _divide_sum(total: FloatArray, reference: FloatArray, sd: FloatArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return gain (4s, 4), constant (4s,) and covariance (4s, 4s) of s segments with a given sum, near a table."""
+    """Divide a sum between s segments as in a table; return gain (4s, 4), constant (4s,) and covariance (4s, 4s)."""
     if not np.isfinite(reference).all():
         gain = np.zeros((total.shape[1], 4))
         gain[:4] = np.eye(4)

@@ -80,13 +80,13 @@ def find_step(
     Parameters
     ----------
     mapped : (b, v) array
-        Matrix from a step to the residual.
+        Matrix from a step to the change of the fitted values.
     target : (b,) array
-        Residual to remove.
+        Residual before the step.
     bodies : ConicBodies
         The cone.
     body : (v,) array
-        Start, in the cone.
+        Body before the step, in the cone.
     regularization : float, optional
         As for :func:`solve_cones`.
     """

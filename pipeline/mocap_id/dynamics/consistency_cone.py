@@ -60,9 +60,10 @@ class ConeBodies:
         return self.boxes is not None or bool(self.mapping[:, 4 * link + 3].any())
 
     def round_sides(self) -> FloatArray:
-        """Return rows (l, 4, 4(n + 1)) whose products (m + J, m - J, 2 mx / L, 2 my / L), kg, are second-order cones.
+        """Return four rows, (l, 4, 4(n + 1)), for each of the l links that the cone limits.
 
-        J is Izz / L², with any length L.
+        Their products with a body, (m + J, m - J, 2 mx / L, 2 my / L), kg, must be in a second-order cone. J is
+        Izz / L², with any length L.
         """
         limited = [link for link in range(self.links) if self.is_limited(link)]
         rows = np.zeros((len(limited), 4, 4 * self.links))
@@ -96,7 +97,10 @@ class ConeBodies:
         return float(np.abs(body[::4]).sum())
 
     def find_cheapest(self, prices: FloatArray) -> FloatArray:
-        """Return for each link a unit mass at the point with the least price m + x·mx + y·my + (x² + y²)·Izz."""
+        """Return for each link 1 kg at the point with the least price, as columns (4(n + 1), n + 1).
+
+        The price at (x, y) is m + x·mx + y·my + (x² + y²)·Izz, with the ``prices`` (4(n + 1),) of m, mx, my and Izz.
+        """
         columns = np.zeros((len(prices), self.links))
         for link in range(self.links):
             _, mx, my, izz = prices[4 * link : 4 * link + 4]

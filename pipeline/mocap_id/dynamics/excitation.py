@@ -95,7 +95,7 @@ def measure_sizes(prepared: PreparedTrial, result: Identification) -> FloatArray
 
 
 def classify(relative_sd: float, weak: float = WEAK) -> Identifiability:
-    """Return the class of a parameter from its relative standard deviation; above ``weak`` it is weak."""
+    """Return the class of a parameter; a relative standard deviation above ``weak``, up to 1, makes it weak."""
     if not np.isfinite(relative_sd) or relative_sd > NOT_IDENTIFIABLE:
         return "not identifiable"
     return "weak" if relative_sd > weak else "known"

@@ -80,7 +80,8 @@ class Fit:
 def determines_parameters(prepared: AnyTrial, gate: BoolArray) -> bool:
     """Return whether the gated samples determine the base parameters.
 
-    The samples must last at least a second. Without a prior, no columns may be dependent, as they are if a joint rests.
+    The samples must last at least a second. Without a prior, the columns of the regressor must also be independent. If
+    a joint rests in all samples, for example, they are dependent.
     """
     chosen = select_samples(prepared, gate)
     if chosen.sum() < LEAST_SECONDS * prepared.recorded.rate:
@@ -94,7 +95,7 @@ def determines_parameters(prepared: AnyTrial, gate: BoolArray) -> bool:
 def fit(prepared: AnyTrial, gate: BoolArray, like: Fit | None = None) -> Fit:
     """Fit base parameters, plate bias and clock offset to the gated samples.
 
-    If ``like`` is given, a fit of the same trial, its clock offset and weights are used again.
+    ``like`` is a fit of the same trial; if it is given, its clock offset and weights are used instead of new ones.
     """
     settings = prepared.settings
     in_fit = select_samples(prepared, gate)
@@ -209,7 +210,7 @@ def _estimate_weights(prepared: AnyTrial, design: FloatArray, target: FloatArray
 
 
 def _compute_independent_share(prepared: AnyTrial, seconds: float) -> float:
-    """Return the fraction of the fit's samples that are independent if this time, s, counts as one sample."""
+    """Return the fraction of the fit's samples that are independent, if ``seconds`` count as one sample."""
     return min(1.0, prepared.lowpass.step / prepared.recorded.rate / seconds)
 
 

@@ -45,7 +45,7 @@ class LowPass:
 
     @property
     def step(self) -> int:
-        """Number k of which every k-th sample is sufficient after filtering: about ten samples per cut-off period."""
+        """Number k such that every k-th filtered sample is sufficient: about ten samples per period of the cut-off."""
         return max(1, int(self.rate / (_OVERSAMPLED * self.cutoff)))
 
     def __call__(self, signal: FloatArray) -> FloatArray:

@@ -207,7 +207,7 @@ def _solve_closing(poses: BodyPoses, joints: Sequence[int], angle: FloatArray, g
 class PoseFilter:
     """Low-pass filter of poses that filters every coordinate only once with each cut-off.
 
-    The poses must be the interpolated ones, with closed gaps if the motion should have closed gaps.
+    It neither interpolates poses nor closes gaps: call :func:`fill_gaps` and :func:`close_gaps` before, if needed.
     """
 
     def __init__(self, poses: BodyPoses) -> None:

@@ -31,7 +31,7 @@ class PlanarMotion:
 
     @property
     def jacobian(self) -> FloatArray:
-        """Unit twists (p_y, -p_x, 1) of the joints, (T, 3, n); their product with a wrench is its moment there."""
+        """Unit twists (p_y, -p_x, 1) of the joints (T, 3, n); times a wrench, they give moments about the joints."""
         x, y = self.joint[..., 0], self.joint[..., 1]
         return np.stack([y, -x, np.ones_like(x)], axis=1)
 

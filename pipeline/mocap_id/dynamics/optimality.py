@@ -37,7 +37,7 @@ class BodyCone(Protocol):
         """Matrix (b, v) from the numbers to the parameters."""
 
     def measure_violation(self, body: FloatArray) -> float:
-        """Return the violation of the cone's conditions by a body (v,), relative to its size; 0 inside."""
+        """Return how much a body (v,) violates the cone's conditions, relative to its size; 0 inside the cone."""
 
     def mass(self, body: FloatArray) -> float:
         """Return the total mass of a body (v,), kg."""

@@ -64,8 +64,8 @@ class ReferencePrior:
     ) -> CompressedProblem:
         """Return the least-squares problem of data and prior in the full parameters.
 
-        Its cost is (M φ - base)ᵀ covariance⁻¹ (M φ - base) + ‖(φ - mean) / sd‖² + rest, where ``base`` (b,) are the
-        base parameters of the fit without constraint or prior.
+        The cost of full parameters φ is (M φ - base)ᵀ covariance⁻¹ (M φ - base) + ‖(φ - mean) / sd‖² + rest, where
+        ``base`` (b,) are the base parameters of the fit without constraint or prior.
         """
         root = np.linalg.cholesky(covariance)
         rows = np.vstack([solve_triangular(root, regrouping, lower=True), np.diag(1 / self.sd)])

@@ -17,7 +17,7 @@ _LONG = 0.75  # fraction of rest above which rest is thinned
 
 
 def select_samples(prepared: AnyTrial, gate: BoolArray) -> BoolArray:
-    """Return a mask (T,) of the samples to fit: usable samples within the gate, at least the filter's reach inside."""
+    """Return a mask (T,) of the samples to fit: usable, and within the gate by at least the reach of the filter."""
     return prepared.usable & erode(gate, prepared.lowpass.reach_samples)
 
 
@@ -35,7 +35,7 @@ def number_parts(time: FloatArray, spans: FloatArray) -> IntArray:
 
 
 def skip_long_rests(velocity: FloatArray) -> BoolArray:
-    """Return a mask (T,) of the samples in motion if the person rests most of the time, otherwise of all.
+    """Return a mask (T,) of the moving samples if the person rests most of the time, otherwise of all samples.
 
     ``velocity`` (T, n) are the joint velocities, rad/s, which are small at rest. The errors of a constant posture are
     the same in all its samples, and would outweigh the motion in every mean.
@@ -45,7 +45,7 @@ def skip_long_rests(velocity: FloatArray) -> BoolArray:
 
 
 def shorten_rests(velocity: FloatArray) -> BoolArray:
-    """Return a mask (T,) of the samples in motion and about as many at rest if rests are long, otherwise of all.
+    """Return a mask (T,) of the moving and about as many resting samples if rests are long, otherwise of all samples.
 
     ``velocity`` (T, n) are the joint velocities, rad/s, which are small at rest.
     """

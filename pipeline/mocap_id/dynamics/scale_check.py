@@ -41,7 +41,7 @@ _FOLLOWED = np.array([2.5, 2.0])  # N: rms residuals of Fx and Fy below which a 
 
 @dataclass(frozen=True)
 class _Size:
-    """Standard deviations of a cause: kept near zero, free, and without an error, as people are no rigid chains."""
+    """Standard deviations of a cause: kept near zero, free, and of its estimates in people without such an error."""
 
     held: float
     free: float

@@ -25,11 +25,12 @@ def estimate_covariance(
     prior: FloatArray | None = None,
     spread: FloatArray | float = 1.0,
 ) -> FloatArray:
-    """Return the covariance (b, b) of least-squares parameters without a model of the residuals within a block.
+    """Return the covariance (b, b) of least-squares parameters from residuals that are correlated within blocks.
 
     It is the sandwich (XᵀX)⁻¹ (Σ_g X_gᵀ r_g r_gᵀ X_g) (XᵀX)⁻¹ over blocks g, to which a block bootstrap converges.
     Residuals may be correlated and heteroscedastic within a block. Blocks count as independent, so they must be longer
-    than the correlation time of the residuals. The factor G/(G - 1) · (r - 1)/(r - b) corrects for few blocks.
+    than the correlation time of the residuals. The factor G/(G - 1) · (r - 1)/(r - b) corrects for few blocks, where G
+    is the number of blocks and r = R c.
 
     Parameters
     ----------

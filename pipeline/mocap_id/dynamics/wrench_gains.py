@@ -46,7 +46,7 @@ class WrenchGain:
 
 @dataclass(frozen=True)
 class _Column:
-    """A component of an external wrench as a weighted column (R, c) of the fit, ``values``, with a minus sign."""
+    """A component of an external wrench; ``values`` (R, c) are its weighted column in the fit, with a minus sign."""
 
     name: str
     component: str
@@ -111,7 +111,7 @@ def _have_own_parts(body: FloatArray, columns: list[_Column], known: BoolArray) 
 def _solve(
     prepared: PreparedTrial, result: Fit, columns: list[_Column], known: BoolArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the factors of the columns minus 1 (k,), and their standard deviations."""
+    """Return the fitted factors minus 1 (k,) of the k columns, and their standard deviations (k,)."""
     samples = result.samples[known]
     time = prepared.recorded.time[samples]
     added = np.stack([column.values[known] for column in columns], axis=-1)

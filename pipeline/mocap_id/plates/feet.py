@@ -43,7 +43,7 @@ def find_standing_feet(
         Height of the plates' surface, m, to exclude the markers on it; None if it is not known.
     count : int
         Number of feet to look for. Markers are separated into smaller groups until at least this many feet are found.
-        If there are fewer feet, the result contains these.
+        The result can contain fewer or more feet.
     """
     chosen = np.flatnonzero(samples)
     considered = positions[chosen[:: -(-len(chosen) // _FRAMES) or 1]]

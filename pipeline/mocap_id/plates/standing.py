@@ -35,15 +35,15 @@ _MIN_DROPOUT_S = 0.6
 class EmptyChairReading:
     """Reading of the plates under an empty chair, including the weight of the chair."""
 
-    reading: FloatArray | None  # (3,) median (Fx, Fy, tauz), N and N·m; None if the person never stands long enough
+    reading: FloatArray | None  # (3,) median (Fx, Fy, tauz), N and N·m; None if too few samples have an empty chair
     spread: FloatArray | None  # (3,) standard deviation of the samples of this median, N and N·m; None if not measured
 
 
 def weigh_person(positions: FloatArray, rate: float, vertical: FloatArray) -> tuple[float | None, str | None]:
     """Return the mass of the person, kg, and None; or None and the reason why the mass cannot be estimated.
 
-    ``vertical`` (F,) is the upward force under the feet, N. While the person stands still, it is the weight. The force
-    alone does not distinguish standing from sitting, so the positions of the markers are checked too.
+    ``vertical`` (F,) is the upward force under the feet, N. While the person stands still, this force is the weight. It
+    does not distinguish standing from sitting, so the positions of the markers are also checked.
     """
     tall, _ = find_upright(positions)
     half = min(max(1, round(_SPEED_OVER_S * rate)), (len(positions) - 1) // 2)

@@ -84,7 +84,7 @@ class SemidefiniteBodies:
         return np.asarray((links * _UNITS).reshape(-1))
 
     def find_cheapest(self, prices: FloatArray) -> FloatArray:
-        """Return for each segment a unit mass at the point of least price, as columns (10K, K)."""
+        """Return for each segment 1 kg at the point with the least price, as columns (10K, K)."""
         columns = np.zeros((len(prices), self.segments))
         for k in range(self.segments):
             own = slice(10 * k, 10 * k + 10)

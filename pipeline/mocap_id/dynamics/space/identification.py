@@ -82,7 +82,10 @@ def identify(trial: SpatialTrial, gate: BoolArray, calibration: SpatialCalibrati
 
 
 def measure_excitation_in_space(trial: SpatialTrial, result: SpatialIdentification, weak: float = WEAK) -> Excitation:
-    """Measure the excitation of every base parameter; a relative standard deviation above ``weak`` makes it weak."""
+    """Measure the excitation of every base parameter; a relative standard deviation above ``weak`` makes it weak.
+
+    The method is that of :func:`mocap_id.dynamics.excitation.classify_parameters`.
+    """
     return classify_parameters(trial.structure.names, result.fit, result.base_sd, measure_sizes(trial, result), weak)
 
 
