@@ -22,14 +22,15 @@ class UkfSmoothSettings(Settings):
 
     method: Literal["rts", "two-filter", "butterworth", "spline", "encoder"] = Field(
         "rts",
-        description="rts: filter and smoother. For comparison: the average of forward and backward passes (thesis); "
-        "the angles of single frames, smoothed by a zero-phase low-pass or a quintic spline; or a robot's encoder",
+        description="rts: filter and smoother. For comparison: two-filter (thesis), the average of a forward and a "
+        "backward pass; butterworth or spline, the smoothed angles of single frames; encoder, a robot's encoder",
     )
     butterworth_hz: float = Field(
         6.0, gt=0, description="cut-off of each of the two passes of `method: butterworth`, Hz; usual for people: 6"
     )
     engine: Literal["compiled", "filterpy"] = Field(
-        "compiled", description="compiled code, or the library filterpy: the same result, a hundred times slower"
+        "compiled",
+        description="compiled code, or the library filterpy, which is a hundred times slower and gives the same result",
     )
     marker_sd: float | None = Field(
         None, gt=0, description="standard deviation of a marker coordinate, m; estimated if not given (thesis: 1e-3)"
@@ -37,20 +38,20 @@ class UkfSmoothSettings(Settings):
     sigma_v: float | None = Field(
         None,
         gt=0,
-        description="standard deviation of the snap, constant over a frame, rad/s^4; estimated for each joint if not "
-        "given (thesis: 1e2)",
+        description="standard deviation of the snap, which is constant over a frame, rad/s^4; estimated for each joint "
+        "if not given (thesis: 1e2)",
     )
     marker_sd_floor: float = Field(
-        5e-5, gt=0, description="lower limit of the estimated marker_sd for filtered recordings, m"
+        5e-5, gt=0, description="lower limit of the estimated marker_sd, needed for filtered recordings, m"
     )
     gate: float = Field(
-        5.0, ge=3, description="largest distance of a marker from its prediction, in standard deviations"
+        5.0, ge=3, description="a marker farther from its prediction is left out; in standard deviations"
     )
     angle_sd_limit: float = Field(
         0.2, gt=0, description="largest standard deviation of an angle, rad; a more uncertain angle is left out"
     )
     encoder_offset_limit_s: float = Field(
-        0.5, ge=0.01, le=10, description="largest clock offset of an encoder that is tried, in both directions, s"
+        0.5, ge=0.01, le=10, description="largest clock offset of the encoder that is tried, in either direction, s"
     )
     encoder_position_sd: float | None = Field(
         None, gt=0, description="standard deviation of an encoder's position, rad; estimated if not given"

@@ -1,4 +1,4 @@
-"""Checks of the motion of an arm, which reveal exchanged landmarks, a wrong side or a wrong vertical axis."""
+"""Checks of an arm's motion, which find exchanged landmarks, a wrong side or a wrong vertical axis."""
 
 from __future__ import annotations
 
@@ -17,15 +17,16 @@ _ROTATED = (-150.0, -40.0)  # degrees, mean pronation that no forearm has
 
 
 def check_arm_motion(angles: Sequence[JointAngles], thorax: FloatArray) -> tuple[Reason, ...]:
-    """Return cautions about a motion that is impossible for an arm.
+    """Return cautions if the motion is impossible for an arm; none if it is possible.
 
-    ``thorax`` (F, 3) is the long axis of the thorax in the trial's axes, y up; it has no rows if it is unknown.
+    ``angles`` are the angles of all joints. ``thorax`` (F, 3) is the long axis of the thorax in the trial's axes, y up;
+    it has no rows if it is unknown.
     """
     elbow = next((each.angle for each in angles if each.names == ELBOW), np.zeros((0, 3)))
     texts = [*_check_thorax(thorax), *_check_pronation(elbow[:, 2])]
     reasons = _check_flexion(elbow[:, 0])
     if texts:
-        message = f"{'; '.join(texts)}. The angles are wrong by a similar amount"
+        message = f"{'; '.join(texts)}. The joint angles have errors of a similar size"
         reasons += (Reason("motion-implausible", message, float(len(texts)), 0.0),)
     return reasons
 
@@ -36,7 +37,7 @@ def _check_thorax(thorax: FloatArray) -> list[str]:
     if lean <= _LEANING:
         return []
     return [
-        f"the thorax leans {lean:.0f}° from the vertical for most of the trial: unless the person lies, its "
+        f"the thorax leans {lean:.0f}° from the vertical for most of the trial: unless the person lies down, its "
         "landmarks are exchanged, or the vertical axis of the recording is wrong"
     ]
 
@@ -50,7 +51,7 @@ def _check_pronation(pronation: FloatArray) -> list[str]:
 
 
 def _check_flexion(flexion: FloatArray) -> tuple[Reason, ...]:
-    """Return a caution if the elbow bends backwards, as if ``side`` named the other arm."""
+    """Return a caution if the elbow bends backwards, as it does if ``side`` is wrong."""
     known = np.degrees(flexion[np.isfinite(flexion)])
     if not len(known):
         return ()
@@ -58,7 +59,7 @@ def _check_flexion(flexion: FloatArray) -> tuple[Reason, ...]:
     if low > -_HYPEREXTENDED or low + high > 0:
         return ()
     message = (
-        f"the elbow bends backwards: its flexion is {low:.0f}° to {high:.0f}°. The arm is probably the other one: give "
-        "the right `side:`, or check the names of the landmarks"
+        f"the elbow bends backwards: its flexion is {low:.0f}° to {high:.0f}°. Probably the recording is of the other "
+        "arm: correct `side:`, or check the names of the landmarks"
     )
     return (Reason("elbow-backwards", message, low, -_HYPEREXTENDED),)

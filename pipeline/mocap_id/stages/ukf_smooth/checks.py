@@ -15,36 +15,39 @@ from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
 UNKNOWN_SD_HZ = 5.0
-"""Cut-off of a filter below which movement is also removed, so that the standard deviations are unknown."""
+"""Cut-off, Hz: a filter with a lower cut-off also removes movement, so that the standard deviations are unknown."""
 
 _FILTERED_HZ = 12.0  # cut-off below which a recording counts as filtered
-_JITTER = 0.25  # of a frame; rounding to milliseconds causes this at 500 Hz
-_SAME = 1e-9  # m
-_MOVED = 2e-5  # m; median step after a repeated frame. A recording without noise repeats frames at rest.
-_SHORT = 0.1  # s; within it the smoother bridges without loss
-_MANY = 0.01  # share of repeated frames for a caution
+_JITTER = 0.25  # largest error of a time stamp, in frames; rounding to milliseconds causes this at 500 Hz
+_SAME = 1e-9  # m, largest change of a marker in a repeated frame
+_MOVED = 2e-5  # m, least median change after a repeated frame, because noise-free recordings repeat frames at rest
+_SHORT = 0.1  # s; the smoother bridges shorter gaps without loss
+_MANY = 0.01  # fraction of repeated frames for a caution
 
 
 def check_uniform_times(view: Trajectories, trial: str) -> None:
-    """Raise RecordingError if the times of the frames are not uniform: the process model has a fixed time step."""
+    """Raise RecordingError if the times of the frames are not uniform, because the process model has a fixed step.
+
+    ``trial`` is the name of the trial for the message.
+    """
     time, period = view.time, 1.0 / view.rate
     off = np.abs(time - time[0] - period * np.arange(len(time))) / period
     if not np.all(off <= _JITTER):
         k = int(np.argmax(~(off <= _JITTER)))
         raise RecordingError(
             f"trial {trial}: ukf-smooth: time stamps are not uniform: frame {view.frames[k]} is at "
-            f"{time[k]:.4f} s where {view.rate:g} frames per second put it at {time[0] + period * k:.4f} s; "
-            "export the trial at a constant rate with a row for every frame, or use a `window:` without the break"
+            f"{time[k]:.4f} s, expected {time[0] + period * k:.4f} s at {view.rate:g} frames per second; "
+            "export the trial at a constant rate with a row for every frame, or use a `window:` with uniform times"
         )
 
 
 def report_gaps(
     missing: BoolArray, time: FloatArray, names: Sequence[str], quantity: str, settings: UkfSmoothSettings
 ) -> tuple[Reason, ...]:
-    """Return a caution for every joint or segment whose angle or pose has gaps.
+    """Return a caution for every joint whose angle has gaps, or for every segment whose pose has gaps.
 
-    ``missing`` (F, K) is true in the frames (times ``time``, s) without the angle or pose of one of the K ``names``;
-    ``quantity`` is "angle" or "pose".
+    ``names`` are the K joints or segments. ``missing`` (F, K) is true in the frames without the angle or pose, ``time``
+    (F,) is in s, and ``quantity`` is "angle" or "pose".
     """
     reasons = []
     for name, is_missing in zip(names, missing.T, strict=True):
@@ -73,7 +76,10 @@ def _explain_gaps(settings: UkfSmoothSettings) -> str:
 
 
 def find_repeated_frames(observed: FloatArray) -> BoolArray:
-    """Return the frames (F,) in which all markers (F, M, 2 or 3) have the same positions as in the frame before."""
+    """Return whether each frame (F,) repeats the frame before: all markers (F, M, 2 or 3) have the same positions.
+
+    ``observed`` is in m, NaN where missing. Frames at rest in a recording without noise do not count.
+    """
     rows, equal = np.arange(1, len(observed)), np.zeros(len(observed) - 1, dtype=np.int64)
     for k in range(observed.shape[1]):  # few frames remain after the first markers
         step = np.abs(observed[rows, k] - observed[rows - 1, k]).max(axis=1)
@@ -89,7 +95,10 @@ def find_repeated_frames(observed: FloatArray) -> BoolArray:
 
 
 def bridge_repeated(observed: BoolArray, repeated: BoolArray, rate: float) -> BoolArray:
-    """Return the flags ``observed`` (F, n) with short runs of repeated frames (F,) set as in the frames beside them."""
+    """Return ``observed`` (F, n), set to true in short runs of ``repeated`` frames (F,) between two observed frames.
+
+    It is false in a run with an unobserved frame beside it. ``rate`` is in frames per second.
+    """
     bridged = observed.copy()
     for run in find_runs(repeated):
         if run.stop - run.start <= _SHORT * rate and run.start > 0 and run.stop < len(bridged):
@@ -98,28 +107,28 @@ def bridge_repeated(observed: BoolArray, repeated: BoolArray, rate: float) -> Bo
 
 
 def report_repeated_frames(repeated: BoolArray) -> tuple[Reason, ...]:
-    """Return a reason if frames repeat the frame before; a caution if there are many."""
+    """Return a reason if frames repeat the frame before: a caution if there are many, otherwise a note."""
     share = float(np.mean(repeated))
     if share == 0:
         return ()
     message = (
         f"{np.count_nonzero(repeated)} of {len(repeated)} frames ({100 * share:.1f} %) repeat the frame before: the "
-        "recording was resampled, or frames were lost. The states are estimated without them and bridged there. "
-        "Export again at the rate of the cameras."
+        "recording was resampled, or frames were lost. The states are estimated without these frames and bridged "
+        "there. Export again at the rate of the cameras."
     )
     return (Reason("repeated-frames", message, share, _MANY, "caution" if share >= _MANY else "ok"),)
 
 
 def report_filter(cut_off: float | None) -> tuple[Reason, ...]:
-    """Return a caution if the markers were filtered at a low cut-off, Hz; ``cut_off`` is None without a filter."""
+    """Return a caution if the markers were filtered with a low cut-off; ``cut_off``, Hz, is None without a filter."""
     if cut_off is None or cut_off >= _FILTERED_HZ:
         return ()
     effect = "The intervals of the states include the remaining noise."
     if cut_off < UNKNOWN_SD_HZ:
-        effect = "The filter also removed movement, by an unknown amount: intervals of the states are not given."
+        effect = "The filter also removed an unknown part of the movement, so intervals of the states are not given."
     message = (
-        f"the residuals of the markers end at {cut_off:.1f} Hz: the recording was filtered or resampled before the "
-        f"export. {effect} Export the unfiltered markers."
+        f"the residuals of the markers contain almost nothing above {cut_off:.1f} Hz: the recording was filtered or "
+        f"resampled before the export. {effect} Export the unfiltered markers."
     )
     return (Reason("prefiltered", message, cut_off, _FILTERED_HZ),)
 
@@ -131,7 +140,8 @@ def report_oscillations(oscillations: Sequence[Oscillation], segments: Sequence[
     parts = [f"{segments[each.segment]} {1e3 * each.size:.1f} mm at {each.frequency:.1f} Hz" for each in oscillations]
     message = (
         f"all markers of a segment oscillate together relative to the chain ({', '.join(parts)}, rms of the "
-        "residuals): soft tissue wobbles, or a marker plate is loose. Accelerations contain the oscillation, and their "
-        "intervals include it. Fix the markers to bony places, or tape the plates on firmly."
+        "residuals): soft tissue wobbles, or a marker plate is loose. The accelerations contain this oscillation as an "
+        "error, and their intervals include it. Attach the markers where the bone is close to the skin, or tape the "
+        "plates on firmly."
     )
     return (Reason("markers-oscillate", message, max(each.size for each in oscillations)),)

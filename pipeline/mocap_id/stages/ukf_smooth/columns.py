@@ -14,7 +14,11 @@ from mocap_id.store.views import Trajectories
 
 
 def state_columns(time: FloatArray, mean: FloatArray, sd: FloatArray, observed: BoolArray) -> dict[str, Any]:
-    """Return time (F,), states (F, n, 4), standard deviations (F, n, 3 or 4) and flags (F, n) as columns."""
+    """Return the columns of states.parquet by name.
+
+    They are the time (F,), the states (F, n, 4), the standard deviations (F, n, 3 or 4) without that of the jerk, and
+    the flags (F, n).
+    """
     columns: dict[str, FloatArray | BoolArray] = {"time": time}
     for j in range(mean.shape[1]):
         for d, name in enumerate(("theta", "dtheta", "ddtheta", "dddtheta")):
@@ -30,9 +34,10 @@ def marker_columns(
 ) -> dict[str, FloatArray | BoolArray]:
     """Return the marker positions ``x`` and ``y`` that the states predict (eq. 3.18), with ``residual`` and ``used``.
 
-    ``chain`` includes the markers of the base, and ``columns`` (M,) are the columns of its markers in the view. All
-    results are (F, M), in m. Positions are NaN where an angle is missing. The residual is the distance to the measured
-    marker, NaN where the marker is not visible.
+    ``chain`` includes the M markers of base and moving segments, and ``columns`` (M,) are the columns of these markers
+    in the view. The results are (F, M). Positions, m, are NaN where an angle is missing. The residual, m, is the
+    distance to the measured marker, and NaN where the marker is not visible. ``used`` marks the markers that the states
+    use.
     """
     shape = (len(view.time), len(columns))
     used: BoolArray = np.zeros(shape, dtype=np.bool_)

@@ -26,21 +26,21 @@ if TYPE_CHECKING:
 _NAMES = ("theta", "dtheta", "ddtheta")
 _LEAST_R2 = 0.999  # of the angle; two records of the same joint differ only by noise
 _LARGEST_OFFSET_SD = 1e-3  # s; the torque of a robot changes by some per cent in this time
-_LEAST_RATIO = 2.0  # between the residuals with the opposite and with the chosen direction of rotation
+_LEAST_RATIO = 2.0  # of the residuals with the opposite direction of rotation to those with the chosen one
 _IN_DEGREES = 0.1  # relative tolerance of the factor between degrees and radians
 
 
 def read_encoder_states(file: Path | None, states: States, time: FloatArray, settings: UkfSmoothSettings) -> Table:
-    """Return encoder.parquet: the encoder's states at the cameras' times (F,), s, in the plane.
+    """Return encoder.parquet: the encoder's states at the cameras' times (F,), s, with the sign and zero of the plane.
 
-    The table has no rows if there is no encoder file, if the chain has several joints, or if the cameras give no angle.
+    The table has no rows if ``file`` is None, if the chain has several joints, or if the cameras give no angle.
 
     Raises
     ------
     RecordingError
-        The file is invalid, in degrees, or does not overlap with the recording.
+        The file is invalid, is in degrees, or covers less than half of the recording.
     ConfigError
-        `method: encoder` is set without an encoder.
+        `method: encoder` is set, but the table has no rows.
     """
     if file is None:
         return _skip_encoder("the configuration names no encoder", settings)
@@ -60,9 +60,9 @@ def read_encoder_states(file: Path | None, states: States, time: FloatArray, set
     match = match_encoder(time, angle, smooth_encoder(log.time, log.position, log.velocity, noise), limit)
     if match is None:
         raise RecordingError(
-            f"{file}: the record from {log.time[0]:.6g} to {log.time[-1]:.6g} s covers less than half of the "
-            f"recording, {time[0]:.6g} to {time[-1]:.6g} s, at any clock offset up to {limit:g} s: it is from another "
-            "trial, or its clock differs by more than `ukf-smooth: {encoder_offset_limit_s: …}`"
+            f"{file}: the file, from {log.time[0]:.6g} to {log.time[-1]:.6g} s, covers less than half of the "
+            f"recording, from {time[0]:.6g} to {time[-1]:.6g} s, with every clock offset up to {limit:g} s: it is from "
+            "another trial, or its clock differs by more than `ukf-smooth: {encoder_offset_limit_s: …}`"
         )
     if abs(match.gain * DEGREES - 1.0) < _IN_DEGREES:
         raise RecordingError(
@@ -75,7 +75,7 @@ def read_encoder_states(file: Path | None, states: States, time: FloatArray, set
 
 
 def use_encoder(states: States, encoder: Table) -> States:
-    """Return the states (F, 1, 4) with the encoder's values; their jerk is NaN."""
+    """Return the states with the encoder's angle, velocity, acceleration and standard deviations; the jerk is NaN."""
     mean, sd = np.full(states.mean.shape, np.nan), np.full(states.sd.shape, np.nan)
     for d, name in enumerate(_NAMES):
         mean[:, 0, d] = encoder[name]
@@ -85,19 +85,19 @@ def use_encoder(states: States, encoder: Table) -> States:
 
 def _skip_encoder(why: str, settings: UkfSmoothSettings) -> Table:
     if settings.method == "encoder":
-        raise ConfigError(f"ukf-smooth: `method: encoder` needs an encoder: {why}; name its file under `encoder:`")
+        raise ConfigError(f"ukf-smooth: `method: encoder` cannot be used: {why}; name an encoder file under `encoder:`")
     return empty_encoder_table(why)
 
 
 def empty_encoder_table(why: str) -> Table:
-    """Return encoder.parquet without rows, with the reason."""
+    """Return encoder.parquet without rows; ``why`` is the reason, which becomes a fact of the table."""
     return Table(ENCODER, {column.name: np.empty(0) for column in ENCODER.columns}, {"why": why})
 
 
 def _interpolate_states(
     log: EncoderLog, noise: EncoderNoise, match: EncoderMatch, time: FloatArray
 ) -> dict[str, FloatArray]:
-    """Return the encoder's states at the cameras' times (F,); NaN outside its record."""
+    """Return the columns of encoder.parquet at the cameras' times (F,), s; NaN outside the encoder's record."""
     stamps = time - match.offset
     inside = (stamps >= log.time[0]) & (stamps <= log.time[-1])
     smoothed = smooth_encoder(log.time, log.position, log.velocity, noise, at=stamps[inside])
@@ -123,7 +123,10 @@ def _facts(log: EncoderLog, noise: EncoderNoise, match: EncoderMatch) -> dict[st
 
 
 def _compare_states(states: FloatArray, encoder: Mapping[str, FloatArray]) -> dict[str, dict[str, float | None]]:
-    """Return bias, standard deviation and r² of the cameras' states (F, 4) relative to the encoder's states."""
+    """Return bias, standard deviation and r² of the cameras' states (F, 4) relative to the encoder's states, by name.
+
+    They are None if the states have less than two frames in common or the encoder does not move.
+    """
     facts: dict[str, dict[str, float | None]] = {}
     for d, name in enumerate(_NAMES):
         reference = encoder[name]
@@ -141,16 +144,16 @@ def _check_match(file: Path, match: EncoderMatch, limit: float) -> tuple[Reason,
     """Return a caution if the match between encoder and cameras is poor or uncertain."""
     if not match.r2 >= _LEAST_R2:
         message = (
-            f"{file.name} and the cameras show different movements: r² of the angle is {match.r2:.4f}, the "
-            f"difference {np.degrees(match.rms):.2f}° rms, and a factor of {match.gain:.3f} on the encoder would fit "
+            f"{file.name} and the cameras measured different movements: r² of the angle is {match.r2:.4f}, the "
+            f"difference is {np.degrees(match.rms):.2f}° rms, and the encoder's angle times {match.gain:.3f} would fit "
             "best. The file is from another joint or trial, the drive between encoder and link is elastic, or the "
             "chain estimated from the cameras is wrong."
         )
         return (Reason("encoder-disagrees", message, match.r2, _LEAST_R2),)
     if match.at_edge:
         message = (
-            f"the clocks of encoder and cameras differ by {limit:g} s or more, the largest offset considered: raise "
-            "`ukf-smooth: {encoder_offset_limit_s: …}`"
+            f"the clocks of encoder and cameras differ by {limit:g} s, the largest offset that is tried, or by more: "
+            "raise `ukf-smooth: {encoder_offset_limit_s: …}`"
         )
         return (Reason("encoder-weak", message, abs(match.offset), limit),)
     if match.opposite_rms < _LEAST_RATIO * match.rms:

@@ -48,7 +48,7 @@ from mocap_id.verdict import Reason
 
 _ENCODER_NOISE = "encoder noise"
 _SNAP_RATIO = 2.0  # in people, the hip, which moves fastest, has 1.5 to 1.8 times the median of the joints
-_ACCELERATION_SHARE = 0.75  # of the sd with sensors, from simulated people: the filter treats skin motion as noise
+_ACCELERATION_SHARE = 0.75  # factor on the sd with sensors, from simulated people: the filter treats skin as noise
 
 
 def ukf_smooth(context: Context) -> Outputs:
@@ -105,7 +105,7 @@ def ukf_smooth(context: Context) -> Outputs:
 class _SensorOutcome:
     """Result of the inertial sensors; empty without sensors."""
 
-    joints: BoolArray | None = None  # (n,) joints with sensors on both sides
+    joints: BoolArray | None = None  # (n,) joints with a sensor on both their segments; None without sensors
     facts: dict[str, dict[str, Any]] = field(default_factory=dict)  # facts of each sensor, by segment
     reasons: tuple[Reason, ...] = ()
 
@@ -113,9 +113,10 @@ class _SensorOutcome:
 def _smooth(
     context: Context, view: Trajectories, observed: FloatArray, chain: MarkerChain, names: Sequence[str]
 ) -> tuple[States, _SensorOutcome]:
-    """Return the states from the markers of the moving segments and from inertial sensors, if any.
+    """Return the states from the markers of the moving segments and the inertial sensors, and the sensors' result.
 
-    ``observed`` becomes NaN, in place, where a marker is not used: a copy would double the memory.
+    ``observed`` (F, K, 2) becomes NaN, in place, where a marker is not used; a copy would double the memory. ``names``
+    are the segments, base first.
     """
     settings, files = _filter_settings(context.settings, chain), context.trial.imus
     geometry, outcome = (chain.centres, chain.segment, chain.local), _SensorOutcome()
@@ -137,10 +138,10 @@ def _smooth(
 
 
 def _filter_settings(settings: UkfSmoothSettings, chain: MarkerChain) -> FilterSettings:
-    """Return the settings of the filter; with `method: encoder`, the encoder is compared with the smoother `rts`.
+    """Return the settings of the filter; `method: encoder` becomes `rts`, with which the encoder is compared.
 
-    The process noise is limited if all markers of a segment are at one position. A drop-out then changes the angle of
-    the segment for as long as it lasts, and this change is not process noise.
+    The process noise is limited if all markers of a segment are at one position. A dropout then changes the angle of
+    the segment while the markers are missing, and this change is not process noise.
     """
     given = settings.model_dump(include={field.name for field in fields(FilterSettings)})
     if settings.method == "encoder":
@@ -160,7 +161,10 @@ def _add_sd(
     spectrum: ResidualSpectrum,
     settings: UkfSmoothSettings,
 ) -> tuple[States, str]:
-    """Return the states with standard deviations that include known skin motion, and a text that describes them."""
+    """Return the states with standard deviations that include skin motion if ``skin`` is given, and what they contain.
+
+    The second result is ``UNKNOWN``, ``NOISE`` or ``SKIN`` of :mod:`mocap_id.stages.ukf_smooth.state_errors`.
+    """
     if settings.method in FRAMEWISE:  # the errors of these methods are unknown
         return states, UNKNOWN
     if spectrum.cut_off is not None and spectrum.cut_off < UNKNOWN_SD_HZ:
@@ -172,7 +176,10 @@ def _add_sd(
 
 
 def _make_skin_tree(chain: Tree, skeleton: Skeleton, states: States, skin: SkinModel | None, camera: float) -> Tree:
-    """Return skin.h5 with the estimated skin motion, or with an assumed motion if it was not estimated."""
+    """Return skin.h5 with the estimated skin motion, or with an assumed motion if ``skin`` is None.
+
+    ``chain`` is the content of chain.h5, and ``camera`` is the camera noise of a coordinate, m.
+    """
     moves = skeleton.marker_segment > 0
     labels = [skeleton.markers[k] for k in np.flatnonzero(moves)]
     if skin is None:
@@ -185,7 +192,10 @@ def _make_skin_tree(chain: Tree, skeleton: Skeleton, states: States, skin: SkinM
 def _facts(
     states: States, markers: Mapping[str, FloatArray | BoolArray], moves: BoolArray, settings: UkfSmoothSettings
 ) -> dict[str, Any]:
-    """Return facts for the report; residuals (F, M) count only for the markers ``moves`` (M,) of moving segments."""
+    """Return facts for the report.
+
+    Of the residuals (F, M) in ``markers``, only those of the markers ``moves`` (M,) of the moving segments count.
+    """
     residual: FloatArray = np.asarray(markers["residual"], dtype=np.float64)
     used, visible, squares = 0, 0, 0.0
     for part in chunks(len(residual)):
@@ -211,7 +221,7 @@ def _report_method(settings: UkfSmoothSettings) -> tuple[Reason, ...]:
         return ()
     no_sd = "; they have no standard deviations" if settings.method in FRAMEWISE else ""
     message = (
-        f"the states are estimated by `{settings.method}`, which is only for comparison{no_sd}. Remove "
-        "`ukf-smooth: {method: …}` to use the filter and its smoother."
+        f"the states are estimated by `{settings.method}`, which is only meant for comparison{no_sd}. Remove "
+        "`ukf-smooth: {method: …}` to use the default, filter and smoother."
     )
     return (Reason("states-method", message),)

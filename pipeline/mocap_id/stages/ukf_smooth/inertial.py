@@ -14,18 +14,20 @@ from mocap_id.estimation.inertial.clock import OBSERVABLE_SD
 from mocap_id.recording.imu_log import read_imu
 from mocap_id.verdict import Reason
 
-_SATURATED = 3e-3  # share of saturated samples above which they are reported
-_DIFFERS, _LEAST_RATE = 0.15, 0.8  # a difference is reported above this share of the angular velocity; rad/s
+_SATURATED = 3e-3  # fraction of saturated samples above which they are reported
+_DIFFERS, _LEAST_RATE = 0.15, 0.8  # fraction of the angular velocity from which a difference is reported; rad/s
 
 
 def check_method(method: str, engine: str) -> None:
-    """Raise ConfigError for settings of ukf-smooth with which inertial sensors in the plane cannot be used."""
+    """Raise ConfigError if inertial sensors in the plane cannot be used with these settings of ukf-smooth."""
     if method != "rts" or engine != "compiled":
         raise ConfigError("imus: inertial sensors need `ukf-smooth: {method: rts, engine: compiled}`")
 
 
 def read_sensors(names: Sequence[str], files: Mapping[str, Path], mirrored: bool = False) -> dict[int, SensorSignals]:
-    """Read the log of each sensor; return the signals by the number of the segment in ``names``.
+    """Read the log of each sensor; return the signals by the index of the segment in ``names``.
+
+    ``files`` are the logs by segment, and ``mirrored`` is as for :func:`read_sensor`.
 
     Raises
     ------
@@ -46,14 +48,21 @@ def read_sensors(names: Sequence[str], files: Mapping[str, Path], mirrored: bool
 def describe_sensors(
     names: Sequence[str], files: Mapping[str, Path], results: Mapping[int, SensorResult]
 ) -> tuple[dict[str, dict[str, Any]], tuple[Reason, ...]]:
-    """Return the facts of all sensors for the summary, by segment, and reasons."""
+    """Return the facts of all sensors for the summary, by segment, and the reasons for the verdict.
+
+    ``names`` are the segments, ``files`` the logs by segment, and ``results`` the results by index of the segment.
+    """
     facts = {names[s]: describe_sensor(result) for s, result in results.items()}
     reasons = [reason for s, result in results.items() for reason in _reasons(names, s, files[names[s]].name, result)]
     return facts, tuple(reasons)
 
 
 def read_sensor(file: Path, mirrored: bool = False) -> SensorSignals:
-    """Read a log; for a left arm, mirror the vectors along z of the sensor, and the rotations about its x and y."""
+    """Read the log of a sensor.
+
+    If ``mirrored``, as for a left arm, the signs of the force along z of the sensor and of the rotations about its x
+    and y are reversed.
+    """
     log = read_imu(file)
     if not mirrored:
         return SensorSignals(log.time, log.gyro, log.acc)
@@ -99,9 +108,9 @@ def _reasons(names: Sequence[str], s: int, file: str, result: SensorResult) -> l
     limit = _DIFFERS * max(_LEAST_RATE, 0.0 if found is None else found.segment_rate)
     if off > limit:
         message = (
-            f"the angular velocity of the {name} from its sensor ({file}) differs from its markers by {off:.2f} "
-            f"rad/s rms; below {limit:.2f} is usual. The markers may be on another segment or hidden for long, or the "
-            "sensor is loose."
+            f"the angular velocity of the {name} from its sensor ({file}) differs from that of its markers by "
+            f"{off:.2f} rad/s rms; usual is less than {limit:.2f}. The markers may be on another segment or hidden for "
+            "a long time, or the sensor may be loose."
         )
         reasons.append(Reason("imu-differs", message, off, limit))
     if found is not None and not found.clock.observable:
@@ -110,7 +119,10 @@ def _reasons(names: Sequence[str], s: int, file: str, result: SensorResult) -> l
 
 
 def report_clock(segment: str, sd: float) -> Reason:
-    """Return a note that the motion does not determine the clock of a segment's sensor; ``sd`` in s."""
+    """Return a note that the motion does not determine the clock of a segment's sensor.
+
+    ``sd`` is the standard deviation of its offset, s.
+    """
     message = (
         f"the motion of the {segment} does not determine the clock of its sensor to 2 ms (standard deviation "
         f"{1e3 * sd:.1f} ms)."
@@ -119,7 +131,7 @@ def report_clock(segment: str, sd: float) -> Reason:
 
 
 def report_saturation(segment: str, share: float) -> list[Reason]:
-    """Return a caution if too large a share of the samples of a segment's sensor is saturated."""
+    """Return a caution if too many samples of a segment's sensor are saturated; ``share`` is their fraction."""
     if share <= _SATURATED:
         return []
     message = f"{100 * share:.1f} % of the samples of the sensor on the {segment} are saturated and left out."

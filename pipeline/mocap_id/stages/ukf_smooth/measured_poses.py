@@ -1,4 +1,4 @@
-"""Measured pose of every body, each from its own markers, without joints: poses.parquet."""
+"""Measured pose of every body from its own markers alone, without the joints of the chain: poses.parquet."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from mocap_id.store.views import Skeleton, Trajectories
 
 OTHERS = "others"  # name of the body with all markers that are on no segment, for example on arms and head
 _BENT = "hip"  # joint below a trunk that may bend
-_BESIDE = 0.02  # m: markers of both sides are at nearly the same position in the plane
-_ONE_BODY = ("pelvis", "trunk")  # each has few markers, so their common pose is an alternative
+_BESIDE = 0.02  # m, largest distance in the plane between a left and a right marker at the same height
+_ONE_BODY = ("pelvis", "trunk")  # each has few markers, so the pose of both as one body is an alternative
 
 
 def measure_poses(
@@ -27,10 +27,10 @@ def measure_poses(
 ) -> Table:
     """Return poses.parquet: the measured poses of all bodies of the dynamics.
 
-    A body whose markers determine no pose has no columns. The facts list the bodies in the order of the columns. Pelvis
-    and trunk are included separately and as one body, the torso. ``chain`` includes the markers of the base.
-    ``observed`` (F, K, 2) are the markers of the moving segments that are used for the states, m, otherwise NaN.
-    ``angles`` (F, n), rad, place the trunk's markers on the pelvis.
+    A body whose markers do not determine a pose has no columns. The facts list the bodies in the order of the columns.
+    Pelvis and trunk are included separately and as one body, the torso. ``chain`` includes the markers of the base.
+    ``observed`` (F, K, 2) are the markers of the moving segments, m; NaN where they are not used for the states. The
+    mean of ``angles`` (F, n), rad, is the posture in which pelvis and trunk are one body.
     """
     columns = {label: column for column, label in enumerate(view.labels)}
     labels = skeleton.markers
@@ -74,9 +74,10 @@ def measure_poses(
 def _estimate_hip_shift(
     skeleton: Skeleton, bodies: Sequence[tuple[list[int], ClusterPose]], seen: Sequence[ComplexArray]
 ) -> tuple[int, complex]:
-    """Return the segment above the hip, and the displacement of the hip, m, that the bending of the trunk explains.
+    """Return the segment above the hip, and the displacement of the hip due to the bending of the trunk, m.
 
-    The displacement is in the thigh's frame.
+    The displacement is x + 1j y in the thigh's frame, and zero if the poses are missing. ``seen`` are the positions (F,
+    m) of each body's markers, m.
     """
     hip = skeleton.joints.index(_BENT) if _BENT in skeleton.joints else len(skeleton.segments)
     single = {numbers[0]: k for k, (numbers, _) in enumerate(bodies) if len(numbers) == 1}
@@ -90,7 +91,7 @@ def _estimate_hip_shift(
 
 
 def _estimate_ankle(chain: MarkerChain, bodies: Sequence[tuple[list[int], ClusterPose]]) -> AnklePosition | None:
-    """Return the position of the first joint between moving feet and the segment above; None if unknown."""
+    """Return the position of the first joint, between moving feet and the segment above; None if it is unknown."""
     single = {numbers[0]: pose for numbers, pose in bodies if len(numbers) == 1}
     if not {0, 1} <= single.keys():
         return None
@@ -103,7 +104,7 @@ def _frame(pose: ClusterPose) -> tuple[ComplexArray, FloatArray]:
 
 
 def _list_bodies(segments: Sequence[str]) -> list[tuple[str, list[int]]]:
-    """Return the name and the segments of each body: every segment, then pelvis and trunk as one body."""
+    """Return name and segments of each body: every segment, then pelvis and trunk as one body, if both exist."""
     apart = [(name, [k]) for k, name in enumerate(segments)]
     if not set(_ONE_BODY) <= set(segments):
         return apart
@@ -111,7 +112,10 @@ def _list_bodies(segments: Sequence[str]) -> list[tuple[str, list[int]]]:
 
 
 def _express_in_body(chain: MarkerChain, local: ComplexArray, numbers: list[int], angles: FloatArray) -> ComplexArray:
-    """Return markers (M,) in the frame of a body's first segment, m; other segments are placed by their mean angle."""
+    """Return the markers (M,), m, x + 1j y, in the frame of a body's first segment.
+
+    ``numbers`` are the segments of the body; the later ones have their mean angle.
+    """
     found = local.copy()
     for segment in numbers[1:]:
         mean = np.nanmean(np.exp(1j * angles[:, segment - 1]))

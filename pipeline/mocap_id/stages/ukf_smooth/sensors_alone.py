@@ -1,4 +1,4 @@
-"""States of a trial with inertial sensors alone, for the stage ukf-smooth."""
+"""States of a trial that has inertial sensors but no markers, for the stage ukf-smooth."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ from mocap_id.verdict import Reason
 _LONGEST_GAP = 0.5  # s without samples of a sensor
 _LARGEST_LEAN = np.radians(3.0)  # of a sensor out of the plane, relative to the calibration
 _FITTING, _CONTRADICTING = 0.1, 0.5  # m/s² rms between accelerometers and gyroscopes; 0.05 in simulated people
-_LARGEST_HEADING = np.radians(15.0)  # rotation about the vertical, beyond twice its standard deviation
+_LARGEST_HEADING = np.radians(15.0)  # rotation about the vertical, in addition to twice its standard deviation
 
 
 def states_of_sensors(context: Context) -> Outputs:
@@ -50,9 +50,9 @@ def states_of_sensors(context: Context) -> Outputs:
     Raises
     ------
     ConfigError
-        The method is not the default.
+        The method or engine is not the default.
     RecordingError
-        A log cannot be read or has a long gap, or the calibration does not determine the mounting of its sensors.
+        A log cannot be read or has a long gap, or the sensors of the calibration do not agree with its markers.
     Refused
         Accelerometers and gyroscopes contradict each other.
     """
@@ -109,14 +109,14 @@ def _read_complete_log(file: Path, time: FloatArray) -> SensorSignals:
     if gaps.max() > _LONGEST_GAP:
         at = float(np.concatenate([[time[0]], inside])[np.argmax(gaps)])
         raise RecordingError(
-            f"{file}: has no samples for {gaps.max():.1f} s after {at:.1f} s; without markers nothing bridges this. "
-            "Choose a part without gaps by `window:`"
+            f"{file}: there are no samples for {gaps.max():.1f} s after {at:.1f} s, and without markers this gap "
+            "cannot be bridged. Choose a part of the trial without gaps by `window:`"
         )
     return log
 
 
 def _calibrate_chain(context: Context, skeleton: Skeleton) -> tuple[CalibratedChain, FloatArray]:
-    """Return the chain with the sensors that the trial with markers calibrates, and its joints' snap (n,), rad/s⁴."""
+    """Return the chain with its sensors, calibrated on the trial with markers, and the joints' snap (n,), rad/s⁴."""
     calibration = get_calibration(context.trial)
     table = read_states(calibration)
     joints = JointStates.from_table(table)
@@ -136,7 +136,7 @@ def _calibrate_chain(context: Context, skeleton: Skeleton) -> tuple[CalibratedCh
 
 
 def _facts(tracked: TrackedStates, chain: CalibratedChain, k: int, signals: SensorSignals) -> dict[str, Any]:
-    """Return the facts of one sensor: its clock relative to the first sensor, its present biases, and its mounting."""
+    """Return the facts of sensor k: its clock relative to the first sensor, its biases in this trial, its mounting."""
     found, reckoned = chain.known.sensors[k].calibration, tracked.reckoning
     normal = found.mount.T @ [0.0, 0.0, 1.0]
     in_plane = np.sqrt(1.0 - normal**2)
@@ -166,8 +166,8 @@ def _reasons(
     drift = float(np.degrees(np.max(tracked.heading_sd)))
     message = (
         f"no camera recorded this trial: the angles (standard deviation {sd:.1f}°) are valid if every sensor was worn "
-        f"as in {name}. Directions about the vertical are unknown (after this trial by {drift:.0f}°), as are positions "
-        "and forces."
+        f"as in {name}. Directions about the vertical, which drift by {drift:.0f}° in this trial, positions and "
+        "forces are unknown."
     )
     reasons = [Reason("imus-alone", message, float(sd))]
     worst = int(np.argmax(tracked.reckoning.residual))
@@ -191,20 +191,20 @@ def _describe_contradiction(tracked: TrackedStates, worst: int, names: tuple[str
 
 
 _CAUSES = (
-    "Check which sensor is on which segment, its units (rad/s and m/s²) and its clock; that it was not rotated on its "
-    "segment since the calibration; and that the calibration is of the same person."
+    "Check that each sensor is on the configured segment, that its units are rad/s and m/s², that its clock is right, "
+    "that it was not rotated on its segment since the calibration, and that the calibration is of the same person."
 )
 
 
 def _check_lean(tracked: TrackedStates, k: int, segment: str) -> list[Reason]:
-    """Return a caution if gravity reveals that a sensor was rotated on its segment since the calibration."""
+    """Return a caution if the direction of gravity implies that sensor k was rotated on its segment."""
     lean = float(np.arcsin(np.clip(abs(tracked.level[k]) / GRAVITY, 0.0, 1.0)))
     if lean <= _LARGEST_LEAN:
         return []
     message = (
         f"the sensor on the {segment} leans {np.degrees(lean):.0f}° out of the plane relative to the calibration: it "
-        "was rotated on the segment, or the person leaned sideways. The angles may be wrong by more, which no interval "
-        "includes."
+        "was rotated on the segment, or the person leaned sideways. The errors of the angles may be larger than this, "
+        "and no interval includes them."
     )
     return [Reason("imu-moved", message, float(np.degrees(lean)), float(np.degrees(_LARGEST_LEAN)))]
 
@@ -217,8 +217,8 @@ def _check_heading(tracked: TrackedStates, k: int, segment: str) -> list[Reason]
         return []
     message = (
         f"the {segment} rotated about the vertical by {np.degrees(angle):.0f}° (standard deviation "
-        f"{np.degrees(sd):.0f}°): the motion left its plane, and the angles in the plane are not the angles between "
-        "the segments."
+        f"{np.degrees(sd):.0f}°): the motion left its plane, so the angles in the plane are not the angles between the "
+        "segments."
     )
     return [Reason("imu-heading", message, float(np.degrees(angle)), float(np.degrees(limit)))]
 
@@ -232,7 +232,10 @@ def _make_states(tracked: TrackedStates, skeleton: Skeleton, snap: FloatArray) -
 
 
 def _marker_columns(tracked: TrackedStates, skeleton: Skeleton) -> dict[str, np.ndarray[Any, Any]]:
-    """Return the positions of the markers of the calibration on the chain; none was measured in this trial."""
+    """Return the columns of markers.parquet for the markers of the calibration; none was measured in this trial.
+
+    The positions are those on the moving chain, m; the residuals are NaN.
+    """
     angles = tracked.mean[..., 0]
     positions = marker_positions(angles, skeleton.centres, skeleton.marker_segment, skeleton.local)
     x, y = (np.ascontiguousarray(positions[..., i]) for i in range(2))

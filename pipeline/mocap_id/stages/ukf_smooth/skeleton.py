@@ -19,18 +19,19 @@ from mocap_id.store.views import Trajectories
 _BRIDGED = 0.3  # s, longest gap that is filled to estimate the noise of the movement
 _GUESSED_SD = 0.03  # m, standard deviation of a joint whose position the sensor guessed
 _LASTING_SD = 0.009  # m, standard deviation of the part of a joint's lasting error that changes with the posture
-_WRONG_LENGTH = 3.0  # error of a bone's length, in standard deviations, at which a sample has a quarter of its weight
+_WRONG_LENGTH = 3.0  # standard deviations: with this error of a bone's length, a sample has a quarter of its weight
 _ELEVATION_BIAS = float(np.radians(13.0))
-"""Root mean square of the mean errors of the elevation of five recorded arms, rad: Kinect v2 (Keraal, UI-PRMD)."""
-_LARGEST_SD = 0.6  # rad; a more uncertain axial rotation is not given: a straight elbow does not determine it
+"""Root mean square of the mean elevation errors of five recorded arms, rad (Kinect v2; Keraal, UI-PRMD)."""
+_LARGEST_SD = 0.6  # rad; a more uncertain axial rotation is left out, because a straight elbow does not determine it
 
 
 def smooth_skeleton_states(
     tree: Tree, view: Trajectories, points: FloatArray, chain: SpatialChain, gate: float
 ) -> SpatialStates:
-    """Return the smoothed states of the chain of a skeleton, from its joints ``points`` (F, M, 3) on the chain, m.
+    """Return the smoothed states of the chain, from the joints ``points`` (F, M, 3) of a skeleton recording, m.
 
-    ``tree`` is ``chain.h5``. ``gate`` is the largest distance of a sample from its prediction, in standard deviations.
+    ``tree`` is the content of chain.h5. A sample farther than ``gate`` standard deviations from its prediction is left
+    out.
     """
     sd = np.maximum(tree.numbers("markers/residual"), 1e-3)
     trunk = chain.segment == 0
@@ -58,7 +59,10 @@ def smooth_skeleton_states(
 def _weights(
     tree: Tree, view: Trajectories, points: FloatArray, chain: SpatialChain, shoulder: FloatArray
 ) -> FloatArray:
-    """Return the weights (F, M) of all samples; ``shoulder`` (F, 3) is the centre of the first joint, m."""
+    """Return the weights (F, M) of all samples, less than 1 for guessed samples and wrong bone lengths.
+
+    ``shoulder`` (F, 3) is the centre of the first joint, m.
+    """
     sd = tree.numbers("markers/residual")
     weight = np.ones(points.shape[:2])
     inferred = view.planar.facts["skeleton"]["inferred"]
@@ -76,10 +80,11 @@ def _weights(
 
 
 def limit_to_skeleton(angles: JointAngles) -> JointAngles:
-    """Return the angles of a skeleton; a shoulder's axial rotation becomes NaN where the elbow is nearly straight.
+    """Return the angles of a joint of a skeleton; only those of the shoulder change.
 
-    The constant error of the elevation includes its size in other recordings, because a skeleton reveals only a part of
-    it.
+    The axial rotation of the shoulder becomes NaN where it is too uncertain, because the elbow is nearly straight. The
+    constant error of the elevation is increased by its value in other recordings, because a skeleton recording contains
+    only a part of it.
     """
     if angles.names != SHOULDER:
         return angles

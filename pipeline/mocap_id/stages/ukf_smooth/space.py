@@ -40,17 +40,17 @@ from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
 _COMMON_WITH_IMUS = 0.1
-"""Share of the axial rotation by which the skin under all markers and the sensor of a segment may lag together."""
+"""Fraction of the axial rotation by which the skin under all markers and the sensor of a segment may lag together."""
 _ANATOMICAL = {
     "shoulder": ("thorax", "upper_arm", shoulder_angles),
     "elbow": ("upper_arm", "forearm", elbow_angles),
     "wrist": ("forearm", "hand", wrist_angles),
 }
-"""Angles of the ISB, with the two segments of each."""
+"""Joints with angles of the ISB: the two segments of each, and the function of the angles."""
 
 
 def smooth_rotations(context: Context) -> Outputs:
-    """Return the artefacts of the stage in space; skin.h5 and encoder.parquet are empty."""
+    """Return the artefacts of the stage for a trial in space; skin.h5 and encoder.parquet are empty."""
     settings: UkfSmoothSettings = context.settings
     tree, bad = context.tree("chain.h5"), context.table("segments.parquet").facts.get("bad_stretches", ())
     view = Trajectories(context.long("planar.parquet"), bad)
@@ -101,7 +101,10 @@ def smooth_rotations(context: Context) -> Outputs:
 
 
 def _angles(states: SpatialStates, skeleton: SpatialSkeleton, facts: Mapping[str, Any]) -> list[JointAngles]:
-    """Return the anatomical angles of the ISB where the frames are known, and the coordinates of all other joints."""
+    """Return the angles of the ISB for joints with known anatomical frames, and the coordinates of all other joints.
+
+    ``facts`` are those of chain.h5.
+    """
     found: list[JointAngles] = []
     done: set[int] = set()
     frames = facts.get("frame_covariance", {})
@@ -165,7 +168,10 @@ def _angle_columns(found: Sequence[JointAngles], time: FloatArray) -> dict[str, 
 def _pose_columns(
     states: SpatialStates, skeleton: SpatialSkeleton, time: FloatArray, observed: BoolArray
 ) -> dict[str, FloatArray | BoolArray]:
-    """Return the poses; the origin of the thorax is IJ, the origin of any other segment is the centre of its joint."""
+    """Return the columns of poses.parquet.
+
+    The origin of the thorax is IJ (if it has this landmark), that of any other segment is the centre of its joint.
+    """
     columns: dict[str, FloatArray | BoolArray] = {"time": time}
     for k, name in enumerate(skeleton.segments):
         origin = states.origins[:, k]
@@ -189,7 +195,7 @@ def _pose_columns(
 
 
 def _make_continuous(quaternion: FloatArray) -> FloatArray:
-    """Return quaternions (F, 4) without changes of sign between known samples; the first scalar part is positive."""
+    """Return quaternions (F, 4) whose sign does not jump between known samples; the first scalar part is positive."""
     known = np.flatnonzero(np.isfinite(quaternion).all(axis=1))
     found = quaternion.copy()
     if len(known):
@@ -222,7 +228,7 @@ def _marker_columns(states: SpatialStates, points: FloatArray) -> dict[str, Floa
 
 
 def _facts(states: SpatialStates, points: FloatArray, settings: UkfSmoothSettings) -> dict[str, Any]:
-    """Return the same facts for the report as in the plane."""
+    """Return the facts for the report, the same as in the plane."""
     off = np.sum((points - states.predicted) ** 2, axis=2)
     there, used = np.isfinite(off), np.isfinite(off) & states.used
     return {

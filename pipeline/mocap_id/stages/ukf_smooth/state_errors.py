@@ -13,7 +13,7 @@ from mocap_id.estimation.missing_markers import compute_variance_growth
 from mocap_id.estimation.residual_spectrum import ResidualSpectrum
 from mocap_id.kinematics import ChainState, SkinModel, angle_errors, fit_skin, skin_from_residuals
 
-_LEAST = 50  # frames with all joint angles that an estimate of skin motion needs
+_LEAST = 50  # least number of frames with all joint angles for an estimate of skin motion
 
 UNKNOWN = "not known"
 NOISE = "noise taken for white"
@@ -21,10 +21,10 @@ SKIN = "camera noise and skin"
 
 
 def estimate_skin(states: States, used_markers: FloatArray, camera: float) -> SkinModel | None:
-    """Return the motion of the markers on the skin, for a chain fitted as a whole; None with too few data.
+    """Return a model of the motion of the skin under the markers; None if there are too few complete frames.
 
-    ``used_markers`` (F, M, 2) are the markers used for the states, plane frame, m, otherwise NaN. ``camera`` is the
-    standard deviation of a coordinate due to camera noise, m.
+    It is valid for a chain from a joint fit of all segments. ``used_markers`` (F, M, 2) are the markers used for the
+    states, plane frame, m, otherwise NaN. ``camera`` is the standard deviation of a coordinate due to camera noise, m.
     """
     chain = states.chain
     used: BoolArray = np.any(states.used, axis=0)
@@ -37,10 +37,10 @@ def estimate_skin(states: States, used_markers: FloatArray, camera: float) -> Sk
 
 
 def assume_skin(states: States, residual: FloatArray, centre_covariance: FloatArray) -> SkinModel:
-    """Return a skin model in which all residuals of the joint fit are skin motion.
+    """Return a model of the skin in which all residuals of the markers in the fit of the joints are skin motion.
 
-    ``residual`` (M,) is the rms residual of each marker, m; ``centre_covariance`` (n, 2, 2) is for the joint centres,
-    m^2.
+    ``residual`` (M,) is the rms residual of each marker, m; ``centre_covariance`` (n, 2, 2) is the covariance of the
+    joint centres, m^2.
     """
     every = np.ones(len(states.chain.segment), dtype=np.bool_)
     return skin_from_residuals(_chain_state(states, every), states.chain.segment, residual, centre_covariance)
@@ -62,7 +62,7 @@ def estimate_lasting_errors(
 
 
 def _chain_state(states: States, markers: BoolArray) -> ChainState:
-    """Return the chain in every frame, with the chosen markers (M,)."""
+    """Return the chain in every frame, with the markers for which ``markers`` (M,) is true."""
     chain = states.chain
     angles = np.cumsum(interpolate_gaps(states.mean[..., 0]), axis=1)
     return ChainState(as_complex(chain.centres), as_complex(chain.local[markers]), angles)
