@@ -27,11 +27,11 @@ ContactRule = Literal["seat-force", "weight", "knee"]
 DecidingRule = Literal["seat-plate", "seat-force", "weight", "knee"]
 
 _SEATED = 0.5  # share of the rise: nobody sits higher
-_OFF_CHAIR = 0.4  # share of the rise
+_OFF_CHAIR = 0.4  # share of the rise; above it, the hips are surely off the chair
 _CHAIR_SHARE = 0.8  # share of the weight: if the feet carry less, a chair carries the rest
-_QUIET = 0.1  # share of the maximum speed
-_THRESHOLD_SDS = 4.0  # standard deviations of the chair force off the chair
-_THRESHOLD_RANGE = 0.005, 0.1  # shares of the standing weight
+_QUIET = 0.1  # share of the maximum speed; below it, a person stands quietly
+_THRESHOLD_SDS = 4.0  # threshold in standard deviations of the chair force while off the chair
+_THRESHOLD_RANGE = 0.005, 0.1  # lowest and highest threshold, as shares of the standing weight
 _LOADED = 0.95  # quantile of the chair force that counts as its full load
 
 _POWERS = np.concatenate([[0.25, 0.5], np.arange(1.0, 5.01, 0.25)])
@@ -39,8 +39,8 @@ _PRIOR_POWER, _PRIOR_SD = 3.0, 0.3
 _SHARE, _SHORTEST = 0.03, 0.05  # start of the fitted interval: this share of the full load, or this time, s, if earlier
 _LATE = 0.15  # s after the last visible sample; from there on, the force is zero
 _LONGEST = 1.0  # s, longest fitted interval
-_LEAST = 3  # samples of force in the fitted interval
-_STEP = 0.004  # s, coarse search; the fine search uses a quarter of it
+_LEAST = 3  # smallest number of samples of force in the fitted interval
+_STEP = 0.004  # s, interval of instants in the coarse search; a quarter of it in the fine search
 
 
 def measure_standing_weight(posture: Posture, vertical: FloatArray) -> float:

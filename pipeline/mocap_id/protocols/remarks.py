@@ -56,7 +56,7 @@ def explain_repetitions(
         reasons.append(
             Reason(
                 "rise-partial",
-                f"repetition {_list(partial)} does not reach standing: the hips reach {100 * lowest:.0f} % of the "
+                f"the person does not fully stand in repetition {_list(partial)}: the hips reach {100 * lowest:.0f} % of the "
                 "height of the other repetitions. It is marked as incomplete and not counted in the five-times test",
                 value=lowest,
                 limit=STANDING,
@@ -68,8 +68,8 @@ def explain_repetitions(
         reasons.append(
             Reason(
                 "rise-paused",
-                f"repetition {_list(paused)} pauses between seat and standing, for up to {longest:.1f} s; its times "
-                "include the pause",
+                f"the person pauses between seat and standing in repetition {_list(paused)}, for up to {longest:.1f} "
+                "s; the times of the repetition include the pause",
                 value=longest,
             )
         )

@@ -10,7 +10,7 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray, find_runs
 from mocap_id.protocols.posture import STANDING, Posture
 
 NAN = float("nan")
-_STILL = 0.08  # share of the peak speed of the rise; people who do not stop stay above 0.15
+_STILL = 0.08  # share of the peak speed in the rise; the speed is lower in a pause, and above 0.15 without a pause
 _PAUSE = 0.3  # s, shortest pause
 _OFF_SEAT, _BELOW_TOP = 0.08, 0.1  # share of the rise: a pause closer to the seat or to the top is a rest
 
@@ -18,8 +18,8 @@ SUPPORT_LIMIT = 0.05
 """Smallest unexplained force that counts as support, as a share of the standing weight; model errors are smaller."""
 
 _NO_SEAT = 0.25  # share of the rise above which chairs carry nothing: release below 0.04 in simulations, once at 0.16
-_QUIET = 0.1  # share of the maximum speed
-_LEAST = 5  # samples of a rise
+_QUIET = 0.1  # share of the maximum speed; below it, a person stands quietly
+_LEAST = 5  # smallest number of samples of a rise
 
 
 @dataclass(frozen=True)

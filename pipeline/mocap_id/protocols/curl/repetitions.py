@@ -10,13 +10,13 @@ from scipy.special import stdtrit
 
 from mocap_id.arrays import FloatArray, IntArray
 
-_NEAR = 0.02  # share of the amplitude: nearer to a turning point, the elbow rests there
-_FAR = 0.1  # share of the amplitude: farther from a turning point, the elbow moves
+_NEAR = 0.02  # share of the amplitude: if the flexion is nearer to a turning point, the elbow rests
+_FAR = 0.1  # share of the amplitude: if the flexion is farther from a turning point, the elbow moves
 _REST = 0.5  # s: a longer rest does not belong to a curl
 _ONSET = 1.2  # in a minimum-jerk movement (Flash and Hogan 1985), the ratio of the times for 0 to 2 % and 2 to 10 %
 _LARGE = 80.0  # percentile of the rises that represents the large curls of the trial
-_NOISE = 6.0  # smallest rise of an attempt in standard deviations of the angle
-_FEWEST = 4  # curls with a known value for a trend
+_NOISE = 6.0  # smallest rise of an attempt, in standard deviations of the angle
+_FEWEST = 4  # smallest number of curls with a known value for a trend
 _RATE = 120.0  # Hz: enough samples for the turning points
 
 

@@ -23,7 +23,7 @@ from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
 _MARKED_SD = 0.005  # m; limit for a joint with a marker at it, and for the first joint if its segment has few
-_FEW_POSITIONS = 3  # different marker positions on the first segment
+_FEW_POSITIONS = 3  # smallest sufficient number of different marker positions on the first segment
 
 
 def fit_joints(context: Context) -> Outputs:

@@ -15,11 +15,11 @@ from mocap_id.verdict import Reason
 
 _ABOVE = (("IJ", "PX"), ("C7", "T8"))
 """Pairs of landmarks of the thorax; the first landmark of a pair is above the second."""
-_BELOW = 0.05  # m; in a person who lies, the heights are nearly equal
-_OUT_OF_PLANE = 0.025  # m, rms distance of the thorax's landmarks from the plane through them
-_BESIDE = 0.05  # m, distance of the midpoint of two landmarks from the joint centre found from the motion
+_BELOW = 0.05  # m, limit of the height difference, which is small in a person who lies
+_OUT_OF_PLANE = 0.025  # m, largest rms distance of the thorax's landmarks from the plane through them
+_BESIDE = 0.05  # m, largest distance of the midpoint of two landmarks from the joint centre found from the motion
 _SURE = 0.02  # m; the distance has less weight in directions with a larger standard deviation
-_ACROSS = 45.0  # degrees, angle between the line through the epicondyles and the axis found from the motion
+_ACROSS = 45.0  # degrees, largest angle between the line through the epicondyles and the axis found from the motion
 _LENGTHS = {"upper_arm": (0.15, 0.45), "forearm": (0.12, 0.40)}
 """Shortest and longest segments of children and adults, m."""
 _NEXT = {"upper_arm": "forearm", "forearm": "hand"}

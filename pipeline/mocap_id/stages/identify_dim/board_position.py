@@ -21,9 +21,9 @@ from mocap_id.verdict import Reason
 _TAUZ = 2
 _INERTIA = 3  # index of Izz among the four parameters of a segment
 _ROUNDS = 2  # the response depends on the clock offset and the weights, so the shift is estimated twice
-_FOOT_SD = 0.001  # m: first moment of the feet divided by the body's mass, as for single-marker segments
+_FOOT_SD = 0.001  # m: standard deviation of the foot's first moment divided by the body's mass
 _REPEATED_SD = 0.0025  # m: joint errors that are the same in all repetitions, from simulated trials
-_GIVEN_SD, _FEET_SD = 0.005, 0.03  # m: for a position from the configuration, and from the feet
+_GIVEN_SD, _FEET_SD = 0.005, 0.03  # m: standard deviation of a position from the configuration, and from the feet
 _CLEARLY = 3.0  # smallest ratio of misfits of opposite and assumed direction for certainty; 2 to 200 simulated
 _FITTED = 0.9  # smallest r² of tauz; in simulations at least 0.98 for the right direction, at most 0.6 for the opposite
 _OPPOSITE = {"forwards": "backwards", "backwards": "forwards", "left": "right", "right": "left"}

@@ -33,7 +33,7 @@ _FOOT_IN_TORQUES = Reason(
     level="ok",
 )
 _FEW = 3  # marker positions on a segment; clusters have at least as many
-_FOOT_SD = 0.001  # m; from people's feet, which have 3 % of the body's mass
+_FOOT_SD = 0.001  # m; from the variation of people's feet, which have 3 % of the body's mass
 _TORQUE = 5.0  # N·m, largest rms error of a torque without a caution
 _ONE_IN_100 = 2.576  # standard deviations that a normal error exceeds in one of 100 cases
 

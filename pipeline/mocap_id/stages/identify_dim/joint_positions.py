@@ -36,10 +36,12 @@ from mocap_id.stages.identify_dim.trial_data import read_skeleton
 _BENT = "hip"  # joint before a trunk that may bend
 _OWN = 0.25  # smallest share of the variance of a centre that does not come from the previous joint
 _ORDERS = (1.0, 0.5)  # standard deviations of the coefficients of first and second order, relative to σ
-_LARGEST = 0.01  # m/rad: largest σ over half the joint's arc; people's hips shift by about a centimetre in two radians
+_LARGEST = (
+    0.01  # m/rad: largest σ divided by half the arc; people's hips shift by about a centimetre in two radians
+)
 _SHAPED = 1e-6  # smallest size of a measured shape, relative to the largest shape
 _STILL = 1e-9  # rad, smallest half of an arc
-_SAMPLES = 500  # largest number of samples used
+_SAMPLES = 500  # approximate number of samples used
 
 
 def compute_centre_covariance(context: Context, bodies: MeasuredBodies, q: FloatArray) -> FloatArray:
@@ -85,15 +87,15 @@ def estimate_hidden_gaps(poses: BodyPoses, loose: Sequence[int]) -> FloatArray:
         return variance
     angle = poses.angle[samples]
     flat, spread = differentiate_gaps(poses, joints, angle)
-    weight = np.linalg.inv(spread @ np.swapaxes(flat, 1, 2))  # (t, 2j, 2j) of the gaps
+    weight = np.linalg.inv(spread @ np.swapaxes(flat, 1, 2))  # (t, 2j, 2j) weight of the gaps
     before, after = (_make_rotations(angle[:, poses.body[[joint + side for joint in joints]]]) for side in (0, 1))
-    design = np.zeros((len(samples), len(joints), 2, len(joints), 4))  # of dn, df of every joint
+    design = np.zeros((len(samples), len(joints), 2, len(joints), 4))  # columns: dn and df of every joint
     for row in range(len(joints)):
         design[:, row, :, row] = np.concatenate([-before[:, row], after[:, row]], axis=-1)
     rows = design.reshape(len(samples), 2 * len(joints), -1)
     weighted = np.swapaxes(rows, 1, 2) @ weight
     normal = np.sum(weighted @ rows, axis=0)
-    mean = np.stack([before, after], axis=-2).reshape(len(samples), len(joints), 2, 4) / 2  # of the two sides
+    mean = np.stack([before, after], axis=-2).reshape(len(samples), len(joints), 2, 4) / 2  # mean of the two sides
     for row in (joints.index(joint) for joint in loose):
         shapes, size = _estimate_gap(
             np.einsum("tji,tj->ti", before[:, row], poses.measure_gap(joints[row])[samples]),

@@ -32,7 +32,7 @@ from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim.validation import find_spans
 from mocap_id.store import Table
 
-_LEAST_RESIDUAL = 1e-4  # m
+_LEAST_RESIDUAL = 1e-4  # m, smallest residual in the weights
 _OFTEN = 0.8  # smallest share of the samples with a known pose, so that the fit has enough samples
 
 

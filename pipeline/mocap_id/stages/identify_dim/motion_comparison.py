@@ -22,7 +22,7 @@ from mocap_id.verdict import Reason
 
 ASKED_FOR = "asked for"
 """Reason in the facts of dynamics.h5 if the pinned chain is used because of the setting `motion: chain`."""
-_CLOCKS_APART = 0.005  # s; 5 ms changes a base parameter of a person by a fifth or more
+_CLOCKS_APART = 0.005  # s, largest difference; 5 ms changes a base parameter of a person by a fifth or more
 
 
 def predict_on_chain(

@@ -94,7 +94,7 @@ def _explain_obstacle(context: Context, inputs: SpatialInputs) -> tuple[Table, T
         threshold=read_cop_threshold(context),
     )
     data = artefacts.make_empty_data(len(inputs.segments), obstacle.mass)
-    expected = context.trial.protocol in ("reach", "curl")  # recorded without plates
+    expected = context.trial.protocol in ("reach", "curl")  # usually recorded without plates
     reasons = (Reason(obstacle.code, obstacle.why, level="ok" if expected else "caution"),)
     return Table(DYNAMICS_TABLE, columns), Tree(
         DYNAMICS_TREE, data, artefacts.make_empty_facts_in_space(inputs.chain, obstacle.why), reasons

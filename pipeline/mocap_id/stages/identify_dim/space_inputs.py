@@ -23,7 +23,7 @@ from mocap_id.stages.identify_dim.trial_data import read_common_time
 from mocap_id.store import Table
 from mocap_id.store.spatial_views import SpatialSkeleton
 
-_AT_REST = 5e-3, np.radians(1.0)  # m and rad: largest motion of a base at rest, in 95 % of the frames
+_AT_REST = 5e-3, np.radians(1.0)  # m and rad: a base at rest moves less than this in 95 % of the frames
 _PLATE_WIDTH = 0.5  # m: an error of a corner's position rotates the plate by twice this error divided by its width
 _POSITION_SD = 0.005  # m: default standard deviation of the plate's position
 _PERSON, _OF_PERSONS = "thorax", ("reach", "curl")

@@ -19,7 +19,7 @@ from mocap_id.verdict import Reason
 _ROUNDS = 3  # largest number of searches
 _CLOSE = 0.1  # s: smaller differences of times are ignored
 _UNSURE = 0.5  # confidence below which the segments are doubtful
-_LISTED = 5  # stretches named in a note
+_LISTED = 5  # largest number of stretches named in a note
 
 _CAUSES = {
     "frozen": Reason(

@@ -22,9 +22,9 @@ _PLUG_IN_GAIT = {
 """Names in Plug-in Gait and usual synonyms, without the side, by the segments on which such a marker may be."""
 _SEGMENTS_OF = {name: segments for segments, names in _PLUG_IN_GAIT.items() for name in names}
 _SIDES = re.compile(r"^(LEFT|RIGHT|L|R)[_. ]?|[_. ](LEFT|RIGHT|L|R)$")
-_LEAST = 5  # different known names in a known marker set
-_SURE = 0.8  # confidence from which a contradiction is only a note
-_LISTED = 6  # markers named in the message
+_LEAST = 5  # smallest number of different known names that indicates a known marker set
+_SURE = 0.8  # confidence above which a contradiction is only a note
+_LISTED = 6  # largest number of markers named in the message
 
 
 def check_marker_names(

@@ -11,7 +11,7 @@ from mocap_id.stages.segment.bad_markers import SegmentedMarkers
 from mocap_id.verdict import Reason
 
 _SURE = 0.5  # smallest confidence of a chain with the foot
-_FEWEST = 5  # segments: ground, foot, shank, thigh and torso
+_FEWEST = 5  # smallest number of segments: ground, foot, shank, thigh and torso
 
 
 def check_lift(lift: Mapping[str, Any] | None, bad: Sequence[Mapping[str, Any]]) -> Mapping[str, Any] | None:

@@ -28,7 +28,7 @@ from mocap_id.store.spatial_views import is_skeleton
 from mocap_id.store.views import Trajectories
 from mocap_id.verdict import Reason
 
-_LONGEST = 9  # segments
+_LONGEST = 9  # largest number of segments
 _ARM = ("thorax", "girdle", "upper_arm", "forearm", "hand")
 _ARM_JOINTS = {"girdle": "clavicle", "upper_arm": "shoulder", "forearm": "elbow", "hand": "wrist"}
 _SHOWS = {name: segment for name, segment in LANDMARK_SEGMENTS.items() if name != "GH"} | dict.fromkeys(
