@@ -144,7 +144,7 @@ def test_a_low_rise_is_incomplete() -> None:
     assert "of the standing height" in told[1].why
     (reason,) = explain_repetitions(movement.repetitions, rises, (), movement.posture)
     assert reason.code == "rise-partial"
-    assert "repetition 2 " in reason.message
+    assert "in repetition 2:" in reason.message
 
 
 @pytest.mark.parametrize("share", [0.35, 0.6])

@@ -56,8 +56,9 @@ def explain_repetitions(
         reasons.append(
             Reason(
                 "rise-partial",
-                f"the person does not fully stand in repetition {_list(partial)}: the hips reach {100 * lowest:.0f} % of the "
-                "height of the other repetitions. It is marked as incomplete and not counted in the five-times test",
+                f"the person does not fully stand in repetition {_list(partial)}: the hips reach {100 * lowest:.0f} % "
+                "of the height of the other repetitions. It is marked as incomplete and not counted in the five-times "
+                "test",
                 value=lowest,
                 limit=STANDING,
             )

@@ -13,9 +13,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 
 _FEWEST = 40  # smallest number of postures for a region
-_MOST = (
-    200  # approximate number of postures for a hull; four times as many change the reachable volume by less than 1 %
-)
+_MOST = 200  # approximate number of postures for a hull; four times as many change the volume by less than 1 %
 _BLOCK = 8192  # postures computed at once, to limit the memory
 _FLAT = 1e-9  # slope of a face that does not limit the plane
 

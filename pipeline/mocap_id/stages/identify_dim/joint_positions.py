@@ -36,9 +36,7 @@ from mocap_id.stages.identify_dim.trial_data import read_skeleton
 _BENT = "hip"  # joint before a trunk that may bend
 _OWN = 0.25  # smallest share of the variance of a centre that does not come from the previous joint
 _ORDERS = (1.0, 0.5)  # standard deviations of the coefficients of first and second order, relative to σ
-_LARGEST = (
-    0.01  # m/rad: largest σ divided by half the arc; people's hips shift by about a centimetre in two radians
-)
+_LARGEST = 0.01  # m/rad: largest σ divided by half the arc; people's hips shift by about a centimetre in two radians
 _SHAPED = 1e-6  # smallest size of a measured shape, relative to the largest shape
 _STILL = 1e-9  # rad, smallest half of an arc
 _SAMPLES = 500  # approximate number of samples used
