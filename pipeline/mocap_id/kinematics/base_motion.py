@@ -175,9 +175,9 @@ def _find_still_blocks(feet: FloatArray, step: int) -> BoolArray:
 
 
 def _merge_stretches(runs: list[tuple[int, int]], feet: FloatArray) -> list[tuple[int, int]]:
-    """Join successive intervals with the same positions of the foot markers (K, N, 2).
+    """Return the intervals, joined where the foot markers (K, N, 2) have the same positions in successive intervals.
 
-    Only the first interval is returned if no marker is far from its first position in any other interval.
+    Only the first interval is returned if no marker moves by :data:`MOVED_M` or more between it and another interval.
     """
     places = [_median_positions(feet, run) for run in runs]
     if not any(_measure_distance(places[0], place) >= MOVED_M for place in places[1:]):

@@ -81,7 +81,7 @@ def fit_chain(
 
 
 def _solve(problem: ChainProblem, state: ChainState, pull: float) -> tuple[ChainState, ChainProblem, int]:
-    """Return the state at the minimum of the cost, the problem with the final weights, and the number of iterations."""
+    """Return the best state, the problem with final weights (``pull`` for pinned markers) and the iteration count."""
     scale = np.where(problem.pinned, pull, 1.0)
     cost, weighings = np.inf, 0
     limits, moved, off = np.zeros(problem.joints), np.zeros(problem.joints), np.abs(residuals(problem, state))

@@ -98,10 +98,7 @@ def _split_directions(pull: np.ndarray) -> FloatArray:
 
 
 def slide_shapes(problem: ChainProblem, state: ChainState) -> FloatArray:
-    """Return the angles (T, K, 2) of the joints below and above each marker's segment, minus their means and scaled.
-
-    The rms of both angles together is 1.
-    """
+    """Return the angles (T, K, 2) of the joints below and above each marker, without mean, with a common rms of 1."""
     relative = np.diff(state.angles, axis=1, prepend=0.0, append=0.0)  # (T, n + 1)
     relative[:, -1] = 0
     relative = relative - relative.mean(axis=0)

@@ -117,10 +117,7 @@ class Normal:
 
 
 def normal_equations(problem: ChainProblem, state: ChainState) -> Normal:
-    """Return the normal equations.
-
-    No dense Jacobian is built, because a marker depends on few unknowns.
-    """
+    """Return the normal equations. No dense Jacobian is built, because a marker depends on few unknowns."""
     derivatives = _derivatives(problem, state)
     lever, below, own, _, pulled = derivatives
     joints, markers, weights = problem.joints, len(problem.segment), problem.weights

@@ -64,10 +64,7 @@ def _key(bodies: Sequence[RigidBody]) -> tuple[tuple[int, ...], ...]:
 
 
 def _find_bodies(problem: SegmentationProblem, level: int) -> list[RigidBody]:
-    """Return the bodies of a level, merged where one body fits as well as two.
-
-    The list is empty if the constraints forbid one of the bodies.
-    """
+    """Return the bodies of a level, merged where one fits as well as two; no bodies if the constraints forbid one."""
     bodies = problem.clusters.bodies_at(level)
     if not all(problem.constraints.allow(body.markers) for body in bodies):
         return []
@@ -169,7 +166,7 @@ def _is_pair_of_limbs(lateral: FloatArray, child: RigidBody, parent: RigidBody) 
 def _extend_path(
     path: tuple[int, ...], real: set[tuple[int, int]], count: int, rules: SegmentationRules
 ) -> Iterator[tuple[int, ...]]:
-    """Yield every path from the base over real joints; only paths of ``rules.count`` segments if this is given."""
+    """Yield every path over real joints that begins with ``path``; only with ``rules.count`` segments if given."""
     if len(path) > 1 and rules.count in (None, len(path)):
         yield path
     if len(path) < (rules.count or _DEEPEST):
@@ -181,7 +178,7 @@ def _extend_path(
 def _predict_residuals(
     problem: SegmentationProblem, chain: tuple[RigidBody, ...], joints: tuple[PairJoint, ...]
 ) -> FloatArray:
-    """Return the residuals (M,), m: on the chain, of markers predicted through their joint; elsewhere, the scatter."""
+    """Return the residuals (M,), m, of the chain's markers predicted through their joints; for others, the scatter."""
     floor = max(problem.base.noise, FLOOR)
     residual = np.maximum(problem.base.scatter, floor)
     for body, joint in zip(chain, joints, strict=True):
@@ -200,7 +197,7 @@ def merge_tips(
     joined: Callable[[RigidBody, RigidBody], RigidBody | None],
     limit: float,
 ) -> Iterator[tuple[RigidBody, set[int]]]:
-    """Yield every two bodies with a real joint between them as one last segment, and the links below this segment.
+    """Yield, for every two bodies with a real joint between them, their merged body and the links below it.
 
     A chain with a given number of segments may end at a body that carries another one, such as a pelvis with a trunk.
     Without a merged tip, the markers of the other body would be on no segment, and a model based on the chain would add

@@ -137,7 +137,7 @@ def _fit_centre(tracks: _Tracks, method: CircleMethod) -> tuple[ComplexArray, Bo
 
 
 def _fit_kasa(tracks: _Tracks) -> ComplexArray:
-    """Return the centres p by Kåsa's method: linear least squares on |z|^2 = 2 p . z + constant of the marker (3.8)."""
+    """Return the centres p by Kåsa's method: least squares on |z|^2 = 2 p . z + one constant for each marker (3.8)."""
     design, target = 2 * tracks.centre_points(tracks.z), tracks.centre(np.abs(tracks.z) ** 2)
     pull = tracks.pool(np.einsum("fmi,fm->mi", design, target))
     return _solve(tracks.pool(np.einsum("fmi,fmj->mij", design, design)), pull)
@@ -169,7 +169,7 @@ def _fit_pratt(tracks: _Tracks) -> ComplexArray:
 
 
 def _fit_geometric(tracks: _Tracks, start: ComplexArray) -> tuple[ComplexArray, BoolArray]:
-    """Return the centres p with the least squares of |z - p| - r by Gauss-Newton, where r is the mean distance."""
+    """Return the centres p that minimise (|z - p| - r)^2 by Gauss-Newton, where r is the mean distance."""
     centre, settled = start, np.zeros(len(start), dtype=np.bool_)
     direction, off, cost = _measure_distances(tracks, centre)
     for _ in range(_ITERATIONS):
@@ -193,7 +193,7 @@ def _fit_geometric(tracks: _Tracks, start: ComplexArray) -> tuple[ComplexArray, 
 
 
 def _measure_distances(tracks: _Tracks, centre: ComplexArray) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return centred unit vectors (F, M, 2) and centred distances (F, M) from the centre, and the cost (G,)."""
+    """Return unit vectors (F, M, 2) and distances (F, M) from the centre, minus their means, and the cost (G,)."""
     arm = tracks.z - centre
     distance = np.abs(arm)
     off = tracks.centre(distance)

@@ -39,11 +39,9 @@ class ClusterPose:
 def measure_cluster(points: ComplexArray, target: ComplexArray | None = None) -> ClusterPose | None:
     """Fit a rigid shape to the trajectories (F, m) of a cluster, and its pose in every frame.
 
-    Trajectories are in metres, NaN where missing.
-
-    The result is None for fewer than two markers, markers at one point, or fewer than two frames with two visible
-    markers. The body frame is defined by the markers' coordinates ``target`` (m,), m. By default, its origin is the
-    centroid, and its axes are parallel to the plane frame on average.
+    Trajectories are in metres, NaN where missing. The result is None for fewer than two markers, markers at one point,
+    or fewer than two frames with two visible markers. The body frame is defined by the markers' coordinates ``target``
+    (m,), m. By default, its origin is the centroid, and its axes are parallel to the plane frame on average.
     """
     together = np.flatnonzero(np.isfinite(points).sum(axis=1) >= LEAST_MARKERS)
     if points.shape[1] < LEAST_MARKERS or len(together) < 2:
@@ -82,7 +80,10 @@ def measure_cluster(points: ComplexArray, target: ComplexArray | None = None) ->
 def _fit_poses(
     points: ComplexArray, template: ComplexArray, own: FloatArray
 ) -> tuple[ComplexArray, ComplexArray, IntArray, FloatArray]:
-    """Return rotation and position (f,), NaN if unknown, number of markers used (f,), and the residuals of all, m."""
+    """Return rotation and position (f,), NaN if unknown, number of markers used (f,), and their residuals, m.
+
+    Samples whose residual is far above the usual residual ``own`` (m,), m, of their marker are left out.
+    """
     seen = np.isfinite(points)
     rotation, position, off = _fit_template(points, seen, template)
     while True:

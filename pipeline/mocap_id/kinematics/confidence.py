@@ -43,7 +43,7 @@ class Confidence:
 
 
 def weigh_evidence(best: float, joints: tuple[float, ...], against: Mapping[str, float]) -> Confidence:
-    """Return the confidence from the log odds ``best`` without evidence and their reductions ``against``."""
+    """Return the confidence from the log odds ``best``, which the evidence ``against`` reduces."""
     return Confidence(float(1 / (1 + np.exp(sum(against.values()) - best))), joints, against)
 
 

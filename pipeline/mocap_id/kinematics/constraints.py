@@ -19,7 +19,7 @@ class Constraints:
 
     @classmethod
     def of(cls, count: int, together: Iterable[Sequence[int]] = (), apart: Iterable[Sequence[int]] = ()) -> Constraints:
-        """Return constraints from groups of columns, ``together`` on one segment or ``apart`` on different segments."""
+        """Return constraints on ``count`` markers from groups of columns: ``together`` on one segment, or ``apart``."""
         unit = np.arange(count)
         for group in together:
             unit[np.isin(unit, unit[list(group)])] = unit[group[0]]

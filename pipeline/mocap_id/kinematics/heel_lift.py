@@ -78,10 +78,7 @@ def find_moving_markers(points: FloatArray, rate: float) -> BoolArray:
 
 
 def _measure_rotation(between: FloatArray, lasting: int) -> float:
-    """Return the rotation of the line (K, 3) between two markers from its usual direction, rad; 0 if not on a foot.
-
-    The rotation lasts for ``lasting`` blocks.
-    """
+    """Return the rotation for ``lasting`` blocks of the line (K, 3) between two markers, rad; 0 if not on a foot."""
     if len(between) <= lasting:
         return 0.0
     lengths = np.linalg.norm(between, axis=1)

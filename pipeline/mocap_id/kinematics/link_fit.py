@@ -98,7 +98,7 @@ class LinkFit:
 
 
 def log_cost(residual: FloatArray) -> FloatArray:
-    """Return the cost of residuals, m. The cost does not grow beyond a residual of 50 mm."""
+    """Return the cost of residuals in metres. The cost does not grow beyond a residual of 50 mm."""
     return np.asarray(np.minimum(_log_cost(residual), _log_cost(_LEFT_OUT)))
 
 

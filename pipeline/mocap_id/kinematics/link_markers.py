@@ -197,7 +197,7 @@ def _measure_constancy(distance: FloatArray) -> tuple[float, float]:
 
 
 def _fit_circle(track: ComplexArray, least_arc: float) -> complex | None:
-    """Return the centre of a point's circular track; None if the track is not a circle."""
+    """Return the centre of a point's track; None if this is not a circle with an arc of at least ``least_arc``, rad."""
     known = track[np.isfinite(track)]
     for _ in range(2):  # the second fit is without faults
         if len(known) < _FEWEST_FRAMES:

@@ -16,10 +16,7 @@ _LOW_M = 0.15  # markers of the feet are at most this much higher than the lowes
 
 @dataclass(frozen=True)
 class PlaneFit:
-    """Plane of motion.
-
-    The direction in which the subject faces is not decided here.
-    """
+    """Plane of motion. The direction in which the subject faces is not decided here."""
 
     yaw: float  # angle about the vertical from the lab's X to the line of motion, rad, in (-pi/2, pi/2]
     planarity: float  # squared motion out of the plane / total squared motion: 0 if planar, 1/3 if isotropic

@@ -132,7 +132,8 @@ def fit_response(
 ) -> tuple[FloatArray, FloatArray]:
     """Return the changes (K, 2, 2, P) of the common unknowns per slide, and the root (P, P) of their noise covariance.
 
-    ``shape`` (T, K, 2) is the course of the slides; ``camera_sd`` is the standard deviation of the camera noise, m.
+    ``shape`` (T, K, 2) are the time courses (shapes) of the slides; ``camera_sd`` is the standard deviation of the
+    camera noise, m.
     """
     reduced = eliminate_angles(problem, state)
     values, vectors = np.linalg.eigh(reduced.inverse)
@@ -175,7 +176,7 @@ def slide_scales(relative: FloatArray) -> FloatArray:
 
 
 def scale_angles(relative: FloatArray, spread: FloatArray, segment: IntArray) -> FloatArray:
-    """Return the centred angles (T, K, 2) of the joints below and above each marker's segment, over ``spread``."""
+    """Return the centred angles (T, K, 2) of the joints below and above each marker, divided by ``spread`` (K,)."""
     beyond = np.concatenate([relative, np.zeros((len(relative), 1))], axis=1)
     return np.asarray(np.stack([beyond[:, segment - 1], beyond[:, segment]], axis=2) / spread[:, None])
 
@@ -253,7 +254,7 @@ def _variance(skin: SkinModel, angles: FloatArray, mean: FloatArray, step: float
 
 
 def _chunks(count: int) -> Iterator[tuple[slice, slice]]:
-    """Yield slices of postures with their neighbours, and the part of each slice without them."""
+    """Yield slices of postures that include neighbours, and the part of each slice without the neighbours."""
     for start in range(0, count, _CHUNK):
         first = max(start - _OVERLAP, 0)
         stop = min(start + _CHUNK, count)

@@ -65,7 +65,7 @@ def fit_spatial_body(points: FloatArray, markers: IntArray) -> SpatialBody:
 
 
 def subtract_means(local: FloatArray) -> tuple[FloatArray, FloatArray, IntArray]:
-    """Return trajectories (F, k, 3) minus their means, 0 where missing, the means, and numbers of visible frames."""
+    """Return trajectories (F, k, 3) minus means (0 where missing), the means, and numbers of visible frames (k,)."""
     seen = np.isfinite(local[..., 0])
     counts = np.asarray(seen.sum(axis=0))
     mean = np.where(seen[..., None], local, 0.0).sum(axis=0) / np.maximum(counts, 1)[:, None]

@@ -61,10 +61,7 @@ def chain_covariance(bundle: Bundle) -> FloatArray:
 
 
 def _slide_derivatives(bundle: Bundle) -> FloatArray:
-    """Return the mixed second derivatives (F, 3 J, P) of the cost by the slides of J joints and by the parameters.
-
-    Slides are in units of their rms.
-    """
+    """Return second derivatives (F, 3 J, P) of the cost by slides of J joints (as multiples of rms) and parameters."""
     problem, linear = bundle.problem, bundle.linear
     rows = slice(linear.off.shape[1] - 3 * len(problem.sliding), None)
     size = np.array([np.sqrt(np.mean(bundle.state.slides[:, j] ** 2)) for j in problem.sliding])

@@ -226,7 +226,10 @@ class _Start:
         riding: BoolArray | None = None,
         estimator: Estimator = "bundle",
     ) -> tuple[BundleProblem, BundleState, ChainPrior]:
-        """Return problem, first guess and prior for some frames."""
+        """Return problem, first guess and prior for some frames.
+
+        ``rough`` is a fit with ball joints, and ``riding`` (M,) marks the base markers on the girdle.
+        """
         points, clusters = self.points[frames], self.clusters
         count, markers = len(self.parents), points.shape[1]
         centres, own = self._guess_centres(estimator)
@@ -279,7 +282,7 @@ class _Start:
 def _move_along_hinges(
     rough: Bundle, kinds: tuple[JointKind, ...], axes: list[JointAxes], centres: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return markers (M, 3) and centres (n, 3), m, of a rough fit, with hinge centres shifted along their axes."""
+    """Return markers (M, 3) and centres (n, 3), m, of a rough fit, with hinges shifted along their axes."""
     problem, local, known = rough.problem, rough.state.local.copy(), rough.state.centres.copy()
     for j in np.flatnonzero([kind == "hinge" for kind in kinds]):
         ahead = axes[j].first @ (centres[j] - known[j])
@@ -290,7 +293,10 @@ def _move_along_hinges(
 
 
 def _guess_axes(rough: Bundle, j: int, kind: JointKind, inner: bool) -> tuple[JointAxes, bool]:
-    """Return the first guess of the axes of a joint, and whether the second may be the long axis of its segment."""
+    """Return the first guess of the axes of a joint, and whether the second may be the long axis of its segment.
+
+    The segment is ``inner`` if it carries another joint.
+    """
     turn = joint_rotations(rough.problem, rough.state)[:, j]
     if kind == "ball":
         return _NO_AXES, False

@@ -126,7 +126,7 @@ def find_implausible_skin(problem: BundleProblem, state: BundleState) -> list[in
 
 
 def _build_joint(bundle: Bundle, covariance: FloatArray, j: int, arc: float) -> SpatialJoint:
-    """Return one joint of the chain."""
+    """Return joint ``j``, from 0, of the chain; ``arc`` is the range of its rotation, rad."""
     problem, state = bundle.problem, bundle.state
     cols = locate_columns(problem)
     kind, axis, pin = problem.kinds[j], state.first[j], state.second[j]

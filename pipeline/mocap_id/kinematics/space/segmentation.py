@@ -273,10 +273,7 @@ def _explain_assignment(
 
 
 def _measure_planarity(chain: SpatialBodyChain) -> float:
-    """Return the fraction of the segments' squared rotation relative to the base that is not about one axis.
-
-    Rotations are compared over short times.
-    """
+    """Return the fraction of the segments' squared short-time rotation in the base that is not about one axis."""
     base = chain.bodies[0].rotation
     moment = np.zeros((3, 3))
     for body in chain.bodies[1:]:
