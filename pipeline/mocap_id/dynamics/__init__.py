@@ -1,6 +1,6 @@
 """Identification of inertial parameters from states and contact wrench (thesis chapter 4).
 
-The steps, in order: :func:`preparation.prepare`, :func:`fit.fit`, :func:`identification.identify`,
+The functions are called in this order: :func:`preparation.prepare`, :func:`fit.fit`, :func:`identification.identify`,
 :func:`prediction.predict`.
 
 Shapes: T samples, R of them in the fit, n joints, K bodies (the n + 1 segments of a chain, base first), c fitted

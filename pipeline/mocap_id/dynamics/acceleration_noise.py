@@ -1,11 +1,11 @@
 """Correlation between the acceleration errors of the joints.
 
 The states have a standard deviation for each joint. But markers locate segments, and a joint angle is the difference of
-two segments' angles. Neighbouring joints therefore have opposite errors, and the variance of the wrench would be
-several times too large if the joints were independent. The correlation follows from the smoother. Each joint is driven
+two segments' angles. Neighbouring joints therefore have opposite errors. If these errors were taken as independent, the
+variance of the wrench would be several times too large. The correlation follows from the smoother. Each joint is driven
 by snap with spectral density Q, and markers provide information at the rate Λ (Jᵀ J over all markers). The error of a
-smoothed state then has the spectrum (ω⁸ Q⁻¹ + Λ)⁻¹. The covariance of the accelerations is its fourth moment over all
-frequencies, which is proportional to
+smoothed state then has the spectrum (ω⁸ Q⁻¹ + Λ)⁻¹. The covariance of the accelerations is the fourth moment of this
+spectrum, which is proportional to
 
     Q^½ (Q^½ Λ Q^½)^(-3/8) Q^½.
 """

@@ -31,7 +31,7 @@ class Calibration:
     """Standard deviations of the instruments' errors of scale, with the defaults of the stage."""
 
     gain: float = 0.01  # relative error that is common to all components of the plate's wrench
-    moments: float = 0.01  # relative error of the plate's moments alone
+    moments: float = 0.01  # additional relative error of the plate's moments
     lengths: float = 0.003  # relative error of all distances between markers
     tilt: float = 0.005  # tilt between the cameras' axes and gravity, in the plane of motion, rad
     position: float = 0.005  # error of the plate's position along the motion, m

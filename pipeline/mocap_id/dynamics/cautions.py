@@ -145,7 +145,7 @@ def _check_consistency(result: AnyIdentification) -> Reason | None:
         return None
     return Reason(
         "parameters-bounded",
-        f"physically possible parameters fit the wrench {_format_increase(price)} than unconstrained ones: check "
+        f"physically possible parameters fit the wrench {_format_increase(price)} than unconstrained parameters: check "
         "joints, markers and plate, and whether a part of the mass is far from the markers",
         value=price,
         limit=_BOUNDED,

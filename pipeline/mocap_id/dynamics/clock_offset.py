@@ -1,7 +1,7 @@
 """Clock offset between cameras and plate, estimated as the offset with the best fit.
 
-``clock_offset_s`` = δ means that the plate's sample with time t was taken at t + δ on the cameras' clock. The wrench at
-camera time t is therefore the plate's wrench at t - δ.
+``clock_offset_s`` = δ means that the plate's sample with the time stamp t was taken at t + δ on the cameras' clock. The
+wrench at camera time t is therefore the plate's wrench at t - δ.
 """
 
 from __future__ import annotations

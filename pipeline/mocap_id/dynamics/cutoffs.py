@@ -62,7 +62,7 @@ def _walk(
 
 
 def score_left_out(prediction: LeftOutPrediction | None) -> float:
-    """Return the sum of the logarithms of the filtered rms errors of Fx, Fy and tauz; infinite without predictions."""
+    """Return the sum of the logarithms of the rms errors of the filtered Fx, Fy and tauz; infinite if None is given."""
     if prediction is None:
         return float("inf")
     off = (prediction.filtered - prediction.filtered_measured)[prediction.samples]

@@ -2,8 +2,8 @@
 
 The wrench is linear in the regressor. The same linear filter on both therefore does not change the parameters, but it
 removes noise of the accelerations, which would bias the parameters. A sample in a gap or with a contact affects the
-filtered samples around it. The reach is the time up to which this effect matters, so that samples closer than the reach
-to such a sample are not used.
+filtered samples around it. The reach is the time up to which this effect matters. Samples that are closer than the
+reach to such a sample are not used.
 """
 
 from __future__ import annotations

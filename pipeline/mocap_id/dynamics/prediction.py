@@ -21,7 +21,7 @@ from mocap_id.dynamics.regressor import PLANAR_PARAMETERS, WRENCH_COMPONENTS, to
 from mocap_id.dynamics.uncertainty import variance
 
 _MOMENT = WRENCH_COMPONENTS.index("tauz")  # always fitted if torques are predicted, because of the moments of inertia
-_UNSEEN = 2.0  # error of Fx divided by that of Fy, if no sensor measures Fx; with plates it is 0.7 to 2
+_UNSEEN = 2.0  # error of Fx divided by that of Fy, if no sensor measures Fx; with plates, this ratio is 0.7 to 2
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,7 @@ The thesis weights kg, kg·m and kg·m² with one λ. Here every full parameter 
 for tables of people it is 10 to 20 % of the parameter's size. By default the reference determines only what the data do
 not determine, and the base parameters depend on the data alone. Optionally, the reference is also a prior of the base
 parameters. The weight of the data then follows from the covariance of the base parameters, not from the number of rows,
-because the rows are correlated and do not contain errors that recur with the movement.
+because the rows are correlated and do not reveal errors that recur with the movement.
 """
 
 from __future__ import annotations

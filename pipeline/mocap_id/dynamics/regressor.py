@@ -1,9 +1,9 @@
 """Geometric regressor: the wrench and the joint torques as linear maps of the inertial parameters (thesis 4.2.1).
 
 A link has ten parameters, in the order of eq. 4.4: m, mx, my, mz, Ixx, Iyy, Izz, Ixy, Ixz, Iyz, all about the origin of
-the link's frame. Ixy is the element of the inertia matrix, which is minus the product of inertia. A planar link has
-four of these parameters: m, mx, my, Izz. The columns are ordered from the base to the tip. Gravity is modelled as an
-upward acceleration of the base.
+the link's frame. Ixy is the element of the inertia matrix, -∫ x y dm. A planar link has four of these parameters: m,
+mx, my, Izz. The columns are ordered from the base to the tip. Gravity is modelled as an upward acceleration of the
+base.
 """
 
 from __future__ import annotations

@@ -64,7 +64,7 @@ def estimate_covariance(
 
 
 def unit_covariance(rows: FloatArray) -> FloatArray:
-    """Return (XᵀX)⁻¹ of rows X (r, p). The columns are scaled internally, for accuracy at any condition number."""
+    """Return (XᵀX)⁻¹ (p, p) of rows X (r, p). The columns are scaled internally, so that the result is accurate."""
     length = np.linalg.norm(rows, axis=0)
     length = np.where(length > 0.0, length, 1.0)
     _, size, right = np.linalg.svd(triangularise(rows / length))

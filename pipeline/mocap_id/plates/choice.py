@@ -30,9 +30,9 @@ _CONFIGURED = "set in the configuration"
 
 @dataclass(frozen=True)
 class PlateChoice:
-    """Use of every plate."""
+    """Use of every plate, and the reason for this use."""
 
-    uses: tuple[Use, ...]  # use of each plate; a plate is ignored if it is unusable or not named in the configuration
+    uses: tuple[Use, ...]  # use of each plate; `ignored` if unusable, or if the configuration names only other plates
     loads: tuple[float, ...]  # mean upward force of each plate, N; NaN for a plate without valid samples
     why: tuple[str, ...]  # reason for each use
 

@@ -23,7 +23,7 @@ class SpatialCalibration:
     """Standard deviations of the instruments' errors, with the defaults of the stage."""
 
     gain: float = 0.01  # relative error that is common to all components of the plate's wrench
-    moments: float = 0.01  # relative error of the plate's moments alone
+    moments: float = 0.01  # additional relative error of the plate's moments
     # force, moment: constant errors of Fy, N, and of taux and tauz, N·m, which cannot be separated from the first
     # parameters
     force: float = 5.0
