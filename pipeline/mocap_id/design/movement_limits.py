@@ -39,7 +39,8 @@ class MovementLimits:
 
         If ``movement.fitted`` is given, only these samples count. ``wrench`` (T, 3) is the wrench of the ground, N and
         N·m. ``moment_sd`` (T,) is the standard deviation of its moment, N·m, by which the centre of pressure is
-        uncertain. The result is infinite if samples are missing or if the body leaves the ground.
+        uncertain. The result is infinite if the body leaves the ground, if there is no sample to check, or, without
+        ``movement.fitted``, if any sample is missing.
         """
         counted = movement.known if movement.fitted is None else movement.fitted & movement.known
         if not counted.any() or (movement.fitted is None and not counted.all()):

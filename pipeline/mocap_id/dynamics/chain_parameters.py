@@ -88,7 +88,7 @@ def map_to_chain(
 
 
 def measure_relative_pose(poses: BodyPoses, body: int, other: int, samples: BoolArray) -> tuple[FloatArray, FloatArray]:
-    """Return angle (S,), rad, and origin (S, 2), m, of one body's frame in another's, for the S samples with both."""
+    """Return angle (S,), rad, and origin (S, 2), m, of a body's frame in another's, in the S samples with both."""
     origin, angle = poses.origin, poses.angle
     known = samples & np.isfinite(angle[:, [body, other]]).all(axis=1)
     shift = planar.rotate(-angle[known, other], origin[known, body] - origin[known, other])

@@ -78,7 +78,10 @@ class PoseErrors:
 
 
 def propagate_pose_errors(prepared: PreparedTrial, result: Fit, full: FloatArray, errors: PoseErrors) -> PoseEffect:
-    """Return the effect of the errors of all bodies' poses on the fit and on the torques."""
+    """Return the effect of the errors of all bodies' poses on the fit and on the torques.
+
+    ``full`` (4K,) are the full parameters of the bodies.
+    """
     recorded, gravity = prepared.recorded, prepared.settings.gravity
     step = max(1, int(recorded.rate / _RATE))
     every = errors.poses

@@ -225,7 +225,7 @@ def _build_problem(
 
 
 def _reduce_modes(effect: FloatArray) -> FloatArray:
-    """Return fewer modes with nearly the same covariance as the independent modes (R, 3, S), whose unit is 1 sd."""
+    """Return fewer modes with nearly the same covariance as the modes (R, 3, S), in units of the residual's sd."""
     if effect.shape[-1] == 0:
         return effect
     flat = effect.reshape(-1, effect.shape[-1])

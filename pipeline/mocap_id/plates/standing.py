@@ -64,7 +64,7 @@ def weigh_person(positions: FloatArray, rate: float, vertical: FloatArray) -> tu
 
 
 def find_dropouts(vertical: FloatArray, tall: BoolArray, rate: float, weight: float) -> BoolArray:
-    """Return a mask (F,) of drop-outs: samples in which the plates are unloaded although the person stands.
+    """Return a mask (F,) of drop-outs: intervals in which the plates are unloaded although the person stands.
 
     ``vertical`` (F,) is the total upward force of the plates under the feet, and ``weight`` this force while the person
     stands, N. ``tall`` (F,) marks the samples in which the person is upright. A loose cable, for example, causes
