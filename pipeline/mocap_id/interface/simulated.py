@@ -15,7 +15,7 @@ from mocap_id.errors import ConfigError
 from mocap_id.simulation import arm, space_robot
 
 Kind: TypeAlias = Literal[
-    "sit-to-stand", "robot", "arm", "chain", "robot-in-space", "robot-set", "cohort", "reach-cohort"
+    "sit-to-stand", "robot", "arm", "chain", "robot-in-space", "robot-set", "cohort", "reach-cohort", "curl-study"
 ]
 
 _TRIALS: dict[str, tuple[Callable[..., Path], Any]] = {
@@ -29,6 +29,7 @@ _SETS: dict[str, tuple[Callable[..., Path], Any]] = {
     "robot-set": (simulation.simulate_robot_set, simulation.RobotSet),
     "cohort": (simulation.simulate_cohort, simulation.Cohort),
     "reach-cohort": (arm.simulate_reach_cohort, arm.ReachCohort),
+    "curl-study": (arm.simulate_curl_study, arm.CurlStudy),
 }
 
 

@@ -45,10 +45,13 @@ def resample_repetitions(time: FloatArray, values: FloatArray, bounds: FloatArra
     bounds : (R, 2) array
         Start and end of each repetition, s.
     """
-    at = bounds[:, :1] + (bounds[:, 1:] - bounds[:, :1]) * GRID
-    curves = np.interp(at, time, values, np.nan, np.nan)
-    unknown = np.interp(at, time, np.isnan(values).astype(np.float64)) > 0
-    return np.where(unknown, np.nan, curves)
+    return interpolate_at(time, values, bounds[:, :1] + (bounds[:, 1:] - bounds[:, :1]) * GRID)
+
+
+def interpolate_at(time: FloatArray, values: FloatArray, at: FloatArray) -> FloatArray:
+    """Return a signal ``values`` (K,) interpolated at the times ``at``; NaN outside ``time`` (K,) and next to a gap."""
+    gap = np.interp(at, time, np.isnan(values).astype(np.float64)) > 0
+    return np.where(gap, np.nan, np.interp(at, time, values, np.nan, np.nan))
 
 
 def average_repetitions(curves: FloatArray) -> Averaged:

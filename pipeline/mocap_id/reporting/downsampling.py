@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.arrays import BoolArray, FloatArray, find_runs
 
 BINS = 450
 """Number of bins across a figure; a finer resolution is not visible on paper."""
@@ -65,19 +65,14 @@ def thin_band(
     return _reshape(time, bins).mean(axis=1), np.where(known, under, np.nan), np.where(known, over, np.nan)
 
 
-def find_runs(mask: BoolArray) -> IntArray:
-    """Return the start and exclusive end index of each run of true samples, (R, 2)."""
-    steps = np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8))
-    return np.column_stack([np.flatnonzero(steps == 1), np.flatnonzero(steps == -1)]).astype(np.int64)
-
-
 def find_spans(time: FloatArray, mask: BoolArray, bins: int = BINS) -> list[tuple[float, float]]:
     """Return start and width, s, of each interval where ``mask`` (T,) is true; gaps below one bin are closed."""
-    found = find_runs(mask)
-    if not len(found):
+    runs = find_runs(mask)
+    if not runs:
         return []
     step = float(np.median(np.diff(time))) if len(time) > 1 else 0.0
-    start, end = time[found[:, 0]], time[found[:, 1] - 1] + step
+    start = time[[run.start for run in runs]]
+    end = time[[run.stop - 1 for run in runs]] + step
     apart = start[1:] - end[:-1] > (time[-1] - time[0]) / bins
     first = np.concatenate([[True], apart])
     last = np.concatenate([apart, [True]])

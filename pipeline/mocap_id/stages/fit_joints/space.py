@@ -17,7 +17,7 @@ from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.calibration import read_chain
 from mocap_id.stages.fit_joints import FitJointsSettings
 from mocap_id.stages.fit_joints.anatomy import AnatomicalChain, find_points_near_joints, fit_anatomical_frames
-from mocap_id.stages.fit_joints.function import explain_estimator
+from mocap_id.stages.fit_joints.function import explain_estimator, explain_uncertain_centre
 from mocap_id.stages.skin_motion import correct_axial_rotation, fit_cluster_poses
 from mocap_id.stages.trial_keys import get_landmark_labels
 from mocap_id.store import Tree
@@ -209,14 +209,7 @@ def _explain_weak_joints(fit: SpatialFit, names: Sequence[str], settings: FitJoi
                 )
             )
         elif joint.kind != "hinge" and (sd := _largest_sd(joint)) > settings.large_sd_m:
-            reasons.append(
-                Reason(
-                    "joint-uncertain",
-                    f"the centre of the {name} has a standard deviation of {1e3 * sd:.0f} mm.",
-                    sd,
-                    settings.large_sd_m,
-                )
-            )
+            reasons.append(explain_uncertain_centre(name, sd, settings.large_sd_m))
     return tuple(reasons)
 
 

@@ -16,6 +16,7 @@ from mocap_id.protocols.phases import (
     Averaged,
     average_repetitions,
     compare_angles,
+    interpolate_at,
     resample_repetitions,
 )
 from mocap_id.stages.base import Context
@@ -95,12 +96,6 @@ def _read_other_system(context: Context) -> Iterator[tuple[str, str, FloatArray,
         values = interpolate_at(table.time, sign * table.angles[column], time)
         agreement = compare_angles(_get_angle(states, number), values)
         yield f"theta_{number}_other", "rad", time, values, _describe_agreement(joint, given, agreement)
-
-
-def interpolate_at(time: FloatArray, values: FloatArray, at: FloatArray) -> FloatArray:
-    """Return a signal ``values`` (K,) interpolated at the times ``at`` (T,); NaN outside ``time`` and next to a gap."""
-    gap = np.interp(at, time, np.isnan(values).astype(np.float64)) > 0
-    return np.where(gap, np.nan, np.interp(at, time, values, np.nan, np.nan))
 
 
 def _get_angle(states: Table, joint: int) -> FloatArray:

@@ -11,10 +11,10 @@ from pathlib import Path
 
 from mocap_id import runner
 from mocap_id.config import load
-from mocap_id.errors import MocapIdError
+from mocap_id.errors import MocapIdError, first_line
 from mocap_id.simulation import Options, simulate
 from mocap_id.workflows.doctor.machine import check_machine
-from mocap_id.workflows.doctor.packages import Finding, check_packages, first_line
+from mocap_id.workflows.doctor.packages import Finding, check_packages
 
 _BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome")
 OPENSIM = "MOCAP_ID_OPENSIM_PYTHON"

@@ -15,12 +15,13 @@ import numba
 import numpy as np
 import pandas as pd
 
+from mocap_id.errors import first_line
 from mocap_id.estimation import filter_kernels, smooth
 from mocap_id.estimation.encoder_smoothing import estimate_noise, smooth_encoder
 from mocap_id.estimation.space import smooth_in_space
 from mocap_id.geometry.planar import marker_positions
 from mocap_id.geometry.spatial_chain import SpatialChain, SpatialJoint
-from mocap_id.workflows.doctor.packages import Finding, first_line
+from mocap_id.workflows.doctor.packages import Finding
 
 _SPACE, _LEAST_SPACE = 2e9, 1e8  # bytes: for a long trial with its report; for a short trial
 _THREADS = ("OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")

@@ -11,6 +11,7 @@ from importlib import metadata
 from typing import Literal
 
 from mocap_id import __version__
+from mocap_id.errors import first_line
 
 _PACKAGE = "mocap-id"
 _LEAST_PYTHON = "3.11"
@@ -29,11 +30,6 @@ class Finding:
     level: Level  # ``warn``: mocap-id works, but more slowly or with fewer functions; ``fail``: it does not work
     found: str  # what was found
     advice: str = ""  # what to do; empty if nothing needs to be done
-
-
-def first_line(error: Exception) -> str:
-    """Return the first line of the message of an exception."""
-    return str(error).partition("\n")[0]
 
 
 def check_packages() -> Iterator[Finding]:
