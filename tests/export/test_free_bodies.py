@@ -134,4 +134,4 @@ def test_a_column_of_which_nothing_is_known_does_not_empty_the_table() -> None:
     text = parts.files["a.sto"].decode()
     assert "time\thip\tknee" in text
     assert len(text.partition("endheader\n")[2].splitlines()) == 3
-    assert "columns left out, because nothing in them is known: lumbar" in parts.notes[0]
+    assert "columns left out, because all their values are unknown: lumbar" in parts.notes[0]

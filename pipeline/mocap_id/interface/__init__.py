@@ -1,1 +1,1 @@
-"""What ``import mocap_id`` offers: runs, studies and simulations, with results as attributes."""
+"""The Python interface of ``import mocap_id``: runs, studies and simulations, with results as attributes."""

@@ -1,4 +1,4 @@
-"""Figures of a page for Python: interactive, or drawn by matplotlib."""
+"""Figures of a page for Python: interactive in a notebook, or drawn by matplotlib."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class Figure:
-    """A figure of a report. As the last line of a notebook's cell, it is displayed as on the page and can be zoomed."""
+    """A figure of a page. As the last line of a notebook cell, it is displayed as on the page and can be zoomed."""
 
     def __init__(self, of: str, drawing: Drawing) -> None:
         self._of = of
@@ -25,14 +25,14 @@ class Figure:
         return f"<Figure {self.name}: {self.title}, {self._of}>"
 
     def _repr_html_(self) -> str:
-        """Return the interactive figure for a notebook."""
+        """Return the interactive figure as HTML for a notebook."""
         from mocap_id.reporting.notebook_view import render_figure_frame  # noqa: PLC0415  needs the page's templates
 
         return render_figure_frame(self._of, self._drawing)
 
     @property
     def name(self) -> str:
-        """The name in ``run.figures``."""
+        """The name of the figure, as in ``run.figures``."""
         return self._drawing.name
 
     @property
@@ -46,13 +46,13 @@ class Figure:
         return self._drawing.caption
 
     def to_html(self) -> str:
-        """Return a complete page with the interactive figure and its scripts, about 1.2 MB; it needs no network."""
+        """Return a complete HTML page with the interactive figure and its scripts; it needs no network (1.2 MB)."""
         from mocap_id.reporting.notebook_view import render_figure_page  # noqa: PLC0415  needs the page's templates
 
         return render_figure_page(self._of, self._drawing)
 
     def to_matplotlib(self) -> matplotlib.figure.Figure:
-        """Return the figure as a new matplotlib figure, as ``mocap-id figures`` draws it, to change or save it."""
+        """Return a new matplotlib figure, in the style of ``mocap-id figures``, which you can change or save."""
         from mocap_id.reporting import paper_figures  # noqa: PLC0415  imports matplotlib
 
         assert not isinstance(self._drawing.figure, str)
@@ -61,7 +61,7 @@ class Figure:
 
 
 class PageFigures:
-    """The figures of a page by name.
+    """The figures of an HTML page, by name.
 
     Raises
     ------
@@ -71,7 +71,7 @@ class PageFigures:
 
     def __init__(self, page: Path) -> None:
         if not page.is_file():
-            raise StoreError(f"{page}: there is no page with figures: run the trial or the study again")
+            raise StoreError(f"{page}: there is no such page with figures: run the trial or the study again")
         self._drawings: Drawings = read_page_figures(page)
 
     @property
@@ -80,7 +80,7 @@ class PageFigures:
         return tuple(one.name for one in self._drawings.all if one.missing is None)
 
     def find(self, name: str) -> Figure:
-        """Return a figure; StoreError with the reason if it is missing."""
+        """Return the figure of this name; raise StoreError with the reason if it is missing."""
         known = {one.name: one for one in self._drawings.all}
         if name not in known:
             raise StoreError(f"{self._drawings.of}: there is no figure {name!r}: {suggest_name(name, tuple(known))}")

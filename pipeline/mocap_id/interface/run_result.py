@@ -1,4 +1,4 @@
-"""The results of a trial: each artefact is read when it is first used."""
+"""The results of a trial for Python; each file is read when it is first used."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Verdict:
 
 
 def _make_table(file: str, text: str) -> cached_property[pd.DataFrame]:
-    """Return a property of a run that reads a table when it is first used; ``text`` is its docstring."""
+    """Return a property of a run that reads the table ``file`` when it is first used; ``text`` is its docstring."""
 
     def read(run: Run) -> pd.DataFrame:
         return run._read_frame(file)
@@ -50,8 +50,9 @@ class Run:
     Parameters
     ----------
     files : RunFolder
+        The run folder with its artefacts.
     steps : tuple of Step, optional
-        The stages that were computed or reused; empty for an opened run.
+        The stages that were computed or reused; empty for a run that was only opened.
     """
 
     def __init__(self, files: RunFolder, steps: tuple[Step, ...] = ()) -> None:
@@ -62,7 +63,7 @@ class Run:
         return f"<Run {self.name}: {self.verdict.level if self.summary else 'incomplete'}, {self.folder}>"
 
     def _repr_html_(self) -> str:
-        """Return verdict, main numbers and player for a notebook."""
+        """Return verdict, main numbers and player of the motion as HTML for a notebook."""
         from mocap_id.reporting.notebook_view import render_notebook_view  # noqa: PLC0415  needs the page's templates
         from mocap_id.reporting.report import make_trial_player  # noqa: PLC0415  needs the page's templates
         from mocap_id.reporting.report_data import ReportData  # noqa: PLC0415  needs the page's templates
@@ -89,7 +90,7 @@ class Run:
 
     @property
     def report(self) -> Path:
-        """The page ``report.html``."""
+        """Path of the page ``report.html``."""
         return self.folder / "report.html"
 
     def open_report(self) -> bool:
@@ -100,11 +101,11 @@ class Run:
 
     @property
     def figures(self) -> tuple[str, ...]:
-        """Names of the figures of the report, for :meth:`figure`."""
+        """Names of the figures of the report; give one of them to :meth:`figure`."""
         return self._page_figures.names
 
     def figure(self, name: str) -> Figure:
-        """Return a figure of the report; StoreError with the reason if the trial does not have it."""
+        """Return the figure of this name from the report; raise StoreError with the reason if it is missing."""
         return self._page_figures.find(name)
 
     @cached_property
@@ -120,21 +121,21 @@ class Run:
 
     @property
     def verdict(self) -> Verdict:
-        """The verdict; StoreError if the run is not complete."""
+        """The verdict on the trial; raises StoreError if the run is not complete."""
         if not self.summary:
-            raise StoreError(f"{self.folder} contains no {SUMMARY}: run the trial to its end")
+            raise StoreError(f"{self.folder} contains no {SUMMARY}: the run is not complete, run the trial again")
         verdict = self.summary["verdict"]
         reasons, notes = (tuple(map(Reason.from_dict, verdict[key])) for key in ("reasons", "notes"))
         return Verdict(verdict["level"], reasons, notes)
 
     @property
     def refused(self) -> bool:
-        """Whether the trial was refused, because the method is not applicable."""
+        """Whether the trial was refused because the method is not applicable; raises StoreError as ``verdict``."""
         return self.verdict.level == "refused"
 
     planar = _make_table(
         "planar.parquet",
-        "Measured markers, in the plane of the motion, or for a trial in space in the axes of the lab.",
+        "Measured markers in the axes of the plane of motion, or for a trial in space in the axes of the lab.",
     )
     wrench = _make_table("wrench.parquet", "Wrenches of the ground and of other contacts.")
     segments = _make_table("segments.parquet", "Segment of each marker.")
@@ -142,17 +143,20 @@ class Run:
     poses = _make_table("poses.parquet", "Measured poses of the bodies.")
     angles = _make_table(
         "angles.parquet",
-        "Anatomical angles of a trial in space; StoreError in the plane, where the angles are in ``states``.",
+        "Anatomical angles of a trial in space. In the plane this raises StoreError: the angles are in ``states``.",
     )
     markers = _make_table("markers.parquet", "Markers predicted from the states.")
     events = _make_table("events.parquet", "Repetitions, with the times of their events.")
-    phases = _make_table("phases.parquet", "Averages over the repetitions.")
+    phases = _make_table("phases.parquet", "Mean curves over the repetitions.")
     encoder = _make_table("encoder.parquet", "Angles from the encoder of a robot's joint.")
     dynamics = _make_table("dynamics.parquet", "Joint torques, and measured and modelled wrenches of the ground.")
 
     @cached_property
     def parameters(self) -> pd.DataFrame:
-        """Identified base parameters with standard deviations; the column ``unit`` gives their units."""
+        """Identified base parameters with standard deviations; the column ``unit`` contains their units.
+
+        Raises StoreError with the reason if there are none.
+        """
         from mocap_id.workflows.export.spreadsheets import parameter_table  # noqa: PLC0415  needs pandas
 
         table = parameter_table(self._files)
@@ -161,7 +165,7 @@ class Run:
         return table
 
     def export(self, *formats: str, out: str | PathLike[str] | None = None, force: bool = False) -> tuple[Path, ...]:
-        """Write the run in the formats of other programs, as ``mocap-id export`` does, and return the files.
+        """Write the run in the formats of other programs, as ``mocap-id export`` does, and return the paths.
 
         Parameters
         ----------
@@ -185,7 +189,7 @@ class Run:
         return export(self.folder, formats, None if out is None else Path(out), force=force).files
 
     def _read_frame(self, file: str) -> pd.DataFrame:
-        """Return an artefact, such as ``states.parquet``, as a data frame with its units."""
+        """Return an artefact, such as ``states.parquet``, as a data frame; raise StoreError if it is missing."""
         from mocap_id.store import LongTable, Table  # noqa: PLC0415  a run that is only printed reads no table
         from mocap_id.store.parquet import expand_columns  # noqa: PLC0415
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from mocap_id.recording.model import Recording
 
 RECORDINGS = (".c3d", ".trc", ".tsv", ".csv", ".txt", ".zip")
-"""Endings of recordings; any other file is a trial's YAML file."""
+"""Endings of the names of recordings; any other file is treated as a trial's YAML file."""
 
 
 def run(
@@ -30,29 +30,29 @@ def run(
     progress: runner.Progress = lambda step: None,
     **settings: Any,
 ) -> Run:
-    """Run the whole pipeline on a trial; results that are up to date are reused.
+    """Run the whole pipeline on a trial, and return its results; results that are up to date are reused.
 
     Parameters
     ----------
     source : path or Recording
         A trial's YAML file, or a recording: a C3D or TRC file, a text export, or arrays in memory. The results of a
-        recording are in ``runs/<trial>`` of the working folder; ``trial.yaml`` there contains the used settings.
+        recording are written to ``runs/<trial>`` in the working folder, with the settings in ``trial.yaml``.
     forces : path, optional
         MOT file with the ground forces of a TRC file; by default the MOT file of the same name beside it.
     save : path, optional
-        YAML file to write, instead of ``trial.yaml`` in the run folder; the results are then in
-        ``runs/<trial>`` beside it.
+        YAML file to which the settings are written instead of ``trial.yaml``; the results are then in ``runs/<trial>``
+        beside it.
     progress : callable, optional
         Called with each step of the run.
     **settings
-        Only with a recording: keys of a trial's YAML file, such as ``protocol="free"``, ``window=(1, 5)``,
-        ``subject={"mass": 70}`` or ``fit_joints={...}``. Space and protocol are guessed if they are not given; a
-        warning in the log names the guesses.
+        Keys of a trial's YAML file, such as ``protocol="free"``, ``window=(1, 5)``, ``subject={"mass": 70}`` or
+        ``fit_joints={...}``; only with a recording. Space and protocol are guessed if they are not given; a warning in
+        the log contains the guesses.
 
     Raises
     ------
     ConfigError, RecordingError, NumericalError, StoreError
-        As in :mod:`mocap_id.errors`. A refusal raises nothing: the verdict of the run describes it.
+        As described in :mod:`mocap_id.errors`. A refused trial raises no exception: see the verdict of the run.
     """
     given = Path(source) if isinstance(source, str | PathLike) else source
     if not isinstance(given, Path) or given.suffix.lower() in RECORDINGS:
@@ -62,7 +62,8 @@ def run(
         trial = make_trial(given, keys, None if save is None else Path(save))
     elif settings or forces is not None or save is not None:
         raise ConfigError(
-            f"{source} contains the settings of its trial: change them there, or give the recording instead"
+            f"{source} contains the settings of its trial, so no settings can be given here: change the file, or give "
+            "the recording instead"
         )
     else:
         trial = load(given)
@@ -72,9 +73,9 @@ def run(
 
 
 def _limit_threads() -> AbstractContextManager[object]:
-    """Return a context in which the linear algebra has one thread, unless environment variables set the number.
+    """Return a context in which the linear algebra uses one thread, unless environment variables set the number.
 
-    The matrices are small: threads would wait for each other longer than they compute.
+    The matrices are so small that several threads would wait for each other longer than they compute.
     """
     if {"OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"} & os.environ.keys():
         return nullcontext()
@@ -86,7 +87,7 @@ def _limit_threads() -> AbstractContextManager[object]:
 
 
 def open(folder: str | PathLike[str]) -> Run:
-    """Open a run folder such as ``runs/s01``; nothing is computed.
+    """Open a run folder such as ``runs/s01``, and return its results; nothing is computed.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Simulated trials, cohorts and studies from Python."""
+"""Simulated trials, cohorts and studies for Python."""
 
 from __future__ import annotations
 
@@ -34,14 +34,14 @@ _SETS: dict[str, tuple[Callable[..., Path], Any]] = {
 
 
 def simulate(kind: Kind, folder: str | PathLike[str], **options: Any) -> Path:
-    """Simulate recordings with their exact truth, and return the YAML file to run: of a trial or of a study.
+    """Simulate recordings with their exact truth, and return the path of the YAML file of the trial or study.
 
     Parameters
     ----------
     kind : str
-        Name of the command of ``mocap-id simulate``.
+        Name of a command of ``mocap-id simulate``.
     folder : path
-        A new folder.
+        A new folder, to which all files are written.
     **options
         Options of this command, such as ``seed=1``.
 

@@ -1,4 +1,4 @@
-"""Studies for Python: all trials, and the tables as data frames."""
+"""Studies for Python: the runs of all trials, and the tables of the study as data frames."""
 
 from __future__ import annotations
 
@@ -31,16 +31,16 @@ class Study:
 
     @property
     def page(self) -> Path:
-        """The page about all trials."""
+        """Path of the page about all trials."""
         return self._result.page
 
     @property
     def figures(self) -> tuple[str, ...]:
-        """Names of the figures of the page, for :meth:`figure`."""
+        """Names of the figures of the page; give one of them to :meth:`figure`."""
         return self._page_figures.names
 
     def figure(self, name: str) -> Figure:
-        """Return a figure of the page; StoreError with the reason if the study does not have it."""
+        """Return the figure of this name from the page; raise StoreError with the reason if it is missing."""
         return self._page_figures.find(name)
 
     @cached_property
@@ -65,18 +65,20 @@ class Study:
 
     @cached_property
     def runs(self) -> Mapping[str, Run]:
-        """The runs by name of the trial; a failed trial has no run."""
+        """The runs by name of the trial, without the trials that have no results."""
         trials = zip(self._result.study.trials, self.document["trials"], strict=True)
         return {one.name: open_folder(one.trial.out) for one, about in trials if about["report"] is not None}
 
     @property
     def failures(self) -> Mapping[str, str]:
-        """Messages of the trials that failed or were refused, by name of the trial."""
+        """Messages of the trials that failed or were refused, by name of the trial; empty if all succeeded."""
         return {run.trial: run.message or "" for run in self._result.failed}
 
 
 def study(file: str | PathLike[str], *, jobs: int = 1) -> Study:
-    """Run all trials of a study and make its tables and page; results that are up to date are reused.
+    """Run all trials of a study, write its tables and page, and return the results.
+
+    Results that are up to date are reused.
 
     Parameters
     ----------
@@ -88,8 +90,8 @@ def study(file: str | PathLike[str], *, jobs: int = 1) -> Study:
     Raises
     ------
     ConfigError
-        The file is wrong; nothing was run.
+        The file is invalid; nothing was run.
     StoreError
-        The study's folder is in use or cannot be written. The failure of a trial is one of ``failures`` instead.
+        The study's folder is in use or cannot be written. If a trial fails, nothing is raised: see ``failures``.
     """
     return Study(run_study(Path(file), jobs))

@@ -1,4 +1,4 @@
-"""Exported files in memory, endings of their names, and names of OpenSim's components."""
+"""Exported files in memory, endings of their names, and names of components that OpenSim accepts."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _ILLEGAL = re.compile(r"[^A-Za-z0-9_.\-]+")
 
 @dataclass(frozen=True)
 class ExportFiles:
-    """Contents by file name, and notes on missing content and on assumptions."""
+    """Contents of files by file name, and notes on missing content and on assumptions."""
 
     files: Mapping[str, bytes] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
@@ -30,7 +30,9 @@ class ExportFiles:
 
 
 def make_legal(names: Iterable[str], taken: Iterable[str] = ()) -> dict[str, str]:
-    """Return a unique name for each name, with only letters, digits, ``_``, ``.`` and ``-``, as OpenSim requires.
+    """Return for each name a unique name with only letters, digits, ``_``, ``.`` and ``-``, as OpenSim requires.
+
+    The names ``taken`` are not used.
 
     Examples
     --------
@@ -50,21 +52,21 @@ def make_legal(names: Iterable[str], taken: Iterable[str] = ()) -> dict[str, str
 
 
 def name_bodies(segments: Iterable[str]) -> tuple[str, ...]:
-    """Return OpenSim's names of the segments, base first."""
+    """Return the names of the segments in OpenSim, base first."""
     return tuple(make_legal(segments, taken=("ground",)).values())
 
 
 def name_joints(skeleton: Skeleton | SpatialSkeleton) -> tuple[str, ...]:
-    """Return OpenSim's names of the joints."""
+    """Return the names of the joints in OpenSim."""
     return tuple(make_legal(skeleton.joints, taken=(BASE,)).values())
 
 
 def name_coordinates(skeleton: Skeleton) -> tuple[str, ...]:
-    """Return OpenSim's names of the joint angles, such as ``ankle_angle``."""
+    """Return the names of the joint angles in OpenSim, such as ``ankle_angle``."""
     return tuple(f"{joint}_angle" for joint in name_joints(skeleton))
 
 
 def note_changed_names(names: Mapping[str, str]) -> tuple[str, ...]:
-    """Return a note on the names that were changed, if any."""
+    """Return a note that lists the changed names; empty if no name was changed."""
     changed = [f"{old} → {new}" for old, new in names.items() if old != new]
     return (f"names that OpenSim does not accept were changed: {', '.join(changed)}",) if changed else ()

@@ -1,4 +1,4 @@
-"""External forces on the body for OpenSim: a MOT table, and the external loads that refer to its columns."""
+"""External forces on the body for OpenSim: a MOT table, and a file of external loads that refers to its columns."""
 
 from __future__ import annotations
 
@@ -21,18 +21,18 @@ _IN_SPACE = ("Fx", "Fy", "Fz", "taux", "tauy", "tauz")
 
 @dataclass(frozen=True)
 class _Load:
-    """An external wrench on one segment, about the origin, in N and N·m."""
+    """An external wrench on one segment."""
 
     name: str  # prefix of its columns
     segment: int  # 0 is the base
-    wrench: FloatArray  # (T, 3) or in space (T, 6)
+    wrench: FloatArray  # (T, 3) or in space (T, 6) about the origin, N and N·m
 
 
 def export_forces(run: RunFolder) -> ExportFiles:
-    """Return ``<trial>_grf.mot`` and ``<trial>_external_loads.xml``, in the plane frame, or in the frame of the trial.
+    """Return ``<trial>_grf.mot`` and ``<trial>_external_loads.xml``.
 
-    They contain the measured ground wrench on the base segment, at the corrected clock. In the plane, chair and force
-    sensors have columns of their own.
+    They contain the measured ground wrench on the base segment at the cameras' times, in the plane frame, or for a
+    trial in space in the frame of the trial. In the plane, chair and force sensors have columns of their own.
     """
     time, loads, notes = _read_loads(run)
     if not loads:
@@ -44,7 +44,7 @@ def export_forces(run: RunFolder) -> ExportFiles:
     values = np.column_stack([convert(load.wrench, threshold) for load in loads])
     file = run.name + FORCES
     rows, missing = find_known_rows(file, values)
-    text = format_motion_table("forces of the surroundings on the body", columns, values[rows], time=time[rows])
+    text = format_motion_table("external forces on the body", columns, values[rows], time=time[rows])
     parts = ExportFiles({file: text.encode()}, (*notes, *missing))
     tree = run.tree("chain.h5")
     if tree is None:
@@ -54,7 +54,7 @@ def export_forces(run: RunFolder) -> ExportFiles:
 
 
 def _read_loads(run: RunFolder) -> tuple[FloatArray, list[_Load], tuple[str, ...]]:
-    """Return times (T,), the known loads, and notes on loads that are omitted."""
+    """Return times (T,), s, the loads with measured values, and notes on loads that are omitted."""
     components = _IN_SPACE if run.in_space else _IN_PLANE
     tables = (run.table("dynamics.parquet"), run.table("wrench.parquet"))
     table = next((each for each in tables if each is not None and set(components) <= set(each.names)), None)
@@ -92,7 +92,7 @@ def _read_other_loads(run: RunFolder) -> Iterator[_Load]:
 
 
 def _read_applied_offset(run: RunFolder) -> float:
-    """Return the clock offset of the plates that is corrected in dynamics.parquet, s."""
+    """Return the clock offset of the plates, s, that is corrected in dynamics.parquet; 0 if none is."""
     about, offset = run.provenance.get("dynamics.h5"), run.facts("dynamics.h5").get("clock_offset_s")
     if about is None or offset is None:
         return 0.0
@@ -100,10 +100,10 @@ def _read_applied_offset(run: RunFolder) -> float:
 
 
 def convert_planar_wrench(wrench: FloatArray, threshold: float) -> FloatArray:
-    """Return force, point and free moment (T, 9) equivalent to a wrench Fx, Fy, tauz (T, 3) about the origin.
+    """Return force, point and free moment (T, 9) that are equivalent to a wrench Fx, Fy, tauz (T, 3) about the origin.
 
-    The point is the centre of pressure on y = 0. Where Fy is not above the threshold, N, the point keeps its last
-    value, and the free moment makes the wrench exact.
+    The point is the centre of pressure on y = 0. Where the absolute value of Fy is not above ``threshold``, N, the
+    point keeps its last value, and the free moment makes the wrench exact.
     """
     force, moment = wrench[:, :2], wrench[:, 2]
     loaded = np.abs(force[:, 1]) > max(threshold, 1e-9)
@@ -120,9 +120,10 @@ def convert_planar_wrench(wrench: FloatArray, threshold: float) -> FloatArray:
 
 
 def convert_spatial_wrench(wrench: FloatArray, threshold: float) -> FloatArray:
-    """Return force, point and free moment (T, 9) equivalent to a wrench (T, 6) about the origin.
+    """Return force, point and free moment (T, 9) that are equivalent to a wrench (T, 6) about the origin.
 
-    The point is the centre of pressure on y = 0, or the origin where Fy is not above the threshold, N.
+    The point is the centre of pressure on y = 0, or the origin where the absolute value of Fy is not above
+    ``threshold``, N.
     """
     force, moment = wrench[:, :3], wrench[:, 3:]
     loaded = np.abs(force[:, 1]) > max(threshold, 1e-9)
@@ -134,7 +135,7 @@ def convert_spatial_wrench(wrench: FloatArray, threshold: float) -> FloatArray:
 
 
 def _format_loads(run: RunFolder, loads: list[_Load], bodies: tuple[str, ...]) -> bytes:
-    """Return the external loads that refer to the columns of the table of forces."""
+    """Return the content of the file of external loads, which refers to the columns of the table of forces."""
     objects = []
     for load in loads:
         properties = {

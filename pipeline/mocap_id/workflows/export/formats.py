@@ -29,7 +29,7 @@ from mocap_id.workflows.export.spreadsheets import export_spatial_tables, export
 from mocap_id.workflows.run_folder import RunFolder, open_run
 
 Exporters: TypeAlias = Mapping[str, tuple[Callable[[RunFolder], ExportFiles], ...]]
-"""Functions that make the files of each format."""
+"""Functions that return the files of each format, by the name of the format."""
 
 FORMATS: Exporters = {
     "trc": (export_markers,),
@@ -54,7 +54,7 @@ IN_SPACE: Exporters = {
 
 @dataclass(frozen=True)
 class Export:
-    """Written files, and notes on missing content and on assumptions."""
+    """Paths of the written files, and notes on missing content and on assumptions."""
 
     files: tuple[Path, ...]
     notes: tuple[str, ...]
@@ -68,14 +68,14 @@ def export(
     force: bool = False,
     progress: runner.Progress = lambda step: None,
 ) -> Export:
-    """Write a run in the formats of other programs.
+    """Write a run in the formats of other programs, and return the paths of the files.
 
     Parameters
     ----------
     trial : Path
-        As for :func:`mocap_id.workflows.run_folder.open_run`.
+        The trial's YAML file or run folder, as for :func:`mocap_id.workflows.run_folder.open_run`.
     formats : sequence of str
-        Some of :data:`FORMATS`.
+        Names of the formats, from :data:`FORMATS`.
     out : Path, optional
         Output folder, created if necessary; by default ``export`` in the run folder.
     force : bool

@@ -1,8 +1,9 @@
-"""A second OpenSim model for trials identified on measured poses, with the motion of its free bodies.
+"""A second OpenSim model, with the motion of its free bodies, for trials identified on measured poses.
 
-The chain's model has pin joints and cannot represent these bodies, which separate at the joints. In this model, every
-body has a planar joint to the ground and no joint to another body. Inverse dynamics then gives the force and the moment
-that each body requires. The torque of a joint is the moment about its centre of these forces on the bodies beyond it.
+The model of the chain has pin joints and cannot represent these bodies, which separate at the joints. In this second
+model, every body has a planar joint to the ground and no joint to another body. Inverse dynamics then gives the force
+and the moment that each body requires for its motion. The torque of a joint is the moment of these forces on all bodies
+beyond it, about the joint's centre.
 """
 
 from __future__ import annotations
@@ -88,7 +89,7 @@ def _read_free_bodies(run: RunFolder) -> _FreeBodies | None:
 
 
 def export_free_poses(run: RunFolder) -> ExportFiles:
-    """Return ``<trial>_free_poses.mot`` with every coordinate of the free bodies, degrees and m."""
+    """Return ``<trial>_free_poses.mot`` with all coordinates of free bodies, degrees and m; nothing without them."""
     bodies = _read_free_bodies(run)
     if bodies is None:
         return ExportFiles()
@@ -100,7 +101,8 @@ def export_free_poses(run: RunFolder) -> ExportFiles:
 def export_free_states(run: RunFolder) -> ExportFiles:
     """Return ``<trial>_free_states.sto``, ``_free_accelerations.sto`` and ``_free_joints.sto`` (joint centres).
 
-    A note says that the torques and the modelled wrench belong to this motion.
+    A note says that the torques and the modelled wrench belong to this motion. Without free bodies, nothing is
+    returned.
     """
     bodies = _read_free_bodies(run)
     if bodies is None:
@@ -125,15 +127,18 @@ def export_free_states(run: RunFolder) -> ExportFiles:
 
 
 def export_free_model(run: RunFolder) -> ExportFiles:
-    """Return ``<trial>_free.osim`` and ``<trial>_free_id.xml``, with a note on the limits of the chain's model."""
+    """Return ``<trial>_free.osim`` and ``<trial>_free_id.xml``, with a note on the model of the chain.
+
+    Without free bodies, nothing is returned.
+    """
     bodies = _read_free_bodies(run)
     if bodies is None:
         return ExportFiles()
     note = (
         f"osim: this trial was identified on the measured poses of its bodies, which separate at the joints. "
         f"{run.name}{MODEL} is the chain of pin joints: its inverse dynamics does not give {run.name}{TORQUES}. "
-        f"{run.name}{FREE_MODEL} has these bodies without joints between them: the torque of a joint is the moment "
-        "about its centre of the forces that the bodies beyond it require"
+        f"{run.name}{FREE_MODEL} has these bodies without joints between them: the torque of a joint is the moment, "
+        "about its centre, of the forces that the bodies beyond it require"
     )
     setup = format_dynamics_setup(run, (FREE_MODEL, FREE_POSES, "_opensim_free_id.sto"))
     files = {run.name + FREE_MODEL: _format_bodies(run, bodies), f"{run.name}_free_id.xml": setup}
@@ -141,7 +146,7 @@ def export_free_model(run: RunFolder) -> ExportFiles:
 
 
 def _join_columns(angle: FloatArray, position: FloatArray) -> FloatArray:
-    """Return angle (T, K) and position (T, K, 2) as columns (T, 3K), body by body."""
+    """Return angles (T, K) and positions (T, K, 2) of K bodies as columns (T, 3K), body by body."""
     return np.concatenate([angle[..., None], position], axis=-1).reshape(len(angle), -1)
 
 
@@ -152,9 +157,9 @@ def _format_bodies(run: RunFolder, bodies: _FreeBodies) -> bytes:
         run,
         "the plane frame",
         (
-            "The bodies on which the trial was identified. They have no joints: each moves as its markers were "
-            "measured. Inverse dynamics gives the force (tx, ty) and the moment about the origin of its frame (rz) "
-            "that each requires.",
+            "The bodies on which the trial was identified. They have no joints between them: each moves as its markers "
+            "were measured. For each body, inverse dynamics gives the required force (tx, ty) and the required moment "
+            "about the origin of its frame (rz).",
             *_describe_torques(run, bodies),
         ),
         bodies=(body_element(*each) for each in zip(bodies.names, inertia, strict=True)),
@@ -164,19 +169,19 @@ def _format_bodies(run: RunFolder, bodies: _FreeBodies) -> bytes:
 
 
 def _describe_torques(run: RunFolder, bodies: _FreeBodies) -> Iterator[str]:
-    """Yield a text for each joint: how its torque follows from the forces on the bodies."""
+    """Yield a text for each joint that explains how its torque follows from the forces on the bodies."""
     others = run.facts("dynamics.h5").get("external") or ()
-    less = " less the moment of chair and sensors on them" if others else ""
+    less = ", minus the moment of chair and sensors on them" if others else ""
     for joint in bodies.parted_joints:
         beyond = [name for name, is_beyond in zip(bodies.names, bodies.motion.beyond[joint], strict=True) if is_beyond]
         yield (
-            f"Torque of {bodies.joints[joint]}: the moment about its centre, which is in {run.name}_free_joints.sto, "
-            f"of the forces that these require together: {', '.join(beyond)}{less}."
+            f"Torque of {bodies.joints[joint]}: the moment, about its centre in {run.name}_free_joints.sto, of the "
+            f"forces that these bodies require together: {', '.join(beyond)}{less}."
         )
 
 
 def _pose_joints(bodies: _FreeBodies) -> Iterator[Element]:
-    """Yield the joint between the ground and each body, at the body's first known pose."""
+    """Yield the joint between the ground and each body; its default values are the first known pose of the body."""
     for k, name in enumerate(bodies.names):
         poses = _join_columns(bodies.motion.angle[:, [k]], bodies.motion.origin[:, [k]])
         known = poses[np.isfinite(poses).all(axis=1)]

@@ -36,10 +36,10 @@ class ModelInertia:
 
 
 def convert_planar_inertia(block: FloatArray) -> BodyInertia:
-    """Convert m, mx, my, Izz about the origin (4,) to the centre of mass, with inertia Izz - (mx² + my²) / m.
+    """Return the inertia about the centre of mass, from m, mx, my, Izz about the origin (4,).
 
-    The same inertia is set about all axes, because Ixx and Iyy do not affect planar motion. A physical body has
-    m Izz ≥ mx² + my²; a negative inertia, which rounding may cause, is set to zero.
+    The inertia about the centre of mass is Izz - (mx² + my²) / m. It is set for all three axes, because Ixx and Iyy do
+    not affect planar motion. A negative value, which rounding may cause, is set to zero.
 
     Examples
     --------
@@ -55,7 +55,7 @@ def convert_planar_inertia(block: FloatArray) -> BodyInertia:
 
 
 def convert_spatial_inertia(block: FloatArray) -> BodyInertia:
-    """Convert m, mx, my, mz, Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the origin (10,) to the centre of mass.
+    """Return the inertia about the centre of mass, from m, mx, my, mz, Ixx, Iyy, Izz, Ixy, Ixz, Iyz about the origin.
 
     Examples
     --------
@@ -74,7 +74,7 @@ def convert_spatial_inertia(block: FloatArray) -> BodyInertia:
 
 
 def read_planar_inertia(run: RunFolder, count: int) -> ModelInertia:
-    """Return the identified inertia of ``count`` segments; else values of the allometric table; else placeholders."""
+    """Return the identified inertia of ``count`` segments; if there is none, that of the table, or placeholders."""
     identified, reference = (_read_blocks(run, name) for name in ("value", "reference"))
     width = len(PLANAR_PARAMETERS)
     for values, describe in ((identified, _describe_identified), (reference, _describe_reference)):
@@ -85,7 +85,7 @@ def read_planar_inertia(run: RunFolder, count: int) -> ModelInertia:
 
 
 def read_spatial_inertia(run: RunFolder, count: int) -> ModelInertia:
-    """Return the identified parameters of ``count`` segments in space, base first; else placeholders."""
+    """Return the identified inertia of ``count`` segments in space, base first; placeholders if there is none."""
     values, width = _read_blocks(run, "value"), len(LINK_PARAMETERS)
     if values.size not in (width * count, width * (count - 1)) or not np.isfinite(values).all():
         return _use_placeholders(run, count)
@@ -119,21 +119,22 @@ def _describe_identified(run: RunFolder) -> str:
     if motion.get("used"):
         return (
             f"parameters of {', '.join(motion['bodies'])}, identified on their measured poses and transferred to the "
-            "chain of pin joints. Parameters that the recording does not determine follow "
+            "chain of pin joints. Parameters that the recording does not determine are taken from "
             f"{motion['prior'] if table is None else _name_table(run)}, so the mass of a single segment is not "
             "meaningful. Torques and modelled wrench of the run belong to these bodies, not to this chain"
         )
     rest = "one of the physically possible bodies" if table is None else _name_table(run)
     counts = ", ".join(f"{verdicts.count(kind)} {kind}" for kind in dict.fromkeys(verdicts))
     return (
-        f"the {len(tree.texts('base/name'))} base parameters ({counts}) are identified; their division into m, mx, my "
-        f"and Izz of the segments is not, and follows {rest}. Torques and ground wrench do not depend on it"
+        f"the {len(tree.texts('base/name'))} base parameters ({counts}) are identified. Their division into m, mx, my "
+        f"and Izz of the segments is not identified: it is that of {rest}. Torques and ground wrench do not depend on "
+        "the division"
     )
 
 
 def _describe_reference(run: RunFolder) -> str:
     why = run.facts("dynamics.h5").get("why") or "no wrench"
-    return f"parameters of {_name_table(run)}, for the subject's height and mass; none were identified ({why})"
+    return f"parameters of {_name_table(run)}, for the subject's height and mass; none was identified ({why})"
 
 
 def _name_table(run: RunFolder) -> str:

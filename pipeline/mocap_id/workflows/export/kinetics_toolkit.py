@@ -24,15 +24,15 @@ _TABLES = {
     "Dynamics": "dynamics.parquet",
     "Wrench": "wrench.parquet",
 }
-_DATE = (1980, 1, 1, 0, 0, 0)  # of every file in the archive, so that the same run gives the same bytes
+_DATE = (1980, 1, 1, 0, 0, 0)  # date of every file in the archive, so that the same run always gives the same bytes
 
 
 def export_kinetics_toolkit(run: RunFolder) -> ExportFiles:
     """Return ``<trial>.ktk.zip``, which ``ktk.load`` reads as a dictionary of TimeSeries.
 
-    ``Points`` and ``ModelPoints`` are the measured and the predicted markers, m, in the plane frame; in space, in the
-    frame of the trial with y up. ``States``, ``Angles``, ``Dynamics`` and ``Wrench`` contain the columns of the
-    artefacts with these names.
+    ``Points`` and ``ModelPoints`` are the measured and the predicted markers, m, in the plane frame, or for a trial in
+    space in the frame of the trial (y up). ``States``, ``Angles``, ``Dynamics`` and ``Wrench`` contain the columns of
+    the artefacts with these names.
     """
     content: dict[str, Any] = {}
     for name, table in ((POINTS, run.long("planar.parquet")), ("ModelPoints", read_predicted_markers(run))):
@@ -50,7 +50,7 @@ def export_kinetics_toolkit(run: RunFolder) -> ExportFiles:
 
 
 def _format_points(table: LongTable) -> dict[str, Any]:
-    """Return markers as series of points (T, 4), whose last column is 1."""
+    """Return the markers as a TimeSeries of points (T, 4), whose last column is 1."""
     positions = np.stack([*(table.values[axis] for axis in "xyz"), np.ones(table.values["x"].shape)], axis=2)
     data = {str(label): positions[:, k].tolist() for k, label in enumerate(table.labels)}
     return _format_series(table.time.tolist(), data, dict.fromkeys(data, "m"))

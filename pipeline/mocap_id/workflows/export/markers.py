@@ -14,13 +14,13 @@ from mocap_id.workflows.run_folder import RunFolder
 
 
 def name_markers(run: RunFolder) -> dict[str, str]:
-    """Return OpenSim's name of each marker that the run uses, by its label."""
+    """Return the name in OpenSim of each marker that the run uses, by its label."""
     planar = run.long("planar.parquet")
     return {} if planar is None else make_legal(sorted(planar.labels))
 
 
 def measure_depths(run: RunFolder) -> dict[str, float]:
-    """Return the median distance of each marker from the plane by its label, m; 0 if the marker is never visible."""
+    """Return the median distance of each marker from the plane, m, by its label; 0 if the marker is never visible."""
     planar = run.long("planar.parquet")
     if planar is None:
         return {}
@@ -29,7 +29,10 @@ def measure_depths(run: RunFolder) -> dict[str, float]:
 
 
 def read_predicted_markers(run: RunFolder) -> LongTable | None:
-    """Return the markers predicted by the chain, in the plane at their median distance from it; None if missing."""
+    """Return the markers that the chain predicts; None if they are missing.
+
+    In the plane, each has its median distance from the plane as z.
+    """
     predicted = run.long("markers.parquet")
     if predicted is None or run.in_space:
         return predicted
@@ -41,15 +44,15 @@ def read_predicted_markers(run: RunFolder) -> LongTable | None:
 def export_markers(run: RunFolder) -> ExportFiles:
     """Return ``<trial>.trc`` with the measured markers, and ``<trial>_model.trc`` with the predicted markers.
 
-    In the plane, x is along the motion, y up, and z out of the plane, as in OpenSim. In space, the axes are the
-    axes of the trial, with y up. A measured marker is blank where it was not visible.
+    In the plane, x is along the motion, y up, and z out of the plane, as in OpenSim. In space, the axes are those of
+    the trial, with y up. The cells of a measured marker are empty where it was not visible.
     """
     planar, predicted = run.long("planar.parquet"), read_predicted_markers(run)
     if planar is None:
         return ExportFiles(notes=(f"trc: no markers: {run.why_missing('planar.parquet')}",))
     notes = note_changed_names(name_markers(run))
     if run.facts("planar.parquet").get("side") == "left":
-        notes = (*notes, "the arm is a left one, mirrored as in the run: z points to the left")
+        notes = (*notes, "the arm is a left arm, mirrored as in the run: z points to the left")
     parts = _format_markers(run, planar, run.name + MEASURED_MARKERS) + ExportFiles(notes=notes)
     if predicted is None:
         return parts + ExportFiles(notes=(f"trc: no modelled markers: {run.why_missing('markers.parquet')}",))

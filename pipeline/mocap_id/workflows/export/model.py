@@ -1,8 +1,8 @@
-"""The recovered chain as an OpenSim model: bodies, pin joints about z, markers; and set-ups of OpenSim's tools.
+"""The recovered chain as an OpenSim model (bodies, pin joints about z, markers), and set-up files of OpenSim's tools.
 
-OpenSim's ground is the plane frame: x along the motion, y up, z out of the plane. A planar joint with three
-coordinates locked at zero fixes the base segment to it. At these coordinates, inverse dynamics gives the required
-ground wrench less the external loads.
+OpenSim's ground is the plane frame: x along the motion, y up, z out of the plane. The base segment is fixed to it by a
+planar joint, whose three coordinates are locked at zero. For these coordinates, inverse dynamics gives the required
+ground wrench minus the external loads.
 """
 
 from __future__ import annotations
@@ -41,14 +41,17 @@ from mocap_id.workflows.export.xml import (
 )
 from mocap_id.workflows.run_folder import RunFolder
 
-LEAST_RANGE = 2 * np.pi  # every coordinate of a model can move at least this far in both directions, rad or m
+LEAST_RANGE = 2 * np.pi  # every coordinate of a model can change at least by this in both directions, rad or m
 
 _RADIUS = 0.02  # m, of the cylinder that represents a segment
-_ACCURACY = "1e-8"  # OpenSim's default of 1e-5 stops 0.2° rms, at worst 0.8°, before the least-squares solution
+_ACCURACY = "1e-8"  # with its default of 1e-5, OpenSim ends 0.2° rms, at worst 0.8°, from the least-squares solution
 
 
 def export_model(run: RunFolder) -> ExportFiles:
-    """Return ``<trial>.osim``, ``<trial>_ik.xml`` and ``<trial>_id.xml`` of a trial in the plane."""
+    """Return ``<trial>.osim``, ``<trial>_ik.xml`` and ``<trial>_id.xml`` of a trial in the plane.
+
+    The last file is omitted if the states or the inertial parameters are unknown.
+    """
     tree = run.tree("chain.h5")
     if tree is None:
         return ExportFiles(notes=(f"osim: no model: {run.why_missing('chain.h5')}",))
@@ -90,14 +93,14 @@ def format_model(
 
 
 def read_gravity(run: RunFolder) -> float:
-    """Return the gravity that the identification used, m/s²."""
+    """Return the gravity that the identification used, m/s²; 9.81 if there is no identification."""
     about = run.provenance.get("dynamics.h5")
     settings = {} if about is None else about.origin.parameters.get("identify-dim") or {}
     return float(settings.get("gravity", 9.81))
 
 
 def planar_joint(name: str, body: str, coordinates: Iterable[Element]) -> Element:
-    """Return a planar joint between ground and body; coordinates: angle, and x and y of the frame's origin."""
+    """Return a planar joint between ground and body; its coordinates are angle, x and y of the body's frame."""
     children = [
         element("socket_parent_frame", text="/ground"),
         element("socket_child_frame", text=f"/bodyset/{body}"),
@@ -120,7 +123,7 @@ def place_markers(
 
 
 def format_kinematics_setup(run: RunFolder, markers: Sequence[str]) -> bytes:
-    """Return the set-up of inverse kinematics, with equal weights for all markers of the chain."""
+    """Return the set-up file of inverse kinematics, with equal weights for ``markers``, the markers of the chain."""
     names, planar = name_markers(run), run.long("planar.parquet")
     assert planar is not None
     tasks = [
@@ -140,10 +143,10 @@ def format_kinematics_setup(run: RunFolder, markers: Sequence[str]) -> bytes:
 
 
 def format_dynamics_setup(run: RunFolder, endings: tuple[str, str, str], loads: str | None = None) -> bytes:
-    """Return the set-up of inverse dynamics.
+    """Return the set-up file of inverse dynamics.
 
-    ``endings`` are the endings of the file names of the model, the coordinates and OpenSim's output. ``loads`` is the
-    ending for the external loads, if any.
+    ``endings`` are the endings of the file names of the model, the coordinates and OpenSim's output. ``loads`` is that
+    of the external loads; None if there are none.
     """
     tags = ("model_file", "coordinates_file", "output_gen_force_file")
     children = [element(tag, text=run.name + ending) for tag, ending in zip(tags, endings, strict=True)]
@@ -186,7 +189,7 @@ def _cylinder(body: str, length: float) -> Element:
 
 
 def _pin_joints(run: RunFolder, skeleton: Skeleton, bodies: Sequence[str]) -> Iterator[Element]:
-    """Yield pin joints about z; joint j moves segment j, and its centre is fixed in the previous segment's frame."""
+    """Yield the pin joints about z; joint j moves segment j, and its centre is fixed in the parent segment's frame."""
     table = run.table("states.parquet")
     joints, coordinates = name_joints(skeleton), name_coordinates(skeleton)
     angles = np.zeros((0, len(joints))) if table is None else JointStates.from_table(table).angles
@@ -204,7 +207,7 @@ def _pin_joints(run: RunFolder, skeleton: Skeleton, bodies: Sequence[str]) -> It
 
 
 def _widen(known: FloatArray | None = None) -> tuple[float, float]:
-    """Return a range that contains ±2π and the known values (T,), rad."""
+    """Return a range, rad, that contains ±2π and the values ``known`` (T,)."""
     if known is None or not len(known):
         return -LEAST_RANGE, LEAST_RANGE
     return min(-LEAST_RANGE, float(known.min())), max(LEAST_RANGE, float(known.max()))

@@ -1,4 +1,4 @@
-"""MOT and STO tables of the joints: angles in degrees, states and torques in SI units."""
+"""MOT and STO tables of the joints' motion and torques; MOT tables are in degrees, STO tables in SI units."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ def export_angles(run: RunFolder) -> ExportFiles:
 
 
 def export_states(run: RunFolder) -> ExportFiles:
-    """Return ``<trial>_states.sto`` and ``<trial>_accelerations.sto``, rad, rad/s and rad/s².
+    """Return ``<trial>_states.sto`` (rad, rad/s) and ``<trial>_accelerations.sto`` (rad/s²).
 
-    The states have OpenSim's full names, so that OpenSim can read the file as a states trajectory.
+    The states have the full names of OpenSim, so that OpenSim can read the file as a states trajectory.
     """
     parts = _read_joints(run)
     if isinstance(parts, ExportFiles):
@@ -87,38 +87,41 @@ def export_anatomical_angles(run: RunFolder) -> ExportFiles:
 
 
 def note_missing_states(run: RunFolder) -> ExportFiles:
-    """Return a note instead of states in space: OpenSim's states need the speeds of OpenSim's coordinates."""
+    """Return a note that there are no states in space, because they would need the speeds of OpenSim's coordinates."""
     del run
-    return ExportFiles(notes=("sto: not for a trial in space: the CSV tables have velocities and accelerations",))
+    return ExportFiles(notes=("sto: not available in space: the CSV tables contain velocities and accelerations",))
 
 
 def find_known_rows(file: str, values: FloatArray) -> tuple[BoolArray, tuple[str, ...]]:
-    """Return which rows (T,) have only known values, and notes on the other rows.
+    """Return which rows (T,) of ``values`` (T, K) have only known values, and notes on the other rows of ``file``.
 
-    OpenSim's tools silently stop reading at the first `nan`, so rows with unknown values are not written; OpenSim
-    interpolates between the rows around a gap.
+    Rows with unknown values are not written, because OpenSim's tools stop reading at the first `nan` without a message.
+    OpenSim interpolates between the rows around a gap.
     """
     known: BoolArray = np.asarray(np.isfinite(values).all(axis=1))
     inside = np.flatnonzero(known)
     within = int(np.sum(~known[inside[0] : inside[-1]])) if len(inside) else 0
     notes = []
     if not known.all():
-        notes.append(f"{file}: rows left out, because a value in them is unknown: {int(np.sum(~known))}")
+        notes.append(f"{file}: {int(np.sum(~known))} rows are left out, because they contain unknown values")
     if within:
-        notes.append(f"{file}: {within} of them lie between known rows, and OpenSim interpolates over them")
+        notes.append(f"{file}: {within} of these rows are between known rows, where OpenSim interpolates")
     return known, tuple(notes)
 
 
 def format_motion(
     file: str, title: str, columns: Sequence[str], values: FloatArray, *, time: FloatArray, in_degrees: bool = False
 ) -> ExportFiles:
-    """Return a MOT or STO table of the columns that have values, and of the rows in which all of these are known."""
+    """Return a MOT or STO table of the ``columns`` that have known values, and of the rows without unknown values.
+
+    ``values`` are (T, K), NaN where unknown. Notes list what is left out.
+    """
     used: BoolArray = np.asarray(np.isfinite(values).any(axis=0))
     unknown = [name for name, any_known in zip(columns, used, strict=True) if not any_known]
     labels, values = [name for name in columns if name not in unknown], values[:, used]
     known, notes = find_known_rows(file, values)
     if unknown:
-        notes = (f"{file}: columns left out, because nothing in them is known: {', '.join(unknown)}", *notes)
+        notes = (f"{file}: columns left out, because all their values are unknown: {', '.join(unknown)}", *notes)
     text = format_motion_table(title, labels, values[known], time=time[known], in_degrees=in_degrees)
     return ExportFiles({file: text.encode()}, notes)
 

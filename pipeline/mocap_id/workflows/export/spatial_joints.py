@@ -1,13 +1,13 @@
 """Joints of an OpenSim model of a chain in space, and their coordinates over time.
 
-A joint of OpenSim leads from a frame on the parent body to a frame on the child body. The rotation of the child is
+A joint of OpenSim connects a frame on the parent body with a frame on the child body. The rotation of the child is
 
     free, ball   R = A Rx(q1) Ry(q2) Rz(q3)      A: mean rotation in the trial, so that q2 stays away from ±90°
     two-axis     R = exp(a q1) exp(O b q2) O
     hinge        R = A Rz(q1) Aᵀ O               A: a rotation whose z axis is the axis a
 
-with the symbols of :mod:`mocap_id.geometry.spatial_chain`. A shoulder with a glide has an additional body, the girdle,
-between the parent and the ball joint. The girdle slides along the glide.
+with the coordinates q and the symbols of :mod:`mocap_id.geometry.spatial_chain`. A shoulder whose centre glides has an
+additional body, the girdle, between the parent and the ball joint. The girdle slides in the direction of the glide.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ class ModelJoint:
 
 
 def name_girdles(skeleton: SpatialSkeleton) -> tuple[str, ...]:
-    """Return the name of the body between each joint (n,) and its parent; empty for a joint without a glide."""
+    """Return the name of the girdle of each joint, n in all; an empty text for a joint without a glide."""
     glides = [bool(np.any(joint.glide)) for joint in skeleton.chain.joints]
     return tuple(f"{name}_girdle" if has else "" for name, has in zip(name_joints(skeleton), glides, strict=True))
 
@@ -121,7 +121,7 @@ def _angle(axis: FloatArray, before: FloatArray, after: FloatArray) -> FloatArra
 
 
 def _mean_rotation(rotations: FloatArray) -> FloatArray:
-    """Return the rotation (3, 3) nearest to the mean of the known rotations (T, 3, 3); the identity if none are."""
+    """Return the rotation (3, 3) nearest to the mean of the known rotations (T, 3, 3), or the identity without any."""
     known = rotations[np.isfinite(rotations).all(axis=(1, 2))]
     if not len(known):
         return np.eye(3)
@@ -130,9 +130,9 @@ def _mean_rotation(rotations: FloatArray) -> FloatArray:
 
 
 def euler_angles(rotations: FloatArray) -> FloatArray:
-    """Return OpenSim's angles (T, 3), rad, of rotations (T, 3, 3): about the body's x, then y, then z axis.
+    """Return the angles (T, 3), rad, of rotations (T, 3, 3) as in OpenSim: about the body's x, then y, then z axis.
 
-    The angles are unwrapped in time.
+    The angles have no jumps by 2π over time.
 
     Examples
     --------

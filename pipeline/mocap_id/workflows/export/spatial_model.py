@@ -1,6 +1,6 @@
-"""The recovered chain in space as an OpenSim model: bodies, joints and markers on a free base.
+"""The recovered chain in space as an OpenSim model with bodies, joints and markers; its base moves freely.
 
-OpenSim's ground is the frame of the trial: y up.
+OpenSim's ground is the frame of the trial (y up).
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from mocap_id.workflows.run_folder import RunFolder
 
 
 def read_model_parts(run: RunFolder) -> tuple[SpatialSkeleton, SegmentPoses] | str:
-    """Return the chain and the poses of its segments; or the reason why no model can be made, as text."""
+    """Return the chain and the poses of its segments, or a text with the reason why there can be no model."""
     tree, table = run.tree("chain.h5"), run.table("poses.parquet")
     if tree is None or table is None:
         return run.why_missing("chain.h5" if tree is None else "poses.parquet")
@@ -41,7 +41,7 @@ def read_model_parts(run: RunFolder) -> tuple[SpatialSkeleton, SegmentPoses] | s
 
 
 def export_spatial_model(run: RunFolder) -> ExportFiles:
-    """Return ``<trial>.osim`` and ``<trial>_ik.xml`` of a trial in space."""
+    """Return ``<trial>.osim`` and ``<trial>_ik.xml`` of a trial in space; only a note if there can be no model."""
     parts = read_model_parts(run)
     if isinstance(parts, str):
         return ExportFiles(notes=(f"osim: no model: {parts}",))
@@ -53,7 +53,7 @@ def export_spatial_model(run: RunFolder) -> ExportFiles:
     }
     notes = [f"osim: inertial parameters: {inertia.source}"]
     if any(name_girdles(skeleton)):
-        notes.append("osim: the glide of a joint is a separate coordinate, which OpenSim does not tie to the elevation")
+        notes.append("osim: the glide of a joint is a separate coordinate, which does not depend on the elevation")
     return ExportFiles(files, tuple(notes))
 
 
@@ -92,7 +92,7 @@ def _joint(joint: ModelJoint) -> Element:
 
 
 def _coordinates(joint: ModelJoint) -> Iterator[Element]:
-    """Yield the coordinates with their first known value, and a range that contains all their values."""
+    """Yield each coordinate of a joint, with its first known value as default and a range that contains all values."""
     for name, values in zip(joint.coordinates, joint.values.T, strict=True):
         known = values[np.isfinite(values)]
         low, high = (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
@@ -101,7 +101,10 @@ def _coordinates(joint: ModelJoint) -> Iterator[Element]:
 
 
 def _axis_rows(kind: str, joint: ModelJoint, axes: Sequence[FloatArray]) -> Iterator[Element]:
-    """Yield three axes: the axes of the coordinates first, then fixed axes at right angles to them."""
+    """Yield the three axes of a CustomJoint: first those of the coordinates, then fixed axes at right angles to them.
+
+    ``kind`` is "rotation" or "translation".
+    """
     fixed = np.linalg.svd(np.stack(axes), full_matrices=True)[2][len(axes) :] if axes else np.eye(3)
     for k in range(3):
         moves = k < len(axes)

@@ -24,7 +24,7 @@ _SOURCES = {
     "landmarks": "chain.h5",
     "wrench": "wrench.parquet",
 }
-"""Artefact of each table; dynamics.h5 of the others."""
+"""Artefact from which each table is made; the other tables are made from dynamics.h5."""
 
 _STATES = {
     "theta": "angle",
@@ -39,7 +39,7 @@ _STATES = {
 
 
 def export_tables(run: RunFolder) -> ExportFiles:
-    """Return ``<trial>_markers.csv``, and likewise states, dynamics, skeleton, parameters and events.
+    """Return ``<trial>_markers.csv``, and the same for states, dynamics, skeleton, parameters and events.
 
     A table is omitted if its artefact is missing. Unknown cells are empty.
     """
@@ -62,7 +62,7 @@ def export_tables(run: RunFolder) -> ExportFiles:
 
 
 def export_spatial_tables(run: RunFolder) -> ExportFiles:
-    """Return ``<trial>_markers.csv``, and likewise angles, poses, skeleton, landmarks, wrench and parameters.
+    """Return ``<trial>_markers.csv``, and the same for angles, poses, skeleton, landmarks, wrench and parameters.
 
     A table is omitted if its artefact is missing. Unknown cells are empty.
     """
@@ -81,7 +81,7 @@ def export_spatial_tables(run: RunFolder) -> ExportFiles:
 
 
 def parameter_table(run: RunFolder) -> pd.DataFrame | None:
-    """Return the identified base parameters; None if there are none."""
+    """Return the table of the identified base parameters; None if the run has no dynamics.h5."""
     tree = run.tree("dynamics.h5")
     if tree is None:
         return None
@@ -93,7 +93,7 @@ def parameter_table(run: RunFolder) -> pd.DataFrame | None:
 
 
 def _format_tables(run: RunFolder, tables: Mapping[str, pd.DataFrame | None]) -> ExportFiles:
-    """Return a file for each table, and a note for each missing table."""
+    """Return a CSV file for each table, and a note for each table that is None."""
     files, notes = {}, []
     for name, table in tables.items():
         if table is None:
@@ -104,12 +104,12 @@ def _format_tables(run: RunFolder, tables: Mapping[str, pd.DataFrame | None]) ->
 
 
 def _add_unit(name: str, unit: str) -> str:
-    """Return the header of a column: its name with its unit."""
+    """Return the header of a column: its name, with its unit in brackets if it has one."""
     return name if unit in ("", "1") else f"{name} ({unit})"
 
 
 def _artefact_table(run: RunFolder, file: str) -> pd.DataFrame | None:
-    """Return an artefact's table with units in its headers."""
+    """Return an artefact's table with units in its headers; None if the artefact is missing or is no table."""
     table = run.artefacts.get(file)
     if not isinstance(table, Table):
         return None
@@ -143,7 +143,7 @@ def _state_table(run: RunFolder) -> pd.DataFrame | None:
 
 
 def _dynamics_table(run: RunFolder) -> pd.DataFrame | None:
-    """Return wrenches and torques with the joints' names, or only the measured wrench if there is no dynamics."""
+    """Return wrenches and torques with the joints' names; without dynamics.parquet, only the measured wrench."""
     table = _artefact_table(run, "dynamics.parquet")
     if table is None:
         return _artefact_table(run, "wrench.parquet")
@@ -156,7 +156,10 @@ def _dynamics_table(run: RunFolder) -> pd.DataFrame | None:
 
 
 def _skeleton_table(run: RunFolder) -> pd.DataFrame | None:
-    """Return a row for each joint, with the length of the segment that it moves (unknown for the last)."""
+    """Return a table with one row for each joint; None if there is no chain.
+
+    The length is that of the segment that the joint moves, NaN for the last.
+    """
     tree = run.tree("chain.h5")
     if tree is None:
         return None
@@ -179,7 +182,7 @@ def _skeleton_table(run: RunFolder) -> pd.DataFrame | None:
 
 
 def _spatial_skeleton_table(skeleton: SpatialSkeleton) -> pd.DataFrame:
-    """Return a row for each joint, with the length of the segment that it moves."""
+    """Return a table with one row for each joint; the length is that of the segment that the joint moves."""
     joints = skeleton.chain.joints
     lengths = [skeleton.lengths.get(name, (np.nan, np.nan)) for name in skeleton.segments[1:]]
     columns: dict[str, object] = {

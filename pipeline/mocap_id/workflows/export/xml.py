@@ -27,17 +27,17 @@ def comment(text: str) -> Element:
 
 
 def format_numbers(values: Sequence[float]) -> str:
-    """Return numbers with all their digits, separated by blanks."""
+    """Return numbers as text with all their digits, separated by blanks."""
     return " ".join(f"{float(value) + 0.0:.17g}" for value in values)
 
 
 def object_set(tag: str, objects: Iterable[Element]) -> Element:
-    """Return a model's set of bodies, joints or markers."""
+    """Return a model's set of bodies, joints or markers, such as ``BodySet``."""
     return element(tag, name=tag.lower(), children=[element("objects", children=objects)])
 
 
 def body_element(name: str, inertia: BodyInertia, components: Sequence[Element] = ()) -> Element:
-    """Return a body with its mass, centre of mass and inertia."""
+    """Return a body with its mass, centre of mass, inertia and components such as geometry."""
     children = [element("components", children=components)] if components else []
     children += [
         element("mass", text=format_numbers([inertia.mass])),
@@ -74,7 +74,7 @@ def offset_frame(
     angles: Sequence[float] = (0.0,) * 3,
     components: Sequence[Element] = (),
 ) -> Element:
-    """Return a frame at a position (3,), m, in a parent frame, rotated by OpenSim's angles (3,), rad."""
+    """Return a frame at a position (3,), m, in a parent frame, rotated by angles (3,), rad, about x, then y, then z."""
     children = [
         *components,
         element("socket_parent", text=parent),
@@ -85,7 +85,7 @@ def offset_frame(
 
 
 def format_document(tag: str, name: str, children: Iterable[Element]) -> bytes:
-    """Return the content of a file with one object, whose name is made legal."""
+    """Return the content of a file with one object; its name is changed if OpenSim does not accept it."""
     file = ElementTree.Element("OpenSimDocument", {"Version": _VERSION})
     file.append(element(tag, name=make_legal([name])[name], children=children))
     ElementTree.indent(file, "\t")
