@@ -52,7 +52,10 @@ class MovementFamily:
         return self.scorer.limits.support is not None and len(self.joints) > 1
 
     def fit_to_limits(self, waves: WaveMovement, seconds: float) -> WaveMovement | None:
-        """Scale a movement of ``seconds`` down until the limits allow it; None if less than 1/16 of it would remain."""
+        """Scale a movement down until the limits allow it; return None if less than 1/16 of its range would remain.
+
+        ``seconds`` is the duration of the movement, of which at most 16 s are checked.
+        """
 
         def usage(scale: float) -> float:
             body, scorer = self.scorer.predictor.body, self.scorer

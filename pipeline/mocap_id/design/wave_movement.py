@@ -110,7 +110,7 @@ def describe_waves(waves: WaveMovement, joints: Sequence[str]) -> str:
 
 
 def _describe_joint(waves: WaveMovement, joint: int, name: str) -> str:
-    """Return the phrase for one joint; empty if it hardly moves."""
+    """Return the phrase for one joint; an empty string if the joint hardly moves."""
     size = float(np.hypot(*waves.amplitude[joint]))
     if size < _LEAST_SWING:
         if abs(waves.centre[joint]) < _LEAST_SWING:

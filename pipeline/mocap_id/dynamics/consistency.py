@@ -1,6 +1,6 @@
 """Physically consistent parameters: fits over possible bodies, which are point masses on a grid or the exact cone.
 
-Non-negative least squares solves the fit on the grid (4.12, 4.25), Clarabel the fit in the cone. Every solution is
+Non-negative least squares solves the fit on the grid (eq. 4.12, 4.25), and Clarabel that in the cone. Every solution is
 checked for optimality (:mod:`mocap_id.dynamics.optimality`), which needs no second solver. OSQP is run only if the
 solution on the grid does not pass the check.
 """

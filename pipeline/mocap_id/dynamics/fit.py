@@ -202,7 +202,7 @@ def _compute_residual(design: FloatArray, target: FloatArray, prior: Rows | None
 
 
 def _estimate_weights(prepared: AnyTrial, design: FloatArray, target: FloatArray, weights: FloatArray) -> FloatArray:
-    """Return 1 / sd of each component's residual after a fit; with a prior, scaled for :data:`REFERENCE`."""
+    """Return 1 / (standard deviation of the residual) of each component; with a prior, scaled for :data:`REFERENCE`."""
     residual = _compute_residual(design * weights[:, None], target * weights, _prior_rows(prepared, design)) / weights
     floor = _LEAST_SPREAD * np.sqrt(np.mean(target**2, axis=0))
     inverse = np.asarray(1.0 / np.maximum(residual.std(axis=0), floor))

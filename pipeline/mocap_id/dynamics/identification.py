@@ -98,7 +98,7 @@ def identify(
     reference_sd : float
         Relative standard deviation of the reference's parameters.
     reference_pulls : bool
-        Whether the reference is also a prior of the base parameters (4.13).
+        Whether the reference is also a prior of the base parameters (eq. 4.13).
     foot_sd : float, optional
         Standard deviation of the foot's first moment divided by the body's mass, m. If it is given, the reference is a
         prior of the foot alone.

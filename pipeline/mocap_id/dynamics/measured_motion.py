@@ -87,7 +87,7 @@ class BodyPoses:
         return (int(self.body[joint]), self.centres[joint]), (int(self.body[joint + 1]), after)
 
     def measure_gap(self, joint: int) -> FloatArray:
-        """Return the vector (T, 2) from a joint's centre on the segment before it to that on the next segment, m."""
+        """Return the vector (T, 2), m, from a joint's centre in the body before it to that in the body after it."""
         origin = self.origin
         before, after = (
             origin[:, body] + planar.rotate(self.angle[:, body], point) for body, point in self.sides(joint)

@@ -45,7 +45,7 @@ def estimate_model_error(residual: FloatArray, noise: FloatArray, samples: BoolA
     noise : (T,) array
         Variance of the component that follows from the standard deviations of the states.
     samples : (T,) bool array
-        Samples in which only the ground touches the body.
+        True for samples in which only the ground touches the body.
     rate : float
         Samples per second.
     """
@@ -69,7 +69,7 @@ def estimate_model_error(residual: FloatArray, noise: FloatArray, samples: BoolA
 
 
 def _split_white_noise(lowpass: LowPass) -> tuple[float, float]:
-    """Return the fractions of the variance of white noise that the filter passes and stops."""
+    """Return the fractions of the variance of white noise that the filter passes and removes."""
     size = 20 * lowpass.reach_samples + 1
     impulse = np.zeros(size)
     impulse[size // 2] = 1.0

@@ -1,4 +1,4 @@
-"""Prior from a reference body (4.11, 4.13), with a standard deviation for each parameter.
+"""Prior from a reference body (eq. 4.11, 4.13), with a standard deviation for each parameter.
 
 The thesis weights kg, kg·m and kg·m² with one λ. Here every full parameter of the reference has a standard deviation;
 for tables of people it is 10 to 20 % of the parameter's size. By default the reference determines only what the data do

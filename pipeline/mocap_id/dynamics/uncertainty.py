@@ -73,6 +73,6 @@ def unit_covariance(rows: FloatArray) -> FloatArray:
 
 
 def variance(rows: FloatArray, covariance: FloatArray) -> FloatArray:
-    """Return the variance (...) of the products of rows (..., b) and parameters with this covariance (b, b)."""
+    """Return the variance (...) of the products of rows (..., b) and parameters with the given covariance (b, b)."""
     values: FloatArray = np.einsum("...b,...b->...", rows @ covariance, rows)
     return np.maximum(values, 0.0)

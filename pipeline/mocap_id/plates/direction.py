@@ -81,7 +81,7 @@ def _group_by_height(positions: FloatArray) -> Sequence[IntArray]:
 
 
 def _fit_rotation(measured: FloatArray, parts: FloatArray) -> ForceDirection:
-    """Find the rotation of accelerations ``parts`` (k, T, 2) that best explains a force (T, 2), without the means."""
+    """Find the rotation of accelerations ``parts`` (k, T, 2) that best explains a force (T, 2), all without means."""
     measured, parts = measured - measured.mean(axis=0), parts - parts.mean(axis=1, keepdims=True)
     size = float(np.linalg.norm(measured))
     residual, angle = min((_compute_residual(measured, parts, angle), angle) for angle in _ANGLES)

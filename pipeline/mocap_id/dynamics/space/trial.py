@@ -59,7 +59,7 @@ class SpatialRecord:
 
     @property
     def reference(self) -> FloatArray:
-        """Point (3,) of the moments in the fit: the centre of the plate, m."""
+        """Reference point (3,) of the moments in the fit, m: the centre of the plate."""
         return self.base[:3, 3] if self.plate is None else self.plate
 
     @property
