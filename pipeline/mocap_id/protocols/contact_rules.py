@@ -44,7 +44,7 @@ _STEP = 0.004  # s, interval of instants in the coarse search; a quarter of it i
 
 
 def measure_standing_weight(posture: Posture, vertical: FloatArray) -> float:
-    """Return the vertical force during quiet upright standing, N; NaN if nobody stands."""
+    """Return the median of the force ``vertical`` (T,) in quiet upright standing, N; NaN if nobody stands."""
     known = np.isfinite(vertical) & np.isfinite(posture.speed)
     upright = posture.upright & known
     if not upright.any():

@@ -37,7 +37,7 @@ class FiveTimes:
 def compute_five_times(
     repetitions: tuple[Repetition, ...], rises: tuple[RiseDetails, ...], *, chair: bool | None
 ) -> FiveTimes:
-    """Compute the times of the five-times-sit-to-stand test.
+    """Return the times of the five-times-sit-to-stand test.
 
     Rises that do not reach standing, according to ``rises``, are not counted. Squats (``chair`` is False) have no
     times. ``chair`` is None if it is unknown whether a chair is used.

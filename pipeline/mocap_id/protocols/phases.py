@@ -64,7 +64,10 @@ def average_repetitions(curves: FloatArray) -> Averaged:
 
 
 def compare_angles(ours: FloatArray, other: FloatArray) -> Agreement:
-    """Compare an angle (T,), rad, with the same angle from another system; both are NaN where unknown."""
+    """Compare an angle (T,), rad, with the same angle (T,) from another system; NaN where unknown.
+
+    All numbers except ``samples`` are NaN if fewer than three samples have both angles, or if an angle is constant.
+    """
     both = np.isfinite(ours) & np.isfinite(other)
     count = int(both.sum())
     if count < 3 or np.ptp(ours[both]) == 0.0 or np.ptp(other[both]) == 0.0:

@@ -67,7 +67,7 @@ def find_greatest_height(time: FloatArray, posture: Posture, repetition: Repetit
 def measure_paused_time(time: FloatArray, posture: Posture, repetition: Repetition) -> float:
     """Return the time in pauses between seat and standing, s; NaN if unknown.
 
-    In a pause, the speed is below 8 % of its peak for at least 0.3 s.
+    In a pause, the speed is below 8 % of its peak in the rise for at least 0.3 s.
     """
     rise = _find_samples_between(time, repetition.start, repetition.stand)
     known = rise[np.isfinite(posture.height[rise]) & np.isfinite(posture.speed[rise])]

@@ -14,8 +14,8 @@ _LEAST_ARC = np.radians(3.0)  # smallest range of a joint that moves
 def find_robot_cycles(time: FloatArray, q: FloatArray) -> tuple[Repetition, ...]:
     """Find the cycles of the joint that moves most: from the middle to one side, the other side and back to the middle.
 
-    ``time`` (T,) are the sample times, s; ``q`` (T, n) the joint angles, rad, NaN where unknown. Only ``start`` and
-    ``end`` of the repetitions are not NaN.
+    ``time`` (T,) are the sample times, s. ``q`` (T, n) are the joint angles, rad; NaN where unknown. Of the times in
+    the repetitions, only ``start`` and ``end`` are not NaN.
     """
     known = np.isfinite(q).all(axis=1)
     if known.sum() < 2:

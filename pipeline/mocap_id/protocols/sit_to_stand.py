@@ -48,7 +48,7 @@ def _find_neighbours(state: BoolArray, run: slice) -> tuple[slice, slice]:
 
 
 def _describe_rise(time: FloatArray, posture: Posture, touching: BoolArray | None, up: slice) -> Repetition:
-    """Return the repetition around one upright phase."""
+    """Return the repetition with the upright phase ``up``: rise, stand and descent."""
     before, after = _find_neighbours(posture.upright, up)
     rises, sits = up.start > 0, up.stop < len(time)  # within the recording
     start = stand = end = seat_off = seat_on = float("nan")
@@ -87,7 +87,7 @@ def _is_below_top(posture: Posture, up: slice, end: int) -> bool:
 
 
 def _describe_squat(time: FloatArray, posture: Posture, down: slice) -> Repetition:
-    """Return the repetition around one low phase between two upright phases."""
+    """Return the repetition with the low phase ``down``, which is between two upright phases."""
     before, after = _find_neighbours(~posture.upright, down)
     start = _find_rest(time, posture, before, _find_peak_speed(posture.speed, before, down), last=True)
     stand = _find_rest(time, posture, after, _find_peak_speed(posture.speed, down, after))

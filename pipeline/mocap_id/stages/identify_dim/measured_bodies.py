@@ -57,7 +57,7 @@ class MeasuredBodies:
         return max((gap.acceleration for gap in self.gap.values() if np.isfinite(gap.acceleration)), default=0.0)
 
     def grid(self, points: tuple[int, int]) -> PointGrid:
-        """Return a grid of point masses around the joints and markers of each body."""
+        """Return a grid of ``points`` (across, along) point masses around the joints and markers of each body."""
         count = len(self.names)
         body = np.repeat(np.arange(count), [len(each) for each in self.markers])
         local = np.array([position for each in self.markers for position in each.values()])
@@ -201,6 +201,6 @@ def make_body_prior(
 def prepare_bodies(
     bodies: MeasuredBodies, recorded: TrialData, settings: FitSettings, prior: BodyPrior, cutoffs: Cutoffs = USUAL
 ) -> PreparedTrial:
-    """Prepare a trial with the motion of the bodies instead of the motion of the chain."""
+    """Return the trial prepared with the motion of the bodies, filtered at ``cutoffs``, not of the chain."""
     moved = replace(recorded, measured=filter_motion(bodies.poses, cutoffs), observed=bodies.observed)
     return prepare(moved, settings, prior)

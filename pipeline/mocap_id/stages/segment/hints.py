@@ -58,7 +58,10 @@ def check_names(names: tuple[str, ...], count: int) -> tuple[str, ...]:
 
 
 def explain_doubt(why: str, confidence: float | None = None) -> tuple[Reason, ...]:
-    """Return a caution that the segments are doubtful, with the strongest evidence against them."""
+    """Return a caution that the segments are doubtful; ``why`` is the strongest evidence against them.
+
+    ``confidence`` is the probability that the segments are right; None if the evidence has no probability.
+    """
     return (
         Reason(
             "segments-unsure",

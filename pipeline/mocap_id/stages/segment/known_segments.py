@@ -46,7 +46,7 @@ def assign_by_calibration(context: Context) -> Outputs:
 def make_columns(
     labels: Sequence[str], segment: IntArray, residual: FloatArray, why: Sequence[str]
 ) -> dict[str, NDArray[Any]]:
-    """Return the columns of segments.parquet; ``why`` says why each marker is on its segment."""
+    """Return the columns of segments.parquet; ``residual``, m, and ``why`` belong to each marker on its segment."""
     return {
         "marker": np.array(labels, dtype=object),
         "segment": segment,
@@ -56,7 +56,10 @@ def make_columns(
 
 
 def make_facts(names: Sequence[str], joint_names: Sequence[str], parents: Sequence[int]) -> dict[str, Any]:
-    """Return the facts of segments.parquet; those about evidence from a search are empty or None."""
+    """Return the facts of segments.parquet; the facts about evidence from a search are empty or None.
+
+    ``parents`` are the numbers of the segments before the joints.
+    """
     return {
         "count": len(names),
         "names": list(names),
