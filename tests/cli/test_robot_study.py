@@ -216,5 +216,5 @@ def test_a_set_is_made_in_an_empty_folder_only(tmp_path: Path) -> None:
 
 def test_another_set_is_not_taken_for_the_one_that_is_asked_for(study: tuple[Path, RobotStudyResult]) -> None:
     other = replace(TWO, options=replace(TWO.options, seed=TWO.options.seed + 1))
-    with pytest.raises(ConfigError, match="another seed or number of trials"):
+    with pytest.raises(ConfigError, match="a different seed or number of trials"):
         validate_robot([], study[0], generated=other)

@@ -155,7 +155,7 @@ def test_what_a_configuration_without_markers_needs(place: Path) -> None:
 
 
 def test_perturbations_need_markers(place: Path) -> None:
-    with pytest.raises(ConfigError, match="Choose a trial with markers"):
+    with pytest.raises(ConfigError, match="choose a trial with markers"):
         sensitivity(without_recording(place / "trial/trial.yaml", out="runs/alone"), out=place / "perturbed")
 
 

@@ -126,7 +126,7 @@ def test_a_trial_in_space_of_a_relaxed_person(monkeypatch: pytest.MonkeyPatch) -
     with pytest.raises(ConfigError, match="there is no condition `weak`"):
         identification.identify_device(config, Path("run"))
     del run.artefacts["dynamics.parquet"].columns["elbow_torque"]
-    with pytest.raises(ConfigError, match="no torque of the elbow: give `protocol: curl`"):
+    with pytest.raises(ConfigError, match="no torque of the elbow, which needs `protocol: curl`"):
         identification.identify_device(config, Path("run"))
 
 

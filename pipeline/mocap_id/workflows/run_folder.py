@@ -145,7 +145,7 @@ def _list_artefacts(folder: Folder) -> list[str]:
 
 def _report_mismatch(folder: Folder, file: str, needed: str) -> StoreError:
     return StoreError(
-        f"{folder.path / file} was made from another {needed} than the file in this folder: run the trial again "
+        f"{folder.path / file} was not made from the {needed} in this folder: run the trial again "
         "(`mocap-id run TRIAL.yaml`)"
     )
 

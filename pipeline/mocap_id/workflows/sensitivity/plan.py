@@ -55,7 +55,7 @@ class SensitivityOptions:
                 )
         selections = tuple(one for one in self.selections if not kinds or one.kind in kinds)
         if not selections:
-            raise ConfigError(f"--only {', '.join(kinds)}: the settings file has no perturbation of this kind")
+            raise ConfigError(f"--only {', '.join(kinds)}: the settings file does not contain these kinds")
         return replace(self, selections=selections)
 
 
