@@ -222,7 +222,7 @@ def test_markers_in_one_spot_are_refused(normal, dynamic) -> None:
 
 def test_a_person_who_faces_the_other_way_is_refused(normal, dynamic) -> None:
     turned = replace(dynamic.skeleton, local=dynamic.skeleton.local * [-1.0, 1.0])
-    with pytest.raises(ConfigError, match="faces the opposite direction"):
+    with pytest.raises(ConfigError, match="faces opposite directions"):
         apply_model(normal, replace(dynamic, chain=replace(dynamic.chain, skeleton=turned)))
 
 

@@ -75,7 +75,7 @@ def check_cache() -> Finding:
 
 
 def check_space(folder: Path) -> Finding:
-    """Check the free space in the working folder."""
+    """Check that the working folder has enough free space."""
     free = shutil.disk_usage(folder).free
     found = f"{free / 1e9:.1f} GB free"
     if free < _LEAST_SPACE:

@@ -45,7 +45,7 @@ class Regression:
     compared: int  # number of compared results
     unknown: tuple[str, ...]  # trials that are not in the baseline
     messages: Mapping[str, str]  # why a trial failed or was refused, by trial; a message may name files
-    nearest: Change | None  # of the results within their tolerance, the one nearest to it; None if there is none
+    nearest: Change | None  # the result with the largest tolerated change; None if no change is tolerated
 
     @property
     def passed(self) -> bool:

@@ -70,9 +70,9 @@ class TrialTransfer:
 
     @property
     def supported(self) -> bool | None:
-        """Whether the recordings support the transferred model for this trial.
+        """Whether the recordings support the transferred model for this trial; None if unknown.
 
-        False if there is a reason against the transfer. None if there is no such reason, but the forces or the
+        False if there is a reason against the transfer. Unknown if there is no such reason, but the forces or the
         allometric body that could confirm the transfer are missing.
         """
         if any(reason.code != _UNCONFIRMED for reason in self.reasons):
@@ -183,8 +183,8 @@ def _register(source: IdentifiedTrial, target: IdentifiedTrial, here: BodyFrames
     )
     if mirrored < _MIRRORED * residual:
         raise ConfigError(
-            f"{target.source}: in trial {target.name}, the person faces the opposite direction to trial "
-            f"{source.name}, because the mirrored markers fit: set `planarise: {{facing: …}}` in one of both trials"
+            f"{target.source}: the person faces opposite directions in trials {target.name} and {source.name}, because "
+            "only the mirrored markers fit: set `planarise: {facing: …}` in one of the two trials"
         )
     return registration
 
