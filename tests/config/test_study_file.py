@@ -206,7 +206,11 @@ def test_a_study_of_reaches_has_scores_sides_and_sessions(tmp_path: Path) -> Non
     ("old", "new", "said"),
     [
         ("recording: b.c3d", "recording: b.c3d, strategy: fast", "`trials[1].strategy` is not for `protocol: reach`"),
-        ("recording: b.c3d", "recording: b.c3d, protocol: free", "`protocol: reach` and other protocols need a study"),
+        (
+            "recording: b.c3d",
+            "recording: b.c3d, protocol: free",
+            "`protocol: reach` and other protocols cannot be in one study",
+        ),
         (
             "{space: 3d, protocol: reach}",
             "{space: 3d, protocol: free}",

@@ -118,7 +118,7 @@ def test_sensors_that_do_not_fit_the_recording_are_refused(tmp_path: Path) -> No
     path, *_ = person_on_a_plate(tmp_path)
     logged = np.arange(100.0, 112.0, 1 / 200)
     late = {"file": log(tmp_path, force_at(logged), logged)}
-    with pytest.raises(RecordingError, match=r"hand\.csv: no sample between .* it runs from 100 to 111\.995"):
+    with pytest.raises(RecordingError, match=r"hand\.csv: it has no sample between .* it runs from 100 to 111\.995"):
         run(path, late)
     run(path, late | {"clock_offset_s": -100.0})
     fits = late | {"clock_offset_s": -100.0}

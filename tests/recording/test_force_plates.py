@@ -51,7 +51,7 @@ def test_channels_need_not_be_the_first_ones(tmp_path: Path) -> None:
 def test_origin_of_the_wrong_sign_is_corrected_and_reported(tmp_path: Path) -> None:
     found = read(tmp_path, CHANNELS, UNITS | plate_parameters(2, range(1, 7), -ORIGIN))
     agree(found.plates[0])
-    assert any("sign corrected" in oddity for oddity in found.oddities)
+    assert any("sign was corrected" in oddity for oddity in found.oddities)
 
 
 def test_the_force_on_the_plate_is_reversed_and_reported(tmp_path: Path) -> None:
@@ -179,7 +179,7 @@ def test_a_loaded_baseline_is_not_subtracted(tmp_path: Path) -> None:
         ({"FORCE_PLATFORM:TYPE": np.array([4])}, "CAL_MATRIX is missing"),
         ({"FORCE_PLATFORM:CORNERS": np.zeros((3, 4, 1))}, "do not form a rectangle"),
         ({"FORCE_PLATFORM:CORNERS": (CORNERS[[0, 3, 2, 1]].T * 1e3)[:, :, None]}, "z axis point up"),
-        ({"ANALOG:SCALE": np.ones(4)}, "does not cover its channels"),
+        ({"ANALOG:SCALE": np.ones(4)}, "is missing for some of its channels"),
     ],
 )
 def test_unusable_plates_say_why(tmp_path: Path, change: dict[str, Any], reason: str) -> None:

@@ -45,7 +45,7 @@ def _pressure_mistakes(keys: DeviceFile, source: Source) -> list[str]:
     mistakes = []
     if keys.supply_Pa <= keys.atmosphere_Pa:
         mistakes.append(
-            f"{source.where(('supply_Pa',))}: the supply's {keys.supply_Pa:g} Pa are not above the atmosphere's "
+            f"{source.where(('supply_Pa',))}: the supply, {keys.supply_Pa:g} Pa, is not above the atmosphere, "
             f"{keys.atmosphere_Pa:g} Pa: pressures are absolute (gauge pressure plus the pressure of the atmosphere)"
         )
     named = {("conditions", name): condition for name, condition in keys.conditions.items()}

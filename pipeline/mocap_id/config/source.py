@@ -21,7 +21,7 @@ Location: TypeAlias = tuple[str | int, ...]
 
 _MAX_BYTES = 1 << 20
 _MAX_DEPTH = 32
-_MAX_VALUES = 40_000  # take some seconds; a study of a thousand trials has about a third of this
+_MAX_VALUES = 40_000  # reading them takes some seconds; a study of a thousand trials has about a third of this
 _ADVICE = {
     "'\\t'": "indent with spaces, not with tabs",
     "unknown escape character": "write a path with / or without quotes",

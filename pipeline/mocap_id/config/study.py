@@ -28,7 +28,7 @@ REACH = "reach"
 CURL = "curl"
 """Protocol of the trials of a study of curls."""
 _INSTEAD = {REACH: "`session` and `side`", CURL: "`curl: {condition: …}`"}
-"""Protocols that have other labels than a strategy."""
+"""Labels that replace a strategy, by protocol."""
 _OWN_KEYS = ("trial", "recording", "subject", "strategy", "session", "out")  # keys without a default for all trials
 
 
@@ -247,7 +247,7 @@ def _find_mistakes(parsed: _File, source: Source) -> Iterator[str]:
             yield f"{where}: `defaults.{key}` is not allowed: write `{key}` at {place}"
     for name in parsed.subjects:
         if name == COHORT:
-            yield f"{source.where(('subjects', name))}: no subject can be called `{COHORT}`: it means all in the tables"
+            yield f"{source.where(('subjects', name))}: no subject can be called `{COHORT}`, which means all people"
     places: dict[str, int] = {}
     for index, entry in enumerate(parsed.trials):
         where = source.where(("trials", index, "trial"))
@@ -278,7 +278,7 @@ def _find_wrong_labels(parsed: _File, source: Source) -> Iterator[str]:
         elif kind != REACH and entry.session:
             yield f"{where}: `trials[{index}].session` is only for `protocol: {REACH}`"
         elif not kind and entry.strategy is None:
-            yield f"{where}: `trials[{index}].strategy` is missing, expected how the person moves, such as normal"
+            yield f"{where}: `trials[{index}].strategy` is missing: it says how the person moves, such as normal"
 
 
 def _fill_empty_sections(data: dict[str, Any]) -> dict[str, Any]:

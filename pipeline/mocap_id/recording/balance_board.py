@@ -58,7 +58,7 @@ def read_board(path: Path, loads: Path | None = None) -> BoardLog:
     values = values[np.isfinite(values).all(axis=1)]
     time, cells = values[:, 0], values[:, 1:]
     if len(time) < _LEAST_ROWS or np.ptp(time) <= 0.0:
-        raise RecordingError(f"{path}: has {len(time)} complete rows, expected at least {_LEAST_ROWS} at many times")
+        raise RecordingError(f"{path}: has {len(time)} complete rows, expected at least {_LEAST_ROWS} different times")
     if (np.diff(time) < 0.0).any():
         row = int(np.argmax(np.diff(time) < 0.0))
         raise RecordingError(f"{path}: `{TIME}` goes back after {time[row]:g} s: sort the rows by time")

@@ -187,7 +187,7 @@ def _check_end(file: C3DFile, start: int, size: int, frames: int, oddities: list
     while start + (frames + more + 1) * size <= file.size and any(frame(frames + more)):
         more += 1
     if more and not any("follow the last declared frame" in oddity for oddity in oddities):
-        oddities.append(f"data follow the last of {frames} declared frames, enough for {more} more: not read")
+        oddities.append(f"data for {more} more frames follow the {frames} declared frames and were not read")
 
 
 def _count_beyond_limit(

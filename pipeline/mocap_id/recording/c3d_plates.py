@@ -26,7 +26,7 @@ class StoredPlate:
     kind: int  # FORCE_PLATFORM:TYPE
     signals: PlateSignals | None  # None if the plate cannot be used
     ok: BoolArray  # (K,) whether every channel is finite and not saturated
-    problem: str  # reason for which the plate cannot be used, or empty
+    problem: str  # reason why the plate cannot be used, or empty
     oddities: tuple[str, ...]  # notes, as in ``Recording``
     assumptions: tuple[str, ...] = ()  # as in ``Plate``
     saturated: BoolArray | None = None  # (K,) whether a channel is saturated; None if no channel ever is
@@ -139,7 +139,7 @@ class _PlateReader:
             return np.zeros(3)
         origin = self._read_parameter("ORIGIN", (3,)) * self.metres
         if origin[2] > 0:
-            self._note(f"ORIGIN points the wrong way (z = {origin[2]:.4f} m, expected negative): sign corrected")
+            self._note(f"ORIGIN points the wrong way (z = {origin[2]:.4f} m, expected below 0): the sign was corrected")
             origin = origin * [1, 1, -1] if self.kind == 3 else -origin
         if self.kind == 3:
             origin = np.abs(origin) * [1, 1, -1]
@@ -151,7 +151,7 @@ class _PlateReader:
         """Return the scaled samples (K, C), NaN if not finite, and whether each is valid (K,) and saturated (K,)."""
         offset, scale = (each[columns] for each in read_calibration(self.file, self.layout))
         if not np.isfinite(scale).all():
-            raise UnusablePlateError("ANALOG:SCALE does not cover its channels")
+            raise UnusablePlateError("ANALOG:SCALE is missing for some of its channels")
         read = list_plate_channels(self.file, self.layout)
         counts = self.counts[:, [read.index(column) for column in columns]]
         values = counts - offset
@@ -192,7 +192,8 @@ class _PlateReader:
             return np.asarray(channels - baseline)
         share = 100 * abs(level) / np.abs(vertical).max()
         self._note(
-            f"the baseline frames {first} to {last} (ZERO) are loaded ({share:.0f} % of the peak): not subtracted"
+            f"the baseline frames {first} to {last} (ZERO) are loaded ({share:.0f} % of the peak): the "
+            "baseline was not subtracted"
         )
         return channels
 
@@ -224,7 +225,7 @@ class _PlateReader:
         ratio = np.abs(scale) / np.maximum(np.abs(diagonal), 1e-12)
         alike = all(np.ptp(part) < 0.01 * part.mean() for part in (ratio[:3], ratio[3:]))
         if alike and np.ptp(np.abs(scale[:3])) > 0.1 * np.abs(scale[:3]).mean():
-            self._note("ANALOG:SCALE already contains the diagonal of CAL_MATRIX: it was not applied again")
+            self._note("ANALOG:SCALE already contains the diagonal of CAL_MATRIX: the diagonal was applied once")
             moments = ratio[3] / ratio[0]
             channels = channels / (np.sign(scale) * diagonal * np.repeat([1.0, moments], 3))
             to_si = np.repeat([1.0, 1e-3 * moments], 3)

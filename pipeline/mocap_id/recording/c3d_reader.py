@@ -23,7 +23,7 @@ from mocap_id.recording.plate_types import compute_plate_axes
 _OUTPUT_GROUPS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "MODELED_MARKERS", "VIRTUAL_MARKERS")
 """POINT parameters that list computed trajectories, not markers; POINT:TYPE_GROUPS may name more."""
 
-_BELOW_M = 0.2  # markers this far below a plate mean that its corners are in the wrong order
+_BELOW_M = 0.2  # if the markers are this far below a plate, its corners are in the wrong order
 
 
 def read_c3d(path: Path, stream: BinaryIO, options: ReadingOptions) -> Recording:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 AXES = tuple("xyz")
-_EVEN = 1e-3  # largest deviation of a time from an even clock, as a share of the time between frames
+_EVEN = 1e-3  # largest deviation of a time from an even clock, as a fraction of the time between frames
 
 
 def plate_from_arrays(
@@ -64,7 +64,7 @@ def recording_from_arrays(
     found = np.array(positions, np.float64) * check_length_unit(units)
     if found.ndim != 3 or not len(found) or found.shape[1:] != (len(labels), 3):
         raise RecordingError(
-            f"positions: an array of shape {found.shape}; expected (frames, {len(labels)}, 3) for {len(labels)} labels"
+            f"positions: the shape is {found.shape}; expected (frames, {len(labels)}, 3) for {len(labels)} labels"
         )
     if len(set(labels)) < len(labels):
         raise RecordingError("labels: a name occurs twice; expected a unique name for each marker")
@@ -201,4 +201,4 @@ def _check_shape(name: str, values: ArrayLike | None, count: int | None = None) 
 
 def _check_rate(rate: float) -> None:
     if not (np.isfinite(rate) and rate > 0):
-        raise RecordingError(f"rate: {rate}; expected samples or frames per second")
+        raise RecordingError(f"rate: it is {rate}; expected a positive number of samples or frames per second")

@@ -77,7 +77,7 @@ def reverse_force_on_plate(
     """
     if not is_force_on_plate(force[ok, 2]):
         return force, moment
-    oddities.append(f"plate {index} measures the force of the body on the plate: reversed")
+    oddities.append(f"plate {index} measures the force of the body on the plate: the signs were reversed")
     return -force, -moment
 
 

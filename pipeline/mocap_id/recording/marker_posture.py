@@ -135,8 +135,8 @@ def _compare_legs(positions: FloatArray, along: FloatArray, tall: BoolArray, low
         thighs = (share > _THIGHS[0]) & (share < _THIGHS[1]) & np.isfinite(shift)
         if not (shanks.any() and thighs.any()):
             return 0.0
-        knee_drop = max(float(np.median(drop[shanks] / share[shanks])) * _KNEE, 0.0)  # as the shank leans
-        thighs &= (drop > 0) & (drop < knee_drop + (share - _KNEE) * trunk)  # not hands: they move farther
+        knee_drop = max(float(np.median(drop[shanks] / share[shanks])) * _KNEE, 0.0)  # the shank leans
+        thighs &= (drop > 0) & (drop < knee_drop + (share - _KNEE) * trunk)  # without the hands, which move farther
     return float(np.median(shift[shanks]) - np.median(shift[thighs])) if thighs.any() else 0.0
 
 

@@ -17,8 +17,8 @@ from mocap_id.recording.model import Recording
 from mocap_id.recording.units import ForceUnits
 
 _MIN_PERIOD_S = 1e-9
-_MAX_ERROR = 0.05  # accepted error of a stamp beyond its rounding, as a share of a frame
-_MAX_ROUNDING = 0.25  # largest accepted rounding, as a share of a frame; a larger one could hide a missing frame
+_MAX_ERROR = 0.05  # accepted error of a time stamp beyond its rounding, as a fraction of a frame
+_MAX_ROUNDING = 0.25  # largest accepted rounding, as a fraction of a frame; a larger one could hide a missing frame
 _MAX_DECIMALS = 9  # finer than any clock; further digits are due to the binary representation
 
 
@@ -44,7 +44,7 @@ class EvenClock:
         """Note that the time stamps are coarsely rounded; empty if they are not."""
         if self.largest_error <= _MAX_ERROR:
             return ""
-        return f"its times are rounded by up to {self.largest_error:.2f} of a sample: even times were used instead"
+        return f"its times are rounded by up to {self.largest_error:.2f} of a sample: evenly spaced times were used"
 
 
 def fit_even_clock(path: Path, time: FloatArray, stated: float | None = None) -> EvenClock:

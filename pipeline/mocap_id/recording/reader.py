@@ -171,7 +171,7 @@ def _compare_spans(markers: Path, forces: Path, a: FloatArray, b: FloatArray, od
     """
     spans = f"{markers.name} runs from {a[0]:g} to {a[-1]:g} s, {forces.name} from {b[0]:g} to {b[-1]:g} s"
     if b[-1] < a[0] or b[0] > a[-1]:
-        raise RecordingError(f"{spans}: they do not overlap, so they are of different trials or on different clocks")
+        raise RecordingError(f"{spans}: they do not overlap: they belong to different trials or have different clocks")
     step = max((a[-1] - a[0]) / (len(a) - 1), (b[-1] - b[0]) / (len(b) - 1))
     if abs(a[0] - b[0]) > 1.5 * step or abs(a[-1] - b[-1]) > 1.5 * step:
         oddities.append(f"{spans}: forces are missing outside the common part")

@@ -7,8 +7,8 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray, find_runs
 
 _RUN = 8  # a noisy channel that repeats its extreme this many times in a row is clipped
-_QUANTISED = 0.2  # channels that repeat a larger share of their samples are coarse or at rest and are not checked
-_REST = 0.1  # share of the larger extreme; an extreme closer to zero belongs to a channel at rest
+_QUANTISED = 0.2  # channels that repeat a larger fraction of their samples are coarse or at rest and are not checked
+_REST = 0.1  # fraction of the larger extreme; an extreme closer to zero belongs to a channel at rest
 
 
 def find_saturated(counts: FloatArray, offset: FloatArray, bits: int | None) -> BoolArray:

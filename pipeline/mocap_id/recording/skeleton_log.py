@@ -165,7 +165,7 @@ def _interpolate(path: Path, rows: _Rows, oddities: list[str]) -> tuple[FloatArr
     near = steps[after - 1] <= _LONGEST_STEP * usual
     low, high = rows.positions[after - 1], rows.positions[after]
     positions = low * (1 - share[..., None]) + high * share[..., None]
-    for ends, at in ((low, share < _ON_ROW), (high, share > 1 - _ON_ROW)):  # on a row, its neighbour may be missing
+    for ends, at in ((low, share < _ON_ROW), (high, share > 1 - _ON_ROW)):  # the next row may be missing
         exact = np.flatnonzero(at[:, 0])
         positions[exact] = ends[exact]
         near[exact] = True

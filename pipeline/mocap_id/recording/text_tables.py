@@ -19,7 +19,7 @@ from mocap_id.arrays import FloatArray, is_time_axis
 from mocap_id.errors import RecordingError
 
 _HEADER_LINES = 100
-_MAX_DECLARED = 10**9  # a larger declared number of rows is damaged
+_MAX_DECLARED = 10**9  # a larger number of rows in a header is an error
 _MAX_OMITTED_CELLS = 10_000_000
 """Limit of omitted cells: many column names with many short lines would need unlimited memory."""
 

@@ -40,7 +40,7 @@ def parse_trc(path: Path, text: str, oddities: list[str]) -> MarkerTable:
     lines = split_lines(text)
     header = _find_header(path, lines)
     body = lines[header.first_row :]
-    if all(row[:1] in ("\t", "") for row in body):  # a blank first column
+    if all(row[:1] in ("\t", "") for row in body):  # the first column is blank
         body = [row[1:] for row in body]
     separator = _find_row_separator(body[0], header.separator)
     labels, table = _cut_table(path, header, body, separator, oddities)
@@ -78,7 +78,7 @@ def _find_header(path: Path, lines: Sequence[str]) -> _Header:
     separator = next((each for each in ("\t", ",") if each in lines[names]), None)
     axes = sum(len(_AXIS.findall(line)) for line in lines[names + 1 : first])
     cells = lines[names].rstrip().rstrip(separator).split(separator)
-    if separator == "\t" and sum(map(bool, cells)) <= 2:  # names between spaces
+    if separator == "\t" and sum(map(bool, cells)) <= 2:  # spaces separate the names
         separator, cells = None, lines[names].split()
     return _Header(values, [cell.strip() for cell in cells], axes, first, separator)
 
@@ -158,7 +158,7 @@ def _find_labels(path: Path, header: _Header, widest: int, oddities: list[str]) 
     if width > len(spaced):
         _note_extra_columns(path, len(spaced), widest - 2, stated, oddities)
     elif declared is not None and declared != len(spaced):
-        oddities.append(f"the header declares {declared} markers but names {len(spaced)}: the named ones were read")
+        oddities.append(f"the header declares {declared} markers but names {len(spaced)}: the named markers were read")
     return spaced
 
 

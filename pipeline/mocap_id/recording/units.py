@@ -243,7 +243,7 @@ def _assume(
     known = {scale: name for scale, name in zip(scales, own, strict=True) if scale is not None}
     if len(known) > 1:
         raise UnusablePlateError(
-            f"some of its {quantity} channels declare no unit, the others {', '.join(known.values())}; set "
+            f"some of its {quantity} channels declare no unit, the others declare {', '.join(known.values())}; set "
             f"`planarise: {{{quantity}_unit: …}}` in the configuration"
         )
     length = {1e-3: "mm", 1e-2: "cm", 1.0: "m", 0.0254: "in"}[metres]

@@ -137,7 +137,7 @@ def parse_nexus(path: Path, text: str, oddities: list[str]) -> MarkerTable:
     labels = _name_triples(path, repeated, axes[before:width])
     declared = sorted({unit for unit in units[before:width] if unit})
     if len(declared) > 1:
-        raise RecordingError(f"{path}: the trajectories have several units ({', '.join(declared)}); export them in one")
+        raise RecordingError(f"{path}: the trajectories have several units ({', '.join(declared)}); export all in one")
     body = lines[start + 5 :]
     end = next((k for k, line in enumerate(body) if not line.strip(_PADDING)), len(body))
     body = body[:end]
@@ -213,7 +213,7 @@ def _has_times(path: Path, rows: Sequence[str], markers: int) -> bool:
 def _compute_times(path: Path, frames: np.ndarray, declared: str, name: str) -> tuple[np.ndarray, float]:
     rate = parse_rate(path, declared.split(",", maxsplit=1)[0], name)
     if rate is None:
-        raise RecordingError(f"{path}: {name} is {declared[:40]!r}, expected a number of Hz; export it with the times")
+        raise RecordingError(f"{path}: {name} is {declared[:40]!r}, expected a number in Hz; export it with the times")
     if len(frames) < 2:
         raise RecordingError(f"{path}: the file contains one frame, expected at least two")
     return frames / rate, rate

@@ -141,7 +141,7 @@ def _list_changes(origin: Origin, stage: Stage, wanted: Mapping[str, Any], hashe
     before, now = dict(_flatten(origin.parameters)), dict(_flatten(wanted))
     for key in sorted({*before, *now}):
         if before.get(key) != now.get(key):
-            yield f"{key} was {before.get(key)}, is {now.get(key)}"
+            yield f"{key} was {before.get(key)}, is now {now.get(key)}"
 
 
 def _flatten(value: Any, key: str = "") -> Iterator[tuple[str, Any]]:

@@ -21,7 +21,7 @@ from mocap_id.store.atomic import HashedStream
 from mocap_id.store.columns import Column, TableSchema
 from mocap_id.store.provenance import PREFIX, Origin, Provenance
 
-_ROWS = 1 << 18  # written together
+_ROWS = 1 << 18  # number of rows that are written together
 _MOST_COLUMNS = 5000
 _BYTES_PER_BYTE, _LEAST_BYTES = 64, 1 << 28
 """The limit of the size in memory is 64 bytes per byte of the file (columns of NaN compress well) plus 256 MiB."""

@@ -1,6 +1,7 @@
 """Typed views of the artefacts of a trial in space: chain, poses of the segments, angles.
 
 Positions are in the frame of the trial (y up) or, where a docstring says so, in the frame of a segment; m, rad, s.
+``schemas.toml`` describes every quantity.
 """
 
 from __future__ import annotations
@@ -16,8 +17,8 @@ from mocap_id.geometry.spatial_chain import JointKind, SpatialChain, SpatialJoin
 from mocap_id.store.artefacts import Facts, Table, Tree
 
 NEAR_GIMBAL = float(1 / np.sin(np.radians(15)))
-"""Largest ``isb_condition`` with which plane of elevation and axial rotation of the shoulder have a meaning. It is
-larger if the elevation is within 15° of a pole, 0° or 180°."""
+"""Largest ``isb_condition`` with which plane of elevation and axial rotation of the shoulder have a meaning.
+``isb_condition`` is larger if the elevation is within 15° of a pole (0° or 180°)."""
 
 MEANINGLESS_AT_POLE = ("shoulder_plane", "shoulder_axial")
 """Angles that have no meaning near a pole."""

@@ -1,6 +1,7 @@
 """Typed views of the artefacts: arrays with the shapes that stages, reports and workflows use.
 
-A view contains only what its artefact contains. Lengths are in m, angles in rad.
+A view contains only what its artefact contains; ``schemas.toml`` describes every quantity. Lengths are in m, angles in
+rad.
 """
 
 from __future__ import annotations
@@ -191,7 +192,7 @@ class IdentifiedDynamics:
     value: FloatArray  # (b,)
     sd: FloatArray  # (b,)
     units: tuple[str, ...]
-    verdicts: tuple[str, ...]  # b, or none where they were not judged
+    verdicts: tuple[str, ...]  # (b,), or empty if the parameters were not judged
     relative_sd: FloatArray  # (b,) or (0,)
     excitation: FloatArray  # (b,) or (0,)
     own_share: FloatArray  # (b,) or (0,)

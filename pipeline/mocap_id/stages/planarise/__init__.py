@@ -16,16 +16,16 @@ class PlanariseSettings(Settings):
     plane_only: ClassVar[Only] = {"facing": (), "yaw_deg": (), "repair_swaps": (), "seat_zero": ()}
 
     units: Literal["mm", "cm", "m", "in"] | None = Field(
-        None, description="length unit of the markers, if the file does not declare it or is wrong"
+        None, description="length unit of the markers, if the unit in the file is missing or wrong"
     )
     vertical: Literal["X", "Y", "Z", "-X", "-Y", "-Z"] | None = Field(
         None, description="axis of the file that points up; found from the force plates or the file if not given"
     )
     force_unit: Literal["N", "kN", "mN", "lbf", "kgf"] | None = Field(
-        None, description="unit of the plates' force channels, if the file does not declare it or is wrong"
+        None, description="unit of the plates' force channels, if the unit in the file is missing or wrong"
     )
     moment_unit: Literal["Nm", "Nmm", "Ncm", "kNm", "lbf.ft", "lbf.in", "kgf.m"] | None = Field(
-        None, description="unit of the plates' moment channels, if the file does not declare it or is wrong"
+        None, description="unit of the plates' moment channels, if the unit in the file is missing or wrong"
     )
     facing: Literal["-x", "+x"] = Field(
         "-x", description="direction along the plane's x that the subject faces; with +x, the plane is rotated by 180°"

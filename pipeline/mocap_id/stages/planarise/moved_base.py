@@ -17,7 +17,7 @@ from mocap_id.kinematics.heel_lift import find_heel_lift
 from mocap_id.recording import PlateSamples, ThinnedFrames
 from mocap_id.verdict import Reason
 
-_LISTED = 5  # changes listed in the message; the facts list all
+_LISTED = 5  # largest number of changes in the message; the facts contain all
 _HIGH_M = 1.1  # largest height of the centre of mass
 
 
@@ -106,7 +106,7 @@ def _describe_base(base: BaseMotion) -> Reason:
     if not base.rigid:
         return Reason(
             "base-moved",
-            f"the feet moved to another position: {listed}{rest}. They did not move alike: their markers differ by "
+            f"the feet moved to another position: {listed}{rest}. They did not move together: their markers differ by "
             f"{1e3 * max(each.misfit for each in base.stretches):.0f} mm rms from a common motion. Only their mean "
             "displacement was corrected, so the joints are less exact: analyse each part alone with `window:`",
             farthest,

@@ -109,8 +109,8 @@ def _describe_dropout(time: FloatArray, dropout: BoolArray) -> Reason | None:
     return Reason(
         "plate-dropout",
         f"the plates show no load in {100 * dropout.mean():.0f} % of the frames, from {first:.2f} s on, while the "
-        "person stands on them: a loose cable, a reset of the amplifier, or a step off the plates. These frames are "
-        "left out; check the plates' signal there, or set a `window:` without them",
+        "person stands on them; possible causes are a loose cable, a reset of the amplifier, or a step off the plates. "
+        "These frames are left out; check the plates' signal there, or set a `window:` without them",
         value=float(dropout.mean()),
         limit=0.0,
     )

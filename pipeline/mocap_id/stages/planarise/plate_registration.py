@@ -18,10 +18,10 @@ _MARGIN_M = 0.05
 """Largest accepted distance of the force outside the outermost markers of a foot; up to 27 mm in good recordings."""
 
 _LEAN = np.radians(2.0)
-"""Largest accepted lean of the force under a standing person; up to 0.7° in good recordings, by the plate's bias."""
+"""Largest accepted lean of the force under a standing person; up to 0.7° in good ones, due to the plate's bias."""
 
 _INCLINED = np.radians(1.5)
-"""Largest accepted inclination of a plate by its corners; corners that were measured with a marker give up to 0.25°."""
+"""Largest accepted inclination of a plate according to its corners; up to 0.25° if they were measured with a marker."""
 
 _TURNED, _TURNED_ALONE = np.radians(30.0), np.radians(90.0)
 """Largest accepted angle about the vertical between force and acceleration: for all plates together, and for the plate

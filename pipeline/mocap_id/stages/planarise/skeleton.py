@@ -59,11 +59,11 @@ def read_upright(trial: TrialKeys, settings: PlanariseSettings) -> UprightSkelet
     if missing:
         raise Refused(
             "skeleton-incomplete",
-            f"the skeleton does not show the {' and '.join(missing).replace('near_', '')} of the {side} arm; its "
+            f"the skeleton does not contain the {' and '.join(missing).replace('near_', '')} of the {side} arm; its "
             f"joints are {', '.join(source.labels)[:200]}.",
         )
     if trial.side is None:
-        notes.append(f"the {side} arm moves most and is used (if it is the other one, set `side:`)")
+        notes.append(f"the {side} arm moves more than the other and is used (if it is the wrong one, set `side:`)")
     if settings.vertical is None:
         source = _rotate_upright(source, roles, notes)
     source, mirrored = _undo_mirroring(source, roles, side)

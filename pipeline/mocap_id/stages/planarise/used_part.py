@@ -19,7 +19,7 @@ from mocap_id.stages.planarise import PlanariseSettings
 from mocap_id.stages.trial_keys import BalanceBoard, Files
 from mocap_id.verdict import Reason
 
-_LISTED = 5  # swaps listed in the message; the facts list all
+_LISTED = 5  # largest number of swaps in the message; the facts contain all
 
 
 @dataclass(frozen=True)

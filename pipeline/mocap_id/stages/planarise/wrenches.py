@@ -139,7 +139,7 @@ def _measure_sensor(number: int, sensor: ExternalForce, used: UsedFrames, source
     sampled = recording.decimate(plate, used.time, source.rate)
     if not sampled.ok.any():
         raise RecordingError(
-            f"{sensor.file}: no sample between {used.time[0]:g} and {used.time[-1]:g} s, the times of the "
+            f"{sensor.file}: it has no sample between {used.time[0]:g} and {used.time[-1]:g} s, the times of the "
             f"recording; it runs from {start:g} to {log.end + sensor.clock_offset_s:g} s on the same clock (with "
             f"`clock_offset_s: {sensor.clock_offset_s:g}`): check `time_s` and the offset"
         )
