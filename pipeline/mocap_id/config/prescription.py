@@ -53,7 +53,7 @@ class SpringWish(Settings):
 
     joints: tuple[int, ...] = Field((1,), min_length=1, max_length=2, description="joints that it crosses, from 1")
     stiffest: float | None = Field(None, gt=0, description="largest stiffness, N·m/rad")
-    rest_deg: _Pair = Field((-360.0, 360.0), description="allowed rest angles, of the sum of its joints")
+    rest_deg: _Pair = Field((-360.0, 360.0), description="smallest and largest rest angle, as the sum over its joints")
     device: Path | None = Field(None, description="YAML file of a pneumatic device that is the spring (docs/assist.md)")
 
 

@@ -70,7 +70,7 @@ def rotate_plate(plate: Plate, rotation: FloatArray) -> Plate:
 def reverse_force_on_plate(
     index: int, force: FloatArray, moment: FloatArray, ok: BoolArray, oddities: list[str]
 ) -> tuple[FloatArray, FloatArray]:
-    """Return force and moment (K, 3) of the ground on the body; both are reversed if they are those on the plate.
+    """Return force and moment (K, 3) of the ground on the body; those of the body on the plate are reversed.
 
     The vertical force of the valid samples, ``ok`` (K,), decides. If the signs are reversed, a note is added to
     ``oddities``.

@@ -12,8 +12,8 @@ from mocap_id.store.atomic import delaying_signals
 class BackgroundWriter:
     """A thread that runs jobs in order. After a job has failed, no further job starts.
 
-    The next call of :meth:`submit` or :meth:`wait` raises the exception of this job. Leaving the context waits for all
-    jobs, even if signals arrive; it does not raise the exception of a job.
+    The next call of :meth:`submit` or :meth:`wait` raises the exception of this job. At the end of the context,
+    ``__exit__`` waits for all jobs, even if signals arrive, and raises no exception of a job.
     """
 
     def __init__(self) -> None:

@@ -296,7 +296,7 @@ class Folder:
         return record if sound else None
 
     def _may_be_document(self, file: str) -> bool:
-        """Return whether a file of this name may be a document: it is in this folder, and no artefact or record."""
+        """Return whether a file of this name may be a document: it is in this folder, but not an artefact or record."""
         path = resolve_path(self.path, file)
         return file not in SCHEMAS and not file.startswith(_HIDDEN) and not path.is_dir()
 
