@@ -1,1 +1,1 @@
-"""Command line of mocap-id: one module for each command, named after it."""
+"""Command line of mocap-id; each command has a module with its name."""

@@ -1,4 +1,4 @@
-"""Entry point: errors give a message and an exit code, and signals stop the program in order."""
+"""Entry point of the program, which turns errors and signals into messages and exit codes."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from types import FrameType, ModuleType
 from mocap_id.errors import MocapIdError, NumericalError
 
 _LARGE = 16 << 20
-"""Bytes: blocks of at least this size are returned to the system when they are freed."""
+"""Size in bytes from which freed blocks of memory are returned to the system."""
 _M_TRIM_THRESHOLD, _M_MMAP_THRESHOLD = -1, -3  # option numbers of glibc
 _UNUSED = frozenset({"numpy.f2py", "numpy.testing", "yaml"})
 """Modules that scipy and numba import but do not use in a run."""
@@ -27,7 +27,7 @@ _EXIT_CODES = {signal.SIGINT: 130, signal.SIGTERM: 143}
 
 
 class Interrupted(BaseException):
-    """Ctrl-C or SIGTERM; a BaseException, so that no handler of errors catches it."""
+    """Exception for Ctrl-C or SIGTERM; it is a BaseException, so that no handler of errors catches it."""
 
     def __init__(self, number: int) -> None:
         super().__init__(number)
@@ -35,7 +35,7 @@ class Interrupted(BaseException):
 
 
 class _LazyFinder(MetaPathFinder):
-    """A finder that loads some modules when they are first used; importing them takes 0.08 s, a thirtieth of a run."""
+    """A finder that delays the import of ``_UNUSED`` modules until they are used, because it takes 0.08 s."""
 
     def find_spec(self, name: str, path: Sequence[str] | None, target: ModuleType | None = None) -> ModuleSpec | None:
         spec = PathFinder.find_spec(name, path) if name in _UNUSED else None
@@ -52,7 +52,7 @@ def main() -> None:
 
 
 def exit_code(call: Callable[[], None]) -> int:
-    """Call a function and return the exit code; a failure prints a message on standard error, not a traceback."""
+    """Call a function and return the exit code; if it fails, print a message on standard error and no traceback."""
     before = {number: signal.signal(number, _interrupt) for number in _EXIT_CODES}
     try:
         call()
@@ -60,12 +60,12 @@ def exit_code(call: Callable[[], None]) -> int:
         return _fail(_format_error(error), error.exit_code)
     except Interrupted as interruption:
         return _fail(
-            "interrupted: no file is half-written; the same command continues from here", interruption.exit_code
+            "interrupted: no file is half-written, and the same command continues from here", interruption.exit_code
         )
     except BrokenPipeError:
-        sys.stdout = None  # the reader of the output has gone: do not flush it
+        sys.stdout = None  # nobody reads the output any more, so it must not be flushed
         return 0
-    except Exception as error:  # noqa: BLE001  users see a sentence, not a traceback
+    except Exception as error:  # noqa: BLE001  users should see a sentence, not a traceback
         what = str(error).partition("\n")[0]
         return _fail(f"unforeseen failure, {type(error).__name__}: {what}; please report it", NumericalError.exit_code)
     finally:
@@ -75,14 +75,14 @@ def exit_code(call: Callable[[], None]) -> int:
 
 
 def _command_line() -> None:
-    # The matrices are small: threads of the linear algebra would wait for each other longer than they compute.
+    # The matrices are so small that threads of the linear algebra would wait for each other longer than they compute.
     for library in ("OPENBLAS", "MKL"):
         os.environ.setdefault(f"{library}_NUM_THREADS", "1")
-    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")  # there are none, and the search takes 12 ms
-    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")  # returns the memory of freed tables
+    os.environ.setdefault("PYDANTIC_DISABLE_PLUGINS", "1")  # no plugin is used, and the search for them takes 12 ms
+    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")  # this pool returns the memory of freed tables
     _return_memory()
-    gc.set_threshold(50_000, 20, 20)  # saves 0.1 s of a run: the libraries' objects are permanent
-    atexit.register(gc.freeze)  # saves a tenth of a run: Python need not search for garbage when it ends
+    gc.set_threshold(50_000, 20, 20)  # saves 0.1 s of a run, because the libraries' objects are permanent
+    atexit.register(gc.freeze)  # saves a tenth of a run, because Python then skips the garbage collection at the end
     from mocap_id_cli import progress  # noqa: PLC0415  so that Ctrl-C during the imports is handled too
     from mocap_id_cli.app import build  # noqa: PLC0415
 

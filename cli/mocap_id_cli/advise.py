@@ -18,12 +18,17 @@ def advise(
     *,
     objective: Annotated[
         Objective,
-        typer.Option("--for", help="What to minimise: standard deviations, their volume, or a condition number."),
+        typer.Option(
+            "--for", help="What to minimise: standard deviations, the volume of their ellipsoid, or a condition number."
+        ),
     ] = "intervals",
-    seconds: Annotated[float | None, typer.Option(help="Length of the recording, s; default: as this trial.")] = None,
+    seconds: Annotated[float | None, typer.Option(help="Length of the recording, s; default: as in TRIAL.")] = None,
     widen: Annotated[
         float | None,
-        typer.Option(help="Degrees beyond the observed range of each joint; default: 20 for a robot, else 5."),
+        typer.Option(
+            help="Angle by which the observed range of each joint may be exceeded, degrees; default: 20 for a robot, "
+            "otherwise 5."
+        ),
     ] = None,
     angle: Annotated[
         list[str] | None, typer.Option(metavar="JOINT=LOW:HIGH", help="Range of one joint, degrees (repeatable).")
@@ -36,7 +41,7 @@ def advise(
     ] = None,
     seed: Annotated[int, typer.Option(help="Seed of the search.")] = 0,
     out: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Write advice.json, movement.csv and movement.svg.")
+        Path | None, typer.Option(metavar="FOLDER", help="Folder for advice.json, movement.csv and movement.svg.")
     ] = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
@@ -44,8 +49,8 @@ def advise(
 ) -> None:
     """Propose the movement to record next.
 
-    This movement would determine the parameters of the body best. With a YAML file, missing or
-    outdated results are computed first; a run folder is read unchanged.
+    This movement would determine the parameters of the body best. If TRIAL is a YAML file, missing or outdated results
+    are computed first; a run folder is read unchanged.
     """
     log_to_stderr(quiet, verbose)
     options = advice.AdviceOptions(

@@ -1,4 +1,4 @@
-"""The command line, assembled so that its help loads no command."""
+"""The command line, assembled so that printing its help does not import the modules of the commands."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mocap_id_cli.commands import COMMANDS, Entry
 
 
 class _Commands(TyperGroup):
-    """A group with the name and help of each command; only the command that is called is loaded."""
+    """A group that has the name and help of each command, but imports only the command that is called."""
 
     def __init__(self, **attributes: Any) -> None:
         super().__init__(**attributes)
@@ -24,7 +24,7 @@ class _Commands(TyperGroup):
         own = {name for parameter in self.get_params(ctx) for name in parameter.opts}
         if args and args[0].startswith("-") and args[0] not in own and any(name in self.commands for name in args[1:]):
             ctx.fail(
-                f"No such option: {args[0]}. Give a command's options after its name: mocap-id COMMAND {args[0]} …"
+                f"No such option: {args[0]}. Give the options of a command after its name: mocap-id COMMAND {args[0]} …"
             )
         return super().parse_args(ctx, args)
 
@@ -36,7 +36,7 @@ class _Commands(TyperGroup):
 
 
 def load_command(entry: Entry) -> Any:
-    """Import a command and return it for click."""
+    """Import the module of a command, and return the command for click."""
     loaded = entry.load()
     if not isinstance(loaded, typer.Typer):
         function, loaded = loaded, typer.Typer(add_completion=False, rich_markup_mode=None)
@@ -47,7 +47,7 @@ def load_command(entry: Entry) -> Any:
 
 
 def build() -> typer.Typer:
-    """Return the command line."""
+    """Return the command line with all commands."""
     app = typer.Typer(
         name="mocap-id", cls=_Commands, no_args_is_help=True, rich_markup_mode=None, pretty_exceptions_enable=False
     )

@@ -1,4 +1,4 @@
-"""``mocap-id batch``: many trials, on this machine or on a cluster, and one table of their results."""
+"""``mocap-id batch``: runs of many trials, on this machine or on a cluster, with one table of their results."""
 
 from __future__ import annotations
 
@@ -46,24 +46,24 @@ def batch(
     ] = None,
     cluster: Annotated[
         Path | None,
-        typer.Option(metavar="CLUSTER.yaml", help="Settings of a cluster that Dask starts (SSH, SLURM …)."),
+        typer.Option(metavar="CLUSTER.yaml", help="Settings of a cluster that Dask should start (SSH, SLURM …)."),
     ] = None,
     on_error: Annotated[
         OnError, typer.Option(help="After a failed trial: continue with the other trials, or stop.")
     ] = "continue",
-    out: Annotated[Path, typer.Option(metavar="FILE", help="The table to write, .parquet.")] = Path("batch.parquet"),
+    out: Annotated[Path, typer.Option(metavar="FILE", help="File for the table, .parquet.")] = Path("batch.parquet"),
     as_json: AsJson = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """Run many trials and write one table of their results.
 
-    Results that are up to date are reused. If a trial fails or is refused, the others still run and the exit code
-    is 1. After an interruption, the same command continues where it stopped.
+    Results that are up to date are reused. If a trial fails or is refused, the other trials still run, and the exit
+    code is 1. After an interruption, the same command continues where it stopped.
     """
     log_to_stderr(quiet, verbose)
     if out.suffix != ".parquet":
-        raise ConfigError(f"{out}: the table is a Parquet file: choose a name that ends in .parquet")
+        raise ConfigError(f"{out}: the table is written as a Parquet file: choose a name that ends in .parquet")
     result = workflow.run_batch(
         named,
         out,

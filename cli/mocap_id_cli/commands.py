@@ -1,4 +1,4 @@
-"""All commands with one line of help each; the module of a command is imported when the command is called."""
+"""All commands, each with one line of help; the module of a command is imported only when the command is called."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mocap_id.stages import STAGE_HELP
 
 @dataclass(frozen=True)
 class Entry:
-    """A command that is not loaded yet."""
+    """A command whose module is not imported yet."""
 
     name: str
     help: str  # the first sentence of its help
@@ -40,7 +40,7 @@ _AFTER_STAGES = {
     "init": "Write a study file for a folder of recordings.",
     "study": "Run all trials of a study and write its tables and page.",
     "batch": "Run many trials and write one table of their results.",
-    "regress": "Recompute trials and compare their results with a baseline.",
+    "regress": "Recompute trials, and compare their results with a baseline.",
     "status": "Show what is done, what has to be computed, and what failed.",
     "clean": "Delete the results of runs.",
     "transfer": "Apply the body identified from one trial to other trials.",

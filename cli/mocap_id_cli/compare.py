@@ -26,14 +26,14 @@ def compare(
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Write the table to this file, .csv.", show_default=False)
     ] = None,
-    everything: Annotated[bool, typer.Option("--all", help="Also show what is equal.")] = False,
+    everything: Annotated[bool, typer.Option("--all", help="Also show equal values.")] = False,
     as_json: AsJson = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
     """Compare two runs: show what changed, and by how much.
 
-    With a YAML file, missing or outdated results are computed first; a run folder is read unchanged.
+    If A or B is a YAML file, missing or outdated results are computed first; a run folder is read unchanged.
     """
     from mocap_id.workflows import compare as workflow  # noqa: PLC0415  no other command has to wait for it
 

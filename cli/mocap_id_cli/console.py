@@ -1,4 +1,4 @@
-"""Options and output that the commands share."""
+"""Options of the command line that several commands have, and functions that print results."""
 
 from __future__ import annotations
 
@@ -27,12 +27,12 @@ TrialPath = Annotated[
 
 
 def offer(*values: str) -> Callable[[], list[str]]:
-    """Return a function for the shell's completion that offers the values of an option."""
+    """Return a function that lists the values of an option for completion in the shell."""
     return lambda: list(values)
 
 
 def make_group(text: str, **commands: Callable[..., None]) -> typer.Typer:
-    """Return a group of commands with its help text; underscores in the commands' names become hyphens."""
+    """Return a group of commands whose help is ``text``; underscores in the names of the commands become hyphens."""
     app = typer.Typer(no_args_is_help=True, add_completion=False, rich_markup_mode=None, help=text)
     app.callback()(lambda: None)
     for name, function in commands.items():
@@ -41,7 +41,11 @@ def make_group(text: str, **commands: Callable[..., None]) -> typer.Typer:
 
 
 def log_to_stderr(quiet: bool, verbose: bool) -> None:
-    """Log the program's warnings unless ``quiet``, and also the libraries' warnings if ``verbose``."""
+    """Write log messages to standard error.
+
+    Errors of mocap-id are always written, its warnings unless ``quiet``; if ``verbose``, also its information and the
+    warnings of libraries.
+    """
     logging.captureWarnings(True)
     logging.basicConfig(stream=sys.stderr, format="mocap-id: %(message)s", level=logging.ERROR, force=True)
     logging.getLogger("mocap_id").setLevel(logging.ERROR if quiet else logging.INFO if verbose else logging.WARNING)
@@ -49,12 +53,12 @@ def log_to_stderr(quiet: bool, verbose: bool) -> None:
 
 
 def print_json(data: Any, default: Callable[[Any], Any] | None = None) -> None:
-    """Print data as indented JSON; ``default`` converts objects that JSON does not know."""
+    """Print data as indented JSON; ``default`` converts objects that JSON cannot represent."""
     typer.echo(json.dumps(data, indent=2, ensure_ascii=False, allow_nan=False, default=default))
 
 
 def print_result(as_json: bool, document: Any, lines: Iterable[str]) -> None:
-    """Print a result: its document as JSON if ``as_json``, or else its lines of text."""
+    """Print a result: ``document`` as JSON if ``as_json``, otherwise ``lines`` of text."""
     if as_json:
         print_json(document)
     else:
@@ -62,18 +66,18 @@ def print_result(as_json: bool, document: Any, lines: Iterable[str]) -> None:
 
 
 def shorten(path: Path) -> str:
-    """Return a path as text, relative to the working folder if it is in it."""
+    """Return a path as text; it is relative if the path is in the working folder."""
     here = Path.cwd()
     return str(path.relative_to(here) if path.is_relative_to(here) else path)
 
 
 def count_trials(count: int) -> str:
-    """Return a number of trials in words."""
+    """Return a text such as ``1 trial`` or ``3 trials``."""
     return f"{count} trial{'s' * (count != 1)}"
 
 
 def describe_verdict(row: Mapping[str, Any]) -> str:
-    """Return verdict and codes of a trial, or the exit code of a failed trial.
+    """Return a text with verdict and codes of a trial, or with the exit code if the trial failed.
 
     Parameters
     ----------
@@ -86,7 +90,7 @@ def describe_verdict(row: Mapping[str, Any]) -> str:
 
 
 def align(rows: Sequence[Sequence[str]], *, numbers: bool = False) -> Iterator[str]:
-    """Yield rows as lines with align columns; with ``numbers``, all columns but the first are right-align."""
+    """Yield rows as lines with aligned columns; if ``numbers``, all columns except the first are right-aligned."""
     widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
     for first, *rest in rows:
         cells = (

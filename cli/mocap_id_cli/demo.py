@@ -23,8 +23,8 @@ def demo(
 ) -> None:
     """Simulate a sit-to-stand, run it and open its report.
 
-    You need no recording. FOLDER then contains the recording, its exact truth, trial.yaml and the results, as for a
-    trial of your own. The same command again reuses them.
+    You need no recording. FOLDER then contains the simulated recording, its exact truth, trial.yaml and the results,
+    as for a trial of your own. If you repeat the command, the files are reused.
     """
     trial = folder / "trial.yaml"
     if not trial.exists():

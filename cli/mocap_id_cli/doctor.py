@@ -24,8 +24,8 @@ def doctor(
         bool,
         typer.Option(
             "--warm",
-            help="Only compile the filter and the modules in advance, for all later runs. The first time this takes "
-            "about a minute of processor time.",
+            help="Only compile the filter and the modules in advance, so that later runs start faster. The first time, "
+            "this takes about a minute of processor time.",
         ),
     ] = False,
     as_json: AsJson = False,
@@ -37,7 +37,7 @@ def doctor(
     from mocap_id.workflows import doctor as workflow  # noqa: PLC0415  no other command has to wait for it
 
     if warm:
-        typer.echo("compiling the filter: the first time, about a minute of processor time", err=True)
+        typer.echo("compiling the filter: the first time, this takes about a minute of processor time", err=True)
         folders = [Path(str(package.__file__)).parent for package in (mocap_id, mocap_id_cli)]
         checks = workflow.compile_everything(folders)
     else:

@@ -1,4 +1,4 @@
-"""``mocap-id explain``: codes of a verdict and exit codes in plain words."""
+"""``mocap-id explain``: explanations of codes of a verdict, errors and exit codes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ _WIDTH = 100
 
 
 def _complete_code() -> list[tuple[str, str]]:
-    """Return the codes with their titles, for completion in the shell."""
+    """Return each code with its title, for completion in the shell."""
     from mocap_id.workflows.code_lookup import list_entries  # noqa: PLC0415  only completion needs it
 
     return [(entry.code, entry.title) for entry in list_entries().values()]
@@ -39,7 +39,7 @@ def explain(
 ) -> None:
     """Explain a verdict's code, an error or an exit code.
 
-    The explanation gives the meaning, the criterion and what to do.
+    The explanation contains the meaning, the criterion and what to do.
     """
     from mocap_id.workflows import code_lookup as workflow  # noqa: PLC0415  no other command has to wait for it
 

@@ -16,11 +16,11 @@ def export(
     *,
     to: Annotated[
         list[str],
-        typer.Option("--to", metavar="FORMAT", help="trc, mot, sto, csv, osim or ktk; repeatable.", show_default=False),
+        typer.Option("--to", metavar="FORMAT", help="trc, mot, sto, csv, osim, ktk (repeatable).", show_default=False),
     ],
     out: Annotated[
         Path | None,
-        typer.Option(metavar="FOLDER", help="Output folder; default: export in the run folder.", show_default=False),
+        typer.Option(metavar="FOLDER", help="Output folder; default: `export` in the run folder.", show_default=False),
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
     quiet: Quiet = False,
@@ -28,8 +28,8 @@ def export(
 ) -> None:
     """Write a run as OpenSim files or as tables.
 
-    The formats trc, mot, sto and osim are for OpenSim, csv for tables, ktk for Kinetics Toolkit. With a YAML file,
-    missing or outdated results are computed first; a run folder is read unchanged.
+    The formats trc, mot, sto and osim are for OpenSim, csv for tables, ktk for Kinetics Toolkit. If TRIAL is a YAML
+    file, missing or outdated results are computed first; a run folder is read unchanged.
     """
     from mocap_id.workflows import export as workflow  # noqa: PLC0415  no other command has to wait for it
 

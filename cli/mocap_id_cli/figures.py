@@ -20,7 +20,7 @@ def figures(
         Path | None,
         typer.Option(
             metavar="FOLDER",
-            help="Folder in which to make the folder `figures`; default: the folder of the page.",
+            help="Folder in which the folder `figures` is created; default: the folder of the page.",
             show_default=False,
         ),
     ] = None,

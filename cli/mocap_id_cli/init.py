@@ -22,8 +22,8 @@ def init(
     pattern: Annotated[
         str | None,
         typer.Option(
-            help="Position of person and strategy in a recording's path, such as '{subject}/{strategy}*.c3d'; default: "
-            "determined from the paths."
+            help="Pattern that says where a recording's path contains person and strategy, such as "
+            "'{subject}/{strategy}*.c3d'; default: determined from the paths."
         ),
     ] = None,
     out: Annotated[Path, typer.Option(metavar="STUDY.yaml", help="File to write.")] = Path("study.yaml"),
@@ -36,8 +36,8 @@ def init(
     """Write a study file for a folder of recordings.
 
     The recordings are C3D files, TRC files with their MOT files, exports of QTM, Motive or Nexus, or skeletons of a
-    depth camera or markerless software. Markers of an arm without a force plate, and skeletons, make a study of
-    reaches. People get ids. Keep subjects.csv, written beside the file: it lists names and ids.
+    depth camera or markerless software. For markers of an arm without a force plate, and for skeletons, the file is of
+    a study of reaches. People get ids. Keep subjects.csv, which is written beside the file: it lists names and ids.
     """
     from mocap_id.workflows.study import discovery, draft  # noqa: PLC0415  no other command has to wait for it
 
@@ -54,7 +54,7 @@ def init(
 def _lines(found: Discovery, folder: Path) -> Iterator[str]:
     yield f"pattern: {found.pattern}"
     if found.tried and ("{subject}" not in found.pattern or any("pattern" in why for why in found.left_out.values())):
-        yield f"tried: {', '.join(found.tried)}; give another with --pattern"
+        yield f"tried: {', '.join(found.tried)}; give another pattern with --pattern"
     labels = ("session", "side") if found.reach else ("strategy",)
     rows = [["trial", "subject", "called", *labels, "recording"]]
     for trial in found.trials:
@@ -66,8 +66,8 @@ def _lines(found: Discovery, folder: Path) -> Iterator[str]:
     named = [trial for trial in found.trials if trial.name.casefold() in trial.markers.stem.casefold()]
     if named and named[0].name != named[0].subject:
         yield (
-            f"note: {named[0].markers.name} contains the name of {named[0].subject}, and a trial's report shows "
-            "the name of its file: rename such files before you pass reports on"
+            f"note: {named[0].markers.name} contains the name of {named[0].subject}, and the report of a trial shows "
+            "the name of its file: rename such files before you give reports to others"
         )
     yield f"{len(found.trials)} trials of {len(found.names)} people, {counts}"
     for path, why in found.left_out.items():

@@ -33,7 +33,7 @@ def inspect(
 ) -> None:
     """Print what a recording contains.
 
-    This includes markers, rates, gaps, force plates and irregularities of the file.
+    These are markers, rates, gaps, force plates and irregularities of the file.
     """
     found = describe_recording(
         recording.read(

@@ -35,7 +35,7 @@ _OF_PROTOCOLS = {
 
 
 def make_pages(root: Path) -> dict[Path, str]:
-    """Return the text of every generated page of a source tree by path; the files' text before a mark is kept."""
+    """Return the text of every generated page of a source tree by path; text before a mark in a file is kept."""
     formats = root / "docs" / "formats.md"
     texts = {
         root / "docs" / "commands.md": format_commands_page(),
@@ -121,7 +121,7 @@ def _read_head(file: Path, mark: str) -> str:
 
 
 def _read_help(command: str) -> str:
-    """Return the help as shown in a terminal of 100 columns."""
+    """Return the help of a command as it is printed in a terminal with 100 columns."""
     width = {"COLUMNS": "100", "TERMINAL_WIDTH": "100", "NO_COLOR": "1"}
     result = CliRunner().invoke(build(), [*command.split(), "--help"], prog_name="mocap-id", env=width)
     return "\n".join(line.rstrip() for line in result.stdout.strip().splitlines())

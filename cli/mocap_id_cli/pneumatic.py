@@ -1,4 +1,4 @@
-"""``mocap-id pneumatic``: a described pneumatic cylinder as a spring."""
+"""``mocap-id pneumatic``: a pneumatic cylinder, described in a file, as a spring."""
 
 from __future__ import annotations
 
@@ -34,20 +34,20 @@ def _curve(
     device: Device,
     *,
     condition: Annotated[
-        str | None, typer.Option(help="A condition of the file; default: its `sealed:`.", show_default=False)
+        str | None, typer.Option(help="Name of a condition in the file; default: `sealed:`.", show_default=False)
     ] = None,
     flexion: _Pressure = None,
     extension: _Pressure = None,
     polytropic: Annotated[
-        float | None, typer.Option(help="Exponent, 1 (slow) to 1.4 (fast).", show_default=False)
+        float | None, typer.Option(help="Polytropic exponent, 1 (slow) to 1.4 (fast).", show_default=False)
     ] = None,
     angles: Annotated[int, typer.Option(min=2, max=100_000, help="Number of angles.")] = 181,
     out: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Write JSON and a figure.", show_default=False)
+        Path | None, typer.Option(metavar="FOLDER", help="Folder for JSON and a figure.", show_default=False)
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Compute torque, stiffness and rest angle over the stroke."""
+    """Compute torque and stiffness over the stroke, and the rest angle."""
     config = load_device(device)
     state = config.condition(condition)
     given = {"flexion_Pa": flexion, "extension_Pa": extension}
@@ -83,20 +83,20 @@ def _sample(curve: Mapping[str, Any], k: int) -> list[str]:
 def _pressures(
     device: Device,
     *,
-    stiffness: Annotated[float, typer.Option(metavar="N·m/rad", help="Stiffness.", show_default=False)],
-    rest_angle: Annotated[float, typer.Option(metavar="RAD", help="Rest angle.", show_default=False)],
+    stiffness: Annotated[float, typer.Option(metavar="N·m/rad", help="Desired stiffness.", show_default=False)],
+    rest_angle: Annotated[float, typer.Option(metavar="RAD", help="Desired rest angle.", show_default=False)],
     span: Annotated[
         tuple[float, float] | None,
         typer.Option(
             "--range",
             metavar="LOW HIGH",
-            help="Agree over this range, rad; default: at the rest angle.",
+            help="Range in which the torques should agree, rad; default: only at the rest angle.",
             show_default=False,
         ),
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Find the two pressures of the nearest attainable spring."""
+    """Find the two pressures that come nearest to a desired spring."""
     found = workflow.spring_pressures(load_device(device), stiffness, rest_angle, span)
     if as_json:
         print_json(found)
@@ -112,7 +112,7 @@ def _pressures(
     error = achieved["largest_torque_error_Nm"]
     typer.echo(f"from {low:.1f}° to {high:.1f}° it differs from the linear spring by up to {error:.2f} N·m")
     if found["why"]:
-        typer.echo(f"not attainable, this is the nearest: {found['why']}")
+        typer.echo(f"the desired spring is not attainable, this is the nearest one: {found['why']}")
 
 
 def _identify(
@@ -120,21 +120,23 @@ def _identify(
     log: Annotated[
         Path,
         typer.Argument(
-            metavar="LOG", help="CSV of angle and torque, or a trial's YAML file or run folder.", show_default=False
+            metavar="LOG",
+            help="CSV file of angle and torque, or a trial's YAML file or run folder.",
+            show_default=False,
         ),
     ],
     *,
-    joint: Annotated[int, typer.Option(min=1, help="For a trial in the plane: the joint, from 1.")] = 1,
+    joint: Annotated[int, typer.Option(min=1, help="Number of the joint, for a trial in the plane.")] = 1,
     as_json: AsJson = False,
 ) -> None:
-    """Estimate the parameters of a cylinder from a log."""
+    """Estimate the parameters of a cylinder from measured angles and torques."""
     found = workflow.identify_device(load_device(device), log, joint)
     if as_json:
         print_json(found)
         return
     rows = [["parameter", "estimate", "95 % interval", "described"], *map(_row, found["parameters"])]
     typer.echo("\n".join(align(rows)))
-    left_out = f", {found['left_out']} with empty cells left out" if found["left_out"] else ""
+    left_out = f", {found['left_out']} samples with empty cells are left out" if found["left_out"] else ""
     typer.echo(f"residual {found['residual_Nm']:.3f} N·m over {found['samples']} samples{left_out}")
     for caution in found["cautions"]:
         typer.echo(f"caution: {caution}")
@@ -149,7 +151,7 @@ def _row(parameter: dict[str, Any]) -> list[str]:
 
 
 def _budget(device: Device, *, as_json: AsJson = False) -> None:
-    """Compute the gas of every change between the file's conditions."""
+    """Compute the amount of gas for every change between two conditions of the file."""
     found = workflow.gas_budget(load_device(device))
     if as_json:
         print_json(found)

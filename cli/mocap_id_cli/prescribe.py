@@ -31,7 +31,7 @@ def prescribe(
         Path | None,
         typer.Option(
             metavar="FOLDER",
-            help="Write JSON, tables and figures; an interrupted search resumes there.",
+            help="Folder for JSON, tables and figures; with the same folder, an interrupted search is continued.",
             show_default=False,
         ),
     ] = None,
@@ -41,7 +41,7 @@ def prescribe(
 ) -> None:
     """Find springs that let a weak person hold most of a range.
 
-    This applies to the range of a joint or of a chain.
+    The range is that of one joint or of a whole chain.
     """
     log_to_stderr(quiet, verbose)
 
@@ -90,14 +90,14 @@ def _one(found: workflow.PrescriptionResult) -> Iterator[str]:
     without = "nothing" if one.without is None else _range(one.without)
     yield f"{name}: without a spring {without} can be held; gravity needs up to {joint.weight:.3f} N·m"
     if not one.helps:
-        yield f"no spring helps: none improves the range by {math.degrees(one.gap):.1f}° or more"
+        yield f"no spring helps: no spring widens the range by {math.degrees(one.gap):.1f}° or more"
         return
     share = one.stiffness / joint.weight
     yield (
         f"spring: {one.stiffness:.4g} N·m/rad ({share:.4f} of the moment of gravity per radian), rest angle "
         f"{math.degrees(one.rest):.1f}°: {_range(one.range)} can be held"
     )
-    yield f"no other spring widens the range by more than a further {math.degrees(one.gap):.2f}°"
+    yield f"no other spring widens the range by more than another {math.degrees(one.gap):.2f}°"
 
 
 def _several(found: workflow.PrescriptionResult) -> Iterator[str]:

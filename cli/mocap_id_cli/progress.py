@@ -1,4 +1,4 @@
-"""Progress messages on standard error; a moving display appears only on a terminal."""
+"""Progress messages on standard error, with an animated display if it is a terminal."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ _OUTCOMES = {0: "", 4: "refused"}
 
 
 def show(text: str, total: int | None = None) -> None:
-    """Replace the display by a new one, with a bar if the number of steps is given.
+    """Replace the display by a new one, with a progress bar if ``total`` is given.
 
     Parameters
     ----------
     text : str
-        What is running.
+        Name of the task that is running.
     total : int, optional
-        Number of steps that :func:`advance` counts.
+        Number of steps, which :func:`advance` counts.
     """
     stop()
     if not sys.stderr.isatty():
@@ -41,7 +41,7 @@ def show(text: str, total: int | None = None) -> None:
 
 
 def say(line: str) -> None:
-    """Print a line on standard error, above a moving display."""
+    """Print a line on standard error, above the display if there is one."""
     if _displays:
         _displays[-1].console.print(line, highlight=False, markup=False, soft_wrap=True)
     else:
@@ -49,7 +49,7 @@ def say(line: str) -> None:
 
 
 def advance() -> None:
-    """Count one step in the display."""
+    """Add one step to the progress bar, if there is a display."""
     for display in _displays:
         display.advance(display.task_ids[0])
 

@@ -30,17 +30,17 @@ from mocap_id_cli.console import (
 def regress(
     named: TrialFiles,
     *,
-    baseline: Annotated[Path, typer.Option(metavar="FILE", help="The baseline.")] = Path("baseline.json"),
-    make: Annotated[bool, typer.Option("--update", help="Write the current numbers to the baseline.")] = False,
+    baseline: Annotated[Path, typer.Option(metavar="FILE", help="File of the baseline.")] = Path("baseline.json"),
+    make: Annotated[bool, typer.Option("--update", help="Write the recomputed results to the baseline.")] = False,
     jobs: Jobs = 1,
     as_json: AsJson = False,
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Recompute trials and compare their results with a baseline.
+    """Recompute trials, and compare their results with a baseline.
 
     Earlier results are neither used nor changed. The exit code is 1 if a number has changed by more than its
-    tolerance, by default its 95 % interval.
+    tolerance, which by default is its 95 % interval.
     """
     log_to_stderr(quiet, verbose)
     tell = progress.report_trials(quiet)

@@ -42,7 +42,7 @@ def run(
     space: Annotated[str | None, typer.Option(help="plane or 3d.", autocompletion=offer("plane", "3d"))] = None,
     side: Annotated[
         str | None,
-        typer.Option(help="Side of the arm in space: right or left.", autocompletion=offer("right", "left")),
+        typer.Option(help="Arm of a trial in space: right or left.", autocompletion=offer("right", "left")),
     ] = None,
     window: Annotated[
         tuple[float, float] | None, typer.Option(metavar="FIRST LAST", help="First and last time to use, s.")
@@ -62,8 +62,8 @@ def run(
 ) -> None:
     """Run the whole pipeline on a trial.
 
-    Results that are up to date are reused. A recording without a YAML file is run with the settings given as options;
-    space and protocol are guessed if they are not given. For all settings, write a YAML file, for example with --save.
+    Results that are up to date are reused. For a recording without a YAML file, options give the settings; space and
+    protocol are guessed if they are not given. Only a YAML file can have all settings; --save writes one.
     """
     log_to_stderr(quiet, verbose)
     subject = {name: value for name, value in (("height", height), ("mass", mass)) if value is not None}
@@ -72,13 +72,13 @@ def run(
     result = mocap_id.run(trial, forces=forces, save=save, progress=progress.report_stages(quiet), **settings)
     _print_run(result, as_json)
     if open_report and not result.open_report():
-        typer.echo("no browser could be opened here: open the report yourself", err=True)
+        typer.echo("no browser could be opened: open the report yourself", err=True)
     if result.refused:
         raise typer.Exit(Refused.exit_code)
 
 
 def make_stage_command(name: str) -> Callable[..., None]:
-    """Return the command of one stage."""
+    """Return the function of the command that runs a trial up to the stage ``name``."""
     stage = next(stage for stage in STAGES if stage.name == name)
 
     def command(trial: _TrialFile, *, as_json: AsJson = False, quiet: Quiet = False, verbose: Verbose = False) -> None:
@@ -98,7 +98,7 @@ def make_stage_command(name: str) -> Callable[..., None]:
 
 
 def _print_run(run: mocap_id.Run, as_json: bool, steps: tuple[runner.Step, ...] = ()) -> None:
-    """Print the verdict, its reasons and the report's path."""
+    """Print verdict, reasons and path of the report; ``steps`` are printed if the run has no steps of its own."""
     report = shorten(run.report)
     if as_json:
         result = {"trial": run.name, "verdict": run.summary["verdict"], "folder": shorten(run.folder)}

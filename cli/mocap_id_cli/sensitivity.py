@@ -21,7 +21,7 @@ def sensitivity(
     trial: TrialPath,
     *,
     settings: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="YAML file of the perturbations to apply; default: all.")
+        Path | None, typer.Option(metavar="FILE", help="YAML file of the perturbations; default: all perturbations.")
     ] = None,
     only: Annotated[
         list[str] | None,
@@ -41,8 +41,8 @@ def sensitivity(
 ) -> None:
     """Perturb a trial and report which errors it tolerates.
 
-    The perturbations are typical laboratory errors (thesis 5.5.2). With a YAML file, missing or outdated results
-    are computed first. The trial's run folder is not changed.
+    The perturbations are typical laboratory errors (thesis 5.5.2). If TRIAL is a YAML file, missing or outdated
+    results are computed first. A given run folder is not changed.
     """
     from mocap_id.workflows.sensitivity import plan, study  # noqa: PLC0415  no other command has to wait for it
 

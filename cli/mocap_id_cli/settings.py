@@ -1,4 +1,4 @@
-"""Settings of all stages, as commented-out YAML and as a documentation page."""
+"""Settings of all stages, as YAML in comments and as a documentation page."""
 
 from __future__ import annotations
 
@@ -18,9 +18,10 @@ _PLURALS = {"number": "numbers", "whole number": "whole numbers", "text": "texts
 
 
 def format_settings_yaml(stages: Sequence[Stage] = STAGES, space: Space = "plane") -> str:
-    """Return the settings of each stage in the plane or in space with their defaults, as YAML that is commented out.
+    """Return the settings of each stage with their defaults, in the plane or in space, as YAML in comments.
 
-    A line that starts with ``#`` and a blank is a remark; removing the ``#`` from all other lines gives valid YAML.
+    A line that starts with ``#`` and a blank is a remark. If the ``#`` is removed from all other lines, they are valid
+    YAML.
     """
     return "\n".join(line for stage in stages if stage.settings.model_fields for line in _format_section(stage, space))
 
@@ -88,7 +89,7 @@ def _format_default(field: FieldInfo) -> str:
 
 
 def _describe_type(annotation: Any) -> str:
-    """Return a type in plain words."""
+    """Return the description of a type, such as "list of 2 numbers"."""
     names = {float: "number", int: "whole number", str: "text", bool: "true or false"}
     if annotation in names:
         return names[annotation]

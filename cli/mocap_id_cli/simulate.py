@@ -1,6 +1,6 @@
-"""``mocap-id simulate``: trials, robot studies and cohorts whose exact truth is known.
+"""``mocap-id simulate``: simulated trials, robot studies and cohorts, whose exact truth is known.
 
-The options of the commands, with their defaults and help texts, are the fields of the options in
+The options of the commands, with their defaults and help texts, are the fields of the option classes in
 :mod:`mocap_id.simulation`.
 """
 
@@ -44,7 +44,7 @@ _Folder = Annotated[Path, typer.Argument(metavar="FOLDER", help="A new folder.",
 _AnyOptions: TypeAlias = Options | ArmOptions | ChainOptions | SpaceRobotOptions
 _PARSERS = {"people": read_people, "faults": read_faults}
 _HELP = {
-    "people": "Differences between the person and rigid segments on pins: "
+    "people": "Deviations of the person from rigid segments with pin joints: "
     + ", ".join(each.name for each in fields(PersonOptions))
     + ".",
     "faults": "Faults of the recording: " + ", ".join(each.name for each in fields(FaultOptions)) + ".",
@@ -91,7 +91,10 @@ def commands() -> typer.Typer:
 def _make_command(
     write: Callable[..., Path], text: str, defaults: _AnyOptions, names: Sequence[str]
 ) -> Callable[..., None]:
-    """Return a command with the parameters of ``write``; some fields of its ``options`` become parameters."""
+    """Return a command that calls ``write``, with the help ``text``.
+
+    Its parameters are those of ``write`` and, instead of ``options``, the fields ``names`` of ``defaults``.
+    """
 
     def command(**values: Any) -> None:
         chosen = {name: values.pop(name) for name in names}
@@ -118,7 +121,7 @@ def _make_parameters(defaults: _AnyOptions, names: Sequence[str]) -> Iterator[in
 
 
 def _take_folder(write: Callable[[Path, Any], Path]) -> Callable[..., Path]:
-    """Return a function that simulates a trial, with the parameters of a command."""
+    """Return a function that simulates a trial by ``write``, with FOLDER as a parameter of the command line."""
 
     def simulate_trial(folder: _Folder, *, options: _AnyOptions) -> Path:
         return write(folder, options)
@@ -155,7 +158,9 @@ def _reach_cohort(
     subjects: Annotated[int, typer.Option(help="Number of people, from healthy to severely limited.")] = (
         ReachCohort.subjects
     ),
-    sessions: Annotated[int, typer.Option(help="Sessions of each person, both arms in each.")] = ReachCohort.sessions,
+    sessions: Annotated[
+        int, typer.Option(help="Sessions of each person; each session is for both arms.")
+    ] = ReachCohort.sessions,
     skeletons: Annotated[
         bool, typer.Option("--skeletons", help="Write skeletons of a depth camera instead of markers.")
     ] = ReachCohort.skeletons,

@@ -1,4 +1,4 @@
-"""``mocap-id stages``: the stages, their settings and their Makefile rules."""
+"""``mocap-id stages``: list of the stages, their settings, and Makefile rules."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def stages(
         typer.Option("--make", metavar="TRIAL.yaml", help="Print Makefile rules for this trial (repeatable)."),
     ] = None,
     settings: Annotated[
-        bool, typer.Option("--settings", help="Print the settings of every stage, commented out, to copy into a trial.")
+        bool, typer.Option("--settings", help="Print all settings as YAML comments, to copy into a trial's file.")
     ] = False,
 ) -> None:
     """List the stages in order, with their inputs and outputs."""

@@ -1,4 +1,4 @@
-"""``mocap-id status``: the state of trials."""
+"""``mocap-id status``: which stages of trials are done, have to be computed, or failed."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def status(named: TrialFiles, *, as_json: AsJson = False) -> None:
 
 def _lines(trial: Trial, one: runner.TrialStatus, width: int) -> Iterator[str]:
     if one.running:
-        yield f"{trial.name:<{width}}  running at the moment"
+        yield f"{trial.name:<{width}}  is running at the moment"
     states = Counter(stage.state for stage in one.stages)
     if one.done:
         yield f"{trial.name:<{width}}  {'refused' if states['refused'] else 'done'}"

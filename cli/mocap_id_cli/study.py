@@ -1,4 +1,4 @@
-"""``mocap-id study``: all trials of a study, with its tables and page."""
+"""``mocap-id study``: runs of all trials of a study, with tables and page."""
 
 from __future__ import annotations
 
@@ -25,8 +25,8 @@ def study(
 ) -> None:
     """Run all trials of a study and write its tables and page.
 
-    Results that are up to date are reused. If a trial fails or is refused, the others still run and the exit code
-    is 1.
+    Results that are up to date are reused. If a trial fails or is refused, the other trials still run, and the exit
+    code is 1.
     """
     from mocap_id.workflows import study as workflow  # noqa: PLC0415  no other command has to wait for it
 

@@ -1,4 +1,4 @@
-"""``mocap-id transfer``: the model of one trial applied to other trials."""
+"""``mocap-id transfer``: application of the body of one trial to other trials."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ from mocap_id_cli import progress
 from mocap_id_cli.console import AsJson, Quiet, Verbose, align, log_to_stderr, print_result
 
 _VERDICTS = {
-    True: "verdict: supported; the transferred body differs significantly from the allometric body and is closer to "
-    "the forces",
-    False: "verdict: not supported by these recordings, for the reasons above; the allometric body is as good",
-    None: "verdict: nothing contradicts it, but without forces or an allometric body it cannot be confirmed",
+    True: "verdict: the transfer is supported: the transferred body differs significantly from the allometric body and "
+    "predicts the forces better",
+    False: "verdict: these recordings do not support the transfer, for the reasons above: the allometric body is not "
+    "worse",
+    None: "verdict: nothing contradicts the transfer, but without forces or an allometric body it cannot be confirmed",
 }
 _UNITS = {"Fx": ("N", 1.0), "Fy": ("N", 1.0), "tauz": ("N·m", 1.0), "cop_x": ("mm", 1e3)}
 
@@ -48,8 +49,8 @@ def transfer(
 ) -> None:
     """Apply the body identified from one trial to other trials.
 
-    All trials must be of the same person. With a YAML file, missing or outdated results are computed first; a run
-    folder is read unchanged.
+    All trials must be of the same person. If a trial is given as a YAML file, missing or outdated results are computed
+    first; a run folder is read unchanged.
     """
     log_to_stderr(quiet, verbose)
     if out is not None:
@@ -72,14 +73,17 @@ def _lines(result: workflow.Transfer) -> Iterator[str]:
 
 
 def _intervals(trial: workflow.TrialTransfer) -> Iterator[str]:
-    """Yield a line with the stated standard deviations, and the shares of samples in the stated intervals."""
+    """Yield a line with the predicted standard deviations, and the fractions of samples in the 95 % intervals.
+
+    There is no line without measured forces.
+    """
     known = {name: share for name, share in trial.inside.items() if math.isfinite(share)}
     if known:
         text = ", ".join(
             f"{name} ± {_UNITS[name][1] * trial.stated[name]:.1f} {_UNITS[name][0]}: {100 * share:.0f} %"
             for name, share in known.items()
         )
-        yield f"transferred, stated sd and share of the samples in its 95 % interval: {text}"
+        yield f"transferred body, predicted sd and percentage of the samples in the 95 % interval: {text}"
 
 
 def _rows(trial: workflow.TrialTransfer) -> Iterator[list[str]]:

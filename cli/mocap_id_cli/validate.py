@@ -1,4 +1,4 @@
-"""``mocap-id validate``: the thesis's validation studies, on simulated trials or on your own."""
+"""``mocap-id validate``: the validation studies of the thesis, on simulated trials or on your own."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def _robot(
         list[Path] | None,
         typer.Argument(
             metavar="[STUDY|TRIAL...]",
-            help="A robot study's file, or trial files; default: the set in FOLDER/trials, simulated if missing.",
+            help="A robot study's file, or trial files; default: the trials in FOLDER/trials, simulated if missing.",
             show_default=False,
         ),
     ] = None,
@@ -48,8 +48,8 @@ def _robot(
 ) -> None:
     """Repeat tables 5.1 to 5.6 and figures 5.2 to 5.6 of the thesis, on simulated trials or on your own.
 
-    Every method for the joint states is applied to every trial. If a trial fails, the others still run and the exit
-    code is 1.
+    Every method for the joint states is applied to every trial. If a trial fails, the other trials still run, and the
+    exit code is 1.
     """
     from mocap_id.workflows import robot_study as workflow  # noqa: PLC0415  no other command has to wait for it
 

@@ -1,4 +1,4 @@
-"""``mocap-id workspace``: the workspace of a recovered chain."""
+"""``mocap-id workspace``: the workspace of the tip of a recovered chain."""
 
 from __future__ import annotations
 
@@ -33,11 +33,13 @@ def workspace(
             metavar="MARKER", help="Marker of the last segment, or x,y in its frame, m.", show_default="farthest marker"
         ),
     ] = None,
-    quantile: Annotated[float, typer.Option(help="Share of samples excluded at each end of an angle's range.")] = 0.0,
+    quantile: Annotated[
+        float, typer.Option(help="Fraction of samples that is excluded at each end of an angle's range.")
+    ] = 0.0,
     samples: Annotated[int, typer.Option(help="Number of postures to sample.")] = 10_000,
     seed: Annotated[int, typer.Option(help="Seed of the samples.")] = 0,
     out: Annotated[
-        Path | None, typer.Option(metavar="FOLDER", help="Write JSON, CSV and figures.", show_default=False)
+        Path | None, typer.Option(metavar="FOLDER", help="Folder for JSON, CSV and figures.", show_default=False)
     ] = None,
     as_json: AsJson = False,
     quiet: Quiet = False,
@@ -45,8 +47,9 @@ def workspace(
 ) -> None:
     """Compute what the tip of a chain reaches within its limits.
 
-    The result is an area (or a volume in space) for the observed joint limits. Forces are not needed. A trial's
-    YAML file is run as far as the joint states; a run folder is read unchanged.
+    The result is an area (in space a volume) for the observed limits of the joints. Forces are not needed. If TRIAL is
+    a trial's YAML file, missing or outdated stages up to the joint states are computed first; a run folder is read
+    unchanged.
     """
     log_to_stderr(quiet, verbose)
     paths = [trial] if compare is None else [trial, compare]
@@ -83,5 +86,5 @@ def _change(change: Overlay) -> str:
     unit = "m²" if change.points.shape[1] == 2 else "m³"
     return (
         f"from the first to the second: gained {change.gained:.5f} {unit}, lost {change.lost:.5f}, kept "
-        f"{change.kept:.5f}; align at the first joint"
+        f"{change.kept:.5f}; both are aligned at the first joint"
     )

@@ -38,7 +38,7 @@ def test_the_demo_makes_a_trial_and_opens_its_report(
     monkeypatch.setattr("webbrowser.open", lambda address: False)
     again = cli("demo")
     assert (again.code, again.out) == (0, said.out)
-    assert "no browser could be opened here: open the report yourself" in again.err
+    assert "no browser could be opened: open the report yourself" in again.err
     assert report.stat().st_mtime_ns == before, "the results are reused"
     assert cli("demo", "--no-open", "--quiet").err == ""
     assert opened == [report.as_uri()]

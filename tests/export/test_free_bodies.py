@@ -114,17 +114,17 @@ def test_what_the_chain_does_not_show_is_said_where_one_looks(loose: Loose) -> N
     assert f"its inverse dynamics does not give {name}_torques.sto" in said
     assert f"sto: torques and modelled wrench belong to bodies on their measured poses ({name}_free" in said
     assert "csv: torques and modelled wrench belong to bodies" in said
-    assert "Torques and ground wrench do not depend on it" not in said
+    assert "Torques and ground wrench do not depend on the division" not in said
     text = file(loose, ".osim").read_text("utf-8")
     assert "belong to these bodies, not to this chain" in text
     free = file(loose, "_free.osim").read_text("utf-8")
     for joint in ("ankle", "knee", "hip"):
-        assert f"Torque of {joint}: the moment about its centre" in free
+        assert f"Torque of {joint}: the moment, about its centre" in free
 
 
 def test_a_trial_on_the_chain_has_no_free_bodies(exported) -> None:
     assert not [path.name for path in exported().exported.files if "_free" in path.name]
-    assert "Torques and ground wrench do not depend on it" in " ".join(exported().exported.notes)
+    assert "Torques and ground wrench do not depend on the division" in " ".join(exported().exported.notes)
 
 
 def test_a_column_of_which_nothing_is_known_does_not_empty_the_table() -> None:

@@ -63,7 +63,7 @@ def test_exchanged_trials_and_cautions_of_a_trial_are_reported(trials: tuple[Pat
     summary["verdict"]["reasons"].append({"code": "wrench-unexplained", "level": "caution"})
     (doubtful / "summary.json").write_text(json.dumps(summary))
     said = CliRunner().invoke(build(), ["payload", str(doubtful), str(folders[0])]).stdout
-    assert "the mass is negative; expected the trial with the payload first" in said
+    assert "the mass is negative: probably the trials are exchanged" in said
     assert "cautions of empty: wrench-unexplained" in said
 
 

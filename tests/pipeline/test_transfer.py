@@ -311,8 +311,8 @@ def test_the_command_prints_a_table(cli, subject, normal, dynamic) -> None:
     assert f"s21-dynamic: {dynamic.dynamics['in_fit'].sum()} samples, condition number" in out
     for row in ("Fx (N)", "Fy (N)", "tauz (N·m)", "cop_x (mm)", "tau_3 minus own (N·m)"):
         assert any(line.startswith(row) for line in lines)
-    assert "share of the samples in its 95 % interval" in out
-    assert lines[-1].startswith("verdict: supported")
+    assert "percentage of the samples in the 95 % interval" in out
+    assert lines[-1].startswith("verdict: the transfer is supported")
     heads = next(line for line in lines if "transferred" in line)
     assert heads.split("  ")[-1].strip() == "winter"
 
