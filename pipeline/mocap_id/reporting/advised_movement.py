@@ -1,4 +1,4 @@
-"""Figure of an advised movement: joint angles with their limits, in full and in detail."""
+"""Figure of an advised movement: joint angles with their limits, for the whole movement and for its middle 8 s."""
 
 from __future__ import annotations
 
@@ -18,15 +18,16 @@ _DETAIL = 8.0  # s
 
 
 def draw(course: Trajectory, joints: Sequence[str], limits: MovementLimits, words: str) -> Figure:
-    """Draw the movement, inside :func:`mocap_id.reporting.paper_figures.use_paper_style`.
+    """Return the figure; call this within :func:`mocap_id.reporting.paper_figures.use_paper_style`.
 
     Parameters
     ----------
     course : Trajectory
+        The movement.
     joints : sequence of str
         Names of the joints.
     limits : MovementLimits
-        Limits of the angles, as dotted lines.
+        Limits of the angles, drawn as dotted lines.
     words : str
         Instruction for the person: the title of the figure.
     """

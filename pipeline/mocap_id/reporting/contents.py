@@ -9,4 +9,4 @@ PdfFonts: TypeAlias = Literal["type-3", "truetype"]
 
 SUMMARY_FILE, PAGE_FILE, CAPTIONS_FILE = "summary.json", "report.html", "figures/captions.md"
 FILES: tuple[str, ...] = (SUMMARY_FILE, PAGE_FILE)
-"""Files of every report; figures for papers are written on request."""
+"""Files of every report; figures for papers are only written on request."""

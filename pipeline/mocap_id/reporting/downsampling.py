@@ -11,13 +11,13 @@ BINS = 450
 
 
 def thin_curve(time: FloatArray, values: FloatArray, bins: int = BINS) -> tuple[FloatArray, FloatArray]:
-    """Keep the lowest and highest sample of a curve in each bin, in order of time.
+    """Return the lowest and the highest sample of a curve in each bin, in order of time.
 
     Parameters
     ----------
     time : (T,) array
     values : (T,) array
-        NaN interrupts the curve; a bin with any NaN keeps one.
+        NaN interrupts the curve; of a bin with NaN values, one NaN is also returned.
     bins : int
         Number of bins. A curve with at most ``3 * bins`` samples is returned unchanged.
 
@@ -42,7 +42,7 @@ def thin_curve(time: FloatArray, values: FloatArray, bins: int = BINS) -> tuple[
 def thin_band(
     time: FloatArray, low: FloatArray, high: FloatArray, bins: int = BINS
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return the minimum of the lower and the maximum of the upper edge of a band in each bin.
+    """Return a band with the minimum of its lower edge and the maximum of its upper edge in each bin.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ def thin_band(
     Returns
     -------
     time, low, high : (K,) arrays
-        K ≤ bins; NaN if a whole bin is unknown.
+        Mean time of each bin, and the two edges; K ≤ bins. Edges are NaN if a whole bin is unknown.
     """
     if len(time) <= bins:
         return time, low, high
@@ -66,7 +66,7 @@ def thin_band(
 
 
 def find_spans(time: FloatArray, mask: BoolArray, bins: int = BINS) -> list[tuple[float, float]]:
-    """Return start and width, s, of each interval where ``mask`` (T,) is true; gaps below one bin are closed."""
+    """Return start and width, s, of each interval where ``mask`` (T,) is true; gaps shorter than a bin are closed."""
     runs = find_runs(mask)
     if not runs:
         return []
@@ -80,7 +80,7 @@ def find_spans(time: FloatArray, mask: BoolArray, bins: int = BINS) -> list[tupl
 
 
 def _reshape(values: FloatArray, bins: int) -> FloatArray:
-    """Reshape (T,) to (bins', size) with bins' ≤ bins, repeating the last sample to fill the last row."""
+    """Reshape values (T,) to (K, size) with K ≤ ``bins``; the last value is repeated to fill the last row."""
     size = -(-len(values) // bins)
     rows = -(-len(values) // size)
     return np.pad(values, (0, rows * size - len(values)), mode="edge").reshape(rows, size)

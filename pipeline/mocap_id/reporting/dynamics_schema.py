@@ -12,10 +12,10 @@ class BaseEntry(Entry):
 
     ``verdict`` compares the standard deviation with the size of the parameter (``relative_sd``). ``excitation`` is the
     norm of the part of its regressor column that is independent of all other columns, in standard deviations of the
-    residual per SI unit; ``own_share`` is the share of this part in the column. ``helps`` is the movement that would
-    reduce the standard deviation most. ``sd_ratio`` is the resulting standard deviation divided by the present one; 1
-    if no tested movement helps. Both are null if every parameter is known, because no movement is tested then.
-    ``prior_share`` is the share of the loose prior in the precision (0 … 1; 0 with the pinned chain).
+    residual per SI unit; ``own_share`` is this norm divided by the norm of the whole column. ``helps`` is the movement
+    that would reduce the standard deviation most, and ``sd_ratio`` the resulting standard deviation divided by the
+    present one; 1 if no tested movement helps. Both are null if every parameter is known, because no movement is tested
+    then. ``prior_share`` is the fraction of the precision that comes from the loose prior (0 with the pinned chain).
     """
 
     name: str
@@ -42,7 +42,10 @@ class ChannelEntry(Entry):
 
 
 class RivalEntry(Entry):
-    """Errors of an allometric body on the same chain, over the samples of the model, else over all off the seat."""
+    """Errors of an allometric body on the same chain, over the samples of the fit, else over all samples off the seat.
+
+    ``assumed`` lists the assumptions about height, mass and sex.
+    """
 
     height_m: float | None
     mass_kg: float | None
@@ -53,14 +56,14 @@ class RivalEntry(Entry):
 
 
 class HeldOutEntry(Entry):
-    """Prediction errors for left-out repetitions, by models fitted without them, all over the same ``samples``.
+    """Prediction errors for left-out repetitions, by models fitted without them, over the same number of ``samples``.
 
     ``repetitions`` is the number of repetitions and ``folds`` the number of models. Each model leaves out one
     repetition, or several neighbours if there are more than five. Errors are those of Fx, Fy (N), tauz (N·m) and cop_x
     (m): ``model`` by these models, ``in_sample`` by the model of the whole trial, ``reference`` by the allometric body
-    (null without one). With measured poses these three are computed after the low-pass of the fit. ``unfiltered`` is
-    the error of ``model`` against the unfiltered wrench, and ``inside`` the share of samples within 95 % intervals
-    derived from the other repetitions. ``clock_offset_s`` lists the clock offset of each model.
+    (null without such a body). With measured poses, these three are computed after the low-pass filter of the fit.
+    ``unfiltered`` is the error of ``model`` against the unfiltered wrench, and ``inside`` the fraction of samples in
+    95 % intervals derived from the other repetitions. ``clock_offset_s`` lists the clock offset of each model.
     """
 
     repetitions: int | None
@@ -76,7 +79,7 @@ class HeldOutEntry(Entry):
 
 
 class GapEntry(Entry):
-    """Gap between the two sides of a joint (rms), its acceleration below 3 Hz, and whether the joint is pinned."""
+    """Gap between the two sides of a joint and its acceleration below 3 Hz, both rms; whether the joint is pinned."""
 
     gap_m: float | None
     acceleration_m_s2: float | None
@@ -85,11 +88,11 @@ class GapEntry(Entry):
 
 
 class MotionEntry(Entry):
-    """Motion of the masses (the pinned ``chain`` or the measured poses of ``segments``), and ``why`` it was chosen.
+    """Motion of the masses: the pinned ``chain`` or the measured poses of ``segments``; ``why`` says why it was chosen.
 
     ``bands_hz`` are the cut-off frequencies for x, y and angle of the measured poses, ``bodies`` the names of the
-    bodies and ``prior`` the source of the loose prior; all are null for the chain. ``joints`` is null if chain and
-    poses were not compared.
+    bodies and ``prior`` the source of the loose prior; all are null for the chain. ``joints`` is null if
+    the gaps of the joints were not measured.
     """
 
     source: Literal["chain", "segments"]
@@ -112,7 +115,7 @@ class PredictedEntry(Entry):
 class PinsEntry(Entry):
     """Prediction errors with and without pinned joints, on the same left-out ``samples`` and after the same low-pass.
 
-    ``clock_offset_s`` is the clock offset of the pinned chain. All are null if the dynamics use the pinned chain.
+    ``clock_offset_s`` is the clock offset of the pinned chain. All values are null if the dynamics use that chain.
     """
 
     samples: int | None
@@ -126,9 +129,9 @@ class DynamicsEntry(Entry):
     """Results of the identification; ``mass_kg`` and ``cop_mean_m`` come from the plates alone.
 
     ``wrench`` and ``cop_rms_m`` are errors over the samples of the fit, ``held_out`` the errors on left-out
-    repetitions. ``consistency`` is the set of bodies considered physically consistent. ``rivals`` are the reference
-    bodies by the name of their allometric table; empty if no table applies. ``motion`` is the motion of the masses, and
-    ``pins`` the effect of pinned joints.
+    repetitions. ``consistency`` is the set of bodies considered physically consistent. ``rivals`` contains the
+    reference bodies by the names of their allometric tables; empty if no table applies. ``motion`` describes the motion
+    of the masses, and ``pins`` the effect of pinned joints.
     """
 
     base: list[BaseEntry] | None

@@ -1,4 +1,4 @@
-"""Figures embedded in an HTML page: their data, the scripts that draw them and the content security policy."""
+"""Figures embedded in an HTML page: their data, the scripts that draw them, and the content security policy."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ _OPENING = '<script type="application/json" id="figure-data">'
 class Embedded:
     """Data and scripts for the page templates."""
 
-    data: Mapping[str, str]  # JSON that is safe in a script element, by the id of the element
-    scripts: tuple[str, ...]  # Plotly, and our scripts that draw with it
+    data: Mapping[str, str]  # JSON texts that are safe in a script element, by the id of the element
+    scripts: tuple[str, ...]  # Plotly, and our scripts that draw with Plotly
     policy: str  # content security policy: it allows these scripts by their digests, and no connection
 
 
 def embed(drawings: Drawings, player: Player | None = None) -> Embedded:
-    """Return the data and scripts of the figures of a page, and of its player if it has one."""
+    """Return the data and scripts for the figures of a page, and for its player if the page has one."""
     contents: dict[str, Any] = {"figure-data": to_json(drawings)}
     if player is not None:
         contents["player-data"] = player.to_json()
@@ -65,11 +65,11 @@ def _read_library() -> tuple[tuple[str, str], ...]:
 
 @cache
 def _read_script(name: str) -> tuple[str, str]:
-    """Return a script and its SHA-256 digest."""
+    """Return the text of a script and its SHA-256 digest in base64."""
     text = files("mocap_id.reporting").joinpath("templates", name).read_text("utf-8").strip()
     return text, base64.b64encode(hashlib.sha256(text.encode("utf-8")).digest()).decode()
 
 
 def _escape(text: str) -> str:
-    """Escape JSON so that no label can close the script element."""
+    """Return JSON with <, > and & escaped, so that no label in it can close the script element."""
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")

@@ -1,7 +1,7 @@
 """Figures as data: panels of curves, bands, points and bars, independent of the drawing library.
 
 The page's ``chart.js`` draws a figure with Plotly; :mod:`mocap_id.reporting.paper_figures` draws it with matplotlib. A
-page contains its figures as JSON (:func:`to_json`); for a paper they are read from it (:func:`from_json`).
+page contains its figures as JSON (:func:`to_json`); paper figures are made from this JSON (:func:`from_json`).
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ Symbol: TypeAlias = Literal["dot", "ring", "x", "+", "|", "diamond", "square"]
 
 @dataclass(frozen=True, eq=False)
 class Line:
-    """A curve through (K,) points, interrupted by NaN. Widths and sizes are in points on paper.
+    """A curve through K points, interrupted where a coordinate is NaN.
 
-    ``z`` is the third coordinate in a panel with a ``view``.
+    ``z`` is the third coordinate in a panel with a ``view``. Widths and sizes of all items are in points (1/72 inch).
     """
 
     x: FloatArray
@@ -39,7 +39,7 @@ class Line:
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """The area between the curves ``low`` and ``high``, interrupted by NaN."""
+    """The area between the curves ``low`` and ``high``, interrupted where they are NaN."""
 
     x: FloatArray
     low: FloatArray
@@ -50,7 +50,7 @@ class Band:
 
 @dataclass(frozen=True, eq=False)
 class Points:
-    """Single points, with optional half-widths of intervals along x (``half``) and names; ``z`` as in a line."""
+    """Single points, with optional names and intervals along x (± ``half``); ``z`` as in :class:`Line`."""
 
     x: FloatArray
     y: FloatArray
@@ -65,7 +65,7 @@ class Points:
 
 @dataclass(frozen=True, eq=False)
 class Heat:
-    """Squares coloured by value on the colour scale of the figure."""
+    """Squares whose colours show ``value`` on the colour scale of the figure."""
 
     x: FloatArray
     y: FloatArray
@@ -88,7 +88,7 @@ class Bars:
 
 @dataclass(frozen=True, eq=False)
 class Spans:
-    """Intervals of x that are shaded over the full height of the panel."""
+    """Intervals of x, shaded over the full height of the panel."""
 
     start: FloatArray
     end: FloatArray
@@ -98,7 +98,7 @@ class Spans:
 
 @dataclass(frozen=True)
 class Rule:
-    """A straight line across the whole panel at one position of an axis."""
+    """A straight line across the whole panel, perpendicular to ``axis`` at the position ``at``."""
 
     axis: Literal["x", "y"]
     at: float
@@ -109,7 +109,7 @@ class Rule:
 
 @dataclass(frozen=True)
 class Text:
-    """Text to the right of a position."""
+    """Text to the right of a point."""
 
     x: float
     y: float
@@ -132,25 +132,25 @@ class Panel:
     """One pair of axes.
 
     Linked panels share x with all other linked panels of the figure; only a linked panel with an x label shows numbers.
-    A ``view`` is given in degrees as in :func:`project`, for lines and points with three coordinates, y up. A page
-    starts with this view, and the reader can turn it; a figure for a paper has this view.
+    A panel with a ``view`` contains only lines and points with three coordinates, y up. On a page the reader can rotate
+    the view, starting from this one; a figure for a paper has this view.
     """
 
     items: tuple[Item, ...]  # from back to front
     title: str = ""
     x: str = ""  # label of the axis, with unit
     y: str = ""
-    x_range: tuple[float, float] | None = None  # None to show everything
+    x_range: tuple[float, float] | None = None  # None to show all items
     y_range: tuple[float, float] | None = None
     x_ticks: tuple[tuple[float, str], ...] = ()  # positions and labels, if x is not a numeric scale
-    rows: tuple[str, ...] = ()  # names if y counts rows (0 at the top); only the first panel of a line shows them
+    rows: tuple[str, ...] = ()  # row names if y is a row number (0 at the top); shown by the first panel of a line
     equal: bool = False  # whether both axes have the same scale
-    linked: bool = False
+    linked: bool = False  # whether x is shared with the other linked panels
     height: float = 2.1  # height on paper including labels, inches
-    view: tuple[float, float] | None = None  # turn and tilt
+    view: tuple[float, float] | None = None  # turn and tilt of :func:`project`, degrees
 
     def flat(self) -> Panel:
-        """Return the panel with its lines and points projected onto its view, for paper."""
+        """Return the panel with its lines and points projected onto its view; the same panel if it has no view."""
         if self.view is None:
             return self
         turn, tilt = np.radians(self.view).tolist()
@@ -163,9 +163,10 @@ class Panel:
 
 
 def project(points: FloatArray, turn: float, tilt: float) -> FloatArray:
-    """Project points (..., 3) onto a view, without perspective; return their coordinates across and up (..., 2).
+    """Return the horizontal and vertical coordinates (..., 2) of points (..., 3) in a view without perspective.
 
-    The viewer is on the side of +z, rotated by ``turn`` about y towards +x and raised by ``tilt``, rad.
+    For zero angles the viewer is on the side of +z. ``turn`` rotates the viewer about y towards +x, and ``tilt`` raises
+    the viewer; both are in rad.
 
     Examples
     --------
@@ -188,7 +189,7 @@ class Scale:
 
 @dataclass(frozen=True)
 class Figure:
-    """Lines of panels, each as wide as the page; a narrow page stacks the panels of a line."""
+    """Lines of panels; a line is as wide as the page, and a narrow page shows the panels of a line below each other."""
 
     lines: tuple[tuple[Panel, ...], ...]
     scale: Scale | None = None
@@ -201,7 +202,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Drawing:
-    """A figure of a page, or a sentence that replaces it, with its name (stem of its files), title and caption."""
+    """A figure of a page, or a sentence that replaces it; ``name`` is the stem of its file names."""
 
     name: str
     title: str
@@ -210,13 +211,13 @@ class Drawing:
 
     @property
     def missing(self) -> str | None:
-        """Why the figure is missing; None if it exists."""
+        """Sentence that says why the figure is missing; None if there is a figure."""
         return self.figure if isinstance(self.figure, str) else None
 
 
 @dataclass(frozen=True)
 class Drawings:
-    """All figures of a page, and the subject of the page (``of``)."""
+    """All figures of a page; ``of`` is the name of the trial or study."""
 
     of: str
     all: tuple[Drawing, ...]
@@ -239,7 +240,7 @@ def arrange_in_lines(panels: tuple[Panel, ...], most: int) -> tuple[tuple[Panel,
 
 
 def to_json(value: Any) -> Any:
-    """Convert a figure or part of one to JSON values: arrays as base64 of 32-bit floats, defaults omitted."""
+    """Return a figure, or a part of it, as JSON values: arrays as base64 of 32-bit floats, without default values."""
     if isinstance(value, np.ndarray):
         return {"f4": base64.b64encode(value.astype("<f4").tobytes()).decode("ascii")}
     if isinstance(value, tuple):
@@ -253,7 +254,7 @@ def to_json(value: Any) -> Any:
 
 
 def from_json(value: Any) -> Any:
-    """Return the figure, or the part of one, from the result of :func:`to_json`.
+    """Return the figure, or the part of a figure, from which :func:`to_json` made ``value``.
 
     Raises
     ------

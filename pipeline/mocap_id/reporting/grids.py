@@ -1,4 +1,4 @@
-"""Tables of a page: declarations of columns, and their rows as text."""
+"""Tables of a page: declarations of columns, and rows as texts."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from mocap_id.reporting import style
 from mocap_id.reporting.numbers import UNKNOWN, scale, show, show_fixed, show_with_sd
 
 Source: TypeAlias = str | Callable[[Any], Any]
-"""Source of a column's value: name of a key or attribute of the row, or a function of the row."""
+"""Source of a column's values: the name of a key or attribute of each row, or a function of the row."""
 
 _SUFFIXES = {"s": "s", "m": "m", "hz": "Hz", "deg": "deg", "kg": "kg", "N": "N"}
 """Units in the suffixes of fact keys."""
@@ -39,14 +39,14 @@ _LABELS = {
     "untold": "torques not determined",
     "window_proposed": "window chosen automatically",
 }
-"""Labels of fact keys that do not explain themselves."""
+"""Labels of fact keys whose names are not clear enough for readers."""
 
 
 @dataclass(frozen=True)
 class Grid:
-    """A table of a page: caption, column headings and rows. The columns ``text`` are left-aligned.
+    """A table of a page: caption, column headings and rows of cells. A page omits a table without rows.
 
-    A page omits a table without rows.
+    ``text`` contains the indices of the left-aligned columns.
     """
 
     caption: str = ""
@@ -57,9 +57,9 @@ class Grid:
 
 @dataclass(frozen=True)
 class GridColumn:
-    """Declaration of a column: its heading, and the function that returns a row's cell.
+    """Declaration of a column: its heading, and the function that returns the cell of a row.
 
-    Text columns are left-aligned. Optional columns are omitted if no row has a value.
+    A text column is left-aligned. An optional column is omitted if no row has a value.
     """
 
     head: str
@@ -69,7 +69,10 @@ class GridColumn:
 
 
 def get_element(source: Source, key: int | str) -> Callable[[Any], Any]:
-    """Return a source for one element of a list or mapping; its value is None if list or element is missing."""
+    """Return a function of a row: element ``key`` of the list or mapping that ``source`` gives.
+
+    The result is None if the list is empty or missing, or if the mapping has no such key.
+    """
 
     def value(row: Any) -> Any:
         values = _get_value(row, source)
@@ -91,7 +94,7 @@ def whole(head: str, source: Source) -> GridColumn:
 def number(
     head: str, source: Source, decimals: int | None = None, factor: float = 1.0, *, optional: bool = False
 ) -> GridColumn:
-    """Return a column of numbers times a factor, with the given decimals or else three significant digits."""
+    """Return a column of numbers times ``factor``, with ``decimals`` or, if None, with three significant digits."""
 
     def cell(row: Any) -> str:
         value = scale(_get_value(row, source), factor)
@@ -106,19 +109,19 @@ def millimetres(head: str, source: Source, *, optional: bool = False) -> GridCol
 
 
 def percent(head: str, source: Source) -> GridColumn:
-    """Return a column of shares, shown in per cent."""
+    """Return a column of fractions, shown in per cent."""
     return number(head, source, 1, 100)
 
 
 def with_sd(head: str, value: Source, sd: Source, factor: float = 1.0) -> GridColumn:
-    """Return a column of values times a factor, with their standard deviations."""
+    """Return a column of ``value ± sd``, both multiplied by ``factor``."""
     return GridColumn(
         head, lambda row: show_with_sd(scale(_get_value(row, value), factor), scale(_get_value(row, sd), factor))
     )
 
 
 def mean_sd(head: str, name: str, factor: float = 1.0, decimals: int = 1) -> GridColumn:
-    """Return a column of ``mean ± sd`` from the columns ``<name>_mean`` and ``<name>_sd`` of a result table."""
+    """Return a column of ``mean ± sd``, from ``<name>_mean`` and ``<name>_sd`` of a result table times ``factor``."""
 
     def cell(row: Mapping[str, Any]) -> str:
         mean, sd = (scale(row[f"{name}_{part}"], factor) for part in ("mean", "sd"))
@@ -129,23 +132,26 @@ def mean_sd(head: str, name: str, factor: float = 1.0, decimals: int = 1) -> Gri
 
 
 def estimate(head: str, name: str) -> GridColumn:
-    """Return an optional column of values with their intervals, see :func:`show_estimate`."""
+    """Return an optional column of values with their intervals (see :func:`show_estimate`)."""
     return GridColumn(head, lambda row: show_estimate(row, name), optional=True)
 
 
 def show_estimate(row: Mapping[Any, Any], name: str, factor: float = 1.0) -> str:
-    """Format a value of a result table with its interval, such as ``0.312 (0.287 … 0.330)``."""
+    """Format a value times ``factor`` with its interval, such as ``0.312 (0.287 … 0.330)``.
+
+    The row has the keys ``name``, ``<name>_low`` and ``<name>_high``; an unknown interval is omitted.
+    """
     value, low, high = (scale(row[f"{name}{end}"], factor) for end in ("", "_low", "_high"))
     return show(value) if low is None or high is None else f"{show(value)} ({show(low)} … {show(high)})"
 
 
 def show_ends(ends: Sequence[float] | None, decimals: int) -> str:
-    """Format the two ends of an interval; a dash if it is unknown."""
+    """Format the two ends of an interval; return a dash if it is unknown."""
     return UNKNOWN if ends is None else " … ".join(show_fixed(end, decimals) for end in ends)
 
 
 def to_grid(caption: str, rows: Iterable[Any], columns: Sequence[GridColumn], index: str = "") -> Grid:
-    """Return the table of some rows, with unprintable characters replaced.
+    """Return the table of these rows, with unprintable characters replaced.
 
     Parameters
     ----------
@@ -173,7 +179,7 @@ def to_grid(caption: str, rows: Iterable[Any], columns: Sequence[GridColumn], in
 
 
 def list_facts(caption: str, values: Mapping[str, Any]) -> Grid:
-    """Return a table of the known values; nested keys are joined by colons, and matrices are left out."""
+    """Return a table of the known values; nested keys are joined with colons, and matrices are left out."""
     return Grid(caption, ("quantity", "value"), tuple(_flatten(values, "")), frozenset({0, 1}))
 
 
@@ -197,7 +203,7 @@ def _is_matrix(value: object) -> bool:
 
 
 def _make_label(key: str) -> str:
-    """Return the key of a fact as readable text: ``window_s`` as window (s)."""
+    """Return the key of a fact as readable text, such as "window (s)" for ``window_s``."""
     if key in _LABELS or not key.isidentifier():
         return _LABELS.get(key, key)
     stem, _, suffix = key.rpartition("_")

@@ -1,4 +1,4 @@
-"""Marker positions at chosen instants, and residuals of each marker against the chain."""
+"""Marker positions at chosen instants, and distances of the markers from their predictions by the chain."""
 
 from __future__ import annotations
 
@@ -21,16 +21,16 @@ def read_positions(planar: LongTable, time: FloatArray, labels: Sequence[str], a
     planar : LongTable
         ``planar.parquet``.
     time : (K,) array
-        Instants, s; positions are NaN where no frame has exactly this time.
+        Instants, s; the positions at an instant are NaN if no frame has exactly this time.
     labels : sequence of str
         Distinct labels of M markers.
     axes : str
-        ``xy`` or ``xyz``.
+        ``xy`` in the plane or ``xyz`` in space.
 
     Returns
     -------
     (K, M, 2) or (K, M, 3) array
-        m; NaN where a marker was not visible.
+        Positions, m; NaN where a marker was not visible.
     """
     found = np.full((len(time), len(labels), len(axes)), np.nan)
     row = np.searchsorted(planar.time, time).clip(0, len(planar.time) - 1)
@@ -51,11 +51,11 @@ class Residual:
     segment: int  # -1 for a marker without a segment
     rms: float  # root mean square, m
     q95: float  # 95 % quantile, m
-    seen: float  # share of frames in which the marker is visible
+    seen: float  # fraction of frames in which the marker is visible
 
 
 def compute_residuals(markers: LongTable | None, skeleton: Skeleton | SpatialSkeleton | None) -> dict[str, Residual]:
-    """Return the residuals of ``markers.parquet`` by marker label; empty without this table."""
+    """Return the residuals in ``markers.parquet`` by marker label; empty without this table or without frames."""
     if markers is None or not markers.length:
         return {}
     segment = {} if skeleton is None else dict(zip(skeleton.markers, skeleton.marker_segment.tolist(), strict=True))

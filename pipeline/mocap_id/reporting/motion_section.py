@@ -34,7 +34,7 @@ def make_motion_section(data: ReportData, summary: Summary) -> list[Section]:
 
 
 def _describe_chain(motion: MotionEntry) -> str:
-    """Return a sentence on the choice of the pinned chain, with the gaps of the joints if known."""
+    """Return a sentence that says why the pinned chain was chosen, with the gaps of the joints if they are known."""
     why = "it is configured" if motion.why == "asked for" else motion.why
     gaps = ", ".join(
         f"{name} {show_millimetres(gap.gap_m)} mm and {show(gap.acceleration_m_s2, 2)} m/s²"
@@ -105,7 +105,7 @@ def _list_joints(data: ReportData, motion: MotionEntry) -> Grid:
 
 
 def _list_poses(motion: MotionEntry) -> Grid:
-    """Return a table of bodies, cut-off frequencies and prior of a fit to measured poses."""
+    """Return a table of the bodies, cut-off frequencies and prior of a fit to measured poses."""
     cutoffs = {f"cut-off frequency for {axis} (Hz)": f"{cutoff:g}" for axis, cutoff in (motion.bands_hz or {}).items()}
     values = {
         "bodies": motion.bodies,
@@ -127,7 +127,7 @@ def _make_rms_source(part: str) -> Callable[[tuple[PredictedEntry, float | None]
 
 
 def _find_joints_inside_bodies(data: ReportData) -> dict[str, str]:
-    """Return the joints whose two segments belong to one body of the dynamics, with the name of that body."""
+    """Return the name of the body by joint, for joints whose two segments belong to one body of the dynamics."""
     bodies = data.facts("poses.parquet").get("bodies") or ()
     used = (data.facts("dynamics.h5").get("motion") or {}).get("used") or ()
     own = [bodies[k] for k in used if k < len(bodies)]

@@ -19,19 +19,19 @@ from mocap_id.reporting.space import tables as spatial
 from mocap_id.reporting.summary_schema import Summary
 
 _PER_INCH = 104  # pixels of the page for an inch on paper, as in chart.js
-_TITLE = 0.35  # inches, the title of a panel and the space below
+_TITLE = 0.35  # inches, for the title of a panel and the space below it
 _PLAYER_HEIGHT = 860  # pixels, in a notebook 60rem wide
 
 
 def render_notebook_view(document: Mapping[str, Any], player: Player | None = None) -> str:
-    """Return verdict, main numbers with their 95 % intervals, and player as a piece of HTML.
+    """Return the verdict, the main numbers with 95 % intervals, and the player as an HTML fragment.
 
     Parameters
     ----------
     document : mapping
         Content of ``summary.json``.
     player : Player, optional
-        Player of the trial; without it, the piece of HTML has no script.
+        Player of the trial; without it, the HTML fragment has no script.
     """
     summary = Summary.model_validate(document)
     headline, lead = LEVELS[summary.verdict.level]
@@ -47,12 +47,12 @@ def render_notebook_view(document: Mapping[str, Any], player: Player | None = No
 
 
 def render_figure_page(of: str, drawing: Drawing) -> str:
-    """Return a page with its scripts for one figure of the trial or study ``of``."""
+    """Return an HTML page, including its scripts, for one figure of the trial or study named ``of``."""
     return _render_page(of, drawing)
 
 
 def render_figure_frame(of: str, drawing: Drawing) -> str:
-    """Return a frame with the page of one figure of the trial or study ``of``, as a piece of HTML."""
+    """Return an HTML frame that contains the page of one figure of the trial or study named ``of``."""
     panels = (
         0.0
         if isinstance(drawing.figure, str)
@@ -68,7 +68,10 @@ def _render_page(of: str, *drawings: Drawing, player: Player | None = None) -> s
 
 
 def _make_frame(page: str, height: int) -> str:
-    """Return a frame with a page inside; its scripts can reach neither the notebook nor the network."""
+    """Return an HTML frame that contains a page whose scripts can access neither the notebook nor the network.
+
+    ``height`` is in pixels.
+    """
     look = f"width: 100%; height: {height}px; border: 0; resize: vertical; overflow: auto"
     return f'<iframe sandbox="allow-scripts allow-downloads" style="{look}" srcdoc="{escape(page)}"></iframe>'
 

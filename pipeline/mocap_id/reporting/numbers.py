@@ -1,4 +1,4 @@
-"""Formatting of numbers in the report, with digits that suit the number; a dash for an unknown number."""
+"""Formatting of numbers in the report with a suitable number of digits; a dash stands for an unknown number."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ UNKNOWN = "–"
 
 
 def to_number(value: object) -> float | None:
-    """Return a fact as a finite number; None if it is missing, NaN, infinite or not a number."""
+    """Return a value as a finite number; None if it is missing, NaN, infinite or not a number."""
     if isinstance(value, (bool, np.bool_)) or not isinstance(value, (int, float, np.integer, np.floating)):
         return None
     return float(value) if math.isfinite(value) else None
 
 
 def scale(value: object, factor: float) -> float | None:
-    """Return a number times a factor; None if the number is unknown."""
+    """Return a value times a factor; None if the value is not a finite number."""
     number = to_number(value)
     return None if number is None else factor * number
 
 
 def to_numbers(values: object) -> list[float] | None:
-    """Return a vector as finite numbers; None if it is missing or any element is unknown."""
+    """Return a vector as a list of finite numbers; None if it is missing or empty, or if any element is unknown."""
     if isinstance(values, str) or not isinstance(values, Iterable):
         return None
     numbers = [to_number(value) for value in values]
@@ -36,7 +36,7 @@ def to_numbers(values: object) -> list[float] | None:
 
 
 def show(value: object, digits: int = 3, unit: str = "") -> str:
-    """Format a number with ``digits`` significant digits and its unit; a dash if unknown.
+    """Format a number with ``digits`` significant digits and its unit; return a dash if it is unknown.
 
     >>> show(0.0123456, unit="m")
     '0.0123 m'
@@ -52,7 +52,7 @@ def show(value: object, digits: int = 3, unit: str = "") -> str:
 
 
 def show_fixed(value: object, decimals: int, unit: str = "") -> str:
-    """Format a number with a fixed number of decimals and its unit; a dash if unknown."""
+    """Format a number with a fixed number of decimals and its unit; return a dash if it is unknown."""
     number = to_number(value)
     if number is None:
         return UNKNOWN
@@ -62,17 +62,19 @@ def show_fixed(value: object, decimals: int, unit: str = "") -> str:
 
 
 def show_millimetres(metres: object) -> str:
-    """Format a length in millimetres with one decimal; a dash if unknown."""
+    """Format a length given in metres as millimetres with one decimal; return a dash if it is unknown."""
     return show_fixed(scale(metres, 1e3), 1)
 
 
 def show_percent(share: object) -> str:
-    """Format a share in per cent with one decimal; a dash if unknown."""
+    """Format a fraction in per cent with one decimal; return a dash if it is unknown."""
     return show_fixed(scale(share, 100), 1)
 
 
 def show_with_sd(value: object, sd: object, unit: str = "") -> str:
     """Format ``value ± sd``, both to the second significant digit of the standard deviation.
+
+    Without a standard deviation, or if it is 0, return only the value, with four significant digits.
 
     >>> show_with_sd(0.41234, 0.00312, "m")
     '0.4123 ± 0.0031 m'
@@ -84,7 +86,7 @@ def show_with_sd(value: object, sd: object, unit: str = "") -> str:
 
 
 def show_beside(value: object, sd: object, unit: str = "") -> str:
-    """Format a number to the second significant digit of a standard deviation."""
+    """Format a number to the second significant digit of ``sd``; with four significant digits if it is 0 or None."""
     spread = to_number(sd)
     if not spread:
         return show(value, 4, unit)
@@ -92,7 +94,7 @@ def show_beside(value: object, sd: object, unit: str = "") -> str:
 
 
 def show_interval(value: object, sd: object) -> str:
-    """Format the 95 % interval of a normally distributed quantity."""
+    """Format the 95 % interval of a normally distributed quantity; return a dash if an argument is unknown."""
     number, spread = to_number(value), to_number(sd)
     if number is None or not spread:
         return UNKNOWN

@@ -1,6 +1,6 @@
-"""The common page of trials, studies and other results: one HTML file that needs no other file and no network.
+"""The page that trials, studies and other results share: one HTML file that needs no other file and no network.
 
-Its only scripts draw the figures.
+The scripts of the page only draw the figures and the player.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Section:
-    """A section of a page: paragraphs, a list, figures, tables, and folded tables, in this order."""
+    """A section of a page: paragraphs, a list, figures, tables and folded tables (shown on a click), in this order."""
 
     anchor: str
     title: str
     grids: tuple[Grid, ...] = ()
     figures: tuple[str, ...] = ()
     folded: tuple[Grid, ...] = ()
-    folded_as: str = "Each person"  # label on which the reader clicks
+    folded_as: str = "Each person"  # label on which the reader clicks to show the folded tables
     text: tuple[str, ...] = ()
     items: tuple[str, ...] = ()
     needs: str = ""  # artefact without which the section is empty
@@ -57,13 +57,13 @@ class Page:
     sections: tuple[Section, ...]
     figures: Drawings
     footer: str
-    level: str = ""  # level of the verdict, for the colour of the box; empty for plain text
-    note: str = ""  # what could not be done; empty if nothing
+    level: str = ""  # level of the verdict, which sets the colour of the box; empty for a box without colour
+    note: str = ""  # what could not be done; empty if everything could be done
     reasons: tuple[ExplainedReason, ...] = ()
     key_numbers: tuple[KeyNumber, ...] = ()
     player: Player | None = None
-    trials: tuple[TrialEntry, ...] = ()  # their verdicts follow the sections
-    notes: tuple[ExplainedReason, ...] = ()  # the last section
+    trials: tuple[TrialEntry, ...] = ()  # trials of a study; their verdicts are shown after the sections
+    notes: tuple[ExplainedReason, ...] = ()  # notes of the verdict, shown in the last section
 
     def render(self) -> bytes:
         """Return the page as UTF-8."""
@@ -75,7 +75,7 @@ class Page:
 
 
 def make_environment() -> Environment:
-    """Return the template environment, which escapes all values."""
+    """Return the environment of the templates; it escapes all values for HTML."""
     return Environment(
         loader=PackageLoader("mocap_id.reporting", "templates"),
         autoescape=True,  # labels, names and messages come from untrusted files

@@ -1,7 +1,7 @@
 """Figures for papers: SVG, PDF and captions, drawn with matplotlib.
 
-The same figure always gives the same bytes. No global state is changed: pyplot is not used, and matplotlib's settings
-are restored by :func:`use_paper_style`.
+The same figure always gives the same bytes. No global state is changed permanently: pyplot is not used, and
+:func:`use_paper_style` restores the settings of matplotlib.
 """
 
 from __future__ import annotations
@@ -83,7 +83,7 @@ _RC: dict[Any, object] = {
 
 @contextmanager
 def use_paper_style(pdf_fonts: PdfFonts = "type-3") -> Iterator[None]:
-    """Return a context in which matplotlib uses our settings."""
+    """Return a context manager within which matplotlib uses our settings."""
     with mpl.rc_context():
         mpl.rcdefaults()
         mpl.rcParams.update(_RC)
@@ -92,7 +92,7 @@ def use_paper_style(pdf_fonts: PdfFonts = "type-3") -> Iterator[None]:
 
 
 def make_figure_files(drawings: Drawings, pdf_fonts: PdfFonts = "type-3") -> dict[str, bytes]:
-    """Return the contents of the figure files by name: captions, and each existing figure as SVG and PDF."""
+    """Return the contents of the figure files by file name: the captions, and every existing figure as SVG and PDF."""
     contents = {CAPTIONS_FILE: _list_captions(drawings)}
     for one in drawings.all:
         figure = one.figure
@@ -115,11 +115,11 @@ def _list_captions(drawings: Drawings) -> bytes:
 
 
 def render(name: str, title: str, draw: Callable[[], MplFigure], pdf_fonts: PdfFonts = "type-3") -> dict[str, bytes]:
-    """Render the result of ``draw`` with our settings as SVG and PDF, by file name."""
+    """Render the figure that ``draw`` returns with our settings; return SVG and PDF by file name."""
     about = {"CreationDate": None, "Creator": None, "Producer": None}
     silent = {"Date": None, "Creator": None, "Format": None, "Type": None}
     with use_paper_style(pdf_fonts), mpl.rc_context({"svg.hashsalt": name}), warnings.catch_warnings():
-        # characters missing in matplotlib's font: text in the SVG, shown in the viewer's font; a box in the PDF
+        # A character that matplotlib's font lacks stays text in the SVG (viewer's font) and is a box in the PDF.
         warnings.filterwarnings("ignore", message="Glyph .* missing from", category=UserWarning)
         made, svg, pdf = draw(), io.BytesIO(), io.BytesIO()
         made.draw_without_rendering()
@@ -132,12 +132,12 @@ def render(name: str, title: str, draw: Callable[[], MplFigure], pdf_fonts: PdfF
 
 
 def make_figure(height: float) -> MplFigure:
-    """Return an empty figure of the standard width and the given height, inches, in :func:`use_paper_style`."""
+    """Return an empty figure of the standard width and this height, inches; call it within :func:`use_paper_style`."""
     return MplFigure(figsize=(WIDTH, height), layout="constrained")
 
 
 def to_matplotlib(figure: Figure) -> MplFigure:
-    """Convert a figure to a matplotlib figure, in :func:`use_paper_style`."""
+    """Convert a figure to a matplotlib figure; call this within :func:`use_paper_style`."""
     heights = [max(panel.height for panel in line) for line in figure.lines]
     whole = make_figure(0.4 + sum(heights))
     columns = math.lcm(*(len(line) for line in figure.lines))
@@ -166,7 +166,7 @@ def to_matplotlib(figure: Figure) -> MplFigure:
 
 
 def add_legend(whole: MplFigure, panels: Sequence[Axes]) -> None:
-    """Add one legend above the figure for the labels of all panels, if there are any."""
+    """Add one legend with the labels of all panels above the figure, if there are any labels."""
     handles: dict[str, Any] = {}
     for axes in panels:
         for handle, label in zip(*axes.get_legend_handles_labels(), strict=True):
@@ -227,7 +227,7 @@ def _draw_points(axes: Axes, item: Points) -> None:
 
 
 def _set_axes(axes: Axes, panel: Panel, *, named: bool) -> None:
-    """Set title, labels, ranges and scales of a panel."""
+    """Set title, labels, ranges and scales of ``axes`` as in a panel; ``named`` shows the names of its rows."""
     axes.set(title=panel.title, xlabel=panel.x, ylabel=panel.y)
     if panel.x_range is not None:
         axes.set_xlim(panel.x_range)

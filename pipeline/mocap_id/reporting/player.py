@@ -1,4 +1,4 @@
-"""Player of the page: an animated stick figure, and curves with a line at the current time."""
+"""Player of the page: an animated stick figure, and curves over time with a line at the current time."""
 
 from __future__ import annotations
 
@@ -23,10 +23,10 @@ RATE = 30.0
 MOST = 1800
 """Maximum number of frames: a minute at :data:`RATE`; longer recordings have longer time steps."""
 _VALUES = 900_000
-"""Maximum number of values in all frames together: 2.4 MB as text."""
+"""Maximum number of values in all frames together, which are 2.4 MB as text."""
 _UNKNOWN = -32768
-_REACH = 0.45  # length of the largest force as a share of the figure height
-TALL, LOW = 5.9, 1.12  # heights of the figure and of each curve, inches
+_REACH = 0.45  # length of the largest force arrow as a fraction of the figure's height
+TALL, LOW = 5.9, 1.12  # heights of the stick figure and of each panel of curves, inches
 TALL_IN_SPACE = 4.4
 _SHAPE = 0.54  # width divided by height of the figure
 ACROSS, UPWARDS = "across the view (m)", "up the view (m)"
@@ -34,7 +34,7 @@ ACROSS, UPWARDS = "across the view (m)", "up the view (m)"
 
 @dataclass(frozen=True)
 class Part:
-    """Lines or points that move together: their style, and their positions in K frames, (K, 2 or 3, rows), m."""
+    """Lines or points with a common style, and their coordinates in K frames, (K, 2 or 3, points), m."""
 
     name: str
     look: Mapping[str, Any]
@@ -42,7 +42,7 @@ class Part:
 
     @property
     def item(self) -> Line | Points:
-        """The part in the first frame."""
+        """The part in the first frame, as an item of a panel."""
         made = Points if "symbol" in self.look else Line
         return made(*self.values[0, :2], **self.look)
 
@@ -55,13 +55,13 @@ class Player:
     parts: tuple[Part, ...]
     curves: tuple[Panel, ...]  # angles, wrench and centre of pressure; empty if none is known
     newton_per_metre: float | None  # force of an arrow of one metre, N; None without forces
-    motion: str  # sentence on the motion of figure and model; empty if nothing was identified
+    motion: str  # sentence on the motion that stick figure and model use; empty if nothing was identified
 
     def to_json(self) -> Mapping[str, Any]:
         """Return figure, curves and frames as JSON values.
 
-        Frames are 16-bit integers, one row per frame, with the coordinates of each part. In space the page rotates the
-        frames about ``centre`` and projects them.
+        Frames are 16-bit integers, one row for each frame, with the coordinates of all parts in units of ``step``, m.
+        In space the page rotates the coordinates about ``centre`` and projects them.
         """
         rows = np.concatenate([part.values.reshape(len(self.time), -1) for part in self.parts], axis=1)
         known = np.isfinite(rows)
@@ -81,7 +81,7 @@ class Player:
 
     @property
     def in_space(self) -> bool:
-        """Whether the parts have three coordinates, so that the figure can be turned."""
+        """Whether the parts have three coordinates, so that the reader can rotate the view."""
         return any(part.values.shape[1] == 3 for part in self.parts)
 
     def _panel(self) -> Panel:
@@ -96,7 +96,7 @@ class Player:
 
 
 def make_player(data: ReportData) -> Player | None:
-    """Return the player of a trial in the plane; None if there are no moving markers."""
+    """Return the player of a trial in the plane; None without markers or with fewer than two frames."""
     planar = data.long("planar.parquet")
     if planar is None or not len(planar.labels):
         return None
@@ -110,7 +110,7 @@ def make_player(data: ReportData) -> Player | None:
 
 
 def find_bounds(parts: Sequence[Part]) -> FloatArray:
-    """Return minimum and maximum of each coordinate over all parts, (2 or 3, 2), m, without outliers."""
+    """Return minimum and maximum of each coordinate over all parts except forces, (2 or 3, 2), m, without outliers."""
     seen = [part.values for part in parts if not part.name.startswith("force")]
     points = np.concatenate([values.swapaxes(1, 2).reshape(-1, values.shape[1]) for values in seen])
     points = points[np.isfinite(points).all(axis=1)]
@@ -120,7 +120,10 @@ def find_bounds(parts: Sequence[Part]) -> FloatArray:
 
 
 def _fit_any_view(found: FloatArray) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return ranges across and up the view that contain the bounds (3, 2) after any rotation about y."""
+    """Return the ranges of the horizontal and the vertical axis of the view that contain the bounds from any side.
+
+    ``found`` (3, 2) contains the bounds in space, m.
+    """
     half = np.ptp(found, axis=1) / 2
     wide, high = np.hypot(half[0], half[2]), np.linalg.norm(half)
     side = 1.04 * max(float(wide), float(high), 1e-3)
@@ -128,7 +131,7 @@ def _fit_any_view(found: FloatArray) -> tuple[tuple[float, float], tuple[float, 
 
 
 def _fit_to_shape(found: FloatArray) -> tuple[tuple[float, float], tuple[float, float]]:
-    """Return ranges of x and y that contain the bounds and the ground, in the shape of the player."""
+    """Return ranges of x and y that contain the bounds (2, 2) and the ground, with the aspect ratio of the player."""
     low, high = np.minimum(found[:, 0], [np.inf, 0.0]), np.maximum(found[:, 1], [-np.inf, 0.0])
     shape = np.array([_SHAPE, 1.0])
     half = 0.56 * max(float(np.max((high - low) / shape)), 1e-3) * shape
@@ -137,7 +140,7 @@ def _fit_to_shape(found: FloatArray) -> tuple[tuple[float, float], tuple[float, 
 
 
 def choose_frame_times(time: FloatArray, markers: int, most: int = MOST) -> FloatArray:
-    """Return evenly spaced sample times of the recording, at most ``most``."""
+    """Return at most ``most`` evenly spaced sample times of the recording; fewer if there are many ``markers``."""
     if len(time) < 2:
         return time
     wanted = int((time[-1] - time[0]) * RATE) + 1
@@ -146,7 +149,10 @@ def choose_frame_times(time: FloatArray, markers: int, most: int = MOST) -> Floa
 
 
 def _make_chain(data: ReportData, time: FloatArray) -> list[Part]:
-    """Return sticks from joint to joint and to the centroid of the last segment's markers, and the joints."""
+    """Return the joints, and sticks from joint to joint and to the centroid of the last segment's markers.
+
+    The list is empty without a chain or states.
+    """
     skeleton, motion = data.skeleton, data.motion
     if skeleton is None or motion is None or not len(motion.time):
         return []
@@ -158,13 +164,16 @@ def _make_chain(data: ReportData, time: FloatArray) -> list[Part]:
 
 
 def make_stick(segment: int, name: str, ends: FloatArray) -> Part:
-    """Return the stick of a segment between its ends (K, 2 or 3, 2)."""
+    """Return the stick of a segment between its two ends; ``ends`` (K, 2 or 3, 2) has their coordinates, m."""
     look = {"colour": style.pick_colour(segment), "label": style.clean(name, 20), "width": 5.0, "opacity": 0.6}
     return Part("stick", look, ends)
 
 
 def make_marker_parts(data: ReportData, labels: tuple[str, ...], values: FloatArray) -> list[Part]:
-    """Return the markers (K, M, 2 or 3) of each segment, and crosses for markers without a segment."""
+    """Return the markers of each segment as dots, and the markers without a segment as crosses.
+
+    ``values`` (K, M, 2 or 3) are the marker positions in K frames, m.
+    """
     skeleton = data.skeleton or data.spatial_skeleton
     known = {} if skeleton is None else dict(zip(skeleton.markers, skeleton.marker_segment.tolist(), strict=True))
     segments = np.array([known.get(label, -1) for label in labels])
@@ -178,7 +187,10 @@ def make_marker_parts(data: ReportData, labels: tuple[str, ...], values: FloatAr
 
 
 def _make_forces(data: ReportData, time: FloatArray, height: float) -> tuple[float | None, list[Part]]:
-    """Return the scale, N per metre of arrow, and the arrows of the measured and modelled ground reaction force."""
+    """Return the scale, N per metre of arrow, and the arrows of the measured and modelled ground reaction force.
+
+    ``height`` is the height of the stick figure, m. Without forces, the scale is None and the list is empty.
+    """
     table = wrench.read_forces(data)
     if table is None or not table.length:
         return None, []
@@ -205,7 +217,7 @@ def _make_forces(data: ReportData, time: FloatArray, height: float) -> tuple[flo
 
 
 def _make_arrows(force: FloatArray, scale: float) -> FloatArray:
-    """Return start and end of the arrows of (cop_x, Fx, Fy), (K, 2, 2), m."""
+    """Return the coordinates of the arrows' starts and ends, (K, 2, 2), m, for ``force`` (K, 3): cop_x, Fx, Fy."""
     cop, Fx, Fy = force.T
     start = np.where(np.isfinite(force.sum(axis=1)), 0.0, np.nan)
     ends = [[cop, cop + Fx / scale], [start, start + Fy / scale]]
@@ -230,7 +242,7 @@ def _describe_motion(data: ReportData) -> str:
 
 
 def _find_nearest(clock: FloatArray, time: FloatArray) -> IntArray:
-    """Return the sample of ``clock`` (T,) nearest to each ``time`` (K,)."""
+    """Return the indices (K,) of the samples in ``clock`` (T,) that are nearest to each ``time`` (K,)."""
     after = np.searchsorted(clock, time).clip(1, max(len(clock) - 1, 1))
     before = after - 1
     after = after.clip(0, len(clock) - 1)

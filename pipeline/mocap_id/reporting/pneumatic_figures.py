@@ -1,4 +1,4 @@
-"""Figures of pneumatic devices: torque over the stroke, and a tour with a controller that changes the pressures."""
+"""Figures of pneumatic devices: torque against angle, and tours through all tasks with changes of the pressures."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from mocap_id.pneumatics.chain_tour import ChainTour
 from mocap_id.pneumatics.switching import Controller, SwitchedMotion, TransitionMap
 from mocap_id.reporting import paper_figures, style
 
-_EVERY = 10  # samples of a tour are drawn
+_EVERY = 10  # every tenth sample of a tour is drawn
 
 
 def draw_curve(
@@ -23,7 +23,7 @@ def draw_curve(
     limits: tuple[FloatArray, FloatArray],
     friction: float,
 ) -> Figure:
-    """Draw the torque of a device over the angle, with its 95 % band, friction, and isothermal and adiabatic limits.
+    """Draw the torque of a device against the angle: 95 % band, friction, isothermal and adiabatic limits.
 
     Parameters
     ----------
@@ -54,12 +54,14 @@ def draw_curve(
 def draw_switching(
     controller: Controller, motion: SwitchedMotion, limits: tuple[float, float], maps: Sequence[TransitionMap]
 ) -> Figure:
-    """Draw a tour with its nodes, pressures and torque, and the states in which a change is unsafe.
+    """Draw a tour with its nodes, pressures and torque, and the states in which a change of node is unsafe.
 
     Parameters
     ----------
     controller : Controller
+        Controller with its nodes, the pressure settings between which it changes.
     motion : SwitchedMotion
+        Simulated motion during the tour.
     limits : (low, high)
         Limits of the person's torque, N·m.
     maps : sequence of TransitionMap
@@ -109,7 +111,7 @@ def draw_switching(
 
 
 def draw_chain_tour(tour: ChainTour, names: Sequence[str]) -> Figure:
-    """Draw a tour of a chain: angles and active node, pressures, and missing torque.
+    """Draw the tour of a chain: angles and active node, pressures, and the torque that exceeds the person's limits.
 
     Parameters
     ----------

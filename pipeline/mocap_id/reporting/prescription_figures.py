@@ -1,4 +1,4 @@
-"""Figures of prescribed springs: ranges, holdable postures, level sets, map of springs (thesis figures 7.6 to 7.9)."""
+"""Figures of prescribed springs: ranges, postures that can be held, level sets, map of springs (thesis 7.6 to 7.9)."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from mocap_id.reporting import paper_figures, style
 def draw_ranges(joint: OneJoint, found: Prescription) -> Figure:
     """Draw the range of one joint with and without its spring on a dial, and its holding torque (figures 7.6 to 7.8).
 
-    On the dial, 0 points downwards, where gravity pulls with the sine of the angle.
+    On the dial, 0 points downwards; the torque of gravity is proportional to the sine of the angle.
     """
     figure = paper_figures.make_figure(3.0)
     grid = figure.add_gridspec(1, 2, width_ratios=(1, 2))
@@ -58,7 +58,7 @@ def draw_holdable_postures(tips: FloatArray, without: BoolArray, held: BoolArray
     tips : (N, 2) array
         Tip position of each sampled posture, m.
     without, held : (N,) bool arrays
-        Whether a posture can be held without springs, and with them.
+        Whether each posture can be held without springs, and with springs.
     joint : (2,) array
         Position of the first joint, m.
     """
@@ -76,14 +76,14 @@ def draw_holdable_postures(tips: FloatArray, without: BoolArray, held: BoolArray
 
 
 def draw_spring_map(stiffness: FloatArray, rest: FloatArray, width: FloatArray, horizon: float) -> Figure:
-    """Draw the range over stiffness and rest angle (figure 7.9, left); blank without an equilibrium within the limits.
+    """Draw the range against stiffness and rest angle of the spring (figure 7.9, left).
 
     Parameters
     ----------
     stiffness, rest : (K,), (R,) arrays
         Stiffness, N·m/rad, and rest angle, rad, of the springs.
     width : (K, R) array
-        Range of the joint with each spring, rad; NaN without an equilibrium.
+        Range of the joint with each spring, rad; NaN (blank) without an equilibrium within the limits.
     horizon : float
         Time in which the range is reached, s.
     """
@@ -103,7 +103,10 @@ def draw_spring_map(stiffness: FloatArray, rest: FloatArray, width: FloatArray, 
 def draw_level_sets(
     reached: ReachableSet, bounds: Sequence[tuple[float, float] | None], dynamics: JointDynamics
 ) -> Figure:
-    """Draw the arrival time over angle and velocity, the reachable sets, and the held range (figure 7.9, right)."""
+    """Draw the arrival time against angle and velocity, reachable sets, and the range that can be held (7.9, right).
+
+    ``bounds`` are the ends of this range, rad, at each time of ``reached``; None without one. Only the last is drawn.
+    """
     figure = paper_figures.make_figure(3.6)
     axes = figure.subplots()
     grid = reached.grid

@@ -1,4 +1,4 @@
-"""Reasons of a verdict with the explanations of their codes, for the pages."""
+"""Reasons for the verdict with the explanations of their codes, for the pages."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from mocap_id.reporting.explanations import EXPLANATIONS
 from mocap_id.reporting.summary_schema import ReasonEntry
 
 Prose: TypeAlias = tuple[tuple[str, bool], ...]
-"""Pieces of a text, each with a flag for code (text between backticks)."""
+"""Pieces of a text; the flag of a piece is true for code, which was between backticks."""
 
 
 @dataclass(frozen=True)
 class ExplainedReason:
-    """A reason of the verdict with the explanation of its code; meaning and action are empty for an unknown code."""
+    """A reason for the verdict with the explanation of its code; meaning and action are empty for an unknown code."""
 
     level: str
     code: str
@@ -39,7 +39,7 @@ def explain_reason(reason: ReasonEntry) -> ExplainedReason:
 
 
 def split_code(text: str) -> Prose:
-    """Split a text at backticks into text and code; an unpaired backtick is text."""
+    """Split a text at backticks into text and code; a text with an unpaired backtick stays one piece of text."""
     pieces = text.split("`")
     if len(pieces) % 2 == 0:
         return ((text, False),)
@@ -47,5 +47,5 @@ def split_code(text: str) -> Prose:
 
 
 def to_sentence(message: str) -> str:
-    """Add a capital letter and a full stop to a message, which has neither on the terminal."""
+    """Return a message with a capital letter and a full stop, which it does not have on the terminal."""
     return f"{message[:1].upper()}{message[1:]}" + ("" if message.endswith((".", "?", "!", "…")) else ".")

@@ -26,7 +26,10 @@ def list_repetitions(summary: Summary) -> Grid:
 
 
 def list_seat_off_times(summary: Summary) -> Grid:
-    """Return a table of the rises: seat-off by each rule, height, pauses, attempts and support; empty if unknown."""
+    """Return a table of the rises: seat-off by each rule, height, pauses, failed attempts and unexplained force.
+
+    The table is empty if no rise has a known height.
+    """
     columns = (
         number("seat-off (s)", "seat_off_s", 3),
         _make_delay_column("model agreement (s)", "seat_off_model_s"),
@@ -46,7 +49,7 @@ def list_seat_off_times(summary: Summary) -> Grid:
 
 
 def _make_delay_column(head: str, name: str) -> GridColumn:
-    """Return the column of the time from seat-off to the seat-off by another rule."""
+    """Return the column of the time from seat-off to the seat-off by a different rule, in the attribute ``name``."""
 
     def cell(entry: RepetitionEntry) -> str:
         other = getattr(entry, name)
@@ -90,7 +93,7 @@ def list_test_times(summary: Summary) -> Grid:
 
 
 def list_published_times(summary: Summary) -> Grid:
-    """Return a table of published test times for comparison; empty if the trial has no time."""
+    """Return a table of published test times for comparison; empty if the trial has no time to the fifth stand."""
     columns = (
         GridColumn("longer than (s)", lambda one: f"{one.limit_s:g}"),
         text("group", "people"),
@@ -107,7 +110,7 @@ def list_published_times(summary: Summary) -> Grid:
 
 
 def list_load_shares(summary: Summary) -> Grid:
-    """Return a table of the load shares of the left and right foot."""
+    """Return a table of the fractions of the load on the left and the right foot, by phase; empty if unknown."""
     found = summary.load_share
     columns = (
         percent("left (%)", "mean"),

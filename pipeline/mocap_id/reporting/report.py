@@ -18,7 +18,7 @@ from mocap_id.store import Document
 
 
 def make_documents(data: ReportData, *, figures: bool = False, pdf_fonts: PdfFonts = "type-3") -> tuple[Document, ...]:
-    """Return the files of :data:`mocap_id.reporting.contents.FILES`, followed by the figures if requested."""
+    """Return the files of :data:`mocap_id.reporting.contents.FILES`, followed by the paper figures if requested."""
     summary = summarise(data)
     contents = {SUMMARY_FILE: to_json(summary), PAGE_FILE: _make_page(data, summary).render()}
     if figures:
@@ -31,7 +31,7 @@ def make_documents(data: ReportData, *, figures: bool = False, pdf_fonts: PdfFon
 
 
 def make_trial_player(data: ReportData) -> Player | None:
-    """Return the player of a trial in the plane or in space; None if there are no moving markers."""
+    """Return the player of a trial in the plane or in space; None without markers or with fewer than two frames."""
     return make_spatial_player(data) if data.in_space else make_player(data)
 
 

@@ -1,4 +1,4 @@
-"""Input of a report: the artefacts of a trial, its refusal if it was refused, and views of both."""
+"""Input of a report: the artefacts of a trial, its refusal if it was refused, and quantities derived from both."""
 
 from __future__ import annotations
 
@@ -23,13 +23,13 @@ class ReportData(ArtefactSet):
 
     trial: str  # name of the trial
     product: str  # version of mocap-id
-    artefacts: Mapping[str, Artefact]  # by file name, without artefacts of stages that did not run
-    refusal: Reason | None = None  # why the trial was refused; None if it was not
+    artefacts: Mapping[str, Artefact]  # by file name; without those of stages that did not run
+    refusal: Reason | None = None  # why the trial was refused; None if it was not refused
     seconds: Mapping[str, float] | None = None  # run time of each stage, s
     settings: Mapping[str, str] = field(default_factory=dict)  # settings of the user, as texts
 
     def why_missing(self, file: str) -> str:
-        """Return a sentence that says why a quantity of the artefact ``file`` is missing."""
+        """Return a clause that says why a quantity of the artefact ``file`` is missing."""
         if file in self.artefacts:
             codes = dict.fromkeys(reason.code for reason in self.artefacts[file].reasons if reason.level != "ok")
             return f"see {', '.join(codes)} in the verdict" if codes else f"{file} does not contain it"
@@ -105,7 +105,7 @@ class ReportData(ArtefactSet):
 
     @property
     def low_pass(self) -> float | None:
-        """Cut-off of the low-pass applied to model and measurement before their comparison, Hz; None without one."""
+        """Cut-off, Hz, of the low-pass on model and measurement before their comparison; None if unfiltered."""
         return to_number(self.facts("dynamics.h5").get("cutoff_hz")) if self.measured_poses else None
 
     @property
@@ -116,14 +116,14 @@ class ReportData(ArtefactSet):
 
     @property
     def body_names(self) -> tuple[str, ...]:
-        """Names of the identified bodies; for the pinned chain, its segments."""
+        """Names of the identified bodies; for the pinned chain, the names of its segments."""
         if not self.measured_poses:
             return self.segment_names
         return tuple(str(name) for name in self.facts("dynamics.h5")["motion"].get("bodies") or ())
 
     @cached_property
     def residuals(self) -> dict[str, Residual]:
-        """Residuals by marker label; empty if unknown."""
+        """Residuals of the markers by label; empty if they are unknown."""
         return compute_residuals(self.long("markers.parquet"), self.skeleton or self.spatial_skeleton)
 
     @cached_property

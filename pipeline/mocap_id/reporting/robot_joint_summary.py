@@ -1,4 +1,4 @@
-"""Summary and table of a robot joint: its distance from the plane origin, and its encoder against the cameras."""
+"""Summary and table of a robot joint: distance from the plane origin, and errors against the encoder."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def summarise_base_length(data: ReportData, skeleton: Skeleton) -> dict[str, Len
 
 
 def summarise_channels(found: Mapping[str, Mapping[str, object] | None] | None) -> dict[str, ChannelEntry]:
-    """Return the error of a model or measurement in each component."""
+    """Return the error of a model or measurement in each component, by its name; empty for None."""
     return {str(name): _summarise_channel(channel) for name, channel in (found or {}).items()}
 
 
@@ -45,7 +45,7 @@ def _summarise_channel(channel: Mapping[str, object] | None) -> ChannelEntry:
 
 
 def summarise_encoder(data: ReportData) -> EncoderEntry:
-    """Return clock and zero of the encoder, and the errors of cameras and model against it."""
+    """Return clock and zero of the encoder, and the errors of cameras and model against the encoder."""
     facts: Mapping[str, Any] = data.facts("encoder.parquet")
     torque = data.facts("dynamics.h5").get("torque")
     sign, why = to_number(facts.get("sign")), facts.get("why")
@@ -63,7 +63,7 @@ def summarise_encoder(data: ReportData) -> EncoderEntry:
 
 
 def list_encoder_errors(summary: Summary) -> Grid:
-    """Return a table of the errors of cameras and model against the encoder; empty without one."""
+    """Return a table of the errors of cameras and model against the encoder; empty without an encoder."""
     found = summary.encoder
     if found.clock_offset_s is None or found.clock_offset_sd_s is None:
         return Grid()

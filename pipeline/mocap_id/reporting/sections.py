@@ -21,11 +21,11 @@ _SHOWN = {
     "wrench", "clock_offset_s", "clock_offset_sd_s", "cop_rms_m", "rivals", "held_out", "advice", "torque", "motion",
     "pins", "torques",
 }  # fmt: skip
-"""Facts of ``dynamics.h5`` that are in other tables, or that are only for programs."""
+"""Facts of ``dynamics.h5`` that the table of facts omits: they are in other tables or only for programs."""
 
 
 def make_sections(data: ReportData, summary: Summary) -> list[Section]:
-    """Return the sections of the report; a refused trial has fewer, up to the stage that refused."""
+    """Return the sections of the report; a refused trial only has the sections of the stages before the refusal."""
     make_results = make_spatial_sections if data.in_space else _make_planar_sections
     filtering = _list_noise(data, summary)
     residuals = ("residuals",) if "markers.parquet" in data.artefacts else ()
@@ -115,7 +115,7 @@ def _make_sensor_section(summary: Summary) -> list[Section]:
 
 
 def make_key_numbers(data: ReportData, summary: Summary) -> list[KeyNumber]:
-    """Return the key numbers at the top of the page that are known."""
+    """Return the key numbers for the top of the page, without those that are unknown."""
     dynamics, segments = summary.dynamics, summary.segments
     mass = next((entry for entry in dynamics.base or () if entry.unit == "kg"), None)
     vertical = (dynamics.wrench or {}).get("Fy")
@@ -139,7 +139,7 @@ def make_key_numbers(data: ReportData, summary: Summary) -> list[KeyNumber]:
 
 
 def _count_repetitions(summary: Summary) -> KeyNumber:
-    """Return the number of repetitions or curls."""
+    """Return the number of repetitions or of curls as a key number."""
     curls = summary.curls
     if curls.count is None:
         return KeyNumber("repetitions", show_fixed(len(summary.repetitions or ()) or None, 0), "found")
@@ -160,7 +160,7 @@ def _describe_condition(summary: Summary) -> str:
 
 
 def _list_noise(data: ReportData, summary: Summary) -> Grid:
-    """Return a table of the noise and the residuals of the filter."""
+    """Return a table of the noise that the filter assumes, and of its residuals."""
     facts = data.facts("states.parquet")
     values = {
         "marker noise per coordinate (mm)": show_fixed(scale(summary.noise.marker_sd_m, 1e3), 2),
@@ -172,7 +172,7 @@ def _list_noise(data: ReportData, summary: Summary) -> Grid:
 
 
 def _list_clock(summary: Summary) -> Grid:
-    """Return a table of the clock offset of the plates, and what they measure."""
+    """Return a table of the clock offset of the plates, and of mass and centre of pressure measured by them."""
     dynamics = summary.dynamics
     not_predicted = dynamics.wrench is not None and dynamics.held_out.model is None
     offsets = (show_fixed(1e3 * offset, 2) for offset in dynamics.held_out.clock_offset_s or ())
@@ -191,7 +191,7 @@ def _list_clock(summary: Summary) -> Grid:
 
 
 def _remove(facts: Facts, keys: Set[str]) -> Facts:
-    """Return the facts without some keys."""
+    """Return the facts without the given keys."""
     return {key: value for key, value in facts.items() if key not in keys}
 
 

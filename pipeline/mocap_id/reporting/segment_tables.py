@@ -18,17 +18,17 @@ SHOWN = frozenset(
         *("divisions", "bad_stretches"),
     }
 )
-"""Facts of ``segments.parquet`` that are in these tables or in reasons, or that are only for programs."""
+"""Facts of ``segments.parquet`` that the table of facts omits: they are in other tables, in reasons or for programs."""
 
 AGAINST: Mapping[str, str] = {
-    "skipped": "a segment could be omitted at little cost: the segment beyond the joint with the lowest confidence",
-    "left-out": "moving markers belong neither to a segment nor to another limb",
-    "axis": "a still marker near the first joint may belong to its other side",
-    "first-joint": "the first joint is not a fixed point of both bodies to within 8 mm",
+    "skipped": "the segment beyond the joint with the lowest confidence could be omitted at little cost",
+    "left-out": "some moving markers belong neither to a segment nor to another limb",
+    "axis": "a still marker near the first joint may belong to the moving segment beyond this joint",
+    "first-joint": "the first joint is not a fixed point of base and first segment to within 8 mm",
     "base": "the still markers move almost as much as the moving markers",
     "runner-up": "another number of segments fits the markers almost as well",
     "links": "a segment has a single marker, and no marker is at either of its joints",
-    "ankle": "joint 1 rotates little, and no marker is at it",
+    "ankle": "joint 1 rotates little, and no marker is at this joint",
 }
 """Text for each piece of evidence in :class:`mocap_id.kinematics.confidence.Confidence`."""
 
@@ -36,7 +36,7 @@ _NEGLIGIBLE = 5e-4  # would be shown as 0.000
 
 
 def list_evidence(data: ReportData) -> Grid:
-    """Return a table of the evidence against the segments, strongest first."""
+    """Return a table of the evidence against the segments, strongest first; empty without a search for segments."""
     facts = data.facts("segments.parquet")
     if facts.get("against") is None:
         return Grid()
@@ -51,7 +51,7 @@ def list_evidence(data: ReportData) -> Grid:
 
 
 def list_joint_confidences(data: ReportData) -> Grid:
-    """Return a table of the confidence in each joint: how much worse the fit is without the segment beyond it."""
+    """Return a table of the confidence in each joint, and how much worse the fit is without the segment beyond it."""
     facts = data.facts("segments.parquet")
     if not facts.get("joint_confidences"):  # segments of a calibration are not searched for
         return Grid()

@@ -1,6 +1,6 @@
 """Style of all figures: colours, dashes, labels and ranges.
 
-The colours are those of Okabe and Ito, which are suitable for colour-blind readers. The style sheet of the page
+The colours are those of Okabe and Ito, which colour-blind readers can distinguish. The style sheet of the page
 replaces the colours in :data:`ON_PAGE`, so that figures are readable on light and dark backgrounds.
 """
 
@@ -17,7 +17,7 @@ INK, GRID, FAINT = "#1b1c1f", "#d3d4d8", "#6b6e75"
 BLUE, VERMILLION, GREEN, PURPLE, ORANGE, SKY = "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9"
 MEASURED, MODEL, REFERENCE = INK, BLUE, ORANGE
 OTHER = "#b2182b"
-"""Colour of curves from another system."""
+"""Colour of curves from another measurement system or method."""
 NOW = "#882255"
 """Colour of the current time in the player."""
 ON_PAGE: Mapping[str, str] = {INK: "--ink", GRID: "--grid", BLUE: "--blue", NOW: "--now"}
@@ -28,30 +28,30 @@ _DASHES: tuple[Dash, ...] = ("-", "--", "-.", ":")
 
 
 def pick_colour(k: int) -> str:
-    """Return the colour of joint or segment ``k``; 0 is the base, negative means no segment."""
+    """Return the colour of joint or segment ``k``; 0 is the base, and a negative number means no segment."""
     return FAINT if k <= 0 else _CHAIN_COLOURS[(k - 1) % len(_CHAIN_COLOURS)]
 
 
 def pick_dash(k: int) -> Dash:
-    """Return the line style of joint ``k``: solid until all colours are used."""
+    """Return the line style of joint ``k``: solid until every colour is used once."""
     return _DASHES[(k - 1) // len(_CHAIN_COLOURS) % len(_DASHES)]
 
 
 def clean(text: object, limit: int = 0) -> str:
-    """Return a label without control characters, cut to ``limit`` characters (0 = no limit)."""
+    """Return a label with unprintable characters replaced, cut to ``limit`` characters (0 = no limit)."""
     clean = "".join(char if char.isprintable() else "\N{REPLACEMENT CHARACTER}" for char in str(text))
     return f"{clean[: limit - 1]}…" if 0 < limit < len(clean) else clean
 
 
 def format_unit(text: str) -> str:
-    """Typeset a unit: ``kg*m^2`` as kg·m²."""
+    """Return a unit with typographic signs: kg·m² for ``kg*m^2``."""
     return text.replace("*", "·").replace("^2", "²").replace("^3", "³")
 
 
 def find_extent(curves: Sequence[FloatArray], tail: float = 0.0) -> tuple[float, float] | None:
-    """Return the lowest and highest value of some curves; None if nothing is known.
+    """Return the lowest and the highest value of all curves; None if all their values are NaN.
 
-    At either end, a share ``tail`` of the values of each curve is ignored.
+    The fraction ``tail`` of the values of each curve is ignored at the lower end, and as much at the upper end.
     """
     known = [curve[np.isfinite(curve)] for curve in curves]
     if tail:
@@ -64,7 +64,7 @@ def find_extent(curves: Sequence[FloatArray], tail: float = 0.0) -> tuple[float,
 
 
 def find_range(curves: Sequence[FloatArray], tail: float = 0.0) -> tuple[float, float] | None:
-    """Return the :func:`extent` of the curves with a margin; None if nothing is known or all values are equal."""
+    """Return the :func:`find_extent` of the curves with a margin; None if it is None or all values are equal."""
     found = find_extent(curves, tail)
     if found is None or not found[1] > found[0]:
         return None

@@ -44,7 +44,7 @@ _NO_MOVEMENT_HELPS = "none of those tried"
 
 
 def summarise(data: ReportData) -> Summary:
-    """Return the summary of a trial; values of missing artefacts, as in a refused trial, are null with a ``why``."""
+    """Return the summary of a trial; values of artefacts that are missing are null, with a ``why``."""
     joints = spatial.summarise_joints(data) if data.in_space else _summarise_joints(data.skeleton)
     lengths = spatial.summarise_lengths(data) if data.in_space else _summarise_lengths(data)
     rises, failed = summarise_repetitions(data), summarise_attempts(data)
@@ -84,7 +84,7 @@ def summarise(data: ReportData) -> Summary:
 
 
 def to_json(summary: Summary) -> bytes:
-    """Return the content of the file: strict JSON without NaN, ASCII, with a final newline."""
+    """Return the content of ``summary.json``: strict JSON without NaN, in ASCII, with a final newline."""
     text = json.dumps(summary.model_dump(mode="json", by_alias=True), allow_nan=False, indent=1)
     return (text + "\n").encode("ascii")
 
@@ -136,7 +136,7 @@ def _summarise_segments(data: ReportData) -> SegmentsEntry:
 
 
 def _summarise_hypotheses(facts: Facts) -> list[HypothesisEntry] | None:
-    """Return the segmentations that were considered, the chosen one first."""
+    """Return the segmentations that were considered, the chosen one first; None if they are unknown."""
     if facts.get("hypotheses") is None:
         return None
     return [
@@ -170,7 +170,7 @@ def _summarise_joints(skeleton: Skeleton | None) -> list[JointEntry] | None:
 
 
 def _summarise_lengths(data: ReportData) -> dict[str, LengthEntry] | None:
-    """Return the lengths of the segments between two joints; for a robot also of its base."""
+    """Return the lengths of the segments between two joints, for a robot also of its base; None without a chain."""
     skeleton = data.skeleton
     if skeleton is None:
         return None
@@ -235,7 +235,7 @@ def _summarise_dynamics(data: ReportData) -> DynamicsEntry:
 
 
 def compute_mean_cop(wrench: Table | None) -> float | None:
-    """Return the mean centre of pressure along the motion, m, over samples with loaded and valid plates."""
+    """Return the mean centre of pressure along the motion, m, over samples with valid load; None without any."""
     if wrench is None:
         return None
     cop = wrench["cop_x"][wrench["plate_ok"]]

@@ -9,27 +9,27 @@ from pydantic import BaseModel, ConfigDict
 
 
 class Entry(BaseModel):
-    """Object of ``summary.json``: frozen and strict, without unknown keys, NaN or infinity."""
+    """Object of ``summary.json``: immutable and strictly typed, without unknown keys, NaN or infinity."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True, allow_inf_nan=False, defer_build=True)
 
     @classmethod
     def explain(cls, why: str, **values: Any) -> Self:
-        """Return the entry of some values, with ``why`` if any of them is None."""
+        """Return an entry with these values; its ``why`` is None unless one of the values is None."""
         return cls(**values | {"why": why_unknown(why, *values.values())})
 
 
 NOT_FINITE = "the joint fit gave no finite value"
-"""Why a quantity of the joint fit is unknown."""
+"""Explanation (``why``) of an unknown quantity of the joint fit."""
 
 
 def why_unknown(why: str, *values: object) -> str | None:
-    """Return ``why`` if any of the values is None, else None."""
+    """Return ``why`` if any of the values is None; else return None."""
     return why if any(value is None for value in values) else None
 
 
 def join_sentences(sentences: Iterable[str | None]) -> str | None:
-    """Join sentences with semicolons and drop a sentence that is part of another one; None without sentences."""
+    """Return sentences joined by semicolons, without those that are part of another one; None if there are none."""
     distinct = dict.fromkeys(sentence for sentence in sentences if sentence)
     whole = (one for one in distinct if not any(one != other and one in other for other in distinct))
     return "; ".join(whole) or None

@@ -1,4 +1,4 @@
-"""Motion of the masses in ``summary.json``: its choice, left-out repetitions and the effect of pinned joints."""
+"""Dynamics in ``summary.json``: motion of the masses, errors on left-out repetitions, effect of pinned joints."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ _PINNED = "the dynamics use the pinned chain"
 
 
 def summarise_motion(data: ReportData) -> MotionEntry | None:
-    """Return the motion of the masses; None if nothing was identified."""
+    """Return the entry on the motion of the masses; None if nothing was identified."""
     found = data.facts("dynamics.h5").get("motion")
     if found is None:
         return None
@@ -48,7 +48,7 @@ def summarise_pins(data: ReportData) -> PinsEntry:
 
 
 def summarise_held_out(data: ReportData) -> HeldOutEntry:
-    """Return the errors on left-out repetitions."""
+    """Return the prediction errors on left-out repetitions; null with a ``why`` if there are none."""
     facts = data.facts("dynamics.h5")
     found = facts.get("held_out") or {}
     counts = {key: to_number(found.get(key)) for key in ("repetitions", "folds", "samples")}

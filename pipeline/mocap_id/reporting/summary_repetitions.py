@@ -26,12 +26,12 @@ _FILE = "events.parquet"
 
 
 def summarise_repetitions(data: ReportData) -> list[RepetitionEntry] | None:
-    """Return one entry per repetition; None if repetitions were not searched for."""
+    """Return one entry for each repetition; None if repetitions were not searched for."""
     return None if data.table(_FILE) is None else [_summarise_repetition(row) for row in data.rows(_FILE)]
 
 
 def summarise_five_times(data: ReportData) -> FiveTimesEntry:
-    """Return the times of the test; null with a ``why`` for other protocols."""
+    """Return the times of the five-times test; null with a ``why`` for other protocols."""
     facts = data.facts(_FILE).get("five_times")
     if facts is None:
         nothing = dict.fromkeys(_TIMES)
@@ -62,7 +62,7 @@ def summarise_attempts(data: ReportData) -> list[AttemptEntry] | None:
 
 
 def summarise_load_share(data: ReportData) -> LoadShareEntry:
-    """Return the load shares of the left and right foot."""
+    """Return the fraction of the load on the left foot by phase; null with a ``why`` if unknown."""
     facts = data.facts(_FILE).get("load_share")
     if facts is None:
         nothing = {phase: SpreadEntry(mean=None, sd=None) for phase in PHASES}

@@ -1,7 +1,7 @@
 """Schema of ``summary.json``, version 1. Keys may be added; a renamed key needs a new version.
 
-An unknown quantity is null, and ``why`` in the same object gives the reason (null if everything is known). No number is
-NaN or infinite. ``Summary.model_json_schema()`` returns the JSON Schema of the file.
+An unknown quantity is null, and ``why`` in the same object explains this (``why`` is null if everything is known). No
+number is NaN or infinite. ``Summary.model_json_schema()`` returns the JSON Schema of the file.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from mocap_id.verdict import Level
 
 
 class ReasonEntry(Entry):
-    """One reason of the verdict (see :class:`mocap_id.verdict.Reason`)."""
+    """One reason for the verdict (see :class:`mocap_id.verdict.Reason`)."""
 
     code: str
     message: str
@@ -27,7 +27,7 @@ class ReasonEntry(Entry):
 
 
 class VerdictEntry(Entry):
-    """Verdict: ``reasons`` are cautions or a refusal, ``notes`` are information."""
+    """Verdict; ``reasons`` contains the cautions or the refusal, ``notes`` only information."""
 
     level: Level
     reasons: list[ReasonEntry]
@@ -35,10 +35,10 @@ class VerdictEntry(Entry):
 
 
 class PlaneEntry(Entry):
-    """Plane of motion, and the origin of its frame in the laboratory.
+    """Plane of motion, and the origin of its coordinate frame in the laboratory.
 
-    ``planarity`` is the minor divided by the major variance of the horizontal motion of all markers.
-    ``out_of_plane_share`` is the share of the chain's motion out of the plane; the verdict depends on it.
+    ``planarity`` is the smaller principal variance of the horizontal motion of all markers divided by the larger one.
+    ``out_of_plane_share`` is the out-of-plane fraction of the chain's motion; the verdict depends on it.
     """
 
     yaw_deg: float | None
@@ -49,9 +49,9 @@ class PlaneEntry(Entry):
 
 
 class HypothesisEntry(Entry):
-    """A segmentation that was considered; no value is null, and ``why`` says why it was rejected.
+    """A segmentation that was considered; ``why`` says why it was rejected or chosen. No value is null.
 
-    ``segments`` includes the base; the lists start with joint 1. ``left_out`` is the number of moving markers without a
+    ``segments`` includes the base. The lists start with joint 1. ``left_out`` is the number of moving markers without a
     segment, before single markers are added to the chosen segmentation. ``cost`` is the sum of log residuals plus a
     penalty for each segment; only its differences have a meaning.
     """
@@ -68,7 +68,7 @@ class HypothesisEntry(Entry):
 class SegmentsEntry(Entry):
     """Segments; ``count`` and ``names`` include the base, and ``assignment`` omits markers without a segment.
 
-    ``confidence`` is the probability that count and assignment are right. ``against`` is the reduction of the log
+    ``confidence`` is the probability that count and assignment are right. ``against`` is the reduction of its log
     odds by each piece of evidence (:class:`mocap_id.kinematics.confidence.Confidence`); 0 without this evidence.
     ``hypotheses`` are the segmentations considered, lowest cost first.
     """
@@ -83,12 +83,13 @@ class SegmentsEntry(Entry):
 
 
 class JointEntry(Entry):
-    """A joint; ``parent`` is the segment to which its centre is fixed, 0 = base.
+    """A joint; ``parent`` is the number of the segment to which its centre is fixed, 0 for the base.
 
     ``axis`` is a unit vector in the frame of the parent. A two-axis joint also has a second axis, in the frame of the
     moving segment. ``known`` is false if the motion does not determine the centre. ``evidence`` is the rotation that
     each kind of joint leaves unexplained, as a multiple of the markers' noise. ``glide_m`` is the shift of the centre
-    at an elevation of 180°. In the plane every joint is a hinge about z, and these lists are empty.
+    at an elevation of 180°. In the plane every joint is a hinge about z, and
+    ``axis_sd_deg``, ``evidence`` and the values of the glide are empty.
     """
 
     name: str
@@ -115,7 +116,7 @@ class LengthEntry(Entry):
 
 
 class MarkersEntry(Entry):
-    """Prediction error of the markers and share of missing samples."""
+    """Prediction error of the markers, and fraction of missing marker samples."""
 
     reprojection_rms_mm: float | None
     missing_fraction: float | None
@@ -123,7 +124,7 @@ class MarkersEntry(Entry):
 
 
 class NoiseEntry(Entry):
-    """Estimated standard deviations: of a marker coordinate, and of the snap (rms over the joints, and per joint)."""
+    """Estimated standard deviations of a marker coordinate, and the snap, rad/s⁴ (rms over joints, and by joint)."""
 
     marker_sd_m: float | None
     sigma_v: float | None
@@ -135,9 +136,10 @@ class RepetitionEntry(Entry):
     """Events of one repetition, on the clock of the recording.
 
     ``seat_off_72_s`` and ``seat_off_model_s`` are seat-off by the two rules of the thesis. ``reached`` is the greatest
-    height as a share of the trial's rise, and ``held_s`` the time in pauses between seat and standing. ``attempts`` is
-    the number of failed attempts before the rise, and ``support`` the unexplained vertical force divided by the weight.
-    ``remark`` describes unusual events, also if every value is known.
+    hip height as a fraction of the full rise, and ``held_s`` the time in pauses between seat and standing.
+    ``attempts`` is the number of failed attempts before the rise, and ``support`` the unexplained vertical force as a
+    fraction of the weight.
+    ``remark`` describes anything unusual, also if every value is known; it may be empty.
     """
 
     start_s: float | None
@@ -157,7 +159,7 @@ class RepetitionEntry(Entry):
 
 
 class PublishedEntry(Entry):
-    """A published time of the five-times-sit-to-stand test, for context and not for diagnosis."""
+    """A published time of the five-times sit-to-stand test, for context and not for diagnosis."""
 
     limit_s: float
     people: str
@@ -167,7 +169,7 @@ class PublishedEntry(Entry):
 
 
 class FiveTimesEntry(Entry):
-    """Times of the five-times-sit-to-stand test by both common stop rules, from the start of the first rise.
+    """Times of the five-times sit-to-stand test by both common stop rules, from the start of the first rise.
 
     ``repetitions`` is the number of rises that reach standing, ``mean_cycle_s`` the mean time from stand to stand, and
     ``failed_attempts`` the number of failed attempts within the test time.
@@ -185,7 +187,10 @@ class FiveTimesEntry(Entry):
 
 
 class AttemptEntry(Entry):
-    """A failed attempt to rise: time and value of the greatest height, and share of the chair load on the feet."""
+    """A failed attempt to rise: time and size of the greatest hip height, and fraction of the chair's load on the feet.
+
+    ``height`` is a fraction of the full rise.
+    """
 
     time_s: float
     height: float
@@ -193,14 +198,14 @@ class AttemptEntry(Entry):
 
 
 class SpreadEntry(Entry):
-    """Mean and standard deviation over the repetitions."""
+    """Mean and standard deviation of a quantity over the repetitions."""
 
     mean: float | None
     sd: float | None
 
 
 class LoadShareEntry(Entry):
-    """Share of the left foot in the load of both feet in each phase, if each foot has its own plate."""
+    """Fraction of the load on the left foot in each phase; null unless each foot has its own plate."""
 
     left_plate: int | None
     right_plate: int | None
@@ -209,10 +214,10 @@ class LoadShareEntry(Entry):
 
 
 class EncoderEntry(Entry):
-    """Errors of the cameras and of the model's torque against the encoder of a robot, in the sense of the plane.
+    """Errors of the cameras and of the model's torque against the encoder of a robot, positive as in the plane.
 
-    ``sign`` is 1 if the encoder has the sense of the plane. A row of the encoder at time t is the state at the time
-    t + ``clock_offset_s`` of the cameras.
+    ``sign`` is 1 if the encoder counts positive in the same direction as the plane, else -1. A row of the encoder at
+    time t is the state at the time t + ``clock_offset_s`` of the cameras.
     """
 
     sign: int | None

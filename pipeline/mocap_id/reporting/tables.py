@@ -17,7 +17,7 @@ _IN_PLANE = ("Fx", "Fy", "tauz")
 
 
 def list_joints(summary: Summary) -> Grid:
-    """Return a table of the centres and arcs of the joints, and in space their kinds."""
+    """Return a table of the centres and arcs of the joints; in space, also of their kinds."""
     names, in_space = summary.segments.names or [], summary.space == "3d"
     columns = (
         text("joint", "name"),
@@ -32,7 +32,7 @@ def list_joints(summary: Summary) -> Grid:
 
 
 def _make_centre_column(k: int) -> GridColumn:
-    """Return the column of one coordinate of the joint centres."""
+    """Return the column of coordinate ``k`` (0 to 2 for x to z) of the joint centres."""
 
     def cell(joint: JointEntry) -> str:
         if not joint.known:
@@ -50,7 +50,7 @@ def list_lengths(summary: Summary) -> Grid:
 
 
 def describe_band(data: ReportData) -> str:
-    """Return the frequency band in which model and measurement are compared, in words."""
+    """Return in words the frequency band in which model and measurement are compared."""
     return "unfiltered" if data.low_pass is None else f"below {data.low_pass:g} Hz"
 
 
@@ -63,12 +63,12 @@ def list_model_errors(data: ReportData, summary: Summary) -> Grid:
 
 
 def make_error_columns(decimals: int) -> tuple[GridColumn, ...]:
-    """Return the columns of the errors of a channel, with r² to some decimals."""
+    """Return the columns bias, standard deviation and r² of a channel; r² has the given number of decimals."""
     return number("bias", "bias"), number("standard deviation", "sd"), number("r²", "r2", decimals)
 
 
 def list_reference_errors(data: ReportData, summary: Summary) -> Grid:
-    """Return a table of the errors of the identified model and of the allometric bodies."""
+    """Return a table of the errors of the identified model and the allometric bodies; empty without such a body."""
     dynamics = summary.dynamics
     bodies = {"identified model": dynamics, **dynamics.rivals} if dynamics.rivals else {}
     columns = (
@@ -101,7 +101,10 @@ def list_held_out_errors(data: ReportData, summary: Summary) -> Grid:
 
 
 def _make_wrench_columns(channels: Callable[[Any], Mapping[str, Any]]) -> list[GridColumn]:
-    """Return columns of errors in the components of the wrench; ``channels`` returns the errors of a row."""
+    """Return a column of errors for each component of the wrench in the plane.
+
+    ``channels`` is a function that returns the errors of a row by component.
+    """
     return [_make_error_column(part, channels) for part in _IN_PLANE]
 
 
@@ -110,7 +113,7 @@ def _make_error_column(part: str, channels: Callable[[Any], Mapping[str, Any]]) 
 
 
 def _show_bias_and_sd(error: ChannelEntry | float | None, factor: float = 1.0) -> str:
-    """Format the error of a channel, or a share of samples in per cent."""
+    """Format bias ± sd of a channel, times ``factor``; a number is formatted as a fraction of samples in per cent."""
     if not isinstance(error, ChannelEntry):
         return show_percent(error)
     if error.bias is None or error.sd is None:
@@ -138,7 +141,7 @@ def list_base_parameters(data: ReportData, summary: Summary) -> Grid:
 
 
 def list_excitation(summary: Summary) -> Grid:
-    """Return a table of the excitation of each base parameter, and of the movement that would improve it."""
+    """Return a table of how well each base parameter is excited, and of the movement that would improve this."""
     columns = (
         text("parameter", "name"),
         text("verdict", "verdict", UNKNOWN),
@@ -152,7 +155,7 @@ def list_excitation(summary: Summary) -> Grid:
     )
     caption = (
         "Excitation of each base parameter: standard deviation relative to its size; norm of the part of its regressor "
-        "column that is independent of the others, in residual standard deviations per SI unit; share of that part"
+        "column that is independent of the others, in residual standard deviations per SI unit; own share of that part"
     )
     return to_grid(caption, [entry for entry in summary.dynamics.base or () if entry.excitation is not None], columns)
 
@@ -171,7 +174,7 @@ def list_plates(data: ReportData) -> Grid:
 
 
 def list_markers(data: ReportData) -> Grid:
-    """Return a table of segment, reason and prediction error of each marker."""
+    """Return a table of each marker: its segment, the reason for the assignment, and its prediction errors."""
     names = dict(enumerate(data.segment_names))
 
     def residual(name: str) -> Callable[[Mapping[str, Any]], float | None]:
