@@ -18,7 +18,7 @@ import numpy as np
 from harness import command_line, markdown, publish
 
 from mocap_id.arrays import FloatArray, IntArray
-from mocap_id.estimation import compiled_filter, reference, smooth
+from mocap_id.estimation import compiled_filter, filterpy_engine, smooth
 from mocap_id.estimation.filter_problem import FilterProblem, SigmaPoints, Track
 from mocap_id.estimation.inverse_kinematics import MarkerChain, find_frame_angles
 from mocap_id.geometry.planar import marker_positions
@@ -72,7 +72,7 @@ def problem(chain: MarkerChain, markers: FloatArray) -> FilterProblem:
 def theirs(given: FilterProblem) -> tuple[float, Track]:
     """Return time and result of filterpy's predict, update and rts_smoother, from our initial state, without gate."""
     first = compiled_filter.filter_forwards(given)
-    ukf = reference._filterpy(given)
+    ukf = filterpy_engine._filterpy(given)
     ukf.x, ukf.P = first.mean[0].copy(), first.covariance[0].copy()
     mean, covariance = [ukf.x.copy()], [ukf.P.copy()]
     start = perf_counter()

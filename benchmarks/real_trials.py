@@ -11,18 +11,17 @@ from typing import Any
 import numpy as np
 from harness import JOINTS, command_line, markdown, publish, recordings, write_real_trial
 
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import BoolArray, FloatArray, find_complete_rows
 from mocap_id.config import load
 from mocap_id.dynamics.comparison import centre_of_pressure
-from mocap_id.dynamics.lowpass import known
 from mocap_id.dynamics.measured_motion import close_gaps
 from mocap_id.geometry import planar
 from mocap_id.protocols.reference_body import make_empty_reference
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE
-from mocap_id.stages.identify_dim.function import fit_chain
 from mocap_id.stages.identify_dim.measured_bodies import MeasuredBodies, read_bodies
 from mocap_id.stages.identify_dim.motion_comparison import predict_on_chain
+from mocap_id.stages.identify_dim.plane import fit_chain
 from mocap_id.stages.identify_dim.reference_bodies import ReferenceBodies, build_reference_bodies
 from mocap_id.stages.identify_dim.segment_fit import SegmentFit, filter_measured, fit_segments
 from mocap_id.stages.identify_dim.trial_inputs import read_inputs
@@ -103,7 +102,7 @@ def on_chain(bodies: MeasuredBodies, q: FloatArray) -> MeasuredBodies:
     own = slice(angle.shape[1])
     position, turned = poses.position.copy(), poses.angle.copy()
     position[:, own], turned[:, own] = origin + planar.rotate(angle, poses.centroid[own]), angle
-    return replace(bodies, poses=replace(poses, position=position, angle=turned), observed=known(turned))
+    return replace(bodies, poses=replace(poses, position=position, angle=turned), observed=find_complete_rows(turned))
 
 
 def steps(trial: Trial) -> dict[str, list[str]]:

@@ -22,6 +22,11 @@ def chunks(count: int, size: int = 1024) -> list[slice]:
     return [slice(start, min(start + size, count)) for start in range(0, max(count, 1), size)]
 
 
+def find_complete_rows(values: FloatArray) -> BoolArray:
+    """Return a mask (T,) of the samples (T, ...) whose values are all finite."""
+    return np.asarray(np.isfinite(values.reshape(len(values), -1)).all(axis=1), dtype=np.bool_)
+
+
 def find_runs(flags: BoolArray) -> list[slice]:
     """Return a slice for every run of consecutive True values in ``flags`` (K,).
 

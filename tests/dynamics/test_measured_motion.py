@@ -10,7 +10,7 @@ from dynamics_cases import CENTRES
 from pose_cases import CENTROID, HIP, INFORMATION, OF_SEGMENT, moving, poses_of
 from scipy.optimize import minimize
 
-from mocap_id.dynamics.lowpass import known
+from mocap_id.arrays import find_complete_rows
 from mocap_id.dynamics.measured_motion import (
     GIVES_WAY,
     BodyPoses,
@@ -63,11 +63,11 @@ def test_nothing_is_said_at_the_ends_of_a_stretch() -> None:
     poses = single(np.sin(TIME), np.cos(TIME), 0.3 * np.sin(TIME))
     poses.position[600:602] = np.nan
     motion = filter_motion(poses, WIDE)
-    there = known(motion.acceleration) & known(motion.alpha)
+    there = find_complete_rows(motion.acceleration) & find_complete_rows(motion.alpha)
     expected = np.ones(len(TIME), dtype=bool)
     expected[[0, 1, -2, -1]] = False
     expected[598:604] = False
-    np.testing.assert_array_equal(known(motion.acceleration), expected)
+    np.testing.assert_array_equal(find_complete_rows(motion.acceleration), expected)
     np.testing.assert_array_equal(there, expected)
 
 

@@ -10,7 +10,7 @@ from simulated_chains import Moving, measured, rms, swinging
 
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError
-from mocap_id.estimation import BRIDGE_LIMIT, FRAMEWISE, compiled_filter, reference
+from mocap_id.estimation import BRIDGE_LIMIT, FRAMEWISE, compiled_filter, filterpy_engine
 from mocap_id.estimation.alternative_estimators import LEAST_SAMPLES, average_two_passes, smooth_butterworth
 from mocap_id.estimation.filter_problem import START_SD, Anchors
 from mocap_id.estimation.process_model import noise_shape, transition
@@ -37,7 +37,9 @@ def of_one(angle: FloatArray, seen: FloatArray | None = None) -> Anchors:
 def test_two_filter_is_the_average_of_filterpys_two_passes() -> None:
     moving = swinging(joints=2, per_segment=3, seconds=0.8, seed=5)
     noise = {"marker_sd": 5e-4, "sigma_v": 3e3}
-    ahead, back = (reference.filter_forwards(each.problem(**noise)).by_joint() for each in (moving, backwards(moving)))
+    ahead, back = (
+        filterpy_engine.filter_forwards(each.problem(**noise)).by_joint() for each in (moving, backwards(moving))
+    )
     states = moving.smoothed(method="two-filter", **noise)
     scale = np.maximum(rms(ahead[0]), START_SD)
     expected = 0.5 * (ahead[0] + SIGNS * back[0][::-1])

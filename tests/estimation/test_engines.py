@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from simulated_chains import Moving, rms, swinging
 
-from mocap_id.estimation import compiled_filter, reference
+from mocap_id.estimation import compiled_filter, filterpy_engine
 from mocap_id.estimation.filter_problem import START_SD, FilterProblem, Track
 
 EQUAL = 1e-9
@@ -57,9 +57,9 @@ def test_filter_and_smoother_equal_filterpy(
 ) -> None:
     moving = swinging(joints=joints, per_segment=per_segment, seconds=100 / rate, rate=rate, seed=seed)
     problem = damaged(moving, seed).problem(marker_sd=1e-3, sigma_v=3e5 / rate, kappa=kappa)
-    ours, theirs = compiled_filter.filter_forwards(problem), reference.filter_forwards(problem)
+    ours, theirs = compiled_filter.filter_forwards(problem), filterpy_engine.filter_forwards(problem)
     assert_same(ours, theirs)
-    ours, theirs = compiled_filter.smooth_backwards(problem, ours), reference.smooth_backwards(problem, theirs)
+    ours, theirs = compiled_filter.smooth_backwards(problem, ours), filterpy_engine.smooth_backwards(problem, theirs)
     assert_same(ours, theirs)
 
 
@@ -70,7 +70,7 @@ def tracked() -> tuple[FilterProblem, Track]:
 
 def test_the_smoother_equals_filterpys_without_restarts() -> None:
     problem, track = tracked()
-    mean, covariance, _ = reference._make_filter(problem).rts_smoother(track.mean, track.covariance)
+    mean, covariance, _ = filterpy_engine._make_filter(problem).rts_smoother(track.mean, track.covariance)
     theirs = replace(track, mean=mean, covariance=covariance)
     # filterpy subtracts covariances, with cancellation at the first frames
     assert_same(compiled_filter.smooth_backwards(problem, copied(track)), theirs, deviation=1e-7)

@@ -10,7 +10,7 @@ from scipy.linalg import solve_triangular
 from simulated_chains import Moving, swinging
 
 from mocap_id.arrays import FloatArray
-from mocap_id.estimation import compiled_filter, reference
+from mocap_id.estimation import compiled_filter, filterpy_engine
 from mocap_id.estimation.filter_problem import START_SD, Track
 from mocap_id.estimation.inverse_kinematics import MarkerChain, find_frame_angles
 from mocap_id.estimation.noise import log_likelihood
@@ -80,7 +80,7 @@ def batch(angles: FloatArray) -> tuple[FloatArray, FloatArray]:
     return mean.reshape(frames, size), sd.reshape(frames, size)
 
 
-@pytest.mark.parametrize("engine", [compiled_filter, reference], ids=["compiled", "filterpy"])
+@pytest.mark.parametrize("engine", [compiled_filter, filterpy_engine], ids=["compiled", "filterpy"])
 def test_smoother_is_batch_least_squares(engine: object) -> None:
     angles = measured_angles()
     problem = replace(
@@ -131,10 +131,10 @@ def one_update(moving: Moving, sd: float) -> tuple[FloatArray, FloatArray]:
     problem = moving.problem(marker_sd=0.1 * sd, sigma_v=1.0, gate=1e9)
     prior = moving.truth[0].T.ravel() + sd * np.random.default_rng(1).standard_normal(4 * n)
     covariance = sd**2 * (np.eye(4 * n) + 0.5)
-    ukf = reference._make_filter(problem)
+    ukf = filterpy_engine._make_filter(problem)
     ukf.x, ukf.P = prior.copy(), covariance.copy()
     ukf.sigmas_f = ukf.points_fn.sigma_points(ukf.x, ukf.P)
-    reference._measure(ukf, problem, 0)
+    filterpy_engine._measure(ukf, problem, 0)
     jacobian = marker_jacobian(prior[:n], moving.centres, moving.segment, moving.local).reshape(-1, n)
     h = np.hstack([jacobian, np.zeros((len(jacobian), 3 * n))])
     expected = marker_positions(prior[:n], moving.centres, moving.segment, moving.local)

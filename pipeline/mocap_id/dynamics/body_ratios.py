@@ -14,7 +14,7 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.base_parameters import BaseSet
-from mocap_id.dynamics.calibration import Calibration
+from mocap_id.dynamics.instrument_errors import Calibration
 
 _FOOT = (1, 0.003)  # column of the full parameters, and standard deviation, m
 _SEGMENTS = (

@@ -14,13 +14,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import BoolArray, FloatArray, find_complete_rows
 from mocap_id.dynamics.base_parameters import regroup_columns
 from mocap_id.dynamics.consistency import Consistency, fit_consistent
 from mocap_id.dynamics.external_wrenches import ExternalWrench
 from mocap_id.dynamics.identification import Identification
 from mocap_id.dynamics.least_squares import CompressedProblem
-from mocap_id.dynamics.lowpass import known
 from mocap_id.dynamics.point_grid import PointGrid
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import PLANAR_PARAMETERS, planar_regressor
@@ -70,10 +69,10 @@ def fit_sensor(prepared: PreparedTrial, gate: BoolArray, sensor: ExternalWrench)
     size, first = prepared.regressor.shape[-1], len(PLANAR_PARAMETERS) * sensor.segment
     to_joint = _move_to_joint(prepared, sensor.segment)
     parts = [sensor.wrench, *_list_wrenches_beyond(prepared, sensor.segment)]
-    there = known(sum(parts[1:], parts[0]))[:, None]
+    there = find_complete_rows(sum(parts[1:], parts[0]))[:, None]
     filtered = [prepared.lowpass(np.einsum("tij,tj->ti", to_joint, np.where(there, each, np.nan))) for each in parts]
     wrench = sum(filtered[1:], filtered[0])
-    samples = np.flatnonzero(select_samples(prepared, gate) & known(wrench))[:: prepared.lowpass.step]
+    samples = np.flatnonzero(select_samples(prepared, gate) & find_complete_rows(wrench))[:: prepared.lowpass.step]
     if len(samples) < _LEAST_SAMPLES:
         return None
     rows = prepared.lowpass(to_joint @ prepared.regressor[:, :, first:])[samples]

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, TypeAlias
 
-from mocap_id.dynamics.calibration import Calibration
 from mocap_id.dynamics.excitation import NOT_IDENTIFIABLE, Excitation
 from mocap_id.dynamics.identification import Identification
+from mocap_id.dynamics.instrument_errors import Calibration
 from mocap_id.dynamics.optimality import PROVEN
 from mocap_id.dynamics.preparation import AnyTrial, PreparedTrial
 from mocap_id.verdict import Reason

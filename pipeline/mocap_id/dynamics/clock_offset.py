@@ -13,8 +13,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 
-from mocap_id.arrays import FloatArray, find_runs
-from mocap_id.dynamics.lowpass import known
+from mocap_id.arrays import FloatArray, find_complete_rows, find_runs
 
 _COARSE = 10e-3  # s: a tenth of the time over which the cost is smooth
 _FINE = 1e-6  # s: tolerance of the refined offset
@@ -32,7 +31,7 @@ class SampledWrench:
     @classmethod
     def of(cls, time: FloatArray, values: FloatArray) -> SampledWrench:
         """Build the interpolation from samples (T, c) at ``time`` (T,), s; NaN marks missing values."""
-        pieces = [run for run in find_runs(known(values)) if run.stop - run.start > 1]
+        pieces = [run for run in find_runs(find_complete_rows(values)) if run.stop - run.start > 1]
         splines = tuple(
             (float(time[run.start]), float(time[run.stop - 1]), CubicSpline(time[run], values[run])) for run in pieces
         )

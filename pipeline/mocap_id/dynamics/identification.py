@@ -9,9 +9,9 @@ from functools import partial
 import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.dynamics.calibration import CalibrationEffect, ScaleCheck, propagate_calibration
 from mocap_id.dynamics.consistency import Consistency, ConsistentSolution, fit_consistent, fit_quickly
 from mocap_id.dynamics.fit import Fit, fit
+from mocap_id.dynamics.instrument_errors import CalibrationEffect, ScaleCheck, propagate_calibration
 from mocap_id.dynamics.kinematic_error import KinematicError, propagate_to_parameters
 from mocap_id.dynamics.least_squares import CompressedProblem
 from mocap_id.dynamics.point_grid import PointGrid

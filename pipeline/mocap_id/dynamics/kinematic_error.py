@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray, IntArray, chunks
+from mocap_id.arrays import FloatArray, IntArray, chunks, find_complete_rows
 from mocap_id.dynamics.fit import Fit
-from mocap_id.dynamics.lowpass import interpolate_samples, known
+from mocap_id.dynamics.lowpass import interpolate_samples
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import planar_regressor, planar_torque_regressor
 
@@ -91,7 +91,7 @@ def propagate_to_torques(
     ``response`` (b, S) is the change of the base parameters with every mode.
     """
     recorded, kept = prepared.recorded, prepared.base.kept
-    valid = np.flatnonzero(known(prepared.regressor))
+    valid = np.flatnonzero(find_complete_rows(prepared.regressor))
     if error.centre.shape[-1] == 0 or not len(valid):
         variance = np.full(recorded.q.shape, np.nan)
         variance[valid] = 0.0

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.fft import irfft, next_fast_len, rfft
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks, find_runs
+from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks, find_complete_rows, find_runs
 
 _SHARE, _MARGIN, _LOWEST, _HIGHEST = 0.999, 2.0, 3.0, 10.0
 _OVERSAMPLED = 10
@@ -58,7 +58,7 @@ class LowPass:
         moving = np.flatnonzero(np.any(flat != 0.0, axis=0))  # columns of zeros stay zeros
         out = np.zeros_like(flat)
         out[:] = np.nan
-        for run in find_runs(known(flat)):
+        for run in find_runs(find_complete_rows(flat)):
             if run.stop - run.start > 2 * self.reach_samples:
                 out[run] = 0.0
                 for columns in (moving[c] for c in chunks(len(moving), _COLUMNS)):
@@ -86,7 +86,7 @@ def choose_cutoff(dq: FloatArray, rate: float) -> float:
     highest frequency are used. The result is between 3 and 10 Hz, and at most a fifth of the rate. Velocities are used
     instead of accelerations because noise dominates the spectrum of the accelerations.
     """
-    longest = max(find_runs(known(dq)), key=lambda run: run.stop - run.start, default=slice(0, 0))
+    longest = max(find_runs(find_complete_rows(dq)), key=lambda run: run.stop - run.start, default=slice(0, 0))
     signal = dq[longest]
     if len(signal) < 2:
         return _LOWEST
@@ -108,11 +108,6 @@ def undo_averaging(filtered: FloatArray, samples: float) -> FloatArray:
     return np.asarray(filtered - samples**2 / 24.0 * np.where(np.isfinite(bend), bend, 0.0))
 
 
-def known(values: FloatArray) -> BoolArray:
-    """Return a mask (T,) of the samples (T, ...) whose values are all finite."""
-    return np.asarray(np.isfinite(values.reshape(len(values), -1)).all(axis=1), dtype=np.bool_)
-
-
 def erode(mask: BoolArray, samples: int) -> BoolArray:
     """Return a copy of a mask (T,) in which the first and last ``samples`` flags of every run of True are False."""
     out = np.zeros_like(mask)
@@ -123,7 +118,7 @@ def erode(mask: BoolArray, samples: int) -> BoolArray:
 
 def blank_incomplete(wrench: FloatArray) -> FloatArray:
     """Return a copy of a wrench (T, c), with NaN in all components of a sample if one of them is missing."""
-    return np.where(known(wrench)[:, None], wrench, np.nan)
+    return np.where(find_complete_rows(wrench)[:, None], wrench, np.nan)
 
 
 def interpolate_samples(time: FloatArray, samples: IntArray, steps: IntArray, values: FloatArray) -> FloatArray:

@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks, find_runs
-from mocap_id.dynamics.lowpass import LowPass, known
+from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks, find_complete_rows, find_runs
+from mocap_id.dynamics.lowpass import LowPass
 from mocap_id.dynamics.motion import PlanarMotion, point_acceleration
 from mocap_id.geometry import planar
 
@@ -131,7 +131,7 @@ def fill_gaps(poses: BodyPoses) -> tuple[BodyPoses, BoolArray]:
     """Return the poses with short gaps interpolated, and a mask (T,) of the samples with all poses measured."""
     series = np.concatenate([poses.position, poses.angle[..., None]], axis=-1)  # (T, K, 3)
     longest = round(BRIDGED * poses.rate)
-    observed = known(series)
+    observed = find_complete_rows(series)
     filled = series.copy()
     for k in range(series.shape[1]):
         there = np.isfinite(series[:, k]).all(axis=1)
@@ -152,8 +152,8 @@ def measure_gaps(poses: BodyPoses, samples: BoolArray) -> dict[int, JointGap]:
     for joint in poses.joints:
         gap = poses.measure_gap(joint)
         acceleration = _differentiate(lowpass(gap), poses.rate)[1]
-        use = samples & known(gap)
-        moving = samples & known(acceleration)
+        use = samples & find_complete_rows(gap)
+        moving = samples & find_complete_rows(acceleration)
         size = float(np.sqrt(np.sum(np.var(gap[use], axis=0)))) if use.any() else float("nan")
         rms = float(np.sqrt(np.mean(np.sum(acceleration[moving] ** 2, axis=1)))) if moving.any() else float("nan")
         gaps[joint] = JointGap(size, rms, poses.joint_variance(joint))

@@ -6,15 +6,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import BoolArray, FloatArray, find_complete_rows
 from mocap_id.dynamics.base_parameters import determines_rows
-from mocap_id.dynamics.calibration import compute_scale_variance
 from mocap_id.dynamics.comparison import centre_of_pressure, centre_of_pressure_rows
 from mocap_id.dynamics.composite_inertia import composite_inertia
 from mocap_id.dynamics.external_wrenches import stack_wrenches, sum_external
 from mocap_id.dynamics.identification import Identification
+from mocap_id.dynamics.instrument_errors import compute_scale_variance
 from mocap_id.dynamics.kinematic_error import propagate_to_torques
-from mocap_id.dynamics.lowpass import known
 from mocap_id.dynamics.model_error import ModelError, estimate_model_error
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import PLANAR_PARAMETERS, WRENCH_COMPONENTS, torque_regressor
@@ -166,7 +165,7 @@ def estimate_residual_noise(
     recorded, size = prepared.recorded, len(prepared.regressor)
     alone = 0 not in recorded.measures  # no sensor measures Fx
     residual = residual[:, [1, 1, 2]] if alone else residual
-    valid = known(residual)
+    valid = find_complete_rows(residual)
     correlation = np.corrcoef(residual[valid].T)
     nothing = np.zeros(size)
     errors = [estimate_model_error(residual[:, k], nothing, valid, recorded.rate) for k in range(3)]

@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.arrays import BoolArray, FloatArray, IntArray, find_complete_rows
 from mocap_id.dynamics.base_parameters import BaseSet, keep_all_parameters, regroup_columns
 from mocap_id.dynamics.body_prior import BodyPrior
 from mocap_id.dynamics.clock_offset import SampledWrench
 from mocap_id.dynamics.external_wrenches import SEAT, ExternalWrench
-from mocap_id.dynamics.lowpass import LowPass, blank_incomplete, choose_cutoff, erode, known, undo_averaging
+from mocap_id.dynamics.lowpass import LowPass, blank_incomplete, choose_cutoff, erode, undo_averaging
 from mocap_id.dynamics.motion import PlanarMotion, move_chain
 from mocap_id.dynamics.regressor import wrench_regressor
 
 if TYPE_CHECKING:
-    from mocap_id.dynamics.space.trial import SpatialTrial
+    from mocap_id.dynamics.space.preparation import SpatialTrial
 
 AnyTrial: TypeAlias = "PreparedTrial | SpatialTrial"
 """A prepared trial in the plane or in space."""
@@ -195,7 +195,7 @@ def prepare(recorded: TrialData, settings: FitSettings, prior: BodyPrior | None 
     With a prior, all full parameters are fitted instead of the base parameters.
     """
     regressor = wrench_regressor(recorded.motion, settings.gravity)
-    moving = known(regressor)
+    moving = find_complete_rows(regressor)
     lowpass = LowPass(_choose_cutoff(recorded, settings), recorded.rate)
     if prior is None:
         selected = regressor[moving][:: lowpass.step, list(settings.components), :]
@@ -204,7 +204,7 @@ def prepare(recorded: TrialData, settings: FitSettings, prior: BodyPrior | None 
         base = keep_all_parameters(regressor.shape[-1])
     wrench, sensors = blank_incomplete(recorded.plates), blank_incomplete(recorded.sensors)
     filtered_wrench = _filter_wrench(recorded, lowpass, wrench)
-    observed = moving & recorded.observed & known(sensors)
+    observed = moving & recorded.observed & find_complete_rows(sensors)
     return PreparedTrial(
         recorded=recorded,
         settings=settings,
@@ -239,7 +239,7 @@ def find_usable(lowpass: LowPass, observed: BoolArray, filtered_wrench: FloatArr
     """Return a mask (T,) of samples with filtered regressor, and filtered wrench at every offset up to the limit, s."""
     limit = int(np.ceil(offset_limit * lowpass.rate)) + 1
     usable = erode(observed, lowpass.reach_samples)
-    return usable & erode(known(filtered_wrench), lowpass.reach_samples + limit)
+    return usable & erode(find_complete_rows(filtered_wrench), lowpass.reach_samples + limit)
 
 
 def measure_arcs(q: FloatArray, samples: BoolArray) -> FloatArray:

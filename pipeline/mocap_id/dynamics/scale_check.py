@@ -16,12 +16,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.arrays import BoolArray, FloatArray, IntArray, find_complete_rows
 from mocap_id.dynamics.body_ratios import BodyRatios
-from mocap_id.dynamics.calibration import ScaleCause, ScaleCheck
 from mocap_id.dynamics.identification import Identification
+from mocap_id.dynamics.instrument_errors import ScaleCause, ScaleCheck
 from mocap_id.dynamics.kinematic_error import propagate_to_wrench
-from mocap_id.dynamics.lowpass import LowPass, erode, known
+from mocap_id.dynamics.lowpass import LowPass, erode
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import wrench_regressor
 from mocap_id.dynamics.sample_choice import skip_long_rests
@@ -187,7 +187,7 @@ def _build_problem(
         "tilt": (plain - wrench_regressor(motion.tilt(_STEP), gravity)) / _STEP,
     }
     model = lowpass(plain[:, :, kept])
-    usable = erode(known(model) & known(measured) & gate[::step], lowpass.reach_samples)
+    usable = erode(find_complete_rows(model) & find_complete_rows(measured) & gate[::step], lowpass.reach_samples)
     rows = np.flatnonzero(usable)[::_EVERY]
     rows = rows[skip_long_rests(recorded.dq[::step][rows])]
     if len(rows) * _EVERY < _SECONDS * lowpass.rate:

@@ -183,7 +183,7 @@ def prepare_states(
 def _estimate(problem: FilterProblem, settings: FilterSettings) -> Estimate:
     engine: ModuleType = compiled_filter
     if settings.engine == "filterpy":
-        from mocap_id.estimation import reference as engine  # noqa: PLC0415  slow import, seldom used
+        from mocap_id.estimation import filterpy_engine as engine  # noqa: PLC0415  slow import, seldom used
     if settings.method == "two-filter":
         return alternative_estimators.average_two_passes(problem, engine.filter_forwards)
     if settings.method == "butterworth":

@@ -22,7 +22,7 @@ from mocap_id import store
 from mocap_id.config import Trial
 from mocap_id.errors import ConfigError, MocapIdError, NumericalError, Refused, StoreError
 from mocap_id.runner.background_writer import BackgroundWriter
-from mocap_id.runner.calibration import update_calibration
+from mocap_id.runner.calibration_trial import update_calibration
 from mocap_id.runner.dependencies import (
     FileHashes,
     collect_parameters,

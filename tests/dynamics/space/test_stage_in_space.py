@@ -10,7 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from space_cases import plate_wrench, robot
 
-from mocap_id.dynamics.space.trial import COMPONENTS
+from mocap_id.dynamics.space.preparation import COMPONENTS
 from mocap_id.geometry.spatial_chain import SpatialChain
 from mocap_id.simulation.space_robot import SpaceRobotTrial
 from mocap_id.stages.base import Context

@@ -9,9 +9,9 @@ import numpy as np
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics.excitation import WEAK, Excitation, classify_parameters
 from mocap_id.dynamics.fit import Fit, fit
-from mocap_id.dynamics.space.calibration import ErrorMode, SpatialCalibration, propagate_errors, sum_modes
 from mocap_id.dynamics.space.consistency import SemidefiniteSolution, fit_semidefinite
-from mocap_id.dynamics.space.trial import SpatialTrial
+from mocap_id.dynamics.space.instrument_errors import ErrorMode, SpatialCalibration, propagate_errors, sum_modes
+from mocap_id.dynamics.space.preparation import SpatialTrial
 from mocap_id.dynamics.uncertainty import unit_covariance
 
 _LEAST_LEVER = 0.05  # m: least size of the base's first moments, divided by the mass

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.lowpass import interpolate_samples, known
+from mocap_id.arrays import FloatArray, find_complete_rows
+from mocap_id.dynamics.lowpass import interpolate_samples
 from mocap_id.dynamics.model_error import ModelError, estimate_model_error
 from mocap_id.dynamics.regressor import torque_regressor
 from mocap_id.dynamics.space.identification import SpatialIdentification
 from mocap_id.dynamics.space.motion import SpatialMotion, move_segments, segment_regressor
-from mocap_id.dynamics.space.trial import SpatialTrial
+from mocap_id.dynamics.space.preparation import SpatialTrial
 from mocap_id.dynamics.uncertainty import variance
 
 _RATE = 10.0  # Hz: rate at which the effect of errors of the instruments on torques is evaluated
@@ -69,7 +69,7 @@ def _estimate_noise(
     the moments.
     """
     wrench, torque = _propagate_accelerations(trial, result.base, torque_rows)
-    samples = result.fit.in_fit & known(residual)
+    samples = result.fit.in_fit & find_complete_rows(residual)
     estimates = (estimate_model_error(residual[:, k], wrench[:, k], samples, trial.recorded.rate) for k in range(6))
     errors = [each or ModelError(0.0, 1.0, 1.0) for each in estimates]
     size = np.nanmean(wrench[:, 3:], axis=0)
@@ -103,7 +103,7 @@ def _propagate_errors(trial: SpatialTrial, result: SpatialIdentification) -> Flo
     The effects of an error through the parameters and through the motion are correlated and largely cancel.
     """
     recorded = trial.recorded
-    valid = np.flatnonzero(known(trial.regressor))
+    valid = np.flatnonzero(find_complete_rows(trial.regressor))
     steps = valid[:: max(1, round(recorded.rate / _RATE))]
     if not len(steps):
         return np.full((len(recorded.time), recorded.motion.jacobian.shape[2]), np.nan)

@@ -8,7 +8,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.space.calibration import SpatialCalibration, make_exact
+from mocap_id.dynamics.space.instrument_errors import SpatialCalibration, make_exact
 from mocap_id.dynamics.space.pseudo_inertia import point_mass
 from mocap_id.errors import ConfigError
 from mocap_id.geometry import se3, so3

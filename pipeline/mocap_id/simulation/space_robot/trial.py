@@ -12,7 +12,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.regressor import torque_regressor
 from mocap_id.dynamics.space.base_parameters import name_parameters, structural_base
-from mocap_id.dynamics.space.calibration import SpatialCalibration
+from mocap_id.dynamics.space.instrument_errors import SpatialCalibration
 from mocap_id.dynamics.space.motion import SpatialMotion, move_joints, segment_regressor
 from mocap_id.geometry import PlaneFrame, se3, so3
 from mocap_id.recording.plate_types import PlateSignals

@@ -52,7 +52,7 @@ def _function(context: Context) -> Outputs:
         from mocap_id.stages.fit_joints.space import fit_chain_in_space  # noqa: PLC0415
 
         return fit_chain_in_space(context)
-    from mocap_id.stages.fit_joints.function import fit_joints  # noqa: PLC0415  loads its libraries only when run
+    from mocap_id.stages.fit_joints.plane import fit_joints  # noqa: PLC0415  loads its libraries only when run
 
     return fit_joints(context)
 

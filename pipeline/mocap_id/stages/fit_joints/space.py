@@ -14,10 +14,10 @@ from mocap_id.kinematics.space.axis_refinement import has_known_axes, refine_axe
 from mocap_id.kinematics.space.chain_fit import fit_spatial_chain
 from mocap_id.kinematics.space.chain_result import SpatialFit
 from mocap_id.stages.base import Context, Outputs
-from mocap_id.stages.calibration import read_chain
+from mocap_id.stages.calibration_trial import read_chain
 from mocap_id.stages.fit_joints import FitJointsSettings
 from mocap_id.stages.fit_joints.anatomy import AnatomicalChain, find_points_near_joints, fit_anatomical_frames
-from mocap_id.stages.fit_joints.function import explain_estimator, explain_uncertain_centre
+from mocap_id.stages.fit_joints.plane import explain_estimator, explain_uncertain_centre
 from mocap_id.stages.skin_motion import correct_axial_rotation, fit_cluster_poses
 from mocap_id.stages.trial_keys import get_landmark_labels
 from mocap_id.store import Tree

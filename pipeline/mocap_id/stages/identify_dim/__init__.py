@@ -108,7 +108,7 @@ def _function(context: Context) -> Outputs:
         from mocap_id.stages.identify_dim.space import identify_in_space  # noqa: PLC0415
 
         return identify_in_space(context)
-    from mocap_id.stages.identify_dim.function import identify_dim  # noqa: PLC0415  loads its libraries only when run
+    from mocap_id.stages.identify_dim.plane import identify_dim  # noqa: PLC0415  loads its libraries only when run
 
     return identify_dim(context)
 

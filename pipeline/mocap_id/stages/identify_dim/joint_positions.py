@@ -24,8 +24,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
-from mocap_id.dynamics.lowpass import known
+from mocap_id.arrays import FloatArray, find_complete_rows
 from mocap_id.dynamics.measured_motion import BodyPoses, differentiate_gaps
 from mocap_id.geometry import planar
 from mocap_id.kinematics.joint_corrections import REMAINING
@@ -79,7 +78,7 @@ def estimate_hidden_gaps(poses: BodyPoses, loose: Sequence[int]) -> FloatArray:
     ``loose`` are the joints, from 0, that may have a gap. Each gap also moves the centres of the neighbouring joints.
     """
     joints, variance = poses.joints, np.zeros(len(poses.centres))
-    samples = np.flatnonzero(known(poses.angle))
+    samples = np.flatnonzero(find_complete_rows(poses.angle))
     samples = samples[:: max(1, len(samples) // _SAMPLES)]
     if not len(samples) or not loose:
         return variance

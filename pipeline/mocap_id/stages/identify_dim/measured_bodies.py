@@ -8,11 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, as_complex
+from mocap_id.arrays import BoolArray, FloatArray, as_complex, find_complete_rows
 from mocap_id.dynamics.body_prior import BodyPrior, build_even_prior, build_table_prior, split_torso
 from mocap_id.dynamics.chain_parameters import measure_relative_pose, merge_segments
 from mocap_id.dynamics.cutoffs import Cutoffs
-from mocap_id.dynamics.lowpass import known
 from mocap_id.dynamics.measured_motion import (
     USUAL,
     BodyPoses,
@@ -91,7 +90,7 @@ def _has_pose(table: Table, k: int, recorded: TrialData) -> bool:
 
     Except for the base, the body needs markers at more than two positions, because two points follow only the skin.
     """
-    visible = table[f"markers_{k + 1}"][known(recorded.ddq)] >= LEAST_MARKERS
+    visible = table[f"markers_{k + 1}"][find_complete_rows(recorded.ddq)] >= LEAST_MARKERS
     if not len(visible) or float(np.mean(visible)) < _OFTEN:
         return False
     body = table.facts["bodies"][k]
@@ -150,7 +149,7 @@ def read_bodies(table: Table, centres: FloatArray, used: Sequence[int]) -> Measu
     return MeasuredBodies(
         names=tuple(str(body["name"]) for body in bodies),
         poses=poses,
-        observed=known(poses.angle),
+        observed=find_complete_rows(poses.angle),
         gap={},
         markers=tuple(body["markers"] for body in bodies),
         residual=tuple(float(body["residual_m"]) for body in bodies),

@@ -10,9 +10,9 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.dynamics.base_parameters import BaseSet
 from mocap_id.dynamics.body_ratios import find_body_ratios
-from mocap_id.dynamics.calibration import Calibration, ScaleCause, propagate_calibration
 from mocap_id.dynamics.chain_parameters import ChainMap
 from mocap_id.dynamics.identification import Identification
+from mocap_id.dynamics.instrument_errors import Calibration, ScaleCause, propagate_calibration
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.scale_check import check_scales
 from mocap_id.protocols.movement import Movement

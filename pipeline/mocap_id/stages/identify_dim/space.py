@@ -12,7 +12,7 @@ from mocap_id.dynamics.cautions import find_cautions_in_space
 from mocap_id.dynamics.excitation import WEAK
 from mocap_id.dynamics.space.identification import SpatialIdentification, identify, measure_excitation_in_space
 from mocap_id.dynamics.space.prediction import SpatialPrediction, predict
-from mocap_id.dynamics.space.trial import COMPONENTS, SpatialTrial
+from mocap_id.dynamics.space.preparation import COMPONENTS, SpatialTrial
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.identify_dim import space_artefacts as artefacts
 from mocap_id.stages.identify_dim.sit_to_stand_events import make_events

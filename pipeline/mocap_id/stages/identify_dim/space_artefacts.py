@@ -13,7 +13,7 @@ from mocap_id.dynamics.excitation import Excitation
 from mocap_id.dynamics.space.base_parameters import name_parameters
 from mocap_id.dynamics.space.identification import SpatialIdentification
 from mocap_id.dynamics.space.prediction import SpatialPrediction
-from mocap_id.dynamics.space.trial import COMPONENTS, SpatialTrial
+from mocap_id.dynamics.space.preparation import COMPONENTS, SpatialTrial
 from mocap_id.geometry.spatial_chain import SpatialChain
 from mocap_id.stages.identify_dim.dynamics_artefacts import describe_solver, make_empty_facts
 from mocap_id.store import Table

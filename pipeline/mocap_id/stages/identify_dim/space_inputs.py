@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from mocap_id import recording
-from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.arrays import BoolArray, FloatArray, find_complete_rows
 from mocap_id.dynamics.fit import determines_parameters
-from mocap_id.dynamics.lowpass import known
 from mocap_id.dynamics.preparation import FitSettings
 from mocap_id.dynamics.sample_choice import LEAST_SECONDS, select_samples
-from mocap_id.dynamics.space.calibration import SpatialCalibration
-from mocap_id.dynamics.space.trial import COMPONENTS, SpatialRecord, SpatialTrial, prepare
+from mocap_id.dynamics.space.instrument_errors import SpatialCalibration
+from mocap_id.dynamics.space.preparation import COMPONENTS, SpatialRecord, SpatialTrial, prepare
 from mocap_id.geometry import se3, so3
 from mocap_id.geometry.spatial_chain import SpatialChain
 from mocap_id.stages.base import Context
@@ -97,7 +96,7 @@ def _read_wrench(table: Table) -> FloatArray:
 
 
 def _check_wrench(context: Context, inputs: SpatialInputs) -> NotIdentifiable | None:
-    if known(inputs.wrench).any():
+    if find_complete_rows(inputs.wrench).any():
         return None
     why = context.table("wrench.parquet").facts.get("why") or "the recording has no usable force plate"
     return NotIdentifiable("no-wrench", f"the inertial parameters need the ground's wrench: {why}")

@@ -53,7 +53,7 @@ def _planarise(context: Context) -> Outputs:
         from mocap_id.stages.planarise.sensors_alone import planarise_sensors  # noqa: PLC0415
 
         return planarise_sensors(context)
-    from mocap_id.stages.planarise.function import planarise  # noqa: PLC0415  loads its libraries only when run
+    from mocap_id.stages.planarise.plane import planarise  # noqa: PLC0415  loads its libraries only when run
 
     return planarise(context)
 

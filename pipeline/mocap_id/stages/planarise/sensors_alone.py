@@ -15,7 +15,7 @@ from mocap_id.plates import PlateChoice
 from mocap_id.recording import Recording, ThinnedFrames
 from mocap_id.recording.imu_log import read_imu
 from mocap_id.stages.base import Context, Outputs
-from mocap_id.stages.calibration import FORMAT, get_calibration, read_chain
+from mocap_id.stages.calibration_trial import FORMAT, get_calibration, read_chain
 from mocap_id.stages.planarise.plate_reasons import describe_plates
 from mocap_id.stages.planarise.used_part import UsedPart
 from mocap_id.stages.planarise.wrenches import ExternalWrenches, compute_ground_wrench

@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from mocap_id import recording
-from mocap_id.arrays import BoolArray, FloatArray
-from mocap_id.dynamics.lowpass import known
+from mocap_id.arrays import BoolArray, FloatArray, find_complete_rows
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.geometry.plane_frame import PlaneFrame
 from mocap_id.kinematics.base_motion import BaseMotion
@@ -133,7 +132,7 @@ def measure_sensors(used: UsedFrames, sensors: Sequence[ExternalForce], source: 
 def _measure_sensor(number: int, sensor: ExternalForce, used: UsedFrames, source: Recording) -> ExternalWrenches:
     log = recording.read_force_log(sensor.file)
     turn = recording.to_z_up(source.vertical) * (-1.0 if sensor.force == "on-sensor" else 1.0)
-    ok = known(np.hstack([log.force, log.moment]))
+    ok = find_complete_rows(np.hstack([log.force, log.moment]))
     start = log.start + sensor.clock_offset_s
     plate = recording.Plate(0, "sensor", None, log.force @ turn.T, log.moment @ turn.T, ok, log.rate, start)
     sampled = recording.decimate(plate, used.time, source.rate)
@@ -146,7 +145,7 @@ def _measure_sensor(number: int, sensor: ExternalForce, used: UsedFrames, source
     moment = sampled.moment + np.cross(_find_point(sensor, used, source), sampled.force)
     acting = sampled.force, moment
     wrench = used.frame.wrench_to_plane(*(acting if used.base is None else used.base.undo_wrench(*acting, used.time)))
-    wrench[~known(wrench)] = np.nan
+    wrench[~find_complete_rows(wrench)] = np.nan
     fact = {
         "name": sensor.name,
         "columns": f"external_{number}",
@@ -154,7 +153,7 @@ def _measure_sensor(number: int, sensor: ExternalForce, used: UsedFrames, source
         "segment": sensor.segment,
         "file": sensor.file.name,
         "rate_hz": log.rate,
-        "known_fraction": float(known(wrench).mean()),
+        "known_fraction": float(find_complete_rows(wrench).mean()),
         "measures": sensor.measures,
     }
     if sensor.measures == "beyond":  # not a force of the surroundings

@@ -8,7 +8,7 @@ from pydantic import Field
 
 from mocap_id.stages import STAGE_HELP
 from mocap_id.stages.base import Context, Only, Outputs, Settings, Stage
-from mocap_id.stages.calibration import has_no_markers
+from mocap_id.stages.calibration_trial import has_no_markers
 
 _Markers: TypeAlias = Annotated[tuple[str, ...], Field(min_length=1)]
 
@@ -65,7 +65,7 @@ def _function(context: Context) -> Outputs:
         from mocap_id.stages.segment.known_segments import assign_by_calibration  # noqa: PLC0415
 
         return assign_by_calibration(context)
-    from mocap_id.stages.segment.function import segment  # noqa: PLC0415  loads its libraries only when run
+    from mocap_id.stages.segment.plane import segment  # noqa: PLC0415  loads its libraries only when run
 
     return segment(context)
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from mocap_id.anatomy.skeleton_joints import ARM, TRUNK, find_roles
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.stages.base import Context, Outputs
-from mocap_id.stages.calibration import get_calibration, read_chain
+from mocap_id.stages.calibration_trial import get_calibration, read_chain
 from mocap_id.store import Table
 from mocap_id.store.schemas import SEGMENTS
 from mocap_id.store.views import Trajectories

@@ -15,7 +15,7 @@ from mocap_id.kinematics import Constraints
 from mocap_id.kinematics.space.rigid_body import rigid_poses
 from mocap_id.kinematics.space.segmentation import SpatialSegmentation, segment_in_space
 from mocap_id.stages.base import Context, Outputs
-from mocap_id.stages.calibration import read_chain
+from mocap_id.stages.calibration_trial import read_chain
 from mocap_id.stages.marker_names import find_markers
 from mocap_id.stages.segment import SegmentSettings
 from mocap_id.stages.segment.bad_markers import explain_bad_markers, remove_repeats

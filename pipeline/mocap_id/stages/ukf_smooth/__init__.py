@@ -8,7 +8,7 @@ from pydantic import Field
 
 from mocap_id.stages import STAGE_HELP
 from mocap_id.stages.base import Context, Only, Outputs, Settings, Stage
-from mocap_id.stages.calibration import has_no_markers
+from mocap_id.stages.calibration_trial import has_no_markers
 
 
 class UkfSmoothSettings(Settings):
@@ -70,7 +70,7 @@ def _function(context: Context) -> Outputs:
         from mocap_id.stages.ukf_smooth.sensors_alone import states_of_sensors  # noqa: PLC0415
 
         return states_of_sensors(context)
-    from mocap_id.stages.ukf_smooth.function import ukf_smooth  # noqa: PLC0415  loads its libraries only when run
+    from mocap_id.stages.ukf_smooth.plane import ukf_smooth  # noqa: PLC0415  loads its libraries only when run
 
     return ukf_smooth(context)
 

@@ -21,7 +21,7 @@ from mocap_id.estimation.noise import FilterNoise
 from mocap_id.geometry.planar import marker_positions
 from mocap_id.stages import skin_artefact
 from mocap_id.stages.base import Context, Outputs
-from mocap_id.stages.calibration import get_calibration, read_states
+from mocap_id.stages.calibration_trial import get_calibration, read_states
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
 from mocap_id.stages.ukf_smooth.columns import state_columns
 from mocap_id.stages.ukf_smooth.encoder_states import empty_encoder_table

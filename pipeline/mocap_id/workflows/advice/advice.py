@@ -25,8 +25,8 @@ from mocap_id.kinematics.skin_slides import predict_skin
 from mocap_id.stages import STAGES, skin_artefact
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE
-from mocap_id.stages.identify_dim.function import choose_weak_share, identify_trial
 from mocap_id.stages.identify_dim.identifiability import NotIdentifiable
+from mocap_id.stages.identify_dim.plane import choose_weak_share, identify_trial
 from mocap_id.stages.trial_keys import TrialKeys
 from mocap_id.store import Artefact, Folder
 from mocap_id.store.views import Skeleton

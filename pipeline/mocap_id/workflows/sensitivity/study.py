@@ -15,7 +15,7 @@ from mocap_id.errors import ConfigError
 from mocap_id.reporting.results.columns import ResultTable, to_finite
 from mocap_id.reporting.results.result import Result
 from mocap_id.reporting.sensitivity.page_data import ParameterEntry, SensitivityData
-from mocap_id.stages.calibration import has_no_markers
+from mocap_id.stages.calibration_trial import has_no_markers
 from mocap_id.store import Folder
 from mocap_id.store.views import Skeleton
 from mocap_id.workflows.sensitivity.kinds import KINDS

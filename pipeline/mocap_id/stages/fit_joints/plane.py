@@ -15,7 +15,7 @@ from mocap_id.kinematics.chain_equations import ChainState
 from mocap_id.kinematics.links import chain_angles
 from mocap_id.kinematics.rigid_body import count_positions
 from mocap_id.stages.base import Context, Outputs
-from mocap_id.stages.calibration import get_calibration, has_no_markers, read_chain
+from mocap_id.stages.calibration_trial import get_calibration, has_no_markers, read_chain
 from mocap_id.stages.fit_joints import FitJointsSettings
 from mocap_id.store import Tree
 from mocap_id.store.schemas import CHAIN

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import FloatArray, find_complete_rows
 from mocap_id.dynamics.fit import Fit
-from mocap_id.dynamics.lowpass import interpolate_samples, known
+from mocap_id.dynamics.lowpass import interpolate_samples
 from mocap_id.dynamics.motion import PlanarMotion
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import torque_regressor, wrench_regressor
@@ -146,7 +146,7 @@ def propagate_calibration(
 def compute_scale_variance(prepared: PreparedTrial, base: FloatArray, effect: CalibrationEffect) -> FloatArray:
     """Return the variance (T, n) of the joint torques from errors of scale, (N·m)²; NaN where missing."""
     time, joints = prepared.recorded.time, prepared.motion.joint.shape[1]
-    valid = np.flatnonzero(known(prepared.regressor))
+    valid = np.flatnonzero(find_complete_rows(prepared.regressor))
     steps = valid[:: max(1, round(prepared.recorded.rate / _RATE))]
     if not len(steps):
         return np.full((len(time), joints), np.nan)

@@ -7,11 +7,11 @@ from functools import cached_property
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, IntArray
+from mocap_id.arrays import BoolArray, FloatArray, IntArray, find_complete_rows
 from mocap_id.dynamics.base_parameters import BaseSet
 from mocap_id.dynamics.body_prior import BodyPrior
 from mocap_id.dynamics.clock_offset import SampledWrench
-from mocap_id.dynamics.lowpass import LowPass, blank_incomplete, choose_cutoff, known, undo_averaging
+from mocap_id.dynamics.lowpass import LowPass, blank_incomplete, choose_cutoff, undo_averaging
 from mocap_id.dynamics.preparation import FitSettings, find_usable
 from mocap_id.dynamics.space.base_parameters import SpatialBase, structural_base
 from mocap_id.dynamics.space.motion import SpatialMotion, move_segments, segment_regressor
@@ -144,7 +144,7 @@ def prepare(recorded: SpatialRecord, settings: FitSettings) -> SpatialTrial:
     cutoff = settings.cutoff or choose_cutoff(_find_fast_velocities(recorded), recorded.rate)
     lowpass = LowPass(cutoff, recorded.rate)
     filtered_wrench = undo_averaging(lowpass(recorded.plate_wrench), recorded.averaged * recorded.rate)
-    observed = known(regressor) & recorded.observed
+    observed = find_complete_rows(regressor) & recorded.observed
     return SpatialTrial(
         recorded=recorded,
         settings=settings,
