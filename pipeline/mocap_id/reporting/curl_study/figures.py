@@ -17,12 +17,12 @@ _BOX = 0.3  # half of the height of a box, in rows
 
 
 def draw_curl_figures(data: CohortData, reference: str) -> Drawings:
-    """Return every figure of the page."""
+    """Return all figures of the page; ``reference`` is the name of the reference condition."""
     boxes = Drawing(
         "repetitions",
         "Repetitions by condition",
-        "Number of repetitions (left), and the same divided by the number in the person's trial with the same number "
-        f"in {reference} (right). A box contains the middle half of the trials, its line is the median, and the "
+        f"Number of repetitions (left), and the same divided by the number in the person's {reference} trial with "
+        "the same trial number (right). A box contains the middle half of the trials, its line is the median, and the "
         "whiskers reach the lowest and the highest trial. A dot is a trial; each person has a colour.",
         _draw_repetitions(data),
     )
@@ -30,14 +30,14 @@ def draw_curl_figures(data: CohortData, reference: str) -> Drawings:
         "compensation",
         "Compensation by condition",
         "Mean range of each angle within a curl: dots are trials, rings the mean over people with its 95 % interval. "
-        "Left of the dotted line a range can be due to errors alone.",
+        "A range left of the dotted line can be due to errors alone.",
         _draw_compensation(data),
     )
     return Drawings(style.clean(data.study), (boxes, compensation))
 
 
 def _list_conditions(data: CohortData) -> list[str]:
-    """Return the conditions in the order of the trials."""
+    """Return the distinct conditions in the order of the trials."""
     return list(dict.fromkeys(data.tables["trials"]["condition"]))
 
 
@@ -63,7 +63,7 @@ def _draw_repetitions(data: CohortData) -> Figure | str:
 
 
 def _draw_box(values: FloatArray, row: int) -> list[Item]:
-    """Return the box plot of the values (N,) in one row."""
+    """Return the box plot of the values (N,) in the row with this number."""
     lowest, q1, median, q3, highest = np.quantile(values, (0, 0.25, 0.5, 0.75, 1))
     ends = np.array([lowest, q1, np.nan, q3, highest])
     return [
@@ -74,7 +74,7 @@ def _draw_box(values: FloatArray, row: int) -> list[Item]:
 
 
 def _draw_dots(data: CohortData, name: str, size: float = 3.0) -> list[Item]:
-    """Return a dot for every trial in the row of its condition, coloured by person."""
+    """Return a dot for the measure ``name`` of every trial, in the row of its condition, coloured by person."""
     trials, conditions, people = data.tables["trials"], _list_conditions(data), data.subjects
     items: list[Item] = []
     offsets = spread_evenly(len(people), 1.6 * _BOX)
@@ -104,7 +104,7 @@ def _draw_compensation(data: CohortData) -> Figure | str:
 
 
 def _draw_means(data: CohortData, means: pd.DataFrame, name: str) -> list[Item]:
-    """Return a ring with its 95 % interval for the mean of every condition."""
+    """Return a ring with a 95 % interval for the mean of the measure ``name`` in every condition."""
     own = means[means["measure"] == name]
     conditions = _list_conditions(data)
     rows = np.array([conditions.index(condition) for condition in own["condition"]], dtype=np.float64)

@@ -21,19 +21,22 @@ _REPETITIONS = (
     "their Student t intervals are over the people.",
 )
 _DIFFERENCES = (
-    "A difference compares trials with the same person and number. Its interval is Student's t interval over the "
+    "A difference compares a person's trials with the same number. Its interval is Student's t interval over the "
     "people. p compares all combinations of signs of the people's differences; with n people it is at least 2/2ⁿ. p is "
     "not corrected for several tests: of twenty comparisons without any effect, one has p below 0.05 on average.",
     "The differences between conditions apply to these people and trials. They do not show the cause.",
 )
 _COMPENSATION = (
-    "Range of each angle within a curl, mean over the curls of a trial. Curls should only bend the elbow. A range "
-    "below that by errors alone (dotted) may be no motion.",
+    "Range of each angle within a curl, mean over the curls of a trial. Curls should only bend the elbow. If the "
+    "range is smaller than errors alone can cause (dotted line), the angle may not move at all.",
 )
 
 
 def render_curl_page(data: CohortData, reference: str) -> bytes:
-    """Return the page as UTF-8, from the tables conditions, comparisons and trials and the reference condition."""
+    """Return the HTML page in UTF-8, from the tables `conditions`, `comparisons` and `trials`.
+
+    ``reference`` is the name of the reference condition.
+    """
     figures = draw_curl_figures(data, reference)
     return render_study_page(
         data, _make_key_numbers(data, reference), _make_sections(data, reference), figures, _FOOTER

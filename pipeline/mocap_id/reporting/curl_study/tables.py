@@ -21,14 +21,14 @@ NAMES = {
     "thorax_axial": "thorax axial (°)",
     "thorax_flexion": "thorax flexion (°)",
 }
-"""Names of the measures with their units."""
+"""Names of the measures for readers, with units, by column name."""
 REPETITIONS = ("repetitions", "normalised")
 OTHERS = tuple(name for name in NAMES if name not in REPETITIONS)
 _MEASURE = text("", lambda row: NAMES[row["measure"]])
 
 
 def list_conditions(frame: pd.DataFrame, measures: tuple[str, ...], caption: str) -> Grid:
-    """Return a row for every condition and each of some measures."""
+    """Return a table with a row for every condition and each of these measures."""
     columns = (
         _MEASURE,
         text("condition", "condition"),
@@ -42,7 +42,7 @@ def list_conditions(frame: pd.DataFrame, measures: tuple[str, ...], caption: str
 
 
 def list_comparisons(frame: pd.DataFrame, measures: tuple[str, ...], caption: str) -> Grid:
-    """Return a table of paired differences in some measures, of the cohort or of every person."""
+    """Return a table of the paired differences in these measures, from rows of the cohort or of every person."""
     columns = (
         _MEASURE,
         text("difference", "comparison"),

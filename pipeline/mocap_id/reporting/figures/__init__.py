@@ -1,6 +1,6 @@
 """Figures of the report: their names, captions and drawing functions, in reading order.
 
-A drawing function returns a figure, or a sentence that says why there is none.
+A drawing function returns a figure, or a sentence that says why there is no figure.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from mocap_id.reporting.report_data import ReportData
 
 @dataclass(frozen=True)
 class FigureEntry:
-    """Name (stem of its files), drawing function, title and caption of a figure of the report."""
+    """Declaration of a figure of the report: name (stem of the file names), drawing function, title and caption."""
 
     name: str
     draw: Callable[[ReportData], Figure | str]
@@ -29,9 +29,9 @@ RESIDUALS = FigureEntry(
     recovery.draw_residuals,
     "Residual of each marker",
     "Distance between measured and predicted markers: root mean square (bar) and 95 % quantile (tick). An "
-    "unusually long bar is a marker that slides, is swapped or is assigned to the wrong segment.",
+    "unusually long bar means that the marker slides, is swapped or is assigned to the wrong segment.",
 )
-"""Residuals, in the plane and in space."""
+"""Figure of the residuals, in the plane and in space."""
 
 FIGURES: tuple[FigureEntry, ...] = (
     FigureEntry(
@@ -49,7 +49,7 @@ FIGURES: tuple[FigureEntry, ...] = (
         "Top: markers of a segment in the frame of the previous segment, where they move on arcs about the joint "
         "(large circle). Pluses: centres of circles fitted to single markers, if near the joint. Bottom: the same "
         "markers in the frame of their own segment, where the markers of a rigid body would not move. Small circles: "
-        "markers of the chain. Large circles: joints at either end.",
+        "their positions in the chain. Large circles: joints at either end.",
     ),
     FigureEntry(
         "states",
@@ -124,7 +124,7 @@ def draw_figures(data: ReportData) -> Drawings:
 
 
 def _complete_caption(entry: FigureEntry, data: ReportData) -> str:
-    """Return the caption of a figure; for figures of the dynamics, including the motion of the masses."""
+    """Return the caption of a figure; figures of the dynamics also say how the masses move."""
     if entry.name not in _OF_POSES or data.facts("dynamics.h5").get("motion") is None:
         return entry.caption
     sentences = [entry.caption, *(_describe_missing_torques(data) if entry.name == "phases" else ())]

@@ -14,7 +14,7 @@ _ROW = 0.24  # inches per parameter
 
 
 def draw(data: ReportData) -> Figure | str:
-    """Draw one panel per unit: dot and 95 % interval for each parameter, and a cross for the reference."""
+    """Return a panel for each unit: dot and 95 % interval of each parameter, and a cross for the reference."""
     dynamics = data.dynamics
     if dynamics is None or not np.isfinite(dynamics.value).any():
         why = data.facts("dynamics.h5").get("why") or data.why_missing("dynamics.h5")
@@ -44,11 +44,11 @@ def _draw_panel(dynamics: IdentifiedDynamics, member: IntArray, unit: str) -> Pa
 
 
 _COLUMNS = 4
-_LEAST_MASS = 1e-3  # kg; points below this are drawn as empty
+_LEAST_MASS = 1e-3  # kg; a point with less mass is drawn as a point without mass
 
 
 def draw_point_masses(data: ReportData) -> Figure | str:
-    """Draw one panel per body in its own frame, with a common colour scale."""
+    """Return a panel for each body, in the frame of the body, with a common colour scale."""
     dynamics = data.dynamics
     if dynamics is None or not np.isfinite(dynamics.grid_mass).any():
         facts = data.facts("dynamics.h5")

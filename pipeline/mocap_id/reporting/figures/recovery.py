@@ -18,7 +18,7 @@ _COLUMNS = 4
 
 
 def draw(data: ReportData) -> Figure | str:
-    """Draw one column per joint: its segment's markers in the previous segment, and below in their own."""
+    """Return a column for each joint: the markers of its segment in the previous segment and in their own segment."""
     skeleton, motion, planar = data.skeleton, data.motion, data.long("planar.parquet")
     if skeleton is None or motion is None or planar is None or not len(motion.time):
         return f"No joint to show: {data.why_missing('chain.h5')}."
@@ -36,7 +36,10 @@ def draw(data: ReportData) -> Figure | str:
 
 
 def _draw_in_previous(points: FloatArray, skeleton: Skeleton, j: int) -> Panel:
-    """Return markers (K, M, 2) about the joint, and the centres of their own circles if near the joint."""
+    """Return the panel in the frame of the previous segment: paths of the markers, their circle centres, the joint.
+
+    ``points`` (K, M, 2) are the positions of the markers, m. Circle centres far from the joint are left out.
+    """
     circles = fit_circles(points[..., 0] + 1j * points[..., 1])
     centre = circles.centre[np.isfinite(circles.residual)]
     near = centre[np.abs(centre - complex(*skeleton.centres[j])) < _find_reach(points, skeleton.centres[j])]
@@ -47,7 +50,7 @@ def _draw_in_previous(points: FloatArray, skeleton: Skeleton, j: int) -> Panel:
 
 
 def _draw_in_own(points: FloatArray, skeleton: Skeleton, j: int) -> Panel:
-    """Return the markers in the frame of their own segment, and the joints on it."""
+    """Return the panel in the frame of the own segment: paths of the markers (K, M, 2), and the segment's joints."""
     local = skeleton.local[skeleton.marker_segment == j + 1]
     ends = [np.zeros(2), *skeleton.centres[j + 1 : j + 2]]
     items: tuple[Item, ...] = (
@@ -60,7 +63,7 @@ def _draw_in_own(points: FloatArray, skeleton: Skeleton, j: int) -> Panel:
 
 
 def _draw_tracks(points: FloatArray, colour: str) -> Line:
-    """Return one line for all markers, interrupted between them."""
+    """Return the paths of all markers as one line that is interrupted between two markers."""
     broken = np.concatenate([points, np.full_like(points[:1], np.nan)])
     x, y = broken.swapaxes(0, 1).reshape(-1, 2).T
     return Line(x, y, colour, width=1.0, opacity=0.8)
@@ -71,7 +74,7 @@ def _draw_joint(centre: FloatArray) -> Points:
 
 
 def _find_reach(points: FloatArray, centre: FloatArray) -> float:
-    """Return the farthest marker distance from the joint; circle centres beyond it would shrink the drawing."""
+    """Return the largest distance of a marker from the joint, m."""
     distance = np.linalg.norm(points - centre, axis=-1)
     return float(np.nanmax(distance, initial=0.0))
 
@@ -81,7 +84,7 @@ _MOST_MARKERS = 80  # markers in the figure; the table lists all
 
 
 def draw_residuals(data: ReportData) -> Figure | str:
-    """Draw bars by segment, largest first within each."""
+    """Return a bar for the residual of each marker, grouped by segment; within a group, the largest is first."""
     found = [one for one in data.residuals.values() if np.isfinite(one.rms)]
     if not found:
         return f"No residuals: {data.why_missing('markers.parquet')}."

@@ -24,7 +24,7 @@ _GRID = np.linspace(0.0, 1.0, 101)
 
 
 def draw(data: ReportData) -> Figure | str:
-    """Draw one panel per joint: repetitions (thin), mean (thick) and one standard deviation (band)."""
+    """Return a panel for each joint: repetitions (thin), mean (thick) and one standard deviation (band)."""
     motion, events = data.motion, data.table("events.parquet")
     bounds = np.zeros((0, 2)) if events is None else find_whole_repetitions(events)
     if motion is None or events is None or not motion.mean.size or not len(bounds):
@@ -45,9 +45,9 @@ def draw(data: ReportData) -> Figure | str:
 
 
 def find_whole_repetitions(events: Table) -> FloatArray:
-    """Return start and end of the repetitions that have both, (R, 2), s."""
+    """Return start and end, (R, 2), s, of the repetitions for which both are known."""
     bounds = events.stack(["start", "end"])
-    whole: FloatArray = bounds[bounds[:, 1] > bounds[:, 0]]  # false if either is unknown
+    whole: FloatArray = bounds[bounds[:, 1] > bounds[:, 0]]  # false if start or end is NaN
     return whole
 
 
@@ -60,7 +60,7 @@ def normalise_time(motion: JointStates, bounds: FloatArray) -> FloatArray:
 
 
 def _draw_curves(curves: FloatArray, colour: str) -> list[Item]:
-    """Return all repetitions (R, 101) as one interrupted line, their mean and one standard deviation."""
+    """Return the curves (R, 101) of all repetitions as one interrupted line, their mean, and one standard deviation."""
     percent = 100 * _GRID
     count = np.isfinite(curves).sum(axis=0)
     mean = np.nansum(curves, axis=0) / np.where(count > 0, count, np.nan)
@@ -71,7 +71,7 @@ def _draw_curves(curves: FloatArray, colour: str) -> list[Item]:
 
 
 def _draw_other_system(data: ReportData, joint: int) -> list[Item]:
-    """Return the joint angle from another system, if the trial has one."""
+    """Return mean and standard deviation of a joint angle from another system; empty without one."""
     table = data.table("phases.parquet")
     if table is None:
         return []
@@ -84,7 +84,7 @@ def _draw_other_system(data: ReportData, joint: int) -> list[Item]:
 
 
 def _draw_seat_off(events: Table) -> list[Item]:
-    """Return a dotted line at the mean seat-off."""
+    """Return a dotted line at the mean time of seat-off; empty if it is unknown."""
     start, seat_off, end = events.stack(["start", "seat_off", "end"]).T
     share = (seat_off - start) / np.where(end > start, end - start, np.nan)
     share = share[np.isfinite(share)]
@@ -92,7 +92,7 @@ def _draw_seat_off(events: Table) -> list[Item]:
 
 
 def draw_phases(data: ReportData) -> Figure | str:
-    """Draw four panels of the wrench and one of the torques: mean and one standard deviation."""
+    """Return four panels of the wrench and one of the torques, each with mean and one standard deviation."""
     table = data.table("phases.parquet")
     if table is None:
         return f"No averages over repetitions: {data.why_missing('phases.parquet')}."

@@ -20,14 +20,14 @@ ALONG, UP = "x, along the motion (m)", "y, up (m)"
 
 @dataclass(frozen=True)
 class Moment:
-    """A sample of the states to draw, with the name of the posture."""
+    """The index of a sample of the states, and the name of the posture in it."""
 
     name: str
     sample: int
 
 
 def draw(data: ReportData) -> Figure | str:
-    """Draw stick figure, joint centres, and measured and predicted markers, for two postures side by side."""
+    """Return stick figure, joint centres, and measured and predicted markers in two postures side by side."""
     skeleton, motion, planar = data.skeleton, data.motion, data.long("planar.parquet")
     moments = () if motion is None else choose_moments(motion, data.table("events.parquet"))
     if skeleton is None or motion is None or not moments:
@@ -48,10 +48,10 @@ def draw(data: ReportData) -> Figure | str:
 
 
 def choose_moments(motion: JointStates, events: Table | None) -> tuple[Moment, ...]:
-    """Choose two postures: before the rise and standing, or else the two extremes of the motion.
+    """Return two postures: before the rise and standing, or without a rise the two extremes of the motion.
 
-    The extremes are the farthest samples along the first principal component of the angles, among samples with every
-    joint observed. Empty if no sample has all angles.
+    The extremes are the samples that are farthest along the first principal component of the angles. Samples in which
+    every joint is observed are preferred. The result is empty if no sample has all angles.
     """
     known = ~np.isnan(motion.angles.sum(axis=1))
     seen = known & (motion.observed.sum(axis=1) == motion.observed.shape[1])
@@ -72,7 +72,7 @@ def choose_moments(motion: JointStates, events: Table | None) -> tuple[Moment, .
 
 
 def _draw_markers(table: LongTable | None, time: float, skeleton: Skeleton | None, *, filled: bool) -> list[Item]:
-    """Return the markers in the frame nearest to this time, coloured by segment: dots if measured, else rings."""
+    """Return the markers in the frame nearest to ``time``, coloured by segment; dots if ``filled``, else rings."""
     if table is None or not table.length:
         return []
     frame = int(np.abs(table.time - time).argmin())
@@ -92,7 +92,10 @@ def _draw_markers(table: LongTable | None, time: float, skeleton: Skeleton | Non
 
 
 def _draw_sticks(skeleton: Skeleton, angles: FloatArray) -> list[Item]:
-    """Return one line per moving segment, from its joint to the next; the last ends at its marker centroid."""
+    """Return joints with names, and a line for each moving segment from its joint to the next.
+
+    The last line ends at the centroid of the markers of its segment.
+    """
     angle, origin = segment_poses(angles, skeleton.centres)
     points = np.vstack([origin[1:], origin[-1] + rotate(angle[-1], skeleton.tip)])
     items: list[Item] = []
@@ -117,7 +120,7 @@ def _find_common_ranges(found: Sequence[Sequence[Item]]) -> tuple[tuple[float, f
 
 
 def _draw_markers_alone(data: ReportData, planar: LongTable | None) -> Figure | str:
-    """Draw the markers of the middle frame, for a recording without a chain."""
+    """Return the markers of the middle frame, for a recording without a chain."""
     if planar is None or not planar.length:
         return f"No markers to draw: {data.why_missing('planar.parquet')}."
     time = float(planar.time[len(planar.time) // 2])

@@ -16,7 +16,7 @@ _STRIP = 0.16  # inches per joint in the panel of gaps
 
 
 def draw(data: ReportData) -> Figure | str:
-    """Draw angle, velocity and acceleration of all joints, and when each joint is bridged."""
+    """Return angle, velocity and acceleration of all joints, and the intervals in which each joint is bridged."""
     motion = data.motion
     if motion is None or not motion.mean.size:
         return f"No joint states: {data.why_missing('states.parquet')}."
@@ -26,14 +26,17 @@ def draw(data: ReportData) -> Figure | str:
 
 
 def name_joints(data: ReportData) -> tuple[str, ...]:
-    """Return the names of all joints in the states."""
+    """Return a label for each joint in the states; "joint 1" and so on if it has no name."""
     names = data.skeleton.joints if data.skeleton is not None else ()
     count = 0 if data.motion is None else data.motion.mean.shape[1]
     return tuple(style.clean(names[j], 20) if j < len(names) else f"joint {j + 1}" for j in range(count))
 
 
 def draw_panel(motion: JointStates, order: int, names: tuple[str, ...], height: float) -> Panel:
-    """Return one derivative of all joints, degrees, with 95 % bands; gaps do not affect the range of the axis."""
+    """Return a panel with the derivative ``order`` (0 to 2) of all joint angles, in degrees, with 95 % bands.
+
+    Bridged intervals are shaded; their bands do not affect the range of the axis.
+    """
     bands, lines, framed = [], [], []
     for j, name in enumerate(names):
         value = np.degrees(motion.mean[:, j, order])
@@ -51,7 +54,7 @@ def draw_panel(motion: JointStates, order: int, names: tuple[str, ...], height: 
 
 
 def draw_shades(time: FloatArray, mask: BoolArray) -> tuple[Spans, ...]:
-    """Return shades for the samples where the mask (T,) is true, if any."""
+    """Return shaded intervals where ``mask`` (T,) is true; empty if it is true nowhere."""
     found = np.array(find_spans(time, mask)).reshape(-1, 2)
     return (Spans(found[:, 0], found.sum(axis=1), style.GRID),) if len(found) else ()
 

@@ -26,7 +26,7 @@ _COP_TAIL = 0.005  # outliers of the centre of pressure at low load
 
 
 def draw(data: ReportData) -> Figure | str:
-    """Draw four rows over time, in space six; without an identification, only the measurement."""
+    """Return a panel over time for each component, with model and reference if the parameters were identified."""
     rows = draw_panels(data, height=1.75)
     if not any(isinstance(item, Line) for row in rows for item in row.items):
         why = data.facts("wrench.parquet").get("why") or data.why_missing("wrench.parquet")
@@ -35,7 +35,7 @@ def draw(data: ReportData) -> Figure | str:
 
 
 def draw_panels(data: ReportData, height: float) -> tuple[Panel, ...]:
-    """Return one panel per component; none without measured forces."""
+    """Return a panel for each component of the wrench; empty without measured forces."""
     table = read_forces(data)
     rows = _ROWS_IN_SPACE if data.in_space else _ROWS
     if table is None or not {name for name, _ in rows} <= set(table.names):
@@ -45,13 +45,19 @@ def draw_panels(data: ReportData, height: float) -> tuple[Panel, ...]:
 
 
 def read_forces(data: ReportData) -> Table | None:
-    """Return measured and modelled wrench, or without an identification the measured wrench alone."""
+    """Return the table of measured and modelled wrench, without an identification of the measured wrench alone.
+
+    The result is None without measured forces.
+    """
     found = data.table("dynamics.parquet")
     return data.table("wrench.parquet") if found is None else found
 
 
 def _draw_panel(table: Table, row: tuple[str, str], below: str, height: float) -> Panel:
-    """Return one component: samples of the fit shaded, model with its band, reference and measurement."""
+    """Return the panel of one component: shaded samples of the fit, model with its band, reference and measurement.
+
+    ``row`` has the column name and the label of the component, and ``below`` the label of the time axis.
+    """
     (name, label), time = row, table["time"]
     known = {
         suffix: table[name + suffix]

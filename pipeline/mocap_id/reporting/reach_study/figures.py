@@ -18,8 +18,8 @@ from mocap_id.reporting.study.page_data import CohortData
 _SIDES = {"right": style.BLUE, "left": style.VERMILLION}
 _CAPTION = (
     "Surfaces of the reachable volumes of each person about the top of the breastbone, all on one scale, for joints "
-    "that are independent of each other. On the page, each panel can be turned. The thick line is the arm at its "
-    "furthest reach, the ring its shoulder. {drawn}"
+    "that are independent of each other. On the page, each panel can be rotated. The thick line is the arm at its "
+    "furthest reach; the ring is its shoulder. {drawn}"
 )
 
 
@@ -29,13 +29,13 @@ class Shape:
 
     subject: str  # id of the person
     side: str  # right or left
-    session: str
+    session: str  # name of the session
     wires: FloatArray  # (K, 3) lines on the surface, interrupted by NaN
     arm: FloatArray  # (3, 3) shoulder, elbow and wrist at the furthest reach
 
 
 def draw_reach_figures(data: CohortData, shapes: Sequence[Shape]) -> Drawings:
-    """Return every figure of the page."""
+    """Return all figures of the page."""
     volumes = Drawing(
         "volumes",
         "Reachable volume by person",
@@ -45,12 +45,12 @@ def draw_reach_figures(data: CohortData, shapes: Sequence[Shape]) -> Drawings:
     sides = Drawing(
         "reach-sides",
         "Reachable volumes, left and right",
-        _CAPTION.format(drawn="Of several sessions, the last is drawn."),
+        _CAPTION.format(drawn="If there are several sessions, the last is drawn."),
         _draw_sides(data, shapes),
     )
     sessions = Drawing(
         "reach-sessions",
-        "Reachable volumes, session and session",
+        "Reachable volumes by session",
         _CAPTION.format(drawn="A panel for each side, a colour for each session."),
         _draw_sessions(data, shapes),
     )
@@ -58,7 +58,7 @@ def draw_reach_figures(data: CohortData, shapes: Sequence[Shape]) -> Drawings:
 
 
 def _name_people(data: CohortData) -> dict[str, str]:
-    """Return the label of every person, with the score, in the order of table 7.1."""
+    """Return the labels of all people by id, with the clinical score if known, in the order of table 7.1."""
     frame = data.tables["people"]
     scores = zip(frame["subject"], frame["score"].to_numpy(dtype=np.float64), strict=True)
     return {
@@ -87,7 +87,7 @@ def _draw_volumes(data: CohortData) -> Figure | str:
 
 
 def _draw_sides(data: CohortData, shapes: Sequence[Shape]) -> Figure | str:
-    """Draw a panel for each person with the last session of each side."""
+    """Return a panel for each person with the last session of each side."""
     last = {(shape.subject, shape.side): shape for shape in shapes}
     panels = [
         (label, [(last[subject, side], side, colour) for side, colour in _SIDES.items() if (subject, side) in last])
@@ -97,7 +97,7 @@ def _draw_sides(data: CohortData, shapes: Sequence[Shape]) -> Figure | str:
 
 
 def _draw_sessions(data: CohortData, shapes: Sequence[Shape]) -> Figure | str:
-    """Draw a panel for each person and side with all sessions."""
+    """Return a panel for each person and side with all sessions."""
     sessions = list(dict.fromkeys(shape.session for shape in shapes))
     if len(sessions) == 1:
         return "Every trial belongs to the same session."
@@ -114,7 +114,10 @@ def _draw_sessions(data: CohortData, shapes: Sequence[Shape]) -> Figure | str:
 
 
 def _draw_shapes(shapes: Sequence[Shape], panels: Sequence[tuple[str, list[tuple[Shape, str, str]]]]) -> Figure | str:
-    """Draw turnable panels on one scale: titles, and shapes with their labels and colours."""
+    """Return panels that the reader can rotate, all on one scale.
+
+    ``panels`` has the title of each panel, and its shapes with their labels and colours.
+    """
     if not shapes:
         return "No reachable volume: no trial has one."
     points = np.concatenate([part for shape in shapes for part in (shape.wires, shape.arm)])
@@ -128,7 +131,7 @@ def _draw_shapes(shapes: Sequence[Shape], panels: Sequence[tuple[str, list[tuple
 
 
 def _draw_items(shape: Shape, label: str, colour: str) -> Iterator[Item]:
-    """Yield the surface, the arm and the shoulder."""
+    """Yield surface, arm and shoulder of a shape as items of a panel."""
     for points, hue, name, width, opacity in (
         (shape.wires, colour, label, 0.5, 0.6),
         (shape.arm, style.INK, "", 2.0, 1.0),

@@ -14,14 +14,14 @@ from mocap_id.reporting.study.page_data import CohortData
 
 _FOOTER = (
     "The same numbers in SI units are in the CSV and Parquet files beside this page, which study.json describes. A "
-    "left arm is mirrored, so that numbers of both sides mean the same."
+    "left arm is mirrored, so that the numbers of both sides have the same meaning."
 )
 _MEANING = (
     "The volume is what the wrist can reach if each joint uses its whole range, independent of the others, as in the "
-    "thesis. The visited volume uses only recorded combinations of joint angles. The surface is the reached share of "
-    "the hemisphere in front of the shoulder. Elevation and height are their largest values.",
-    "A person's number is the mean of both sides. Its interval is the mean interval of the trials, because their "
-    "errors may be common.",
+    "thesis. The visited volume uses only recorded combinations of joint angles. The surface is the reached fraction "
+    "of the hemisphere in front of the shoulder. For elevation and height, the largest values are given.",
+    "A person's number is the mean of both sides. Its interval is the mean interval of the trials, because the "
+    "trials may have the same errors.",
 )
 _CORRELATION = (
     "The correlation excludes people without a score. Its interval applies to people like these; with few people it is "
@@ -35,12 +35,12 @@ _DIFFERENCES = (
 
 
 def render_reach_page(data: CohortData, shapes: Sequence[Shape]) -> bytes:
-    """Return the page as UTF-8.
+    """Return the HTML page in UTF-8.
 
     Parameters
     ----------
     data : CohortData
-        With the tables people, correlation, differences and trials.
+        Data of the study with the tables `people`, `correlation`, `differences` and `trials`.
     shapes : sequence of Shape
         Surfaces of reachable volumes, at most one for each person, side and session, in the order of the sessions.
     """

@@ -19,7 +19,7 @@ _MEASURE = text("measure", lambda row: _MEASURES[row["measure"]])
 
 
 def list_people(frame: pd.DataFrame) -> Grid:
-    """Return table 7.1: a row for every person."""
+    """Return table 7.1: reachable volume and clinical score of every person."""
     columns = (
         text("person", "subject"),
         GridColumn("score", lambda row: show_score(row["score"]), optional=True),
@@ -39,7 +39,7 @@ def list_measures(frame: pd.DataFrame) -> Grid:
 
 
 def list_correlations(frame: pd.DataFrame) -> Grid:
-    """Return a table of the correlation of every measure with the score."""
+    """Return a table of the correlation of every measure with the clinical score."""
     columns = (
         _MEASURE,
         number("people", "people", 0),
@@ -51,7 +51,7 @@ def list_correlations(frame: pd.DataFrame) -> Grid:
 
 
 def list_differences(frame: pd.DataFrame, caption: str) -> Grid:
-    """Return a table of paired differences, of the cohort or of every person."""
+    """Return a table of paired differences from rows of the cohort or of every person."""
     columns = (
         text("difference", "comparison"),
         _MEASURE,
@@ -79,6 +79,6 @@ def list_trials(frame: pd.DataFrame) -> Grid:
 
 
 def show_score(score: object) -> str:
-    """Format a clinical score, such as ``2``; a dash if unknown."""
+    """Format a clinical score, such as ``2``; return a dash if it is unknown."""
     value = to_number(score)
     return UNKNOWN if value is None else f"{value:g}"

@@ -1,4 +1,4 @@
-"""Result tables: declared columns, and the data frame, CSV and Parquet of their rows."""
+"""Result tables: declared columns, and rows as data frame, CSV and Parquet."""
 
 from __future__ import annotations
 
@@ -28,9 +28,9 @@ Value: TypeAlias = Callable[[Any], Any] | None
 
 @dataclass(frozen=True)
 class ResultColumn(Column):
-    """A column of a result table: its name, type, unit and meaning, and where its values come from."""
+    """A column of a result table: its name, type, unit and meaning, and the source of its values."""
 
-    # Function that returns the value from the object of a row. None if the rows are mappings of names to values.
+    # Function of the row's object that returns the value. None if each row is a mapping of column names to values.
     value: Value = None
 
 
@@ -40,17 +40,17 @@ def text(name: str, meaning: str, value: Value = None) -> ResultColumn:
 
 
 def number(name: str, unit: str, meaning: str, value: Value = None) -> ResultColumn:
-    """Return a column of numbers; NaN if unknown."""
+    """Return a column of numbers, NaN where unknown."""
     return ResultColumn(name, "float64", unit, meaning, value)
 
 
 def whole(name: str, meaning: str, value: Value = None) -> ResultColumn:
-    """Return a column of whole numbers without missing values."""
+    """Return a column of whole numbers in which no value may be missing."""
     return ResultColumn(name, "int64", "1", meaning, value)
 
 
 def count(name: str, meaning: str, value: Value = None) -> ResultColumn:
-    """Return a column of whole numbers with missing values."""
+    """Return a column of whole numbers in which values may be missing."""
     return ResultColumn(name, "Int64", "1", meaning, value)
 
 
@@ -63,7 +63,7 @@ class ResultTable:
 
     @classmethod
     def of(cls, schema: TableSchema, rows: Iterable[Any]) -> ResultTable:
-        """Return the table of some rows; a value that a row does not have is missing.
+        """Return the table of these rows; where a row has no value for a column, the value is missing.
 
         Parameters
         ----------
@@ -97,12 +97,12 @@ class ResultTable:
 
     @property
     def description(self) -> dict[str, Any]:
-        """Number of rows, and the columns, for a JSON document."""
+        """Number of rows, and name, unit and meaning of every column, for a JSON document."""
         return {"rows": len(self.frame), "columns": self.columns}
 
     @property
     def records(self) -> list[dict[str, Any]]:
-        """The rows for a JSON document; null where a number is not finite."""
+        """The rows as mappings for a JSON document; None where a number is not finite."""
         rows = self.frame.to_dict(orient="records")
         return [{str(k): to_finite(v) if isinstance(v, float) else v for k, v in row.items()} for row in rows]
 
@@ -122,7 +122,7 @@ class ResultTable:
         Parameters
         ----------
         kind : str
-            Kind of the result, such as ``study``: the first part of the schema's name in the metadata.
+            Kind of the result, such as ``study``. It is the first part of the schema's name in the metadata.
         """
         about = {"schema": f"{kind}/{self.schema.file}", "schema_version": str(self.schema.version)}
         metadata = {f"{PREFIX}{key}": text for key, text in {**about, "product": __version__}.items()}

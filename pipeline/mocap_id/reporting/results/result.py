@@ -18,11 +18,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Result:
-    """The output of a command: a JSON document, tables and other files."""
+    """The output of a command: a JSON document (``file``), tables and other files."""
 
     kind: str  # kind of the result, such as ``study``; the schema of the document is ``mocap-id/<kind>``
     file: str  # name of the JSON document
-    content: Mapping[str, Any]  # content of the document after its schema and version; no NaN
+    content: Mapping[str, Any]  # content of the document after the keys for schema and version; without NaN
     # Tables by name; each is written as CSV and Parquet.
     tables: Mapping[str, ResultTable] = field(default_factory=dict)
     # Function that returns the other files, such as page and figures, by name. It is called once.
@@ -42,12 +42,12 @@ class Result:
 
     @cached_property
     def document(self) -> Mapping[str, Any]:
-        """The JSON document."""
+        """Content of the JSON document, including schema, version and, if requested, the hashes of all other files."""
         head = {"schema": f"mocap-id/{self.kind}", "version": 1, **self.content}
         return head | {"files": {name: hash_bytes(file) for name, file in self.files.items()}} if self.hashed else head
 
     def write(self, folder: Path) -> tuple[str, ...]:
-        """Write all files or none, and return their names, the document first.
+        """Write all files, or none if one cannot be written; return their names, the document first.
 
         Raises
         ------

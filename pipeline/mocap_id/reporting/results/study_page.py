@@ -17,9 +17,9 @@ from mocap_id.reporting.summary_schema import ReasonEntry
 
 Ending: TypeAlias = Literal["ok", "caution", "refused", "failed"]
 ENDINGS: dict[Ending, str] = {"ok": "good", "caution": "usable with care", "refused": "refused", "failed": "failed"}
-"""How a trial can end, in words: the level of its verdict, or that it has no verdict."""
+"""Words for how a trial can end: with a level of the verdict, or as failed, without a verdict."""
 VERDICT: GridColumn = text("verdict", lambda row: ENDINGS[row["verdict"]])
-"""Column of a table of trials."""
+"""Column with the verdict, for tables of trials."""
 
 
 @dataclass(frozen=True)
@@ -27,11 +27,11 @@ class TrialEntry:
     """How one trial ended."""
 
     name: str
-    about: str  # person and strategy, or joint and movement
+    about: str  # description, such as person and strategy, or joint and movement
     ending: Ending
-    reasons: Sequence[ReasonEntry]  # reasons of the verdict, without notes
-    message: str | None  # why the trial failed
-    report: str | None  # path of the trial's own report, relative to the page's folder
+    reasons: Sequence[ReasonEntry]  # reasons for the verdict, without notes
+    message: str | None  # why the trial failed; None if it did not fail or if this is unknown
+    report: str | None  # path of the trial's own report relative to the folder of the page; None without one
 
     @property
     def passed(self) -> bool:
@@ -40,7 +40,7 @@ class TrialEntry:
 
     @property
     def level(self) -> str:
-        """Level whose colour the page uses."""
+        """Level that sets the colour of the trial's box on the page."""
         return "refused" if self.ending == "failed" else self.ending
 
     @property
@@ -50,7 +50,7 @@ class TrialEntry:
 
     @property
     def lead(self) -> Prose:
-        """Meaning of this ending, or why the trial failed."""
+        """Sentence that says what the verdict means, or why the trial failed."""
         if self.ending != "failed":
             return split_code(LEVELS[self.ending][1])
         message = self.message or "the trial could not be computed"
@@ -58,12 +58,12 @@ class TrialEntry:
 
     @property
     def explained(self) -> tuple[ExplainedReason, ...]:
-        """The reasons with their explanations."""
+        """The reasons for the verdict with their explanations."""
         return tuple(map(explain_reason, self.reasons))
 
 
 def count_passed(trials: Sequence[TrialEntry]) -> str:
-    """Return in words how many trials have results."""
+    """Return a clause that says how many trials have results."""
     return f"{sum(trial.passed for trial in trials)} of {len(trials)} trials have results"
 
 

@@ -18,7 +18,7 @@ _RECOVERY = (
     "angle, velocity and acceleration by the smoother (blue), and by low-pass and differences at 20 Hz (red)."
 )
 _WRENCH = (
-    "Mean over the repetitions of the cell's trials, with one standard deviation to either side as a band. Measured "
+    "Mean over the repetitions of the cell's trials, with one standard deviation on each side as a band. Measured "
     "(black), reference parameters (orange), states from the encoder (R, green), states from the cameras (P, blue)."
 )
 _ERRORS = "The same models minus the measured wrench: mean and one standard deviation over the repetitions."
@@ -63,7 +63,7 @@ def _make_drawings(data: RobotStudyData) -> Iterator[Drawing]:
 
 
 def _draw_recovery(one: Recovery) -> Figure:
-    """Draw the plane beside the segment, and below them the states over time (figures 5.2 and 5.3)."""
+    """Return markers in the plane and in the segment side by side, and below them the states (figures 5.2 and 5.3)."""
     return Figure(((_draw_plane(one), _draw_segment(one)), *((_draw_states(one.traces, order),) for order in range(3))))
 
 
@@ -91,7 +91,7 @@ def _draw_segment(one: Recovery) -> Panel:
 
 
 def _draw_states(traces: StateTraces, order: int) -> Panel:
-    """Return the angle, velocity or acceleration by every method, the smoother on top."""
+    """Return angle, velocity or acceleration (``order`` 0, 1 or 2) by every method, the smoother in front."""
     series = {name: curve[:, order] for name, curve in traces.curves.items()}
     below, height = ("time (s)", 1.5) if order == 2 else ("", 1.2)
     return Panel(
@@ -100,7 +100,10 @@ def _draw_states(traces: StateTraces, order: int) -> Panel:
 
 
 def _draw_wrench(averaged: AveragedWrench, series: Mapping[str, FloatArray]) -> Figure:
-    """Draw series (R, P, 3) over the repetition: mean and one standard deviation (figures 5.4 and 5.5)."""
+    """Return mean and one standard deviation of each series (R, P, 3) over the repetition (figures 5.4 and 5.5).
+
+    A series has R repetitions, P phases and the components Fx, Fy, τz.
+    """
     panels = []
     for d, title in enumerate(_COMPONENTS):
         items: list[Item] = []
@@ -114,7 +117,7 @@ def _draw_wrench(averaged: AveragedWrench, series: Mapping[str, FloatArray]) -> 
 
 
 def _draw_accelerations(traces: StateTraces) -> Figure:
-    """Draw the accelerations, and their errors if the truth is known (figure 5.6)."""
+    """Return the accelerations, and their errors if the truth is known (figure 5.6)."""
     series = {name: curve[:, 2] for name, curve in traces.curves.items()}
     curves = _draw_lines(traces, series, _ACCELERATION_LOOKS, 200)
     title, time = f"acceleration (rad/s²): {style.clean(traces.trial)}", "time (s)"
@@ -130,7 +133,7 @@ def _draw_accelerations(traces: StateTraces) -> Figure:
 def _draw_lines(
     traces: StateTraces, series: Mapping[str, FloatArray], looks: Mapping[str, tuple[str, Dash, float]], bins: int
 ) -> list[Line]:
-    """Return a line over time for each series (T,) that has a look."""
+    """Return a line over time for each series (T,) that has an entry in ``looks``: colour, dash and width."""
     return [
         Line(*thin_curve(traces.time, series[name], bins), colour, name, dash, width)
         for name, (colour, dash, width) in looks.items()

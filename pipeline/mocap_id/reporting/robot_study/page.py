@@ -24,7 +24,7 @@ _FOOTER = (
 
 
 def render_robot_page(data: RobotStudyData) -> bytes:
-    """Return the page as UTF-8."""
+    """Return the HTML page in UTF-8."""
     figures = draw_robot_figures(data)
     first, *tables = _list_grids(data)
     return Page(
@@ -58,7 +58,7 @@ def _describe_truth(data: RobotStudyData) -> str:
 
 
 def render_markdown(data: RobotStudyData, figures: Mapping[str, str]) -> str:
-    """Return the tables, and links to figures (title to file), in Markdown."""
+    """Return the tables and the ``figures`` (file by title) in Markdown."""
     parts = [LEGEND, *("\n".join(_render_table(grid)) for grid in _list_grids(data) if grid.rows)]
     parts += [f"![{name}]({file})" for name, file in figures.items()]
     return "\n\n".join(parts) + "\n"

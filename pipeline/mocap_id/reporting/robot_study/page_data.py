@@ -1,4 +1,4 @@
-"""The data of a robot study's page: how each trial ended, the tables, and series for the figures."""
+"""The data for the page of a robot study: how each trial ended, the tables, and series for the figures."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class StateTraces:
-    """Joint states of a trial in the robot's frame, (T, 3): by each method, and the truth if known."""
+    """States of a trial in the robot's frame: angle, velocity and acceleration, rad, rad/s and rad/s²."""
 
     trial: str
-    time: FloatArray
-    curves: Mapping[str, FloatArray]
-    truth: FloatArray | None
+    time: FloatArray  # (T,) s
+    curves: Mapping[str, FloatArray]  # (T, 3) states by method
+    truth: FloatArray | None  # (T, 3) true states; None if unknown
 
 
 @dataclass(frozen=True)
 class Recovery:
-    """How skeleton and states of one trial were found."""
+    """Markers, joint centre and states of one trial."""
 
     trial: str
     joint: str
@@ -41,19 +41,19 @@ class Recovery:
 
 @dataclass(frozen=True)
 class AveragedWrench:
-    """Wrench over the repetitions of one cell's trials, in the robot's frame."""
+    """Wrench over the R repetitions of the trials of one cell, in the robot's frame, N and N·m."""
 
-    cell: str
+    cell: str  # joint, orientation and speed, a row of the thesis's tables
     repetitions: int
     phase: FloatArray  # (P,) % of a repetition
-    measured: FloatArray  # (R, P, 3) Fx, Fy, tauz, N and N·m
-    models: Mapping[str, FloatArray]  # (R, P, 3) by the thesis's labels
+    measured: FloatArray  # (R, P, 3) Fx, Fy, tauz
+    models: Mapping[str, FloatArray]  # (R, P, 3) modelled wrench, by the labels of the thesis
     errors: Mapping[str, FloatArray]  # (R, P, 3) model minus measurement
 
 
 @dataclass(frozen=True)
 class RobotStudyData:
-    """The data of a robot study's page."""
+    """The data for the page of a robot study."""
 
     study: str
     trials: tuple[TrialEntry, ...]
@@ -61,5 +61,5 @@ class RobotStudyData:
     # title, rows and quantities of each of the thesis's tables
     tables: tuple[tuple[str, pd.DataFrame, Sequence[Quantity]], ...]
     recoveries: tuple[Recovery, ...]
-    averaged: AveragedWrench | None
-    traces: StateTraces | None
+    averaged: AveragedWrench | None  # None without a complete repetition
+    traces: StateTraces | None  # None if no trial has results

@@ -22,14 +22,14 @@ _SOURCES = {"this": "this program", "thesis": "thesis"}
 
 @dataclass(frozen=True)
 class Quantity:
-    """A pair of columns, mean and standard deviation, in a table of the thesis."""
+    """A quantity in a table of the thesis, with a column for its mean and one for its standard deviation."""
 
     name: str
     unit: str
     meaning: str
     symbol: str  # heading of the column
-    # A value has its mean and standard deviation over the trials. An error has the mean of the trials' biases, and
-    # the root mean square of their standard deviations, which is the standard deviation over all samples.
+    # For a value, the columns are mean and standard deviation over the trials. For an error, they are the mean of the
+    # trials' biases and the root mean square of the trials' standard deviations.
     kind: Kind = "value"
     to_si: float = 1.0  # factor from the thesis's unit to SI
     decimals: int | None = None  # number of decimals; None for the usual number of the unit
@@ -51,7 +51,7 @@ class Quantity:
 
 
 def list_thesis_rows(title: str, frame: pd.DataFrame, quantities: Sequence[Quantity]) -> Grid:
-    """Return one of the thesis's tables, with the rows of the thesis below the rows of the study."""
+    """Return one of the thesis's tables with the rows of the study and, below them, those of the thesis."""
     columns = (
         text("joint", "joint", UNKNOWN),
         GridColumn("orientation (deg)", lambda row: show_fixed(row["orientation"], 0), text=True, optional=True),
@@ -65,7 +65,7 @@ def list_thesis_rows(title: str, frame: pd.DataFrame, quantities: Sequence[Quant
 
 
 def list_trials(trials: pd.DataFrame) -> Grid:
-    """Return a row for every trial with its states from the cameras: verdict, and errors if known."""
+    """Return a table of every trial with states from the cameras: verdict, and errors if they are known."""
     columns = (
         text("trial", "trial"),
         text("verdict", "verdict"),
@@ -80,7 +80,7 @@ def list_trials(trials: pd.DataFrame) -> Grid:
         number("torque r²", "torque_r2", 4),
         number("clock of the encoder (ms)", "encoder_offset", 3, 1e3),
     )
-    caption = "Every trial by its cameras; errors of my₂ and Izz₂ ± standard deviation, as shares of the reference"
+    caption = "Every trial, with states from the cameras; errors of my₂ and Izz₂ ± sd, relative to the reference"
     return to_grid(caption, trials[trials["method"] == "cameras"], columns)
 
 

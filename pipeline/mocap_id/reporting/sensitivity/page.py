@@ -24,7 +24,7 @@ _FOOTER = (
 
 
 def render_sensitivity_page(data: SensitivityData) -> bytes:
-    """Return the page as UTF-8."""
+    """Return the HTML page in UTF-8."""
     drawing = tornado.make_drawing(data)
     sentences = tuple(style.clean(sentence) for sentence in data.tables["tolerates"]["sentence"])
     return Page(

@@ -17,7 +17,7 @@ CAPTION = (
     "tolerated change. The scale is linear up to 1 % and logarithmic beyond. Bars end at 300 %, also for "
     "parameters that could no longer be identified."
 )
-_LIMIT = 300.0  # %: bars end here
+_LIMIT = 300.0  # %; bars end here
 _LINEAR = 0.6  # width of the linear part, up to 1 %, in decades
 _TICKS = (-100.0, -10.0, -1.0, 0.0, 1.0, 10.0, 100.0)
 _COLUMNS = 3
@@ -25,18 +25,18 @@ _ROW, _HEAD = 0.15, 0.7  # inches
 _WITHIN, _NOTICED, _SILENT = style.FAINT, style.BLUE, style.VERMILLION
 _LEGEND = (
     Key(_WITHIN, "tolerated"),
-    Key(_NOTICED, "too much, and the verdict warns of it"),
+    Key(_NOTICED, "not tolerated, with a new caution"),
     Key(_SILENT, "not tolerated, without a new caution"),
 )
 
 
 def make_drawing(data: SensitivityData) -> Drawing:
-    """Return the figure with title and caption."""
+    """Return the tornado diagram with its title and caption."""
     return Drawing("tornado", "How much each kind of error changes each parameter", CAPTION, draw(data))
 
 
 def draw(data: SensitivityData) -> Figure | str:
-    """Return a panel for each parameter, or why there is no figure."""
+    """Return a panel for each parameter, or a sentence that says why there is no figure."""
     kinds = _order_kinds(data)
     if not data.parameters or not kinds:
         return "No parameter is known that could change."
@@ -45,13 +45,13 @@ def draw(data: SensitivityData) -> Figure | str:
 
 
 def place(percent: float) -> float:
-    """Return the position of a change on the axis: linear up to 1 %, logarithmic beyond."""
+    """Return the position of a change, in per cent, on the axis: linear up to 1 %, logarithmic beyond."""
     size = abs(percent)
     return float(np.sign(percent) * (_LINEAR * size if size <= 1 else _LINEAR + np.log10(size)))
 
 
 def _order_kinds(data: SensitivityData) -> list[str]:
-    """Return the kinds by their largest change of any parameter, the largest first."""
+    """Return the kinds of error, sorted by their largest change of any parameter, largest first."""
     counted = {parameter.name for parameter in data.parameters}
     responses = data.tables["responses"]
     worst = responses[responses["parameter"].isin(counted)].groupby("kind", sort=False)["ratio"].max()
@@ -94,9 +94,9 @@ def _draw_panel(data: SensitivityData, parameter: ParameterEntry, kinds: Sequenc
 
 
 def _make_bars(changes: pd.DataFrame) -> list[tuple[float, float, float, str]]:
-    """Return the bars of one kind for one parameter, widest first: lowest and highest change in %, opacity, colour.
+    """Return the bars of one kind of error for one parameter, widest first.
 
-    There is a bar for each absolute level, from its lowest to its highest change.
+    There is a bar for each absolute level. It has the lowest and the highest change in %, the opacity and the colour.
     """
     spans = []
     for _, group in changes.groupby(changes["level"].abs()):

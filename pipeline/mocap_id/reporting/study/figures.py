@@ -18,7 +18,7 @@ _OWN, _HELD_OUT = "own", "own, held out"
 
 
 def draw_cohort_figures(data: CohortData) -> Drawings:
-    """Return every figure of the page."""
+    """Return all figures of the page."""
     lengths = Drawing(
         "lengths",
         "Segment lengths against their reference",
@@ -30,8 +30,8 @@ def draw_cohort_figures(data: CohortData) -> Drawings:
         "pressure",
         "Centre of pressure: own models and the allometric body",
         "Root mean square error of the predicted centre of pressure off the chair, a mark for each prediction. Own: "
-        "the trial's model on its own samples; held out: on repetitions that it was not fitted to; other trial: the "
-        "model of another trial of the same person.",
+        "the trial's model on its own samples. Held out: models on repetitions to which they were not fitted. Other "
+        "trial: the model of another trial of the same person.",
         _draw_pressure(data),
     )
     parameters = Drawing(
@@ -45,7 +45,7 @@ def draw_cohort_figures(data: CohortData) -> Drawings:
 
 
 def _draw_lengths(data: CohortData) -> Figure | str:
-    """Draw the lengths of shank and thigh: identified, by landmarks and by stature (table 6.1 as a figure)."""
+    """Return the lengths of shank and thigh: identified, by landmarks and by stature (table 6.1 as a figure)."""
     trials = data.tables["trials"]
     if not np.isfinite(trials[list(_SEGMENTS)].to_numpy(dtype=np.float64)).any():
         return "No segment lengths: no trial has a shank or a thigh."
@@ -88,7 +88,7 @@ def _draw_reference_lengths(data: CohortData, segment: str) -> list[Item]:
 
 
 def _draw_pressure(data: CohortData) -> Figure | str:
-    """Draw a row for each person with a mark for each predicted centre of pressure (table 6.3 as a figure)."""
+    """Return a row for each person, with a mark for the error of each predicted centre of pressure (table 6.3)."""
     frame = data.of_people("models")
     frame = frame[np.isfinite(frame["cop_x_rms"].to_numpy(dtype=np.float64))]
     if frame.empty:
@@ -113,7 +113,7 @@ def _draw_pressure(data: CohortData) -> Figure | str:
 
 
 def _draw_parameters(data: CohortData) -> Figure | str:
-    """Draw a panel for each parameter with a row for each person (parameters of figure 6.8)."""
+    """Return a panel for each parameter with a row for each person (parameters of figure 6.8)."""
     frame = data.tables["parameters"]
     if frame.empty:
         return "No base parameters: nothing was identified on any trial."

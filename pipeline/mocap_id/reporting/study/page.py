@@ -21,7 +21,7 @@ _FOOTER = (
 
 
 def render_cohort_page(data: CohortData) -> bytes:
-    """Return the page as UTF-8, from the tables trials, lengths, strategies, models, parameters and variation."""
+    """Return the HTML page in UTF-8, from the tables trials, lengths, strategies, models, parameters and variation."""
     numbers = [number for number in _make_key_numbers(data) if number.value != UNKNOWN]
     return render_study_page(data, numbers, _make_sections(data), draw_cohort_figures(data), _FOOTER)
 
@@ -72,7 +72,7 @@ def _make_key_numbers(data: CohortData) -> Iterator[KeyNumber]:
 
 
 def _compute_median(column: pd.Series[float]) -> float:
-    """Return the median of the finite values; NaN without any."""
+    """Return the median of the finite values; NaN if there are none."""
     values = column.to_numpy(dtype=np.float64)
     values = values[np.isfinite(values)]
     return float(np.median(values)) if len(values) else float("nan")

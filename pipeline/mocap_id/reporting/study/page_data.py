@@ -1,4 +1,4 @@
-"""The data of the page of a study of people: how each trial ended, and the study's tables."""
+"""The data for the page of a study of people: how each trial ended, and the study's tables."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ if TYPE_CHECKING:
 
 PAGE_FILE = "cohort.html"
 COHORT = "cohort"
-"""Subject of the rows about all people; no person may have this id."""
+"""Value of ``subject`` in the rows about all people; no person may have this id."""
 
 
 @dataclass(frozen=True)
 class CohortData:
-    """The data of the page of a study of people."""
+    """The data for the page of a study of people."""
 
     study: str  # name of the study
     trials: tuple[TrialEntry, ...]
@@ -35,11 +35,11 @@ class CohortData:
         return tuple(dict.fromkeys(self.tables["trials"]["strategy"]))
 
     def of_cohort(self, table: str) -> pd.DataFrame:
-        """Return the rows about all people."""
+        """Return the rows of a table that are about all people together."""
         frame = self.tables[table]
         return frame[frame["subject"] == COHORT]
 
     def of_people(self, table: str) -> pd.DataFrame:
-        """Return the rows about single people."""
+        """Return the rows of a table that are about single people."""
         frame = self.tables[table]
         return frame[frame["subject"] != COHORT]

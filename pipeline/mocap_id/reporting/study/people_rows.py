@@ -1,4 +1,4 @@
-"""Parts of figures with a row for each person, and within it a position for each trial."""
+"""Parts of figures with a row for each person and, within the row, a position for each trial."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from mocap_id.reporting import style
 from mocap_id.reporting.figure import Item, Points, Rule
 from mocap_id.reporting.study.page_data import CohortData
 
-_SPREAD = 0.6  # share of a row's height for the trials of one person
+_SPREAD = 0.6  # fraction of a row's height over which the trials of a person are spread
 
 
 def place_trials(data: CohortData, trials: Sequence[str], subjects: Sequence[str] = ()) -> FloatArray:
-    """Return the vertical position of each trial: the row of the person, and within it the trials in their order.
+    """Return the vertical position of each trial: in the row of the person, a person's trials in their order.
 
-    The rows have the order of ``subjects``, or of the trials if omitted.
+    The rows are in the order of ``subjects``; if it is empty, in the order in which people occur in the trials.
     """
     rows: dict[str, float] = {}
     frame = data.tables["trials"]
@@ -29,22 +29,25 @@ def place_trials(data: CohortData, trials: Sequence[str], subjects: Sequence[str
 
 
 def spread_evenly(count: int, width: float) -> FloatArray:
-    """Return evenly spaced positions about zero over a width; zero for a single one."""
+    """Return ``count`` evenly spaced positions, centred at zero, over a width; zero for a single position."""
     return width * (np.arange(count) / (count - 1) - 0.5) if count > 1 else np.zeros(count)
 
 
 def name_rows(data: CohortData) -> tuple[str, ...]:
-    """Return the labels of the rows."""
+    """Return the labels of the rows: the ids of the people."""
     return tuple(style.clean(subject, 16) for subject in data.subjects)
 
 
 def draw_separators(data: CohortData) -> list[Item]:
-    """Return the lines between people."""
+    """Return the lines between the rows of two people."""
     return [Rule("y", k - 0.5, style.GRID) for k in range(1, len(data.subjects))]
 
 
 def draw_dots(data: CohortData, frame: pd.DataFrame, value: str, sd: str, *, factor: float = 1) -> list[Item]:
-    """Return a dot with its 95 % interval for each trial of a frame (`trial`, `strategy`), coloured by strategy."""
+    """Return a dot with a 95 % interval for each row of a data frame, coloured by strategy.
+
+    ``value`` and ``sd`` are column names; the frame also has `trial` and `strategy`. Values are times ``factor``.
+    """
     known = frame[np.isfinite(frame[value].to_numpy(dtype=np.float64))]
     items: list[Item] = []
     for k, strategy in enumerate(data.strategies, start=1):

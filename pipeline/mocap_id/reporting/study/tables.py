@@ -48,7 +48,7 @@ def list_trials(data: CohortData) -> Grid:
 
 
 def list_lengths(data: CohortData) -> Grid:
-    """Return table 6.1: lengths by every method against their reference, with the rows of every person."""
+    """Return table 6.1: lengths by every method against their reference, for the cohort and for every person."""
     columns = (
         text("", "subject"),
         text("segment", "segment"),
@@ -70,7 +70,7 @@ def list_lengths(data: CohortData) -> Grid:
 
 
 def list_strategies(frame: pd.DataFrame, caption: str) -> Grid:
-    """Return table 6.2, of the cohort or of every person."""
+    """Return table 6.2 (results by strategy) from rows of the cohort or of every person."""
     columns = (
         text("", "subject"),
         text("strategy", "strategy"),
@@ -85,7 +85,7 @@ def list_strategies(frame: pd.DataFrame, caption: str) -> Grid:
 
 
 def list_models(frame: pd.DataFrame, caption: str) -> Grid:
-    """Return table 6.3, of the cohort or of every person."""
+    """Return table 6.3 (errors of every model) from rows of the cohort or of every person."""
     torques = [
         name.removesuffix("_mean") for name in frame.columns if name.startswith("tau_") and name.endswith("_mean")
     ]
@@ -115,7 +115,7 @@ def list_doubtful(data: CohortData) -> Grid:
 
 
 def list_variation(frame: pd.DataFrame, caption: str) -> Grid:
-    """Return figure 6.8 as a table, of the cohort or of every person."""
+    """Return figure 6.8 (variation of the parameters) as a table, from rows of the cohort or of every person."""
     columns = (
         text("", "subject"),
         text("set", "set"),
@@ -137,7 +137,7 @@ def _name_model(row: Mapping[str, Any]) -> str:
 
 
 def _list_titles(codes: str) -> str:
-    """Return the titles of the explanations of some codes."""
+    """Return the titles of reason codes, joined by semicolons; ``codes`` are joined by commas."""
     return "; ".join(EXPLANATIONS[code].title if code in EXPLANATIONS else code for code in codes.split(", "))
 
 
