@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import harness
 import numpy as np
-from harness import command_line, has_true_segments, markdown, measured_by, publish, read_truth, run_all, state_arrays
 
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.config import load
@@ -36,29 +36,24 @@ LIMIT = 1.1
 
 @dataclass(frozen=True)
 class Run:
-    """Errors (F, n, 3), segment of every marker (M,), and which samples (F, M) were used."""
+    """Errors of one run of a trial."""
 
-    error: FloatArray
-    segment: IntArray
-    used: BoolArray
-
-    @property
-    def rms(self) -> FloatArray:
-        """(n, 3) rms over the trial."""
-        return np.asarray(np.sqrt(np.nanmean(self.error[MARGIN:-MARGIN] ** 2, axis=0)))
+    rms: FloatArray  # (n, 3) rms errors of the states
+    segment: IntArray  # (M,) segment of every marker
+    used: BoolArray  # (F, M) samples that were used
 
 
 @dataclass(frozen=True)
 class Result:
-    """Ratios (3,) of the errors of the worst joint, with jumps and with their samples missing; and counts."""
+    """Comparison of the runs of one trial."""
 
-    jumped: FloatArray
-    missing: FloatArray
-    moved: bool
-    wrong: tuple[bool, bool]
-    let_in: tuple[int, int]
-    lost: tuple[int, int]
-    share: float
+    jumped: FloatArray  # (3,) error of the worst joint with jumps, relative to the run without jumps
+    missing: FloatArray  # (3,) the same where the samples that jump are missing
+    moved: bool  # a marker is on another segment than without jumps
+    wrong: tuple[bool, bool]  # a marker is on a wrong segment, without and with jumps
+    let_in: tuple[int, int]  # displaced samples that were used, and all displaced samples
+    lost: tuple[int, int]  # other samples that were not used, and all other samples
+    share: float  # of the samples that jump
 
 
 def measure(seed: int) -> Result | None:
@@ -68,13 +63,14 @@ def measure(seed: int) -> Result | None:
             simulate("sit-to-stand", Path(place) / str(jumps), replace(USUAL, seed=seed, jumps=jumps))
             for jumps in (0, JUMPS)
         )
-        document = read_truth(jumped)
+        document = harness.read_truth(jumped)
         with np.load(jumped.with_name("truth.npz")) as arrays:
             truth = np.stack([arrays[name].astype(np.float64) for name in ("q", "qd", "qdd")], axis=2)
         contexts = [planarise(configuration) for configuration in (plain, jumped)]
     labels = list(document["assignment"])
     hit, off = find_jumps(document["jumps"], labels, len(truth), contexts)
-    contexts.append(hide_samples(contexts[0], hit))
+    planar = harness.hide_samples(contexts[0].long("planar.parquet"), hit)
+    contexts.append(replace(contexts[0], inputs={"planar.parquet": planar}))
     try:
         runs = [run(context, truth, labels) for context in contexts]
     except (Refused, WrongSegments):
@@ -129,14 +125,6 @@ def find_jumps(
     return hit, np.asarray(np.linalg.norm(jumped - plain, axis=2))
 
 
-def hide_samples(context: Context, hit: BoolArray) -> Context:
-    """Remove these samples."""
-    planar = context.long("planar.parquet")
-    seen = {axis: np.where(hit, np.nan, planar.values[axis]) for axis in "xyz"}
-    seen["visible"] = planar.values["visible"] & ~hit
-    return replace(context, inputs={"planar.parquet": replace(planar, values=seen)})
-
-
 def run(context: Context, truth: FloatArray, labels: Sequence[str]) -> Run:
     """Run the stages on the planar table and return the errors."""
     for stage in (SEGMENT, FIT_JOINTS, UKF_SMOOTH):
@@ -144,30 +132,29 @@ def run(context: Context, truth: FloatArray, labels: Sequence[str]) -> Run:
         made = {name: each for name, each in zip(stage.outputs, outputs, strict=True) if not isinstance(each, Document)}
         context = replace(context, inputs={**context.inputs, **made})
     states, markers = context.table("states.parquet"), context.long("markers.parquet")
-    if not has_true_segments(states):
+    if not harness.has_true_segments(states):
         raise WrongSegments
-    error = state_arrays(states) - truth
+    error = harness.state_arrays(states) - truth
     error[..., 0] -= np.nanmedian(error[..., 0], axis=0)
     segments = context.table("segments.parquet")
     known = dict(zip(segments["marker"], segments["segment"], strict=True))
     used = np.zeros((len(markers.frames), len(labels)), dtype=np.bool_)
     used[:, [labels.index(label) for label in markers.labels]] = markers.values["used"]
-    return Run(error, np.array([int(known[label]) for label in labels]), used)
+    return Run(harness.rms(error[MARGIN:-MARGIN]), np.array([int(known[label]) for label in labels]), used)
 
 
 def ratio_table(ratios: FloatArray) -> str:
     """Return quantiles of the ratios (trials, 3) of the errors."""
     rows = []
     for name, own in zip(NAMES, ratios.T, strict=True):
-        cells = [f"{value:.3f}" for value in (np.median(own), np.quantile(own, 0.9), own.max())]
-        rows.append([name, *cells, f"{np.sum(own <= LIMIT)} of {len(own)}"])
-    return markdown(["", "median", "90th percentile", "largest", f"trials within {LIMIT:g}"], rows)
+        rows.append([name, *harness.quantiles(own, ".3f"), f"{np.sum(own <= LIMIT)} of {len(own)}"])
+    return harness.markdown(["", "median", "90th percentile", "largest", f"trials within {LIMIT:g}"], rows)
 
 
 def main() -> None:
     """Run all trials."""
-    arguments = command_line(__doc__, parallel=True, trials=30, first=960_000).parse_args()
-    every = run_all(measure, range(arguments.first, arguments.first + arguments.trials), arguments.jobs)
+    arguments = harness.command_line(__doc__, parallel=True, trials=30, first=960_000).parse_args()
+    every = harness.run_all(measure, range(arguments.first, arguments.first + arguments.trials), arguments.jobs)
     found: list[Result] = [each for each in every if each is not None]
     let_in, lost = (np.sum([getattr(each, name) for each in found], axis=0) for name in ("let_in", "lost"))
     share, trials = 100 * np.mean([each.share for each in found]), len(found)
@@ -184,12 +171,12 @@ def main() -> None:
         f"wrong number of segments: {len(every) - trials}."
     )
     sections = {
-        "bursts": measured_by(__file__, source),
+        "bursts": harness.measured_by(__file__, source),
         "bursts-ratios": ratio_table(np.array([each.jumped for each in found])),
         "bursts-missing": ratio_table(np.array([each.missing for each in found])),
         "bursts-samples": samples,
     }
-    publish(sections, write=arguments.write)
+    harness.publish(sections, write=arguments.write)
 
 
 if __name__ == "__main__":

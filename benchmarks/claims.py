@@ -14,15 +14,15 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from claims_tables import claims_table, cost_table, kind_table, tolerance_list
-from harness import ROOT, command_line, measured_by, progress, publish, recordings
+from harness import ROOT, command_line, markdown, measured_by, progress, publish, recordings
 
 from mocap_id.simulation import Options, simulate
 from mocap_id.simulation.ur5 import JointName, Speed
 from mocap_id.store.views import Skeleton
+from mocap_id.workflows.sensitivity.kinds import JOINTS, KINDS
 from mocap_id.workflows.sensitivity.plan import Perturbation
 from mocap_id.workflows.sensitivity.responses import Estimates, SeriesChanges, compare_series, read_estimates
-from mocap_id.workflows.sensitivity.runs import CHANGES, run_from
+from mocap_id.workflows.sensitivity.runs import CHANGES, PerturbationRun, run_from
 from mocap_id.workflows.sensitivity.study import sensitivity
 from mocap_id.workflows.sensitivity.trial_inputs import TrialInputs, locate_trial, read_inputs
 
@@ -32,10 +32,7 @@ GRAVITY = 9.81
 SIGMAS, MARKER_SDS = (1e1, 1e2, 1e3, 1e4), ("0.0001", "0.001", "0.01", "0.1")
 NO_GATE = 1e6  # standard deviations: the thesis's filter excludes no marker
 CELLS: Sequence[tuple[JointName, Speed]] = (("shoulder", "slow"), ("elbow", "slow"), ("elbow", "fast"))
-RECORDED = {
-    "ur5-elbow-fast": "robot-joint",
-    "sts-normal": "sit-to-stand",
-}
+RECORDED = {"ur5-elbow-fast": "robot-joint", "sts-normal": "sit-to-stand"}
 
 
 @dataclass(frozen=True)
@@ -193,24 +190,13 @@ def _beside(case: Case, component: str, level: float, into: int | None) -> Itera
 
 @dataclass(frozen=True)
 class Claim:
-    """Claim of the thesis and the limit that confirms it.
-
-    Parameters
-    ----------
-    letter, text : str
-    measure : callable
-        Number that a trial gives for the claim.
-    holds : callable
-        Whether such a number confirms the claim.
-    limit : str
-        The same in words.
-    """
+    """A claim of the thesis and the limit that confirms it."""
 
     letter: str
     text: str
-    measure: Callable[[Case], Outcome]
-    holds: Callable[[float], bool]
-    limit: str
+    measure: Callable[[Case], Outcome]  # the number that a trial gives for the claim
+    holds: Callable[[float], bool]  # whether a number confirms the claim
+    limit: str  # the same in words
 
 
 def _below(limit: float) -> tuple[Callable[[float], bool], str]:
@@ -275,18 +261,57 @@ def people(seeds: Sequence[int], folder: Path) -> list[Case]:
     return [case_of(simulate("sit-to-stand", folder / f"sit-{seed}", replace(options, seed=seed))) for seed in seeds]
 
 
-def write_configuration(name: str, source: Path, folder: Path) -> Path:
-    """Write the configuration of one of the shared recordings."""
-    file = folder / f"{name}.yaml"
-    file.write_text(f"trial: {name}\nrecording: {source / 'simulated' / name}/trial.c3d\nprotocol: {RECORDED[name]}\n")
-    return file
-
-
 def judge(claim: Claim, cases: Sequence[Case]) -> tuple[bool, Outcome]:
     """Return whether a claim holds on every trial, and the outcome farthest from it."""
     found = [claim.measure(case) for case in cases]
     failing = [outcome for outcome in found if not claim.holds(outcome.value)]
     return not failing, worst(iter(failing or found))
+
+
+def claims_table(answers: Sequence[tuple[Claim, Mapping[str, tuple[bool, Outcome]]]], counts: Mapping[str, int]) -> str:
+    """Return every claim with the result of every group of trials."""
+    head = ("", "the thesis (5.5.2)", "confirmed by", *(f"{name} ({count})" for name, count in counts.items()))
+    rows = [
+        (claim.letter, claim.text, claim.limit, *(_cell(claim.letter, *found[name]) for name in counts))
+        for claim, found in answers
+    ]
+    return markdown(head, rows)
+
+
+def _cell(letter: str, holds: bool, outcome: Outcome) -> str:
+    number = "< 0.001 %" if outcome.value < 1e-3 else f"{float(f'{outcome.value:.2g}'):g} %"
+    if math.isinf(outcome.value):
+        number = "no states left" if letter == "a" else "nothing identified"
+    about = f" ({outcome.about})" if outcome.about else ""
+    return f"{'confirmed' if holds else '**refuted**'}: {number}{about}"
+
+
+def kind_table() -> str:
+    """Return the kinds of perturbations."""
+    worse = {"more": "", "less": "; fewer is worse", "either": ""}
+    rows = []
+    for kind in KINDS.values():
+        targets = ", ".join(kind.targets) or "–"
+        if kind.targets == JOINTS:
+            targets = "all joints; each on request" if kind.usual else "each joint and all"
+        levels = ", ".join(f"{level:g}" for level in kind.levels) + worse[kind.worse]
+        rows.append((f"`{kind.name}`", levels, kind.unit.replace("*", "·") or "–", targets, f"`{kind.entry}`"))
+    return markdown(("kind", "levels", "unit", "on", "enters"), rows)
+
+
+def tolerance_list(name: str, sentences: Sequence[str], runs: Sequence[PerturbationRun]) -> str:
+    """Return what a trial tolerates."""
+    lines = "\n".join(f"- {sentence[:1].upper()}{sentence[1:]}" for sentence in sentences)
+    return f"**{name}**, {len(runs)} perturbations:\n\n{lines}"
+
+
+def cost_table(runs: Sequence[PerturbationRun]) -> str:
+    """Return the time of each kind of perturbation."""
+    rows = []
+    for kind in dict.fromkeys(one.perturbation.kind for one in runs):
+        spent = [one.seconds for one in runs if one.perturbation.kind == kind]
+        rows.append((f"`{kind}`", str(len(spent)), f"{np.median(spent):.2f}", f"{sum(spent):.1f}"))
+    return markdown(("kind", "perturbations", "s each (median)", "s in all"), rows)
 
 
 def main() -> None:
@@ -296,7 +321,10 @@ def main() -> None:
     seeds = range(arguments.first, arguments.first + arguments.trials)
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
-        files = {name: write_configuration(name, source, folder) for name in RECORDED}
+        files = {name: folder / f"{name}.yaml" for name in RECORDED}
+        for name, file in files.items():
+            recording = source / "simulated" / name / "trial.c3d"
+            file.write_text(f"trial: {name}\nrecording: {recording}\nprotocol: {RECORDED[name]}\n")
         groups: Mapping[str, Sequence[Case]] = {
             "generated robots": robots(seeds, folder),
             "ur5-elbow-fast": [case_of(files["ur5-elbow-fast"])],

@@ -9,25 +9,15 @@ from __future__ import annotations
 
 import shutil
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
-from cohort_tables import (
-    events,
-    lengths,
-    other_events,
-    people,
-    requirements,
-    strategies,
-    table_6_3,
-    true_torques,
-    variants,
-)
-from cohort_truth import configure, models, read_done, repetitions, run, skeletons
-from harness import command_line, measured_by, progress, publish, run_all
+from cohort_truth import WINTER, configure, models, read_done, repetitions, run, skeletons
+from harness import JOINTS, command_line, markdown, measured_by, progress, publish, run_all
 
 from mocap_id.simulation import Cohort, Options, simulate_cohort
 
@@ -42,6 +32,32 @@ VARIANTS: Mapping[str, Mapping[str, Any]] = {
     "`contact: weight`, `seat_off_share: 0.5`": {"contact": "weight", "seat_off_share": 0.5},
     "`contact: weight`, `seat_off_share: 0.3`": {"contact": "weight", "seat_off_share": 0.3},
 }
+
+
+ACTIONS = ("dynamic", "normal", "stable")
+THESIS_CONDITION = {"dynamic": "83 ± 30", "normal": "113 ± 57", "stable": "101 ± 44"}
+THESIS: Mapping[tuple[str, str], tuple[str, ...]] = {
+    ("dynamic", WINTER): ("-13.4 ± 99.4", "25.6 ± 21.5", "3.8 ± 4.1", "14.2 ± 4.3", "16.4 ± 3.9", "5.3 ± 3.6"),
+    ("dynamic", "dynamic"): ("-16.4 ± 86.7", "7.0 ± 19.5", "1.2 ± 5.9", "–", "–", "–"),
+    ("dynamic", "normal"): ("-12.8 ± 91.5", "32.4 ± 19.4", "3.8 ± 2.7", "3.0 ± 2.2", "6.3 ± 2.2", "1.3 ± 2.5"),
+    ("dynamic", "stable"): ("-19.3 ± 99.1", "33.4 ± 23.3", "3.9 ± 4.2", "6.7 ± 4.3", "9.5 ± 4.6", "4.9 ± 4.8"),
+    ("normal", WINTER): ("-8.5 ± 48.2", "19.9 ± 15.0", "3.3 ± 1.8", "11.3 ± 3.5", "10.3 ± 2.7", "4.4 ± 1.7"),
+    ("normal", "dynamic"): ("-11.5 ± 42.1", "-20.3 ± 15.5", "-2.4 ± 2.0", "-2.9 ± 1.6", "-6.5 ± 1.8", "-1.2 ± 1.6"),
+    ("normal", "normal"): ("-6.9 ± 42.4", "5.4 ± 13.8", "0.9 ± 1.7", "–", "–", "–"),
+    ("normal", "stable"): ("-14.6 ± 49.7", "5.8 ± 17.4", "1.5 ± 2.2", "3.9 ± 3.0", "3.4 ± 2.9", "3.8 ± 2.2"),
+    ("stable", WINTER): ("8.2 ± 15.6", "16.8 ± 9.2", "2.4 ± 1.4", "7.5 ± 2.0", "7.4 ± 2.5", "0.8 ± 1.8"),
+    ("stable", "dynamic"): ("1.1 ± 15.3", "-20.7 ± 9.5", "-3.2 ± 1.6", "-6.5 ± 2.9", "-10.4 ± 4.5", "-4.1 ± 3.2"),
+    ("stable", "normal"): ("6.4 ± 15.3", "5.0 ± 9.8", "0.6 ± 3.6", "-3.7 ± 2.6", "-3.5 ± 3.5", "-3.3 ± 2.2"),
+    ("stable", "stable"): ("1.4 ± 14.7", "5.5 ± 10.2", "0.8 ± 2.6", "–", "–", "–"),
+}
+THESIS_LENGTHS = {"shank": ("-0.4 ± 2.8", "-6.0 ± 2.9"), "thigh": ("3.2 ± 5.3", "-6.5 ± 3.0")}
+THESIS_STRATEGIES = {
+    "dynamic": ("-0.2 ± 4.2", "-3.9 ± 5.4", "4.3 ± 2.4"),
+    "normal": ("1.0 ± 3.7", "-4.3 ± 5.7", "5.2 ± 4.1"),
+    "stable": ("0.3 ± 4.0", "-1.3 ± 3.6", "3.8 ± 2.8"),
+}
+MODELS = (WINTER, *ACTIONS)
+RELEASE, COP = 30.0, 5.0  # ms, mm: required medians
 
 
 @dataclass(frozen=True)
@@ -73,6 +89,160 @@ def vary(study: Path, place: Path, jobs: int) -> dict[str, pd.DataFrame]:
         found[name] = measure(study, other, settings, jobs).models
         shutil.rmtree(other)
     return found
+
+
+def pool(frame: pd.DataFrame, name: str, scale: float = 1.0, form: str = ".2f") -> str:
+    """Return mean ± standard deviation over the samples of several trials, which have equal weights."""
+    means, sds = frame[f"{name}_mean"].to_numpy() * scale, frame[f"{name}_sd"].to_numpy() * scale
+    if not np.isfinite(means).all():
+        return "–"
+    return f"{means.mean():{form}} ± {np.sqrt(np.mean(sds**2 + (means - means.mean()) ** 2)):{form}}"
+
+
+def wrench_cells(frame: pd.DataFrame) -> list[str]:
+    """Return the pooled errors of the wrench against the measurement."""
+    return [pool(frame, "Fy"), pool(frame, "tauz"), pool(frame, "cop", 100)]
+
+
+def spread(values: pd.Series[float], form: str = ".2f") -> str:
+    """Return mean ± standard deviation of values."""
+    return f"{values.mean():{form}} ± {values.std():{form}}"
+
+
+def table_6_3(found: pd.DataFrame) -> str:
+    """Return every model on every action, with the thesis's row below."""
+    head = ["action", "model", "", "condition", "Fy, N", "tauz, N·m", "CoP, cm", "tau 1, N·m", "tau 2", "tau 3"]
+    rows = []
+    for action in ACTIONS:
+        for model in MODELS:
+            here = found[(found["action"] == action) & (found["model"] == model)]
+            cells = [*wrench_cells(here), *(pool(here, f"t{j}") for j in (1, 2, 3))]
+            rows.append([action, model, "ours", spread(here["condition"], ".0f"), *cells])
+            rows.append(["", "", "thesis", THESIS_CONDITION[action], *THESIS[action, model]])
+    return markdown(head, rows)
+
+
+def true_torques(found: pd.DataFrame) -> str:
+    """Return the errors of every model on every action against the truth, mean ± standard deviation."""
+    head = ["action", "model", "Fy, N", "tauz, N·m", "CoP, mm", *(f"{joint} torque, N·m" for joint in JOINTS)]
+    rows = []
+    for action in ACTIONS:
+        for model in MODELS:
+            here = found[(found["action"] == action) & (found["model"] == model)]
+            cells = [pool(here, "true_Fy"), pool(here, "true_tauz"), pool(here, "true_CoP", 1e3)]
+            cells += [pool(here, f"true_tau_{j}") for j in (1, 2, 3)]
+            rows.append([action, model, *cells])
+    return markdown(head, rows)
+
+
+def people(found: pd.DataFrame) -> str:
+    """Return rms errors of every person's own models and of Winter's, against the truth."""
+    head = ["person", "CoP, mm: own", "Winter"]
+    head += [f"{joint}, N·m: {whose}" for joint in JOINTS for whose in ("own", "W.")]
+    rows = []
+    for subject, here in found.groupby("subject"):
+        cells = []
+        for name, scale in (("CoP", 1e3), *((f"tau_{j}", 1.0) for j in (1, 2, 3))):
+            cells += [f"{scale * value:.2f}" for value in own_and_table(here, name)]
+        rows.append([str(subject), *cells])
+    return markdown(head, rows)
+
+
+def own_and_table(here: pd.DataFrame, name: str) -> tuple[float, float]:
+    """Return rms errors of the own models and of Winter's over some trials, against the truth."""
+    column = f"true_{name}_rms"
+    return tuple(
+        float(np.sqrt(np.mean(part[column] ** 2))) for part in (here[here["own"]], here[here["model"] == WINTER])
+    )
+
+
+def lengths(found: pd.DataFrame) -> str:
+    """Return table 6.1, against the truth."""
+    rows = []
+    for name, (framework, stature) in THESIS_LENGTHS.items():
+        ours = [spread(found[name]), spread(found.groupby("subject")[f"{name} of stature"].first())]
+        rows.append([name, ours[0], framework, ours[1], stature])
+    return markdown(["error, %", "framework: ours", "thesis", "stature: ours", "thesis"], rows)
+
+
+def strategies(found: pd.DataFrame) -> str:
+    """Return table 6.2, against the truth."""
+    head = ["", *(f"{action}: {whose}" for action in ACTIONS for whose in ("ours", "thesis"))]
+    rows = []
+    for k, (name, column) in enumerate((("shank, %", "shank"), ("thigh, %", "thigh"), ("markers, mm", "markers"))):
+        cells = []
+        for action in ACTIONS:
+            cells += [spread(found[found["strategy"] == action][column]), THESIS_STRATEGIES[action][k]]
+        rows.append([name, *cells])
+    return markdown(head, rows)
+
+
+def events(found: pd.DataFrame) -> str:
+    """Return the share of repetitions that are right, and the errors of their events."""
+    head = ["strategy", "repetitions", "right"]
+    head += ["seat-off: median, ms", "90 %", "largest", "seat-on: median", "90 %", "largest"]
+    rows = []
+    for name, here in [*((action, found[found["strategy"] == action]) for action in ACTIONS), ("all", found)]:
+        cells = [f"{len(here)}", f"{100 * here['right'].mean():.0f} %"]
+        for event in ("seat_off", "seat_on"):
+            cells += [f"{value:.0f}" for value in np.nanquantile(here[event].abs(), (0.5, 0.9, 1.0))]
+        rows.append([name, *cells])
+    return markdown(head, rows)
+
+
+def other_events(found: pd.DataFrame) -> str:
+    """Return median differences of the events without an exact instant."""
+    names = {"start": "start of the rise", "stand": "upright", "end": "seated"}
+    return ", ".join(f"{name} {found[event].median():+.0f} ms" for event, name in names.items())
+
+
+def requirements(found: Mapping[str, Outcome]) -> str:
+    """Return the requirements and the results of both cohorts."""
+    columns = [list(_requirements(each)) for each in found.values()]
+    rows = [[*each[0][:2], *(text for _, _, text in each)] for each in zip(*columns, strict=True)]
+    return markdown(["quantity", "required", *found], rows)
+
+
+def _requirements(cohort: Outcome) -> Iterator[tuple[str, str, str]]:
+    """Yield quantity, requirement and result, which is bold if it does not meet the requirement."""
+
+    def in_bold(kept: bool, text: str) -> str:
+        return text if kept else f"**{text}**"
+
+    trials = cohort.models["trial"].nunique()
+    yield "trials with a model", "all", in_bold(not cohort.lost, f"{trials} of {trials + len(cohort.lost)}")
+    right = cohort.repetitions["right"]
+    yield "repetitions right", "100 %", in_bold(bool(right.all()), f"{right.sum()} of {len(right)}")
+    for event in ("seat_off", "seat_on"):
+        middle, most = np.nanquantile(cohort.repetitions[event].abs(), (0.5, 1.0))
+        limit = f"median {RELEASE:g} ms" if event == "seat_off" else "–"
+        kept = event == "seat_on" or middle <= RELEASE
+        yield event.replace("_", "-"), limit, in_bold(kept, f"median {middle:.0f}, largest {most:.0f} ms")
+    own = 1e3 * cohort.models[cohort.models["own"]]["true_CoP_rms"]
+    text = f"median {own.median():.2f}, largest {own.max():.2f} mm"
+    yield "own model's CoP", f"median {COP:g} mm", in_bold(own.median() <= COP, text)
+    for name, what in (("CoP", "CoP"), *((f"tau_{j}", f"{joint} torque") for j, joint in enumerate(JOINTS, start=1))):
+        pairs = [own_and_table(here, name) for _, here in cohort.models.groupby("subject")]
+        better = sum(mine < table for mine, table in pairs)
+        whole = own_and_table(cohort.models, name)
+        scale, unit = (1e3, "mm") if name == "CoP" else (1.0, "N·m")
+        text = f"{better} of {len(pairs)} ({scale * whole[0]:.2f} against {scale * whole[1]:.2f} {unit} rms)"
+        required = "in every person" if name == "CoP" else "all persons together"
+        kept = better == len(pairs) if name == "CoP" else whole[0] < whole[1]
+        yield f"own model's {what} nearer the truth than Winter's", required, in_bold(kept, text)
+
+
+def variants(found: Mapping[str, pd.DataFrame]) -> str:
+    """Return the own models with other settings of ``identify-dim``."""
+    head = ["`identify-dim`", "condition", "Fy, N", "tauz, N·m", "CoP, cm", "true CoP, mm rms"]
+    rows = []
+    for name, frame in found.items():
+        own, table = frame[frame["own"]], frame[frame["model"] == WINTER]
+        for whose, here in (("own", own), ("Winter", table)):
+            condition = f"{here['condition'].median():.0f}" if whose == "own" else ""
+            true = np.sqrt(np.mean((1e3 * here["true_CoP_rms"]) ** 2))
+            rows.append([name if whose == "own" else "", whose, condition, *wrench_cells(here), f"{true:.2f}"])
+    return markdown([head[0], "model", *head[1:]], rows)
 
 
 def main() -> None:

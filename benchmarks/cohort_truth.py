@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from dynamic_truth import TrialWithTruth, read
-from harness import DYNAMIC, SEGMENTS, read_group, rms
+from dynamic_truth import TrialWithTruth, read, true_series
+from harness import DYNAMIC, SEGMENTS, Run, read_group, rms
 from kinematic_sweep import SCORED
 from ruamel.yaml import YAML
 
@@ -20,7 +20,6 @@ from mocap_id.config import load
 from mocap_id.dynamics.comparison import centre_of_pressure
 from mocap_id.dynamics.parameter_transfer import transfer_parameters
 from mocap_id.runner import run_stage
-from mocap_id.store import Folder, LongTable, Table
 from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
 from mocap_id.workflows.matched_bodies import match_bodies
 from mocap_id.workflows.moving_bodies import MovingBodies
@@ -48,12 +47,7 @@ class Done:
     trial: Trial
     model: IdentifiedTrial
     truth: TrialWithTruth
-    out: Folder
-
-    @property
-    def torques(self) -> FloatArray:
-        """(F, 3) torques of the trial's own model, N·m."""
-        return self.model.dynamics[[f"tau_{j}" for j in range(1, SEGMENTS)]].to_numpy(dtype=np.float64)
+    run: Run
 
 
 def configure(study: Path, place: Path, settings: Mapping[str, Any]) -> list[tuple[Trial, Path]]:
@@ -81,9 +75,9 @@ def run(file: Path) -> str | None:
 
 def read_done(study: Path, trial: Trial, file: Path) -> Done | None:
     """Read a trial; None without four segments or without parameters."""
-    out = load(file).out
-    truth = read(study.parent / "truth" / trial.name / "truth.json", out)
-    return None if truth is None else Done(trial, open_identified_trial(out), truth, Folder(out))
+    run = Run(study.parent / "truth" / trial.name / "truth.json", load(file))
+    truth = read(run)
+    return None if truth is None else Done(trial, open_identified_trial(run.trial.out), truth, run)
 
 
 def models(trials: Sequence[Done]) -> pd.DataFrame:
@@ -138,9 +132,7 @@ def _true(target: Done, of_body: tuple[MovingBodies, FloatArray] | None) -> dict
         predicted = bodies.regressor @ full
         pressure = centre_of_pressure(predicted, model.cop_threshold)
         series = np.column_stack([predicted[:, 1:], pressure, bodies.torque_regressor @ full])
-    wrench = truth.true["wrench"]
-    true = np.column_stack([wrench[:, 1:], wrench[:, 2] / wrench[:, 1], truth.true["tau"]])
-    off = (series - true)[truth.off_seat]
+    off = (series - true_series(truth.true)[:, 1:])[truth.off_seat]
     parts = (("mean", np.nanmean(off, axis=0)), ("sd", np.nanstd(off, axis=0)), ("rms", rms(off)))
     return {f"true_{name}_{part}": values[k] for part, values in parts for k, name in enumerate(TRUTHS)}
 
@@ -155,8 +147,7 @@ def skeletons(trials: Sequence[Done]) -> pd.DataFrame:
         for name, length, share in zip(SCORED, lengths, (0.246, 0.245), strict=True):
             true = each.truth.truth["segment_lengths_m"][name]
             row |= {name: 100 * (length / true - 1), f"{name} of stature": 100 * (share * height / true - 1)}
-        markers = each.out.read("markers.parquet")
-        assert isinstance(markers, LongTable)
+        (markers,) = each.run.read("markers.parquet")
         rows.append(row | {"markers": 1e3 * float(rms(markers.values["residual"].ravel()))})
     return pd.DataFrame(rows)
 
@@ -165,8 +156,7 @@ def repetitions(trials: Sequence[Done]) -> pd.DataFrame:
     """Return a row for each true repetition: whether it was found, and the errors of its events, ms."""
     rows = []
     for each in trials:
-        events = each.out.read("events.parquet")
-        assert isinstance(events, Table)
+        (events,) = each.run.read("events.parquet")
         true = each.truth.truth["reps"]
         for k, one in enumerate(true):
             row: dict[str, Any] = {"strategy": each.trial.strategy, "trial": each.trial.name, "right": False}

@@ -7,24 +7,22 @@ seconds per trial and core.
 from __future__ import annotations
 
 import tempfile
+from collections import Counter
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, get_args
 
 import harness
 import numpy as np
-from harness import share, sizes
+from harness import QUANTILE, Run, rms, share, sizes
 
 from mocap_id.arrays import FloatArray
-from mocap_id.config import load
 from mocap_id.errors import MocapIdError
 from mocap_id.protocols.curl.compensation import fit_part_in_step
 from mocap_id.protocols.curl.repetitions import Curl
-from mocap_id.runner import run
 from mocap_id.simulation.arm import ArmOptions, write_arm
 from mocap_id.simulation.arm.options import CurlCondition, Preset
-from mocap_id.store import Folder
 
 PRESETS: tuple[Preset, ...] = ("default", "hard")
 CONDITIONS: tuple[CurlCondition, ...] = get_args(CurlCondition)
@@ -35,24 +33,31 @@ TIME_LIMIT, TORQUE_LIMIT = 60.0, 0.4  # ms, N·m
 
 @dataclass(frozen=True)
 class Curls:
-    """What came of one trial; arrays have a row for each curl."""
+    """Comparison of one trial with its truth; arrays have a row for each curl."""
 
-    preset: str
     level: str
     counted: bool  # the number of curls and of failed attempts is right
-    times: FloatArray  # (n, 3) errors of start, top and end, ms
-    ranges: FloatArray  # (n, 3) errors of the ranges of the shoulder's angles, °
-    inside: FloatArray  # (n, 3) 1 if the interval of the range holds the truth
-    width: FloatArray  # (n, 3) width of the interval, °
-    torque: FloatArray  # (2,) rms errors of the total torque and of the person's, N·m; NaN if unknown
-    within: FloatArray  # (2,) share of the samples within 1.96 standard deviations
-    in_step: FloatArray  # (3,) error of the axial rotation in step with the flexion, °, 1 if its interval holds, width
-    flexion: FloatArray  # (3,) rms error of the flexion's changes, °; share of the changes, and of the angles, within
+    times: FloatArray = field(default_factory=lambda: missing(0, 3))  # errors of start, top and end, ms
+    ranges: FloatArray = field(default_factory=lambda: missing(0, 3))  # errors of the ranges of the shoulder, °
+    inside: FloatArray = field(default_factory=lambda: missing(0, 3))  # 1 if the interval of the range has the truth
+    width: FloatArray = field(default_factory=lambda: missing(0, 3))  # width of the interval, °
+    torque: FloatArray = field(default_factory=lambda: missing(2))  # rms errors: total, the person's, N·m
+    within: FloatArray = field(default_factory=lambda: missing(2))  # share of the samples inside the intervals
+    in_step: FloatArray = field(default_factory=lambda: missing(3))
+    """Error of the axial rotation in step with the flexion, °; 1 if its interval has the truth; width."""
+    flexion: FloatArray = field(default_factory=lambda: missing(3))
+    """Rms error of the flexion's changes, °; share of the changes, and of the angles, inside the intervals."""
 
 
-def measure(task: tuple[Preset, int]) -> Curls:
+def missing(*shape: int) -> FloatArray:
+    """Return an array of NaN."""
+    return np.full(shape, np.nan)
+
+
+def measure(task: tuple[Preset, int, int]) -> Curls:
     """Simulate and run a calibration and a trial of curls, and compare the latter with its truth."""
-    preset, seed = task
+    preset, first, k = task
+    seed = first + k
     condition = CONDITIONS[seed % len(CONDITIONS)]
     with tempfile.TemporaryDirectory() as place:
         person = {"preset": preset, "subject": seed, "rate": 100.0}
@@ -67,78 +72,74 @@ def measure(task: tuple[Preset, int]) -> Curls:
             **person,
         )
         configuration = write_arm(Path(place) / "trial", options)
-        nothing = np.full((0, 3), np.nan)
         try:
-            outcome = run(load(configuration))
+            return compare(harness.run_trial(configuration))
         except MocapIdError as error:
-            return Curls(preset, type(error).__name__, False, *[nothing] * 4, *_unknown())
-        return compare(preset, outcome.folder, configuration)
+            return Curls(type(error).__name__, counted=False)
 
 
-def _unknown() -> list[FloatArray]:
-    return [np.full(size, np.nan) for size in (2, 2, 3, 3)]
-
-
-def compare(preset: str, folder: Path, configuration: Path) -> Curls:
+def compare(done: Run) -> Curls:
     """Compare the results of a trial with its truth."""
-    summary, truth, artefacts = harness.read_summary(folder), harness.read_truth(configuration), Folder(folder)
-    events, dynamics = (artefacts.read(name) for name in ("events.parquet", "dynamics.parquet"))
-    done, curls = events["complete"].astype(bool), truth["repetitions"]
+    summary, curls = done.summary, done.truth["repetitions"]
+    events, dynamics = done.read("events.parquet", "dynamics.parquet")
+    complete = events["complete"].astype(bool)
     counted = [summary["curls"][name] for name in ("count", "partial")]
-    right = counted == [len(curls), len(truth["partials"])] and done.sum() == len(curls)
-    times = ranges = inside = width = np.full((0, 3), np.nan)
+    right = counted == [len(curls), len(done.truth["partials"])] and complete.sum() == len(curls)
+    found = Curls(summary["verdict"]["level"], right)
     if right:
-        true = [[each["start"], (each["top"] + each["top_end"]) / 2, each["end"]] for each in curls]
-        times = 1e3 * (events.stack(["start", "top", "end"])[done] - np.array(true))
-        moved = [summary["curls"]["compensation"][f"shoulder_{name}"] for name in ANGLES]
-        exact = np.degrees([[each["compensation_rad"][name] for name in ANGLES] for each in curls])
-        found = np.array([one["range_deg"] for one in moved], dtype=float).T[done]
-        ends = np.array([[end or [np.nan] * 2 for end in one["interval_deg"]] for one in moved])
-        low, high = ends[..., 0].T[done], ends[..., 1].T[done]
-        ranges, width = found - exact, high - low
-        inside = np.where(np.isfinite(found), (exact >= low) & (exact <= high), np.nan)
-    torque, within, in_step, flexion = _unknown()
+        found = replace(found, **compare_curls(summary, events, complete, curls))
     if right and curls:
-        in_step, flexion = compare_angles(artefacts, configuration, curls)
+        found.in_step[:], found.flexion[:] = compare_angles(done, curls)
     if "elbow_torque" in dynamics.names and curls:
-        taus = harness.read_true_arrays(configuration, dynamics["time"], ["tau_total", "tau_human"])
+        taus = done.true(dynamics["time"], "tau_total", "tau_human")
         used = (dynamics["time"] >= curls[0]["start"]) & (dynamics["time"] <= curls[-1]["end"])
-        for k, (suffix, name) in enumerate((("", "tau_total"), ("_person", "tau_human"))):
-            error = (dynamics[f"elbow_torque{suffix}"] - taus[name])[used]
+        for k, (suffix, tau) in enumerate(zip(("", "_person"), taus, strict=True)):
+            error = (dynamics[f"elbow_torque{suffix}"] - tau)[used]
             if np.isfinite(error).any():
-                torque[k] = np.sqrt(np.nanmean(error**2))
-                within[k] = np.nanmean(np.abs(error) <= 1.96 * dynamics[f"sd_elbow_torque{suffix}"][used])
-    level = summary["verdict"]["level"]
-    return Curls(preset, level, right, times, ranges, inside, width, torque, within, in_step, flexion)
+                found.torque[k] = rms(error)
+                found.within[k] = np.nanmean(np.abs(error) <= QUANTILE * dynamics[f"sd_elbow_torque{suffix}"][used])
+    return found
 
 
-def compare_angles(
-    artefacts: Folder, configuration: Path, curls: Sequence[dict[str, float]]
-) -> tuple[FloatArray, FloatArray]:
+def compare_curls(summary: Any, events: Any, complete: Any, curls: Any) -> dict[str, FloatArray]:
+    """Return the errors of times and ranges of the complete curls."""
+    true = [[each["start"], (each["top"] + each["top_end"]) / 2, each["end"]] for each in curls]
+    moved = [summary["curls"]["compensation"][f"shoulder_{name}"] for name in ANGLES]
+    exact = np.degrees([[each["compensation_rad"][name] for name in ANGLES] for each in curls])
+    ranges = np.array([one["range_deg"] for one in moved], dtype=float).T[complete]
+    ends = np.array([[end or [np.nan] * 2 for end in one["interval_deg"]] for one in moved])
+    low, high = ends[..., 0].T[complete], ends[..., 1].T[complete]
+    return {
+        "times": 1e3 * (events.stack(["start", "top", "end"])[complete] - np.array(true)),
+        "ranges": ranges - exact,
+        "inside": np.where(np.isfinite(ranges), (exact >= low) & (exact <= high), np.nan),
+        "width": high - low,
+    }
+
+
+def compare_angles(done: Run, curls: Sequence[dict[str, float]]) -> tuple[FloatArray, FloatArray]:
     """Compare the axial rotation in step with the flexion, and the flexion."""
-    angles, facts = artefacts.read("angles.parquet"), artefacts.read("events.parquet").facts["curl"]
-    time, found = angles["time"], facts["in_step"].get("shoulder_axial")
-    true = harness.read_true_arrays(configuration, time, ["isb_shoulder", "isb_elbow"])
-    bent, axial = true["isb_elbow"][:, 0], true["isb_shoulder"][:, 2]
-    in_step, flexion = np.full(3, np.nan), np.full(3, np.nan)
+    angles, events = done.read("angles.parquet", "events.parquet")
+    time, found = angles["time"], events.facts["curl"]["in_step"].get("shoulder_axial")
+    shoulder, elbow = done.true(time, "isb_shoulder", "isb_elbow")
+    bent, axial, in_step, flexion = elbow[:, 0], shoulder[:, 2], missing(3), missing(3)
     if found is not None:
         first = [Curl(curls[0]["start"], curls[0]["top"], curls[0]["end"], 1.0, complete=True)]
         exact = fit_part_in_step(time, axial, np.zeros(len(time)), bent, None, first)
         low, high = found["interval_rad"]
-        held = low <= exact.range <= high
-        in_step[:] = np.degrees(found["range_rad"] - exact.range), held, np.degrees(high - low)
+        covered = low <= exact.range <= high
+        in_step[:] = np.degrees(found["range_rad"] - exact.range), covered, np.degrees(high - low)
     if "elbow_flexion" in angles.names:
         used = (time >= curls[0]["start"]) & (time <= curls[-1]["end"])
         error, sd = (angles["elbow_flexion"] - bent)[used], angles["sd_elbow_flexion"][used]
         change, whole = error - np.nanmean(error), np.hypot(sd, angles["constant_sd_elbow_flexion"][used])
-        flexion[0] = np.degrees(np.sqrt(np.nanmean(change**2)))
-        flexion[1:] = [np.nanmean(np.abs(off) <= 1.96 * each) for off, each in ((change, sd), (error, whole))]
+        flexion[0] = np.degrees(rms(change))
+        flexion[1:] = [np.nanmean(np.abs(off) <= QUANTILE * each) for off, each in ((change, sd), (error, whole))]
     return in_step, flexion
 
 
-def table(preset: str, outcomes: Sequence[Curls]) -> str:
+def table(preset: str, own: Sequence[Curls], _first: int) -> str:
     """Return the table of a preset."""
-    own = [each for each in outcomes if each.preset == preset]
 
     def stack(name: str) -> Any:
         return np.concatenate([np.atleast_2d(getattr(each, name)) for each in own]).T
@@ -164,21 +165,17 @@ def table(preset: str, outcomes: Sequence[Curls]) -> str:
     for name, errors, inside in zip(("total", "person's"), stack("torque"), stack("within"), strict=True):
         rows.append([f"{name} torque, rms, N·m", f"{TORQUE_LIMIT:g}", *sizes(errors, TORQUE_LIMIT, ".2f")])
         rows.append(held("samples inside 1.96 standard deviations", inside, ""))
-    levels = ", ".join(f"{level} {sum(e.level == level for e in own)}" for level in dict.fromkeys(e.level for e in own))
+    levels = ", ".join(f"{level} {count}" for level, count in Counter(each.level for each in own).items())
     head = f"**{preset}**, {len(own)} trials, {sum(len(each.times) for each in own)} curls. Verdicts: {levels}."
     return f"{head}\n\n" + harness.markdown(["quantity", "limit", "within it", "median", "80 %"], rows, numbers_from=1)
 
 
 def main() -> None:
-    """Measure trials of both presets, or those given by ``--only``."""
-    parser = harness.command_line(__doc__, parallel=True, trials=24, first=420_000)
-    parser.add_argument("--only", nargs="*", default=PRESETS, choices=PRESETS, help="presets to measure")
-    given = parser.parse_args()
-    tasks = [(preset, given.first + k) for preset in given.only for k in range(given.trials)]
-    outcomes = harness.run_all(measure, tasks, given.jobs)
+    """Measure trials of both presets, or the presets in ``--only``."""
+    given = harness.command_line(__doc__, parallel=True, only=PRESETS, trials=24, first=420_000).parse_args()
     about = harness.measured_by(__file__, f"{given.trials} trials a preset, seeds from {given.first}")
-    sections = {"curls": "\n\n".join([about, *(table(preset, outcomes) for preset in given.only)])}
-    harness.publish(sections, write=given.write)
+    tables = harness.measure_rows("curls", PRESETS, given, measure, table)
+    harness.publish({"curls": f"{about}\n\n{tables}"}, write=given.write)
 
 
 if __name__ == "__main__":

@@ -10,17 +10,18 @@ import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
+import harness
 import numpy as np
 from dynamic_sweep import ROWS, compare
 from dynamic_truth import NORMS, SERIES, UNITS, TrialWithTruth, last_frame_turn, read, true_centres
-from harness import DYNAMIC, command_line, markdown, measured_by, pairs, progress, publish, run_all, run_simulated
 
 from mocap_id.arrays import FloatArray
 from mocap_id.simulation import Options
 from mocap_id.stages.base import Context
 from mocap_id.stages.identify_dim import STAGE
-from mocap_id.store import Folder, Table, Tree
+from mocap_id.store import Table, Tree
 
 DIFFICULTIES = ("ordinary", "hard")
 
@@ -31,6 +32,11 @@ class Trial:
 
     context: Context
     done: TrialWithTruth
+
+    def with_inputs(self, **changes: Table | Tree) -> Trial:
+        """Replace inputs; a name has an underscore in the place of its dot."""
+        inputs = {name.replace("_", "."): artefact for name, artefact in changes.items()}
+        return replace(self, context=replace(self.context, inputs={**self.context.inputs, **inputs}))
 
 
 Variant = Callable[[Trial], Trial]
@@ -47,17 +53,16 @@ def _states(*orders: int) -> Variant:
             true[:, -1] += last_frame_turn(done.truth, done.chain) if order == 0 else 0.0
             for j, column in enumerate(true.T, start=1):
                 columns[f"{('theta', 'dtheta', 'ddtheta')[order]}_{j}"] = column
-        return _with(trial, {"states.parquet": table.with_columns(**columns)})
+        return trial.with_inputs(states_parquet=table.with_columns(**columns))
 
     return changed
 
 
 def _centres(trial: Trial) -> Trial:
     tree = trial.context.tree("chain.h5")
-    joints = tree.data["joints"]
-    assert isinstance(joints, Mapping)
+    joints: Any = tree.data["joints"]
     data = {**tree.data, "joints": {**joints, "centre": true_centres(trial.done)}}
-    return _with(trial, {"chain.h5": replace(tree, data=data)})
+    return trial.with_inputs(chain_h5=replace(tree, data=data))
 
 
 def _wrench(trial: Trial) -> Trial:
@@ -66,7 +71,7 @@ def _wrench(trial: Trial) -> Trial:
     columns = dict(zip(("Fx", "Fy", "tauz"), done.true["wrench"].T, strict=True))
     trial = replace(trial, done=replace(done, truth={**done.truth, "analog_offset_s": 0.0}))
     facts = {**table.facts, "analog_rate_hz": None}  # the true values are instantaneous, not means over a frame
-    return _with(trial, {"wrench.parquet": replace(table.with_columns(**columns), facts=facts)})
+    return trial.with_inputs(wrench_parquet=replace(table.with_columns(**columns), facts=facts))
 
 
 def _contact(trial: Trial) -> Trial:
@@ -77,7 +82,7 @@ def _contact(trial: Trial) -> Trial:
     table = trial.context.table("wrench.parquet")
     changed = table.with_columns(plate_ok=table["plate_ok"] & trial.done.off_seat)
     keys = trial.context.trial.model_copy(update={"protocol": "free"})
-    trial = _setting(clock_offset_limit_s=0.01)(_with(trial, {"wrench.parquet": changed}))
+    trial = _setting(clock_offset_limit_s=0.01)(trial.with_inputs(wrench_parquet=changed))
     return replace(trial, context=replace(trial.context, trial=keys))
 
 
@@ -96,10 +101,6 @@ def _all(*variants: Variant) -> Variant:
         return trial
 
     return changed
-
-
-def _with(trial: Trial, changes: Mapping[str, Table | Tree]) -> Trial:
-    return replace(trial, context=replace(trial.context, inputs={**trial.context.inputs, **changes}))
 
 
 REPLACED: Mapping[str, Variant] = {
@@ -132,15 +133,11 @@ COLUMNS = (*SERIES, *NORMS[2:], "offset")
 def measure(options: Options) -> FloatArray | None:
     """Return (V, 14) errors of every variant; None without four segments or without parameters."""
     with tempfile.TemporaryDirectory() as place:
-        run = run_simulated(Path(place) / "trial", options, DYNAMIC)
-        if run is None:
+        run = harness.run_simulated(Path(place) / "trial", options, harness.DYNAMIC)
+        if run is None or (done := read(run)) is None:
             return None
-        trial, configuration = run
-        done, folder = read(configuration, trial.out), Folder(trial.out)
-        inputs = {name: folder.read(name) for name in STAGE.inputs}
-    if done is None:
-        return None
-    whole = Trial(Context(trial.keys, trial.settings[STAGE.name], inputs), done)
+        inputs = dict(zip(STAGE.inputs, run.read(*STAGE.inputs), strict=True))
+    whole = Trial(Context(run.trial.keys, run.trial.settings[STAGE.name], inputs), done)
     return np.array([errors(whole, variant) for variant in (*REPLACED.values(), *CHANGED.values())])
 
 
@@ -148,8 +145,8 @@ def errors(trial: Trial, variant: Variant) -> FloatArray:
     """Return (14,) errors of :data:`COLUMNS`; NaN if nothing is identified."""
     changed = variant(trial)
     _, predicted, dynamics, _ = STAGE.function(changed.context)
-    if not (isinstance(predicted, Table) and isinstance(dynamics, Tree)):
-        raise TypeError("identify-dim returned other artefacts")
+    assert isinstance(predicted, Table)
+    assert isinstance(dynamics, Tree)
     if dynamics.facts["why"] is not None and not dynamics.facts["untold"]:
         return np.full(len(COLUMNS), np.nan)
     done = replace(changed.done, chain=changed.context.tree("chain.h5"), predicted=predicted, dynamics=dynamics)
@@ -162,21 +159,21 @@ def table(found: FloatArray) -> str:
     units = dict(zip(SERIES, UNITS, strict=True)) | {"offset": "ms"}
     head = ["", *(f"{name}, {units.get(name, '%')}" for name in COLUMNS)]
     names = (*REPLACED, *(f"`{name}`" for name in CHANGED))
-    return markdown(head, [[name, *pairs(found[:, k], ".2g")] for k, name in enumerate(names)])
+    return harness.markdown(head, [[name, *harness.pairs(found[:, k], ".2g")] for k, name in enumerate(names)])
 
 
 def main() -> None:
     """Measure ordinary and hard trials."""
-    arguments = command_line(__doc__, parallel=True, trials=30, first=950_000).parse_args()
+    arguments = harness.command_line(__doc__, parallel=True, trials=30, first=950_000).parse_args()
     trials, first = arguments.trials, arguments.first
     text = f"{trials} simulated sit-to-stands per table, seeds from {first}, with two repetitions each"
-    sections = {"dynamic-sources": measured_by(__file__, text)}
+    sections = {"dynamic-sources": harness.measured_by(__file__, text)}
     for k, row in enumerate(DIFFICULTIES):
         tasks = [replace(ROWS[row], seed=first + k * trials + j) for j in range(trials)]
-        found = [result for result in run_all(measure, tasks, arguments.jobs) if result is not None]
-        progress(f"{row}: {len(found)} of {trials} trials")
+        found = harness.measure_all(measure, tasks, arguments.jobs)
+        harness.progress(f"{row}: {len(found)} of {trials} trials")
         sections[f"dynamic-sources-{row}"] = table(np.array(found))
-    publish(sections, write=arguments.write)
+    harness.publish(sections, write=arguments.write)
 
 
 if __name__ == "__main__":

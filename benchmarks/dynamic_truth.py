@@ -9,55 +9,41 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from harness import JOINTS, SEGMENTS, read_artefacts, read_group, read_true_arrays, read_truth, rms
+from harness import JOINTS, SEGMENTS, Run, read_group, rms, state_arrays
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics import planar_regressor, structural_base
 from mocap_id.geometry import planar
-from mocap_id.store import Folder, Table, Tree
+from mocap_id.store import Table, Tree
 
 BASE = ("Σm", "mx1", "mx2", "my2", "I2", "mx3", "my3", "I3", "mx4", "my4", "I4")
 NORMS = ("mass", "mx1", "(mx, my)2", "I2", "(mx, my)3", "I3", "(mx, my)4", "I4")
 WRENCH = ("Fx", "Fy", "tauz")
 SERIES = (*WRENCH, "CoP", *JOINTS)
+TITLES = (*WRENCH, "CoP", *(f"{joint} torque" for joint in JOINTS))
 UNITS = ("N", "N", "N·m", "mm", "N·m", "N·m", "N·m")
 SCALE = np.array([1, 1, 1, 1e3, 1, 1, 1])
 
 
 @dataclass(frozen=True)
 class TrialWithTruth:
-    """A simulated trial that went through ``identify-dim``, and its truth.
+    """A simulated trial that went through ``identify-dim``, and its truth."""
 
-    Parameters
-    ----------
-    time : (F,) array
-        s.
-    chain, dynamics : Tree
-    states, predicted : Table
-        ``states.parquet`` and ``dynamics.parquet``.
-    truth : dict
-        ``truth.json``.
-    true : dict of arrays
-        ``truth.npz`` at ``time``.
-    """
-
-    time: FloatArray
+    time: FloatArray  # (F,) s
     chain: Tree
     dynamics: Tree
     states: Table
-    predicted: Table
-    truth: Mapping[str, Any]
-    true: Mapping[str, FloatArray]
+    predicted: Table  # dynamics.parquet
+    truth: Mapping[str, Any]  # truth.json
+    true: Mapping[str, FloatArray]  # truth.npz at ``time``
 
     @property
     def off_seat(self) -> BoolArray:
         """(F,) samples from a seat-off to its seat-on, where the force of the chair is exactly zero."""
-        pairs = [(one["seat_off"], one["seat_on"]) for one in self.truth["reps"]]
-        return np.asarray(np.any([(self.time >= start) & (self.time <= end) for start, end in pairs], axis=0))
+        return find_off_seat(self.time, self.truth)
 
     @property
     def base(self) -> Mapping[str, FloatArray]:
@@ -73,15 +59,21 @@ class TrialWithTruth:
         return {str(name): (int(segment), local) for name, segment, local in rows}
 
 
-def read(configuration: Path, out: Path) -> TrialWithTruth | None:
-    """Read a simulated trial and its truth; None without four segments or without parameters."""
+def find_off_seat(time: FloatArray, truth: Mapping[str, Any]) -> BoolArray:
+    """Return which samples (F,) are between a seat-off and its seat-on."""
+    inside = [(time >= one["seat_off"]) & (time <= one["seat_on"]) for one in truth["reps"]]
+    return np.asarray(np.any(inside, axis=0))
+
+
+def read(done: Run) -> TrialWithTruth | None:
+    """Read a simulated trial and its truth; return None without four segments or without parameters."""
     names = ("chain.h5", "dynamics.h5", "states.parquet", "dynamics.parquet")
-    chain, dynamics, states, predicted = read_artefacts(Folder(out), *names)
+    chain, dynamics, states, predicted = done.read(*names)
     if len(read_group(chain, "joints")["centre"]) != SEGMENTS - 1 or dynamics.facts["why"] is not None:
         return None
-    time = states.frame["time"].to_numpy(dtype=np.float64)
-    true = read_true_arrays(configuration, time, ("q", "qd", "qdd", "wrench", "tau"))
-    return TrialWithTruth(time, chain, dynamics, states, predicted, read_truth(configuration), true)
+    keys, time = ("q", "qd", "qdd", "wrench", "tau"), states["time"]
+    true = dict(zip(keys, done.true(time, *keys), strict=True))
+    return TrialWithTruth(time, chain, dynamics, states, predicted, done.truth, true)
 
 
 def last_frame_turn(truth: Mapping[str, Any], chain: Tree) -> float:
@@ -111,16 +103,16 @@ def norms(base: FloatArray) -> FloatArray:
     return np.append(base[:2], np.column_stack([np.hypot(blocks[:, 0], blocks[:, 1]), blocks[:, 2]]))
 
 
-def true_series(done: TrialWithTruth) -> FloatArray:
+def true_series(true: Mapping[str, FloatArray]) -> FloatArray:
     """Return (F, 7) true wrench, N and N·m, centre of pressure, m, and torques, N·m."""
-    wrench = done.true["wrench"]
-    return np.column_stack([wrench, wrench[:, 2] / wrench[:, 1], done.true["tau"]])
+    wrench = true["wrench"]
+    return np.column_stack([wrench, wrench[:, 2] / wrench[:, 1], true["tau"]])
 
 
-def series(done: TrialWithTruth, prefix: str = "") -> FloatArray:
+def series(predicted: Table, prefix: str = "") -> FloatArray:
     """Return (F, 7) wrench, centre of pressure and torques of the model, or with ``sd_`` their standard deviations."""
     names = [f"{name}_model" for name in (*WRENCH, "cop_x")] + [f"tau_{j}" for j in range(1, SEGMENTS)]
-    return done.predicted.frame[[prefix + name for name in names]].to_numpy(dtype=np.float64)
+    return predicted.stack([prefix + name for name in names])
 
 
 def transfer_parameters(fitted: TrialWithTruth, other: TrialWithTruth) -> FloatArray:
@@ -145,13 +137,9 @@ def transfer_parameters(fitted: TrialWithTruth, other: TrialWithTruth) -> FloatA
 
 def wrench_errors(done: TrialWithTruth, base: FloatArray) -> FloatArray:
     """Return (4,) rms errors off the seat of Fx, Fy, tauz and centre of pressure (mm) with base parameters (b,)."""
-    joints = range(1, SEGMENTS)
-    q, dq, ddq = (
-        done.states.frame[[f"{name}_{j}" for j in joints]].to_numpy(dtype=np.float64)
-        for name in ("theta", "dtheta", "ddtheta")
-    )
+    q, dq, ddq = np.moveaxis(state_arrays(done.states), 2, 0)
     centres = read_group(done.chain, "joints")["centre"]
     regressor = planar_regressor(centres, q, dq, ddq, done.truth["g"])
     wrench = regressor[:, :, structural_base(centres).kept] @ base
     model = np.column_stack([wrench, wrench[:, 2] / wrench[:, 1]])
-    return np.asarray(rms((model - true_series(done)[:, :4])[done.off_seat]) * SCALE[:4])
+    return np.asarray(rms((model - true_series(done.true)[:, :4])[done.off_seat]) * SCALE[:4])

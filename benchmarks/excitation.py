@@ -1,28 +1,192 @@
 """Advised movements compared with their prediction, on simulated bodies.
 
-A body makes a movement that determines little. ``mocap-id advise`` suggests another one. The same body makes it in a
-new simulated recording, which goes through the whole pipeline. About fifteen seconds per body and core.
+A body makes a movement that determines little. ``mocap-id advise`` suggests another movement. The same body makes it in
+a new simulated recording, which goes through the whole pipeline. About fifteen seconds per body and core.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import tempfile
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
+import harness
 import numpy as np
-from excitation_bodies import KINDS, Case, Recorded, Result, measure
-from harness import QUANTILE, command_line, markdown, measured_by, publish, run_all
+from dynamic_truth import last_frame_turn
 
 from mocap_id.arrays import BoolArray, FloatArray
+from mocap_id.config import load
 from mocap_id.design.proposal import Proposal
+from mocap_id.design.trajectory import Trajectory
+from mocap_id.dynamics.base_parameters import structural_base
 from mocap_id.dynamics.excitation import classify
+from mocap_id.errors import MocapIdError
+from mocap_id.geometry import planar
+from mocap_id.runner import run_to
+from mocap_id.simulation import JointMotion, Options, motion_through, simulate
+from mocap_id.simulation.body import draw_subject
+from mocap_id.simulation.joint_motion import smoothstep
+from mocap_id.workflows.advice import AdviceOptions, advise
+
+KINDS, MOVEMENTS = ("robot", "stand", "rise"), ("designed", "simple")
+NOISY: Mapping[str, tuple[float, float]] = {"robot": (0.002, 4.0)}  # m, and times the plate's usual noise
+PAD, STEP, FADE = 2.0, 0.02, 2.0  # s: rest before and after, time step of a motion, fade before a cut
+CUT = 0.05  # rad between samples: a larger step separates the trial's own movement from the next
 
 
-def achieved(results: Sequence[Result]) -> Iterator[tuple[Result, str, Proposal, Recorded]]:
-    """Yield every movement that was carried out and identified."""
-    for result in results:
-        for name, (proposal, came) in result.advised.items():
-            if isinstance(came, Recorded):
-                yield result, name, proposal, came
+@dataclass(frozen=True)
+class Case:
+    """A kind of body with its first movement."""
+
+    kind: str
+    seed: int
+    objective: str = "intervals"
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """Result of a recording and its truth."""
+
+    value: FloatArray  # (b,) parameters
+    sd: FloatArray  # (b,)
+    true: FloatArray  # (b,)
+    condition: float
+    turn: float  # rotation of the last frame, rad
+    side: int  # -1 if x of the plane points opposite to x of the truth, else 1
+    pressure: tuple[float, float]  # range of the true centre of pressure, m
+
+
+@dataclass(frozen=True)
+class Result:
+    """A body before and after the advice."""
+
+    case: Case
+    names: tuple[str, ...]
+    size: FloatArray
+    before: Recorded
+    advised: Mapping[str, tuple[Proposal, Recorded | str]]  # each proposal with its result or failure
+    helps: bool
+    support: tuple[float, float] | None
+
+    @property
+    def improvable(self) -> BoolArray:
+        """Which parameters (b,) a movement can improve: not the mass, nor mx1 of a robot."""
+        return np.arange(len(self.names)) > (1 if self.case.kind == "robot" else 0)
+
+
+def swing(joints: int, rest: FloatArray, size: FloatArray, frequency: FloatArray, seconds: float) -> JointMotion:
+    """Return a slow movement from a posture: (n,) amplitudes, rad, and frequencies, Hz."""
+    time = np.arange(0.0, seconds, STEP)
+    near = smoothstep((np.minimum(time, seconds - time) - 0.5) / 2.0)
+    q = rest + near[:, None] * size * (1 - np.cos(2 * np.pi * np.multiply.outer(time, frequency))) / 2
+    return smooth_motion(time, q)
+
+
+def smooth_motion(time: FloatArray, q: FloatArray) -> JointMotion:
+    """Return a motion through angles (T, n), with rest before and after it."""
+    even = np.arange(-PAD, time[-1] - time[0] + PAD, STEP)
+    columns = [np.interp(even, time - time[0], column) for column in q.T]
+    return motion_through(even, np.column_stack(columns), float(time[-1] - time[0]))
+
+
+def make_movement(course: Trajectory, rest: FloatArray, before: Recorded) -> JointMotion:
+    """Return an advised movement without gaps and jumps, with angles in the frames of the truth."""
+    q = np.column_stack([np.interp(course.time, course.time[np.isfinite(c)], c[np.isfinite(c)]) for c in course.q.T])
+    for cut in np.flatnonzero(np.abs(np.diff(q, axis=0)).max(axis=1) > CUT):
+        left = np.where(np.arange(len(q)) <= cut, course.time[cut] - course.time, np.inf)
+        q = rest + smoothstep(left / FADE)[:, None] * (q - rest)
+    q = before.side * q
+    q[:, -1] -= before.turn
+    return smooth_motion(course.time, q)
+
+
+def record(place: Path, case: Case, options: Options, motion: JointMotion | None) -> Recorded:
+    """Simulate a recording, run it, and read the result with its truth."""
+    configuration = simulate("robot" if case.kind == "robot" else "sit-to-stand", place, options, motion)
+    trial = load(configuration)
+    outcome = run_to(trial, "identify-dim")
+    if outcome.refused is not None:
+        raise outcome.refused
+    return read(harness.Run(configuration, trial))
+
+
+def read(done: harness.Run) -> Recorded:
+    """Read an identified recording and its truth."""
+    dynamics, chain, states = done.read("dynamics.h5", "chain.h5", "states.parquet")
+    segments, base = done.truth["segments"], dynamics.data["base"]
+    count = len(chain.data["joints"]["centre"]) + 1
+    if count != len(segments):
+        raise MocapIdError(f"found {count} segments, expected {len(segments)}")
+    if dynamics.facts["why"] is not None:
+        raise MocapIdError(dynamics.facts["why"])
+    rate, x = done.true(states["time"], "qd")[0][:, 0], states["dtheta_1"]
+    turn, side = last_frame_turn(done.truth, chain), 1 if np.nansum(x * rate) > 0 else -1
+    full = np.array([[s["m"], s["mx"], s["my"], s["Izz"]] for s in segments])
+    full[-1, 1:3] = planar.rotate(np.array(-turn), full[-1, 1:3])
+    centres = np.array([s["p_in_parent_m"] for s in segments[1:]])
+    full[:, 1] *= side
+    centres[:, 0] *= side
+    true = structural_base(centres).regrouping @ full.reshape(-1)
+    condition = float(dynamics.facts["condition_number"])
+    with np.load(done.configuration.with_name("truth.npz")) as arrays:
+        pressure = side * arrays["cop_x"].astype(np.float64)
+    reach = float(pressure.min()), float(pressure.max())
+    return Recorded(np.asarray(base["value"]), np.asarray(base["sd"]), true, condition, turn, side, reach)
+
+
+def first_motion(case: Case) -> JointMotion | None:
+    """Return the movement before the advice; None for sit-to-stands."""
+    rng = np.random.default_rng(case.seed)
+    if case.kind == "robot":
+        start = rng.uniform(-0.5, 0.5, 1)
+        return swing(1, start, rng.uniform(0.12, 0.2, 1), rng.uniform(0.07, 0.12, 1), 24.0)
+    if case.kind == "stand":
+        size = np.radians(rng.uniform([8, -45, 15], [12, -35, 25]))
+        return swing(3, np.radians([2.0, -3.0, 5.0]), size, np.array([0.2, 0.2, 0.2]), 24.0)
+    return None
+
+
+def measure(case: Case) -> Result | str:
+    """Return one body before and after the advice, or why there is no advice."""
+    subject = draw_subject(case.seed, 1)
+    marker, plate = NOISY.get(case.kind, (Options.marker_noise, Options.plate_noise))
+    options = [
+        Options(seed=case.seed + k, subject=subject, repetitions=2, marker_noise=marker, plate_noise=plate)
+        for k in range(3)
+    ]
+    with tempfile.TemporaryDirectory() as place:
+        try:
+            before = record(Path(place) / "before", case, options[0], first_motion(case))
+            wishes = AdviceOptions(case.objective)
+            if case.kind == "stand":  # a person may bend knees and hips further than before
+                wishes = AdviceOptions(case.objective, angles={"joint 2": (-90.0, 0.0)}, widen=20.0)
+            advised = advise(Path(place) / "before" / "trial.yaml", wishes)
+        except MocapIdError as error:
+            return f"{case.kind} {case.seed}: {error}"
+        simple = next((each for each in advised.design.simple if not each.own), None)
+        done: dict[str, tuple[Proposal, Recorded | str]] = {}
+        for name, proposal in zip(MOVEMENTS, (advised.design.designed, simple), strict=True):
+            if proposal is None:
+                continue
+            motion = make_movement(proposal.trajectory, advised.design.rest, before)
+            try:
+                done[name] = proposal, record(Path(place) / name, case, options[len(done) + 1], motion)
+            except MocapIdError as error:
+                done[name] = proposal, str(error)
+    found = advised.design
+    return Result(case, advised.names, found.size, before, done, found.helps, advised.limits.support)
+
+
+Achieved = tuple[Result, Proposal, Recorded]
+
+
+def achieved(results: Sequence[Result]) -> Iterator[tuple[str, str, list[Achieved]]]:
+    """Yield each kind of body and movement, with the movements that were carried out and identified."""
+    for kind in KINDS:
+        for name in MOVEMENTS:
+            advised = [(r, *r.advised[name]) for r in results if r.case.kind == kind and name in r.advised]
+            yield kind, name, [(r, p, c) for r, p, c in advised if isinstance(c, Recorded)]
 
 
 def spread(values: FloatArray, form: str = "{:.2f}") -> str:
@@ -32,45 +196,37 @@ def spread(values: FloatArray, form: str = "{:.2f}") -> str:
     return f"{form} ({form} to {form})".format(np.median(values), values.min(), values.max())
 
 
-def moved(result: Result) -> BoolArray:
-    """Return which parameters (b,) a movement can improve: not the mass, nor a robot's mx1."""
-    return np.arange(len(result.names)) > (1 if result.case.kind == "robot" else 0)
-
-
 def prediction_table(results: Sequence[Result]) -> str:
     """Return predicted divided by achieved condition numbers and standard deviations."""
     head = ["body", "movement", "recordings", "condition number", "standard deviations"]
     head.append("of them within a factor of 1.5")
     rows = []
-    for kind in KINDS:
-        for name in ("designed", "simple"):
-            own = [(r, p, c) for r, movement, p, c in achieved(results) if r.case.kind == kind and movement == name]
-            conditions = np.array([p.predicted.condition / c.condition for _, p, c in own])
-            ratios = np.concatenate([np.zeros(0), *((p.predicted.sd / c.sd)[moved(r)] for r, p, c in own)])
-            near = f"{100 * np.mean(np.abs(np.log(ratios)) <= np.log(1.5)):.0f} %" if len(ratios) else "–"
-            rows.append([kind, name, str(len(own)), spread(conditions, "{:.3f}"), spread(ratios), near])
-    return markdown(head, rows)
+    for kind, name, own in achieved(results):
+        conditions = np.array([p.predicted.condition / c.condition for _, p, c in own])
+        ratios = np.concatenate([np.zeros(0), *((p.predicted.sd / c.sd)[r.improvable] for r, p, c in own)])
+        near = f"{100 * np.mean(np.abs(np.log(ratios)) <= np.log(1.5)):.0f} %" if len(ratios) else "–"
+        rows.append([kind, name, str(len(own)), spread(conditions, "{:.3f}"), spread(ratios), near])
+    return harness.markdown(head, rows)
 
 
 def gain_table(results: Sequence[Result]) -> str:
     """Return condition number, standard deviations and errors, before and after."""
     head = ["body", "movement", "condition number", "sd by size, %", "error by size, %", "largest sd by size, %"]
     head.append("truth inside 95 %")
+    after = {(kind, name): [(r, c) for r, _, c in own] for kind, name, own in achieved(results)}
     rows = []
     for kind in KINDS:
-        own = [r for r in results if r.case.kind == kind]
-        groups = {"unchanged": [(r, r.before) for r in own]}
-        for name in ("simple", "designed"):
-            groups[name] = [(r, c) for r, movement, _, c in achieved(own) if movement == name]
+        groups = {"unchanged": [(r, r.before) for r in results if r.case.kind == kind]}
+        groups |= {name: after[kind, name] for name in reversed(MOVEMENTS)}
         for name, pairs in groups.items():
             if pairs:
-                sd = np.array([(c.sd / r.size)[moved(r)] for r, c in pairs])
-                error = np.array([((c.value - c.true) / r.size)[moved(r)] for r, c in pairs])
-                inside = np.abs(error) <= QUANTILE * sd
-                shown = [f"{np.median([c.condition for _, c in pairs]):.3g}", f"{100 * np.median(sd):.2g}"]
-                shown += [f"{100 * np.sqrt(np.mean(error**2)):.2g}", f"{100 * np.median(sd.max(axis=1)):.2g}"]
-                rows.append([kind, name, *shown, f"{100 * inside.mean():.0f} %"])
-    return markdown(head, rows)
+                sd = np.array([(c.sd / r.size)[r.improvable] for r, c in pairs])
+                error = np.array([((c.value - c.true) / r.size)[r.improvable] for r, c in pairs])
+                inside = np.abs(error) <= harness.QUANTILE * sd
+                shares = np.median(sd), np.sqrt(np.mean(error**2)), np.median(sd.max(axis=1))
+                texts = [f"{np.median([c.condition for _, c in pairs]):.3g}", *(f"{100 * one:.2g}" for one in shares)]
+                rows.append([kind, name, *texts, f"{100 * inside.mean():.0f} %"])
+    return harness.markdown(head, rows)
 
 
 def promise_table(results: Sequence[Result]) -> str:
@@ -78,27 +234,25 @@ def promise_table(results: Sequence[Result]) -> str:
     head = ["body", "movement", "not known before", "predicted to be known", "known", "predicted, but not known"]
     head.append("recordings without parameters")
     rows = []
-    for kind in KINDS:
-        for name in ("designed", "simple"):
-            own = [r for r in results if r.case.kind == kind and name in r.advised]
-            failed = [r for r in own if not isinstance(r.advised[name][1], Recorded)]
-            weak = promised = kept = 0
-            for r, movement, proposal, came in achieved(own):
-                if movement != name:
-                    continue
-                doubtful = [i for i, sd in enumerate(r.before.sd / r.size) if classify(float(sd)) != "known"]
-                sure = [i for i in doubtful if classify(float(proposal.predicted.sd[i] / r.size[i])) == "known"]
-                weak, promised = weak + len(doubtful), promised + len(sure)
-                kept += sum(classify(float(came.sd[i] / r.size[i])) == "known" for i in sure)
-            rows.append([kind, name, str(weak), str(promised), str(kept), str(promised - kept), str(len(failed))])
-    return markdown(head, rows)
+    for kind, name, own in achieved(results):
+        tried = sum(r.case.kind == kind and name in r.advised for r in results)
+        weak = promised = kept = 0
+        for r, proposal, came in own:
+            doubtful = [i for i, sd in enumerate(r.before.sd / r.size) if classify(float(sd)) != "known"]
+            sure = [i for i in doubtful if classify(float(proposal.predicted.sd[i] / r.size[i])) == "known"]
+            weak, promised = weak + len(doubtful), promised + len(sure)
+            kept += sum(classify(float(came.sd[i] / r.size[i])) == "known" for i in sure)
+        counts = (weak, promised, kept, promised - kept, tried - len(own))
+        rows.append([kind, name, *map(str, counts)])
+    return harness.markdown(head, rows)
 
 
 def balance(results: Sequence[Result]) -> str:
     """Return how far the true centre of pressure leaves the limits, in recordings of the advised movement only."""
     beyond = [
         1e3 * max(r.support[0] - c.pressure[0], c.pressure[1] - r.support[1], 0.0)
-        for r, _, p, c in achieved(results)
+        for _, _, own in achieved(results)
+        for r, p, c in own
         if r.support is not None and p.standalone
     ]
     outside = sum(value > 0 for value in beyond)
@@ -109,34 +263,30 @@ def examples(results: Sequence[Result]) -> str:
     """Return the advice to the first body of each kind."""
     lines = []
     for kind in KINDS:
-        first = next((r for r in results if r.case.kind == kind), None)
-        for name, (proposal, came) in ({} if first is None else first.advised).items():
-            assert first is not None
-            after = f"{came.condition:.0f}" if isinstance(came, Recorded) else str(came)
-            lines.append(
-                f"- *{kind}*, {name}: {proposal.words}. Condition number {first.before.condition:.0f}, predicted "
-                f"{proposal.predicted.condition:.0f}, achieved {after}."
-            )
+        for first in [r for r in results if r.case.kind == kind][:1]:
+            for name, (proposal, came) in first.advised.items():
+                after = f"{came.condition:.0f}" if isinstance(came, Recorded) else came
+                lines.append(
+                    f"- *{kind}*, {name}: {proposal.words}. Condition number {first.before.condition:.0f}, predicted "
+                    f"{proposal.predicted.condition:.0f}, achieved {after}."
+                )
     return "\n".join(lines)
 
 
 def main() -> None:
     """Measure all bodies."""
-    arguments = command_line(__doc__, parallel=True, bodies=5, first=960_000).parse_args()
-    cases = [Case(kind, arguments.first + 10 * k) for kind in KINDS for k in range(arguments.bodies)]
-    found = run_all(measure, cases, arguments.jobs)
-    lost = "; ".join(each for each in found if isinstance(each, str)) or "none"
+    given = harness.command_line(__doc__, parallel=True, bodies=5, first=960_000).parse_args()
+    cases = [Case(kind, given.first + 10 * k) for kind in KINDS for k in range(given.bodies)]
+    found = harness.run_all(measure, cases, given.jobs)
+    without = "; ".join(each for each in found if isinstance(each, str)) or "none"
     results = [each for each in found if isinstance(each, Result)]
-    helped = [
-        f"{sum(r.helps for r in own)} of {len(own)} ({kind})"
-        for kind in KINDS
-        for own in [[r for r in results if r.case.kind == kind]]
-    ]
+    helped = []
+    for kind in KINDS:
+        helps = [r.helps for r in results if r.case.kind == kind]
+        helped.append(f"{sum(helps)} of {len(helps)} ({kind})")
+    source = f"{given.bodies} simulated bodies of each kind, seeds from {given.first}"
     sections = {
-        "excitation": measured_by(
-            __file__, f"{arguments.bodies} simulated bodies of each kind, seeds from {arguments.first}"
-        )
-        + f" Recordings without advice: {lost}.",
+        "excitation": f"{harness.measured_by(__file__, source)} Recordings without advice: {without}.",
         "excitation-predictions": prediction_table(results),
         "excitation-gains": gain_table(results),
         "excitation-promises": promise_table(results),
@@ -144,7 +294,7 @@ def main() -> None:
         f"person's true centre of pressure left the limits in {balance(results)}.",
         "excitation-examples": examples(results),
     }
-    publish(sections, write=arguments.write)
+    harness.publish(sections, write=given.write)
 
 
 if __name__ == "__main__":

@@ -7,6 +7,7 @@ and core.
 
 from __future__ import annotations
 
+import json
 import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
@@ -90,25 +91,16 @@ FAULTS: Mapping[str, Options] = {
 
 
 CASES = {**SETS, **FAULTS}
+KINDS = ("right", "said", "invisible", "silent")
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of one trial.
+    """Result of one trial."""
 
-    Parameters
-    ----------
-    wrong : tuple of str
-        Quantities beyond the limits.
-    codes : tuple of str
-        Codes of the verdict, or of the refusal or error; empty if the verdict is ``ok``.
-    invisible : str
-        Beginning of the names of quantities that no check can show in every trial.
-    """
-
-    wrong: tuple[str, ...]
-    codes: tuple[str, ...]
-    invisible: str = ""
+    wrong: tuple[str, ...]  # quantities beyond the limits
+    codes: tuple[str, ...]  # of the verdict, or of the refusal or error; empty if the verdict is ``ok``
+    invisible: str = ""  # start of the names of quantities that no check can show in every trial
 
     @property
     def kind(self) -> str:
@@ -132,17 +124,16 @@ def measure(task: tuple[str, int]) -> Outcome:
         summary_file = next(Path(place).rglob("summary.json"), None)
         if summary_file is None:
             return Outcome(("no result",), ("refused",))
-        summary = harness.read_summary(summary_file.parent)
+        summary = json.loads(summary_file.read_text("utf-8"))
         codes = tuple(reason["code"] for reason in summary["verdict"]["reasons"])
         if done is None:
             return Outcome(("no result",), codes or ("refused",))
-        trial, configuration = done
-        return Outcome(tuple(wrong_quantities(summary, configuration, trial.out)), codes, INVISIBLE.get(case, ""))
+        return Outcome(tuple(wrong_quantities(done)), codes, INVISIBLE.get(case, ""))
 
 
-def wrong_quantities(summary: Mapping[str, Any], configuration: Path, out: Path) -> Iterator[str]:
+def wrong_quantities(run: harness.Run) -> Iterator[str]:
     """Yield the quantities of a finished trial that are beyond the limits."""
-    truth = harness.read_truth(configuration)
+    truth, summary = run.truth, run.summary
     lifted = int(summary["segments"]["names"][0] == "ground")  # the foot is a segment on the ground
     if summary["segments"]["count"] != harness.SEGMENTS + lifted or _misplaced(summary, truth, lifted):
         yield "segments"
@@ -153,7 +144,7 @@ def wrong_quantities(summary: Mapping[str, Any], configuration: Path, out: Path)
             yield f"length {name}"
         elif abs(length["value"] - true) > INTERVAL * harness.QUANTILE * length["sd"]:
             yield f"interval of length {name}"
-    done = dynamic_truth.read(configuration, out)
+    done = dynamic_truth.read(run)
     if done is None:
         return
     sign = np.sign(np.corrcoef(_known(done.states["theta_1"], done.true["q"][:, 0]))[0, 1])
@@ -190,7 +181,7 @@ def _wrong_states(done: dynamic_truth.TrialWithTruth, sign: float) -> Iterator[s
 
 
 def _wrong_forces(done: dynamic_truth.TrialWithTruth, signs: FloatArray) -> Iterator[str]:
-    error = dynamic_truth.series(done) - signs * dynamic_truth.true_series(done)
+    error = dynamic_truth.series(done.predicted) - signs * dynamic_truth.true_series(done.true)
     rms: FloatArray = harness.rms(error[done.off_seat]) * dynamic_truth.SCALE
     limits = {"CoP": CENTRE_OF_PRESSURE} | dict.fromkeys(harness.JOINTS, TORQUE)
     for name, value in zip(dynamic_truth.SERIES, rms, strict=True):
@@ -219,15 +210,10 @@ def table(found: Mapping[str, Sequence[Outcome]]) -> str:
         kinds = Counter(outcome.kind for outcome in outcomes)
         codes = Counter(code for outcome in outcomes for code in set(outcome.codes))
         wrong = Counter(name for outcome in outcomes if outcome.kind == "silent" for name in outcome.wrong)
-        rows.append(
-            [
-                case,
-                *(str(kinds[kind]) for kind in ("right", "said", "invisible", "silent")),
-                ", ".join(f"`{code}` {count}" for code, count in codes.most_common(4)),
-                ", ".join(f"{name} {count}" for name, count in wrong.most_common(4)),
-            ]
-        )
-    return harness.markdown(["case", "right", "said", "invisible", "silent", "verdict", "silently wrong"], rows)
+        texts = [", ".join(f"`{code}` {count}" for code, count in codes.most_common(4))]
+        texts.append(", ".join(f"{name} {count}" for name, count in wrong.most_common(4)))
+        rows.append([case, *(str(kinds[kind]) for kind in KINDS), *texts])
+    return harness.markdown(["case", *KINDS, "verdict", "silently wrong"], rows)
 
 
 def main() -> None:

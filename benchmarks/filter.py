@@ -51,20 +51,22 @@ def recording(frames: int, per_segment: int) -> tuple[MarkerChain, FloatArray]:
     return MarkerChain(centres, segment, local), markers + NOISE * rng.standard_normal(markers.shape)
 
 
-def problem(chain: MarkerChain, markers: FloatArray) -> FilterProblem:
+def problem(
+    chain: MarkerChain, markers: FloatArray, rate: float = RATE, sd: float = NOISE, gate: float = 8.0
+) -> FilterProblem:
     """Return the problem for both engines."""
-    variance = np.full(len(chain.segment), NOISE**2)
+    variance = np.full(len(chain.segment), sd**2)
     return FilterProblem(
         observed=markers,
-        dt=1.0 / RATE,
+        dt=1.0 / rate,
         centres=chain.centres,
         segment=chain.segment,
         local=chain.local,
         variance=variance,
         gate_variance=variance,
-        gate=8.0,
-        density=np.full(3, 1e3**2 / RATE),
-        anchors=find_frame_angles(markers, chain, 8.0, 5e-5).anchors(NOISE),
+        gate=gate,
+        density=np.full(len(chain.centres), 1e3**2 / rate),
+        anchors=find_frame_angles(markers, chain, 8.0, 5e-5).anchors(sd),
         sigma_points=SigmaPoints(),
     )
 
@@ -103,40 +105,30 @@ def whole(frames: int) -> float:
     return perf_counter() - start
 
 
-def cold() -> float:
-    """Return the seconds of a first call in a process without compiled code."""
-    with tempfile.TemporaryDirectory() as folder:
-        code = COLD.format(folder=str(Path(__file__).parent))
-        environment = {**os.environ, "NUMBA_CACHE_DIR": folder}
-        done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
-        return float(done.stdout)
-
-
-def compare_large(frames: int) -> dict[str, float]:
-    """Return the seconds of filterpy and of our engine on many markers."""
-    ours(problem(*recording(200, PER_SEGMENT)))  # compiles
-    given = problem(*recording(frames, PER_SEGMENT))
-    whole(500)
-    own = min(ours(given)[0] for _ in range(3))
-    return {"frames": frames, "filterpy": theirs(given)[0], "ours": own, "noise too": whole(frames)}
-
-
 def main() -> None:
     """Measure both engines."""
     parser = command_line(__doc__)
     parser.add_argument("--frames", type=int, help="print the times for so many frames of 39 markers as JSON")
-    arguments = parser.parse_args()
-    if arguments.frames:
-        print(json.dumps(compare_large(arguments.frames)))
-        return
+    given = parser.parse_args()
     short, long = problem(*recording(600, 3)), problem(*recording(12_000, 3))
-    ours(short)
+    ours(short)  # compiles
+    if given.frames:
+        large = problem(*recording(given.frames, PER_SEGMENT))
+        whole(500)
+        own = min(ours(large)[0] for _ in range(3))
+        times = {"frames": given.frames, "filterpy": theirs(large)[0], "ours": own, "noise too": whole(given.frames)}
+        print(json.dumps(times))
+        return
     own = min(ours(long)[0] for _ in range(5)) / 12_000
     seconds, reference_track = theirs(short)
     other = min(seconds, theirs(short)[0]) / 600
     scale = np.abs(reference_track.mean).max(axis=0)
     difference = np.max(np.abs(ours(short)[1].mean - reference_track.mean) / scale)
     whole(2_000)
+    with tempfile.TemporaryDirectory() as folder:
+        code = COLD.format(folder=str(Path(__file__).parent))
+        environment = {**os.environ, "NUMBA_CACHE_DIR": folder}
+        done = subprocess.run([sys.executable, "-c", code], env=environment, capture_output=True, text=True, check=True)
     rows = [
         ["filter + smoother, 12 states, 18 observations", f"{1e6 * own:.1f} µs per sample"],
         ["the same with filterpy", f"{1e6 * other:.0f} µs per sample"],
@@ -144,9 +136,9 @@ def main() -> None:
         ["largest difference between the two, of each state's range", f"{difference:.0e}"],
         ["markers to states, 16,000 frames × 39 markers", f"{min(whole(16_000) for _ in range(3)):.2f} s"],
         ["the same, 32,000 frames", f"{min(whole(32_000) for _ in range(2)):.2f} s"],
-        ["first call, nothing compiled", f"{cold():.1f} s"],
+        ["first call, nothing compiled", f"{float(done.stdout):.1f} s"],
     ]
-    publish({"filter": markdown(["", ""], rows)}, write=arguments.write)
+    publish({"filter": markdown(["", ""], rows)}, write=given.write)
 
 
 if __name__ == "__main__":

@@ -9,7 +9,9 @@ from __future__ import annotations
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import product
 from pathlib import Path
+from typing import Any
 
 import harness
 import numpy as np
@@ -18,7 +20,7 @@ from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.simulation import Options
 from mocap_id.stages.base import Context
 from mocap_id.stages.ukf_smooth import STAGE
-from mocap_id.store import Artefact, Folder, LongTable, Table, Tree
+from mocap_id.store import Artefact, LongTable, Tree
 
 LENGTHS = (0.1, 0.3, 0.5, 0.8, 1.5, 3.0)
 WHICH = ("one marker", "shank", "thigh", "trunk", "all")
@@ -40,14 +42,11 @@ class Trial:
 
 @dataclass(frozen=True)
 class Case:
-    """Errors of one run.
+    """Errors of one run."""
 
-    ``error`` (F, n, 3) is in stated standard deviations, NaN without a value; ``gap`` (F,), ``observed`` (F, n).
-    """
-
-    error: FloatArray
-    gap: BoolArray
-    observed: BoolArray
+    error: FloatArray  # (F, n, 3) in stated standard deviations; NaN without a value
+    gap: BoolArray  # (F,)
+    observed: BoolArray  # (F, n)
     cautioned: bool
 
     @property
@@ -63,17 +62,17 @@ class Case:
 
 def prepare(place: Path, options: Options) -> Trial | None:
     """Simulate and run a trial; None without the true number of segments."""
-    run = harness.run_simulated(place / "trial", options)
-    if run is None:
+    done = harness.run_simulated(place / "trial", options)
+    if done is None:
         return None
     names = ("states.parquet", "planar.parquet", "segments.parquet", "chain.h5")
-    states, planar, segments, chain = harness.read_artefacts(Folder(run[0].out), *names)
+    states, planar, segments, chain = done.read(*names)
     if not harness.has_true_segments(states):
         return None
     time = states["time"]
-    truth = np.stack(list(harness.read_true_arrays(run[1], time, ("q", "qd", "qdd")).values()), axis=2)
+    truth = np.stack(done.true(time, "q", "qd", "qdd"), axis=2)
     inputs: Mapping[str, Artefact] = {"planar.parquet": planar, "segments.parquet": segments, "chain.h5": chain}
-    context = Context(run[0].keys, STAGE.settings(), inputs)
+    context = Context(done.trial.keys, STAGE.settings(), inputs)
     return Trial(context, truth, time, _sets(planar, chain), _places(truth, time))
 
 
@@ -120,30 +119,19 @@ def window(trial: Trial, where: str, length: float) -> BoolArray:
 def run_case(trial: Trial, which: str, where: str, length: float) -> Case:
     """Remove markers, run the smoother, and return the errors."""
     gap, gone = window(trial, where, length), trial.markers[which]
-    planar = trial.context.long("planar.parquet")
-    hidden = gap[:, None] & gone[None]
-    seen = {axis: np.where(hidden, np.nan, planar.values[axis]) for axis in "xyz"}
-    seen["visible"] = planar.values["visible"] & ~hidden
-    inputs = {**trial.context.inputs, "planar.parquet": replace(planar, values=seen)}
-    states = STAGE.function(replace(trial.context, inputs=inputs))[0]
-    assert isinstance(states, Table)
+    planar = harness.hide_samples(trial.context.long("planar.parquet"), gap[:, None] & gone[None])
+    inputs = {**trial.context.inputs, "planar.parquet": planar}
+    states: Any = STAGE.function(replace(trial.context, inputs=inputs))[0]
     observed = states.stack([f"observed_{j}" for j in (1, 2, 3)]).astype(np.bool_)
     error = harness.state_arrays(states) - trial.truth
     error[..., 0] -= np.nanmedian(error[~gap, :, 0], axis=0)
-    return Case(
-        error / harness.state_arrays(states, "sd_"),
-        gap,
-        observed,
-        any(reason.code == "gap" for reason in states.reasons),
-    )
+    cautioned = any(reason.code == "gap" for reason in states.reasons)
+    return Case(error / harness.state_arrays(states, "sd_"), gap, observed, cautioned)
 
 
 def cases(lengths: Sequence[float] = LENGTHS) -> Iterator[tuple[str, str, float]]:
     """Yield every set, position and length."""
-    for which in WHICH:
-        for where in WHERE:
-            for length in lengths:
-                yield which, where, length
+    yield from product(WHICH, WHERE, lengths)
 
 
 def coverage(found: Sequence[Case], part: str) -> tuple[FloatArray, int]:
@@ -170,8 +158,7 @@ def sections(found: Mapping[tuple[str, str, float], Sequence[Case]], failed: int
     every = [case for each in found.values() for case in each]
     rows = [
         [which, f"{length:g} s", *(_cell(found[which, where, length]) for where in WHERE)]
-        for which in WHICH
-        for length in LENGTHS
+        for which, length in product(WHICH, LENGTHS)
     ]
     shares = []
     for part, name in (("all", "all"), ("gap", "in gaps, observed"), ("bridged", "bridged")):

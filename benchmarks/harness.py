@@ -19,7 +19,8 @@ import sys
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import cached_property
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -27,11 +28,11 @@ from typing import Any
 import numpy as np
 from scipy.stats import beta
 
-from mocap_id.arrays import FloatArray
+from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.config import Trial, load
-from mocap_id.runner import run_stage
+from mocap_id.runner import run, run_stage
 from mocap_id.simulation import Kind, Options, simulate
-from mocap_id.store import Folder, Table, Tree
+from mocap_id.store import Folder, LongTable, Table, Tree
 
 ROOT = Path(__file__).resolve().parents[1]
 JOINTS = ("ankle", "knee", "hip")
@@ -39,29 +40,92 @@ SEGMENTS = 4
 KINEMATIC = ("planarise", "segment", "fit-joints", "ukf-smooth")
 DYNAMIC = (*KINEMATIC, "identify-dim")
 SHORT = Options(repetitions=2, analog_rate=100)
+HARD = replace(SHORT, soft_tissue=2, occlusions=2)
+CLEAN = replace(SHORT, marker_noise=0, soft_tissue=0, occlusions=0)
 EXACT = "plate_gain_sd: 0, plate_moments_sd: 0, plate_position_sd_m: 0, camera_scale_sd: 0, camera_tilt_sd_deg: 0"
 """Settings of identify-dim for plate and cameras without errors of scale, as simulated: no interval includes any."""
 QUANTILE = 1.96
 """Half the width of a 95 % interval, in standard deviations."""
+MOVING = 0.5
+"""Speed of a movement, rad/s."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """A trial compared with its truth: codes of its cautions, errors, and shares of samples inside 95 % intervals."""
+    """A trial compared with its truth."""
 
-    codes: tuple[str, ...]
+    codes: tuple[str, ...]  # of its cautions
     errors: Mapping[str, float] = field(default_factory=dict)
-    inside: Mapping[str, float] = field(default_factory=dict)
+    inside: Mapping[str, float] = field(default_factory=dict)  # shares of samples inside 95 % intervals
 
 
-def command_line(description: str | None, *, parallel: bool = False, **defaults: int) -> argparse.ArgumentParser:
-    """Return a parser with ``--write``, an integer option for each default and, if ``parallel``, ``--jobs``."""
+@dataclass(frozen=True)
+class Run:
+    """A simulated trial that ran, with its results and its truth."""
+
+    configuration: Path
+    trial: Trial
+
+    @property
+    def folder(self) -> Folder:
+        """The run folder."""
+        return Folder(self.trial.out)
+
+    @cached_property
+    def summary(self) -> dict[str, Any]:
+        """``summary.json``."""
+        summary: dict[str, Any] = json.loads((self.trial.out / "summary.json").read_text("utf-8"))
+        return summary
+
+    @cached_property
+    def truth(self) -> dict[str, Any]:
+        """``truth.json``."""
+        return read_truth(self.configuration)
+
+    def base(self, key: str) -> FloatArray:
+        """Return ``value`` or ``sd`` of the base parameters (b,)."""
+        return np.array([each[key] for each in self.summary["dynamics"]["base"]], dtype=np.float64)
+
+    @property
+    def true_base(self) -> FloatArray:
+        """True base parameters (b,)."""
+        return np.array(self.truth["base_parameters"]["values"])
+
+    @property
+    def codes(self) -> tuple[str, ...]:
+        """Codes of cautions and refusals."""
+        return tuple(each["code"] for each in self.summary["verdict"]["reasons"] if each.get("level") != "ok")
+
+    def read(self, *names: str) -> list[Any]:
+        """Return several artefacts."""
+        return [self.folder.read(name) for name in names]
+
+    def true(self, time: FloatArray, *names: str) -> list[FloatArray]:
+        """Return arrays of ``truth.npz`` at sample times, s."""
+        with np.load(self.configuration.with_name("truth.npz")) as arrays:
+            at = np.searchsorted(arrays["t"], time - 1e-6)
+            return [arrays[name][at].astype(np.float64) for name in names]
+
+    def state_errors(self, states: Table) -> FloatArray:
+        """Return the errors (F, n, 3) of angles, velocities and accelerations."""
+        return state_arrays(states) - np.stack(self.true(states["time"], "q", "qd", "qdd"), axis=2)
+
+
+def command_line(
+    description: str | None, *, parallel: bool = False, only: Iterable[str] = (), **defaults: int
+) -> argparse.ArgumentParser:
+    """Return a parser with ``--write`` and an integer option for each default.
+
+    ``parallel`` adds ``--jobs``; names in ``only`` are the choices of ``--only``, which has all of them by default.
+    """
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     for name, default in defaults.items():
         text = "first seed" if name == "first" else f"number of {name.replace('_', ' ')}"
         parser.add_argument(f"--{name}", type=int, default=default, help=f"{text} (default: {default})")
     if parallel:
         parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="worker processes")
+    if every := list(only):
+        parser.add_argument("--only", nargs="*", default=every, choices=every, help="parts to measure (default: all)")
     parser.add_argument("--write", action="store_true", help="write the sections into the pages of docs/")
     return parser
 
@@ -70,6 +134,14 @@ def recordings() -> Path | None:
     """Return the folder of the shared recordings, from MOCAP_ID_RECORDINGS."""
     folder = os.environ.get("MOCAP_ID_RECORDINGS")
     return Path(folder).resolve() if folder else None
+
+
+def real_recordings() -> Path:
+    """Return the folder of the real sit-to-stands; end the program without it."""
+    folder = recordings()
+    if folder is None:
+        raise SystemExit("MOCAP_ID_RECORDINGS does not name the folder of the recordings")
+    return folder / "sit-to-stand"
 
 
 def write_real_trial(recording: Path, file: Path, **keys: Any) -> Path:
@@ -92,10 +164,15 @@ def progress(text: object) -> None:
     sys.stderr.write(f"{text}\n")
 
 
+def measure_all(function: Callable[[Any], Any], tasks: Iterable[Any], jobs: int | None) -> list[Any]:
+    """Return the results of all tasks, without those that are None."""
+    return [result for result in run_all(function, tasks, jobs) if result is not None]
+
+
 def run_simulated(
     place: Path, options: Options, stages: Sequence[str] = KINEMATIC, kind: Kind = "sit-to-stand", settings: str = ""
-) -> tuple[Trial, Path] | None:
-    """Simulate a trial in ``place`` and run the stages; return it and its configuration, None if it was refused.
+) -> Run | None:
+    """Simulate a trial in ``place`` and run the stages; return None if a stage refuses it.
 
     ``settings`` are lines added to the configuration.
     """
@@ -105,31 +182,37 @@ def run_simulated(
     trial = load(configuration)
     if any(run_stage(trial, name).refused is not None for name in stages):
         return None
-    return trial, configuration
+    return Run(configuration, trial)
+
+
+def run_trial(configuration: Path) -> Run:
+    """Run all stages of a simulated trial."""
+    trial = load(configuration)
+    run(trial)
+    return Run(configuration, trial)
 
 
 def read_truth(configuration: Path) -> dict[str, Any]:
     """Return ``truth.json`` of a simulated trial."""
-    truth: dict[str, Any] = json.loads(configuration.with_name("truth.json").read_text())
+    truth: dict[str, Any] = json.loads(configuration.with_name("truth.json").read_text("utf-8"))
     return truth
 
 
-def read_summary(folder: Path) -> dict[str, Any]:
-    """Return ``summary.json`` of a run folder."""
-    summary: dict[str, Any] = json.loads((folder / "summary.json").read_text("utf-8"))
-    return summary
+def hide_samples(planar: LongTable, hidden: BoolArray) -> LongTable:
+    """Return the planar table without the samples (F, M) that are hidden."""
+    values = {axis: np.where(hidden, np.nan, planar.values[axis]) for axis in "xyz"}
+    return replace(planar, values={**values, "visible": planar.values["visible"] & ~hidden})
 
 
-def caution_codes(summary: Mapping[str, Any]) -> tuple[str, ...]:
-    """Return the codes of cautions and refusals."""
-    return tuple(reason["code"] for reason in summary["verdict"]["reasons"] if reason.get("level") != "ok")
+def choose_gap(speed: FloatArray, rate: float, seed: int, margins: tuple[float, float]) -> slice:
+    """Return the frames of a gap of 2 s that begins 0.5 s before a random frame with movement.
 
-
-def read_true_arrays(configuration: Path, time: FloatArray, names: Sequence[str]) -> dict[str, FloatArray]:
-    """Return arrays of ``truth.npz`` at these times, s."""
-    with np.load(configuration.with_name("truth.npz")) as arrays:
-        at = np.searchsorted(arrays["t"], time - 1e-6)
-        return {name: arrays[name][at].astype(np.float64) for name in names}
+    ``speed`` is in rad/s; ``margins`` are the parts of the trial without such frames at its start and end, s.
+    """
+    first, last = (round(margin * rate) for margin in margins)
+    frames = np.flatnonzero(speed[first:-last] > MOVING) + first
+    start = int(np.random.default_rng(seed).choice(frames)) - round(0.5 * rate)
+    return slice(start, start + round(2 * rate))
 
 
 def has_true_segments(states: Table) -> bool:
@@ -141,11 +224,6 @@ def state_arrays(states: Table, prefix: str = "") -> FloatArray:
     """Return (F, n, 3) angles, velocities and accelerations, or with ``sd_`` their standard deviations."""
     orders = ("theta", "dtheta", "ddtheta")
     return np.stack([states.stack([f"{prefix}{s}_{j}" for j in range(1, SEGMENTS)]) for s in orders], axis=2)
-
-
-def read_artefacts(folder: Folder, *names: str) -> list[Any]:
-    """Return several artefacts of a run folder."""
-    return [folder.read(name) for name in names]
 
 
 def read_group(tree: Tree, name: str) -> dict[str, FloatArray]:
@@ -179,8 +257,13 @@ def markdown(head: Sequence[str], rows: Iterable[Sequence[str]], *, numbers_from
     return "\n".join("| " + " | ".join(line) + " |" for line in [head, rule, *rows])
 
 
+def cells(values: Iterable[float], form: str = ".2f") -> list[str]:
+    """Return numbers as text."""
+    return [f"{value:{form}}" for value in values]
+
+
 def pairs(values: FloatArray, form: str = ".2f", quantiles: tuple[float, float] = (0.5, 0.9)) -> list[str]:
-    """Return "median / 90th percentile" of each column, ignoring NaN."""
+    """Return two quantiles, by default "median / 90th percentile", of each column, ignoring NaN."""
     return [f"{a:{form}} / {b:{form}}" for a, b in np.nanquantile(values, quantiles, axis=0).T]
 
 
@@ -202,6 +285,11 @@ def sizes(errors: Any, limit: float, form: str) -> list[str]:
 def count_codes(codes: Iterable[str]) -> str:
     """Return every code with its number."""
     return ", ".join(f"`{code}` {count}" for code, count in Counter(codes).most_common()) or "none"
+
+
+def in_bold(share: float, text: str) -> str:
+    """Return the text, in bold if the coverage of 95 % intervals, %, is outside the required range."""
+    return text if 88 <= share <= 99 else f"**{text}**"
 
 
 def limit_table(limits: Mapping[str, float], trials: Sequence[Comparison]) -> str:
@@ -226,6 +314,17 @@ def limit_table(limits: Mapping[str, float], trials: Sequence[Comparison]) -> st
     return markdown(head, rows, numbers_from=1)
 
 
+def quantiles(values: Iterable[float], form: str = ".2g", levels: Sequence[float] = (0.5, 0.9, 1.0)) -> list[str]:
+    """Return quantiles, by default the median, the 90th percentile and the largest value."""
+    return cells(np.quantile(list(values), levels), form)
+
+
+def interval_of_share(good: int, trials: int) -> list[str]:
+    """Return the share of good trials and its 95 % interval, %."""
+    low, high = clopper_pearson(good, trials)
+    return [f"{100 * good / trials:.0f} %", f"{100 * low:.0f}–{100 * high:.0f} %"]
+
+
 def measured_by(file: str, trials: str) -> str:
     """Return the sentence that names the benchmark and its trials."""
     return f"Measured by `benchmarks/{Path(file).name}` on {trials}."
@@ -244,6 +343,26 @@ def rows_on_page(name: str, rows: Mapping[str, str], order: Sequence[str], folde
     }
     every = kept | dict(rows)
     return "\n\n".join(every[row] for row in order if row in every)
+
+
+def measure_rows(
+    name: str,
+    rows: Iterable[str],
+    given: argparse.Namespace,
+    measure: Callable[[Any], Any],
+    table: Callable[[str, Sequence[Any], int], str],
+) -> str:
+    """Return the tables of a section: the rows in ``--only`` are measured, the others stay as on the page.
+
+    ``measure`` gets the name of the row, the first seed and the number of the trial; ``table`` gets the name of the
+    row, all results and the first seed.
+    """
+    tables = {}
+    for row in (each for each in given.only if each in rows):
+        tasks = [(row, given.first, k) for k in range(given.trials)]
+        tables[row] = table(row, run_all(measure, tasks, given.jobs), given.first)
+        progress(tables[row])
+    return rows_on_page(name, tables, list(rows))
 
 
 def publish(sections: Mapping[str, str], *, write: bool, folder: Path = ROOT / "docs") -> None:

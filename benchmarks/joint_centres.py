@@ -6,13 +6,14 @@ gets the same trials. About two minutes for 400 of them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
-from harness import command_line, markdown, measured_by, publish
+from harness import command_line, markdown, measured_by, publish, rms
 
-from mocap_id.arrays import ComplexArray, FloatArray, IntArray
+from mocap_id.arrays import ComplexArray, IntArray
 from mocap_id.errors import NumericalError
 from mocap_id.kinematics.bundle import fit_chain
 from mocap_id.kinematics.circle import CircleMethod, fit_circles, fit_common_centre
@@ -20,10 +21,10 @@ from mocap_id.kinematics.joint import fit_joint
 from mocap_id.kinematics.rigid_body import fit_body, still_body
 
 FRAMES, RADIUS = 200, 0.35
-ARCS = np.radians([5, 10, 15, 30, 60, 90])
-NOISES = np.array([0.25e-3, 0.5e-3, 1e-3])
+ARCS = tuple(map(float, np.radians([5, 10, 15, 30, 60, 90])))
+NOISES = (0.25e-3, 0.5e-3, 1e-3)
 BODY, TIGHT = 0.132, 0.05  # m from the centroid to each of the three markers
-STUDY = np.radians(10)
+STUDY = float(np.radians(10))
 RESOLVED = 0.25  # of the radius: with a larger bound an arc can hardly be distinguished from a straight line
 SINGLE = 10  # single markers per body, since they are fast
 BASE: ComplexArray = np.array([0.1 + 0j, -0.1 + 0j, 0.05j])
@@ -64,13 +65,8 @@ def spread(errors: ComplexArray, *, resolved: bool = True) -> Spread:
     if not resolved:
         low, middle, high = np.quantile(known.imag, [0.1587, 0.5, 0.8413])
         return Spread(float(middle), float(high - low) / 2, np.nan, np.nan, lost)
-    return Spread(
-        float(known.imag.mean()),
-        float(known.imag.std(ddof=1)),
-        float(np.sqrt(np.mean(np.abs(known) ** 2))),
-        float(np.sqrt(np.mean(known.imag**2))),
-        lost,
-    )
+    total, along = rms(np.abs(known)), rms(known.imag)
+    return Spread(float(known.imag.mean()), float(known.imag.std(ddof=1)), float(total), float(along), lost)
 
 
 def kasa_bias(arc: float, noise: float) -> float:
@@ -104,13 +100,13 @@ def single_markers(arc: float, noise: float, trials: int) -> list[Spread]:
     """Return the errors of the four circle fits."""
     rng = np.random.default_rng([1, round(1e6 * arc), round(1e6 * noise)])
     clean = swing(arc, np.full(trials, RADIUS * 1j))
-    errors: dict[CircleMethod, list[ComplexArray]] = {method: [] for method in CIRCLES}
-    for _ in range(SINGLE):
-        tracks = noisy(rng, clean, noise)
-        for method in CIRCLES:
-            errors[method].append(fit_circles(tracks, method).centre)
+    tracks = [noisy(rng, clean, noise) for _ in range(SINGLE)]
     resolved = circle_bound(arc, noise) < RESOLVED * RADIUS
-    return [spread(np.concatenate(found), resolved=resolved or method == "kasa") for method, found in errors.items()]
+    spreads = []
+    for method in CIRCLES:
+        errors = np.concatenate([fit_circles(each, method).centre for each in tracks])
+        spreads.append(spread(errors, resolved=resolved or method == "kasa"))
+    return spreads
 
 
 def by_body(points: ComplexArray) -> complex:
@@ -150,51 +146,38 @@ def bodies(arc: float, noise: float, size: float, trials: int) -> list[Spread]:
     return [spread(np.array(errors)) for errors in np.array(found).T]
 
 
-def condition(arc: float, noise: float) -> list[str]:
-    """Return the first two columns."""
-    return [f"{np.degrees(arc):.0f}°", f"{1e3 * noise:g}"]
-
-
-def conditions() -> Iterator[tuple[float, float]]:
-    """Return every arc, rad, with every noise, m."""
-    return ((float(arc), float(noise)) for arc in ARCS for noise in NOISES)
+def make_table(head: Sequence[str], cells: Callable[[float, float], list[str]]) -> str:
+    """Return a table with a row for every arc, rad, with every noise, m."""
+    rows = [[f"{np.degrees(arc):.0f}°", f"{1e3 * noise:g}", *cells(arc, noise)] for arc, noise in product(ARCS, NOISES)]
+    return markdown(["arc", "σ", *head], rows, numbers_from=0)
 
 
 def single_table(trials: int) -> str:
     """Return the table of one marker."""
-    head = ["arc", "σ", "Kåsa's bias, formula", "bound (sd)", "Kåsa", "Taubin", "Pratt", "geometric"]
-    rows = [
-        [
-            *condition(arc, noise),
-            number(kasa_bias(arc, noise)),
-            number(circle_bound(arc, noise)),
-            *map(str, single_markers(arc, noise, trials)),
-        ]
-        for arc, noise in conditions()
-    ]
-    return markdown(head, rows, numbers_from=0)
+
+    def cells(arc: float, noise: float) -> list[str]:
+        bounds = [number(kasa_bias(arc, noise)), number(circle_bound(arc, noise))]
+        return [*bounds, *map(str, single_markers(arc, noise, trials))]
+
+    return make_table(["Kåsa's bias, formula", "bound (sd)", "Kåsa", "Taubin", "Pratt", "geometric"], cells)
 
 
 def body_table(trials: int) -> str:
     """Return the table of three markers."""
-    rows = [
-        [*condition(arc, noise), number(body_bound(arc, noise, BODY)), *map(str, bodies(arc, noise, BODY, trials))]
-        for arc, noise in conditions()
-    ]
-    return markdown(["arc", "σ", "bound (sd)", *BODIES], rows, numbers_from=0)
+
+    def cells(arc: float, noise: float) -> list[str]:
+        return [number(body_bound(arc, noise, BODY)), *map(str, bodies(arc, noise, BODY, trials))]
+
+    return make_table(["bound (sd)", *BODIES], cells)
 
 
 def study_table(trials: int) -> str:
     """Return ratios to the bound at ten degrees."""
     rows = []
-    for size in (BODY, TIGHT):
-        for noise in map(float, NOISES):
-            bound = body_bound(float(STUDY), noise, size)
-            found = bodies(float(STUDY), noise, size, trials)
-            ratios: FloatArray = np.array([errors.along for errors in found]) / bound
-            rows.append(
-                [f"{1e3 * size:.0f} mm", f"{1e3 * noise:g}", number(bound), *(f"{ratio:.2f}" for ratio in ratios)]
-            )
+    for size, noise in product((BODY, TIGHT), NOISES):
+        bound = body_bound(STUDY, noise, size)
+        ratios = [f"{errors.along / bound:.2f}" for errors in bodies(STUDY, noise, size, trials)]
+        rows.append([f"{1e3 * size:.0f} mm", f"{1e3 * noise:g}", number(bound), *ratios])
     return markdown(["body", "σ", "bound (sd)", *BODIES], rows, numbers_from=0)
 
 

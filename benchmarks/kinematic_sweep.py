@@ -11,22 +11,19 @@ import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import harness
 import numpy as np
 
-from mocap_id.arrays import FloatArray
 from mocap_id.config import load
 from mocap_id.geometry import planar
 from mocap_id.runner import run_stage
 from mocap_id.simulation import Options, simulate
-from mocap_id.store import Folder
 
 ROWS: Mapping[str, Options] = {
-    "clean": replace(harness.SHORT, marker_noise=0, soft_tissue=0, occlusions=0),
+    "clean": harness.CLEAN,
     "ordinary": harness.SHORT,
-    "hard": replace(harness.SHORT, soft_tissue=2, occlusions=2),
+    "hard": harness.HARD,
 }
 DEGRADED = "degraded"
 SCORED = ("shank", "thigh")
@@ -37,26 +34,16 @@ BINS = ((0, 0.2), (0.2, 0.5), (0.5, 0.7), (0.7, 0.85), (0.85, 0.95), (0.95, 1.01
 
 @dataclass(frozen=True)
 class Result:
-    """Errors of one trial; None where the number of segments is wrong.
-
-    Parameters
-    ----------
-    error : (2,) tuple
-        Error of the lengths of shank and thigh, %.
-    relative_error : (2,) tuple
-        The same in stated standard deviations.
-    centre : (3,) tuple
-        rms distance of ankle, knee and hip from the truth, mm.
-    """
+    """Errors of one trial; None where the number of segments is wrong."""
 
     refused: str | None = None
     count: int = 0
-    wrong: int = 0
+    wrong: int = 0  # markers
     confidence: float = 0.0
     unsure: bool = False
-    error: tuple[float, ...] | None = None
-    relative_error: tuple[float, ...] | None = None
-    centre: tuple[float, ...] | None = None
+    error: tuple[float, ...] | None = None  # (2,) of the lengths of shank and thigh, %
+    relative_error: tuple[float, ...] | None = None  # (2,) the same in stated standard deviations
+    centre: tuple[float, ...] | None = None  # (3,) rms distance of ankle, knee and hip from the truth, mm
 
     @property
     def right(self) -> bool:
@@ -80,8 +67,7 @@ def measure(task: tuple[str, int]) -> Result:
             outcome = run_stage(trial, name)
             if outcome.refused is not None:
                 return Result(refused=outcome.refused.code)
-        with np.load(configuration.with_name("truth.npz")) as arrays:
-            return compare(Folder(trial.out), truth, arrays["t"], arrays["joint_xy"])
+        return compare(harness.Run(configuration, trial))
 
 
 def draw_degraded(seed: int) -> tuple[Options, tuple[bool, ...]]:
@@ -98,9 +84,10 @@ def draw_degraded(seed: int) -> tuple[Options, tuple[bool, ...]]:
     return options, tuple(bool(gone) for gone in rng.uniform(size=100) > rng.uniform(0.4, 1))
 
 
-def compare(folder: Folder, truth: Mapping[str, Any], time: FloatArray, joint_xy: FloatArray) -> Result:
+def compare(done: harness.Run) -> Result:
     """Return the errors of a trial that went through the stages."""
-    segments, chain, states = harness.read_artefacts(folder, "segments.parquet", "chain.h5", "states.parquet")
+    segments, chain, states = done.read("segments.parquet", "chain.h5", "states.parquet")
+    truth = done.truth
     named = segments.frame.dropna(subset="segment")
     wrong = sum(truth["assignment"][str(m)] != k for m, k in zip(named["marker"], named["segment"], strict=True))
     result = Result(
@@ -114,9 +101,8 @@ def compare(folder: Folder, truth: Mapping[str, Any], time: FloatArray, joint_xy
     true = np.array([truth["segment_lengths_m"][name] for name in SCORED])
     joints, lengths = harness.read_group(chain, "joints"), harness.read_group(chain, "segments")
     length, sd = lengths["length"], lengths["length_sd"]
-    angles = states.frame[[f"theta_{j}" for j in range(1, harness.SEGMENTS)]].to_numpy()
-    _, origins = planar.segment_poses(angles, joints["centre"])
-    distance = origins[:, 1:] - joint_xy[np.searchsorted(time, states.frame["time"].to_numpy() - 1e-6)]
+    _, origins = planar.segment_poses(harness.state_arrays(states)[..., 0], joints["centre"])
+    distance = origins[:, 1:] - done.true(states["time"], "joint_xy")[0]
     return replace(
         result,
         error=tuple(100 * (length / true - 1)),
@@ -153,10 +139,8 @@ def limit_table(found: Mapping[str, Sequence[Result]]) -> str:
     for row in ROWS:
         count = len(found[row])
         for name, limit, good, share in requirements(row, found[row]):
-            low, high = harness.clopper_pearson(good, count)
             required = "88–99 %" if limit == "covers" else f"{100 * share:.0f} %"
-            measured = [f"{100 * good / count:.0f} %", f"{100 * low:.0f}–{100 * high:.0f} %"]
-            rows.append([row, name, limit, required, *measured])
+            rows.append([row, name, limit, required, *harness.interval_of_share(good, count)])
     head = ["trials", "quantity", "limit", "required share", "share within the limit", "95 % interval"]
     return harness.markdown(head, rows)
 
@@ -168,7 +152,7 @@ def error_quantiles(found: Mapping[str, Sequence[Result]]) -> str:
         errors = np.array([[*np.abs(r.error), *r.centre] for r in found[row] if r.error and r.centre])
         for q in (0.5, 0.8, 0.9, 1.0):
             name = "largest" if q == 1 else f"{100 * q:.0f} %"
-            rows.append([row, name, *(f"{value:.2f}" for value in np.quantile(errors, q, axis=0))])
+            rows.append([row, name, *harness.cells(np.quantile(errors, q, axis=0))])
     return harness.markdown(
         ["trials", "quantile", *(f"{k}, %" for k in SCORED), *(f"{k}, mm" for k in harness.JOINTS)], rows
     )

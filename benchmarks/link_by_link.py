@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
+import harness
 import numpy as np
-from harness import JOINTS, SHORT, command_line, markdown, measured_by, pairs, progress, publish, run_all
 
 from mocap_id.arrays import ComplexArray, FloatArray, IntArray
 from mocap_id.kinematics import ChainFit, fit_chain, fit_links, joint_angles, orient_frames
@@ -18,9 +18,9 @@ from mocap_id.simulation.simulated_trial import SimulatedTrial, generate
 
 FRAMES = 800  # as in fit-joints
 ROWS: Mapping[str, Options] = {
-    "clean": replace(SHORT, marker_noise=0, soft_tissue=0, occlusions=0),
-    "ordinary": SHORT,
-    "hard": replace(SHORT, soft_tissue=2),
+    "clean": harness.CLEAN,
+    "ordinary": harness.SHORT,
+    "hard": replace(harness.SHORT, soft_tissue=2),
 }
 
 
@@ -37,15 +37,12 @@ class Trial:
 
 @dataclass(frozen=True)
 class Errors:
-    """Errors of one estimator in one trial: lengths in %, joints in mm, angles in degrees.
+    """Errors of one estimator in one trial."""
 
-    ``covered`` is NaN without intervals.
-    """
-
-    length: FloatArray  # (2,)
-    joint: FloatArray  # (3,)
-    angle: FloatArray  # (3,)
-    covered: FloatArray  # (2,)
+    length: FloatArray  # (2,) %
+    joint: FloatArray  # (3,) mm
+    angle: FloatArray  # (3,) degrees
+    covered: FloatArray  # (2,) 1 if the interval of the length includes the truth, NaN without intervals
     arc: FloatArray  # (3,) degrees
 
 
@@ -100,9 +97,9 @@ def compare(trial: Trial, fit: ChainFit) -> Errors:
     missed = fit.lengths - trial.lengths
     return Errors(
         100 * np.abs(missed) / trial.lengths,
-        1e3 * np.sqrt(np.mean(np.abs(joints - trial.joints[used]) ** 2, axis=0)),
-        np.degrees(np.sqrt(np.mean(off**2, axis=0))),
-        np.where(np.isfinite(fit.length_sd), np.abs(missed) <= 1.96 * fit.length_sd + 1e-9, np.nan),
+        1e3 * harness.rms(np.abs(joints - trial.joints[used])),
+        np.degrees(harness.rms(off)),
+        np.where(np.isfinite(fit.length_sd), np.abs(missed) <= harness.QUANTILE * fit.length_sd + 1e-9, np.nan),
         np.degrees(fit.arcs),
     )
 
@@ -117,30 +114,31 @@ def cells(errors: list[Errors]) -> list[str]:
     """Return median / 90th percentile of each error, and the share inside the intervals."""
     covered = np.mean([each.covered for each in errors], axis=0)
     share = " / ".join(f"{100 * part:.0f} %" for part in covered) if np.isfinite(covered).all() else "none stated"
-    return [*pairs(np.array([np.concatenate([each.length, each.joint, each.angle]) for each in errors])), share]
+    return [*harness.pairs(np.array([np.concatenate([each.length, each.joint, each.angle]) for each in errors])), share]
 
 
 def main() -> None:
     """Measure all rows."""
-    arguments = command_line(__doc__, parallel=True, trials=40, first=50_000).parse_args()
+    arguments = harness.command_line(__doc__, parallel=True, trials=40, first=50_000).parse_args()
     trials, first, rows = arguments.trials, arguments.first, []
     for row, options in ROWS.items():
-        every = run_all(measure, [replace(options, seed=first + k) for k in range(trials)], arguments.jobs)
+        every = harness.run_all(measure, [replace(options, seed=first + k) for k in range(trials)], arguments.jobs)
         rows += [
             [row, name, *cells(list(errors))] for name, errors in zip(ESTIMATORS, zip(*every, strict=True), strict=True)
         ]
         if row == "ordinary":
             arcs = np.median([errors[-1].arc for errors in every], axis=0)
-        progress(f"{row}: {trials} trials")
-    turned = ", ".join(f"{arc:.0f}° ({joint})" for arc, joint in zip(arcs, JOINTS, strict=True))
+        harness.progress(f"{row}: {trials} trials")
+    turned = ", ".join(f"{arc:.0f}° ({joint})" for arc, joint in zip(arcs, harness.JOINTS, strict=True))
+    about = harness.measured_by(__file__, f"{trials} sit-to-stands per row, seeds from {first}")
     head = ["trials", "estimator", "shank, %", "thigh, %"]
-    head += [f"{joint}, {unit}" for unit in ("mm", "°") for joint in JOINTS]
+    head += [f"{joint}, {unit}" for unit in ("mm", "°") for joint in harness.JOINTS]
+    head.append("inside the 95 % interval, shank / thigh")
     sections = {
-        "link-by-link": measured_by(__file__, f"{trials} sit-to-stands per row, seeds from {first}")
-        + f" Median arcs of the joints: {turned}.",
-        "link-by-link-errors": markdown([*head, "inside the 95 % interval, shank / thigh"], rows, numbers_from=2),
+        "link-by-link": f"{about} Median arcs of the joints: {turned}.",
+        "link-by-link-errors": harness.markdown(head, rows, numbers_from=2),
     }
-    publish(sections, write=arguments.write)
+    harness.publish(sections, write=arguments.write)
 
 
 if __name__ == "__main__":

@@ -7,14 +7,16 @@ pinned chain. About ten seconds per trial and core.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import harness
 import numpy as np
-from dynamic_truth import UNITS
+from dynamic_truth import SCALE, UNITS, find_off_seat, true_series
+from dynamic_truth import TITLES as NAMES
 
 from mocap_id.arrays import FloatArray
 from mocap_id.config import load
@@ -23,8 +25,6 @@ from mocap_id.runner import run_stage
 from mocap_id.simulation import Options, PersonOptions
 from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
 
-NAMES = ("Fx", "Fy", "tauz", "CoP", *(f"{joint} torque" for joint in harness.JOINTS))
-SCALE = np.array([1, 1, 1, 1e3, 1, 1, 1])
 HIP = (6.0, 16.0)  # mm
 ROWS: Mapping[str, PersonOptions] = {
     "hip": PersonOptions(),
@@ -37,23 +37,13 @@ MOTIONS = (f"identify-dim: {{{harness.EXACT}}}\n", f"identify-dim: {{{harness.EX
 
 @dataclass(frozen=True)
 class Result:
-    """Errors of one trial with one motion.
+    """Errors of one trial with one motion."""
 
-    Parameters
-    ----------
-    rms, inside, relative : (7,) arrays
-        Errors of :data:`NAMES`, share of the samples inside the interval, and rms error in stated standard deviations.
-    moments : (3,) array
-        Relative errors of the first moments about :data:`JOINTS`.
-    poses : bool
-        Whether measured poses were used.
-    """
-
-    rms: FloatArray
-    inside: FloatArray
-    relative: FloatArray
-    moments: FloatArray
-    poses: bool
+    rms: FloatArray  # (7,) of NAMES
+    inside: FloatArray  # (7,) share of the samples inside the interval
+    relative: FloatArray  # (7,) rms error in stated standard deviations
+    moments: FloatArray  # (3,) relative errors of the first moments about the joints
+    poses: bool  # measured poses were used
 
 
 def measure(options: Options) -> tuple[Result, Result] | None:
@@ -62,29 +52,25 @@ def measure(options: Options) -> tuple[Result, Result] | None:
         run = harness.run_simulated(Path(place) / "trial", options)
         if run is None:
             return None
-        configuration = run[1]
-        plain, found = configuration.read_text(), []
+        plain, found = run.configuration.read_text(), []
         for motion in MOTIONS:
-            configuration.write_text(f"{plain}\n{motion}")
-            if run_stage(load(configuration), harness.DYNAMIC[-1]).refused is not None:
+            run.configuration.write_text(f"{plain}\n{motion}")
+            if run_stage(load(run.configuration), harness.DYNAMIC[-1]).refused is not None:
                 return None
-            found.append(compare(configuration, open_identified_trial(configuration)))
+            found.append(compare(run, open_identified_trial(run.configuration)))
         return found[0], found[1]
 
 
-def compare(configuration: Path, done: IdentifiedTrial) -> Result:
+def compare(run: harness.Run, done: IdentifiedTrial) -> Result:
     """Return the errors of an identified trial."""
-    time = done.dynamics["time"].to_numpy()
-    truth = harness.read_truth(configuration)
-    true = harness.read_true_arrays(configuration, time, ("wrench", "tau", "body_pose", "joint_xy"))
-    off_seat = np.any([(time >= one["seat_off"]) & (time <= one["seat_on"]) for one in truth["reps"]], axis=0)
+    time, keys = done.dynamics["time"].to_numpy(), ("wrench", "tau", "body_pose", "joint_xy")
+    true = dict(zip(keys, run.true(time, *keys), strict=True))
+    off_seat = find_off_seat(time, run.truth)
     names = [f"{name}_model" for name in ("Fx", "Fy", "tauz", "cop_x")] + [f"tau_{j}" for j in (1, 2, 3)]
-    wrench = true["wrench"]
-    wanted = np.column_stack([wrench, wrench[:, 2] / wrench[:, 1], true["tau"]])
-    off = (done.dynamics[names].to_numpy() - wanted)[off_seat]
+    off = (done.dynamics[names].to_numpy() - true_series(true))[off_seat]
     sd = done.dynamics[[f"sd_{name}" for name in names]].to_numpy()[off_seat]
     used = done.dynamics["in_fit"].to_numpy()
-    found, exact = first_moments(done), true_moments(truth, true["body_pose"], true["joint_xy"])
+    found, exact = first_moments(done), true_moments(run.truth, true["body_pose"], true["joint_xy"])
     known = used & np.isfinite(found).all(axis=(1, 2))
     size = np.linalg.norm(harness.rms(exact[known]), axis=1)
     return Result(
@@ -105,12 +91,11 @@ def first_moments(done: IdentifiedTrial) -> FloatArray:
     return np.asarray(moments[:, : len(harness.JOINTS)])
 
 
-def true_moments(truth: Mapping[str, object], pose: FloatArray, joint: FloatArray) -> FloatArray:
+def true_moments(truth: Mapping[str, Any], pose: FloatArray, joint: FloatArray) -> FloatArray:
     """Return the same of the true bodies: foot, shank, thigh and all bodies beyond the hip."""
-    people = truth["people"]
-    assert isinstance(people, dict)
-    mass = np.array([body["m"] for body in people["bodies"]])
-    first = np.array([[body["mx"], body["my"]] for body in people["bodies"]])
+    bodies = truth["people"]["bodies"]
+    mass = np.array([body["m"] for body in bodies])
+    first = np.array([[body["mx"], body["my"]] for body in bodies])
     own = mass[:, None] * pose[..., :2] + planar.rotate(pose[..., 2], first)
     return np.stack([own[:, k:].sum(axis=1) - mass[k:].sum() * joint[:, k - 1] for k in (1, 2, 3)], axis=1)
 
@@ -121,53 +106,55 @@ def people(row: str, seed: int) -> Options:
     return Options(seed=seed, people=replace(ROWS[row], hip_gap_mm=low + (high - low) * (seed % 11) / 10))
 
 
-def _names(cell: str) -> list[str]:
-    if cell in {"inside", "relative"}:
-        return list(NAMES)
-    series = [f"{name}, {unit}" for name, unit in zip(NAMES, UNITS, strict=True)]
-    return [*series, *(f"first moment about the {joint}, %" for joint in harness.JOINTS)]
+def table(columns: Mapping[str, Sequence[tuple[Result, Result]]], cell: Callable[[Sequence[Result]], list[str]]) -> str:
+    """Return a table with cells for the chosen motion and for the pinned chain."""
+    texts = []
+    for pairs in columns.values():
+        chosen, pinned = (cell(results) for results in zip(*pairs, strict=True))
+        texts.append([" / ".join(each) for each in zip(chosen, pinned, strict=True)])
+    names = list(NAMES)
+    if cell is error_cells:
+        names = [f"{name}, {unit}" for name, unit in zip(NAMES, UNITS, strict=True)]
+        names += [f"first moment about the {joint}, %" for joint in harness.JOINTS]
+    return harness.markdown(["", *columns], zip(names, *texts, strict=True))
 
 
-def _cell(cell: str, k: int, pairs: Sequence[tuple[Result, Result]]) -> str:
-    def values(which: int) -> str:
-        if cell == "inside":
-            return f"{100 * np.mean([pair[which].inside[k] for pair in pairs]):.0f}"
-        if cell == "relative":
-            return f"{harness.rms(np.array([pair[which].relative[k] for pair in pairs])):.2f}"
-        every = [np.append(pair[which].rms, 100 * pair[which].moments)[k] for pair in pairs]
-        return f"{np.median(every):.2g}"
+def error_cells(results: Sequence[Result]) -> list[str]:
+    """Return medians of the errors."""
+    return harness.cells(np.median([np.append(r.rms, 100 * r.moments) for r in results], axis=0), ".2g")
 
-    return f"{values(0)} / {values(1)}"
+
+def inside_cells(results: Sequence[Result]) -> list[str]:
+    """Return the shares of samples inside the intervals, %."""
+    return harness.cells(100 * np.mean([r.inside for r in results], axis=0), ".0f")
+
+
+def relative_cells(results: Sequence[Result]) -> list[str]:
+    """Return rms errors in stated standard deviations."""
+    return harness.cells(harness.rms(np.array([r.relative for r in results])))
 
 
 def main() -> None:
     """Measure all rows."""
-    arguments = harness.command_line(__doc__, parallel=True, trials=20, first=991_000).parse_args()
+    given = harness.command_line(__doc__, parallel=True, trials=20, first=991_000).parse_args()
     found: dict[str, list[tuple[Result, Result]]] = {}
     for row in ROWS:
-        options = map(partial(people, row), range(arguments.first, arguments.first + arguments.trials))
-        found[row] = [pair for pair in harness.run_all(measure, options, arguments.jobs) if pair is not None]
-
+        options = map(partial(people, row), range(given.first, given.first + given.trials))
+        found[row] = harness.measure_all(measure, options, given.jobs)
     every = [pair for pairs in found.values() for pair in pairs]
-
-    def table(cell: str) -> str:
-        columns = found if cell == "errors" else found | {"all": every}
-        rows = [[name, *(_cell(cell, k, pairs) for pairs in columns.values())] for k, name in enumerate(_names(cell))]
-        return harness.markdown(["", *columns], rows)
-
+    with_all = found | {"all": every}
     chosen = sum(pair[0].poses for pair in every)
-    own = (
-        f"{arguments.trials} simulated sit-to-stands per column, seeds from {arguments.first}, with 5 repetitions each"
-    )
+    source = f"{given.trials} simulated sit-to-stands per column, seeds from {given.first}, with 5 repetitions each"
+    about = harness.measured_by(__file__, source)
     sections = {
-        "loose-people": harness.measured_by(__file__, own),
-        "loose-people-errors": table("errors"),
+        "loose-people": about,
+        "loose-people-errors": table(found, error_cells),
         "loose-people-motion": f"The program chose measured poses in {chosen} of {len(every)} trials.",
-        "loose-people-coverage": harness.measured_by(__file__, own),
-        "loose-people-intervals": table("inside"),
-        "loose-people-relative": table("relative"),
+        "loose-people-coverage": about,
+        "loose-people-intervals": table(with_all, inside_cells),
+        "loose-people-relative": table(with_all, relative_cells),
     }
-    harness.publish(sections, write=arguments.write)
+    harness.publish(sections, write=given.write)
 
 
 if __name__ == "__main__":

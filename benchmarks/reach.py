@@ -21,11 +21,9 @@ import numpy as np
 import pandas as pd
 from harness import share, sizes
 
-from mocap_id.config import load
 from mocap_id.config.study import load_study
 from mocap_id.errors import MocapIdError
 from mocap_id.reporting.numbers import show
-from mocap_id.runner import run
 from mocap_id.simulation.arm import ArmOptions, ReachCohort, generate_arm, simulate_reach_cohort, write_arm
 from mocap_id.simulation.arm.options import Preset
 from mocap_id.simulation.arm.sensors import film_skeleton
@@ -60,12 +58,11 @@ ROWS: Mapping[str, Row] = {
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of one trial; NaN if unknown."""
+    """Comparison of one trial with its truth; NaN if unknown."""
 
-    severity: float
-    level: str
     codes: tuple[str, ...]
-    seconds: float
+    level: str
+    seconds: float  # of the processor
     truth: float = nan  # volume, m³
     true_arm: float = nan  # length of the arm, m
     arm: float = nan
@@ -73,7 +70,7 @@ class Outcome:
     low: float = nan
     high: float = nan
     elevation: float = nan  # error of the range, °
-    held: bool = False  # the range's interval holds the truth
+    covered: bool = False  # the interval of the range includes the truth
 
     @property
     def true_size(self) -> float:
@@ -91,41 +88,37 @@ class Outcome:
         return 100 * (self.volume / self.truth - 1)
 
 
-def measure(task: tuple[str, int, float]) -> Outcome:
+def measure(task: tuple[str, int, int]) -> Outcome:
     """Simulate and run a trial of a row, and compare it with its truth."""
-    name, seed, severity = task
-    row = ROWS[name]
-    options = ArmOptions(seed=seed, preset=row.preset, severity=severity, cycles=1 if row.preset == "hard" else 2)
+    name, first, k = task
+    row, severity = ROWS[name], SEVERITIES[k % len(SEVERITIES)]
+    options = ArmOptions(seed=first + k, preset=row.preset, severity=severity, cycles=1 if row.preset == "hard" else 2)
     with tempfile.TemporaryDirectory() as place:
         configuration = write_arm(Path(place) / "trial", options)
         if row.camera:
             skeleton = film_skeleton(generate_arm(options), options).csv()
             configuration.with_name("skeleton.csv").write_bytes(skeleton)
-            text = configuration.read_text("utf-8").replace(
-                "recording: trial.c3d", "recording: {skeleton: skeleton.csv}"
-            )
+            text = configuration.read_text("utf-8")
+            text = text.replace("recording: trial.c3d", "recording: {skeleton: skeleton.csv}")
             configuration.write_text(text, "utf-8")
         started = time.process_time()
         try:
-            outcome = run(load(configuration))
+            done = harness.run_trial(configuration)
         except MocapIdError as error:
-            return Outcome(severity, "failed", (type(error).__name__,), time.process_time() - started)
-        seconds = time.process_time() - started
-        return compare(harness.read_summary(outcome.folder), harness.read_truth(configuration), severity, seconds)
+            return Outcome((type(error).__name__,), level="failed", seconds=time.process_time() - started)
+        return compare(done, time.process_time() - started)
 
 
-def compare(summary: Mapping[str, Any], truth: Mapping[str, Any], severity: float, seconds: float) -> Outcome:
-    """Compare a summary with the truth."""
-    found = summary["workspace"] or {}
-    codes = tuple(each["code"] for each in summary["verdict"]["reasons"])
+def compare(done: harness.Run, seconds: float) -> Outcome:
+    """Compare a trial with its truth."""
+    truth, found = done.truth, done.summary["workspace"] or {}
     low, high = found.get("interval_m3") or (nan, nan)
     elevation = (found.get("ranges") or {}).get("shoulder_elevation") or {"range_deg": nan, "interval_deg": (nan, nan)}
     first, last = elevation["interval_deg"]
     true_range = np.degrees(np.ptp(truth["ranges_rad"]["elevation"]))
     return Outcome(
-        severity=severity,
-        level=summary["verdict"]["level"],
-        codes=codes,
+        codes=tuple(each["code"] for each in done.summary["verdict"]["reasons"]),
+        level=done.summary["verdict"]["level"],
         seconds=seconds,
         truth=truth["reach"]["volume_m3"],
         true_arm=sum(truth["subject"]["segment_lengths_m"].values()),
@@ -134,7 +127,7 @@ def compare(summary: Mapping[str, Any], truth: Mapping[str, Any], severity: floa
         low=low,
         high=high,
         elevation=elevation["range_deg"] - true_range,
-        held=bool(first <= true_range <= last),
+        covered=bool(first <= true_range <= last),
     )
 
 
@@ -146,7 +139,7 @@ def table(name: str, outcomes: Sequence[Outcome], first: int) -> str:
     far = ~(np.abs(errors) <= row.volume)
     flagged = np.array([each.level != "ok" for each in outcomes])
     inside = [each.low <= each.truth <= each.high for each in outcomes if np.isfinite(each.volume)]
-    held = [each.held for each in outcomes if np.isfinite(each.elevation)]
+    covered = [each.covered for each in outcomes if np.isfinite(each.elevation)]
     head = (
         f"**{name}**, {len(outcomes)} trials, seeds from {first}: {int(known.sum())} with a volume, "
         f"{int(flagged.sum())} not `ok`, {int((far & ~flagged).sum())} beyond the limit and `ok`; "
@@ -160,12 +153,10 @@ def table(name: str, outcomes: Sequence[Outcome], first: int) -> str:
         [f"volume, %{', or not `ok`' * row.flagged}", f"{row.volume:g}", kept, *sizes(errors, np.inf, ".1f")[1:]],
         ["inside the 95 % interval", "0.88–0.99", share(inside), "", ""],
         [
-            "range of elevation, °",
-            f"{row.elevation:g}",
-            share(np.abs(elevation) <= row.elevation),
+            *("range of elevation, °", f"{row.elevation:g}", share(np.abs(elevation) <= row.elevation)),
             *sizes(elevation, np.inf, ".1f")[1:],
         ],
-        ["range of elevation inside its 95 % interval", "", share(held), "", ""],
+        ["range of elevation inside its 95 % interval", "", share(covered), "", ""],
         ["five severities in order, if the true ones are", "all", _ordered(outcomes), "", ""],
         [different, "all", _neighbours(outcomes), "", ""],
         ["processor time, s", "5", *sizes([each.seconds for each in outcomes], 5, ".1f")],
@@ -201,7 +192,9 @@ def cohort(jobs: int) -> str:
             file = simulate_reach_cohort(Path(place) / name, ReachCohort(skeletons=skeletons))
             folder = run_study(file, jobs).study.folder
             people.append(pd.read_parquet(folder / "people.parquet"))
-            about.append(f"by {name} {_correlation(folder)}")
+            row = pd.read_parquet(folder / "correlation.parquet").iloc[0]
+            spearman = _with_interval(row, "spearman")
+            about.append(f"by {name} {spearman}, p = {show(row['p'], 2)}, {row['people']} people")
             true = _true_volumes(file)
     return cohort_table(people, true) + f"\n\nSpearman's correlation with the score: {'; '.join(about)}."
 
@@ -215,11 +208,6 @@ def cohort_table(people: Sequence[pd.DataFrame], true: Mapping[str, Sequence[flo
         rows.append([subject, score, THESIS[score], show(np.mean(true[subject])), *found])
     head = ["person", "score", "thesis", "truth", "markers", "camera", "visited, markers", "visited, camera"]
     return harness.markdown(head, rows, numbers_from=1)
-
-
-def _correlation(folder: Path) -> str:
-    row = pd.read_parquet(folder / "correlation.parquet").iloc[0]
-    return f"{_with_interval(row, 'spearman')}, p = {show(row['p'], 2)}, {row['people']} people"
 
 
 def _true_volumes(file: Path) -> dict[str, list[float]]:
@@ -236,18 +224,11 @@ def _with_interval(row: Any, name: str) -> str:
 
 
 def main() -> None:
-    """Measure all rows and the cohort, or those given by ``--only``."""
-    parser = harness.command_line(__doc__, parallel=True, trials=20, first=310_000)
-    every = [*ROWS, "cohort"]
-    parser.add_argument("--only", nargs="*", default=every, choices=every, help="rows to measure")
-    given = parser.parse_args()
-    sections, tables = {}, {}
-    for name in (each for each in given.only if each in ROWS):
-        tasks = [(name, given.first + k, SEVERITIES[k % len(SEVERITIES)]) for k in range(given.trials)]
-        tables[name] = table(name, harness.run_all(measure, tasks, given.jobs), given.first)
-        harness.progress(tables[name])
-    if tables:
-        sections["reach"] = harness.rows_on_page("reach", tables, list(ROWS))
+    """Measure all rows and the cohort, or the parts in ``--only``."""
+    only, sections = [*ROWS, "cohort"], {}
+    given = harness.command_line(__doc__, parallel=True, only=only, trials=20, first=310_000).parse_args()
+    if given.only != ["cohort"]:
+        sections["reach"] = harness.measure_rows("reach", ROWS, given, measure, table)
     if "cohort" in given.only:
         sections["reach-cohort"] = cohort(given.jobs)
     harness.publish(sections, write=given.write)

@@ -21,7 +21,6 @@ from mocap_id.arrays import FloatArray
 from mocap_id.config import load
 from mocap_id.errors import MocapIdError
 from mocap_id.runner import run_stage
-from mocap_id.store import Folder
 
 TRIALS = ("STS1", "squats1")
 STAGES = (*harness.DYNAMIC, "report")
@@ -32,14 +31,11 @@ Names = tuple[str, ...]
 
 @dataclass(frozen=True)
 class Fault:
-    """A fault: what it does to labels, markers (F, M, 3) and forces, and the words by which it is named.
+    """A fault of markers or forces."""
 
-    ``forces`` are the factor of all components and the delay of their clock, s.
-    """
-
-    words: tuple[str, ...]
-    markers: Callable[[Names, FloatArray], tuple[Names, FloatArray]] | None = None
-    forces: tuple[float, float] = (1.0, 0.0)
+    words: tuple[str, ...]  # one of these words names the fault
+    markers: Callable[[Names, FloatArray], tuple[Names, FloatArray]] | None = None  # changes labels and (F, M, 3)
+    forces: tuple[float, float] = (1.0, 0.0)  # factor of all components, and delay of their clock, s
 
 
 def _frozen(labels: Names, points: FloatArray) -> tuple[Names, FloatArray]:
@@ -108,7 +104,7 @@ def _alike(clean: Mapping[str, Any], found: Mapping[str, Any]) -> bool:
         return False
     lengths = all(abs(found["lengths"][k] / one - 1) < LENGTH for k, one in clean["lengths"].items())
     off = found["torques"] - clean["torques"]
-    torques = np.sqrt(np.nanmean(off**2, axis=0)) < TORQUE
+    torques = harness.rms(off) < TORQUE
     inside = np.nanmean((off / found["torque_sd"]) ** 2, axis=0) < harness.QUANTILE**2
     angles = np.nanstd(found["angles"] - clean["angles"], axis=0) < ANGLE
     known = np.isfinite(off).any(axis=0)  # no torque inside a body
@@ -125,19 +121,16 @@ def _run(source: Path, folder: Path, name: str, fault: Fault) -> dict[str, Any] 
             return None
     except MocapIdError:
         return None
-    run = Folder(trial.out)
-    states, dynamics, tree = harness.read_artefacts(run, "states.parquet", "dynamics.parquet", "dynamics.h5")
-    summary = harness.read_summary(trial.out)
+    done = harness.Run(trial.file, trial)
+    states, dynamics, tree = done.read("states.parquet", "dynamics.parquet", "dynamics.h5")
+    summary = done.summary
     joints = range(1, len(summary["joints"]) + 1)
-    notes = [
-        reason.as_dict()
-        for file in ("planar.parquet", "segments.parquet", "dynamics.h5")
-        for reason in run.read(file).reasons
-    ]
+    files = done.read("planar.parquet", "segments.parquet", "dynamics.h5")
+    notes = [reason.as_dict() for file in files for reason in file.reasons]
     return {
         "reasons": [*summary["verdict"]["reasons"], *notes],
         "lengths": {k: one["value"] for k, one in summary["lengths_m"].items()},
-        "angles": np.stack([states[f"theta_{j}"] for j in joints], axis=1),
+        "angles": states.stack([f"theta_{j}" for j in joints]),
         "torques": dynamics.stack([f"tau_{j}" for j in joints]),
         "torque_sd": dynamics.stack([f"sd_tau_{j}" for j in joints]),
         "offset": tree.facts["clock_offset_s"] or 0.0,
@@ -172,11 +165,8 @@ def _write(source: Path, folder: Path, name: str, fault: Fault) -> None:
 
 def main() -> None:
     """Measure and publish."""
-    parser = harness.command_line(__doc__)
-    arguments, source = parser.parse_args(), harness.recordings()
-    if source is None:
-        parser.error("MOCAP_ID_RECORDINGS does not name the folder of the recordings")
-    harness.publish({"real-faults": real_table(source / "sit-to-stand")}, write=arguments.write)
+    given = harness.command_line(__doc__).parse_args()
+    harness.publish({"real-faults": real_table(harness.real_recordings())}, write=given.write)
 
 
 if __name__ == "__main__":

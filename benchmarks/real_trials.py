@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from harness import JOINTS, command_line, markdown, publish, recordings, write_real_trial
+from harness import JOINTS, command_line, markdown, publish, real_recordings, rms, write_real_trial
 
 from mocap_id.arrays import BoolArray, FloatArray, find_complete_rows
 from mocap_id.config import load
@@ -29,8 +29,7 @@ from mocap_id.store import Folder
 from mocap_id.workflows.identified_trial import IdentifiedTrial, open_identified_trial
 from mocap_id.workflows.transfer import HELD_OUT, OWN, SERIES, TRANSFERRED, apply_model, rms_error
 
-UNITS = {"Fx": ("N", 1.0, 1), "Fy": ("N", 1.0, 1), "tauz": ("N·m", 1.0, 1), "cop_x": ("mm", 1e3, 1)}
-HEADS = [f"{'CoP' if name == 'cop_x' else name}, {unit}" for name, (unit, _, _) in UNITS.items()]
+HEADS = ("Fx, N", "Fy, N", "tauz, N·m", "CoP, mm")
 STEPS = (
     "1 pinned chain",
     "2 its poses, new fit",
@@ -59,10 +58,11 @@ class Trial:
         trial, folder = load(self.file), Folder(self.done.folder)
         return Context(trial.keys, trial.settings[STAGE.name], {name: folder.read(name) for name in STAGE.inputs})
 
-    def base(self, name: str) -> Any:
-        """Return an array of the base parameters in dynamics.h5."""
+    @property
+    def base(self) -> Any:
+        """The base parameters in dynamics.h5."""
         tree: Any = Folder(self.done.folder).read("dynamics.h5")
-        return tree.data["base"][name]
+        return tree.data["base"]
 
 
 def run(source: Path, folder: Path, recording: str, name: str, **keys: Any) -> Trial:
@@ -72,26 +72,29 @@ def run(source: Path, folder: Path, recording: str, name: str, **keys: Any) -> T
 
 
 def cells(values: Mapping[str, float]) -> list[str]:
-    return [f"{factor * values[name]:.{digits}f}" for name, (_, factor, digits) in UNITS.items()]
+    """Return errors of the wrench in the units of the tables."""
+    return [f"{(1e3 if name == 'cop_x' else 1.0) * values[name]:.1f}" for name in SERIES]
 
 
-def of_facts(errors: Mapping[str, Any]) -> list[str]:
-    return cells({name: float(np.hypot(errors[name]["bias"], errors[name]["sd"])) for name in SERIES})
+def cells_of_facts(errors: Mapping[str, Any]) -> list[str]:
+    """Return rms errors from bias and standard deviation in the facts of a trial."""
+    return cells({name: float(np.hypot(one["bias"], one["sd"])) for name, one in errors.items()})
 
 
 def held_out_rows(name: str, trial: Trial, chain: Trial) -> list[list[str]]:
+    """Return errors on left-out repetitions of every model, filtered and unfiltered."""
     held, pins = trial.done.facts["held_out"], trial.done.facts["pins"]
     on_chain = chain.done.facts["held_out"]
-    in_band = cells(
-        {key: float(np.hypot(one["bias"], one["sd"])) for key, one in pins["chain"]["wrench"].items()}
-        | {"cop_x": pins["chain"]["cop_rms_m"]}
-    )
+    pressure = {"bias": 0.0, "sd": pins["chain"]["cop_rms_m"]}
     return [
-        [name, "pinned chain", "in the band", str(pins["samples"]), *in_band],
-        [name, "measured poses", "in the band", str(held["samples"]), *of_facts(held["model"])],
-        [name, "Winter", "in the band", str(held["samples"]), *of_facts(held["reference"])],
-        [name, "pinned chain", "unfiltered", str(on_chain["samples"]), *of_facts(on_chain["model"])],
-        [name, "measured poses", "unfiltered", str(held["samples"]), *of_facts(held["unfiltered"])],
+        [name, model, band, str(samples), *cells_of_facts(errors)]
+        for model, band, samples, errors in (
+            ("pinned chain", "in the band", pins["samples"], {**pins["chain"]["wrench"], "cop_x": pressure}),
+            ("measured poses", "in the band", held["samples"], held["model"]),
+            ("Winter", "in the band", held["samples"], held["reference"]),
+            ("pinned chain", "unfiltered", on_chain["samples"], on_chain["model"]),
+            ("measured poses", "unfiltered", held["samples"], held["unfiltered"]),
+        )
     ]
 
 
@@ -148,10 +151,11 @@ def errors(model: FloatArray, measured: FloatArray, threshold: float) -> dict[st
     """Return rms errors of a wrench (R, 3) and its centre of pressure."""
     both = (np.column_stack([wrench, centre_of_pressure(wrench, threshold)]) for wrench in (model, measured))
     off = np.subtract(*both)
-    return dict(zip(SERIES, np.sqrt(np.nanmean(off**2, axis=0)), strict=True))
+    return dict(zip(SERIES, rms(off), strict=True))
 
 
 def gap_rows(name: str, trial: Trial) -> list[list[str]]:
+    """Return the gap of every joint, and the acceleration of one body relative to the other."""
     gaps = trial.done.facts["motion"]["joints"]
     return [
         [name, joint, f"{1e3 * gaps[joint]['gap_m']:.1f}", f"{gaps[joint]['acceleration_m_s2']:.2f}"]
@@ -160,6 +164,7 @@ def gap_rows(name: str, trial: Trial) -> list[list[str]]:
 
 
 def clock_row(name: str, trial: Trial) -> list[str]:
+    """Return the clock offset of the pinned chain, of the measured poses, and of their left-out repetitions, ms."""
     facts = trial.done.facts
     folds = 1e3 * np.array(facts["held_out"]["clock_offset_s"])
     found = f"{1e3 * facts['clock_offset_s']:.1f} ± {1e3 * facts['clock_offset_sd_s']:.1f}"
@@ -177,14 +182,8 @@ def torque_row(trial: Trial, band: Trial, below: str) -> list[str]:
         carried = bodies.regressor @ np.where(np.repeat(bodies.motion.beyond[j], 4), 0.0, full)
         by_plate = np.einsum("tc,tc->t", bodies.motion.jacobian[:, :, j], measured - carried)
         off = band.done.in_band(dynamics[f"tau_{j + 1}"].to_numpy() - by_plate)[used]
-        found.append(f"{np.sqrt(np.nanmean(off**2)):.1f} ({np.nanmean(off):+.1f})")
+        found.append(f"{rms(off):.1f} ({np.nanmean(off):+.1f})")
     return found
-
-
-def thigh(trial: Trial) -> str:
-    """Return the mass of the thighs with its standard deviation, kg."""
-    k = 4 * THIGH
-    return f"{trial.done.parameters[k]:.1f} ± {np.sqrt(trial.done.covariance[k, k]):.1f}"
 
 
 def transfers(pairs: Mapping[str, tuple[Trial, Trial]]) -> dict[str, str]:
@@ -210,9 +209,10 @@ def transfers(pairs: Mapping[str, tuple[Trial, Trial]]) -> dict[str, str]:
 
 
 def parameter_rows(one: Trial, other: Trial) -> list[list[str]]:
+    """Return the parameters of two trials, and their difference in standard deviations."""
     rows = []
-    values, sds, shares = ([trial.base(key) for trial in (one, other)] for key in ("value", "sd", "prior_share"))
-    for k, (name, unit) in enumerate(zip(one.base("name"), one.base("unit"), strict=True)):
+    values, sds, shares = ([trial.base[key] for trial in (one, other)] for key in ("value", "sd", "prior_share"))
+    for k, (name, unit) in enumerate(zip(one.base["name"], one.base["unit"], strict=True)):
         row = [f"`{name}`", str(unit).replace("*", "·").replace("^2", "²")]
         for value, sd, share in zip(values, sds, shares, strict=True):
             row += [f"{value[k]:.2f} ± {sd[k]:.2f}", f"{100 * share[k]:.0f} %"]
@@ -233,36 +233,33 @@ def sections(source: Path, folder: Path) -> dict[str, str]:
     inside = {name: trial.done.facts["held_out"]["inside"] for name, trial in named.items()}
     shares = [[name, *(f"{100 * of[key]:.0f} %" for key in SERIES)] for name, of in inside.items()]
     stepped = [[step, *(cell for name in named for cell in found[name][step])] for step in STEPS]
-    thighs = " and ".join(f"{thigh(trial)} kg on `{name}`" for name, trial in named.items())
+    gaps = [row for each in named.items() for row in gap_rows(*each)]
+    clocks = [clock_row(*each) for each in named.items()]
+    k = 4 * THIGH
+    thighs = " and ".join(
+        f"{trial.done.parameters[k]:.1f} ± {np.sqrt(trial.done.covariance[k, k]):.1f} kg on `{name}`"
+        for name, trial in named.items()
+    )
+    head = ["parameter", "unit", "STS1", "prior", "squats1", "prior", "difference"]
     return {
         "real-held-out": markdown(["", "model", "", "samples", *HEADS], held_out),
         "real-inside": markdown(["", *(head.split(",")[0] for head in HEADS)], shares),
         "real-steps": markdown(["", *(f"{name}: {head}" for name in named for head in HEADS)], stepped),
-        "real-gaps": markdown(
-            ["", "joint", "gap, mm", "acceleration, m/s²"], [row for each in named.items() for row in gap_rows(*each)]
-        ),
-        "real-clocks": markdown(
-            ["", "pinned chain, ms", "measured poses, ms", "by repetition, ms"],
-            [clock_row(*each) for each in named.items()],
-        ),
+        "real-gaps": markdown(["", "joint", "gap, mm", "acceleration, m/s²"], gaps),
+        "real-clocks": markdown(["", "pinned chain, ms", "measured poses, ms", "by repetition, ms"], clocks),
         "real-torques": markdown(["", "model", "below", *(f"{joint}, N·m" for joint in JOINTS)], torques),
-        "real-thigh": f"Both thighs together weigh {thighs} in the model, {sts.done.reference[4 * THIGH]:.0f} kg in "
+        "real-thigh": f"Both thighs together weigh {thighs} in the model, {sts.done.reference[k]:.0f} kg in "
         "Winter's table.",
         **transfers({"STS1 → squats1": (sts, squats), "squats1 → STS1": (squats, sts)}),
-        "real-parameters": markdown(
-            ["parameter", "unit", "STS1", "prior", "squats1", "prior", "difference"], parameter_rows(four, squats)
-        ),
+        "real-parameters": markdown(head, parameter_rows(four, squats)),
     }
 
 
 def main() -> None:
     """Measure both trials."""
-    parser = command_line(__doc__)
-    arguments, source = parser.parse_args(), recordings()
-    if source is None:
-        parser.error("MOCAP_ID_RECORDINGS does not name the folder of the recordings")
+    given = command_line(__doc__).parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        publish(sections(source / "sit-to-stand", Path(folder)), write=arguments.write)
+        publish(sections(real_recordings(), Path(folder)), write=given.write)
 
 
 if __name__ == "__main__":

@@ -20,7 +20,6 @@ from mocap_id.geometry import se3
 from mocap_id.kinematics.space.rigid_body import rigid_poses
 from mocap_id.simulation.space_robot.robot import SpaceRobotOptions
 from mocap_id.simulation.space_robot.trial import simulate_space_robot
-from mocap_id.store import Tree
 from mocap_id.store.spatial_views import SpatialSkeleton
 from mocap_id.workflows.payload import find_payload
 from mocap_id.workflows.run_folder import RunFolder, open_run
@@ -30,35 +29,33 @@ PAYLOAD = 2.0  # kg
 
 @dataclass(frozen=True)
 class Outcome:
-    """Errors of one robot: of all base parameters, and of the payload; their share inside the 95 % intervals."""
+    """Errors of one robot, and shares inside the 95 % intervals."""
 
-    kinds: bool
-    base: float
+    kinds: bool  # all joints were found as hinges
+    base: float  # of all base parameters, relative to their norm
     base_inside: float
-    mass: float
-    centre: float
-    payload: float
+    mass: float  # of the payload, relative
+    centre: float  # of mass of the payload, m
+    payload: float  # of the ten parameters of the payload, relative to their norm
     payload_inside: float
 
 
-def measure(task: tuple[Any, int]) -> Outcome:
+def measure(task: tuple[Any, int, int]) -> Outcome:
     """Simulate a robot with and without its payload, run both trials and compare."""
-    preset, seed = task
+    preset, first, k = task
     with tempfile.TemporaryDirectory() as folder:
         empty, loaded = (
-            simulate_space_robot(Path(folder) / name, SpaceRobotOptions(seed=seed, preset=preset, payload=payload))
+            simulate_space_robot(Path(folder) / name, SpaceRobotOptions(seed=first + k, preset=preset, payload=payload))
             for name, payload in (("empty", 0.0), ("loaded", PAYLOAD))
         )
         loaded.write_text(loaded.read_text("utf-8") + "calibration: ../empty/trial.yaml\n", encoding="utf-8")
         found = find_payload(loaded, empty).payload
-        runs, truths = (
-            [open_run(file) for file in (empty, loaded)],
-            [harness.read_truth(file) for file in (empty, loaded)],
-        )
-    tree = _tree(runs[0], "dynamics.h5")
+        runs, truths = zip(*((open_run(file), harness.read_truth(file)) for file in (empty, loaded)), strict=True)
+    tree: Any = runs[0].tree("dynamics.h5")
     value, sd = tree.numbers("base/value"), tree.numbers("base/sd")
     frames = _frames(runs[0], truths[0])
-    own = [move @ part for move, part in zip(frames, _parameters(truths[0]), strict=True)]
+    parameters = np.array(list(truths[0]["parameters"].values())).reshape(-1, 10)
+    own = [move @ part for move, part in zip(frames, parameters, strict=True)]
     base = np.asarray(tree.array("base/regrouping")) @ np.concatenate(own)
     carried = _frames(runs[1], truths[1])[-1] @ np.array(truths[1]["payload"]["parameters"])
     return Outcome(
@@ -72,19 +69,10 @@ def measure(task: tuple[Any, int]) -> Outcome:
     )
 
 
-def _tree(run: RunFolder, file: str) -> Tree:
-    tree = run.tree(file)
-    assert tree is not None
-    return tree
-
-
 def _skeleton(run: RunFolder) -> SpatialSkeleton:
-    return SpatialSkeleton.from_tree(_tree(run, "chain.h5"))
-
-
-def _parameters(truth: Mapping[str, Any]) -> FloatArray:
-    """Return the true parameters (K, 10) in the segments' true frames."""
-    return np.array(list(truth["parameters"].values())).reshape(-1, 10)
+    tree = run.tree("chain.h5")
+    assert tree is not None
+    return SpatialSkeleton.from_tree(tree)
 
 
 def _frames(run: RunFolder, truth: Mapping[str, Any]) -> list[FloatArray]:
@@ -109,7 +97,7 @@ def table(preset: str, outcomes: Sequence[Outcome], first: int) -> str:
         ("payload: all ten parameters, % of their norm", "payload", 100),
     ):
         values = factor * np.array([getattr(each, name) for each in outcomes])
-        rows.append([quantity, *(f"{value:.2g}" for value in np.quantile(values, (0.5, 0.8, 1.0), method="higher"))])
+        rows.append([quantity, *harness.cells(np.quantile(values, (0.5, 0.8, 1.0), method="higher"), ".2g")])
     for quantity, name in (("base parameters", "base_inside"), ("payload", "payload_inside")):
         share = np.array([getattr(each, name) for each in outcomes])
         rows.append([f"inside 95 %: {quantity}", f"{100 * share.mean():.0f} %", "", f"{100 * share.min():.0f} %"])
@@ -120,15 +108,11 @@ def table(preset: str, outcomes: Sequence[Outcome], first: int) -> str:
 
 
 def main() -> None:
-    """Measure both presets."""
-    given = harness.command_line(__doc__, parallel=True, trials=20, first=285_000).parse_args()
-    seeds = range(given.first, given.first + given.trials)
-    tables = []
-    for preset in ("clean", "default"):
-        outcomes = harness.run_all(measure, [(preset, seed) for seed in seeds], given.jobs)
-        tables.append(table(preset, outcomes, given.first))
-        harness.progress(tables[-1])
-    harness.publish({"robots-in-space": "\n\n".join(tables)}, write=given.write)
+    """Measure both presets, or the presets in ``--only``."""
+    only = ("clean", "default")
+    given = harness.command_line(__doc__, parallel=True, only=only, trials=20, first=285_000).parse_args()
+    sections = {"robots-in-space": harness.measure_rows("robots-in-space", only, given, measure, table)}
+    harness.publish(sections, write=given.write)
 
 
 if __name__ == "__main__":

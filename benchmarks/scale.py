@@ -1,6 +1,6 @@
 """Time and memory of processes, stages, batches and long recordings.
 
-Each part is kept in a folder (``--work``), so that an interrupted run continues, and ``--only frames,batch`` measures
+Each part is kept in a folder (``--work``), so that an interrupted run continues, and ``--only frames batch`` measures
 parts anew. Without MOCAP_ID_RECORDINGS a simulated recording replaces the reference recording. Nothing else should run
 meanwhile.
 """
@@ -16,57 +16,48 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import scale_lengths
-import scale_many
-import scale_starts
 from harness import command_line, progress, publish
+from scale_parts import Say, measure_batches, measure_lengths, measure_starts, measure_storage, measure_tasks
 from scale_recordings import Wanted
 from scale_tables import machine, plan, sections
 
-MINUTES = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
-MARKERS = (20, 40, 80, 160)
-JOINTS = (1, 2, 3, 5, 8)
 DENSE = Wanted(14_400, rate=480.0, analog=2400.0)
-TASKS = (1_000, 10_000, 100_000)
-ON_DASK = (1_000, 10_000)
 
 
 @dataclass(frozen=True)
 class Sizes:
     """Sizes of all measurements."""
 
-    minutes: tuple[float, ...] = MINUTES
-    markers: tuple[int, ...] = MARKERS
-    joints: tuple[int, ...] = JOINTS
+    minutes: tuple[float, ...] = (0.5, 1.0, 2.0, 5.0, 10.0, 20.0)
+    markers: tuple[int, ...] = (20, 40, 80, 160)
+    joints: tuple[int, ...] = (1, 2, 3, 5, 8)
     dense: Wanted = DENSE
     still: float = 60.0  # s of recording for the markers and joints parts
     repeats: int = 5
     trials: int = 50
     rounds: int = 1
-    tasks: tuple[int, ...] = TASKS
-    dask: tuple[int, ...] = ON_DASK
+    tasks: tuple[int, ...] = (1_000, 10_000, 100_000)
+    dask: tuple[int, ...] = (1_000, 10_000)
     filterpy: int = 16_461  # frames: those of the reference recording
     before: Path | None = None
 
 
-PARTS: Mapping[str, Callable[[Sizes, Path, Callable[[str], object]], Any]] = {
-    "starts": lambda s, place, say: scale_starts.measure(place, s.repeats, s.filterpy, s.dense, s.before),
-    "dense": lambda s, place, say: scale_lengths.measure([s.dense], place, s.repeats, say),
-    "frames": lambda s, place, say: scale_lengths.measure(
+PARTS: Mapping[str, Callable[[Sizes, Path, Say], Any]] = {
+    "starts": lambda s, place, say: measure_starts(place, s.repeats, s.filterpy, s.dense, s.before),
+    "dense": lambda s, place, say: measure_lengths([s.dense], place, s.repeats, say),
+    "frames": lambda s, place, say: measure_lengths(
         [Wanted(round(6_000 * minutes)) for minutes in s.minutes], place, min(2, s.repeats), say
     ),
-    "markers": lambda s, place, say: scale_lengths.measure(
+    "markers": lambda s, place, say: measure_lengths(
         [Wanted(round(100 * s.still), markers=count) for count in s.markers], place, 1, say
     ),
-    "joints": lambda s, place, say: scale_lengths.measure(
+    "joints": lambda s, place, say: measure_lengths(
         [Wanted(round(100 * s.still), joints=count) for count in s.joints], place, 1, say
     ),
-    "storage": lambda s, place, say: scale_many.storage(place),
-    "tasks": lambda s, place, say: scale_many.distribute(place, s.tasks, s.dask, say),
-    "batch": lambda s, place, say: scale_many.batches(place, s.trials, s.rounds, say),
+    "storage": lambda s, place, say: measure_storage(place),
+    "tasks": lambda s, place, say: measure_tasks(place, s.tasks, s.dask, say),
+    "batch": lambda s, place, say: measure_batches(place, s.trials, s.rounds, say),
 }
-
-
 SMALL = Sizes(
     minutes=(0.2,),
     markers=(20,),
@@ -84,22 +75,18 @@ SMALL = Sizes(
 def main() -> None:
     """Measure the missing or requested parts."""
     parser = command_line(__doc__, repeats=Sizes.repeats, trials=Sizes.trials, rounds=Sizes.rounds)
-    parser.add_argument("--only", type=lambda words: words.split(","), help=f"parts to measure anew: {','.join(PARTS)}")
+    parser.add_argument("--only", nargs="*", choices=list(PARTS), help="parts to measure anew")
     parser.add_argument("--work", type=Path, help="folder of the measured parts (default: one for this user)")
     parser.add_argument("--before", type=Path, help="source tree of an earlier commit, run in turns with this one")
-    parser.add_argument("--afresh", action="store_true", help="measure every part anew")
     parser.add_argument("--small", action="store_true", help="tiny sizes, for tests")
     options = parser.parse_args()
-    unknown = set(options.only or ()) - set(PARTS)
-    if unknown:
-        parser.error(f"no such part: {', '.join(sorted(unknown))}; expected {', '.join(PARTS)}")
     sizes = SMALL if options.small else Sizes(repeats=options.repeats, trials=options.trials, rounds=options.rounds)
     sizes = replace(sizes, before=options.before and options.before.resolve())
     work = options.work or Path(tempfile.gettempdir()) / f"mocap-id-scale-{os.getuid()}{'-small' * options.small}"
     work.mkdir(parents=True, exist_ok=True)
     for name in options.only or PARTS:
         record = work / f"{name}.json"
-        if options.only or options.afresh or not record.exists():
+        if options.only or not record.exists():
             record.write_text(json.dumps(measure(name, sizes, work), indent=1), encoding="utf-8")
     records = {name: work / f"{name}.json" for name in PARTS}
     found = {name: json.loads(file.read_text("utf-8")) for name, file in records.items() if file.exists()}

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
+import numpy as np
 from harness import markdown
-from scale_lengths import STAGES, fit_memory, fit_time
-from scale_many import AGAIN, APART, DASK, ONE, TWO
-from scale_starts import AGAIN as RUN_AGAIN
-from scale_starts import BARE, EARLIER, PERSON, RUN
+from scale_parts import AGAIN, APART, BARE, DASK, EARLIER, ONE, PERSON, RUN, RUN_AGAIN, STAGES, TWO
 
 Part = Mapping[str, Any]
 POWER, MEMORY, LONG, SHARE, OVERHEAD = 1.05, 400.0, 1000.0, 0.9, 1.1
@@ -36,9 +34,10 @@ TASKS = {
 def sections(found: Mapping[str, Any]) -> dict[str, str]:
     """Return the sections of all parts; a part that was not measured is named."""
     parts = {name: one["found"] for name, one in found.items()}
+    rows = [row for name, requirements in _REQUIREMENTS.items() if name in parts for row in requirements(parts[name])]
     return {
         "scale": machine(found),
-        "scale-requirements": markdown(["quantity", "required", "measured"], requirements(parts)),
+        "scale-requirements": markdown(["quantity", "required", "measured"], rows),
         **{f"scale-{name}": make(parts[name]) if name in parts else NOT_MEASURED for name, make in _SECTIONS.items()},
     }
 
@@ -47,24 +46,18 @@ def machine(found: Mapping[str, Any]) -> str:
     """Return the machine and how busy it was."""
     if not found:
         return "Nothing was measured."
+    cpu = Path("/proc/cpuinfo")
+    lines = cpu.read_text("utf-8").splitlines() if cpu.exists() else []
+    processor = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "unknown")
     most = max(load for one in found.values() for load in one["load"][:1])
     cores = next(iter(found.values()))["cores"]
     minutes = sum(one["seconds"] for one in found.values()) / 60
     busy = "**other work ran at the same time; no time here is reliable**"
     return (
-        f"Measured by `benchmarks/scale.py` on {cores} cores (processor: {processor()}) in {minutes:.0f} minutes. When "
+        f"Measured by `benchmarks/scale.py` on {cores} cores (processor: {processor}) in {minutes:.0f} minutes. When "
         f"the parts began, up to {most:.1f} processes were waiting for a core: "
         f"{'nothing else ran' if most < 0.5 * cores else busy}."
     )
-
-
-def processor() -> str:
-    """Return the name of the processor, if the system states it."""
-    try:
-        lines = Path("/proc/cpuinfo").read_text("utf-8").splitlines()
-    except OSError:
-        return "unknown"
-    return next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "unknown")
 
 
 def floor_of(one: Part) -> float:
@@ -75,6 +68,37 @@ def floor_of(one: Part) -> float:
 def megabytes(value: float | None) -> str:
     """Return MB, if known."""
     return "–" if value is None else f"{value:.0f} MB"
+
+
+class Grown(NamedTuple):
+    """Processor time at every size, and its exponent."""
+
+    seconds: tuple[float, ...]
+    all: float | None  # exponent over all sizes
+    larger: float | None  # over the larger half of the sizes
+
+
+def fit_time(part: Sequence[Mapping[str, Any]], key: str, name: str) -> Grown:
+    """Fit the time of a stage, or of a whole ``run``, against ``frames``, ``markers`` or ``joints``."""
+    sizes = [float(one["wanted"][key]) for one in part]
+    seconds = tuple(float((one["whole"] if name == "run" else one["stages"][name])["cpu"]) for one in part)
+    half = len(sizes) // 2
+    return Grown(seconds, exponent(sizes, seconds), exponent(sizes[half:], seconds[half:]))
+
+
+def fit_memory(part: Sequence[Mapping[str, Any]]) -> tuple[float, float, float] | None:
+    """Return MB per million marker-frames, MB without any, and the largest deviation of a length."""
+    size = np.array([one["wanted"]["frames"] * one["wanted"]["markers"] / 1e6 for one in part])
+    peak = np.array([one["whole"]["peak"] for one in part])
+    if len(size) < 2:
+        return None
+    slope, intercept = np.polyfit(size, peak, 1)
+    return float(slope), float(intercept), float(np.abs(peak - intercept - slope * size).max())
+
+
+def exponent(size: Sequence[float], value: Sequence[float]) -> float | None:
+    """Return p of value ∝ size^p, by least squares of the logarithms; None for fewer than two sizes."""
+    return float(np.polyfit(np.log(size), np.log(value), 1)[0]) if len(size) > 1 else None
 
 
 def starts(part: Part) -> str:
@@ -129,13 +153,8 @@ def frames(part: Sequence[Part]) -> str:
     for one in part:
         wanted, whole, base = one["wanted"], one["whole"], floor_of(one)
         each = f"{1e6 * whole['cpu'] / (wanted['frames'] * wanted['markers']):.1f}"
-        times = [
-            f"{whole['wall']:.1f} s",
-            f"{whole['cpu']:.1f} s",
-            each,
-            f"{base:.2f} s",
-            f"{whole['wall'] / base:.1f}",
-        ]
+        times = [f"{whole['wall']:.1f} s", f"{whole['cpu']:.1f} s", each]
+        times += [f"{base:.2f} s", f"{whole['wall'] / base:.1f}"]
         length = f"{wanted['frames'] / wanted['rate'] / 60:g} min"
         rows.append([length, f"{wanted['frames']:,}", *times, megabytes(whole["peak"])])
     head = ["length", "frames", "`run`", "processor", "µs per marker and frame", "floor", "`run` / floor", "memory"]
@@ -236,11 +255,6 @@ _SECTIONS: Mapping[str, Callable[[Any], str]] = {
 }
 
 
-def requirements(parts: Mapping[str, Any]) -> list[list[str]]:
-    """Return rows of the parts that were measured: quantity, requirement, result."""
-    return [row for name, rows in _REQUIREMENTS.items() if name in parts for row in rows(parts[name])]
-
-
 def _at_most(name: str, value: float, limit: float, unit: str = "", digits: int = 2) -> list[str]:
     return [name, f"≤ {limit:g}{unit}", f"{value:.{digits}f}{unit}" + _mark(value <= limit)]
 
@@ -251,10 +265,8 @@ def _mark(met: bool) -> str:
 
 def _frames(part: Any) -> Iterator[list[str]]:
     found = {name: fit_time(part, "frames", name) for name in (*STAGES, "run")}
-    for what, powers in (
-        ("exponent of frames, all lengths", {name: one.all for name, one in found.items()}),
-        ("the same, larger half", {name: one.larger for name, one in found.items()}),
-    ):
+    for what, which in (("exponent of frames, all lengths", "all"), ("the same, larger half", "larger")):
+        powers = {name: getattr(one, which) for name, one in found.items()}
         known = {name: value for name, value in powers.items() if value is not None}
         if known:
             worst = max(known, key=lambda name: known[name])

@@ -18,7 +18,7 @@ from time import perf_counter
 from typing import Any
 
 import scale_tasks
-from scale_processes import PROGRAM, spend
+from scale_parts import PROGRAM, SAMPLE, spend
 from scale_trial import memory
 
 from mocap_id.config import Trial, load
@@ -28,8 +28,6 @@ from mocap_id.workflows.batch import BATCH, find_trials
 from mocap_id.workflows.batch.batch import make_row, read_trial
 from mocap_id.workflows.parallel import Backend, DaskBackend, LocalBackend, TrialRun, run_trials
 
-SAMPLE = Path(__file__).resolve().parents[1] / "sample_trials" / "sit-to-stand" / "trial.yaml"
-
 
 def nothing(trial: Trial) -> TrialRun:
     """Return the record of a trial that takes no time."""
@@ -38,7 +36,7 @@ def nothing(trial: Trial) -> TrialRun:
 
 def trials(count: int) -> list[Trial]:
     """Return so many different trials."""
-    one = load(SAMPLE)
+    one = load(SAMPLE / "trial.yaml")
     names = [f"s{k // 100:04}-trial-{k:06}" for k in range(count)]
     return [
         replace(one, keys=one.keys.model_copy(update={"trial": name}), out=one.out.with_name(name)) for name in names
@@ -57,29 +55,24 @@ def through(backend: Backend, count: int) -> dict[str, float]:
 
 
 def table(count: int) -> dict[str, float]:
-    """Return the seconds to make the table, and its bytes."""
+    """Return the seconds to make the table from copies of one summary, and its bytes."""
     with tempfile.TemporaryDirectory() as place:
-        summary = _summary(Path(place))
-        wanted = [replace(one, out=summary.parent) for one in trials(count)]
+        for name in ("trial.c3d", "trial.yaml"):
+            shutil.copyfile(SAMPLE / name, Path(place) / name)
+        file = Path(place) / "trial.yaml"
+        spend([*PROGRAM, "run", "--quiet", str(file)], Path(place))  # in another process, whose memory does not count
+        wanted = [replace(one, out=load(file).out) for one in trials(count)]
         start = perf_counter()
         rows = [make_row(read_trial(one, nothing(one), Path(place))) for one in wanted]
         content = ResultTable.of(BATCH, rows).parquet("batch")
     return {"seconds": perf_counter() - start, "bytes": len(content)}
 
 
-def _summary(place: Path) -> Path:
-    """Return the summary of a trial, made by another process, whose memory does not count."""
-    for name in ("trial.c3d", "trial.yaml"):
-        shutil.copyfile(SAMPLE.with_name(name), place / name)
-    spend([*PROGRAM, "run", "--quiet", str(place / "trial.yaml")], place)
-    return load(place / "trial.yaml").out / "summary.json"
-
-
 def finding(count: int) -> dict[str, float]:
     """Return the seconds to read a folder with so many trials' files."""
     with tempfile.TemporaryDirectory() as place:
         for k in range(count):
-            text = SAMPLE.read_text("utf-8").replace("sit-to-stand", f"t{k:06}", 2)
+            text = (SAMPLE / "trial.yaml").read_text("utf-8").replace("sit-to-stand", f"t{k:06}", 2)
             Path(place, f"t{k:06}.yaml").write_text(
                 text.replace(f"protocol: t{k:06}", "protocol: sit-to-stand"), "utf-8"
             )

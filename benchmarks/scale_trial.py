@@ -59,7 +59,6 @@ def main() -> None:
     stages = Stages()
     outcome = runner.run(trial, progress=stages)
     summary = outcome.summary()
-    bytes_of = {file.relative_to(trial.out).as_posix(): file.stat().st_size for file in trial.out.rglob("*")}
     print(
         json.dumps(
             {
@@ -67,7 +66,6 @@ def main() -> None:
                 "verdict": summary["verdict"]["level"],
                 "codes": [one["code"] for one in summary["verdict"]["reasons"]],
                 "segments": (summary["segments"] or {}).get("count"),
-                "files": {name: size for name, size in bytes_of.items() if (trial.out / name).is_file()},
             }
         )
     )

@@ -10,49 +10,32 @@ from typing import Any
 
 import harness
 import numpy as np
-from harness import Comparison
+from harness import Comparison, Run
 from sensor_conditions import clock_errors
+from space import TO_TRIAL, rms_length, stack
 
 from mocap_id.arrays import FloatArray
-from mocap_id.config import load
 from mocap_id.errors import ConfigError
 from mocap_id.geometry import so3
-from mocap_id.runner import run
 from mocap_id.simulation.arm import ArmOptions, write_arm
 from mocap_id.simulation.arm.arm import generate_arm
 from mocap_id.simulation.arm.options import Preset
 from mocap_id.simulation.trial_files import points_bytes
-from mocap_id.store import Folder
 
 ACCELERATION: Mapping[Preset, float] = {"default": 0.26, "hard": 0.30}
 """Largest angular acceleration error of the forearm with sensors, rad/s²."""
-_UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 _ON = ("thorax", "upper_arm", "forearm")
-_GAP, _BEFORE = 2.0, 0.5  # s, and time from its start to a movement
-_MOVING = 0.5  # rad/s
 
 
 @dataclass(frozen=True)
-class _Run:
-    """Errors and standard deviations of a run, of thorax, upper arm and forearm in the axes of the trial.
+class _Errors:
+    """Errors of a run, of thorax, upper arm and forearm in the axes of the trial."""
 
-    Parameters
-    ----------
-    codes : tuple of str
-        Cautions, or the refusal.
-    summary : mapping
-    turn, rate, gain : (F, 3, 3) arrays
-        Errors of rotation, rad, against the truth without its constant, of angular velocity and acceleration.
-    sd : (3, F, 3) array
-        Their standard deviations per axis.
-    """
-
-    codes: tuple[str, ...]
-    summary: Mapping[str, Any]
-    turn: FloatArray
-    rate: FloatArray
-    gain: FloatArray
-    sd: FloatArray
+    done: Run
+    turn: FloatArray  # (F, 3, 3) of the rotation, rad, without its constant
+    rate: FloatArray  # (F, 3, 3) of the angular velocity, rad/s
+    gain: FloatArray  # (F, 3, 3) of the angular acceleration, rad/s²
+    sd: FloatArray  # (3, F, 3) standard deviations of these per axis
 
 
 def limits(preset: Preset) -> dict[str, float]:
@@ -90,9 +73,9 @@ def measure(seed: int, preset: Preset) -> Comparison:
         assert both is not None  # the markers are the same
         hidden = _hide(configuration, options)
         gap = _run(configuration)
-        truth = harness.read_truth(configuration)
-    sizes = [_size(each.gain[:, k]) for k in (2, 1) for each in (both, alone)]
-    clocks = clock_errors(both.summary, truth, truth["n_frames"] / truth["point_rate_hz"] / 2)
+        truth = both.done.truth
+    sizes = [rms_length(each.gain[:, k]) for k in (2, 1) for each in (both, alone)]
+    clocks = clock_errors(both.done, truth["n_frames"] / truth["point_rate_hz"] / 2)
     clock = 1e3 * max((abs(off) for off, _, observable in clocks if observable), default=0.0)
     rotations = [_largest(each, hidden, k) for each in (gap, both) for k in (1, 2)]
     inside = {"clock": float(np.mean([abs(off) < harness.QUANTILE * sd for off, sd, _ in clocks]))}
@@ -102,32 +85,32 @@ def measure(seed: int, preset: Preset) -> Comparison:
         if gap is not None:
             inside[f"rotation of the {name} without markers"] = _inside(gap.turn[hidden, k], gap.sd[0, hidden, k])
     errors = dict(zip(limits(preset), [*sizes, clock, *rotations], strict=True))
-    return Comparison(both.codes, errors, inside)
+    return Comparison(both.done.codes, errors, inside)
 
 
-def _run(configuration: Path) -> _Run | None:
-    """Run a trial and compare it with its truth; None if it is refused or has no arm."""
-    outcome = run(load(configuration))
-    if outcome.refused is not None:
+def _run(configuration: Path) -> _Errors | None:
+    """Run a trial and compare it with its truth; return None if it is refused or has no arm."""
+    done = harness.run_trial(configuration)
+    if done.summary["verdict"]["level"] == "refused":
         return None
-    poses = Folder(outcome.folder).read("poses.parquet")
+    (poses,) = done.read("poses.parquet")
     if f"{_ON[-1]}_qw" not in poses.names:
         return None
-    summary = harness.read_summary(outcome.folder)
-    true = harness.read_true_arrays(configuration, poses["time"], ["seg_R", "omega", "alpha"])
-    turn = np.stack([_turned(poses, name, _UP @ true["seg_R"][:, s]) for s, name in enumerate(_ON)], axis=1)
+    keys = ("seg_R", "omega", "alpha")
+    true = dict(zip(keys, done.true(poses["time"], *keys), strict=True))
+    turn = np.stack([_turned(poses, name, TO_TRIAL @ true["seg_R"][:, s]) for s, name in enumerate(_ON)], axis=1)
     rate, gain = (
-        np.stack([poses.stack([f"{name}_{key}_{axis}" for axis in "xyz"]) for name in _ON], axis=1)
-        - true[key][:, : len(_ON)] @ _UP.T
+        np.stack([stack(poses, name, [f"{key}_{axis}" for axis in "xyz"]) for name in _ON], axis=1)
+        - true[key][:, : len(_ON)] @ TO_TRIAL.T
         for key in ("omega", "alpha")
     )
     sd = np.stack([poses.stack([f"sd_{name}_{key}" for name in _ON]) for key in ("rotation", "omega", "alpha")])
-    return _Run(harness.caution_codes(summary), summary, turn, rate, gain, sd)
+    return _Errors(done, turn, rate, gain, sd)
 
 
 def _turned(poses: Any, name: str, true: FloatArray) -> FloatArray:
     """Return the error (F, 3) of a segment's rotation, rad, without the constant that its axes define."""
-    scalar, vector = poses[f"{name}_qw"], poses.stack([f"{name}_q{axis}" for axis in "xyz"])
+    scalar, vector = poses[f"{name}_qw"], stack(poses, name, ["qx", "qy", "qz"])
     cross = so3.hat(vector)
     found = np.eye(3) + 2 * scalar[:, None, None] * cross + 2 * cross @ cross
     known = np.isfinite(scalar)
@@ -140,26 +123,19 @@ def _turned(poses: Any, name: str, true: FloatArray) -> FloatArray:
 def _hide(configuration: Path, options: ArmOptions) -> slice:
     """Hide all markers for 2 s, beginning in a movement, and return these frames."""
     trial = generate_arm(options)
-    speed, rate = np.linalg.norm(trial.omega[:, 2], axis=1), trial.rate
-    count, margin = round(_GAP * rate), round(2 * rate)
-    moving = np.flatnonzero(speed[margin : -2 * margin] > _MOVING) + margin
-    first = int(np.random.default_rng(options.seed).choice(moving)) - round(_BEFORE * rate)
+    hidden = harness.choose_gap(np.linalg.norm(trial.omega[:, 2], axis=1), trial.rate, options.seed, (2.0, 4.0))
     points = trial.positions.copy()
-    points[first : first + count] = np.nan
-    configuration.with_name("trial.c3d").write_bytes(points_bytes(trial.labels, points, rate))
-    return slice(first, first + count)
+    points[hidden] = np.nan
+    configuration.with_name("trial.c3d").write_bytes(points_bytes(trial.labels, points, trial.rate))
+    return hidden
 
 
-def _largest(of: _Run | None, frames: slice, k: int) -> float:
+def _largest(of: _Errors | None, frames: slice, k: int) -> float:
     """Return the largest error of a segment's rotation in some frames, degrees; infinite where it is not known."""
     if of is None:
         return float("inf")
     size = np.degrees(np.linalg.norm(of.turn[frames, k], axis=1))
     return float(np.where(np.isfinite(size), size, np.inf).max())
-
-
-def _size(error: FloatArray) -> float:
-    return float(np.sqrt(np.nanmean(np.sum(error**2, axis=1))))
 
 
 def _inside(error: FloatArray, sd: FloatArray) -> float:

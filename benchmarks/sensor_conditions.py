@@ -7,22 +7,20 @@ has the same true motion in all three conditions.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import harness
 import numpy as np
-from harness import Comparison
+from harness import QUANTILE, Comparison, Run, run_trial
 from scipy.interpolate import CubicSpline
 
 from mocap_id.arrays import FloatArray
 from mocap_id.config import load
-from mocap_id.runner import run
 from mocap_id.simulation import Options, simulate
 from mocap_id.simulation.body import draw_subject
-from mocap_id.store import Folder
 
 STRATEGIES = ("normal", "dynamic", "stable")
 _ENDS = 20  # frames at either end without figures
@@ -51,68 +49,57 @@ def run_alone(place: Path, seed: int) -> Comparison:
     calibration = simulate("sit-to-stand", place / "calibration", first)
     configuration = simulate("sit-to-stand", place / "trial", second)
     alone = without_recording(configuration, calibration)
-    out = run(load(alone)).folder
-    summary = harness.read_summary(out)
-    shown = Folder(load(calibration).out).read("states.parquet")
-    constant = np.nanmean(_away(calibration, shown, shown["time"])[..., 0], axis=0)
-    states = Folder(out).read("states.parquet")
-    clock = harness.read_truth(alone)["imu"]
+    done = run_trial(alone)
+    (shown,) = Run(calibration, load(calibration)).read("states.parquet")
+    constant = np.nanmean(_errors(calibration, shown, shown["time"])[..., 0], axis=0)
+    (states,) = done.read("states.parquet")
+    clock = done.truth["imu"]
     time = clock["shank"]["offset_s"] + states["time"] * (1 + 1e-6 * clock["shank"]["ppm"])
-    away, sd = _away(alone, states, time), harness.state_arrays(states, "sd_")
+    away, sd = _errors(alone, states, time), harness.state_arrays(states, "sd_")
     away[..., 0] -= constant
     errors, inside = _of_states(away, sd)
+    others = {name: each for name, each in done.summary["imus"].items() if name != "shank"}
     between = {name: each["offset_s"] - clock["shank"]["offset_s"] for name, each in clock.items()}
-    off = {name: each["clock_offset_s"] - between[name] for name, each in _sensors(summary)}
+    off = {name: each["clock_offset_s"] - between[name] for name, each in others.items()}
     errors["largest error of an angle, degrees"] = float(np.degrees(np.abs(away[_ENDS:-_ENDS, :, 0]).max()))
     errors["clock between sensors, ms"] = 1e3 * max(abs(each) for each in off.values())
-    errors["repetitions"] = float(_counted(summary) == 3)
-    inside["clock"] = float(np.mean([abs(off[n]) < harness.QUANTILE * each["sd_s"] for n, each in _sensors(summary)]))
-    inside["heading"] = _heading_inside(summary)
-    return Comparison(harness.caution_codes(summary), errors, inside)
+    errors["repetitions"] = _has_three_repetitions(done)
+    inside["clock"] = float(np.mean([abs(off[n]) < QUANTILE * each["sd_s"] for n, each in others.items()]))
+    # the true rotation of each sensor about the vertical is zero
+    turned = [abs(each["heading_deg"]) < QUANTILE * each["heading_sd_deg"] for each in done.summary["imus"].values()]
+    inside["heading"] = float(np.mean(turned))
+    return Comparison(done.codes, errors, inside)
 
 
-def clock_errors(
-    summary: Mapping[str, Any], truth: Mapping[str, Any], middle: float
-) -> list[tuple[float, float, bool]]:
+def clock_errors(done: Run, middle: float) -> list[tuple[float, float, bool]]:
     """Return for every clock its error in mid-trial and its standard deviation, s, and if it is observable."""
     found = []
-    for name, each in summary["imus"].items():
+    for name, each in done.summary["imus"].items():
         if each["used"] and each["clock_offset_s"] is not None:
-            right = truth["imu"][name]
+            right = done.truth["imu"][name]
             off = each["clock_offset_s"] - right["offset_s"] + 1e-6 * (each["ppm"] - right["ppm"]) * middle
             found.append((float(off), each["sd_s"], each["observable"]))
     return found
-
-
-def _sensors(summary: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:
-    return [(name, each) for name, each in summary["imus"].items() if name != "shank"]
-
-
-def _heading_inside(summary: Mapping[str, Any]) -> float:
-    """Return the share of the sensors whose turn about the vertical, in truth zero, is inside its interval."""
-    every = [abs(each["heading_deg"]) < harness.QUANTILE * each["heading_sd_deg"] for each in summary["imus"].values()]
-    return float(np.mean(every))
 
 
 def run_cameras(place: Path, seed: int, *, board: bool) -> Comparison:
     """Simulate the second trial of a person with markers and a plate or a balance board, and run it."""
     options = replace(options_of(seed)[1], imus=False, board=board)
     configuration = simulate("sit-to-stand", place / ("board" if board else "plate"), options)
-    out = run(load(configuration)).folder
-    summary = harness.read_summary(out)
-    states = Folder(out).read("states.parquet")
-    away, sd = _away(configuration, states, states["time"]), harness.state_arrays(states, "sd_")
+    done = run_trial(configuration)
+    (states,) = done.read("states.parquet")
+    away, sd = _errors(configuration, states, states["time"]), harness.state_arrays(states, "sd_")
     away[..., 0] -= np.nanmean(away[..., 0], axis=0)
     errors, inside = _of_states(away, sd)
-    errors["repetitions"] = float(_counted(summary) == 3)
-    if summary["dynamics"]["base"] and summary["dynamics"]["base"][0]["value"] is not None:
-        more, intervals = _of_dynamics(configuration, Folder(out).read("dynamics.parquet"), summary)
+    errors["repetitions"] = _has_three_repetitions(done)
+    if done.summary["dynamics"]["base"] and done.summary["dynamics"]["base"][0]["value"] is not None:
+        more, intervals = _of_dynamics(done)
         errors, inside = errors | more, inside | intervals
-    return Comparison(harness.caution_codes(summary), errors, inside)
+    return Comparison(done.codes, errors, inside)
 
 
-def _counted(summary: Mapping[str, Any]) -> int:
-    return sum(each["stand_s"] is not None for each in summary["repetitions"])
+def _has_three_repetitions(done: Run) -> float:
+    return float(sum(each["stand_s"] is not None for each in done.summary["repetitions"]) == 3)
 
 
 def true_at(configuration: Path, time: FloatArray, names: Sequence[str]) -> dict[str, FloatArray]:
@@ -121,7 +108,7 @@ def true_at(configuration: Path, time: FloatArray, names: Sequence[str]) -> dict
         return {name: np.asarray(CubicSpline(arrays["t"], arrays[name])(time)) for name in names}
 
 
-def _away(configuration: Path, states: Any, time: FloatArray) -> FloatArray:
+def _errors(configuration: Path, states: Any, time: FloatArray) -> FloatArray:
     """Return the errors (F, n, 3) of the states."""
     true = true_at(configuration, time, ["q", "qd", "qdd"])
     return harness.state_arrays(states) - np.stack(list(true.values()), axis=2)
@@ -135,21 +122,18 @@ def _of_states(away: FloatArray, sd: FloatArray) -> tuple[dict[str, float], dict
         "joint velocities, rad/s": float(size[1]),
         "joint accelerations, rad/s²": float(size[2]),
     }
-    within = np.mean(np.abs(away) < harness.QUANTILE * sd, axis=(0, 1))
+    within = np.mean(np.abs(away) < QUANTILE * sd, axis=(0, 1))
     return errors, {name: float(each) for name, each in zip(("angle", "velocity", "acceleration"), within, strict=True)}
 
 
-def _of_dynamics(
-    configuration: Path, dynamics: Any, summary: Mapping[str, Any]
-) -> tuple[dict[str, float], dict[str, float]]:
+def _of_dynamics(done: Run) -> tuple[dict[str, float], dict[str, float]]:
+    (dynamics,) = done.read("dynamics.parquet")
     fit = dynamics["in_fit"]
-    true = true_at(configuration, dynamics["time"], ["wrench", "cop_x", "tau"])
-    right = harness.read_truth(configuration)["base_parameters"]["values"]
-    base = summary["dynamics"]["base"]
-    value = np.array([each["value"] for each in base])
-    first = [abs(np.hypot(*value[[k, k + 1]]) / np.hypot(*np.array(right)[[k, k + 1]]) - 1) for k in (2, 5, 8)]
-    torque = np.stack([dynamics[f"tau_{j}"] for j in (1, 2, 3)], axis=1) - true["tau"]
-    sd = np.stack([dynamics[f"sd_tau_{j}"] for j in (1, 2, 3)], axis=1)
+    true = true_at(done.configuration, dynamics["time"], ["wrench", "cop_x", "tau"])
+    value, right = done.base("value"), done.true_base
+    first = [abs(np.hypot(*value[[k, k + 1]]) / np.hypot(*right[[k, k + 1]]) - 1) for k in (2, 5, 8)]
+    torque = dynamics.stack([f"tau_{j}" for j in (1, 2, 3)]) - true["tau"]
+    sd = dynamics.stack([f"sd_tau_{j}" for j in (1, 2, 3)])
     cop = dynamics["cop_x_model"] - true["cop_x"]
     errors = {
         "centre of pressure, mm": 1e3 * float(harness.rms(cop[fit])),
@@ -159,11 +143,11 @@ def _of_dynamics(
         "torques of knee and hip, N·m": float(harness.rms(torque[fit, 1:].ravel())),
         "mass, %": 100 * abs(value[0] / right[0] - 1),
         "first moments, %": 100 * float(np.mean(first)),
-        "moments of inertia, %": 100 * float(np.mean([abs(value[k] / right[k] - 1) for k in (4, 7, 10)])),
+        "moments of inertia, %": 100 * float(np.mean(np.abs(value[[4, 7, 10]] / right[[4, 7, 10]] - 1))),
     }
     inside = {
-        "centre of pressure": np.nanmean(np.abs(cop[fit]) < harness.QUANTILE * dynamics["sd_cop_x_model"][fit]),
-        "torques": np.nanmean(np.abs(torque[fit]) < harness.QUANTILE * sd[fit]),
+        "centre of pressure": np.nanmean(np.abs(cop[fit]) < QUANTILE * dynamics["sd_cop_x_model"][fit]),
+        "torques": np.nanmean(np.abs(torque[fit]) < QUANTILE * sd[fit]),
     }
     return errors, {name: float(each) for name, each in inside.items()}
 

@@ -12,11 +12,9 @@ import harness
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.config import load
 from mocap_id.dynamics.regressor import planar_regressor
 from mocap_id.geometry import planar
 from mocap_id.geometry.plane_frame import PlaneFrame
-from mocap_id.runner import run
 from mocap_id.simulation import JointMotion, Options, motion_through
 from mocap_id.simulation.body import Link, SimulatedBody
 from mocap_id.simulation.forces import TrueState
@@ -92,7 +90,7 @@ def table(seeds: Sequence[int], jobs: int | None) -> str:
             columns = np.array([each[:, k] for each in done])
             error, stated, foreseen = columns.T
             inside = np.mean(error < harness.QUANTILE * stated)
-            middle = [f"{np.median(values):.1f}" for values in (error, stated)]
+            middle = harness.cells((np.median(error), np.median(stated)), ".1f")
             middle += ["–" if np.isnan(foreseen).all() else f"{np.median(foreseen):.1f}", f"{100 * inside:.0f} %"]
             rows.append([known, name, *middle])
         harness.progress(rows[-2:])
@@ -113,21 +111,14 @@ def measure(task: tuple[int, str]) -> FloatArray:
         configuration = write_trial(
             Path(place) / "trial", lambda name: _files(name, options, known, scene, trial, rng["board"])
         )
-        summary = harness.read_summary(run(load(configuration)).folder)
-        foreseen = _foreseen(configuration) if known == KNOWN[2] else None
-    value, sd = (np.array([each[key] for each in summary["dynamics"]["base"]]) for key in ("value", "sd"))
+        done = harness.run_trial(configuration)
+        value, sd = done.base("value"), done.base("sd")
+        foreseen = advise(configuration, AdviceOptions(seconds=_SECONDS)).sensor_sd if known == KNOWN[2] else None
     fore = scene.body.links[2].inertial_parameters
     true = np.array([np.hypot(fore["mx"], fore["my"]), fore["Izz"]])
     away = np.abs(_forearm(value, value) - true)
     last = np.full(2, np.nan) if foreseen is None else _forearm(value, foreseen)
     return np.asarray(100 * np.stack([away, _forearm(value, sd), last]) / true)
-
-
-def _foreseen(configuration: Path) -> FloatArray:
-    """Return the standard deviations (b,) that `advise` foresees with a sensor in the joint before the last segment."""
-    found = advise(configuration, AdviceOptions(seconds=_SECONDS)).sensor_sd
-    assert found is not None
-    return found
 
 
 def _forearm(value: FloatArray, of: FloatArray) -> FloatArray:

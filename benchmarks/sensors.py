@@ -16,17 +16,12 @@ import numpy as np
 import sensor_arms
 import sensor_conditions
 import sensor_handle
-from harness import Comparison
+from harness import QUANTILE, Comparison, Run, run_trial
 
 from mocap_id.arrays import FloatArray
-from mocap_id.config import load
-from mocap_id.runner import run
 from mocap_id.simulation import Options, simulate
 from mocap_id.simulation.simulated_trial import generate
 from mocap_id.simulation.trial_files import c3d_bytes
-from mocap_id.store import Folder
-
-_MOVING = 0.5  # rad/s, sum of the joints
 
 
 @dataclass(frozen=True)
@@ -52,17 +47,16 @@ def measure_board(seed: int, given: bool) -> Comparison:
     )
     with tempfile.TemporaryDirectory() as place:
         configuration = simulate("sit-to-stand", Path(place) / "trial", options)
-        truth = harness.read_truth(configuration)
         if given:
-            _give_position(configuration, truth)
-        out = run(load(configuration)).folder
-        summary = harness.read_summary(out)
-        base = summary["dynamics"]["base"]
+            _give_position(configuration, harness.read_truth(configuration))
+        done = run_trial(configuration)
+        base = done.summary["dynamics"]["base"]
         if not base or base[0]["value"] is None:
-            return Comparison(harness.caution_codes(summary))
-        dynamics = Folder(out).read("dynamics.parquet")
-        true = harness.read_true_arrays(configuration, dynamics["time"], ["cop_x"])["cop_x"]
-        return _compare_board(summary, truth, dynamics, true)
+            return Comparison(done.codes)
+        (dynamics,) = done.read("dynamics.parquet")
+        error = dynamics["cop_x_model"] - done.true(dynamics["time"], "cop_x")[0]
+        fit = dynamics["in_fit"]
+        return _compare_board(done, error[fit], dynamics["sd_cop_x_model"][fit])
 
 
 def _give_position(configuration: Path, truth: Mapping[str, Any]) -> None:
@@ -76,43 +70,40 @@ def _give_position(configuration: Path, truth: Mapping[str, Any]) -> None:
     configuration.write_text(configuration.read_text("utf-8").replace("board.csv", more), "utf-8")
 
 
-def _compare_board(summary: Mapping[str, Any], truth: Mapping[str, Any], dynamics: Any, true: FloatArray) -> Comparison:
-    fit, found = dynamics["in_fit"], summary["dynamics"]
-    error, sd = (dynamics["cop_x_model"] - true)[fit], dynamics["sd_cop_x_model"][fit]
-    values, deviations = (np.array([each[key] for each in found["base"]]) for key in ("value", "sd"))
-    right = np.array(truth["base_parameters"]["values"])
+def _compare_board(done: Run, error: FloatArray, sd: FloatArray) -> Comparison:
+    """Return the errors of the clock, the position, the centre of pressure, m, and the parameters."""
+    clock = (done.summary["dynamics"]["clock_offset_s"] or np.nan) - done.truth["board"]["clock_offset"]
+    values, deviations, right = done.base("value"), done.base("sd"), done.true_base
     first, inertia = [(2, 3), (5, 6), (8, 9)], [4, 7, 10]
     sizes = [(np.hypot(*values[list(pair)]), np.hypot(*right[list(pair)]), deviations[pair[1]]) for pair in first]
     scores = [abs(got - real) / spread for got, real, spread in sizes]
     scores += [abs(values[k] - right[k]) / deviations[k] for k in (0, *inertia)]
     errors = {
-        "clock, ms": 1e3 * abs((found["clock_offset_s"] or np.nan) - truth["board"]["clock_offset"]),
+        "clock, ms": 1e3 * abs(clock),
         "centre of pressure at its own mean, mm": 1e3 * float(np.nanstd(error)),
         "place of the board, mm": 1e3 * abs(float(np.nanmean(error))),
         "first moments, %": 100 * max(abs(got / real - 1.0) for got, real, _ in sizes),
     }
     inside = {
-        "centre of pressure": float(np.mean(np.abs(error) < harness.QUANTILE * sd)),
-        "parameters": float(np.mean(np.array(scores) < harness.QUANTILE)),
+        "centre of pressure": float(np.mean(np.abs(error) < QUANTILE * sd)),
+        "parameters": float(np.mean(np.array(scores) < QUANTILE)),
     }
-    return Comparison(harness.caution_codes(summary), errors, inside)
+    return Comparison(done.codes, errors, inside)
 
 
 def measure_wrist(seed: int, speed: Any, sensor: bool) -> Comparison:
     """Simulate and run a trial of the UR5's wrist, with or without a wrench sensor in the joint."""
     options = Options(seed=seed, joint="wrist", speed=speed, joint_sensor=sensor)
     with tempfile.TemporaryDirectory() as place:
-        configuration = simulate("robot", Path(place) / "trial", options)
-        truth = harness.read_truth(configuration)
-        summary = harness.read_summary(run(load(configuration)).folder)
-    found, right = summary["dynamics"]["base"], truth["base_parameters"]["values"]
+        done = run_trial(simulate("robot", Path(place) / "trial", options))
+        found, sd, right, codes = done.base("value"), done.base("sd"), done.true_base, done.codes
     errors, stated, inside = {}, {}, {}
     for name, k in (("my2", 3), ("Izz2", 4)):
-        error = abs(found[k]["value"] - right[k])
+        error = abs(found[k] - right[k])
         errors[f"{name}, %"] = 100 * error / abs(right[k])
-        stated[f"stated sd of {name}, %"] = 100 * found[k]["sd"] / right[k]
-        inside[name] = float(error < harness.QUANTILE * found[k]["sd"])
-    return Comparison(harness.caution_codes(summary), errors | stated, inside)
+        stated[f"stated sd of {name}, %"] = 100 * sd[k] / right[k]
+        inside[name] = float(error < QUANTILE * sd[k])
+    return Comparison(codes, errors | stated, inside)
 
 
 def measure_inertial(seed: int) -> Comparison:
@@ -121,21 +112,18 @@ def measure_inertial(seed: int) -> Comparison:
     options = Options(seed=seed, repetitions=3, analog_rate=100, strategy=strategy, imus=True)
     with tempfile.TemporaryDirectory() as place:
         configuration = simulate("sit-to-stand", Path(place) / "trial", options)
-        text, truth = configuration.read_text("utf-8"), harness.read_truth(configuration)
-        summary, error, sd, time = _run_states(configuration)
+        text = configuration.read_text("utf-8")
+        done, error, sd, time = _run_states(configuration)
         configuration.write_text(text.split("imus:")[0], "utf-8")
         without, alone, _, _ = _run_states(configuration)
         configuration.write_text(text, "utf-8")
         hidden = _hide(configuration, options)
         _, gap, gap_sd, _ = _run_states(configuration)
+        right = done.true_base
     gap[..., 0] -= np.nanmean(np.delete(gap[..., 0], np.r_[hidden], axis=0), axis=0)
-    clocks = sensor_conditions.clock_errors(summary, truth, time.mean())
+    clocks = sensor_conditions.clock_errors(done, time.mean())
     shown = [abs(off) for off, _, observable in clocks if observable]
-    right = truth["base_parameters"]["values"]
-    inertia = [
-        np.mean([abs(each["dynamics"]["base"][k]["value"] / right[k] - 1) for k in (4, 7, 10)])
-        for each in (summary, without)
-    ]
+    inertia = [np.mean(np.abs(each.base("value")[[4, 7, 10]] / right[[4, 7, 10]] - 1)) for each in (done, without)]
     ratios = [float(np.mean(harness.rms(error[..., k]) / harness.rms(alone[..., k]))) for k in (2, 1)]
     errors = {
         "acceleration, share of that of markers alone": ratios[0],
@@ -146,37 +134,32 @@ def measure_inertial(seed: int) -> Comparison:
         "I2–I4 from markers alone, %": 100 * float(inertia[1]),
         "angle in 2 s without markers, degrees": float(np.degrees(np.abs(gap[hidden][..., 0]).max())),
     }
-    within = np.abs(error) < harness.QUANTILE * sd
+    within, angle = np.abs(error) < QUANTILE * sd, np.abs(gap[hidden][..., 0])
     inside = {
         "velocity": float(within[..., 1].mean()),
         "acceleration": float(within[..., 2].mean()),
-        "angle without markers": float(
-            np.mean(np.abs(gap[hidden][..., 0]) < harness.QUANTILE * gap_sd[hidden][..., 0])
-        ),
-        "clock": float(np.mean([abs(off) < harness.QUANTILE * each for off, each, _ in clocks])),
+        "angle without markers": float(np.mean(angle < QUANTILE * gap_sd[hidden][..., 0])),
+        "clock": float(np.mean([abs(off) < QUANTILE * each for off, each, _ in clocks])),
     }
-    return Comparison(harness.caution_codes(summary), errors, inside)
+    return Comparison(done.codes, errors, inside)
 
 
-def _run_states(configuration: Path) -> tuple[dict[str, Any], FloatArray, FloatArray, FloatArray]:
-    """Run a trial; return its summary, errors and standard deviations (F, n, 3) of its states, and the times (F,)."""
-    out = run(load(configuration)).folder
-    states = Folder(out).read("states.parquet")
-    true = harness.read_true_arrays(configuration, states["time"], ["q", "qd", "qdd"])
-    error = harness.state_arrays(states) - np.stack(list(true.values()), axis=2)
-    return harness.read_summary(out), error, harness.state_arrays(states, "sd_"), states["time"]
+def _run_states(configuration: Path) -> tuple[Run, FloatArray, FloatArray, FloatArray]:
+    """Run a trial; return it, errors and standard deviations (F, n, 3) of its states, and the times (F,), s."""
+    done = run_trial(configuration)
+    done.summary  # noqa: B018 - a later run of the same configuration overwrites the file
+    (states,) = done.read("states.parquet")
+    return done, done.state_errors(states), harness.state_arrays(states, "sd_"), states["time"]
 
 
 def _hide(configuration: Path, options: Options) -> slice:
     """Hide all markers for 2 s, beginning in a movement, and return these frames."""
     trial = generate("sit-to-stand", options)
-    speed = np.abs(trial.state.qd).sum(axis=1)
-    moving = np.flatnonzero(speed[300:-500] > _MOVING) + 300
-    first = int(np.random.default_rng(options.seed).choice(moving)) - 50
+    hidden = harness.choose_gap(np.abs(trial.state.qd).sum(axis=1), options.rate, options.seed, (3.0, 5.0))
     points = trial.points.copy()
-    points[first : first + 200] = np.nan
+    points[hidden] = np.nan
     configuration.with_name("trial.c3d").write_bytes(c3d_bytes(options, replace(trial, points=points)))
-    return slice(first, first + 200)
+    return hidden
 
 
 _BOARD = {
@@ -251,11 +234,9 @@ OTHERS: Mapping[str, Callable[[Sequence[int], int | None], str]] = {
 
 
 def main() -> None:
-    """Measure all sections, or those given by ``--only``."""
-    parser = harness.command_line(__doc__, parallel=True, trials=24, first=310_000)
-    every = [*TABLES, *OTHERS]
-    parser.add_argument("--only", nargs="*", default=every, choices=every, help="sections to measure")
-    given = parser.parse_args()
+    """Measure all sections, or the sections in ``--only``."""
+    only = [*TABLES, *OTHERS]
+    given = harness.command_line(__doc__, parallel=True, only=only, trials=24, first=310_000).parse_args()
     about = harness.measured_by(__file__, f"{given.trials} trials a row, seeds from {given.first}")
     seeds, sections = range(given.first, given.first + given.trials), {}
     for name in given.only:

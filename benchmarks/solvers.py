@@ -45,20 +45,11 @@ REAL = ("STS1", "squats1")
 
 @dataclass(frozen=True)
 class Case:
-    """A problem of base parameters, without free ones.
-
-    Parameters
-    ----------
-    name : str
-    problem : CompressedProblem
-    regrouping : (b, f) array
-        M.
-    grid : PointGrid
-    """
+    """A problem of base parameters, without free ones."""
 
     name: str
     problem: CompressedProblem
-    regrouping: FloatArray
+    regrouping: FloatArray  # (b, f) M
     grid: PointGrid
 
     @property
@@ -149,14 +140,8 @@ def clarabel_grid(case: Case) -> SolverAnswer:
 def grid_answer(case: Case, solver: str, masses: FloatArray, status: str, iterations: int) -> SolverAnswer:
     """Return an answer with its optimality check."""
     cost = case.problem.cost(case.moments @ masses)
-    return SolverAnswer(
-        solver, masses, cost, check_optimality(case.problem, GridBodies(case.moments), masses), status, iterations
-    )
-
-
-def outlines(case: Case) -> ConeBodies:
-    """Return the cone within the outlines of the grid."""
-    return ConeBodies(case.regrouping, case.grid.boxes())
+    optimality = check_optimality(case.problem, GridBodies(case.moments), masses)
+    return SolverAnswer(solver, masses, cost, optimality, status, iterations)
 
 
 ON_GRID: Mapping[str, Callable[[Case], SolverAnswer]] = {
@@ -169,46 +154,35 @@ ON_GRID: Mapping[str, Callable[[Case], SolverAnswer]] = {
 }
 TRUSTED = ("OSQP, split", "NNLS", "Clarabel")
 EXACT: Mapping[str, Callable[[Case], SolverAnswer]] = {
-    "Clarabel, bounded cone": lambda case: solve_links(case.problem, outlines(case)),
+    "Clarabel, bounded cone": lambda case: solve_links(case.problem, ConeBodies(case.regrouping, case.grid.boxes())),
     "Clarabel, cone": lambda case: solve_links(case.problem, ConeBodies(case.regrouping)),
 }
 
 
 @dataclass(frozen=True)
 class Result:
-    """Answer of one solver to one problem.
+    """Answer of one solver to one problem."""
 
-    Parameters
-    ----------
-    above : float
-        Excess cost relative to the lowest cost of the trusted solvers on the grid; for a cone the bound.
-    answer : SolverAnswer
-    seconds : float
-    """
-
-    above: float
+    above: float  # relative excess over the lowest cost of the trusted solvers on the grid; for a cone the bound
     answer: SolverAnswer
     seconds: float
 
 
-def timed(solve: Callable[[Case], SolverAnswer], case: Case, repeats: int) -> tuple[SolverAnswer, float]:
-    """Return an answer and its median time."""
-    times = []
-    for _ in range(repeats):
-        start = perf_counter()
-        answer = solve(case)
-        times.append(perf_counter() - start)
-    return answer, median(times)
-
-
 def measure(case: Case, repeats: int) -> dict[str, Result]:
-    """Return the results of every solver on one problem."""
-    found = {name: timed(solve, case, repeats) for name, solve in {**ON_GRID, **EXACT}.items()}
-    least = min(found[name][0].cost for name in TRUSTED)
+    """Return the results of every solver on one problem, with median times."""
+    answers, seconds = {}, {}
+    for name, solve in {**ON_GRID, **EXACT}.items():
+        times = []
+        for _ in range(repeats):
+            start = perf_counter()
+            answers[name] = solve(case)
+            times.append(perf_counter() - start)
+        seconds[name] = median(times)
+    least = min(answers[name].cost for name in TRUSTED)
     results = {}
-    for name, (answer, seconds) in found.items():
+    for name, answer in answers.items():
         above = (answer.cost - least) / case.problem.floor(least) if name in ON_GRID else answer.optimality.excess
-        results[name] = Result(above, answer, seconds)
+        results[name] = Result(above, answer, seconds[name])
     return results
 
 
@@ -224,17 +198,10 @@ def random_table(results: Sequence[Mapping[str, Result]]) -> str:
     for name in results[0]:
         mine = [found[name] for found in results]
         above, kkt = [result.above for result in mine], [result.answer.optimality.excess for result in mine]
-        rows.append(
-            [
-                name,
-                scientific(median(above)),
-                scientific(max(above)),
-                scientific(max(kkt)),
-                f"{sum(result.answer.optimality.proven for result in mine)}",
-                f"{sum(result.answer.status.lower() == 'solved' for result in mine)}",
-                f"{1e3 * median(result.seconds for result in mine):.1f}",
-            ]
-        )
+        proven = sum(result.answer.optimality.proven for result in mine)
+        solved = sum(result.answer.status.lower() == "solved" for result in mine)
+        costs = [scientific(value) for value in (median(above), max(above), max(kkt))]
+        rows.append([name, *costs, f"{proven}", f"{solved}", f"{1e3 * median(r.seconds for r in mine):.1f}"])
     return markdown(head, rows, numbers_from=1)
 
 
@@ -278,16 +245,16 @@ def trials(count: int, place: Path) -> list[Case]:
 
 def main() -> None:
     """Measure random problems and trials."""
-    arguments = command_line(__doc__, problems=200, trials=5).parse_args()
-    random = [measure(random_case(seed), 1) for seed in range(arguments.problems)]
+    given = command_line(__doc__, problems=200, trials=5).parse_args()
+    random = [measure(random_case(seed), 1) for seed in range(given.problems)]
     with tempfile.TemporaryDirectory() as place:
-        cases = trials(arguments.trials, Path(place))
+        cases = trials(given.trials, Path(place))
     results = [measure(case, REPEATS) for case in cases]
     costs = [[found[name].answer.cost for name in ("OSQP, split", "Clarabel, bounded cone")] for found in results]
     sections = {
-        "solvers-problems": measured_by(__file__, f"{arguments.problems} random problems"),
+        "solvers-problems": measured_by(__file__, f"{given.problems} random problems"),
         "solvers-random": random_table(random),
-        "solvers-trials": f"Simulated trials: seeds {FIRST} to {FIRST + arguments.trials - 1}. Each cell: excess cost "
+        "solvers-trials": f"Simulated trials: seeds {FIRST} to {FIRST + given.trials - 1}. Each cell: excess cost "
         "/ milliseconds.",
         "solvers-by-trial": trial_table(cases, results),
         "solvers-constraint": price_table(cases, results),
@@ -295,7 +262,7 @@ def main() -> None:
         f"{scientific(max(grid / cone - 1 for grid, cone in costs))} of what masses anywhere in the same outlines "
         "achieve.",
     }
-    publish(sections, write=arguments.write)
+    publish(sections, write=given.write)
 
 
 if __name__ == "__main__":

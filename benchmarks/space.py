@@ -16,15 +16,15 @@ import harness
 import numpy as np
 
 from mocap_id.arrays import FloatArray
-from mocap_id.config import load
 from mocap_id.errors import MocapIdError
 from mocap_id.geometry import so3
-from mocap_id.runner import run
 from mocap_id.simulation.arm import ArmOptions, ChainOptions, write_arm, write_chain
-from mocap_id.store import Folder, Table
+from mocap_id.store import Table
 
 TO_TRIAL = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
 """From the lab's axes, Z up, to those of the trial."""
+FALSE_SIDE = 0.1
+"""Error of the shoulder, m, from which on a left arm was taken for a right one: it is on the other side."""
 GATE = np.sin(np.radians(15))
 ANGLES = {
     "shoulder_plane": ("isb_shoulder", 0, 1),
@@ -72,47 +72,45 @@ ROWS: Mapping[str, Row] = {
 
 @dataclass(frozen=True)
 class Outcome(harness.Comparison):
-    """Comparison of one trial: also whether the chain and the kinds of its joints are right, and its confidence."""
+    """Comparison of one trial, with its segments and joints."""
 
-    right: bool = False
-    kinds: bool = False
+    right: bool = False  # number of segments and markers
+    kinds: bool = False  # all kinds of joints are right
     confidence: float = 0.0
 
 
-def measure(task: tuple[str, int]) -> Outcome:
+def measure(task: tuple[str, int, int]) -> Outcome:
     """Simulate and run a trial of a row, and compare it with its truth."""
-    name, seed = task
+    name, first, k = task
     row = ROWS[name]
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place) / "trial"
         if row.arm is not None:
-            configuration = write_arm(folder, ArmOptions(seed=seed, **row.arm))
+            configuration = write_arm(folder, ArmOptions(seed=first + k, **row.arm))
         else:
-            configuration = write_chain(folder, ChainOptions(seed=seed, **(row.chain or {})))
+            configuration = write_chain(folder, ChainOptions(seed=first + k, **(row.chain or {})))
         try:
-            outcome = run(load(configuration))
+            return compare(harness.run_trial(configuration))
         except MocapIdError as error:
             return Outcome((type(error).__name__,))
-        return compare(configuration, outcome.folder)
 
 
-def compare(configuration: Path, out: Path) -> Outcome:
-    """Compare a finished run with the truth beside its configuration."""
-    summary, truth = harness.read_summary(out), harness.read_truth(configuration)
-    codes = harness.caution_codes(summary)
+def compare(done: harness.Run) -> Outcome:
+    """Compare a trial with its truth."""
+    summary, truth = done.summary, done.truth
     confidence = summary["segments"]["confidence"] or 0.0
     if summary["verdict"]["level"] == "refused" or not _assigned(summary, truth):
-        return Outcome(codes, confidence=confidence)
-    with np.load(configuration.with_name("truth.npz")) as arrays:
+        return Outcome(done.codes, confidence=confidence)
+    with np.load(done.configuration.with_name("truth.npz")) as arrays:
         true = {key: arrays[key].astype(np.float64) for key in arrays}
-    poses, angles = harness.read_artefacts(Folder(out), "poses.parquet", "angles.parquet")
+    poses, angles = done.read("poses.parquet", "angles.parquet")
     if truth["kind"] == "sphere":
         kinds = [joint["kind"] for joint in summary["joints"]] == [CHAIN_KINDS[each] for each in truth["types"]]
         errors, inside = _chain(poses, truth, true)
     else:
         kinds = all(joint["kind"] in ARM_KINDS.get(joint["name"], ()) for joint in summary["joints"])
         errors, inside = _arm(summary, poses, angles, truth, true)
-    return Outcome(codes, errors, inside, right=True, kinds=kinds, confidence=confidence)
+    return Outcome(done.codes, errors, inside, right=True, kinds=kinds, confidence=confidence)
 
 
 def _assigned(summary: Mapping[str, Any], truth: Mapping[str, Any]) -> bool:
@@ -123,11 +121,12 @@ def _assigned(summary: Mapping[str, Any], truth: Mapping[str, Any]) -> bool:
     )
 
 
-def _stack(table: Table, segment: str, names: Iterable[str]) -> FloatArray:
+def stack(table: Table, segment: str, names: Iterable[str]) -> FloatArray:
+    """Return columns of a segment in poses.parquet."""
     return table.stack([f"{segment}_{name}" for name in names])
 
 
-def _rms(error: FloatArray) -> float:
+def rms_length(error: FloatArray) -> float:
     """Return the root of the mean squared length of the known rows (F, 3)."""
     return float(np.sqrt(np.nanmean(np.sum(error**2, axis=1))))
 
@@ -138,11 +137,11 @@ def _motion(
     """Return the rms error of the angular acceleration, and the shares of velocity and acceleration inside."""
     moving = true["t"] > truth["static_s"] + 0.5
     off = {
-        name: (_stack(poses, segment, [f"{name}_{axis}" for axis in "xyz"]) - true[name][:, k] @ TO_TRIAL.T)[moving]
+        name: (stack(poses, segment, [f"{name}_{axis}" for axis in "xyz"]) - true[name][:, k] @ TO_TRIAL.T)[moving]
         for name in ("omega", "alpha")
     }
     sd = {name: np.repeat(poses[f"sd_{segment}_{name}"][moving, None], 3, axis=1) for name in off}
-    return _rms(off["alpha"]), {
+    return rms_length(off["alpha"]), {
         "velocity": harness.inside(off["omega"], sd["omega"]),
         "acceleration": harness.inside(off["alpha"], sd["alpha"]),
     }
@@ -156,11 +155,11 @@ def _arm(
     true: Mapping[str, FloatArray],
 ) -> tuple[dict[str, float], dict[str, float]]:
     origin = true["seg_origin"] @ TO_TRIAL.T
-    if truth.get("side") == "left" and false_side(poses, origin):
+    if truth.get("side") == "left" and rms_length(stack(poses, "upper_arm", "xyz") - origin[:, 1]) > FALSE_SIDE:
         return {}, {}
     errors = {
-        "GH centre, mm": 1e3 * _rms(_stack(poses, "upper_arm", "xyz") - origin[:, 1]),
-        "elbow centre, mm": 1e3 * _rms(_stack(poses, "forearm", "xyz") - origin[:, 2]),
+        "GH centre, mm": 1e3 * rms_length(stack(poses, "upper_arm", "xyz") - origin[:, 1]),
+        "elbow centre, mm": 1e3 * rms_length(stack(poses, "forearm", "xyz") - origin[:, 2]),
         "elbow axis, °": _elbow_axis(summary, poses, truth, true),
     }
     errors["forearm acceleration, rad/s²"], inside = _motion(poses, "forearm", 2, truth, true)
@@ -170,14 +169,9 @@ def _arm(
         keep = sine > GATE if name in ("shoulder_plane", "shoulder_axial") else np.isfinite(sine)
         error = (angles[name] - sign * true[key][:, column] + np.pi) % (2 * np.pi) - np.pi
         error = error[keep]
-        errors[f"{name}, °"] = float(np.degrees(np.sqrt(np.nanmean(error**2))))
+        errors[f"{name}, °"] = float(np.degrees(harness.rms(error)))
         covered.append(harness.inside(error - np.nanmean(error), angles[f"sd_{name}"][keep]))
     return errors, {"angles": float(np.mean(covered)), **inside}
-
-
-def false_side(poses: Table, origin: FloatArray) -> bool:
-    """Return whether the run took a left arm for a right one: its shoulder is then on the other side."""
-    return _rms(_stack(poses, "upper_arm", "xyz") - origin[:, 1]) > 0.1
 
 
 def _elbow_axis(
@@ -192,7 +186,7 @@ def _elbow_axis(
         return float("nan")
     axis = np.atleast_2d(np.array(joint["axis"], dtype=np.float64))[0]
     still = true["t"] < truth["static_s"]
-    rotation = _rotation(_stack(poses, "upper_arm", ("qx", "qy", "qz", "qw"))[still])
+    rotation = _rotation(stack(poses, "upper_arm", ("qx", "qy", "qz", "qw"))[still])
     there = true["seg_R"][still, 1] @ np.array(truth["subject"]["elbow_axis_in_upper_arm"]) @ TO_TRIAL.T
     cosine = np.abs(np.sum((rotation @ axis) * there, axis=1))
     return float(np.degrees(np.arccos(np.clip(np.median(cosine), 0, 1))))
@@ -211,7 +205,7 @@ def _chain(
     """Return the largest error of a centre (of a hinge across its axis), mm, and the shares inside."""
     names = [name.removesuffix("_qw") for name in poses.names if name.endswith("_qw")]
     centres = true["joint_lab"]
-    found = [_stack(poses, name, "xyz") @ TO_TRIAL for name in names]
+    found = [stack(poses, name, "xyz") @ TO_TRIAL for name in names]
     best = np.inf
     for order in permutations(range(len(found)), centres.shape[1]):
         errors = []
@@ -220,7 +214,7 @@ def _chain(
             if truth["types"][j] == "H":
                 axis = true["seg_R"][:, j] @ np.array(truth["joint_axes"][j])[:, 0]
                 error = error - np.sum(error * axis, axis=1, keepdims=True) * axis
-            errors.append(1e3 * _rms(error))
+            errors.append(1e3 * rms_length(error))
         best = min(best, max(errors))
     _, inside = _motion(poses, names[-1], len(truth["segments"]) - 1, truth, true)
     return {"centres, mm": best}, inside
@@ -239,17 +233,10 @@ def table(name: str, outcomes: Sequence[Outcome], first: int) -> str:
 
 
 def main() -> None:
-    """Measure all rows, or those given by ``--only``."""
-    parser = harness.command_line(__doc__, parallel=True, trials=30, first=210_000)
-    parser.add_argument("--only", nargs="*", default=list(ROWS), choices=list(ROWS), help="rows to measure")
-    given = parser.parse_args()
-    tables = {}
-    for name in given.only:
-        seeds = range(given.first, given.first + given.trials)
-        outcomes = harness.run_all(measure, [(name, seed) for seed in seeds], given.jobs)
-        tables[name] = table(name, outcomes, given.first)
-        harness.progress(tables[name])
-    harness.publish({"space": harness.rows_on_page("space", tables, list(ROWS))}, write=given.write)
+    """Measure all rows, or the rows in ``--only``."""
+    given = harness.command_line(__doc__, parallel=True, only=ROWS, trials=30, first=210_000).parse_args()
+    sections = {"space": harness.measure_rows("space", ROWS, given, measure, table)}
+    harness.publish(sections, write=given.write)
 
 
 if __name__ == "__main__":

@@ -14,13 +14,13 @@ from time import perf_counter
 
 import ezc3d
 import numpy as np
-from filter import theirs
-from harness import JOINTS, SHORT, command_line, markdown, measured_by, progress, publish, recordings
+from filter import problem, theirs
+from harness import JOINTS, SHORT, command_line, markdown, measured_by, progress, publish, recordings, rms
 from scipy.optimize import minimize_scalar
 
 from mocap_id.arrays import FloatArray
 from mocap_id.estimation import FilterSettings, compiled_filter, smooth
-from mocap_id.estimation.filter_problem import FilterProblem, SigmaPoints
+from mocap_id.estimation.filter_problem import FilterProblem
 from mocap_id.estimation.inverse_kinematics import MarkerChain, find_frame_angles
 from mocap_id.estimation.noise import estimate_marker_noise
 from mocap_id.kinematics import fit_chain, frames_along_motion, orient_frames
@@ -51,10 +51,15 @@ class Moving:
 
 @dataclass(frozen=True)
 class Scored:
-    """Errors (n, 4) of angle (°), velocity and acceleration, r² of the acceleration, and µs per sample."""
+    """Errors of one method on one trial."""
 
-    error: FloatArray
-    time: float
+    error: FloatArray  # (n, 4) angle, °, velocity, acceleration, and r² of the acceleration
+    time: float  # µs per sample
+
+    @property
+    def worst(self) -> FloatArray:
+        """(4,) errors of the worst joint."""
+        return np.append(self.error[:, :3].max(axis=0), self.error[:, 3].min())
 
 
 def read_recording(folder: Path) -> Moving:
@@ -107,9 +112,9 @@ def score(moving: Moving, states: FloatArray, seconds: float) -> Scored:
     """Return the errors of states (F, n, 4)."""
     error = states - moving.truth
     error[..., 0] -= np.nanmean(error[..., 0], axis=0)
-    rmse = np.sqrt(np.nanmean(error**2, axis=0))
+    size = rms(error)
     r2 = 1.0 - np.nanmean(error[..., 2] ** 2, axis=0) / moving.truth[..., 2].var(axis=0)
-    figures = np.column_stack([np.degrees(rmse[:, 0]), rmse[:, 1], rmse[:, 2], r2])
+    figures = np.column_stack([np.degrees(size[:, 0]), size[:, 1], size[:, 2], r2])
     return Scored(figures, 1e6 * seconds / len(states))
 
 
@@ -128,25 +133,14 @@ def by_filterpy(moving: Moving) -> Scored:
     moves, segment = moving.chain.segment > 0, moving.chain.segment
     chain = MarkerChain(moving.chain.centres, segment[moves], moving.chain.local[moves])
     points = np.ascontiguousarray(moving.points[:, moves])
+    # its anchors, at 5 standard deviations, differ from those of filter.problem
     frames = find_frame_angles(points, chain, 5.0, 5e-5)
     marker_sd = estimate_marker_noise(frames, 5e-5)
-    variance = np.full(len(chain.segment), marker_sd**2)
-    problem = FilterProblem(
-        observed=points,
-        dt=1.0 / moving.rate,
-        centres=chain.centres,
-        segment=chain.segment,
-        local=chain.local,
-        variance=variance,
-        gate_variance=variance,
-        gate=1e3,  # filterpy has no gate
-        density=np.ones(len(chain.centres)),
-        anchors=frames.anchors(marker_sd),
-        sigma_points=SigmaPoints(),
-    )
+    plain = problem(chain, points, moving.rate, marker_sd, gate=1e3)  # filterpy has no gate
+    plain = replace(plain, anchors=frames.anchors(marker_sd))
 
     def tuned(log_sigma: float) -> FilterProblem:
-        return replace(problem, density=np.full(len(chain.centres), np.exp(2.0 * log_sigma) / moving.rate))
+        return replace(plain, density=np.full(len(chain.centres), np.exp(2.0 * log_sigma) / moving.rate))
 
     def miss(log_sigma: float) -> float:
         given = tuned(log_sigma)
@@ -169,18 +163,12 @@ def figure(value: float, quantity: int) -> str:
     return f"{value:.{(3, 4, 4, 5)[quantity]}f}"
 
 
-def worst(scored: Scored) -> FloatArray:
-    """Return (4,) errors of the worst joint."""
-    return np.append(scored.error[:, :3].max(axis=0), scored.error[:, 3].min())
-
-
 def one_trial(found: Mapping[str, Scored]) -> str:
     """Return a row for each method on one trial."""
     rows = []
     for name, scored in found.items():
-        together = figure(float(np.sqrt(np.mean(scored.error[:, 2] ** 2))), 2)
-        cells = [figure(value, k) for k, value in enumerate(worst(scored))]
-        rows.append([name, *cells, together, f"{scored.time:.0f}"])
+        cells = [figure(value, k) for k, value in enumerate(scored.worst)]
+        rows.append([name, *cells, figure(rms(scored.error[:, 2]), 2), f"{scored.time:.0f}"])
     return markdown(["method", *QUANTITIES, "acceleration, all", "µs per sample"], rows)
 
 
@@ -188,7 +176,7 @@ def many_trials(found: Sequence[Mapping[str, Scored]]) -> str:
     """Return a row for each method: median and worst decile."""
     rows = []
     for name in found[0]:
-        each = np.array([worst(trial[name]) for trial in found])
+        each = np.array([trial[name].worst for trial in found])
         cells = []
         for k, decile in enumerate((0.9, 0.9, 0.9, 0.1)):
             middle, outer = np.quantile(each[:, k], (0.5, decile))
@@ -214,7 +202,7 @@ def limit_table(found: Mapping[str, Sequence[Mapping[str, Scored]]]) -> str:
     for k, (quantity, limit) in enumerate(zip(QUANTITIES, LIMITS, strict=True)):
         cells = []
         for trials in found.values():
-            each = np.array([worst(trial[OURS])[k] for trial in trials])
+            each = np.array([trial[OURS].worst[k] for trial in trials])
             kept = each >= limit if k == 3 else each <= limit
             extreme = each.min() if k == 3 else each.max()
             cells.append(f"{100 * kept.mean():.0f} % (worst {figure(extreme, k)})")
@@ -236,13 +224,12 @@ def duels(found: Sequence[Mapping[str, Scored]]) -> str:
 
 def main() -> None:
     """Measure every method on the reference recording and on fresh trials."""
-    arguments = command_line(__doc__, trials=30, first=910_000).parse_args()
-    trials, first, folder = arguments.trials, arguments.first, recordings()
-    one = (
-        read_recording(folder / "simulated" / "sts-normal")
-        if folder
-        else simulate_trial(replace(SHORT, seed=first - 1))
-    )
+    given = command_line(__doc__, trials=30, first=910_000).parse_args()
+    trials, first, folder = given.trials, given.first, recordings()
+    if folder:
+        what, one = "the reference recording simulated/sts-normal", read_recording(folder / "simulated" / "sts-normal")
+    else:
+        what, one = f"the simulated trial of seed {first - 1}", simulate_trial(replace(SHORT, seed=first - 1))
     for settings in METHODS.values():  # compiles, and fills the caches
         by_method(one, settings)
     alone = every_method(one, filterpy=True)
@@ -252,7 +239,6 @@ def main() -> None:
         found["true"].append(every_method(moving, filterpy=True))
         found["fitted"].append(every_method(refit_chain(moving), filterpy=False))
         progress(seed)
-    what = "the reference recording simulated/sts-normal" if folder else f"the simulated trial of seed {first - 1}"
     sections = {
         "states": measured_by(__file__, f"{what} and on {trials} ordinary trials at 100 Hz, seeds from {first}"),
         "states-one": one_trial(alone),
@@ -262,7 +248,7 @@ def main() -> None:
         "states-limits": limit_table(found),
         "states-duels": duels(found["true"]),
     }
-    publish(sections, write=arguments.write)
+    publish(sections, write=given.write)
 
 
 if __name__ == "__main__":

@@ -29,7 +29,7 @@ SEED = 981_000
 def bodies():
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(BENCHMARKS)
-        yield importlib.import_module("excitation_bodies")
+        yield importlib.import_module("excitation")
 
 
 @pytest.fixture(scope="module")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from mocap_id.config import load
-from mocap_id.runner import run, run_stage
+from mocap_id.runner import run_stage
 from mocap_id.simulation.arm import ArmOptions, write_arm
 from mocap_id.stages.segment import space as segment_stage
 from mocap_id.store import Folder, Table
@@ -33,7 +33,7 @@ def hard_arm(space, folder: Path, seed: int) -> Path:
 def test_the_joint_fit_does_not_end_in_the_wrong_minimum(space, tmp_path: Path) -> None:
     """Steps of the whole chain from frames that do not obey the first axes ended 27° from the elbow's axis."""
     configuration = hard_arm(space, tmp_path / "arm", 260_009)
-    found = space.compare(configuration, run(load(configuration)).folder)
+    found = space.compare(space.harness.run_trial(configuration))
     assert found.right
     assert found.errors["elbow axis, °"] < 8
     assert found.errors["shoulder_axial, °"] < 12

@@ -22,7 +22,7 @@ def modules():
     """The modules of the benchmark, which import each other by name."""
     with pytest.MonkeyPatch.context() as patch:
         patch.syspath_prepend(BENCHMARKS)
-        names = ("scale", "scale_lengths", "scale_tables", "scale_recordings", "scale_processes")
+        names = ("scale_tables", "scale_recordings", "scale_parts")
         yield {name: importlib.import_module(name) for name in names}
 
 
@@ -49,10 +49,10 @@ def part(sizes: list[int], power: float) -> list[dict[str, Any]]:
 @pytest.mark.parametrize(("power", "held"), [(1.0, True), (1.3, False)])
 def test_powers_and_memory_are_found_and_compared_with_the_limits(modules, power: float, held: bool) -> None:
     frames = part([3_000, 12_000, 60_000, 120_000], power)
-    grown = modules["scale_lengths"].fit_time(frames, "frames", "report")
+    grown = modules["scale_tables"].fit_time(frames, "frames", "report")
     assert grown.all == pytest.approx(power)
     assert grown.larger == pytest.approx(power)
-    assert modules["scale_lengths"].fit_memory(frames) == pytest.approx((40.0, 400.0, 0.0), abs=1e-6)
+    assert modules["scale_tables"].fit_memory(frames) == pytest.approx((40.0, 400.0, 0.0), abs=1e-6)
     found = {"frames": {"found": frames, "seconds": 60.0, "load": [0.1, 1.0], "cores": 2}}
     text = "\n".join(modules["scale_tables"].sections(found).values())
     assert "400 MB + 40.0 MB per million" in text
@@ -84,7 +84,7 @@ def test_backwards_frames_and_samples_stay_together(modules) -> None:
 
 
 def test_memory_is_that_of_the_measured_process(modules, tmp_path) -> None:
-    processes = modules["scale_processes"]
+    processes = modules["scale_parts"]
     small, large = processes.together(
         [[sys.executable, "-c", "pass"], [sys.executable, "-c", "x = b'1' * 200_000_000"]], tmp_path
     )

@@ -35,6 +35,10 @@ def summary_of(outcome: Outcome) -> dict[str, Any]:
     return summary
 
 
+def compare(space, configuration: Path):
+    return space.compare(space.harness.Run(configuration, load(configuration)))
+
+
 @pytest.fixture(scope="session")
 def arm(once: Callable[[str, Callable[[Path], Any]], Any]) -> tuple[Path, Path]:
     """The configuration and the run folder of a simulated right arm."""
@@ -48,7 +52,7 @@ def arm(once: Callable[[str, Callable[[Path], Any]], Any]) -> tuple[Path, Path]:
 
 
 def test_an_arm_is_recovered_with_the_angles_of_the_isb(space, arm: tuple[Path, Path]) -> None:
-    found = space.compare(*arm)
+    found = compare(space, arm[0])
     assert found.right
     assert found.kinds
     assert found.confidence > 0.5
@@ -81,7 +85,7 @@ def test_the_reach_of_an_arm_is_measured(arm: tuple[Path, Path]) -> None:
 def test_a_left_arm_has_the_angles_of_a_right_one(space, tmp_path: Path) -> None:
     configuration = write_arm(tmp_path / "left", ArmOptions(seed=301_002, side="left", **SHORT))
     outcome = run(load(configuration))
-    found = space.compare(configuration, outcome.folder)
+    found = compare(space, configuration)
     assert found.right
     limits = space.ROWS["arm, default"].limits
     assert not {name: value for name, value in found.errors.items() if not value <= 1.5 * limits[name]}
@@ -103,7 +107,7 @@ def codes_of(outcome: Outcome) -> set[str]:
 def test_a_chain_without_names_is_recovered(space, tmp_path: Path) -> None:
     configuration = write_chain(tmp_path / "chain", ChainOptions(seed=301_003, kinds="SH"))
     outcome = run(load(configuration))
-    found = space.compare(configuration, outcome.folder)
+    found = compare(space, configuration)
     assert found.right
     assert found.kinds
     assert found.errors["centres, mm"] < 1
@@ -119,7 +123,7 @@ def test_curls_take_the_shoulder_from_their_calibration(space, arm: tuple[Path, 
     text = configuration.read_text("utf-8")
     configuration.write_text(f"{text}calibration: {arm[0]}\nout: {tmp_path / 'calibrated'}\n", "utf-8")
     outcome = run(load(configuration))
-    found = space.compare(configuration, outcome.folder)
+    found = compare(space, configuration)
     assert found.right
     assert found.errors["GH centre, mm"] < 8
     assert found.errors["shoulder_elevation, °"] < 3
