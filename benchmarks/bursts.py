@@ -6,7 +6,6 @@ About six seconds per trial and core.
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -58,10 +57,9 @@ class Result:
 
 def measure(seed: int) -> Result | None:
     """Simulate and run a trial; None if a run is refused or finds a wrong number of segments."""
-    with tempfile.TemporaryDirectory() as place:
+    with harness.temporary_folder() as place:
         plain, jumped = (
-            simulate("sit-to-stand", Path(place) / str(jumps), replace(USUAL, seed=seed, jumps=jumps))
-            for jumps in (0, JUMPS)
+            simulate("sit-to-stand", place / str(jumps), replace(USUAL, seed=seed, jumps=jumps)) for jumps in (0, JUMPS)
         )
         document = harness.read_truth(jumped)
         with np.load(jumped.with_name("truth.npz")) as arrays:

@@ -7,14 +7,13 @@ About a quarter of an hour of processor time.
 from __future__ import annotations
 
 import math
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from harness import ROOT, command_line, markdown, measured_by, progress, publish, recordings
+from harness import ROOT, command_line, markdown, measured_by, progress, publish, recordings, temporary_folder
 
 from mocap_id.simulation import Options, simulate
 from mocap_id.simulation.ur5 import JointName, Speed
@@ -299,12 +298,6 @@ def kind_table() -> str:
     return markdown(("kind", "levels", "unit", "on", "enters"), rows)
 
 
-def tolerance_list(name: str, sentences: Sequence[str], runs: Sequence[PerturbationRun]) -> str:
-    """Return what a trial tolerates."""
-    lines = "\n".join(f"- {sentence[:1].upper()}{sentence[1:]}" for sentence in sentences)
-    return f"**{name}**, {len(runs)} perturbations:\n\n{lines}"
-
-
 def cost_table(runs: Sequence[PerturbationRun]) -> str:
     """Return the time of each kind of perturbation."""
     rows = []
@@ -319,8 +312,8 @@ def main() -> None:
     arguments = command_line(__doc__, trials=6, first=970_000).parse_args()
     source = recordings() or ROOT.parent / "shared" / "recordings"
     seeds = range(arguments.first, arguments.first + arguments.trials)
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place)
+    with temporary_folder() as place:
+        folder = place
         files = {name: folder / f"{name}.yaml" for name in RECORDED}
         for name, file in files.items():
             recording = source / "simulated" / name / "trial.c3d"
@@ -337,10 +330,11 @@ def main() -> None:
             progress(f"{claim.letter} {claim.text}")
         studies = {name: sensitivity(file, jobs=2) for name, file in files.items()}
     counts, runs = {name: len(cases) for name, cases in groups.items()}, studies["sts-normal"].result.runs
-    tolerances = [
-        tolerance_list(name, [row["sentence"] for row in found.document["tolerates"]], found.result.runs)
-        for name, found in studies.items()
-    ]
+    tolerances = []
+    for name, study in studies.items():
+        sentences = [row["sentence"] for row in study.document["tolerates"]]
+        lines = [f"- {sentence[:1].upper()}{sentence[1:]}" for sentence in sentences]
+        tolerances.append(f"**{name}**, {len(study.result.runs)} perturbations:\n\n" + "\n".join(lines))
     source = (
         f"{counts['generated robots']} trials of the thesis's robot and {counts['generated sit-to-stands']} "
         f"sit-to-stands, seeds from {arguments.first}, and on the recordings `ur5-elbow-fast` and `sts-normal`"

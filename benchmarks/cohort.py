@@ -8,7 +8,6 @@ and core, and as much for the variants.
 from __future__ import annotations
 
 import shutil
-import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,7 +16,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from cohort_truth import WINTER, configure, models, read_done, repetitions, run, skeletons
-from harness import JOINTS, command_line, markdown, measured_by, progress, publish, run_all
+from harness import JOINTS, command_line, markdown, measured_by, progress, publish, run_all, temporary_folder
 
 from mocap_id.simulation import Cohort, Options, simulate_cohort
 
@@ -249,10 +248,10 @@ def main() -> None:
     """Measure the ordinary and the hard cohort."""
     arguments = command_line(__doc__, parallel=True, subjects=12, repetitions=5, first=970_000).parse_args()
     found, varied = {}, {}
-    with tempfile.TemporaryDirectory() as folder:
+    with temporary_folder() as folder:
         for k, (name, options) in enumerate((("ordinary", ORDINARY), ("hard", HARD))):
             own = replace(options, seed=arguments.first + k, repetitions=arguments.repetitions)
-            study = simulate_cohort(Path(folder) / name, Cohort(arguments.subjects, options=own))
+            study = simulate_cohort(folder / name, Cohort(arguments.subjects, options=own))
             found[name] = measure(study, study.parent / "trials", {}, arguments.jobs)
             progress(f"{name}: {len(found[name].lost)} trials without a model {found[name].lost}")
             if name == "ordinary":

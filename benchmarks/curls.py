@@ -6,11 +6,9 @@ seconds per trial and core.
 
 from __future__ import annotations
 
-import tempfile
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any, get_args
 
 import harness
@@ -59,9 +57,9 @@ def measure(task: tuple[Preset, int, int]) -> Curls:
     preset, first, k = task
     seed = first + k
     condition = CONDITIONS[seed % len(CONDITIONS)]
-    with tempfile.TemporaryDirectory() as place:
+    with harness.temporary_folder() as place:
         person = {"preset": preset, "subject": seed, "rate": 100.0}
-        write_arm(Path(place) / "calibration", ArmOptions(seed=seed, severity=0.1, **person))
+        write_arm(place / "calibration", ArmOptions(seed=seed, severity=0.1, **person))
         options = ArmOptions(
             seed=seed + 500_000,
             movement="curl",
@@ -71,7 +69,7 @@ def measure(task: tuple[Preset, int, int]) -> Curls:
             calibration="../calibration/trial.yaml",
             **person,
         )
-        configuration = write_arm(Path(place) / "trial", options)
+        configuration = write_arm(place / "trial", options)
         try:
             return compare(harness.run_trial(configuration))
         except MocapIdError as error:

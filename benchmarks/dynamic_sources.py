@@ -6,10 +6,8 @@ and core.
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import harness
@@ -132,8 +130,7 @@ COLUMNS = (*SERIES, *NORMS[2:], "offset")
 
 def measure(options: Options) -> FloatArray | None:
     """Return (V, 14) errors of every variant; None without four segments or without parameters."""
-    with tempfile.TemporaryDirectory() as place:
-        run = harness.run_simulated(Path(place) / "trial", options, harness.DYNAMIC)
+    with harness.simulated(options, harness.DYNAMIC) as run:
         if run is None or (done := read(run)) is None:
             return None
         inputs = dict(zip(STAGE.inputs, run.read(*STAGE.inputs), strict=True))

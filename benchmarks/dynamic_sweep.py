@@ -7,7 +7,6 @@ where the errors come from.
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations
@@ -82,8 +81,8 @@ def run_trial(place: Path, options: Options) -> TrialWithTruth | None:
 
 def measure(options: Options) -> Result | None:
     """Simulate and run a trial, and return its errors."""
-    with tempfile.TemporaryDirectory() as place:
-        done = run_trial(Path(place) / "trial", options)
+    with harness.temporary_folder() as place:
+        done = run_trial(place / "trial", options)
     return None if done is None else compare(done)
 
 
@@ -106,8 +105,8 @@ def compare(done: TrialWithTruth) -> Result:
 
 def transfer(options: Options) -> FloatArray | None:
     """Return (3, 4, 6) errors of one person: transferred, unchanged, own; wrench and CoP; pairs of strategies."""
-    with tempfile.TemporaryDirectory() as place:
-        trials = [run_trial(Path(place) / name, replace(options, strategy=name)) for name in STRATEGIES]
+    with harness.temporary_folder() as place:
+        trials = [run_trial(place / name, replace(options, strategy=name)) for name in STRATEGIES]
     errors = []
     for fitted, other in permutations(trials, 2):
         if fitted is None or other is None:
@@ -144,7 +143,7 @@ def limit_table(found: Mapping[str, Sequence[Result | None]]) -> str:
         errors = np.array([np.full(len(NORMS) + len(SERIES) + 1, np.nan) if r is None else r.all for r in results])
         for name, unit, limit, required, column in limits(row):
             own = errors[:, column]
-            shares = harness.interval_of_share(int(np.sum(own <= limit)), len(own))
+            shares = harness.share_with_interval(int(np.sum(own <= limit)), len(own))
             known = harness.quantiles(own[np.isfinite(own)])
             rows.append([row, name, f"{limit:g} {unit}", required, *shares, *known])
     return harness.markdown(head, rows)
@@ -192,8 +191,8 @@ def transfer_table(errors: FloatArray) -> str:
 
 def measure_times(seed: int) -> Mapping[str, tuple[float, float]]:
     """Return wall and processor time, s, of the stage and of its constrained fit."""
-    with tempfile.TemporaryDirectory() as place:
-        done = harness.run_simulated(Path(place) / "trial", replace(LONG, seed=seed))
+    with harness.temporary_folder() as place:
+        done = harness.run_simulated(place / "trial", replace(LONG, seed=seed))
         assert done is not None
         inputs: Any = dict(zip(STAGE.inputs, done.read(*STAGE.inputs), strict=True))
     for name in ("states.parquet", "wrench.parquet", "poses.parquet"):

@@ -6,7 +6,6 @@ a new simulated recording, which goes through the whole pipeline. About fifteen 
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -155,13 +154,13 @@ def measure(case: Case) -> Result | str:
         Options(seed=case.seed + k, subject=subject, repetitions=2, marker_noise=marker, plate_noise=plate)
         for k in range(3)
     ]
-    with tempfile.TemporaryDirectory() as place:
+    with harness.temporary_folder() as place:
         try:
-            before = record(Path(place) / "before", case, options[0], first_motion(case))
+            before = record(place / "before", case, options[0], first_motion(case))
             wishes = AdviceOptions(case.objective)
             if case.kind == "stand":  # a person may bend knees and hips further than before
                 wishes = AdviceOptions(case.objective, angles={"joint 2": (-90.0, 0.0)}, widen=20.0)
-            advised = advise(Path(place) / "before" / "trial.yaml", wishes)
+            advised = advise(place / "before" / "trial.yaml", wishes)
         except MocapIdError as error:
             return f"{case.kind} {case.seed}: {error}"
         simple = next((each for each in advised.design.simple if not each.own), None)
@@ -171,7 +170,7 @@ def measure(case: Case) -> Result | str:
                 continue
             motion = make_movement(proposal.trajectory, advised.design.rest, before)
             try:
-                done[name] = proposal, record(Path(place) / name, case, options[len(done) + 1], motion)
+                done[name] = proposal, record(place / name, case, options[len(done) + 1], motion)
             except MocapIdError as error:
                 done[name] = proposal, str(error)
     found = advised.design

@@ -8,17 +8,14 @@ and core.
 from __future__ import annotations
 
 import json
-import tempfile
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import dynamic_truth
 import harness
 import numpy as np
-from real_faults import real_table
 
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import MocapIdError
@@ -89,7 +86,6 @@ FAULTS: Mapping[str, Options] = {
     "plane leans by 7°": _faults(plane_tilt_deg=7),
 }
 
-
 CASES = {**SETS, **FAULTS}
 KINDS = ("right", "said", "invisible", "silent")
 
@@ -116,12 +112,12 @@ class Outcome:
 def measure(task: tuple[str, int]) -> Outcome:
     """Simulate and run a trial of a case, and compare it with its truth."""
     case, seed = task
-    with tempfile.TemporaryDirectory() as place:
+    with harness.temporary_folder() as place:
         try:
-            done = harness.run_simulated(Path(place) / "trial", replace(CASES[case], seed=seed), STAGES)
+            done = harness.run_simulated(place / "trial", replace(CASES[case], seed=seed), STAGES)
         except MocapIdError as error:
             return Outcome(("no result",), (type(error).__name__,))
-        summary_file = next(Path(place).rglob("summary.json"), None)
+        summary_file = next(place.rglob("summary.json"), None)
         if summary_file is None:
             return Outcome(("no result",), ("refused",))
         summary = json.loads(summary_file.read_text("utf-8"))
@@ -217,23 +213,18 @@ def table(found: Mapping[str, Sequence[Outcome]]) -> str:
 
 
 def main() -> None:
-    """Measure and publish."""
-    parser = harness.command_line(__doc__, parallel=True, first=995_000, sets=50, trials=10)
-    parser.add_argument("--only", default="", help="cases, separated by semicolons (default: all)")
-    options = parser.parse_args()
-    chosen = {name.strip() for name in options.only.split(";") if name.strip()} or set(CASES)
+    """Measure all cases, or the cases in ``--only``."""
+    numbers = {"first": 995_000, "sets": 50, "trials": 10}
+    given = harness.command_line(__doc__, parallel=True, only=CASES, **numbers).parse_args()
     sections = {}
-    for name, cases, trials in (("marker-sets", SETS, options.sets), ("faults", FAULTS, options.trials)):
-        tasks = [(case, options.first + k) for case in cases if case in chosen for k in range(trials)]
-        found: dict[str, list[Outcome]] = {case: [] for case, _ in tasks}
-        for (case, _), outcome in zip(tasks, harness.run_all(measure, tasks, options.jobs), strict=True):
-            found[case].append(outcome)
-        text = harness.measured_by(__file__, f"{trials} trials a case, seeds from {options.first}")
+    for name, cases, trials in (("marker-sets", SETS, given.sets), ("faults", FAULTS, given.trials)):
+        found = {}
+        for case in (each for each in given.only if each in cases):
+            tasks = [(case, given.first + k) for k in range(trials)]
+            found[case] = harness.run_all(measure, tasks, given.jobs)
+        text = harness.measured_by(__file__, f"{trials} trials a case, seeds from {given.first}")
         sections[name] = f"{text}\n\n{table(found)}"
-    source = harness.recordings()
-    if source is not None and chosen == set(CASES):
-        sections["real-faults"] = real_table(source / "sit-to-stand")
-    harness.publish(sections, write=options.write)
+    harness.publish(sections, write=given.write)
 
 
 if __name__ == "__main__":

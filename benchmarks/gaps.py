@@ -6,7 +6,6 @@ The trials run through the stages up to ``ukf-smooth``. Then markers are removed
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
@@ -31,13 +30,13 @@ LIMIT = 5.0  # stated standard deviations
 
 @dataclass(frozen=True)
 class Trial:
-    """A trial that went through the stages: its context, the truth (F, n, 3), and the gaps to make."""
+    """A trial that went through the stages, and the gaps to make."""
 
     context: Context
-    truth: FloatArray
-    time: FloatArray
-    markers: Mapping[str, BoolArray]
-    places: Mapping[str, float]
+    truth: FloatArray  # (F, n, 3)
+    time: FloatArray  # (F,) s
+    markers: Mapping[str, BoolArray]  # (M,) markers of the planar table that are removed, for each set
+    places: Mapping[str, float]  # middle of the gap, s; for start and end its edge
 
 
 @dataclass(frozen=True)
@@ -88,21 +87,17 @@ def _sets(planar: LongTable, chain: Tree) -> dict[str, BoolArray]:
 def _places(truth: FloatArray, time: FloatArray) -> dict[str, float]:
     """Return the middle of the gap, s; for start and end its edge."""
     speed = np.abs(truth[:, :, 1]).sum(axis=1)
-    rising = np.where(truth[:, 1, 1] * np.sign(_straightening(truth)) > 0, speed, 0.0)
+    knee = truth[:, 1, 0]
+    straightening = np.sign(knee[np.argmin(np.abs(knee))] - knee[np.argmax(np.abs(knee))])  # sign of its velocity
+    rising = np.where(truth[:, 1, 1] * straightening > 0, speed, 0.0)
     quiet = np.convolve(speed, np.ones(51) / 51, mode="same")
-    stands = np.abs(truth[:, 1, 0]) < np.quantile(np.abs(truth[:, 1, 0]), 0.3)
+    stands = np.abs(knee) < np.quantile(np.abs(knee), 0.3)
     return {
         "start": time[0],
         "standing": float(time[np.argmin(np.where(stands, quiet, np.inf))]),
         "rising": float(time[np.argmax(rising)]),
         "end": time[-1],
     }
-
-
-def _straightening(truth: FloatArray) -> float:
-    """Return a number with the sign of the knee's velocity when it straightens."""
-    knee = truth[:, 1, 0]
-    return float(knee[np.argmin(np.abs(knee))] - knee[np.argmax(np.abs(knee))])
 
 
 def window(trial: Trial, where: str, length: float) -> BoolArray:
@@ -186,8 +181,8 @@ def main() -> None:
     found: dict[tuple[str, str, float], list[Case]] = {key: [] for key in cases()}
     trials = failed = 0
     for seed in range(arguments.first, arguments.first + arguments.trials):
-        with tempfile.TemporaryDirectory() as place:
-            trial = prepare(Path(place), replace(harness.SHORT, seed=seed))
+        with harness.temporary_folder() as place:
+            trial = prepare(place, replace(harness.SHORT, seed=seed))
             trials += trial is not None
             for key, results in found.items() if trial is not None else ():
                 try:

@@ -16,9 +16,11 @@ import json
 import os
 import re
 import sys
+import tempfile
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import pairwise
@@ -31,7 +33,7 @@ from scipy.stats import beta
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.config import Trial, load
 from mocap_id.runner import run, run_stage
-from mocap_id.simulation import Kind, Options, simulate
+from mocap_id.simulation import Options, simulate
 from mocap_id.store import Folder, LongTable, Table, Tree
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -66,11 +68,6 @@ class Run:
     configuration: Path
     trial: Trial
 
-    @property
-    def folder(self) -> Folder:
-        """The run folder."""
-        return Folder(self.trial.out)
-
     @cached_property
     def summary(self) -> dict[str, Any]:
         """``summary.json``."""
@@ -98,7 +95,8 @@ class Run:
 
     def read(self, *names: str) -> list[Any]:
         """Return several artefacts."""
-        return [self.folder.read(name) for name in names]
+        folder = Folder(self.trial.out)
+        return [folder.read(name) for name in names]
 
     def true(self, time: FloatArray, *names: str) -> list[FloatArray]:
         """Return arrays of ``truth.npz`` at sample times, s."""
@@ -169,14 +167,26 @@ def measure_all(function: Callable[[Any], Any], tasks: Iterable[Any], jobs: int 
     return [result for result in run_all(function, tasks, jobs) if result is not None]
 
 
-def run_simulated(
-    place: Path, options: Options, stages: Sequence[str] = KINEMATIC, kind: Kind = "sit-to-stand", settings: str = ""
-) -> Run | None:
-    """Simulate a trial in ``place`` and run the stages; return None if a stage refuses it.
+@contextmanager
+def temporary_folder() -> Iterator[Path]:
+    """Yield a folder that is deleted at the end."""
+    with tempfile.TemporaryDirectory() as folder:
+        yield Path(folder)
+
+
+@contextmanager
+def simulated(options: Options, stages: Sequence[str] = KINEMATIC) -> Iterator[Run | None]:
+    """Simulate a sit-to-stand, run the stages and yield the trial; yield None if a stage refuses it."""
+    with temporary_folder() as folder:
+        yield run_simulated(folder / "trial", options, stages)
+
+
+def run_simulated(place: Path, options: Options, stages: Sequence[str] = KINEMATIC, settings: str = "") -> Run | None:
+    """Simulate a sit-to-stand in ``place`` and run the stages; return None if a stage refuses it.
 
     ``settings`` are lines added to the configuration.
     """
-    configuration = simulate(kind, place, options)
+    configuration = simulate("sit-to-stand", place, options)
     if settings:
         configuration.write_text(f"{configuration.read_text('utf-8')}\n{settings}\n", "utf-8")
     trial = load(configuration)
@@ -241,13 +251,6 @@ def inside(error: FloatArray, sd: FloatArray) -> float:
     """Return the share of the known errors inside their 95 % intervals."""
     known = np.isfinite(error) & np.isfinite(sd)
     return float(np.mean(np.abs(error[known]) < QUANTILE * sd[known]))
-
-
-def clopper_pearson(good: int, trials: int) -> tuple[float, float]:
-    """Return the 95 % interval of a share."""
-    low = beta.ppf(0.025, good, trials - good + 1) if good else 0.0
-    high = beta.ppf(0.975, good + 1, trials - good) if good < trials else 1.0
-    return float(low), float(high)
 
 
 def markdown(head: Sequence[str], rows: Iterable[Sequence[str]], *, numbers_from: int | None = None) -> str:
@@ -319,10 +322,16 @@ def quantiles(values: Iterable[float], form: str = ".2g", levels: Sequence[float
     return cells(np.quantile(list(values), levels), form)
 
 
-def interval_of_share(good: int, trials: int) -> list[str]:
+def interval_of_share(good: int, trials: int, form: str = ".0f", unit: float = 100.0) -> str:
+    """Return the 95 % interval of a share by Clopper and Pearson, by default in %."""
+    low = beta.ppf(0.025, good, trials - good + 1) if good else 0.0
+    high = beta.ppf(0.975, good + 1, trials - good) if good < trials else 1.0
+    return f"{unit * low:{form}}–{unit * high:{form}}"
+
+
+def share_with_interval(good: int, trials: int) -> list[str]:
     """Return the share of good trials and its 95 % interval, %."""
-    low, high = clopper_pearson(good, trials)
-    return [f"{100 * good / trials:.0f} %", f"{100 * low:.0f}–{100 * high:.0f} %"]
+    return [f"{100 * good / trials:.0f} %", f"{interval_of_share(good, trials)} %"]
 
 
 def measured_by(file: str, trials: str) -> str:
@@ -333,8 +342,7 @@ def measured_by(file: str, trials: str) -> str:
 def rows_on_page(name: str, rows: Mapping[str, str], order: Sequence[str], folder: Path = ROOT / "docs") -> str:
     """Return the rows of a section, each headed ``**row**, …``, in their order; those not measured as on the page."""
     texts = (page.read_text("utf-8") for page in folder.rglob("*.md"))
-    pattern = re.compile(rf"<!-- begin {re.escape(name)} -->(.*?)<!-- end {re.escape(name)} -->", re.DOTALL)
-    old = next((found[1] for text in texts if (found := pattern.search(text))), "")
+    old = next((found[1] for text in texts if (found := _pattern(name).search(text))), "")
     heads = [*re.finditer(r"^\*\*(.+?)\*\*, ", old, re.MULTILINE), None]
     kept = {
         head[1]: old[head.start() : None if after is None else after.start()].strip()
@@ -367,25 +375,20 @@ def measure_rows(
 
 def publish(sections: Mapping[str, str], *, write: bool, folder: Path = ROOT / "docs") -> None:
     """Print the sections; with ``write`` also put them between their markers in the pages of a folder."""
-    sys.stdout.write("\n\n".join(_section(name, text) for name, text in sections.items()) + "\n")
-    if write:
-        missing = set(sections) - {name for page in folder.rglob("*.md") for name in splice(page, sections)}
-        if missing:
-            raise SystemExit(f"no page has the markers of: {', '.join(sorted(missing))}")
+    texts = {name: f"<!-- begin {name} -->\n\n{text}\n\n<!-- end {name} -->" for name, text in sections.items()}
+    sys.stdout.write("\n\n".join(texts.values()) + "\n")
+    missing = set(sections)
+    for page in folder.rglob("*.md") if write else ():
+        old = new = page.read_text("utf-8")
+        for name in [name for name in sections if f"<!-- begin {name} -->" in old]:
+            new = _pattern(name).sub(lambda _, name=name: texts[name], new)  # type: ignore[misc]
+            missing.discard(name)
+        if new != old:
+            page.write_text(new, "utf-8")
+    if write and missing:
+        raise SystemExit(f"no page has the markers of: {', '.join(sorted(missing))}")
 
 
-def splice(page: Path, sections: Mapping[str, str]) -> list[str]:
-    """Replace the sections that a page has markers for, and return their names."""
-    old = page.read_text("utf-8")
-    found = [name for name in sections if f"<!-- begin {name} -->" in old]
-    new = old
-    for name in found:
-        pattern = re.compile(rf"<!-- begin {re.escape(name)} -->.*?<!-- end {re.escape(name)} -->", re.DOTALL)
-        new = pattern.sub(lambda _, name=name: _section(name, sections[name]), new)  # type: ignore[misc]
-    if new != old:
-        page.write_text(new, "utf-8")
-    return found
-
-
-def _section(name: str, text: str) -> str:
-    return f"<!-- begin {name} -->\n\n{text}\n\n<!-- end {name} -->"
+def _pattern(name: str) -> re.Pattern[str]:
+    """Return the pattern of a section with its markers."""
+    return re.compile(rf"<!-- begin {re.escape(name)} -->(.*?)<!-- end {re.escape(name)} -->", re.DOTALL)

@@ -7,10 +7,8 @@ stages up to ``ukf-smooth``. About two seconds per trial and core.
 from __future__ import annotations
 
 import json
-import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import harness
 import numpy as np
@@ -55,8 +53,8 @@ def measure(task: tuple[str, int]) -> Result:
     """Return the errors of a trial of a row with this seed."""
     row, seed = task
     options, removed = draw_degraded(seed) if row == DEGRADED else (replace(ROWS[row], seed=seed), ())
-    with tempfile.TemporaryDirectory() as place:
-        configuration = simulate("sit-to-stand", Path(place) / "trial", options)
+    with harness.temporary_folder() as place:
+        configuration = simulate("sit-to-stand", place / "trial", options)
         truth = harness.read_truth(configuration)
         if removed:
             names = [name for name, gone in zip(truth["assignment"], removed, strict=False) if gone]
@@ -140,7 +138,7 @@ def limit_table(found: Mapping[str, Sequence[Result]]) -> str:
         count = len(found[row])
         for name, limit, good, share in requirements(row, found[row]):
             required = "88–99 %" if limit == "covers" else f"{100 * share:.0f} %"
-            rows.append([row, name, limit, required, *harness.interval_of_share(good, count)])
+            rows.append([row, name, limit, required, *harness.share_with_interval(good, count)])
     head = ["trials", "quantity", "limit", "required share", "share within the limit", "95 % interval"]
     return harness.markdown(head, rows)
 
@@ -165,9 +163,9 @@ def confidence_table(results: Sequence[Result]) -> str:
         here = [r for r in results if r.refused is None and low <= r.confidence < high]
         if here:
             good = sum(r.right for r in here)
-            bottom, top = harness.clopper_pearson(good, len(here))
+            interval = harness.interval_of_share(good, len(here), ".2f", unit=1.0)
             mean = np.mean([r.confidence for r in here])
-            numbers = [f"{len(here)}", f"{mean:.2f}", f"{good / len(here):.2f}", f"{bottom:.2f}–{top:.2f}"]
+            numbers = [f"{len(here)}", f"{mean:.2f}", f"{good / len(here):.2f}", interval]
             rows.append([f"{low:g} … {min(high, 1):g}", *numbers])
     return harness.markdown(["confidence", "trials", "mean confidence", "share right", "95 % interval"], rows)
 

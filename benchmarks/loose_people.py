@@ -6,11 +6,9 @@ pinned chain. About ten seconds per trial and core.
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 import harness
@@ -48,8 +46,7 @@ class Result:
 
 def measure(options: Options) -> tuple[Result, Result] | None:
     """Return the errors with the chosen motion and with the pinned chain; None if the trial is refused."""
-    with tempfile.TemporaryDirectory() as place:
-        run = harness.run_simulated(Path(place) / "trial", options)
+    with harness.simulated(options) as run:
         if run is None:
             return None
         plain, found = run.configuration.read_text(), []

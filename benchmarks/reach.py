@@ -7,13 +7,11 @@ trial and core; the cohort has 20 trials by markers and 20 by the camera.
 from __future__ import annotations
 
 import itertools
-import json
-import tempfile
 import time
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import nan
-from pathlib import Path
 from typing import Any
 
 import harness
@@ -93,8 +91,8 @@ def measure(task: tuple[str, int, int]) -> Outcome:
     name, first, k = task
     row, severity = ROWS[name], SEVERITIES[k % len(SEVERITIES)]
     options = ArmOptions(seed=first + k, preset=row.preset, severity=severity, cycles=1 if row.preset == "hard" else 2)
-    with tempfile.TemporaryDirectory() as place:
-        configuration = write_arm(Path(place) / "trial", options)
+    with harness.temporary_folder() as place:
+        configuration = write_arm(place / "trial", options)
         if row.camera:
             skeleton = film_skeleton(generate_arm(options), options).csv()
             configuration.with_name("skeleton.csv").write_bytes(skeleton)
@@ -187,15 +185,18 @@ def _neighbours(outcomes: Sequence[Outcome]) -> str:
 def cohort(jobs: int) -> str:
     """Return table 7.1 of the cohort that `mocap-id simulate reach-cohort` makes, by markers and by a depth camera."""
     people, about, true = [], [], {}
-    with tempfile.TemporaryDirectory() as place:
+    with harness.temporary_folder() as place:
         for name, skeletons in (("markers", False), ("camera", True)):
-            file = simulate_reach_cohort(Path(place) / name, ReachCohort(skeletons=skeletons))
+            file = simulate_reach_cohort(place / name, ReachCohort(skeletons=skeletons))
             folder = run_study(file, jobs).study.folder
             people.append(pd.read_parquet(folder / "people.parquet"))
             row = pd.read_parquet(folder / "correlation.parquet").iloc[0]
             spearman = _with_interval(row, "spearman")
             about.append(f"by {name} {spearman}, p = {show(row['p'], 2)}, {row['people']} people")
-            true = _true_volumes(file)
+            true = defaultdict(list)
+            for trial in load_study(file).trials:
+                truth = harness.read_truth(file.parent / "truth" / trial.name / "truth.json")
+                true[trial.subject].append(truth["reach"]["volume_m3"])
     return cohort_table(people, true) + f"\n\nSpearman's correlation with the score: {'; '.join(about)}."
 
 
@@ -208,15 +209,6 @@ def cohort_table(people: Sequence[pd.DataFrame], true: Mapping[str, Sequence[flo
         rows.append([subject, score, THESIS[score], show(np.mean(true[subject])), *found])
     head = ["person", "score", "thesis", "truth", "markers", "camera", "visited, markers", "visited, camera"]
     return harness.markdown(head, rows, numbers_from=1)
-
-
-def _true_volumes(file: Path) -> dict[str, list[float]]:
-    """Return the true volumes of the trials of each person, m³."""
-    found: dict[str, list[float]] = {}
-    for trial in load_study(file).trials:
-        truth = json.loads((file.parent / "truth" / trial.name / "truth.json").read_text("utf-8"))
-        found.setdefault(trial.subject, []).append(truth["reach"]["volume_m3"])
-    return found
 
 
 def _with_interval(row: Any, name: str) -> str:

@@ -7,7 +7,6 @@ stay as without the fault or inside their intervals, else *silent*.
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,7 +23,7 @@ from mocap_id.runner import run_stage
 
 TRIALS = ("STS1", "squats1")
 STAGES = (*harness.DYNAMIC, "report")
-FROZEN, OTHER = "r_thigh2", "r_shank_antsup"
+FROZEN, OTHER = "r_thigh2", "r_shank_antsup"  # markers
 LENGTH, ANGLE, TORQUE = 0.05, np.radians(2), 5.0
 Names = tuple[str, ...]
 
@@ -68,11 +67,11 @@ FAULTS: Mapping[str, Fault] = {
 def real_table(source: Path) -> str:
     """Return the outcomes of all faults in the trials of a folder."""
     rows = []
-    with tempfile.TemporaryDirectory() as place:
+    with harness.temporary_folder() as place:
         for name in TRIALS:
-            clean = _run(source, Path(place) / name, name, Fault(()))
+            clean = _run(source, place / name, name, Fault(()))
             for case, fault in FAULTS.items():
-                found = _run(source, Path(place) / f"{name} {case}", name, fault)
+                found = _run(source, place / f"{name} {case}", name, fault)
                 kind, codes = judge(fault, clean, found)
                 rows.append([name, case, kind, ", ".join(f"`{code}`" for code in codes)])
     text = harness.measured_by(__file__, "two real trials, with `subject: {mass: 60}`")
@@ -140,6 +139,7 @@ def _run(source: Path, folder: Path, name: str, fault: Fault) -> dict[str, Any] 
 def _write(source: Path, folder: Path, name: str, fault: Fault) -> None:
     """Write TRC and MOT of a trial with a fault."""
     lines = (source / f"{name}.trc").read_text().splitlines()
+    text = "\n".join(lines) + "\n"
     if fault.markers is not None:
         labels = tuple(label for label in lines[3].split("\t")[2:] if label)
         rows = [line.split("\t") for line in lines[5:] if line.strip()]
@@ -149,9 +149,7 @@ def _write(source: Path, folder: Path, name: str, fault: Fault) -> None:
         text = recording.format_trc(
             f"{name}.trc", labels, points, time=table[:, 1], frames=table[:, 0].astype(int), rate=100.0
         )
-        (folder / f"{name}.trc").write_text(text)
-    else:
-        (folder / f"{name}.trc").write_text("\n".join(lines) + "\n")
+    (folder / f"{name}.trc").write_text(text)
     lines = (source / f"{name}_grf.mot").read_text().splitlines()
     head = next(k for k, line in enumerate(lines) if line.startswith("endheader")) + 1
     columns = lines[head].split("\t")

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from harness import JOINTS, command_line, markdown, publish, real_recordings, rms, write_real_trial
+from harness import JOINTS, command_line, markdown, publish, real_recordings, rms, temporary_folder, write_real_trial
 
 from mocap_id.arrays import BoolArray, FloatArray, find_complete_rows
 from mocap_id.config import load
@@ -258,8 +257,8 @@ def sections(source: Path, folder: Path) -> dict[str, str]:
 def main() -> None:
     """Measure both trials."""
     given = command_line(__doc__).parse_args()
-    with tempfile.TemporaryDirectory() as folder:
-        publish(sections(real_recordings(), Path(folder)), write=given.write)
+    with temporary_folder() as folder:
+        publish(sections(real_recordings(), folder), write=given.write)
 
 
 if __name__ == "__main__":

@@ -5,10 +5,8 @@ About ten seconds per seed and core: two trials each.
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import harness
@@ -43,9 +41,9 @@ class Outcome:
 def measure(task: tuple[Any, int, int]) -> Outcome:
     """Simulate a robot with and without its payload, run both trials and compare."""
     preset, first, k = task
-    with tempfile.TemporaryDirectory() as folder:
+    with harness.temporary_folder() as folder:
         empty, loaded = (
-            simulate_space_robot(Path(folder) / name, SpaceRobotOptions(seed=first + k, preset=preset, payload=payload))
+            simulate_space_robot(folder / name, SpaceRobotOptions(seed=first + k, preset=preset, payload=payload))
             for name, payload in (("empty", 0.0), ("loaded", PAYLOAD))
         )
         loaded.write_text(loaded.read_text("utf-8") + "calibration: ../empty/trial.yaml\n", encoding="utf-8")

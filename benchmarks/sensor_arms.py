@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -58,8 +57,8 @@ def limits(preset: Preset) -> dict[str, float]:
 def measure(seed: int, preset: Preset) -> Comparison:
     """Simulate an arm and run it with inertial sensors, without them, and with a gap of all markers."""
     options = ArmOptions(seed=seed, preset=preset, cycles=1, imus=True)
-    with tempfile.TemporaryDirectory() as place:
-        configuration = write_arm(Path(place) / "trial", options)
+    with harness.temporary_folder() as place:
+        configuration = write_arm(place / "trial", options)
         text = configuration.read_text("utf-8")
         configuration.write_text(text.split("imus:")[0], "utf-8")
         alone = _run(configuration)

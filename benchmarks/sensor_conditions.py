@@ -6,7 +6,6 @@ has the same true motion in all three conditions.
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -43,8 +42,13 @@ def without_recording(configuration: Path, calibration: Path) -> Path:
     return alone
 
 
-def run_alone(place: Path, seed: int) -> Comparison:
+def run_alone(seed: int) -> Comparison:
     """Simulate both trials of a person, and run the second one with its inertial sensors alone."""
+    with harness.temporary_folder() as place:
+        return _run_alone(place, seed)
+
+
+def _run_alone(place: Path, seed: int) -> Comparison:
     first, second = options_of(seed)
     calibration = simulate("sit-to-stand", place / "calibration", first)
     configuration = simulate("sit-to-stand", place / "trial", second)
@@ -152,19 +156,13 @@ def _of_dynamics(done: Run) -> tuple[dict[str, float], dict[str, float]]:
     return errors, {name: float(each) for name, each in inside.items()}
 
 
-def measure_alone(seed: int) -> Comparison:
-    """Simulate two trials of a person, and run the second one with its inertial sensors alone."""
-    with tempfile.TemporaryDirectory() as place:
-        return run_alone(Path(place), seed)
-
-
 def measure(seed: int) -> dict[str, Comparison]:
     """Simulate and run the same trial of a person in three conditions, the most complete one first."""
-    with tempfile.TemporaryDirectory() as place:
+    with harness.temporary_folder() as place:
         return {
-            "cameras and force plate": run_cameras(Path(place), seed, board=False),
-            "cameras and balance board": run_cameras(Path(place), seed, board=True),
-            "inertial sensors alone": run_alone(Path(place), seed),
+            "cameras and force plate": run_cameras(place, seed, board=False),
+            "cameras and balance board": run_cameras(place, seed, board=True),
+            "inertial sensors alone": _run_alone(place, seed),
         }
 
 

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import json
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import harness
 import numpy as np
@@ -107,9 +105,9 @@ def measure(task: tuple[int, str]) -> FloatArray:
     rng, options = random_streams(seed), Options(seed=seed, plate_bias=1.0)
     scene = _draw(rng, pulled=known != KNOWN[0])
     trial = measure_scene(scene, options, rng)
-    with tempfile.TemporaryDirectory() as place:
+    with harness.temporary_folder() as place:
         configuration = write_trial(
-            Path(place) / "trial", lambda name: _files(name, options, known, scene, trial, rng["board"])
+            place / "trial", lambda name: _files(name, options, known, scene, trial, rng["board"])
         )
         done = harness.run_trial(configuration)
         value, sd = done.base("value"), done.base("sd")

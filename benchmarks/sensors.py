@@ -5,7 +5,6 @@ Rows and limits are those of docs/measured/sensors.md. About five seconds per tr
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -45,8 +44,8 @@ def measure_board(seed: int, given: bool) -> Comparison:
         strategy=sensor_conditions.STRATEGIES[seed % 3],
         clock_offset=offset,
     )
-    with tempfile.TemporaryDirectory() as place:
-        configuration = simulate("sit-to-stand", Path(place) / "trial", options)
+    with harness.temporary_folder() as place:
+        configuration = simulate("sit-to-stand", place / "trial", options)
         if given:
             _give_position(configuration, harness.read_truth(configuration))
         done = run_trial(configuration)
@@ -94,8 +93,8 @@ def _compare_board(done: Run, error: FloatArray, sd: FloatArray) -> Comparison:
 def measure_wrist(seed: int, speed: Any, sensor: bool) -> Comparison:
     """Simulate and run a trial of the UR5's wrist, with or without a wrench sensor in the joint."""
     options = Options(seed=seed, joint="wrist", speed=speed, joint_sensor=sensor)
-    with tempfile.TemporaryDirectory() as place:
-        done = run_trial(simulate("robot", Path(place) / "trial", options))
+    with harness.temporary_folder() as place:
+        done = run_trial(simulate("robot", place / "trial", options))
         found, sd, right, codes = done.base("value"), done.base("sd"), done.true_base, done.codes
     errors, stated, inside = {}, {}, {}
     for name, k in (("my2", 3), ("Izz2", 4)):
@@ -110,8 +109,8 @@ def measure_inertial(seed: int) -> Comparison:
     """Simulate a sit-to-stand with three inertial sensors, and run it with them, without them, and with a gap."""
     strategy = sensor_conditions.STRATEGIES[seed % 3]
     options = Options(seed=seed, repetitions=3, analog_rate=100, strategy=strategy, imus=True)
-    with tempfile.TemporaryDirectory() as place:
-        configuration = simulate("sit-to-stand", Path(place) / "trial", options)
+    with harness.temporary_folder() as place:
+        configuration = simulate("sit-to-stand", place / "trial", options)
         text = configuration.read_text("utf-8")
         done, error, sd, time = _run_states(configuration)
         configuration.write_text(text.split("imus:")[0], "utf-8")
@@ -206,7 +205,7 @@ TABLES: Mapping[str, Sequence[Row]] = {
         )
         for preset in sensor_arms.ACCELERATION
     ],
-    "alone": [Row(f"{_ON}, no markers", sensor_conditions.measure_alone, _ALONE)],
+    "alone": [Row(f"{_ON}, no markers", sensor_conditions.run_alone, _ALONE)],
 }
 
 

@@ -7,7 +7,6 @@ trials. About two minutes.
 from __future__ import annotations
 
 import os
-import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,7 +20,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import clarabel
 import numpy as np
 import osqp
-from harness import command_line, markdown, measured_by, publish, recordings, write_real_trial
+from harness import command_line, markdown, measured_by, publish, recordings, temporary_folder, write_real_trial
 from scipy import sparse
 
 from mocap_id.arrays import FloatArray
@@ -247,8 +246,8 @@ def main() -> None:
     """Measure random problems and trials."""
     given = command_line(__doc__, problems=200, trials=5).parse_args()
     random = [measure(random_case(seed), 1) for seed in range(given.problems)]
-    with tempfile.TemporaryDirectory() as place:
-        cases = trials(given.trials, Path(place))
+    with temporary_folder() as place:
+        cases = trials(given.trials, place)
     results = [measure(case, REPEATS) for case in cases]
     costs = [[found[name].answer.cost for name in ("OSQP, split", "Clarabel, bounded cone")] for found in results]
     sections = {

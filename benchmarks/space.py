@@ -5,11 +5,9 @@ Rows and limits are those of docs/measured/space.md. About five seconds per tria
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import permutations
-from pathlib import Path
 from typing import Any
 
 import harness
@@ -83,8 +81,8 @@ def measure(task: tuple[str, int, int]) -> Outcome:
     """Simulate and run a trial of a row, and compare it with its truth."""
     name, first, k = task
     row = ROWS[name]
-    with tempfile.TemporaryDirectory() as place:
-        folder = Path(place) / "trial"
+    with harness.temporary_folder() as place:
+        folder = place / "trial"
         if row.arm is not None:
             configuration = write_arm(folder, ArmOptions(seed=first + k, **row.arm))
         else:

@@ -5,10 +5,8 @@ The trials run through the stages up to ``ukf-smooth``. About two seconds per tr
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import harness
 import numpy as np
@@ -41,8 +39,7 @@ class Result:
 
 def measure(options: Options) -> Result | None:
     """Simulate and run a trial and return its coverage; None without the true number of segments."""
-    with tempfile.TemporaryDirectory() as place:
-        done = harness.run_simulated(Path(place) / "trial", options)
+    with harness.simulated(options) as done:
         if done is None:
             return None
         states, markers = done.read("states.parquet", "markers.parquet")
