@@ -56,7 +56,7 @@ class Result:
 
 
 def measure(seed: int) -> Result | None:
-    """Simulate and run a trial; None if a run is refused or finds a wrong number of segments."""
+    """Simulate and run a trial without and with jumps, and return its comparison; return None if a run fails."""
     with harness.temporary_folder() as place:
         plain, jumped = (
             simulate("sit-to-stand", place / str(jumps), replace(USUAL, seed=seed, jumps=jumps)) for jumps in (0, JUMPS)
@@ -115,7 +115,7 @@ def coordinates(context: Context) -> FloatArray:
 def find_jumps(
     found: Sequence[Mapping[str, Any]], labels: Sequence[str], frames: int, contexts: Sequence[Context]
 ) -> tuple[BoolArray, FloatArray]:
-    """Return which samples (F, M) jump, and by how much in the plane, m."""
+    """Return which samples (F, M) jump, and the distance of each jump in the plane, m."""
     hit: BoolArray = np.zeros((frames, len(labels)), dtype=np.bool_)
     for jump in found:
         hit[jump["first_frame"] : jump["first_frame"] + jump["n_frames"], labels.index(jump["label"])] = True
@@ -124,7 +124,7 @@ def find_jumps(
 
 
 def run(context: Context, truth: FloatArray, labels: Sequence[str]) -> Run:
-    """Run the stages on the planar table and return the errors."""
+    """Run the stages after planarise and return the errors."""
     for stage in (SEGMENT, FIT_JOINTS, UKF_SMOOTH):
         outputs = stage.function(replace(context, settings=stage.settings()))
         made = {name: each for name, each in zip(stage.outputs, outputs, strict=True) if not isinstance(each, Document)}
@@ -150,7 +150,7 @@ def ratio_table(ratios: FloatArray) -> str:
 
 
 def main() -> None:
-    """Run all trials."""
+    """Measure all trials and publish the sections."""
     arguments = harness.command_line(__doc__, parallel=True, trials=30, first=960_000).parse_args()
     every = harness.run_all(measure, range(arguments.first, arguments.first + arguments.trials), arguments.jobs)
     found: list[Result] = [each for each in every if each is not None]

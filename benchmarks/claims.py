@@ -1,7 +1,7 @@
-"""The thesis's claims of 5.5.2 on simulated trials and on two recordings of the shared set.
+"""The thesis's claims of 5.5.2, tested on simulated trials and on two of the shared recordings.
 
-The trials are perturbed as in the thesis and as ``mocap-id sensitivity`` does. The limit of each claim is in this file.
-About a quarter of an hour of processor time.
+The trials are perturbed as in the thesis and in ``mocap-id sensitivity``. This file has the limit of each claim. It
+needs about a quarter of an hour of processor time.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ RECORDED = {"ur5-elbow-fast": "robot-joint", "sts-normal": "sit-to-stand"}
 
 @dataclass(frozen=True)
 class Outcome:
-    """Number that a trial gives for a claim, in %, and the parameter or state that it belongs to."""
+    """A number that a trial gives for a claim, in %, and the name of its parameter or state."""
 
     value: float
     about: str = ""
@@ -44,29 +44,29 @@ class Outcome:
 
 @dataclass(frozen=True)
 class Case:
-    """A trial, unperturbed."""
+    """A trial without perturbation."""
 
     trial: TrialInputs
     _swept: dict[float | None, dict[tuple[float, str], SeriesChanges]] = field(default_factory=dict)
 
     @cached_property
     def own(self) -> Estimates:
-        """Its estimates."""
+        """Estimates without perturbation."""
         return read_estimates(self.trial)
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Names of its base parameters."""
+        """Names of the base parameters."""
         return tuple(one.name for one in self.own.parameters.values() if one.verdict)
 
     @property
     def last(self) -> tuple[str, str]:
-        """The first moments of the outermost segment."""
+        """Names of the first moments of the outermost segment."""
         number = len(self.trial.joints) + 1
         return f"mx{number}", f"my{number}"
 
     def run(self, kind: str, target: str, level: float, **filtering: float) -> tuple[Estimates, SeriesChanges]:
-        """Compute one perturbation, with other settings of the filter if given."""
+        """Run one perturbation, with other settings of the filter if given, and return its estimates and changes."""
         change = Perturbation(kind, target, level)
         changed = CHANGES[kind](self.trial, change)
         if filtering:
@@ -75,7 +75,7 @@ class Case:
         return read_estimates(done), compare_series(self.trial, done)
 
     def swept(self, gate: float | None) -> dict[tuple[float, str], SeriesChanges]:
-        """Return the changes of the states over the grid of noises, computed once."""
+        """Return the changes of the states for every pair of noises; they are computed once."""
         if gate not in self._swept:
             more = {} if gate is None else {"gate": gate}
             grid = {(s, m): self.run("filter-noise", m, s, **more)[1] for s in SIGMAS for m in MARKER_SDS}
@@ -83,44 +83,44 @@ class Case:
         return self._swept[gate]
 
     def percent(self, now: Estimates, name: str) -> float:
-        """Return the change of a parameter, % of its size; infinite if it is lost."""
+        """Return the change of a parameter in % of its size; infinity if the parameter is not identified."""
         before, after = self.own.parameters[name], now.parameters.get(name)
         if after is None or not math.isfinite(after.value):
             return math.inf
         return 100 * abs(after.value - before.value) / before.size
 
     def largest(self, now: Estimates, but: Sequence[str] = ()) -> Outcome:
-        """Return the largest change of all parameters but some."""
+        """Return the largest change of the parameters that are not in ``but``."""
         return max(
             (Outcome(self.percent(now, n), n) for n in self.names if n not in but), key=lambda outcome: outcome.value
         )
 
 
 def worst(found: Iterator[Outcome]) -> Outcome:
-    """Return the largest of several."""
+    """Return the outcome with the largest value."""
     return max(found, key=lambda outcome: outcome.value)
 
 
 def _off(moves: SeriesChanges, state: int | None = None) -> float:
-    """Return 100 (1 - r²) of the worst joint, of one state or of all."""
+    """Return 100 (1 - r²) of the worst joint, for one state or for all states."""
     r2 = moves.state_r2 if state is None else moves.state_r2[state]
     return float(100 * np.nanmax(1 - r2)) if np.isfinite(r2).any() else math.inf
 
 
 def sweep(case: Case, gate: float | None = None) -> Outcome:
-    """Change all states over the grid of noises."""
+    """Return the largest change of the states over all pairs of noises."""
     grid = case.swept(gate)
     beyond = sum(_off(moves) >= 1 for moves in grid.values())
     return Outcome(max(map(_off, grid.values())), f"{len(grid) - beyond} of {len(grid)} below 1 %")
 
 
 def corner(case: Case, gate: float | None = None) -> Outcome:
-    """Change the acceleration in the over-constrained corner."""
+    """Return the change of the acceleration with the smallest process noise and the largest marker noise."""
     return Outcome(_off(case.swept(gate)[SIGMAS[0], MARKER_SDS[-1]], 2))
 
 
 def rotation(case: Case) -> Outcome:
-    """Return the change of the outermost first moments after rotating them back, % of their size."""
+    """Return the change of the outermost first moments in % of their size, after they are rotated back."""
     joint = case.trial.joints[-1]
     before = complex(*(case.own.parameters[name].value for name in case.last))
 
@@ -133,7 +133,7 @@ def rotation(case: Case) -> Outcome:
 
 
 def rotation_alone(case: Case) -> Outcome:
-    """Return the largest other change with a bias of the outermost angle."""
+    """Return the largest change of the other parameters with a bias of the outermost angle."""
     return worst(case.largest(case.run("angle-bias", case.trial.joints[-1], b)[0], case.last) for b in (0.01, 0.1))
 
 
@@ -144,7 +144,7 @@ def noisy_angles(case: Case) -> Outcome:
 
 
 def tuned_angles(case: Case) -> Outcome:
-    """Return the change of parameters with that noise and a filter that is tuned to it."""
+    """Return the change of parameters with 0.01 rad of noise and a filter that is tuned to this noise."""
     noise = 0.01
     facts = case.trial.table("states.parquet").facts
     sigma_v = float(np.exp(np.mean(np.log(facts["sigma_v"]))))
@@ -160,17 +160,20 @@ def _every(case: Case) -> str:
 
 
 def offset(kind: str, *levels: float) -> Callable[[Case], Outcome]:
-    """Return the largest change by clock offsets in both directions."""
+    """Return a function that returns the largest change by clock offsets in both directions."""
     return lambda case: worst(case.largest(case.run(kind, "", way * s)[0]) for s in levels for way in (1, -1))
 
 
 def noise(component: str) -> Callable[[Case], Outcome]:
-    """Return the largest change by 1 N or N·m of noise."""
+    """Return a function that returns the largest change by noise of 1 N or 1 N·m."""
     return lambda case: case.largest(case.run("wrench-noise", component, 1.0)[0])
 
 
 def bias(component: str, into: int | None) -> Callable[[Case], Outcome]:
-    """Return the change by a mean of 0.1 to 10, apart from mean / gravity in one parameter."""
+    """Return a function that returns the largest change by a mean of 0.1 to 10 N or N·m.
+
+    The parameter with index ``into`` is expected to change by mean / gravity; None if no parameter should change.
+    """
 
     def measured(case: Case) -> Outcome:
         return worst(each for level in (0.1, 1.0, 10.0) for each in _beside(case, component, level, into))
@@ -248,7 +251,7 @@ def case_of(configuration: Path) -> Case:
 
 
 def robots(seeds: Sequence[int], folder: Path) -> list[Case]:
-    """Simulate trials of the thesis's robot, its cells in turn (table 5.2)."""
+    """Simulate trials of the thesis's robot; they take the conditions of table 5.2 in turn."""
     cells = [Options(rate=480, analog_rate=2400, joint=joint, speed=speed) for joint, speed in CELLS]
     made = [replace(cells[k % len(cells)], seed=seed) for k, seed in enumerate(seeds)]
     return [case_of(simulate("robot", folder / f"robot-{one.seed}", one)) for one in made]
@@ -261,14 +264,14 @@ def people(seeds: Sequence[int], folder: Path) -> list[Case]:
 
 
 def judge(claim: Claim, cases: Sequence[Case]) -> tuple[bool, Outcome]:
-    """Return whether a claim holds on every trial, and the outcome farthest from it."""
+    """Return whether all trials confirm a claim, and the outcome that is farthest from it."""
     found = [claim.measure(case) for case in cases]
     failing = [outcome for outcome in found if not claim.holds(outcome.value)]
     return not failing, worst(iter(failing or found))
 
 
 def claims_table(answers: Sequence[tuple[Claim, Mapping[str, tuple[bool, Outcome]]]], counts: Mapping[str, int]) -> str:
-    """Return every claim with the result of every group of trials."""
+    """Return a table of the claims with the result of every group of trials."""
     head = ("", "the thesis (5.5.2)", "confirmed by", *(f"{name} ({count})" for name, count in counts.items()))
     rows = [
         (claim.letter, claim.text, claim.limit, *(_cell(claim.letter, *found[name]) for name in counts))
@@ -286,7 +289,7 @@ def _cell(letter: str, holds: bool, outcome: Outcome) -> str:
 
 
 def kind_table() -> str:
-    """Return the kinds of perturbations."""
+    """Return a table of the kinds of perturbations."""
     worse = {"more": "", "less": "; fewer is worse", "either": ""}
     rows = []
     for kind in KINDS.values():
@@ -299,7 +302,7 @@ def kind_table() -> str:
 
 
 def cost_table(runs: Sequence[PerturbationRun]) -> str:
-    """Return the time of each kind of perturbation."""
+    """Return a table of the time of each kind of perturbation."""
     rows = []
     for kind in dict.fromkeys(one.perturbation.kind for one in runs):
         spent = [one.seconds for one in runs if one.perturbation.kind == kind]
@@ -308,7 +311,7 @@ def cost_table(runs: Sequence[PerturbationRun]) -> str:
 
 
 def main() -> None:
-    """Test every claim on every group of trials."""
+    """Test every claim on every group of trials and publish the sections."""
     arguments = command_line(__doc__, trials=6, first=970_000).parse_args()
     source = recordings() or ROOT.parent / "shared" / "recordings"
     seeds = range(arguments.first, arguments.first + arguments.trials)

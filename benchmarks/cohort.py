@@ -1,8 +1,8 @@
-"""Tables 6.1 to 6.3 on a simulated cohort, beside the thesis's.
+"""Tables 6.1 to 6.3 of the thesis, repeated on a simulated cohort.
 
-``mocap-id simulate cohort`` makes the recordings. Every trial goes through the stages up to ``identify-dim``, and every
-model of a person is applied to every trial of that person, as ``mocap-id transfer`` does. About three seconds per trial
-and core, and as much for the variants.
+``mocap-id simulate cohort`` makes the recordings. Every trial goes through the stages up to ``identify-dim``. Every
+model of a person is applied to every trial of that person, as in ``mocap-id transfer``. It takes about three seconds
+per trial and core, and as long again for the variants.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ RELEASE, COP = 30.0, 5.0  # ms, mm: required medians
 
 @dataclass(frozen=True)
 class Outcome:
-    """Rows of :mod:`cohort_truth`, and the trials without a model."""
+    """Tables of :mod:`cohort_truth`, and the names of the trials without a model."""
 
     models: pd.DataFrame
     skeletons: pd.DataFrame
@@ -80,7 +80,7 @@ def measure(study: Path, place: Path, settings: Mapping[str, Any], jobs: int) ->
 
 
 def vary(study: Path, place: Path, jobs: int) -> dict[str, pd.DataFrame]:
-    """Run the cohort with each variant of ``identify-dim``; the earlier stages' artefacts are used again."""
+    """Run the cohort with each variant of ``identify-dim`` on the results of the earlier stages."""
     found = {}
     for k, (name, settings) in enumerate(VARIANTS.items()):
         other = place.with_name(f"variant-{k}")
@@ -91,7 +91,7 @@ def vary(study: Path, place: Path, jobs: int) -> dict[str, pd.DataFrame]:
 
 
 def pool(frame: pd.DataFrame, name: str, scale: float = 1.0, form: str = ".2f") -> str:
-    """Return mean ± standard deviation over the samples of several trials, which have equal weights."""
+    """Return mean ± standard deviation over the samples of several trials with equal weights."""
     means, sds = frame[f"{name}_mean"].to_numpy() * scale, frame[f"{name}_sd"].to_numpy() * scale
     if not np.isfinite(means).all():
         return "–"
@@ -109,7 +109,7 @@ def spread(values: pd.Series[float], form: str = ".2f") -> str:
 
 
 def table_6_3(found: pd.DataFrame) -> str:
-    """Return every model on every action, with the thesis's row below."""
+    """Return the errors of every model on every action; the thesis's errors are in the row below."""
     head = ["action", "model", "", "condition", "Fy, N", "tauz, N·m", "CoP, cm", "tau 1, N·m", "tau 2", "tau 3"]
     rows = []
     for action in ACTIONS:
@@ -122,7 +122,7 @@ def table_6_3(found: pd.DataFrame) -> str:
 
 
 def true_torques(found: pd.DataFrame) -> str:
-    """Return the errors of every model on every action against the truth, mean ± standard deviation."""
+    """Return mean ± standard deviation of the errors of every model on every action, against the truth."""
     head = ["action", "model", "Fy, N", "tauz, N·m", "CoP, mm", *(f"{joint} torque, N·m" for joint in JOINTS)]
     rows = []
     for action in ACTIONS:
@@ -135,7 +135,7 @@ def true_torques(found: pd.DataFrame) -> str:
 
 
 def people(found: pd.DataFrame) -> str:
-    """Return rms errors of every person's own models and of Winter's, against the truth."""
+    """Return rms errors of every person's own models and of Winter's model, against the truth."""
     head = ["person", "CoP, mm: own", "Winter"]
     head += [f"{joint}, N·m: {whose}" for joint in JOINTS for whose in ("own", "W.")]
     rows = []
@@ -148,7 +148,7 @@ def people(found: pd.DataFrame) -> str:
 
 
 def own_and_table(here: pd.DataFrame, name: str) -> tuple[float, float]:
-    """Return rms errors of the own models and of Winter's over some trials, against the truth."""
+    """Return rms errors of the own models and of Winter's model over some trials, against the truth."""
     column = f"true_{name}_rms"
     return tuple(
         float(np.sqrt(np.mean(part[column] ** 2))) for part in (here[here["own"]], here[here["model"] == WINTER])
@@ -156,7 +156,7 @@ def own_and_table(here: pd.DataFrame, name: str) -> tuple[float, float]:
 
 
 def lengths(found: pd.DataFrame) -> str:
-    """Return table 6.1, against the truth."""
+    """Return table 6.1 with errors against the truth."""
     rows = []
     for name, (framework, stature) in THESIS_LENGTHS.items():
         ours = [spread(found[name]), spread(found.groupby("subject")[f"{name} of stature"].first())]
@@ -165,7 +165,7 @@ def lengths(found: pd.DataFrame) -> str:
 
 
 def strategies(found: pd.DataFrame) -> str:
-    """Return table 6.2, against the truth."""
+    """Return table 6.2 with errors against the truth."""
     head = ["", *(f"{action}: {whose}" for action in ACTIONS for whose in ("ours", "thesis"))]
     rows = []
     for k, (name, column) in enumerate((("shank, %", "shank"), ("thigh, %", "thigh"), ("markers, mm", "markers"))):
@@ -196,14 +196,14 @@ def other_events(found: pd.DataFrame) -> str:
 
 
 def requirements(found: Mapping[str, Outcome]) -> str:
-    """Return the requirements and the results of both cohorts."""
+    """Return a table of the requirements and the results of both cohorts."""
     columns = [list(_requirements(each)) for each in found.values()]
     rows = [[*each[0][:2], *(text for _, _, text in each)] for each in zip(*columns, strict=True)]
     return markdown(["quantity", "required", *found], rows)
 
 
 def _requirements(cohort: Outcome) -> Iterator[tuple[str, str, str]]:
-    """Yield quantity, requirement and result, which is bold if it does not meet the requirement."""
+    """Yield quantity, requirement and result; a result is bold if it does not meet the requirement."""
 
     def in_bold(kept: bool, text: str) -> str:
         return text if kept else f"**{text}**"
@@ -232,7 +232,7 @@ def _requirements(cohort: Outcome) -> Iterator[tuple[str, str, str]]:
 
 
 def variants(found: Mapping[str, pd.DataFrame]) -> str:
-    """Return the own models with other settings of ``identify-dim``."""
+    """Return the errors of the own models and of Winter's with other settings of ``identify-dim``."""
     head = ["`identify-dim`", "condition", "Fy, N", "tauz, N·m", "CoP, cm", "true CoP, mm rms"]
     rows = []
     for name, frame in found.items():
@@ -245,7 +245,7 @@ def variants(found: Mapping[str, pd.DataFrame]) -> str:
 
 
 def main() -> None:
-    """Measure the ordinary and the hard cohort."""
+    """Measure the ordinary and the hard cohort and publish the sections."""
     arguments = command_line(__doc__, parallel=True, subjects=12, repetitions=5, first=970_000).parse_args()
     found, varied = {}, {}
     with temporary_folder() as folder:

@@ -1,4 +1,4 @@
-"""Trials of a simulated cohort with their truth, and every model on every action of its person."""
+"""Trials of a simulated cohort with their truth, and the errors of every model on every trial of its person."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def configure(study: Path, place: Path, settings: Mapping[str, Any]) -> list[tup
 
 
 def run(file: Path) -> str | None:
-    """Run a trial up to ``identify-dim``; return the code of a refusal."""
+    """Run a trial up to ``identify-dim``; return the code of its refusal, or None."""
     trial = load(file)
     for name in DYNAMIC:
         refused = run_stage(trial, name).refused
@@ -74,17 +74,18 @@ def run(file: Path) -> str | None:
 
 
 def read_done(study: Path, trial: Trial, file: Path) -> Done | None:
-    """Read a trial; None without four segments or without parameters."""
+    """Read a trial and its truth; return None without four segments or without parameters."""
     run = Run(study.parent / "truth" / trial.name / "truth.json", load(file))
     truth = read(run)
     return None if truth is None else Done(trial, open_identified_trial(run.trial.out), truth, run)
 
 
 def models(trials: Sequence[Done]) -> pd.DataFrame:
-    """Return the errors of every model on every action of its person, a row for each pair.
+    """Return the errors of every model on every trial of its person, a row for each pair.
 
-    ``Fy``, ``tauz`` and ``cop`` are compared with the measurement over the samples of the fit, torques ``t1`` … with
-    those of the trial's own model. Names with ``true_`` are compared with the truth over all samples off the seat.
+    ``Fy``, ``tauz`` and ``cop`` are compared with the measurement over the samples of the fit. Torques ``t1`` … are
+    compared with the torques of the trial's own model. Columns with ``true_`` are compared with the truth over all
+    samples off the seat.
     """
     pairs = [(source, target) for target in trials for source in trials if source.trial.subject == target.trial.subject]
     rows = [row for source, target in pairs for row in _pair(source, target)]
@@ -92,7 +93,7 @@ def models(trials: Sequence[Done]) -> pd.DataFrame:
 
 
 def _pair(source: Done, target: Done) -> Iterator[dict[str, Any]]:
-    """Yield rows of one model on one trial, and of the allometric body."""
+    """Yield a row for one model on one trial, and a row for Winter's model."""
     found = apply_model(source.model, target.model)
     bodies = {body.name: body for body in found.bodies}
     moving = target.model.chain if source.model.measured is None else match_bodies(source.model, target.model)
@@ -122,7 +123,10 @@ def _numbers(name: str, error: Any) -> dict[str, float]:
 
 
 def _true(target: Done, of_body: tuple[MovingBodies, FloatArray] | None) -> dict[str, float]:
-    """Return errors against the truth off the seat, of bodies with full parameters or of the trial's own model."""
+    """Return errors against the truth off the seat.
+
+    ``of_body`` has moving bodies and their full parameters; None for the trial's own model.
+    """
     model, truth = target.model, target.truth
     if of_body is None:
         columns = ["Fy_model", "tauz_model", "cop_x_model", *(f"tau_{j}" for j in range(1, SEGMENTS))]
@@ -138,7 +142,7 @@ def _true(target: Done, of_body: tuple[MovingBodies, FloatArray] | None) -> dict
 
 
 def skeletons(trials: Sequence[Done]) -> pd.DataFrame:
-    """Return a row for each trial: errors of the lengths, %, also from stature alone, and the markers' rms, mm."""
+    """Return a row for each trial: errors of the lengths, %, errors of lengths from stature, %, and marker rms, mm."""
     rows = []
     for each in trials:
         lengths = read_group(each.truth.chain, "segments")["length"]

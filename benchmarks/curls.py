@@ -1,6 +1,6 @@
-"""Curls: counts, times, compensation and torque against exact truth, over all conditions of the device.
+"""Accuracy of curls on simulated trials: counts, times, compensation and torque, in all conditions of the device.
 
-Rows and limits are those of docs/measured/curls.md. Each trial has a calibration trial of the same person. About ten
+Rows and limits are in docs/measured/curls.md. Each trial has a calibration trial of the same person. It takes about ten
 seconds per trial and core.
 """
 
@@ -53,7 +53,7 @@ def missing(*shape: int) -> FloatArray:
 
 
 def measure(task: tuple[Preset, int, int]) -> Curls:
-    """Simulate and run a calibration and a trial of curls, and compare the latter with its truth."""
+    """Simulate and run a calibration and a trial of curls, and compare the trial with its truth."""
     preset, first, k = task
     seed = first + k
     condition = CONDITIONS[seed % len(CONDITIONS)]
@@ -116,7 +116,7 @@ def compare_curls(summary: Any, events: Any, complete: Any, curls: Any) -> dict[
 
 
 def compare_angles(done: Run, curls: Sequence[dict[str, float]]) -> tuple[FloatArray, FloatArray]:
-    """Compare the axial rotation in step with the flexion, and the flexion."""
+    """Return the errors of the axial rotation in step with the flexion, and of the flexion."""
     angles, events = done.read("angles.parquet", "events.parquet")
     time, found = angles["time"], events.facts["curl"]["in_step"].get("shoulder_axial")
     shoulder, elbow = done.true(time, "isb_shoulder", "isb_elbow")
@@ -169,7 +169,7 @@ def table(preset: str, own: Sequence[Curls], _first: int) -> str:
 
 
 def main() -> None:
-    """Measure trials of both presets, or the presets in ``--only``."""
+    """Measure trials of both presets, or the presets in ``--only``, and publish the section."""
     given = harness.command_line(__doc__, parallel=True, only=PRESETS, trials=24, first=420_000).parse_args()
     about = harness.measured_by(__file__, f"{given.trials} trials a preset, seeds from {given.first}")
     tables = harness.measure_rows("curls", PRESETS, given, measure, table)

@@ -1,7 +1,7 @@
-"""Sources of the errors of ``identify-dim``: one input replaced by the truth, or one setting changed, at a time.
+"""Sources of the errors of ``identify-dim``: one input has its true value, or one setting is changed.
 
-Simulated trials go through all stages, then ``identify-dim`` runs again for each variant. About six seconds per trial
-and core.
+Simulated trials go through all stages. Then ``identify-dim`` runs again for each variant. It takes about six seconds
+per trial and core.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Trial:
     done: TrialWithTruth
 
     def with_inputs(self, **changes: Table | Tree) -> Trial:
-        """Replace inputs; a name has an underscore in the place of its dot."""
+        """Replace inputs; in their names an underscore replaces the dot."""
         inputs = {name.replace("_", "."): artefact for name, artefact in changes.items()}
         return replace(self, context=replace(self.context, inputs={**self.context.inputs, **inputs}))
 
@@ -75,7 +75,7 @@ def _wrench(trial: Trial) -> Trial:
 def _contact(trial: Trial) -> Trial:
     """Remove the samples on the chair, and choose a protocol without chair.
 
-    The search for the clock offset loses the ends of each interval, so its range is short.
+    The search for the clock offset drops samples at the ends of each interval, so its range is short.
     """
     table = trial.context.table("wrench.parquet")
     changed = table.with_columns(plate_ok=table["plate_ok"] & trial.done.off_seat)
@@ -129,7 +129,7 @@ COLUMNS = (*SERIES, *NORMS[2:], "offset")
 
 
 def measure(options: Options) -> FloatArray | None:
-    """Return (V, 14) errors of every variant; None without four segments or without parameters."""
+    """Return (V, 14) errors of every variant; return None without four segments or without parameters."""
     with harness.simulated(options, harness.DYNAMIC) as run:
         if run is None or (done := read(run)) is None:
             return None
@@ -160,7 +160,7 @@ def table(found: FloatArray) -> str:
 
 
 def main() -> None:
-    """Measure ordinary and hard trials."""
+    """Measure ordinary and hard trials and publish the sections."""
     arguments = harness.command_line(__doc__, parallel=True, trials=30, first=950_000).parse_args()
     trials, first = arguments.trials, arguments.first
     text = f"{trials} simulated sit-to-stands per table, seeds from {first}, with two repetitions each"

@@ -74,7 +74,7 @@ class Result:
 
 
 def run_trial(place: Path, options: Options) -> TrialWithTruth | None:
-    """Simulate and run a trial; None if it is refused, has wrong segments, or is not identified."""
+    """Simulate and run a trial; return None if it is refused, has wrong segments, or is not identified."""
     done = harness.run_simulated(place, options, harness.DYNAMIC, settings=f"identify-dim: {{{harness.EXACT}}}")
     return None if done is None else read(done)
 
@@ -104,7 +104,7 @@ def compare(done: TrialWithTruth) -> Result:
 
 
 def transfer(options: Options) -> FloatArray | None:
-    """Return (3, 4, 6) errors of one person: transferred, unchanged, own; wrench and CoP; pairs of strategies."""
+    """Return errors (3, 4, 6) of one person: parameters transferred, unchanged, own; quantity; pair of strategies."""
     with harness.temporary_folder() as place:
         trials = [run_trial(place / name, replace(options, strategy=name)) for name in STRATEGIES]
     errors = []
@@ -117,7 +117,7 @@ def transfer(options: Options) -> FloatArray | None:
 
 
 def limits(row: str) -> Iterator[tuple[str, str, float, str, int]]:
-    """Yield each quantity of a row: name, unit, limit, required share (– if none), column."""
+    """Yield each quantity of a row: name, unit, limit, required share (– without a requirement), column."""
     clean, hard = row == "clean", row == "hard"
     rms_of, offset = len(NORMS), len(NORMS) + len(SERIES)
     for k, name in enumerate(NORMS):
@@ -190,7 +190,7 @@ def transfer_table(errors: FloatArray) -> str:
 
 
 def measure_times(seed: int) -> Mapping[str, tuple[float, float]]:
-    """Return wall and processor time, s, of the stage and of its constrained fit."""
+    """Return wall and processor time, s, of ``identify-dim`` and of its constrained fit."""
     with harness.temporary_folder() as place:
         done = harness.run_simulated(place / "trial", replace(LONG, seed=seed))
         assert done is not None
@@ -225,7 +225,7 @@ class _Timed:
 
 
 def main() -> None:
-    """Measure all rows, the transfer and the times."""
+    """Measure all rows, the transfer and the times, and publish the sections."""
     given = harness.command_line(__doc__, parallel=True, trials=100, repetitions=2, first=980_000).parse_args()
     trials, first, subjects = given.trials, given.first, max(1, given.trials // 3)
     times = [[name, *cells(pair, ".3f")] for name, pair in measure_times(first).items()]

@@ -1,8 +1,8 @@
-"""Dynamics of a simulated trial beside its exact truth: parameters, wrench, centre of pressure and torques.
+"""Dynamics of a simulated trial and the exact truth: parameters, wrench, centre of pressure and torques.
 
 Parameters are compared in the frames of the chain. There +y points to the next joint, as in the truth, and in the last
-segment to the centroid of its markers; the truth is rotated to that frame. An error of a frame that comes from a
-misplaced joint therefore counts as an error of the parameters.
+segment to the centroid of its markers. The truth is rotated to that frame. A misplaced joint also rotates a frame, and
+this error counts as an error of the parameters.
 """
 
 from __future__ import annotations
@@ -116,9 +116,9 @@ def series(predicted: Table, prefix: str = "") -> FloatArray:
 
 
 def transfer_parameters(fitted: TrialWithTruth, other: TrialWithTruth) -> FloatArray:
-    """Return (4(n + 1),) full parameters of one trial of a person in the frames of another.
+    """Return (4(n + 1),) full parameters of one trial of a person in the frames of another trial.
 
-    The markers that both trials have on a moving segment give its rotation and shift. The base stays, since both plane
+    The common markers of a moving segment give its rotation and shift. The base does not change, since both plane
     frames lie in the plate and the feet do not move.
     """
     node: Any = fitted.dynamics.data["full"]

@@ -36,7 +36,7 @@ CUT = 0.05  # rad between samples: a larger step separates the trial's own movem
 
 @dataclass(frozen=True)
 class Case:
-    """A kind of body with its first movement."""
+    """A kind of body and the seed of its first movement."""
 
     kind: str
     seed: int
@@ -75,7 +75,7 @@ class Result:
 
 
 def swing(joints: int, rest: FloatArray, size: FloatArray, frequency: FloatArray, seconds: float) -> JointMotion:
-    """Return a slow movement from a posture: (n,) amplitudes, rad, and frequencies, Hz."""
+    """Return a slow movement from a posture, with amplitudes (n,), rad, and frequencies (n,), Hz."""
     time = np.arange(0.0, seconds, STEP)
     near = smoothstep((np.minimum(time, seconds - time) - 0.5) / 2.0)
     q = rest + near[:, None] * size * (1 - np.cos(2 * np.pi * np.multiply.outer(time, frequency))) / 2
@@ -135,7 +135,7 @@ def read(done: harness.Run) -> Recorded:
 
 
 def first_motion(case: Case) -> JointMotion | None:
-    """Return the movement before the advice; None for sit-to-stands."""
+    """Return the movement before the advice; return None for a sit-to-stand."""
     rng = np.random.default_rng(case.seed)
     if case.kind == "robot":
         start = rng.uniform(-0.5, 0.5, 1)
@@ -147,7 +147,7 @@ def first_motion(case: Case) -> JointMotion | None:
 
 
 def measure(case: Case) -> Result | str:
-    """Return one body before and after the advice, or why there is no advice."""
+    """Return one body before and after the advice, or the reason why there is no advice."""
     subject = draw_subject(case.seed, 1)
     marker, plate = NOISY.get(case.kind, (Options.marker_noise, Options.plate_noise))
     options = [
@@ -189,14 +189,14 @@ def achieved(results: Sequence[Result]) -> Iterator[tuple[str, str, list[Achieve
 
 
 def spread(values: FloatArray, form: str = "{:.2f}") -> str:
-    """Return median and range."""
+    """Return the median and the range of values."""
     if not len(values):
         return "–"
     return f"{form} ({form} to {form})".format(np.median(values), values.min(), values.max())
 
 
 def prediction_table(results: Sequence[Result]) -> str:
-    """Return predicted divided by achieved condition numbers and standard deviations."""
+    """Return predicted condition numbers and standard deviations, divided by the achieved values."""
     head = ["body", "movement", "recordings", "condition number", "standard deviations"]
     head.append("of them within a factor of 1.5")
     rows = []
@@ -209,7 +209,7 @@ def prediction_table(results: Sequence[Result]) -> str:
 
 
 def gain_table(results: Sequence[Result]) -> str:
-    """Return condition number, standard deviations and errors, before and after."""
+    """Return condition number, standard deviations and errors before and after the advice."""
     head = ["body", "movement", "condition number", "sd by size, %", "error by size, %", "largest sd by size, %"]
     head.append("truth inside 95 %")
     after = {(kind, name): [(r, c) for r, _, c in own] for kind, name, own in achieved(results)}
@@ -229,7 +229,7 @@ def gain_table(results: Sequence[Result]) -> str:
 
 
 def promise_table(results: Sequence[Result]) -> str:
-    """Return the number of parameters that were not known, were predicted to be known, and are known."""
+    """Return how many parameters were not known, were predicted to be known, and are known."""
     head = ["body", "movement", "not known before", "predicted to be known", "known", "predicted, but not known"]
     head.append("recordings without parameters")
     rows = []
@@ -247,7 +247,7 @@ def promise_table(results: Sequence[Result]) -> str:
 
 
 def balance(results: Sequence[Result]) -> str:
-    """Return how far the true centre of pressure leaves the limits, in recordings of the advised movement only."""
+    """Return how far the true centre of pressure leaves its limits in recordings of the advised movement alone."""
     beyond = [
         1e3 * max(r.support[0] - c.pressure[0], c.pressure[1] - r.support[1], 0.0)
         for _, _, own in achieved(results)
@@ -273,7 +273,7 @@ def examples(results: Sequence[Result]) -> str:
 
 
 def main() -> None:
-    """Measure all bodies."""
+    """Measure all bodies and publish the sections."""
     given = harness.command_line(__doc__, parallel=True, bodies=5, first=960_000).parse_args()
     cases = [Case(kind, given.first + 10 * k) for kind in KINDS for k in range(given.bodies)]
     found = harness.run_all(measure, cases, given.jobs)

@@ -1,8 +1,8 @@
 """Trials as laboratories record them: conventional marker sets, bad markers, rests, wrong scales, coloured noise.
 
-Every case is simulated with exact truth and run up to ``report``. A trial is *right* if nothing is wrong by the limits
-below, *said* if something is wrong and the verdict is not ``ok``, and *silent* otherwise. About four seconds per trial
-and core.
+Every case is simulated with exact truth and run up to ``report``. A trial is *right* if no error exceeds the limits
+below. It is *said* if an error exceeds its limit and the verdict is not ``ok``, and *silent* otherwise. It takes about
+four seconds per trial and core.
 """
 
 from __future__ import annotations
@@ -151,13 +151,16 @@ def wrong_quantities(run: harness.Run) -> Iterator[str]:
 
 
 def _known(*series: FloatArray) -> FloatArray:
-    """Return series of equal length where all are known, as rows."""
+    """Return the samples at which all series have a value, one row for each series."""
     rows = np.stack(series)
     return np.asarray(rows[:, np.isfinite(rows).all(axis=0)])
 
 
 def _misplaced(summary: Mapping[str, Any], truth: Mapping[str, Any], lifted: int) -> bool:
-    """Return whether a marker is on a wrong segment; a lifted foot is segment 1, and the true segments follow."""
+    """Return whether a marker is on a wrong segment.
+
+    A lifted foot is segment 1, so the numbers of the true segments increase by one.
+    """
     found = {label: k for label, k in summary["segments"]["assignment"].items() if k is not None}
     return any(
         found.get(label, link) - lifted not in AT_JOINTS.get(label[1:], (link,))
@@ -200,7 +203,7 @@ def _wrong_parameters(done: dynamic_truth.TrialWithTruth, summary: Mapping[str, 
 
 
 def table(found: Mapping[str, Sequence[Outcome]]) -> str:
-    """Return the outcomes by case."""
+    """Return a table of the outcomes of every case."""
     rows = []
     for case, outcomes in found.items():
         kinds = Counter(outcome.kind for outcome in outcomes)

@@ -1,7 +1,7 @@
-"""Time of the state filter and smoother beside filterpy's, in the same run; they must agree too.
+"""Time of the state filter and smoother and of filterpy's, in the same run; their results must agree.
 
 The chain has three joints and nine markers (12 states, 18 observations). ``filter.py --frames N`` prints JSON instead:
-seconds of both on N frames of 39 markers, for benchmarks/scale.py.
+the seconds of both on N frames of 39 markers, for benchmarks/scale.py.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def problem(
 
 
 def theirs(given: FilterProblem) -> tuple[float, Track]:
-    """Return time and result of filterpy's predict, update and rts_smoother, from our initial state, without gate."""
+    """Return time and result of filterpy's predict, update and rts_smoother, with our initial state and no gate."""
     first = compiled_filter.filter_forwards(given)
     ukf = filterpy_engine._filterpy(given)
     ukf.x, ukf.P = first.mean[0].copy(), first.covariance[0].copy()
@@ -106,7 +106,7 @@ def whole(frames: int) -> float:
 
 
 def main() -> None:
-    """Measure both engines."""
+    """Measure both engines and publish the section."""
     parser = command_line(__doc__)
     parser.add_argument("--frames", type=int, help="print the times for so many frames of 39 markers as JSON")
     given = parser.parse_args()

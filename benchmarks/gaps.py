@@ -54,13 +54,13 @@ class Case:
         return np.asarray(self.gap[:, None] & ~self.observed)
 
     def worst(self, inside: bool = True) -> FloatArray:
-        """Return (3,) the largest error inside or outside the gap; 0 without values."""
+        """Return the largest error (3,) inside or outside the gap; 0 without values."""
         errors = np.abs(self.error[self.gap == inside])
         return np.asarray(np.nan_to_num(errors).max(axis=(0, 1), initial=0.0))
 
 
 def prepare(place: Path, options: Options) -> Trial | None:
-    """Simulate and run a trial; None without the true number of segments."""
+    """Simulate and run a trial; return None if the number of segments is wrong."""
     done = harness.run_simulated(place / "trial", options)
     if done is None:
         return None
@@ -85,7 +85,7 @@ def _sets(planar: LongTable, chain: Tree) -> dict[str, BoolArray]:
 
 
 def _places(truth: FloatArray, time: FloatArray) -> dict[str, float]:
-    """Return the middle of the gap, s; for start and end its edge."""
+    """Return the middle of each gap, s; for the gaps at start and end the edge of the trial."""
     speed = np.abs(truth[:, :, 1]).sum(axis=1)
     knee = truth[:, 1, 0]
     straightening = np.sign(knee[np.argmin(np.abs(knee))] - knee[np.argmax(np.abs(knee))])  # sign of its velocity
@@ -101,7 +101,7 @@ def _places(truth: FloatArray, time: FloatArray) -> dict[str, float]:
 
 
 def window(trial: Trial, where: str, length: float) -> BoolArray:
-    """Return (F,) frames of a gap."""
+    """Return which frames (F,) are in a gap."""
     time, count = trial.time, round(length / float(np.median(np.diff(trial.time))))
     middle = int(np.argmin(np.abs(time - trial.places[where])))
     first = {"start": 0, "end": len(time) - count}.get(where, middle - count // 2)
@@ -141,7 +141,7 @@ def coverage(found: Sequence[Case], part: str) -> tuple[FloatArray, int]:
 
 
 def _cell(found: Sequence[Case]) -> str:
-    """Return the largest errors, and the flagged share of the bridged samples."""
+    """Return the largest errors, and the share of the bridged samples without a value."""
     worst = np.max([case.worst() for case in found], axis=0)
     bridged = sum(np.count_nonzero(case.bridged) for case in found)
     flagged = sum(np.count_nonzero(case.bridged & np.isnan(case.error[..., 0])) for case in found)
@@ -176,7 +176,7 @@ def sections(found: Mapping[tuple[str, str, float], Sequence[Case]], failed: int
 
 
 def main() -> None:
-    """Run all cases."""
+    """Run all cases and publish the sections."""
     arguments = harness.command_line(__doc__, trials=4, first=930_000).parse_args()
     found: dict[tuple[str, str, float], list[Case]] = {key: [] for key in cases()}
     trials = failed = 0

@@ -1,12 +1,12 @@
 """Command lines, simulated trials, worker processes, Markdown tables and generated sections of pages.
 
-Every benchmark prints its sections. ``--write`` also writes each of them into the pages that have a place for it::
+Every benchmark prints its sections. With ``--write`` it also writes each section into the pages that have its markers::
 
     <!-- begin NAME -->
 
     <!-- end NAME -->
 
-Everything outside these markers is the page's own text.
+The text outside these markers does not change.
 """
 
 from __future__ import annotations
@@ -135,7 +135,7 @@ def recordings() -> Path | None:
 
 
 def real_recordings() -> Path:
-    """Return the folder of the real sit-to-stands; end the program without it."""
+    """Return the folder of the real sit-to-stands; end the program if MOCAP_ID_RECORDINGS does not name it."""
     folder = recordings()
     if folder is None:
         raise SystemExit("MOCAP_ID_RECORDINGS does not name the folder of the recordings")
@@ -143,7 +143,10 @@ def real_recordings() -> Path:
 
 
 def write_real_trial(recording: Path, file: Path, **keys: Any) -> Path:
-    """Write the configuration of a sit-to-stand: ``recording`` without its endings ``.trc`` and ``_grf.mot``."""
+    """Write the configuration of a real sit-to-stand.
+
+    The files of ``recording`` have this path and the endings ``.trc`` and ``_grf.mot``.
+    """
     files = {"markers": f"{recording}.trc", "forces": f"{recording}_grf.mot"}
     text = json.dumps({"trial": file.stem, "recording": files, "protocol": "sit-to-stand", **keys})
     file.write_text(text, encoding="utf-8")
@@ -196,7 +199,7 @@ def run_simulated(place: Path, options: Options, stages: Sequence[str] = KINEMAT
 
 
 def run_trial(configuration: Path) -> Run:
-    """Run all stages of a simulated trial."""
+    """Run all stages of a simulated trial and return it."""
     trial = load(configuration)
     run(trial)
     return Run(configuration, trial)
@@ -209,7 +212,7 @@ def read_truth(configuration: Path) -> dict[str, Any]:
 
 
 def hide_samples(planar: LongTable, hidden: BoolArray) -> LongTable:
-    """Return the planar table without the samples (F, M) that are hidden."""
+    """Return the planar table without the hidden samples (F, M)."""
     values = {axis: np.where(hidden, np.nan, planar.values[axis]) for axis in "xyz"}
     return replace(planar, values={**values, "visible": planar.values["visible"] & ~hidden})
 
@@ -217,7 +220,7 @@ def hide_samples(planar: LongTable, hidden: BoolArray) -> LongTable:
 def choose_gap(speed: FloatArray, rate: float, seed: int, margins: tuple[float, float]) -> slice:
     """Return the frames of a gap of 2 s that begins 0.5 s before a random frame with movement.
 
-    ``speed`` is in rad/s; ``margins`` are the parts of the trial without such frames at its start and end, s.
+    ``speed`` is in rad/s. No such frame is chosen within ``margins``, s, of the start and the end.
     """
     first, last = (round(margin * rate) for margin in margins)
     frames = np.flatnonzero(speed[first:-last] > MOVING) + first
@@ -226,12 +229,12 @@ def choose_gap(speed: FloatArray, rate: float, seed: int, margins: tuple[float, 
 
 
 def has_true_segments(states: Table) -> bool:
-    """Return whether the states have the joints of a simulated person."""
+    """Return whether the states have as many joints as a simulated person."""
     return f"theta_{SEGMENTS - 1}" in states.names and f"theta_{SEGMENTS}" not in states.names
 
 
 def state_arrays(states: Table, prefix: str = "") -> FloatArray:
-    """Return (F, n, 3) angles, velocities and accelerations, or with ``sd_`` their standard deviations."""
+    """Return (F, n, 3) angles, velocities and accelerations, or with prefix ``sd_`` their standard deviations."""
     orders = ("theta", "dtheta", "ddtheta")
     return np.stack([states.stack([f"{prefix}{s}_{j}" for j in range(1, SEGMENTS)]) for s in orders], axis=2)
 
@@ -248,7 +251,7 @@ def rms(values: FloatArray) -> FloatArray:
 
 
 def inside(error: FloatArray, sd: FloatArray) -> float:
-    """Return the share of the known errors inside their 95 % intervals."""
+    """Return the share of the errors inside their 95 % intervals; errors without a value do not count."""
     known = np.isfinite(error) & np.isfinite(sd)
     return float(np.mean(np.abs(error[known]) < QUANTILE * sd[known]))
 
@@ -271,14 +274,14 @@ def pairs(values: FloatArray, form: str = ".2f", quantiles: tuple[float, float] 
 
 
 def share(kept: Any) -> str:
-    """Return the share of true values, ignoring NaN; – without any."""
+    """Return the share of true values; NaN does not count; return – without values."""
     known = np.asarray(kept, dtype=np.float64)
     known = known[np.isfinite(known)]
     return f"{100 * known.mean():.0f} %" if len(known) else "–"
 
 
 def sizes(errors: Any, limit: float, form: str) -> list[str]:
-    """Return the share within a limit, the median and the 80 % quantile of the sizes of known errors."""
+    """Return the share within a limit, the median and the 80 % quantile of absolute errors; NaN does not count."""
     values = np.abs(np.asarray(errors, dtype=np.float64))
     values = values[np.isfinite(values)]
     quantiles = np.quantile(values, (0.5, 0.8)) if len(values) else (np.nan, np.nan)
@@ -286,7 +289,7 @@ def sizes(errors: Any, limit: float, form: str) -> list[str]:
 
 
 def count_codes(codes: Iterable[str]) -> str:
-    """Return every code with its number."""
+    """Return every code with its number of occurrences."""
     return ", ".join(f"`{code}` {count}" for code, count in Counter(codes).most_common()) or "none"
 
 
@@ -340,7 +343,10 @@ def measured_by(file: str, trials: str) -> str:
 
 
 def rows_on_page(name: str, rows: Mapping[str, str], order: Sequence[str], folder: Path = ROOT / "docs") -> str:
-    """Return the rows of a section, each headed ``**row**, …``, in their order; those not measured as on the page."""
+    """Return the rows of a section in their order; each row begins with ``**row**, …``.
+
+    Rows that were not measured are taken from the page.
+    """
     texts = (page.read_text("utf-8") for page in folder.rglob("*.md"))
     old = next((found[1] for text in texts if (found := _pattern(name).search(text))), "")
     heads = [*re.finditer(r"^\*\*(.+?)\*\*, ", old, re.MULTILINE), None]

@@ -1,7 +1,7 @@
-"""Error of a joint's centre against arc and noise, by circles, rigid bodies and the chain.
+"""Error of a joint's centre for several arcs and noises, by circles, rigid bodies and the chain.
 
-A marker, or a body with three markers, swings about a joint of the still base, evenly over the arc. Every estimator
-gets the same trials. About two minutes for 400 of them.
+A marker, or a body with three markers, swings about a joint of the still base. The frames are evenly spaced over the
+arc. Every estimator gets the same trials. 400 trials take about two minutes.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ def number(metres: float) -> str:
 
 
 def spread(errors: ComplexArray, *, resolved: bool = True) -> Spread:
-    """Summarise errors (trials,) of centres; the markers lie in the direction of +i, NaN is a lost trial."""
+    """Return the distribution of errors (trials,); the markers are in direction +i, NaN means no estimate."""
     known = errors[np.isfinite(errors)]
     lost = len(errors) - len(known)
     if not resolved:
@@ -70,7 +70,7 @@ def spread(errors: ComplexArray, *, resolved: bool = True) -> Spread:
 
 
 def kasa_bias(arc: float, noise: float) -> float:
-    """Return the bias of the algebraic fit, m."""
+    """Return the bias of Kåsa's fit by its formula, m."""
     return float(RADIUS / (1 + (RADIUS * arc**2 / (26.8 * noise)) ** 2))
 
 
@@ -92,7 +92,7 @@ def swing(arc: float, markers: ComplexArray) -> ComplexArray:
 
 
 def noisy(rng: np.random.Generator, tracks: ComplexArray, noise: float) -> ComplexArray:
-    """Add white noise to each coordinate."""
+    """Return tracks with white noise in each coordinate."""
     return np.asarray(tracks + noise * (rng.standard_normal(tracks.shape) + 1j * rng.standard_normal(tracks.shape)))
 
 
@@ -116,7 +116,7 @@ def by_body(points: ComplexArray) -> complex:
 
 
 def by_chain(points: ComplexArray) -> complex:
-    """Return the joint of a chain with one moving segment; NaN if the fit does not converge."""
+    """Return the joint of a chain with one moving segment; return NaN if the fit does not converge."""
     try:
         return complex(fit_chain(points, SEGMENT).centres[0])
     except NumericalError:
@@ -182,7 +182,7 @@ def study_table(trials: int) -> str:
 
 
 def main() -> None:
-    """Measure all arcs and noises."""
+    """Measure all arcs and noises and publish the sections."""
     arguments = command_line(__doc__, trials=400).parse_args()
     trials = arguments.trials
     sections = {

@@ -69,7 +69,7 @@ def measure(task: tuple[str, int]) -> Result:
 
 
 def draw_degraded(seed: int) -> tuple[Options, tuple[bool, ...]]:
-    """Return options of any difficulty, and which markers are removed."""
+    """Return options of random difficulty, and which markers are removed."""
     rng = np.random.default_rng(seed)
     options = Options(
         seed=seed,
@@ -157,7 +157,7 @@ def error_quantiles(found: Mapping[str, Sequence[Result]]) -> str:
 
 
 def confidence_table(results: Sequence[Result]) -> str:
-    """Return the share of trials with the right segments by stated confidence."""
+    """Return the share of trials with the right segments for each range of the stated confidence."""
     rows = []
     for low, high in BINS:
         here = [r for r in results if r.refused is None and low <= r.confidence < high]
@@ -171,7 +171,7 @@ def confidence_table(results: Sequence[Result]) -> str:
 
 
 def main() -> None:
-    """Measure all rows."""
+    """Measure all rows and publish the sections."""
     arguments = harness.command_line(__doc__, parallel=True, trials=100, first=700_000).parse_args()
     trials, first, found = arguments.trials, arguments.first, {}
     for row in [*ROWS, DEGRADED]:

@@ -47,7 +47,7 @@ class Errors:
 
 
 def draw(options: Options) -> Trial:
-    """Simulate a trial and thin it as ``fit-joints`` does."""
+    """Simulate a trial and select frames as ``fit-joints`` does."""
     made: SimulatedTrial = generate("sit-to-stand", options)
     kept = np.unique(np.linspace(0, len(made.points) - 1, FRAMES).round().astype(np.int64))
     flat = made.scene.plane.to_plane(made.points[kept])
@@ -62,7 +62,7 @@ def draw(options: Options) -> Trial:
 
 
 def least_squares_by_link(points: ComplexArray, segment: IntArray) -> ChainFit:
-    """Fit centre, coordinates and angles of one link after another by 3.16, without covariance."""
+    """Fit centre, coordinates and angles of one link after another by equation 3.16, without covariance."""
     fit = fit_links(points, segment, "circle")
     centres, local, angles = fit.centres.copy(), fit.local.copy(), fit.angles.copy()
     ground: ComplexArray = np.tile([0j, 0.1 + 0j], (len(points), 1))
@@ -86,7 +86,7 @@ ESTIMATORS: dict[str, Callable[[ComplexArray, IntArray], ChainFit]] = {
 
 
 def compare(trial: Trial, fit: ChainFit) -> Errors:
-    """Return the errors of a chain, over the frames with known angles."""
+    """Return the errors of a chain over the frames in which all angles have values."""
     fit = orient_frames(fit)
     used = np.isfinite(fit.angles).all(axis=1)
     turn = np.exp(1j * fit.angles[used])
@@ -118,7 +118,7 @@ def cells(errors: list[Errors]) -> list[str]:
 
 
 def main() -> None:
-    """Measure all rows."""
+    """Measure all rows and publish the sections."""
     arguments = harness.command_line(__doc__, parallel=True, trials=40, first=50_000).parse_args()
     trials, first, rows = arguments.trials, arguments.first, []
     for row, options in ROWS.items():

@@ -1,7 +1,7 @@
-"""Errors of the dynamics for simulated people whose joints give way, with exact truth.
+"""Errors of the dynamics for simulated people whose joints move apart, with exact truth.
 
 Every trial runs through the stages up to ``identify-dim`` twice: with the motion that the program chooses, and with the
-pinned chain. About ten seconds per trial and core.
+pinned chain. It takes about ten seconds per trial and core.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ class Result:
 
 
 def measure(options: Options) -> tuple[Result, Result] | None:
-    """Return the errors with the chosen motion and with the pinned chain; None if the trial is refused."""
+    """Return the errors with the chosen motion and with the pinned chain; return None if the trial is refused."""
     with harness.simulated(options) as run:
         if run is None:
             return None
@@ -89,7 +89,7 @@ def first_moments(done: IdentifiedTrial) -> FloatArray:
 
 
 def true_moments(truth: Mapping[str, Any], pose: FloatArray, joint: FloatArray) -> FloatArray:
-    """Return the same of the true bodies: foot, shank, thigh and all bodies beyond the hip."""
+    """Return (T, 3, 2) true first moments, kg·m: foot, shank, thigh and all bodies beyond the hip."""
     bodies = truth["people"]["bodies"]
     mass = np.array([body["m"] for body in bodies])
     first = np.array([[body["mx"], body["my"]] for body in bodies])
@@ -132,7 +132,7 @@ def relative_cells(results: Sequence[Result]) -> list[str]:
 
 
 def main() -> None:
-    """Measure all rows."""
+    """Measure all rows and publish the sections."""
     given = harness.command_line(__doc__, parallel=True, trials=20, first=991_000).parse_args()
     found: dict[str, list[tuple[Result, Result]]] = {}
     for row in ROWS:

@@ -1,7 +1,7 @@
-"""Reaches: volume, elevation and order of severities against exact truth, by markers and by a depth camera.
+"""Accuracy of reaches on simulated trials: volume, elevation and order of severities, by markers and by a depth camera.
 
-Rows and limits are those of docs/measured/reach.md; the table of the cohort is in docs/reach.md. About five seconds per
-trial and core; the cohort has 20 trials by markers and 20 by the camera.
+Rows and limits are in docs/measured/reach.md; the table of the cohort is in docs/reach.md. It takes about five seconds
+per trial and core; the cohort has 20 trials by markers and 20 by the camera.
 """
 
 from __future__ import annotations
@@ -169,14 +169,20 @@ def _cohorts(outcomes: Sequence[Outcome]) -> list[Sequence[Outcome]]:
 
 
 def _ordered(outcomes: Sequence[Outcome]) -> str:
-    """Return how many cohorts are in the order of their severities, of those whose truth is."""
+    """Return how many cohorts are in the order of their severities.
+
+    Only cohorts whose true volumes are in this order count.
+    """
     true = [one for one in _cohorts(outcomes) if np.all(np.diff([each.true_size for each in one]) < 0)]
     right = sum(bool(np.all(np.diff([each.size for each in one]) < 0)) for one in true)
     return f"{right} of {len(true)}"
 
 
 def _neighbours(outcomes: Sequence[Outcome]) -> str:
-    """Return how many neighbours in severity are in order, of those whose true volumes differ clearly."""
+    """Return how many pairs of neighbours in severity are in order.
+
+    Only pairs whose true volumes differ clearly count.
+    """
     pairs = [pair for one in _cohorts(outcomes) for pair in itertools.pairwise(one)]
     clear = [(more, less) for more, less in pairs if more.true_size > (1 + DIFFERENT) * less.true_size]
     return f"{sum(more.size > less.size for more, less in clear)} of {len(clear)}"
@@ -216,7 +222,7 @@ def _with_interval(row: Any, name: str) -> str:
 
 
 def main() -> None:
-    """Measure all rows and the cohort, or the parts in ``--only``."""
+    """Measure all rows and the cohort, or the parts in ``--only``, and publish the sections."""
     only, sections = [*ROWS, "cohort"], {}
     given = harness.command_line(__doc__, parallel=True, only=only, trials=20, first=310_000).parse_args()
     if given.only != ["cohort"]:

@@ -1,8 +1,8 @@
-"""Faults injected into two real trials, STS1 and squats1: are they named, said, or without effect?
+"""Faults that are put into two real trials, STS1 and squats1, and what the program reports about them.
 
-A fault is *named* if a note or the verdict names the marker or the instrument, *said* if the verdict has a code that
-it does not have without the fault, *corrected* if the clock offset is found, *harmless* if lengths, angles and torques
-stay as without the fault or inside their intervals, else *silent*.
+A fault is *named* if a note or the verdict names the marker or the instrument. It is *said* if the verdict has a code
+that it does not have without the fault. It is *corrected* if the clock offset is found. It is *harmless* if lengths,
+angles and torques stay as without the fault or inside their intervals. Otherwise it is *silent*.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ FAULTS: Mapping[str, Fault] = {
 
 
 def real_table(source: Path) -> str:
-    """Return the outcomes of all faults in the trials of a folder."""
+    """Return the outcomes of all faults in the real trials of a folder."""
     rows = []
     with harness.temporary_folder() as place:
         for name in TRIALS:
@@ -111,7 +111,7 @@ def _alike(clean: Mapping[str, Any], found: Mapping[str, Any]) -> bool:
 
 
 def _run(source: Path, folder: Path, name: str, fault: Fault) -> dict[str, Any] | None:
-    """Write the trial with its fault, run it and return its reasons and results; None if it was refused."""
+    """Write the trial with its fault, run it and return its reasons and results; return None if it was refused."""
     folder.mkdir()
     _write(source, folder, name, fault)
     trial = load(harness.write_real_trial(folder / name, folder / "trial.yaml", subject={"mass": 60.0}))
@@ -137,7 +137,7 @@ def _run(source: Path, folder: Path, name: str, fault: Fault) -> dict[str, Any] 
 
 
 def _write(source: Path, folder: Path, name: str, fault: Fault) -> None:
-    """Write TRC and MOT of a trial with a fault."""
+    """Write the TRC and MOT files of a trial with a fault."""
     lines = (source / f"{name}.trc").read_text().splitlines()
     text = "\n".join(lines) + "\n"
     if fault.markers is not None:
@@ -162,7 +162,7 @@ def _write(source: Path, folder: Path, name: str, fault: Fault) -> None:
 
 
 def main() -> None:
-    """Measure and publish."""
+    """Measure all faults and publish the section."""
     given = harness.command_line(__doc__).parse_args()
     harness.publish({"real-faults": real_table(harness.real_recordings())}, write=given.write)
 

@@ -1,4 +1,4 @@
-"""Errors of the models of a real sit-to-stand and of real squats, from MOCAP_ID_RECORDINGS. Two minutes."""
+"""Errors of the models of a real sit-to-stand and of real squats. It needs MOCAP_ID_RECORDINGS and two minutes."""
 
 from __future__ import annotations
 
@@ -171,7 +171,10 @@ def clock_row(name: str, trial: Trial) -> list[str]:
 
 
 def torque_row(trial: Trial, band: Trial, below: str) -> list[str]:
-    """Return model minus plate at each joint, N·m; the bodies below the joint are the model's own or Winter's."""
+    """Return model minus plate at each joint, N·m.
+
+    The bodies below the joint have the model's own parameters, or Winter's.
+    """
     dynamics, bodies = trial.done.dynamics, trial.done.bodies
     full = trial.done.reference if below == WINTER else trial.done.parameters
     used = (dynamics["in_fit"] & band.done.dynamics["in_fit"]).to_numpy()
@@ -186,7 +189,7 @@ def torque_row(trial: Trial, band: Trial, below: str) -> list[str]:
 
 
 def transfers(pairs: Mapping[str, tuple[Trial, Trial]]) -> dict[str, str]:
-    """Return tables of errors and of stated deviations, and the verdicts."""
+    """Return tables of errors and of stated standard deviations, and the verdicts."""
     off, stated, verdicts = [], [], []
     for name, (source, target) in pairs.items():
         found = apply_model(source.done, target.done)
@@ -255,7 +258,7 @@ def sections(source: Path, folder: Path) -> dict[str, str]:
 
 
 def main() -> None:
-    """Measure both trials."""
+    """Measure both trials and publish the sections."""
     given = command_line(__doc__).parse_args()
     with temporary_folder() as folder:
         publish(sections(real_recordings(), folder), write=given.write)

@@ -1,6 +1,6 @@
-"""Robots that move in space on a plate, with and without a payload: parameters against exact truth.
+"""Robots that move in space on a plate, with and without a payload: parameters compared with the exact truth.
 
-About ten seconds per seed and core: two trials each.
+It takes about ten seconds per seed and core, for two trials.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def _skeleton(run: RunFolder) -> SpatialSkeleton:
 
 
 def _frames(run: RunFolder, truth: Mapping[str, Any]) -> list[FloatArray]:
-    """Return matrices (10, 10) from the true frame of each segment to the found one, by their common markers."""
+    """Return matrices (10, 10) from the true frame of each segment to the estimated frame, by their common markers."""
     skeleton = _skeleton(run)
     true = np.array([truth["local_xyz_m"][label] for label in skeleton.markers])
     moves = []

@@ -1,8 +1,8 @@
 """Time and memory of processes, stages, batches and long recordings.
 
-Each part is kept in a folder (``--work``), so that an interrupted run continues, and ``--only frames batch`` measures
-parts anew. Without MOCAP_ID_RECORDINGS a simulated recording replaces the reference recording. Nothing else should run
-meanwhile.
+The results of each part stay in a folder (``--work``), so that an interrupted run continues; ``--only frames batch``
+measures parts anew. Without MOCAP_ID_RECORDINGS a simulated recording replaces the reference recording. Nothing else
+should run at the same time.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ SMALL = Sizes(
 
 
 def main() -> None:
-    """Measure the missing or requested parts."""
+    """Measure the parts without results, or the parts in ``--only``, and publish the sections."""
     parser = command_line(__doc__, repeats=Sizes.repeats, trials=Sizes.trials, rounds=Sizes.rounds)
     parser.add_argument("--only", nargs="*", choices=list(PARTS), help="parts to measure anew")
     parser.add_argument("--work", type=Path, help="folder of the measured parts (default: one for this user)")
@@ -97,7 +97,7 @@ def main() -> None:
 
 
 def measure(name: str, sizes: Sizes, work: Path) -> dict[str, Any]:
-    """Measure one part, and how busy the machine was before and after."""
+    """Measure one part, and the load of the machine before and after it."""
 
     def say(words: str) -> None:
         progress(f"{time.strftime('%H:%M:%S')} {name}: {words}")

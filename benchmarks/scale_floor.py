@@ -1,7 +1,7 @@
 """Time to read a recording and to write its arrays with the libraries alone: ``scale_floor.py FILE.c3d [--quick]``.
 
-Prints JSON, seconds: reading by numpy (``numpy``), by ezc3d and by the c3d package (not with ``--quick``, and not where
-that package fails); writing marker positions as a long table (``parquet``) and as an array (``hdf5``), synced.
+Prints JSON, s: reading by numpy (``numpy``), by ezc3d, and by the c3d package unless it fails or with ``--quick``;
+writing marker positions as a long table (``parquet``) and as an array (``hdf5``) until they are on the disk.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def sync(path: Path) -> None:
 
 
 def least(function: Callable[[], object], times: int = 3) -> float:
-    """Shortest of several runs, s."""
+    """Return the shortest time of several calls, s."""
     found = []
     for _ in range(times):
         start = perf_counter()

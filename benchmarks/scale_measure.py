@@ -1,8 +1,8 @@
-"""Time and memory of commands, measured by a process whose own memory is negligible: ``scale_measure.py COMMAND…``.
+"""Time and memory of commands, measured by a process that needs little memory: ``scale_measure.py COMMAND…``.
 
 Prints JSON: wall and processor seconds of the command and of its children, and the largest resident memory of any of
-these processes, MB. (A process inherits the peak of its parent, so a large program cannot measure its own children.)
-Several commands, separated by ``--and``, start together.
+these processes, MB. A process inherits the peak of its parent, so a large program cannot measure its own children.
+Several commands, separated by ``--and``, start at the same time.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ KILOBYTE = 1024  # bytes: the unit of the largest resident memory, on Linux
 
 
 def split(words: list[str]) -> list[list[str]]:
-    """Split the commands."""
+    """Return the commands between the words ``--and``."""
     commands: list[list[str]] = [[]]
     for word in words:
         if word == AND:

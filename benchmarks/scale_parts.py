@@ -246,7 +246,7 @@ def measure_tasks(place: Path, counts: Sequence[int], dask: Sequence[int], say: 
 
 
 def measure_storage(place: Path) -> dict[str, Any]:
-    """Return the bytes of a sample trial's run folder, by file."""
+    """Return the bytes of each file in a sample trial's run folder."""
     folder = place / "storage"
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)

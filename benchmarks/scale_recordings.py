@@ -57,7 +57,7 @@ class Wanted:
 
 
 def make(wanted: Wanted, place: Path) -> Path:
-    """Write the recording and return its configuration; existing files are used again."""
+    """Write the recording and return its configuration; if it exists, return it unchanged."""
     file = place / f"{wanted.name}.yaml"
     if file.exists():
         return file
@@ -76,7 +76,7 @@ def make(wanted: Wanted, place: Path) -> Path:
 
 
 def play(made: SimulatedTrial, wanted: Wanted) -> tuple[FloatArray, PlateSignals]:
-    """Return points and channels of the trial, played forwards and backwards for so many frames."""
+    """Return points and channels of the trial, played forwards and backwards for the wanted number of frames."""
     per_frame = round(wanted.analog / wanted.rate)
     frames = len(made.points)
     there = to_and_fro(frames, wanted.frames)
@@ -85,13 +85,16 @@ def play(made: SimulatedTrial, wanted: Wanted) -> tuple[FloatArray, PlateSignals
 
 
 def to_and_fro(own: int, count: int) -> IntArray:
-    """Return ``count`` indices 0 … own - 1 … 0 …"""
+    """Return ``count`` indices that go from 0 to own - 1, back to 0, and so on."""
     period = np.concatenate([np.arange(own), np.arange(own - 2, 0, -1)])
     return np.resize(period, count)
 
 
 def _person(wanted: Wanted, options: Options, rng: Streams) -> Scene:
-    """Return a sit-to-stand with so many markers: evenly fewer, or more beside the usual ones."""
+    """Return a sit-to-stand with the wanted number of markers.
+
+    Fewer markers are chosen evenly; additional markers are beside the usual markers.
+    """
     scene = draw_scene("sit-to-stand", options, rng)
     own = scene.markers
     if wanted.markers <= len(own.labels):
@@ -106,7 +109,7 @@ def _person(wanted: Wanted, options: Options, rng: Streams) -> Scene:
 
 
 def _spread(markers: MarkerSet, count: int) -> IntArray:
-    """Choose so many markers, in proportion to each link's and at least three of each."""
+    """Return ``count`` chosen markers, in proportion to the markers of each link and at least three of each."""
     links = [np.flatnonzero(markers.link == link) for link in np.unique(markers.link)]
     share = [max(3, round(count * len(link) / len(markers.link))) for link in links]
     share[-1] += count - sum(share)
@@ -146,7 +149,7 @@ def _chain(wanted: Wanted, rng: Streams) -> Scene:
 
 
 def _swinging(joints: int, seconds: float, rng: np.random.Generator) -> JointMotion:
-    """Return sines of 0.2 to 0.5 Hz by 17 to 29°, from rest to rest."""
+    """Return a motion of sines of 0.2 to 0.5 Hz and 17 to 29°, from rest to rest."""
     time = np.arange(-PAD, seconds + PAD, STEP)
     frequency, size = rng.uniform(0.2, 0.5, joints), rng.uniform(0.3, 0.5, joints)
     moving = smoothstep((np.minimum(time, seconds - time) - 0.5) / 1.5)

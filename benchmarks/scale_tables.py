@@ -32,7 +32,7 @@ TASKS = {
 
 
 def sections(found: Mapping[str, Any]) -> dict[str, str]:
-    """Return the sections of all parts; a part that was not measured is named."""
+    """Return the sections of all parts; the section of a part without results says so."""
     parts = {name: one["found"] for name, one in found.items()}
     rows = [row for name, requirements in _REQUIREMENTS.items() if name in parts for row in requirements(parts[name])]
     return {
@@ -43,7 +43,7 @@ def sections(found: Mapping[str, Any]) -> dict[str, str]:
 
 
 def machine(found: Mapping[str, Any]) -> str:
-    """Return the machine and how busy it was."""
+    """Return a description of the machine and its load."""
     if not found:
         return "Nothing was measured."
     cpu = Path("/proc/cpuinfo")
@@ -66,7 +66,7 @@ def floor_of(one: Part) -> float:
 
 
 def megabytes(value: float | None) -> str:
-    """Return MB, if known."""
+    """Return MB as text; – if unknown."""
     return "–" if value is None else f"{value:.0f} MB"
 
 
@@ -87,7 +87,7 @@ def fit_time(part: Sequence[Mapping[str, Any]], key: str, name: str) -> Grown:
 
 
 def fit_memory(part: Sequence[Mapping[str, Any]]) -> tuple[float, float, float] | None:
-    """Return MB per million marker-frames, MB without any, and the largest deviation of a length."""
+    """Return MB per million marker-frames, MB without any, and the largest deviation from this line, MB."""
     size = np.array([one["wanted"]["frames"] * one["wanted"]["markers"] / 1e6 for one in part])
     peak = np.array([one["whole"]["peak"] for one in part])
     if len(size) < 2:
@@ -97,12 +97,12 @@ def fit_memory(part: Sequence[Mapping[str, Any]]) -> tuple[float, float, float] 
 
 
 def exponent(size: Sequence[float], value: Sequence[float]) -> float | None:
-    """Return p of value ∝ size^p, by least squares of the logarithms; None for fewer than two sizes."""
+    """Return p of value ∝ size^p, by least squares of the logarithms; return None for fewer than two sizes."""
     return float(np.polyfit(np.log(size), np.log(value), 1)[0]) if len(size) > 1 else None
 
 
 def starts(part: Part) -> str:
-    """Return whole processes, and a run relative to other programs."""
+    """Return a table of whole processes, and the time of a run relative to other programs."""
     spent, floor, filters = part["spent"], part["floor"], part["filters"]
     bare, run = spent[next(iter(BARE))]["wall"], spent[RUN]["wall"]
     rows = []
@@ -126,7 +126,7 @@ def starts(part: Part) -> str:
 
 
 def dense(part: Sequence[Part]) -> str:
-    """Return the stages of one recording."""
+    """Return a table of the stages of one recording."""
     one, base, whole = part[0], floor_of(part[0]), part[0]["whole"]
     rows = []
     for name in STAGES:
@@ -148,7 +148,7 @@ def dense(part: Sequence[Part]) -> str:
 
 
 def frames(part: Sequence[Part]) -> str:
-    """Return time and memory against the length."""
+    """Return a table of time and memory for each length."""
     rows = []
     for one in part:
         wanted, whole, base = one["wanted"], one["whole"], floor_of(one)
@@ -173,7 +173,7 @@ def frames(part: Sequence[Part]) -> str:
 
 
 def stages_over(part: Sequence[Part], key: str) -> str:
-    """Return the processor time of every stage, and its exponent."""
+    """Return a table of the processor time of every stage, with its exponent."""
     rows = []
     for name in (*STAGES, "run"):
         taken = fit_time(part, key, name)
@@ -184,7 +184,7 @@ def stages_over(part: Sequence[Part], key: str) -> str:
 
 
 def sweep(part: Sequence[Part], key: str) -> str:
-    """Return time and memory against markers or joints."""
+    """Return a table of time and memory for each number of markers or joints."""
     wanted = part[0]["wanted"]
     rows = []
     for each in part:
@@ -198,7 +198,7 @@ def sweep(part: Sequence[Part], key: str) -> str:
 
 
 def batch(part: Part) -> str:
-    """Return how well workers are used."""
+    """Return a table of the ways to run a batch."""
     ways, one = part["ways"], part["ways"][ONE]["wall"]
     rows = []
     for name in (ONE, TWO, APART, DASK, AGAIN):
@@ -215,7 +215,7 @@ def batch(part: Part) -> str:
 
 
 def tasks(part: Part) -> str:
-    """Return the cost of trials that take no time."""
+    """Return a table of the cost of trials that take no time."""
     rows = []
     for key, name in TASKS.items():
         for one in part.get(key, ()):
@@ -227,7 +227,7 @@ def tasks(part: Part) -> str:
 
 
 def storage(part: Part) -> str:
-    """Return the bytes of a run folder."""
+    """Return a table of the bytes of a run folder."""
     files: Mapping[str, int] = part["files"]
     groups: dict[str, list[int]] = {}
     for name, size in files.items():
@@ -305,7 +305,7 @@ _REQUIREMENTS = {"frames": _frames, "dense": _dense, "batch": _batch, "starts": 
 
 
 def plan(parts: Mapping[str, Any]) -> str:
-    """Return what 100,000 trials need, with formulas."""
+    """Return a table of what 100,000 trials need, with formulas."""
     batch, tasks, storage = (parts[name] for name in ("batch", "tasks", "storage"))
     trial, memory = batch["ways"][TWO]["trial"], batch["ways"][TWO]["peak"]
     files, size = len(storage["files"]), sum(storage["files"].values()) / 1e6

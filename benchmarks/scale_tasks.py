@@ -1,8 +1,8 @@
 """Cost of distributing many trials that take no time: ``scale_tasks.py here|dask|table|finding|study COUNT``.
 
 Prints JSON: count, seconds and peak memory of this process, MB. ``here`` and ``dask`` give trials without work to two
-workers, through the code path of ``mocap-id batch``. ``table`` makes the batch's table from copies of one summary.
-``finding`` reads the files of many trials, ``study`` the file of a study with many trials.
+workers, as ``mocap-id batch`` does. ``table`` makes the batch's table from copies of one summary. ``finding`` reads the
+files of many trials, and ``study`` the file of a study with many trials.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def nothing(trial: Trial) -> TrialRun:
 
 
 def trials(count: int) -> list[Trial]:
-    """Return so many different trials."""
+    """Return ``count`` different trials."""
     one = load(SAMPLE / "trial.yaml")
     names = [f"s{k // 100:04}-trial-{k:06}" for k in range(count)]
     return [
@@ -44,7 +44,7 @@ def trials(count: int) -> list[Trial]:
 
 
 def through(backend: Backend, count: int) -> dict[str, float]:
-    """Return the seconds of all trials, and until the first was reported."""
+    """Return the seconds until all trials were done, and until the first was reported."""
     wanted, first = trials(count), []
     start = perf_counter()
     done = run_trials(wanted, backend, lambda _: first or first.append(perf_counter() - start), run=scale_tasks.nothing)
@@ -69,7 +69,7 @@ def table(count: int) -> dict[str, float]:
 
 
 def finding(count: int) -> dict[str, float]:
-    """Return the seconds to read a folder with so many trials' files."""
+    """Return the seconds to read a folder with the files of ``count`` trials."""
     with tempfile.TemporaryDirectory() as place:
         for k in range(count):
             text = (SAMPLE / "trial.yaml").read_text("utf-8").replace("sit-to-stand", f"t{k:06}", 2)

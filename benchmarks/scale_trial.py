@@ -1,8 +1,8 @@
 """Time and memory of each stage of one trial, in a warm process: ``scale_trial.py TRIAL.yaml WARM.yaml``.
 
-WARM runs first, so that libraries are imported, compiled code is loaded and figures have been drawn once. Prints JSON:
-for each stage the wall seconds of the whole step (reading, computing, hashing, writing), its processor seconds, and
-peak and initial resident memory, MB. The peak needs Linux and is null elsewhere.
+WARM runs first; then libraries are imported, compiled code is loaded and figures have been drawn once. Prints JSON. For
+each stage it has the wall seconds of the whole step (reading, computing, hashing, writing), its processor seconds, and
+peak and initial resident memory, MB. The peak needs Linux; elsewhere it is null.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ KILOBYTE = 1024
 
 
 def memory(what: str) -> float | None:
-    """Return ``VmHWM``, the peak since its reset, or ``VmRSS``, the present memory, MB."""
+    """Return the peak memory since its reset (``VmHWM``) or the present memory (``VmRSS``), MB; None if unknown."""
     if not STATUS.exists():
         return None
     found = re.search(rf"^{what}:\s*(\d+) kB", STATUS.read_text("ascii"), re.MULTILINE)

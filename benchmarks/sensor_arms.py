@@ -1,4 +1,4 @@
-"""Arms in space with inertial sensors: the same trial with them, from markers alone, and with a gap of all markers."""
+"""Arms in space with inertial sensors, compared with markers alone and with a gap of all markers."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def _run(configuration: Path) -> _Errors | None:
 
 
 def _turned(poses: Any, name: str, true: FloatArray) -> FloatArray:
-    """Return the error (F, 3) of a segment's rotation, rad, without the constant that its axes define."""
+    """Return the error (F, 3) of a segment's rotation, rad, without its constant, which is a convention of the axes."""
     scalar, vector = poses[f"{name}_qw"], stack(poses, name, ["qx", "qy", "qz"])
     cross = so3.hat(vector)
     found = np.eye(3) + 2 * scalar[:, None, None] * cross + 2 * cross @ cross
@@ -130,7 +130,7 @@ def _hide(configuration: Path, options: ArmOptions) -> slice:
 
 
 def _largest(of: _Errors | None, frames: slice, k: int) -> float:
-    """Return the largest error of a segment's rotation in some frames, degrees; infinite where it is not known."""
+    """Return the largest error of a segment's rotation in some frames, degrees; infinity if a rotation is missing."""
     if of is None:
         return float("inf")
     size = np.degrees(np.linalg.norm(of.turn[frames, k], axis=1))

@@ -1,7 +1,7 @@
-"""The same simulated people with a full laboratory, with cameras and a balance board, and with inertial sensors alone.
+"""The same simulated people in a full laboratory, with cameras and a balance board, and with inertial sensors alone.
 
-Each person first does a calibration trial with markers and inertial sensors. The second trial, with another strategy,
-has the same true motion in all three conditions.
+Each person first does a calibration trial with markers and inertial sensors. The second trial has another strategy. Its
+true motion is the same in all three conditions.
 """
 
 from __future__ import annotations
@@ -76,7 +76,7 @@ def _run_alone(place: Path, seed: int) -> Comparison:
 
 
 def clock_errors(done: Run, middle: float) -> list[tuple[float, float, bool]]:
-    """Return for every clock its error in mid-trial and its standard deviation, s, and if it is observable."""
+    """Return for every clock its error in mid-trial and its standard deviation, s, and whether it is observable."""
     found = []
     for name, each in done.summary["imus"].items():
         if each["used"] and each["clock_offset_s"] is not None:
@@ -167,7 +167,7 @@ def measure(seed: int) -> dict[str, Comparison]:
 
 
 def table(seeds: Sequence[int], jobs: int | None) -> str:
-    """Return the median errors in each condition, and the shares of the samples inside 95 % intervals."""
+    """Return the median errors in each condition, and the shares of samples inside 95 % intervals."""
     rows = harness.run_all(measure, seeds, jobs)
     names, lines = list(rows[0]), []
     for quantity in dict.fromkeys(quantity for row in rows for quantity in row[names[0]].errors):

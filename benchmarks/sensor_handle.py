@@ -74,7 +74,7 @@ class Held(Scene):
         return np.asarray(own - self.handle(state))
 
     def at(self, time: FloatArray) -> TrueState:
-        """Return state and forces at times (T,), s; the ground carries what the handle does not."""
+        """Return state and forces at times (T,), s; the handle carries a part of the load on the ground."""
         state = super().at(time)
         return replace(state, wrench=state.wrench - self.handle(state))
 
@@ -97,9 +97,10 @@ def table(seeds: Sequence[int], jobs: int | None) -> str:
 
 
 def measure(task: tuple[int, str]) -> FloatArray:
-    """Simulate and run a trial; return error, stated and foreseen standard deviation of both parameters (3, 2), %.
+    """Simulate and run a trial; return error, stated and foreseen standard deviation (3, 2) of both parameters, %.
 
-    Foreseen is what `advise` says of the trial with the handle's sensor, when there is one in the elbow too.
+    The foreseen one is the prediction of `advise` for a sensor in the elbow, from a trial with the sensor in the handle
+    alone.
     """
     seed, known = task
     rng, options = random_streams(seed), Options(seed=seed, plate_bias=1.0)
@@ -120,7 +121,7 @@ def measure(task: tuple[int, str]) -> FloatArray:
 
 
 def _forearm(value: FloatArray, of: FloatArray) -> FloatArray:
-    """Return first moment and moment of inertia (2,) of the forearm, or what ``of`` (b,) means for them."""
+    """Return first moment and moment of inertia (2,) of the forearm, or their standard deviations from ``of`` (b,)."""
     moment = value[-3:-1]
     size = float(np.hypot(*moment))
     along = moment / size if size > 0 else np.full(2, 0.5**0.5)
@@ -181,7 +182,7 @@ def _place_markers(rng: np.random.Generator) -> MarkerSet:
 
 
 def _place(scene: Scene, state: TrueState, label: str) -> FloatArray:
-    """Return the place (T, 2) of a marker in the plane, m."""
+    """Return the position (T, 2) of a marker in the plane, m."""
     at = np.array([scene.markers.labels.index(label)])
     local = scene.markers.local[at, :2]
     return np.asarray(planar.marker_positions(state.q, scene.body.centres, scene.markers.link[at], local)[:, 0])
@@ -204,7 +205,10 @@ def _files(  # noqa: PLR0917
 
 
 def _log(rng: np.random.Generator, scene: Scene, state: TrueState, wrench: FloatArray, label: str) -> bytes:
-    """Return a sensor's CSV text: a wrench (T, 3) of the plane, about a marker and in the laboratory's axes."""
+    """Return a sensor's CSV text.
+
+    It has a wrench (T, 3) of the plane, about a marker and in the laboratory's axes.
+    """
     x, y = _place(scene, state, label).T
     fx, fy, tauz = wrench.T
     axes = scene.plane.axes

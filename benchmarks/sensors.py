@@ -1,6 +1,6 @@
-"""Sensors beside the cameras, on simulated trials with exact truth: boards, sensors at the hand, inertial sensors.
+"""Sensors in addition to the cameras, on simulated trials: boards, sensors at the hand, inertial sensors.
 
-Rows and limits are those of docs/measured/sensors.md. About five seconds per trial and core.
+Rows and limits are in docs/measured/sensors.md. It takes about five seconds per trial and core.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from mocap_id.simulation.trial_files import c3d_bytes
 
 @dataclass(frozen=True)
 class Row:
-    """A kind of trial: its name, its measurement by seed and arguments, and the limits of its errors."""
+    """A kind of trial."""
 
     name: str
     measure: Callable[..., Comparison]
@@ -233,7 +233,7 @@ OTHERS: Mapping[str, Callable[[Sequence[int], int | None], str]] = {
 
 
 def main() -> None:
-    """Measure all sections, or the sections in ``--only``."""
+    """Measure all sections, or the sections in ``--only``, and publish them."""
     only = [*TABLES, *OTHERS]
     given = harness.command_line(__doc__, parallel=True, only=only, trials=24, first=310_000).parse_args()
     about = harness.measured_by(__file__, f"{given.trials} trials a row, seeds from {given.first}")

@@ -1,7 +1,7 @@
 """Accuracy and time of every solver of the constrained least squares of ``identify-dim``.
 
-All solvers get the same problems: random ones, those of simulated trials and, with MOCAP_ID_RECORDINGS, those of real
-trials. About two minutes.
+All solvers get the same problems: random problems, problems of simulated trials and, with MOCAP_ID_RECORDINGS, problems
+of real trials. It takes about two minutes.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ REAL = ("STS1", "squats1")
 
 @dataclass(frozen=True)
 class Case:
-    """A problem of base parameters, without free ones."""
+    """A problem of base parameters alone."""
 
     name: str
     problem: CompressedProblem
@@ -53,7 +53,7 @@ class Case:
 
     @property
     def moments(self) -> FloatArray:
-        """B = M P."""
+        """Matrix B = M P from the masses of the grid to the base parameters."""
         return self.regrouping @ self.grid.moments()
 
 
@@ -191,7 +191,7 @@ def scientific(value: float) -> str:
 
 
 def random_table(results: Sequence[Mapping[str, Result]]) -> str:
-    """Return a row for each solver."""
+    """Return a table of the random problems, a row for each solver."""
     head = ["solver", "excess cost: median", "largest", "bound, largest", "proven", "says solved", "ms"]
     rows = []
     for name in results[0]:
@@ -205,7 +205,7 @@ def random_table(results: Sequence[Mapping[str, Result]]) -> str:
 
 
 def trial_table(cases: Sequence[Case], results: Sequence[Mapping[str, Result]]) -> str:
-    """Return a row for each trial."""
+    """Return a table of the trials, a row for each trial."""
     names = list(results[0])
     rows = [
         [case.name, *(f"{scientific(found[name].above)} / {1e3 * found[name].seconds:.1f}" for name in names)]
@@ -215,7 +215,7 @@ def trial_table(cases: Sequence[Case], results: Sequence[Mapping[str, Result]]) 
 
 
 def price_table(cases: Sequence[Case], results: Sequence[Mapping[str, Result]]) -> str:
-    """Return what each constraint adds to the cost, a row for each trial."""
+    """Return how much each constraint increases the cost, a row for each trial."""
     rows = []
     for case, found in zip(cases, results, strict=True):
         free = case.problem.cost(case.problem.free_solution())
@@ -228,7 +228,7 @@ def price_table(cases: Sequence[Case], results: Sequence[Mapping[str, Result]]) 
 
 
 def trials(count: int, place: Path) -> list[Case]:
-    """Return the problems of simulated trials and, with the recordings, of real ones."""
+    """Return the problems of simulated trials and, with the recordings, of real trials."""
     cases = []
     for k in range(count):
         kind = "robot" if k == count - 1 else "sit-to-stand"
@@ -243,7 +243,7 @@ def trials(count: int, place: Path) -> list[Case]:
 
 
 def main() -> None:
-    """Measure random problems and trials."""
+    """Measure random problems and trials and publish the sections."""
     given = command_line(__doc__, problems=200, trials=5).parse_args()
     random = [measure(random_case(seed), 1) for seed in range(given.problems)]
     with temporary_folder() as place:

@@ -1,6 +1,6 @@
 """Chains in space: arms and plain chains with exact truth, run up to `report`.
 
-Rows and limits are those of docs/measured/space.md. About five seconds per trial and core.
+Rows and limits are in docs/measured/space.md. It takes about five seconds per trial and core.
 """
 
 from __future__ import annotations
@@ -112,7 +112,10 @@ def compare(done: harness.Run) -> Outcome:
 
 
 def _assigned(summary: Mapping[str, Any], truth: Mapping[str, Any]) -> bool:
-    """Return whether count and segments are right; AC rides on the girdle and is not counted."""
+    """Return whether the number of segments and all markers are right.
+
+    Marker AC is on the shoulder girdle and does not count.
+    """
     found = {label: k for label, k in summary["segments"]["assignment"].items() if label != "AC"}
     return summary["segments"]["count"] == len(truth["segments"]) and all(
         found.get(label) == link for label, link in truth["assignment"].items() if label != "AC"
@@ -125,14 +128,14 @@ def stack(table: Table, segment: str, names: Iterable[str]) -> FloatArray:
 
 
 def rms_length(error: FloatArray) -> float:
-    """Return the root of the mean squared length of the known rows (F, 3)."""
+    """Return the rms length of the rows (F, 3); rows with NaN do not count."""
     return float(np.sqrt(np.nanmean(np.sum(error**2, axis=1))))
 
 
 def _motion(
     poses: Table, segment: str, k: int, truth: Mapping[str, Any], true: Mapping[str, FloatArray]
 ) -> tuple[float, dict[str, float]]:
-    """Return the rms error of the angular acceleration, and the shares of velocity and acceleration inside."""
+    """Return the rms error of the angular acceleration, and the shares of samples inside their intervals."""
     moving = true["t"] > truth["static_s"] + 0.5
     off = {
         name: (stack(poses, segment, [f"{name}_{axis}" for axis in "xyz"]) - true[name][:, k] @ TO_TRIAL.T)[moving]
@@ -200,7 +203,10 @@ def _rotation(quaternion: FloatArray) -> FloatArray:
 def _chain(
     poses: Table, truth: Mapping[str, Any], true: Mapping[str, FloatArray]
 ) -> tuple[dict[str, float], dict[str, float]]:
-    """Return the largest error of a centre (of a hinge across its axis), mm, and the shares inside."""
+    """Return the largest error of a centre, mm, and the shares inside intervals.
+
+    The error along the axis of a hinge does not count.
+    """
     names = [name.removesuffix("_qw") for name in poses.names if name.endswith("_qw")]
     centres = true["joint_lab"]
     found = [stack(poses, name, "xyz") @ TO_TRIAL for name in names]
@@ -231,7 +237,7 @@ def table(name: str, outcomes: Sequence[Outcome], first: int) -> str:
 
 
 def main() -> None:
-    """Measure all rows, or the rows in ``--only``."""
+    """Measure all rows, or the rows in ``--only``, and publish the section."""
     given = harness.command_line(__doc__, parallel=True, only=ROWS, trials=30, first=210_000).parse_args()
     sections = {"space": harness.measure_rows("space", ROWS, given, measure, table)}
     harness.publish(sections, write=given.write)

@@ -38,7 +38,7 @@ class Result:
 
 
 def measure(options: Options) -> Result | None:
-    """Simulate and run a trial and return its coverage; None without the true number of segments."""
+    """Simulate and run a trial and return its coverage; return None if the number of segments is wrong."""
     with harness.simulated(options) as done:
         if done is None:
             return None
@@ -64,7 +64,7 @@ def measure_change(error: FloatArray, seen: FloatArray, time: FloatArray) -> Flo
 
 
 def coverage_rows(row: str, results: Sequence[Result], refused: int) -> list[list[str]]:
-    """Return the coverage of each joint and of all."""
+    """Return rows with the coverage of each joint and of all joints."""
     inside = 100 * np.array([result.inside for result in results])
     rows = []
     trials = f"{len(results)}" + (f" ({refused} refused)" if refused else "")
@@ -76,7 +76,7 @@ def coverage_rows(row: str, results: Sequence[Result], refused: int) -> list[lis
 
 
 def step_rows(row: str, results: Sequence[Result]) -> list[list[str]]:
-    """Return the change at the edges of drop-outs, elsewhere, and the excess of the former."""
+    """Return rows with the change at the edges of drop-outs, the change elsewhere, and the excess at the edges."""
     change = np.nanmean([result.change for result in results], axis=0)  # (2, n, 2)
     rows = []
     for d, (name, scale) in enumerate((("angle, °", 180 / np.pi), ("velocity, rad/s", 1.0))):
@@ -86,7 +86,7 @@ def step_rows(row: str, results: Sequence[Result]) -> list[list[str]]:
 
 
 def main() -> None:
-    """Measure all rows."""
+    """Measure all rows and publish the sections."""
     given = harness.command_line(__doc__, parallel=True, trials=100, first=920_000).parse_args()
     first, others = given.first, max(1, round(0.4 * given.trials))
     coverage, steps = [], []

@@ -1,6 +1,6 @@
-"""Accuracy and time of every method for the joint states, beside filterpy's.
+"""Accuracy and time of every method for the joint states and of filterpy.
 
-About twenty seconds per trial, most of them for filterpy. Without MOCAP_ID_RECORDINGS a simulated trial replaces the
+It takes about twenty seconds per trial, mostly for filterpy. Without MOCAP_ID_RECORDINGS a simulated trial replaces the
 reference recording of the first table. benchmarks/filter.py compares the time of the filters alone.
 """
 
@@ -98,7 +98,7 @@ def simulate_trial(options: Options) -> Moving:
 
 
 def refit_chain(moving: Moving) -> Moving:
-    """Replace the chain by the one that ``fit-joints`` finds."""
+    """Replace the true chain by the chain that ``fit-joints`` finds."""
     flat = moving.points[..., 0] + 1j * moving.points[..., 1]
     fit = orient_frames(fit_chain(flat[frames_along_motion(flat, FITTED)], moving.chain.segment))
 
@@ -128,7 +128,7 @@ def by_method(moving: Moving, settings: FilterSettings) -> Scored:
 def by_filterpy(moving: Moving) -> Scored:
     """Return the errors of filterpy's filter and smoother, with the process noise that fits the truth best.
 
-    The search for this noise uses the compiled engine, which is the same filter; the errors are those of filterpy.
+    The search for this noise uses the compiled engine, which is the same filter.
     """
     moves, segment = moving.chain.segment > 0, moving.chain.segment
     chain = MarkerChain(moving.chain.centres, segment[moves], moving.chain.local[moves])
@@ -223,7 +223,7 @@ def duels(found: Sequence[Mapping[str, Scored]]) -> str:
 
 
 def main() -> None:
-    """Measure every method on the reference recording and on fresh trials."""
+    """Measure every method on the reference recording and on new trials, and publish the sections."""
     given = command_line(__doc__, trials=30, first=910_000).parse_args()
     trials, first, folder = given.trials, given.first, recordings()
     if folder:
