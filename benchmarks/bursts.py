@@ -75,7 +75,7 @@ def measure(seed: int) -> Result | None:
         return None
     worst = [each.rms / runs[0].rms for each in runs[1:]]
     true = np.array([document["assignment"][label] for label in labels])
-    moving, seen = true > 0, np.isfinite(coordinates(contexts[1])[..., 0])
+    moving, seen = true > 0, np.isfinite(read_coordinates(contexts[1])[..., 0])
     bad, good = hit & seen & moving & (off > LEAST), seen & moving & ~hit & runs[0].used
     return Result(
         worst[0].max(axis=0),
@@ -106,7 +106,7 @@ def planarise(configuration: Path) -> Context:
     return Context(trial.keys, None, {"planar.parquet": planar})
 
 
-def coordinates(context: Context) -> FloatArray:
+def read_coordinates(context: Context) -> FloatArray:
     """Return (F, M, 3) coordinates of the planar table, m."""
     values = context.long("planar.parquet").values
     return np.stack([values[axis] for axis in "xyz"], axis=2)
@@ -119,7 +119,7 @@ def find_jumps(
     hit: BoolArray = np.zeros((frames, len(labels)), dtype=np.bool_)
     for jump in found:
         hit[jump["first_frame"] : jump["first_frame"] + jump["n_frames"], labels.index(jump["label"])] = True
-    plain, jumped = (coordinates(context)[..., :2] for context in contexts)
+    plain, jumped = (read_coordinates(context)[..., :2] for context in contexts)
     return hit, np.asarray(np.linalg.norm(jumped - plain, axis=2))
 
 
@@ -141,7 +141,7 @@ def run(context: Context, truth: FloatArray, labels: Sequence[str]) -> Run:
     return Run(harness.rms(error[MARGIN:-MARGIN]), np.array([int(known[label]) for label in labels]), used)
 
 
-def ratio_table(ratios: FloatArray) -> str:
+def make_ratio_table(ratios: FloatArray) -> str:
     """Return quantiles of the ratios (trials, 3) of the errors."""
     rows = []
     for name, own in zip(NAMES, ratios.T, strict=True):
@@ -170,8 +170,8 @@ def main() -> None:
     )
     sections = {
         "bursts": harness.measured_by(__file__, source),
-        "bursts-ratios": ratio_table(np.array([each.jumped for each in found])),
-        "bursts-missing": ratio_table(np.array([each.missing for each in found])),
+        "bursts-ratios": make_ratio_table(np.array([each.jumped for each in found])),
+        "bursts-missing": make_ratio_table(np.array([each.missing for each in found])),
         "bursts-samples": samples,
     }
     harness.publish(sections, write=arguments.write)

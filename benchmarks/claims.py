@@ -96,30 +96,30 @@ class Case:
         )
 
 
-def worst(found: Iterator[Outcome]) -> Outcome:
+def find_worst(found: Iterator[Outcome]) -> Outcome:
     """Return the outcome with the largest value."""
     return max(found, key=lambda outcome: outcome.value)
 
 
-def _off(moves: SeriesChanges, state: int | None = None) -> float:
+def _measure_loss(moves: SeriesChanges, state: int | None = None) -> float:
     """Return 100 (1 - r²) of the worst joint, for one state or for all states."""
     r2 = moves.state_r2 if state is None else moves.state_r2[state]
     return float(100 * np.nanmax(1 - r2)) if np.isfinite(r2).any() else math.inf
 
 
-def sweep(case: Case, gate: float | None = None) -> Outcome:
+def measure_sweep(case: Case, gate: float | None = None) -> Outcome:
     """Return the largest change of the states over all pairs of noises."""
     grid = case.swept(gate)
-    beyond = sum(_off(moves) >= 1 for moves in grid.values())
-    return Outcome(max(map(_off, grid.values())), f"{len(grid) - beyond} of {len(grid)} below 1 %")
+    beyond = sum(_measure_loss(moves) >= 1 for moves in grid.values())
+    return Outcome(max(map(_measure_loss, grid.values())), f"{len(grid) - beyond} of {len(grid)} below 1 %")
 
 
-def corner(case: Case, gate: float | None = None) -> Outcome:
+def measure_corner(case: Case, gate: float | None = None) -> Outcome:
     """Return the change of the acceleration with the smallest process noise and the largest marker noise."""
-    return Outcome(_off(case.swept(gate)[SIGMAS[0], MARKER_SDS[-1]], 2))
+    return Outcome(_measure_loss(case.swept(gate)[SIGMAS[0], MARKER_SDS[-1]], 2))
 
 
-def rotation(case: Case) -> Outcome:
+def measure_rotation(case: Case) -> Outcome:
     """Return the change of the outermost first moments in % of their size, after they are rotated back."""
     joint = case.trial.joints[-1]
     before = complex(*(case.own.parameters[name].value for name in case.last))
@@ -129,21 +129,21 @@ def rotation(case: Case) -> Outcome:
         after = complex(*(now.parameters[name].value for name in case.last))
         return Outcome(100 * abs(after - before * np.exp(-1j * bias)) / abs(before), f"at {bias:g} rad")
 
-    return worst(map(left, (0.01, 0.1)))
+    return find_worst(map(left, (0.01, 0.1)))
 
 
-def rotation_alone(case: Case) -> Outcome:
+def measure_others_with_rotation(case: Case) -> Outcome:
     """Return the largest change of the other parameters with a bias of the outermost angle."""
-    return worst(case.largest(case.run("angle-bias", case.trial.joints[-1], b)[0], case.last) for b in (0.01, 0.1))
+    return find_worst(case.largest(case.run("angle-bias", case.trial.joints[-1], b)[0], case.last) for b in (0.01, 0.1))
 
 
-def noisy_angles(case: Case) -> Outcome:
+def measure_noisy_angles(case: Case) -> Outcome:
     """Return the change of parameters or acceleration with 0.01 rad of noise in every angle."""
-    now, moves = case.run("angle-noise", _every(case), 0.01)
-    return worst(iter((case.largest(now), Outcome(min(_off(moves, 2), 999.0), "acceleration"))))
+    now, moves = case.run("angle-noise", _name_all_joints(case), 0.01)
+    return find_worst(iter((case.largest(now), Outcome(min(_measure_loss(moves, 2), 999.0), "acceleration"))))
 
 
-def tuned_angles(case: Case) -> Outcome:
+def measure_tuned_angles(case: Case) -> Outcome:
     """Return the change of parameters with 0.01 rad of noise and a filter that is tuned to this noise."""
     noise = 0.01
     facts = case.trial.table("states.parquet").facts
@@ -151,17 +151,17 @@ def tuned_angles(case: Case) -> Outcome:
     chain = Skeleton.from_tree(case.trial.tree("chain.h5"))
     reach = float(np.sum(chain.local[chain.marker_segment == chain.marker_segment.max()] ** 2))
     sd = math.hypot(facts["marker_sd_m"], noise * math.sqrt(reach))
-    now, _ = case.run("angle-noise", _every(case), noise, sigma_v=sigma_v, marker_sd=sd)
+    now, _ = case.run("angle-noise", _name_all_joints(case), noise, sigma_v=sigma_v, marker_sd=sd)
     return case.largest(now)
 
 
-def _every(case: Case) -> str:
+def _name_all_joints(case: Case) -> str:
     return "all" if len(case.trial.joints) > 1 else case.trial.joints[0]
 
 
 def offset(kind: str, *levels: float) -> Callable[[Case], Outcome]:
     """Return a function that returns the largest change by clock offsets in both directions."""
-    return lambda case: worst(case.largest(case.run(kind, "", way * s)[0]) for s in levels for way in (1, -1))
+    return lambda case: find_worst(case.largest(case.run(kind, "", way * s)[0]) for s in levels for way in (1, -1))
 
 
 def noise(component: str) -> Callable[[Case], Outcome]:
@@ -176,12 +176,12 @@ def bias(component: str, into: int | None) -> Callable[[Case], Outcome]:
     """
 
     def measured(case: Case) -> Outcome:
-        return worst(each for level in (0.1, 1.0, 10.0) for each in _beside(case, component, level, into))
+        return find_worst(each for level in (0.1, 1.0, 10.0) for each in _measure_beside(case, component, level, into))
 
     return measured
 
 
-def _beside(case: Case, component: str, level: float, into: int | None) -> Iterator[Outcome]:
+def _measure_beside(case: Case, component: str, level: float, into: int | None) -> Iterator[Outcome]:
     now = case.run("wrench-bias", component, level)[0]
     taken = () if into is None else (case.names[into],)
     yield case.largest(now, taken)
@@ -206,22 +206,30 @@ def _below(limit: float) -> tuple[Callable[[float], bool], str]:
 
 
 CLAIMS = (
-    Claim("a", "Filter noise swept (1e1–1e4, 1e-4–1e-1): states' r² change by less than 1 %", sweep, *_below(1)),
-    Claim("a", "… with no gate, as in the thesis", lambda case: sweep(case, NO_GATE), *_below(1)),
-    Claim("a", "Over-constrained corner (1e1, 1e-1): acceleration worse by 8.7 %", corner, *_below(10)),
-    Claim("a", "… with no gate", lambda case: corner(case, NO_GATE), *_below(10)),
     Claim(
-        "b", "Angle mean offset 0.01–0.1 rad: (mx, my) of the link turn the other way", rotation, *_below(NEGLIGIBLE)
+        "a",
+        "Filter noise swept (1e1–1e4, 1e-4–1e-1): states' r² change by less than 1 %",
+        measure_sweep,
+        *_below(1),
     ),
-    Claim("b", "… and nothing else moves", rotation_alone, *_below(NEGLIGIBLE)),
+    Claim("a", "… with no gate, as in the thesis", lambda case: measure_sweep(case, NO_GATE), *_below(1)),
+    Claim("a", "Over-constrained corner (1e1, 1e-1): acceleration worse by 8.7 %", measure_corner, *_below(10)),
+    Claim("a", "… with no gate", lambda case: measure_corner(case, NO_GATE), *_below(10)),
+    Claim(
+        "b",
+        "Angle mean offset 0.01–0.1 rad: (mx, my) of the link turn the other way",
+        measure_rotation,
+        *_below(NEGLIGIBLE),
+    ),
+    Claim("b", "… and nothing else moves", measure_others_with_rotation, *_below(NEGLIGIBLE)),
     Claim(
         "c",
         "Angle noise 0.001–0.01 rad substantially affects states and parameters",
-        noisy_angles,
+        measure_noisy_angles,
         lambda value: value > SUBSTANTIAL,
         f"above {SUBSTANTIAL:g} % at 0.01 rad",
     ),
-    Claim("c", "… which tuning the filter could compensate", tuned_angles, *_below(SUBSTANTIAL)),
+    Claim("c", "… which tuning the filter could compensate", measure_tuned_angles, *_below(SUBSTANTIAL)),
     Claim(
         "d",
         "Clock offset up to 10 ms negligible (under 0.5 %)",
@@ -235,7 +243,12 @@ CLAIMS = (
         lambda value: 5 <= value <= 20,
         "5 to 20 %",
     ),
-    Claim("–", "*ours:* offset up to 100 ms, estimated", offset("clock-offset", 0.001, 0.01, 0.1), *_below(NEGLIGIBLE)),
+    Claim(
+        "–",
+        "*ours:* offset up to 100 ms, estimated",
+        offset("clock-offset", 0.001, 0.01, 0.1),
+        *_below(NEGLIGIBLE),
+    ),
     Claim("e", "X force: mean up to 10 N rejected", bias("Fx", None), *_below(NEGLIGIBLE)),
     Claim("e", "X force: noise up to 1 N rejected", noise("Fx"), *_below(NEGLIGIBLE)),
     Claim("f", "Y force: a mean goes into the total mass alone", bias("Fy", 0), *_below(NEGLIGIBLE)),
@@ -245,42 +258,44 @@ CLAIMS = (
 )
 
 
-def case_of(configuration: Path) -> Case:
+def open_case(configuration: Path) -> Case:
     """Return a trial with its results."""
     return Case(read_inputs(locate_trial(configuration)))
 
 
-def robots(seeds: Sequence[int], folder: Path) -> list[Case]:
+def simulate_robots(seeds: Sequence[int], folder: Path) -> list[Case]:
     """Simulate trials of the thesis's robot; they take the conditions of table 5.2 in turn."""
     cells = [Options(rate=480, analog_rate=2400, joint=joint, speed=speed) for joint, speed in CELLS]
     made = [replace(cells[k % len(cells)], seed=seed) for k, seed in enumerate(seeds)]
-    return [case_of(simulate("robot", folder / f"robot-{one.seed}", one)) for one in made]
+    return [open_case(simulate("robot", folder / f"robot-{one.seed}", one)) for one in made]
 
 
-def people(seeds: Sequence[int], folder: Path) -> list[Case]:
+def simulate_people(seeds: Sequence[int], folder: Path) -> list[Case]:
     """Simulate sit-to-stands with ordinary errors."""
     options = Options(analog_rate=1000, repetitions=5)
-    return [case_of(simulate("sit-to-stand", folder / f"sit-{seed}", replace(options, seed=seed))) for seed in seeds]
+    return [open_case(simulate("sit-to-stand", folder / f"sit-{seed}", replace(options, seed=seed))) for seed in seeds]
 
 
 def judge(claim: Claim, cases: Sequence[Case]) -> tuple[bool, Outcome]:
     """Return whether all trials confirm a claim, and the outcome that is farthest from it."""
     found = [claim.measure(case) for case in cases]
     failing = [outcome for outcome in found if not claim.holds(outcome.value)]
-    return not failing, worst(iter(failing or found))
+    return not failing, find_worst(iter(failing or found))
 
 
-def claims_table(answers: Sequence[tuple[Claim, Mapping[str, tuple[bool, Outcome]]]], counts: Mapping[str, int]) -> str:
+def make_claims_table(
+    answers: Sequence[tuple[Claim, Mapping[str, tuple[bool, Outcome]]]], counts: Mapping[str, int]
+) -> str:
     """Return a table of the claims with the result of every group of trials."""
     head = ("", "the thesis (5.5.2)", "confirmed by", *(f"{name} ({count})" for name, count in counts.items()))
     rows = [
-        (claim.letter, claim.text, claim.limit, *(_cell(claim.letter, *found[name]) for name in counts))
+        (claim.letter, claim.text, claim.limit, *(_format_outcome(claim.letter, *found[name]) for name in counts))
         for claim, found in answers
     ]
     return markdown(head, rows)
 
 
-def _cell(letter: str, holds: bool, outcome: Outcome) -> str:
+def _format_outcome(letter: str, holds: bool, outcome: Outcome) -> str:
     number = "< 0.001 %" if outcome.value < 1e-3 else f"{float(f'{outcome.value:.2g}'):g} %"
     if math.isinf(outcome.value):
         number = "no states left" if letter == "a" else "nothing identified"
@@ -288,7 +303,7 @@ def _cell(letter: str, holds: bool, outcome: Outcome) -> str:
     return f"{'confirmed' if holds else '**refuted**'}: {number}{about}"
 
 
-def kind_table() -> str:
+def make_kind_table() -> str:
     """Return a table of the kinds of perturbations."""
     worse = {"more": "", "less": "; fewer is worse", "either": ""}
     rows = []
@@ -301,7 +316,7 @@ def kind_table() -> str:
     return markdown(("kind", "levels", "unit", "on", "enters"), rows)
 
 
-def cost_table(runs: Sequence[PerturbationRun]) -> str:
+def make_cost_table(runs: Sequence[PerturbationRun]) -> str:
     """Return a table of the time of each kind of perturbation."""
     rows = []
     for kind in dict.fromkeys(one.perturbation.kind for one in runs):
@@ -322,10 +337,10 @@ def main() -> None:
             recording = source / "simulated" / name / "trial.c3d"
             file.write_text(f"trial: {name}\nrecording: {recording}\nprotocol: {RECORDED[name]}\n")
         groups: Mapping[str, Sequence[Case]] = {
-            "generated robots": robots(seeds, folder),
-            "ur5-elbow-fast": [case_of(files["ur5-elbow-fast"])],
-            "generated sit-to-stands": people(seeds[: max(1, len(seeds) // 2)], folder),
-            "sts-normal": [case_of(files["sts-normal"])],
+            "generated robots": simulate_robots(seeds, folder),
+            "ur5-elbow-fast": [open_case(files["ur5-elbow-fast"])],
+            "generated sit-to-stands": simulate_people(seeds[: max(1, len(seeds) // 2)], folder),
+            "sts-normal": [open_case(files["sts-normal"])],
         }
         answers = []
         for claim in CLAIMS:
@@ -343,12 +358,12 @@ def main() -> None:
         f"sit-to-stands, seeds from {arguments.first}, and on the recordings `ur5-elbow-fast` and `sts-normal`"
     )
     sections = {
-        "sensitivity-kinds": kind_table(),
+        "sensitivity-kinds": make_kind_table(),
         "claims-trials": measured_by(__file__, source),
-        "claims": claims_table(answers, counts),
+        "claims": make_claims_table(answers, counts),
         "sensitivity-tolerances": "\n\n".join(tolerances),
         "sensitivity-costs": f"{len(runs)} perturbations, {sum(one.seconds for one in runs):.0f} s in all:\n\n"
-        + cost_table(runs),
+        + make_cost_table(runs),
     }
     publish(sections, write=arguments.write)
 

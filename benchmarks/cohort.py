@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from cohort_truth import WINTER, configure, models, read_done, repetitions, run, skeletons
+from cohort_truth import WINTER, compare_models, compare_repetitions, compare_skeletons, configure, read_done, run
 from harness import JOINTS, command_line, markdown, measured_by, progress, publish, run_all, temporary_folder
 
 from mocap_id.simulation import Cohort, Options, simulate_cohort
@@ -76,10 +76,10 @@ def measure(study: Path, place: Path, settings: Mapping[str, Any], jobs: int) ->
     trials = [None if code else read_done(study, *each) for each, code in zip(files, refused, strict=True)]
     good = [each for each in trials if each is not None]
     lost = tuple(trial.name for (trial, _), each in zip(files, trials, strict=True) if each is None)
-    return Outcome(models(good), skeletons(good), repetitions(good), lost)
+    return Outcome(compare_models(good), compare_skeletons(good), compare_repetitions(good), lost)
 
 
-def vary(study: Path, place: Path, jobs: int) -> dict[str, pd.DataFrame]:
+def measure_variants(study: Path, place: Path, jobs: int) -> dict[str, pd.DataFrame]:
     """Run the cohort with each variant of ``identify-dim`` on the results of the earlier stages."""
     found = {}
     for k, (name, settings) in enumerate(VARIANTS.items()):
@@ -90,7 +90,7 @@ def vary(study: Path, place: Path, jobs: int) -> dict[str, pd.DataFrame]:
     return found
 
 
-def pool(frame: pd.DataFrame, name: str, scale: float = 1.0, form: str = ".2f") -> str:
+def format_pooled(frame: pd.DataFrame, name: str, scale: float = 1.0, form: str = ".2f") -> str:
     """Return mean ± standard deviation over the samples of several trials with equal weights."""
     means, sds = frame[f"{name}_mean"].to_numpy() * scale, frame[f"{name}_sd"].to_numpy() * scale
     if not np.isfinite(means).all():
@@ -98,43 +98,47 @@ def pool(frame: pd.DataFrame, name: str, scale: float = 1.0, form: str = ".2f") 
     return f"{means.mean():{form}} ± {np.sqrt(np.mean(sds**2 + (means - means.mean()) ** 2)):{form}}"
 
 
-def wrench_cells(frame: pd.DataFrame) -> list[str]:
+def format_wrench(frame: pd.DataFrame) -> list[str]:
     """Return the pooled errors of the wrench against the measurement."""
-    return [pool(frame, "Fy"), pool(frame, "tauz"), pool(frame, "cop", 100)]
+    return [format_pooled(frame, "Fy"), format_pooled(frame, "tauz"), format_pooled(frame, "cop", 100)]
 
 
-def spread(values: pd.Series[float], form: str = ".2f") -> str:
+def format_spread(values: pd.Series[float], form: str = ".2f") -> str:
     """Return mean ± standard deviation of values."""
     return f"{values.mean():{form}} ± {values.std():{form}}"
 
 
-def table_6_3(found: pd.DataFrame) -> str:
+def make_table_6_3(found: pd.DataFrame) -> str:
     """Return the errors of every model on every action; the thesis's errors are in the row below."""
     head = ["action", "model", "", "condition", "Fy, N", "tauz, N·m", "CoP, cm", "tau 1, N·m", "tau 2", "tau 3"]
     rows = []
     for action in ACTIONS:
         for model in MODELS:
             here = found[(found["action"] == action) & (found["model"] == model)]
-            cells = [*wrench_cells(here), *(pool(here, f"t{j}") for j in (1, 2, 3))]
-            rows.append([action, model, "ours", spread(here["condition"], ".0f"), *cells])
+            cells = [*format_wrench(here), *(format_pooled(here, f"t{j}") for j in (1, 2, 3))]
+            rows.append([action, model, "ours", format_spread(here["condition"], ".0f"), *cells])
             rows.append(["", "", "thesis", THESIS_CONDITION[action], *THESIS[action, model]])
     return markdown(head, rows)
 
 
-def true_torques(found: pd.DataFrame) -> str:
+def make_torque_table(found: pd.DataFrame) -> str:
     """Return mean ± standard deviation of the errors of every model on every action, against the truth."""
     head = ["action", "model", "Fy, N", "tauz, N·m", "CoP, mm", *(f"{joint} torque, N·m" for joint in JOINTS)]
     rows = []
     for action in ACTIONS:
         for model in MODELS:
             here = found[(found["action"] == action) & (found["model"] == model)]
-            cells = [pool(here, "true_Fy"), pool(here, "true_tauz"), pool(here, "true_CoP", 1e3)]
-            cells += [pool(here, f"true_tau_{j}") for j in (1, 2, 3)]
+            cells = [
+                format_pooled(here, "true_Fy"),
+                format_pooled(here, "true_tauz"),
+                format_pooled(here, "true_CoP", 1e3),
+            ]
+            cells += [format_pooled(here, f"true_tau_{j}") for j in (1, 2, 3)]
             rows.append([action, model, *cells])
     return markdown(head, rows)
 
 
-def people(found: pd.DataFrame) -> str:
+def make_people_table(found: pd.DataFrame) -> str:
     """Return rms errors of every person's own models and of Winter's model, against the truth."""
     head = ["person", "CoP, mm: own", "Winter"]
     head += [f"{joint}, N·m: {whose}" for joint in JOINTS for whose in ("own", "W.")]
@@ -142,12 +146,12 @@ def people(found: pd.DataFrame) -> str:
     for subject, here in found.groupby("subject"):
         cells = []
         for name, scale in (("CoP", 1e3), *((f"tau_{j}", 1.0) for j in (1, 2, 3))):
-            cells += [f"{scale * value:.2f}" for value in own_and_table(here, name)]
+            cells += [f"{scale * value:.2f}" for value in compute_own_and_winter(here, name)]
         rows.append([str(subject), *cells])
     return markdown(head, rows)
 
 
-def own_and_table(here: pd.DataFrame, name: str) -> tuple[float, float]:
+def compute_own_and_winter(here: pd.DataFrame, name: str) -> tuple[float, float]:
     """Return rms errors of the own models and of Winter's model over some trials, against the truth."""
     column = f"true_{name}_rms"
     return tuple(
@@ -155,28 +159,28 @@ def own_and_table(here: pd.DataFrame, name: str) -> tuple[float, float]:
     )
 
 
-def lengths(found: pd.DataFrame) -> str:
+def make_length_table(found: pd.DataFrame) -> str:
     """Return table 6.1 with errors against the truth."""
     rows = []
     for name, (framework, stature) in THESIS_LENGTHS.items():
-        ours = [spread(found[name]), spread(found.groupby("subject")[f"{name} of stature"].first())]
+        ours = [format_spread(found[name]), format_spread(found.groupby("subject")[f"{name} of stature"].first())]
         rows.append([name, ours[0], framework, ours[1], stature])
     return markdown(["error, %", "framework: ours", "thesis", "stature: ours", "thesis"], rows)
 
 
-def strategies(found: pd.DataFrame) -> str:
+def make_strategy_table(found: pd.DataFrame) -> str:
     """Return table 6.2 with errors against the truth."""
     head = ["", *(f"{action}: {whose}" for action in ACTIONS for whose in ("ours", "thesis"))]
     rows = []
     for k, (name, column) in enumerate((("shank, %", "shank"), ("thigh, %", "thigh"), ("markers, mm", "markers"))):
         cells = []
         for action in ACTIONS:
-            cells += [spread(found[found["strategy"] == action][column]), THESIS_STRATEGIES[action][k]]
+            cells += [format_spread(found[found["strategy"] == action][column]), THESIS_STRATEGIES[action][k]]
         rows.append([name, *cells])
     return markdown(head, rows)
 
 
-def events(found: pd.DataFrame) -> str:
+def make_event_table(found: pd.DataFrame) -> str:
     """Return the share of repetitions that are right, and the errors of their events."""
     head = ["strategy", "repetitions", "right"]
     head += ["seat-off: median, ms", "90 %", "largest", "seat-on: median", "90 %", "largest"]
@@ -189,20 +193,20 @@ def events(found: pd.DataFrame) -> str:
     return markdown(head, rows)
 
 
-def other_events(found: pd.DataFrame) -> str:
+def describe_other_events(found: pd.DataFrame) -> str:
     """Return median differences of the events without an exact instant."""
     names = {"start": "start of the rise", "stand": "upright", "end": "seated"}
     return ", ".join(f"{name} {found[event].median():+.0f} ms" for event, name in names.items())
 
 
-def requirements(found: Mapping[str, Outcome]) -> str:
+def make_requirement_table(found: Mapping[str, Outcome]) -> str:
     """Return a table of the requirements and the results of both cohorts."""
-    columns = [list(_requirements(each)) for each in found.values()]
+    columns = [list(_list_requirements(each)) for each in found.values()]
     rows = [[*each[0][:2], *(text for _, _, text in each)] for each in zip(*columns, strict=True)]
     return markdown(["quantity", "required", *found], rows)
 
 
-def _requirements(cohort: Outcome) -> Iterator[tuple[str, str, str]]:
+def _list_requirements(cohort: Outcome) -> Iterator[tuple[str, str, str]]:
     """Yield quantity, requirement and result; a result is bold if it does not meet the requirement."""
 
     def in_bold(kept: bool, text: str) -> str:
@@ -221,9 +225,9 @@ def _requirements(cohort: Outcome) -> Iterator[tuple[str, str, str]]:
     text = f"median {own.median():.2f}, largest {own.max():.2f} mm"
     yield "own model's CoP", f"median {COP:g} mm", in_bold(own.median() <= COP, text)
     for name, what in (("CoP", "CoP"), *((f"tau_{j}", f"{joint} torque") for j, joint in enumerate(JOINTS, start=1))):
-        pairs = [own_and_table(here, name) for _, here in cohort.models.groupby("subject")]
+        pairs = [compute_own_and_winter(here, name) for _, here in cohort.models.groupby("subject")]
         better = sum(mine < table for mine, table in pairs)
-        whole = own_and_table(cohort.models, name)
+        whole = compute_own_and_winter(cohort.models, name)
         scale, unit = (1e3, "mm") if name == "CoP" else (1.0, "N·m")
         text = f"{better} of {len(pairs)} ({scale * whole[0]:.2f} against {scale * whole[1]:.2f} {unit} rms)"
         required = "in every person" if name == "CoP" else "all persons together"
@@ -231,7 +235,7 @@ def _requirements(cohort: Outcome) -> Iterator[tuple[str, str, str]]:
         yield f"own model's {what} nearer the truth than Winter's", required, in_bold(kept, text)
 
 
-def variants(found: Mapping[str, pd.DataFrame]) -> str:
+def make_variant_table(found: Mapping[str, pd.DataFrame]) -> str:
     """Return the errors of the own models and of Winter's with other settings of ``identify-dim``."""
     head = ["`identify-dim`", "condition", "Fy, N", "tauz, N·m", "CoP, cm", "true CoP, mm rms"]
     rows = []
@@ -240,7 +244,7 @@ def variants(found: Mapping[str, pd.DataFrame]) -> str:
         for whose, here in (("own", own), ("Winter", table)):
             condition = f"{here['condition'].median():.0f}" if whose == "own" else ""
             true = np.sqrt(np.mean((1e3 * here["true_CoP_rms"]) ** 2))
-            rows.append([name if whose == "own" else "", whose, condition, *wrench_cells(here), f"{true:.2f}"])
+            rows.append([name if whose == "own" else "", whose, condition, *format_wrench(here), f"{true:.2f}"])
     return markdown([head[0], "model", *head[1:]], rows)
 
 
@@ -255,7 +259,7 @@ def main() -> None:
             found[name] = measure(study, study.parent / "trials", {}, arguments.jobs)
             progress(f"{name}: {len(found[name].lost)} trials without a model {found[name].lost}")
             if name == "ordinary":
-                varied = vary(study, study.parent / "trials", arguments.jobs)
+                varied = measure_variants(study, study.parent / "trials", arguments.jobs)
     first = found["ordinary"]
     source = (
         f"{arguments.subjects} persons with three strategies, one trial of {arguments.repetitions} sit-to-stands each: "
@@ -263,15 +267,15 @@ def main() -> None:
     )
     sections = {
         "cohort": measured_by(__file__, source),
-        "cohort-requirements": requirements(found),
-        "cohort-people": people(first.models),
-        "cohort-models": table_6_3(first.models),
-        "cohort-truth": true_torques(first.models),
-        "cohort-lengths": lengths(first.skeletons),
-        "cohort-strategies": strategies(first.skeletons),
-        "cohort-events": events(first.repetitions),
-        "cohort-other-events": f"Median difference, found minus scheduled: {other_events(first.repetitions)}.",
-        "cohort-variants": variants(varied),
+        "cohort-requirements": make_requirement_table(found),
+        "cohort-people": make_people_table(first.models),
+        "cohort-models": make_table_6_3(first.models),
+        "cohort-truth": make_torque_table(first.models),
+        "cohort-lengths": make_length_table(first.skeletons),
+        "cohort-strategies": make_strategy_table(first.skeletons),
+        "cohort-events": make_event_table(first.repetitions),
+        "cohort-other-events": f"Median difference, found minus scheduled: {describe_other_events(first.repetitions)}.",
+        "cohort-variants": make_variant_table(varied),
     }
     publish(sections, write=arguments.write)
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from dynamic_truth import TrialWithTruth, read, true_series
+from dynamic_truth import TrialWithTruth, read_with_truth, stack_true_series
 from harness import DYNAMIC, SEGMENTS, Run, read_group, rms
 from kinematic_sweep import SCORED
 from ruamel.yaml import YAML
@@ -76,11 +76,11 @@ def run(file: Path) -> str | None:
 def read_done(study: Path, trial: Trial, file: Path) -> Done | None:
     """Read a trial and its truth; return None without four segments or without parameters."""
     run = Run(study.parent / "truth" / trial.name / "truth.json", load(file))
-    truth = read(run)
+    truth = read_with_truth(run)
     return None if truth is None else Done(trial, open_identified_trial(run.trial.out), truth, run)
 
 
-def models(trials: Sequence[Done]) -> pd.DataFrame:
+def compare_models(trials: Sequence[Done]) -> pd.DataFrame:
     """Return the errors of every model on every trial of its person, a row for each pair.
 
     ``Fy``, ``tauz`` and ``cop`` are compared with the measurement over the samples of the fit. Torques ``t1`` … are
@@ -88,11 +88,11 @@ def models(trials: Sequence[Done]) -> pd.DataFrame:
     samples off the seat.
     """
     pairs = [(source, target) for target in trials for source in trials if source.trial.subject == target.trial.subject]
-    rows = [row for source, target in pairs for row in _pair(source, target)]
+    rows = [row for source, target in pairs for row in _compare_pair(source, target)]
     return pd.DataFrame(rows).drop_duplicates(["subject", "action", "trial", "model"], ignore_index=True)
 
 
-def _pair(source: Done, target: Done) -> Iterator[dict[str, Any]]:
+def _compare_pair(source: Done, target: Done) -> Iterator[dict[str, Any]]:
     """Yield a row for one model on one trial, and a row for Winter's model."""
     found = apply_model(source.model, target.model)
     bodies = {body.name: body for body in found.bodies}
@@ -109,20 +109,20 @@ def _pair(source: Done, target: Done) -> Iterator[dict[str, Any]]:
         row = {"subject": target.trial.subject, "action": target.trial.strategy, "trial": target.trial.name}
         row |= {"model": model, "own": body == OWN, "condition": found.condition}
         for name, short in (("Fy", "Fy"), ("tauz", "tauz"), ("cop_x", "cop")):
-            row |= _numbers(short, bodies[body].errors[name])
+            row |= _summarise_error(short, bodies[body].errors[name])
         for j, torque in enumerate(bodies[body].torques, start=1):
-            row |= _numbers(f"t{j}", torque)
+            row |= _summarise_error(f"t{j}", torque)
         if body != HELD_OUT:
-            row |= _true(target, of_body.get(body))
+            row |= _compare_with_truth(target, of_body.get(body))
         yield row
 
 
-def _numbers(name: str, error: Any) -> dict[str, float]:
+def _summarise_error(name: str, error: Any) -> dict[str, float]:
     bias, sd = (np.nan, np.nan) if error is None else (error.bias, error.sd)
     return {f"{name}_mean": bias, f"{name}_sd": sd, f"{name}_rms": float(np.hypot(bias, sd))}
 
 
-def _true(target: Done, of_body: tuple[MovingBodies, FloatArray] | None) -> dict[str, float]:
+def _compare_with_truth(target: Done, of_body: tuple[MovingBodies, FloatArray] | None) -> dict[str, float]:
     """Return errors against the truth off the seat.
 
     ``of_body`` has moving bodies and their full parameters; None for the trial's own model.
@@ -136,12 +136,12 @@ def _true(target: Done, of_body: tuple[MovingBodies, FloatArray] | None) -> dict
         predicted = bodies.regressor @ full
         pressure = centre_of_pressure(predicted, model.cop_threshold)
         series = np.column_stack([predicted[:, 1:], pressure, bodies.torque_regressor @ full])
-    off = (series - true_series(truth.true)[:, 1:])[truth.off_seat]
+    off = (series - stack_true_series(truth.true)[:, 1:])[truth.off_seat]
     parts = (("mean", np.nanmean(off, axis=0)), ("sd", np.nanstd(off, axis=0)), ("rms", rms(off)))
     return {f"true_{name}_{part}": values[k] for part, values in parts for k, name in enumerate(TRUTHS)}
 
 
-def skeletons(trials: Sequence[Done]) -> pd.DataFrame:
+def compare_skeletons(trials: Sequence[Done]) -> pd.DataFrame:
     """Return a row for each trial: errors of the lengths, %, errors of lengths from stature, %, and marker rms, mm."""
     rows = []
     for each in trials:
@@ -156,7 +156,7 @@ def skeletons(trials: Sequence[Done]) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def repetitions(trials: Sequence[Done]) -> pd.DataFrame:
+def compare_repetitions(trials: Sequence[Done]) -> pd.DataFrame:
     """Return a row for each true repetition: whether it was found, and the errors of its events, ms."""
     rows = []
     for each in trials:
@@ -165,12 +165,12 @@ def repetitions(trials: Sequence[Done]) -> pd.DataFrame:
         for k, one in enumerate(true):
             row: dict[str, Any] = {"strategy": each.trial.strategy, "trial": each.trial.name, "right": False}
             if len(events.frame) == len(true):
-                row |= _events(events.frame.iloc[k], one)
+                row |= _compare_events(events.frame.iloc[k], one)
             rows.append(row)
     return pd.DataFrame(rows)
 
 
-def _events(found: Any, true: Mapping[str, float]) -> dict[str, Any]:
+def _compare_events(found: Any, true: Mapping[str, float]) -> dict[str, Any]:
     names = {"start": "rise_start", "seat_off": "seat_off", "stand": "rise_end", "seat_on": "seat_on", "end": "sit_end"}
     errors = {name: 1e3 * (float(found[name]) - true[key]) for name, key in names.items()}
     near = abs(errors["seat_off"]) < 1e3 * _FOUND and abs(errors["seat_on"]) < 1e3 * _FOUND

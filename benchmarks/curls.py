@@ -35,19 +35,19 @@ class Curls:
 
     level: str
     counted: bool  # the number of curls and of failed attempts is right
-    times: FloatArray = field(default_factory=lambda: missing(0, 3))  # errors of start, top and end, ms
-    ranges: FloatArray = field(default_factory=lambda: missing(0, 3))  # errors of the ranges of the shoulder, °
-    inside: FloatArray = field(default_factory=lambda: missing(0, 3))  # 1 if the interval of the range has the truth
-    width: FloatArray = field(default_factory=lambda: missing(0, 3))  # width of the interval, °
-    torque: FloatArray = field(default_factory=lambda: missing(2))  # rms errors: total, the person's, N·m
-    within: FloatArray = field(default_factory=lambda: missing(2))  # share of the samples inside the intervals
-    in_step: FloatArray = field(default_factory=lambda: missing(3))
+    times: FloatArray = field(default_factory=lambda: make_missing(0, 3))  # errors of start, top and end, ms
+    ranges: FloatArray = field(default_factory=lambda: make_missing(0, 3))  # errors of the ranges of the shoulder, °
+    inside: FloatArray = field(default_factory=lambda: make_missing(0, 3))  # 1 if the interval has the truth
+    width: FloatArray = field(default_factory=lambda: make_missing(0, 3))  # width of the interval, °
+    torque: FloatArray = field(default_factory=lambda: make_missing(2))  # rms errors: total, the person's, N·m
+    within: FloatArray = field(default_factory=lambda: make_missing(2))  # share of the samples inside the intervals
+    in_step: FloatArray = field(default_factory=lambda: make_missing(3))
     """Error of the axial rotation in step with the flexion, °; 1 if its interval has the truth; width."""
-    flexion: FloatArray = field(default_factory=lambda: missing(3))
+    flexion: FloatArray = field(default_factory=lambda: make_missing(3))
     """Rms error of the flexion's changes, °; share of the changes, and of the angles, inside the intervals."""
 
 
-def missing(*shape: int) -> FloatArray:
+def make_missing(*shape: int) -> FloatArray:
     """Return an array of NaN."""
     return np.full(shape, np.nan)
 
@@ -120,7 +120,7 @@ def compare_angles(done: Run, curls: Sequence[dict[str, float]]) -> tuple[FloatA
     angles, events = done.read("angles.parquet", "events.parquet")
     time, found = angles["time"], events.facts["curl"]["in_step"].get("shoulder_axial")
     shoulder, elbow = done.true(time, "isb_shoulder", "isb_elbow")
-    bent, axial, in_step, flexion = elbow[:, 0], shoulder[:, 2], missing(3), missing(3)
+    bent, axial, in_step, flexion = elbow[:, 0], shoulder[:, 2], make_missing(3), make_missing(3)
     if found is not None:
         first = [Curl(curls[0]["start"], curls[0]["top"], curls[0]["end"], 1.0, complete=True)]
         exact = fit_part_in_step(time, axial, np.zeros(len(time)), bent, None, first)
@@ -136,7 +136,7 @@ def compare_angles(done: Run, curls: Sequence[dict[str, float]]) -> tuple[FloatA
     return in_step, flexion
 
 
-def table(preset: str, own: Sequence[Curls], _first: int) -> str:
+def make_table(preset: str, own: Sequence[Curls], _first: int) -> str:
     """Return the table of a preset."""
 
     def stack(name: str) -> Any:
@@ -172,7 +172,7 @@ def main() -> None:
     """Measure trials of both presets, or the presets in ``--only``, and publish the section."""
     given = harness.command_line(__doc__, parallel=True, only=PRESETS, trials=24, first=420_000).parse_args()
     about = harness.measured_by(__file__, f"{given.trials} trials a preset, seeds from {given.first}")
-    tables = harness.measure_rows("curls", PRESETS, given, measure, table)
+    tables = harness.measure_rows("curls", PRESETS, given, measure, make_table)
     harness.publish({"curls": f"{about}\n\n{tables}"}, write=given.write)
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import harness
 import numpy as np
 from dynamic_sweep import ROWS, compare
-from dynamic_truth import NORMS, SERIES, UNITS, TrialWithTruth, last_frame_turn, read, true_centres
+from dynamic_truth import NORMS, SERIES, UNITS, TrialWithTruth, find_last_frame_turn, read_true_centres, read_with_truth
 
 from mocap_id.arrays import FloatArray
 from mocap_id.simulation import Options
@@ -40,7 +40,7 @@ class Trial:
 Variant = Callable[[Trial], Trial]
 
 
-def _states(*orders: int) -> Variant:
+def _insert_states(*orders: int) -> Variant:
     """Return a variant with true angles (order 0), velocities (1) or accelerations (2)."""
 
     def changed(trial: Trial) -> Trial:
@@ -48,7 +48,7 @@ def _states(*orders: int) -> Variant:
         columns = {}
         for order in orders:
             true = done.true[("q", "qd", "qdd")[order]].copy()
-            true[:, -1] += last_frame_turn(done.truth, done.chain) if order == 0 else 0.0
+            true[:, -1] += find_last_frame_turn(done.truth, done.chain) if order == 0 else 0.0
             for j, column in enumerate(true.T, start=1):
                 columns[f"{('theta', 'dtheta', 'ddtheta')[order]}_{j}"] = column
         return trial.with_inputs(states_parquet=table.with_columns(**columns))
@@ -56,14 +56,14 @@ def _states(*orders: int) -> Variant:
     return changed
 
 
-def _centres(trial: Trial) -> Trial:
+def _insert_centres(trial: Trial) -> Trial:
     tree = trial.context.tree("chain.h5")
     joints: Any = tree.data["joints"]
-    data = {**tree.data, "joints": {**joints, "centre": true_centres(trial.done)}}
+    data = {**tree.data, "joints": {**joints, "centre": read_true_centres(trial.done)}}
     return trial.with_inputs(chain_h5=replace(tree, data=data))
 
 
-def _wrench(trial: Trial) -> Trial:
+def _insert_wrench(trial: Trial) -> Trial:
     """Insert the true wrench at the times of the frames, on the clock of the markers."""
     table, done = trial.context.table("wrench.parquet"), trial.done
     columns = dict(zip(("Fx", "Fy", "tauz"), done.true["wrench"].T, strict=True))
@@ -72,7 +72,7 @@ def _wrench(trial: Trial) -> Trial:
     return trial.with_inputs(wrench_parquet=replace(table.with_columns(**columns), facts=facts))
 
 
-def _contact(trial: Trial) -> Trial:
+def _insert_contact(trial: Trial) -> Trial:
     """Remove the samples on the chair, and choose a protocol without chair.
 
     The search for the clock offset drops samples at the ends of each interval, so its range is short.
@@ -80,11 +80,11 @@ def _contact(trial: Trial) -> Trial:
     table = trial.context.table("wrench.parquet")
     changed = table.with_columns(plate_ok=table["plate_ok"] & trial.done.off_seat)
     keys = trial.context.trial.model_copy(update={"protocol": "free"})
-    trial = _setting(clock_offset_limit_s=0.01)(trial.with_inputs(wrench_parquet=changed))
+    trial = _change_settings(clock_offset_limit_s=0.01)(trial.with_inputs(wrench_parquet=changed))
     return replace(trial, context=replace(trial.context, trial=keys))
 
 
-def _setting(**changes: object) -> Variant:
+def _change_settings(**changes: object) -> Variant:
     def changed(trial: Trial) -> Trial:
         settings = trial.context.settings.model_copy(update=changes)
         return replace(trial, context=replace(trial.context, settings=settings))
@@ -92,7 +92,7 @@ def _setting(**changes: object) -> Variant:
     return changed
 
 
-def _all(*variants: Variant) -> Variant:
+def _combine(*variants: Variant) -> Variant:
     def changed(trial: Trial) -> Trial:
         for variant in variants:
             trial = variant(trial)
@@ -103,27 +103,27 @@ def _all(*variants: Variant) -> Variant:
 
 REPLACED: Mapping[str, Variant] = {
     "unchanged": lambda trial: trial,
-    "true accelerations": _states(2),
-    "true velocities": _states(1),
-    "true angles": _states(0),
-    "true states": _states(0, 1, 2),
-    "true joint centres": _centres,
-    "true wrench": _wrench,
-    "true contact": _contact,
-    "true states and centres": _all(_states(0, 1, 2), _centres),
-    "true states, centres and wrench": _all(_states(0, 1, 2), _centres, _wrench),
-    "everything true": _all(_states(0, 1, 2), _centres, _wrench, _contact),
+    "true accelerations": _insert_states(2),
+    "true velocities": _insert_states(1),
+    "true angles": _insert_states(0),
+    "true states": _insert_states(0, 1, 2),
+    "true joint centres": _insert_centres,
+    "true wrench": _insert_wrench,
+    "true contact": _insert_contact,
+    "true states and centres": _combine(_insert_states(0, 1, 2), _insert_centres),
+    "true states, centres and wrench": _combine(_insert_states(0, 1, 2), _insert_centres, _insert_wrench),
+    "everything true": _combine(_insert_states(0, 1, 2), _insert_centres, _insert_wrench, _insert_contact),
 }
 CHANGED: Mapping[str, Variant] = {
-    **{f"cutoff_hz: {cutoff}": _setting(cutoff_hz=float(cutoff)) for cutoff in (3, 6, 10)},
-    "components: Fy, tauz": _setting(components=("Fy", "tauz")),
-    "apply_clock_offset: false": _setting(apply_clock_offset=False),
-    "plate_bias: false": _setting(plate_bias=False),
-    "contact: weight": _setting(contact="weight"),
-    "contact: knee": _setting(contact="knee"),
-    "grid: 9, 17": _setting(grid=(9, 17)),
-    "consistency: cone": _setting(consistency="cone"),
-    "reference_pulls: true": _setting(reference_pulls=True),
+    **{f"cutoff_hz: {cutoff}": _change_settings(cutoff_hz=float(cutoff)) for cutoff in (3, 6, 10)},
+    "components: Fy, tauz": _change_settings(components=("Fy", "tauz")),
+    "apply_clock_offset: false": _change_settings(apply_clock_offset=False),
+    "plate_bias: false": _change_settings(plate_bias=False),
+    "contact: weight": _change_settings(contact="weight"),
+    "contact: knee": _change_settings(contact="knee"),
+    "grid: 9, 17": _change_settings(grid=(9, 17)),
+    "consistency: cone": _change_settings(consistency="cone"),
+    "reference_pulls: true": _change_settings(reference_pulls=True),
 }
 COLUMNS = (*SERIES, *NORMS[2:], "offset")
 
@@ -131,14 +131,14 @@ COLUMNS = (*SERIES, *NORMS[2:], "offset")
 def measure(options: Options) -> FloatArray | None:
     """Return (V, 14) errors of every variant; return None without four segments or without parameters."""
     with harness.simulated(options, harness.DYNAMIC) as run:
-        if run is None or (done := read(run)) is None:
+        if run is None or (done := read_with_truth(run)) is None:
             return None
         inputs = dict(zip(STAGE.inputs, run.read(*STAGE.inputs), strict=True))
     whole = Trial(Context(run.trial.keys, run.trial.settings[STAGE.name], inputs), done)
-    return np.array([errors(whole, variant) for variant in (*REPLACED.values(), *CHANGED.values())])
+    return np.array([compute_errors(whole, variant) for variant in (*REPLACED.values(), *CHANGED.values())])
 
 
-def errors(trial: Trial, variant: Variant) -> FloatArray:
+def compute_errors(trial: Trial, variant: Variant) -> FloatArray:
     """Return (14,) errors of :data:`COLUMNS`; NaN if nothing is identified."""
     changed = variant(trial)
     _, predicted, dynamics, _ = STAGE.function(changed.context)
@@ -151,7 +151,7 @@ def errors(trial: Trial, variant: Variant) -> FloatArray:
     return np.abs([*result.rms, *result.norms[2:], result.offset])
 
 
-def table(found: FloatArray) -> str:
+def make_table(found: FloatArray) -> str:
     """Return quantiles of (T, V, 14) errors."""
     units = dict(zip(SERIES, UNITS, strict=True)) | {"offset": "ms"}
     head = ["", *(f"{name}, {units.get(name, '%')}" for name in COLUMNS)]
@@ -169,7 +169,7 @@ def main() -> None:
         tasks = [replace(ROWS[row], seed=first + k * trials + j) for j in range(trials)]
         found = harness.measure_all(measure, tasks, arguments.jobs)
         harness.progress(f"{row}: {len(found)} of {trials} trials")
-        sections[f"dynamic-sources-{row}"] = table(np.array(found))
+        sections[f"dynamic-sources-{row}"] = make_table(np.array(found))
     harness.publish(sections, write=arguments.write)
 
 

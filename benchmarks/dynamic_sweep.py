@@ -25,13 +25,13 @@ from dynamic_truth import (
     TITLES,
     UNITS,
     TrialWithTruth,
-    norms,
-    read,
-    series,
+    compute_norms,
+    compute_true_base,
+    compute_wrench_errors,
+    read_with_truth,
+    stack_series,
+    stack_true_series,
     transfer_parameters,
-    true_base,
-    true_series,
-    wrench_errors,
 )
 from harness import cells, in_bold
 from kinematic_sweep import ROWS as KINEMATIC
@@ -76,7 +76,7 @@ class Result:
 def run_trial(place: Path, options: Options) -> TrialWithTruth | None:
     """Simulate and run a trial; return None if it is refused, has wrong segments, or is not identified."""
     done = harness.run_simulated(place, options, harness.DYNAMIC, settings=f"identify-dim: {{{harness.EXACT}}}")
-    return None if done is None else read(done)
+    return None if done is None else read_with_truth(done)
 
 
 def measure(options: Options) -> Result | None:
@@ -88,12 +88,12 @@ def measure(options: Options) -> Result | None:
 
 def compare(done: TrialWithTruth) -> Result:
     """Return the errors of an identified trial."""
-    base, true = done.base, true_base(done)
-    off = (series(done.predicted) - true_series(done.true))[done.off_seat]
-    relative = off / series(done.predicted, "sd_")[done.off_seat]
+    base, true = done.base, compute_true_base(done)
+    off = (stack_series(done.predicted) - stack_true_series(done.true))[done.off_seat]
+    relative = off / stack_series(done.predicted, "sd_")[done.off_seat]
     offset = done.dynamics.facts["clock_offset_s"]
     return Result(
-        norms=100 * (norms(base["value"]) / norms(true) - 1),
+        norms=100 * (compute_norms(base["value"]) / compute_norms(true) - 1),
         rms=harness.rms(off) * SCALE,
         offset=np.nan if offset is None else 1e3 * (offset - done.truth["analog_offset_s"]),
         error=base["value"] - true,
@@ -103,7 +103,7 @@ def compare(done: TrialWithTruth) -> Result:
     )
 
 
-def transfer(options: Options) -> FloatArray | None:
+def measure_transfer(options: Options) -> FloatArray | None:
     """Return errors (3, 4, 6) of one person: parameters transferred, unchanged, own; quantity; pair of strategies."""
     with harness.temporary_folder() as place:
         trials = [run_trial(place / name, replace(options, strategy=name)) for name in STRATEGIES]
@@ -112,11 +112,13 @@ def transfer(options: Options) -> FloatArray | None:
         if fitted is None or other is None:
             return None
         moved = other.base["regrouping"] @ transfer_parameters(fitted, other)
-        errors.append([wrench_errors(other, base) for base in (moved, fitted.base["value"], other.base["value"])])
+        errors.append(
+            [compute_wrench_errors(other, base) for base in (moved, fitted.base["value"], other.base["value"])]
+        )
     return np.moveaxis(np.array(errors), 0, -1)
 
 
-def limits(row: str) -> Iterator[tuple[str, str, float, str, int]]:
+def list_limits(row: str) -> Iterator[tuple[str, str, float, str, int]]:
     """Yield each quantity of a row: name, unit, limit, required share (– without a requirement), column."""
     clean, hard = row == "clean", row == "hard"
     rms_of, offset = len(NORMS), len(NORMS) + len(SERIES)
@@ -134,14 +136,14 @@ def limits(row: str) -> Iterator[tuple[str, str, float, str, int]]:
         yield "clock offset", "ms", 0.2 if clean else 1.0, "100 %" if clean else "–", offset
 
 
-def limit_table(found: Mapping[str, Sequence[Result | None]]) -> str:
+def make_limit_table(found: Mapping[str, Sequence[Result | None]]) -> str:
     """Return the share of trials within each limit, and quantiles of the errors."""
     head = ["trials", "quantity", "limit", "required share", "share within the limit", "95 % interval"]
     head += ["median", "90th percentile", "largest"]
     rows = []
     for row, results in found.items():
         errors = np.array([np.full(len(NORMS) + len(SERIES) + 1, np.nan) if r is None else r.all for r in results])
-        for name, unit, limit, required, column in limits(row):
+        for name, unit, limit, required, column in list_limits(row):
             own = errors[:, column]
             shares = harness.share_with_interval(int(np.sum(own <= limit)), len(own))
             known = harness.quantiles(own[np.isfinite(own)])
@@ -149,7 +151,7 @@ def limit_table(found: Mapping[str, Sequence[Result | None]]) -> str:
     return harness.markdown(head, rows)
 
 
-def parameter_table(found: Mapping[str, Sequence[Result]]) -> str:
+def make_parameter_table(found: Mapping[str, Sequence[Result]]) -> str:
     """Return the coverage of the base parameters' intervals."""
     head = ["parameter", *(f"{row}: {part}" for row in found for part in ("inside", "error / sd", "rms error", "sd"))]
     columns: list[list[str]] = []
@@ -165,7 +167,7 @@ def parameter_table(found: Mapping[str, Sequence[Result]]) -> str:
     return harness.markdown(head, [[name, *row] for name, *row in zip(BASE, *columns, strict=True)])
 
 
-def sample_table(found: Mapping[str, Sequence[Result]]) -> str:
+def make_sample_table(found: Mapping[str, Sequence[Result]]) -> str:
     """Return the coverage of the intervals of wrench, CoP and torques."""
     head = ["", *(f"{row}: {part}" for row in found for part in ("inside", "error / sd"))]
     columns = []
@@ -178,7 +180,7 @@ def sample_table(found: Mapping[str, Sequence[Result]]) -> str:
     return harness.markdown(head, [[name, *row] for name, *row in zip(TITLES, *columns, strict=True)])
 
 
-def transfer_table(errors: FloatArray) -> str:
+def make_transfer_table(errors: FloatArray) -> str:
     """Return quantiles of (subjects, 3, 4, 6) errors."""
     names = [f"{SERIES[k]}, {UNITS[k]}" for k in range(4)]
     rows = []
@@ -236,19 +238,19 @@ def main() -> None:
         first += trials
         harness.progress(f"{row}: {trials} trials, {sum(r is None for r in found[row])} without parameters")
     people = [replace(rows["ordinary"], seed=first + k) for k in range(subjects)]
-    moved = np.array(harness.measure_all(transfer, people, given.jobs))
+    moved = np.array(harness.measure_all(measure_transfer, people, given.jobs))
     known = {row: [r for r in results if r is not None] for row, results in found.items()}
     source = f"{trials} trials per difficulty, seeds from {given.first}, with {given.repetitions} repetitions each"
     about = harness.measured_by(__file__, source)
     persons = f"{subjects} persons who rise with three strategies (`normal`, `dynamic`, `stable`; ordinary trials)"
     sections = {
         "dynamic-sweep": about,
-        "dynamic-limits": limit_table(found),
+        "dynamic-limits": make_limit_table(found),
         "dynamic-coverage": about,
-        "dynamic-parameters": parameter_table(known),
-        "dynamic-samples": sample_table(known),
+        "dynamic-parameters": make_parameter_table(known),
+        "dynamic-samples": make_sample_table(known),
         "dynamic-transfer-trials": harness.measured_by(__file__, persons),
-        "dynamic-transfer": transfer_table(moved),
+        "dynamic-transfer": make_transfer_table(moved),
         "dynamic-times-trial": f"`identify-dim` on {TIMED_FRAMES:,} frames of a person, fastest of {CALLS} runs, with "
         "tables in memory. Required of the whole stage: at most 0.5 s.",
         "dynamic-times": harness.markdown(["", "wall time, s", "processor time, s"], times),

@@ -65,7 +65,7 @@ def find_off_seat(time: FloatArray, truth: Mapping[str, Any]) -> BoolArray:
     return np.asarray(np.any(inside, axis=0))
 
 
-def read(done: Run) -> TrialWithTruth | None:
+def read_with_truth(done: Run) -> TrialWithTruth | None:
     """Read a simulated trial and its truth; return None without four segments or without parameters."""
     names = ("chain.h5", "dynamics.h5", "states.parquet", "dynamics.parquet")
     chain, dynamics, states, predicted = done.read(*names)
@@ -76,7 +76,7 @@ def read(done: Run) -> TrialWithTruth | None:
     return TrialWithTruth(time, chain, dynamics, states, predicted, done.truth, true)
 
 
-def last_frame_turn(truth: Mapping[str, Any], chain: Tree) -> float:
+def find_last_frame_turn(truth: Mapping[str, Any], chain: Tree) -> float:
     """Return the angle, rad, from the true frame of the last segment to the frame whose y points to its markers."""
     markers, last = read_group(chain, "markers"), len(truth["segments"]) - 1
     local = {marker["label"]: marker["local_xyz_m"][:2] for marker in truth["markers"]}
@@ -85,31 +85,31 @@ def last_frame_turn(truth: Mapping[str, Any], chain: Tree) -> float:
     return float(np.arctan2(-x, y))
 
 
-def true_centres(done: TrialWithTruth) -> FloatArray:
+def read_true_centres(done: TrialWithTruth) -> FloatArray:
     """Return (n, 2) true joint centres, m."""
     return np.array([segment["p_in_parent_m"] for segment in done.truth["segments"][1:]])
 
 
-def true_base(done: TrialWithTruth) -> FloatArray:
+def compute_true_base(done: TrialWithTruth) -> FloatArray:
     """Return (b,) true base parameters, regrouped with the true lengths, in the frames of the chain."""
     full = np.array([[s["m"], s["mx"], s["my"], s["Izz"]] for s in done.truth["segments"]])
-    full[-1, 1:3] = planar.rotate(np.array(-last_frame_turn(done.truth, done.chain)), full[-1, 1:3])
-    return np.asarray(structural_base(true_centres(done)).regrouping @ full.reshape(-1))
+    full[-1, 1:3] = planar.rotate(np.array(-find_last_frame_turn(done.truth, done.chain)), full[-1, 1:3])
+    return np.asarray(structural_base(read_true_centres(done)).regrouping @ full.reshape(-1))
 
 
-def norms(base: FloatArray) -> FloatArray:
+def compute_norms(base: FloatArray) -> FloatArray:
     """Return (8,) mass, mx1, and |(mx, my)| and I of each moving segment, independent of rotations of frames."""
     blocks = base[2:].reshape(-1, 3)
     return np.append(base[:2], np.column_stack([np.hypot(blocks[:, 0], blocks[:, 1]), blocks[:, 2]]))
 
 
-def true_series(true: Mapping[str, FloatArray]) -> FloatArray:
+def stack_true_series(true: Mapping[str, FloatArray]) -> FloatArray:
     """Return (F, 7) true wrench, N and N·m, centre of pressure, m, and torques, N·m."""
     wrench = true["wrench"]
     return np.column_stack([wrench, wrench[:, 2] / wrench[:, 1], true["tau"]])
 
 
-def series(predicted: Table, prefix: str = "") -> FloatArray:
+def stack_series(predicted: Table, prefix: str = "") -> FloatArray:
     """Return (F, 7) wrench, centre of pressure and torques of the model, or with ``sd_`` their standard deviations."""
     names = [f"{name}_model" for name in (*WRENCH, "cop_x")] + [f"tau_{j}" for j in range(1, SEGMENTS)]
     return predicted.stack([prefix + name for name in names])
@@ -135,11 +135,11 @@ def transfer_parameters(fitted: TrialWithTruth, other: TrialWithTruth) -> FloatA
     return full.reshape(-1)
 
 
-def wrench_errors(done: TrialWithTruth, base: FloatArray) -> FloatArray:
+def compute_wrench_errors(done: TrialWithTruth, base: FloatArray) -> FloatArray:
     """Return (4,) rms errors off the seat of Fx, Fy, tauz and centre of pressure (mm) with base parameters (b,)."""
     q, dq, ddq = np.moveaxis(state_arrays(done.states), 2, 0)
     centres = read_group(done.chain, "joints")["centre"]
     regressor = planar_regressor(centres, q, dq, ddq, done.truth["g"])
     wrench = regressor[:, :, structural_base(centres).kept] @ base
     model = np.column_stack([wrench, wrench[:, 2] / wrench[:, 1]])
-    return np.asarray(rms((model - true_series(done.true)[:, :4])[done.off_seat]) * SCALE[:4])
+    return np.asarray(rms((model - stack_true_series(done.true)[:, :4])[done.off_seat]) * SCALE[:4])

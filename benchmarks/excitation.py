@@ -12,7 +12,7 @@ from pathlib import Path
 
 import harness
 import numpy as np
-from dynamic_truth import last_frame_turn
+from dynamic_truth import find_last_frame_turn
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.config import load
@@ -74,15 +74,15 @@ class Result:
         return np.arange(len(self.names)) > (1 if self.case.kind == "robot" else 0)
 
 
-def swing(joints: int, rest: FloatArray, size: FloatArray, frequency: FloatArray, seconds: float) -> JointMotion:
+def make_swing(joints: int, rest: FloatArray, size: FloatArray, frequency: FloatArray, seconds: float) -> JointMotion:
     """Return a slow movement from a posture, with amplitudes (n,), rad, and frequencies (n,), Hz."""
     time = np.arange(0.0, seconds, STEP)
     near = smoothstep((np.minimum(time, seconds - time) - 0.5) / 2.0)
     q = rest + near[:, None] * size * (1 - np.cos(2 * np.pi * np.multiply.outer(time, frequency))) / 2
-    return smooth_motion(time, q)
+    return make_smooth_motion(time, q)
 
 
-def smooth_motion(time: FloatArray, q: FloatArray) -> JointMotion:
+def make_smooth_motion(time: FloatArray, q: FloatArray) -> JointMotion:
     """Return a motion through angles (T, n), with rest before and after it."""
     even = np.arange(-PAD, time[-1] - time[0] + PAD, STEP)
     columns = [np.interp(even, time - time[0], column) for column in q.T]
@@ -97,7 +97,7 @@ def make_movement(course: Trajectory, rest: FloatArray, before: Recorded) -> Joi
         q = rest + smoothstep(left / FADE)[:, None] * (q - rest)
     q = before.side * q
     q[:, -1] -= before.turn
-    return smooth_motion(course.time, q)
+    return make_smooth_motion(course.time, q)
 
 
 def record(place: Path, case: Case, options: Options, motion: JointMotion | None) -> Recorded:
@@ -107,10 +107,10 @@ def record(place: Path, case: Case, options: Options, motion: JointMotion | None
     outcome = run_to(trial, "identify-dim")
     if outcome.refused is not None:
         raise outcome.refused
-    return read(harness.Run(configuration, trial))
+    return read_recorded(harness.Run(configuration, trial))
 
 
-def read(done: harness.Run) -> Recorded:
+def read_recorded(done: harness.Run) -> Recorded:
     """Read an identified recording and its truth."""
     dynamics, chain, states = done.read("dynamics.h5", "chain.h5", "states.parquet")
     segments, base = done.truth["segments"], dynamics.data["base"]
@@ -120,7 +120,7 @@ def read(done: harness.Run) -> Recorded:
     if dynamics.facts["why"] is not None:
         raise MocapIdError(dynamics.facts["why"])
     rate, x = done.true(states["time"], "qd")[0][:, 0], states["dtheta_1"]
-    turn, side = last_frame_turn(done.truth, chain), 1 if np.nansum(x * rate) > 0 else -1
+    turn, side = find_last_frame_turn(done.truth, chain), 1 if np.nansum(x * rate) > 0 else -1
     full = np.array([[s["m"], s["mx"], s["my"], s["Izz"]] for s in segments])
     full[-1, 1:3] = planar.rotate(np.array(-turn), full[-1, 1:3])
     centres = np.array([s["p_in_parent_m"] for s in segments[1:]])
@@ -134,15 +134,15 @@ def read(done: harness.Run) -> Recorded:
     return Recorded(np.asarray(base["value"]), np.asarray(base["sd"]), true, condition, turn, side, reach)
 
 
-def first_motion(case: Case) -> JointMotion | None:
+def make_first_motion(case: Case) -> JointMotion | None:
     """Return the movement before the advice; return None for a sit-to-stand."""
     rng = np.random.default_rng(case.seed)
     if case.kind == "robot":
         start = rng.uniform(-0.5, 0.5, 1)
-        return swing(1, start, rng.uniform(0.12, 0.2, 1), rng.uniform(0.07, 0.12, 1), 24.0)
+        return make_swing(1, start, rng.uniform(0.12, 0.2, 1), rng.uniform(0.07, 0.12, 1), 24.0)
     if case.kind == "stand":
         size = np.radians(rng.uniform([8, -45, 15], [12, -35, 25]))
-        return swing(3, np.radians([2.0, -3.0, 5.0]), size, np.array([0.2, 0.2, 0.2]), 24.0)
+        return make_swing(3, np.radians([2.0, -3.0, 5.0]), size, np.array([0.2, 0.2, 0.2]), 24.0)
     return None
 
 
@@ -156,7 +156,7 @@ def measure(case: Case) -> Result | str:
     ]
     with harness.temporary_folder() as place:
         try:
-            before = record(place / "before", case, options[0], first_motion(case))
+            before = record(place / "before", case, options[0], make_first_motion(case))
             wishes = AdviceOptions(case.objective)
             if case.kind == "stand":  # a person may bend knees and hips further than before
                 wishes = AdviceOptions(case.objective, angles={"joint 2": (-90.0, 0.0)}, widen=20.0)
@@ -180,7 +180,7 @@ def measure(case: Case) -> Result | str:
 Achieved = tuple[Result, Proposal, Recorded]
 
 
-def achieved(results: Sequence[Result]) -> Iterator[tuple[str, str, list[Achieved]]]:
+def list_achieved(results: Sequence[Result]) -> Iterator[tuple[str, str, list[Achieved]]]:
     """Yield each kind of body and movement, with the movements that were carried out and identified."""
     for kind in KINDS:
         for name in MOVEMENTS:
@@ -188,31 +188,31 @@ def achieved(results: Sequence[Result]) -> Iterator[tuple[str, str, list[Achieve
             yield kind, name, [(r, p, c) for r, p, c in advised if isinstance(c, Recorded)]
 
 
-def spread(values: FloatArray, form: str = "{:.2f}") -> str:
+def format_spread(values: FloatArray, form: str = "{:.2f}") -> str:
     """Return the median and the range of values."""
     if not len(values):
         return "–"
     return f"{form} ({form} to {form})".format(np.median(values), values.min(), values.max())
 
 
-def prediction_table(results: Sequence[Result]) -> str:
+def make_prediction_table(results: Sequence[Result]) -> str:
     """Return predicted condition numbers and standard deviations, divided by the achieved values."""
     head = ["body", "movement", "recordings", "condition number", "standard deviations"]
     head.append("of them within a factor of 1.5")
     rows = []
-    for kind, name, own in achieved(results):
+    for kind, name, own in list_achieved(results):
         conditions = np.array([p.predicted.condition / c.condition for _, p, c in own])
         ratios = np.concatenate([np.zeros(0), *((p.predicted.sd / c.sd)[r.improvable] for r, p, c in own)])
         near = f"{100 * np.mean(np.abs(np.log(ratios)) <= np.log(1.5)):.0f} %" if len(ratios) else "–"
-        rows.append([kind, name, str(len(own)), spread(conditions, "{:.3f}"), spread(ratios), near])
+        rows.append([kind, name, str(len(own)), format_spread(conditions, "{:.3f}"), format_spread(ratios), near])
     return harness.markdown(head, rows)
 
 
-def gain_table(results: Sequence[Result]) -> str:
+def make_gain_table(results: Sequence[Result]) -> str:
     """Return condition number, standard deviations and errors before and after the advice."""
     head = ["body", "movement", "condition number", "sd by size, %", "error by size, %", "largest sd by size, %"]
     head.append("truth inside 95 %")
-    after = {(kind, name): [(r, c) for r, _, c in own] for kind, name, own in achieved(results)}
+    after = {(kind, name): [(r, c) for r, _, c in own] for kind, name, own in list_achieved(results)}
     rows = []
     for kind in KINDS:
         groups = {"unchanged": [(r, r.before) for r in results if r.case.kind == kind]}
@@ -228,12 +228,12 @@ def gain_table(results: Sequence[Result]) -> str:
     return harness.markdown(head, rows)
 
 
-def promise_table(results: Sequence[Result]) -> str:
+def make_promise_table(results: Sequence[Result]) -> str:
     """Return how many parameters were not known, were predicted to be known, and are known."""
     head = ["body", "movement", "not known before", "predicted to be known", "known", "predicted, but not known"]
     head.append("recordings without parameters")
     rows = []
-    for kind, name, own in achieved(results):
+    for kind, name, own in list_achieved(results):
         tried = sum(r.case.kind == kind and name in r.advised for r in results)
         weak = promised = kept = 0
         for r, proposal, came in own:
@@ -246,11 +246,11 @@ def promise_table(results: Sequence[Result]) -> str:
     return harness.markdown(head, rows)
 
 
-def balance(results: Sequence[Result]) -> str:
+def describe_balance(results: Sequence[Result]) -> str:
     """Return how far the true centre of pressure leaves its limits in recordings of the advised movement alone."""
     beyond = [
         1e3 * max(r.support[0] - c.pressure[0], c.pressure[1] - r.support[1], 0.0)
-        for _, _, own in achieved(results)
+        for _, _, own in list_achieved(results)
         for r, p, c in own
         if r.support is not None and p.standalone
     ]
@@ -258,7 +258,7 @@ def balance(results: Sequence[Result]) -> str:
     return f"{outside} of {len(beyond)} recordings, by {max(beyond, default=0.0):.0f} mm at most"
 
 
-def examples(results: Sequence[Result]) -> str:
+def list_examples(results: Sequence[Result]) -> str:
     """Return the advice to the first body of each kind."""
     lines = []
     for kind in KINDS:
@@ -286,12 +286,12 @@ def main() -> None:
     source = f"{given.bodies} simulated bodies of each kind, seeds from {given.first}"
     sections = {
         "excitation": f"{harness.measured_by(__file__, source)} Recordings without advice: {without}.",
-        "excitation-predictions": prediction_table(results),
-        "excitation-gains": gain_table(results),
-        "excitation-promises": promise_table(results),
+        "excitation-predictions": make_prediction_table(results),
+        "excitation-gains": make_gain_table(results),
+        "excitation-promises": make_promise_table(results),
         "excitation-helped": f"Something within the limits was predicted to help in {', '.join(helped)} trials. A "
-        f"person's true centre of pressure left the limits in {balance(results)}.",
-        "excitation-examples": examples(results),
+        f"person's true centre of pressure left the limits in {describe_balance(results)}.",
+        "excitation-examples": list_examples(results),
     }
     harness.publish(sections, write=given.write)
 

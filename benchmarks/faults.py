@@ -37,53 +37,53 @@ AT_JOINTS = {"ANK": (0, 1), "KNE": (1, 2)}
 """Markers at a joint may be on either of its segments."""
 
 
-def _faults(**faults: float) -> Options:
+def _add_faults(**faults: float) -> Options:
     return replace(harness.SHORT, faults=FaultOptions(**faults))
 
 
-def _set(name: Any, **options: Any) -> Options:
+def _choose_markers(name: Any, **options: Any) -> Options:
     return replace(harness.SHORT, marker_set=name, **options)
 
 
 SETS: Mapping[str, Options] = {
     "clusters": harness.SHORT,
-    "Plug-in-Gait": _set("plug-in-gait"),
-    "Plug-in-Gait, no wands": _set("plug-in-gait-without-wands"),
-    "Plug-in-Gait, left side only": _set("plug-in-gait", without="R*"),
-    "Plug-in-Gait, knee marker on the shank": _set("plug-in-gait", knee_on_shank=True),
-    "one marker at each joint": _set("joints"),
-    "Plug-in-Gait, no knee marker": _set("plug-in-gait", without="KNE"),
-    "Plug-in-Gait, no ankle marker": _set("plug-in-gait", without="ANK"),
+    "Plug-in-Gait": _choose_markers("plug-in-gait"),
+    "Plug-in-Gait, no wands": _choose_markers("plug-in-gait-without-wands"),
+    "Plug-in-Gait, left side only": _choose_markers("plug-in-gait", without="R*"),
+    "Plug-in-Gait, knee marker on the shank": _choose_markers("plug-in-gait", knee_on_shank=True),
+    "one marker at each joint": _choose_markers("joints"),
+    "Plug-in-Gait, no knee marker": _choose_markers("plug-in-gait", without="KNE"),
+    "Plug-in-Gait, no ankle marker": _choose_markers("plug-in-gait", without="ANK"),
 }
 FAULTS: Mapping[str, Options] = {
     "rest of 120 s before": replace(harness.SHORT, rest_before=120.0),
     "rest of 60 s standing, 60 s after": replace(harness.SHORT, rest_standing=60.0, rest_after=60.0),
-    "frozen for 4 s": _faults(frozen_s=4),
-    "frozen for 4 s, Plug-in-Gait": _set("plug-in-gait", faults=FaultOptions(frozen_s=4)),
-    "ghost that walks": _faults(ghost_walks=1),
-    "ghost that reflects": _faults(ghost_reflects=1),
-    "reattached 60 mm away": _faults(reattached_mm=60),
-    "two labels exchanged for 2 s": _faults(mislabelled_s=2),
-    "rate 5 % too high": _faults(rate_error=0.05),
-    "rate 20 % too high": _faults(rate_error=0.2),
-    "all gains + 5 %": _faults(gain=0.05),
-    "all gains − 50 %": _faults(gain=-0.5),
-    "gain of Fz + 10 %": _faults(gain_fz=0.1),
-    "gain of the moments + 5 %": _faults(gain_moments=0.05),
-    "Fz + 30 N": _faults(offset_fz_N=30),
-    "camera scale + 2 %": _faults(camera_scale=0.02),
-    "cameras tilted by 1.5°": _faults(tilt_deg=1.5),
-    "corners 40 mm off": _faults(corners_mm=40),
-    "filtered at 6 Hz": _faults(filter_hz=6),
-    "filtered at 3 Hz": _faults(filter_hz=3),
-    "wander of 1 mm": _faults(wander_mm=1),
-    "wobble of 2 mm at 4 Hz": _faults(wobble_mm=2),
-    "30 % of the frames repeated": _faults(repeated_share=0.3),
+    "frozen for 4 s": _add_faults(frozen_s=4),
+    "frozen for 4 s, Plug-in-Gait": _choose_markers("plug-in-gait", faults=FaultOptions(frozen_s=4)),
+    "ghost that walks": _add_faults(ghost_walks=1),
+    "ghost that reflects": _add_faults(ghost_reflects=1),
+    "reattached 60 mm away": _add_faults(reattached_mm=60),
+    "two labels exchanged for 2 s": _add_faults(mislabelled_s=2),
+    "rate 5 % too high": _add_faults(rate_error=0.05),
+    "rate 20 % too high": _add_faults(rate_error=0.2),
+    "all gains + 5 %": _add_faults(gain=0.05),
+    "all gains − 50 %": _add_faults(gain=-0.5),
+    "gain of Fz + 10 %": _add_faults(gain_fz=0.1),
+    "gain of the moments + 5 %": _add_faults(gain_moments=0.05),
+    "Fz + 30 N": _add_faults(offset_fz_N=30),
+    "camera scale + 2 %": _add_faults(camera_scale=0.02),
+    "cameras tilted by 1.5°": _add_faults(tilt_deg=1.5),
+    "corners 40 mm off": _add_faults(corners_mm=40),
+    "filtered at 6 Hz": _add_faults(filter_hz=6),
+    "filtered at 3 Hz": _add_faults(filter_hz=3),
+    "wander of 1 mm": _add_faults(wander_mm=1),
+    "wobble of 2 mm at 4 Hz": _add_faults(wobble_mm=2),
+    "30 % of the frames repeated": _add_faults(repeated_share=0.3),
     "heel lift of 30 mm": replace(harness.SHORT, people=PersonOptions(heel_lift_mm=30)),
-    "foot slides by 20 mm": _faults(foot_slide_mm=20),
-    "feet moved by up to 50 mm": _faults(foot_moves_mm=50),
-    "turned by 10° at mid-trial": _faults(turn_deg=10),
-    "plane leans by 7°": _faults(plane_tilt_deg=7),
+    "foot slides by 20 mm": _add_faults(foot_slide_mm=20),
+    "feet moved by up to 50 mm": _add_faults(foot_moves_mm=50),
+    "turned by 10° at mid-trial": _add_faults(turn_deg=10),
+    "plane leans by 7°": _add_faults(plane_tilt_deg=7),
 }
 
 CASES = {**SETS, **FAULTS}
@@ -124,14 +124,14 @@ def measure(task: tuple[str, int]) -> Outcome:
         codes = tuple(reason["code"] for reason in summary["verdict"]["reasons"])
         if done is None:
             return Outcome(("no result",), codes or ("refused",))
-        return Outcome(tuple(wrong_quantities(done)), codes, INVISIBLE.get(case, ""))
+        return Outcome(tuple(list_wrong_quantities(done)), codes, INVISIBLE.get(case, ""))
 
 
-def wrong_quantities(run: harness.Run) -> Iterator[str]:
+def list_wrong_quantities(run: harness.Run) -> Iterator[str]:
     """Yield the quantities of a finished trial that are beyond the limits."""
     truth, summary = run.truth, run.summary
     lifted = int(summary["segments"]["names"][0] == "ground")  # the foot is a segment on the ground
-    if summary["segments"]["count"] != harness.SEGMENTS + lifted or _misplaced(summary, truth, lifted):
+    if summary["segments"]["count"] != harness.SEGMENTS + lifted or _has_misplaced_marker(summary, truth, lifted):
         yield "segments"
         return
     for name in truth["lengths_scored"]:
@@ -140,23 +140,23 @@ def wrong_quantities(run: harness.Run) -> Iterator[str]:
             yield f"length {name}"
         elif abs(length["value"] - true) > INTERVAL * harness.QUANTILE * length["sd"]:
             yield f"interval of length {name}"
-    done = dynamic_truth.read(run)
+    done = dynamic_truth.read_with_truth(run)
     if done is None:
         return
-    sign = np.sign(np.corrcoef(_known(done.states["theta_1"], done.true["q"][:, 0]))[0, 1])
-    yield from _wrong_states(done, sign)
-    yield from _wrong_forces(done, np.array([sign, 1, sign, sign, sign, sign, sign]))
+    sign = np.sign(np.corrcoef(_select_known(done.states["theta_1"], done.true["q"][:, 0]))[0, 1])
+    yield from _list_wrong_states(done, sign)
+    yield from _list_wrong_forces(done, np.array([sign, 1, sign, sign, sign, sign, sign]))
     if sign > 0:  # the parameters of a mirrored plane are not compared
-        yield from _wrong_parameters(done, summary)
+        yield from _list_wrong_parameters(done, summary)
 
 
-def _known(*series: FloatArray) -> FloatArray:
+def _select_known(*series: FloatArray) -> FloatArray:
     """Return the samples at which all series have a value, one row for each series."""
     rows = np.stack(series)
     return np.asarray(rows[:, np.isfinite(rows).all(axis=0)])
 
 
-def _misplaced(summary: Mapping[str, Any], truth: Mapping[str, Any], lifted: int) -> bool:
+def _has_misplaced_marker(summary: Mapping[str, Any], truth: Mapping[str, Any], lifted: int) -> bool:
     """Return whether a marker is on a wrong segment.
 
     A lifted foot is segment 1, so the numbers of the true segments increase by one.
@@ -169,18 +169,18 @@ def _misplaced(summary: Mapping[str, Any], truth: Mapping[str, Any], lifted: int
     )
 
 
-def _wrong_states(done: dynamic_truth.TrialWithTruth, sign: float) -> Iterator[str]:
+def _list_wrong_states(done: dynamic_truth.TrialWithTruth, sign: float) -> Iterator[str]:
     for j, joint in enumerate(harness.JOINTS, 1):
-        angle, true = _known(done.states[f"theta_{j}"], sign * done.true["q"][:, j - 1])
+        angle, true = _select_known(done.states[f"theta_{j}"], sign * done.true["q"][:, j - 1])
         if np.std(angle - true) > ANGLE:
             yield f"angle of the {joint}"
-        acceleration, true = _known(done.states[f"ddtheta_{j}"], sign * done.true["qdd"][:, j - 1])
+        acceleration, true = _select_known(done.states[f"ddtheta_{j}"], sign * done.true["qdd"][:, j - 1])
         if 1 - np.mean((acceleration - true) ** 2) / np.var(true) < ACCELERATION:
             yield f"acceleration of the {joint}"
 
 
-def _wrong_forces(done: dynamic_truth.TrialWithTruth, signs: FloatArray) -> Iterator[str]:
-    error = dynamic_truth.series(done.predicted) - signs * dynamic_truth.true_series(done.true)
+def _list_wrong_forces(done: dynamic_truth.TrialWithTruth, signs: FloatArray) -> Iterator[str]:
+    error = dynamic_truth.stack_series(done.predicted) - signs * dynamic_truth.stack_true_series(done.true)
     rms: FloatArray = harness.rms(error[done.off_seat]) * dynamic_truth.SCALE
     limits = {"CoP": CENTRE_OF_PRESSURE} | dict.fromkeys(harness.JOINTS, TORQUE)
     for name, value in zip(dynamic_truth.SERIES, rms, strict=True):
@@ -188,8 +188,8 @@ def _wrong_forces(done: dynamic_truth.TrialWithTruth, signs: FloatArray) -> Iter
             yield f"torque of the {name}" if name in harness.JOINTS else name
 
 
-def _wrong_parameters(done: dynamic_truth.TrialWithTruth, summary: Mapping[str, Any]) -> Iterator[str]:
-    true_base = dynamic_truth.true_base(done)
+def _list_wrong_parameters(done: dynamic_truth.TrialWithTruth, summary: Mapping[str, Any]) -> Iterator[str]:
+    true_base = dynamic_truth.compute_true_base(done)
     pairs = true_base[2:].reshape(-1, 3)[:, :2]  # (mx, my) of each moving segment, whose frame is a convention
     size = np.abs(true_base)
     size[1] = max(size[1], LEVER * true_base[0])  # as in dynamics.excitation.parameter_sizes
@@ -202,7 +202,7 @@ def _wrong_parameters(done: dynamic_truth.TrialWithTruth, summary: Mapping[str, 
             yield f"interval of {entry['name']}"
 
 
-def table(found: Mapping[str, Sequence[Outcome]]) -> str:
+def make_table(found: Mapping[str, Sequence[Outcome]]) -> str:
     """Return a table of the outcomes of every case."""
     rows = []
     for case, outcomes in found.items():
@@ -226,7 +226,7 @@ def main() -> None:
             tasks = [(case, given.first + k) for k in range(trials)]
             found[case] = harness.run_all(measure, tasks, given.jobs)
         text = harness.measured_by(__file__, f"{trials} trials a case, seeds from {given.first}")
-        sections[name] = f"{text}\n\n{table(found)}"
+        sections[name] = f"{text}\n\n{make_table(found)}"
     harness.publish(sections, write=given.write)
 
 

@@ -39,7 +39,7 @@ print(perf_counter() - start)
 """
 
 
-def recording(frames: int, per_segment: int) -> tuple[MarkerChain, FloatArray]:
+def make_recording(frames: int, per_segment: int) -> tuple[MarkerChain, FloatArray]:
     """Return a chain whose three joints swing at 0.4 to 0.8 Hz, and markers (F, M, 2) with 1 mm of noise."""
     rng = np.random.default_rng(0)
     time = np.arange(frames)[:, None] / RATE
@@ -51,7 +51,7 @@ def recording(frames: int, per_segment: int) -> tuple[MarkerChain, FloatArray]:
     return MarkerChain(centres, segment, local), markers + NOISE * rng.standard_normal(markers.shape)
 
 
-def problem(
+def make_problem(
     chain: MarkerChain, markers: FloatArray, rate: float = RATE, sd: float = NOISE, gate: float = 8.0
 ) -> FilterProblem:
     """Return the problem for both engines."""
@@ -71,7 +71,7 @@ def problem(
     )
 
 
-def theirs(given: FilterProblem) -> tuple[float, Track]:
+def run_filterpy(given: FilterProblem) -> tuple[float, Track]:
     """Return time and result of filterpy's predict, update and rts_smoother, with our initial state and no gate."""
     first = compiled_filter.filter_forwards(given)
     ukf = filterpy_engine._filterpy(given)
@@ -90,16 +90,16 @@ def theirs(given: FilterProblem) -> tuple[float, Track]:
     return seconds, Track(x, p, first.used, first.restarted, 0.0)
 
 
-def ours(given: FilterProblem) -> tuple[float, Track]:
+def run_compiled(given: FilterProblem) -> tuple[float, Track]:
     """Return time and result of the compiled engine."""
     start = perf_counter()
     track = compiled_filter.smooth_backwards(given, compiled_filter.filter_forwards(given))
     return perf_counter() - start, track
 
 
-def whole(frames: int) -> float:
+def time_whole(frames: int) -> float:
     """Return the seconds from markers to states, including the noise estimate."""
-    chain, markers = recording(frames, PER_SEGMENT)
+    chain, markers = make_recording(frames, PER_SEGMENT)
     start = perf_counter()
     smooth(markers, RATE, chain.centres, chain.segment, chain.local)
     return perf_counter() - start
@@ -110,21 +110,26 @@ def main() -> None:
     parser = command_line(__doc__)
     parser.add_argument("--frames", type=int, help="print the times for so many frames of 39 markers as JSON")
     given = parser.parse_args()
-    short, long = problem(*recording(600, 3)), problem(*recording(12_000, 3))
-    ours(short)  # compiles
+    short, long = make_problem(*make_recording(600, 3)), make_problem(*make_recording(12_000, 3))
+    run_compiled(short)  # compiles
     if given.frames:
-        large = problem(*recording(given.frames, PER_SEGMENT))
-        whole(500)
-        own = min(ours(large)[0] for _ in range(3))
-        times = {"frames": given.frames, "filterpy": theirs(large)[0], "ours": own, "noise too": whole(given.frames)}
+        large = make_problem(*make_recording(given.frames, PER_SEGMENT))
+        time_whole(500)
+        own = min(run_compiled(large)[0] for _ in range(3))
+        times = {
+            "frames": given.frames,
+            "filterpy": run_filterpy(large)[0],
+            "ours": own,
+            "noise too": time_whole(given.frames),
+        }
         print(json.dumps(times))
         return
-    own = min(ours(long)[0] for _ in range(5)) / 12_000
-    seconds, reference_track = theirs(short)
-    other = min(seconds, theirs(short)[0]) / 600
+    own = min(run_compiled(long)[0] for _ in range(5)) / 12_000
+    seconds, reference_track = run_filterpy(short)
+    other = min(seconds, run_filterpy(short)[0]) / 600
     scale = np.abs(reference_track.mean).max(axis=0)
-    difference = np.max(np.abs(ours(short)[1].mean - reference_track.mean) / scale)
-    whole(2_000)
+    difference = np.max(np.abs(run_compiled(short)[1].mean - reference_track.mean) / scale)
+    time_whole(2_000)
     with tempfile.TemporaryDirectory() as folder:
         code = COLD.format(folder=str(Path(__file__).parent))
         environment = {**os.environ, "NUMBA_CACHE_DIR": folder}
@@ -134,8 +139,8 @@ def main() -> None:
         ["the same with filterpy", f"{1e6 * other:.0f} µs per sample"],
         ["ratio", f"1/{other / own:.0f}"],
         ["largest difference between the two, of each state's range", f"{difference:.0e}"],
-        ["markers to states, 16,000 frames × 39 markers", f"{min(whole(16_000) for _ in range(3)):.2f} s"],
-        ["the same, 32,000 frames", f"{min(whole(32_000) for _ in range(2)):.2f} s"],
+        ["markers to states, 16,000 frames × 39 markers", f"{min(time_whole(16_000) for _ in range(3)):.2f} s"],
+        ["the same, 32,000 frames", f"{min(time_whole(32_000) for _ in range(2)):.2f} s"],
         ["first call, nothing compiled", f"{float(done.stdout):.1f} s"],
     ]
     publish({"filter": markdown(["", ""], rows)}, write=given.write)

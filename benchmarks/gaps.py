@@ -72,10 +72,10 @@ def prepare(place: Path, options: Options) -> Trial | None:
     truth = np.stack(done.true(time, "q", "qd", "qdd"), axis=2)
     inputs: Mapping[str, Artefact] = {"planar.parquet": planar, "segments.parquet": segments, "chain.h5": chain}
     context = Context(done.trial.keys, STAGE.settings(), inputs)
-    return Trial(context, truth, time, _sets(planar, chain), _places(truth, time))
+    return Trial(context, truth, time, _find_sets(planar, chain), _find_places(truth, time))
 
 
-def _sets(planar: LongTable, chain: Tree) -> dict[str, BoolArray]:
+def _find_sets(planar: LongTable, chain: Tree) -> dict[str, BoolArray]:
     """Return which markers of the planar table are removed, for each set."""
     group = harness.read_group(chain, "markers")
     segment = dict(zip(map(str, group["name"]), map(int, group["segment"]), strict=True))
@@ -84,7 +84,7 @@ def _sets(planar: LongTable, chain: Tree) -> dict[str, BoolArray]:
     return {"one marker": np.arange(len(own)) == np.flatnonzero(own == 2)[0], **sets, "all": own > 0}
 
 
-def _places(truth: FloatArray, time: FloatArray) -> dict[str, float]:
+def _find_places(truth: FloatArray, time: FloatArray) -> dict[str, float]:
     """Return the middle of each gap, s; for the gaps at start and end the edge of the trial."""
     speed = np.abs(truth[:, :, 1]).sum(axis=1)
     knee = truth[:, 1, 0]
@@ -100,7 +100,7 @@ def _places(truth: FloatArray, time: FloatArray) -> dict[str, float]:
     }
 
 
-def window(trial: Trial, where: str, length: float) -> BoolArray:
+def find_gap(trial: Trial, where: str, length: float) -> BoolArray:
     """Return which frames (F,) are in a gap."""
     time, count = trial.time, round(length / float(np.median(np.diff(trial.time))))
     middle = int(np.argmin(np.abs(time - trial.places[where])))
@@ -113,7 +113,7 @@ def window(trial: Trial, where: str, length: float) -> BoolArray:
 
 def run_case(trial: Trial, which: str, where: str, length: float) -> Case:
     """Remove markers, run the smoother, and return the errors."""
-    gap, gone = window(trial, where, length), trial.markers[which]
+    gap, gone = find_gap(trial, where, length), trial.markers[which]
     planar = harness.hide_samples(trial.context.long("planar.parquet"), gap[:, None] & gone[None])
     inputs = {**trial.context.inputs, "planar.parquet": planar}
     states: Any = STAGE.function(replace(trial.context, inputs=inputs))[0]
@@ -124,12 +124,12 @@ def run_case(trial: Trial, which: str, where: str, length: float) -> Case:
     return Case(error / harness.state_arrays(states, "sd_"), gap, observed, cautioned)
 
 
-def cases(lengths: Sequence[float] = LENGTHS) -> Iterator[tuple[str, str, float]]:
+def list_cases(lengths: Sequence[float] = LENGTHS) -> Iterator[tuple[str, str, float]]:
     """Yield every set, position and length."""
     yield from product(WHICH, WHERE, lengths)
 
 
-def coverage(found: Sequence[Case], part: str) -> tuple[FloatArray, int]:
+def measure_coverage(found: Sequence[Case], part: str) -> tuple[FloatArray, int]:
     """Return the share (3,) of samples inside the 95 % interval, and their number."""
     inside, total = np.zeros(3), 0
     for case in found:
@@ -140,7 +140,7 @@ def coverage(found: Sequence[Case], part: str) -> tuple[FloatArray, int]:
     return inside / max(total, 1), total
 
 
-def _cell(found: Sequence[Case]) -> str:
+def _format_cell(found: Sequence[Case]) -> str:
     """Return the largest errors, and the share of the bridged samples without a value."""
     worst = np.max([case.worst() for case in found], axis=0)
     bridged = sum(np.count_nonzero(case.bridged) for case in found)
@@ -148,16 +148,16 @@ def _cell(found: Sequence[Case]) -> str:
     return " / ".join(f"{value:.1f}" for value in worst) + (f", {100 * flagged / bridged:.0f} %" if bridged else "")
 
 
-def sections(found: Mapping[tuple[str, str, float], Sequence[Case]], failed: int) -> dict[str, str]:
+def make_sections(found: Mapping[tuple[str, str, float], Sequence[Case]], failed: int) -> dict[str, str]:
     """Return the tables and counts of all runs."""
     every = [case for each in found.values() for case in each]
     rows = [
-        [which, f"{length:g} s", *(_cell(found[which, where, length]) for where in WHERE)]
+        [which, f"{length:g} s", *(_format_cell(found[which, where, length]) for where in WHERE)]
         for which, length in product(WHICH, LENGTHS)
     ]
     shares = []
     for part, name in (("all", "all"), ("gap", "in gaps, observed"), ("bridged", "bridged")):
-        share, total = coverage(every, part)
+        share, total = measure_coverage(every, part)
         shares.append([name, str(total), *(f"{100 * s:.1f}" for s in share)])
     outside = np.max([case.worst(inside=False) for case in every], axis=0)
     largest = ", ".join(f"{value:.1f} ({name})" for value, name in zip(outside, NAMES, strict=True))
@@ -178,7 +178,7 @@ def sections(found: Mapping[tuple[str, str, float], Sequence[Case]], failed: int
 def main() -> None:
     """Run all cases and publish the sections."""
     arguments = harness.command_line(__doc__, trials=4, first=930_000).parse_args()
-    found: dict[tuple[str, str, float], list[Case]] = {key: [] for key in cases()}
+    found: dict[tuple[str, str, float], list[Case]] = {key: [] for key in list_cases()}
     trials = failed = 0
     for seed in range(arguments.first, arguments.first + arguments.trials):
         with harness.temporary_folder() as place:
@@ -193,7 +193,9 @@ def main() -> None:
         harness.progress(seed)
     runs = sum(map(len, found.values()))
     text = f"{trials} trials of two repetitions, seeds from {arguments.first}: {runs} runs of `ukf-smooth`"
-    harness.publish({"gaps": harness.measured_by(__file__, text), **sections(found, failed)}, write=arguments.write)
+    harness.publish(
+        {"gaps": harness.measured_by(__file__, text), **make_sections(found, failed)}, write=arguments.write
+    )
 
 
 if __name__ == "__main__":

@@ -46,11 +46,11 @@ class Spread:
     def __str__(self) -> str:
         lost = f" ({self.lost} lost)" if self.lost else ""
         if np.isnan(self.rms):
-            return f"{number(self.bias)} / {number(self.sd)}*{lost}"
-        return f"{number(self.bias)} / {number(self.sd)} / {number(self.rms)}{lost}"
+            return f"{format_millimetres(self.bias)} / {format_millimetres(self.sd)}*{lost}"
+        return f"{format_millimetres(self.bias)} / {format_millimetres(self.sd)} / {format_millimetres(self.rms)}{lost}"
 
 
-def number(metres: float) -> str:
+def format_millimetres(metres: float) -> str:
     """Return millimetres with three digits and at most two decimals."""
     value = 1e3 * metres
     decimals = 0 if abs(value) >= 99.95 else 1 if abs(value) >= 9.995 else 2
@@ -58,7 +58,7 @@ def number(metres: float) -> str:
     return text.lstrip("-") if float(text) == 0 else text.replace("-", "\N{MINUS SIGN}")
 
 
-def spread(errors: ComplexArray, *, resolved: bool = True) -> Spread:
+def summarise(errors: ComplexArray, *, resolved: bool = True) -> Spread:
     """Return the distribution of errors (trials,); the markers are in direction +i, NaN means no estimate."""
     known = errors[np.isfinite(errors)]
     lost = len(errors) - len(known)
@@ -69,53 +69,53 @@ def spread(errors: ComplexArray, *, resolved: bool = True) -> Spread:
     return Spread(float(known.imag.mean()), float(known.imag.std(ddof=1)), float(total), float(along), lost)
 
 
-def kasa_bias(arc: float, noise: float) -> float:
+def compute_kasa_bias(arc: float, noise: float) -> float:
     """Return the bias of Kåsa's fit by its formula, m."""
     return float(RADIUS / (1 + (RADIUS * arc**2 / (26.8 * noise)) ** 2))
 
 
-def circle_bound(arc: float, noise: float) -> float:
+def compute_circle_bound(arc: float, noise: float) -> float:
     """Return the lowest standard deviation that the curvature of one track permits, m."""
     return float(26.8 * noise / (np.sqrt(FRAMES) * arc**2))
 
 
-def body_bound(arc: float, noise: float, size: float) -> float:
+def compute_body_bound(arc: float, noise: float, size: float) -> float:
     """Return the lowest standard deviation from the rotation of three markers, ``size`` from their centroid, m."""
     lever = np.sqrt(1 + (RADIUS / size) ** 2)
     return float(np.sqrt(12) * noise * lever / (np.sqrt(3 * FRAMES) * arc))
 
 
-def swing(arc: float, markers: ComplexArray) -> ComplexArray:
+def make_tracks(arc: float, markers: ComplexArray) -> ComplexArray:
     """Return (F, M) tracks about the origin, with frames in the middle of equal parts of the arc."""
     angle = ((np.arange(FRAMES) + 0.5) / FRAMES - 0.5) * arc
     return np.asarray(np.exp(1j * angle)[:, None] * markers)
 
 
-def noisy(rng: np.random.Generator, tracks: ComplexArray, noise: float) -> ComplexArray:
+def add_noise(rng: np.random.Generator, tracks: ComplexArray, noise: float) -> ComplexArray:
     """Return tracks with white noise in each coordinate."""
     return np.asarray(tracks + noise * (rng.standard_normal(tracks.shape) + 1j * rng.standard_normal(tracks.shape)))
 
 
-def single_markers(arc: float, noise: float, trials: int) -> list[Spread]:
+def measure_single_markers(arc: float, noise: float, trials: int) -> list[Spread]:
     """Return the errors of the four circle fits."""
     rng = np.random.default_rng([1, round(1e6 * arc), round(1e6 * noise)])
-    clean = swing(arc, np.full(trials, RADIUS * 1j))
-    tracks = [noisy(rng, clean, noise) for _ in range(SINGLE)]
-    resolved = circle_bound(arc, noise) < RESOLVED * RADIUS
+    clean = make_tracks(arc, np.full(trials, RADIUS * 1j))
+    tracks = [add_noise(rng, clean, noise) for _ in range(SINGLE)]
+    resolved = compute_circle_bound(arc, noise) < RESOLVED * RADIUS
     spreads = []
     for method in CIRCLES:
         errors = np.concatenate([fit_circles(each, method).centre for each in tracks])
-        spreads.append(spread(errors, resolved=resolved or method == "kasa"))
+        spreads.append(summarise(errors, resolved=resolved or method == "kasa"))
     return spreads
 
 
-def by_body(points: ComplexArray) -> complex:
+def fit_by_body(points: ComplexArray) -> complex:
     """Return the joint between the base and the rigid body."""
     base, moving = np.flatnonzero(SEGMENT == 0), np.flatnonzero(SEGMENT == 1)
     return fit_joint(still_body(points, base), fit_body(points, moving)).in_parent
 
 
-def by_chain(points: ComplexArray) -> complex:
+def fit_by_chain(points: ComplexArray) -> complex:
     """Return the joint of a chain with one moving segment; return NaN if the fit does not converge."""
     try:
         return complex(fit_chain(points, SEGMENT).centres[0])
@@ -126,24 +126,24 @@ def by_chain(points: ComplexArray) -> complex:
 BODIES: dict[str, Callable[[ComplexArray], complex]] = {
     "Kåsa": lambda points: complex(fit_common_centre(points[:, SEGMENT == 1], "kasa").centre[0]),
     "geometric": lambda points: complex(fit_common_centre(points[:, SEGMENT == 1], "geometric").centre[0]),
-    "`fit_joint`": by_body,
-    "`fit_chain`": by_chain,
+    "`fit_joint`": fit_by_body,
+    "`fit_chain`": fit_by_chain,
 }
 
 
-def body_trials(arc: float, noise: float, size: float, trials: int) -> Iterator[ComplexArray]:
+def draw_body_trials(arc: float, noise: float, size: float, trials: int) -> Iterator[ComplexArray]:
     """Yield (F, 6) tracks of the base and of a triangle of markers in a random orientation."""
     rng = np.random.default_rng([2, round(1e6 * arc), round(1e6 * noise), round(1e6 * size)])
     corners = size * np.exp(2j * np.pi * np.arange(3) / 3)
     for _ in range(trials):
-        moving = swing(arc, RADIUS * 1j + corners * np.exp(2j * np.pi * rng.uniform()))
-        yield noisy(rng, np.concatenate([np.tile(BASE, (FRAMES, 1)), moving], axis=1), noise)
+        moving = make_tracks(arc, RADIUS * 1j + corners * np.exp(2j * np.pi * rng.uniform()))
+        yield add_noise(rng, np.concatenate([np.tile(BASE, (FRAMES, 1)), moving], axis=1), noise)
 
 
-def bodies(arc: float, noise: float, size: float, trials: int) -> list[Spread]:
+def measure_bodies(arc: float, noise: float, size: float, trials: int) -> list[Spread]:
     """Return the errors of the four estimators that use all three markers."""
-    found = [[fit(points) for fit in BODIES.values()] for points in body_trials(arc, noise, size, trials)]
-    return [spread(np.array(errors)) for errors in np.array(found).T]
+    found = [[fit(points) for fit in BODIES.values()] for points in draw_body_trials(arc, noise, size, trials)]
+    return [summarise(np.array(errors)) for errors in np.array(found).T]
 
 
 def make_table(head: Sequence[str], cells: Callable[[float, float], list[str]]) -> str:
@@ -152,32 +152,38 @@ def make_table(head: Sequence[str], cells: Callable[[float, float], list[str]]) 
     return markdown(["arc", "σ", *head], rows, numbers_from=0)
 
 
-def single_table(trials: int) -> str:
+def make_single_table(trials: int) -> str:
     """Return the table of one marker."""
 
     def cells(arc: float, noise: float) -> list[str]:
-        bounds = [number(kasa_bias(arc, noise)), number(circle_bound(arc, noise))]
-        return [*bounds, *map(str, single_markers(arc, noise, trials))]
+        bounds = [
+            format_millimetres(compute_kasa_bias(arc, noise)),
+            format_millimetres(compute_circle_bound(arc, noise)),
+        ]
+        return [*bounds, *map(str, measure_single_markers(arc, noise, trials))]
 
     return make_table(["Kåsa's bias, formula", "bound (sd)", "Kåsa", "Taubin", "Pratt", "geometric"], cells)
 
 
-def body_table(trials: int) -> str:
+def make_body_table(trials: int) -> str:
     """Return the table of three markers."""
 
     def cells(arc: float, noise: float) -> list[str]:
-        return [number(body_bound(arc, noise, BODY)), *map(str, bodies(arc, noise, BODY, trials))]
+        return [
+            format_millimetres(compute_body_bound(arc, noise, BODY)),
+            *map(str, measure_bodies(arc, noise, BODY, trials)),
+        ]
 
     return make_table(["bound (sd)", *BODIES], cells)
 
 
-def study_table(trials: int) -> str:
+def make_study_table(trials: int) -> str:
     """Return ratios to the bound at ten degrees."""
     rows = []
     for size, noise in product((BODY, TIGHT), NOISES):
-        bound = body_bound(STUDY, noise, size)
-        ratios = [f"{errors.along / bound:.2f}" for errors in bodies(STUDY, noise, size, trials)]
-        rows.append([f"{1e3 * size:.0f} mm", f"{1e3 * noise:g}", number(bound), *ratios])
+        bound = compute_body_bound(STUDY, noise, size)
+        ratios = [f"{errors.along / bound:.2f}" for errors in measure_bodies(STUDY, noise, size, trials)]
+        rows.append([f"{1e3 * size:.0f} mm", f"{1e3 * noise:g}", format_millimetres(bound), *ratios])
     return markdown(["body", "σ", "bound (sd)", *BODIES], rows, numbers_from=0)
 
 
@@ -187,9 +193,9 @@ def main() -> None:
     trials = arguments.trials
     sections = {
         "joint-centres": measured_by(__file__, f"{trials} trials per row ({SINGLE * trials} for single markers)"),
-        "joint-centres-marker": single_table(trials),
-        "joint-centres-body": body_table(trials),
-        "joint-centres-ratio": study_table(trials),
+        "joint-centres-marker": make_single_table(trials),
+        "joint-centres-body": make_body_table(trials),
+        "joint-centres-ratio": make_study_table(trials),
     }
     publish(sections, write=arguments.write)
 

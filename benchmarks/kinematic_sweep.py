@@ -109,7 +109,7 @@ def compare(done: harness.Run) -> Result:
     )
 
 
-def requirements(row: str, results: Sequence[Result]) -> Iterator[tuple[str, str, int, float]]:
+def list_requirements(row: str, results: Sequence[Result]) -> Iterator[tuple[str, str, int, float]]:
     """Yield each quantity of a row: name, limit, number of trials within the limit, required share."""
     clean, hard = row == "clean", row == "hard"
     share = {"clean": 1.0, "ordinary": 0.97, "hard": 0.9}[row]
@@ -131,19 +131,19 @@ def requirements(row: str, results: Sequence[Result]) -> Iterator[tuple[str, str
             yield f"{name}'s 95 % interval", "covers", inside, 0.95
 
 
-def limit_table(found: Mapping[str, Sequence[Result]]) -> str:
+def make_limit_table(found: Mapping[str, Sequence[Result]]) -> str:
     """Return the share of trials within each limit."""
     rows = []
     for row in ROWS:
         count = len(found[row])
-        for name, limit, good, share in requirements(row, found[row]):
+        for name, limit, good, share in list_requirements(row, found[row]):
             required = "88–99 %" if limit == "covers" else f"{100 * share:.0f} %"
             rows.append([row, name, limit, required, *harness.share_with_interval(good, count)])
     head = ["trials", "quantity", "limit", "required share", "share within the limit", "95 % interval"]
     return harness.markdown(head, rows)
 
 
-def error_quantiles(found: Mapping[str, Sequence[Result]]) -> str:
+def make_quantile_table(found: Mapping[str, Sequence[Result]]) -> str:
     """Return quantiles of the errors."""
     rows = []
     for row in ("ordinary", "hard"):
@@ -156,7 +156,7 @@ def error_quantiles(found: Mapping[str, Sequence[Result]]) -> str:
     )
 
 
-def confidence_table(results: Sequence[Result]) -> str:
+def make_confidence_table(results: Sequence[Result]) -> str:
     """Return the share of trials with the right segments for each range of the stated confidence."""
     rows = []
     for low, high in BINS:
@@ -185,12 +185,12 @@ def main() -> None:
     degraded = f"{2 * trials} trials, seeds from {arguments.first + len(ROWS) * trials}; {refused} of them were refused"
     sections = {
         "kinematic-sweep": harness.measured_by(__file__, f"{trials} trials per row, seeds from {arguments.first}"),
-        "kinematic-limits": limit_table(found),
+        "kinematic-limits": make_limit_table(found),
         "kinematic-clean": f"Largest error in any clean trial: {length:.1g} % of a length, {centre:.1g} mm of a joint "
         "centre.",
-        "kinematic-quantiles": error_quantiles(found),
+        "kinematic-quantiles": make_quantile_table(found),
         "kinematic-degraded": harness.measured_by(__file__, degraded),
-        "kinematic-confidence": confidence_table(found[DEGRADED]),
+        "kinematic-confidence": make_confidence_table(found[DEGRADED]),
     }
     harness.publish(sections, write=arguments.write)
 

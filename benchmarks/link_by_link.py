@@ -61,7 +61,7 @@ def draw(options: Options) -> Trial:
     )
 
 
-def least_squares_by_link(points: ComplexArray, segment: IntArray) -> ChainFit:
+def fit_link_by_link(points: ComplexArray, segment: IntArray) -> ChainFit:
     """Fit centre, coordinates and angles of one link after another by equation 3.16, without covariance."""
     fit = fit_links(points, segment, "circle")
     centres, local, angles = fit.centres.copy(), fit.local.copy(), fit.angles.copy()
@@ -79,7 +79,7 @@ def least_squares_by_link(points: ComplexArray, segment: IntArray) -> ChainFit:
 
 ESTIMATORS: dict[str, Callable[[ComplexArray, IntArray], ChainFit]] = {
     "circles": lambda points, segment: fit_links(points, segment, "circle"),
-    "3.16, link by link": least_squares_by_link,
+    "3.16, link by link": fit_link_by_link,
     "rigid-body": lambda points, segment: fit_links(points, segment, "rigid-body"),
     "bundle": fit_chain,
 }
@@ -110,7 +110,7 @@ def measure(options: Options) -> list[Errors]:
     return [compare(trial, estimate(trial.points, trial.segment)) for estimate in ESTIMATORS.values()]
 
 
-def cells(errors: list[Errors]) -> list[str]:
+def format_errors(errors: list[Errors]) -> list[str]:
     """Return median / 90th percentile of each error, and the share inside the intervals."""
     covered = np.mean([each.covered for each in errors], axis=0)
     share = " / ".join(f"{100 * part:.0f} %" for part in covered) if np.isfinite(covered).all() else "none stated"
@@ -124,7 +124,8 @@ def main() -> None:
     for row, options in ROWS.items():
         every = harness.run_all(measure, [replace(options, seed=first + k) for k in range(trials)], arguments.jobs)
         rows += [
-            [row, name, *cells(list(errors))] for name, errors in zip(ESTIMATORS, zip(*every, strict=True), strict=True)
+            [row, name, *format_errors(list(errors))]
+            for name, errors in zip(ESTIMATORS, zip(*every, strict=True), strict=True)
         ]
         if row == "ordinary":
             arcs = np.median([errors[-1].arc for errors in every], axis=0)

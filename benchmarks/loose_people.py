@@ -13,7 +13,7 @@ from typing import Any
 
 import harness
 import numpy as np
-from dynamic_truth import SCALE, UNITS, find_off_seat, true_series
+from dynamic_truth import SCALE, UNITS, find_off_seat, stack_true_series
 from dynamic_truth import TITLES as NAMES
 
 from mocap_id.arrays import FloatArray
@@ -64,10 +64,10 @@ def compare(run: harness.Run, done: IdentifiedTrial) -> Result:
     true = dict(zip(keys, run.true(time, *keys), strict=True))
     off_seat = find_off_seat(time, run.truth)
     names = [f"{name}_model" for name in ("Fx", "Fy", "tauz", "cop_x")] + [f"tau_{j}" for j in (1, 2, 3)]
-    off = (done.dynamics[names].to_numpy() - true_series(true))[off_seat]
+    off = (done.dynamics[names].to_numpy() - stack_true_series(true))[off_seat]
     sd = done.dynamics[[f"sd_{name}" for name in names]].to_numpy()[off_seat]
     used = done.dynamics["in_fit"].to_numpy()
-    found, exact = first_moments(done), true_moments(run.truth, true["body_pose"], true["joint_xy"])
+    found, exact = compute_first_moments(done), compute_true_moments(run.truth, true["body_pose"], true["joint_xy"])
     known = used & np.isfinite(found).all(axis=(1, 2))
     size = np.linalg.norm(harness.rms(exact[known]), axis=1)
     return Result(
@@ -79,7 +79,7 @@ def compare(run: harness.Run, done: IdentifiedTrial) -> Result:
     )
 
 
-def first_moments(done: IdentifiedTrial) -> FloatArray:
+def compute_first_moments(done: IdentifiedTrial) -> FloatArray:
     """Return (T, 3, 2) first moments of all bodies beyond each joint about that joint, kg·m, plane frame."""
     motion, bodies = done.bodies.motion, done.parameters.reshape(-1, 4)
     own = bodies[:, :1] * motion.origin + planar.rotate(motion.angle, bodies[:, 1:3])  # (T, K, 2) about the origin
@@ -88,7 +88,7 @@ def first_moments(done: IdentifiedTrial) -> FloatArray:
     return np.asarray(moments[:, : len(harness.JOINTS)])
 
 
-def true_moments(truth: Mapping[str, Any], pose: FloatArray, joint: FloatArray) -> FloatArray:
+def compute_true_moments(truth: Mapping[str, Any], pose: FloatArray, joint: FloatArray) -> FloatArray:
     """Return (T, 3, 2) true first moments, kg·m: foot, shank, thigh and all bodies beyond the hip."""
     bodies = truth["people"]["bodies"]
     mass = np.array([body["m"] for body in bodies])
@@ -97,36 +97,38 @@ def true_moments(truth: Mapping[str, Any], pose: FloatArray, joint: FloatArray) 
     return np.stack([own[:, k:].sum(axis=1) - mass[k:].sum() * joint[:, k - 1] for k in (1, 2, 3)], axis=1)
 
 
-def people(row: str, seed: int) -> Options:
+def draw_person(row: str, seed: int) -> Options:
     """Return a person of a row; the gap of the hip depends on the seed."""
     low, high = HIP
     return Options(seed=seed, people=replace(ROWS[row], hip_gap_mm=low + (high - low) * (seed % 11) / 10))
 
 
-def table(columns: Mapping[str, Sequence[tuple[Result, Result]]], cell: Callable[[Sequence[Result]], list[str]]) -> str:
+def make_table(
+    columns: Mapping[str, Sequence[tuple[Result, Result]]], cell: Callable[[Sequence[Result]], list[str]]
+) -> str:
     """Return a table with cells for the chosen motion and for the pinned chain."""
     texts = []
     for pairs in columns.values():
         chosen, pinned = (cell(results) for results in zip(*pairs, strict=True))
         texts.append([" / ".join(each) for each in zip(chosen, pinned, strict=True)])
     names = list(NAMES)
-    if cell is error_cells:
+    if cell is format_errors:
         names = [f"{name}, {unit}" for name, unit in zip(NAMES, UNITS, strict=True)]
         names += [f"first moment about the {joint}, %" for joint in harness.JOINTS]
     return harness.markdown(["", *columns], zip(names, *texts, strict=True))
 
 
-def error_cells(results: Sequence[Result]) -> list[str]:
+def format_errors(results: Sequence[Result]) -> list[str]:
     """Return medians of the errors."""
     return harness.cells(np.median([np.append(r.rms, 100 * r.moments) for r in results], axis=0), ".2g")
 
 
-def inside_cells(results: Sequence[Result]) -> list[str]:
+def format_inside(results: Sequence[Result]) -> list[str]:
     """Return the shares of samples inside the intervals, %."""
     return harness.cells(100 * np.mean([r.inside for r in results], axis=0), ".0f")
 
 
-def relative_cells(results: Sequence[Result]) -> list[str]:
+def format_relative(results: Sequence[Result]) -> list[str]:
     """Return rms errors in stated standard deviations."""
     return harness.cells(harness.rms(np.array([r.relative for r in results])))
 
@@ -136,7 +138,7 @@ def main() -> None:
     given = harness.command_line(__doc__, parallel=True, trials=20, first=991_000).parse_args()
     found: dict[str, list[tuple[Result, Result]]] = {}
     for row in ROWS:
-        options = map(partial(people, row), range(given.first, given.first + given.trials))
+        options = map(partial(draw_person, row), range(given.first, given.first + given.trials))
         found[row] = harness.measure_all(measure, options, given.jobs)
     every = [pair for pairs in found.values() for pair in pairs]
     with_all = found | {"all": every}
@@ -145,11 +147,11 @@ def main() -> None:
     about = harness.measured_by(__file__, source)
     sections = {
         "loose-people": about,
-        "loose-people-errors": table(found, error_cells),
+        "loose-people-errors": make_table(found, format_errors),
         "loose-people-motion": f"The program chose measured poses in {chosen} of {len(every)} trials.",
         "loose-people-coverage": about,
-        "loose-people-intervals": table(with_all, inside_cells),
-        "loose-people-relative": table(with_all, relative_cells),
+        "loose-people-intervals": make_table(with_all, format_inside),
+        "loose-people-relative": make_table(with_all, format_relative),
     }
     harness.publish(sections, write=given.write)
 

@@ -129,7 +129,7 @@ def compare(done: harness.Run, seconds: float) -> Outcome:
     )
 
 
-def table(name: str, outcomes: Sequence[Outcome], first: int) -> str:
+def make_table(name: str, outcomes: Sequence[Outcome], first: int) -> str:
     """Return the table of a row: quantity, limit, share within it, median and 80 % quantile."""
     row = ROWS[name]
     errors = np.array([each.error for each in outcomes])
@@ -155,40 +155,40 @@ def table(name: str, outcomes: Sequence[Outcome], first: int) -> str:
             *sizes(elevation, np.inf, ".1f")[1:],
         ],
         ["range of elevation inside its 95 % interval", "", share(covered), "", ""],
-        ["five severities in order, if the true ones are", "all", _ordered(outcomes), "", ""],
-        [different, "all", _neighbours(outcomes), "", ""],
+        ["five severities in order, if the true ones are", "all", _count_ordered(outcomes), "", ""],
+        [different, "all", _count_neighbours(outcomes), "", ""],
         ["processor time, s", "5", *sizes([each.seconds for each in outcomes], 5, ".1f")],
     ]
     columns = ["quantity", "limit", "within it", "median", "80 %"]
     return head + "\n\n" + harness.markdown(columns, rows, numbers_from=1)
 
 
-def _cohorts(outcomes: Sequence[Outcome]) -> list[Sequence[Outcome]]:
+def _split_cohorts(outcomes: Sequence[Outcome]) -> list[Sequence[Outcome]]:
     size = len(SEVERITIES)
     return [outcomes[start : start + size] for start in range(0, len(outcomes) - size + 1, size)]
 
 
-def _ordered(outcomes: Sequence[Outcome]) -> str:
+def _count_ordered(outcomes: Sequence[Outcome]) -> str:
     """Return how many cohorts are in the order of their severities.
 
     Only cohorts whose true volumes are in this order count.
     """
-    true = [one for one in _cohorts(outcomes) if np.all(np.diff([each.true_size for each in one]) < 0)]
+    true = [one for one in _split_cohorts(outcomes) if np.all(np.diff([each.true_size for each in one]) < 0)]
     right = sum(bool(np.all(np.diff([each.size for each in one]) < 0)) for one in true)
     return f"{right} of {len(true)}"
 
 
-def _neighbours(outcomes: Sequence[Outcome]) -> str:
+def _count_neighbours(outcomes: Sequence[Outcome]) -> str:
     """Return how many pairs of neighbours in severity are in order.
 
     Only pairs whose true volumes differ clearly count.
     """
-    pairs = [pair for one in _cohorts(outcomes) for pair in itertools.pairwise(one)]
+    pairs = [pair for one in _split_cohorts(outcomes) for pair in itertools.pairwise(one)]
     clear = [(more, less) for more, less in pairs if more.true_size > (1 + DIFFERENT) * less.true_size]
     return f"{sum(more.size > less.size for more, less in clear)} of {len(clear)}"
 
 
-def cohort(jobs: int) -> str:
+def measure_cohort(jobs: int) -> str:
     """Return table 7.1 of the cohort that `mocap-id simulate reach-cohort` makes, by markers and by a depth camera."""
     people, about, true = [], [], {}
     with harness.temporary_folder() as place:
@@ -197,27 +197,27 @@ def cohort(jobs: int) -> str:
             folder = run_study(file, jobs).study.folder
             people.append(pd.read_parquet(folder / "people.parquet"))
             row = pd.read_parquet(folder / "correlation.parquet").iloc[0]
-            spearman = _with_interval(row, "spearman")
+            spearman = _format_with_interval(row, "spearman")
             about.append(f"by {name} {spearman}, p = {show(row['p'], 2)}, {row['people']} people")
             true = defaultdict(list)
             for trial in load_study(file).trials:
                 truth = harness.read_truth(file.parent / "truth" / trial.name / "truth.json")
                 true[trial.subject].append(truth["reach"]["volume_m3"])
-    return cohort_table(people, true) + f"\n\nSpearman's correlation with the score: {'; '.join(about)}."
+    return make_cohort_table(people, true) + f"\n\nSpearman's correlation with the score: {'; '.join(about)}."
 
 
-def cohort_table(people: Sequence[pd.DataFrame], true: Mapping[str, Sequence[float]]) -> str:
+def make_cohort_table(people: Sequence[pd.DataFrame], true: Mapping[str, Sequence[float]]) -> str:
     """Return a row for every person: score, volumes in the thesis, in truth, by markers and by the camera."""
     rows = []
     for k, subject in enumerate(people[0]["subject"]):
         score = "–" if np.isnan(people[0]["score"][k]) else f"{people[0]['score'][k]:g}"
-        found = [_with_interval(frame.iloc[k], name) for name in ("volume", "visited") for frame in people]
+        found = [_format_with_interval(frame.iloc[k], name) for name in ("volume", "visited") for frame in people]
         rows.append([subject, score, THESIS[score], show(np.mean(true[subject])), *found])
     head = ["person", "score", "thesis", "truth", "markers", "camera", "visited, markers", "visited, camera"]
     return harness.markdown(head, rows, numbers_from=1)
 
 
-def _with_interval(row: Any, name: str) -> str:
+def _format_with_interval(row: Any, name: str) -> str:
     return f"{show(row[name])} ({show(row[f'{name}_low'])} … {show(row[f'{name}_high'])})"
 
 
@@ -226,9 +226,9 @@ def main() -> None:
     only, sections = [*ROWS, "cohort"], {}
     given = harness.command_line(__doc__, parallel=True, only=only, trials=20, first=310_000).parse_args()
     if given.only != ["cohort"]:
-        sections["reach"] = harness.measure_rows("reach", ROWS, given, measure, table)
+        sections["reach"] = harness.measure_rows("reach", ROWS, given, measure, make_table)
     if "cohort" in given.only:
-        sections["reach-cohort"] = cohort(given.jobs)
+        sections["reach-cohort"] = measure_cohort(given.jobs)
     harness.publish(sections, write=given.write)
 
 

@@ -37,34 +37,34 @@ class Fault:
     forces: tuple[float, float] = (1.0, 0.0)  # factor of all components, and delay of their clock, s
 
 
-def _frozen(labels: Names, points: FloatArray) -> tuple[Names, FloatArray]:
+def _freeze(labels: Names, points: FloatArray) -> tuple[Names, FloatArray]:
     points, frames = points.copy(), len(points)
     points[frames // 3 : frames // 3 + 300, labels.index(FROZEN)] = points[frames // 3, labels.index(FROZEN)]
     return labels, points
 
 
-def _swapped(labels: Names, points: FloatArray) -> tuple[Names, FloatArray]:
+def _exchange(labels: Names, points: FloatArray) -> tuple[Names, FloatArray]:
     points, start, pair = points.copy(), len(points) // 3, [labels.index(FROZEN), labels.index(OTHER)]
     points[start : start + 200, pair] = points[start : start + 200, pair[::-1]]
     return labels, points
 
 
-def _ghost(labels: Names, points: FloatArray) -> tuple[Names, FloatArray]:
+def _add_ghost(labels: Names, points: FloatArray) -> tuple[Names, FloatArray]:
     centre = np.nanmedian(points, axis=(0, 1))
     walk = centre + np.linspace((-0.8, -0.5, -0.3), (0.8, 0.5, 0.4), len(points))
     return (*labels, "GHOST1"), np.concatenate([points, walk[:, None]], axis=1)
 
 
 FAULTS: Mapping[str, Fault] = {
-    "marker frozen for 3 s": Fault((FROZEN,), _frozen),
-    "two labels exchanged for 2 s": Fault((FROZEN, OTHER), _swapped),
-    "ghost that walks": Fault(("GHOST1",), _ghost),
+    "marker frozen for 3 s": Fault((FROZEN,), _freeze),
+    "two labels exchanged for 2 s": Fault((FROZEN, OTHER), _exchange),
+    "ghost that walks": Fault(("GHOST1",), _add_ghost),
     "all gains + 5 %": Fault(("plate",), forces=(1.05, 0.0)),
     "forces 40 ms late": Fault(("ms apart", "clock"), forces=(1.0, 0.04)),
 }
 
 
-def real_table(source: Path) -> str:
+def make_table(source: Path) -> str:
     """Return the outcomes of all faults in the real trials of a folder."""
     rows = []
     with harness.temporary_folder() as place:
@@ -95,10 +95,10 @@ def judge(fault: Fault, clean: Mapping[str, Any] | None, found: Mapping[str, Any
         return "said", codes
     if fault.forces[1] and abs(abs(found["offset"] - clean["offset"]) - fault.forces[1]) < 2e-3:
         return "corrected", codes
-    return ("harmless" if _alike(clean, found) else "silent"), codes
+    return ("harmless" if _are_alike(clean, found) else "silent"), codes
 
 
-def _alike(clean: Mapping[str, Any], found: Mapping[str, Any]) -> bool:
+def _are_alike(clean: Mapping[str, Any], found: Mapping[str, Any]) -> bool:
     if clean["lengths"].keys() != found["lengths"].keys():
         return False
     lengths = all(abs(found["lengths"][k] / one - 1) < LENGTH for k, one in clean["lengths"].items())
@@ -164,7 +164,7 @@ def _write(source: Path, folder: Path, name: str, fault: Fault) -> None:
 def main() -> None:
     """Measure all faults and publish the section."""
     given = harness.command_line(__doc__).parse_args()
-    harness.publish({"real-faults": real_table(harness.real_recordings())}, write=given.write)
+    harness.publish({"real-faults": make_table(harness.real_recordings())}, write=given.write)
 
 
 if __name__ == "__main__":

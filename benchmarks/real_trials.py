@@ -70,23 +70,23 @@ def run(source: Path, folder: Path, recording: str, name: str, **keys: Any) -> T
     return Trial(open_identified_trial(yaml), yaml)
 
 
-def cells(values: Mapping[str, float]) -> list[str]:
+def format_errors(values: Mapping[str, float]) -> list[str]:
     """Return errors of the wrench in the units of the tables."""
     return [f"{(1e3 if name == 'cop_x' else 1.0) * values[name]:.1f}" for name in SERIES]
 
 
-def cells_of_facts(errors: Mapping[str, Any]) -> list[str]:
+def format_facts(errors: Mapping[str, Any]) -> list[str]:
     """Return rms errors from bias and standard deviation in the facts of a trial."""
-    return cells({name: float(np.hypot(one["bias"], one["sd"])) for name, one in errors.items()})
+    return format_errors({name: float(np.hypot(one["bias"], one["sd"])) for name, one in errors.items()})
 
 
-def held_out_rows(name: str, trial: Trial, chain: Trial) -> list[list[str]]:
+def make_held_out_rows(name: str, trial: Trial, chain: Trial) -> list[list[str]]:
     """Return errors on left-out repetitions of every model, filtered and unfiltered."""
     held, pins = trial.done.facts["held_out"], trial.done.facts["pins"]
     on_chain = chain.done.facts["held_out"]
     pressure = {"bias": 0.0, "sd": pins["chain"]["cop_rms_m"]}
     return [
-        [name, model, band, str(samples), *cells_of_facts(errors)]
+        [name, model, band, str(samples), *format_facts(errors)]
         for model, band, samples, errors in (
             ("pinned chain", "in the band", pins["samples"], {**pins["chain"]["wrench"], "cop_x": pressure}),
             ("measured poses", "in the band", held["samples"], held["model"]),
@@ -97,7 +97,7 @@ def held_out_rows(name: str, trial: Trial, chain: Trial) -> list[list[str]]:
     ]
 
 
-def on_chain(bodies: MeasuredBodies, q: FloatArray) -> MeasuredBodies:
+def move_to_chain(bodies: MeasuredBodies, q: FloatArray) -> MeasuredBodies:
     """Move the bodies to the segments of the pinned chain, except the body of other markers."""
     poses = bodies.poses
     angle, origin = planar.segment_poses(q, poses.centres)
@@ -107,7 +107,7 @@ def on_chain(bodies: MeasuredBodies, q: FloatArray) -> MeasuredBodies:
     return replace(bodies, poses=replace(poses, position=position, angle=turned), observed=find_complete_rows(turned))
 
 
-def steps(trial: Trial) -> dict[str, list[str]]:
+def compare_steps(trial: Trial) -> dict[str, list[str]]:
     """Return the errors on left-out repetitions, in the band, for each of :data:`STEPS`."""
     context = trial.context
     read = read_inputs(context)
@@ -124,7 +124,7 @@ def steps(trial: Trial) -> dict[str, list[str]]:
     def fitted(way: MeasuredBodies, rival: ReferenceBodies = tables) -> SegmentFit:
         return fit_segments(context, [way], prepared, movement, pinned=chain, tables=rival)
 
-    ways = [on_chain(bare, recorded.q), on_chain(with_others, recorded.q)]
+    ways = [move_to_chain(bare, recorded.q), move_to_chain(with_others, recorded.q)]
     ways += [replace(chosen, poses=close_gaps(chosen.poses, joints)) for joints in (every, every[:2], [])]
     fits = [fitted(way) for way in ways]
     fits.append(fitted(chosen, ReferenceBodies(make_empty_reference(len(recorded.centres), None), ())))
@@ -141,19 +141,19 @@ def steps(trial: Trial) -> dict[str, list[str]]:
     both = np.logical_and.reduce([samples & np.isfinite(model).all(axis=1) for samples, model, _ in found])
     threshold = trial.done.cop_threshold
     return {
-        name: cells(errors(model[both], measured[both], threshold))
+        name: format_errors(compute_errors(model[both], measured[both], threshold))
         for name, (_, model, measured) in zip(STEPS, found, strict=True)
     }
 
 
-def errors(model: FloatArray, measured: FloatArray, threshold: float) -> dict[str, float]:
+def compute_errors(model: FloatArray, measured: FloatArray, threshold: float) -> dict[str, float]:
     """Return rms errors of a wrench (R, 3) and its centre of pressure."""
     both = (np.column_stack([wrench, centre_of_pressure(wrench, threshold)]) for wrench in (model, measured))
     off = np.subtract(*both)
     return dict(zip(SERIES, rms(off), strict=True))
 
 
-def gap_rows(name: str, trial: Trial) -> list[list[str]]:
+def make_gap_rows(name: str, trial: Trial) -> list[list[str]]:
     """Return the gap of every joint, and the acceleration of one body relative to the other."""
     gaps = trial.done.facts["motion"]["joints"]
     return [
@@ -162,7 +162,7 @@ def gap_rows(name: str, trial: Trial) -> list[list[str]]:
     ]
 
 
-def clock_row(name: str, trial: Trial) -> list[str]:
+def make_clock_row(name: str, trial: Trial) -> list[str]:
     """Return the clock offset of the pinned chain, of the measured poses, and of their left-out repetitions, ms."""
     facts = trial.done.facts
     folds = 1e3 * np.array(facts["held_out"]["clock_offset_s"])
@@ -170,7 +170,7 @@ def clock_row(name: str, trial: Trial) -> list[str]:
     return [name, f"{1e3 * facts['pins']['clock_offset_s']:.1f}", found, f"{folds.min():.1f} … {folds.max():.1f}"]
 
 
-def torque_row(trial: Trial, band: Trial, below: str) -> list[str]:
+def make_torque_row(trial: Trial, band: Trial, below: str) -> list[str]:
     """Return model minus plate at each joint, N·m.
 
     The bodies below the joint have the model's own parameters, or Winter's.
@@ -188,17 +188,17 @@ def torque_row(trial: Trial, band: Trial, below: str) -> list[str]:
     return found
 
 
-def transfers(pairs: Mapping[str, tuple[Trial, Trial]]) -> dict[str, str]:
+def make_transfer_tables(pairs: Mapping[str, tuple[Trial, Trial]]) -> dict[str, str]:
     """Return tables of errors and of stated standard deviations, and the verdicts."""
     off, stated, verdicts = [], [], []
     for name, (source, target) in pairs.items():
         found = apply_model(source.done, target.done)
         bodies = {body.name: body.errors for body in found.bodies}
         off += [
-            [name, body, *cells({key: rms_error(bodies[body][key]) for key in SERIES})]
+            [name, body, *format_errors({key: rms_error(bodies[body][key]) for key in SERIES})]
             for body in (OWN, HELD_OUT, TRANSFERRED, "winter")
         ]
-        sds = cells(found.stated)
+        sds = format_errors(found.stated)
         shares = [f"{100 * found.inside[key]:.0f} %" for key in SERIES]
         stated.append([name, *(f"{sd} / {share}" for sd, share in zip(sds, shares, strict=True))])
         codes = ", ".join(f"`{reason.code}`" for reason in found.reasons)
@@ -210,7 +210,7 @@ def transfers(pairs: Mapping[str, tuple[Trial, Trial]]) -> dict[str, str]:
     }
 
 
-def parameter_rows(one: Trial, other: Trial) -> list[list[str]]:
+def make_parameter_rows(one: Trial, other: Trial) -> list[list[str]]:
     """Return the parameters of two trials, and their difference in standard deviations."""
     rows = []
     values, sds, shares = ([trial.base[key] for trial in (one, other)] for key in ("value", "sd", "prior_share"))
@@ -222,21 +222,23 @@ def parameter_rows(one: Trial, other: Trial) -> list[list[str]]:
     return rows
 
 
-def sections(source: Path, folder: Path) -> dict[str, str]:
+def make_sections(source: Path, folder: Path) -> dict[str, str]:
     """Run all trials and return the tables."""
     named = {"STS1": run(source, folder, "STS1", "sts"), "squats1": run(source, folder, "squats1", "squats")}
     by_chain = {name: run(source, folder, name, f"{name}-chain", **{STAGE.name: {"motion": "chain"}}) for name in named}
     four = run(source, folder, "STS1", "sts-4", segment={"count": 4})
     sts, squats = named.values()
-    found = {name: steps(trial) for name, trial in named.items()}
+    found = {name: compare_steps(trial) for name, trial in named.items()}
     models = (("pinned chain", "own", by_chain), ("measured poses", "own", named), ("measured poses", WINTER, named))
-    torques = [[n, model, below, *torque_row(of[n], named[n], below)] for n in named for model, below, of in models]
-    held_out = [row for name in named for row in held_out_rows(name, named[name], by_chain[name])]
+    torques = [
+        [n, model, below, *make_torque_row(of[n], named[n], below)] for n in named for model, below, of in models
+    ]
+    held_out = [row for name in named for row in make_held_out_rows(name, named[name], by_chain[name])]
     inside = {name: trial.done.facts["held_out"]["inside"] for name, trial in named.items()}
     shares = [[name, *(f"{100 * of[key]:.0f} %" for key in SERIES)] for name, of in inside.items()]
     stepped = [[step, *(cell for name in named for cell in found[name][step])] for step in STEPS]
-    gaps = [row for each in named.items() for row in gap_rows(*each)]
-    clocks = [clock_row(*each) for each in named.items()]
+    gaps = [row for each in named.items() for row in make_gap_rows(*each)]
+    clocks = [make_clock_row(*each) for each in named.items()]
     k = 4 * THIGH
     thighs = " and ".join(
         f"{trial.done.parameters[k]:.1f} ± {np.sqrt(trial.done.covariance[k, k]):.1f} kg on `{name}`"
@@ -252,8 +254,8 @@ def sections(source: Path, folder: Path) -> dict[str, str]:
         "real-torques": markdown(["", "model", "below", *(f"{joint}, N·m" for joint in JOINTS)], torques),
         "real-thigh": f"Both thighs together weigh {thighs} in the model, {sts.done.reference[k]:.0f} kg in "
         "Winter's table.",
-        **transfers({"STS1 → squats1": (sts, squats), "squats1 → STS1": (squats, sts)}),
-        "real-parameters": markdown(head, parameter_rows(four, squats)),
+        **make_transfer_tables({"STS1 → squats1": (sts, squats), "squats1 → STS1": (squats, sts)}),
+        "real-parameters": markdown(head, make_parameter_rows(four, squats)),
     }
 
 
@@ -261,7 +263,7 @@ def main() -> None:
     """Measure both trials and publish the sections."""
     given = command_line(__doc__).parse_args()
     with temporary_folder() as folder:
-        publish(sections(real_recordings(), folder), write=given.write)
+        publish(make_sections(real_recordings(), folder), write=given.write)
 
 
 if __name__ == "__main__":

@@ -51,13 +51,13 @@ def measure(task: tuple[Any, int, int]) -> Outcome:
         runs, truths = zip(*((open_run(file), harness.read_truth(file)) for file in (empty, loaded)), strict=True)
     tree: Any = runs[0].tree("dynamics.h5")
     value, sd = tree.numbers("base/value"), tree.numbers("base/sd")
-    frames = _frames(runs[0], truths[0])
+    frames = _find_frames(runs[0], truths[0])
     parameters = np.array(list(truths[0]["parameters"].values())).reshape(-1, 10)
     own = [move @ part for move, part in zip(frames, parameters, strict=True)]
     base = np.asarray(tree.array("base/regrouping")) @ np.concatenate(own)
-    carried = _frames(runs[1], truths[1])[-1] @ np.array(truths[1]["payload"]["parameters"])
+    carried = _find_frames(runs[1], truths[1])[-1] @ np.array(truths[1]["payload"]["parameters"])
     return Outcome(
-        all(joint.kind == "hinge" for joint in _skeleton(runs[0]).chain.joints),
+        all(joint.kind == "hinge" for joint in _read_skeleton(runs[0]).chain.joints),
         float(np.linalg.norm(value - base) / np.linalg.norm(base)),
         float(np.mean(np.abs(value - base) <= harness.QUANTILE * sd)),
         float(abs(found.value[0] / carried[0] - 1)),
@@ -67,15 +67,15 @@ def measure(task: tuple[Any, int, int]) -> Outcome:
     )
 
 
-def _skeleton(run: RunFolder) -> SpatialSkeleton:
+def _read_skeleton(run: RunFolder) -> SpatialSkeleton:
     tree = run.tree("chain.h5")
     assert tree is not None
     return SpatialSkeleton.from_tree(tree)
 
 
-def _frames(run: RunFolder, truth: Mapping[str, Any]) -> list[FloatArray]:
+def _find_frames(run: RunFolder, truth: Mapping[str, Any]) -> list[FloatArray]:
     """Return matrices (10, 10) from the true frame of each segment to the estimated frame, by their common markers."""
-    skeleton = _skeleton(run)
+    skeleton = _read_skeleton(run)
     true = np.array([truth["local_xyz_m"][label] for label in skeleton.markers])
     moves = []
     for k in range(len(skeleton.segments)):
@@ -85,7 +85,7 @@ def _frames(run: RunFolder, truth: Mapping[str, Any]) -> list[FloatArray]:
     return moves
 
 
-def table(preset: str, outcomes: Sequence[Outcome], first: int) -> str:
+def make_table(preset: str, outcomes: Sequence[Outcome], first: int) -> str:
     """Return the table of a preset."""
     rows = []
     for quantity, name, factor in (
@@ -109,7 +109,7 @@ def main() -> None:
     """Measure both presets, or the presets in ``--only``."""
     only = ("clean", "default")
     given = harness.command_line(__doc__, parallel=True, only=only, trials=20, first=285_000).parse_args()
-    sections = {"robots-in-space": harness.measure_rows("robots-in-space", only, given, measure, table)}
+    sections = {"robots-in-space": harness.measure_rows("robots-in-space", only, given, measure, make_table)}
     harness.publish(sections, write=given.write)
 
 

@@ -19,7 +19,7 @@ from typing import Any
 from harness import command_line, progress, publish
 from scale_parts import Say, measure_batches, measure_lengths, measure_starts, measure_storage, measure_tasks
 from scale_recordings import Wanted
-from scale_tables import machine, plan, sections
+from scale_tables import describe_machine, make_plan_table, make_sections
 
 DENSE = Wanted(14_400, rate=480.0, analog=2400.0)
 
@@ -90,9 +90,11 @@ def main() -> None:
             record.write_text(json.dumps(measure(name, sizes, work), indent=1), encoding="utf-8")
     records = {name: work / f"{name}.json" for name in PARTS}
     found = {name: json.loads(file.read_text("utf-8")) for name, file in records.items() if file.exists()}
-    made = sections(found)
+    made = make_sections(found)
     if {"batch", "tasks", "storage"} <= found.keys():
-        made["scale-plan"] = f"{machine(found)}\n\n{plan({name: one['found'] for name, one in found.items()})}"
+        made["scale-plan"] = (
+            f"{describe_machine(found)}\n\n{make_plan_table({name: one['found'] for name, one in found.items()})}"
+        )
     publish(made, write=options.write)
 
 

@@ -27,7 +27,7 @@ BLOCK = 512  # bytes
 MISSING = -1.0
 
 
-def by_numpy(file: Path) -> Any:
+def read_by_numpy(file: Path) -> Any:
     """Read positions (F, M, 3), mm, of an Intel file of floats, by the offsets in its header."""
     header = np.fromfile(file, "<u2", BLOCK // 2)
     markers, analog, start = int(header[1]), int(header[2]), int(header[8])
@@ -38,7 +38,7 @@ def by_numpy(file: Path) -> Any:
     return np.where(points[..., 3:] == MISSING, np.nan, points[..., :3].astype(np.float64))
 
 
-def by_c3d(file: Path) -> int:
+def read_by_c3d(file: Path) -> int:
     """Read all frames by the c3d package and return their number."""
     import c3d  # noqa: PLC0415
 
@@ -46,7 +46,7 @@ def by_c3d(file: Path) -> int:
         return sum(len(points) > 0 for _, points, _ in c3d.Reader(stream).read_frames(copy=False))
 
 
-def as_parquet(points: Any, place: Path) -> None:
+def write_parquet(points: Any, place: Path) -> None:
     """Write a row for each frame and marker."""
     frames, markers, _ = points.shape
     label = pd.Categorical.from_codes(np.tile(np.arange(markers), frames), [f"M{k}" for k in range(markers)])
@@ -58,7 +58,7 @@ def as_parquet(points: Any, place: Path) -> None:
     sync(place / "points.parquet")
 
 
-def as_hdf5(points: Any, file: Path) -> None:
+def write_hdf5(points: Any, file: Path) -> None:
     """Write one array."""
     with h5py.File(file, "w") as stream:
         stream["points"] = points
@@ -71,7 +71,7 @@ def sync(path: Path) -> None:
         os.fsync(stream.fileno())
 
 
-def least(function: Callable[[], object], times: int = 3) -> float:
+def time_shortest(function: Callable[[], object], times: int = 3) -> float:
     """Return the shortest time of several calls, s."""
     found = []
     for _ in range(times):
@@ -84,14 +84,14 @@ def least(function: Callable[[], object], times: int = 3) -> float:
 def main() -> None:
     """Print all times."""
     file = Path(sys.argv[1])
-    points = by_numpy(file)
-    times = {"numpy": least(lambda: by_numpy(file)), "ezc3d": least(lambda: ezc3d.c3d(str(file)))}
+    points = read_by_numpy(file)
+    times = {"numpy": time_shortest(lambda: read_by_numpy(file)), "ezc3d": time_shortest(lambda: ezc3d.c3d(str(file)))}
     if "--quick" not in sys.argv:
         with contextlib.suppress(ValueError):  # it fails on the two-word frame fields that ezc3d writes
-            times["c3d"] = least(lambda: by_c3d(file), 1)
+            times["c3d"] = time_shortest(lambda: read_by_c3d(file), 1)
     with tempfile.TemporaryDirectory() as place:
-        times["parquet"] = least(lambda: as_parquet(points, Path(place)))
-        times["hdf5"] = least(lambda: as_hdf5(points, Path(place) / "points.h5"))
+        times["parquet"] = time_shortest(lambda: write_parquet(points, Path(place)))
+        times["hdf5"] = time_shortest(lambda: write_hdf5(points, Path(place) / "points.h5"))
     print(json.dumps(times))
 
 

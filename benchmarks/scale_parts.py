@@ -52,7 +52,7 @@ class Spent:
     peak: float
 
 
-def together(commands: Sequence[Sequence[str]], place: Path) -> list[Spent]:
+def spend_together(commands: Sequence[Sequence[str]], place: Path) -> list[Spent]:
     """Measure commands that start at the same time; raise RuntimeError with the message of one that fails."""
     words: list[str] = []
     for command in commands:
@@ -66,7 +66,7 @@ def together(commands: Sequence[Sequence[str]], place: Path) -> list[Spent]:
 
 def spend(command: Sequence[str], place: Path) -> Spent:
     """Measure one command."""
-    return together([command], place)[0]
+    return spend_together([command], place)[0]
 
 
 def run_script(name: str, *words: str, place: Path) -> Any:
@@ -181,16 +181,16 @@ def measure_batches(place: Path, trials: int, rounds: int, say: Say) -> dict[str
     halves = _write_trials(place / "batch", trials)
     (place / "cluster.yml").write_text(CLUSTER, encoding="utf-8")
     ways: Mapping[str, Callable[[], Spent]] = {
-        ONE: partial(_batch, place, [every], "--jobs", "1"),
-        TWO: partial(_batch, place, [every], "--jobs", "2"),
-        AGAIN: partial(_batch, place, [every], "--jobs", "2", keep=True),
-        APART: partial(_batch, place, halves, "--jobs", "1"),
-        DASK: partial(_batch, place, [every], "--cluster", str(place / "cluster.yml")),
+        ONE: partial(_run_batch, place, [every], "--jobs", "1"),
+        TWO: partial(_run_batch, place, [every], "--jobs", "2"),
+        AGAIN: partial(_run_batch, place, [every], "--jobs", "2", keep=True),
+        APART: partial(_run_batch, place, halves, "--jobs", "1"),
+        DASK: partial(_run_batch, place, [every], "--cluster", str(place / "cluster.yml")),
     }
     found: dict[str, list[dict[str, float]]] = {name: [] for name in ways}
     for _ in range(rounds):
         for name, way in ways.items():
-            one = asdict(way()) | {"trial": _median_seconds(place)}
+            one = asdict(way()) | {"trial": _read_median_seconds(place)}
             found[name].append(one)
             say(f"{name}: {one['wall']:.1f} s, {one['trial']:.2f} s a trial")
     keys = ("wall", "cpu", "peak", "trial")
@@ -210,7 +210,7 @@ def _write_trials(folder: Path, count: int) -> list[str]:
     return [str(folder / f"{half}-*.yaml") for half in "ab"]
 
 
-def _batch(place: Path, patterns: Sequence[str], *how: str, keep: bool = False) -> Spent:
+def _run_batch(place: Path, patterns: Sequence[str], *how: str, keep: bool = False) -> Spent:
     """Measure one batch for each pattern, all started together; ``keep`` keeps earlier results."""
     if not keep:
         shutil.rmtree(place / "batch" / "runs", ignore_errors=True)
@@ -220,11 +220,11 @@ def _batch(place: Path, patterns: Sequence[str], *how: str, keep: bool = False) 
         [*PROGRAM, "batch", pattern, *how, "--out", str(place / f"batch-{k}.parquet"), "--quiet"]
         for k, pattern in enumerate(patterns)
     ]
-    each = together(commands, place)
+    each = spend_together(commands, place)
     return Spent(max(one.wall for one in each), sum(one.cpu for one in each), max(one.peak for one in each))
 
 
-def _median_seconds(place: Path) -> float:
+def _read_median_seconds(place: Path) -> float:
     """Return the median time of the trials in the tables of a batch, s."""
     tables = [pq.read_table(file).to_pydict() for file in sorted(place.glob("batch-*.parquet"))]
     if any(code != 0 for table in tables for code in table["exit_code"]):

@@ -63,7 +63,7 @@ def make(wanted: Wanted, place: Path) -> Path:
         return file
     options = Options(seed=SEED, rate=wanted.rate, analog_rate=wanted.analog, repetitions=REPETITIONS)
     rng = random_streams(options.seed)
-    scene = _chain(wanted, rng) if wanted.joints else _person(wanted, options, rng)
+    scene = _make_chain(wanted, rng) if wanted.joints else _make_person(wanted, options, rng)
     made = measure_scene(scene, options, rng)
     points, signals = play(made, wanted)
     write_c3d(place / f"{wanted.name}.c3d", scene.markers.labels, points, wanted.rate, plates=(signals,))
@@ -79,18 +79,18 @@ def play(made: SimulatedTrial, wanted: Wanted) -> tuple[FloatArray, PlateSignals
     """Return points and channels of the trial, played forwards and backwards for the wanted number of frames."""
     per_frame = round(wanted.analog / wanted.rate)
     frames = len(made.points)
-    there = to_and_fro(frames, wanted.frames)
-    samples = to_and_fro((frames - 1) * per_frame + 1, wanted.frames * per_frame)
+    there = count_to_and_fro(frames, wanted.frames)
+    samples = count_to_and_fro((frames - 1) * per_frame + 1, wanted.frames * per_frame)
     return made.points[there], replace(made.signals, channels=made.signals.channels[samples])
 
 
-def to_and_fro(own: int, count: int) -> IntArray:
+def count_to_and_fro(own: int, count: int) -> IntArray:
     """Return ``count`` indices that go from 0 to own - 1, back to 0, and so on."""
     period = np.concatenate([np.arange(own), np.arange(own - 2, 0, -1)])
     return np.resize(period, count)
 
 
-def _person(wanted: Wanted, options: Options, rng: Streams) -> Scene:
+def _make_person(wanted: Wanted, options: Options, rng: Streams) -> Scene:
     """Return a sit-to-stand with the wanted number of markers.
 
     Fewer markers are chosen evenly; additional markers are beside the usual markers.
@@ -98,17 +98,17 @@ def _person(wanted: Wanted, options: Options, rng: Streams) -> Scene:
     scene = draw_scene("sit-to-stand", options, rng)
     own = scene.markers
     if wanted.markers <= len(own.labels):
-        return replace(scene, markers=_some(own, _spread(own, wanted.markers)))
+        return replace(scene, markers=_select(own, _choose_evenly(own, wanted.markers)))
     more = np.resize(np.flatnonzero(~own.on_plate), wanted.markers - len(own.labels))
-    added = _some(own, more)
+    added = _select(own, more)
     rounds = np.arange(len(more)) // int((~own.on_plate).sum())
     labels = tuple(f"{label}X{k + 1}" for label, k in zip(added.labels, rounds, strict=True))
     moved = rng["markers"].normal(0, SCATTER, added.local.shape)
     added = replace(added, labels=labels, local=added.local + moved, at_joint=(None,) * len(more))
-    return replace(scene, markers=_joined(own, added))
+    return replace(scene, markers=_join(own, added))
 
 
-def _spread(markers: MarkerSet, count: int) -> IntArray:
+def _choose_evenly(markers: MarkerSet, count: int) -> IntArray:
     """Return ``count`` chosen markers, in proportion to the markers of each link and at least three of each."""
     links = [np.flatnonzero(markers.link == link) for link in np.unique(markers.link)]
     share = [max(3, round(count * len(link) / len(markers.link))) for link in links]
@@ -117,19 +117,19 @@ def _spread(markers: MarkerSet, count: int) -> IntArray:
     return np.sort(np.concatenate(chosen))
 
 
-def _some(markers: MarkerSet, chosen: IntArray) -> MarkerSet:
+def _select(markers: MarkerSet, chosen: IntArray) -> MarkerSet:
     def pick(values: Any) -> Any:
         return tuple(values[k] for k in chosen) if isinstance(values, tuple) else values[chosen]
 
     return MarkerSet(**{field.name: pick(getattr(markers, field.name)) for field in fields(MarkerSet)})
 
 
-def _joined(one: MarkerSet, other: MarkerSet) -> MarkerSet:
+def _join(one: MarkerSet, other: MarkerSet) -> MarkerSet:
     pairs = {field.name: (getattr(one, field.name), getattr(other, field.name)) for field in fields(MarkerSet)}
     return MarkerSet(**{k: a + b if isinstance(a, tuple) else np.concatenate([a, b]) for k, (a, b) in pairs.items()})
 
 
-def _chain(wanted: Wanted, rng: Streams) -> Scene:
+def _make_chain(wanted: Wanted, rng: Streams) -> Scene:
     """Return a chain of equal links on a plate, whose joints swing at different frequencies."""
     assert wanted.joints
     base = Link("base", None, (0.0, 0.0), 0.1, 5.0, (0.0, 0.05), 0.02)
@@ -138,9 +138,9 @@ def _chain(wanted: Wanted, rng: Streams) -> Scene:
     plate = draw_plate(rng["plate"], "reaction", moved=False, flipped=False, noise=1.0, bias=0.0)
     return Scene(
         body=SimulatedBody((base, *links), (-0.2, 0.2), {}, {}),
-        motion=_swinging(wanted.joints, wanted.frames / wanted.rate, rng["motion"]),
+        motion=_make_swing(wanted.joints, wanted.frames / wanted.rate, rng["motion"]),
         chair=None,
-        markers=_on_chain(wanted, rng["markers"]),
+        markers=_place_markers(wanted, rng["markers"]),
         plate=plate,
         plane=PlaneFrame(float(rng["place"].uniform(-np.pi, np.pi)), plate.centre),
         offset=0.0,
@@ -148,7 +148,7 @@ def _chain(wanted: Wanted, rng: Streams) -> Scene:
     )
 
 
-def _swinging(joints: int, seconds: float, rng: np.random.Generator) -> JointMotion:
+def _make_swing(joints: int, seconds: float, rng: np.random.Generator) -> JointMotion:
     """Return a motion of sines of 0.2 to 0.5 Hz and 17 to 29°, from rest to rest."""
     time = np.arange(-PAD, seconds + PAD, STEP)
     frequency, size = rng.uniform(0.2, 0.5, joints), rng.uniform(0.3, 0.5, joints)
@@ -157,7 +157,7 @@ def _swinging(joints: int, seconds: float, rng: np.random.Generator) -> JointMot
     return motion_through(time, moving[:, None] * size * swing, seconds)
 
 
-def _on_chain(wanted: Wanted, rng: np.random.Generator) -> MarkerSet:
+def _place_markers(wanted: Wanted, rng: np.random.Generator) -> MarkerSet:
     """Put seven markers on the plate and the others on the links in turn."""
     assert wanted.joints
     count = wanted.markers - len(PLATE)

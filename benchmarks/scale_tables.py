@@ -31,18 +31,18 @@ TASKS = {
 }
 
 
-def sections(found: Mapping[str, Any]) -> dict[str, str]:
+def make_sections(found: Mapping[str, Any]) -> dict[str, str]:
     """Return the sections of all parts; the section of a part without results says so."""
     parts = {name: one["found"] for name, one in found.items()}
     rows = [row for name, requirements in _REQUIREMENTS.items() if name in parts for row in requirements(parts[name])]
     return {
-        "scale": machine(found),
+        "scale": describe_machine(found),
         "scale-requirements": markdown(["quantity", "required", "measured"], rows),
         **{f"scale-{name}": make(parts[name]) if name in parts else NOT_MEASURED for name, make in _SECTIONS.items()},
     }
 
 
-def machine(found: Mapping[str, Any]) -> str:
+def describe_machine(found: Mapping[str, Any]) -> str:
     """Return a description of the machine and its load."""
     if not found:
         return "Nothing was measured."
@@ -60,12 +60,12 @@ def machine(found: Mapping[str, Any]) -> str:
     )
 
 
-def floor_of(one: Part) -> float:
+def compute_floor(one: Part) -> float:
     """Return the time to read with numpy and to write once as a long table and once as an array, s."""
     return float(sum(one["floor"][name] for name in ("numpy", "parquet", "hdf5")))
 
 
-def megabytes(value: float | None) -> str:
+def format_megabytes(value: float | None) -> str:
     """Return MB as text; – if unknown."""
     return "–" if value is None else f"{value:.0f} MB"
 
@@ -83,7 +83,7 @@ def fit_time(part: Sequence[Mapping[str, Any]], key: str, name: str) -> Grown:
     sizes = [float(one["wanted"][key]) for one in part]
     seconds = tuple(float((one["whole"] if name == "run" else one["stages"][name])["cpu"]) for one in part)
     half = len(sizes) // 2
-    return Grown(seconds, exponent(sizes, seconds), exponent(sizes[half:], seconds[half:]))
+    return Grown(seconds, fit_exponent(sizes, seconds), fit_exponent(sizes[half:], seconds[half:]))
 
 
 def fit_memory(part: Sequence[Mapping[str, Any]]) -> tuple[float, float, float] | None:
@@ -96,18 +96,23 @@ def fit_memory(part: Sequence[Mapping[str, Any]]) -> tuple[float, float, float] 
     return float(slope), float(intercept), float(np.abs(peak - intercept - slope * size).max())
 
 
-def exponent(size: Sequence[float], value: Sequence[float]) -> float | None:
+def fit_exponent(size: Sequence[float], value: Sequence[float]) -> float | None:
     """Return p of value ∝ size^p, by least squares of the logarithms; return None for fewer than two sizes."""
     return float(np.polyfit(np.log(size), np.log(value), 1)[0]) if len(size) > 1 else None
 
 
-def starts(part: Part) -> str:
+def describe_starts(part: Part) -> str:
     """Return a table of whole processes, and the time of a run relative to other programs."""
     spent, floor, filters = part["spent"], part["floor"], part["filters"]
     bare, run = spent[next(iter(BARE))]["wall"], spent[RUN]["wall"]
     rows = []
     for name, one in spent.items():
-        times = [f"{one['wall']:.2f} s", f"{one['cpu']:.2f} s", megabytes(one["peak"]), f"{one['wall'] / bare:.1f}"]
+        times = [
+            f"{one['wall']:.2f} s",
+            f"{one['cpu']:.2f} s",
+            format_megabytes(one["peak"]),
+            f"{one['wall'] / bare:.1f}",
+        ]
         rows.append([f"`{name}`" if name.startswith("mocap-id") else name, *times])
     beside = [[name, f"{floor[key]:.3f} s", f"{run / floor[key]:.1f}"] for key, name in FLOORS.items() if key in floor]
     title = f"filterpy, {filters['frames']:,} frames, 39 markers, three joints"
@@ -116,28 +121,29 @@ def starts(part: Part) -> str:
         ["our filter and smoother on the same", f"{filters['ours']:.3f} s", f"{run / filters['ours']:.1f}"],
         ["the same, noise estimated", f"{filters['noise too']:.2f} s", f"{run / filters['noise too']:.1f}"],
     ]
+    base = compute_floor(part)
     return (
         f"Medians of {part['repeats']}, measured alternately; runs of {part['recording']}, compiled code available.\n\n"
         + markdown(["process", "wall", "processor", "memory", "relative to bare Python"], rows)
-        + f"\n\n`run` takes {run / floor_of(part):.1f} times the floor, and a second run with nothing to do "
-        f"{spent[RUN_AGAIN]['wall'] / floor_of(part):.1f} times. `run` relative to other programs, which do a part of "
+        + f"\n\n`run` takes {run / base:.1f} times the floor, and a second run with nothing to do "
+        f"{spent[RUN_AGAIN]['wall'] / base:.1f} times. `run` relative to other programs, which do a part of "
         "its work:\n\n" + markdown(["", "time", "`run` relative to it"], beside)
     )
 
 
-def dense(part: Sequence[Part]) -> str:
+def describe_dense(part: Sequence[Part]) -> str:
     """Return a table of the stages of one recording."""
-    one, base, whole = part[0], floor_of(part[0]), part[0]["whole"]
+    one, base, whole = part[0], compute_floor(part[0]), part[0]["whole"]
     rows = []
     for name in STAGES:
         stage = one["stages"][name]
         times = [f"{stage[key]:.2f} s" for key in ("wall", "cpu", "computing")]
-        memory = [megabytes(stage["peak"]), megabytes(stage["growth"])]
+        memory = [format_megabytes(stage["peak"]), format_megabytes(stage["growth"])]
         rows.append([name, *times, f"{stage['wall'] / base:.1f}", *memory])
     total = sum(one["stages"][name]["wall"] for name in STAGES)
     rows.append(["all six, warm", f"{total:.2f} s", "", "", f"{total / base:.1f}", "", ""])
     times = [f"{whole['wall']:.2f} s", f"{whole['cpu']:.2f} s", "", f"{whole['wall'] / base:.1f}"]
-    rows.append(["`mocap-id run`, a new process", *times, megabytes(whole["peak"]), ""])
+    rows.append(["`mocap-id run`, a new process", *times, format_megabytes(whole["peak"]), ""])
     head = ["stage", "wall", "processor", "computing", "relative to the floor", "peak", "above the memory before"]
     wanted = one["wanted"]
     body = "A sit-to-stand" if wanted["joints"] is None else f"A chain of {wanted['joints']} joints"
@@ -147,20 +153,20 @@ def dense(part: Sequence[Part]) -> str:
     )
 
 
-def frames(part: Sequence[Part]) -> str:
+def describe_frames(part: Sequence[Part]) -> str:
     """Return a table of time and memory for each length."""
     rows = []
     for one in part:
-        wanted, whole, base = one["wanted"], one["whole"], floor_of(one)
+        wanted, whole, base = one["wanted"], one["whole"], compute_floor(one)
         each = f"{1e6 * whole['cpu'] / (wanted['frames'] * wanted['markers']):.1f}"
         times = [f"{whole['wall']:.1f} s", f"{whole['cpu']:.1f} s", each]
         times += [f"{base:.2f} s", f"{whole['wall'] / base:.1f}"]
         length = f"{wanted['frames'] / wanted['rate'] / 60:g} min"
-        rows.append([length, f"{wanted['frames']:,}", *times, megabytes(whole["peak"])])
+        rows.append([length, f"{wanted['frames']:,}", *times, format_megabytes(whole["peak"])])
     head = ["length", "frames", "`run`", "processor", "µs per marker and frame", "floor", "`run` / floor", "memory"]
     text = (
         "Sit-to-stands at 100 Hz with 50 markers and a plate at 1000 Hz: half a minute, played forwards and backwards "
-        f"to the required length.\n\n{markdown(head, rows)}\n\n{stages_over(part, 'frames')}"
+        f"to the required length.\n\n{markdown(head, rows)}\n\n{make_stage_table(part, 'frames')}"
     )
     line = fit_memory(part)
     if line is None:
@@ -172,7 +178,7 @@ def frames(part: Sequence[Part]) -> str:
     )
 
 
-def stages_over(part: Sequence[Part], key: str) -> str:
+def make_stage_table(part: Sequence[Part], key: str) -> str:
     """Return a table of the processor time of every stage, with its exponent."""
     rows = []
     for name in (*STAGES, "run"):
@@ -183,21 +189,25 @@ def stages_over(part: Sequence[Part], key: str) -> str:
     return markdown(["processor, s", *sizes, "exponent", "larger half"], rows)
 
 
-def sweep(part: Sequence[Part], key: str) -> str:
+def describe_sweep(part: Sequence[Part], key: str) -> str:
     """Return a table of time and memory for each number of markers or joints."""
     wanted = part[0]["wanted"]
     rows = []
     for each in part:
         whole = each["whole"]
-        cells = [f"{whole['wall']:.1f} s", f"{whole['wall'] / floor_of(each):.1f}", megabytes(whole["peak"])]
+        cells = [
+            f"{whole['wall']:.1f} s",
+            f"{whole['wall'] / compute_floor(each):.1f}",
+            format_megabytes(whole["peak"]),
+        ]
         rows.append([f"{each['wanted'][key]}", *cells, f"{each['segments'] - 1}", each["verdict"]])
     fixed = f", {wanted['markers']} markers in all" if key == "joints" else ""
     head = [key, "`run`", "`run` / floor", "memory", "joints found", "verdict"]
     text = f"{wanted['frames']:,} frames at {wanted['rate']:g} Hz{fixed}."
-    return f"{text}\n\n{markdown(head, rows)}\n\n{stages_over(part, key)}"
+    return f"{text}\n\n{markdown(head, rows)}\n\n{make_stage_table(part, key)}"
 
 
-def batch(part: Part) -> str:
+def describe_batch(part: Part) -> str:
     """Return a table of the ways to run a batch."""
     ways, one = part["ways"], part["ways"][ONE]["wall"]
     rows = []
@@ -205,7 +215,7 @@ def batch(part: Part) -> str:
         way = ways[name]
         speed = f"{one / (2 * way['wall']):.2f}" if name in (TWO, APART, DASK) else "–"
         times = [f"{way['wall']:.1f} s", f"{way['cpu']:.1f} s", f"{way['trial']:.2f} s"]
-        rows.append([name, *times, speed, megabytes(way["peak"])])
+        rows.append([name, *times, speed, format_megabytes(way["peak"])])
     head = ["", "wall", "processor", "per trial", "relative to twice the speed of one", "memory per process"]
     return (
         f"{part['trials']} copies of the sample trial `sample_trials/sit-to-stand`, median of {part['rounds']} "
@@ -214,7 +224,7 @@ def batch(part: Part) -> str:
     )
 
 
-def tasks(part: Part) -> str:
+def make_task_table(part: Part) -> str:
     """Return a table of the cost of trials that take no time."""
     rows = []
     for key, name in TASKS.items():
@@ -222,11 +232,11 @@ def tasks(part: Part) -> str:
             begun = one.get("first", 0.0)
             each = f"{1e3 * (one['seconds'] - begun) / one['count']:.2f} ms"
             times = [f"{one['seconds']:.1f} s", f"{begun:.1f} s" if begun else "–", each]
-            rows.append([name, f"{one['count']:,}", *times, megabytes(one["peak"] - one["before"])])
+            rows.append([name, f"{one['count']:,}", *times, format_megabytes(one["peak"] - one["before"])])
     return markdown(["", "trials", "all", "until the first", "per trial after it", "memory for it"], rows)
 
 
-def storage(part: Part) -> str:
+def describe_storage(part: Part) -> str:
     """Return a table of the bytes of a run folder."""
     files: Mapping[str, int] = part["files"]
     groups: dict[str, list[int]] = {}
@@ -244,26 +254,26 @@ def storage(part: Part) -> str:
 
 
 _SECTIONS: Mapping[str, Callable[[Any], str]] = {
-    "starts": starts,
-    "dense": dense,
-    "frames": frames,
-    "markers": lambda part: sweep(part, "markers"),
-    "joints": lambda part: sweep(part, "joints"),
-    "batch": batch,
-    "tasks": tasks,
-    "storage": storage,
+    "starts": describe_starts,
+    "dense": describe_dense,
+    "frames": describe_frames,
+    "markers": lambda part: describe_sweep(part, "markers"),
+    "joints": lambda part: describe_sweep(part, "joints"),
+    "batch": describe_batch,
+    "tasks": make_task_table,
+    "storage": describe_storage,
 }
 
 
-def _at_most(name: str, value: float, limit: float, unit: str = "", digits: int = 2) -> list[str]:
-    return [name, f"≤ {limit:g}{unit}", f"{value:.{digits}f}{unit}" + _mark(value <= limit)]
+def _require_at_most(name: str, value: float, limit: float, unit: str = "", digits: int = 2) -> list[str]:
+    return [name, f"≤ {limit:g}{unit}", f"{value:.{digits}f}{unit}" + _mark_unmet(value <= limit)]
 
 
-def _mark(met: bool) -> str:
+def _mark_unmet(met: bool) -> str:
     return "" if met else ", **not met**"
 
 
-def _frames(part: Any) -> Iterator[list[str]]:
+def _require_frames(part: Any) -> Iterator[list[str]]:
     found = {name: fit_time(part, "frames", name) for name in (*STAGES, "run")}
     for what, which in (("exponent of frames, all lengths", "all"), ("the same, larger half", "larger")):
         powers = {name: getattr(one, which) for name, one in found.items()}
@@ -271,40 +281,40 @@ def _frames(part: Any) -> Iterator[list[str]]:
         if known:
             worst = max(known, key=lambda name: known[name])
             text = f"{known[worst]:.2f} ({worst})" + (f"; `run` {known['run']:.2f}" if worst != "run" else "")
-            yield [what, f"≤ {POWER}", text + _mark(known[worst] <= POWER)]
+            yield [what, f"≤ {POWER}", text + _mark_unmet(known[worst] <= POWER)]
     longest = max(part, key=lambda one: one["wanted"]["frames"])
-    yield _at_most(f"memory, {longest['wanted']['frames']:,} frames", longest["whole"]["peak"], LONG, " MB", 0)
+    yield _require_at_most(f"memory, {longest['wanted']['frames']:,} frames", longest["whole"]["peak"], LONG, " MB", 0)
 
 
-def _dense(part: Any) -> Iterator[list[str]]:
-    yield _at_most("memory, 30 s at 480 Hz of 50 markers", part[0]["whole"]["peak"], MEMORY, " MB", 0)
+def _require_dense(part: Any) -> Iterator[list[str]]:
+    yield _require_at_most("memory, 30 s at 480 Hz of 50 markers", part[0]["whole"]["peak"], MEMORY, " MB", 0)
 
 
-def _batch(part: Any) -> Iterator[list[str]]:
+def _require_batch(part: Any) -> Iterator[list[str]]:
     wall = {name: way["wall"] for name, way in part["ways"].items()}
     two, best = (wall[ONE] / (2 * wall[name]) for name in (TWO, APART))
     share = two / best
-    yield ["two workers, relative to twice the speed of one", f"≥ {SHARE}", f"{two:.2f}" + _mark(two >= SHARE)]
+    yield ["two workers, relative to twice the speed of one", f"≥ {SHARE}", f"{two:.2f}" + _mark_unmet(two >= SHARE)]
     text = f"{share:.2f} (the machine: {best:.2f})"
-    yield ["the same, relative to what the machine can do", f"≥ {SHARE}", text + _mark(share >= SHARE)]
-    yield _at_most("a trial of a batch, two workers", wall[TWO] / part["trials"], EACH, " s")
-    yield _at_most("Dask by processes", wall[DASK] / wall[TWO], OVERHEAD)
+    yield ["the same, relative to what the machine can do", f"≥ {SHARE}", text + _mark_unmet(share >= SHARE)]
+    yield _require_at_most("a trial of a batch, two workers", wall[TWO] / part["trials"], EACH, " s")
+    yield _require_at_most("Dask by processes", wall[DASK] / wall[TWO], OVERHEAD)
 
 
-def _starts(part: Any) -> Iterator[list[str]]:
+def _require_starts(part: Any) -> Iterator[list[str]]:
     spent = part["spent"]
     for name, most in ((RUN, WHOLE), (PERSON, SHORT), (RUN_AGAIN, NOTHING)):
         if name in spent:
-            yield _at_most(f"{name}, a whole process", spent[name]["wall"], most, " s")
+            yield _require_at_most(f"{name}, a whole process", spent[name]["wall"], most, " s")
     if EARLIER in spent:
         name = "processor time of `run`, relative to an earlier commit"
-        yield _at_most(name, spent[RUN]["cpu"] / spent[EARLIER]["cpu"], OF_EARLIER)
+        yield _require_at_most(name, spent[RUN]["cpu"] / spent[EARLIER]["cpu"], OF_EARLIER)
 
 
-_REQUIREMENTS = {"frames": _frames, "dense": _dense, "batch": _batch, "starts": _starts}
+_REQUIREMENTS = {"frames": _require_frames, "dense": _require_dense, "batch": _require_batch, "starts": _require_starts}
 
 
-def plan(parts: Mapping[str, Any]) -> str:
+def make_plan_table(parts: Mapping[str, Any]) -> str:
     """Return a table of what 100,000 trials need, with formulas."""
     batch, tasks, storage = (parts[name] for name in ("batch", "tasks", "storage"))
     trial, memory = batch["ways"][TWO]["trial"], batch["ways"][TWO]["peak"]

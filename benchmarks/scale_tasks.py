@@ -19,7 +19,7 @@ from typing import Any
 
 import scale_tasks
 from scale_parts import PROGRAM, SAMPLE, spend
-from scale_trial import memory
+from scale_trial import read_memory
 
 from mocap_id.config import Trial, load
 from mocap_id.config.study import load_study
@@ -29,12 +29,12 @@ from mocap_id.workflows.batch.batch import make_row, read_trial
 from mocap_id.workflows.parallel import Backend, DaskBackend, LocalBackend, TrialRun, run_trials
 
 
-def nothing(trial: Trial) -> TrialRun:
+def do_nothing(trial: Trial) -> TrialRun:
     """Return the record of a trial that takes no time."""
     return TrialRun(trial.name, 0, None, None, "0" * 64, computed=True, seconds=0.0)
 
 
-def trials(count: int) -> list[Trial]:
+def make_trials(count: int) -> list[Trial]:
     """Return ``count`` different trials."""
     one = load(SAMPLE / "trial.yaml")
     names = [f"s{k // 100:04}-trial-{k:06}" for k in range(count)]
@@ -43,9 +43,9 @@ def trials(count: int) -> list[Trial]:
     ]
 
 
-def through(backend: Backend, count: int) -> dict[str, float]:
+def time_trials(backend: Backend, count: int) -> dict[str, float]:
     """Return the seconds until all trials were done, and until the first was reported."""
-    wanted, first = trials(count), []
+    wanted, first = make_trials(count), []
     start = perf_counter()
     done = run_trials(wanted, backend, lambda _: first or first.append(perf_counter() - start), run=scale_tasks.nothing)
     taken = perf_counter() - start
@@ -54,21 +54,21 @@ def through(backend: Backend, count: int) -> dict[str, float]:
     return {"seconds": taken, "first": first[0]}
 
 
-def table(count: int) -> dict[str, float]:
+def time_table(count: int) -> dict[str, float]:
     """Return the seconds to make the table from copies of one summary, and its bytes."""
     with tempfile.TemporaryDirectory() as place:
         for name in ("trial.c3d", "trial.yaml"):
             shutil.copyfile(SAMPLE / name, Path(place) / name)
         file = Path(place) / "trial.yaml"
         spend([*PROGRAM, "run", "--quiet", str(file)], Path(place))  # in another process, whose memory does not count
-        wanted = [replace(one, out=load(file).out) for one in trials(count)]
+        wanted = [replace(one, out=load(file).out) for one in make_trials(count)]
         start = perf_counter()
-        rows = [make_row(read_trial(one, nothing(one), Path(place))) for one in wanted]
+        rows = [make_row(read_trial(one, do_nothing(one), Path(place))) for one in wanted]
         content = ResultTable.of(BATCH, rows).parquet("batch")
     return {"seconds": perf_counter() - start, "bytes": len(content)}
 
 
-def finding(count: int) -> dict[str, float]:
+def time_finding(count: int) -> dict[str, float]:
     """Return the seconds to read a folder with the files of ``count`` trials."""
     with tempfile.TemporaryDirectory() as place:
         for k in range(count):
@@ -84,7 +84,7 @@ def finding(count: int) -> dict[str, float]:
     return {"seconds": taken}
 
 
-def study(count: int) -> dict[str, float]:
+def time_study(count: int) -> dict[str, float]:
     """Return the seconds to read a study's file with three trials per person."""
     people = [f"  p{k:04}: {{height: 1.75, mass: 70}}" for k in range(count // 3 + 1)]
     lines = [
@@ -101,20 +101,20 @@ def study(count: int) -> dict[str, float]:
 
 
 TASKS: dict[str, Callable[[int], dict[str, float]]] = {
-    "here": lambda count: through(LocalBackend(2), count),
-    "dask": lambda count: through(DaskBackend(cluster={"kind": "local", "workers": 2}), count),
-    "table": table,
-    "finding": finding,
-    "study": study,
+    "here": lambda count: time_trials(LocalBackend(2), count),
+    "dask": lambda count: time_trials(DaskBackend(cluster={"kind": "local", "workers": 2}), count),
+    "table": time_table,
+    "finding": time_finding,
+    "study": time_study,
 }
 
 
 def main() -> None:
     """Print the results."""
     what, count = sys.argv[1], int(sys.argv[2])
-    before = memory("VmRSS") or 0.0
+    before = read_memory("VmRSS") or 0.0
     found: dict[str, Any] = TASKS[what](count)
-    print(json.dumps({"count": count, **found, "before": before, "peak": memory("VmHWM") or 0.0}))
+    print(json.dumps({"count": count, **found, "before": before, "peak": read_memory("VmHWM") or 0.0}))
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ STATUS, RESET = Path("/proc/self/status"), Path("/proc/self/clear_refs")
 KILOBYTE = 1024
 
 
-def memory(what: str) -> float | None:
+def read_memory(what: str) -> float | None:
     """Return the peak memory since its reset (``VmHWM``) or the present memory (``VmRSS``), MB; None if unknown."""
     if not STATUS.exists():
         return None
@@ -42,13 +42,13 @@ class Stages:
             return
         wall, cpu = perf_counter() - self._wall, process_time() - self._cpu
         own = {"stage": step.stage, "action": step.action, "wall": wall, "cpu": cpu, "computing": step.seconds}
-        self.found.append(own | {"peak": memory("VmHWM"), "first": self._first})
+        self.found.append(own | {"peak": read_memory("VmHWM"), "first": self._first})
         self._begin()
 
     def _begin(self) -> None:
         if RESET.exists():
             RESET.write_text("5")
-        self._wall, self._cpu, self._first = perf_counter(), process_time(), memory("VmRSS")
+        self._wall, self._cpu, self._first = perf_counter(), process_time(), read_memory("VmRSS")
 
 
 def main() -> None:

@@ -10,8 +10,8 @@ from typing import Any
 import harness
 import numpy as np
 from harness import Comparison, Run
-from sensor_conditions import clock_errors
-from space import TO_TRIAL, rms_length, stack
+from sensor_conditions import compute_clock_errors
+from space import TO_TRIAL, compute_rms_length, stack_columns
 
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError
@@ -37,7 +37,7 @@ class _Errors:
     sd: FloatArray  # (3, F, 3) standard deviations of these per axis
 
 
-def limits(preset: Preset) -> dict[str, float]:
+def list_limits(preset: Preset) -> dict[str, float]:
     """Return the limits of the errors of :func:`measure`."""
     accelerations = (
         "acceleration of the forearm, rad/s²",
@@ -73,17 +73,19 @@ def measure(seed: int, preset: Preset) -> Comparison:
         hidden = _hide(configuration, options)
         gap = _run(configuration)
         truth = both.done.truth
-    sizes = [rms_length(each.gain[:, k]) for k in (2, 1) for each in (both, alone)]
-    clocks = clock_errors(both.done, truth["n_frames"] / truth["point_rate_hz"] / 2)
+    sizes = [compute_rms_length(each.gain[:, k]) for k in (2, 1) for each in (both, alone)]
+    clocks = compute_clock_errors(both.done, truth["n_frames"] / truth["point_rate_hz"] / 2)
     clock = 1e3 * max((abs(off) for off, _, observable in clocks if observable), default=0.0)
-    rotations = [_largest(each, hidden, k) for each in (gap, both) for k in (1, 2)]
+    rotations = [_find_largest(each, hidden, k) for each in (gap, both) for k in (1, 2)]
     inside = {"clock": float(np.mean([abs(off) < harness.QUANTILE * sd for off, sd, _ in clocks]))}
     for k, name in ((1, "upper arm"), (2, "forearm")):
-        inside[f"velocity of the {name}"] = _inside(both.rate[:, k], both.sd[1, :, k])
-        inside[f"acceleration of the {name}"] = _inside(both.gain[:, k], both.sd[2, :, k])
+        inside[f"velocity of the {name}"] = _compute_share_inside(both.rate[:, k], both.sd[1, :, k])
+        inside[f"acceleration of the {name}"] = _compute_share_inside(both.gain[:, k], both.sd[2, :, k])
         if gap is not None:
-            inside[f"rotation of the {name} without markers"] = _inside(gap.turn[hidden, k], gap.sd[0, hidden, k])
-    errors = dict(zip(limits(preset), [*sizes, clock, *rotations], strict=True))
+            inside[f"rotation of the {name} without markers"] = _compute_share_inside(
+                gap.turn[hidden, k], gap.sd[0, hidden, k]
+            )
+    errors = dict(zip(list_limits(preset), [*sizes, clock, *rotations], strict=True))
     return Comparison(both.done.codes, errors, inside)
 
 
@@ -97,19 +99,20 @@ def _run(configuration: Path) -> _Errors | None:
         return None
     keys = ("seg_R", "omega", "alpha")
     true = dict(zip(keys, done.true(poses["time"], *keys), strict=True))
-    turn = np.stack([_turned(poses, name, TO_TRIAL @ true["seg_R"][:, s]) for s, name in enumerate(_ON)], axis=1)
+    rotations = np.moveaxis(TO_TRIAL @ true["seg_R"][:, : len(_ON)], 1, 0)
+    turns = [_compute_rotation_error(poses, *each) for each in zip(_ON, rotations, strict=True)]
     rate, gain = (
-        np.stack([stack(poses, name, [f"{key}_{axis}" for axis in "xyz"]) for name in _ON], axis=1)
+        np.stack([stack_columns(poses, name, [f"{key}_{axis}" for axis in "xyz"]) for name in _ON], axis=1)
         - true[key][:, : len(_ON)] @ TO_TRIAL.T
         for key in ("omega", "alpha")
     )
     sd = np.stack([poses.stack([f"sd_{name}_{key}" for name in _ON]) for key in ("rotation", "omega", "alpha")])
-    return _Errors(done, turn, rate, gain, sd)
+    return _Errors(done, np.stack(turns, axis=1), rate, gain, sd)
 
 
-def _turned(poses: Any, name: str, true: FloatArray) -> FloatArray:
+def _compute_rotation_error(poses: Any, name: str, true: FloatArray) -> FloatArray:
     """Return the error (F, 3) of a segment's rotation, rad, without its constant, which is a convention of the axes."""
-    scalar, vector = poses[f"{name}_qw"], stack(poses, name, ["qx", "qy", "qz"])
+    scalar, vector = poses[f"{name}_qw"], stack_columns(poses, name, ["qx", "qy", "qz"])
     cross = so3.hat(vector)
     found = np.eye(3) + 2 * scalar[:, None, None] * cross + 2 * cross @ cross
     known = np.isfinite(scalar)
@@ -129,7 +132,7 @@ def _hide(configuration: Path, options: ArmOptions) -> slice:
     return hidden
 
 
-def _largest(of: _Errors | None, frames: slice, k: int) -> float:
+def _find_largest(of: _Errors | None, frames: slice, k: int) -> float:
     """Return the largest error of a segment's rotation in some frames, degrees; infinity if a rotation is missing."""
     if of is None:
         return float("inf")
@@ -137,5 +140,5 @@ def _largest(of: _Errors | None, frames: slice, k: int) -> float:
     return float(np.where(np.isfinite(size), size, np.inf).max())
 
 
-def _inside(error: FloatArray, sd: FloatArray) -> float:
+def _compute_share_inside(error: FloatArray, sd: FloatArray) -> float:
     return harness.inside(error, np.repeat(sd[:, None], 3, axis=1))

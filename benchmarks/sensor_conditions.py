@@ -25,7 +25,7 @@ STRATEGIES = ("normal", "dynamic", "stable")
 _ENDS = 20  # frames at either end without figures
 
 
-def options_of(seed: int) -> tuple[Options, Options]:
+def draw_options(seed: int) -> tuple[Options, Options]:
     """Return the calibration trial and the second trial of a person, both with inertial sensors."""
     person = draw_subject(seed, 1)
     first = Options(seed=2 * seed, repetitions=3, analog_rate=100, imus=True, subject=person)
@@ -33,7 +33,7 @@ def options_of(seed: int) -> tuple[Options, Options]:
     return replace(first, strategy=STRATEGIES[seed % 3]), second
 
 
-def without_recording(configuration: Path, calibration: Path) -> Path:
+def remove_recording(configuration: Path, calibration: Path) -> Path:
     """Return the configuration of a trial with its inertial sensors alone."""
     lines = configuration.read_text("utf-8").splitlines()
     kept = [line for line in lines if not line.startswith("recording:")]
@@ -49,25 +49,25 @@ def run_alone(seed: int) -> Comparison:
 
 
 def _run_alone(place: Path, seed: int) -> Comparison:
-    first, second = options_of(seed)
+    first, second = draw_options(seed)
     calibration = simulate("sit-to-stand", place / "calibration", first)
     configuration = simulate("sit-to-stand", place / "trial", second)
-    alone = without_recording(configuration, calibration)
+    alone = remove_recording(configuration, calibration)
     done = run_trial(alone)
     (shown,) = Run(calibration, load(calibration)).read("states.parquet")
-    constant = np.nanmean(_errors(calibration, shown, shown["time"])[..., 0], axis=0)
+    constant = np.nanmean(_compute_errors(calibration, shown, shown["time"])[..., 0], axis=0)
     (states,) = done.read("states.parquet")
     clock = done.truth["imu"]
     time = clock["shank"]["offset_s"] + states["time"] * (1 + 1e-6 * clock["shank"]["ppm"])
-    away, sd = _errors(alone, states, time), harness.state_arrays(states, "sd_")
+    away, sd = _compute_errors(alone, states, time), harness.state_arrays(states, "sd_")
     away[..., 0] -= constant
-    errors, inside = _of_states(away, sd)
+    errors, inside = _summarise_states(away, sd)
     others = {name: each for name, each in done.summary["imus"].items() if name != "shank"}
     between = {name: each["offset_s"] - clock["shank"]["offset_s"] for name, each in clock.items()}
     off = {name: each["clock_offset_s"] - between[name] for name, each in others.items()}
     errors["largest error of an angle, degrees"] = float(np.degrees(np.abs(away[_ENDS:-_ENDS, :, 0]).max()))
     errors["clock between sensors, ms"] = 1e3 * max(abs(each) for each in off.values())
-    errors["repetitions"] = _has_three_repetitions(done)
+    errors["repetitions"] = _count_right(done)
     inside["clock"] = float(np.mean([abs(off[n]) < QUANTILE * each["sd_s"] for n, each in others.items()]))
     # the true rotation of each sensor about the vertical is zero
     turned = [abs(each["heading_deg"]) < QUANTILE * each["heading_sd_deg"] for each in done.summary["imus"].values()]
@@ -75,7 +75,7 @@ def _run_alone(place: Path, seed: int) -> Comparison:
     return Comparison(done.codes, errors, inside)
 
 
-def clock_errors(done: Run, middle: float) -> list[tuple[float, float, bool]]:
+def compute_clock_errors(done: Run, middle: float) -> list[tuple[float, float, bool]]:
     """Return for every clock its error in mid-trial and its standard deviation, s, and whether it is observable."""
     found = []
     for name, each in done.summary["imus"].items():
@@ -88,37 +88,37 @@ def clock_errors(done: Run, middle: float) -> list[tuple[float, float, bool]]:
 
 def run_cameras(place: Path, seed: int, *, board: bool) -> Comparison:
     """Simulate the second trial of a person with markers and a plate or a balance board, and run it."""
-    options = replace(options_of(seed)[1], imus=False, board=board)
+    options = replace(draw_options(seed)[1], imus=False, board=board)
     configuration = simulate("sit-to-stand", place / ("board" if board else "plate"), options)
     done = run_trial(configuration)
     (states,) = done.read("states.parquet")
-    away, sd = _errors(configuration, states, states["time"]), harness.state_arrays(states, "sd_")
+    away, sd = _compute_errors(configuration, states, states["time"]), harness.state_arrays(states, "sd_")
     away[..., 0] -= np.nanmean(away[..., 0], axis=0)
-    errors, inside = _of_states(away, sd)
-    errors["repetitions"] = _has_three_repetitions(done)
+    errors, inside = _summarise_states(away, sd)
+    errors["repetitions"] = _count_right(done)
     if done.summary["dynamics"]["base"] and done.summary["dynamics"]["base"][0]["value"] is not None:
-        more, intervals = _of_dynamics(done)
+        more, intervals = _summarise_dynamics(done)
         errors, inside = errors | more, inside | intervals
     return Comparison(done.codes, errors, inside)
 
 
-def _has_three_repetitions(done: Run) -> float:
+def _count_right(done: Run) -> float:
     return float(sum(each["stand_s"] is not None for each in done.summary["repetitions"]) == 3)
 
 
-def true_at(configuration: Path, time: FloatArray, names: Sequence[str]) -> dict[str, FloatArray]:
+def interpolate_truth(configuration: Path, time: FloatArray, names: Sequence[str]) -> dict[str, FloatArray]:
     """Return arrays of ``truth.npz`` at any times, s."""
     with np.load(configuration.with_name("truth.npz")) as arrays:
         return {name: np.asarray(CubicSpline(arrays["t"], arrays[name])(time)) for name in names}
 
 
-def _errors(configuration: Path, states: Any, time: FloatArray) -> FloatArray:
+def _compute_errors(configuration: Path, states: Any, time: FloatArray) -> FloatArray:
     """Return the errors (F, n, 3) of the states."""
-    true = true_at(configuration, time, ["q", "qd", "qdd"])
+    true = interpolate_truth(configuration, time, ["q", "qd", "qdd"])
     return harness.state_arrays(states) - np.stack(list(true.values()), axis=2)
 
 
-def _of_states(away: FloatArray, sd: FloatArray) -> tuple[dict[str, float], dict[str, float]]:
+def _summarise_states(away: FloatArray, sd: FloatArray) -> tuple[dict[str, float], dict[str, float]]:
     away, sd = away[_ENDS:-_ENDS], sd[_ENDS:-_ENDS]
     size = harness.rms(away.reshape(-1, 3))
     errors = {
@@ -130,10 +130,10 @@ def _of_states(away: FloatArray, sd: FloatArray) -> tuple[dict[str, float], dict
     return errors, {name: float(each) for name, each in zip(("angle", "velocity", "acceleration"), within, strict=True)}
 
 
-def _of_dynamics(done: Run) -> tuple[dict[str, float], dict[str, float]]:
+def _summarise_dynamics(done: Run) -> tuple[dict[str, float], dict[str, float]]:
     (dynamics,) = done.read("dynamics.parquet")
     fit = dynamics["in_fit"]
-    true = true_at(done.configuration, dynamics["time"], ["wrench", "cop_x", "tau"])
+    true = interpolate_truth(done.configuration, dynamics["time"], ["wrench", "cop_x", "tau"])
     value, right = done.base("value"), done.true_base
     first = [abs(np.hypot(*value[[k, k + 1]]) / np.hypot(*right[[k, k + 1]]) - 1) for k in (2, 5, 8)]
     torque = dynamics.stack([f"tau_{j}" for j in (1, 2, 3)]) - true["tau"]
@@ -166,7 +166,7 @@ def measure(seed: int) -> dict[str, Comparison]:
         }
 
 
-def table(seeds: Sequence[int], jobs: int | None) -> str:
+def make_table(seeds: Sequence[int], jobs: int | None) -> str:
     """Return the median errors in each condition, and the shares of samples inside 95 % intervals."""
     rows = harness.run_all(measure, seeds, jobs)
     names, lines = list(rows[0]), []

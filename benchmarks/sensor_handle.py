@@ -61,7 +61,7 @@ class Held(Scene):
 
     def handle(self, state: TrueState) -> FloatArray:
         """Return the wrench (T, 3) of the handle on the hand about the plane's origin."""
-        place = _place(self, state, _HAND)
+        place = _locate(self, state, _HAND)
         x, y = place.T
         fx, fy = (self.stiffness * (np.array(self.anchor) - place)).T
         return np.column_stack([fx, fy, x * fy - y * fx])
@@ -79,7 +79,7 @@ class Held(Scene):
         return replace(state, wrench=state.wrench - self.handle(state))
 
 
-def table(seeds: Sequence[int], jobs: int | None) -> str:
+def make_table(seeds: Sequence[int], jobs: int | None) -> str:
     """Return the table of an arm that moves a handle."""
     rows = []
     for known in KNOWN:
@@ -108,19 +108,19 @@ def measure(task: tuple[int, str]) -> FloatArray:
     trial = measure_scene(scene, options, rng)
     with harness.temporary_folder() as place:
         configuration = write_trial(
-            place / "trial", lambda name: _files(name, options, known, scene, trial, rng["board"])
+            place / "trial", lambda name: _make_files(name, options, known, scene, trial, rng["board"])
         )
         done = harness.run_trial(configuration)
         value, sd = done.base("value"), done.base("sd")
         foreseen = advise(configuration, AdviceOptions(seconds=_SECONDS)).sensor_sd if known == KNOWN[2] else None
     fore = scene.body.links[2].inertial_parameters
     true = np.array([np.hypot(fore["mx"], fore["my"]), fore["Izz"]])
-    away = np.abs(_forearm(value, value) - true)
-    last = np.full(2, np.nan) if foreseen is None else _forearm(value, foreseen)
-    return np.asarray(100 * np.stack([away, _forearm(value, sd), last]) / true)
+    away = np.abs(_describe_forearm(value, value) - true)
+    last = np.full(2, np.nan) if foreseen is None else _describe_forearm(value, foreseen)
+    return np.asarray(100 * np.stack([away, _describe_forearm(value, sd), last]) / true)
 
 
-def _forearm(value: FloatArray, of: FloatArray) -> FloatArray:
+def _describe_forearm(value: FloatArray, of: FloatArray) -> FloatArray:
     """Return first moment and moment of inertia (2,) of the forearm, or their standard deviations from ``of`` (b,)."""
     moment = value[-3:-1]
     size = float(np.hypot(*moment))
@@ -181,35 +181,35 @@ def _place_markers(rng: np.random.Generator) -> MarkerSet:
     )
 
 
-def _place(scene: Scene, state: TrueState, label: str) -> FloatArray:
+def _locate(scene: Scene, state: TrueState, label: str) -> FloatArray:
     """Return the position (T, 2) of a marker in the plane, m."""
     at = np.array([scene.markers.labels.index(label)])
     local = scene.markers.local[at, :2]
     return np.asarray(planar.marker_positions(state.q, scene.body.centres, scene.markers.link[at], local)[:, 0])
 
 
-def _files(  # noqa: PLR0917
+def _make_files(  # noqa: PLR0917
     name: str, options: Options, known: str, scene: Held, trial: SimulatedTrial, rng: np.random.Generator
 ) -> Mapping[str, bytes]:
     """Return the files of a trial with the sensors of a condition."""
     state = scene.at(np.arange(round(_SECONDS * _RATE)) / _RATE)
     sensors, logs = [], {}
     if known in KNOWN[2:]:
-        logs["handle.csv"] = _log(rng, scene, state, scene.handle(state), _HAND)
+        logs["handle.csv"] = _make_log(rng, scene, state, scene.handle(state), _HAND)
         sensors.append({"file": "handle.csv", "name": "handle", "segment": 2, "at": _HAND})
     if known == KNOWN[3]:
-        logs["elbow.csv"] = _log(rng, scene, state, scene.elbow(state), _ELBOW)
+        logs["elbow.csv"] = _make_log(rng, scene, state, scene.elbow(state), _ELBOW)
         sensors.append({"file": "elbow.csv", "name": "elbow", "segment": 2, "at": _ELBOW, "measures": "beyond"})
     keys = {"trial": name, "recording": "trial.c3d", "identify-dim": {"motion": "chain"}, "external": sensors}
     return {"trial.c3d": c3d_bytes(options, trial), "trial.yaml": json.dumps(keys).encode(), **logs}
 
 
-def _log(rng: np.random.Generator, scene: Scene, state: TrueState, wrench: FloatArray, label: str) -> bytes:
+def _make_log(rng: np.random.Generator, scene: Scene, state: TrueState, wrench: FloatArray, label: str) -> bytes:
     """Return a sensor's CSV text.
 
     It has a wrench (T, 3) of the plane, about a marker and in the laboratory's axes.
     """
-    x, y = _place(scene, state, label).T
+    x, y = _locate(scene, state, label).T
     fx, fy, tauz = wrench.T
     axes = scene.plane.axes
     moment = tauz - x * fy + y * fx

@@ -120,7 +120,7 @@ def measure_inertial(seed: int) -> Comparison:
         _, gap, gap_sd, _ = _run_states(configuration)
         right = done.true_base
     gap[..., 0] -= np.nanmean(np.delete(gap[..., 0], np.r_[hidden], axis=0), axis=0)
-    clocks = sensor_conditions.clock_errors(done, time.mean())
+    clocks = sensor_conditions.compute_clock_errors(done, time.mean())
     shown = [abs(off) for off, _, observable in clocks if observable]
     inertia = [np.mean(np.abs(each.base("value")[[4, 7, 10]] / right[[4, 7, 10]] - 1)) for each in (done, without)]
     ratios = [float(np.mean(harness.rms(error[..., k]) / harness.rms(alone[..., k]))) for k in (2, 1)]
@@ -200,7 +200,7 @@ TABLES: Mapping[str, Sequence[Row]] = {
         Row(
             f"reaches, {preset} errors, a sensor on every segment",
             sensor_arms.measure,
-            sensor_arms.limits(preset),
+            sensor_arms.list_limits(preset),
             (preset,),
         )
         for preset in sensor_arms.ACCELERATION
@@ -215,7 +215,7 @@ def measure_task(task: tuple[Row, int]) -> Comparison:
     return row.measure(seed, *row.arguments)
 
 
-def table(row: Row, seeds: Sequence[int], jobs: int | None) -> str:
+def make_table(row: Row, seeds: Sequence[int], jobs: int | None) -> str:
     """Measure a row and return its table."""
     every = harness.run_all(measure_task, [(row, seed) for seed in seeds], jobs)
     done = [each for each in every if each.errors]
@@ -227,8 +227,8 @@ def table(row: Row, seeds: Sequence[int], jobs: int | None) -> str:
 
 
 OTHERS: Mapping[str, Callable[[Sequence[int], int | None], str]] = {
-    "handles": sensor_handle.table,
-    "conditions": sensor_conditions.table,
+    "handles": sensor_handle.make_table,
+    "conditions": sensor_conditions.make_table,
 }
 
 
@@ -242,7 +242,7 @@ def main() -> None:
         if name in OTHERS:
             text = OTHERS[name](seeds, given.jobs)
         else:
-            text = "\n\n".join(table(row, seeds, given.jobs) for row in TABLES[name])
+            text = "\n\n".join(make_table(row, seeds, given.jobs) for row in TABLES[name])
         sections[f"sensors-{name}"] = f"{about}\n\n{text}"
     harness.publish(sections, write=given.write)
 

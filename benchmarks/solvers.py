@@ -57,7 +57,7 @@ class Case:
         return self.regrouping @ self.grid.moments()
 
 
-def random_case(seed: int) -> Case:
+def draw_case(seed: int) -> Case:
     """Draw a random chain, body and wrench."""
     rng = np.random.default_rng([FIRST, seed])
     joints = int(rng.integers(1, 5))
@@ -76,7 +76,7 @@ def random_case(seed: int) -> Case:
     return Case(f"random {seed}", CompressedProblem.of(rows / noise, target), regrouping, grid)
 
 
-def trial_case(yaml: Path, name: str) -> Case:
+def read_case(yaml: Path, name: str) -> Case:
     """Return the last constrained problem of a trial's identification."""
     found: list[Case] = []
 
@@ -89,15 +89,15 @@ def trial_case(yaml: Path, name: str) -> Case:
     return found[-1]
 
 
-def osqp_once(case: Case) -> SolverAnswer:
+def solve_osqp_once(case: Case) -> SolverAnswer:
     """Solve the split form without corrections, at 1e-8."""
     mapped = case.problem.factor @ case.moments
     nothing = np.zeros(mapped.shape[1])
     masses, status, iterations = run_osqp(mapped, case.problem.target, nothing, accuracy=ONCE, iterations=ITERATIONS)
-    return grid_answer(case, "osqp, once", np.maximum(masses, 0.0), status, iterations)
+    return check_answer(case, "osqp, once", np.maximum(masses, 0.0), status, iterations)
 
 
-def osqp_dense(case: Case, accuracy: float = ONCE) -> SolverAnswer:
+def solve_osqp_dense(case: Case, accuracy: float = ONCE) -> SolverAnswer:
     """Solve for the masses with a dense quadratic form."""
     mapped = case.problem.factor @ case.moments
     solver = osqp.OSQP()
@@ -113,10 +113,10 @@ def osqp_dense(case: Case, accuracy: float = ONCE) -> SolverAnswer:
         verbose=False,
     )
     result = solver.solve(raise_error=False)
-    return grid_answer(case, "osqp, dense", np.maximum(result.x, 0.0), str(result.info.status), int(result.info.iter))
+    return check_answer(case, "osqp, dense", np.maximum(result.x, 0.0), str(result.info.status), int(result.info.iter))
 
 
-def clarabel_grid(case: Case) -> SolverAnswer:
+def solve_clarabel(case: Case) -> SolverAnswer:
     """Solve for the masses and the mapped masses by Clarabel."""
     mapped = case.problem.factor @ case.moments
     base, points = mapped.shape
@@ -133,10 +133,10 @@ def clarabel_grid(case: Case) -> SolverAnswer:
         settings,
     ).solve()
     masses = np.maximum(np.asarray(solution.x[:points]), 0.0) * length / size
-    return grid_answer(case, "clarabel", masses, str(solution.status), int(solution.iterations))
+    return check_answer(case, "clarabel", masses, str(solution.status), int(solution.iterations))
 
 
-def grid_answer(case: Case, solver: str, masses: FloatArray, status: str, iterations: int) -> SolverAnswer:
+def check_answer(case: Case, solver: str, masses: FloatArray, status: str, iterations: int) -> SolverAnswer:
     """Return an answer with its optimality check."""
     cost = case.problem.cost(case.moments @ masses)
     optimality = check_optimality(case.problem, GridBodies(case.moments), masses)
@@ -145,11 +145,11 @@ def grid_answer(case: Case, solver: str, masses: FloatArray, status: str, iterat
 
 ON_GRID: Mapping[str, Callable[[Case], SolverAnswer]] = {
     "OSQP, split": lambda case: solve_osqp(case.problem, case.moments),
-    "OSQP, split, once": osqp_once,
-    "OSQP, dense": osqp_dense,
-    "OSQP, dense, 1e-3": lambda case: osqp_dense(case, 1e-3),
+    "OSQP, split, once": solve_osqp_once,
+    "OSQP, dense": solve_osqp_dense,
+    "OSQP, dense, 1e-3": lambda case: solve_osqp_dense(case, 1e-3),
     "NNLS": lambda case: solve_nnls(case.problem, case.moments),
-    "Clarabel": clarabel_grid,
+    "Clarabel": solve_clarabel,
 }
 TRUSTED = ("OSQP, split", "NNLS", "Clarabel")
 EXACT: Mapping[str, Callable[[Case], SolverAnswer]] = {
@@ -185,12 +185,12 @@ def measure(case: Case, repeats: int) -> dict[str, Result]:
     return results
 
 
-def scientific(value: float) -> str:
+def format_scientific(value: float) -> str:
     """Return two digits, and rounding errors as 0."""
     return "0" if abs(value) < 1e-15 else f"{value:.1e}".replace("e-0", "e-").replace("e+0", "e+")
 
 
-def random_table(results: Sequence[Mapping[str, Result]]) -> str:
+def make_random_table(results: Sequence[Mapping[str, Result]]) -> str:
     """Return a table of the random problems, a row for each solver."""
     head = ["solver", "excess cost: median", "largest", "bound, largest", "proven", "says solved", "ms"]
     rows = []
@@ -199,67 +199,67 @@ def random_table(results: Sequence[Mapping[str, Result]]) -> str:
         above, kkt = [result.above for result in mine], [result.answer.optimality.excess for result in mine]
         proven = sum(result.answer.optimality.proven for result in mine)
         solved = sum(result.answer.status.lower() == "solved" for result in mine)
-        costs = [scientific(value) for value in (median(above), max(above), max(kkt))]
+        costs = [format_scientific(value) for value in (median(above), max(above), max(kkt))]
         rows.append([name, *costs, f"{proven}", f"{solved}", f"{1e3 * median(r.seconds for r in mine):.1f}"])
     return markdown(head, rows, numbers_from=1)
 
 
-def trial_table(cases: Sequence[Case], results: Sequence[Mapping[str, Result]]) -> str:
+def make_trial_table(cases: Sequence[Case], results: Sequence[Mapping[str, Result]]) -> str:
     """Return a table of the trials, a row for each trial."""
     names = list(results[0])
     rows = [
-        [case.name, *(f"{scientific(found[name].above)} / {1e3 * found[name].seconds:.1f}" for name in names)]
+        [case.name, *(f"{format_scientific(found[name].above)} / {1e3 * found[name].seconds:.1f}" for name in names)]
         for case, found in zip(cases, results, strict=True)
     ]
     return markdown(["trial", *names], rows, numbers_from=1)
 
 
-def price_table(cases: Sequence[Case], results: Sequence[Mapping[str, Result]]) -> str:
+def make_price_table(cases: Sequence[Case], results: Sequence[Mapping[str, Result]]) -> str:
     """Return how much each constraint increases the cost, a row for each trial."""
     rows = []
     for case, found in zip(cases, results, strict=True):
         free = case.problem.cost(case.problem.free_solution())
         costs = [found[name].answer.cost for name in ("OSQP, split", *EXACT)]
-        prices = [scientific(max(cost / free - 1, 0.0)) for cost in costs]
-        beyond = [scientific(max(cost / costs[-1] - 1, 0.0)) for cost in costs[:2]]
+        prices = [format_scientific(max(cost / free - 1, 0.0)) for cost in costs]
+        beyond = [format_scientific(max(cost / costs[-1] - 1, 0.0)) for cost in costs[:2]]
         rows.append([case.name, *prices, *beyond])
     head = ["trial", "grid", "bounded cone", "cone", "grid above cone", "bounded cone above cone"]
     return markdown(head, rows, numbers_from=1)
 
 
-def trials(count: int, place: Path) -> list[Case]:
+def make_cases(count: int, place: Path) -> list[Case]:
     """Return the problems of simulated trials and, with the recordings, of real trials."""
     cases = []
     for k in range(count):
         kind = "robot" if k == count - 1 else "sit-to-stand"
         yaml = simulate(kind, place / f"{k}", Options(seed=FIRST + k, repetitions=3))
-        cases.append(trial_case(yaml, f"simulated {kind}, seed {FIRST + k}"))
+        cases.append(read_case(yaml, f"simulated {kind}, seed {FIRST + k}"))
     folder = recordings()
     if folder:
         for name in REAL:
             yaml = write_real_trial(folder / "sit-to-stand" / name, place / f"{name}.yaml")
-            cases.append(trial_case(yaml, f"real, {name}"))
+            cases.append(read_case(yaml, f"real, {name}"))
     return cases
 
 
 def main() -> None:
     """Measure random problems and trials and publish the sections."""
     given = command_line(__doc__, problems=200, trials=5).parse_args()
-    random = [measure(random_case(seed), 1) for seed in range(given.problems)]
+    random = [measure(draw_case(seed), 1) for seed in range(given.problems)]
     with temporary_folder() as place:
-        cases = trials(given.trials, place)
+        cases = make_cases(given.trials, place)
     results = [measure(case, REPEATS) for case in cases]
     costs = [[found[name].answer.cost for name in ("OSQP, split", "Clarabel, bounded cone")] for found in results]
+    excess = format_scientific(max(grid / cone - 1 for grid, cone in costs))
     sections = {
         "solvers-problems": measured_by(__file__, f"{given.problems} random problems"),
-        "solvers-random": random_table(random),
+        "solvers-random": make_random_table(random),
         "solvers-trials": f"Simulated trials: seeds {FIRST} to {FIRST + given.trials - 1}. Each cell: excess cost "
         "/ milliseconds.",
-        "solvers-by-trial": trial_table(cases, results),
-        "solvers-constraint": price_table(cases, results),
+        "solvers-by-trial": make_trial_table(cases, results),
+        "solvers-constraint": make_price_table(cases, results),
         "solvers-grid": f"The grid of {np.bincount(cases[-1].grid.segment)[0]} points per segment is within "
-        f"{scientific(max(grid / cone - 1 for grid, cone in costs))} of what masses anywhere in the same outlines "
-        "achieve.",
+        f"{excess} of what masses anywhere in the same outlines achieve.",
     }
     publish(sections, write=given.write)
 

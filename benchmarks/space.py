@@ -97,21 +97,21 @@ def compare(done: harness.Run) -> Outcome:
     """Compare a trial with its truth."""
     summary, truth = done.summary, done.truth
     confidence = summary["segments"]["confidence"] or 0.0
-    if summary["verdict"]["level"] == "refused" or not _assigned(summary, truth):
+    if summary["verdict"]["level"] == "refused" or not _is_assigned(summary, truth):
         return Outcome(done.codes, confidence=confidence)
     with np.load(done.configuration.with_name("truth.npz")) as arrays:
         true = {key: arrays[key].astype(np.float64) for key in arrays}
     poses, angles = done.read("poses.parquet", "angles.parquet")
     if truth["kind"] == "sphere":
         kinds = [joint["kind"] for joint in summary["joints"]] == [CHAIN_KINDS[each] for each in truth["types"]]
-        errors, inside = _chain(poses, truth, true)
+        errors, inside = _compare_chain(poses, truth, true)
     else:
         kinds = all(joint["kind"] in ARM_KINDS.get(joint["name"], ()) for joint in summary["joints"])
-        errors, inside = _arm(summary, poses, angles, truth, true)
+        errors, inside = _compare_arm(summary, poses, angles, truth, true)
     return Outcome(done.codes, errors, inside, right=True, kinds=kinds, confidence=confidence)
 
 
-def _assigned(summary: Mapping[str, Any], truth: Mapping[str, Any]) -> bool:
+def _is_assigned(summary: Mapping[str, Any], truth: Mapping[str, Any]) -> bool:
     """Return whether the number of segments and all markers are right.
 
     Marker AC is on the shoulder girdle and does not count.
@@ -122,33 +122,35 @@ def _assigned(summary: Mapping[str, Any], truth: Mapping[str, Any]) -> bool:
     )
 
 
-def stack(table: Table, segment: str, names: Iterable[str]) -> FloatArray:
+def stack_columns(table: Table, segment: str, names: Iterable[str]) -> FloatArray:
     """Return columns of a segment in poses.parquet."""
     return table.stack([f"{segment}_{name}" for name in names])
 
 
-def rms_length(error: FloatArray) -> float:
+def compute_rms_length(error: FloatArray) -> float:
     """Return the rms length of the rows (F, 3); rows with NaN do not count."""
     return float(np.sqrt(np.nanmean(np.sum(error**2, axis=1))))
 
 
-def _motion(
+def _compare_motion(
     poses: Table, segment: str, k: int, truth: Mapping[str, Any], true: Mapping[str, FloatArray]
 ) -> tuple[float, dict[str, float]]:
     """Return the rms error of the angular acceleration, and the shares of samples inside their intervals."""
     moving = true["t"] > truth["static_s"] + 0.5
     off = {
-        name: (stack(poses, segment, [f"{name}_{axis}" for axis in "xyz"]) - true[name][:, k] @ TO_TRIAL.T)[moving]
+        name: (stack_columns(poses, segment, [f"{name}_{axis}" for axis in "xyz"]) - true[name][:, k] @ TO_TRIAL.T)[
+            moving
+        ]
         for name in ("omega", "alpha")
     }
     sd = {name: np.repeat(poses[f"sd_{segment}_{name}"][moving, None], 3, axis=1) for name in off}
-    return rms_length(off["alpha"]), {
+    return compute_rms_length(off["alpha"]), {
         "velocity": harness.inside(off["omega"], sd["omega"]),
         "acceleration": harness.inside(off["alpha"], sd["alpha"]),
     }
 
 
-def _arm(
+def _compare_arm(
     summary: Mapping[str, Any],
     poses: Table,
     angles: Table,
@@ -156,14 +158,17 @@ def _arm(
     true: Mapping[str, FloatArray],
 ) -> tuple[dict[str, float], dict[str, float]]:
     origin = true["seg_origin"] @ TO_TRIAL.T
-    if truth.get("side") == "left" and rms_length(stack(poses, "upper_arm", "xyz") - origin[:, 1]) > FALSE_SIDE:
+    if (
+        truth.get("side") == "left"
+        and compute_rms_length(stack_columns(poses, "upper_arm", "xyz") - origin[:, 1]) > FALSE_SIDE
+    ):
         return {}, {}
     errors = {
-        "GH centre, mm": 1e3 * rms_length(stack(poses, "upper_arm", "xyz") - origin[:, 1]),
-        "elbow centre, mm": 1e3 * rms_length(stack(poses, "forearm", "xyz") - origin[:, 2]),
-        "elbow axis, °": _elbow_axis(summary, poses, truth, true),
+        "GH centre, mm": 1e3 * shoulder,
+        "elbow centre, mm": 1e3 * compute_rms_length(stack_columns(poses, "forearm", "xyz") - origin[:, 2]),
+        "elbow axis, °": _compare_elbow_axis(summary, poses, truth, true),
     }
-    errors["forearm acceleration, rad/s²"], inside = _motion(poses, "forearm", 2, truth, true)
+    errors["forearm acceleration, rad/s²"], inside = _compare_motion(poses, "forearm", 2, truth, true)
     sine = np.abs(np.sin(true["isb_shoulder"][:, 1]))
     covered = []
     for name, (key, column, sign) in ANGLES.items():
@@ -175,7 +180,7 @@ def _arm(
     return errors, {"angles": float(np.mean(covered)), **inside}
 
 
-def _elbow_axis(
+def _compare_elbow_axis(
     summary: Mapping[str, Any],
     poses: Table,
     truth: Mapping[str, Any],
@@ -187,20 +192,20 @@ def _elbow_axis(
         return float("nan")
     axis = np.atleast_2d(np.array(joint["axis"], dtype=np.float64))[0]
     still = true["t"] < truth["static_s"]
-    rotation = _rotation(stack(poses, "upper_arm", ("qx", "qy", "qz", "qw"))[still])
+    rotation = _convert_quaternions(stack_columns(poses, "upper_arm", ("qx", "qy", "qz", "qw"))[still])
     there = true["seg_R"][still, 1] @ np.array(truth["subject"]["elbow_axis_in_upper_arm"]) @ TO_TRIAL.T
     cosine = np.abs(np.sum((rotation @ axis) * there, axis=1))
     return float(np.degrees(np.arccos(np.clip(np.median(cosine), 0, 1))))
 
 
-def _rotation(quaternion: FloatArray) -> FloatArray:
+def _convert_quaternions(quaternion: FloatArray) -> FloatArray:
     vector, scalar = quaternion[:, :3], quaternion[:, 3:]
     angle = 2 * np.arctan2(np.linalg.norm(vector, axis=1, keepdims=True), scalar)
     unit = vector / np.maximum(np.linalg.norm(vector, axis=1, keepdims=True), 1e-300)
     return so3.exp(angle * unit)
 
 
-def _chain(
+def _compare_chain(
     poses: Table, truth: Mapping[str, Any], true: Mapping[str, FloatArray]
 ) -> tuple[dict[str, float], dict[str, float]]:
     """Return the largest error of a centre, mm, and the shares inside intervals.
@@ -209,7 +214,7 @@ def _chain(
     """
     names = [name.removesuffix("_qw") for name in poses.names if name.endswith("_qw")]
     centres = true["joint_lab"]
-    found = [stack(poses, name, "xyz") @ TO_TRIAL for name in names]
+    found = [stack_columns(poses, name, "xyz") @ TO_TRIAL for name in names]
     best = np.inf
     for order in permutations(range(len(found)), centres.shape[1]):
         errors = []
@@ -218,13 +223,13 @@ def _chain(
             if truth["types"][j] == "H":
                 axis = true["seg_R"][:, j] @ np.array(truth["joint_axes"][j])[:, 0]
                 error = error - np.sum(error * axis, axis=1, keepdims=True) * axis
-            errors.append(1e3 * rms_length(error))
+            errors.append(1e3 * compute_rms_length(error))
         best = min(best, max(errors))
-    _, inside = _motion(poses, names[-1], len(truth["segments"]) - 1, truth, true)
+    _, inside = _compare_motion(poses, names[-1], len(truth["segments"]) - 1, truth, true)
     return {"centres, mm": best}, inside
 
 
-def table(name: str, outcomes: Sequence[Outcome], first: int) -> str:
+def make_table(name: str, outcomes: Sequence[Outcome], first: int) -> str:
     """Return the table of a row: quantity, limit, share within it, median and 80 % quantile."""
     right = [each for each in outcomes if each.right]
     flagged = sum(not each.right and (each.confidence < 0.5 or bool(each.codes)) for each in outcomes)
@@ -239,7 +244,7 @@ def table(name: str, outcomes: Sequence[Outcome], first: int) -> str:
 def main() -> None:
     """Measure all rows, or the rows in ``--only``, and publish the section."""
     given = harness.command_line(__doc__, parallel=True, only=ROWS, trials=30, first=210_000).parse_args()
-    sections = {"space": harness.measure_rows("space", ROWS, given, measure, table)}
+    sections = {"space": harness.measure_rows("space", ROWS, given, measure, make_table)}
     harness.publish(sections, write=given.write)
 
 

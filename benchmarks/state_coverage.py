@@ -63,7 +63,7 @@ def measure_change(error: FloatArray, seen: FloatArray, time: FloatArray) -> Flo
     return np.stack([np.nanmean(part**2, axis=0) if len(part) else np.full((3, 2), np.nan) for part in parts])
 
 
-def coverage_rows(row: str, results: Sequence[Result], refused: int) -> list[list[str]]:
+def make_coverage_rows(row: str, results: Sequence[Result], refused: int) -> list[list[str]]:
     """Return rows with the coverage of each joint and of all joints."""
     inside = 100 * np.array([result.inside for result in results])
     rows = []
@@ -75,7 +75,7 @@ def coverage_rows(row: str, results: Sequence[Result], refused: int) -> list[lis
     return rows
 
 
-def step_rows(row: str, results: Sequence[Result]) -> list[list[str]]:
+def make_step_rows(row: str, results: Sequence[Result]) -> list[list[str]]:
     """Return rows with the change at the edges of drop-outs, the change elsewhere, and the excess at the edges."""
     change = np.nanmean([result.change for result in results], axis=0)  # (2, n, 2)
     rows = []
@@ -94,8 +94,8 @@ def main() -> None:
         count = given.trials if row == "ordinary" else others
         tasks = [replace(options, seed=seed) for seed in range(first, first + count)]
         results = harness.measure_all(measure, tasks, given.jobs)
-        coverage += coverage_rows(row, results, count - len(results))
-        steps += step_rows(row, results)
+        coverage += make_coverage_rows(row, results, count - len(results))
+        steps += make_step_rows(row, results)
         first += count
         harness.progress(f"{row}: {len(results)} of {count} trials")
     source = f"{given.trials} ordinary and {others} other trials, seeds from {given.first}, two repetitions each"

@@ -14,7 +14,7 @@ from time import perf_counter
 
 import ezc3d
 import numpy as np
-from filter import problem, theirs
+from filter import make_problem, run_filterpy
 from harness import JOINTS, SHORT, command_line, markdown, measured_by, progress, publish, recordings, rms
 from scipy.optimize import minimize_scalar
 
@@ -108,7 +108,7 @@ def refit_chain(moving: Moving) -> Moving:
     return replace(moving, chain=MarkerChain(pair(fit.centres), moving.chain.segment, pair(fit.local)))
 
 
-def score(moving: Moving, states: FloatArray, seconds: float) -> Scored:
+def compute_errors(moving: Moving, states: FloatArray, seconds: float) -> Scored:
     """Return the errors of states (F, n, 4)."""
     error = states - moving.truth
     error[..., 0] -= np.nanmean(error[..., 0], axis=0)
@@ -118,14 +118,14 @@ def score(moving: Moving, states: FloatArray, seconds: float) -> Scored:
     return Scored(figures, 1e6 * seconds / len(states))
 
 
-def by_method(moving: Moving, settings: FilterSettings) -> Scored:
+def measure_method(moving: Moving, settings: FilterSettings) -> Scored:
     """Return the errors of one of the program's methods."""
     chain, start = moving.chain, perf_counter()
     states = smooth(moving.points, moving.rate, chain.centres, chain.segment, chain.local, settings=settings)
-    return score(moving, states.mean, perf_counter() - start)
+    return compute_errors(moving, states.mean, perf_counter() - start)
 
 
-def by_filterpy(moving: Moving) -> Scored:
+def measure_filterpy(moving: Moving) -> Scored:
     """Return the errors of filterpy's filter and smoother, with the process noise that fits the truth best.
 
     The search for this noise uses the compiled engine, which is the same filter.
@@ -136,7 +136,7 @@ def by_filterpy(moving: Moving) -> Scored:
     # its anchors, at 5 standard deviations, differ from those of filter.problem
     frames = find_frame_angles(points, chain, 5.0, 5e-5)
     marker_sd = estimate_marker_noise(frames, 5e-5)
-    plain = problem(chain, points, moving.rate, marker_sd, gate=1e3)  # filterpy has no gate
+    plain = make_problem(chain, points, moving.rate, marker_sd, gate=1e3)  # filterpy has no gate
     plain = replace(plain, anchors=frames.anchors(marker_sd))
 
     def tuned(log_sigma: float) -> FilterProblem:
@@ -148,31 +148,31 @@ def by_filterpy(moving: Moving) -> Scored:
         return float(np.mean((mean[..., 2] - moving.truth[..., 2]) ** 2))
 
     best = minimize_scalar(miss, bounds=(np.log(10.0), np.log(1e5)), method="bounded", options={"xatol": 0.02})
-    seconds, track = theirs(tuned(float(best.x)))
-    return score(moving, track.by_joint()[0], seconds)
+    seconds, track = run_filterpy(tuned(float(best.x)))
+    return compute_errors(moving, track.by_joint()[0], seconds)
 
 
-def every_method(moving: Moving, *, filterpy: bool) -> dict[str, Scored]:
+def measure_methods(moving: Moving, *, filterpy: bool) -> dict[str, Scored]:
     """Return the errors of every method on one trial."""
-    found = {name: by_method(moving, settings) for name, settings in METHODS.items()}
-    return {**found, FILTERPY: by_filterpy(moving)} if filterpy else found
+    found = {name: measure_method(moving, settings) for name, settings in METHODS.items()}
+    return {**found, FILTERPY: measure_filterpy(moving)} if filterpy else found
 
 
-def figure(value: float, quantity: int) -> str:
+def format_figure(value: float, quantity: int) -> str:
     """Return a number with the decimals of its quantity."""
     return f"{value:.{(3, 4, 4, 5)[quantity]}f}"
 
 
-def one_trial(found: Mapping[str, Scored]) -> str:
+def make_trial_table(found: Mapping[str, Scored]) -> str:
     """Return a row for each method on one trial."""
     rows = []
     for name, scored in found.items():
-        cells = [figure(value, k) for k, value in enumerate(scored.worst)]
-        rows.append([name, *cells, figure(rms(scored.error[:, 2]), 2), f"{scored.time:.0f}"])
+        cells = [format_figure(value, k) for k, value in enumerate(scored.worst)]
+        rows.append([name, *cells, format_figure(rms(scored.error[:, 2]), 2), f"{scored.time:.0f}"])
     return markdown(["method", *QUANTITIES, "acceleration, all", "µs per sample"], rows)
 
 
-def many_trials(found: Sequence[Mapping[str, Scored]]) -> str:
+def make_quantile_table(found: Sequence[Mapping[str, Scored]]) -> str:
     """Return a row for each method: median and worst decile."""
     rows = []
     for name in found[0]:
@@ -180,23 +180,23 @@ def many_trials(found: Sequence[Mapping[str, Scored]]) -> str:
         cells = []
         for k, decile in enumerate((0.9, 0.9, 0.9, 0.1)):
             middle, outer = np.quantile(each[:, k], (0.5, decile))
-            cells.append(f"{figure(middle, k)} / {figure(outer, k)}")
+            cells.append(f"{format_figure(middle, k)} / {format_figure(outer, k)}")
         rows.append([name, *cells, f"{np.median([trial[name].time for trial in found]):.0f}"])
     return markdown(["method", *QUANTITIES, "µs per sample"], rows)
 
 
-def joint_by_joint(found: Mapping[str, Sequence[Mapping[str, Scored]]]) -> str:
+def make_joint_table(found: Mapping[str, Sequence[Mapping[str, Scored]]]) -> str:
     """Return medians of every method, joint and chain."""
     rows = []
     for chain, trials in found.items():
         for name in trials[0]:
             middle = np.median([trial[name].error for trial in trials], axis=0)  # (n, 4)
-            cells = [" / ".join(figure(value, k) for value in middle[:, k]) for k in range(4)]
+            cells = [" / ".join(format_figure(value, k) for value in middle[:, k]) for k in range(4)]
             rows.append([chain, name, *cells])
     return markdown(["chain", f"{' / '.join(JOINTS)}", *QUANTITIES], rows)
 
 
-def limit_table(found: Mapping[str, Sequence[Mapping[str, Scored]]]) -> str:
+def make_limit_table(found: Mapping[str, Sequence[Mapping[str, Scored]]]) -> str:
     """Return the share of trials in which the worst joint of our method is within each limit."""
     rows = []
     for k, (quantity, limit) in enumerate(zip(QUANTITIES, LIMITS, strict=True)):
@@ -205,12 +205,12 @@ def limit_table(found: Mapping[str, Sequence[Mapping[str, Scored]]]) -> str:
             each = np.array([trial[OURS].worst[k] for trial in trials])
             kept = each >= limit if k == 3 else each <= limit
             extreme = each.min() if k == 3 else each.max()
-            cells.append(f"{100 * kept.mean():.0f} % (worst {figure(extreme, k)})")
+            cells.append(f"{100 * kept.mean():.0f} % (worst {format_figure(extreme, k)})")
         rows.append([quantity, f"{'≥' if k == 3 else '≤'} {limit:g}", *cells])
     return markdown(["worst joint", "required", *(f"{chain} chain" for chain in found)], rows)
 
 
-def duels(found: Sequence[Mapping[str, Scored]]) -> str:
+def make_duel_table(found: Sequence[Mapping[str, Scored]]) -> str:
     """Return how often, and by how much, our errors are smaller than those of each other method."""
     rows = []
     for name in found[0]:
@@ -231,22 +231,22 @@ def main() -> None:
     else:
         what, one = f"the simulated trial of seed {first - 1}", simulate_trial(replace(SHORT, seed=first - 1))
     for settings in METHODS.values():  # compiles, and fills the caches
-        by_method(one, settings)
-    alone = every_method(one, filterpy=True)
+        measure_method(one, settings)
+    alone = measure_methods(one, filterpy=True)
     found: dict[str, list[dict[str, Scored]]] = {"true": [], "fitted": []}
     for seed in range(first, first + trials):
         moving = simulate_trial(replace(SHORT, seed=seed))
-        found["true"].append(every_method(moving, filterpy=True))
-        found["fitted"].append(every_method(refit_chain(moving), filterpy=False))
+        found["true"].append(measure_methods(moving, filterpy=True))
+        found["fitted"].append(measure_methods(refit_chain(moving), filterpy=False))
         progress(seed)
     sections = {
         "states": measured_by(__file__, f"{what} and on {trials} ordinary trials at 100 Hz, seeds from {first}"),
-        "states-one": one_trial(alone),
-        "states-true": many_trials(found["true"]),
-        "states-fitted": many_trials(found["fitted"]),
-        "states-joints": joint_by_joint(found),
-        "states-limits": limit_table(found),
-        "states-duels": duels(found["true"]),
+        "states-one": make_trial_table(alone),
+        "states-true": make_quantile_table(found["true"]),
+        "states-fitted": make_quantile_table(found["fitted"]),
+        "states-joints": make_joint_table(found),
+        "states-limits": make_limit_table(found),
+        "states-duels": make_duel_table(found["true"]),
     }
     publish(sections, write=given.write)
 

@@ -34,7 +34,7 @@ def found(gaps: ModuleType, tmp_path_factory: pytest.TempPathFactory) -> dict[tu
     options = replace(gaps.harness.SHORT, seed=SEED)
     material = gaps.prepare(tmp_path_factory.mktemp("gaps"), options)
     assert material is not None
-    return {key: gaps.run_case(material, *key) for key in gaps.cases(LENGTHS)}
+    return {key: gaps.run_case(material, *key) for key in gaps.list_cases(LENGTHS)}
 
 
 def test_errors_are_within_five_standard_deviations(gaps: ModuleType, found: dict[Any, Any]) -> None:
@@ -63,6 +63,6 @@ def test_intervals_hold_the_truth_of_bridged_samples(gaps: ModuleType, found: di
     Skin movement is one draw per trial: in a tenth of all trials, with or without gaps, 72 % of an angle's samples are
     inside.
     """
-    share, total = gaps.coverage(list(found.values()), "bridged")
+    share, total = gaps.measure_coverage(list(found.values()), "bridged")
     assert total > 500
     assert np.all(share >= (0.72, 0.88, 0.88))

@@ -39,7 +39,7 @@ def weak(bodies, tmp_path_factory):
     marker, plate = bodies.NOISY["robot"]
     options = Options(seed=SEED, subject=draw_subject(SEED, 1), marker_noise=marker, plate_noise=plate)
     place = tmp_path_factory.mktemp("weak") / "before"
-    before = bodies.record(place, case, options, bodies.first_motion(case))
+    before = bodies.record(place, case, options, bodies.make_first_motion(case))
     return case, options, place, before
 
 

@@ -32,10 +32,10 @@ def clean(modules, tmp_path_factory):
 def test_the_truth_is_regrouped_as_the_simulator_writes_it_out(modules, clean) -> None:
     truth = modules["dynamic_truth"]
     written = np.array(clean.truth["base_parameters"]["values"])
-    regrouped = truth.true_base(clean)
-    np.testing.assert_allclose(truth.norms(regrouped), truth.norms(written), rtol=1e-9)
+    regrouped = truth.compute_true_base(clean)
+    np.testing.assert_allclose(truth.compute_norms(regrouped), truth.compute_norms(written), rtol=1e-9)
     np.testing.assert_allclose(regrouped[:8], written[:8], atol=1e-9)
-    turn = truth.last_frame_turn(clean.truth, clean.chain)
+    turn = truth.find_last_frame_turn(clean.truth, clean.chain)
     assert abs(turn) > 0.05
     c, s = np.cos(turn), np.sin(turn)
     np.testing.assert_allclose(np.array([[c, -s], [s, c]]) @ regrouped[8:10], written[8:10], atol=1e-9)
@@ -45,7 +45,7 @@ def test_a_clean_trial_keeps_every_limit(modules, clean) -> None:
     sweep = modules["dynamic_sweep"]
     result = sweep.compare(clean)
     values = np.abs([*result.norms, *result.rms, result.offset])
-    asked = {name: (column, limit) for name, _, limit, _, column in sweep.limits("clean")}
+    asked = {name: (column, limit) for name, _, limit, _, column in sweep.list_limits("clean")}
     assert {name: values[k] for name, (k, limit) in asked.items() if not values[k] <= limit} == {}
     assert (np.abs(result.error[2:]) < 0.02).all()  # frames included: the last one is turned by 12 degrees
 
@@ -88,14 +88,14 @@ def test_most_trials_meet_the_requirements(modules, row: str) -> None:
     sweep = modules["dynamic_sweep"]
     results = [sweep.measure(replace(sweep.ROWS[row], seed=970_100 + k)) for k in range(TRIALS)]
     values = np.array([np.abs([*r.norms, *r.rms, r.offset]) for r in results])
-    for name, _, limit, _, column in sweep.limits(row):
+    for name, _, limit, _, column in sweep.list_limits(row):
         assert np.quantile(values[:, column], 0.9) <= limit, name
 
 
 @pytest.mark.slow
 def test_parameters_are_valid_for_another_strategy(modules) -> None:
     sweep = modules["dynamic_sweep"]
-    errors = sweep.transfer(replace(sweep.ROWS["ordinary"], seed=970_200))
+    errors = sweep.measure_transfer(replace(sweep.ROWS["ordinary"], seed=970_200))
     assert errors.shape == (3, 4, 6)
     assert np.median(errors[0, 3]) <= 5  # mm, carried
     assert (errors[2, 3] <= errors[0, 3] + 0.5).all()  # own parameters are no worse

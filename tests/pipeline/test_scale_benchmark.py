@@ -54,13 +54,13 @@ def test_powers_and_memory_are_found_and_compared_with_the_limits(modules, power
     assert grown.larger == pytest.approx(power)
     assert modules["scale_tables"].fit_memory(frames) == pytest.approx((40.0, 400.0, 0.0), abs=1e-6)
     found = {"frames": {"found": frames, "seconds": 60.0, "load": [0.1, 1.0], "cores": 2}}
-    text = "\n".join(modules["scale_tables"].sections(found).values())
+    text = "\n".join(modules["scale_tables"].make_sections(found).values())
     assert "400 MB + 40.0 MB per million" in text
     assert ("not met" in text) != held
     assert text.count("Not measured in this run.") == 7
     found["frames"]["load"] = [3.0, 3.0]
     assert "no time here is reliable" not in text
-    assert "no time here is reliable" in modules["scale_tables"].machine(found)
+    assert "no time here is reliable" in modules["scale_tables"].describe_machine(found)
 
 
 def test_a_recording_has_the_frames_markers_and_joints_that_are_wanted(modules, tmp_path) -> None:
@@ -77,7 +77,7 @@ def test_a_recording_has_the_frames_markers_and_joints_that_are_wanted(modules, 
 
 def test_backwards_frames_and_samples_stay_together(modules) -> None:
     """Sample k of a frame has the same delay when the trial is played backwards."""
-    to_and_fro, per_frame = modules["scale_recordings"].to_and_fro, 4
+    to_and_fro, per_frame = modules["scale_recordings"].count_to_and_fro, 4
     frames, samples = to_and_fro(10, 40), to_and_fro(9 * per_frame + 1, 40 * per_frame)
     np.testing.assert_array_equal(samples[::per_frame], per_frame * frames)
     assert set(np.abs(np.diff(samples))) == {1}
@@ -85,7 +85,7 @@ def test_backwards_frames_and_samples_stay_together(modules) -> None:
 
 def test_memory_is_that_of_the_measured_process(modules, tmp_path) -> None:
     processes = modules["scale_parts"]
-    small, large = processes.together(
+    small, large = processes.spend_together(
         [[sys.executable, "-c", "pass"], [sys.executable, "-c", "x = b'1' * 200_000_000"]], tmp_path
     )
     assert small.peak < 60

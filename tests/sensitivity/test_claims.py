@@ -29,7 +29,7 @@ def test_claims_that_are_laws_are_confirmed(claims, robot: TrialInputs, words: s
 
 
 def test_a_filter_that_is_tuned_to_the_noise_of_the_angles_is_tried(claims, robot: TrialInputs) -> None:
-    assert 0 < claims.tuned_angles(claims.Case(robot)).value < 5
+    assert 0 < claims.measure_tuned_angles(claims.Case(robot)).value < 5
 
 
 def test_one_trial_that_speaks_against_it_refutes_a_claim(claims) -> None:
