@@ -158,10 +158,8 @@ def _compare_arm(
     true: Mapping[str, FloatArray],
 ) -> tuple[dict[str, float], dict[str, float]]:
     origin = true["seg_origin"] @ TO_TRIAL.T
-    if (
-        truth.get("side") == "left"
-        and compute_rms_length(stack_columns(poses, "upper_arm", "xyz") - origin[:, 1]) > FALSE_SIDE
-    ):
+    shoulder = compute_rms_length(stack_columns(poses, "upper_arm", "xyz") - origin[:, 1])
+    if truth.get("side") == "left" and shoulder > FALSE_SIDE:
         return {}, {}
     errors = {
         "GH centre, mm": 1e3 * shoulder,
