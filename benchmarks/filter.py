@@ -74,7 +74,7 @@ def make_problem(
 def run_filterpy(given: FilterProblem) -> tuple[float, Track]:
     """Return time and result of filterpy's predict, update and rts_smoother, with our initial state and no gate."""
     first = compiled_filter.filter_forwards(given)
-    ukf = filterpy_engine._filterpy(given)
+    ukf = filterpy_engine._make_filter(given)
     ukf.x, ukf.P = first.mean[0].copy(), first.covariance[0].copy()
     mean, covariance = [ukf.x.copy()], [ukf.P.copy()]
     start = perf_counter()
