@@ -193,12 +193,6 @@ def make_event_table(found: pd.DataFrame) -> str:
     return markdown(head, rows)
 
 
-def describe_other_events(found: pd.DataFrame) -> str:
-    """Return median differences of the events without an exact instant."""
-    names = {"start": "start of the rise", "stand": "upright", "end": "seated"}
-    return ", ".join(f"{name} {found[event].median():+.0f} ms" for event, name in names.items())
-
-
 def make_requirement_table(found: Mapping[str, Outcome]) -> str:
     """Return a table of the requirements and the results of both cohorts."""
     columns = [list(_list_requirements(each)) for each in found.values()]
@@ -265,6 +259,8 @@ def main() -> None:
         f"{arguments.subjects} persons with three strategies, one trial of {arguments.repetitions} sit-to-stands each: "
         f"an ordinary cohort (seed {arguments.first}) and a hard one (seed {arguments.first + 1})"
     )
+    names = {"start": "start of the rise", "stand": "upright", "end": "seated"}  # events without an exact instant
+    others = [f"{name} {first.repetitions[event].median():+.0f} ms" for event, name in names.items()]
     sections = {
         "cohort": measured_by(__file__, source),
         "cohort-requirements": make_requirement_table(found),
@@ -274,7 +270,7 @@ def main() -> None:
         "cohort-lengths": make_length_table(first.skeletons),
         "cohort-strategies": make_strategy_table(first.skeletons),
         "cohort-events": make_event_table(first.repetitions),
-        "cohort-other-events": f"Median difference, found minus scheduled: {describe_other_events(first.repetitions)}.",
+        "cohort-other-events": f"Median difference, found minus scheduled: {', '.join(others)}.",
         "cohort-variants": make_variant_table(varied),
     }
     publish(sections, write=arguments.write)

@@ -6,8 +6,9 @@ per trial and core.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial, reduce
 from typing import Any
 
 import harness
@@ -36,24 +37,20 @@ class Trial:
         inputs = {name.replace("_", "."): artefact for name, artefact in changes.items()}
         return replace(self, context=replace(self.context, inputs={**self.context.inputs, **inputs}))
 
+    def with_settings(self, **changes: object) -> Trial:
+        """Replace settings of ``identify-dim``."""
+        settings = self.context.settings.model_copy(update=changes)
+        return replace(self, context=replace(self.context, settings=settings))
 
-Variant = Callable[[Trial], Trial]
 
-
-def _insert_states(*orders: int) -> Variant:
-    """Return a variant with true angles (order 0), velocities (1) or accelerations (2)."""
-
-    def changed(trial: Trial) -> Trial:
-        table, done = trial.context.table("states.parquet"), trial.done
-        columns = {}
-        for order in orders:
-            true = done.true[("q", "qd", "qdd")[order]].copy()
-            true[:, -1] += find_last_frame_turn(done.truth, done.chain) if order == 0 else 0.0
-            for j, column in enumerate(true.T, start=1):
-                columns[f"{('theta', 'dtheta', 'ddtheta')[order]}_{j}"] = column
-        return trial.with_inputs(states_parquet=table.with_columns(**columns))
-
-    return changed
+def _insert_states(trial: Trial, order: int) -> Trial:
+    """Insert the true angles (order 0), velocities (1) or accelerations (2)."""
+    table, done = trial.context.table("states.parquet"), trial.done
+    true = done.true[("q", "qd", "qdd")[order]].copy()
+    true[:, -1] += find_last_frame_turn(done.truth, done.chain) if order == 0 else 0.0
+    name = ("theta", "dtheta", "ddtheta")[order]
+    columns = {f"{name}_{j}": column for j, column in enumerate(true.T, start=1)}
+    return trial.with_inputs(states_parquet=table.with_columns(**columns))
 
 
 def _insert_centres(trial: Trial) -> Trial:
@@ -80,50 +77,35 @@ def _insert_contact(trial: Trial) -> Trial:
     table = trial.context.table("wrench.parquet")
     changed = table.with_columns(plate_ok=table["plate_ok"] & trial.done.off_seat)
     keys = trial.context.trial.model_copy(update={"protocol": "free"})
-    trial = _change_settings(clock_offset_limit_s=0.01)(trial.with_inputs(wrench_parquet=changed))
+    trial = trial.with_inputs(wrench_parquet=changed).with_settings(clock_offset_limit_s=0.01)
     return replace(trial, context=replace(trial.context, trial=keys))
 
 
-def _change_settings(**changes: object) -> Variant:
-    def changed(trial: Trial) -> Trial:
-        settings = trial.context.settings.model_copy(update=changes)
-        return replace(trial, context=replace(trial.context, settings=settings))
-
-    return changed
-
-
-def _combine(*variants: Variant) -> Variant:
-    def changed(trial: Trial) -> Trial:
-        for variant in variants:
-            trial = variant(trial)
-        return trial
-
-    return changed
-
-
-REPLACED: Mapping[str, Variant] = {
-    "unchanged": lambda trial: trial,
-    "true accelerations": _insert_states(2),
-    "true velocities": _insert_states(1),
-    "true angles": _insert_states(0),
-    "true states": _insert_states(0, 1, 2),
-    "true joint centres": _insert_centres,
-    "true wrench": _insert_wrench,
-    "true contact": _insert_contact,
-    "true states and centres": _combine(_insert_states(0, 1, 2), _insert_centres),
-    "true states, centres and wrench": _combine(_insert_states(0, 1, 2), _insert_centres, _insert_wrench),
-    "everything true": _combine(_insert_states(0, 1, 2), _insert_centres, _insert_wrench, _insert_contact),
+_ANGLES, _VELOCITIES, _ACCELERATIONS = (partial(_insert_states, order=order) for order in range(3))
+_STATES = (_ANGLES, _VELOCITIES, _ACCELERATIONS)
+REPLACED: Mapping[str, Sequence[Callable[[Trial], Trial]]] = {
+    "unchanged": (),
+    "true accelerations": (_ACCELERATIONS,),
+    "true velocities": (_VELOCITIES,),
+    "true angles": (_ANGLES,),
+    "true states": _STATES,
+    "true joint centres": (_insert_centres,),
+    "true wrench": (_insert_wrench,),
+    "true contact": (_insert_contact,),
+    "true states and centres": (*_STATES, _insert_centres),
+    "true states, centres and wrench": (*_STATES, _insert_centres, _insert_wrench),
+    "everything true": (*_STATES, _insert_centres, _insert_wrench, _insert_contact),
 }
-CHANGED: Mapping[str, Variant] = {
-    **{f"cutoff_hz: {cutoff}": _change_settings(cutoff_hz=float(cutoff)) for cutoff in (3, 6, 10)},
-    "components: Fy, tauz": _change_settings(components=("Fy", "tauz")),
-    "apply_clock_offset: false": _change_settings(apply_clock_offset=False),
-    "plate_bias: false": _change_settings(plate_bias=False),
-    "contact: weight": _change_settings(contact="weight"),
-    "contact: knee": _change_settings(contact="knee"),
-    "grid: 9, 17": _change_settings(grid=(9, 17)),
-    "consistency: cone": _change_settings(consistency="cone"),
-    "reference_pulls: true": _change_settings(reference_pulls=True),
+CHANGED: Mapping[str, Mapping[str, object]] = {
+    **{f"cutoff_hz: {cutoff}": {"cutoff_hz": float(cutoff)} for cutoff in (3, 6, 10)},
+    "components: Fy, tauz": {"components": ("Fy", "tauz")},
+    "apply_clock_offset: false": {"apply_clock_offset": False},
+    "plate_bias: false": {"plate_bias": False},
+    "contact: weight": {"contact": "weight"},
+    "contact: knee": {"contact": "knee"},
+    "grid: 9, 17": {"grid": (9, 17)},
+    "consistency: cone": {"consistency": "cone"},
+    "reference_pulls: true": {"reference_pulls": True},
 }
 COLUMNS = (*SERIES, *NORMS[2:], "offset")
 
@@ -135,12 +117,13 @@ def measure(options: Options) -> FloatArray | None:
             return None
         inputs = dict(zip(STAGE.inputs, run.read(*STAGE.inputs), strict=True))
     whole = Trial(Context(run.trial.keys, run.trial.settings[STAGE.name], inputs), done)
-    return np.array([compute_errors(whole, variant) for variant in (*REPLACED.values(), *CHANGED.values())])
+    replaced = [reduce(lambda trial, insert: insert(trial), inserts, whole) for inserts in REPLACED.values()]
+    changed = [whole.with_settings(**settings) for settings in CHANGED.values()]
+    return np.array([compute_errors(each) for each in (*replaced, *changed)])
 
 
-def compute_errors(trial: Trial, variant: Variant) -> FloatArray:
+def compute_errors(changed: Trial) -> FloatArray:
     """Return (14,) errors of :data:`COLUMNS`; NaN if nothing is identified."""
-    changed = variant(trial)
     _, predicted, dynamics, _ = STAGE.function(changed.context)
     assert isinstance(predicted, Table)
     assert isinstance(dynamics, Tree)

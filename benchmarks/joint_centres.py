@@ -152,31 +152,6 @@ def make_table(head: Sequence[str], cells: Callable[[float, float], list[str]]) 
     return markdown(["arc", "σ", *head], rows, numbers_from=0)
 
 
-def make_single_table(trials: int) -> str:
-    """Return the table of one marker."""
-
-    def cells(arc: float, noise: float) -> list[str]:
-        bounds = [
-            format_millimetres(compute_kasa_bias(arc, noise)),
-            format_millimetres(compute_circle_bound(arc, noise)),
-        ]
-        return [*bounds, *map(str, measure_single_markers(arc, noise, trials))]
-
-    return make_table(["Kåsa's bias, formula", "bound (sd)", "Kåsa", "Taubin", "Pratt", "geometric"], cells)
-
-
-def make_body_table(trials: int) -> str:
-    """Return the table of three markers."""
-
-    def cells(arc: float, noise: float) -> list[str]:
-        return [
-            format_millimetres(compute_body_bound(arc, noise, BODY)),
-            *map(str, measure_bodies(arc, noise, BODY, trials)),
-        ]
-
-    return make_table(["bound (sd)", *BODIES], cells)
-
-
 def make_study_table(trials: int) -> str:
     """Return ratios to the bound at ten degrees."""
     rows = []
@@ -191,10 +166,20 @@ def main() -> None:
     """Measure all arcs and noises and publish the sections."""
     arguments = command_line(__doc__, trials=400).parse_args()
     trials = arguments.trials
+
+    def measure_one(arc: float, noise: float) -> list[str]:
+        bounds = (compute_kasa_bias(arc, noise), compute_circle_bound(arc, noise))
+        return [*map(format_millimetres, bounds), *map(str, measure_single_markers(arc, noise, trials))]
+
+    def measure_three(arc: float, noise: float) -> list[str]:
+        bound = format_millimetres(compute_body_bound(arc, noise, BODY))
+        return [bound, *map(str, measure_bodies(arc, noise, BODY, trials))]
+
+    head = ["Kåsa's bias, formula", "bound (sd)", "Kåsa", "Taubin", "Pratt", "geometric"]
     sections = {
         "joint-centres": measured_by(__file__, f"{trials} trials per row ({SINGLE * trials} for single markers)"),
-        "joint-centres-marker": make_single_table(trials),
-        "joint-centres-body": make_body_table(trials),
+        "joint-centres-marker": make_table(head, measure_one),
+        "joint-centres-body": make_table(["bound (sd)", *BODIES], measure_three),
         "joint-centres-ratio": make_study_table(trials),
     }
     publish(sections, write=arguments.write)

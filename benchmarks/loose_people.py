@@ -103,34 +103,24 @@ def draw_person(row: str, seed: int) -> Options:
     return Options(seed=seed, people=replace(ROWS[row], hip_gap_mm=low + (high - low) * (seed % 11) / 10))
 
 
-def make_table(
-    columns: Mapping[str, Sequence[tuple[Result, Result]]], cell: Callable[[Sequence[Result]], list[str]]
-) -> str:
+def make_table(columns: Mapping[str, Sequence[tuple[Result, Result]]], quantity: str) -> str:
     """Return a table with cells for the chosen motion and for the pinned chain."""
     texts = []
     for pairs in columns.values():
-        chosen, pinned = (cell(results) for results in zip(*pairs, strict=True))
+        chosen, pinned = (FORMATS[quantity](results) for results in zip(*pairs, strict=True))
         texts.append([" / ".join(each) for each in zip(chosen, pinned, strict=True)])
     names = list(NAMES)
-    if cell is format_errors:
+    if quantity == "errors":
         names = [f"{name}, {unit}" for name, unit in zip(NAMES, UNITS, strict=True)]
         names += [f"first moment about the {joint}, %" for joint in harness.JOINTS]
     return harness.markdown(["", *columns], zip(names, *texts, strict=True))
 
 
-def format_errors(results: Sequence[Result]) -> list[str]:
-    """Return medians of the errors."""
-    return harness.cells(np.median([np.append(r.rms, 100 * r.moments) for r in results], axis=0), ".2g")
-
-
-def format_inside(results: Sequence[Result]) -> list[str]:
-    """Return the shares of samples inside the intervals, %."""
-    return harness.cells(100 * np.mean([r.inside for r in results], axis=0), ".0f")
-
-
-def format_relative(results: Sequence[Result]) -> list[str]:
-    """Return rms errors in stated standard deviations."""
-    return harness.cells(harness.rms(np.array([r.relative for r in results])))
+FORMATS: Mapping[str, Callable[[Sequence[Result]], list[str]]] = {
+    "errors": lambda each: harness.cells(np.median([np.append(r.rms, 100 * r.moments) for r in each], axis=0), ".2g"),
+    "inside": lambda each: harness.cells(100 * np.mean([r.inside for r in each], axis=0), ".0f"),
+    "relative": lambda each: harness.cells(harness.rms(np.array([r.relative for r in each]))),
+}
 
 
 def main() -> None:
@@ -147,11 +137,11 @@ def main() -> None:
     about = harness.measured_by(__file__, source)
     sections = {
         "loose-people": about,
-        "loose-people-errors": make_table(found, format_errors),
+        "loose-people-errors": make_table(found, "errors"),
         "loose-people-motion": f"The program chose measured poses in {chosen} of {len(every)} trials.",
         "loose-people-coverage": about,
-        "loose-people-intervals": make_table(with_all, format_inside),
-        "loose-people-relative": make_table(with_all, format_relative),
+        "loose-people-intervals": make_table(with_all, "inside"),
+        "loose-people-relative": make_table(with_all, "relative"),
     }
     harness.publish(sections, write=given.write)
 

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray, IntArray
+from mocap_id.arrays import IntArray
 from mocap_id.geometry.plane_frame import PlaneFrame
-from mocap_id.recording.plate_types import PlateSignals
 from mocap_id.recording.writer import write_c3d
-from mocap_id.simulation import JointMotion, Options, SimulatedTrial, motion_through
+from mocap_id.simulation import JointMotion, Options, motion_through
 from mocap_id.simulation.body import Link, SimulatedBody
 from mocap_id.simulation.joint_motion import smoothstep
-from mocap_id.simulation.markers import PLATE, MarkerSet
+from mocap_id.simulation.markers import PLATE, MarkerSet, add_plate_markers
 from mocap_id.simulation.plate import draw_plate
 from mocap_id.simulation.scene import Scene, Streams, draw_scene, random_streams
 from mocap_id.simulation.simulated_trial import measure_scene
@@ -25,13 +25,6 @@ REPETITIONS = 4  # half a minute of sit-to-stands
 LINK, WIDTH = 0.30, 0.06  # m, of a chain of many joints
 STEP, PAD = 0.02, 2.0  # s
 SCATTER = 0.03  # m, between a marker and an added one
-
-_TRIAL = """\
-trial: {name}
-recording: {name}.c3d
-protocol: {protocol}
-subject: {{{subject}}}
-"""
 
 
 @dataclass(frozen=True)
@@ -65,23 +58,19 @@ def make(wanted: Wanted, place: Path) -> Path:
     rng = random_streams(options.seed)
     scene = _make_chain(wanted, rng) if wanted.joints else _make_person(wanted, options, rng)
     made = measure_scene(scene, options, rng)
-    points, signals = play(made, wanted)
-    write_c3d(place / f"{wanted.name}.c3d", scene.markers.labels, points, wanted.rate, plates=(signals,))
-    subject = f"mass: {scene.body.mass:.2f}"
-    if wanted.joints is None:
-        subject = f"height: {scene.body.description['subject']['height_m']:.3f}, {subject}"
-    protocol = "free" if wanted.joints else "sit-to-stand"
-    file.write_text(_TRIAL.format(name=wanted.name, protocol=protocol, subject=subject), encoding="utf-8")
-    return file
-
-
-def play(made: SimulatedTrial, wanted: Wanted) -> tuple[FloatArray, PlateSignals]:
-    """Return points and channels of the trial, played forwards and backwards for the wanted number of frames."""
     per_frame = round(wanted.analog / wanted.rate)
     frames = len(made.points)
-    there = count_to_and_fro(frames, wanted.frames)
+    points = made.points[count_to_and_fro(frames, wanted.frames)]  # played forwards and backwards
     samples = count_to_and_fro((frames - 1) * per_frame + 1, wanted.frames * per_frame)
-    return made.points[there], replace(made.signals, channels=made.signals.channels[samples])
+    signals = replace(made.signals, channels=made.signals.channels[samples])
+    write_c3d(place / f"{wanted.name}.c3d", scene.markers.labels, points, wanted.rate, plates=(signals,))
+    subject = {"mass": round(scene.body.mass, 2)}
+    if wanted.joints is None:
+        subject["height"] = round(scene.body.description["subject"]["height_m"], 3)
+    keys = {"trial": wanted.name, "recording": f"{wanted.name}.c3d", "subject": subject}
+    keys["protocol"] = "free" if wanted.joints else "sit-to-stand"
+    file.write_text(json.dumps(keys), encoding="utf-8")
+    return file
 
 
 def count_to_and_fro(own: int, count: int) -> IntArray:
@@ -158,19 +147,16 @@ def _make_swing(joints: int, seconds: float, rng: np.random.Generator) -> JointM
 
 
 def _place_markers(wanted: Wanted, rng: np.random.Generator) -> MarkerSet:
-    """Put seven markers on the plate and the others on the links in turn."""
+    """Put the plate's markers on the plate and the others on the links in turn."""
     assert wanted.joints
     count = wanted.markers - len(PLATE)
-    link = 1 + np.arange(count) % wanted.joints
     low, high = (-WIDTH, 0.1 * LINK, -WIDTH), (WIDTH, 0.9 * LINK, WIDTH)
-    local = np.concatenate([rng.uniform(low, high, (count, 3)), [(x, 0.004, z) for x, z in PLATE]])
-    total = wanted.markers
-    return MarkerSet(
-        labels=tuple(f"M{k:03}" for k in range(count)) + tuple(f"PLT{k + 1}" for k in range(len(PLATE))),
-        link=np.concatenate([link, np.zeros(len(PLATE), dtype=int)]),
-        local=local,
-        softness=np.where(np.arange(total) < count, 0.001, 0.0),
-        hidden=np.arange(total) < count,
-        on_plate=np.arange(total) >= count,
-        at_joint=(None,) * total,
+    return add_plate_markers(
+        rng,
+        tuple(f"M{k:03}" for k in range(count)),
+        1 + np.arange(count) % wanted.joints,
+        rng.uniform(low, high, (count, 3)),
+        softness=np.full(count, 0.001),
+        hidden=np.ones(count, dtype=np.bool_),
+        at_joint=(None,) * count,
     )
