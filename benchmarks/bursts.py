@@ -132,7 +132,7 @@ def run(context: Context, truth: FloatArray, labels: Sequence[str]) -> Run:
     states, markers = context.table("states.parquet"), context.long("markers.parquet")
     if not harness.has_true_segments(states):
         raise WrongSegments
-    error = harness.state_arrays(states) - truth
+    error = harness.stack_states(states) - truth
     error[..., 0] -= np.nanmedian(error[..., 0], axis=0)
     segments = context.table("segments.parquet")
     known = dict(zip(segments["marker"], segments["segment"], strict=True))
@@ -145,13 +145,13 @@ def make_ratio_table(ratios: FloatArray) -> str:
     """Return quantiles of the ratios (trials, 3) of the errors."""
     rows = []
     for name, own in zip(NAMES, ratios.T, strict=True):
-        rows.append([name, *harness.quantiles(own, ".3f"), f"{np.sum(own <= LIMIT)} of {len(own)}"])
-    return harness.markdown(["", "median", "90th percentile", "largest", f"trials within {LIMIT:g}"], rows)
+        rows.append([name, *harness.format_quantiles(own, ".3f"), f"{np.sum(own <= LIMIT)} of {len(own)}"])
+    return harness.format_table(["", "median", "90th percentile", "largest", f"trials within {LIMIT:g}"], rows)
 
 
 def main() -> None:
     """Measure all trials and publish the sections."""
-    arguments = harness.command_line(__doc__, parallel=True, trials=30, first=960_000).parse_args()
+    arguments = harness.make_parser(__doc__, parallel=True, trials=30, first=960_000).parse_args()
     every = harness.run_all(measure, range(arguments.first, arguments.first + arguments.trials), arguments.jobs)
     found: list[Result] = [each for each in every if each is not None]
     let_in, lost = (np.sum([getattr(each, name) for each in found], axis=0) for name in ("let_in", "lost"))
@@ -169,7 +169,7 @@ def main() -> None:
         f"wrong number of segments: {len(every) - trials}."
     )
     sections = {
-        "bursts": harness.measured_by(__file__, source),
+        "bursts": harness.describe_source(__file__, source),
         "bursts-ratios": make_ratio_table(np.array([each.jumped for each in found])),
         "bursts-missing": make_ratio_table(np.array([each.missing for each in found])),
         "bursts-samples": samples,

@@ -13,7 +13,16 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from harness import ROOT, command_line, markdown, measured_by, progress, publish, recordings, temporary_folder
+from harness import (
+    ROOT,
+    describe_source,
+    find_recordings,
+    format_table,
+    make_parser,
+    publish,
+    report_progress,
+    temporary_folder,
+)
 
 from mocap_id.simulation import Options, simulate
 from mocap_id.simulation.ur5 import JointName, Speed
@@ -292,7 +301,7 @@ def make_claims_table(
         (claim.letter, claim.text, claim.limit, *(_format_outcome(claim.letter, *found[name]) for name in counts))
         for claim, found in answers
     ]
-    return markdown(head, rows)
+    return format_table(head, rows)
 
 
 def _format_outcome(letter: str, holds: bool, outcome: Outcome) -> str:
@@ -313,7 +322,7 @@ def make_kind_table() -> str:
             targets = "all joints; each on request" if kind.usual else "each joint and all"
         levels = ", ".join(f"{level:g}" for level in kind.levels) + worse[kind.worse]
         rows.append((f"`{kind.name}`", levels, kind.unit.replace("*", "·") or "–", targets, f"`{kind.entry}`"))
-    return markdown(("kind", "levels", "unit", "on", "enters"), rows)
+    return format_table(("kind", "levels", "unit", "on", "enters"), rows)
 
 
 def make_cost_table(runs: Sequence[PerturbationRun]) -> str:
@@ -322,13 +331,13 @@ def make_cost_table(runs: Sequence[PerturbationRun]) -> str:
     for kind in dict.fromkeys(one.perturbation.kind for one in runs):
         spent = [one.seconds for one in runs if one.perturbation.kind == kind]
         rows.append((f"`{kind}`", str(len(spent)), f"{np.median(spent):.2f}", f"{sum(spent):.1f}"))
-    return markdown(("kind", "perturbations", "s each (median)", "s in all"), rows)
+    return format_table(("kind", "perturbations", "s each (median)", "s in all"), rows)
 
 
 def main() -> None:
     """Test every claim on every group of trials and publish the sections."""
-    arguments = command_line(__doc__, trials=6, first=970_000).parse_args()
-    source = recordings() or ROOT.parent / "shared" / "recordings"
+    arguments = make_parser(__doc__, trials=6, first=970_000).parse_args()
+    source = find_recordings() or ROOT.parent / "shared" / "recordings"
     seeds = range(arguments.first, arguments.first + arguments.trials)
     with temporary_folder() as place:
         folder = place
@@ -345,7 +354,7 @@ def main() -> None:
         answers = []
         for claim in CLAIMS:
             answers.append((claim, {name: judge(claim, cases) for name, cases in groups.items()}))
-            progress(f"{claim.letter} {claim.text}")
+            report_progress(f"{claim.letter} {claim.text}")
         studies = {name: sensitivity(file, jobs=2) for name, file in files.items()}
     counts, runs = {name: len(cases) for name, cases in groups.items()}, studies["sts-normal"].result.runs
     tolerances = []
@@ -359,7 +368,7 @@ def main() -> None:
     )
     sections = {
         "sensitivity-kinds": make_kind_table(),
-        "claims-trials": measured_by(__file__, source),
+        "claims-trials": describe_source(__file__, source),
         "claims": make_claims_table(answers, counts),
         "sensitivity-tolerances": "\n\n".join(tolerances),
         "sensitivity-costs": f"{len(runs)} perturbations, {sum(one.seconds for one in runs):.0f} s in all:\n\n"

@@ -16,7 +16,16 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from cohort_truth import WINTER, compare_models, compare_repetitions, compare_skeletons, configure, read_done, run
-from harness import JOINTS, command_line, markdown, measured_by, progress, publish, run_all, temporary_folder
+from harness import (
+    JOINTS,
+    describe_source,
+    format_table,
+    make_parser,
+    publish,
+    report_progress,
+    run_all,
+    temporary_folder,
+)
 
 from mocap_id.simulation import Cohort, Options, simulate_cohort
 
@@ -118,7 +127,7 @@ def make_table_6_3(found: pd.DataFrame) -> str:
             cells = [*format_wrench(here), *(format_pooled(here, f"t{j}") for j in (1, 2, 3))]
             rows.append([action, model, "ours", format_spread(here["condition"], ".0f"), *cells])
             rows.append(["", "", "thesis", THESIS_CONDITION[action], *THESIS[action, model]])
-    return markdown(head, rows)
+    return format_table(head, rows)
 
 
 def make_torque_table(found: pd.DataFrame) -> str:
@@ -135,7 +144,7 @@ def make_torque_table(found: pd.DataFrame) -> str:
             ]
             cells += [format_pooled(here, f"true_tau_{j}") for j in (1, 2, 3)]
             rows.append([action, model, *cells])
-    return markdown(head, rows)
+    return format_table(head, rows)
 
 
 def make_people_table(found: pd.DataFrame) -> str:
@@ -148,7 +157,7 @@ def make_people_table(found: pd.DataFrame) -> str:
         for name, scale in (("CoP", 1e3), *((f"tau_{j}", 1.0) for j in (1, 2, 3))):
             cells += [f"{scale * value:.2f}" for value in compute_own_and_winter(here, name)]
         rows.append([str(subject), *cells])
-    return markdown(head, rows)
+    return format_table(head, rows)
 
 
 def compute_own_and_winter(here: pd.DataFrame, name: str) -> tuple[float, float]:
@@ -165,7 +174,7 @@ def make_length_table(found: pd.DataFrame) -> str:
     for name, (framework, stature) in THESIS_LENGTHS.items():
         ours = [format_spread(found[name]), format_spread(found.groupby("subject")[f"{name} of stature"].first())]
         rows.append([name, ours[0], framework, ours[1], stature])
-    return markdown(["error, %", "framework: ours", "thesis", "stature: ours", "thesis"], rows)
+    return format_table(["error, %", "framework: ours", "thesis", "stature: ours", "thesis"], rows)
 
 
 def make_strategy_table(found: pd.DataFrame) -> str:
@@ -177,7 +186,7 @@ def make_strategy_table(found: pd.DataFrame) -> str:
         for action in ACTIONS:
             cells += [format_spread(found[found["strategy"] == action][column]), THESIS_STRATEGIES[action][k]]
         rows.append([name, *cells])
-    return markdown(head, rows)
+    return format_table(head, rows)
 
 
 def make_event_table(found: pd.DataFrame) -> str:
@@ -190,14 +199,14 @@ def make_event_table(found: pd.DataFrame) -> str:
         for event in ("seat_off", "seat_on"):
             cells += [f"{value:.0f}" for value in np.nanquantile(here[event].abs(), (0.5, 0.9, 1.0))]
         rows.append([name, *cells])
-    return markdown(head, rows)
+    return format_table(head, rows)
 
 
 def make_requirement_table(found: Mapping[str, Outcome]) -> str:
     """Return a table of the requirements and the results of both cohorts."""
     columns = [list(_list_requirements(each)) for each in found.values()]
     rows = [[*each[0][:2], *(text for _, _, text in each)] for each in zip(*columns, strict=True)]
-    return markdown(["quantity", "required", *found], rows)
+    return format_table(["quantity", "required", *found], rows)
 
 
 def _list_requirements(cohort: Outcome) -> Iterator[tuple[str, str, str]]:
@@ -239,19 +248,19 @@ def make_variant_table(found: Mapping[str, pd.DataFrame]) -> str:
             condition = f"{here['condition'].median():.0f}" if whose == "own" else ""
             true = np.sqrt(np.mean((1e3 * here["true_CoP_rms"]) ** 2))
             rows.append([name if whose == "own" else "", whose, condition, *format_wrench(here), f"{true:.2f}"])
-    return markdown([head[0], "model", *head[1:]], rows)
+    return format_table([head[0], "model", *head[1:]], rows)
 
 
 def main() -> None:
     """Measure the ordinary and the hard cohort and publish the sections."""
-    arguments = command_line(__doc__, parallel=True, subjects=12, repetitions=5, first=970_000).parse_args()
+    arguments = make_parser(__doc__, parallel=True, subjects=12, repetitions=5, first=970_000).parse_args()
     found, varied = {}, {}
     with temporary_folder() as folder:
         for k, (name, options) in enumerate((("ordinary", ORDINARY), ("hard", HARD))):
             own = replace(options, seed=arguments.first + k, repetitions=arguments.repetitions)
             study = simulate_cohort(folder / name, Cohort(arguments.subjects, options=own))
             found[name] = measure(study, study.parent / "trials", {}, arguments.jobs)
-            progress(f"{name}: {len(found[name].lost)} trials without a model {found[name].lost}")
+            report_progress(f"{name}: {len(found[name].lost)} trials without a model {found[name].lost}")
             if name == "ordinary":
                 varied = measure_variants(study, study.parent / "trials", arguments.jobs)
     first = found["ordinary"]
@@ -262,7 +271,7 @@ def main() -> None:
     names = {"start": "start of the rise", "stand": "upright", "end": "seated"}  # events without an exact instant
     others = [f"{name} {first.repetitions[event].median():+.0f} ms" for event, name in names.items()]
     sections = {
-        "cohort": measured_by(__file__, source),
+        "cohort": describe_source(__file__, source),
         "cohort-requirements": make_requirement_table(found),
         "cohort-people": make_people_table(first.models),
         "cohort-models": make_table_6_3(first.models),

@@ -13,7 +13,7 @@ from typing import Any, get_args
 
 import harness
 import numpy as np
-from harness import QUANTILE, Run, rms, share, sizes
+from harness import QUANTILE, Run, format_share, format_sizes, rms
 
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import MocapIdError
@@ -143,35 +143,37 @@ def make_table(preset: str, own: Sequence[Curls], _first: int) -> str:
         return np.concatenate([np.atleast_2d(getattr(each, name)) for each in own]).T
 
     def held(name: str, kept: Any, required: str = "88–99 %") -> list[str]:
-        return [f"… {name}", required, share(kept), "", ""]
+        return [f"… {name}", required, format_share(kept), "", ""]
 
-    counted = share([each.counted for each in own])
+    counted = format_share([each.counted for each in own])
     rows = [["trials with exact counts of curls and failed attempts", "100 %", counted, "", ""]]
     for name, errors in zip(("start", "top", "end"), stack("times"), strict=True):
-        rows.append([f"{name}, ms", f"{TIME_LIMIT:g}", *sizes(errors, TIME_LIMIT, ".0f")])
+        rows.append([f"{name}, ms", f"{TIME_LIMIT:g}", *format_sizes(errors, TIME_LIMIT, ".0f")])
     limit = RANGE_LIMIT[preset]
     for name, errors, inside, width in zip(ANGLES, *map(stack, ("ranges", "inside", "width")), strict=True):
-        rows.append([f"range of {name}, °", f"{limit:g}", *sizes(errors, limit, ".2f")])
+        rows.append([f"range of {name}, °", f"{limit:g}", *format_sizes(errors, limit, ".2f")])
         rows.append(held(f"inside its interval, {np.nanmedian(width):.1f}° wide", inside))
     errors, inside, width = stack("in_step")
-    rows.append(["axial in step with the flexion, first curl, °", "", "", *sizes(errors, np.inf, ".2f")[1:]])
+    rows.append(["axial in step with the flexion, first curl, °", "", "", *format_sizes(errors, np.inf, ".2f")[1:]])
     rows.append(held(f"inside its interval, {np.nanmedian(width):.1f}° wide", inside))
     errors, change, whole = stack("flexion")
-    rows.append(["change of the flexion, rms, °", "", "", *sizes(errors, np.inf, ".2f")[1:]])
+    rows.append(["change of the flexion, rms, °", "", "", *format_sizes(errors, np.inf, ".2f")[1:]])
     rows.append(held("samples inside 1.96 standard deviations", change))
     rows.append(held("of the flexion itself", whole))
     for name, errors, inside in zip(("total", "person's"), stack("torque"), stack("within"), strict=True):
-        rows.append([f"{name} torque, rms, N·m", f"{TORQUE_LIMIT:g}", *sizes(errors, TORQUE_LIMIT, ".2f")])
+        rows.append([f"{name} torque, rms, N·m", f"{TORQUE_LIMIT:g}", *format_sizes(errors, TORQUE_LIMIT, ".2f")])
         rows.append(held("samples inside 1.96 standard deviations", inside, ""))
     levels = ", ".join(f"{level} {count}" for level, count in Counter(each.level for each in own).items())
     head = f"**{preset}**, {len(own)} trials, {sum(len(each.times) for each in own)} curls. Verdicts: {levels}."
-    return f"{head}\n\n" + harness.markdown(["quantity", "limit", "within it", "median", "80 %"], rows, numbers_from=1)
+    return f"{head}\n\n" + harness.format_table(
+        ["quantity", "limit", "within it", "median", "80 %"], rows, numbers_from=1
+    )
 
 
 def main() -> None:
     """Measure trials of both presets, or the presets in ``--only``, and publish the section."""
-    given = harness.command_line(__doc__, parallel=True, only=PRESETS, trials=24, first=420_000).parse_args()
-    about = harness.measured_by(__file__, f"{given.trials} trials a preset, seeds from {given.first}")
+    given = harness.make_parser(__doc__, parallel=True, only=PRESETS, trials=24, first=420_000).parse_args()
+    about = harness.describe_source(__file__, f"{given.trials} trials a preset, seeds from {given.first}")
     tables = harness.measure_rows("curls", PRESETS, given, measure, make_table)
     harness.publish({"curls": f"{about}\n\n{tables}"}, write=given.write)
 

@@ -112,7 +112,7 @@ COLUMNS = (*SERIES, *NORMS[2:], "offset")
 
 def measure(options: Options) -> FloatArray | None:
     """Return (V, 14) errors of every variant; return None without four segments or without parameters."""
-    with harness.simulated(options, harness.DYNAMIC) as run:
+    with harness.open_simulated(options, harness.DYNAMIC) as run:
         if run is None or (done := read_with_truth(run)) is None:
             return None
         inputs = dict(zip(STAGE.inputs, run.read(*STAGE.inputs), strict=True))
@@ -139,19 +139,21 @@ def make_table(found: FloatArray) -> str:
     units = dict(zip(SERIES, UNITS, strict=True)) | {"offset": "ms"}
     head = ["", *(f"{name}, {units.get(name, '%')}" for name in COLUMNS)]
     names = (*REPLACED, *(f"`{name}`" for name in CHANGED))
-    return harness.markdown(head, [[name, *harness.pairs(found[:, k], ".2g")] for k, name in enumerate(names)])
+    return harness.format_table(
+        head, [[name, *harness.format_pairs(found[:, k], ".2g")] for k, name in enumerate(names)]
+    )
 
 
 def main() -> None:
     """Measure ordinary and hard trials and publish the sections."""
-    arguments = harness.command_line(__doc__, parallel=True, trials=30, first=950_000).parse_args()
+    arguments = harness.make_parser(__doc__, parallel=True, trials=30, first=950_000).parse_args()
     trials, first = arguments.trials, arguments.first
     text = f"{trials} simulated sit-to-stands per table, seeds from {first}, with two repetitions each"
-    sections = {"dynamic-sources": harness.measured_by(__file__, text)}
+    sections = {"dynamic-sources": harness.describe_source(__file__, text)}
     for k, row in enumerate(DIFFICULTIES):
         tasks = [replace(ROWS[row], seed=first + k * trials + j) for j in range(trials)]
         found = harness.measure_all(measure, tasks, arguments.jobs)
-        harness.progress(f"{row}: {len(found)} of {trials} trials")
+        harness.report_progress(f"{row}: {len(found)} of {trials} trials")
         sections[f"dynamic-sources-{row}"] = make_table(np.array(found))
     harness.publish(sections, write=arguments.write)
 

@@ -33,7 +33,7 @@ from dynamic_truth import (
     stack_true_series,
     transfer_parameters,
 )
-from harness import cells, in_bold
+from harness import format_numbers, mark_coverage
 from kinematic_sweep import ROWS as KINEMATIC
 
 from mocap_id.arrays import FloatArray
@@ -145,10 +145,10 @@ def make_limit_table(found: Mapping[str, Sequence[Result | None]]) -> str:
         errors = np.array([np.full(len(NORMS) + len(SERIES) + 1, np.nan) if r is None else r.all for r in results])
         for name, unit, limit, required, column in list_limits(row):
             own = errors[:, column]
-            shares = harness.share_with_interval(int(np.sum(own <= limit)), len(own))
-            known = harness.quantiles(own[np.isfinite(own)])
+            shares = harness.format_share_with_interval(int(np.sum(own <= limit)), len(own))
+            known = harness.format_quantiles(own[np.isfinite(own)])
             rows.append([row, name, f"{limit:g} {unit}", required, *shares, *known])
-    return harness.markdown(head, rows)
+    return harness.format_table(head, rows)
 
 
 def make_parameter_table(found: Mapping[str, Sequence[Result]]) -> str:
@@ -158,13 +158,13 @@ def make_parameter_table(found: Mapping[str, Sequence[Result]]) -> str:
     for results in found.values():
         error, sd = np.array([r.error for r in results]), np.array([r.sd for r in results])
         inside = np.mean(np.abs(error) <= harness.QUANTILE * sd, axis=0)
-        columns.append([in_bold(100 * share, f"{100 * share:.0f}") for share in inside])
+        columns.append([mark_coverage(100 * share, f"{100 * share:.0f}") for share in inside])
         columns += [
-            cells(harness.rms(error / sd)),
-            cells(harness.rms(error), ".2g"),
-            cells(np.median(sd, axis=0), ".2g"),
+            format_numbers(harness.rms(error / sd)),
+            format_numbers(harness.rms(error), ".2g"),
+            format_numbers(np.median(sd, axis=0), ".2g"),
         ]
-    return harness.markdown(head, [[name, *row] for name, *row in zip(BASE, *columns, strict=True)])
+    return harness.format_table(head, [[name, *row] for name, *row in zip(BASE, *columns, strict=True)])
 
 
 def make_sample_table(found: Mapping[str, Sequence[Result]]) -> str:
@@ -175,9 +175,9 @@ def make_sample_table(found: Mapping[str, Sequence[Result]]) -> str:
         inside = 100 * np.array([r.inside for r in results])
         low = np.quantile(inside, 0.1, axis=0)
         shares = zip(inside.mean(axis=0), low, strict=True)
-        columns.append([f"{in_bold(mean, f'{mean:.1f}')} / {least:.0f}" for mean, least in shares])
-        columns.append(cells(harness.rms(np.array([r.relative_error for r in results]))))
-    return harness.markdown(head, [[name, *row] for name, *row in zip(TITLES, *columns, strict=True)])
+        columns.append([f"{mark_coverage(mean, f'{mean:.1f}')} / {least:.0f}" for mean, least in shares])
+        columns.append(format_numbers(harness.rms(np.array([r.relative_error for r in results]))))
+    return harness.format_table(head, [[name, *row] for name, *row in zip(TITLES, *columns, strict=True)])
 
 
 def make_transfer_table(errors: FloatArray) -> str:
@@ -185,10 +185,10 @@ def make_transfer_table(errors: FloatArray) -> str:
     names = [f"{SERIES[k]}, {UNITS[k]}" for k in range(4)]
     rows = []
     for k, how in enumerate(("transferred", "unchanged", "own")):
-        rows.append([how, "all", *harness.pairs(np.moveaxis(errors[:, k], 1, -1).reshape(-1, 4))])
+        rows.append([how, "all", *harness.format_pairs(np.moveaxis(errors[:, k], 1, -1).reshape(-1, 4))])
     for pair, (one, other) in enumerate(permutations(STRATEGIES, 2)):
-        rows.append(["transferred", f"{one} → {other}", *harness.pairs(errors[:, 0, :, pair])])
-    return harness.markdown(["parameters", "from → to", *names], rows)
+        rows.append(["transferred", f"{one} → {other}", *harness.format_pairs(errors[:, 0, :, pair])])
+    return harness.format_table(["parameters", "from → to", *names], rows)
 
 
 def measure_times(seed: int) -> Mapping[str, tuple[float, float]]:
@@ -228,20 +228,20 @@ class _Timed:
 
 def main() -> None:
     """Measure all rows, the transfer and the times, and publish the sections."""
-    given = harness.command_line(__doc__, parallel=True, trials=100, repetitions=2, first=980_000).parse_args()
+    given = harness.make_parser(__doc__, parallel=True, trials=100, repetitions=2, first=980_000).parse_args()
     trials, first, subjects = given.trials, given.first, max(1, given.trials // 3)
-    times = [[name, *cells(pair, ".3f")] for name, pair in measure_times(first).items()]
+    times = [[name, *format_numbers(pair, ".3f")] for name, pair in measure_times(first).items()]
     rows = {row: replace(options, repetitions=given.repetitions) for row, options in ROWS.items()}
     found: dict[str, list[Result | None]] = {}
     for row, options in rows.items():
         found[row] = harness.run_all(measure, [replace(options, seed=first + k) for k in range(trials)], given.jobs)
         first += trials
-        harness.progress(f"{row}: {trials} trials, {sum(r is None for r in found[row])} without parameters")
+        harness.report_progress(f"{row}: {trials} trials, {sum(r is None for r in found[row])} without parameters")
     people = [replace(rows["ordinary"], seed=first + k) for k in range(subjects)]
     moved = np.array(harness.measure_all(measure_transfer, people, given.jobs))
     known = {row: [r for r in results if r is not None] for row, results in found.items()}
     source = f"{trials} trials per difficulty, seeds from {given.first}, with {given.repetitions} repetitions each"
-    about = harness.measured_by(__file__, source)
+    about = harness.describe_source(__file__, source)
     persons = f"{subjects} persons who rise with three strategies (`normal`, `dynamic`, `stable`; ordinary trials)"
     sections = {
         "dynamic-sweep": about,
@@ -249,11 +249,11 @@ def main() -> None:
         "dynamic-coverage": about,
         "dynamic-parameters": make_parameter_table(known),
         "dynamic-samples": make_sample_table(known),
-        "dynamic-transfer-trials": harness.measured_by(__file__, persons),
+        "dynamic-transfer-trials": harness.describe_source(__file__, persons),
         "dynamic-transfer": make_transfer_table(moved),
         "dynamic-times-trial": f"`identify-dim` on {TIMED_FRAMES:,} frames of a person, fastest of {CALLS} runs, with "
         "tables in memory. Required of the whole stage: at most 0.5 s.",
-        "dynamic-times": harness.markdown(["", "wall time, s", "processor time, s"], times),
+        "dynamic-times": harness.format_table(["", "wall time, s", "processor time, s"], times),
     }
     harness.publish(sections, write=given.write)
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from harness import JOINTS, SEGMENTS, Run, read_group, rms, state_arrays
+from harness import JOINTS, SEGMENTS, Run, read_group, rms, stack_states
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.dynamics import planar_regressor, structural_base
@@ -137,7 +137,7 @@ def transfer_parameters(fitted: TrialWithTruth, other: TrialWithTruth) -> FloatA
 
 def compute_wrench_errors(done: TrialWithTruth, base: FloatArray) -> FloatArray:
     """Return (4,) rms errors off the seat of Fx, Fy, tauz and centre of pressure (mm) with base parameters (b,)."""
-    q, dq, ddq = np.moveaxis(state_arrays(done.states), 2, 0)
+    q, dq, ddq = np.moveaxis(stack_states(done.states), 2, 0)
     centres = read_group(done.chain, "joints")["centre"]
     regressor = planar_regressor(centres, q, dq, ddq, done.truth["g"])
     wrench = regressor[:, :, structural_base(centres).kept] @ base

@@ -205,7 +205,7 @@ def make_prediction_table(results: Sequence[Result]) -> str:
         ratios = np.concatenate([np.zeros(0), *((p.predicted.sd / c.sd)[r.improvable] for r, p, c in own)])
         near = f"{100 * np.mean(np.abs(np.log(ratios)) <= np.log(1.5)):.0f} %" if len(ratios) else "–"
         rows.append([kind, name, str(len(own)), format_spread(conditions, "{:.3f}"), format_spread(ratios), near])
-    return harness.markdown(head, rows)
+    return harness.format_table(head, rows)
 
 
 def make_gain_table(results: Sequence[Result]) -> str:
@@ -225,7 +225,7 @@ def make_gain_table(results: Sequence[Result]) -> str:
                 shares = np.median(sd), np.sqrt(np.mean(error**2)), np.median(sd.max(axis=1))
                 texts = [f"{np.median([c.condition for _, c in pairs]):.3g}", *(f"{100 * one:.2g}" for one in shares)]
                 rows.append([kind, name, *texts, f"{100 * inside.mean():.0f} %"])
-    return harness.markdown(head, rows)
+    return harness.format_table(head, rows)
 
 
 def make_promise_table(results: Sequence[Result]) -> str:
@@ -243,7 +243,7 @@ def make_promise_table(results: Sequence[Result]) -> str:
             kept += sum(classify(float(came.sd[i] / r.size[i])) == "known" for i in sure)
         counts = (weak, promised, kept, promised - kept, tried - len(own))
         rows.append([kind, name, *map(str, counts)])
-    return harness.markdown(head, rows)
+    return harness.format_table(head, rows)
 
 
 def describe_balance(results: Sequence[Result]) -> str:
@@ -274,7 +274,7 @@ def list_examples(results: Sequence[Result]) -> str:
 
 def main() -> None:
     """Measure all bodies and publish the sections."""
-    given = harness.command_line(__doc__, parallel=True, bodies=5, first=960_000).parse_args()
+    given = harness.make_parser(__doc__, parallel=True, bodies=5, first=960_000).parse_args()
     cases = [Case(kind, given.first + 10 * k) for kind in KINDS for k in range(given.bodies)]
     found = harness.run_all(measure, cases, given.jobs)
     without = "; ".join(each for each in found if isinstance(each, str)) or "none"
@@ -285,7 +285,7 @@ def main() -> None:
         helped.append(f"{sum(helps)} of {len(helps)} ({kind})")
     source = f"{given.bodies} simulated bodies of each kind, seeds from {given.first}"
     sections = {
-        "excitation": f"{harness.measured_by(__file__, source)} Recordings without advice: {without}.",
+        "excitation": f"{harness.describe_source(__file__, source)} Recordings without advice: {without}.",
         "excitation-predictions": make_prediction_table(results),
         "excitation-gains": make_gain_table(results),
         "excitation-promises": make_promise_table(results),

@@ -212,20 +212,20 @@ def make_table(found: Mapping[str, Sequence[Outcome]]) -> str:
         texts = [", ".join(f"`{code}` {count}" for code, count in codes.most_common(4))]
         texts.append(", ".join(f"{name} {count}" for name, count in wrong.most_common(4)))
         rows.append([case, *(str(kinds[kind]) for kind in KINDS), *texts])
-    return harness.markdown(["case", *KINDS, "verdict", "silently wrong"], rows)
+    return harness.format_table(["case", *KINDS, "verdict", "silently wrong"], rows)
 
 
 def main() -> None:
     """Measure all cases, or the cases in ``--only``."""
     numbers = {"first": 995_000, "sets": 50, "trials": 10}
-    given = harness.command_line(__doc__, parallel=True, only=CASES, **numbers).parse_args()
+    given = harness.make_parser(__doc__, parallel=True, only=CASES, **numbers).parse_args()
     sections = {}
     for name, cases, trials in (("marker-sets", SETS, given.sets), ("faults", FAULTS, given.trials)):
         found = {}
         for case in (each for each in given.only if each in cases):
             tasks = [(case, given.first + k) for k in range(trials)]
             found[case] = harness.run_all(measure, tasks, given.jobs)
-        text = harness.measured_by(__file__, f"{trials} trials a case, seeds from {given.first}")
+        text = harness.describe_source(__file__, f"{trials} trials a case, seeds from {given.first}")
         sections[name] = f"{text}\n\n{make_table(found)}"
     harness.publish(sections, write=given.write)
 

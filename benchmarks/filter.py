@@ -15,7 +15,7 @@ from pathlib import Path
 from time import perf_counter
 
 import numpy as np
-from harness import command_line, markdown, publish
+from harness import format_table, make_parser, publish
 
 from mocap_id.arrays import FloatArray, IntArray
 from mocap_id.estimation import compiled_filter, filterpy_engine, smooth
@@ -107,7 +107,7 @@ def time_whole(frames: int) -> float:
 
 def main() -> None:
     """Measure both engines and publish the section."""
-    parser = command_line(__doc__)
+    parser = make_parser(__doc__)
     parser.add_argument("--frames", type=int, help="print the times for so many frames of 39 markers as JSON")
     given = parser.parse_args()
     short, long = make_problem(*make_recording(600, 3)), make_problem(*make_recording(12_000, 3))
@@ -143,7 +143,7 @@ def main() -> None:
         ["the same, 32,000 frames", f"{min(time_whole(32_000) for _ in range(2)):.2f} s"],
         ["first call, nothing compiled", f"{float(done.stdout):.1f} s"],
     ]
-    publish({"filter": markdown(["", ""], rows)}, write=given.write)
+    publish({"filter": format_table(["", ""], rows)}, write=given.write)
 
 
 if __name__ == "__main__":

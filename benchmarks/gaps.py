@@ -118,10 +118,10 @@ def run_case(trial: Trial, which: str, where: str, length: float) -> Case:
     inputs = {**trial.context.inputs, "planar.parquet": planar}
     states: Any = STAGE.function(replace(trial.context, inputs=inputs))[0]
     observed = states.stack([f"observed_{j}" for j in (1, 2, 3)]).astype(np.bool_)
-    error = harness.state_arrays(states) - trial.truth
+    error = harness.stack_states(states) - trial.truth
     error[..., 0] -= np.nanmedian(error[~gap, :, 0], axis=0)
     cautioned = any(reason.code == "gap" for reason in states.reasons)
-    return Case(error / harness.state_arrays(states, "sd_"), gap, observed, cautioned)
+    return Case(error / harness.stack_states(states, "sd_"), gap, observed, cautioned)
 
 
 def list_cases(lengths: Sequence[float] = LENGTHS) -> Iterator[tuple[str, str, float]]:
@@ -166,10 +166,10 @@ def make_sections(found: Mapping[tuple[str, str, float], Sequence[Case]], failed
     silent = sum(int(np.sum(none & case.observed)) for none, case in zip(missing, every, strict=True))
     unsaid = sum(bool(none.any()) and not case.cautioned for none, case in zip(missing, every, strict=True))
     return {
-        "gaps-worst": harness.markdown(["markers", "length", *WHERE], rows),
+        "gaps-worst": harness.format_table(["markers", "length", *WHERE], rows),
         "gaps-outside": f"Outside the gaps the largest errors are {largest}. Of all samples with a value, "
         f"{100 * beyond:.3f} % exceed {LIMIT:g}.",
-        "gaps-coverage": harness.markdown(["samples", "number", *NAMES], shares),
+        "gaps-coverage": harness.format_table(["samples", "number", *NAMES], shares),
         "gaps-failures": f"Exceptions: {failed}. Samples that are NaN although their own frame determines the angle: "
         f"{silent}. Runs with NaN but without the caution `gap`: {unsaid}.",
     }
@@ -177,7 +177,7 @@ def make_sections(found: Mapping[tuple[str, str, float], Sequence[Case]], failed
 
 def main() -> None:
     """Run all cases and publish the sections."""
-    arguments = harness.command_line(__doc__, trials=4, first=930_000).parse_args()
+    arguments = harness.make_parser(__doc__, trials=4, first=930_000).parse_args()
     found: dict[tuple[str, str, float], list[Case]] = {key: [] for key in list_cases()}
     trials = failed = 0
     for seed in range(arguments.first, arguments.first + arguments.trials):
@@ -189,12 +189,12 @@ def main() -> None:
                     results.append(run_case(trial, *key))
                 except Exception as error:  # noqa: BLE001 - counting them is the purpose
                     failed += 1
-                    harness.progress(f"{seed} {key}: {error!r}")
-        harness.progress(seed)
+                    harness.report_progress(f"{seed} {key}: {error!r}")
+        harness.report_progress(seed)
     runs = sum(map(len, found.values()))
     text = f"{trials} trials of two repetitions, seeds from {arguments.first}: {runs} runs of `ukf-smooth`"
     harness.publish(
-        {"gaps": harness.measured_by(__file__, text), **make_sections(found, failed)}, write=arguments.write
+        {"gaps": harness.describe_source(__file__, text), **make_sections(found, failed)}, write=arguments.write
     )
 
 

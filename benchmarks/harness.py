@@ -106,10 +106,10 @@ class Run:
 
     def state_errors(self, states: Table) -> FloatArray:
         """Return the errors (F, n, 3) of angles, velocities and accelerations."""
-        return state_arrays(states) - np.stack(self.true(states["time"], "q", "qd", "qdd"), axis=2)
+        return stack_states(states) - np.stack(self.true(states["time"], "q", "qd", "qdd"), axis=2)
 
 
-def command_line(
+def make_parser(
     description: str | None, *, parallel: bool = False, only: Iterable[str] = (), **defaults: int
 ) -> argparse.ArgumentParser:
     """Return a parser with ``--write`` and an integer option for each default.
@@ -128,7 +128,7 @@ def command_line(
     return parser
 
 
-def recordings() -> Path | None:
+def find_recordings() -> Path | None:
     """Return the folder of the shared recordings, from MOCAP_ID_RECORDINGS."""
     folder = os.environ.get("MOCAP_ID_RECORDINGS")
     return Path(folder).resolve() if folder else None
@@ -136,7 +136,7 @@ def recordings() -> Path | None:
 
 def real_recordings() -> Path:
     """Return the folder of the real sit-to-stands; end the program if MOCAP_ID_RECORDINGS does not name it."""
-    folder = recordings()
+    folder = find_recordings()
     if folder is None:
         raise SystemExit("MOCAP_ID_RECORDINGS does not name the folder of the recordings")
     return folder / "sit-to-stand"
@@ -160,7 +160,7 @@ def run_all(function: Callable[[Any], Any], tasks: Iterable[Any], jobs: int | No
         return list(pool.map(function, tasks))
 
 
-def progress(text: object) -> None:
+def report_progress(text: object) -> None:
     """Write a line to standard error."""
     sys.stderr.write(f"{text}\n")
 
@@ -178,7 +178,7 @@ def temporary_folder() -> Iterator[Path]:
 
 
 @contextmanager
-def simulated(options: Options, stages: Sequence[str] = KINEMATIC) -> Iterator[Run | None]:
+def open_simulated(options: Options, stages: Sequence[str] = KINEMATIC) -> Iterator[Run | None]:
     """Simulate a sit-to-stand, run the stages and yield the trial; yield None if a stage refuses it."""
     with temporary_folder() as folder:
         yield run_simulated(folder / "trial", options, stages)
@@ -233,7 +233,7 @@ def has_true_segments(states: Table) -> bool:
     return f"theta_{SEGMENTS - 1}" in states.names and f"theta_{SEGMENTS}" not in states.names
 
 
-def state_arrays(states: Table, prefix: str = "") -> FloatArray:
+def stack_states(states: Table, prefix: str = "") -> FloatArray:
     """Return (F, n, 3) angles, velocities and accelerations, or with prefix ``sd_`` their standard deviations."""
     orders = ("theta", "dtheta", "ddtheta")
     return np.stack([states.stack([f"{prefix}{s}_{j}" for j in range(1, SEGMENTS)]) for s in orders], axis=2)
@@ -250,42 +250,42 @@ def rms(values: FloatArray) -> FloatArray:
     return np.asarray(np.sqrt(np.nanmean(values**2, axis=0)))
 
 
-def inside(error: FloatArray, sd: FloatArray) -> float:
+def compute_share_inside(error: FloatArray, sd: FloatArray) -> float:
     """Return the share of the errors inside their 95 % intervals; errors without a value do not count."""
     known = np.isfinite(error) & np.isfinite(sd)
     return float(np.mean(np.abs(error[known]) < QUANTILE * sd[known]))
 
 
-def markdown(head: Sequence[str], rows: Iterable[Sequence[str]], *, numbers_from: int | None = None) -> str:
+def format_table(head: Sequence[str], rows: Iterable[Sequence[str]], *, numbers_from: int | None = None) -> str:
     """Return a table; columns from ``numbers_from`` on are aligned to the right."""
     aligned = len(head) if numbers_from is None else numbers_from
     rule = ["---"] * aligned + ["---:"] * (len(head) - aligned)
     return "\n".join("| " + " | ".join(line) + " |" for line in [head, rule, *rows])
 
 
-def cells(values: Iterable[float], form: str = ".2f") -> list[str]:
+def format_numbers(values: Iterable[float], form: str = ".2f") -> list[str]:
     """Return numbers as text."""
     return [f"{value:{form}}" for value in values]
 
 
-def pairs(values: FloatArray, form: str = ".2f", quantiles: tuple[float, float] = (0.5, 0.9)) -> list[str]:
+def format_pairs(values: FloatArray, form: str = ".2f", quantiles: tuple[float, float] = (0.5, 0.9)) -> list[str]:
     """Return two quantiles, by default "median / 90th percentile", of each column, ignoring NaN."""
     return [f"{a:{form}} / {b:{form}}" for a, b in np.nanquantile(values, quantiles, axis=0).T]
 
 
-def share(kept: Any) -> str:
+def format_share(kept: Any) -> str:
     """Return the share of true values; NaN does not count; return – without values."""
     known = np.asarray(kept, dtype=np.float64)
     known = known[np.isfinite(known)]
     return f"{100 * known.mean():.0f} %" if len(known) else "–"
 
 
-def sizes(errors: Any, limit: float, form: str) -> list[str]:
+def format_sizes(errors: Any, limit: float, form: str) -> list[str]:
     """Return the share within a limit, the median and the 80 % quantile of absolute errors; NaN does not count."""
     values = np.abs(np.asarray(errors, dtype=np.float64))
     values = values[np.isfinite(values)]
     quantiles = np.quantile(values, (0.5, 0.8)) if len(values) else (np.nan, np.nan)
-    return [share(values <= limit), *(f"{value:{form}}" for value in quantiles)]
+    return [format_share(values <= limit), *(f"{value:{form}}" for value in quantiles)]
 
 
 def count_codes(codes: Iterable[str]) -> str:
@@ -293,12 +293,12 @@ def count_codes(codes: Iterable[str]) -> str:
     return ", ".join(f"`{code}` {count}" for code, count in Counter(codes).most_common()) or "none"
 
 
-def in_bold(share: float, text: str) -> str:
+def mark_coverage(share: float, text: str) -> str:
     """Return the text, in bold if the coverage of 95 % intervals, %, is outside the required range."""
     return text if 88 <= share <= 99 else f"**{text}**"
 
 
-def limit_table(limits: Mapping[str, float], trials: Sequence[Comparison]) -> str:
+def make_limit_table(limits: Mapping[str, float], trials: Sequence[Comparison]) -> str:
     """Return for each quantity the share of trials within the limit, the median and the 80 % quantile.
 
     The shares inside intervals follow, with their mean and their 10 % and 90 % quantiles. A missing error is infinite.
@@ -317,32 +317,34 @@ def limit_table(limits: Mapping[str, float], trials: Sequence[Comparison]) -> st
         low, high = np.quantile(values, (0.1, 0.9))
         rows.append([f"inside 95 %: {quantity}", "0.88–0.99", f"{np.mean(values):.3f}", f"{low:.3f}", f"{high:.3f}"])
     head = ["quantity", "limit", "within it", "median (10 %)", "80 % (90 %)"]
-    return markdown(head, rows, numbers_from=1)
+    return format_table(head, rows, numbers_from=1)
 
 
-def quantiles(values: Iterable[float], form: str = ".2g", levels: Sequence[float] = (0.5, 0.9, 1.0)) -> list[str]:
+def format_quantiles(
+    values: Iterable[float], form: str = ".2g", levels: Sequence[float] = (0.5, 0.9, 1.0)
+) -> list[str]:
     """Return quantiles, by default the median, the 90th percentile and the largest value."""
-    return cells(np.quantile(list(values), levels), form)
+    return format_numbers(np.quantile(list(values), levels), form)
 
 
-def interval_of_share(good: int, trials: int, form: str = ".0f", unit: float = 100.0) -> str:
+def format_interval_of_share(good: int, trials: int, form: str = ".0f", unit: float = 100.0) -> str:
     """Return the 95 % interval of a share by Clopper and Pearson, by default in %."""
     low = beta.ppf(0.025, good, trials - good + 1) if good else 0.0
     high = beta.ppf(0.975, good + 1, trials - good) if good < trials else 1.0
     return f"{unit * low:{form}}–{unit * high:{form}}"
 
 
-def share_with_interval(good: int, trials: int) -> list[str]:
+def format_share_with_interval(good: int, trials: int) -> list[str]:
     """Return the share of good trials and its 95 % interval, %."""
-    return [f"{100 * good / trials:.0f} %", f"{interval_of_share(good, trials)} %"]
+    return [f"{100 * good / trials:.0f} %", f"{format_interval_of_share(good, trials)} %"]
 
 
-def measured_by(file: str, trials: str) -> str:
+def describe_source(file: str, trials: str) -> str:
     """Return the sentence that names the benchmark and its trials."""
     return f"Measured by `benchmarks/{Path(file).name}` on {trials}."
 
 
-def rows_on_page(name: str, rows: Mapping[str, str], order: Sequence[str], folder: Path = ROOT / "docs") -> str:
+def merge_rows_on_page(name: str, rows: Mapping[str, str], order: Sequence[str], folder: Path = ROOT / "docs") -> str:
     """Return the rows of a section in their order; each row begins with ``**row**, …``.
 
     Rows that were not measured are taken from the page.
@@ -375,8 +377,8 @@ def measure_rows(
     for row in (each for each in given.only if each in rows):
         tasks = [(row, given.first, k) for k in range(given.trials)]
         tables[row] = table(row, run_all(measure, tasks, given.jobs), given.first)
-        progress(tables[row])
-    return rows_on_page(name, tables, list(rows))
+        report_progress(tables[row])
+    return merge_rows_on_page(name, tables, list(rows))
 
 
 def publish(sections: Mapping[str, str], *, write: bool, folder: Path = ROOT / "docs") -> None:

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from harness import command_line, markdown, measured_by, publish, rms
+from harness import describe_source, format_table, make_parser, publish, rms
 
 from mocap_id.arrays import ComplexArray, IntArray
 from mocap_id.errors import NumericalError
@@ -149,7 +149,7 @@ def measure_bodies(arc: float, noise: float, size: float, trials: int) -> list[S
 def make_table(head: Sequence[str], cells: Callable[[float, float], list[str]]) -> str:
     """Return a table with a row for every arc, rad, with every noise, m."""
     rows = [[f"{np.degrees(arc):.0f}°", f"{1e3 * noise:g}", *cells(arc, noise)] for arc, noise in product(ARCS, NOISES)]
-    return markdown(["arc", "σ", *head], rows, numbers_from=0)
+    return format_table(["arc", "σ", *head], rows, numbers_from=0)
 
 
 def make_study_table(trials: int) -> str:
@@ -159,12 +159,12 @@ def make_study_table(trials: int) -> str:
         bound = compute_body_bound(STUDY, noise, size)
         ratios = [f"{errors.along / bound:.2f}" for errors in measure_bodies(STUDY, noise, size, trials)]
         rows.append([f"{1e3 * size:.0f} mm", f"{1e3 * noise:g}", format_millimetres(bound), *ratios])
-    return markdown(["body", "σ", "bound (sd)", *BODIES], rows, numbers_from=0)
+    return format_table(["body", "σ", "bound (sd)", *BODIES], rows, numbers_from=0)
 
 
 def main() -> None:
     """Measure all arcs and noises and publish the sections."""
-    arguments = command_line(__doc__, trials=400).parse_args()
+    arguments = make_parser(__doc__, trials=400).parse_args()
     trials = arguments.trials
 
     def measure_one(arc: float, noise: float) -> list[str]:
@@ -177,7 +177,7 @@ def main() -> None:
 
     head = ["Kåsa's bias, formula", "bound (sd)", "Kåsa", "Taubin", "Pratt", "geometric"]
     sections = {
-        "joint-centres": measured_by(__file__, f"{trials} trials per row ({SINGLE * trials} for single markers)"),
+        "joint-centres": describe_source(__file__, f"{trials} trials per row ({SINGLE * trials} for single markers)"),
         "joint-centres-marker": make_table(head, measure_one),
         "joint-centres-body": make_table(["bound (sd)", *BODIES], measure_three),
         "joint-centres-ratio": make_study_table(trials),

@@ -99,7 +99,7 @@ def compare(done: harness.Run) -> Result:
     true = np.array([truth["segment_lengths_m"][name] for name in SCORED])
     joints, lengths = harness.read_group(chain, "joints"), harness.read_group(chain, "segments")
     length, sd = lengths["length"], lengths["length_sd"]
-    _, origins = planar.segment_poses(harness.state_arrays(states)[..., 0], joints["centre"])
+    _, origins = planar.segment_poses(harness.stack_states(states)[..., 0], joints["centre"])
     distance = origins[:, 1:] - done.true(states["time"], "joint_xy")[0]
     return replace(
         result,
@@ -138,9 +138,9 @@ def make_limit_table(found: Mapping[str, Sequence[Result]]) -> str:
         count = len(found[row])
         for name, limit, good, share in list_requirements(row, found[row]):
             required = "88–99 %" if limit == "covers" else f"{100 * share:.0f} %"
-            rows.append([row, name, limit, required, *harness.share_with_interval(good, count)])
+            rows.append([row, name, limit, required, *harness.format_share_with_interval(good, count)])
     head = ["trials", "quantity", "limit", "required share", "share within the limit", "95 % interval"]
-    return harness.markdown(head, rows)
+    return harness.format_table(head, rows)
 
 
 def make_quantile_table(found: Mapping[str, Sequence[Result]]) -> str:
@@ -150,8 +150,8 @@ def make_quantile_table(found: Mapping[str, Sequence[Result]]) -> str:
         errors = np.array([[*np.abs(r.error), *r.centre] for r in found[row] if r.error and r.centre])
         for q in (0.5, 0.8, 0.9, 1.0):
             name = "largest" if q == 1 else f"{100 * q:.0f} %"
-            rows.append([row, name, *harness.cells(np.quantile(errors, q, axis=0))])
-    return harness.markdown(
+            rows.append([row, name, *harness.format_numbers(np.quantile(errors, q, axis=0))])
+    return harness.format_table(
         ["trials", "quantile", *(f"{k}, %" for k in SCORED), *(f"{k}, mm" for k in harness.JOINTS)], rows
     )
 
@@ -163,33 +163,33 @@ def make_confidence_table(results: Sequence[Result]) -> str:
         here = [r for r in results if r.refused is None and low <= r.confidence < high]
         if here:
             good = sum(r.right for r in here)
-            interval = harness.interval_of_share(good, len(here), ".2f", unit=1.0)
+            interval = harness.format_interval_of_share(good, len(here), ".2f", unit=1.0)
             mean = np.mean([r.confidence for r in here])
             numbers = [f"{len(here)}", f"{mean:.2f}", f"{good / len(here):.2f}", interval]
             rows.append([f"{low:g} … {min(high, 1):g}", *numbers])
-    return harness.markdown(["confidence", "trials", "mean confidence", "share right", "95 % interval"], rows)
+    return harness.format_table(["confidence", "trials", "mean confidence", "share right", "95 % interval"], rows)
 
 
 def main() -> None:
     """Measure all rows and publish the sections."""
-    arguments = harness.command_line(__doc__, parallel=True, trials=100, first=700_000).parse_args()
+    arguments = harness.make_parser(__doc__, parallel=True, trials=100, first=700_000).parse_args()
     trials, first, found = arguments.trials, arguments.first, {}
     for row in [*ROWS, DEGRADED]:
         count = 2 * trials if row == DEGRADED else trials
         found[row] = harness.run_all(measure, [(row, seed) for seed in range(first, first + count)], arguments.jobs)
         first += trials
-        harness.progress(f"{row}: {count} trials")
+        harness.report_progress(f"{row}: {count} trials")
     exact = [r for r in found["clean"] if r.error and r.centre]
     length, centre = max(max(map(abs, r.error)) for r in exact), max(max(r.centre) for r in exact)
     refused = sum(r.refused is not None for r in found[DEGRADED])
     degraded = f"{2 * trials} trials, seeds from {arguments.first + len(ROWS) * trials}; {refused} of them were refused"
     sections = {
-        "kinematic-sweep": harness.measured_by(__file__, f"{trials} trials per row, seeds from {arguments.first}"),
+        "kinematic-sweep": harness.describe_source(__file__, f"{trials} trials per row, seeds from {arguments.first}"),
         "kinematic-limits": make_limit_table(found),
         "kinematic-clean": f"Largest error in any clean trial: {length:.1g} % of a length, {centre:.1g} mm of a joint "
         "centre.",
         "kinematic-quantiles": make_quantile_table(found),
-        "kinematic-degraded": harness.measured_by(__file__, degraded),
+        "kinematic-degraded": harness.describe_source(__file__, degraded),
         "kinematic-confidence": make_confidence_table(found[DEGRADED]),
     }
     harness.publish(sections, write=arguments.write)

@@ -114,12 +114,15 @@ def format_errors(errors: list[Errors]) -> list[str]:
     """Return median / 90th percentile of each error, and the share inside the intervals."""
     covered = np.mean([each.covered for each in errors], axis=0)
     share = " / ".join(f"{100 * part:.0f} %" for part in covered) if np.isfinite(covered).all() else "none stated"
-    return [*harness.pairs(np.array([np.concatenate([each.length, each.joint, each.angle]) for each in errors])), share]
+    return [
+        *harness.format_pairs(np.array([np.concatenate([each.length, each.joint, each.angle]) for each in errors])),
+        share,
+    ]
 
 
 def main() -> None:
     """Measure all rows and publish the sections."""
-    arguments = harness.command_line(__doc__, parallel=True, trials=40, first=50_000).parse_args()
+    arguments = harness.make_parser(__doc__, parallel=True, trials=40, first=50_000).parse_args()
     trials, first, rows = arguments.trials, arguments.first, []
     for row, options in ROWS.items():
         every = harness.run_all(measure, [replace(options, seed=first + k) for k in range(trials)], arguments.jobs)
@@ -129,15 +132,15 @@ def main() -> None:
         ]
         if row == "ordinary":
             arcs = np.median([errors[-1].arc for errors in every], axis=0)
-        harness.progress(f"{row}: {trials} trials")
+        harness.report_progress(f"{row}: {trials} trials")
     turned = ", ".join(f"{arc:.0f}° ({joint})" for arc, joint in zip(arcs, harness.JOINTS, strict=True))
-    about = harness.measured_by(__file__, f"{trials} sit-to-stands per row, seeds from {first}")
+    about = harness.describe_source(__file__, f"{trials} sit-to-stands per row, seeds from {first}")
     head = ["trials", "estimator", "shank, %", "thigh, %"]
     head += [f"{joint}, {unit}" for unit in ("mm", "°") for joint in harness.JOINTS]
     head.append("inside the 95 % interval, shank / thigh")
     sections = {
         "link-by-link": f"{about} Median arcs of the joints: {turned}.",
-        "link-by-link-errors": harness.markdown(head, rows, numbers_from=2),
+        "link-by-link-errors": harness.format_table(head, rows, numbers_from=2),
     }
     harness.publish(sections, write=arguments.write)
 

@@ -46,7 +46,7 @@ class Result:
 
 def measure(options: Options) -> tuple[Result, Result] | None:
     """Return the errors with the chosen motion and with the pinned chain; return None if the trial is refused."""
-    with harness.simulated(options) as run:
+    with harness.open_simulated(options) as run:
         if run is None:
             return None
         plain, found = run.configuration.read_text(), []
@@ -113,19 +113,21 @@ def make_table(columns: Mapping[str, Sequence[tuple[Result, Result]]], quantity:
     if quantity == "errors":
         names = [f"{name}, {unit}" for name, unit in zip(NAMES, UNITS, strict=True)]
         names += [f"first moment about the {joint}, %" for joint in harness.JOINTS]
-    return harness.markdown(["", *columns], zip(names, *texts, strict=True))
+    return harness.format_table(["", *columns], zip(names, *texts, strict=True))
 
 
 FORMATS: Mapping[str, Callable[[Sequence[Result]], list[str]]] = {
-    "errors": lambda each: harness.cells(np.median([np.append(r.rms, 100 * r.moments) for r in each], axis=0), ".2g"),
-    "inside": lambda each: harness.cells(100 * np.mean([r.inside for r in each], axis=0), ".0f"),
-    "relative": lambda each: harness.cells(harness.rms(np.array([r.relative for r in each]))),
+    "errors": lambda each: harness.format_numbers(
+        np.median([np.append(r.rms, 100 * r.moments) for r in each], axis=0), ".2g"
+    ),
+    "inside": lambda each: harness.format_numbers(100 * np.mean([r.inside for r in each], axis=0), ".0f"),
+    "relative": lambda each: harness.format_numbers(harness.rms(np.array([r.relative for r in each]))),
 }
 
 
 def main() -> None:
     """Measure all rows and publish the sections."""
-    given = harness.command_line(__doc__, parallel=True, trials=20, first=991_000).parse_args()
+    given = harness.make_parser(__doc__, parallel=True, trials=20, first=991_000).parse_args()
     found: dict[str, list[tuple[Result, Result]]] = {}
     for row in ROWS:
         options = map(partial(draw_person, row), range(given.first, given.first + given.trials))
@@ -134,7 +136,7 @@ def main() -> None:
     with_all = found | {"all": every}
     chosen = sum(pair[0].poses for pair in every)
     source = f"{given.trials} simulated sit-to-stands per column, seeds from {given.first}, with 5 repetitions each"
-    about = harness.measured_by(__file__, source)
+    about = harness.describe_source(__file__, source)
     sections = {
         "loose-people": about,
         "loose-people-errors": make_table(found, "errors"),

@@ -17,7 +17,7 @@ from typing import Any
 import harness
 import numpy as np
 import pandas as pd
-from harness import share, sizes
+from harness import format_share, format_sizes
 
 from mocap_id.config.study import load_study
 from mocap_id.errors import MocapIdError
@@ -144,23 +144,29 @@ def make_table(name: str, outcomes: Sequence[Outcome], first: int) -> str:
         f"bias of the volume {np.mean(errors[known]):+.1f} %. "
         f"Codes: {harness.count_codes(code for each in outcomes for code in each.codes)}."
     )
-    kept = share(~far | flagged if row.flagged else ~far)
+    kept = format_share(~far | flagged if row.flagged else ~far)
     elevation = np.array([each.elevation for each in outcomes])
+    volume = "volume, %, or not `ok`" if row.flagged else "volume, %"
     different = f"neighbours that differ by more than {100 * DIFFERENT:.0f} % in order"
     rows = [
-        [f"volume, %{', or not `ok`' * row.flagged}", f"{row.volume:g}", kept, *sizes(errors, np.inf, ".1f")[1:]],
-        ["inside the 95 % interval", "0.88–0.99", share(inside), "", ""],
         [
-            *("range of elevation, °", f"{row.elevation:g}", share(np.abs(elevation) <= row.elevation)),
-            *sizes(elevation, np.inf, ".1f")[1:],
+            f"volume, %{', or not `ok`' * row.flagged}",
+            f"{row.volume:g}",
+            kept,
+            *format_sizes(errors, np.inf, ".1f")[1:],
         ],
-        ["range of elevation inside its 95 % interval", "", share(covered), "", ""],
+        ["inside the 95 % interval", "0.88–0.99", format_share(inside), "", ""],
+        [
+            *("range of elevation, °", f"{row.elevation:g}", format_share(np.abs(elevation) <= row.elevation)),
+            *format_sizes(elevation, np.inf, ".1f")[1:],
+        ],
+        ["range of elevation inside its 95 % interval", "", format_share(covered), "", ""],
         ["five severities in order, if the true ones are", "all", _count_ordered(outcomes), "", ""],
         [different, "all", _count_neighbours(outcomes), "", ""],
-        ["processor time, s", "5", *sizes([each.seconds for each in outcomes], 5, ".1f")],
+        ["processor time, s", "5", *format_sizes([each.seconds for each in outcomes], 5, ".1f")],
     ]
     columns = ["quantity", "limit", "within it", "median", "80 %"]
-    return head + "\n\n" + harness.markdown(columns, rows, numbers_from=1)
+    return head + "\n\n" + harness.format_table(columns, rows, numbers_from=1)
 
 
 def _split_cohorts(outcomes: Sequence[Outcome]) -> list[Sequence[Outcome]]:
@@ -214,7 +220,7 @@ def make_cohort_table(people: Sequence[pd.DataFrame], true: Mapping[str, Sequenc
         found = [_format_with_interval(frame.iloc[k], name) for name in ("volume", "visited") for frame in people]
         rows.append([subject, score, THESIS[score], show(np.mean(true[subject])), *found])
     head = ["person", "score", "thesis", "truth", "markers", "camera", "visited, markers", "visited, camera"]
-    return harness.markdown(head, rows, numbers_from=1)
+    return harness.format_table(head, rows, numbers_from=1)
 
 
 def _format_with_interval(row: Any, name: str) -> str:
@@ -224,7 +230,7 @@ def _format_with_interval(row: Any, name: str) -> str:
 def main() -> None:
     """Measure all rows and the cohort, or the parts in ``--only``, and publish the sections."""
     only, sections = [*ROWS, "cohort"], {}
-    given = harness.command_line(__doc__, parallel=True, only=only, trials=20, first=310_000).parse_args()
+    given = harness.make_parser(__doc__, parallel=True, only=only, trials=20, first=310_000).parse_args()
     if given.only != ["cohort"]:
         sections["reach"] = harness.measure_rows("reach", ROWS, given, measure, make_table)
     if "cohort" in given.only:

@@ -74,8 +74,8 @@ def make_table(source: Path) -> str:
                 found = _run(source, place / f"{name} {case}", name, fault)
                 kind, codes = judge(fault, clean, found)
                 rows.append([name, case, kind, ", ".join(f"`{code}`" for code in codes)])
-    text = harness.measured_by(__file__, "two real trials, with `subject: {mass: 60}`")
-    return f"{text}\n\n{harness.markdown(['trial', 'fault', 'outcome', 'new codes'], rows)}"
+    text = harness.describe_source(__file__, "two real trials, with `subject: {mass: 60}`")
+    return f"{text}\n\n{harness.format_table(['trial', 'fault', 'outcome', 'new codes'], rows)}"
 
 
 def judge(fault: Fault, clean: Mapping[str, Any] | None, found: Mapping[str, Any] | None) -> tuple[str, list[str]]:
@@ -163,7 +163,7 @@ def _write(source: Path, folder: Path, name: str, fault: Fault) -> None:
 
 def main() -> None:
     """Measure all faults and publish the section."""
-    given = harness.command_line(__doc__).parse_args()
+    given = harness.make_parser(__doc__).parse_args()
     harness.publish({"real-faults": make_table(harness.real_recordings())}, write=given.write)
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from harness import JOINTS, command_line, markdown, publish, real_recordings, rms, temporary_folder, write_real_trial
+from harness import JOINTS, format_table, make_parser, publish, real_recordings, rms, temporary_folder, write_real_trial
 
 from mocap_id.arrays import BoolArray, FloatArray, find_complete_rows
 from mocap_id.config import load
@@ -204,8 +204,8 @@ def make_transfer_tables(pairs: Mapping[str, tuple[Trial, Trial]]) -> dict[str, 
         codes = ", ".join(f"`{reason.code}`" for reason in found.reasons)
         verdicts.append(f"{name}: {'supported' if found.supported else f'not supported ({codes})'}.")
     return {
-        "real-transfer": markdown(["", "body", *HEADS], off),
-        "real-stated": markdown(["", *HEADS], stated),
+        "real-transfer": format_table(["", "body", *HEADS], off),
+        "real-stated": format_table(["", *HEADS], stated),
         "real-verdicts": f"The verdict of `mocap-id transfer`: {' '.join(verdicts)}",
     }
 
@@ -246,22 +246,22 @@ def make_sections(source: Path, folder: Path) -> dict[str, str]:
     )
     head = ["parameter", "unit", "STS1", "prior", "squats1", "prior", "difference"]
     return {
-        "real-held-out": markdown(["", "model", "", "samples", *HEADS], held_out),
-        "real-inside": markdown(["", *(head.split(",")[0] for head in HEADS)], shares),
-        "real-steps": markdown(["", *(f"{name}: {head}" for name in named for head in HEADS)], stepped),
-        "real-gaps": markdown(["", "joint", "gap, mm", "acceleration, m/s²"], gaps),
-        "real-clocks": markdown(["", "pinned chain, ms", "measured poses, ms", "by repetition, ms"], clocks),
-        "real-torques": markdown(["", "model", "below", *(f"{joint}, N·m" for joint in JOINTS)], torques),
+        "real-held-out": format_table(["", "model", "", "samples", *HEADS], held_out),
+        "real-inside": format_table(["", *(head.split(",")[0] for head in HEADS)], shares),
+        "real-steps": format_table(["", *(f"{name}: {head}" for name in named for head in HEADS)], stepped),
+        "real-gaps": format_table(["", "joint", "gap, mm", "acceleration, m/s²"], gaps),
+        "real-clocks": format_table(["", "pinned chain, ms", "measured poses, ms", "by repetition, ms"], clocks),
+        "real-torques": format_table(["", "model", "below", *(f"{joint}, N·m" for joint in JOINTS)], torques),
         "real-thigh": f"Both thighs together weigh {thighs} in the model, {sts.done.reference[k]:.0f} kg in "
         "Winter's table.",
         **make_transfer_tables({"STS1 → squats1": (sts, squats), "squats1 → STS1": (squats, sts)}),
-        "real-parameters": markdown(head, make_parameter_rows(four, squats)),
+        "real-parameters": format_table(head, make_parameter_rows(four, squats)),
     }
 
 
 def main() -> None:
     """Measure both trials and publish the sections."""
-    given = command_line(__doc__).parse_args()
+    given = make_parser(__doc__).parse_args()
     with temporary_folder() as folder:
         publish(make_sections(real_recordings(), folder), write=given.write)
 

@@ -95,20 +95,20 @@ def make_table(preset: str, outcomes: Sequence[Outcome], first: int) -> str:
         ("payload: all ten parameters, % of their norm", "payload", 100),
     ):
         values = factor * np.array([getattr(each, name) for each in outcomes])
-        rows.append([quantity, *harness.cells(np.quantile(values, (0.5, 0.8, 1.0), method="higher"), ".2g")])
+        rows.append([quantity, *harness.format_numbers(np.quantile(values, (0.5, 0.8, 1.0), method="higher"), ".2g")])
     for quantity, name in (("base parameters", "base_inside"), ("payload", "payload_inside")):
         share = np.array([getattr(each, name) for each in outcomes])
         rows.append([f"inside 95 %: {quantity}", f"{100 * share.mean():.0f} %", "", f"{100 * share.min():.0f} %"])
     kinds = sum(each.kinds for each in outcomes)
     title = f"**{preset}**, {len(outcomes)} robots, seeds from {first}: all joints found as hinges in {kinds}."
     head = ["error", "median (share: mean)", "80 % quantile", "largest (share: least)"]
-    return title + "\n\n" + harness.markdown(head, rows, numbers_from=1)
+    return title + "\n\n" + harness.format_table(head, rows, numbers_from=1)
 
 
 def main() -> None:
     """Measure both presets, or the presets in ``--only``."""
     only = ("clean", "default")
-    given = harness.command_line(__doc__, parallel=True, only=only, trials=20, first=285_000).parse_args()
+    given = harness.make_parser(__doc__, parallel=True, only=only, trials=20, first=285_000).parse_args()
     sections = {"robots-in-space": harness.measure_rows("robots-in-space", only, given, measure, make_table)}
     harness.publish(sections, write=given.write)
 

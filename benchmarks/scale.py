@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from harness import command_line, progress, publish
+from harness import make_parser, publish, report_progress
 from scale_parts import Say, measure_batches, measure_lengths, measure_starts, measure_storage, measure_tasks
 from scale_recordings import Wanted
 from scale_tables import describe_machine, make_plan_table, make_sections
@@ -74,7 +74,7 @@ SMALL = Sizes(
 
 def main() -> None:
     """Measure the parts without results, or the parts in ``--only``, and publish the sections."""
-    parser = command_line(__doc__, repeats=Sizes.repeats, trials=Sizes.trials, rounds=Sizes.rounds)
+    parser = make_parser(__doc__, repeats=Sizes.repeats, trials=Sizes.trials, rounds=Sizes.rounds)
     parser.add_argument("--only", nargs="*", choices=list(PARTS), help="parts to measure anew")
     parser.add_argument("--work", type=Path, help="folder of the measured parts (default: one for this user)")
     parser.add_argument("--before", type=Path, help="source tree of an earlier commit, run in turns with this one")
@@ -102,7 +102,7 @@ def measure(name: str, sizes: Sizes, work: Path) -> dict[str, Any]:
     """Measure one part, and the load of the machine before and after it."""
 
     def say(words: str) -> None:
-        progress(f"{time.strftime('%H:%M:%S')} {name}: {words}")
+        report_progress(f"{time.strftime('%H:%M:%S')} {name}: {words}")
 
     say("begins")
     place = work / "place"

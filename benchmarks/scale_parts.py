@@ -15,7 +15,7 @@ from statistics import median
 from typing import Any
 
 import pyarrow.parquet as pq
-from harness import ROOT, recordings, write_real_trial
+from harness import ROOT, find_recordings, write_real_trial
 from scale_recordings import Wanted, make
 
 HERE = Path(__file__).parent
@@ -108,7 +108,7 @@ def measure_starts(
     They use the reference recording, or without MOCAP_ID_RECORDINGS the simulated recording ``spare``. ``before`` is a
     source tree of an earlier commit, which is run in turns with this one, or None.
     """
-    folder, person = recordings(), None
+    folder, person = find_recordings(), None
     if folder is None:
         trial, what = make(spare, place), f"a simulated sit-to-stand of {spare.frames} frames at {spare.rate:g} Hz"
     else:

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from harness import markdown
+from harness import format_table
 from scale_parts import AGAIN, APART, BARE, DASK, EARLIER, ONE, PERSON, RUN, RUN_AGAIN, STAGES, TWO
 
 Part = Mapping[str, Any]
@@ -37,7 +37,7 @@ def make_sections(found: Mapping[str, Any]) -> dict[str, str]:
     rows = [row for name, requirements in _REQUIREMENTS.items() if name in parts for row in requirements(parts[name])]
     return {
         "scale": describe_machine(found),
-        "scale-requirements": markdown(["quantity", "required", "measured"], rows),
+        "scale-requirements": format_table(["quantity", "required", "measured"], rows),
         **{f"scale-{name}": make(parts[name]) if name in parts else NOT_MEASURED for name, make in _SECTIONS.items()},
     }
 
@@ -124,10 +124,10 @@ def describe_starts(part: Part) -> str:
     base = compute_floor(part)
     return (
         f"Medians of {part['repeats']}, measured alternately; runs of {part['recording']}, compiled code available.\n\n"
-        + markdown(["process", "wall", "processor", "memory", "relative to bare Python"], rows)
+        + format_table(["process", "wall", "processor", "memory", "relative to bare Python"], rows)
         + f"\n\n`run` takes {run / base:.1f} times the floor, and a second run with nothing to do "
         f"{spent[RUN_AGAIN]['wall'] / base:.1f} times. `run` relative to other programs, which do a part of "
-        "its work:\n\n" + markdown(["", "time", "`run` relative to it"], beside)
+        "its work:\n\n" + format_table(["", "time", "`run` relative to it"], beside)
     )
 
 
@@ -149,7 +149,7 @@ def describe_dense(part: Sequence[Part]) -> str:
     body = "A sit-to-stand" if wanted["joints"] is None else f"A chain of {wanted['joints']} joints"
     return (
         f"{body}: {wanted['frames']:,} frames at {wanted['rate']:g} Hz, {wanted['markers']} markers. The floor takes "
-        f"{base:.2f} s. The warm process has loaded all libraries before the first stage.\n\n{markdown(head, rows)}"
+        f"{base:.2f} s. The warm process has loaded all libraries before the first stage.\n\n{format_table(head, rows)}"
     )
 
 
@@ -166,7 +166,7 @@ def describe_frames(part: Sequence[Part]) -> str:
     head = ["length", "frames", "`run`", "processor", "µs per marker and frame", "floor", "`run` / floor", "memory"]
     text = (
         "Sit-to-stands at 100 Hz with 50 markers and a plate at 1000 Hz: half a minute, played forwards and backwards "
-        f"to the required length.\n\n{markdown(head, rows)}\n\n{make_stage_table(part, 'frames')}"
+        f"to the required length.\n\n{format_table(head, rows)}\n\n{make_stage_table(part, 'frames')}"
     )
     line = fit_memory(part)
     if line is None:
@@ -186,7 +186,7 @@ def make_stage_table(part: Sequence[Part], key: str) -> str:
         powers = ["–" if value is None else f"{value:.2f}" for value in (taken.all, taken.larger)]
         rows.append([f"`{name}`" if name == "run" else name, *(f"{value:.2f}" for value in taken.seconds), *powers])
     sizes = [f"{one['wanted'][key]:,}" for one in part]
-    return markdown(["processor, s", *sizes, "exponent", "larger half"], rows)
+    return format_table(["processor, s", *sizes, "exponent", "larger half"], rows)
 
 
 def describe_sweep(part: Sequence[Part], key: str) -> str:
@@ -204,7 +204,7 @@ def describe_sweep(part: Sequence[Part], key: str) -> str:
     fixed = f", {wanted['markers']} markers in all" if key == "joints" else ""
     head = [key, "`run`", "`run` / floor", "memory", "joints found", "verdict"]
     text = f"{wanted['frames']:,} frames at {wanted['rate']:g} Hz{fixed}."
-    return f"{text}\n\n{markdown(head, rows)}\n\n{make_stage_table(part, key)}"
+    return f"{text}\n\n{format_table(head, rows)}\n\n{make_stage_table(part, key)}"
 
 
 def describe_batch(part: Part) -> str:
@@ -220,7 +220,7 @@ def describe_batch(part: Part) -> str:
     return (
         f"{part['trials']} copies of the sample trial `sample_trials/sit-to-stand`, median of {part['rounds']} "
         f"round(s). Two independent commands show the best that this machine can do with two processes.\n\n"
-        + markdown(head, rows)
+        + format_table(head, rows)
     )
 
 
@@ -233,7 +233,7 @@ def make_task_table(part: Part) -> str:
             each = f"{1e3 * (one['seconds'] - begun) / one['count']:.2f} ms"
             times = [f"{one['seconds']:.1f} s", f"{begun:.1f} s" if begun else "–", each]
             rows.append([name, f"{one['count']:,}", *times, format_megabytes(one["peak"] - one["before"])])
-    return markdown(["", "trials", "all", "until the first", "per trial after it", "memory for it"], rows)
+    return format_table(["", "trials", "all", "until the first", "per trial after it", "memory for it"], rows)
 
 
 def describe_storage(part: Part) -> str:
@@ -249,7 +249,7 @@ def describe_storage(part: Part) -> str:
     rows.append(["all", f"{len(files)}", f"{total:.2f}"])
     return (
         f"The run folder of `sample_trials/sit-to-stand` ({recording:.2f} MB of recording; the folder is "
-        f"{total / recording:.1f} times as large).\n\n{markdown(['file', 'files', 'MB'], rows)}"
+        f"{total / recording:.1f} times as large).\n\n{format_table(['file', 'files', 'MB'], rows)}"
     )
 
 
@@ -338,4 +338,4 @@ def make_plan_table(parts: Mapping[str, Any]) -> str:
         ["memory for a trial where `batch` runs", "k", f"{kept:.1f} kB", f"{TRIALS * kept / 1e6:.1f} GB"],
         ["batch.parquet", "p", f"{row:.0f} bytes a row", f"{TRIALS * row / 1e6:.1f} MB"],
     ]
-    return markdown(["what", "formula", "measured", "for 100,000 trials"], lines)
+    return format_table(["what", "formula", "measured", "for 100,000 trials"], lines)

@@ -141,4 +141,4 @@ def _find_largest(of: _Errors | None, frames: slice, k: int) -> float:
 
 
 def _compute_share_inside(error: FloatArray, sd: FloatArray) -> float:
-    return harness.inside(error, np.repeat(sd[:, None], 3, axis=1))
+    return harness.compute_share_inside(error, np.repeat(sd[:, None], 3, axis=1))

@@ -59,7 +59,7 @@ def _run_alone(place: Path, seed: int) -> Comparison:
     (states,) = done.read("states.parquet")
     clock = done.truth["imu"]
     time = clock["shank"]["offset_s"] + states["time"] * (1 + 1e-6 * clock["shank"]["ppm"])
-    away, sd = _compute_errors(alone, states, time), harness.state_arrays(states, "sd_")
+    away, sd = _compute_errors(alone, states, time), harness.stack_states(states, "sd_")
     away[..., 0] -= constant
     errors, inside = _summarise_states(away, sd)
     others = {name: each for name, each in done.summary["imus"].items() if name != "shank"}
@@ -92,7 +92,7 @@ def run_cameras(place: Path, seed: int, *, board: bool) -> Comparison:
     configuration = simulate("sit-to-stand", place / ("board" if board else "plate"), options)
     done = run_trial(configuration)
     (states,) = done.read("states.parquet")
-    away, sd = _compute_errors(configuration, states, states["time"]), harness.state_arrays(states, "sd_")
+    away, sd = _compute_errors(configuration, states, states["time"]), harness.stack_states(states, "sd_")
     away[..., 0] -= np.nanmean(away[..., 0], axis=0)
     errors, inside = _summarise_states(away, sd)
     errors["repetitions"] = _count_right(done)
@@ -115,7 +115,7 @@ def interpolate_truth(configuration: Path, time: FloatArray, names: Sequence[str
 def _compute_errors(configuration: Path, states: Any, time: FloatArray) -> FloatArray:
     """Return the errors (F, n, 3) of the states."""
     true = interpolate_truth(configuration, time, ["q", "qd", "qdd"])
-    return harness.state_arrays(states) - np.stack(list(true.values()), axis=2)
+    return harness.stack_states(states) - np.stack(list(true.values()), axis=2)
 
 
 def _summarise_states(away: FloatArray, sd: FloatArray) -> tuple[dict[str, float], dict[str, float]]:
@@ -183,4 +183,4 @@ def make_table(seeds: Sequence[int], jobs: int | None) -> str:
         every = [[row[name].inside.get(quantity, np.nan) for row in rows] for name in names]
         cells = [f"{np.nanmean(each):.2f}" if np.isfinite(each).any() else "–" for each in every]
         lines.append([f"inside 95 %: {quantity}", *cells])
-    return harness.markdown(["median error", *names], lines, numbers_from=1)
+    return harness.format_table(["median error", *names], lines, numbers_from=1)

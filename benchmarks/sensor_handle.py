@@ -88,12 +88,12 @@ def make_table(seeds: Sequence[int], jobs: int | None) -> str:
             columns = np.array([each[:, k] for each in done])
             error, stated, foreseen = columns.T
             inside = np.mean(error < harness.QUANTILE * stated)
-            middle = harness.cells((np.median(error), np.median(stated)), ".1f")
+            middle = harness.format_numbers((np.median(error), np.median(stated)), ".1f")
             middle += ["–" if np.isnan(foreseen).all() else f"{np.median(foreseen):.1f}", f"{100 * inside:.0f} %"]
             rows.append([known, name, *middle])
-        harness.progress(rows[-2:])
+        harness.report_progress(rows[-2:])
     head = ["measured", "of the forearm", "error, %", "stated sd, %", "foreseen sd, %", "inside 95 %"]
-    return harness.markdown(head, rows, numbers_from=2)
+    return harness.format_table(head, rows, numbers_from=2)
 
 
 def measure(task: tuple[int, str]) -> FloatArray:

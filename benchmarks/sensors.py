@@ -148,7 +148,7 @@ def _run_states(configuration: Path) -> tuple[Run, FloatArray, FloatArray, Float
     done = run_trial(configuration)
     done.summary  # noqa: B018 - a later run of the same configuration overwrites the file
     (states,) = done.read("states.parquet")
-    return done, done.state_errors(states), harness.state_arrays(states, "sd_"), states["time"]
+    return done, done.state_errors(states), harness.stack_states(states, "sd_"), states["time"]
 
 
 def _hide(configuration: Path, options: Options) -> slice:
@@ -221,8 +221,8 @@ def make_table(row: Row, seeds: Sequence[int], jobs: int | None) -> str:
     done = [each for each in every if each.errors]
     codes = harness.count_codes(code for each in every for code in each.codes)
     about = f"**{row.name}**, {len(every)} trials, identified {len(done)}. Cautions: {codes}."
-    text = f"{about}\n\n{harness.limit_table(row.limits, done)}"
-    harness.progress(text)
+    text = f"{about}\n\n{harness.make_limit_table(row.limits, done)}"
+    harness.report_progress(text)
     return text
 
 
@@ -235,8 +235,8 @@ OTHERS: Mapping[str, Callable[[Sequence[int], int | None], str]] = {
 def main() -> None:
     """Measure all sections, or the sections in ``--only``, and publish them."""
     only = [*TABLES, *OTHERS]
-    given = harness.command_line(__doc__, parallel=True, only=only, trials=24, first=310_000).parse_args()
-    about = harness.measured_by(__file__, f"{given.trials} trials a row, seeds from {given.first}")
+    given = harness.make_parser(__doc__, parallel=True, only=only, trials=24, first=310_000).parse_args()
+    about = harness.describe_source(__file__, f"{given.trials} trials a row, seeds from {given.first}")
     seeds, sections = range(given.first, given.first + given.trials), {}
     for name in given.only:
         if name in OTHERS:

@@ -20,7 +20,15 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import clarabel
 import numpy as np
 import osqp
-from harness import command_line, markdown, measured_by, publish, recordings, temporary_folder, write_real_trial
+from harness import (
+    describe_source,
+    find_recordings,
+    format_table,
+    make_parser,
+    publish,
+    temporary_folder,
+    write_real_trial,
+)
 from scipy import sparse
 
 from mocap_id.arrays import FloatArray
@@ -201,7 +209,7 @@ def make_random_table(results: Sequence[Mapping[str, Result]]) -> str:
         solved = sum(result.answer.status.lower() == "solved" for result in mine)
         costs = [format_scientific(value) for value in (median(above), max(above), max(kkt))]
         rows.append([name, *costs, f"{proven}", f"{solved}", f"{1e3 * median(r.seconds for r in mine):.1f}"])
-    return markdown(head, rows, numbers_from=1)
+    return format_table(head, rows, numbers_from=1)
 
 
 def make_trial_table(cases: Sequence[Case], results: Sequence[Mapping[str, Result]]) -> str:
@@ -211,7 +219,7 @@ def make_trial_table(cases: Sequence[Case], results: Sequence[Mapping[str, Resul
         [case.name, *(f"{format_scientific(found[name].above)} / {1e3 * found[name].seconds:.1f}" for name in names)]
         for case, found in zip(cases, results, strict=True)
     ]
-    return markdown(["trial", *names], rows, numbers_from=1)
+    return format_table(["trial", *names], rows, numbers_from=1)
 
 
 def make_price_table(cases: Sequence[Case], results: Sequence[Mapping[str, Result]]) -> str:
@@ -224,7 +232,7 @@ def make_price_table(cases: Sequence[Case], results: Sequence[Mapping[str, Resul
         beyond = [format_scientific(max(cost / costs[-1] - 1, 0.0)) for cost in costs[:2]]
         rows.append([case.name, *prices, *beyond])
     head = ["trial", "grid", "bounded cone", "cone", "grid above cone", "bounded cone above cone"]
-    return markdown(head, rows, numbers_from=1)
+    return format_table(head, rows, numbers_from=1)
 
 
 def make_cases(count: int, place: Path) -> list[Case]:
@@ -234,7 +242,7 @@ def make_cases(count: int, place: Path) -> list[Case]:
         kind = "robot" if k == count - 1 else "sit-to-stand"
         yaml = simulate(kind, place / f"{k}", Options(seed=FIRST + k, repetitions=3))
         cases.append(read_case(yaml, f"simulated {kind}, seed {FIRST + k}"))
-    folder = recordings()
+    folder = find_recordings()
     if folder:
         for name in REAL:
             yaml = write_real_trial(folder / "sit-to-stand" / name, place / f"{name}.yaml")
@@ -244,7 +252,7 @@ def make_cases(count: int, place: Path) -> list[Case]:
 
 def main() -> None:
     """Measure random problems and trials and publish the sections."""
-    given = command_line(__doc__, problems=200, trials=5).parse_args()
+    given = make_parser(__doc__, problems=200, trials=5).parse_args()
     random = [measure(draw_case(seed), 1) for seed in range(given.problems)]
     with temporary_folder() as place:
         cases = make_cases(given.trials, place)
@@ -252,7 +260,7 @@ def main() -> None:
     costs = [[found[name].answer.cost for name in ("OSQP, split", "Clarabel, bounded cone")] for found in results]
     excess = format_scientific(max(grid / cone - 1 for grid, cone in costs))
     sections = {
-        "solvers-problems": measured_by(__file__, f"{given.problems} random problems"),
+        "solvers-problems": describe_source(__file__, f"{given.problems} random problems"),
         "solvers-random": make_random_table(random),
         "solvers-trials": f"Simulated trials: seeds {FIRST} to {FIRST + given.trials - 1}. Each cell: excess cost "
         "/ milliseconds.",

@@ -145,8 +145,8 @@ def _compare_motion(
     }
     sd = {name: np.repeat(poses[f"sd_{segment}_{name}"][moving, None], 3, axis=1) for name in off}
     return compute_rms_length(off["alpha"]), {
-        "velocity": harness.inside(off["omega"], sd["omega"]),
-        "acceleration": harness.inside(off["alpha"], sd["alpha"]),
+        "velocity": harness.compute_share_inside(off["omega"], sd["omega"]),
+        "acceleration": harness.compute_share_inside(off["alpha"], sd["alpha"]),
     }
 
 
@@ -174,7 +174,7 @@ def _compare_arm(
         error = (angles[name] - sign * true[key][:, column] + np.pi) % (2 * np.pi) - np.pi
         error = error[keep]
         errors[f"{name}, °"] = float(np.degrees(harness.rms(error)))
-        covered.append(harness.inside(error - np.nanmean(error), angles[f"sd_{name}"][keep]))
+        covered.append(harness.compute_share_inside(error - np.nanmean(error), angles[f"sd_{name}"][keep]))
     return errors, {"angles": float(np.mean(covered)), **inside}
 
 
@@ -236,12 +236,12 @@ def make_table(name: str, outcomes: Sequence[Outcome], first: int) -> str:
         f"flagged {flagged}, kinds right {sum(each.kinds for each in outcomes)}. Cautions: "
         f"{harness.count_codes(code for each in outcomes for code in each.codes)}."
     )
-    return f"{about}\n\n{harness.limit_table(ROWS[name].limits, right)}"
+    return f"{about}\n\n{harness.make_limit_table(ROWS[name].limits, right)}"
 
 
 def main() -> None:
     """Measure all rows, or the rows in ``--only``, and publish the section."""
-    given = harness.command_line(__doc__, parallel=True, only=ROWS, trials=30, first=210_000).parse_args()
+    given = harness.make_parser(__doc__, parallel=True, only=ROWS, trials=30, first=210_000).parse_args()
     sections = {"space": harness.measure_rows("space", ROWS, given, measure, make_table)}
     harness.publish(sections, write=given.write)
 

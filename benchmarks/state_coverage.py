@@ -39,14 +39,14 @@ class Result:
 
 def measure(options: Options) -> Result | None:
     """Simulate and run a trial and return its coverage; return None if the number of segments is wrong."""
-    with harness.simulated(options) as done:
+    with harness.open_simulated(options) as done:
         if done is None:
             return None
         states, markers = done.read("states.parquet", "markers.parquet")
         if not harness.has_true_segments(states):
             return None
         error = done.state_errors(states)
-    sd = harness.state_arrays(states, "sd_")
+    sd = harness.stack_states(states, "sd_")
     error[..., 0] -= np.nanmedian(error[..., 0], axis=0)
     inside = np.where(np.isfinite(error + sd), np.abs(error) <= harness.QUANTILE * sd, np.nan)
     seen = np.isfinite(markers.values["residual"])
@@ -87,7 +87,7 @@ def make_step_rows(row: str, results: Sequence[Result]) -> list[list[str]]:
 
 def main() -> None:
     """Measure all rows and publish the sections."""
-    given = harness.command_line(__doc__, parallel=True, trials=100, first=920_000).parse_args()
+    given = harness.make_parser(__doc__, parallel=True, trials=100, first=920_000).parse_args()
     first, others = given.first, max(1, round(0.4 * given.trials))
     coverage, steps = [], []
     for row, options in ROWS.items():
@@ -97,13 +97,13 @@ def main() -> None:
         coverage += make_coverage_rows(row, results, count - len(results))
         steps += make_step_rows(row, results)
         first += count
-        harness.progress(f"{row}: {len(results)} of {count} trials")
+        harness.report_progress(f"{row}: {len(results)} of {count} trials")
     source = f"{given.trials} ordinary and {others} other trials, seeds from {given.first}, two repetitions each"
     head = ["skin", "trials", "joint", "angle", "velocity", "acceleration"]
     sections = {
-        "state-coverage": harness.measured_by(__file__, source),
-        "state-coverage-shares": harness.markdown(head, coverage),
-        "state-coverage-steps": harness.markdown(["skin", "state", "at edges", "elsewhere", "excess"], steps),
+        "state-coverage": harness.describe_source(__file__, source),
+        "state-coverage-shares": harness.format_table(head, coverage),
+        "state-coverage-steps": harness.format_table(["skin", "state", "at edges", "elsewhere", "excess"], steps),
     }
     harness.publish(sections, write=given.write)
 

@@ -15,7 +15,17 @@ from time import perf_counter
 import ezc3d
 import numpy as np
 from filter import make_problem, run_filterpy
-from harness import JOINTS, SHORT, command_line, markdown, measured_by, progress, publish, recordings, rms
+from harness import (
+    JOINTS,
+    SHORT,
+    describe_source,
+    find_recordings,
+    format_table,
+    make_parser,
+    publish,
+    report_progress,
+    rms,
+)
 from scipy.optimize import minimize_scalar
 
 from mocap_id.arrays import FloatArray
@@ -169,7 +179,7 @@ def make_trial_table(found: Mapping[str, Scored]) -> str:
     for name, scored in found.items():
         cells = [format_figure(value, k) for k, value in enumerate(scored.worst)]
         rows.append([name, *cells, format_figure(rms(scored.error[:, 2]), 2), f"{scored.time:.0f}"])
-    return markdown(["method", *QUANTITIES, "acceleration, all", "µs per sample"], rows)
+    return format_table(["method", *QUANTITIES, "acceleration, all", "µs per sample"], rows)
 
 
 def make_quantile_table(found: Sequence[Mapping[str, Scored]]) -> str:
@@ -182,7 +192,7 @@ def make_quantile_table(found: Sequence[Mapping[str, Scored]]) -> str:
             middle, outer = np.quantile(each[:, k], (0.5, decile))
             cells.append(f"{format_figure(middle, k)} / {format_figure(outer, k)}")
         rows.append([name, *cells, f"{np.median([trial[name].time for trial in found]):.0f}"])
-    return markdown(["method", *QUANTITIES, "µs per sample"], rows)
+    return format_table(["method", *QUANTITIES, "µs per sample"], rows)
 
 
 def make_joint_table(found: Mapping[str, Sequence[Mapping[str, Scored]]]) -> str:
@@ -193,7 +203,7 @@ def make_joint_table(found: Mapping[str, Sequence[Mapping[str, Scored]]]) -> str
             middle = np.median([trial[name].error for trial in trials], axis=0)  # (n, 4)
             cells = [" / ".join(format_figure(value, k) for value in middle[:, k]) for k in range(4)]
             rows.append([chain, name, *cells])
-    return markdown(["chain", f"{' / '.join(JOINTS)}", *QUANTITIES], rows)
+    return format_table(["chain", f"{' / '.join(JOINTS)}", *QUANTITIES], rows)
 
 
 def make_limit_table(found: Mapping[str, Sequence[Mapping[str, Scored]]]) -> str:
@@ -207,7 +217,7 @@ def make_limit_table(found: Mapping[str, Sequence[Mapping[str, Scored]]]) -> str
             extreme = each.min() if k == 3 else each.max()
             cells.append(f"{100 * kept.mean():.0f} % (worst {format_figure(extreme, k)})")
         rows.append([quantity, f"{'≥' if k == 3 else '≤'} {limit:g}", *cells])
-    return markdown(["worst joint", "required", *(f"{chain} chain" for chain in found)], rows)
+    return format_table(["worst joint", "required", *(f"{chain} chain" for chain in found)], rows)
 
 
 def make_duel_table(found: Sequence[Mapping[str, Scored]]) -> str:
@@ -219,13 +229,13 @@ def make_duel_table(found: Sequence[Mapping[str, Scored]]) -> str:
         ratio = np.array([trial[OURS].error[:, :3] / trial[name].error[:, :3] for trial in found])  # (trials, n, 3)
         share, middle = np.mean(ratio <= 1.0, axis=(0, 1)), np.median(ratio, axis=(0, 1))
         rows.append([name, *(f"{100 * s:.0f} % ({m:.2f})" for s, m in zip(share, middle, strict=True))])
-    return markdown(["other", *(name.split(",")[0] for name in QUANTITIES[:3])], rows)
+    return format_table(["other", *(name.split(",")[0] for name in QUANTITIES[:3])], rows)
 
 
 def main() -> None:
     """Measure every method on the reference recording and on new trials, and publish the sections."""
-    given = command_line(__doc__, trials=30, first=910_000).parse_args()
-    trials, first, folder = given.trials, given.first, recordings()
+    given = make_parser(__doc__, trials=30, first=910_000).parse_args()
+    trials, first, folder = given.trials, given.first, find_recordings()
     if folder:
         what, one = "the reference recording simulated/sts-normal", read_recording(folder / "simulated" / "sts-normal")
     else:
@@ -238,9 +248,9 @@ def main() -> None:
         moving = simulate_trial(replace(SHORT, seed=seed))
         found["true"].append(measure_methods(moving, filterpy=True))
         found["fitted"].append(measure_methods(refit_chain(moving), filterpy=False))
-        progress(seed)
+        report_progress(seed)
     sections = {
-        "states": measured_by(__file__, f"{what} and on {trials} ordinary trials at 100 Hz, seeds from {first}"),
+        "states": describe_source(__file__, f"{what} and on {trials} ordinary trials at 100 Hz, seeds from {first}"),
         "states-one": make_trial_table(alone),
         "states-true": make_quantile_table(found["true"]),
         "states-fitted": make_quantile_table(found["fitted"]),
