@@ -320,11 +320,9 @@ def make_limit_table(limits: Mapping[str, float], trials: Sequence[Comparison]) 
     return format_table(head, rows, numbers_from=1)
 
 
-def format_quantiles(
-    values: Iterable[float], form: str = ".2g", levels: Sequence[float] = (0.5, 0.9, 1.0)
-) -> list[str]:
-    """Return quantiles, by default the median, the 90th percentile and the largest value."""
-    return format_numbers(np.quantile(list(values), levels), form)
+def format_quantiles(values: FloatArray, form: str = ".2g") -> list[str]:
+    """Return the median, the 90th percentile and the largest value."""
+    return format_numbers(np.quantile(values, (0.5, 0.9, 1.0)), form)
 
 
 def format_interval_of_share(good: int, trials: int, form: str = ".0f", unit: float = 100.0) -> str:

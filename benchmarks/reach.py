@@ -146,7 +146,6 @@ def make_table(name: str, outcomes: Sequence[Outcome], first: int) -> str:
     )
     kept = format_share(~far | flagged if row.flagged else ~far)
     elevation = np.array([each.elevation for each in outcomes])
-    volume = "volume, %, or not `ok`" if row.flagged else "volume, %"
     different = f"neighbours that differ by more than {100 * DIFFERENT:.0f} % in order"
     rows = [
         [
