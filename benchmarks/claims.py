@@ -100,9 +100,7 @@ class Case:
 
     def largest(self, now: Estimates, but: Sequence[str] = ()) -> Outcome:
         """Return the largest change of the parameters that are not in ``but``."""
-        return max(
-            (Outcome(self.percent(now, n), n) for n in self.names if n not in but), key=lambda outcome: outcome.value
-        )
+        return find_worst(Outcome(self.percent(now, name), name) for name in self.names if name not in but)
 
 
 def find_worst(found: Iterator[Outcome]) -> Outcome:
@@ -214,23 +212,16 @@ def _below(limit: float) -> tuple[Callable[[float], bool], str]:
     return lambda value: value < limit, f"below {limit:g} %"
 
 
+SMALL = _below(NEGLIGIBLE)
 CLAIMS = (
     Claim(
-        "a",
-        "Filter noise swept (1e1–1e4, 1e-4–1e-1): states' r² change by less than 1 %",
-        measure_sweep,
-        *_below(1),
+        "a", "Filter noise swept (1e1–1e4, 1e-4–1e-1): states' r² change by less than 1 %", measure_sweep, *_below(1)
     ),
     Claim("a", "… with no gate, as in the thesis", lambda case: measure_sweep(case, NO_GATE), *_below(1)),
     Claim("a", "Over-constrained corner (1e1, 1e-1): acceleration worse by 8.7 %", measure_corner, *_below(10)),
     Claim("a", "… with no gate", lambda case: measure_corner(case, NO_GATE), *_below(10)),
-    Claim(
-        "b",
-        "Angle mean offset 0.01–0.1 rad: (mx, my) of the link turn the other way",
-        measure_rotation,
-        *_below(NEGLIGIBLE),
-    ),
-    Claim("b", "… and nothing else moves", measure_others_with_rotation, *_below(NEGLIGIBLE)),
+    Claim("b", "Angle mean offset 0.01–0.1 rad: (mx, my) of the link turn the other way", measure_rotation, *SMALL),
+    Claim("b", "… and nothing else moves", measure_others_with_rotation, *SMALL),
     Claim(
         "c",
         "Angle noise 0.001–0.01 rad substantially affects states and parameters",
@@ -240,10 +231,7 @@ CLAIMS = (
     ),
     Claim("c", "… which tuning the filter could compensate", measure_tuned_angles, *_below(SUBSTANTIAL)),
     Claim(
-        "d",
-        "Clock offset up to 10 ms negligible (under 0.5 %)",
-        offset("clock-offset-ignored", 0.001, 0.01),
-        *_below(NEGLIGIBLE),
+        "d", "Clock offset up to 10 ms negligible (under 0.5 %)", offset("clock-offset-ignored", 0.001, 0.01), *SMALL
     ),
     Claim(
         "d",
@@ -252,18 +240,13 @@ CLAIMS = (
         lambda value: 5 <= value <= 20,
         "5 to 20 %",
     ),
-    Claim(
-        "–",
-        "*ours:* offset up to 100 ms, estimated",
-        offset("clock-offset", 0.001, 0.01, 0.1),
-        *_below(NEGLIGIBLE),
-    ),
-    Claim("e", "X force: mean up to 10 N rejected", bias("Fx", None), *_below(NEGLIGIBLE)),
-    Claim("e", "X force: noise up to 1 N rejected", noise("Fx"), *_below(NEGLIGIBLE)),
-    Claim("f", "Y force: a mean goes into the total mass alone", bias("Fy", 0), *_below(NEGLIGIBLE)),
-    Claim("f", "Y force: noise up to 1 N negligible", noise("Fy"), *_below(NEGLIGIBLE)),
-    Claim("g", "Torque: a mean goes into mx1 + … alone", bias("tauz", 1), *_below(NEGLIGIBLE)),
-    Claim("g", "Torque: noise up to 1 N·m negligible", noise("tauz"), *_below(NEGLIGIBLE)),
+    Claim("–", "*ours:* offset up to 100 ms, estimated", offset("clock-offset", 0.001, 0.01, 0.1), *SMALL),
+    Claim("e", "X force: mean up to 10 N rejected", bias("Fx", None), *SMALL),
+    Claim("e", "X force: noise up to 1 N rejected", noise("Fx"), *SMALL),
+    Claim("f", "Y force: a mean goes into the total mass alone", bias("Fy", 0), *SMALL),
+    Claim("f", "Y force: noise up to 1 N negligible", noise("Fy"), *SMALL),
+    Claim("g", "Torque: a mean goes into mx1 + … alone", bias("tauz", 1), *SMALL),
+    Claim("g", "Torque: noise up to 1 N·m negligible", noise("tauz"), *SMALL),
 )
 
 
