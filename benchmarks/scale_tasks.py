@@ -47,7 +47,8 @@ def time_trials(backend: Backend, count: int) -> dict[str, float]:
     """Return the seconds until all trials were done, and until the first was reported."""
     wanted, first = make_trials(count), []
     start = perf_counter()
-    done = run_trials(wanted, backend, lambda _: first or first.append(perf_counter() - start), run=scale_tasks.do_nothing)
+    run = scale_tasks.do_nothing  # workers find it by the name of its module, which here is __main__
+    done = run_trials(wanted, backend, lambda _: first or first.append(perf_counter() - start), run=run)
     taken = perf_counter() - start
     if [one.trial for one in done] != [one.name for one in wanted]:
         raise RuntimeError("not every trial was done")
