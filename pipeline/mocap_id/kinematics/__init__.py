@@ -1,4 +1,4 @@
-"""Planar chains from marker trajectories: plane, window, rigid bodies, segments and joints (3.2.3 to 3.2.5)."""
+"""Chains from marker trajectories: plane, window, rigid bodies, segments and joints (3.2.3 to 3.2.5); in space: ``space``."""
 
 from mocap_id.kinematics.bundle import fit_chain
 from mocap_id.kinematics.bursts import find_bursts

@@ -1,4 +1,7 @@
-"""Simulated trials with exact truth: a person rising from a chair, or a swinging robot joint; in space, in ``arm``."""
+"""Simulated trials with exact truth: a person rising from a chair, or a swinging robot joint.
+
+Trials in space are simulated in ``arm`` (arms and chains) and ``space_robot``.
+"""
 
 from mocap_id.simulation.cohort import Cohort, simulate_cohort
 from mocap_id.simulation.joint_motion import JointMotion, motion_through

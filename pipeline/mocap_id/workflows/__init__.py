@@ -1,1 +1,1 @@
-"""Workflows that combine many trials, or use the results of finished ones."""
+"""Commands on many trials, on the results of finished trials, on recordings or on the installation."""
