@@ -17,7 +17,7 @@ _FILE = "events.parquet"
 
 
 def summarise_curls(data: ReportData) -> CurlsEntry:
-    """Return counts, end, compensation, torque and fatigue; null with a ``why`` for other protocols."""
+    """Return counts, end of the trial, compensation, torque and fatigue; null with a ``why`` for other protocols."""
     facts = data.facts(_FILE).get("curl")
     if facts is None:
         return CurlsEntry(why="only `protocol: curl` counts curls")
@@ -44,7 +44,11 @@ def summarise_curls(data: ReportData) -> CurlsEntry:
 
 
 def _summarise_compensation(found: list[dict[str, Any] | None], in_step: Mapping[str, Any] | None) -> CompensationEntry:
-    """Return the compensation of one angle in degrees, None for a curl without it."""
+    """Return the compensation of one angle, degrees.
+
+    ``found`` has an entry for each curl, None for a failed attempt; ``in_step`` is the part of the angle that depends
+    on the flexion alone, None if it is not separated.
+    """
 
     def degrees(value: float) -> float:
         return float(np.degrees(value))
@@ -66,7 +70,7 @@ def _summarise_trend(found: Mapping[str, Any]) -> TrendEntry:
 
 
 def list_curls(data: ReportData) -> Grid:
-    """Return one row for every curl and failed attempt."""
+    """Return a table with a row for every curl and every failed attempt; empty for other protocols."""
     facts = data.facts(_FILE).get("curl") or {}
     rows = data.rows(_FILE) if facts else []
     columns = (
@@ -93,7 +97,7 @@ def _show_peak(torque: Mapping[str, Any] | None, who: str) -> str:
 
 
 def list_compensation(data: ReportData) -> Grid:
-    """Return a table of the mean range of every angle that should not move, and the range by errors alone."""
+    """Return a table of the ranges of every angle that should not change, and the range that errors alone can cause."""
     entry = summarise_curls(data)
     rows = {
         name: (found, entry.fatigue.get(f"{name}_range_rad"))
@@ -106,12 +110,12 @@ def list_compensation(data: ReportData) -> Grid:
         number("range by errors alone (deg)", lambda row: np.mean(_remove_missing(row[0].floor_deg)), 1),
         GridColumn("change per curl, 95 % interval (deg)", lambda row: _show_change(row[1])),
         GridColumn("curls with a sustained compensation", lambda row: str(sum(1 for one in row[0].sustained_s if one))),
-        GridColumn("also in step with the flexion, 95 % interval (deg)", lambda row: _show_in_step(row[0])),
+        GridColumn("excluded part that follows the flexion, 95 % interval (deg)", lambda row: _show_in_step(row[0])),
     )
     caption = (
-        "Compensation: range of each angle within a curl. A range below that by errors alone may be no motion. Axial "
-        "rotation excludes the part in step with the flexion in the first curl, because an error of the elbow's axis "
-        "looks the same"
+        "Compensation: range of each angle within a curl. If it is below the range by errors alone, the angle may not "
+        "move at all. Axial rotation excludes the part that follows the flexion in the first curl, because an error of "
+        "the elbow's axis has the same effect"
     )
     return to_grid(caption, to_words(rows), columns, "angle")
 
@@ -121,7 +125,7 @@ def _remove_missing(values: list[float | None]) -> list[float]:
 
 
 def _show_change(trend: TrendEntry | None) -> str:
-    """Format the change per curl, degrees, with its interval."""
+    """Format the change per curl, degrees, with its interval; return a dash if it is unknown."""
     if trend is None:
         return UNKNOWN
     slope, low, high = np.degrees([trend.slope, *trend.interval])

@@ -1,4 +1,4 @@
-"""Player of a trial in space: a stick figure with markers that the reader can turn, and curves of the angles."""
+"""Player of a trial in space: stick figure and markers in a view that the reader can rotate, and curves over time."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from mocap_id.reporting.space.figures.skeleton import make_stick_figure
 
 MOST = 600
 """Maximum number of frames."""
-_CELLS = 4  # of the floor, in both directions
+_CELLS = 4  # number of cells of the floor in each direction
 _AXES = {"x": style.VERMILLION, "y, up": style.GREEN, "z": style.BLUE}
 
 
 def make_spatial_player(data: ReportData) -> Player | None:
-    """Return the player of a trial in space; None if there are no moving markers."""
+    """Return the player of a trial in space; None without markers or with fewer than two frames."""
     planar = data.long("planar.parquet")
     if planar is None or not len(planar.labels):
         return None
@@ -40,14 +40,14 @@ def make_spatial_player(data: ReportData) -> Player | None:
 
 
 def _label_time(curves: tuple[Panel, ...]) -> tuple[Panel, ...]:
-    """Return the curves with the label of the time below the last."""
+    """Return the panels of curves; the last has a label for the time axis."""
     if not curves or curves[-1].x:
         return curves
     return (*curves[:-1], replace(curves[-1], x="time (s)", height=LOW + 0.3))
 
 
 def _make_chain(data: ReportData, time: FloatArray) -> list[Part]:
-    """Return the sticks and joints of the chain at the times (K,) of the frames."""
+    """Return the sticks and joints of the chain at the times (K,) of the frames; empty without poses."""
     poses = data.segment_poses
     if poses is None or not len(poses.time):
         return []
@@ -64,12 +64,15 @@ def _make_chain(data: ReportData, time: FloatArray) -> list[Part]:
 
 
 def _hide_missing(points: FloatArray, away: BoolArray) -> FloatArray:
-    """Return points (K, rows, 3) as (K, 3, rows), NaN where no sample is near the time of the frame."""
+    """Return points (K, P, 3) as (K, 3, P); NaN in the frames in which ``away`` (K,) is true."""
     return np.where(away[:, None, None], np.nan, points).swapaxes(1, 2)
 
 
 def _make_floor(found: FloatArray, frames: int) -> list[Part]:
-    """Return a grid under the markers and the axes of the trial's frame at its corner, which do not move."""
+    """Return a grid below the markers, and the axes of the trial's coordinate frame at a corner of the grid.
+
+    ``found`` (3, 2) contains minimum and maximum of each coordinate, m. The parts are the same in all frames.
+    """
     low, high = found[:, 0], found[:, 1]
     wide = max(float((high - low)[[0, 2]].max()), 0.1)
     corner = np.array([(low + high)[0] / 2 - wide / 2, low[1], (low + high)[2] / 2 - wide / 2])
@@ -88,5 +91,5 @@ def _make_floor(found: FloatArray, frames: int) -> list[Part]:
 
 
 def _repeat_in_frames(points: FloatArray, frames: int) -> FloatArray:
-    """Return points (rows, 3) for every frame, (frames, 3, rows)."""
+    """Return points (P, 3) repeated for every frame, (frames, 3, P)."""
     return np.repeat(points.T[None], frames, axis=0)

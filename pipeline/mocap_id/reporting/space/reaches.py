@@ -14,7 +14,7 @@ _SETS = {"box": "box of independent limits", "visited": "visited region"}
 
 
 def summarise_workspace(data: ReportData) -> WorkspaceEntry:
-    """Return the reachable volume and what belongs to it; null with a ``why`` for other protocols."""
+    """Return the reachable volume and the quantities about it; null with a ``why`` for other protocols."""
     facts = data.facts(_FILE).get("reach")
     if facts is None:
         where = "only `protocol: reach` has a reachable volume"
@@ -23,22 +23,22 @@ def summarise_workspace(data: ReportData) -> WorkspaceEntry:
 
 
 def describe_volume(found: WorkspaceEntry) -> tuple[str, ...]:
-    """Return the meaning of the volumes, or why the volume is unknown."""
+    """Return sentences on the meaning of the volumes, or on why the volume is unknown; may be empty."""
     if found.volume_m3 is None:
         return (f"The reachable volume is unknown: {found.why}.",)
     return () if found.visited is None else (found.visited.meaning,)
 
 
 def list_volumes(found: WorkspaceEntry) -> Grid:
-    """Return a table of the volume within both sets with interval, discretisation and convergence."""
+    """Return a table of the volume in both sets of angles: interval, fraction of a sphere, and convergence."""
     share = {"box": found.relative_volume}
     columns = (
         text("set", lambda row: _SETS[row[0]]),
         number("volume (m³)", lambda row: row[1].volume_m3, 4),
         GridColumn("95 % interval (m³)", lambda row: show_ends(row[1].interval_m3, 4)),
-        number("share of a sphere, radius: arm's length", lambda row: share.get(row[0]), 3),
+        number("fraction of a sphere with the arm's length as radius", lambda row: share.get(row[0]), 3),
         GridColumn(
-            "on finer and finer grids (m³)",
+            "volume on finer and finer grids (m³)",
             lambda row: ", ".join(show_fixed(volume, 4) for volume in row[1].convergence_m3 or ()),
         ),
     )
@@ -48,7 +48,7 @@ def list_volumes(found: WorkspaceEntry) -> Grid:
 
 
 def list_ranges(found: WorkspaceEntry) -> Grid:
-    """Return a table of the robust range of every angle, and its share in the variance of the volume."""
+    """Return a table of the range of every angle, and of its contribution to the variance of the volume."""
 
     def share(row: tuple[str, RangeEntry]) -> float | None:
         parts = [share for key, share in (found.sources or {}).items() if key.startswith(row[0])]
@@ -61,14 +61,14 @@ def list_ranges(found: WorkspaceEntry) -> Grid:
         number("range (deg)", lambda row: row[1].range_deg, 1),
         GridColumn("95 % interval of the range (deg)", lambda row: show_ends(row[1].interval_deg, 1)),
         percent("samples used (%)", lambda row: row[1].used_share),
-        percent("share in the variance of the volume (%)", share),
+        percent("contribution to the variance of the volume (%)", share),
     )
-    caption = "Ranges, robust against single samples: an end counts if the angle is beyond it for 0.05 s in all"
+    caption = "Ranges, robust against single samples: the angle is beyond each end for 0.05 s in total"
     return to_grid(caption, (found.ranges or {}).items(), columns)
 
 
 def list_areas(found: WorkspaceEntry) -> Grid:
-    """Return a table of the relative area of the surface by quadrants."""
+    """Return a table of the relative area of the surface of furthest reach, by quadrants."""
     names = ("total", "upper_medial", "upper_lateral", "lower_medial", "lower_lateral", "behind")
     caption = (
         "Relative area of the furthest reach about the shoulder. In front, 1 is half a sphere of the arm's length and "
@@ -79,7 +79,7 @@ def list_areas(found: WorkspaceEntry) -> Grid:
 
 
 def list_heights(found: WorkspaceEntry) -> Grid:
-    """Return a table of the heights that the hand reached."""
+    """Return a table of the heights that wrist and hand reached; empty if they are unknown."""
     one = found.heights
     if one is None:
         return Grid()
@@ -92,7 +92,7 @@ def list_heights(found: WorkspaceEntry) -> Grid:
         rows[f"hand at the height of {level}"] = ("yes" if reached else "no", "")
     columns = (
         GridColumn("height (mm)", lambda row: row[0]),
-        GridColumn("share of the arm's length", lambda row: row[1]),
+        GridColumn("fraction of the arm's length", lambda row: row[1]),
     )
     return to_grid("Heights above the shoulder, along the thorax", rows, columns, "level")
 
@@ -104,12 +104,12 @@ def list_targets(found: WorkspaceEntry) -> Grid:
         millimetres("smallest miss (mm)", "best_miss_m"),
         millimetres("median miss (mm)", "median_miss_m"),
     )
-    caption = "Targets: the part of the body nearest to the held hand; positions from tables of proportions, ± 3 cm"
+    caption = "Targets: part of the body nearest to the resting hand; positions from tables of proportions, ± 3 cm"
     return to_grid(caption, to_words(found.tasks or {}), columns, "target")
 
 
 def list_reaches(data: ReportData) -> Grid:
-    """Return one row for every reach."""
+    """Return a table with a row for every reach."""
     columns = (
         number("start (s)", "start", 2),
         number("held (s)", "top", 2),

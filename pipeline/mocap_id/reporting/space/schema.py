@@ -8,10 +8,10 @@ from mocap_id.reporting.summary_entry import Entry
 
 
 class AngleEntry(Entry):
-    """Statistics of one angle over the samples in which it is known and has a meaning, degrees.
+    """Statistics of one angle, degrees, over the samples in which the angle is known and has a meaning.
 
-    Plane and axial rotation of the shoulder have no meaning within 15° of an elevation of 0 or 180°; ``used_share`` is
-    the share of the samples outside this range and outside gaps. ``interval_deg`` is the 95 % interval of
+    Plane and axial rotation of the shoulder have no meaning if the elevation is within 15° of 0 or 180°. ``used_share``
+    is the fraction of samples in which the angle is known and has a meaning. ``interval_deg`` is the 95 % interval of
     ``range_deg``, which is ``high_deg`` minus ``low_deg``. ``sd_deg`` is the typical standard deviation of a change of
     the angle, and ``constant_sd_deg`` the standard deviation of a constant error from the landmarks; the interval
     includes both.
@@ -28,7 +28,7 @@ class AngleEntry(Entry):
 
 
 class LandmarkEntry(Entry):
-    """An anatomical landmark in the frame of its segment, and the standard deviation of each coordinate."""
+    """Position of an anatomical landmark in the frame of its segment; ``sd_m`` applies to each coordinate."""
 
     segment: str
     local_m: list[float] | None
@@ -39,7 +39,8 @@ class LandmarkEntry(Entry):
 class RangeEntry(Entry):
     """Range of one angle, robust against single samples, degrees.
 
-    ``interval_deg`` is the 95 % interval of ``range_deg``; a constant error of the angle does not change a range.
+    ``interval_deg`` is the 95 % interval of ``range_deg``. It does not contain constant errors of the angle, because
+    they do not change a range.
     """
 
     low_deg: float
@@ -52,7 +53,10 @@ class RangeEntry(Entry):
 
 
 class VisitedEntry(Entry):
-    """Volume reached in the recorded postures and between them, and the meaning of its share of the box."""
+    """Volume reached in the recorded postures and in postures between them.
+
+    ``share`` is this volume divided by the volume for independent limits of the angles; ``meaning`` explains it.
+    """
 
     volume_m3: float | None = None
     interval_m3: list[float] | None = None
@@ -64,7 +68,10 @@ class VisitedEntry(Entry):
 
 
 class HeightsEntry(Entry):
-    """Highest and lowest position of the wrist above the shoulder, m and as share of the arm length; levels reached."""
+    """Highest and lowest position of the wrist above the shoulder, m and as fractions of the arm length.
+
+    ``levels`` says whether the hand reached the height of each part of the body.
+    """
 
     highest_m: float
     lowest_m: float
@@ -74,7 +81,7 @@ class HeightsEntry(Entry):
 
 
 class TargetEntry(Entry):
-    """Reaches to one part of the body, and the distance by which they missed it, m."""
+    """Number of reaches to one part of the body, and smallest and median distance by which they missed it, m."""
 
     count: int
     best_miss_m: float
@@ -84,10 +91,10 @@ class TargetEntry(Entry):
 class WorkspaceEntry(Entry):
     """Volume that the wrist can reach, its 95 % interval, and the quantities from which it is computed.
 
-    ``box_deg`` are the independent limits of the angles; ``visited`` is the volume within limits that depend on each
-    other. ``relative_volume`` is the volume divided by the volume of a sphere with the arm length as radius.
-    ``discretisation_m3`` is the change with the last refinement of the grid, and ``sources`` the share of every range
-    and dimension in the variance. ``surface`` has the relative areas of the furthest reach by quadrant.
+    ``box_deg`` contains the independent limits of the angles; ``visited`` is the volume for recorded combinations of
+    them. ``relative_volume`` is the volume divided by the volume of a sphere with the arm length as radius.
+    ``discretisation_m3`` is the change of the volume in the last refinement of the grid, ``sources`` the contribution
+    of every range and length to the variance. ``surface`` has the relative areas of the furthest reach by quadrant.
     """
 
     volume_m3: float | None = None
@@ -111,7 +118,7 @@ class WorkspaceEntry(Entry):
 
 
 class CompensationEntry(Entry):
-    """Motion of one angle that should not change in curls, one value for each curl; null for failed attempts.
+    """Motion of one angle that should not change in curls: one value for each curl, null for a failed attempt.
 
     ``floor_deg`` is the range that errors alone can cause. ``offset_deg`` is the mean angle of the curl minus the mean
     angle of the first curl. ``sustained_s`` is the longest time beyond the allowed change; 0 if it is shorter than the
@@ -129,7 +136,10 @@ class CompensationEntry(Entry):
 
 
 class TrendEntry(Entry):
-    """Change per curl with its 95 % interval, in the unit of the quantity's name."""
+    """Change of a quantity per curl with its 95 % interval, in the unit at the end of the quantity's name.
+
+    ``curls`` is the number of curls used.
+    """
 
     slope: float
     interval: list[float]
@@ -137,7 +147,7 @@ class TrendEntry(Entry):
 
 
 class CurlsEntry(Entry):
-    """Complete curls up to the end of the trial, failed attempts, and what changes from curl to curl.
+    """Number of complete curls before the end of the trial and of failed attempts, and changes from curl to curl.
 
     ``end_rule`` is the rule that ends the trial: ``stopped``, ``tempo``, ``plane``, or ``recording`` if no rule does.
     ``after_end`` is the number of complete curls after the end, which are not counted.
@@ -157,13 +167,13 @@ class CurlsEntry(Entry):
 
 
 class ImuEntry(Entry):
-    """Inertial sensor on a segment. A sample with time stamp t was taken at ``clock_offset_s + t (1 + 1e-6 ppm)``.
+    """Inertial sensor on a segment; a sample with time stamp t belongs to ``clock_offset_s + t (1 + 1e-6 ppm)``.
 
     ``sd_s`` is the standard deviation of this time in the middle of the trial; ``observable`` is false if the motion
     does not determine the clock offset to 2 ms. ``mounting`` is the rotation from the sensor to the segment,
-    ``position_m`` is in the segment's frame, and ``skin_share`` is the share of the segment's axial rotation that the
-    skin under the sensor misses. Without markers, the clock offset is relative to the first sensor, and ``heading_deg``
-    is the rotation about the vertical between start and end, by the gyroscope alone.
+    ``position_m`` is in the segment's frame, and ``skin_share`` is the fraction of the segment's axial rotation that
+    the skin under the sensor does not follow. Without markers, the clock offset is relative to the first sensor, and
+    ``heading_deg`` is the rotation about the vertical axis between start and end, by the gyroscope alone.
     """
 
     used: bool

@@ -11,15 +11,16 @@ from mocap_id.reporting.summary_schema import Summary
 
 
 def make_spatial_sections(data: ReportData, summary: Summary, filtering: Grid, sensors: list[Section]) -> list[Section]:
-    """Return the sections on chain, angles, protocol and landmarks.
+    """Return the sections on chain, angles, sensors, protocol and landmarks.
 
     Parameters
     ----------
-    data, summary
+    data : ReportData
+    summary : Summary
     filtering : Grid
         Table of the filter's noise.
     sensors : list of Section
-        Section on inertial sensors, if the trial has any.
+        Section on inertial sensors; empty if the trial has none.
     """
     joints = (
         shared.list_joints(summary),
@@ -74,11 +75,11 @@ def _make_protocol_section(data: ReportData, summary: Summary) -> list[Section]:
 
 
 def _describe_frames(data: ReportData, summary: Summary) -> str:
-    """Return a sentence on the frames of the segments."""
+    """Return sentences on the coordinate frames of the segments."""
     if data.facts("chain.h5").get("frames") == "isb":
         return "The frames of the segments are the ISB frames (Wu et al. 2005), computed from these landmarks."
     missing = "no landmarks were found" if not summary.landmarks else "the landmarks do not suffice for them"
     return (
-        f"The frames of the segments are the program's own, because {missing}. The angles are the coordinates of the "
-        "joints and have no anatomical meaning."
+        f"The frames of the segments are the program's own, because {missing}. The angles are the joints' own "
+        "coordinates and have no anatomical meaning."
     )

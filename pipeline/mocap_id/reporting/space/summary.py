@@ -63,7 +63,7 @@ def _summarise_joint(name: str, joint: SpatialJoint, arc: float, weighed: Mappin
 
 
 def _read_glide(glide: FloatArray, values: FloatArray) -> list[float]:
-    """Return values of the glide; none for a joint without one."""
+    """Return ``values`` as a list; empty if ``glide`` is zero, because the joint then has no glide."""
     return (to_numbers(values) or []) if np.any(glide) else []
 
 
@@ -73,7 +73,7 @@ def _compute_sd(covariance: FloatArray) -> FloatArray:
 
 
 def compute_axis_sd(covariance: FloatArray) -> float | None:
-    """Return the standard deviation of the direction of an axis, degrees, from its covariance (3, 3)."""
+    """Return the standard deviation of an axis's direction, degrees, from its covariance (3, 3); None if unknown."""
     return to_number(np.degrees(np.sqrt(np.trace(covariance) / 2)))
 
 
@@ -96,8 +96,8 @@ def summarise_angles(data: ReportData) -> dict[str, AngleEntry]:
 def _summarise_angle(found: SpatialAngles, k: int) -> AngleEntry:
     """Return the statistics of one angle.
 
-    A constant error of a segment's frame changes an angle by different amounts in different poses. The difference
-    between the two ends of a range is about as large as the error at each end: their correlation is 0.5.
+    A constant error of a segment's frame changes an angle by different amounts in different poses. The errors at both
+    ends of a range have a correlation of about 0.5, so the range has about the same standard deviation as each end.
     """
     name = found.names[k]
     usable = found.find_usable(name)
@@ -130,7 +130,7 @@ def _summarise_angle(found: SpatialAngles, k: int) -> AngleEntry:
 
 
 def summarise_landmarks(data: ReportData) -> dict[str, LandmarkEntry]:
-    """Return the anatomical landmarks by name; empty without any."""
+    """Return the anatomical landmarks by name; empty if there are none."""
     skeleton = data.spatial_skeleton
     if skeleton is None:
         return {}
@@ -149,5 +149,5 @@ def summarise_landmarks(data: ReportData) -> dict[str, LandmarkEntry]:
 
 
 def summarise_imus(data: ReportData) -> dict[str, ImuEntry]:
-    """Return the inertial sensors by their segment; empty without any."""
+    """Return the inertial sensors by segment; empty if there are none."""
     return {name: ImuEntry(**entry) for name, entry in data.facts("states.parquet").get("imus", {}).items()}

@@ -28,12 +28,12 @@ _AXES = "xyz"
 
 
 def to_words(entries: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the entries with blanks instead of the underscores of their keys."""
+    """Return the entries with underscores in their keys replaced by blanks."""
     return {name.replace("_", " "): entry for name, entry in entries.items()}
 
 
 def list_glides(summary: Summary) -> Grid:
-    """Return a table of the translations of joint centres with the elevation; empty without any."""
+    """Return a table of the shifts of joint centres that depend on the elevation; empty if no joint has one."""
     shifts = (
         with_sd(f"{axis} (mm)", get_element("glide_m", k), get_element("glide_sd_m", k), 1e3)
         for k, axis in enumerate(_AXES)
@@ -61,7 +61,7 @@ def list_axes(summary: Summary) -> Grid:
 
 
 def list_kinds(summary: Summary) -> Grid:
-    """Return a table of the evidence for the kind of each joint."""
+    """Return a table of the evidence for the kind (ball, two-axis, hinge) of each joint."""
     columns = (
         text("joint", "name"),
         text("kind", "kind"),
@@ -75,7 +75,7 @@ def list_kinds(summary: Summary) -> Grid:
 
 
 def list_angles(summary: Summary) -> Grid:
-    """Return a table of range, interval and share of usable samples of each angle."""
+    """Return a table of each angle: range, interval, standard deviations, and percentage of usable samples."""
     columns = (
         number("lowest (deg)", "low_deg", 1),
         number("highest (deg)", "high_deg", 1),
@@ -106,16 +106,16 @@ def list_imus(summary: Summary) -> Grid:
         number("gyroscope bias (deg/s)", bias, 2),
         GridColumn("position (mm)", lambda entry: ", ".join(map(show_millimetres, entry.position_m or [None] * 3))),
         number("sd of mounting (deg)", "mounting_sd_deg", 1),
-        number("share of axial rotation that the skin does not follow", "skin_share", 2),
+        number("fraction of axial rotation that the skin does not follow", "skin_share", 2),
         number("gyroscope against markers (rad/s)", "gyro_residual_rad_s", 3),
         number("accelerometer against markers (m/s²)", "acc_residual_m_s2", 2),
     )
-    caption = "Inertial sensors: clock against the cameras, and what was estimated from the motion"
+    caption = "Inertial sensors: clock relative to the cameras, and other quantities estimated from the motion"
     return to_grid(caption, to_words(summary.imus), columns, "segment")
 
 
 def list_landmarks(data: ReportData, summary: Summary) -> Grid:
-    """Return a table of the landmarks with their uncertainty, and the residual of the marker of the same name."""
+    """Return a table of the landmarks with their standard deviations, and the residuals of their markers."""
     labels = dict(part.split(" ", 1) for part in data.settings.get("landmarks", "").split(", ") if " " in part)
     residuals = {name: data.residuals.get(labels.get(name, name)) for name in summary.landmarks}
     columns = (
@@ -125,5 +125,5 @@ def list_landmarks(data: ReportData, summary: Summary) -> Grid:
         millimetres("sd (mm)", lambda row: row[1].sd_m),
         millimetres("residual of its marker, rms (mm)", lambda row: getattr(residuals[row[0]], "rms", None)),
     )
-    caption = "Anatomical landmarks in the frames of their segments. The residual is the motion against the chain"
+    caption = "Anatomical landmarks in the frames of their segments. The residual is the rms distance from the chain"
     return to_grid(caption, list(summary.landmarks.items()), columns)

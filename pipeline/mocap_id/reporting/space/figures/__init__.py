@@ -11,16 +11,16 @@ FIGURES: tuple[FigureEntry, ...] = (
         skeleton.draw,
         "Skeleton and markers in three views",
         "Recovered chain, if one was found, at the two extremes of the motion, without perspective: from the side of "
-        "+z, from the side of −x, and from above. Dots: measured markers. Large circles: joint centres that the "
-        "motion shows. Grey is the base; every other colour is one segment, here and in the figure of the residuals. "
+        "+z, from the side of −x, and from above. Dots: measured markers. Large circles: known joint "
+        "centres. Grey is the base; every other colour is one segment, here and in the figure of the residuals. "
         "The player above shows the same chain from any side.",
     ),
     FigureEntry(
         "angles",
         angles.draw,
         "Angles",
-        "Angles of every joint with 95 % confidence bands of their changes; the table has the constant error by the "
-        "landmarks. Grey: intervals in which a segment of the joint is not observed and is bridged. Blue: the "
+        "Angles of every joint with 95 % confidence bands of their changes; the table has the constant error due to "
+        "the landmarks. Grey: intervals in which a segment of the joint is not observed and is bridged. Blue: the "
         "elevation is within 15° of 0 or 180°, where plane and axial rotation of the shoulder have no meaning and are "
         "not drawn.",
     ),
@@ -28,7 +28,7 @@ FIGURES: tuple[FigureEntry, ...] = (
         "rates",
         angles.draw_rates,
         "Velocities and accelerations",
-        "First and second derivatives of the angles above, with 95 % confidence bands and the same shades.",
+        "First and second derivatives of the angles above, with 95 % confidence bands. Shades as above.",
     ),
     FigureEntry(
         "reach",
@@ -36,16 +36,16 @@ FIGURES: tuple[FigureEntry, ...] = (
         "What the wrist can reach",
         "Furthest reach of the wrist from the shoulder in every direction, in the axes of the thorax: by the "
         "ranges of all angles taken independently (grey), and by the recorded postures and the postures between "
-        "them (blue). Orange: path of the wrist. Thick: the arm at its furthest. Crosses: parts of the body by "
-        "tables of proportions. On the page, drag the figure or use the arrow keys to turn it.",
+        "them (blue). Orange: path of the wrist. Thick: the arm at its furthest reach. Crosses: parts of the body, "
+        "from tables of proportions. On the page, drag the figure or use the arrow keys to rotate it.",
     ),
     FigureEntry(
         "phase_portraits",
         angles.draw_phase_portraits,
         "Phase portraits",
         "Acceleration against angle in every complete curl: first third blue, middle third green, last third orange. "
-        "Bands: 95 % intervals of the acceleration in the first and the last curl. A portrait within its band may be "
-        "noise alone.",
+        "Bands: 95 % intervals of the acceleration in the first and the last curl. The shape of a curve "
+        "within its band may be noise alone.",
     ),
     RESIDUALS,
     FigureEntry(

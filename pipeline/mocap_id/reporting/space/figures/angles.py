@@ -22,7 +22,7 @@ _ANATOMICAL = {"upper_arm": "shoulder", "forearm": "elbow", "hand": "wrist"}
 
 @dataclass(frozen=True)
 class JointMotion:
-    """The angles of one joint."""
+    """The angles of one joint with velocities and accelerations."""
 
     title: str
     names: tuple[str, ...]  # names of the angles
@@ -30,7 +30,10 @@ class JointMotion:
     near_gimbal: BoolArray  # (T,) samples in which some of the angles have no meaning
 
     def draw_panel(self, order: int, height: float, *, below: str = "") -> Panel:
-        """Return the angles (order 0), velocities or accelerations over time, with 95 % bands and shades."""
+        """Return angles, velocities or accelerations (``order`` 0, 1 or 2) over time, with 95 % bands and shades.
+
+        ``below`` is the label of the time axis.
+        """
         drawn = draw_panel(self.states, order, self.names, height)
         found = np.array(find_spans(self.states.time, self.near_gimbal)).reshape(-1, 2)
         shade = (Spans(found[:, 0], found.sum(axis=1), style.SKY, 0.25),) if len(found) else ()
@@ -68,7 +71,7 @@ def _make_motion(joint: str, own: list[str], angles: SpatialAngles, observed: Bo
 
 
 def _find_observed(data: ReportData, joint: int | None) -> BoolArray:
-    """Return the samples (T,) in which both segments of a joint are observed."""
+    """Return a mask (T,) of the samples in which both segments of a joint are observed; all true for ``joint`` None."""
     angles, poses, skeleton = data.angles, data.segment_poses, data.spatial_skeleton
     assert angles is not None
     if joint is None or poses is None or skeleton is None or len(poses.time) != len(angles.time):
@@ -77,12 +80,12 @@ def _find_observed(data: ReportData, joint: int | None) -> BoolArray:
 
 
 def draw(data: ReportData) -> Figure | str:
-    """Draw one panel for each joint."""
+    """Return a panel with the angles of each joint."""
     return _draw_panels(data, "angles", (0,), 1.9)
 
 
 def draw_rates(data: ReportData) -> Figure | str:
-    """Draw velocities and accelerations side by side, one line for each joint."""
+    """Return velocities and accelerations side by side, one line of panels for each joint."""
     return _draw_panels(data, "velocities and accelerations", (1, 2), 1.7)
 
 
@@ -101,14 +104,14 @@ _HEIGHT = 2.4
 
 
 def draw_phase_portraits(data: ReportData) -> Figure | str:
-    """Draw all complete curls; the first and the last have a 95 % band of the acceleration."""
+    """Return phase portraits of all complete curls, with a 95 % band of the acceleration for the first and the last."""
     angles, table = data.angles, data.table("events.parquet")
     if angles is None or table is None or "amplitude" not in table.names:
-        return "only `protocol: curl` has phase portraits"
+        return "No phase portraits: only `protocol: curl` has them."
     turns = table.stack(["start", "top", "end"])[table["complete"].astype(bool)]
     names = [name for name in _PORTRAITS if name in angles.names]
     if not len(turns) or not names:
-        return "no complete curl was found"
+        return "No phase portraits: no complete curl was found."
     panels = []
     for name in names:
         items: list[Item] = []

@@ -1,4 +1,4 @@
-"""Turnable view of what the wrist can reach: surface, path of the wrist, arm and targets, about the shoulder."""
+"""View of what the wrist can reach, which the reader can rotate: surface, path of the wrist, arm and targets."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from mocap_id.reporting.report_data import ReportData
 
 _VIEW = (60.0, 15.0)  # degrees; from the front, on the side of the right arm
 _SETS = {"box_m": ("box of independent limits", style.FAINT, 0.45), "visited_m": ("visited region", style.BLUE, 0.8)}
-_EVERY = 2  # lines of longitude that are drawn
+_EVERY = 2  # every second line of longitude is drawn
 
 
 def draw(data: ReportData) -> Figure | str:
-    """Draw the surface of the reachable set about the shoulder."""
+    """Return the surface of the reachable set with the shoulder in the middle, or a sentence if there is none."""
     facts = data.facts("events.parquet").get("reach")
     if facts is None:
         return "No reachable set to draw: only `protocol: reach` has one."
@@ -28,7 +28,7 @@ def draw(data: ReportData) -> Figure | str:
 
 
 def make_turnable_panel(items: list[Item], half: float, title: str, height: float) -> Panel:
-    """Return a panel that the reader can turn, first seen from the front, with ranges of ± ``half`` m."""
+    """Return a panel whose view the reader can rotate, first from the front; its ranges are ± ``half``, m."""
     ends = (-half, half)
     axes = ("across the view (m)", "up the view (m)", ends, ends)
     return Panel(tuple(items), title, *axes, equal=True, height=height, view=_VIEW)
@@ -56,7 +56,10 @@ def _draw_line(points: FloatArray, colour: str, label: str, *, width: float, opa
 
 
 def make_wires(polar: Sequence[float], azimuth: Sequence[float], radii: Sequence[Sequence[float | None]]) -> FloatArray:
-    """Return circles of latitude and every second line of longitude of a surface as one line (K, 3), with gaps."""
+    """Return the circles of latitude and every second line of longitude of a surface as one line (K, 3), with NaN gaps.
+
+    ``polar`` (N,) and ``azimuth`` (M,) are the angles of the N x M points, degrees, and ``radii`` their radii, m.
+    """
     theta, psi = np.radians(polar)[:, None], np.radians(azimuth)
     radius = np.array(radii, dtype=np.float64)
     along = np.broadcast_to(np.cos(theta), radius.shape)

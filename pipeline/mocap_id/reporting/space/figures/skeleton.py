@@ -17,7 +17,7 @@ from mocap_id.reporting.report_data import ReportData
 
 @dataclass(frozen=True)
 class StickFigure:
-    """Sticks and joints in K samples, with the joints whose centre the motion determines."""
+    """Sticks and joints of the chain in K samples; joints whose centre is unknown are left out."""
 
     segments: tuple[int, ...]  # segment of each stick
     sticks: tuple[FloatArray, ...]  # (K, 2, 3) start and end of each stick, m
@@ -28,8 +28,8 @@ class StickFigure:
 def make_stick_figure(data: ReportData, samples: IntArray) -> StickFigure | None:
     """Return the stick figure at some samples of the poses; None without chain or poses.
 
-    A stick leads from the joint of a segment to the next joint, or to the centroid of its markers if there is none. It
-    begins at this centroid if the segment has no joint, or if the motion does not show it.
+    A stick leads from the joint of a segment to each next joint, or to the centroid of its markers if there is none. It
+    begins at this centroid if the segment is the base, or if the centre of its joint is unknown.
     """
     skeleton, poses = data.spatial_skeleton, data.segment_poses
     if skeleton is None or poses is None or len(poses.segments) != len(skeleton.segments):
@@ -55,12 +55,12 @@ _VIEWS = (
     ("from −x", -np.pi / 2, 0.0, "z (m)", "y, up (m)"),
     ("from above", 0.0, np.pi / 2, "x (m)", "−z (m)"),
 )
-"""Title, turn and tilt, rad, and axis labels."""
+"""Title, turn and tilt (rad), and axis labels of each view."""
 
 
 @dataclass(frozen=True)
 class _Scene:
-    """Markers by segment, sticks and extent of everything at K instants."""
+    """Markers by segment and stick figure at K instants."""
 
     time: FloatArray  # (K,)
     segments: tuple[str, ...]
@@ -68,7 +68,7 @@ class _Scene:
     sticks: StickFigure | None
 
     def extent(self) -> tuple[FloatArray, float]:
-        """Return the middle (3,) of markers and joints, and half the width of a view of all of them, m."""
+        """Return the middle (3,) of all markers and joints, and half the width of a view that contains them, m."""
         seen = [values.reshape(-1, 3) for _, values, _ in self.markers]
         if self.sticks is not None:
             seen.append(self.sticks.joints.reshape(-1, 3))
@@ -80,7 +80,7 @@ class _Scene:
         return (low + high) / 2, 0.58 * max(float((high - low).max()), 1e-3)
 
     def items(self, k: int, turn: float, tilt: float) -> Iterator[Item]:
-        """Yield what a view shows at one instant."""
+        """Yield the items of a view at instant ``k``; ``turn`` and ``tilt`` are in rad."""
         for segment, values, names in self.markers:
             known = np.isfinite(values[k]).all(axis=1)
             shown = tuple(name for name, one in zip(names, known, strict=True) if one)
@@ -99,7 +99,7 @@ class _Scene:
 
 
 def draw(data: ReportData) -> Figure | str:
-    """Draw sticks, joint centres and markers in three views, for the two extremes of the motion."""
+    """Return sticks, joint centres and markers in three views, for the two extremes of the motion."""
     planar = data.long("planar.parquet")
     if planar is None or not planar.length:
         return f"No markers to draw: {data.why_missing('planar.parquet')}."
@@ -113,7 +113,7 @@ def draw(data: ReportData) -> Figure | str:
 
 
 def _draw_views(scene: _Scene, k: int) -> tuple[Panel, ...]:
-    """Return the views at one instant."""
+    """Return the panels of all views at instant ``k``."""
     middle, half = scene.extent()
     panels: list[Panel] = []
     for view, turn, tilt, x, y in _VIEWS:
@@ -125,9 +125,9 @@ def _draw_views(scene: _Scene, k: int) -> tuple[Panel, ...]:
 
 
 def choose_samples(data: ReportData) -> IntArray | None:
-    """Return the samples of the poses at the two extremes of the motion, or None without a chain.
+    """Return the indices of the poses at the two extremes of the motion; None without a chain.
 
-    The extremes are the farthest along the first principal component of the points of the chain.
+    The extremes are the farthest samples along the first principal component of the ends of the sticks.
     """
     poses = data.segment_poses
     if poses is None or not len(poses.time) or not poses.segments:
@@ -144,7 +144,10 @@ def choose_samples(data: ReportData) -> IntArray | None:
 
 
 def _collect_markers(data: ReportData, times: FloatArray) -> list[tuple[int, FloatArray, tuple[str, ...]]]:
-    """Return segment, positions (K, m, 3) and names of the markers, segment by segment; -1 without one."""
+    """Return segment number, positions (K, m, 3), m, and names of the markers, one entry for each segment.
+
+    The number is -1 for markers without a segment.
+    """
     planar, skeleton = data.long("planar.parquet"), data.spatial_skeleton
     assert planar is not None
     own = {} if skeleton is None else dict(zip(skeleton.markers, skeleton.marker_segment.tolist(), strict=True))
