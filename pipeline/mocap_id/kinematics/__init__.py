@@ -1,4 +1,4 @@
-"""Chains from marker trajectories: plane, window, rigid bodies, segments and joints (3.2.3 to 3.2.5); in space: ``space``."""
+"""Chains from marker trajectories, in the plane and (``space``) in space: bodies, segments, joints (3.2.3 to 3.2.5)."""
 
 from mocap_id.kinematics.bundle import fit_chain
 from mocap_id.kinematics.bursts import find_bursts
