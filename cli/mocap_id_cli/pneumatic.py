@@ -47,7 +47,7 @@ def _curve(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Compute torque and stiffness over the stroke, and the rest angle."""
+    """Compute torque and stiffness over the stroke, and rest angle."""
     config = load_device(device)
     state = config.condition(condition)
     given = {"flexion_Pa": flexion, "extension_Pa": extension}
@@ -129,7 +129,7 @@ def _identify(
     joint: Annotated[int, typer.Option(min=1, help="Number of the joint, for a trial in the plane.")] = 1,
     as_json: AsJson = False,
 ) -> None:
-    """Estimate the parameters of a cylinder from measured angles and torques."""
+    """Estimate the parameters of a cylinder from angles and torques."""
     found = workflow.identify_device(load_device(device), log, joint)
     if as_json:
         print_json(found)
@@ -151,7 +151,7 @@ def _row(parameter: dict[str, Any]) -> list[str]:
 
 
 def _budget(device: Device, *, as_json: AsJson = False) -> None:
-    """Compute the amount of gas for every change between two conditions of the file."""
+    """Compute the gas for every change between two conditions."""
     found = workflow.gas_budget(load_device(device))
     if as_json:
         print_json(found)

@@ -73,10 +73,7 @@ def _lines(result: workflow.Transfer) -> Iterator[str]:
 
 
 def _intervals(trial: workflow.TrialTransfer) -> Iterator[str]:
-    """Yield a line with the predicted standard deviations, and the fractions of samples in the 95 % intervals.
-
-    There is no line without measured forces.
-    """
+    """Yield a line with predicted sd and fraction of samples in the 95 % intervals, if forces were measured."""
     known = {name: share for name, share in trial.inside.items() if math.isfinite(share)}
     if known:
         text = ", ".join(

@@ -111,10 +111,7 @@ def _smooth_joints(anchors: Anchors, dt: float, derivatives: Derivatives) -> Est
 
 
 def _find_stretches(seen: BoolArray, limit: float) -> Iterator[slice]:
-    """Yield each stretch that has enough known samples and no gap of more than ``limit`` samples.
-
-    ``seen`` (F,) marks the known samples.
-    """
+    """Yield each stretch with enough samples that are ``seen`` (F,), and no gap of more than ``limit`` samples."""
     found = np.flatnonzero(seen)
     for part in np.split(found, np.flatnonzero(np.diff(found) > limit + 1) + 1):
         if len(part) >= LEAST_SAMPLES:

@@ -40,10 +40,7 @@ class _GappedMarker:
     def of(
         cls, observed: FloatArray, frames: FrameAngles, chain: MarkerChain, marker: int, memory: float
     ) -> _GappedMarker | None:
-        """Return a marker with its gaps; None if it has no gap or is never used in two successive frames.
-
-        ``memory`` is the time constant of the skin, in frames.
-        """
+        """Return a marker with its gaps; None if it has no gap or is never used in two successive frames."""
         track, used = observed[:, marker], frames.used[:, marker]
         gaps = find_gaps(used, memory)
         pairs = np.flatnonzero(used[1:] & used[:-1])
@@ -152,10 +149,7 @@ class Gaps:
 
 
 def find_gaps(used: BoolArray, memory: float) -> Gaps:
-    """Return the gaps of a marker; ``used`` (F,) marks the frames that use it.
-
-    ``memory`` is the time constant of the skin, in frames.
-    """
+    """Return the gaps of a marker, ``used`` (F,) in some frames; ``memory`` is the skin's time constant in frames."""
     edges = np.flatnonzero(np.diff(np.concatenate([[True], used, [True]]).astype(np.int8))).reshape(-1, 2)
     missing, frames = np.flatnonzero(~used), len(used)
     gap = np.searchsorted(edges[:, 0], missing, side="right") - 1

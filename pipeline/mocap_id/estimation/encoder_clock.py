@@ -132,10 +132,7 @@ def _describe_match(curves: _Curves, sign: int, offset: float, *, opposite: floa
 
 
 def _estimate_sds(slopes: FloatArray, residual: FloatArray, lag: int) -> FloatArray:
-    """Return the standard deviations (p,) of a least-squares fit whose residuals (N,) are correlated up to a lag.
-
-    ``slopes`` (N, p) are the derivatives by the parameters; ``lag`` is a number of samples.
-    """
+    """Return standard deviations (p,) of a fit with slopes (N, p), for residuals correlated over ``lag`` samples."""
     inverse = np.linalg.pinv(slopes.T @ slopes)
     scores = slopes * residual[:, None]
     total = scores.T @ scores

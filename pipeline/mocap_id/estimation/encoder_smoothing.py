@@ -122,10 +122,7 @@ def _choose_part(velocity: FloatArray) -> slice:
 
 
 def _guess_noise(time: FloatArray, position: FloatArray, velocity: FloatArray) -> FloatArray:
-    """Return start values (3,) of the two standard deviations and the density.
-
-    The standard deviations are from third differences, the density is from second differences of the smoothed velocity.
-    """
+    """Return start values (3,) of the noise, from third differences and from the jerk of the smoothed velocity."""
     step = float(np.median(np.diff(time)))
     sds = [float(np.std(np.diff(each, 3))) / math.sqrt(20.0) for each in (position, velocity)]
     wide = max(1, round(0.05 / step))
@@ -137,10 +134,7 @@ def _guess_noise(time: FloatArray, position: FloatArray, velocity: FloatArray) -
 def _smooth(  # noqa: PLR0917
     time: FloatArray, measured: BoolArray, values: FloatArray, variance: FloatArray, density: float, start: FloatArray
 ) -> tuple[FloatArray, FloatArray, float]:
-    """Run filter and smoother; return states (K, 3), their standard deviations (K, 3), and the log-likelihood.
-
-    The arguments are as for :func:`_filter`.
-    """
+    """Run filter and smoother; return states (K, 3), their standard deviations (K, 3), and the log-likelihood."""
     ahead, ahead_p, mean, covariance, total = _filter(time, measured, values, variance, density, start)
     dt = np.diff(time)
     transition = np.broadcast_to(np.eye(_SIZE), (len(dt), _SIZE, _SIZE)).copy()

@@ -124,10 +124,7 @@ def compute_residual_spectrum(residuals: ChainResiduals) -> ResidualSpectrum:
 
 
 def _find_clearest_peak(f: FloatArray, power: FloatArray) -> float | None:
-    """Return the frequency, Hz, of the clearest narrow peak; None if no peak is high enough above the power beside it.
-
-    ``f`` (P,) are the frequencies, Hz, and ``power`` (P,) the spectrum.
-    """
+    """Return the frequency, Hz, of the clearest narrow peak; None if none is high enough above the power beside it."""
     best, found = _PEAK, None
     for k in np.flatnonzero((f >= _RANGE[0]) & (f <= min(_RANGE[1], f[-1] / 2))):
         ratio = f / f[k]

@@ -177,10 +177,7 @@ def _residuals(  # noqa: PLR0917
 
 
 def _measure_residuals(off: FloatArray, kept: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return the rms residual (2,) of a component, and the number (2,) of successive samples that are correlated.
-
-    ``off`` (F, 6) are the residuals, and ``kept`` (F, 2) their weights.
-    """
+    """Return the rms residual (2,) of a component, and the number (2,) of successive samples that are correlated."""
     rms, correlated = np.empty(2), np.empty(2)
     padded = next_fast_len(2 * len(off), real=True)
     for k in range(2):

@@ -122,10 +122,7 @@ class _Smoothing:
 
 
 def _find_counted_segments(chain: SpatialChain, own: Sequence[int]) -> BoolArray:
-    """Return which segments (n + 1,) have a sensor, and skin whose axial rotation has an estimated uncertainty.
-
-    ``own`` are the segments with sensors.
-    """
+    """Return which segments (n + 1,) have a sensor, and skin whose axial rotation has an estimated uncertainty."""
     every = np.arange(len(chain.joints) + 1)
     if not len(chain.skin_sd):
         return every < 0

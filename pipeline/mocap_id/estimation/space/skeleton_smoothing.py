@@ -118,10 +118,7 @@ def _limit_to_measured(model: ChainModel, frames: FramePoses, weight: FloatArray
 
 
 def _limit_to_bent(frames: FramePoses, shown: BoolArray) -> FramePoses:
-    """Return the poses with the shoulder observed only in the frames ``shown`` (F,), unless there are none.
-
-    In these frames the elbow is bent enough to determine the axial rotation of the humerus.
-    """
+    """Return the poses with the shoulder observed only where the elbow is bent (``shown``), unless it never is."""
     observed = frames.observed.copy()
     observed[:, 1] &= shown
     if not observed[:, 1].any():
@@ -130,10 +127,7 @@ def _limit_to_bent(frames: FramePoses, shown: BoolArray) -> FramePoses:
 
 
 def _unmirror(chain: SpatialChain, model: ChainModel, track: SpatialTrack, sd: FloatArray) -> None:
-    """Replace every pose with a wrongly rotated humerus, in place, by the anatomical pose with the same positions.
-
-    ``sd`` (M,) is as for :func:`find_skeleton_poses`.
-    """
+    """Replace every pose with a wrongly rotated humerus, in place, by the anatomical pose with the same positions."""
     wrong = np.flatnonzero(track.pose.angle[:, 1, 0] < LEAST_FLEXION)
     if not wrong.size:
         return
@@ -146,10 +140,7 @@ def _unmirror(chain: SpatialChain, model: ChainModel, track: SpatialTrack, sd: F
 def _estimate_lasting_errors(
     chain: SpatialChain, model: ChainModel, pose: Pose, noise: SkeletonNoise, known: BoolArray
 ) -> SkinErrors:
-    """Return the errors of the pose due to the lasting errors of the skeleton's joints, which change with the posture.
-
-    ``known`` (F,) are the frames from which the postures are chosen.
-    """
+    """Return the errors of the pose due to lasting errors of the skeleton, at postures from frames ``known`` (F,)."""
     at = np.flatnonzero(known) if known.any() else np.arange(len(known))
     postures: IntArray = np.unique(at[np.linspace(0, len(at) - 1, _POSTURES).round().astype(np.int64)])
     d, segments = degrees_of_freedom(model), len(chain.joints) + 1

@@ -162,10 +162,7 @@ def _limit_ratios(model: ChainModel, snaps: FloatArray) -> FloatArray:
 
 
 def _estimate_errors(power: FloatArray, noise: FloatArray, angular: FloatArray, corner: float, dt: float) -> FloatArray:
-    """Return the mean squared errors (3,) of a series, its first and its second derivative after smoothing.
-
-    ``corner`` is the corner of the smoother, rad/s.
-    """
+    """Return mean squared errors (3,) of a series and two derivatives after smoothing with a corner, rad/s."""
     passed = 1 / (1 + (angular / corner) ** (2 * ORDER))
     near = (angular > 0) & (angular < _REACH * corner)  # beyond, the noise exceeds the movement by far
     averages = passed**2 * noise

@@ -26,10 +26,7 @@ _MANY = 0.01  # fraction of repeated frames for a caution
 
 
 def check_uniform_times(view: Trajectories, trial: str) -> None:
-    """Raise RecordingError if the times of the frames are not uniform, because the process model has a fixed step.
-
-    ``trial`` is the name of the trial for the message.
-    """
+    """Raise RecordingError if the times of the frames are not uniform, because the process model has a fixed step."""
     time, period = view.time, 1.0 / view.rate
     off = np.abs(time - time[0] - period * np.arange(len(time))) / period
     if not np.all(off <= _JITTER):

@@ -119,10 +119,7 @@ def _reasons(names: Sequence[str], s: int, file: str, result: SensorResult) -> l
 
 
 def report_clock(segment: str, sd: float) -> Reason:
-    """Return a note that the motion does not determine the clock of a segment's sensor.
-
-    ``sd`` is the standard deviation of its offset, s.
-    """
+    """Return a note that the motion does not determine a sensor's clock; ``sd`` is its standard deviation, s."""
     message = (
         f"the motion of the {segment} does not determine the clock of its sensor to 2 ms (standard deviation "
         f"{1e3 * sd:.1f} ms)."

@@ -176,10 +176,7 @@ def _add_sd(
 
 
 def _make_skin_tree(chain: Tree, skeleton: Skeleton, states: States, skin: SkinModel | None, camera: float) -> Tree:
-    """Return skin.h5 with the estimated skin motion, or with an assumed motion if ``skin`` is None.
-
-    ``chain`` is the content of chain.h5, and ``camera`` is the camera noise of a coordinate, m.
-    """
+    """Return skin.h5 with the estimated skin motion, or with an assumed motion if ``skin`` is None."""
     moves = skeleton.marker_segment > 0
     labels = [skeleton.markers[k] for k in np.flatnonzero(moves)]
     if skin is None:
@@ -192,10 +189,7 @@ def _make_skin_tree(chain: Tree, skeleton: Skeleton, states: States, skin: SkinM
 def _facts(
     states: States, markers: Mapping[str, FloatArray | BoolArray], moves: BoolArray, settings: UkfSmoothSettings
 ) -> dict[str, Any]:
-    """Return facts for the report.
-
-    Of the residuals (F, M) in ``markers``, only those of the markers ``moves`` (M,) of the moving segments count.
-    """
+    """Return facts for the report; only the residuals of the markers ``moves`` (M,) of moving segments count."""
     residual: FloatArray = np.asarray(markers["residual"], dtype=np.float64)
     used, visible, squares = 0, 0, 0.0
     for part in chunks(len(residual)):

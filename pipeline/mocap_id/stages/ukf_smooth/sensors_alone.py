@@ -232,10 +232,7 @@ def _make_states(tracked: TrackedStates, skeleton: Skeleton, snap: FloatArray) -
 
 
 def _marker_columns(tracked: TrackedStates, skeleton: Skeleton) -> dict[str, np.ndarray[Any, Any]]:
-    """Return the columns of markers.parquet for the markers of the calibration; none was measured in this trial.
-
-    The positions are those on the moving chain, m; the residuals are NaN.
-    """
+    """Return the columns of markers.parquet: the calibration's markers on the moving chain, with residuals of NaN."""
     angles = tracked.mean[..., 0]
     positions = marker_positions(angles, skeleton.centres, skeleton.marker_segment, skeleton.local)
     x, y = (np.ascontiguousarray(positions[..., i]) for i in range(2))

@@ -59,10 +59,7 @@ def smooth_skeleton_states(
 def _weights(
     tree: Tree, view: Trajectories, points: FloatArray, chain: SpatialChain, shoulder: FloatArray
 ) -> FloatArray:
-    """Return the weights (F, M) of all samples, less than 1 for guessed samples and wrong bone lengths.
-
-    ``shoulder`` (F, 3) is the centre of the first joint, m.
-    """
+    """Return the weights (F, M) of all samples; ``shoulder`` (F, 3) is the centre of the first joint, m."""
     sd = tree.numbers("markers/residual")
     weight = np.ones(points.shape[:2])
     inferred = view.planar.facts["skeleton"]["inferred"]

@@ -101,10 +101,7 @@ def smooth_rotations(context: Context) -> Outputs:
 
 
 def _angles(states: SpatialStates, skeleton: SpatialSkeleton, facts: Mapping[str, Any]) -> list[JointAngles]:
-    """Return the angles of the ISB for joints with known anatomical frames, and the coordinates of all other joints.
-
-    ``facts`` are those of chain.h5.
-    """
+    """Return the angles of the ISB for joints with known anatomical frames, and the coordinates of all other joints."""
     found: list[JointAngles] = []
     done: set[int] = set()
     frames = facts.get("frame_covariance", {})
