@@ -79,7 +79,7 @@ def _find_arm_pose(
 
 
 def _hold_last(values: FloatArray) -> FloatArray:
-    """Return values (F, …) with NaN replaced by the last known frame, at the start by the first; zero if all are NaN."""
+    """Return values (F, …) with NaN replaced by the last known frame, at the start by the first, or by zero."""
     known = np.isfinite(values).reshape(len(values), -1).all(axis=1)
     if not known.any():
         return np.zeros_like(values)

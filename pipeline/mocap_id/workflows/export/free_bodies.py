@@ -127,7 +127,7 @@ def export_free_states(run: RunFolder) -> ExportFiles:
 
 
 def export_free_model(run: RunFolder) -> ExportFiles:
-    """Return ``<trial>_free.osim``, ``<trial>_free_id.xml`` and a note about both models; nothing without free bodies."""
+    """Return ``<trial>_free.osim`` and ``<trial>_free_id.xml`` with a note; nothing without free bodies."""
     bodies = _read_free_bodies(run)
     if bodies is None:
         return ExportFiles()

@@ -101,7 +101,7 @@ def _coordinates(joint: ModelJoint) -> Iterator[Element]:
 
 
 def _axis_rows(kind: str, joint: ModelJoint, axes: Sequence[FloatArray]) -> Iterator[Element]:
-    """Yield the three axes of a CustomJoint: first those of the coordinates, then fixed axes at right angles to them."""
+    """Yield three axes of a CustomJoint: first those of the coordinates, then fixed axes at right angles to them."""
     fixed = np.linalg.svd(np.stack(axes), full_matrices=True)[2][len(axes) :] if axes else np.eye(3)
     for k in range(3):
         moves = k < len(axes)
