@@ -56,12 +56,12 @@ class RivalEntry(Entry):
 
 
 class HeldOutEntry(Entry):
-    """Prediction errors for left-out repetitions, by models fitted without them, over the same number of ``samples``.
+    """Prediction errors for left-out repetitions, by models fitted without them; all are over the same samples.
 
-    ``repetitions`` is the number of repetitions and ``folds`` the number of models. Each model leaves out one
-    repetition, or several neighbours if there are more than five. Errors are those of Fx, Fy (N), tauz (N·m) and cop_x
-    (m): ``model`` by these models, ``in_sample`` by the model of the whole trial, ``reference`` by the allometric body
-    (null without such a body). With measured poses, these three are computed after the low-pass filter of the fit.
+    ``samples``, ``repetitions`` and ``folds`` are the numbers of samples, repetitions and models. Each model leaves out
+    one repetition, or several neighbours if there are more than five. Errors are those of Fx, Fy (N), tauz (N·m) and
+    cop_x (m): ``model`` by these models, ``in_sample`` by the model of the whole trial, ``reference`` by the allometric
+    body (null without such a body). With measured poses, these three are computed after the low-pass of the fit.
     ``unfiltered`` is the error of ``model`` against the unfiltered wrench, and ``inside`` the fraction of samples in
     95 % intervals derived from the other repetitions. ``clock_offset_s`` lists the clock offset of each model.
     """
@@ -113,8 +113,9 @@ class PredictedEntry(Entry):
 
 
 class PinsEntry(Entry):
-    """Prediction errors with and without pinned joints, on the same left-out ``samples`` and after the same low-pass.
+    """Prediction errors with and without pinned joints, on the same left-out samples and after the same low-pass.
 
+    ``chain`` has the errors with pinned joints, ``segments`` those with measured poses; ``samples`` counts the samples.
     ``clock_offset_s`` is the clock offset of the pinned chain. All values are null if the dynamics use that chain.
     """
 

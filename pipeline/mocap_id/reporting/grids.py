@@ -151,7 +151,7 @@ def show_ends(ends: Sequence[float] | None, decimals: int) -> str:
 
 
 def to_grid(caption: str, rows: Iterable[Any], columns: Sequence[GridColumn], index: str = "") -> Grid:
-    """Return the table of these rows, with unprintable characters replaced.
+    """Return the table of these rows as texts, with unprintable characters replaced.
 
     Parameters
     ----------

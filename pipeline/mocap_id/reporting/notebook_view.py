@@ -68,7 +68,7 @@ def _render_page(of: str, *drawings: Drawing, player: Player | None = None) -> s
 
 
 def _make_frame(page: str, height: int) -> str:
-    """Return an HTML frame that contains a page whose scripts can access neither the notebook nor the network.
+    """Return an HTML frame with a page whose scripts can access neither the notebook nor the network.
 
     ``height`` is in pixels.
     """

@@ -74,7 +74,7 @@ def show_percent(share: object) -> str:
 def show_with_sd(value: object, sd: object, unit: str = "") -> str:
     """Format ``value ± sd``, both to the second significant digit of the standard deviation.
 
-    Without a standard deviation, or if it is 0, return only the value, with four significant digits.
+    If the standard deviation is 0 or unknown, only the value is returned, with four significant digits.
 
     >>> show_with_sd(0.41234, 0.00312, "m")
     '0.4123 ± 0.0031 m'
@@ -86,7 +86,7 @@ def show_with_sd(value: object, sd: object, unit: str = "") -> str:
 
 
 def show_beside(value: object, sd: object, unit: str = "") -> str:
-    """Format a number to the second significant digit of ``sd``; with four significant digits if it is 0 or None."""
+    """Format a number to the second significant digit of ``sd``; to four significant digits if it is 0 or None."""
     spread = to_number(sd)
     if not spread:
         return show(value, 4, unit)

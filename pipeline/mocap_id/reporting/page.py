@@ -66,7 +66,7 @@ class Page:
     notes: tuple[ExplainedReason, ...] = ()  # notes of the verdict, shown in the last section
 
     def render(self) -> bytes:
-        """Return the page as UTF-8."""
+        """Return the HTML page in UTF-8."""
         template = make_environment().get_template("page.html.j2")
         embedded = embed(self.figures, self.player)
         return template.render(page=self, name=style.clean(self.name), product=__version__, embedded=embedded).encode(

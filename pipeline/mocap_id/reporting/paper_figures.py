@@ -104,7 +104,7 @@ def make_figure_files(drawings: Drawings, pdf_fonts: PdfFonts = "type-3") -> dic
 
 
 def _list_captions(drawings: Drawings) -> bytes:
-    """Return the captions of all figures as Markdown."""
+    """Return the captions of all figures as Markdown in UTF-8."""
     captions = (
         f"**{one.title}** (`{one.name}.svg`, `{one.name}.pdf`). {one.caption}"
         if one.missing is None

@@ -64,7 +64,7 @@ def find_extent(curves: Sequence[FloatArray], tail: float = 0.0) -> tuple[float,
 
 
 def find_range(curves: Sequence[FloatArray], tail: float = 0.0) -> tuple[float, float] | None:
-    """Return the :func:`find_extent` of the curves with a margin; None if it is None or all values are equal."""
+    """Return the result of :func:`find_extent` with a margin of 10 % on each side; None if all are NaN or equal."""
     found = find_extent(curves, tail)
     if found is None or not found[1] > found[0]:
         return None

@@ -15,7 +15,7 @@ class Entry(BaseModel):
 
     @classmethod
     def explain(cls, why: str, **values: Any) -> Self:
-        """Return an entry with these values; its ``why`` is None unless one of the values is None."""
+        """Return an entry with these values, and with ``why`` if one of them is None; its ``why`` is None otherwise."""
         return cls(**values | {"why": why_unknown(why, *values.values())})
 
 

@@ -12,18 +12,19 @@ from mocap_id.arrays import FloatArray
 from mocap_id.prescription.workspace import Overlay, Workspace
 from mocap_id.reporting import paper_figures, style
 
-_TIPS, _CHANGES = 1500, 6000  # points drawn at most
+_TIPS, _CHANGES = 1500, 6000  # maximum number of points that are drawn
 _VIEWS = (("front", 2, 1), ("side", 0, 1), ("top", 2, 0))
 
 
 def draw_area(workspace: Workspace, recorded: FloatArray, joint: FloatArray) -> Figure:
-    """Draw a planar workspace: recorded tips, sampled postures, area, and convergence (figure 7.1).
+    """Return the figure of a planar workspace: recorded tips, sampled postures, area, and convergence (figure 7.1).
 
     Parameters
     ----------
     workspace : Workspace
+        Set of tip positions that can be reached.
     recorded : (T, 2) array
-        Tip positions in the recording, m; empty for a chain defined in YAML.
+        Tip positions in the recording, m; empty if the chain is not from a recording but defined in YAML.
     joint : (2,) array
         Position of the first joint, m.
     """
@@ -48,11 +49,12 @@ def draw_area(workspace: Workspace, recorded: FloatArray, joint: FloatArray) -> 
 
 
 def draw_volume(workspace: Workspace, joint: FloatArray) -> Figure:
-    """Draw a spatial workspace: surface, convergence, and three projections (figures 7.3 and 7.4).
+    """Return the figure of a spatial workspace: surface, convergence, and three projections (figures 7.3 and 7.4).
 
     Parameters
     ----------
     workspace : Workspace
+        Set of tip positions that can be reached.
     joint : (3,) array
         Position of the first joint, m.
     """
@@ -75,11 +77,12 @@ def draw_volume(workspace: Workspace, joint: FloatArray) -> Figure:
 
 
 def draw_change(change: Overlay, names: tuple[str, str]) -> Figure:
-    """Draw the change of a workspace between two sessions: its shared, gained and lost parts, in space in three views.
+    """Return the figure of two sessions' workspaces: parts in both, gained and lost; three views in space.
 
     Parameters
     ----------
     change : Overlay
+        The two workspaces on a common set of points.
     names : tuple of str
         Names of the earlier and the later session.
     """
@@ -114,7 +117,7 @@ def _draw_edge(axes: Axes, workspace: Workspace) -> None:
 
 
 def _draw_convergence(axes: Axes, workspace: Workspace, unit: str) -> None:
-    """Draw the measure against the number of samples, with the interval of the last value."""
+    """Draw area or volume against the number of samples, with the interval of the last value."""
     counts, _, values = zip(*workspace.convergence, strict=True)
     axes.axhspan(*workspace.interval, color=style.BLUE, alpha=0.15, lw=0)
     axes.plot(counts, values, "o-", ms=3, color=style.BLUE)

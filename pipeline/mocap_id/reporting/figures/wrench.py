@@ -45,9 +45,9 @@ def draw_panels(data: ReportData, height: float) -> tuple[Panel, ...]:
 
 
 def read_forces(data: ReportData) -> Table | None:
-    """Return the table of measured and modelled wrench, without an identification of the measured wrench alone.
+    """Return the table of measured and modelled wrench; without an identification, that of the measured wrench alone.
 
-    The result is None without measured forces.
+    The result is None if there is neither.
     """
     found = data.table("dynamics.parquet")
     return data.table("wrench.parquet") if found is None else found

@@ -74,7 +74,7 @@ def render_study_page(
     figures: Drawings,
     footer: str,
 ) -> bytes:
-    """Return the page of a study of people as UTF-8; its first sentences say how the trials ended."""
+    """Return the page of a study of people as HTML in UTF-8; its first sentences say how the trials ended."""
     trials = data.trials
     counts = {words: sum(trial.ending == ending for trial in trials) for ending, words in ENDINGS.items()}
     endings = to_sentence(", ".join(f"{count} {words}" for words, count in counts.items() if count))
