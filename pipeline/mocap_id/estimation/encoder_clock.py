@@ -48,7 +48,7 @@ class EncoderMatch:
 
 @dataclass(frozen=True)
 class _Curves:
-    """Angle from the cameras where it is known, and the encoder's angle as a curve."""
+    """Samples of the angle from the cameras, without NaN, and the encoder's angle as a curve."""
 
     time: FloatArray
     angle: FloatArray

@@ -31,7 +31,7 @@ class Clock:
 
 
 def find_clock(signals: SensorSignals, motion: SegmentMotion, time: FloatArray) -> tuple[float, float]:
-    """Return the clock offset, s, with the largest correlation of the angular speeds of sensor and segment, and this.
+    """Return the clock offset, s, at which angular speeds of sensor and segment correlate best, and the correlation.
 
     ``time`` (F,) are uniform times of the cameras, s. Both are zero if the motion is known in no frame.
     """

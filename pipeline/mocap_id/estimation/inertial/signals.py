@@ -30,7 +30,7 @@ class SegmentMotion:
 
     @property
     def known(self) -> BoolArray:
-        """Frames (F,) in which the motion is known."""
+        """Whether (F,) the motion is known in a frame."""
         return np.asarray(np.isfinite(self.omega[:, 0] + self.alpha[:, 0] + self.force[:, 0] + self.axial_rate))
 
     def select(self, frames: IntArray) -> SegmentMotion:

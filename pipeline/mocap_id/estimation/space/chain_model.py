@@ -104,8 +104,8 @@ def estimate_start_poses(
 ) -> tuple[Pose, BoolArray]:
     """Return the poses of F frames, estimated in ``frames`` (T,) from the marker cluster of each segment.
 
-    Also return where (F, n + 1) the base or joint was estimated. All other poses are zero. ``points`` (F, M, 3) are the
-    markers, m; NaN where missing.
+    Also return where (F, n + 1) the base or joint was estimated. All other coordinates are zero. ``points`` (F, M, 3)
+    are the markers, m; NaN where missing.
     """
     track, started = make_track(model, len(points)), np.zeros((len(points), len(model.freedom) + 1), dtype=np.bool_)
     some = points[frames]

@@ -144,7 +144,7 @@ def _compute_axial_rotations(chain: SpatialChain, states: SpatialStates) -> list
 
 
 def _unwrap(angle: FloatArray) -> FloatArray:
-    """Return angles (F,), rad, without jumps by 2π between known samples."""
+    """Return angles (F,), rad, without jumps by 2π between samples that are not NaN."""
     unwrapped, known = angle.copy(), np.isfinite(angle)
     unwrapped[known] = np.unwrap(angle[known])
     return unwrapped

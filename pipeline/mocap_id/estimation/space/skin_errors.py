@@ -93,10 +93,7 @@ def estimate_skin_errors(
 
 
 def drop_axial_rates(skin: SkinErrors, counted: BoolArray) -> SkinErrors:
-    """Return the errors without those of the velocities and accelerations by axial rotation of the skin.
-
-    They are removed in the segments ``counted`` (S,), which are true.
-    """
+    """Return the errors without those of velocity and acceleration by axial rotation of the skin where ``counted``."""
     motion = skin.motion.copy()
     motion[1:, :, len(counted) :][:, :, counted] = 0.0
     return replace(skin, motion=motion)

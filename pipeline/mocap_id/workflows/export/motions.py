@@ -112,9 +112,9 @@ def find_known_rows(file: str, values: FloatArray) -> tuple[BoolArray, tuple[str
 def format_motion(
     file: str, title: str, columns: Sequence[str], values: FloatArray, *, time: FloatArray, in_degrees: bool = False
 ) -> ExportFiles:
-    """Return a MOT or STO table of the ``columns`` that have known values, and of the rows without unknown values.
+    """Return a MOT or STO table, without the ``columns`` that have only unknown values and the rows that have any.
 
-    ``values`` are (T, K), NaN where unknown. Notes list what is left out.
+    ``values`` are (T, K), NaN where unknown. Notes list the columns and rows that are left out.
     """
     used: BoolArray = np.asarray(np.isfinite(values).any(axis=0))
     unknown = [name for name, any_known in zip(columns, used, strict=True) if not any_known]
