@@ -33,7 +33,7 @@ class BaseEntry(Entry):
 
 
 class ChannelEntry(Entry):
-    """Error of the model in one component of the wrench, over the samples of the fit."""
+    """Error of a model or measurement in one component, such as Fx, over the samples of the entry that contains it."""
 
     bias: float | None
     sd: float | None

@@ -70,7 +70,7 @@ def _compare_errors(data: ReportData, summary: Summary, motion: MotionEntry) -> 
 
 
 def _list_errors(data: ReportData, summary: Summary) -> Grid:
-    """Return a table of errors on left-out repetitions and clock offset, for the pinned chain and measured poses."""
+    """Return a table of errors on left-out repetitions and clock offsets, of pinned chain and measured poses."""
     pins = summary.dynamics.pins
     motions = {
         "pinned chain": (pins.chain, pins.clock_offset_s),

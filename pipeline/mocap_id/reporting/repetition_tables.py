@@ -69,7 +69,7 @@ def list_attempts(summary: Summary) -> Grid:
 
 
 def list_test_times(summary: Summary) -> Grid:
-    """Return a table of the times of the five-times-sit-to-stand test; empty for other protocols."""
+    """Return a table of the times of the five-times sit-to-stand test; empty for other protocols."""
     found = summary.five_times
     if found.repetitions is None:
         return Grid()

@@ -38,7 +38,7 @@ class ReportData(ArtefactSet):
         return f"{file} was not computed"
 
     def rows(self, file: str) -> list[dict[str, Any]]:
-        """Return the rows of a table by column name; empty if the table is missing."""
+        """Return the rows of a table, each with its values by column name; empty if the table is missing."""
         table = self.table(file)
         if table is None:
             return []
@@ -64,31 +64,31 @@ class ReportData(ArtefactSet):
 
     @cached_property
     def skeleton(self) -> Skeleton | None:
-        """Chain in the plane; None if it was not found."""
+        """Chain in the plane; None if it was not found or the trial is in space."""
         tree = self.tree("chain.h5")
         return None if tree is None or self.in_space else Skeleton.from_tree(tree)
 
     @cached_property
     def spatial_skeleton(self) -> SpatialSkeleton | None:
-        """Chain in space; None if it was not found."""
+        """Chain in space; None if it was not found or the trial is in the plane."""
         tree = self.tree("chain.h5")
         return SpatialSkeleton.from_tree(tree) if tree is not None and self.in_space else None
 
     @cached_property
     def segment_poses(self) -> SegmentPoses | None:
-        """Poses of the segments in space; None if they were not estimated."""
+        """Poses of the segments in space; None if they were not estimated or the trial is in the plane."""
         table = self.table("poses.parquet")
         return SegmentPoses.from_table(table) if table is not None and self.in_space else None
 
     @cached_property
     def angles(self) -> SpatialAngles | None:
-        """Angles in space; None if they were not estimated."""
+        """Angles in space; None if they were not estimated or the trial is in the plane."""
         table = self.table("angles.parquet")
         return SpatialAngles.from_table(table) if table is not None and self.in_space else None
 
     @cached_property
     def motion(self) -> JointStates | None:
-        """Joint states in the plane; None if they were not estimated."""
+        """Joint states in the plane; None if they were not estimated or the trial is in space."""
         table = self.table("states.parquet")
         return None if table is None or self.in_space else JointStates.from_table(table)
 

@@ -84,7 +84,7 @@ _MOST_MARKERS = 80  # markers in the figure; the table lists all
 
 
 def draw_residuals(data: ReportData) -> Figure | str:
-    """Return a bar for the residual of each marker, grouped by segment; within a group, the largest is first."""
+    """Return a bar for each of the largest residuals, grouped by segment; within a group, the largest is first."""
     found = [one for one in data.residuals.values() if np.isfinite(one.rms)]
     if not found:
         return f"No residuals: {data.why_missing('markers.parquet')}."

@@ -111,13 +111,13 @@ class ResultTable:
         return to_arrow(Table.from_frame(self.schema, self.frame))
 
     def csv(self) -> bytes:
-        """Return the table as CSV; a missing value is empty."""
+        """Return the content of a CSV file with the table; a missing value is empty."""
         stream = io.BytesIO()
         pyarrow.csv.write_csv(pa.table(dict(_replace_nan(self._arrow))), stream)
         return stream.getvalue()
 
     def parquet(self, kind: str) -> bytes:
-        """Return the table as Parquet, with units and meanings in the field metadata.
+        """Return the content of a Parquet file with the table; units and meanings are in the field metadata.
 
         Parameters
         ----------

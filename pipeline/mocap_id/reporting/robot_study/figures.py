@@ -42,7 +42,7 @@ _ACCELERATION_LOOKS: Mapping[str, tuple[str, Dash, float]] = {
 
 
 def draw_robot_figures(data: RobotStudyData) -> Drawings:
-    """Return every figure of the page."""
+    """Return all figures of the page."""
     return Drawings(style.clean(data.study), tuple(_make_drawings(data)))
 
 

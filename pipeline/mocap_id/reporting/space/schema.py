@@ -167,7 +167,7 @@ class CurlsEntry(Entry):
 
 
 class ImuEntry(Entry):
-    """Inertial sensor on a segment; a sample with time stamp t belongs to ``clock_offset_s + t (1 + 1e-6 ppm)``.
+    """Inertial sensor on a segment; its time stamp t is the camera time ``clock_offset_s + t (1 + 1e-6 ppm)``.
 
     ``sd_s`` is the standard deviation of this time in the middle of the trial; ``observable`` is false if the motion
     does not determine the clock offset to 2 ms. ``mounting`` is the rotation from the sensor to the segment,

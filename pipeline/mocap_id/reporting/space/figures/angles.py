@@ -41,7 +41,7 @@ class JointMotion:
 
 
 def collect_joint_motions(data: ReportData) -> list[JointMotion]:
-    """Return the angles joint by joint; empty if nothing was estimated."""
+    """Return the angles of each joint, and at the end any other angles; empty if nothing was estimated."""
     angles = data.angles
     if angles is None or not angles.names or not len(angles.time):
         return []
