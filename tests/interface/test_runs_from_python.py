@@ -160,7 +160,7 @@ def test_a_recording_in_memory_keeps_its_wrench(turn: float, tmp_path: Path) -> 
 
 
 def test_arrays_that_do_not_fit(tmp_path: Path) -> None:
-    with pytest.raises(mocap_id.RecordingError, match=r"shape \(4, 3\); expected \(frames, 2, 3\)"):
+    with pytest.raises(mocap_id.RecordingError, match=r"shape is \(4, 3\); expected \(frames, 2, 3\)"):
         mocap_id.Recording.from_arrays(["A", "B"], np.zeros((4, 3)), 100)
     with pytest.raises(mocap_id.RecordingError, match="occurs twice"):
         mocap_id.Recording.from_arrays(["A", "A"], np.zeros((4, 2, 3)), 100)
