@@ -26,9 +26,9 @@ def test_a_trial_in_space_is_simulated(cli, tmp_path: Path, arguments: tuple[str
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (("arm", "--severity", "2"), "severity is 2.0; expected 0 … 1"),
-        (("arm", "--subject", "-1"), "subject is -1; expected 0 or more"),
-        (("chain", "--kinds", "SB"), "kinds is 'SB'; expected 1 … 8 of the letters S, H, T"),
+        (("arm", "--severity", "2"), "`severity` is 2.0; expected 0 … 1"),
+        (("arm", "--subject", "-1"), "`subject` is -1; expected 0 or more"),
+        (("chain", "--kinds", "SB"), "`kinds` is 'SB'; expected 1 … 8 of the letters S, H, T"),
     ],
 )
 def test_an_impossible_trial_is_refused(cli, tmp_path: Path, arguments: tuple[str, ...], said: str) -> None:

@@ -166,11 +166,11 @@ def test_a_folder_with_something_in_it_is_left_alone(tmp_path):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"subjects": 0}, "subjects is 0; expected 1 … 999"),
-        ({"trials": 0}, "trials is 0"),
-        ({"strategies": ("normal", "slow")}, "strategies is 'normal,slow'; expected some of normal, dynamic, stable"),
-        ({"strategies": ()}, "strategies is ''"),
-        ({"strategies": ("stable", "stable")}, "expected each strategy once"),
+        ({"subjects": 0}, "`subjects` is 0; expected 1 … 999"),
+        ({"trials": 0}, "`trials` is 0"),
+        ({"strategies": ("normal", "slow")}, "`strategies` is 'normal,slow'; expected some of normal, dynamic, stable"),
+        ({"strategies": ()}, "`strategies` is ''"),
+        ({"strategies": ("stable", "stable")}, "expected each strategy only once"),
     ],
 )
 def test_a_value_out_of_range_is_named_for_a_cohort(change, said):

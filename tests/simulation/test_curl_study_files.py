@@ -72,5 +72,5 @@ def test_a_study_is_valid_and_has_the_effect_that_was_put_in(tmp_path: Path) -> 
 
 
 def test_a_study_needs_its_reference() -> None:
-    with pytest.raises(ConfigError, match="expected AC, and any of C, AC, 2"):
+    with pytest.raises(ConfigError, match="expected AC and, if needed, others of C, AC, 2"):
         CurlStudy(conditions=("C", "5"))

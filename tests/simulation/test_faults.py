@@ -119,7 +119,7 @@ def test_conventional_sets_have_the_usual_names() -> None:
 
 @pytest.mark.parametrize("text", ["frozen_s=99", "frozen=1", "gain=0.1,gain=0.2", "tilt_deg=x"])
 def test_bad_faults_are_refused(text: str) -> None:
-    with pytest.raises(ConfigError, match="simulate: faults"):
+    with pytest.raises(ConfigError, match="simulate: `faults`"):
         read_faults(text)
 
 

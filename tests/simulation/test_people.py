@@ -168,12 +168,12 @@ def test_ranges_are_about_what_was_asked_for(seed):
 
 def test_a_given_motion_has_no_room_for_people():
     options, motion = Options(people=ALL), drawn(PersonOptions()).motion
-    with pytest.raises(ConfigError, match="people is set and a motion is given"):
+    with pytest.raises(ConfigError, match="`people` is set and a motion is given"):
         generate("sit-to-stand", options, motion)
 
 
 @pytest.mark.parametrize("name", vars(ALL))
 def test_a_value_out_of_range_is_named(name):
     for value in (-1.0, 1e4, float("nan")):
-        with pytest.raises(ConfigError, match=f"simulate: people: {name} is .* expected 0"):
+        with pytest.raises(ConfigError, match=f"simulate: `people`: `{name}` is .* expected 0"):
             PersonOptions(**{name: value})

@@ -113,10 +113,10 @@ def test_the_commands_reach_them(cli, tmp_path, what):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ("hip_gap=3", "'hip_gap=3' is unknown or repeated; expected each at most once: hip_gap_mm, lumbar_deg"),
+        ("hip_gap=3", "'hip_gap=3' is unknown or repeated; expected each of these names at most once: hip_gap_mm"),
         ("lumbar_deg=3,lumbar_deg=4", "'lumbar_deg=4' is unknown or repeated"),
-        ("lumbar_deg", "lumbar_deg is ''; expected a number"),
-        ("lumbar_deg=90", "lumbar_deg is 90.0; expected 0 … 40 degrees"),
+        ("lumbar_deg", "`lumbar_deg` is ''; expected a number"),
+        ("lumbar_deg=90", "`lumbar_deg` is 90.0; expected 0 … 40 degrees"),
     ],
 )
 def test_text_that_names_no_one_is_answered(text, said):

@@ -60,5 +60,5 @@ def test_markers_of_their_own_seed_leave_the_motion() -> None:
 
 
 def test_a_cohort_of_nobody_is_an_error() -> None:
-    with pytest.raises(ConfigError, match="subjects is 0; expected 1"):
+    with pytest.raises(ConfigError, match="`subjects` is 0; expected 1"):
         ReachCohort(0)

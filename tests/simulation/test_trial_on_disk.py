@@ -40,7 +40,7 @@ def test_the_configuration_is_ready_to_run(tmp_path, kind):
 def test_a_folder_that_holds_a_trial_is_left_alone(tmp_path):
     simulate("robot", tmp_path / "trial", QUICK)
     before = (tmp_path / "trial" / "trial.c3d").read_bytes()
-    with pytest.raises(StoreError, match="already contains a trial: remove it or choose another folder"):
+    with pytest.raises(StoreError, match="already contains a trial: remove the trial or choose a different folder"):
         simulate("robot", tmp_path / "trial", Options(seed=4, repetitions=1))
     assert (tmp_path / "trial" / "trial.c3d").read_bytes() == before
 
@@ -68,12 +68,12 @@ def test_a_file_in_the_way_is_said(tmp_path):
     ],
 )
 def test_a_value_out_of_range_is_named(name, value):
-    with pytest.raises(ConfigError, match=f"simulate: {name} is .* expected"):
+    with pytest.raises(ConfigError, match=f"simulate: `{name}` is .* expected"):
         Options(**{name: value})
 
 
 def test_an_unknown_kind_is_named(tmp_path):
-    with pytest.raises(ConfigError, match="no kind 'jump'; expected one of sit-to-stand, robot"):
+    with pytest.raises(ConfigError, match="`kind` is 'jump'; expected one of sit-to-stand, robot"):
         simulate("jump", tmp_path / "trial", QUICK)
 
 

@@ -31,10 +31,10 @@ WINTER: Mapping[str, float] = {
     "r_thigh": 0.323,
     "r_hat": 0.496,
 }
-"""Winter's fractions for both sides together: lengths and ankle height as fractions of stature, masses of body mass;
-centres of mass (from the lower joint) and radii of gyration (about them) of the segment's length."""
+"""Winter's fractions for both legs together: lengths and ankle height are fractions of stature, masses of body mass.
+Centres of mass (from the lower joint) and radii of gyration (about these) are fractions of the segment's length."""
 
-BEHIND_ANKLE = 0.24  # share of the foot's length behind the ankle
+BEHIND_ANKLE = 0.24  # fraction of the foot's length behind the ankle
 ANKLE = (-0.03, 0.03)  # m, range of the ankle's position from the plate's centre
 
 Sex: TypeAlias = Literal["female", "male"]
@@ -55,7 +55,7 @@ class Subject:
 
 
 def draw_subject(seed: int, number: int) -> Subject:
-    """Draw person ``number`` (from 1) of a cohort, alternately female and male, independent of the cohort's size."""
+    """Draw person ``number`` of a cohort, counted from 1; odd numbers are female. The cohort's size has no effect."""
     source = np.random.SeedSequence([seed, number])
     rng = np.random.default_rng(source)
     sex = _SEXES[(number - 1) % len(_SEXES)]
@@ -119,13 +119,13 @@ class SimulatedBody:
 
     @property
     def inertias(self) -> FloatArray:
-        """(n + 1, 6, 6) inertia matrices for the recursion."""
+        """(n + 1, 6, 6) spatial inertia matrices of the links."""
         about = np.zeros((len(self.links), 3, 3))
         about[:, 2, 2] = [link.inertia for link in self.links]
         return spatial_inertia(self.masses, np.column_stack([self.coms, np.zeros(len(self.links))]), about)
 
     def base_parameters(self) -> tuple[list[str], list[float]]:
-        """Return names and values of the base parameters of the contact wrench, for a planar chain (eq. 6.1)."""
+        """Return names and values of the base parameters that determine the contact wrench of the chain (eq. 6.1)."""
         names, values = ["sum m"], [self.mass]
         for i, link in enumerate(self.links):
             beyond = sum(other.mass for other in self.links[i + 1 :])
@@ -143,10 +143,10 @@ class SimulatedBody:
 def draw_person(
     rng: np.random.Generator, subject: Subject | None = None, feet: np.random.Generator | None = None
 ) -> SimulatedBody:
-    """Draw a person on both feet, facing -x: foot, shank, thigh, and one segment for head, arms and trunk.
+    """Draw a person who stands on both feet and faces -x: foot, shank, thigh, and one segment for head, arms and trunk.
 
-    Each fraction of :data:`WINTER` varies by up to 10 %, and the mass fractions still sum to one. A ``subject`` gives
-    height and mass; the generator ``feet`` then determines the position of the feet in this trial.
+    Each fraction of :data:`WINTER` varies by up to 10 %, and the mass fractions still sum to one. Height and mass are
+    those of ``subject``, if given. The generator ``feet``, if given, draws the position of the feet in this trial.
     """
     used = {name: value * rng.uniform(0.9, 1.1) for name, value in WINTER.items()} | _draw_mass_shares(rng)
     height, mass = rng.uniform(1.55, 1.9), rng.uniform(52.0, 92.0)
@@ -181,7 +181,7 @@ def draw_person(
 
 
 def _draw_mass_shares(rng: np.random.Generator) -> dict[str, float]:
-    """Return the share of each segment in the body's mass, by its key in :data:`WINTER`."""
+    """Return each segment's fraction of the body's mass, by its key in :data:`WINTER`."""
     names = [name for name in WINTER if name.startswith("m_")]
     share = np.array([WINTER[name] for name in names])
     off = rng.uniform(-0.1, 0.1, len(names))
@@ -191,7 +191,7 @@ def _draw_mass_shares(rng: np.random.Generator) -> dict[str, float]:
 
 
 def draw_robot(rng: np.random.Generator) -> SimulatedBody:
-    """Draw a robot with one revolute joint, fixed to the plate, with values that vary by up to 10 %."""
+    """Draw a robot with one revolute joint that is fixed to the plate; its dimensions and masses vary by up to 10 %."""
     off = rng.uniform(0.9, 1.1, 7)
     base_mass, mass = 21.0 * off[0], 5.2 * off[1]
     reach, length = 0.52 * off[2], 0.50 * off[3]

@@ -43,8 +43,8 @@ def compute_true_positions(
 ) -> FloatArray:
     """Return marker positions (T, M, 3) in the laboratory without measurement error, m.
 
-    ``skin`` (T, M, 3) is the displacement of the markers in their links' frames, m; ``displacement`` concerns the whole
-    person.
+    ``skin`` (T, M, 3) is the displacement of the markers in their links' frames, m. ``displacement`` moves all markers
+    except those on the plate.
     """
     link, angle, origin, local = _segment_poses(scene, state)
     local = local + skin
@@ -57,7 +57,7 @@ def compute_true_positions(
 
 
 def _segment_poses(scene: Scene, state: TrueState) -> tuple[IntArray, FloatArray, FloatArray, FloatArray]:
-    """Return each marker's segment (M,), the segments' angles (T, C) and origins (T, C, 2), and local positions."""
+    """Return each marker's segment (M,), angles (T, C) and origins (T, C, 2) of C segments, and positions (M, 3)."""
     markers = scene.markers
     if scene.divided is None or state.bodies is None:
         angle, origin = planar.segment_poses(state.q, scene.body.centres)
@@ -70,7 +70,7 @@ def _segment_poses(scene: Scene, state: TrueState) -> tuple[IntArray, FloatArray
 def draw_bursts(
     rng: np.random.Generator, markers: MarkerSet, frames: int, rate: float, often: float
 ) -> tuple[Burst, ...]:
-    """Draw occlusions of markers that can be hidden: log-uniform lengths, ``often`` times the usual number."""
+    """Draw occlusions of markers that can be hidden; ``often`` is a factor on the usual number, ``rate`` is in Hz."""
     candidates = [label for label, hidden in zip(markers.labels, markers.hidden, strict=True) if hidden]
     bursts = []
     for _ in range(round(often * BURSTS_PER_SECOND * frames / rate)):
@@ -80,7 +80,7 @@ def draw_bursts(
 
 
 def draw_jumps(rng: np.random.Generator, markers: MarkerSet, frames: int, number: int) -> tuple[Jump, ...]:
-    """Draw a number of jumps of random markers at random times in random directions."""
+    """Draw ``number`` jumps of random markers at random times in random directions."""
     jumps = []
     for _ in range(number):
         count = int(rng.integers(JUMP_LENGTH[0], min(JUMP_LENGTH[1], frames // 2) + 1))

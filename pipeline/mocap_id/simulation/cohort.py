@@ -1,7 +1,7 @@
 """Simulated cohorts on disk: recordings of several persons with their truth, and a study that is ready to run.
 
 A person has the same body, markers and skin in all trials. Motion, foot position, direction in the laboratory, drift of
-the skin, drop-outs and noise differ between trials. The seed of each trial follows from the cohort's seed, so that
+the skin, occlusions and noise differ between trials. The seed of each trial follows from the cohort's seed, so that
 additional persons, strategies or trials leave the other trials unchanged.
 """
 
@@ -41,9 +41,9 @@ class Cohort:
         check_options(self, "simulate cohort")
         names = ",".join(self.strategies)
         if not self.strategies or not set(self.strategies) <= set(STRATEGIES):
-            raise ConfigError(f"simulate cohort: strategies is {names!r}; expected some of {', '.join(STRATEGIES)}")
+            raise ConfigError(f"simulate cohort: `strategies` is {names!r}; expected some of {', '.join(STRATEGIES)}")
         if len(set(self.strategies)) < len(self.strategies):
-            raise ConfigError(f"simulate cohort: strategies is {names!r}; expected each strategy once")
+            raise ConfigError(f"simulate cohort: `strategies` is {names!r}; expected each strategy only once")
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Faults of a recording: bad markers, a base that moves, wrong rates, gains and corners, filtered or coloured noise."""
+"""Faults of a recording: bad markers, moving feet, wrong rates, gains and plate corners, filtered or coloured noise."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _X = (1.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Displacement:
-    """Displacement of the whole person from the true chain; rotations are about the plane's origin."""
+    """Displacement of the whole person from the simulated motion; rotations are about the plane's origin."""
 
     shift: FloatArray  # (T,) translation along the motion, m
     turn: FloatArray  # (T,) rotation about the vertical, rad
@@ -43,8 +43,8 @@ class Displacement:
     ) -> tuple[FloatArray, FloatArray]:
         """Return force and moment (T, 3) of the ground on the displaced person about the plane's origin, N and N·m.
 
-        The weight, N, stays vertical. ``force`` and ``moment`` (T, 3) act on the upright person with the centre of mass
-        ``com`` (T, 3), m.
+        ``force`` and ``moment`` (T, 3) act on the person before the displacement; ``com`` (T, 3) is the centre of mass
+        then, m. The ``weight``, N, stays vertical.
         """
         moment = moment + np.cross(self.shift[:, None] * _X, force)
         force, moment = _rotate_about_y(force, self.turn), _rotate_about_y(moment, self.turn)
@@ -60,7 +60,7 @@ class Displacement:
 def draw_displacement(
     seed: int, faults: FaultOptions, schedule: Schedule | None, time: FloatArray
 ) -> Displacement | None:
-    """Draw the displacement at times (T,), s, which changes only while the person sits; None without these faults."""
+    """Draw the displacement at times (T,), s; it changes only while the person sits. None if no fault displaces."""
     if not (faults.foot_slide_mm or faults.foot_moves_mm or faults.turn_deg or faults.plane_tilt_deg):
         return None
     rng = np.random.default_rng(seed)
@@ -81,14 +81,14 @@ def draw_displacement(
 
 
 def _rotate_about_y(vectors: FloatArray, angle: FloatArray) -> FloatArray:
-    """Return vectors (..., 3) of the plane frame, rotated about its y."""
+    """Return vectors (..., 3) of the plane frame after a rotation about its y axis by an angle, rad."""
     c, s = np.cos(angle), np.sin(angle)
     x, y, z = np.moveaxis(vectors, -1, 0)
     return np.stack([c * x + s * z, y, -s * x + c * z], axis=-1)
 
 
 def _rotate_about_x(vectors: FloatArray, angle: float) -> FloatArray:
-    """Return vectors (..., 3) of the plane frame, rotated about its x."""
+    """Return vectors (..., 3) of the plane frame after a rotation about its x axis by an angle, rad."""
     c, s = np.cos(angle), np.sin(angle)
     x, y, z = np.moveaxis(vectors, -1, 0)
     return np.stack([x, c * y - s * z, s * y + c * z], axis=-1)
@@ -97,7 +97,7 @@ def _rotate_about_x(vectors: FloatArray, angle: float) -> FloatArray:
 def draw_skin_faults(
     rng: np.random.Generator, faults: FaultOptions, markers: MarkerSet, time: FloatArray
 ) -> FloatArray:
-    """Return displacements (T, M, 3) in the links' frames, m: of a reattached marker, and of oscillating skin."""
+    """Return the displacements (T, M, 3) by a reattached marker and by oscillating skin, in the links' frames, m."""
     added = np.zeros((len(time), len(markers.labels), 3))
     if faults.reattached_mm:
         marker = _draw_moving_marker(rng, markers)
@@ -120,7 +120,7 @@ def add_camera_faults(
     """Return labels, positions and truth after adding the cameras' faults to measured positions.
 
     Positions (T, M, 3) are in the laboratory, m, and NaN where not visible; ``rate`` is in Hz. Trajectories that belong
-    to no marker come last. The truth names the markers with a fault and its time.
+    to no marker come last. The truth contains the markers and the frames of each fault.
     """
     markers, truth = scene.markers, dict[str, Any]()
     points, labels, frames = points.copy(), markers.labels, len(points)
@@ -174,7 +174,7 @@ def _draw_ghosts(
 
 
 def add_plate_faults(faults: FaultOptions, signals: PlateSignals, along: FloatArray) -> PlateSignals:
-    """Return the plate's signals with errors of gains and offset, and of the corners ``along`` (3,) the motion."""
+    """Return the plate's signals with wrong gains and offset, and with corners displaced in the direction ``along``."""
     gains = (1 + faults.gain) * np.array([1, 1, 1 + faults.gain_fz, *[1 + faults.gain_moments] * 3])
     offset = np.array([0, 0, faults.offset_fz_N, 0, 0, 0])
     corners = signals.corners + faults.corners_mm / 1e3 * along
@@ -187,14 +187,14 @@ def _draw_moving_marker(rng: np.random.Generator, markers: MarkerSet) -> int:
 
 
 def _draw_frames(rng: np.random.Generator, frames: int, count: float) -> tuple[int, int]:
-    """Return begin and end of ``count`` frames at a random time in the middle three quarters of the trial."""
+    """Return the first frame, and the frame after the last, of up to ``count`` frames away from the trial's ends."""
     count = min(round(count), frames // 2)
     first = int(rng.integers(frames // 8, max(frames - frames // 8 - count, frames // 8 + 1)))
     return first, first + count
 
 
 def _filter_visible(points: FloatArray, cut_off: float, rate: float) -> FloatArray:
-    """Return the visible samples after a zero-phase Butterworth low-pass filter, which bridges gaps linearly."""
+    """Return the positions after a zero-phase low-pass filter; gaps are interpolated for the filter and stay NaN."""
     from scipy.signal import butter, sosfiltfilt  # noqa: PLC0415  loads scipy.stats
 
     visible, time = np.isfinite(points), np.arange(len(points))

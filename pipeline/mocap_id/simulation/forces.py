@@ -20,27 +20,27 @@ HAND = (-0.30, 0.30)  # position of that hand in the trunk's frame, in front of 
 
 @dataclass(frozen=True)
 class Chair:
-    """A chair that pushes on a point of the thigh with 0 … ``share`` of the body's vertical load."""
+    """A chair that pushes on a point of the thigh and carries a fraction of the total vertical force."""
 
     point: tuple[float, float]  # point on the underside of the thigh, near the hip, in the thigh's frame, m
-    share: float  # share of the total vertical force while seated
-    friction: float  # horizontal over vertical force
+    share: float  # fraction of the total vertical force while the person sits still
+    friction: float  # horizontal force divided by vertical force
     schedule: Schedule
 
     def load(self, time: FloatArray) -> FloatArray:
-        """Return the chair's share of the total vertical force at times (T,)."""
+        """Return the fraction (T,) of the total vertical force that the chair carries at times (T,)."""
         return self.share * self.schedule.chair_load(time)
 
 
 @dataclass(frozen=True)
 class Rail:
-    """A rail that carries up to ``share`` of the vertical load while the person rises; no plate measures it."""
+    """A rail that carries a fraction of the vertical force while the person rises; no plate measures its force."""
 
-    share: float
+    share: float  # largest fraction of the total vertical force
     schedule: Schedule
 
     def load(self, time: FloatArray) -> FloatArray:
-        """Return the rail's share of the total vertical force at times (T,).
+        """Return the fraction (T,) of the total vertical force that the rail carries at times (T,).
 
         The rail is loaded from the start of each rise until shortly before its end.
         """
@@ -60,8 +60,8 @@ class BodiesState:
     velocity: FloatArray  # (T, B, 3) first derivative of the pose
     acceleration: FloatArray  # (T, B, 3) second derivative of the pose
     gap: FloatArray  # (T, 2) displacement of the pelvis's hip centre from the thigh's, along the thigh's x and y
-    # (T, 5) torques of ankle, knee, hip, lumbar joint and shoulder: moment about the joint centre in the proximal body
-    # of the wrench that the proximal body exerts on all distal bodies
+    # (T, 5) torques of ankle, knee, hip, lumbar joint and shoulder: the moment that the proximal body exerts on all
+    # distal bodies, about the joint centre in the proximal body
     tau: FloatArray
 
 
@@ -150,7 +150,7 @@ def share_load(
     chair: Chair | None,
     rail: Rail | None,
 ) -> LoadShares:
-    """Divide the total wrench (T, 3) between ground, chair and rail, and correct the joint torques (T, J)."""
+    """Return ``total`` (T, 3) divided between ground, chair and rail, and ``tau`` (T, J) corrected for the division."""
     angle, origin, joints = poses.angle, poses.origin, poses.joints
     force, point = np.zeros((len(time), 2)), np.full((len(time), 2), np.nan)
     ground = total
@@ -158,7 +158,7 @@ def share_load(
         point = origin[:, THIGH] + planar.rotate(angle[:, THIGH], np.array(chair.point))
         vertical = chair.load(time) * total[:, 1]
         force = np.column_stack([chair.friction * vertical, vertical])
-        # the plate and the joints below the point of contact do not carry the chair's share
+        # the plate and the joints below the point of contact do not carry the chair's part of the load
         tau = tau - np.where(poses.distal <= THIGH, _moment(point[:, None] - joints, force), 0)
         ground = total - np.column_stack([force, _moment(point[:, None], force)])
     if rail is not None:

@@ -20,7 +20,7 @@ from mocap_id.simulation.skin import draw_skin_rotation
 RATE = 100.0
 """Samples per second of a sensor's own clock."""
 SEED = 30
-"""Added to the seed of the trial for the errors of the sensors."""
+"""Number that, together with the seed of the trial, seeds the errors of the sensors."""
 _STEPS = (0.001065, 0.00958)  # rad/s and m/s²; 16 bits of ±2000 °/s and ±16 g
 _DENSITIES = (1.745e-4, 1.96e-3)  # rad/s/√Hz and m/s²/√Hz
 _BIASES = (0.0105, 0.12)  # rad/s and m/s²; standard deviations
@@ -29,8 +29,8 @@ _SCALE = 0.004
 _OFFSET = 0.05  # s
 _PPM = 30.0
 _SKIN_ROTATION = 0.03  # rad, of the skin at the ends of the motion, in any direction
-_SWITCHED_ON = 0.3  # share of a bias that changes from one recording to the next
-_FORWARDS, _ALONG, _ACROSS = 0.06, 0.6, 0.05  # m, share of the length, m: mean position from the segment's origin
+_SWITCHED_ON = 0.3  # fraction of a bias that changes from one recording to the next
+_FORWARDS, _ALONG, _ACROSS = 0.06, 0.6, 0.05  # m, fraction of the length, m: mean position from the segment's origin
 
 
 @dataclass(frozen=True)
@@ -46,10 +46,10 @@ class SimulatedSensor:
 def simulate_plane_sensors(
     seed: int, scene: Scene, state: TrueState, softness: float, person: int | None = None
 ) -> dict[str, SimulatedSensor]:
-    """Return a sensor on every moving segment of a person without separate bodies, at the frames of ``state``.
+    """Return one sensor for each moving segment, by segment name; the person must not have separate bodies.
 
-    ``softness`` is a factor on the rotation of the skin, which follows the joints at both ends of the segment.
-    ``person`` is the seed of a person who wears the same sensors at the same positions in all trials.
+    ``state`` is the true state at the frames. ``softness`` is a factor on the rotation of the skin, which follows the
+    joints at both ends of the segment. With the seed ``person``, position and mounting are the same in all trials.
     """
     sensors = {}
     axes = scene.plane.axes.T
@@ -94,7 +94,7 @@ def measure_motion(
     truth : mapping
         Further entries of the truth.
     kept : Generator, optional
-        Generator of the properties that are the same in all trials: mounting, scale and most of the biases.
+        Generator of the properties that are the same in all trials: mounting, scale and the larger part of the biases.
     """
     own = kept or rng
     mount = so3.exp(own.uniform(0, np.pi) * _draw_direction(own))

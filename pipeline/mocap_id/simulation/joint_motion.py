@@ -1,4 +1,4 @@
-"""Smooth functions of time: joint motions with exact derivatives, steps, sway and tremor."""
+"""Smooth functions of time: joint motions with exact derivatives, smooth steps, sway and tremor."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _WAVES = 8  # sine waves of a tremor or sway
 
 
 def smoothstep(phase: FloatArray, order: int = 6) -> FloatArray:
-    """Return 0 below phase 0, 1 above phase 1, and between them a polynomial with ``order - 1`` smooth derivatives."""
+    """Return a step from 0 (phase ≤ 0) to 1 (phase ≥ 1); its first ``order - 1`` derivatives are continuous."""
     return np.asarray(betainc(order, order, np.clip(phase, 0.0, 1.0)))
 
 
@@ -29,7 +29,7 @@ def ramp_up(time: FloatArray, start: float) -> FloatArray:
 
 
 def draw_tremor(rng: np.random.Generator, time: FloatArray, acceleration: FloatArray) -> FloatArray:
-    """Return random angles (T, n), rad, whose second derivatives have the given (n,) root mean squares, rad/s²."""
+    """Return random angles (T, n), rad; ``acceleration`` (n,) is the rms value of their second derivatives, rad/s²."""
     frequency, phase = _draw_waves(rng, TREMOR, len(acceleration))
     omega = 2 * np.pi * frequency
     waves = np.sin(omega * time[:, None, None] + phase) / omega**2
@@ -37,7 +37,7 @@ def draw_tremor(rng: np.random.Generator, time: FloatArray, acceleration: FloatA
 
 
 def draw_sway(rng: np.random.Generator, time: FloatArray, size: FloatArray) -> FloatArray:
-    """Return slow random motion (T, n) with the given (n,) standard deviations; lower frequencies are larger."""
+    """Return slow random motion (T, n) with standard deviations ``size`` (n,); slower waves have larger amplitudes."""
     frequency, phase = _draw_waves(rng, SWAY, len(size))
     weight = 1 / frequency
     waves = np.sin(2 * np.pi * frequency * time[:, None, None] + phase) * weight
@@ -56,7 +56,7 @@ class JointMotion:
     Parameters
     ----------
     spline : BSpline
-        Joint angles (n,), rad. The spline extends beyond both ends of the trial.
+        Joint angles (n,), rad, at a time, s. The spline extends beyond both ends of the trial.
     duration : float
         Duration of the trial, which starts at 0, s.
     """
@@ -71,7 +71,7 @@ class JointMotion:
 
 
 def motion_through(time: FloatArray, angles: FloatArray, duration: float) -> JointMotion:
-    """Return the motion through ``angles`` (T, n) at evenly spaced times (T,)."""
+    """Return the motion that interpolates ``angles`` (T, n), rad, at evenly spaced times (T,), s."""
     return JointMotion(make_interp_spline(time, angles, k=DEGREE), duration)
 
 
@@ -95,7 +95,7 @@ class Swing:
         return [{"start": float(start), "end": float(start + 1 / self.frequency)} for start in starts]
 
     def motion(self) -> JointMotion:
-        """Return the motion, which begins and ends at rest: the amplitude grows and fades during half a period."""
+        """Return the motion from rest to rest: the amplitude grows in the first half period and fades in the last."""
         time = np.arange(-1.0, self.duration + 1.0, STEP)
         phase = (time - self.lead) * self.frequency
         envelope = smoothstep(2 * phase) * smoothstep(2 * (self.periods - phase))

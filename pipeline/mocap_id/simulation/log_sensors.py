@@ -1,4 +1,4 @@
-"""Further sensors of simulated trials: encoder and wrench sensor of a robot, and a balance board as force plate."""
+"""Further sensors of simulated trials: encoder and wrench sensor of a robot, and a balance board under a person."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ _GAIN = 0.003  # standard deviation of the relative error of the gain
 _WIDTH, _DEPTH, _HEIGHT = 0.433, 0.238, 0.053  # m: distances between the cells, and their depth below the surface
 _SIGNS = np.array([[-1, 1], [1, 1], [-1, -1], [1, -1]])  # right and top of the cells tl, tr, bl, br
 _PERIOD, _JITTER = 0.011, 0.001  # s between samples
-_STAMP, _DELAY = 0.01, 0.004  # s: resolution of the stamps, and mean delay of the link
-_STALLS, _STALL = 0.004, 0.06  # share of the samples after which the link stalls, and the longest stall, s
+_STAMP, _DELAY = 0.01, 0.004  # s: resolution of the time stamps, and mean delay of the transmission
+_STALLS, _STALL = 0.004, 0.06  # fraction of the samples followed by a pause, and the longest pause, s
 _STEP_KG, _NOISE_KG, _TARE_KG, _CELL_GAIN = 0.1, 0.05, 0.15, 0.005
 _CENTRE_M, _YAW = 0.02, 0.02  # m and rad: largest errors of position and direction
 DIRECTIONS = {"forwards": 0.0, "left": np.pi / 2, "backwards": np.pi, "right": -np.pi / 2}
@@ -74,7 +74,7 @@ def joint_position(scene: Scene) -> FloatArray:
 
 
 def joint_sensor_csv(rng: np.random.Generator, scene: Scene) -> str:
-    """Return CSV text of the wrench of the base on the moving part about the joint, in laboratory axes."""
+    """Return CSV text with the measured wrench of the base on the moving part, about the joint in laboratory axes."""
     time = np.arange(round(scene.motion.duration * _SENSOR_RATE)) / _SENSOR_RATE
     state, link = scene.at(time), scene.body.links[1]
     x, y = link.com
@@ -94,7 +94,7 @@ def joint_sensor_csv(rng: np.random.Generator, scene: Scene) -> str:
 class SimulatedBoard:
     """Position and errors of a board.
 
-    A row at ``time_s`` was measured at ``time_s + clock_offset`` on the markers' clock, on average, s.
+    On average, the row with time stamp ``time_s`` was measured at ``time_s + clock_offset`` on the markers' clock, s.
     """
 
     clock_offset: float
@@ -110,7 +110,7 @@ class SimulatedBoard:
 
 
 def draw_board(rng: np.random.Generator, clock_offset: float) -> SimulatedBoard:
-    """Draw a board with small errors of position and direction, and of zero and gain of its cells."""
+    """Draw a board with small errors of its position and direction, and of the zero and gain of its cells."""
     return SimulatedBoard(
         clock_offset,
         str(rng.choice(list(DIRECTIONS))),
@@ -122,7 +122,7 @@ def draw_board(rng: np.random.Generator, clock_offset: float) -> SimulatedBoard:
 
 
 def board_csv(rng: np.random.Generator, scene: Scene, board: SimulatedBoard) -> str:
-    """Return CSV text with the time stamps and the readings of the cells, kg."""
+    """Return CSV text with the time stamps, s, and the readings of the cells, kg."""
     steps = np.maximum(rng.normal(_PERIOD, _JITTER, int(scene.motion.duration / _PERIOD) + 1), _PERIOD / 2)
     steps += np.where(rng.random(len(steps)) < _STALLS, rng.uniform(0.0, _STALL, len(steps)), 0.0)
     time = np.cumsum(steps)

@@ -24,7 +24,7 @@ class MarkerSet:
     local: FloatArray  # (M, 3) x, y in the link's frame and distance z from the body's mid-plane, m
     softness: FloatArray  # (M,) largest displacement by skin motion, m
     hidden: BoolArray  # (M,) whether the cameras may lose sight of the marker
-    on_plate: BoolArray  # (M,)
+    on_plate: BoolArray  # (M,) whether the marker is on the plate
     at_joint: tuple[str | None, ...]  # joint whose axis passes through the marker; None for other markers
 
 
@@ -118,10 +118,10 @@ PLATE = ((-0.28, -0.18), (-0.24, 0.20), (-0.06, 0.24), (0.05, -0.22), (0.19, 0.1
 def place_markers(
     rng: np.random.Generator, body: SimulatedBody, name: MarkerSetName = "clusters", without: str = ""
 ) -> MarkerSet:
-    """Place the body's markers with random placement errors; clusters have seven more on the plate.
+    """Place the body's markers with random placement errors; the set ``clusters`` adds seven markers on the plate.
 
-    ``name`` is the marker set of a person; a robot has its own. ``without`` lists markers to leave out, separated by
-    commas: on both sides (``KNE``), on one side (``LKNE``), or all of one side (``R*``).
+    ``name`` is the marker set of a person; a robot has a fixed one. ``without`` lists markers to leave out, separated
+    by commas: on both sides (``KNE``), on one side (``LKNE``), or all of one side (``R*``).
     """
     person = len(body.links) > 2
     left_out = {each.strip() for each in without.split(",")}
@@ -162,9 +162,9 @@ def add_plate_markers(
     at_joint: tuple[str | None, ...],
     plate: Sequence[tuple[float, float]] = PLATE,
 ) -> MarkerSet:
-    """Add markers at positions x, z on the ``plate``, and random placement errors to all markers.
+    """Return a marker set with further markers at ``plate`` (x, z), m, and random placement errors of all markers.
 
-    The other parameters are the fields of :class:`MarkerSet`.
+    The other parameters are the fields of :class:`MarkerSet` without the markers on the plate.
     """
     count = len(plate)
     on_plate = np.arange(len(labels) + count) >= len(labels)
@@ -182,14 +182,14 @@ def add_plate_markers(
 
 
 def _sides(site: _Site) -> tuple[_Site, ...]:
-    """Return the left and right marker of a paired site; the person faces -x, so the left side is at +z."""
+    """Return the left and right marker of a site, or its only marker; left is +z, because the person faces -x."""
     if not site.paired:
         return (site,)
     return replace(site, name=f"L{site.name}"), replace(site, name=f"R{site.name}", z=-site.z)
 
 
 def _local_position(body: SimulatedBody, site: _Site) -> tuple[float, float, float]:
-    """Return coordinates in the link's frame; x of the base's markers is measured from the first joint."""
+    """Return the position in the link's frame, m; for the base, x of the site is measured from the first joint."""
     link = body.links[site.link]
     start = body.links[1].centre[0] if site.link == 0 else 0.0
     return start + site.x, site.y * link.length, site.z

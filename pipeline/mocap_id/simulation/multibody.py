@@ -1,6 +1,7 @@
 """A person with separate pelvis, trunk and arms, a foot that rotates and a weight in the hands.
 
-While no joint leaves its position in the pinned chain, these bodies together equal the pinned chain exactly.
+Without a hip gap and without rotations of foot, lumbar joint and shoulders, they equal the pinned chain of four rigid
+segments exactly.
 """
 
 from __future__ import annotations
@@ -17,16 +18,16 @@ from mocap_id.simulation.body import Link, SimulatedBody
 from mocap_id.simulation.markers import MarkerSet
 
 LINKS = {"foot": 1, "shank": 2, "thigh": 3, "pelvis": 5, "trunk": 6, "arms": 7, "weight": 7}
-"""Link of the chain to which each body belongs; link 0 is the ground and link 4 the hip's slide, both massless."""
+"""Link of the chain to which each body belongs; link 0 (ground) and link 4 (translation in the hip) are massless."""
 
 SLIDE = 4
 TORSO = 3  # segment of the pinned chain that is divided into several bodies
 
-# positions and lengths relative to the torso's length, masses to the body's (Winter: pelvis, both whole arms)
+# positions and lengths relative to the torso's length, masses relative to body mass (Winter: pelvis, both whole arms)
 PELVIS_MASS, PELVIS_CENTRE, PELVIS_RADIUS = 0.142, 0.10, 0.18
 ARMS_MASS, ARMS_CENTRE, ARMS_RADIUS = 0.100, (-0.22, 0.76), 0.26
 LUMBAR, SHOULDER = 0.20, 1.00
-HANDS = (-0.265, 0.74)  # m, share: position of the finger markers
+HANDS = (-0.265, 0.74)  # m, fraction of the torso's length: position of the finger markers
 WEIGHT_RADIUS = 0.05  # m, radius of gyration
 
 ON_ARMS = ("UPA", "ELB", "FRM", "WRA", "WRB", "FIN")
@@ -35,7 +36,7 @@ ON_PELVIS = ("ASI",)
 
 @dataclass(frozen=True)
 class _CommutingJoint:
-    """A joint with commuting twists: its pose is the exponential of their sum, its subspace is constant."""
+    """A joint with commuting twists: its pose is the exponential of their sum, and its motion subspace is constant."""
 
     along: tuple[tuple[float, ...], ...]  # the twists (vx, vy, vz, wx, wy, wz)
 
@@ -116,7 +117,7 @@ class DividedBody:
         return origins
 
     def part_of(self, markers: MarkerSet) -> IntArray:
-        """Return the part that carries each marker, (M,); -1 for the plate."""
+        """Return the index (M,) of the part that carries each marker; -1 for the plate."""
         names = self.names
         part = np.where(markers.on_plate, -1, markers.link)
         for i, label in enumerate(markers.labels):
@@ -126,7 +127,7 @@ class DividedBody:
         return part
 
     def local(self, markers: MarkerSet) -> FloatArray:
-        """Return the markers' positions in the frames of their parts, (M, 3) m; on the plate, in the plane frame."""
+        """Return the markers' positions (M, 3) in the frames of their parts, m; in the plane frame for the plate."""
         part, local = self.part_of(markers), markers.local.copy()
         local[:, :2] -= np.where(part[:, None] >= 0, self.in_segment[part], 0.0)
         return local

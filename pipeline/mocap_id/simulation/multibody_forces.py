@@ -41,10 +41,10 @@ class DividedPerson:
 def balance_divided(
     body: SimulatedBody, divided: DividedBody, plan: Plan, additional: AdditionalMotion
 ) -> tuple[BalancedMotion, DividedPerson]:
-    """Compute the lean of the trunk with which the separate bodies balance about the plan's point ``push``.
+    """Return the balanced motion of the chain, and the person whose separate bodies balance about the plan's ``push``.
 
-    The moment that they add to the moment of the chain depends slightly on the lean. Both are therefore updated in turn
-    until they agree.
+    The difference between the moments of the bodies and of the chain depends slightly on the lean. The difference and
+    the lean are therefore computed in turn until the angles settle.
 
     NumericalError is raised if no lean of the trunk balances the body.
     """
@@ -76,7 +76,7 @@ def compute_divided_state(
     about_thigh = about_pelvis + gap[:, 0] * fy - gap[:, 1] * fx
     torques = np.column_stack([effort[:, 1], effort[:, 2], about_thigh, effort[:, 6], effort[:, 7]])
     pose, velocity, acceleration = _body_motion(body, *coordinates[:3])
-    # foot plus ankle give the shank's angle; hip plus lumbar joint give the trunk's
+    # the shank's angle is the sum of foot and ankle; the trunk's angle from the thigh the sum of hip and lumbar joint
     q, qd, qdd, qddd = (np.column_stack([c[:, 0] + c[:, 1], c[:, 2], c[:, 5] + c[:, 6]]) for c in coordinates)
     angle = np.cumsum(q, axis=1)
     joints = _joint_centres(body, pose)
@@ -105,7 +105,7 @@ def compute_divided_state(
 
 
 def _joint_centres(body: DividedBody, pose: FloatArray) -> FloatArray:
-    """Return the centres of ankle, knee, hip, lumbar joint and shoulder in the proximal bodies, (T, 5, 2) m."""
+    """Return the positions (T, 5, 2) of ankle, knee, hip, lumbar joint and shoulder in the proximal bodies, m."""
     centres = np.array([part.centre for part in body.parts[1:6]])
     return pose[:, :5, :2] + planar.rotate(pose[:, :5, 2], centres)
 

@@ -29,8 +29,8 @@ class Habit:
     sink: float  # unevenness of the torso's sinking during the rise, -0.3 … 0.3
     ripple: FloatArray  # (2,) number of periods over the rise of the gap's oscillation in x and y
     phase: FloatArray  # (2,) initial phase of this oscillation, rad
-    forward: float  # share of the gap's range across the thigh
-    slump: float  # share of the spine's bend that depends on the knee; the rest depends on the lean
+    forward: float  # amplitude of the gap along the thigh's x, as a fraction of the gap's range
+    slump: float  # fraction of the spine's bend that depends on the knee; the rest depends on the lean
 
 
 def draw_habit(rng: np.random.Generator) -> Habit:
@@ -46,7 +46,7 @@ def draw_habit(rng: np.random.Generator) -> Habit:
 
 @dataclass(frozen=True)
 class TrialVariation:
-    """Variations of one trial with R repetitions, relative to the usual size 1."""
+    """Variations of one trial with R repetitions, relative to the usual size 1, and its drifts of W sine waves each."""
 
     swing: FloatArray  # (R, 3) size of the arms' swing while rising, while sitting down, and while standing
     late: FloatArray  # (R, 2) delay of the first two swings, s
@@ -62,7 +62,7 @@ class TrialVariation:
 
 
 def draw_trial_variation(rng: np.random.Generator, repetitions: int) -> TrialVariation:
-    """Draw the variations of a trial with a number of repetitions."""
+    """Draw the variations of a trial with this number of repetitions."""
     shape = (len(DRIFTS), WAVES)
     return TrialVariation(
         swing=rng.uniform(0.75, 1.25, (repetitions, 3)),
@@ -111,7 +111,7 @@ class AdditionalMotion:
         return bend
 
     def _arms(self, time: FloatArray) -> FloatArray:
-        """Return the arms' swing, (T,) rad: forwards (negative) on rising, less on sitting down, back on standing."""
+        """Return the arms' swing (T,), rad: forwards (negative) on rising and sitting down, backwards in between."""
         level = 0.02 * self.variation.drift("arms", time)
         for each, (up, down, rest), (late_up, late_down) in zip(
             self.schedule.repetitions, self.variation.swing, self.variation.late, strict=True
@@ -133,6 +133,6 @@ class AdditionalMotion:
 
 
 def _bump(time: FloatArray, middle: float, width: float) -> FloatArray:
-    """Return a smooth bump of height 1 and total duration ``width``, s."""
+    """Return a smooth bump (T,) of height 1 around ``middle``, s, with the total duration ``width``, s."""
     step = smoothstep((time - middle) / width + 0.5)
     return 4 * step * (1 - step)

@@ -40,12 +40,12 @@ def check_options(options: Any, command: str) -> None:
 
 
 def _refuse(command: str, name: str, value: object, expected: str) -> None:
-    raise ConfigError(f"{command}: {name} is {value!r}; expected {expected}")
+    raise ConfigError(f"{command}: `{name}` is {value!r}; expected {expected}")
 
 
 @dataclass(frozen=True)
 class PersonOptions:
-    """Differences between a simulated person and a pinned chain of four rigid segments; none by default.
+    """Differences between a simulated person and a chain of four rigid segments (the pinned chain); none by default.
 
     A range is approximate: the seed makes some repetitions larger than others. A value out of range raises ConfigError.
     """
@@ -57,7 +57,7 @@ class PersonOptions:
         "mm",
     )
     lumbar_deg: float = option(
-        0.0, "Range of the trunk's rotation against the pelvis, degrees; 10 to 20 in real people.", (0, 40), "degrees"
+        0.0, "Range of the trunk's rotation in the pelvis, degrees; 10 to 20 in real people.", (0, 40), "degrees"
     )
     arm_swing_deg: float = option(0.0, "Range of the arms' swing about the shoulders, degrees.", (0, 120), "degrees")
     heel_lift_mm: float = option(
@@ -66,7 +66,7 @@ class PersonOptions:
     held_mass_kg: float = option(0.0, "Mass of a weight in the hands, in addition to the person's, kg.", (0, 20), "kg")
 
     def __post_init__(self) -> None:
-        check_options(self, "simulate: people")
+        check_options(self, "simulate: `people`")
 
     @property
     def differs_from_chain(self) -> bool:
@@ -81,19 +81,19 @@ class FaultOptions:
     A value out of range raises ConfigError.
     """
 
-    frozen_s: float = option(0.0, "A moving marker keeps its last position for this time, s.", (0, 60), "s")
+    frozen_s: float = option(0.0, "Time for which a moving marker keeps its last position, s.", (0, 60), "s")
     ghost_walks: float = option(0.0, "1 adds a moving trajectory that belongs to no marker.", (0, 1))
     ghost_reflects: float = option(0.0, "1 adds the mirror image of a marker.", (0, 1))
     reattached_mm: float = option(
-        0.0, "A moving marker falls off and is attached again at this distance, mm.", (0, 200), "mm"
+        0.0, "Distance between a moving marker's positions before and after it falls off, mm.", (0, 200), "mm"
     )
-    mislabelled_s: float = option(0.0, "Two moving markers exchange their names for this time, s.", (0, 60), "s")
+    mislabelled_s: float = option(0.0, "Time for which two moving markers exchange their names, s.", (0, 60), "s")
     wander_mm: float = option(0.0, "Slow drift (below 0.5 Hz) of every marker, mm rms.", (0, 10), "mm")
     wobble_mm: float = option(
         0.0, "Oscillation at 4 Hz of the skin of each segment, equal for all its markers, mm rms.", (0, 10), "mm"
     )
-    filter_hz: float = option(0.0, "Cut-off of a zero-phase low-pass filter on the markers, Hz.", (0, 50), "Hz")
-    repeated_share: float = option(0.0, "Share of the frames that repeat the previous frame.", (0, 0.9))
+    filter_hz: float = option(0.0, "Cut-off frequency of a zero-phase filter of the markers, Hz.", (0, 50), "Hz")
+    repeated_share: float = option(0.0, "Fraction of the frames that repeat the previous one.", (0, 0.9))
     camera_scale: float = option(0.0, "Relative error of all distances between markers.", (-0.2, 0.2))
     tilt_deg: float = option(
         0.0, "Tilt of the cameras' coordinate frame in the plane of motion, degrees.", (-10, 10), "degrees"
@@ -114,7 +114,7 @@ class FaultOptions:
     plane_tilt_deg: float = option(0.0, "Sideways lean of the plane of motion, degrees.", (-20, 20), "degrees")
 
     def __post_init__(self) -> None:
-        check_options(self, "simulate: faults")
+        check_options(self, "simulate: `faults`")
 
     @property
     def present(self) -> dict[str, float]:
@@ -160,9 +160,9 @@ class Options:
     imus: bool = option(False, "Add an inertial sensor with its own clock to every moving segment; for a person only.")
     seat_plate: bool = option(False, "Put the chair on a second plate.")
     chair_mass: float = option(6.0, "Mass of the chair on that plate, kg.", (0, 50), "kg")
-    attempts: int = option(0, "Number of failed rises: one before each of the last repetitions.")
+    attempts: int = option(0, "Number of failed rises; each precedes one of the last repetitions.")
     hold: float = option(0.0, "Duration of a stop half-way through the last rise, s.", (0, 10), "s")
-    rail: float = option(0.0, "Share of the vertical load on a rail that the person holds during each rise.", (0, 0.5))
+    rail: float = option(0.0, "Fraction of the vertical force on a rail that the person holds at each rise.", (0, 0.5))
     people: PersonOptions = field(default_factory=PersonOptions)
     rest_before: float = option(0.0, "Rest before the first rise, s.", (0, 600), "s")
     rest_standing: float = option(0.0, "Additional rest in the first standing phase, s.", (0, 600), "s")
@@ -180,24 +180,24 @@ class Options:
     )
     speed: Speed = option("fast", "Speed of that joint: 0.25 or 0.5 Hz.", choices=FREQUENCY)
     orientation: float = option(0.0, "Yaw of the plane of that robot, degrees.", (-180, 180), "degrees")
-    joint_sensor: bool = option(False, "Build a wrench sensor into the robot's joint: sensor.csv.")
+    joint_sensor: bool = option(False, "Add a wrench sensor in the robot's joint (sensor.csv).")
     subject: Subject | None = None
 
     def __post_init__(self) -> None:
         check_options(self, "simulate")
         multiple = self.analog_rate / self.rate
         if not (multiple >= 1 and multiple % 1 == 0):
-            _refuse("simulate", "analog_rate", self.analog_rate, "a multiple of rate")
+            _refuse("simulate", "analog_rate", self.analog_rate, "a multiple of `rate`")
         if self.board and (self.seat_plate or self.joint is not None):
-            _refuse("simulate", "board", self.board, "no plate under the chair, and no robot")
+            _refuse("simulate", "board", self.board, "False together with `seat_plate` or `joint`")
         if self.imus and (self.joint is not None or self.people.differs_from_chain):
-            _refuse("simulate", "imus", self.imus, "a person of rigid segments")
+            _refuse("simulate", "imus", self.imus, "False together with `joint` or `people`")
         if not 0 <= self.attempts <= self.repetitions:
-            _refuse("simulate", "attempts", self.attempts, "0 … repetitions")
+            _refuse("simulate", "attempts", self.attempts, f"0 … {self.repetitions}, the number of `repetitions`")
 
 
 def read_people(text: str) -> PersonOptions:
-    """Read a person's options from text like ``hip_gap_mm=10,held_mass_kg=2``; errors as in :func:`read_faults`."""
+    """Read a person's options from text like ``hip_gap_mm=10,held_mass_kg=2``; raise errors as :func:`read_faults`."""
     return PersonOptions(**_read_numbers(text, "people", [each.name for each in fields(PersonOptions)]))
 
 
@@ -215,10 +215,11 @@ def _read_numbers(text: str, option: str, names: list[str]) -> dict[str, float]:
         name, _, number = (part.strip() for part in pair.partition("="))
         if name not in names or name in values:
             raise ConfigError(
-                f"simulate: {option}: {pair!r} is unknown or repeated; expected each at most once: {', '.join(names)}"
+                f"simulate: `{option}`: {pair!r} is unknown or repeated; expected each of these names at most once: "
+                f"{', '.join(names)}"
             )
         try:
             values[name] = float(number)
         except ValueError:
-            _refuse(f"simulate: {option}", name, number, "a number")
+            _refuse(f"simulate: `{option}`", name, number, "a number")
     return values

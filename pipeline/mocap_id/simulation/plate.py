@@ -50,7 +50,7 @@ class SimulatedPlate:
 def draw_plate(
     rng: np.random.Generator, sense: Sense, *, moved: bool, flipped: bool, noise: float, bias: float
 ) -> SimulatedPlate:
-    """Draw a plate at the laboratory's origin, aligned with its axes; ``moved``: shifted, lifted and rotated."""
+    """Draw a plate at the laboratory's origin and along its axes; if ``moved``, it is shifted, lifted and rotated."""
     centre = np.array([*rng.uniform(-0.6, 0.6, 2), rng.uniform(-0.02, 0.02)])
     yaw = rng.uniform(-np.pi / 6, np.pi / 6)
     origin = np.array([*rng.normal(0, 0.0005, 2), -rng.uniform(0.035, 0.055)])

@@ -1,7 +1,7 @@
 """The thesis's robot study as simulated trials: three joints, two speeds, two orientations, several repeats.
 
 The thesis did not move the shoulder fast, because the robot might have tipped over; the simulation does. The seed of
-each trial follows from the set's seed, so that another number of repeats leaves the other trials unchanged.
+each trial follows from the set's seed, so that additional repeats leave the other trials unchanged.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ class RobotSet:
     def __post_init__(self) -> None:
         check_options(self, "simulate robot-set")
         if not (self.joints and self.speeds and self.orientations):
-            raise ConfigError("simulate robot-set: expected at least one joint, speed and orientation")
+            raise ConfigError("simulate robot-set: `joints`, `speeds` or `orientations` is empty; expected one or more")
 
 
 def robot_set_trials(robot_set: RobotSet) -> Iterator[tuple[str, Options]]:

@@ -85,7 +85,7 @@ class Scene:
     def load_on_plate(
         self, state: TrueState, displacement: Displacement | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the plate's force on the body and moment about the surface's centre, (T, 3) each, laboratory axes."""
+        """Return the plate's force on the body and its moment about the surface's centre, (T, 3) in laboratory axes."""
         load = self._in_plane(state.wrench)
         if displacement is not None:
             com = np.column_stack([state.com, np.full(len(state.com), self.offset)])
@@ -95,7 +95,7 @@ class Scene:
     def load_on_seat_plate(
         self, state: TrueState, displacement: Displacement | None = None
     ) -> tuple[FloatArray, FloatArray]:
-        """Return the load on the plate under the chair as :meth:`load_on_plate`, including the chair's weight."""
+        """Return the load on the plate under the chair, with the chair's weight, as :meth:`load_on_plate` does."""
         assert self.seat_plate is not None
         (x, y), (fx, fy) = state.chair_point.T, state.chair_force.T
         load = self._in_plane(np.column_stack([fx, fy, x * fy - y * fx]))
@@ -114,7 +114,7 @@ class Scene:
 
 
 def draw_scene(kind: Kind, options: Options, rng: Streams, given: JointMotion | None = None) -> Scene:
-    """Draw the body, its motion and the laboratory; a ``given`` motion replaces the usual one, without a chair.
+    """Draw the body, its motion and the laboratory; a ``given`` motion replaces the usual motion and has no chair.
 
     Raises
     ------
@@ -125,7 +125,7 @@ def draw_scene(kind: Kind, options: Options, rng: Streams, given: JointMotion | 
     """
     people = kind == "sit-to-stand" and options.people.differs_from_chain
     if people and given is not None:
-        raise ConfigError("simulate: people is set and a motion is given; expected only one of them")
+        raise ConfigError("simulate: `people` is set and a motion is given; expected only one of the two")
     body, ur5_joint = _draw_body(kind, options, rng), options.joint if kind == "robot" else None
     divided = None
     if people:
@@ -186,7 +186,7 @@ def _draw_plate(options: Options, rng: np.random.Generator) -> SimulatedPlate:
 
 
 def _add_seat_plate(scene: Scene, options: Options, rng: np.random.Generator) -> Scene:
-    """Return the scene with a plate under the chair, whose centre is below the force of the seated person."""
+    """Return the scene with a plate under the chair, centred where the chair's force at rest meets the ground."""
     plate = _draw_plate(options, rng)
     seated = scene.at(np.zeros(1))
     (x, y), (fx, fy) = seated.chair_point[0], seated.chair_force[0]

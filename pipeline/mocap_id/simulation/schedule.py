@@ -1,4 +1,4 @@
-"""Timing of a simulated sit-to-stand: strategies, repetitions, failed attempts and the chair's share."""
+"""Timing of a simulated sit-to-stand: strategies, repetitions, failed attempts and the load of the chair."""
 
 from __future__ import annotations
 
@@ -57,12 +57,12 @@ class Repetition:
 
     @property
     def legs_start(self) -> float:
-        """Time at which the legs begin to extend and the chair to be unloaded."""
+        """Time at which the legs begin to extend and the load of the chair begins to decrease, s."""
         return self.seat_off - self.unload
 
     @property
     def legs_end(self) -> float:
-        """Time at which the legs are bent again and the chair carries its full share."""
+        """Time at which the legs are bent again and the chair is fully loaded, s."""
         return self.seat_on + self.load
 
 
@@ -73,7 +73,7 @@ class Attempt:
     start: float
     top: float
     end: float
-    height: float = 0.15  # height of the hips at the top, as a fraction of the way to standing
+    height: float = 0.15  # height of the hips at the top: 0 seated, 1 standing
 
     @property
     def unload(self) -> float:
@@ -81,12 +81,12 @@ class Attempt:
         return 0.4 * (self.top - self.start)
 
     def chair_release(self, time: FloatArray) -> FloatArray:
-        """Return the release of the chair at times (T,): 0 fully loaded … 1 free."""
+        """Return the relative decrease of the chair's load at times (T,): 0 if fully loaded, 1 if free."""
         released = smoothstep((time - self.start) / self.unload, LOADED_ORDER)
         return released - smoothstep((time - (self.end - self.unload)) / self.unload, LOADED_ORDER)
 
     def height_at(self, time: FloatArray) -> FloatArray:
-        """Return the height of the hips at times (T,), as a fraction of the way to standing."""
+        """Return the relative height of the hips at times (T,): 0 seated, 1 standing."""
         up = smoothstep((time - self.start) / (self.top - self.start))
         return self.height * (up - smoothstep((time - self.top) / (self.end - self.top)))
 
@@ -99,7 +99,7 @@ class Hold:
     length: float  # s
 
     def progress(self, time: FloatArray, begin: float, finish: float) -> FloatArray:
-        """Return the progress of the rise at times (T,), 0 … 1, with a stop at 0.5."""
+        """Return the progress of the rise at times (T,), from 0 at ``begin`` to 1 at ``finish``, with a stop at 0.5."""
         half = 0.5 * (finish - begin - self.length)
         first, second = smoothstep((time - begin) / half), smoothstep((time - finish + half) / half)
         return 0.5 * (first + second)
@@ -115,7 +115,7 @@ class Schedule:
     hold: Hold | None = None
 
     def height_at(self, time: FloatArray, late: float = 0.0, early: float = 0.0) -> FloatArray:
-        """Return the height at times (T,): 0 seated … 1 standing.
+        """Return the relative height of the hips at times (T,): 0 seated, 1 standing.
 
         ``late`` delays the start of the rise and ``early`` advances the end of sitting down, s.
         """
@@ -129,7 +129,7 @@ class Schedule:
         return level
 
     def bumps(self, time: FloatArray) -> FloatArray:
-        """Return short bumps of height 1 around each seat-off and seat-on, at times (T,)."""
+        """Return the sum (T,) of short bumps of height 1 around each seat-off and seat-on, at times (T,)."""
         level = np.zeros_like(time)
         for each in self.repetitions:
             for middle, width in ((each.seat_off, each.rise_end - each.legs_start), (each.seat_on, each.load + 0.8)):
@@ -138,7 +138,7 @@ class Schedule:
         return level
 
     def chair_load(self, time: FloatArray) -> FloatArray:
-        """Return the load of the chair at times (T,): 1 fully loaded … 0 free, exactly 0 from seat-off to seat-on."""
+        """Return the relative load of the chair at times (T,): 1 seated at rest, exactly 0 from seat-off to seat-on."""
         level = 1.0 - sum((attempt.chair_release(time) for attempt in self.attempts), np.zeros_like(time))
         for each in self.repetitions:
             level -= smoothstep((time - (each.seat_off - each.unload)) / each.unload, LOADED_ORDER)
@@ -158,7 +158,7 @@ def draw_schedule(
     """Draw a sequence of repetitions whose durations vary by up to 6 %.
 
     A failed rise precedes each of the last ``attempts`` repetitions; the last rise stops half-way for ``hold`` seconds.
-    ``rests`` are additional rests before the first rise, in the first stand and after the last repetition, s.
+    ``rests`` are additional rests before the first rise, while first standing and after the last repetition, s.
     """
 
     def vary(value: float) -> float:

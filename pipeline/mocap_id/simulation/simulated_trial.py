@@ -39,10 +39,10 @@ class SimulatedTrial:
     visible: BoolArray  # (T, M) whether the cameras see each marker
     bursts: tuple[Burst, ...]
     jumps: tuple[Jump, ...]
-    points: FloatArray  # (T, M, 3) measured marker positions, m; NaN where not visible
+    points: FloatArray  # (T, L, 3) measured positions of the L labels, m; NaN where not visible
     signals: PlateSignals  # channels of the plate, ``analog_rate / rate`` samples for each frame
     seat_signals: PlateSignals | None  # channels of the plate under the chair; None without it
-    labels: tuple[str, ...]  # names in the file: first of the M markers, then of trajectories that are no markers
+    labels: tuple[str, ...]  # L names in the file: of the M markers, then of trajectories that belong to no marker
     fault_truth: Mapping[str, Any]  # which markers have a fault, and when
 
 
@@ -97,7 +97,7 @@ def measure_scene(scene: Scene, options: Options, rng: Streams) -> SimulatedTria
 
 
 def _draw_skin(scene: Scene, options: Options, rng: Streams, state: TrueState) -> tuple[Scene, FloatArray]:
-    """Return the scene with mean marker positions, and the skin's displacement from them (T, M, 3), m."""
+    """Return the scene with the markers at their mean positions, and their displacement (T, M, 3) by the skin, m."""
     if options.subject is None:
         return scene, draw_trial_skin_motion(rng["skin"], scene.markers, state.q, state.time)
     skin, markers = draw_subject_skin_motion(rng["skin"], rng["wander"], scene.markers, state.q, state.time)

@@ -2,7 +2,7 @@
 
 Shank and thigh follow the schedule. The trunk's lean is then computed for the whole trial at once, so that the moments
 of all forces balance about the combined point of application of ground and chair. That point is under the feet and
-moves towards the chair in proportion to the chair's share. The forward lean before the rise is a result.
+moves towards the chair in proportion to the chair's load. The forward lean before the rise follows from this balance.
 """
 
 from __future__ import annotations
@@ -43,14 +43,14 @@ class Plan:
 
     time: FloatArray  # (K,) evenly spaced times, s
     legs: FloatArray  # (K, 2) angles of shank and thigh from the vertical, rad
-    push: FloatArray  # (K,) combined point of application of ground and chair on the ground's level, m
+    push: FloatArray  # (K,) combined point of application of the forces of ground and chair at ground level, m
     chair: Chair
     trunk: float  # initial guess of the lean, rad
 
 
 @dataclass(frozen=True)
 class _TrunkTask:
-    """What the trunk has to balance."""
+    """Moments that the trunk has to balance, at K times."""
 
     moment: FloatArray  # (K,) moment of foot and legs about ``push``, N·m
     push: FloatArray  # (K,) as in Plan
@@ -58,7 +58,7 @@ class _TrunkTask:
 
 
 def draw_plan(rng: np.random.Generator, body: SimulatedBody, options: Options) -> Plan:
-    """Draw a trial of a person, except for the trunk's lean."""
+    """Draw the motion of the legs, the chair and the point ``push``; the trunk's lean is computed later."""
     strategy = STRATEGIES[options.strategy]
     schedule = draw_schedule(
         rng,
@@ -81,7 +81,7 @@ def draw_plan(rng: np.random.Generator, body: SimulatedBody, options: Options) -
 
 
 def balance(body: SimulatedBody, plan: Plan, additional: FloatArray | None = None) -> BalancedMotion:
-    """Compute the trunk's lean; ``additional`` (K,) is a further moment about the plan's ``push``, N·m.
+    """Return the motion with the lean that balances a plan; ``additional`` (K,) is another moment about ``push``, N·m.
 
     NumericalError is raised if no lean of the trunk balances the body.
     """
@@ -132,13 +132,13 @@ def _draw_pressure_centre(
 
 
 def _draw_chair(rng: np.random.Generator, body: SimulatedBody, schedule: Schedule) -> Chair:
-    """Draw point and friction of the chair; its share follows later from the balance at rest."""
+    """Draw point and friction of the chair; ``share`` is preliminary, because it follows from the balance at rest."""
     thigh = body.links[2].length
     return Chair((rng.uniform(0.05, 0.08), thigh * rng.uniform(0.90, 0.97)), 1.0, rng.uniform(-0.05, 0.05), schedule)
 
 
 def _seat_force_on_ground(body: SimulatedBody, chair: Chair, shank: FloatArray, thigh: FloatArray) -> FloatArray:
-    """Return the position at which the line of the chair's force meets the ground's level, (K,) m."""
+    """Return the position (K,) at which the line of the chair's force meets the ground, m."""
     _, origin = planar.segment_poses(np.column_stack([shank, thigh - shank]), body.centres[:2])
     point = origin[:, 2] + planar.rotate(thigh, np.array(chair.point))
     return point[:, 0] - chair.friction * point[:, 1]
@@ -152,13 +152,13 @@ def _com_x(body: SimulatedBody, shank: float, thigh: float, trunk: float) -> flo
 
 
 def _second_difference(values: FloatArray) -> FloatArray:
-    """Return the second derivative along the first axis, at rest beyond both ends."""
+    """Return the second derivative along the first axis (time); beyond both ends, the values are constant."""
     padded = np.concatenate([values[:1], values, values[-1:]])
     return np.asarray((padded[2:] - 2 * values + padded[:-2]) / STEP**2)
 
 
 def _trunk_task(body: SimulatedBody, legs: FloatArray, push: FloatArray) -> _TrunkTask:
-    """Return the moment that foot and legs (K, 2) leave for the trunk to balance."""
+    """Return the moment of foot and legs that the trunk has to balance, for leg angles ``legs`` (K, 2), rad."""
     q = np.column_stack([legs[:, 0], legs[:, 1] - legs[:, 0], -legs[:, 1]])
     _, origin = planar.segment_poses(q, body.centres)
     coms = planar.marker_positions(q, body.centres, np.arange(3), body.coms[:3])
@@ -182,19 +182,21 @@ def _solve_lean(body: SimulatedBody, task: _TrunkTask, start: float) -> FloatArr
         lean += step * min(1.0, 0.3 / max(largest, 1e-300))
         if largest < 1e-10:
             return lean
-    raise NumericalError(f"no lean of the trunk balances the simulated body: the last step was {largest:.2g} rad")
+    raise NumericalError(
+        f"no lean of the trunk balances the simulated body: the last step of the solver was {largest:.2g} rad"
+    )
 
 
 def _imbalance(
     mass: float, com: FloatArray, inertia: float, task: _TrunkTask, lean: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return the residual moment (K,), N·m, and its banded derivative by the lean (3, K), N·m/rad."""
+    """Return the residual moment (K,), N·m, and its banded derivative (3, K) with respect to the lean, N·m/rad."""
     arm = planar.rotate(lean, com)  # from the hip to the trunk's centre of mass
     centre = task.hip + arm
     change, rotation = _second_difference(centre), _second_difference(lean)
     x, y, rise = centre[:, 0] - task.push, centre[:, 1], change[:, 1] + GRAVITY
     error = task.moment + mass * (x * rise - y * change[:, 0]) + inertia * rotation
-    dx, dy = -arm[:, 1], arm[:, 0]  # derivative of the arm by the lean
+    dx, dy = -arm[:, 1], arm[:, 0]  # derivative of the arm with respect to the lean
     jacobian = np.zeros((3, len(lean)))
     jacobian[0, 1:] = (mass * (x[:-1] * dy[1:] - y[:-1] * dx[1:]) + inertia) / STEP**2
     jacobian[2, :-1] = (mass * (x[1:] * dy[:-1] - y[1:] * dx[:-1]) + inertia) / STEP**2

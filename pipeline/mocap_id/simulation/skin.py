@@ -17,8 +17,8 @@ MIDDLE = np.array([0.35, -1.12, 1.10])  # rad, mid-range of ankle, knee and hip 
 def draw_trial_skin_motion(rng: np.random.Generator, markers: MarkerSet, q: FloatArray, time: FloatArray) -> FloatArray:
     """Return the displacement (T, M, 3) of every marker in a trial without a subject, m.
 
-    The skin slides about the middle of the trial's own motion. The mean over the trial is removed, so that a marker's
-    position on its link is its mean position. Parameters as for :func:`draw_skin_motion`.
+    The slide is near zero in the middle of each joint's range in this trial. The mean displacement over the trial is
+    removed, so that a marker's position on its link is its mean position. Parameters as for :func:`draw_skin_motion`.
     """
     moved = draw_skin_motion(rng, markers, q, time, wander=rng, middle=_mid_range(q))
     return np.asarray(moved - moved.mean(axis=0))
@@ -29,8 +29,8 @@ def draw_subject_skin_motion(
 ) -> tuple[FloatArray, MarkerSet]:
     """Return the displacement (T, M, 3) of a subject's markers, m, and the markers at their mean positions.
 
-    The slide depends equally on the angles in all trials of the person; the drift belongs to the trial. The mean over
-    the trial is moved from the displacement to the markers' positions. Parameters as for :func:`draw_skin_motion`.
+    The slide is the same function of the angles in all trials of the person; the drift differs. The mean displacement
+    over the trial is added to the markers' positions instead. Parameters as for :func:`draw_skin_motion`.
     """
     moved = draw_skin_motion(rng, markers, q, time, wander=wander, middle=MIDDLE)
     mean = moved.mean(axis=0)
@@ -48,8 +48,8 @@ def draw_skin_motion(
 ) -> FloatArray:
     """Return the displacement (T, M, 3) of every marker in its link's frame, m.
 
-    The dominant part is a slide along each marker's own direction, a smooth function of the two joints next to its
-    link. A drift is added in three directions, with periods of 4 to 20 s.
+    The dominant part is a slide, a smooth function of the angles of the two joints next to the marker's link. A drift
+    is added in three directions, with periods of 4 to 20 s.
 
     Parameters
     ----------
@@ -78,10 +78,10 @@ def draw_skin_rotation(  # noqa: PLR0917
     time: FloatArray,
     person: np.random.Generator | None = None,
 ) -> FloatArray:
-    """Return the rotation vectors (T, 3) of a patch of skin on a link, rad, of about ``size`` at the motion's ends.
+    """Return the rotation vectors (T, 3) of the skin on a link, rad, of about ``size`` at the ends of the motion.
 
-    ``person`` is the generator of a patch that follows the angles equally in all trials of a person; ``rng`` then only
-    adds a drift.
+    With the generator ``person``, the rotation is the same function of the angles in all trials of a person, and
+    ``rng`` only adds a drift.
     """
     if person is not None:
         return np.asarray(size * (_draw_slide(person, link, q, MIDDLE) + WANDER * _draw_wander(rng, time)))
@@ -90,7 +90,7 @@ def draw_skin_rotation(  # noqa: PLR0917
 
 
 def _mid_range(q: FloatArray) -> FloatArray:
-    """Return the middle of the range of each joint angle (T, n), rad."""
+    """Return the middle (n,) of the range of each joint angle, rad."""
     return np.asarray((q.max(axis=0) + q.min(axis=0)) / 2)
 
 

@@ -48,17 +48,17 @@ def simulate(kind: Kind, folder: Path, options: Options, given: JointMotion | No
         The folder already contains a trial, or cannot be written.
     """
     if kind not in get_args(Kind):
-        raise ConfigError(f"simulate: there is no kind {kind!r}; expected one of {', '.join(get_args(Kind))}")
+        raise ConfigError(f"simulate: `kind` is {kind!r}; expected one of {', '.join(get_args(Kind))}")
     return write_trial(folder, lambda name: _contents(kind, name, options, generate(kind, options, given)))
 
 
 def write_trial(folder: Path, make: Callable[[str], Mapping[str, bytes]]) -> Path:
-    """Write a new trial and return the path of ``trial.yaml``; ``make`` returns the files for the trial's name.
+    """Write a new trial and return the path of ``trial.yaml``; ``make`` returns the files, given the trial's name.
 
     StoreError is raised if the folder already contains a trial, or cannot be written.
     """
     if (folder / "trial.c3d").exists():
-        raise StoreError(f"{folder} already contains a trial: remove it or choose another folder")
+        raise StoreError(f"{folder} already contains a trial: remove the trial or choose a different folder")
     write_files(folder, make(folder.resolve().name))
     return folder / "trial.yaml"
 
@@ -89,7 +89,7 @@ def write_study_trial(  # noqa: PLR0917
 
 
 def _contents(kind: Kind, name: str, options: Options, trial: SimulatedTrial) -> dict[str, bytes]:
-    """Return the files of a trial by name."""
+    """Return the contents of the files of a trial, by file name."""
     truth = document(kind, options, trial)
     contents = {
         "trial.c3d": c3d_bytes(options, trial),

@@ -1,8 +1,8 @@
 """The thesis's robot (ch. 5): a UR5 on a bracket, stretched upwards, with one swinging joint.
 
-The parameters come from the reference rows of table 5.2 (Kufieta's model), the distances from ch. 5.3.2, and the motion
-from ch. 5.2: five periods of amplitude pi/4 at 0.25 or 0.5 Hz. The moving mass, which the table does not list, is the
-sum of the manufacturer's link masses. The fixed base has the remaining mass.
+The parameters come from the reference rows of table 5.2 (Kufieta's model), the distances from ch. 5.3.2. The motion is
+that of ch. 5.2: five periods of amplitude pi/4 at 0.25 or 0.5 Hz. The moving mass, which the table does not list, is
+the sum of the manufacturer's link masses. The fixed base has the remaining mass.
 """
 
 from __future__ import annotations

@@ -92,7 +92,7 @@ def study_yaml(
 ) -> str:
     """Return the text of a cohort's ``study.yaml``.
 
-    A trial is (trial, subject, strategy, recording); ``bodies`` has the body of each person.
+    Each of ``trials`` is (name, subject, strategy, recording); ``bodies`` contains the body of each person.
     """
     chair = (
         "the force of the chair's own plate is included as measured"
@@ -110,7 +110,7 @@ def study_yaml(
 def robot_study_yaml(
     seed: int, periods: int, joints: Sequence[JointName], trials: Sequence[tuple[str, Options]]
 ) -> str:
-    """Return the text of ``robot-study.yaml`` for trials with a number of swings, given by name and options."""
+    """Return the text of ``robot-study.yaml`` for ``trials`` (name and options) with ``periods`` swings each."""
     text = _ROBOT_STUDY.format(count=len(trials), periods=periods, seed=seed)
     for joint in joints:
         known = REFERENCE[joint]

@@ -80,7 +80,7 @@ def test_a_payload_changes_only_the_last_segment() -> None:
 def test_a_used_folder_and_impossible_options_are_refused(folder: Path) -> None:
     with pytest.raises(StoreError, match="already contains a trial"):
         simulate_space_robot(folder, SMALL)
-    with pytest.raises(ConfigError, match="joints is 0"):
+    with pytest.raises(ConfigError, match="`joints` is 0"):
         SpaceRobotOptions(joints=0)
-    with pytest.raises(ConfigError, match="multiple of the rate"):
+    with pytest.raises(ConfigError, match="multiple of `rate`"):
         SpaceRobotOptions(rate=100, analog_rate=1250)

@@ -31,7 +31,7 @@ MIRROR = np.array([1.0, -1.0, 1.0])
 _SHOULDER = ("shoulder_plane", "shoulder_elevation", "shoulder_axial")
 _ELBOW = ("elbow_flexion", "elbow_carrying", "elbow_pronation")
 _WRIST = ("wrist_flexion", "wrist_deviation")
-_SEAT = 0.60  # height of IJ, as a share of the stature
+_SEAT = 0.60  # height of IJ, as a fraction of the stature
 
 
 @dataclass(frozen=True)
@@ -50,13 +50,13 @@ class _Skeleton:
 
     attitudes: tuple[Attitude, ...]
     origins: FloatArray  # (F, 4, 3) m
-    coordinates: tuple[FloatArray, FloatArray, FloatArray]  # (F, 7) coordinates and their derivatives
-    elbow: tuple[FloatArray, FloatArray, FloatArray]  # (F, 3) angles of the elbow and their derivatives
+    coordinates: tuple[FloatArray, FloatArray, FloatArray]  # (F, 7) coordinates, first and second derivatives
+    elbow: tuple[FloatArray, FloatArray, FloatArray]  # (F, 3) angles of the elbow, first and second derivatives
     shoulder_centre: FloatArray  # (F, 3) in the thorax, m
 
 
 def simulate_arm(seed: int = 0, preset: Preset = "default", movement: Movement = "reach", **more: Any) -> SpatialTrial:
-    """Simulate an arm; the same arguments give the same numbers. ``more`` are other fields of :class:`ArmOptions`.
+    """Simulate an arm; the same arguments give the same numbers. ``more`` are further fields of :class:`ArmOptions`.
 
     Examples
     --------

@@ -42,7 +42,7 @@ class ArmBody:
 
 
 def draw_arm(seed: int, glide: float) -> ArmBody:
-    """Draw a person whose shoulder moves by ``glide``, m, at 180° of elevation."""
+    """Draw a person whose shoulder centre is displaced by ``glide``, m, at 180° of elevation."""
     subject = draw_subject(seed, 1 + seed % 2)
     rng = np.random.default_rng([seed, 1])
     height = subject.height

@@ -1,4 +1,4 @@
-"""A simulated chain of bodies without names or anatomy, joined by balls, hinges and two-axis joints."""
+"""A simulated chain of bodies without anatomy, connected by ball joints, hinges and two-axis joints."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _TILT = 2.0  # rad of rotation of a swaying base for each metre of its sway
 def simulate_chain(
     seed: int = 0, kinds: str = "SS", arc_deg: float = 40.0, preset: Preset = "default", **more: Any
 ) -> SpatialTrial:
-    """Simulate a chain; the same arguments give the same numbers. ``more`` are other fields of :class:`ChainOptions`.
+    """Simulate a chain; the same arguments give the same numbers. ``more`` are further fields of :class:`ChainOptions`.
 
     Examples
     --------
@@ -88,7 +88,7 @@ def generate_chain(options: ChainOptions) -> SpatialTrial:
 
 
 def _draw_axes(rng: np.random.Generator, kind: str) -> FloatArray:
-    """Return the axes (3, d) of a joint: orthogonal for a ball, at 60 … 90° for a two-axis joint."""
+    """Return the d axes (3, d) of a joint: orthogonal for a ball joint, at 60 … 90° for a two-axis joint."""
     frame: FloatArray = so3.exp(rng.normal(0, 2, 3))
     if kind == "T":
         angle = rng.uniform(_LEAST_BETWEEN, np.pi / 2)
@@ -156,7 +156,7 @@ def _draw_skin(
     markers: tuple[tuple[str, ...], IntArray, FloatArray],
     time: FloatArray,
 ) -> FloatArray:
-    """Return the sliding (F, M, 3) of all markers, m; it is zero at the first frame."""
+    """Return the displacement (F, M, 3) of all markers by sliding skin, m; it is zero in the first frame."""
     labels, segment, local = markers
     softness = np.full(len(labels), options.soft_tissue_mm / 1e3)
     moved = draw_skin_motion(rng, marker_set(labels, segment, local, softness), q, time, wander=rng, middle=q[0])

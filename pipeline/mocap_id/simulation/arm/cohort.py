@@ -39,7 +39,7 @@ _SPREAD = 0.02  # half of the difference in severity between the arms
 
 @dataclass(frozen=True)
 class ReachCohort:
-    """A cohort of people who reach, from healthy to almost no reach; a value out of range raises ConfigError."""
+    """A cohort of people, from healthy ones to severely limited ones; a value out of range raises ConfigError."""
 
     subjects: int = option(5, "Number of people, with severities evenly spaced from 0 to 0.8.", (1, 99))
     sessions: int = option(2, "Sessions of each person, with one trial of each arm.", (1, 9))
@@ -114,5 +114,5 @@ def simulate_reach_cohort(folder: Path, cohort: ReachCohort) -> Path:
 
 
 def derive_seeds(*key: int) -> tuple[int, ...]:
-    """Return three seeds that follow from the numbers of a trial."""
+    """Return three seeds that follow from the numbers ``key``, such as the cohort's seed and the person's number."""
     return tuple(int(each) for each in np.random.SeedSequence(key).generate_state(3))

@@ -28,7 +28,7 @@ from mocap_id.simulation.trial_files import create_folder, points_bytes, write_s
 from mocap_id.store.atomic import replace_together, write_files
 
 EFFECTS: Mapping[CurlCondition, float] = {"C": 0.0, "AC": 0.0, "2": -0.23, "3": 0.0, "4": 0.0, "5": 0.82}
-"""Change of the repetitions by each condition, as a share of the repetitions in AC (thesis 8.3)."""
+"""Relative change of the number of repetitions in each condition, compared with AC (thesis 8.3)."""
 _CAPACITY = (8.0, 14.0)  # curls of a person in AC
 _RESPONSE, _VARIATION = 0.06, 0.07  # standard deviations of the logarithms of the response and of the variation
 _COMPENSATION: Mapping[CurlCondition, float] = {"C": 0.3, "AC": 0.3, "2": 0.6, "3": 0.3, "4": 0.3, "5": 0.3}
@@ -71,8 +71,8 @@ class CurlStudy:
     def __post_init__(self) -> None:
         check_options(self, "simulate curl-study")
         if not set(self.conditions) <= set(EFFECTS) or "AC" not in self.conditions:
-            expected = f"expected AC, and any of {', '.join(EFFECTS)}"
-            raise ConfigError(f"simulate curl-study: conditions is {', '.join(self.conditions)!r}; {expected}")
+            expected = f"expected AC and, if needed, others of {', '.join(EFFECTS)}"
+            raise ConfigError(f"simulate curl-study: `conditions` is {', '.join(self.conditions)!r}; {expected}")
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Torques about the elbow in simulated curls: total, of the person and of the pneumatic device, and its description."""
+"""Torques about the elbow in simulated curls (total, person, pneumatic device), and the description of the device."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def carried_loads(condition: str) -> dict[str, Body]:
 
 
 def curl_keys(options: ArmOptions, body: ArmBody) -> dict[str, Any]:
-    """Return the keys of `curl:` in trial.yaml, with the exact inertia."""
+    """Return the keys of `curl:` in trial.yaml, with the exact inertial parameters of all bodies."""
     keys: dict[str, Any] = {"condition": options.condition, "metronome_hz": 0.5}
     if options.condition != "C":
         keys["device"] = "device.yaml"
@@ -62,7 +62,7 @@ def body_keys(body: Body) -> dict[str, Any]:
 
 
 def curl_torques(options: ArmOptions, trial: SpatialTrial) -> Mapping[str, FloatArray]:
-    """Return the torques (F,) about the elbow's hinge, positive in flexion, N·m: total = human + device."""
+    """Return the torques (F,) about the elbow's hinge by name, positive in flexion, N·m: total, device and human."""
     body: ArmBody = trial.document["body"]
     elbow = trial.origins[:, FOREARM]
     step = 1 / trial.rate
@@ -109,7 +109,7 @@ DEVICE = DeviceFile(
         "5": Condition(flexion_Pa=_HIGH, extension_Pa=_ATMOSPHERE),
     },
 )
-"""Description of the device; its sizes are assumed, because the thesis publishes none."""
+"""Description of the device; its dimensions are assumed, because the thesis does not publish them."""
 
 
 def device_yaml() -> bytes:

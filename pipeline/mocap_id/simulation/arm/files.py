@@ -31,7 +31,7 @@ def write_arm(folder: Path, options: ArmOptions) -> Path:
     """Simulate an arm, write it with its exact truth, and return the path of ``trial.yaml``.
 
     The folder is created if necessary. It receives ``trial.c3d``, ``truth.json``, ``truth.npz``, ``trial.yaml`` and,
-    depending on the options, ``kinect.csv``, ``imu_<segment>.csv`` and ``device.yaml``. It gives the trial its name.
+    depending on the options, ``kinect.csv``, ``imu_<segment>.csv`` and ``device.yaml``. The trial is named after it.
 
     StoreError is raised if the folder already contains a trial, or cannot be written.
     """

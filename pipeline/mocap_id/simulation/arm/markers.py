@@ -30,12 +30,12 @@ class ArmMarkers:
     """M markers in the coordinate frames of their segments at the start."""
 
     labels: tuple[str, ...]  # names in the file
-    names: tuple[str, ...]  # names of the landmarks and cluster markers, also of an anonymous recording
+    names: tuple[str, ...]  # names of the landmarks and cluster markers, also if the recording is anonymous
     segment: IntArray  # (M,)
     local: FloatArray  # (M, 3) m
-    slide: FloatArray  # (M,) size of the skin's sliding, m
-    twist_loss: FloatArray  # (M,) share of the segment's axial rotation that the skin does not follow
-    on_glide: BoolArray  # (M,) markers of the thorax that move with the shoulder girdle
+    slide: FloatArray  # (M,) size of the displacement by sliding skin, m
+    twist_loss: FloatArray  # (M,) fraction of the segment's axial rotation that the skin does not follow
+    on_glide: BoolArray  # (M,) whether a marker of the thorax moves with the shoulder girdle
 
 
 def draw_markers(rng: np.random.Generator, body: ArmBody, sizes: Difficulty, anonymous: bool) -> ArmMarkers:
@@ -76,7 +76,7 @@ def draw_markers(rng: np.random.Generator, body: ArmBody, sizes: Difficulty, ano
 
 
 def marker_set(labels: tuple[str, ...], segment: IntArray, local: FloatArray, softness: FloatArray) -> MarkerSet:
-    """Return the markers in the form for cameras and skin; any of them may be hidden."""
+    """Return the markers for the models of cameras and skin; the cameras may lose sight of every marker."""
     every = np.ones(len(labels), dtype=np.bool_)
     return MarkerSet(labels, segment, local, softness, every, ~every, (None,) * len(labels))
 
@@ -84,10 +84,10 @@ def marker_set(labels: tuple[str, ...], segment: IntArray, local: FloatArray, so
 def draw_slide(
     rng: np.random.Generator, wander: np.random.Generator, markers: ArmMarkers, angles: FloatArray, time: FloatArray
 ) -> FloatArray:
-    """Return the sliding (F, M, 3) of every marker in its segment's frame, m; it is zero at the first frame.
+    """Return the displacement (F, M, 3) by sliding skin in the segments' frames, m; it is zero in the first frame.
 
     ``rng`` and ``wander`` are the generators of the slide and of a slow drift. ``angles`` (F, 4) are elevation, elbow
-    flexion, pronation and wrist flexion, rad: a segment's skin slides with the two angles next to it.
+    flexion, pronation and wrist flexion, rad. The skin of a segment slides with the two angles next to the segment.
     """
     soft = marker_set(markers.labels, markers.segment, markers.local, markers.slide)
     moved = draw_skin_motion(rng, soft, angles, time, wander=wander, middle=angles[0])
@@ -95,7 +95,7 @@ def draw_slide(
 
 
 def axial_displacement(markers: ArmMarkers, axial: FloatArray) -> FloatArray:
-    """Return the displacement (F, M, 3), m, of skin that follows a part of its segment's axial rotation (F, 4), rad."""
+    """Return the displacement (F, M, 3), m, because skin follows only a part of ``axial`` (F, 4) rotations, rad."""
     angle = -markers.twist_loss * (axial - axial[0])[:, markers.segment]
     rotated: FloatArray = np.einsum("fmij,mj->fmi", so3.exp(angle[..., None] * Y), markers.local)
     return rotated - markers.local

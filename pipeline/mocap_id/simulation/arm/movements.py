@@ -1,6 +1,7 @@
 """Movements of a simulated arm: functional reaches and curls.
 
-The coordinates are plane, elevation, plane + axial rotation, hinge, pronation, wrist flexion and deviation, rad.
+The coordinates are plane of elevation, elevation, the sum of plane and axial rotation, hinge angle, pronation, wrist
+flexion and wrist deviation, rad.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ _TASKS = {
 _LOWEST = (-34.0, 15.0, -46.0, 10.0, 10.0)
 _HIGHEST = (124.0, 142.0, 84.0, 149.0, 167.0)
 _LOST = ((0.8, 0.0, 0.4, 0.0, 0.0), (0.2, 0.8, 0.22, 0.06, 0.0))
-"""Share by which a severity of 1 reduces the lowest and highest limits."""
+"""Fractions by which a severity of 1 reduces the lower and the upper limits."""
 _BENCH = (89.5, 49.6, 4.0, 40.0, 90.0)
 _EXTENDED, _CURL, _ATTEMPT = 21.0, 107.0, 33.0
 _COMPENSATION = np.array([0.10, 0.08, 0.15])  # rad: plane, elevation, axial, in the last curl
@@ -70,7 +71,7 @@ class _Course:
 
 
 def draw_movement(rng: np.random.Generator, options: ArmOptions, tremor_size: float) -> ArmMovement:
-    """Draw the movement of a trial, with ``tremor_size`` as factor on its irregularity."""
+    """Draw the movement of a trial; ``tremor_size`` is a factor on its irregularity."""
     reach = options.movement == "reach"
     course, protocol, end = (_draw_reaches if reach else _draw_curls)(rng, options)
     time = course.time
@@ -90,7 +91,7 @@ def _start_course(pose: tuple[float, ...], end: float) -> _Course:
 
 
 def _draw_reaches(rng: np.random.Generator, options: ArmOptions) -> tuple[_Course, dict[str, Any], float]:
-    """Return the reaches, their entries of the truth, and the end of the trial, s."""
+    """Return the reaches, their entries in truth.json, and the end of the trial, s."""
     left = 1 - options.severity * np.array(_LOST)
     low, high = np.array(_LOWEST) * left[0], np.array(_HIGHEST) * left[1]
     names = []
@@ -114,7 +115,7 @@ def _draw_reaches(rng: np.random.Generator, options: ArmOptions) -> tuple[_Cours
 
 
 def _draw_curls(rng: np.random.Generator, options: ArmOptions) -> tuple[_Course, dict[str, Any], float]:
-    """Return the curls, their entries of the truth, and the end of the trial, s."""
+    """Return the curls, their entries in truth.json, and the end of the trial, s."""
     base = np.array(_BENCH) + rng.normal(0, (2, 1.5, 2.5, 1, 0))
     first = STILL + 1.2
     length = first + 2.6 * (options.repetitions + options.failed + 1) + 3

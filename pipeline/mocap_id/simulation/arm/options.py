@@ -27,7 +27,7 @@ class Difficulty:
 
     marker_noise: float  # standard deviation of each marker coordinate, m
     soft_tissue: float  # factor on the sliding of the skin
-    twist_loss: float  # factor on the share of the axial rotation that the skin does not follow
+    twist_loss: float  # factor on the fraction of the axial rotation that the skin does not follow
     palpation: float  # standard deviation of each coordinate of a landmark's marker on its bone, m
     occlusions: float  # factor on how often markers are occluded
     tremor: float  # factor on the irregularity of the motion
@@ -45,7 +45,7 @@ class ArmOptions:
     """Options of a simulated arm; the same options give the same files.
 
     ``subject`` fixes the person, the markers and the skin: the seed then determines only the motion and the noise.
-    ``markers`` gives the markers new positions, as in another session. A value out of range raises ConfigError.
+    A different seed ``markers`` places the markers again, as in a new session. A value out of range raises ConfigError.
     """
 
     seed: int = option(0, "Seed of the person, the motion and every error.", (0, LARGEST))
@@ -58,7 +58,7 @@ class ArmOptions:
     cycles: int = option(2, "Number of rounds of all reaches.", (1, 20))
     repetitions: int = option(8, "Number of curls.", (1, 100))
     failed: int = option(0, "Number of failed curls at the end.", (0, 20))
-    compensation: float = option(0.25, "Size of the shoulder's motion in tired curls.", (0, 2))
+    compensation: float = option(0.25, "Size of the compensating shoulder motion in tired curls.", (0, 2))
     condition: CurlCondition = option(
         "C",
         "Curls without the pneumatic device (C), with open chambers (AC), or in one of its modes.",
@@ -99,5 +99,5 @@ class ChainOptions:
         check_options(self, "simulate chain")
         if not 1 <= len(self.kinds) <= 8 or set(self.kinds) - set(KINDS):
             raise ConfigError(
-                f"simulate chain: kinds is {self.kinds!r}; expected 1 … 8 of the letters {', '.join(KINDS)}"
+                f"simulate chain: `kinds` is {self.kinds!r}; expected 1 … 8 of the letters {', '.join(KINDS)}"
             )

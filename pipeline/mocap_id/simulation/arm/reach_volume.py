@@ -2,8 +2,8 @@
 
 The box limits plane, elevation, axial rotation and hinge angle. For each of many evenly spread points, the angles that
 reach it are computed: the distance from the shoulder gives the hinge angle. At a given elevation, the height gives the
-axial rotation, and the direction gives the plane. A point is reached if these angles are within the box at any of many
-elevations.
+axial rotation, and the direction gives the plane. A point is reached if these angles are within the box for at least
+one of many elevations.
 """
 
 from __future__ import annotations

@@ -44,7 +44,7 @@ class Attitude:
 
 
 def constant_attitude(rotation: FloatArray, frames: int) -> Attitude:
-    """Return a constant attitude (3, 3) at ``frames`` frames."""
+    """Return a constant attitude, given by a ``rotation`` (3, 3), at ``frames`` frames."""
     zero = np.zeros((frames, 3))
     return Attitude(np.broadcast_to(rotation, (frames, 3, 3)), zero, zero)
 

@@ -25,19 +25,19 @@ _TRUNK = {
     "HipLeft": (-0.012, -0.285, -0.048),
     "HipRight": (-0.012, -0.285, 0.048),
 }
-"""Positions in the thorax, as shares of the stature."""
+"""Positions in the thorax, as fractions of the stature."""
 _HAND = {"Hand": (0.0, -0.045, 0.0), "HandTip": (0.0, -0.095, 0.0), "Thumb": (0.0, -0.045, 0.03)}
-"""Positions in the hand, as shares of the stature."""
+"""Positions in the hand, as fractions of the stature."""
 _INFERRED = {"Elbow": 0.02, "Wrist": 0.06, "Hand": 0.11, "HandTip": 0.07, "Thumb": 0.16}
-"""Share of the frames in which the position of a joint is inferred."""
+"""Fraction of the frames in which the camera only infers the position of a joint."""
 _BIAS = {"HandTip": 2.0, "Thumb": 2.5, "Hand": 1.3}
 """Factor on the constant error of a joint."""
 _BIAS_SD, _NOISE_SD, _SURFACE = 0.012, 0.0075, -0.012  # m; the camera sees the near side of the body
 _DEPTH = 1.35  # noise along the line of sight, relative to that across it
-_WHITE, _MEMORY = 0.12, 0.22  # share of the noise's variance that is white; s
+_WHITE, _MEMORY = 0.12, 0.22  # fraction of the noise's variance that is white; correlation time of the rest, s
 _INFERRED_SD, _JUMP_SD = 0.025, 0.06  # m
 _HARD = 1.5  # factor on all errors
-_LOST, _DROPPED, _JITTER = 0.01, 0.025, 0.0012  # share of the hand's frames, share of the rows; jitter of the times, s
+_LOST, _DROPPED, _JITTER = 0.01, 0.025, 0.0012  # fractions of the frames of a hand and of the rows; jitter of times, s
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ def _draw_noise(rng: np.random.Generator, count: int, joints: int) -> FloatArray
 
 
 def _infer(rng: np.random.Generator, points: FloatArray, state: IntArray, share: float, *, is_hand: bool) -> None:
-    """Make a joint inferred for some intervals, let it jump in some frames, and remove some samples of a hand."""
+    """Add inferred intervals and jumps to a joint's ``points`` and ``state``, in place; remove samples of a hand."""
     count = len(points)
     for _ in range(rng.poisson(share * count / 10)):
         start, length = int(rng.integers(count)), int(rng.integers(3, 18))
@@ -163,11 +163,11 @@ def _infer(rng: np.random.Generator, points: FloatArray, state: IntArray, share:
 _ERROR_FACTOR = {"clean": 0.0, "default": 1.0, "hard": 2.0}
 _POSITION = {"thorax": (0.04, -0.06, 0.0), "upper_arm": (0.0, -0.19, 0.05), "forearm": (-0.01, -0.21, 0.03)}
 _ON_HAND = (-0.03, -0.06, 0.0)
-_LOSS = {"upper_arm": 0.25, "forearm": 0.12}  # share of the axial rotation that the skin does not follow
+_LOSS = {"upper_arm": 0.25, "forearm": 0.12}  # fraction of the axial rotation that the skin does not follow
 
 
 def simulate_sensors(trial: SpatialTrial, options: ArmOptions) -> dict[str, SimulatedSensor]:
-    """Return a sensor on every segment of a simulated arm that was generated with these options.
+    """Return one sensor for each segment of a simulated arm that was generated with these options, by segment name.
 
     The preset scales the errors of the sensors. The preset and the factor of soft tissue scale the rotation of the skin
     under the sensors.

@@ -21,7 +21,7 @@ class SpatialTrial:
     """A trial of S segments and M markers at F frames; all vectors are in laboratory axes with z up."""
 
     labels: tuple[str, ...]  # names of the markers in the file
-    names: tuple[str, ...]  # names of the landmarks and cluster markers, also of an anonymous recording
+    names: tuple[str, ...]  # names of the landmarks and cluster markers, also if the recording is anonymous
     rate: float  # Hz
     time: FloatArray  # (F,) s
     positions: FloatArray  # (F, M, 3) measured positions, m; NaN where a marker was not seen
@@ -51,7 +51,7 @@ def transform_points(origins: FloatArray, rotations: FloatArray, segment: IntArr
 def film_markers(
     rng: np.random.Generator, labels: tuple[str, ...], positions: FloatArray, rate: float, sizes: Difficulty
 ) -> tuple[FloatArray, tuple[Burst, ...]]:
-    """Return measured positions (F, M, 3), m, and the occlusions during which they are NaN."""
+    """Return measured positions (F, M, 3), m, and the occlusions, in which the positions are NaN."""
     frames, count = positions.shape[:2]
     markers = marker_set(labels, np.zeros(count, dtype=np.int64), np.zeros((count, 3)), np.zeros(count))
     often = sizes.occlusions * count * _OCCLUSIONS

@@ -39,7 +39,7 @@ class SpaceRobotOptions:
     A value out of range raises ConfigError.
     """
 
-    seed: int = option(0, "Seed of robot and movement, which are the same with and without a payload.")
+    seed: int = option(0, "Seed of robot and movement; a payload does not change them.")
     preset: Preset = option("default", "clean: exact instruments; default: small errors.", choices=get_args(Preset))
     joints: int = option(2, "Number of hinges, 1 to 6.", (1, 6))
     payload: float = option(0.0, "Mass at the end of the last segment, kg.", (0, 100), "kg")
@@ -51,7 +51,7 @@ class SpaceRobotOptions:
         check_options(self, "simulate robot-in-space")
         if not (self.analog_rate / self.rate).is_integer():
             raise ConfigError(
-                f"simulate robot-in-space: analog_rate is {self.analog_rate:g} Hz; expected a multiple of the rate, "
+                f"simulate robot-in-space: `analog_rate` is {self.analog_rate:g} Hz; expected a multiple of `rate`, "
                 f"{self.rate:g} Hz"
             )
 

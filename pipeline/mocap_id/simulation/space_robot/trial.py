@@ -31,11 +31,11 @@ CLOCK_OFFSET = 0.04  # s: largest offset between cameras and plate
 class InstrumentErrors:
     """Errors of the instruments; the fields correspond to :class:`SpatialCalibration`."""
 
-    gain: float
-    moments: float
+    gain: float  # relative error of the plate's forces and moments
+    moments: float  # further relative error of the plate's moments
     position: FloatArray  # (3,) laboratory axes, m
     yaw: float  # rad
-    lengths: float
+    lengths: float  # relative error of the cameras' lengths
     tilt: FloatArray  # (2,) about x and z of the trial's frame, rad
 
 
@@ -140,7 +140,7 @@ def _measure_wrench(
     plate: SimulatedPlate,
     wrench: FloatArray,
 ) -> PlateSignals:
-    """Return the plate's channels, and the erroneous corners of the file."""
+    """Return the plate's channels with their errors, and the plate's corners with the error of the file."""
     force, moment = (wrench[:, part] @ FRAME.axes * (1 + errors.gain) for part in (slice(3), slice(3, 6)))
     signals = measure_load(rng, plate, force, (1 + errors.moments) * moment, options.analog_rate)
     placed = replace(plate, centre=plate.centre + errors.position, yaw=plate.yaw + errors.yaw)
