@@ -132,7 +132,7 @@ def test_turning_points_are_where_the_torque_turns() -> None:
     [
         ({"lower": 1.0, "upper": 1.0}, "limits of the angle are crossed"),
         ({"torque_low": 2.0}, "limits of the torque are crossed"),
-        ({"sine": 0.0}, "moment of gravity is zero"),
+        ({"sine": 0.0}, "gravitational moment is zero"),
     ],
 )
 def test_joints_that_cannot_be(changed: dict[str, float], told: str) -> None:

@@ -1,8 +1,8 @@
 """Torques of a person whose chain has cylinders at its joints, and pressures that hold given postures.
 
-At rest, the person needs τ = g(q) - Σ τ_device(q). A posture is held if every torque is within the limits, for
-isothermal and for adiabatic changes of volume. The distance of a posture from the nearest posture that is not held is,
-to first order, the smallest reserve of a torque over the length of its gradient.
+At rest, the person needs τ = g(q) - Σ τ_device(q). A posture can be held if every torque is within the limits, for
+isothermal and for adiabatic changes of volume. To first order, the distance of a posture from the nearest posture that
+cannot be held is the smallest ratio of a torque's reserve to the norm of its gradient.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ _STEP = 1e-4  # rad, of the finite differences
 
 @dataclass(frozen=True)
 class Actuator:
-    """A cylinder that pulls the sum of its joints' angles."""
+    """A cylinder whose travel follows the sum of its joints' angles."""
 
     cylinder: Cylinder
     limits: PressureLimits
@@ -51,9 +51,9 @@ class AssistedChain:
     actuators: tuple[Actuator, ...]
 
     def holding_torques(self, q: FloatArray, pressures: FloatArray, exponent: float | None = None) -> FloatArray:
-        """Return the person's torques (M, n), N·m, that hold postures (M, n) with sealed pressures (M or 1, D, 2), Pa.
+        """Return the person's torques (M, n), N·m, that hold postures (M, n), rad, with given sealed pressures, Pa.
 
-        ``exponent`` replaces the exponents of the cylinders.
+        ``pressures`` are (M, D, 2), or (1, D, 2) for all postures. ``exponent``, if given, replaces all exponents.
         """
         torque = self.passive(q).copy()
         for d, one in enumerate(self.actuators):
@@ -70,8 +70,8 @@ class AssistedChain:
     def depth(self, q: FloatArray, pressures: FloatArray) -> FloatArray:
         """Return the distance (M,) of postures from the nearest posture that is not held with pressures (D, 2), rad.
 
-        The distance is a first-order estimate, and negative for a posture that is not held. Limits of joints do not
-        count as a boundary.
+        The distance is a first-order estimate, and negative for a posture that is not held. The limits of the strokes
+        count as a boundary, but the limits of the joints do not.
         """
         depth = np.full(len(q), np.inf)
         for one in self.actuators:
@@ -92,7 +92,7 @@ class AssistedChain:
         return np.where(np.isfinite(depth), depth, -np.inf)
 
     def settle(self, pressures: FloatArray, target: FloatArray, time: float) -> FloatArray:
-        """Return the pressures (D, 2), Pa, after a time, s, in which they approach a target, Pa."""
+        """Return the pressures (D, 2), Pa, after they have approached ``target`` (D, 2), Pa, for ``time``, s."""
         fill, vent = (np.stack([getattr(one, way) for one in self.actuators]) for way in ("fill", "vent"))
         return settle_pressures(pressures, target, time, fill, vent)
 
@@ -103,12 +103,12 @@ class AssistedChain:
 
 
 def find_pressures(chain: AssistedChain, q: FloatArray) -> tuple[FloatArray, float] | None:
-    """Return the lowest pressures (D, 2), Pa, that hold postures (M, n) with a reserve, and the share of the reserve.
+    """Return the lowest pressures (D, 2), Pa, that hold postures (M, n) with a reserve, and the fraction they attain.
 
-    The reserve of a joint is the share :data:`~mocap_id.pneumatics.held_angles.RESERVE` of half its range of torque,
-    plus the Coulomb friction at the joint. If no pressures have this reserve, the pressures with the largest share of
-    it are returned; a negative share means that a posture cannot be held. None is returned if a posture is beyond a
-    stroke.
+    The reserve of a joint is :data:`~mocap_id.pneumatics.held_angles.RESERVE` times half the range of its torque, plus
+    the Coulomb friction at the joint. If no pressures have this reserve, the pressures with the largest fraction of the
+    reserve are returned; a negative fraction means that a posture cannot be held. None is returned if a posture is
+    beyond a stroke.
     """
     count = len(chain.actuators)
     reserve = RESERVE * 0.5 * np.ptp(chain.strength, axis=1)

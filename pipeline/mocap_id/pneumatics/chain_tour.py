@@ -1,9 +1,9 @@
 """A tour of a chain through the postures of tasks, with a controller that changes the pressures (thesis 9.6).
 
-The rule is the same as for one joint: the controller leaves a node where the depth of the posture is below a margin,
-for a node in which the depth is above margin plus hysteresis. If the current node does not hold the posture, the
-controller changes to the deepest node that holds it. Each posture of the tour is treated as at rest: torques of
-acceleration and friction are ignored.
+A node is a set of sealed pressures. The depth of a posture in a node is its distance from the nearest posture that the
+node does not hold. The rule is the same as for one joint: where the depth is below a margin, the controller changes to
+the node with the largest depth, if this is above margin plus hysteresis. If the current node does not hold the posture,
+the depth must only be above 0. Each posture is treated as at rest: torques of acceleration and friction are ignored.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray
 from mocap_id.pneumatics.assisted_chain import AssistedChain
 
 STEP = 0.01
-"""Step of the tour, s."""
+"""Time step of the tour, s."""
 _NEIGHBOURS = 12
 _BETWEEN = 33  # number of postures on the straight line from one stop to the next
 _CHANGE = 1e-3  # rad: cost of a change of node in the search for a path
@@ -42,8 +42,8 @@ class ChainNode:
 class TourRules:
     """Rules of the controller and of the tour."""
 
-    margin: float  # rad
-    hysteresis: float  # rad
+    margin: float  # depth below which the controller leaves a node, rad
+    hysteresis: float  # additional depth of the next node, rad
     speed: float  # largest speed of a joint, rad/s
     hold: float  # time for which each stop is held, s
 
@@ -54,7 +54,7 @@ class ChainTour:
 
     time: FloatArray  # (T,) s
     q: FloatArray  # (T, n) rad
-    node: IntArray  # (T,)
+    node: IntArray  # (T,) index of the current node
     pressures: FloatArray  # (T, D, 2) sealed pressures, Pa
     excess: FloatArray  # (T,) part of the holding torque beyond the person's limits, N·m
     switches: tuple[tuple[int, int, int], ...]  # sample, node before and node after each change
@@ -63,14 +63,14 @@ class ChainTour:
 
 
 def compute_node_depths(chain: AssistedChain, nodes: Sequence[ChainNode], q: FloatArray) -> FloatArray:
-    """Return the depth (K, M) of postures (M, n) in every node, rad."""
+    """Return the depth (K, M) of postures (M, n) in each of the K nodes, rad."""
     return np.stack([chain.depth(q, node.pressures) for node in nodes])
 
 
 def simulate_tour(
     chain: AssistedChain, nodes: Sequence[ChainNode], stops: FloatArray, postures: FloatArray, rules: TourRules
 ) -> ChainTour:
-    """Return a tour from stop to stop (P, n) and back, through sampled postures (N, n) that a node holds."""
+    """Return a tour through ``stops`` (P, n) and back; its paths use ``postures`` (N, n) that a node holds, rad."""
     order = [*range(len(stops)), *range(len(stops) - 2, -1, -1)]
     shares = np.linspace(0, 1, _BETWEEN)[1:-1, None]
     straight = [one + shares * (other - one) for one, other in itertools.pairwise(stops)]
@@ -138,9 +138,9 @@ def _find_paths(
 ) -> tuple[IntArray, IntArray]:
     """Return the states at the stops, and the previous state of every state on the shortest path from each stop.
 
-    A state is a node and a known posture. Except at the stops, its depth is above ``least``, rad. If this is margin
-    plus hysteresis, the controller changes to this node as soon as it leaves another one. The previous state is
-    negative if there is no path.
+    A state is a node together with one of the postures ``known``. Except at the stops, its depth is above ``least``,
+    rad. If ``least`` is margin plus hysteresis, the controller can change to this node when it leaves a different one.
+    The previous state is negative if there is no path.
     """
     depth = compute_node_depths(chain, nodes, known)
     usable = depth > least
@@ -173,6 +173,6 @@ def _trace_path(states: IntArray, before: IntArray, start: int, end: int) -> lis
 
 
 def _move_straight(start: FloatArray, end: FloatArray, speed: float) -> FloatArray:
-    """Return postures on the straight line between two, without the first, at most ``speed`` rad/s for every joint."""
+    """Return postures (K, n) from ``start`` (excluded) to ``end``; no joint is faster than ``speed``, rad/s."""
     count = max(int(np.ceil(np.abs(end - start).max() / (speed * STEP))), 1)
     return np.asarray(start + np.linspace(0, 1, count + 1)[1:, None] * (end - start))

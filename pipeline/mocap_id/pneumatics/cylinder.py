@@ -24,7 +24,7 @@ ISOTHERMAL, ADIABATIC = 1.0, 1.4
 """Exponents of air for slow and fast changes of volume."""
 _COULOMB_SPEED = 0.05  # rad/s: below this speed, Coulomb friction grows with the speed
 _GRID = 721  # number of angles between which the zero of the torque is searched
-_ROUNDING = 1e-12  # share of the largest torque
+_ROUNDING = 1e-12  # fraction of the largest torque
 _GAS_CONSTANT = 287.05  # J/(kg K), dry air
 _NORMAL_DENSITY = 1.2929  # kg/m³, air at 0 °C and 101,325 Pa
 
@@ -58,7 +58,7 @@ class PressureLimits:
 class Cylinder:
     """A double-acting cylinder on a pulley.
 
-    ValueError is raised if a size is not above zero, or a friction or dead length is below zero.
+    ValueError is raised if a dimension or the atmosphere is not above zero, or a friction or dead length is negative.
 
     Examples
     --------
@@ -75,7 +75,7 @@ class Cylinder:
     pulley_radius: float  # m
     area_flexion: float  # piston area of the chamber that flexes the joint, m²; the rod reduces one of the areas
     area_extension: float  # piston area of the chamber that extends the joint, m²
-    dead_flexion: float  # volume of ports and hoses beside the stroke, as a length of the chamber, m
+    dead_flexion: float  # volume of ports and hoses in addition to the stroke, divided by the area, m
     dead_extension: float  # m
     stroke: float  # m
     full_flexion: float  # angle of the joint at one end of the stroke, at which the chambers are sealed, rad
@@ -114,21 +114,21 @@ class Cylinder:
         return np.asarray(ratio**self.exponent)
 
     def torque_by_pressure(self, angle: FloatArray, sealed: tuple[bool, bool] = (True, True)) -> FloatArray:
-        """Return the derivatives (..., 2) of the torque at angles, rad, by the sealed pressures, N·m/Pa.
+        """Return the derivatives (..., 2) of the torque with respect to the sealed pressures, N·m/Pa, at angles, rad.
 
-        ``sealed`` is True for a sealed chamber of flexion and extension; the derivative for an open chamber is zero.
+        ``sealed`` states whether the flexion and extension chambers are sealed; the derivative is zero for an open one.
         """
         signed = np.array([self.area_flexion * sealed[0], -self.area_extension * sealed[1]])
         return np.asarray(self.pulley_radius * signed * self.compression(angle))
 
     def stiffness_by_pressure(self, angle: FloatArray, sealed: tuple[bool, bool] = (True, True)) -> FloatArray:
-        """Return the derivatives (..., 2) of the stiffness, N·m/(rad Pa), as :meth:`torque_by_pressure`."""
+        """Return the derivatives (..., 2) of the stiffness with respect to the sealed pressures, N·m/(rad Pa)."""
         areas = np.array([self.area_flexion * sealed[0], self.area_extension * sealed[1]])
         each = areas**2 * self.compression(angle) / self.volumes(angle)
         return np.asarray(self.exponent * self.pulley_radius**2 * each)
 
     def torque_of_atmosphere(self, sealed: tuple[bool, bool] = (True, True)) -> float:
-        """Return the torque by the atmosphere on the areas of the sealed chambers, N·m."""
+        """Return the torque of the atmosphere's pressure on the piston areas of the sealed chambers, N·m."""
         signed = self.area_flexion * sealed[0] - self.area_extension * sealed[1]
         return -self.pulley_radius * signed * self.atmosphere
 
@@ -139,7 +139,7 @@ class Cylinder:
         return np.where(self.allows(angle), torque, np.nan)
 
     def friction(self, velocity: FloatArray) -> FloatArray:
-        """Return the torque of friction against velocities, rad/s, of the joint, N·m."""
+        """Return the friction torque, N·m, at velocities of the joint, rad/s; it opposes the motion."""
         velocity = np.asarray(velocity)
         return np.asarray(-self.coulomb * np.tanh(velocity / _COULOMB_SPEED) - self.viscous * velocity)
 
@@ -169,14 +169,14 @@ class Cylinder:
         return Setting(float(sealed[0]), float(sealed[1]))
 
     def at_exponent(self, exponent: float) -> Cylinder:
-        """Return the cylinder with another exponent."""
+        """Return the cylinder with this exponent of the gas."""
         return replace(self, exponent=exponent)
 
 
 def settle_pressures(
     pressures: FloatArray, target: FloatArray, time: float, fill: FloatArray, vent: FloatArray
 ) -> FloatArray:
-    """Return the pressures (..., 2), Pa, after a time, s, in which they approach a target, Pa.
+    """Return the pressures (..., 2), Pa, after they have approached ``target`` (..., 2), Pa, for ``time``, s.
 
     ``fill`` and ``vent`` are the time constants of rising and falling pressures, s.
     """
@@ -190,7 +190,7 @@ def excess_torque(torque: FloatArray, low: FloatArray | float, high: FloatArray 
 
 
 def gas_of_change(cylinder: Cylinder, before: Setting, after: Setting, temperature: float = 293.15) -> float:
-    """Return the gas that a change of the setting takes from the supply, kg, at a temperature, K.
+    """Return the mass of gas that a change of the setting takes from the supply, kg, at a temperature, K.
 
     A chamber that loses pressure vents and takes no gas. An open chamber has the pressure of the atmosphere at full
     flexion. The content of a chamber is P₀V₀/RT, independent of the angle at which the setting is changed. The hoses
@@ -207,7 +207,7 @@ def normal_litres(gas: float) -> float:
 
 
 def usable_gas(volume: float, pressure: float, supply: float, temperature: float = 293.15) -> float:
-    """Return the gas, kg, that a reservoir (m³, Pa) supplies until it reaches the supply's pressure, Pa."""
+    """Return the mass of gas, kg, that a reservoir (m³, Pa) gives until its pressure is down to ``supply``, Pa."""
     return max(pressure - supply, 0.0) * volume / (_GAS_CONSTANT * temperature)
 
 
@@ -226,8 +226,8 @@ def compute_torque_and_sd(  # noqa: PLR0917
 ) -> tuple[FloatArray, FloatArray]:
     """Return the torque of a device on the joint and its standard deviation at angles, rad, (N,) each, N·m.
 
-    Both are NaN beyond the stroke. ``sds`` are standard deviations of fields of :class:`Cylinder`, and ``gauge`` of
-    each sealed pressure, Pa; ``angle_sd`` is the standard deviation of the angle, rad. Without a velocity, rad/s, the
+    Both are NaN beyond the stroke. ``sds`` are standard deviations of fields of :class:`Cylinder`, by name; ``gauge``
+    is that of each sealed pressure, Pa. ``angle_sd`` is that of the angle, rad. Without a velocity, rad/s, the
     torque excludes friction, but its standard deviation includes Coulomb friction. The errors of the description are
     independent of each other and constant over the angles. The errors of neighbouring samples are therefore the same,
     not independent.

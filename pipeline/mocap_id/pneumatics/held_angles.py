@@ -18,14 +18,14 @@ from mocap_id.pneumatics.cylinder import ADIABATIC, ISOTHERMAL, Cylinder, Pressu
 from mocap_id.prescription.one_joint import OneJoint
 
 RESERVE = 0.1
-"""Reserve of torque in tasks, in addition to friction, as a share of half the range of the person's torque."""
+"""Reserve of torque in tasks, in addition to friction, as a fraction of half the range of the person's torque."""
 _SEARCH, _SIDE, _LEVELS, _FINE = 361, 33, 5, 2881  # angles and pressures of the grids; levels of the search
 _TASK = 41  # number of angles of each task
-_SLACK = 1e-6  # tolerance of the limits, as a share of the weight
+_SLACK = 1e-6  # tolerance of the limits, as a fraction of the largest gravitational moment
 
 
 def find_holdable(joint: OneJoint, cylinder: Cylinder, setting: Setting, angle: FloatArray) -> BoolArray:
-    """Return whether each angle (N,) can be held with a setting; angles beyond the stroke cannot."""
+    """Return whether each angle (N,), rad, can be held with a setting; False beyond the stroke."""
     slack = _SLACK * joint.weight
     torque = [joint.gravity(angle) - each.torque(angle, setting) for each in _slow_and_fast(cylinder)]
     return np.asarray(np.all([(t >= joint.torque_low - slack) & (t <= joint.torque_high + slack) for t in torque], 0))
@@ -80,7 +80,7 @@ def _held_width(joint: OneJoint, cylinder: Cylinder, setting: Setting, required:
 def _held_widths(
     joint: OneJoint, cylinder: Cylinder, angle: FloatArray, pressures: FloatArray, required: Sequence[float]
 ) -> FloatArray:
-    """Return the width (M,) of the widest held interval for pressures (M, 2), rad; -1 without a required angle."""
+    """Return the width (M,) of the widest suitable held interval for pressures (M, 2), rad; -1 if there is none."""
     held = np.repeat(cylinder.allows(angle)[:, None], len(pressures), axis=1)  # (N, M)
     for each in _slow_and_fast(cylinder):
         torque = each.torque_by_pressure(angle) @ pressures.T + each.torque_of_atmosphere()

@@ -34,7 +34,7 @@ ESTIMATED = tuple(_PRIORS)
 _DETERMINED = 0.3  # largest ratio of posterior to prior standard deviation of a parameter that the log determines
 _LEAST_DEAD = 1e-4  # m: a described dead length of zero cannot be scaled
 _ROUNDS = 100  # largest number of evaluations of the fit
-_MISFIT = 0.3  # largest residual of a log that fits a cylinder, as a share of the torque
+_MISFIT = 0.3  # largest residual of a log that fits a cylinder, as a fraction of the torque
 _NORMAL_95 = 1.959964  # half-width of a 95 % interval, standard deviations
 
 
@@ -58,7 +58,7 @@ class IdentifiedCylinder:
 
     cylinder: Cylinder  # the cylinder with the estimated parameters
     interval: Mapping[str, tuple[float, float]]  # 95 % interval of each parameter
-    determined: Mapping[str, bool]  # whether the log determines the parameter, or its value is the described one
+    determined: Mapping[str, bool]  # whether the log determines the parameter; if not, the described value dominates
     residual: float  # root mean square of the residual torque, N·m
 
 
@@ -96,8 +96,8 @@ def identify_cylinder(described: Cylinder, log: TorqueLog) -> IdentifiedCylinder
     rms = float(np.sqrt(np.mean(residual(code) ** 2)))
     if not fit.success or rms > _MISFIT * float(np.sqrt(np.mean(log.torque**2))):
         raise NumericalError(
-            f"the log does not fit a cylinder near the described one (residual {rms:.2f} N·m): check its signs, units, "
-            "pressures, the angle of full flexion, and that the person of a trial was relaxed"
+            f"the log does not fit a cylinder near the described one (residual {rms:.2f} N·m): check signs, units and "
+            "pressures of the log, the angle of full flexion, and whether the person of a trial was relaxed"
         )
     jacobian = np.asarray(fit.jac, dtype=np.float64)
     sd = np.sqrt(np.diag(np.linalg.inv(jacobian.T @ jacobian)))
@@ -109,7 +109,7 @@ def identify_cylinder(described: Cylinder, log: TorqueLog) -> IdentifiedCylinder
 
 
 def _priors(described: Cylinder, names: Sequence[str], factors: int) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Return means, standard deviations (k,) and bounds (2, k) of the encoded parameters and the factors of errors."""
+    """Return means (k,), standard deviations (k,) and bounds (2, k) of encoded parameters and of factors of errors."""
     mean = np.array([_encode(name, getattr(described, name)) for name in names])
     scale = np.array([_PRIORS[name][0] for name in names])
     bounds = np.array([[_encode(name, _PRIORS[name][k]) for name in names] for k in (2, 3)])

@@ -16,7 +16,7 @@ from mocap_id.arrays import FloatArray
 from mocap_id.pneumatics.cylinder import Cylinder, PressureLimits, Setting
 
 _GRID = 361
-_CLOSE = 0.01  # share of the stiffness, and rad: largest differences of an attained spring
+_CLOSE = 0.01  # largest differences of an attained spring: fraction of the stiffness, and rad
 
 
 @dataclass(frozen=True)
@@ -28,14 +28,14 @@ class NearestSpring:
     rest: float  # rest angle, rad; NaN if the torque is not zero at any angle of the stroke
     largest_error: float  # largest difference from the torque of the prescribed spring over the range, N·m
     rms_error: float  # root mean square of this difference, N·m
-    range: tuple[float, float]  # rad
+    range: tuple[float, float]  # range of angles over which the springs are compared, rad
     why: str  # reason why the spring is not attained; empty if it is attained
 
 
 def find_nearest_setting(
     cylinder: Cylinder, stiffness: float, rest: float, limits: PressureLimits, angles: FloatArray | None = None
 ) -> NearestSpring:
-    """Return the setting that is nearest to a linear spring with torque -k(θ - θ₀), N·m/rad and rad.
+    """Return the setting nearest to a linear spring of ``stiffness`` k, N·m/rad, and ``rest`` angle θ₀, rad.
 
     The torques should agree over ``angles`` (N,), rad; angles beyond the stroke are ignored. By default, stiffness and
     torque should agree at the rest angle, or the torque over the whole stroke if θ₀ is beyond it.
@@ -47,7 +47,7 @@ def find_nearest_setting(
     grid = np.linspace(low, high, _GRID) if angles is None else angles[(angles >= low) & (angles <= high)]
     if not len(grid):
         raise ValueError(
-            f"the stroke allows {np.degrees(low):.1f}° to {np.degrees(high):.1f}°: no angle of the range is within it"
+            f"no angle of the range is within the stroke, {np.degrees(low):.1f}° to {np.degrees(high):.1f}°"
         )
     if local:
         weight = 0.25 * (high - low)  # rad: an error of stiffness counts as the torque at this distance
@@ -90,9 +90,9 @@ def _explain(
     parts = []
     for name, pressure in zip(("flexion", "extension"), free.tolist(), strict=True):
         if pressure > limits.supply * (1 + 1e-9):
-            parts.append(f"the {name} side would need {pressure:.0f} Pa, the supply has {limits.supply:.0f} Pa")
+            parts.append(f"the {name} chamber would need {pressure:.0f} Pa, but the supply has {limits.supply:.0f} Pa")
         elif pressure < limits.lowest * (1 - 1e-9):
-            parts.append(f"the {name} side would need {pressure:.0f} Pa, the lowest is {limits.lowest:.0f} Pa")
+            parts.append(f"the {name} chamber would need {pressure:.0f} Pa, but the lowest is {limits.lowest:.0f} Pa")
     if not low <= rest <= high:
         limit = f"{np.degrees(low):.1f}° to {np.degrees(high):.1f}°"
         parts.append(f"the rest angle {np.degrees(rest):.1f}° is beyond the stroke, {limit}")

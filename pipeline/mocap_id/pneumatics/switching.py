@@ -1,4 +1,4 @@
-"""Hybrid controller over sub-workspaces, simulated for one joint with a cylinder (thesis 9.6).
+"""Hybrid controller that switches between sub-workspaces, simulated for one joint with a cylinder (thesis 9.6).
 
 Each node of the controller has a setting of the cylinder and the angles that the person can hold with it. The depth of
 an angle in a node is its distance from the nearest angle that is not held. The controller changes from node i to j
@@ -19,9 +19,9 @@ from mocap_id.pneumatics.cylinder import Cylinder, Setting, excess_torque, settl
 from mocap_id.prescription.one_joint import OneJoint
 
 STEP = 0.002
-"""Step of the simulation, s."""
+"""Time step of the simulation, s."""
 _TRACKING = 12.0  # rad/s: bandwidth of the person's corrections
-_STARTS = 4.0  # 1/s: largest acceleration of a tour over its largest speed
+_STARTS = 4.0  # 1/s: largest acceleration of a tour divided by its largest speed
 
 
 @dataclass(frozen=True)
@@ -39,8 +39,8 @@ class Controller:
 
     nodes: tuple[Node, ...]
     angle: FloatArray  # (N,) grid of angles of the nodes' depths, rad
-    margin: float  # rad
-    hysteresis: float  # rad
+    margin: float  # depth below which the controller leaves a node, rad
+    hysteresis: float  # additional depth of the next node, rad
     fill: FloatArray  # (2,) time constants of rising pressures on the flexion and the extension side, s
     vent: FloatArray  # (2,) time constants of falling pressures, s
 
@@ -66,7 +66,7 @@ class Controller:
         return max(others, key=lambda k: float(self.depth(k, at)), default=node)
 
     def settle(self, pressures: FloatArray, target: FloatArray, time: float) -> FloatArray:
-        """Return the pressures (..., 2), Pa, after a time, s, in which they approach a target, Pa."""
+        """Return the pressures (..., 2), Pa, after they have approached ``target`` (..., 2), Pa, for ``time``, s."""
         return settle_pressures(pressures, target, time, self.fill, self.vent)
 
 
@@ -148,7 +148,7 @@ class SwitchedMotion:
     velocity: FloatArray  # (T,) rad/s
     torque: FloatArray  # (T,) the person's torque, N·m
     excess: FloatArray  # (T,) part of the holding torque beyond the person's limits, N·m
-    node: IntArray  # (T,)
+    node: IntArray  # (T,) index of the current node
     pressures: FloatArray  # (T, 2) sealed pressures, Pa
     switches: tuple[tuple[int, int, int], ...]  # sample, node before and node after each change
 
@@ -209,7 +209,7 @@ def simulate_switching(person: Person, controller: Controller, tour: Tour, start
 
 _BRAKING = 30.0  # 1/s: rate at which the person brakes, as far as the strength allows
 _SETTLED = 5.0  # simulated time constants
-_TOLERANCE = 1e-3  # share of the range of the person's torque
+_TOLERANCE = 1e-3  # fraction of the range of the person's torque
 
 
 @dataclass(frozen=True)
@@ -222,7 +222,7 @@ class TransitionMap:
     velocity: FloatArray  # (V,) rad/s
     excess: FloatArray  # (A, V) largest torque beyond the person's limits during the transition, N·m
     switched: BoolArray  # (A,) whether the controller changes at this angle
-    unsafe: BoolArray  # (A, V)
+    unsafe: BoolArray  # (A, V) whether the excess is above the tolerance
 
 
 def map_transition(  # noqa: PLR0917

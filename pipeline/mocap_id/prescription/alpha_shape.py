@@ -16,7 +16,7 @@ from scipy.spatial import Delaunay, cKDTree
 from mocap_id.arrays import BoolArray, FloatArray, IntArray
 
 RADIUS_FACTOR = 2.0
-"""Radius of the shape, relative to the largest hole among the samples: wider gaps are part of the shape."""
+"""Radius of the alpha shape, relative to the largest hole among the samples; holes up to this size are filled."""
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class AlphaShape:
     def boundary(self) -> IntArray:
         """Return the facets of the shape's boundary, (F, d) indices.
 
-        They are oriented as :func:`compute_measure` requires: outside to the right (d = 2), or outwards (d = 3).
+        The facets are oriented as :func:`compute_measure` requires: outside to the right (d = 2), or outwards (d = 3).
         """
         simplices, d = self.triangulation.simplices, self.points.shape[1]
         facets = []
@@ -71,7 +71,7 @@ def compute_alpha_shape(points: FloatArray, radius: float) -> AlphaShape:
 
 
 def covering_radius(points: FloatArray, others: FloatArray) -> float:
-    """Return the radius, m, of the largest ball around any of ``others`` (M, d) that contains no point (N, d)."""
+    """Return the largest distance of any of ``others`` (M, d) from the nearest of ``points`` (N, d), m."""
     return float(np.max(cKDTree(points).query(others)[0]))
 
 

@@ -42,7 +42,7 @@ class PlanarArm:
         return np.asarray(origin[..., -1, :] + rotate(angle[..., -1], self.tip))
 
     def perturbed_pairs(self) -> list[tuple[PlanarArm, PlanarArm]]:
-        """Return two arms for each uncertain dimension: one standard deviation larger, and smaller.
+        """Return two arms for each uncertain dimension, which is one standard deviation larger or smaller in them.
 
         Centres and tip are displaced along the principal axes of their covariances. The first centre is not displaced,
         because it only moves the whole workspace.

@@ -54,10 +54,10 @@ class JointDynamics:
         return float(root[np.abs(root - middle).argmin()])
 
     def largest_speed(self) -> float:
-        """Return an upper bound of the speed after rest at the equilibrium, rad/s.
+        """Return an upper bound of the speed that the joint can reach from rest at the equilibrium, rad/s.
 
-        It follows from the work of the full torque over the whole range, back and forth, and from the largest decrease
-        of the potential.
+        The bound follows from the work of the full torque over the whole range, back and forth, and from the largest
+        decrease of the potential energy.
         """
         grid = np.linspace(self.joint.lower, self.joint.upper, 721)
         force = self.joint.torque(grid, self.stiffness, self.rest)
@@ -78,7 +78,7 @@ class Scheme:
     second_order: bool = True  # second order in space and time
     friedrichs: bool = False  # the Lax–Friedrichs Hamiltonian instead of Godunov's upwind one
     grows_only: bool = True  # compute the states reached within the time, not those reached exactly at the time
-    radius: float = 2.0  # radius of the initial set, in nodes
+    radius: float = 2.0  # radius of the initial set, in steps of the grid
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def compute_reachable_set(dynamics: JointDynamics, times: Sequence[float], schem
     """
     at = dynamics.equilibrium()
     if at is None:
-        raise ValueError("the joint has no stable equilibrium within its limits; the motion starts there")
+        raise ValueError("the joint has no stable equilibrium within its limits, from which the motion could start")
     grid = make_grid(dynamics, scheme, max(times))
     size = scheme.radius * grid.steps
     around = np.hypot((grid.angle - at)[:, None] / size[0], grid.velocity / size[1])
@@ -141,7 +141,7 @@ def solve_level_set(  # noqa: PLR0917
     scheme: Scheme,
     cap: float = np.inf,
 ) -> ReachableSet:
-    """Return χ at each of the times, advanced from its first values (N, M) between barrier (N, M) and cap.
+    """Return the reachable sets at ``times``, s; χ is ``first`` (N, M) at time 0, and at least ``barrier`` (N, M).
 
     ValueError is raised if the times do not ascend from 0.
     """
@@ -163,7 +163,7 @@ def solve_level_set(  # noqa: PLR0917
 
 
 def find_reached_and_held(dynamics: JointDynamics, reached: ReachableSet, index: int = -1) -> list[tuple[float, float]]:
-    """Return the intervals of angles, rad, that are reached at rest and can then be held (eq. 7.8, table 7.2)."""
+    """Return the intervals of angles, rad, reached at rest until ``times[index]`` that can then be held (eq. 7.8)."""
     grid, joint = reached.grid, dynamics.joint
     row = reached.values[index][:, len(grid.velocity) // 2]
     return sorted(

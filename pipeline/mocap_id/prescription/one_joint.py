@@ -16,14 +16,14 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.geometry.planar import rotate, segment_poses
 
-_SLACK = 1e-8  # tolerance of the limits, as a share of the size of the torque
+_SLACK = 1e-8  # tolerance of the limits, as a fraction of the size of the torque
 
 
 @dataclass(frozen=True)
 class OneJoint:
     """A joint under gravity, with limits of its angle and of the person's torque.
 
-    ValueError is raised if a lower limit is not below the upper one, or the moment of gravity is zero.
+    ValueError is raised if a lower limit is not below the upper one, or the gravitational moment is zero.
     """
 
     sine: float  # a, N·m; mgl of eq. 7.7
@@ -44,15 +44,15 @@ class OneJoint:
                 f"the limits of the torque are crossed: {self.torque_low:g} N·m is not below {self.torque_high:g} N·m"
             )
         if not 0 < self.weight < np.inf:
-            raise ValueError("the moment of gravity is zero or not finite; expected a mass and a lever above zero")
+            raise ValueError("the gravitational moment is zero or not finite; expected mass and lever arm above zero")
 
     @property
     def weight(self) -> float:
-        """Largest moment of gravity, N·m: mgl."""
+        """Largest gravitational moment, N·m: mgl."""
         return float(np.hypot(self.sine, self.cosine))
 
     def gravity(self, angle: FloatArray) -> FloatArray:
-        """Return the moment of gravity g(θ) at angles, rad, N·m."""
+        """Return the gravitational moment g(θ), N·m, at angles, rad."""
         return np.asarray(self.sine * np.sin(angle) + self.cosine * np.cos(angle))
 
     def torque(self, angle: FloatArray, stiffness: float, rest: float) -> FloatArray:
@@ -62,7 +62,7 @@ class OneJoint:
     def turning_points(self, stiffness: float) -> FloatArray:
         """Return the angles within the limits at which the torque has an extremum, rad (eq. 7.9, corrected).
 
-        With a sin θ + b cos θ = mgl sin(θ + φ), they satisfy cos(θ + φ) = -k/mgl; there are none for k > mgl.
+        With a sin θ + b cos θ = mgl sin(θ + φ), these angles satisfy cos(θ + φ) = -k/mgl. For k > mgl there are none.
         """
         share = -stiffness / self.weight
         if share < -1:
@@ -132,7 +132,7 @@ class OneJoint:
 
 @dataclass(frozen=True)
 class ChainMasses:
-    """Masses of a planar chain; ValueError is raised if one is not finite, or if all are zero."""
+    """Masses of a planar chain; ValueError is raised if a mass is not finite, or if all masses are zero."""
 
     centres: FloatArray  # (n, 2) centre of each joint in the frame of the previous segment, m
     # (n, 3) m, mx, my of each moving segment in its own frame, kg and kg·m. Identified parameters are sufficient:
@@ -149,7 +149,8 @@ class ChainMasses:
     def torques(self, q: FloatArray) -> FloatArray:
         """Return the joint torques (..., n), N·m, that hold postures (..., n), rad, against gravity.
 
-        Each is the moment g Σ (m (x - x_joint) + mx cos α - my sin α) of the segments distal to the joint, at angles α.
+        A torque is the moment g Σ (m (x - x_joint) + mx cos α - my sin α) of the segments distal to the joint, whose
+        angles are α.
         """
         angle, origin = segment_poses(q, self.centres)
         lever = rotate(angle[..., 1:], self.masses[:, 1:])[..., 0]  # (..., n)
@@ -162,7 +163,7 @@ class ChainMasses:
     def one_joint(
         self, joint: int, posture: FloatArray, limits: tuple[float, float], torque: tuple[float, float]
     ) -> OneJoint:
-        """Return the model of one joint, counted from 0, while the others are fixed at ``posture`` (n,), rad.
+        """Return the model of one joint, counted from 0, while the other joints are fixed at ``posture`` (n,), rad.
 
         ValueError is raised as for :class:`OneJoint`.
         """

@@ -4,8 +4,8 @@ With w(θ) = g(θ) + kθ, an angle can be held if w - kθ₀ is within the limit
 for an interval: w varies in it by at most the distance of the limits, and an allowed rest angle shifts it between them.
 For one stiffness, a single pass over a grid of angles finds the widest such interval for all rest angles
 (:mod:`mocap_id.prescription.torque_windows`). The stiffness is searched by branch and bound. If the stiffness changes
-by up to h, the torques change by at most h times a known angle. Limits widened by this amount give an upper bound for
-all these stiffnesses. Sequential quadratic programming with the turning points (eq. 7.9) refines the best spring. The
+by up to h, the torques change by at most h times the largest distance from a rest angle. Limits widened by this amount
+give an upper bound for all these stiffnesses. Sequential quadratic programming (eq. 7.9) refines the best spring. The
 reported range can be held exactly.
 """
 
@@ -26,7 +26,7 @@ REST = (-2 * np.pi, 2 * np.pi)
 """Allowed rest angles, rad (eq. 7.10)."""
 PENALTY = 1e-4
 """δ of eq. 7.10: gain of range, rad, that justifies a stiffness of mgl per radian."""
-_HELPS = np.radians(0.5)  # least gain of range that counts as help
+_HELPS = np.radians(0.5)  # least gain of range for which a spring is prescribed
 _TOLERANCE = np.radians(0.2)
 _COARSE, _FINE, _LEVELS, _REFINED_FROM = 512, 4096, 16, 3  # angles of the grids; levels of the search
 
@@ -38,7 +38,7 @@ class SpringRequirements:
     required: tuple[float, ...] = ()  # angles that must be within the range, rad (eq. 7.11)
     rest: tuple[float, float] = REST  # smallest and largest rest angle, rad
     stiffest: float | None = None  # largest stiffness, N·m/rad; 0: no spring; None: all stiffnesses that could help
-    penalty: float = PENALTY  # δ, penalty per stiffness over mgl, rad
+    penalty: float = PENALTY  # δ, penalty for a stiffness of mgl per radian, rad
 
 
 @dataclass(frozen=True)
@@ -168,7 +168,7 @@ def _objective(joint: OneJoint, requirements: SpringRequirements, spring: _Sprin
     return spring.width - requirements.penalty * spring.stiffness / joint.weight
 
 
-_MARGIN = 1e-7  # share of the weight: larger than the solver's violation of its constraints
+_MARGIN = 1e-7  # fraction of the weight: larger than the solver's violation of its constraints
 
 
 def refine_spring(  # noqa: PLR0917
@@ -184,7 +184,7 @@ def refine_spring(  # noqa: PLR0917
     ``start`` is the held range, rad, the stiffness and the rest angle of the spring to refine. The torques at both
     ends, at the turning points between them (eq. 7.9) and at required angles (eq. 7.11) are constrained to the person's
     limits. The number of turning points stays as at the start. The result is the start if the solver fails, so the
-    caller must check whether the range is wider. ``penalty`` is the penalty per stiffness over the weight, rad.
+    caller must check whether the range is wider. ``penalty`` is the penalty for a stiffness of mgl per radian, rad.
     """
     low, high, stiffness, at = start
     weight = joint.weight
@@ -208,7 +208,7 @@ def refine_spring(  # noqa: PLR0917
 def _constraint_margins(
     joint: OneJoint, start: tuple[float, float, float, float], required: Sequence[float], rest: tuple[float, float]
 ) -> Callable[[FloatArray], FloatArray]:
-    """Return a function of both ends, stiffness / weight and shift / weight that gives the margins to each limit."""
+    """Return a function of both ends of the range, k / mgl and k θ₀ / mgl that returns the margins to all limits."""
     low, high, stiffness, _ = start
     weight, phase = joint.weight, float(np.arctan2(joint.cosine, joint.sine))
     inside = joint.turning_points(stiffness)

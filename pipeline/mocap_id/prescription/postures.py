@@ -108,10 +108,10 @@ def count_cells(  # noqa: PLR0917
     low: FloatArray,
     high: FloatArray,
 ) -> int:  # pragma: no cover
-    """Return an upper bound of the number of cells that can be held with any springs of a box.
+    """Return an upper bound of the number of cells with a posture that can be held, for all springs of a box.
 
     The number is exact if both corners of the box are the same. It is -1 if a required point cannot be held. The first
-    parameters are fields of :class:`Postures`. ``across`` (S, n) is True if a spring pulls at a joint; ``torque`` (n,
+    parameters are fields of :class:`Postures`. ``across`` (S, n) is True if the spring spans the joint; ``torque`` (n,
     2) are the person's limits, N·m; ``low`` and ``high`` (S, 2) are the corners of the box: stiffness, N·m/rad, and
     rest angle, rad, of each spring.
     """

@@ -23,14 +23,14 @@ BOXES = 20_000
 """Number of boxes after which the search ends."""
 PENALTY = 1e-4
 """δ: fraction of the cells that justifies the largest allowed stiffness."""
-_TOLERANCE = 0.005  # share of the cells
-_HELPS = 0.01  # least gain that counts as help, as a share of the cells
-_SLACK = 1e-3  # share of the largest allowed stiffness: a softer spring counts as no spring
+_TOLERANCE = 0.005  # fraction of the cells
+_HELPS = 0.01  # least gain for which springs are prescribed, as a fraction of the cells
+_SLACK = 1e-3  # fraction of the largest allowed stiffness: a softer spring counts as no spring
 
 
 @dataclass(frozen=True)
 class Springs:
-    """The best springs that the search found."""
+    """The best of the S possible springs that the search found; a box is a range of stiffnesses and rest angles."""
 
     stiffness: FloatArray  # (S,) N·m/rad
     rest: FloatArray  # (S,) rad; NaN for an unused spring
@@ -55,7 +55,7 @@ class _Search:
         self.boxes = 0
 
     def count_cells(self, low: FloatArray, high: FloatArray) -> int:
-        """Return an upper bound of the cells for springs between two corners; -1 if a required point is not held."""
+        """Return an upper bound of the cells for the springs of a box; -1 if a required point cannot be held."""
         p = self.postures
         return count_cells(p.gravity, p.stretch, p.cell, p.cells, p.required, self.across, self.torque, low, high)
 
@@ -64,7 +64,7 @@ class _Search:
         return float(self.penalty * self.postures.cells * np.sum(springs[:, 0] / self.high[:, 0]))
 
     def objective(self, springs: FloatArray) -> float:
-        """Return cells minus penalty of springs; -inf if a required point is not held."""
+        """Return the number of held cells minus the penalty of the springs; -inf if a required point is not held."""
         count = self.count_cells(springs, springs)
         return -np.inf if count < 0 else count - self.penalise(springs)
 
@@ -75,7 +75,7 @@ class _Search:
         return -np.inf if count < 0 else count - self.penalise(low)
 
     def split(self, low: FloatArray, high: FloatArray) -> list[tuple[FloatArray, FloatArray]]:
-        """Return the two halves of a box, divided along the side with the largest effect on the torques."""
+        """Return the two halves of a box; the stiffness or rest angle with the largest effect on torques is divided."""
         width = high - low
         far = np.maximum(
             np.abs(self.postures.stretch.max(axis=0) - low[:, 1]),
@@ -89,7 +89,7 @@ class _Search:
         return [(low, below), (above, high)]
 
     def improve(self, springs: FloatArray) -> FloatArray:
-        """Return springs improved by a pattern search with steps along every side, halved if no step is better."""
+        """Return springs improved by a pattern search in stiffness and rest angle; steps are halved if none helps."""
         best, worth = springs.copy(), self.objective(springs)
         step = 0.1 * (self.high - self.low)
         for _ in range(12):

@@ -1,12 +1,13 @@
 """Sub-workspaces (thesis 9.6): the softest spring for an interval of angles, and the graph of sub-workspaces.
 
-A node of the graph is the set of postures held with one setting, an edge is an overlap. In the overlap of two
+A node of the graph is the set of postures held with one setting, and an edge is an overlap. In the overlap of two
 sub-workspaces, a device can change its setting while the person holds the posture, because the person's torque is
 sufficient with both settings.
 
-A rest angle exists for a stiffness k if w = g + kθ meets three inequalities: max w - min w ≤ span, max w - τ_high ≤ k
-θ_most and min w - τ_low ≥ k θ_least. Each involves a maximum or minimum of functions that are linear in k, and is
-convex in k. The suitable stiffnesses therefore form an interval, and bisection finds its lower end.
+The limits of the torque are τ_low and τ_high, those of the rest angle θ_least and θ_most. A rest angle exists for a
+stiffness k if w = g + kθ meets three inequalities: max w - min w ≤ τ_high - τ_low, max w - τ_high ≤ k θ_most and
+min w - τ_low ≥ k θ_least. Each involves a maximum or minimum of functions that are linear in k, and is convex in k. The
+suitable stiffnesses therefore form an interval, and bisection finds its lower end.
 """
 
 from __future__ import annotations
@@ -37,7 +38,7 @@ class Switch:
     """An overlap of two sub-workspaces, in which the setting can be changed."""
 
     between: tuple[int, int]  # indices of the nodes
-    share: float  # share of the sampled postures that is in both
+    share: float  # fraction of the sampled postures that are in both
     posture: int  # index of the posture in the middle of the overlap
 
 
@@ -93,8 +94,8 @@ def find_least_spring(
     """Return stiffness, N·m/rad, and rest angle, rad, of the softest spring that holds an interval of angles, rad.
 
     The result is (0, NaN) if no spring is needed, and None if no spring is sufficient. ``rest`` contains the smallest
-    and largest rest angle, rad. ``stiffest`` is the largest stiffness; by default it is twenty times the largest moment
-    of gravity per radian.
+    and largest rest angle, rad. ``stiffest`` is the largest stiffness; by default it is twenty times the largest
+    gravitational moment per radian.
     """
     grid = np.linspace(*interval, _GRID) if interval[1] > interval[0] else np.array([interval[0]])
     gravity = joint.gravity(grid)

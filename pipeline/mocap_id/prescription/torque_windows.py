@@ -12,10 +12,10 @@ from mocap_id.compilation import compiled
 def find_widest_run(  # noqa: PLR0917
     curve: FloatArray, span: float, floor: float, ceiling: float, first: int, last: int
 ) -> tuple[int, int]:  # pragma: no cover
-    """Return first and last sample of the widest run between ``floor`` and ``ceiling`` with a range up to ``span``.
+    """Return first and last sample of the longest run between ``floor`` and ``ceiling`` that varies by up to ``span``.
 
-    The run must include the samples ``first`` to ``last``, or no samples if ``first > last``. The end is below the
-    start if there is no run. The method is one pass over the curve (M,) with two pointers and monotone queues.
+    The run must include the samples ``first`` to ``last``; if ``first > last``, no sample is required. Without such a
+    run, the end is before the start. The method is one pass over the curve (M,) with two pointers and monotone queues.
     """
     size = curve.size
     largest, smallest = np.empty(size, np.int64), np.empty(size, np.int64)

@@ -29,7 +29,7 @@ class StateRates(NamedTuple):
 class MarchOptions(NamedTuple):
     """Options of the numerical scheme."""
 
-    cfl: float  # share of the largest stable step
+    cfl: float  # time step as a fraction of the largest stable one
     cap: float  # largest value of χ
     second_order: bool  # limited second differences, and Heun's steps
     friedrichs: bool  # Lax–Friedrichs
@@ -38,7 +38,7 @@ class MarchOptions(NamedTuple):
 
 @compiled
 def fill_edges(padded: FloatArray) -> None:  # pragma: no cover
-    """Extrapolate the padded values (N + 4, M + 4) linearly beyond the grid."""
+    """Extrapolate the values in ``padded`` (N + 4, M + 4) linearly beyond the grid, in place."""
     rows, columns = padded.shape
     for j in range(2, columns - 2):
         padded[1, j] = 2 * padded[2, j] - padded[3, j]
@@ -132,7 +132,7 @@ def advance(
 def _store_step(  # noqa: PLR0917
     padded: FloatArray, new: FloatArray, arrival: FloatArray, motion: StateRates, time: float, dt: float, heun: bool
 ) -> None:  # pragma: no cover
-    """Store the new values, at least at the barrier, and the arrival time of states reached for the first time."""
+    """Store new values, at least the barrier, in ``padded``, and the times of states first reached in ``arrival``."""
     for i in range(arrival.shape[0]):
         for j in range(arrival.shape[1]):
             before = padded[i + 2, j + 2]

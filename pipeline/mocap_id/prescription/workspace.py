@@ -1,4 +1,4 @@
-"""Reachable workspace of the tip of a chain within joint limits, with an interval, and overlay of two (thesis 7.2).
+"""Reachable workspace of a chain's tip within joint limits, and the overlay of two workspaces (thesis 7.2).
 
 W = {g(θ) : θ ∈ Q} (eq. 7.1) for the box Q of the limits. It is the alpha shape of the points to which low-discrepancy
 samples of Q are mapped.
