@@ -34,7 +34,7 @@ class Actuator:
     cylinder: Cylinder
     limits: PressureLimits
     joints: tuple[int, ...]  # counted from 0
-    fill: FloatArray  # (2,) time constants of rising pressures on the flexion and the extension side, s
+    fill: FloatArray  # (2,) time constants of rising pressures in the flexion and the extension chamber, s
     vent: FloatArray  # (2,) time constants of falling pressures, s
     temperature: float  # temperature of the gas, K
 

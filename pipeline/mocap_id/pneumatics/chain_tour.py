@@ -58,7 +58,7 @@ class ChainTour:
     pressures: FloatArray  # (T, D, 2) sealed pressures, Pa
     excess: FloatArray  # (T,) part of the holding torque beyond the person's limits, N·m
     switches: tuple[tuple[int, int, int], ...]  # sample, node before and node after each change
-    visits: tuple[tuple[int, int, int], ...]  # stop, and the first and last sample at which it is held
+    visits: tuple[tuple[int, int, int], ...]  # index of the stop, first and last sample at which it is held
     no_path: tuple[tuple[int, int], ...]  # pairs of stops without a path through held postures
 
 
@@ -163,7 +163,7 @@ def _find_paths(
 
 
 def _trace_path(states: IntArray, before: IntArray, start: int, end: int) -> list[int] | None:
-    """Return the states on the path from one stop to another; None if there is no path."""
+    """Return the states on the path between the stops ``start`` and ``end``; None if there is no path."""
     path = [int(states[end])]
     while path[-1] != states[start]:
         if before[start, path[-1]] < 0:

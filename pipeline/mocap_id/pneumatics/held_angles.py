@@ -51,7 +51,7 @@ def find_held_range(
 def find_widest_setting(
     joint: OneJoint, cylinder: Cylinder, limits: PressureLimits, start: Setting, required: Sequence[float] = ()
 ) -> Setting:
-    """Return the pressures with the widest interval that can be held, by a search on increasingly fine grids.
+    """Return the setting with the widest interval that can be held, by a search on ever finer grids of pressures.
 
     The result is at least as good as ``start``, such as the setting of the nearest spring. The interval must contain
     the ``required`` angles, rad.

@@ -41,7 +41,7 @@ class Controller:
     angle: FloatArray  # (N,) grid of angles of the nodes' depths, rad
     margin: float  # depth below which the controller leaves a node, rad
     hysteresis: float  # additional depth of the next node, rad
-    fill: FloatArray  # (2,) time constants of rising pressures on the flexion and the extension side, s
+    fill: FloatArray  # (2,) time constants of rising pressures in the flexion and the extension chamber, s
     vent: FloatArray  # (2,) time constants of falling pressures, s
 
     @property
@@ -228,7 +228,7 @@ class TransitionMap:
 def map_transition(  # noqa: PLR0917
     person: Person, controller: Controller, before: int, after: int, speed: float, size: tuple[int, int] = (41, 21)
 ) -> TransitionMap | None:
-    """Return the simulated transitions from all states that both nodes hold; the person brakes, then holds.
+    """Return simulated transitions from all states that both nodes hold; the person brakes and then holds the joint.
 
     The result is None if no angle can be held with both settings. ``before`` and ``after`` are indices of nodes;
     ``speed`` is the largest speed of the grid, rad/s; ``size`` is the number of its angles and velocities.

@@ -117,7 +117,7 @@ def make_grid(dynamics: JointDynamics, scheme: Scheme, horizon: float) -> StateG
 def compute_reachable_set(dynamics: JointDynamics, times: Sequence[float], scheme: Scheme = Scheme()) -> ReachableSet:
     """Return the states within the joint's limits that can be reached from rest at the equilibrium.
 
-    The ``times``, s, at which the set is returned must ascend.
+    ``times``, s, are the ascending times for which the set is returned.
 
     ValueError is raised if there is no equilibrium within the limits, or the times do not ascend from 0.
     """

@@ -121,7 +121,7 @@ def _search(joint: OneJoint, requirements: SpringRequirements, none: float) -> t
 
 
 def _largest_stiffness(joint: OneJoint, requirements: SpringRequirements, none: float) -> float:
-    """Return a stiffness, N·m/rad, above which no range is wider than without a spring, or than five degrees.
+    """Return a stiffness, N·m/rad, above which no range exceeds five degrees and the range without a spring.
 
     Over a range R, a spring changes the torque by kR, and gravity compensates at most 2mgl of this.
     """

@@ -60,7 +60,7 @@ class _Search:
         return count_cells(p.gravity, p.stretch, p.cell, p.cells, p.required, self.across, self.torque, low, high)
 
     def penalise(self, springs: FloatArray) -> float:
-        """Return the penalty of the springs' stiffnesses, in cells."""
+        """Return the penalty for the stiffnesses of springs (S, 2), as a number of cells."""
         return float(self.penalty * self.postures.cells * np.sum(springs[:, 0] / self.high[:, 0]))
 
     def objective(self, springs: FloatArray) -> float:

@@ -41,7 +41,7 @@ class Workspace:
     # Largest difference from the measures with a half, a quarter and an eighth of the samples. If half of the samples
     # have 1.6 times the error (a curved surface in space), this is three times the remaining error.
     discretisation: float
-    convergence: tuple[tuple[int, float, float], ...]  # samples, radius and measure for each of these parts
+    convergence: tuple[tuple[int, float, float], ...]  # samples, radius and measure of each fraction
 
 
 def compute_workspace(arm: Arm, limits: JointLimits, samples: int = SAMPLES, seed: int = 0) -> Workspace:
@@ -52,8 +52,8 @@ def compute_workspace(arm: Arm, limits: JointLimits, samples: int = SAMPLES, see
     deviations, widened on both sides by the discretisation. The standard deviation follows from displacing each limit
     and dimension in turn by its standard deviation; the topology of the edge stays the same.
 
-    ValueError is raised if there are too few samples, the limits are for another number of joints, or the points of the
-    tip have no area (or volume).
+    ValueError is raised if there are too few samples, the number of limits differs from the number of joints, or the
+    points of the tip have no area (or volume).
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ class Overlay:
     gained: float  # only in the later workspace
     lost: float  # only in the earlier workspace
     kept: float  # in both
-    sd: float  # standard deviation of each of these from the number of counted points
+    sd: float  # standard deviation of each of these areas or volumes, from the number of counted points
     points: FloatArray  # (M, d) points in any of the workspaces, in the frame of the earlier one, m
     before: BoolArray  # (M,) whether a point is in the earlier workspace
     after: BoolArray  # (M,) whether a point is in the later workspace

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from mocap_id.simulation.scene import Scene
 
 GHOST = "GHOST"
-"""Label of a trajectory that belongs to no marker."""
+"""Beginning of the label of a trajectory that belongs to no marker."""
 
 _WOBBLE_HZ = 4.0
 _X = (1.0, 0.0, 0.0)

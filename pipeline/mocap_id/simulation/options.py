@@ -57,7 +57,10 @@ class PersonOptions:
         "mm",
     )
     lumbar_deg: float = option(
-        0.0, "Range of the trunk's rotation in the pelvis, degrees; 10 to 20 in real people.", (0, 40), "degrees"
+        0.0,
+        "Range of the trunk's rotation relative to the pelvis, degrees; 10 to 20 in people.",
+        (0, 40),
+        "degrees",
     )
     arm_swing_deg: float = option(0.0, "Range of the arms' swing about the shoulders, degrees.", (0, 120), "degrees")
     heel_lift_mm: float = option(
@@ -92,7 +95,7 @@ class FaultOptions:
     wobble_mm: float = option(
         0.0, "Oscillation at 4 Hz of the skin of each segment, equal for all its markers, mm rms.", (0, 10), "mm"
     )
-    filter_hz: float = option(0.0, "Cut-off frequency of a zero-phase filter of the markers, Hz.", (0, 50), "Hz")
+    filter_hz: float = option(0.0, "Cut-off frequency of a zero-phase low-pass filter, Hz.", (0, 50), "Hz")
     repeated_share: float = option(0.0, "Fraction of the frames that repeat the previous one.", (0, 0.9))
     camera_scale: float = option(0.0, "Relative error of all distances between markers.", (-0.2, 0.2))
     tilt_deg: float = option(
@@ -162,7 +165,7 @@ class Options:
     chair_mass: float = option(6.0, "Mass of the chair on that plate, kg.", (0, 50), "kg")
     attempts: int = option(0, "Number of failed rises; each precedes one of the last repetitions.")
     hold: float = option(0.0, "Duration of a stop half-way through the last rise, s.", (0, 10), "s")
-    rail: float = option(0.0, "Fraction of the vertical force on a rail that the person holds at each rise.", (0, 0.5))
+    rail: float = option(0.0, "Fraction of the vertical force on a rail that the person holds while rising.", (0, 0.5))
     people: PersonOptions = field(default_factory=PersonOptions)
     rest_before: float = option(0.0, "Rest before the first rise, s.", (0, 600), "s")
     rest_standing: float = option(0.0, "Additional rest in the first standing phase, s.", (0, 600), "s")

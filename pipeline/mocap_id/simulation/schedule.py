@@ -93,13 +93,13 @@ class Attempt:
 
 @dataclass(frozen=True)
 class Hold:
-    """A stop half-way through a rise."""
+    """A pause half-way through a rise."""
 
     repetition: int  # counted from 0
-    length: float  # s
+    length: float  # duration, s
 
     def progress(self, time: FloatArray, begin: float, finish: float) -> FloatArray:
-        """Return the progress of the rise at times (T,), from 0 at ``begin`` to 1 at ``finish``, with a stop at 0.5."""
+        """Return the progress of the rise at times (T,), from 0 at ``begin`` to 1 at ``finish``; it pauses at 0.5."""
         half = 0.5 * (finish - begin - self.length)
         first, second = smoothstep((time - begin) / half), smoothstep((time - finish + half) / half)
         return 0.5 * (first + second)
@@ -107,7 +107,7 @@ class Hold:
 
 @dataclass(frozen=True)
 class Schedule:
-    """Repetitions of a trial and its duration, s, with failed attempts and at most one stop."""
+    """Repetitions of a trial and its duration, s, with failed attempts and at most one pause."""
 
     repetitions: tuple[Repetition, ...]
     duration: float

@@ -58,9 +58,9 @@ _FORCES = ("tau", "wrench", "wrench_total", "chair_force", "chair_point", "cop_x
 
 
 def arrays(trial: SimulatedTrial) -> dict[str, np.ndarray[Any, Any]]:
-    """Return arrays for ``truth.npz``: float32, but float64 for the time and the separate bodies.
+    """Return arrays for ``truth.npz`` by name: float32, but float64 for the time and the separate bodies.
 
-    Differences of the bodies' poses need full precision.
+    The bodies need full precision, because the differences of their poses are small.
     """
     bodies = trial.state.bodies
     positions = (1e3 * trial.positions).astype(np.float32)

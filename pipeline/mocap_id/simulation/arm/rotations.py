@@ -1,4 +1,4 @@
-"""Rotations with exact angular velocity and acceleration, composed of rotations about known axes."""
+"""Rotations with exact angular velocity and acceleration, composed of rotations about given axes."""
 
 from __future__ import annotations
 
