@@ -213,7 +213,7 @@ def test_stages_one_by_one_need_those_before(cli, trial) -> None:
 def test_an_option_before_its_command(cli, trial) -> None:
     said = cli("-q", "run", trial.trc(pendulum()))
     assert said.code == 2
-    assert "Give a command's options after its name: mocap-id COMMAND -q" in said.err
+    assert "Give the options of a command after its name: mocap-id COMMAND -q" in said.err
 
 
 def test_a_run_that_is_not_there(cli, trial) -> None:

@@ -79,8 +79,8 @@ def test_a_row_that_is_not_known_is_left_out_and_said() -> None:
     values[[0, 3], [1, 0]] = np.nan
     known, notes = find_known_rows("a.mot", values)
     assert known.tolist() == [False, True, True, False, True, True]
-    assert "unknown: 2" in notes[0]
-    assert "1 of them" in notes[1]
+    assert "2 rows are left out" in notes[0]
+    assert "1 of these" in notes[1]
     assert find_known_rows("a.mot", np.ones((3, 1)))[1] == ()
     assert not find_known_rows("a.mot", np.full((3, 1), np.nan))[0].any()
 

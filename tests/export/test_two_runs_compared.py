@@ -129,7 +129,7 @@ def test_a_run_that_was_put_together_from_two_is_told(links, other: Path, tmp_pa
     for source, names in ((links(), ("dynamics.h5", "chain.h5")), (links(False), ("wrench.parquet",))):
         for name in names:
             (tmp_path / name).write_bytes((source / name).read_bytes())
-    with pytest.raises(StoreError, match="made from another wrench"):
+    with pytest.raises(StoreError, match="was not made from the wrench"):
         open_run(tmp_path)
 
 

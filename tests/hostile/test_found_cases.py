@@ -49,7 +49,7 @@ def with_frames(data: bytes, frames: int) -> bytes:
 
 @pytest.mark.parametrize(
     ("frames", "told"),
-    [(35, "frames, enough for 5 more"), (39, "enough for 1 more"), (41, "contain almost only zeros")],
+    [(35, "data for 5 more frames"), (39, "data for 1 more frames"), (41, "contain almost only zeros")],
 )
 def test_counts_that_agree_on_a_lie_are_told(tmp_path: Path, frames: int, told: str) -> None:
     """The file's size does not determine the number of frames within the last block's padding."""

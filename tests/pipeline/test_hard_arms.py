@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -94,8 +96,9 @@ def test_hints_of_the_user_count_more_than_names_of_the_wrist(stiff_wrist: tuple
 
 def test_a_segment_between_upper_arm_and_forearm_is_doubtful() -> None:
     """It cannot be: the elbow connects these two."""
-    assert not segment_stage._splits_arm(["thorax", "upper_arm", "forearm", "hand"])
-    assert not segment_stage._splits_arm(["base", "segment_1", "segment_2"])
-    (reason,) = segment_stage._splits_arm(["thorax", "upper_arm", "segment_2", "forearm"])
+    sure: Any = SimpleNamespace(confidence=SimpleNamespace(value=1.0))
+    assert not segment_stage._explain_doubts(sure, ["thorax", "upper_arm", "forearm", "hand"])
+    assert not segment_stage._explain_doubts(sure, ["base", "segment_1", "segment_2"])
+    (reason,) = segment_stage._explain_doubts(sure, ["thorax", "upper_arm", "segment_2", "forearm"])
     assert reason.code == "segments-unsure"
     assert reason.level != "ok"
