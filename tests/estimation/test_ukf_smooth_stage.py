@@ -142,9 +142,7 @@ def test_a_segment_never_seen_is_reported_as_lost_throughout(moving: Moving) -> 
 def test_time_stamps_that_skip_are_refused(moving: Moving) -> None:
     time = np.arange(FRAMES) / moving.rate
     time[120:] += 0.02
-    with pytest.raises(
-        RecordingError, match=r"trial swing.*uniform: frame 171 is at 1\.2200 s, expected 1\.2000 s"
-    ):
+    with pytest.raises(RecordingError, match=r"trial swing.*uniform: frame 171 is at 1\.2200 s, expected 1\.2000 s"):
         run(moving, planar(moving, moving.markers, time))
 
 
