@@ -67,7 +67,7 @@ def test_a_pattern_tells_person_and_strategy(pattern: str, path: str, place: tup
     "pattern", ["{strategy}/{strategy}*", "{subject}/{how}*", "{subject}/{subject}", "{subject", "*"]
 )
 def test_a_pattern_that_means_nothing_is_refused(pattern: str) -> None:
-    with pytest.raises(ConfigError, match="expected \\{subject\\} and \\{strategy\\} at most once each"):
+    with pytest.raises(ConfigError, match="expected \\{subject\\}, \\{strategy\\} or both, each at most once"):
         Pattern(pattern)
 
 

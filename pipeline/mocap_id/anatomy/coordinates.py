@@ -93,9 +93,10 @@ def _cross(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def axes_of_rotation_vector(q: FloatArray) -> AxisDerivatives:
-    """Return B of ``R = exp(q)`` for a rotation vector q (F, 3), rad.
+    """Return the matrix B (ω = B dq/dt) and its derivatives for ``R = exp(q)`` with a rotation vector q (F, 3), rad.
 
-    B = 1 - a(s) q^ + c(s) q^ q^ with s = |q|², a = (1 - cos |q|) / s and c = (|q| - sin |q|) / |q|³.
+    B = 1 - a(s) q^ + c(s) q^ q^, where q^ is the cross-product matrix of q. Further,
+    s = |q|², a = (1 - cos |q|) / s and c = (|q| - sin |q|) / |q|³.
     """
     a, c = _sum_series(np.sum(q**2, axis=1))
     cross, unit = so3.hat(q), so3.hat(np.eye(3))

@@ -161,7 +161,7 @@ def combine_with_sensors(
 
 
 def _combine(parts: Sequence[SensorFit]) -> tuple[FloatArray, FloatArray]:
-    """Return the base parameters (b,) of the first part and their covariance (b, b) from all parts together."""
+    """Estimate the base parameters (b,) of the first part, and their covariance (b, b), from all parts together."""
     halves = [_factorise(each.covariance) for each in parts]
     rows = [solve_triangular(half, each.rows, lower=True) for half, each in zip(halves, parts, strict=True)]
     target = [solve_triangular(half, each.values, lower=True) for half, each in zip(halves, parts, strict=True)]

@@ -97,9 +97,9 @@ class ConeBodies:
         return float(np.abs(body[::4]).sum())
 
     def find_cheapest(self, prices: FloatArray) -> FloatArray:
-        """Return for each link 1 kg at the point with the least price, as columns (4(n + 1), n + 1).
+        """Return, for each link, the parameters of 1 kg where it costs least, as columns (4(n + 1), n + 1).
 
-        The price at (x, y) is m + x·mx + y·my + (x² + y²)·Izz, with the ``prices`` (4(n + 1),) of m, mx, my and Izz.
+        ``prices`` (4(n + 1),) has four coefficients c for each link; 1 kg at (x, y) costs c₀ + c₁x + c₂y + c₃(x² + y²).
         """
         columns = np.zeros((len(prices), self.links))
         for link in range(self.links):

@@ -29,7 +29,7 @@ from mocap_id.dynamics.sample_choice import LEAST_SECONDS, select_samples
 class LeftOutPrediction:
     """Predictions of repetitions by models that were fitted without their forces."""
 
-    samples: BoolArray  # (T,) predicted samples: those of the fit, in the folds that determine the parameters
+    samples: BoolArray  # (T,) samples of the fit that were left out in a fold and could be predicted
     part: IntArray  # (T,) part (one or several repetitions) of each sample
     # wrench, measured: (T, 3) predicted wrench of the ground, and the measured wrench with the clock offset and the
     # plate bias of the fold, N and N·m; NaN elsewhere

@@ -107,11 +107,11 @@ def estimate_chain_noise(
 ) -> PredictionNoise:
     """Return the errors of the wrench and torques of a pinned chain, due to accelerations and geometry.
 
-    The standard deviations of the accelerations give the course of the noise over time and ``correlation`` that between
-    the joints. The plate gives the size of the noise (:mod:`mocap_id.dynamics.model_error`), and the part of the
-    wrench's error that is independent of the accelerations. The noise of the torques is scaled like that of tauz,
-    because torques are moments. Errors of the geometry are added only to the torques: for the wrench, the fitted
-    parameters compensate these errors.
+    The standard deviations of the accelerations determine how the noise varies over time, and ``correlation`` how it
+    is correlated between the joints. The plate determines the magnitude of the noise
+    (:mod:`mocap_id.dynamics.model_error`) and the part of the wrench's error that is independent of the accelerations.
+    The noise of the torques is scaled like that of tauz, because torques are moments. Errors of the
+    geometry are added only to the torques: for the wrench, the fitted parameters compensate these errors.
 
     Parameters
     ----------

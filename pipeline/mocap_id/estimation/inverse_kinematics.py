@@ -248,9 +248,10 @@ def _estimate_scale(residual: FloatArray, used: BoolArray, segment: IntArray) ->
 
 
 def _estimate_from_quantiles(residual: FloatArray, used: BoolArray, shares: tuple[float, ...]) -> FloatArray:
-    """Return the standard deviations (S, M) per coordinate, m, of normally distributed residuals from S quantiles.
+    """Estimate the standard deviation (S, M), m, of each marker's coordinates from S quantiles of its residual.
 
-    ``shares`` are the probabilities of the quantiles. The result is NaN if a marker is never used.
+    ``residual`` are distances, the errors of the coordinates are assumed to be normal, and ``shares`` are the
+    probabilities of the quantiles. The result is NaN if a marker is never used.
     """
     quantiles = np.full((len(shares), residual.shape[1]), np.nan)
     for m in np.flatnonzero(used.any(axis=0)):

@@ -80,7 +80,7 @@ def predict_markers(problem: ChainProblem, state: ChainState) -> ComplexArray:
 
 
 def residuals(problem: ChainProblem, state: ChainState) -> ComplexArray:
-    """Return measured minus predicted marker positions (T, K), m; without meaning where a marker is missing."""
+    """Return measured minus predicted marker positions (T, K), m; meaningless where a marker is missing."""
     return problem.points - predict_markers(problem, state)
 
 

@@ -62,7 +62,7 @@ def find_heel_lift(positions: FloatArray, time: FloatArray, rate: float) -> Heel
 
 
 def find_moving_markers(points: FloatArray, rate: float) -> BoolArray:
-    """Return which base markers (m,) are on feet that move; none if they do not determine a pose.
+    """Return which base markers (m,) are on feet that move; none if the moving markers do not determine a pose.
 
     Marker positions (F, m, 2) are in the plane frame, m, NaN where missing; the rate is in frames per second.
     """

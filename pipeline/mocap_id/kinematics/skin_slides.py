@@ -165,9 +165,9 @@ def skin_from_residuals(
 
 
 def slide_scales(relative: FloatArray) -> FloatArray:
-    """Return the scale (n,), rad, of the two joint angles that the slides on each segment follow; 1 if nothing moves.
+    """Return for each of n segments the scale, rad, of the angles of the joints at its two ends; 1 if neither moves.
 
-    The scale is the root of the summed mean squares. ``relative`` (F, n) are joint angles without mean, rad.
+    The scale is the root of the sum of both mean squares. ``relative`` (F, n) are joint angles without mean, rad.
     """
     square = np.zeros((relative.shape[1] + 1, len(relative)))
     square[:-1] = relative.T**2

@@ -81,7 +81,10 @@ def _group_by_height(positions: FloatArray) -> Sequence[IntArray]:
 
 
 def _fit_rotation(measured: FloatArray, parts: FloatArray) -> ForceDirection:
-    """Find the rotation of accelerations ``parts`` (k, T, 2) that best explains a force (T, 2), all without means."""
+    """Find the angle by which the accelerations ``parts`` (k, T, 2) must be rotated to explain a force (T, 2) best.
+
+    The mean of every signal is subtracted first.
+    """
     measured, parts = measured - measured.mean(axis=0), parts - parts.mean(axis=1, keepdims=True)
     size = float(np.linalg.norm(measured))
     residual, angle = min((_compute_residual(measured, parts, angle), angle) for angle in _ANGLES)

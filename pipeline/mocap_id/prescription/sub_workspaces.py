@@ -130,6 +130,6 @@ def _minimise(excess: Callable[[float], float], low: float, high: float) -> floa
 
 
 def _middle_rest(joint: OneJoint, w: FloatArray, stiffness: float, rest: tuple[float, float]) -> float:
-    """Return the allowed rest angle that shifts w (M,) nearest to the middle of the torque's limits, rad."""
+    """Return the rest angle, rad, in ``rest`` that best centres ``w`` (M,) minus the spring torque in the limits."""
     middle = 0.5 * (w.max() - joint.torque_high + w.min() - joint.torque_low) / stiffness
     return float(np.clip(middle, *rest))

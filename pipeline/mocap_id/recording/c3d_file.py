@@ -103,7 +103,8 @@ def open_c3d(path: Path, stream: BinaryIO) -> C3DFile:
     data = stream.read(BLOCK)
     if len(data) < BLOCK or data[1] != MAGIC:
         raise RecordingError(
-            f"{path}: not a C3D file: {size} bytes, second byte {data[1:2].hex() or 'missing'} instead of 50; "
+            f"{path}: not a C3D file: it has {size} bytes (expected at least {BLOCK}), and its second byte is "
+            f"{data[1:2].hex() or 'missing'} (hexadecimal; expected 50); "
             "export the trial again as C3D, or give a TRC file"
         )
     start = (max(data[0], 2) - 1) * BLOCK

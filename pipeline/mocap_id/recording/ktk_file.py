@@ -171,8 +171,8 @@ def _read_plates(path: Path, series: Series, units: ForceUnits, oddities: list[s
             moment = _read_vector(path, series, f"{name}_MomentAtCOP", find_moment_scale, units.moment)
         else:
             raise RecordingError(
-                f"{path}: {name} has a force without {name}_MomentAtCenter and corners, or {name}_COP and "
-                f"{name}_MomentAtCOP; save {PLATES} as `ktk.read_c3d` returns it"
+                f"{path}: {name} has a force, but neither {name}_MomentAtCenter with the corners {name}_Corner1 to "
+                f"{name}_Corner4, nor {name}_COP with {name}_MomentAtCOP; save {PLATES} as `ktk.read_c3d` returns it"
             )
         about = np.cross(point, force) + moment
         ok = np.asarray(np.isfinite(np.hstack([force, about])).all(axis=1))

@@ -207,8 +207,8 @@ def parse_table(path: Path, text: str) -> MotionTable:
     columns, values = _put_time_first(path, columns, values, keys.get("range", ""), notes)
     time = values[:, 0]
     if not is_time_axis(time):
-        problem = "has only one row" if len(time) == 1 else "has a time column that does not increase from row to row"
-        raise RecordingError(f"{path}: the table {problem}; export a trial with at least two rows")
+        problem = "the table has only one row" if len(time) == 1 else "the times do not increase from row to row"
+        raise RecordingError(f"{path}: {problem}; export a trial with at least two rows of increasing time")
     in_degrees = keys.get("indegrees", "no").lower() == "yes"
     return MotionTable(time, tuple(columns[1:]), values[:, 1:], in_degrees, tuple(notes))
 

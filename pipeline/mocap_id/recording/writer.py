@@ -230,7 +230,10 @@ def format_trc(
     """
     count, markers = positions.shape[:2]
     if len(labels) != markers or len(time) != count or len(frames) != count:
-        raise ValueError(f"positions of shape {positions.shape} do not fit {len(labels)} labels, {len(time)} times")
+        raise ValueError(
+            f"positions of shape {positions.shape} do not fit {len(labels)} labels, {len(time)} times and "
+            f"{len(frames)} frame numbers"
+        )
     first = frames[0] if count else 1
     header = [
         f"PathFileType\t4\t(X/Y/Z)\t{name}",

@@ -77,7 +77,7 @@ class Attempt:
 
     @property
     def unload(self) -> float:
-        """Duration of unloading the chair, and of loading it again, s."""
+        """Duration of unloading the chair, s; loading it again takes equally long."""
         return 0.4 * (self.top - self.start)
 
     def chair_release(self, time: FloatArray) -> FloatArray:

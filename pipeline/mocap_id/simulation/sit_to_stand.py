@@ -183,7 +183,8 @@ def _solve_lean(body: SimulatedBody, task: _TrunkTask, start: float) -> FloatArr
         if largest < 1e-10:
             return lean
     raise NumericalError(
-        f"no lean of the trunk balances the simulated body: the last step of the solver was {largest:.2g} rad"
+        f"the lean of the trunk that balances the simulated body was not found: the last iteration changed it by "
+        f"{largest:.2g} rad"
     )
 
 

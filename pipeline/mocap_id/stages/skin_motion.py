@@ -99,10 +99,10 @@ def _rotate_back(
 def add_axial_rotation_errors(
     states: SpatialStates, chain: SpatialChain, *, common: float = _COMMON, missed: Mapping[int, float] | None = None
 ) -> SpatialStates:
-    """Return the states with larger standard deviations, because the share that the skin misses is uncertain.
+    """Return the states with larger standard deviations, because the skin follows an uncertain share of axial rotation.
 
-    If the share that the skin misses has the error c, the segment is rotated by c τ about its long axis, where τ is its
-    axial rotation. This is an error of the joint before the segment and, with opposite sign, of the joints after it.
+    If this share has the error c, the estimated rotation of the segment has the error c τ about its long axis, where τ
+    is its axial rotation. This is an error of the joint before the segment and, with opposite sign, of those after it.
 
     Parameters
     ----------

@@ -202,7 +202,7 @@ class Folder:
         return record.documents if record else {}
 
     def remove(self, files: Iterable[str]) -> None:
-        """Delete the files of this folder that exist among ``files``."""
+        """Delete those of ``files`` that exist in this folder."""
         for file in files:
             path = resolve_path(self.path, file)
             with converting_errors(path):

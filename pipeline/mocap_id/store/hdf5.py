@@ -79,7 +79,7 @@ def decode(content: bytes, schema: TreeSchema) -> tuple[Tree, Provenance]:
     provenance = read_provenance(metadata, schema)
     problem = "; ".join(_find_mismatches(leaves, schema))
     if problem:
-        raise ValueError(f"does not have its nodes: {problem}")
+        raise ValueError(f"does not have the nodes of its schema: {problem}")
     return Tree(schema, _nest(leaves), provenance.facts, provenance.reasons), provenance
 
 

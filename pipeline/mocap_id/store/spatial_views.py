@@ -172,7 +172,7 @@ class SpatialAngles:
     time: FloatArray  # (T,)
     names: tuple[str, ...]
     mean: FloatArray  # (T, A, 3) angle, velocity, acceleration
-    sd: FloatArray  # (T, A, 3) standard deviation of changes, due to camera and skin
+    sd: FloatArray  # (T, A, 3) standard deviation of the errors that vary within a trial, due to camera and skin
     constant_sd: FloatArray  # (T, A) standard deviation of the error that is constant in a trial, due to the landmarks
     condition: FloatArray  # (T,) 1 / sin(elevation); NaN without landmarks
 

@@ -36,7 +36,7 @@ class FoundPayload:
 
     @property
     def negative(self) -> bool:
-        """Whether the mass is significantly negative, because the trials are exchanged or something else changed."""
+        """Whether the mass is significantly negative; probably the trials were swapped, or something else changed."""
         return bool(self.payload.value[0] < -_SIGNIFICANT * self.payload.sd[0])
 
     def as_json(self) -> dict[str, Any]:

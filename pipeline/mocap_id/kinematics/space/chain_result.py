@@ -163,7 +163,7 @@ def _build_joint(bundle: Bundle, covariance: FloatArray, j: int, arc: float) -> 
 
 
 def _centre_jacobian(problem: BundleProblem, cols: Columns, j: int, segment: int) -> FloatArray:
-    """Return the derivatives (3, P) of the centre of joint ``j``, from 0, relative to a segment's mean marker."""
+    """Return the derivatives (3, P) of the vector from a segment's mean marker to joint ``j``, numbered from 0."""
     here = np.flatnonzero(problem.segment == segment)
     rows = np.zeros((3, cols.size))
     if segment == problem.parents[j]:

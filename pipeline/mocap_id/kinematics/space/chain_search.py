@@ -168,7 +168,7 @@ def _find_groups(near: dict[int, list[int]]) -> list[set[int]]:
 
 
 def _extend_path(near: dict[int, list[int]], path: list[int]) -> list[list[int]]:
-    """Return all paths from the end of ``path`` to a tip."""
+    """Return all paths that begin with ``path`` and continue to a tip."""
     onward = [body for body in near[path[-1]] if body not in path]
     if not onward:
         return [path]

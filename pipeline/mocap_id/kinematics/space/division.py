@@ -59,7 +59,7 @@ class Partition:
 
 
 def divide(sorter: SpatialBodies, start: Sequence[SpatialBody], needed: float = 1.0) -> Partition:
-    """Divide bodies (up to 16), the clearest division first, until no division has the evidence ``needed``."""
+    """Divide bodies, best division first, until there are 16 or no division has the evidence ``needed``."""
     partition = Partition(list(start))
     joints: dict[bytes, SpatialPairJoint] = {}
     tried: dict[bytes, Division | None] = {}

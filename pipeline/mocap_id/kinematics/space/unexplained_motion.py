@@ -50,9 +50,10 @@ def unexplained_motion(
 
 
 def gain_of_parts(motion: FloatArray, shape: FloatArray, parts: Sequence[IntArray]) -> float:
-    """Return the summed log gain of the markers' residuals if each part may have its own small rigid motion.
+    """Return the sum over all markers of log(residual with one common rigid motion / residual with one each).
 
-    ``motion`` and ``shape`` are results of :func:`unexplained_motion`; the parts are given by rows of their markers.
+    All motions are small. "One each" is one motion for each of the ``parts``, which are arrays of marker indices.
+    ``motion`` and ``shape`` are results of :func:`unexplained_motion`.
     """
     together = _without_pose(motion, shape)
     apart = np.empty_like(together)

@@ -245,7 +245,7 @@ def compute_reach_surface(arm: ReachArm, limits: FloatArray, planes: PlaneRange 
 
 
 def _compute_areas(polar: FloatArray, azimuth: FloatArray, radius: FloatArray) -> dict[str, float]:
-    """Return the relative areas by name; ``radius`` is relative to the arm's length."""
+    """Return areas by name, as fractions of a half-sphere with the arm's length, of which ``radius`` is a fraction."""
     each = np.nan_to_num(radius) ** 2 * 2 / radius.size  # all cells have the same solid angle
     front, lateral = np.sin(azimuth) > 0, np.cos(azimuth) > 0
     upper = np.cos(polar)[:, None] > 0

@@ -112,7 +112,7 @@ def pin_joints(bodies: MeasuredBodies) -> MeasuredBodies:
 
 
 def read_bodies(table: Table, centres: FloatArray, used: Sequence[int]) -> MeasuredBodies:
-    """Return bodies of poses.parquet as measured: without bridged gaps, pinned joints and values of ``gap``.
+    """Return bodies of poses.parquet as measured: gaps are not bridged, joints not pinned, and ``gap`` is empty.
 
     Parameters
     ----------

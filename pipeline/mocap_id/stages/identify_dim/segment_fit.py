@@ -168,7 +168,7 @@ def _identify_bodies(
 
 
 def _convert_references(tables: ReferenceBodies, mean: Callable[[ReferenceBody], FloatArray]) -> ReferenceBodies:
-    """Return the reference bodies with parameters ``mean`` of the measured bodies; NaN without a reference body."""
+    """Return the reference bodies with their parameters replaced by ``mean(body)``; NaN without a reference body."""
     every = tuple(replace(each, parameters=mean(each)) for each in tables.every)
     chosen = mean(tables.chosen)
     known = np.isfinite(tables.chosen.parameters).all()

@@ -70,8 +70,8 @@ def read_common_time(context: Context, file: str) -> FloatArray:
     time, plate_time = context.table(file)["time"], context.table("wrench.parquet")["time"]
     if len(time) != len(plate_time) or not np.allclose(time, plate_time, atol=1e-6):
         raise StoreError(
-            f"trial {context.trial.trial}, identify-dim: {file} has {len(time)} samples and wrench.parquet "
-            f"{len(plate_time)}, expected the same times; run the trial again from planarise"
+            f"trial {context.trial.trial}, identify-dim: {file} ({len(time)} samples) and wrench.parquet "
+            f"({len(plate_time)}) have different sample times; run the trial again from planarise"
         )
     return time
 

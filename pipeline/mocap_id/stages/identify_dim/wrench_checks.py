@@ -63,7 +63,7 @@ def check_sensors(prepared: PreparedTrial, found: Fit) -> tuple[Reason, ...]:
 
 
 def make_gain_facts(prepared: PreparedTrial, found: Fit) -> list[dict[str, Any]]:
-    """Return JSON about each external wrench: name, segment, and the gains with which the forces add up best."""
+    """Return JSON about each external wrench: name, segment, and the fitted gain of each component (1 is correct)."""
     gains = estimate_gains(prepared, found)
     return [
         {

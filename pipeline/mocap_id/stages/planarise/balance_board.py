@@ -57,8 +57,10 @@ def read_board_plate(board: Path | BalanceBoard | None, source: Recording) -> tu
     start, end = log.start + board.clock_offset_s, log.start + board.clock_offset_s + (len(log.ok) - 1) / log.rate
     if start > source.time[-1] or end < source.time[0]:
         raise RecordingError(
-            f"{board.balance_board}: runs from {start:g} to {end:g} s and the recording from {source.time[0]:g} to "
-            f"{source.time[-1]:g} s: give `clock_offset_s:`, the recording's time minus `time_s`, to about 0.1 s"
+            f"{board.balance_board}: the log shares no time with the recording: with `clock_offset_s: "
+            f"{board.clock_offset_s:g}` it runs from {start:g} to {end:g} s, but the recording from "
+            f"{source.time[0]:g} to {source.time[-1]:g} s. Correct `clock_offset_s:` to about 0.1 s; it is the "
+            "recording's time minus `time_s`"
         )
     force = np.column_stack([np.zeros((len(log.force), 2)), log.force])
     plate = Plate(1, "balance board", None, force, np.zeros_like(force), log.ok, log.rate, start)

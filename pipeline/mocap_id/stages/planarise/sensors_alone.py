@@ -103,7 +103,6 @@ def _find_common_times(files: Mapping[str, Path], window: tuple[float, float] | 
     start, stop = (first, last) if window is None else (max(first, window[0]), min(last, window[1]))
     if stop - start < _LEAST_S:
         raise ConfigError(
-            f"window: [{start:g}, {stop:g}] s has less than {_LEAST_S:g} s; the sensors run from {first:g} to "
-            f"{last:g} s"
+            f"`window:` contains less than {_LEAST_S:g} s of the sensor logs, which run from {first:g} to {last:g} s"
         )
     return np.asarray(np.arange(np.ceil(start * rate), np.floor(stop * rate) + 1) / rate)

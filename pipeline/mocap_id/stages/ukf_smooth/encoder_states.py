@@ -85,7 +85,9 @@ def use_encoder(states: States, encoder: Table) -> States:
 
 def _skip_encoder(why: str, settings: UkfSmoothSettings) -> Table:
     if settings.method == "encoder":
-        raise ConfigError(f"ukf-smooth: `method: encoder` cannot be used: {why}; name an encoder file under `encoder:`")
+        raise ConfigError(
+            f"ukf-smooth: `method: encoder` cannot be used: {why}; give a suitable `encoder:`, or choose another `method:`"
+        )
     return empty_encoder_table(why)
 
 

@@ -208,7 +208,7 @@ def _make_chain(result: PrescriptionResult, devices: Sequence[DeviceConfig | Non
 
 
 def _postures(result: PrescriptionResult, node: SubWorkspace, tasks: Sequence[Task]) -> tuple[list[str], FloatArray]:
-    """Return the task of each of the tasks' P points, and the posture (P, n) with the largest reserve there, rad."""
+    """Return for P points the name of the task and the sampled posture (P, n), rad, with the largest torque reserve."""
     body, wishes = result.body, result.config.wishes
     assert body.weights is not None and node.stiffness is not None and node.rest is not None
     each = [(task.name, task_points(task)) for task in tasks]

@@ -63,7 +63,9 @@ def read_known_ids(file: Path) -> dict[str, str]:
     except FileNotFoundError:
         return {}
     except (OSError, UnicodeDecodeError, KeyError, csv.Error) as error:
-        raise ConfigError(f"{subjects}: expected the columns id and name") from error
+        raise ConfigError(
+            f"{subjects} cannot be read ({type(error).__name__}); expected a CSV file with the columns id and name"
+        ) from error
 
 
 def _format_study(found: Discovery, file: Path) -> str:

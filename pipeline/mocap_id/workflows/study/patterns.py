@@ -60,8 +60,8 @@ class Pattern:
         people, strategies = text.count("{subject}"), text.count("{strategy}")
         if unknown or people > 1 or strategies > 1 or not people + strategies:
             raise ConfigError(
-                f"--pattern {text}: expected {{subject}} and {{strategy}} at most once each, such as "
-                "'{subject}/{strategy}*.c3d', or '{strategy}*' for one person"
+                f"--pattern {text}: expected {{subject}}, {{strategy}} or both, each at most once, and no other name "
+                "in braces, such as '{subject}/{strategy}*.c3d', or '{strategy}*' for one person"
             )
         pieces = re.split(r"(\{subject\}|\{strategy\}|\*\*/|\*)", text)
         # A name before * takes as many characters as it can; its number is removed later.
