@@ -86,7 +86,7 @@ def use_encoder(states: States, encoder: Table) -> States:
 def _skip_encoder(why: str, settings: UkfSmoothSettings) -> Table:
     if settings.method == "encoder":
         raise ConfigError(
-            f"ukf-smooth: `method: encoder` cannot be used: {why}; give a suitable `encoder:`, or choose another `method:`"
+            f"ukf-smooth: `method: encoder` cannot be used: {why}; give a suitable `encoder:`, or another `method:`"
         )
     return empty_encoder_table(why)
 
