@@ -51,7 +51,7 @@ _AFTER_STAGES = {
     "explain": "Explain a verdict's code, an error or an exit code.",
     "doctor": "Check this installation and say how to repair it.",
     "workspace": "Compute what the tip of a chain reaches within its limits.",
-    "prescribe": "Find springs that let a weak person hold most of a range.",
+    "prescribe": "Find springs that let a weak person hold a wider range.",
     "sensitivity": "Perturb a trial and report which errors it tolerates.",
     "advise": "Propose the movement to record next.",
     "inspect": "Print what a recording contains.",

@@ -110,7 +110,8 @@ def _pressures(
         typer.echo(f"this gives {achieved['stiffness_Nm_rad']:.4g} N·m/rad at {rest:.1f}°")
     low, high = (math.degrees(end) for end in achieved["range_rad"])
     error = achieved["largest_torque_error_Nm"]
-    typer.echo(f"from {low:.1f}° to {high:.1f}° it differs from the linear spring by up to {error:.2f} N·m")
+    difference = f"the torque differs from that of the linear spring by up to {error:.2f} N·m"
+    typer.echo(f"from {low:.1f}° to {high:.1f}° {difference}")
     if found["why"]:
         typer.echo(f"the desired spring is not attainable, this is the nearest one: {found['why']}")
 

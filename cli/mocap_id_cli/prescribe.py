@@ -1,4 +1,4 @@
-"""``mocap-id prescribe``: springs that restore most of a range of motion."""
+"""``mocap-id prescribe``: springs that restore as much of a range of motion as possible."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def prescribe(
     quiet: Quiet = False,
     verbose: Verbose = False,
 ) -> None:
-    """Find springs that let a weak person hold most of a range.
+    """Find springs that let a weak person hold a wider range.
 
     The range is that of one joint or of a whole chain.
     """

@@ -51,7 +51,7 @@ def test_a_missing_device_is_an_error_with_its_line(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("load_", "said"),
     [
-        ("{mass: 3.6, centre: [0, -75, 0]}", "-75 m is outside every arm"),
+        ("{mass: 3.6, centre: [0, -75, 0]}", "at most 0.6 m in each direction, not -75"),
         ("{mass: 3.6, centre: [0, -0.075, 0], inertia: [90, 90, 90]}", "expected 0 to 1.3 kg·m²"),
     ],
 )

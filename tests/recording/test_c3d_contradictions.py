@@ -202,7 +202,7 @@ def test_files_that_are_not_recordings(tmp_path: Path) -> None:
         recording.read(tmp_path / "gone.c3d")
     with pytest.raises(RecordingError, match="folder"):
         recording.read(tmp_path)
-    with pytest.raises(ConfigError, match="belongs to a TRC file"):
+    with pytest.raises(ConfigError, match="only for markers in a text file"):
         recording.read(save(tmp_path, build_c3d(POINTS)), tmp_path / "forces.mot")
 
 

@@ -88,7 +88,7 @@ def predict_left_out(
 
 
 def _select_rows(prepared: PreparedTrial, out: BoolArray, offset: float) -> tuple[tuple[FloatArray, FloatArray], ...]:
-    """Return the unfiltered, then the filtered regressor (R, 3, b) and total wrench (R, 3) of marked samples (T,)."""
+    """Return two pairs, unfiltered and filtered: regressor (R, 3, b) and total wrench (R, 3) of marked samples."""
     filtered = prepared.filtered_measured(np.flatnonzero(out), prepared.recorded.time[out] - offset)
     return (prepared.rows[out], prepared.measured(offset)[out]), (prepared.filtered[out], filtered)
 

@@ -183,8 +183,8 @@ def _identify_with_reference(
 ) -> Identification:
     """Identify the parameters from the data and a prior of the full parameters.
 
-    ``of_plate`` (b, b) is the covariance from errors of the plate that reduce the weight of the data. It is not in the
-    covariance of the result, to which errors of scale are added later.
+    ``of_plate`` (b, b) is the covariance of the parameters due to errors of the plate. It only reduces the weight of
+    the data relative to the prior. The covariance of the result does not contain it: it is added there later.
     """
     problem = alone.fit.problem.eliminate_others(alone.fit.base)
     independent = np.linalg.inv(problem.factor.T @ problem.factor)

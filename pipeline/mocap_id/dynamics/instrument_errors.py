@@ -111,7 +111,7 @@ class ScaleCheck:
 def propagate_calibration(
     prepared: PreparedTrial, result: Fit, base: FloatArray, sd: Mapping[str, float]
 ) -> CalibrationEffect:
-    """Return the effect of errors of scale on the fit.
+    """Return the changes of the base parameters due to errors of the instruments, each of one standard deviation.
 
     Parameters
     ----------

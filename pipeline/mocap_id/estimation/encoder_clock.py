@@ -63,7 +63,7 @@ class _Curves:
         return np.asarray(self.curve(np.clip(time, self.start, self.end))), inside
 
     def cost(self, offset: float, sign: int, frames: slice = slice(None)) -> float:
-        """Return the mean square difference with the best zero, rad²; infinite if the encoder covers too few frames."""
+        """Return the mean square difference of both angles, with fitted zero, rad²; infinite with too few frames."""
         encoder, inside = self.encoder(offset, frames)
         if np.count_nonzero(inside) < _LEAST_OVERLAP * len(inside):
             return math.inf

@@ -191,7 +191,7 @@ def _find_loaded(samples: PlateSamples) -> BoolArray:
 
 
 def _measure_distance(outline: FloatArray, plate: Plate, samples: PlateSamples, loaded: BoolArray) -> float:
-    """Return the 90th percentile of the centre of pressure's distance from an outline (K, 3), m; NaN without load."""
+    """Return how far outside an outline (K, 3) the centre of pressure is: the 90th percentile, m; NaN without load."""
     if not loaded.any():
         return float("nan")
     centres = compute_centre_of_pressure(plate, samples)[loaded]

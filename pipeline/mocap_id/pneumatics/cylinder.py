@@ -193,8 +193,8 @@ def gas_of_change(cylinder: Cylinder, before: Setting, after: Setting, temperatu
     """Return the mass of gas that a change of the setting takes from the supply, kg, at a temperature, K.
 
     A chamber that loses pressure vents and takes no gas. An open chamber has the pressure of the atmosphere at full
-    flexion. The content of a chamber is P₀V₀/RT, independent of the angle at which the setting is changed. The hoses
-    between valve and supply are not included.
+    flexion. The mass of gas in a chamber is P₀V₀/RT, and does not depend on the angle at which the setting is changed.
+    The hoses between valve and supply are not included.
     """
     change = _sealed_pressures(after, cylinder) - _sealed_pressures(before, cylinder)
     volumes = cylinder.volumes(np.asarray(cylinder.full_flexion))

@@ -119,7 +119,7 @@ def _explain_contact(contact: Contact, requested: ContactRule) -> tuple[Reason, 
         reason = Reason(
             "contact-unsettled",
             "the iteration between the model and the chair contact did not converge; samples with contact in either of "
-            "the last two iterations were excluded, if enough samples remain",
+            "the last two iterations were excluded, unless too few samples would remain",
         )
     else:
         return ()

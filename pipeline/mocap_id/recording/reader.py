@@ -85,7 +85,10 @@ def read(
         parse = None if start.startswith(MAGIC) else _choose_parser(markers, start)
         if parse is None:
             if forces is not None:
-                raise ConfigError(f"{forces}: {markers} contains its own force plates; `forces` belongs to a TRC file")
+                raise ConfigError(
+                    f"{forces}: `forces` is only for markers in a text file such as TRC, but {markers} is a binary "
+                    "file with its own force plates; remove `forces`"
+                )
             read_binary = read_ktk if start.startswith(MAGIC) else read_c3d
             return read_binary(markers, stream, options)
     return _read_text_markers(markers, parse, forces, options)

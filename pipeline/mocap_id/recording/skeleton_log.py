@@ -155,8 +155,8 @@ def _interpolate(path: Path, rows: _Rows, oddities: list[str]) -> tuple[FloatArr
     usual = float(np.median(steps)) if len(steps) else 0.0
     if not is_time_axis(rows.time) or len(rows.time) < _LEAST_ROWS or usual < 1 / _FASTEST:
         raise RecordingError(
-            f"{path}: expected at least {_LEAST_ROWS} rows whose times increase, in seconds; found {len(rows.time)} "
-            f"rows with a usual step of {usual:g} s"
+            f"{path}: expected at least {_LEAST_ROWS} rows with increasing times in seconds and a median step of at "
+            f"least {1 / _FASTEST:g} s; found {len(rows.time)} rows with a median step of {usual:g} s"
         )
     count = int(np.floor((rows.time[-1] - rows.time[0]) / usual + 1e-6)) + 1
     time = rows.time[0] + usual * np.arange(count)

@@ -78,8 +78,8 @@ class TextTable:
             raise RecordingError(f"{self.path}: not a table of numbers: {self._explain_error(str(error))}") from None
         if len(table) != len(rows):
             raise RecordingError(
-                f"{self.path}: {len(rows)} lines follow the names but contain {len(table)} rows: a quote or other "
-                "character spans several lines; export it again"
+                f"{self.path}: {len(rows)} lines follow the column names, but they were read as {len(table)} rows: a "
+                "quotation mark or another special character joins or splits lines; export the file again"
             )
         return np.concatenate([part.to_tensor(null_to_nan=True).to_numpy() for part in table.to_batches()])
 

@@ -220,7 +220,7 @@ def _override_units(quantity: str, own: Sequence[str], override: str) -> tuple[l
 
 
 def _find_declared(quantity: str, own: Sequence[str]) -> list[float | None]:
-    """Return the SI factor of each channel; None if no unit is declared."""
+    """Return the SI factor of each channel, with None for channels without a declared unit."""
     scales = [_SCALES[quantity](name) for name in own]
     wrong = sorted({name for name, scale in zip(own, scales, strict=True) if name and scale is None})
     if wrong:

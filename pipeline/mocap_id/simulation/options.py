@@ -200,7 +200,7 @@ class Options:
 
 
 def read_people(text: str) -> PersonOptions:
-    """Read a person's options from text like ``hip_gap_mm=10,held_mass_kg=2``; raise errors as :func:`read_faults`."""
+    """Read a person's options from text like ``hip_gap_mm=10,held_mass_kg=2``; errors as for :func:`read_faults`."""
     return PersonOptions(**_read_numbers(text, "people", [each.name for each in fields(PersonOptions)]))
 
 

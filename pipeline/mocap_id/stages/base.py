@@ -94,5 +94,5 @@ class Stage:
     uses_alone: tuple[str, ...] = ()
 
     def keys_of(self, trial: TrialKeys) -> tuple[str, ...]:
-        """Return the names of the keys of the trial that the function reads."""
+        """Return the names of the trial's keys that the function of the stage reads."""
         return self.uses if trial.recording is not None else (*self.uses, *self.uses_alone)

@@ -35,7 +35,10 @@ class Body(Settings):
     @model_validator(mode="after")
     def _in_metres(self) -> Body:
         if max(map(abs, self.centre)) > _FARTHEST:
-            raise ValueError(f"centre: {max(self.centre, key=abs):g} m is outside every arm; give metres")
+            raise ValueError(
+                f"centre: expected at most {_FARTHEST:g} m in each direction, not {max(self.centre, key=abs):g}; give "
+                "metres"
+            )
         if min(self.inertia) < 0 or max(self.inertia) > self.mass * _FARTHEST**2:
             most = self.mass * _FARTHEST**2
             raise ValueError(

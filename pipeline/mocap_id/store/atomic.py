@@ -136,7 +136,7 @@ def resolve_path(folder: Path, name: str) -> Path:
     """
     parts = PurePosixPath(name).parts
     if not parts or name.startswith("/") or ".." in parts or "\0" in name or "\\" in name:
-        raise StoreError(f"{folder}: {name!r} is not the name of a file in this folder")
+        raise StoreError(f"{folder}: {name!r} is not an allowed name of a file in this folder")
     path = folder
     for part in parts[:-1]:
         path = path / part

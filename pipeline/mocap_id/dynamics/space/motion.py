@@ -32,7 +32,7 @@ class SpatialMotion:
 
     @property
     def jacobian(self) -> FloatArray:
-        """Unit twists (p × d, d) of the coordinates, (T, 6, N)."""
+        """Unit twists (T, 6, N) of the coordinates: p × d, then d, with the centre p and the axis d of each."""
         return np.swapaxes(np.concatenate([np.cross(self.joint, self.axis), self.axis], axis=-1), 1, 2)
 
     def at(self, samples: IntArray) -> SpatialMotion:

@@ -54,7 +54,7 @@ class SensorSignals:
 
     @cached_property
     def saturated(self) -> BoolArray:
-        """Whether (K,) a channel stays at its largest or smallest value in several successive samples."""
+        """Whether each sample (K,) is in a run of samples in which a channel stays at its largest or smallest value."""
         both = np.concatenate([self.gyro, self.acc], axis=1)
         found = np.zeros(len(both), dtype=np.bool_)
         for values in (both, -both):

@@ -120,7 +120,7 @@ def find_frame_poses(
 
 
 def widen_sds(found: FramePoses, sd: FloatArray) -> FloatArray:
-    """Return ``sd`` (M,), m, increased by up to a factor of 3 for markers with large residuals that are no outliers."""
+    """Return ``sd`` (M,), m, increased by up to a factor of 3 where residuals are large but not outliers."""
     wide = sd.copy()
     for m in range(len(sd)):
         off = np.linalg.norm(found.residual[:, m], axis=1)

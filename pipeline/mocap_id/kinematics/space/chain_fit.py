@@ -76,7 +76,7 @@ def fit_spatial_chain(
         Trajectories of points near the joints, such as the middle of the epicondyles, by the number of the segment, m;
         NaN where missing.
     firm : collection of int
-        Segments, 1 … n, whose skin does not follow an axial rotation, such as a shoulder girdle.
+        Segments, 1 … n, for which no sliding of the skin under axial rotation is fitted, such as a shoulder girdle.
     girdle : collection of int
         Markers, 0 … M - 1, that are on the shoulder girdle by their names. Others are found by their motion.
     up : (3,) sequence

@@ -168,7 +168,7 @@ def _length_sd(skeleton: SpatialSkeleton, segment: str) -> float:
 
 
 def _fit_glide(centres: FloatArray, elevation: FloatArray) -> tuple[FloatArray, FloatArray, bool]:
-    """Return the shoulder centre at the lowest elevation, its glide up to 180°, m, and whether the glide is known."""
+    """Return the shoulder centre at the lowest elevation, its glide from 0 to 180°, m, and whether that is known."""
     share = (1 - np.cos(elevation)) / 2
     known = np.isfinite(centres).all(axis=1) & np.isfinite(share)
     if not known.any():

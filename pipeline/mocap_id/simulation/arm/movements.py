@@ -86,7 +86,7 @@ def draw_movement(rng: np.random.Generator, options: ArmOptions, tremor_size: fl
 
 
 def _start_course(pose: tuple[float, ...], end: float) -> _Course:
-    """Return a course at rest in a pose (5,), degrees, until ``end``, s."""
+    """Return a course that stays in a pose (5,), degrees, from -1 s to 1 s after ``end``, s."""
     return _Course(np.arange(-1.0, end + 1.0, STEP), np.radians((*pose, 0.0, 0.0)))
 
 

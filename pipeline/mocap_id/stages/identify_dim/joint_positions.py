@@ -131,12 +131,13 @@ def _make_rotations(angle: FloatArray) -> FloatArray:
 
 
 def _estimate_motion_variance(context: Context, bodies: MeasuredBodies, q: FloatArray) -> FloatArray:
-    """Return the variance (n,) of each centre due to its gap and, at the hip, a bending trunk, m² in each coordinate.
+    """Return the variance (n,) of each joint centre due to motion between both sides of the joint, m² per coordinate.
 
-    If the pelvis rotates relative to the trunk, the joint fit estimates a centre between hip and lumbar spine, with
-    small residuals, but the marker next to the hip moves relative to the trunk. If the hip moves in the same way and in
-    phase with its angle, the error of the centre is this motion divided by the change of the angle. The shift of the
-    joint (:mod:`mocap_id.kinematics.joint_corrections`) corrects a part of this error.
+    At the hip, it includes the effect of a bending trunk. If the pelvis rotates relative to the trunk, the joint fit
+    estimates a centre between hip and lumbar spine, with small residuals, but the marker next to the hip moves relative
+    to the trunk. If the hip moves in the same way and in phase with its angle, this motion divided by the change of the
+    angle estimates the error of the centre. The shift of the joint (:mod:`mocap_id.kinematics.joint_corrections`)
+    corrects a part of this error.
     """
     skeleton, residual = read_skeleton(context), context.tree("chain.h5").numbers("markers/residual")
     loose = {joint: gap for joint, gap in bodies.gap.items() if not gap.pinned}

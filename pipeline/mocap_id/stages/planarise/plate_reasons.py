@@ -51,7 +51,7 @@ def doubt_units(assumptions: Sequence[str]) -> tuple[Reason, ...]:
     return tuple(
         Reason(
             "plate-unit-assumed",
-            f"{assumption}; if the unit is another, give `planarise: {{force_unit: …, moment_unit: …}}`.",
+            f"{assumption}; if the unit is different, set `planarise: {{force_unit: …, moment_unit: …}}`.",
         )
         for assumption in assumptions
     )

@@ -157,7 +157,7 @@ def _describe_tilt(found: Sequence[PlatePlacement], lean: FloatArray | None) -> 
 
 
 def _corners_explain(found: Sequence[PlatePlacement], lean: FloatArray) -> bool:
-    """Return whether the lean of the force is that which wrong corners of level plates would cause."""
+    """Return whether the force leans as it would if the plates were level and their corners were wrong."""
     total = sum(each.load for each in found)
     expected = sum((each.normal[:2] * each.load for each in found if each.normal is not None), np.zeros(2)) / total
     return bool(lean @ expected > 0.5 * (expected @ expected))

@@ -84,8 +84,8 @@ def _check_complete(trial: TrialKeys, segments: Sequence[str]) -> None:
     if without:
         raise Refused(
             "imus-alone-incomplete",
-            f"there is no inertial sensor on the {' and '.join(without)}, in this trial or in "
-            f"{calibration.trial.name}: without markers, every moving segment needs one ({', '.join(segments[1:])}).",
+            f"without markers, every moving segment ({', '.join(segments[1:])}) needs an inertial sensor in this trial "
+            f"and in {calibration.trial.name}; one of the two trials has none on the {' and '.join(without)}.",
         )
 
 

@@ -32,7 +32,7 @@ class UprightSkeleton:
     reasons: tuple[Reason, ...]
 
     def facts(self, labels: tuple[str, ...], first: int, stop: int) -> dict[str, Any]:
-        """Return the fact ``skeleton`` of planar.parquet: first and last times of inferred stretches, by joint, s.
+        """Return the fact ``skeleton``: for each joint, first and last time, s, of intervals with inferred positions.
 
         Only the joints ``labels`` and the frames from ``first`` to ``stop`` - 1 are considered.
         """

@@ -136,7 +136,9 @@ def control_tasks(
         kept.append((name, low, high))
         margins.append(held[1])
     if not nodes:
-        raise ValueError("no pressures of the device hold the tasks of any group")
+        raise ValueError(
+            "the device has no pressures with which the person can hold the angles of all tasks of any group"
+        )
     controller = Controller(tuple(nodes), angle, margin, hysteresis, *device.keys.settling.lags())
     person, speed = Person(joint, inertia, cylinder), float(np.radians(rules.speed_deg_s))
     pieces = [(task.name, *np.radians(task.angles_deg).tolist()) for task in tasks if task.angles_deg is not None]

@@ -52,9 +52,9 @@ def clock_offset(trial: TrialInputs, change: Perturbation) -> TrialInputs:
 
 
 def clock_offset_ignored(trial: TrialInputs, change: Perturbation) -> TrialInputs:
-    """Return the trial with the plates' samples delayed by exactly the level, and without clock correction.
+    """Return the trial with the plates' samples delayed by ``change.level``, s, which the program does not correct.
 
-    The offset that the program corrected in the unperturbed trial is corrected first.
+    If the program corrected the clock offset of the unperturbed trial, the samples are first corrected by this offset.
     """
     offset = trial.tree("dynamics.h5").facts["clock_offset_s"]
     is_applied = getattr(trial.settings[LAST], "apply_clock_offset", False)

@@ -122,9 +122,9 @@ def _read_source(path: Path) -> TrialSource:
         settings[stage.name] = stage.settings.model_validate_json(dumps(origin.parameters[stage.name]), strict=True)
         parameters |= origin.parameters
     if getattr(settings["ukf-smooth"], "method", None) == "encoder":
-        raise ConfigError(f"{path}: the states come from an encoder's file: give the trial's YAML file instead")
+        raise ConfigError(f"{path}: a run folder does not contain the encoder's file: give the trial's YAML file")
     if parameters.get("imus"):
-        raise ConfigError(f"{path}: the inertial sensors have their own files: give the trial's YAML file instead")
+        raise ConfigError(f"{path}: a run folder does not contain the sensors' logs: give the trial's YAML file")
     known = {name: parameters[name] for name in ("trial", "protocol")}
     subject = Subject.model_validate(parameters["subject"])
     # No stage that is run again reads the recording.

@@ -272,8 +272,8 @@ def _list_reasons(
     if target.mass is not None and abs(mass / target.mass - 1) > _MASS_DIFFERENCE:
         yield Reason(
             "transfer-mass",
-            f"the model has {mass:.1f} kg, but the plates measure {target.mass:.1f} kg while the person stands: this "
-            "is a different person, or the person carries something",
+            f"the mass of the model is {mass:.1f} kg, but the plates measure {target.mass:.1f} kg while the person "
+            "stands: this is a different person, or the person carries something",
             value=mass,
             limit=target.mass,
         )
@@ -285,8 +285,8 @@ def _list_reasons(
         listed = ", ".join(f"{name} (error ratio {ratio:.2f})" for name, ratio in worse.items())
         yield Reason(
             "transfer-worse",
-            f"the body of trial {source.name} predicts this trial no better than the allometric body, which uses only "
-            f"height and mass, in {listed}: these two recordings do not support an individual model",
+            f"for {listed}, the body of trial {source.name} predicts this trial worse than the allometric body, which "
+            "uses only height and mass: these two recordings do not support an individual model",
             value=max(worse.values()),
             limit=1.0,
         )
