@@ -106,9 +106,9 @@ def untouched(elsewhere: Path) -> bool:
 def test_a_name_that_leads_out_is_not_written(tmp_path: Path, name: str) -> None:
     run = tmp_path / "run"
     run.mkdir()
-    with pytest.raises(StoreError, match="not the name of a file"):
+    with pytest.raises(StoreError, match="not an allowed name"):
         replace_together(run, {"sound": b"1", name: b"2"})
-    with pytest.raises(StoreError, match="not the name of a file"):
+    with pytest.raises(StoreError, match="not an allowed name"):
         Folder(run).remove([name])
     assert [path.name for path in tmp_path.rglob("*")] == ["run"]
 
