@@ -262,7 +262,7 @@ def test_a_damaged_or_swollen_file_of_kinetics_toolkit(tmp_path: Path) -> None:
             mocap_id.read(file)
         except mocap_id.RecordingError as error:
             assert str(error).startswith(str(file))
-    with pytest.raises(mocap_id.ConfigError, match="contains its own force plates"):
+    with pytest.raises(mocap_id.ConfigError, match="with its own force plates"):
         mocap_id.read(file, tmp_path / "forces.mot")
 
 
