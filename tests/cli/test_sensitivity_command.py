@@ -68,7 +68,7 @@ def test_the_same_bytes_however_many_processes_and_wherever_from(
     assert "5/5" in one.err
     written = json.loads((tmp_path / "two" / "sensitivity.json").read_text())
     assert json.loads(two.out) == written
-    assert "wrench noise, Fx: up to 1 N, all that was tried" in one.out
+    assert "wrench noise, Fx: up to 1 N, all levels that were tried" in one.out
     _look_at_the_files(tmp_path / "one", written)
 
 

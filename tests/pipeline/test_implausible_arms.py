@@ -55,7 +55,7 @@ def test_a_right_arm_is_not_doubted(arm: Path) -> None:
         pytest.param("IJ: PX, PX: IJ", "IJ is", marks=pytest.mark.slow),
         ("IJ: C7, C7: IJ", "other side of the thorax"),
         pytest.param("AC: C7, C7: AC", "out of one plane", marks=pytest.mark.slow),
-        pytest.param("EL: FOR2", "middle of EL and EM", marks=pytest.mark.slow),
+        pytest.param("EL: FOR2", "midpoint of EL and EM", marks=pytest.mark.slow),
     ],
 )
 def test_exchanged_landmarks_are_reported(arm: Path, exchanged: str, said: str) -> None:

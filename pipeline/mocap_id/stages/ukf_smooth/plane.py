@@ -61,7 +61,7 @@ def ukf_smooth(context: Context) -> Outputs:
     chain = MarkerChain(skeleton.centres, skeleton.marker_segment, skeleton.local)
     columns = np.array([view.labels.index(label) for label in skeleton.markers], dtype=np.int64)
     moves = chain.segment > 0
-    observed = view.read_positions(columns[moves], axes="xy")
+    observed = np.ascontiguousarray(view.read_positions(columns[moves], axes="xy"))  # the filter would copy it
     repeated = find_repeated_frames(observed)
     observed[repeated] = np.nan
     moving = MarkerChain(chain.centres, chain.segment[moves], chain.local[moves])
