@@ -166,7 +166,7 @@ def report_progress(text: object) -> None:
 
 
 def measure_all(function: Callable[[Any], Any], tasks: Iterable[Any], jobs: int | None) -> list[Any]:
-    """Return the results of all tasks, without those that are None."""
+    """Return the results of all tasks that are not None."""
     return [result for result in run_all(function, tasks, jobs) if result is not None]
 
 

@@ -152,7 +152,7 @@ def _find_other_foot(places: FloatArray, fixed: BoolArray, standing: BoolArray) 
     """Return the markers (M,) on a foot that keeps its position: fixed, near the moving feet, and at the same height.
 
     ``standing`` (M,) marks the N markers that stand still. ``places`` (N, 3) are their mean positions, m, and ``fixed``
-    (N,) marks those that keep their positions for the whole recording.
+    (N,) marks the markers that keep their positions for the whole recording.
     """
     feet = places[~fixed]
     near = np.linalg.norm(places[:, :2] - feet[:, :2].mean(axis=0), axis=1) < _STEP_M

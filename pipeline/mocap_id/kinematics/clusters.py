@@ -106,7 +106,7 @@ class Clusters:
         return self._fit_groups(groups)
 
     def merge(self, bodies: list[RigidBody], min_arc: float, tolerance: float) -> list[RigidBody]:
-        """Return the bodies after merging those that one rigid body fits nearly as well as two.
+        """Merge bodies that one rigid body fits nearly as well as two, and return all bodies.
 
         Two bodies are merged if their common residual is hardly larger than their own. If their relative rotation is
         below ``min_arc``, rad, or below its noise, the common residual may be up to ``tolerance`` times their own.

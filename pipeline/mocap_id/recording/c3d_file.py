@@ -145,7 +145,7 @@ def _read_header(data: bytes, processor: int) -> Header:
 
 
 def _read_parameters(path: Path, data: bytes, at: int, processor: int) -> tuple[dict[str, Value], tuple[str, ...]]:
-    """Return the parameters by ``GROUP:NAME``, and the names of those that occur more than once.
+    """Return the parameters by ``GROUP:NAME``, and the names that occur more than once.
 
     The section is a linked list, in which the name of a group may follow its parameters. The list ends at the first
     block of the data, because some files declare too few parameter blocks and others lack the closing zero.

@@ -51,7 +51,7 @@ def compare_with_package(path: Path) -> list[str]:
 def _compare_values(file: C3DFile, layout: Layout, frames: list[tuple[int, FloatArray, FloatArray]]) -> list[str]:
     """Return a sentence about each difference in the values.
 
-    ``frames`` are those that the package has read: number, points (P, 5), and analog samples (channels, samples per
+    ``frames`` are the frames read by the package: number, points (P, 5), and analog samples (channels, samples per
     frame).
     """
     if not frames:

@@ -181,7 +181,7 @@ def _interpolate(path: Path, rows: _Rows, oddities: list[str]) -> tuple[FloatArr
 
 
 def _drop_repeated_times(path: Path, rows: _Rows, oddities: list[str]) -> _Rows:
-    """Return the rows without those that repeat a time; RecordingError if the times decrease or are not numbers."""
+    """Return the rows without repeated times; RecordingError if the times decrease or are not numbers."""
     if not np.isfinite(rows.time).all() or (np.diff(rows.time) < 0).any():
         k = int(np.argmax(~(np.isfinite(rows.time) & (np.diff(rows.time, prepend=-np.inf) >= 0))))
         raise RecordingError(f"{path}: the times must be numbers that increase; row {k + 1} of the data does not")

@@ -115,7 +115,7 @@ def _make_sensor_section(summary: Summary) -> list[Section]:
 
 
 def make_key_numbers(data: ReportData, summary: Summary) -> list[KeyNumber]:
-    """Return the key numbers for the top of the page, without those that are unknown."""
+    """Return the known key numbers for the top of the page."""
     dynamics, segments = summary.dynamics, summary.segments
     mass = next((entry for entry in dynamics.base or () if entry.unit == "kg"), None)
     vertical = (dynamics.wrench or {}).get("Fy")

@@ -29,7 +29,7 @@ def why_unknown(why: str, *values: object) -> str | None:
 
 
 def join_sentences(sentences: Iterable[str | None]) -> str | None:
-    """Return sentences joined by semicolons, without those that are part of another one; None if there are none."""
+    """Return sentences joined by semicolons, without a sentence that is part of another one; None without sentences."""
     distinct = dict.fromkeys(sentence for sentence in sentences if sentence)
     whole = (one for one in distinct if not any(one != other and one in other for other in distinct))
     return "; ".join(whole) or None
