@@ -15,11 +15,6 @@ from mocap_id import __version__
 
 ROOT = Path(__file__).resolve().parents[2]
 SOURCES = sorted([*(ROOT / "pipeline").rglob("*.py"), *(ROOT / "cli").rglob("*.py")])
-MAX_FILE, MAX_FUNCTION = 350, 60
-LONGER = {
-    "pipeline/mocap_id/estimation/filter_kernels.py": 640,
-    "pipeline/mocap_id/estimation/space/space_kernels.py": 1300,
-}  # numba keeps compiled code by file: the kernels stay together
 
 
 def trees() -> Iterator[tuple[str, ast.Module]]:
@@ -37,18 +32,6 @@ def tracked() -> list[Path]:
     if result.returncode:
         pytest.skip("not a git work tree")
     return [ROOT / file for file in result.stdout.split("\0") if file and (ROOT / file).is_file()]
-
-
-def test_one_idea_a_file_and_short_functions() -> None:
-    lengths = {name(path): len(path.read_text("utf-8").splitlines()) for path in SOURCES}
-    assert {file: lines for file, lines in lengths.items() if lines > LONGER.get(file, MAX_FILE)} == {}
-    functions = {
-        f"{file}: {node.name}": node.end_lineno - node.lineno + 1  # type: ignore[operator]
-        for file, tree in trees()
-        for node in ast.walk(tree)
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
-    }
-    assert {function: lines for function, lines in functions.items() if lines > MAX_FUNCTION} == {}
 
 
 def test_every_public_thing_has_a_docstring() -> None:
