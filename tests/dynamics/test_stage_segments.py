@@ -219,6 +219,14 @@ def test_bodies_can_exist_and_weigh_what_the_person_does() -> None:
     assert np.abs(off).max() < 3.0
 
 
+def test_the_condition_number_is_that_of_the_chain_and_the_bodies_have_their_own() -> None:
+    chain, facts = run(motion="chain", **SQUATS).facts, squats().facts
+    assert facts["condition_number"] == pytest.approx(chain["condition_number"], rel=1e-9)
+    assert facts["condition_number_scaled"] == pytest.approx(chain["condition_number_scaled"], rel=1e-9)
+    assert facts["motion"]["bodies_condition_number"] > 10 * facts["condition_number"]
+    assert "bodies_condition_number" not in chain["motion"]
+
+
 def test_without_a_table_the_prior_is_an_even_share() -> None:
     facts = free().facts
     assert facts["motion"]["prior"] == "an even division of the mass"

@@ -112,6 +112,8 @@ def _list_poses(motion: MotionEntry) -> Grid:
         **cutoffs,
         "reason for these cut-off frequencies": motion.bands_why,
         "source of the loose prior of the body parameters": motion.prior,
+        "condition number of the regressor of all bodies, without the prior": motion.bodies_condition_number,
+        "the same with unit-norm columns": motion.bodies_condition_number_scaled,
     }
     return list_facts("Measured poses", values)
 

@@ -156,7 +156,7 @@ def _describe_mass(mass: BaseEntry | None) -> str:
 
 def _describe_condition(summary: Summary) -> str:
     scaled = summary.dynamics.condition_number_scaled
-    return "of the regressor" if scaled is None else f"{show(scaled)} with unit-norm columns"
+    return "of the chain's regressor" if scaled is None else f"of the chain; {show(scaled)} with unit-norm columns"
 
 
 def _list_noise(data: ReportData, summary: Summary) -> Grid:

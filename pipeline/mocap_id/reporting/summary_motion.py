@@ -29,6 +29,8 @@ def summarise_motion(data: ReportData) -> MotionEntry | None:
         bands_why=found.get("bands_why"),
         bodies=found.get("bodies"),
         prior=found.get("prior"),
+        bodies_condition_number=to_number(found.get("bodies_condition_number")),
+        bodies_condition_number_scaled=to_number(found.get("bodies_condition_number_scaled")),
         joints=joints or None,
     )
 

@@ -98,7 +98,7 @@ SUMMARY_COLUMNS: Mapping[str, ResultColumn] = {
         number(
             "condition_number",
             "1",
-            "condition number of the regressor over the samples of the fit",
+            "condition number of the chain's regressor (base parameters) over the samples of the fit",
             read_entry("dynamics", "condition_number"),
         ),
         number("clock_offset", "s", "clock offset, plates after cameras", read_entry("dynamics", "clock_offset_s")),

@@ -219,8 +219,8 @@ def make_facts(result: IdentifiedDynamics, joints: Sequence[str]) -> dict[str, A
     undetermined = ", ".join(find_undetermined(result))
     why = f"the fitted components of the wrench do not determine {undetermined}: see `identify-dim: {{components: …}}`"
     return make_empty_facts(None) | {
-        "condition_number": fit.condition,
-        "condition_number_scaled": fit.condition_scaled,
+        "condition_number": result.in_chain.fit.condition,
+        "condition_number_scaled": result.in_chain.fit.condition_scaled,
         "clock_offset_s": fit.best_offset if fit.offset_known else None,
         "clock_offset_sd_s": found.offset_sd if fit.offset_known else None,
         **describe_comparison(compare(model, measured, samples, threshold)),

@@ -81,7 +81,7 @@ class SegmentFit:
 
     @property
     def facts(self) -> dict[str, Any]:
-        """JSON facts about cut-offs, bodies and prior."""
+        """JSON facts about cut-offs, bodies, prior and the condition number of the regressor of all bodies."""
         return {
             "bands_hz": dict(zip(("x", "y", "angle"), self.cutoffs.bands, strict=True)),
             "bands_why": self.cutoffs.why,
@@ -89,6 +89,8 @@ class SegmentFit:
             "used": list(self.bodies.used),
             "prior": self.prior.source,
             "prior_share": self.prior_share.tolist(),
+            "bodies_condition_number": self.found.fit.condition,
+            "bodies_condition_number_scaled": self.found.fit.condition_scaled,
         }
 
     def _on_fit(self, wrench: FloatArray) -> FloatArray:

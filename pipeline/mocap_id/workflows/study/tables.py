@@ -155,7 +155,7 @@ TABLES: Mapping[str, TableSchema] = {
             _SUBJECTS,
             whole("pairs", "number of predictions in the row; each has the same weight"),
             count("samples", "number of compared samples, without contact to the seat"),
-            *_mean_sd("condition_number", "1", "condition number of the regressor of the predicted trial"),
+            *_mean_sd("condition_number", "1", "condition number of the chain's regressor of the predicted trial"),
             *(column for name, unit in SERIES.items() for column in _errors(name, unit, "model minus measurement")),
             number(
                 "registration_residual", "m", "distance between the markers of the two trials after registration, rms"
