@@ -20,7 +20,7 @@ from mocap_id.workflows.figures import write_figures
 from mocap_id.workflows.robot_study import RobotStudyResult, validate_robot
 from mocap_id.workflows.robot_study.tables import TABLES, read_published
 
-OPTIONS = Options(seed=31, repetitions=2, rate=120.0, analog_rate=600.0)
+OPTIONS = Options(seed=31, repetitions=3, rate=120.0, analog_rate=600.0)
 TWO = RobotSet(1, ("elbow", "wrist"), ("fast",), (45.0,), OPTIONS)
 
 

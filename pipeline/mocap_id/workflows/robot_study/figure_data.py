@@ -15,6 +15,7 @@ from mocap_id.workflows.robot_study.trial_results import RobotTrialResult, predi
 
 _PHASE = np.linspace(0.0, 100.0, 51)  # % of a repetition
 _FRAMES = 60  # number of drawn frames of a marker's path
+_FULL = 0.05  # largest difference of a repetition's extreme angles from the usual ones, divided by the usual range
 
 
 def select_cell(trials: Sequence[RobotTrialResult], joint: str, speed: str) -> list[RobotTrialResult]:
@@ -58,9 +59,11 @@ def collect_traces(trial: RobotTrialResult) -> StateTraces:
 
 
 def average_wrench(trials: Sequence[RobotTrialResult]) -> AveragedWrench | None:
-    """Return the wrench, averaged over all complete repetitions of a cell's trials (figures 5.4 and 5.5).
+    """Return the wrench, averaged over the repetitions of a cell's trials (figures 5.4 and 5.5).
 
-    None if no repetition is complete.
+    Only complete repetitions at full amplitude count, without run-in and run-out.
+
+    None if there is no such repetition.
     """
     measured: list[FloatArray] = []
     models: dict[str, list[FloatArray]] = {}
@@ -100,15 +103,26 @@ def _sample(result: MethodResult, wrench: FloatArray, start: float, end: float) 
 
 
 def _find_repetitions(result: MethodResult) -> list[tuple[float, float]]:
-    """Return start and end of each complete repetition, s; a repetition begins in the positive direction."""
+    """Return start and end, s, of each complete repetition at full amplitude; it begins in the positive direction.
+
+    The robot runs in from rest and out to rest: there the amplitude grows and fades. Such a repetition is another
+    movement, and would widen the band of the averaged wrench.
+    """
     events = result.folder.table("events.parquet")
     complete = events["complete"]
-    time, speed = result.time, result.frame.sign * result.identified.dq[:, 0]
-    kept = []
+    time, angle = result.time, result.identified.q[:, 0]
+    speed = result.frame.sign * result.identified.dq[:, 0]
+    kept, extremes = [], []
     for start, end in zip(events["start"][complete], events["end"][complete], strict=True):
         first = (time > start) & (time < start + 0.2 * (end - start))
         is_positive = first.any() and np.nanmean(speed[first]) > 0
         half = 0.0 if is_positive else 0.5 * (end - start)
         if end + half <= time[-1]:
             kept.append((float(start + half), float(end + half)))
-    return kept
+            inside = angle[(time >= start + half) & (time <= end + half)]
+            extremes.append((np.nanmin(inside), np.nanmax(inside)))
+    if not kept:
+        return kept
+    usual = np.median(extremes, axis=0)
+    full = np.abs(np.asarray(extremes) - usual).max(axis=1) <= _FULL * np.ptp(usual)
+    return [each for each, is_full in zip(kept, full, strict=True) if is_full]
