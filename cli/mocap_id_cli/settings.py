@@ -11,10 +11,16 @@ from pydantic_core import to_jsonable_python
 
 from mocap_id.stages import STAGES, Stage
 from mocap_id.stages.base import Settings
-from mocap_id.stages.trial_keys import TrialKeys
+from mocap_id.stages.trial_keys import Calibration, Files, TrialKeys
 
 Space: TypeAlias = Literal["plane", "3d"]
-_PLURALS = {"number": "numbers", "whole number": "whole numbers", "text": "texts", "list of texts": "lists of texts"}
+_PLURALS = {
+    "number": "numbers",
+    "whole number": "whole numbers",
+    "text": "texts",
+    "list of texts": "lists of texts",
+    "mapping": "mappings",
+}
 
 
 def format_settings_yaml(stages: Sequence[Stage] = STAGES, space: Space = "plane") -> str:
@@ -61,14 +67,16 @@ def _format_section(stage: Stage, space: Space) -> Iterator[str]:
 def _format_rows(fields: dict[str, FieldInfo]) -> Iterator[str]:
     yield "| key | type | default | meaning |"
     yield "|---|---|---|---|"
+    yield from _format_keys(fields, "")
+
+
+def _format_keys(fields: dict[str, FieldInfo], above: str) -> Iterator[str]:
+    """Yield the rows of keys and, below each key, those of the keys inside it; ``above`` is the path to them."""
     for name, field in fields.items():
-        nested = _find_nested(field)
-        if nested is None:
-            yield _format_row(name, field)
-            continue
-        dots = "[]." if get_origin(field.annotation) is tuple else "."
-        for key, part in nested.items():
-            yield _format_row(f"{name}{dots}{key}", part)
+        if not isinstance(field.get_default(call_default_factory=True), Settings):
+            yield _format_row(above + name, field)
+        for dots, model in _find_nested(field.annotation):
+            yield from _format_keys(model.model_fields, above + name + dots)
 
 
 def _format_row(name: str, field: FieldInfo) -> str:
@@ -76,12 +84,23 @@ def _format_row(name: str, field: FieldInfo) -> str:
     return f"| `{name}` | {_describe_type(field.annotation)} | {default} | {field.description} |"
 
 
-def _find_nested(field: FieldInfo) -> dict[str, FieldInfo] | None:
-    """Return the fields of a key that is a mapping; None for any other key."""
-    annotation = field.annotation
-    if get_origin(annotation) is tuple or type(None) in get_args(annotation):
-        annotation = get_args(annotation)[0]
-    return getattr(annotation, "model_fields", None)
+def _find_nested(annotation: Any) -> Iterator[tuple[str, type[Settings]]]:
+    """Yield every mapping with fixed keys that a type can contain, and the text between its key and theirs.
+
+    This text is ``.`` for a mapping itself, ``[].`` for items of a list and ``.<name>.`` for values of a mapping.
+    """
+    origin, arguments = get_origin(annotation), get_args(annotation)
+    if annotation is Calibration:  # its files are found from the path of the calibration trial
+        return
+    if isinstance(annotation, type) and issubclass(annotation, Settings):
+        yield ".", annotation
+    elif origin is dict:
+        yield from ((f".<name>{dots}", model) for dots, model in _find_nested(arguments[1]))
+    elif origin is tuple:
+        yield from ((f"[]{dots}", model) for dots, model in _find_nested(arguments[0]))
+    elif origin is not Literal:
+        for argument in arguments:
+            yield from _find_nested(argument)
 
 
 def _format_default(field: FieldInfo) -> str:
@@ -93,6 +112,8 @@ def _describe_type(annotation: Any) -> str:
     names = {float: "number", int: "whole number", str: "text", bool: "true or false"}
     if annotation in names:
         return names[annotation]
+    if isinstance(annotation, type) and issubclass(annotation, Settings):
+        return {Files: "path or mapping", Calibration: "path"}.get(annotation, "mapping")
     arguments = [argument for argument in get_args(annotation) if argument is not type(None)]
     if get_origin(annotation) is Annotated:
         return _describe_type(arguments[0])

@@ -268,6 +268,16 @@ def test_types_of_settings_are_words() -> None:
     assert [kind for kind in types if not re.fullmatch(rf"{words}(: {words})?", kind)] == []
 
 
+def test_the_page_of_settings_lists_keys_inside_every_mapping() -> None:
+    """Also those of the second type of a key, of list items and of a mapping's values."""
+    (page,) = (page for page in PAGES if page.name == "settings.md")
+    keys = set(re.findall(r"^\| `([^`]*)` \|", page.read_text("utf-8"), flags=re.MULTILINE))
+    assert keys >= {
+        "recording", "recording.markers", "recording.forces", "recording.forces.balance_board", "recording.forces.top",
+        "curl.loads", "curl.loads.<name>.mass", "curl.forearm.centre", "curl.hand.inertia", "external[].file",
+    }  # fmt: skip
+
+
 def test_make_knows_every_target_that_is_shown() -> None:
     rules = (PAGES[0].parents[0] / "Makefile").read_text("utf-8")
     (phony,) = re.findall(r"^\.PHONY: (help .*)$", rules, flags=re.MULTILINE)

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "equations.md"
-EQUATIONS = {2: 57, 3: 18, 4: 26, 7: 20}
+EQUATIONS = {2: 57, 3: 18, 4: 26, 5: 1, 6: 1, 7: 20}
 ROW = re.compile(r"^\| (\d\.\d+[^|]*)\|", re.MULTILINE)
-NAME = re.compile(r"`((?:geometry|kinematics|estimation|dynamics|prescription)\.[\w.]+)`")
+NAME = re.compile(r"`((?:geometry|kinematics|estimation|dynamics|prescription|pneumatics)\.[\w.]+)`")
 
 
 def numbers(cell: str):
