@@ -33,6 +33,10 @@ class AlphaShape:
         """Area, m², or volume, m³."""
         return float(np.abs(_signed_measure(self.points[self.triangulation.simplices[self.kept]])).sum())
 
+    def with_radius(self, radius: float) -> AlphaShape:
+        """Return the alpha shape of the same points for another radius, m."""
+        return AlphaShape(self.points, self.triangulation, _is_kept(self.points, self.triangulation, radius), radius)
+
     def boundary(self) -> IntArray:
         """Return the facets of the shape's boundary, (F, d) indices.
 
@@ -66,8 +70,7 @@ def compute_alpha_shape(points: FloatArray, radius: float) -> AlphaShape:
     if len(points) <= d or np.linalg.matrix_rank(spread, tol=1e-9 * max(np.abs(spread).max(), 1e-300)) < d:
         raise ValueError(f"the {len(points)} points have no {'area' if d == 2 else 'volume'}")
     triangulation = Delaunay(points)
-    kept = _circumradius(points[triangulation.simplices]) <= radius
-    return AlphaShape(points, triangulation, kept, radius)
+    return AlphaShape(points, triangulation, _is_kept(points, triangulation, radius), radius)
 
 
 def covering_radius(points: FloatArray, others: FloatArray) -> float:
@@ -90,6 +93,11 @@ def _signed_measure(corners: FloatArray) -> FloatArray:
     """Return the signed area or volume (K,) of simplices (K, d + 1, d)."""
     edges = corners[:, 1:] - corners[:, :1]
     return np.asarray(np.linalg.det(edges) / factorial(corners.shape[-1]))
+
+
+def _is_kept(points: FloatArray, triangulation: Delaunay, radius: float) -> BoolArray:
+    """Return whether the circumscribed ball of each simplex has at most the radius, m."""
+    return np.asarray(_circumradius(points[triangulation.simplices]) <= radius)
 
 
 def _circumradius(corners: FloatArray) -> FloatArray:
