@@ -117,9 +117,13 @@ def _several(found: workflow.PrescriptionResult) -> Iterator[str]:
 
 
 def _timed(timed: Timed) -> Iterator[str]:
-    for time, bound in zip(timed.reached.times, timed.bounds, strict=True):
-        yield f"within {time:g} s: {'nothing' if bound is None else _range(bound)} reached and held"
+    for time, bound, error in zip(timed.reached.times, timed.bounds, timed.grid_errors, strict=True):
+        reached = "nothing" if bound is None else _range(bound)
+        of_grid = "" if error is None else f"; half as many grid nodes change this by {math.degrees(error):.1f}°"
+        yield f"within {time:g} s: {reached} reached and held{of_grid}"
     yield f"ever: {'nothing' if timed.static is None else _range(timed.static)} held"
+    for gap in timed.unheld:
+        yield f"{_range(gap)} can be passed, but not held: the person is too weak for this spring there"
 
 
 def _searched(springs: SpringMap) -> str:

@@ -122,6 +122,12 @@ def test_table_7_2() -> None:
     assert upper[0] < static[1] - 30
     assert upper[-1] == pytest.approx(static[1], abs=3.0)
     assert np.all(upper <= static[1] + 1e-6)
+    # pushing upwards for 0.823 s and braking afterwards ends at rest at 137.43° after 1 s (integrated step by step)
+    coarse = compute_reachable_set(dynamics, times, Scheme(41, 41))
+    of_grid = abs(np.degrees(find_reached_and_held(dynamics, coarse, 0)[-1][1]) - upper[0])
+    assert abs(upper[0] - 137.43) < of_grid
+    assert np.degrees(held[0][1]) == pytest.approx(113.27, abs=0.01)  # the person can pass the angles
+    assert np.degrees(held[1][0]) == pytest.approx(117.13, abs=0.01)  # between these, but not hold them
 
 
 def test_what_was_reached_stays_and_the_limits_hold() -> None:

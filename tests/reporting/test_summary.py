@@ -107,7 +107,8 @@ def test_the_pinned_chain_has_a_reason_and_no_comparison() -> None:
     assert dynamics["motion"] == {
         "source": "chain", "why": "the gaps of all joints are within the noise", "bands_hz": None, "bands_why": None,
         "bodies": None, "prior": None,
-        "bodies_condition_number": None, "bodies_condition_number_scaled": None, "joints": {"ankle": gap, "knee": gap, "hip": gap},
+        "bodies_condition_number": None, "bodies_condition_number_scaled": None,
+        "joints": {"ankle": gap, "knee": gap, "hip": gap},
     }  # fmt: skip
     nothing = dict.fromkeys(("samples", "chain", "segments", "clock_offset_s"))
     assert dynamics["pins"] == nothing | {"why": "the dynamics use the pinned chain"}

@@ -92,9 +92,9 @@ class MotionEntry(Entry):
 
     ``bands_hz`` are the cut-off frequencies for x, y and angle of the measured poses, ``bodies`` the names of the
     bodies and ``prior`` the source of the loose prior. ``bodies_condition_number`` is the condition number of the
-    regressor with all parameters of all bodies, without the prior, in SI units and with unit-norm columns (``_scaled``).
-    It is not comparable with ``condition_number`` of the chain. All of these are null for the chain. ``joints`` is null
-    if the gaps of the joints were not measured.
+    regressor with all parameters of all bodies, without the prior, in SI units and with unit-norm columns
+    (``_scaled``). It is not comparable with ``condition_number`` of the chain. All of these are null for the chain.
+    ``joints`` is null if the gaps of the joints were not measured.
     """
 
     source: Literal["chain", "segments"]
@@ -135,9 +135,9 @@ class DynamicsEntry(Entry):
 
     ``wrench`` and ``cop_rms_m`` are errors over the samples of the fit, ``held_out`` the errors on left-out
     repetitions. ``condition_number`` belongs to the regressor of the chain's base parameters (eq. 6.1) over the samples
-    of the fit, also where the bodies move as measured. ``consistency`` is the set of bodies considered physically consistent. ``rivals`` contains the
-    reference bodies by the names of their allometric tables; empty if no table applies. ``motion`` describes the motion
-    of the masses, and ``pins`` the effect of pinned joints.
+    of the fit, also where the bodies move as measured. ``consistency`` is the set of bodies considered physically
+    consistent. ``rivals`` contains the reference bodies by the names of their allometric tables; empty if no table
+    applies. ``motion`` describes the motion of the masses, and ``pins`` the effect of pinned joints.
     """
 
     base: list[BaseEntry] | None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -140,9 +141,19 @@ def _compute_ranges(joint: OneJoint, body: AssistedBody, spring: Prescription, w
     else:
         dynamics = JointDynamics(joint, inertia, spring.stiffness, 0.0 if spring.stiffness == 0 else spring.rest)
     scheme = Scheme(wish.angles, wish.velocities, wish.order == 2, wish.scheme == "lax-friedrichs")
-    reached = compute_reachable_set(dynamics, wish.horizons_s, scheme)
-    bounds = tuple(_hull(find_reached_and_held(dynamics, reached, k)) for k in range(len(wish.horizons_s)))
-    return Timed(dynamics, reached, bounds, _hull(joint.held_intervals(dynamics.stiffness, dynamics.rest)))
+    coarse = replace(scheme, angles=wish.angles // 2 + 1, velocities=wish.velocities // 2 + 1)
+    fine_and_coarse = [compute_reachable_set(dynamics, wish.horizons_s, each) for each in (scheme, coarse)]
+    bounds, rough = (
+        tuple(_hull(find_reached_and_held(dynamics, each, k)) for k in range(len(wish.horizons_s)))
+        for each in fine_and_coarse
+    )
+    errors = tuple(
+        None if a is None else float(np.abs(np.subtract(a, b or (np.nan, np.nan))).max())
+        for a, b in zip(bounds, rough, strict=True)
+    )
+    held = joint.held_intervals(dynamics.stiffness, dynamics.rest)
+    unheld = tuple((before[1], after[0]) for before, after in itertools.pairwise(held))
+    return Timed(dynamics, fine_and_coarse[0], bounds, errors, _hull(held), unheld)
 
 
 def _hull(parts: list[tuple[float, float]]) -> tuple[float, float] | None:

@@ -165,9 +165,14 @@ def _level_set(timed: Timed) -> dict[str, Any]:
         "inertia_kgm2": timed.dynamics.inertia,
         "equilibrium_deg": None if start is None else float(np.degrees(start)),
         "static_deg": None if timed.static is None else _degrees(timed.static),
+        "unheld_deg": [_degrees(each) for each in timed.unheld],
         "horizons": [
-            {"time_s": time, "reached_and_held_deg": None if bound is None else _degrees(bound)}
-            for time, bound in zip(timed.reached.times, timed.bounds, strict=True)
+            {
+                "time_s": time,
+                "reached_and_held_deg": None if bound is None else _degrees(bound),
+                "grid_error_deg": None if error is None else to_finite(np.degrees(error)),
+            }
+            for time, bound, error in zip(timed.reached.times, timed.bounds, timed.grid_errors, strict=True)
         ],
     }
 

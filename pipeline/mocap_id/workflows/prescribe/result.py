@@ -30,7 +30,11 @@ class Timed:
     dynamics: JointDynamics
     reached: ReachableSet
     bounds: tuple[tuple[float, float] | None, ...]  # range for each time, rad (table 7.2)
+    # error of each range from the step of the grid, rad: the change of its ends with half as many nodes; None without
+    # a range
+    grid_errors: tuple[float | None, ...]
     static: tuple[float, float] | None  # range that can be held without a time limit, rad; None if it is empty
+    unheld: tuple[tuple[float, float], ...]  # angles within `static` that can be passed, but not held, rad
 
 
 @dataclass(frozen=True)
