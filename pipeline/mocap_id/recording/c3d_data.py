@@ -307,17 +307,18 @@ def read_calibration(file: C3DFile, layout: Layout) -> tuple[FloatArray, FloatAr
     """Return offset and scale (channels,) of every channel, for the conversion ``(count - offset) * scale``.
 
     The offset is ANALOG:OFFSET, unsigned in a file with FORMAT UNSIGNED. The scale is ANALOG:SCALE times GEN_SCALE; it
-    is NaN for a channel without a scale.
+    is NaN for a channel without a scale. Channels above 255 are in OFFSET2, SCALE2 and so on.
     """
     general = file.numbers("ANALOG:GEN_SCALE")
     gain = 1.0 if general is None else float(general.ravel()[0])
     offset = np.zeros(layout.channels)
-    declared = file.words("ANALOG:OFFSET") if is_unsigned(file) else file.numbers("ANALOG:OFFSET")
-    if declared is not None:
-        values = np.asarray(declared, dtype=np.float64).ravel()[: layout.channels]
-        offset[: len(values)] = values
-    scales = file.numbers("ANALOG:SCALE")
-    scale = np.full(layout.channels, 1.0 if scales is None else np.nan)
-    if scales is not None:
-        scale[: scales.size] = scales.ravel()[: layout.channels]
+    names = file.parts("ANALOG:OFFSET")
+    declared = [file.words(name) if is_unsigned(file) else file.numbers(name) for name in names]
+    stored = [np.asarray(part, dtype=np.float64).ravel() for part in declared if part is not None]
+    values = np.concatenate([np.zeros(0), *stored])[: layout.channels]
+    offset[: len(values)] = values
+    scales = [part.ravel() for name in file.parts("ANALOG:SCALE") if (part := file.numbers(name)) is not None]
+    scale = np.full(layout.channels, np.nan if scales else 1.0)
+    values = np.concatenate([np.zeros(0), *scales])[: layout.channels]
+    scale[: len(values)] = values
     return offset, scale * gain

@@ -64,11 +64,14 @@ class C3DFile:
         return raw
 
     def numbers(self, name: str) -> FloatArray | None:
-        """Return a numeric parameter as floats, in its own shape; None if it is missing, empty or text."""
+        """Return a numeric parameter as floats, in its own shape; None if it is missing, empty or text.
+
+        Values of 8 bits are read as unsigned.
+        """
         value = self.parameters.get(name)
         if not isinstance(value, np.ndarray) or value.size == 0:
             return None
-        return value.astype(np.float64)
+        return (value.view(np.uint8) if value.dtype == np.int8 else value).astype(np.float64)
 
     def words(self, name: str) -> list[int] | None:
         """Return a numeric parameter as integers; None if it is missing, empty, text or not finite.
@@ -87,6 +90,17 @@ class C3DFile:
         """Return a text parameter as a tuple, which is empty if the parameter is missing or numeric."""
         value = self.parameters.get(name)
         return value if isinstance(value, tuple) else ()
+
+    def parts(self, name: str) -> tuple[str, ...]:
+        """Return the names under which a long parameter is stored: ``name``, ``name2``, ``name3`` and so on.
+
+        A parameter has at most 255 values of a dimension, so that longer ones, such as POINT:LABELS and ANALOG:SCALE,
+        continue in parameters with a number behind the name.
+        """
+        names = [name]
+        while (following := f"{name}{len(names) + 1}") in self.parameters:
+            names.append(following)
+        return tuple(names)
 
     def text(self, name: str) -> str:
         """Return the first string of a text parameter without padding; empty if it is missing."""

@@ -85,6 +85,12 @@ class _PlateReader:
         except UnusablePlateError as why:
             nothing = np.zeros(len(self.counts), bool)
             return StoredPlate(self.index, self.kind, None, nothing, str(why), tuple(self.oddities))
+        polynomial = self.file.numbers("FORCE_PLATFORM:FPCOPPOLY")
+        if polynomial is not None and np.any(polynomial != 0):
+            self._note(
+                "the file contains a correction polynomial for the centre of pressure (Kistler, FPCOPPOLY), which was "
+                "not applied: near the edges of the plate the centre of pressure may be some millimetres off"
+            )
         if not ok.all():
             self._note(f"{int((~ok).sum())} analog samples are saturated or not finite")
         signals = PlateSignals(self.kind, channels, origin, corners, self.layout.per_frame * self.layout.rate)
@@ -203,7 +209,7 @@ class _PlateReader:
             if self.units.configured:
                 self._note("its CAL_MATRIX gives N and N·mm: the units in the configuration were ignored")
             return self._apply_matrix(channels, read_calibration(self.file, self.layout)[1][columns])
-        units = self.file.strings("ANALOG:UNITS")
+        units = [unit for name in self.file.parts("ANALOG:UNITS") for unit in self.file.strings(name)]
         declared = [units[column] if column < len(units) else "" for column in columns]
         scales = find_channel_scales(self.kind, declared, self.metres, self.units)
         self.assumptions.extend(scales.assumptions)

@@ -14,7 +14,7 @@ from mocap_id.recording.c3d_data import Layout, decode, find_layout
 from mocap_id.recording.c3d_file import PROCESSORS, C3DFile, open_c3d
 from mocap_id.recording.c3d_plates import StoredPlate, list_plate_channels, read_stored_plates
 from mocap_id.recording.lab_plates import place_plate
-from mocap_id.recording.labels import name_markers
+from mocap_id.recording.labels import leave_out_objects, name_markers
 from mocap_id.recording.marker_positions import clean_positions, resolve_length_unit, rotate_z_up, thin_frames
 from mocap_id.recording.marker_table import ReadingOptions
 from mocap_id.recording.model import Recording
@@ -35,9 +35,10 @@ def read_c3d(path: Path, stream: BinaryIO, options: ReadingOptions) -> Recording
     unit, metres = resolve_length_unit(path, declared, options.units, oddities, required=required)
     subjects = _read_subjects(file)
     naming = name_markers(_read_labels(file, layout), _read_outputs(file), subjects)
-    oddities += [*naming.oddities, *_note_file_name(path, subjects)]
     positions, counts = decode(file, layout, naming.keep, list_plate_channels(file, layout), metres)
     clean_positions(path, positions, unit, oddities)
+    naming, positions = leave_out_objects(naming, positions)
+    oddities += [*naming.oddities, *_note_file_name(path, subjects)]
     stored = read_stored_plates(file, layout, counts, metres, options.force_units)
     del counts  # large in a long recording
     up = _find_vertical(file, stored, positions, options.vertical, oddities)
@@ -59,16 +60,14 @@ def read_c3d(path: Path, stream: BinaryIO, options: ReadingOptions) -> Recording
         analog_rate=layout.per_frame * layout.rate if layout.channels else None,
         plates=plates,
         oddities=tuple(oddities),
+        left_out=naming.left_out,
+        people=naming.people,
     )
 
 
 def _read_labels(file: C3DFile, layout: Layout) -> list[str]:
     """Return a label for each point from POINT:LABELS, LABELS2 and so on; it is empty if the file has none."""
-    labels = list(file.strings("POINT:LABELS"))
-    number = 2
-    while more := file.strings(f"POINT:LABELS{number}"):
-        labels += more
-        number += 1
+    labels = [label for name in file.parts("POINT:LABELS") for label in file.strings(name)]
     return [*labels[: layout.points], *[""] * (layout.points - len(labels))]
 
 
@@ -97,7 +96,8 @@ def _read_outputs(file: C3DFile) -> list[str]:
         label.strip()
         for group in dict.fromkeys(groups)
         if group != "LABELS"
-        for label in (*file.strings(f"POINT:{group}"), *file.strings(f"POINT:{group}2"))
+        for name in file.parts(f"POINT:{group}")
+        for label in file.strings(name)
     ]
     return [label for label in labels if label]
 

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
+from mocap_id.arrays import FloatArray
 from mocap_id.recording.units import strip_padding
 
 _OUTPUT = re.compile(r"(angles?|forces?|moments?|powers?|grf|cent(re|er)_?of_?mass\w*)$", re.IGNORECASE)
@@ -14,6 +18,16 @@ _OUTPUT = re.compile(r"(angles?|forces?|moments?|powers?|grf|cent(re|er)_?of_?ma
 
 _JOINT_CENTRE = re.compile(r"(?:^|[LR_.\s-])(?:H|K|A|S|E|W)JC(?:[_.\s-].*)?$|joint_?cent(?:re|er)", re.IGNORECASE)
 """Computed joint centres, such as LHJC, R_KJC or L_HJC_reg."""
+
+_UNLABELLED = re.compile(r"$|\*\d*$|un-?labell?ed", re.IGNORECASE)
+"""Names that camera software gives to trajectories that nobody labelled."""
+
+_LABELLED = 6  # least number of labelled markers with which unlabelled pieces are left out
+_BODY_MARKERS = 5  # least number of markers of a person
+_RIGID_M, _BENT_M = 0.010, 0.020  # change of the distance of two markers on an object at most, on a person at least
+_BENT_PAIRS = 0.1  # least fraction of the pairs of a person's markers that change their distance
+_PEOPLE_APART_M = 0.5  # least distance of the markers of two people whose markers have different names
+_COMPARED_FRAMES = 200  # number of frames in which distances are compared
 
 _SEPARATORS = ":_-. "  # characters between the name of a subject and the name of a marker
 _SEGMENT_AXES = ("O", "A", "L", "P")
@@ -27,19 +41,26 @@ class MarkerNames:
     keep: tuple[int, ...]  # numbers of the trajectories that are markers, counted from 0
     labels: tuple[str, ...]  # unique names of these trajectories
     oddities: tuple[str, ...]  # notes on renamed and omitted trajectories
+    # name of the subject or object and name of the marker of each of these trajectories, as in the file; either may be
+    # empty
+    parts: tuple[tuple[str, str], ...] = ()
+    left_out: tuple[str, ...] = ()  # labels of trajectories that `leave_out_objects` left out
+    people: tuple[str, ...] = ()  # beginnings of the labels of each person, if there are several people
 
 
-def name_markers(raw: Sequence[str], outputs: Iterable[str] = (), subjects: Iterable[str] = ()) -> MarkerNames:
+def name_markers(
+    raw: Sequence[str], outputs: Iterable[str] = (), subjects: Iterable[str] = (), *, apart: bool = False
+) -> MarkerNames:
     """Select the markers among the trajectories and give each a unique name without the name of a person.
 
     ``raw`` are the labels of all trajectories in the file, possibly empty. ``outputs`` are labels of trajectories that
     the file declares not to be markers (POINT:ANGLES …). ``subjects`` are names of subjects and label prefixes that the
     file declares. These names are removed from the start of labels, as is everything up to a colon; no message contains
-    them.
+    them. With ``apart``, every label says the number of its subject.
     """
     known = sorted({name.strip() for name in subjects if name.strip()}, key=len, reverse=True)
     split = [_split_prefix(strip_padding(text), known) for text in raw]
-    bare, oddities = _remove_subjects(split)
+    bare, oddities = _remove_subjects(split, apart)
     declared = {part for name in outputs for part in (name.strip(), _split_prefix(name.strip(), known)[1])}
     computed = _find_computed(bare, declared)
     if computed:
@@ -54,7 +75,82 @@ def name_markers(raw: Sequence[str], outputs: Iterable[str] = (), subjects: Iter
     labels, repeated = _make_unique([bare[i] for i in keep])
     if repeated:
         oddities.append(f"labels that occur more than once were numbered (A, A#2, …): {', '.join(repeated)}")
-    return MarkerNames(tuple(keep), tuple(labels), tuple(oddities))
+    return MarkerNames(tuple(keep), tuple(labels), tuple(oddities), tuple(split[i] for i in keep))
+
+
+def leave_out_objects(naming: MarkerNames, positions: FloatArray) -> tuple[MarkerNames, FloatArray]:
+    """Return the markers of the person, and their positions (F, M, 3); positions are NaN where a marker was not seen.
+
+    A prefix whose markers keep their distances, such as ``BOX:``, is an object if another prefix carries a body. Where
+    the person has labels, trajectories without a label are left out if they are pieces, seen in less than half of the
+    frames, or if the file calls them unlabelled.
+    """
+    frames = positions[:: max(1, len(positions) // _COMPARED_FRAMES)]
+    prefixes = [prefix for prefix, _ in naming.parts]
+    unlabelled = np.array([bool(prefix) and bool(_UNLABELLED.match(prefix)) for prefix in prefixes], dtype=bool)
+    named = np.array([not _UNLABELLED.match(name) for _, name in naming.parts], dtype=bool)
+    notes, out = [], np.zeros(len(prefixes), dtype=bool)
+    if (np.isfinite(frames).all(axis=2).any(axis=0) & named & ~unlabelled).sum() >= _LABELLED:
+        called = [_UNLABELLED.match(name) is not None and name[:1] not in ("", "*") for _, name in naming.parts]
+        out = unlabelled | np.array(called, dtype=bool)
+        rest = np.flatnonzero(~named & ~out)
+        out[rest] = np.isfinite(positions[:, rest]).all(axis=2).mean(axis=0) < 0.5
+        if out.any():
+            notes.append(
+                f"{int(out.sum())} trajectories without a label, such as pieces and reflections, were left out: "
+                "label those that belong to the person"
+            )
+    groups = {prefix: np.array([each == prefix for each in prefixes]) & ~out for prefix in dict.fromkeys(prefixes)}
+    if len(groups) == 1:
+        groups = {}
+    changes = {prefix: _measure_distance_changes(frames[:, group]) for prefix, group in groups.items() if group.any()}
+    bodies = [
+        prefix
+        for prefix, change in changes.items()
+        if groups[prefix].sum() >= _BODY_MARKERS and (change > _BENT_M).sum() > _BENT_PAIRS * len(change)
+    ]
+    objects = [p for p, change in changes.items() if bodies and p and p not in bodies and (change <= _RIGID_M).all()]
+    for number, prefix in enumerate(objects, start=1):
+        labels = [naming.parts[i][1] for i in np.flatnonzero(groups[prefix])]
+        names = ", ".join(labels[:4]) + (" …" if len(labels) > 4 else "")
+        notes.append(
+            f"the markers of object {number} ({len(labels)}: {names}) were left out: they have a prefix of their own "
+            "and keep their distances from each other, unlike those of the person"
+        )
+        out |= groups[prefix]
+    people = [prefix for prefix in bodies if prefix] if len(bodies) > 1 else []
+    shared = Counter(name for prefix, name in naming.parts if prefix in people)
+    if people and max(shared.values()) == 1:  # the prefixes may be parts of one person
+        middle = [np.nanmedian(frames[:, groups[prefix]], axis=0) for prefix in people]
+        nearest = [np.linalg.norm(a[:, None] - b, axis=2).min() for a, b in itertools.combinations(middle, 2)]
+        people = people if min(nearest) > _PEOPLE_APART_M else []
+    if not out.any() and not people:
+        return naming, positions
+    kept = np.flatnonzero(~out).tolist()
+    parts = [naming.parts[i] for i in kept]
+    again = name_markers([f"{prefix}:{name}" if prefix else name for prefix, name in parts], apart=bool(people))
+    computed = [note for note in naming.oddities if "computed" in note]
+    numbers = {prefix: k for k, prefix in enumerate(dict.fromkeys(prefix for prefix, _ in parts if prefix), start=1)}
+    left = MarkerNames(
+        tuple(naming.keep[i] for i in kept),
+        again.labels,
+        (*computed, *again.oddities, *notes),
+        again.parts,
+        tuple(naming.labels[i] for i in np.flatnonzero(out)),
+        tuple(f"subject-{numbers[prefix]}:" for prefix in people),
+    )
+    return left, positions[:, kept] if out.any() else positions
+
+
+def _measure_distance_changes(positions: FloatArray) -> FloatArray:
+    """Return by how much the distance of each pair of markers (F, M, 3) changes between usual extremes, m.
+
+    The extremes are the quantiles 12 and 88 %. Pairs that are never seen together are left out.
+    """
+    first, second = np.triu_indices(positions.shape[1], 1)
+    distance = np.linalg.norm(positions[:, first] - positions[:, second], axis=2)
+    distance = distance[:, np.isfinite(distance).any(axis=0)]
+    return np.asarray(np.ptp(np.nanquantile(distance, [0.12, 0.88], axis=0), axis=0))
 
 
 def _split_prefix(label: str, subjects: Sequence[str]) -> tuple[str, str]:
@@ -69,24 +165,24 @@ def _split_prefix(label: str, subjects: Sequence[str]) -> tuple[str, str]:
     return "", label
 
 
-def _remove_subjects(split: Sequence[tuple[str, str]]) -> tuple[list[str], list[str]]:
+def _remove_subjects(split: Sequence[tuple[str, str]], apart: bool) -> tuple[list[str], list[str]]:
     """Return the names without prefixes, and notes.
 
-    If two markers would then have the same name, the prefixes are replaced by numbered subjects.
+    If two markers would then have the same name, or with ``apart``, the prefixes are replaced by numbered subjects.
     """
     names = [name for _, name in split]
     prefixes = list(dict.fromkeys(prefix for prefix, _ in split if prefix))
     if not prefixes:
         return names, []
     markers = {(prefix, name) for prefix, name in split if name}
-    if len({name for _, name in markers}) == len(markers):
+    if len({name for _, name in markers}) == len(markers) and not apart:
         several = f" of {len(prefixes)} subjects" if len(prefixes) > 1 else ""
         return names, [f"the labels contain subject names{several}, which were removed"]
     number = {prefix: f"subject-{k}:" for k, prefix in enumerate(prefixes, start=1)} | {"": ""}
     oddity = (
-        f"markers of {len(prefixes)} subjects share names: the subjects were named subject-1 to "
-        f"subject-{len(prefixes)}, in the order of the file. A trial must have one person: omit the others with "
-        "`planarise: {ignore: ['subject-2:*']}`"
+        f"markers of {len(prefixes)} subjects {'move apart' if apart else 'share names'}: the subjects were named "
+        f"subject-1 to subject-{len(prefixes)}, in the order of the file. A trial must have one person: omit the "
+        "others with `planarise: {ignore: ['subject-2:*']}`"
     )
     return [number[prefix] + name for prefix, name in split], [oddity]
 

@@ -14,6 +14,7 @@ from mocap_id.recording.units import LENGTHS, check_length_unit, find_length_sca
 _MAX_DISTANCE_M = 1000.0  # larger than any laboratory: such coordinates are invalid
 _MIN_SPREAD_M, _MAX_SPREAD_M = 0.02, 100.0  # accepted spread of the markers of a trial, to check the unit
 _MILLIMETRE = 1e-3
+_APART_M = 1.0  # least distance of a code for missing samples from all real samples
 _BLOCK = 1000  # number of frames to process at a time, which limits the memory needed
 
 
@@ -63,6 +64,7 @@ def clean_positions(path: Path, positions: FloatArray, units: str, oddities: lis
     ``units`` is the length unit of the file; if it is empty, the size of this space is not checked, and a note gives it
     in mm, cm and m. All changes are noted in ``oddities``. Raises RecordingError if the size contradicts the unit.
     """
+    _remove_codes(positions, oddities)
     _check_size(path, positions, units, oddities)
     parts = [positions[at : at + _BLOCK] for at in range(0, len(positions), _BLOCK)]
     marked = np.array([_mark_missing(part) for part in parts]).reshape(-1, 4).sum(axis=0)
@@ -75,6 +77,40 @@ def clean_positions(path: Path, positions: FloatArray, units: str, oddities: lis
             oddities.append(f"{count} marker samples {what} and were set to missing")
     if not marked[3]:
         oddities.append(f"none of the {positions.shape[1]} markers is ever visible")
+
+
+def _remove_codes(positions: FloatArray, oddities: list[str]) -> None:
+    """Set samples that a number such as 9999 or −16512 marks as missing to NaN, in place.
+
+    Such samples are exactly alike, and farther than a metre from all others. They are on several markers, or between
+    other samples of one marker, or their three coordinates are the same number.
+    """
+    flat = positions.reshape(-1, 3)
+    extremes = [(axis, reduce.reduce(flat, axis=0)) for reduce in (np.fmin, np.fmax) for axis in range(3)]
+    while extremes:
+        axis, values = extremes.pop()
+        chosen = positions[..., axis] == values[axis]
+        alike, markers = positions[chosen], chosen.any(axis=0)
+        if (
+            len(alike) <= 1
+            or not np.abs(values[axis]) <= _MAX_DISTANCE_M
+            or not alike[0].any()
+            or (alike != alike[0]).any()
+        ):
+            continue
+        apart = True
+        for at in range(0, len(positions), _BLOCK):  # a recording may be large
+            distance = np.abs(positions[at : at + _BLOCK, :, axis] - values[axis])
+            apart &= not (distance[~chosen[at : at + _BLOCK]] <= _APART_M).any()
+        between = markers.sum() == 1 and (np.isfinite(positions[:, markers, axis]) & ~chosen[:, markers]).any()
+        if apart and (markers.sum() > 1 or between or np.ptp(np.abs(alike[0])) == 0):
+            positions[chosen] = np.nan
+            code = ", ".join(f"{number:.6g}" for number in alike[0])
+            oddities.append(
+                f"{len(alike)} marker samples are at ({code}) m, far from all others: this number marks missing "
+                "samples, and they were set to missing"
+            )
+            extremes = [(axis, reduce.reduce(flat, axis=0)) for reduce in (np.fmin, np.fmax) for axis in range(3)]
 
 
 def _mark_missing(positions: FloatArray) -> tuple[int, int, int, int]:

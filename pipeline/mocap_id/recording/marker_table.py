@@ -11,7 +11,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray, IntArray, is_time_axis
 from mocap_id.errors import RecordingError
 from mocap_id.recording.axes import choose_vertical, to_z_up
-from mocap_id.recording.labels import name_markers
+from mocap_id.recording.labels import leave_out_objects, name_markers
 from mocap_id.recording.marker_positions import clean_positions, resolve_length_unit, rotate_z_up
 from mocap_id.recording.model import Recording
 from mocap_id.recording.units import ForceUnits
@@ -135,9 +135,10 @@ def assemble_recording(
     required = options.unit_required
     unit, metres = resolve_length_unit(path, table.units, options.units, oddities, required=required)
     naming = name_markers(table.labels, table.outputs)
-    oddities += naming.oddities
     positions = table.positions[:, list(naming.keep)] * metres
     clean_positions(path, positions, unit, oddities)
+    naming, positions = leave_out_objects(naming, positions)
+    oddities += naming.oddities
     up = choose_vertical(force, options.vertical, table.up, oddities)
     rotate_z_up(positions, up)
     recording = Recording(
@@ -153,6 +154,8 @@ def assemble_recording(
         analog_rate=None,
         plates=(),
         oddities=tuple(oddities),
+        left_out=naming.left_out,
+        people=naming.people,
     )
     return recording, to_z_up(up)
 

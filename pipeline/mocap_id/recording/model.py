@@ -155,6 +155,10 @@ class Recording:
     plates : tuple of Plate
     oddities : tuple of str
         Notes on all repairs, omissions, assumptions and contradictions, one sentence each.
+    left_out : tuple of str
+        Labels of unlabelled pieces and of objects, which are not among the markers.
+    people : tuple of str
+        Beginnings of the labels of each person, such as ``subject-1:``, if the recording shows several people.
     """
 
     files: tuple[Path, ...]
@@ -169,6 +173,8 @@ class Recording:
     analog_rate: float | None
     plates: tuple[Plate, ...]
     oddities: tuple[str, ...]
+    left_out: tuple[str, ...] = ()
+    people: tuple[str, ...] = ()
 
     @property
     def visible(self) -> BoolArray:

@@ -82,8 +82,15 @@ def select_part(source: Recording, window: tuple[float, float] | None, ignore: S
     window has fewer than two frames.
     """
     file = source.files[0]
-    out = find_markers(source.labels, ignore, f"{file}: planarise: ignore")
+    out = find_markers((*source.labels, *source.left_out), ignore, f"{file}: planarise: ignore")
     keep = [i for i in range(len(source.labels)) if i not in out]
+    people = [each for each in source.people if any(source.labels[i].startswith(each) for i in keep)]
+    if len(people) > 1:
+        others = ", ".join(f"'{each}*'" for each in people[1:])
+        raise RecordingError(
+            f"{file}: the recording shows {len(people)} people, whose labels begin with {', '.join(people)}; a trial "
+            f"has one person: leave out the others, such as `planarise: {{ignore: [{others}]}}`"
+        )
     visible = _find_visible(source.positions)[:, keep]
     if not visible.any():
         raise RecordingError(
