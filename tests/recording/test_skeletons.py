@@ -94,8 +94,8 @@ def test_a_trc_file_of_markerless_software_is_a_skeleton(tmp_path: Path) -> None
     [
         ("a,b\n1,2\n", "JOINT_x"),
         ("1 2 3\n4 5 6\n", "25 joints"),
-        ("time_s,A_x,A_y,A_z\n" + "0,1,2,3\n" * 30, "increasing times"),
-        ("time_s,A_x,A_y,A_z\n1,1,2,3\n0,1,2,3\n", "must be numbers that increase"),
+        ("time_s,A_x,A_y,A_z\n" + "0,1,2,3\n" * 30, "repeat the time"),
+        ("time_s,A_x,A_y,A_z\n1,1,2,3\n0,1,2,3\n", "does not increase"),
     ],
 )
 def test_what_is_no_skeleton_is_refused_with_what_was_expected(tmp_path: Path, text: str, says: str) -> None:

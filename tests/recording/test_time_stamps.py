@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mocap_id.errors import RecordingError
-from mocap_id.recording.marker_table import fit_even_clock
+from mocap_id.recording.clock import fit_even_clock
 
 FILE = Path("trial.trc")
 

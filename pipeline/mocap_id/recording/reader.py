@@ -17,7 +17,7 @@ from mocap_id.recording.ktk_file import MAGIC, read_ktk
 from mocap_id.recording.marker_table import MarkerTable, ReadingOptions, assemble_recording
 from mocap_id.recording.model import Recording
 from mocap_id.recording.mot_plates import find_force_columns, read_mot_plates
-from mocap_id.recording.text_tables import open_recording, read_table, read_text
+from mocap_id.recording.text_tables import check_encoding, open_recording, read_table, read_text
 from mocap_id.recording.trc_table import parse_trc
 from mocap_id.recording.units import ForceUnits
 from mocap_id.recording.vendor_tables import NEXUS_SECTIONS, parse_motive, parse_nexus, parse_qtm
@@ -82,6 +82,8 @@ def read(
     _check_kinds(markers, forces)
     with open_recording(markers) as stream:
         start = stream.read(_HEAD_BYTES)
+        if start.startswith((b"\xff\xfe", b"\xfe\xff")):
+            check_encoding(markers, start)
         parse = None if start.startswith(MAGIC) else _choose_parser(markers, start)
         if parse is None:
             if forces is not None:
