@@ -62,7 +62,8 @@ def check_times(
         Whether the clock may jump forwards by more than ten seconds.
     """
     if len(time) < 2:
-        raise RecordingError(f"{source}: {name} has {len(time)} value{"s" * (len(time) != 1)}, expected at least two times that increase")
+        values = f"{len(time)} value{'s' if len(time) != 1 else ''}"
+        raise RecordingError(f"{source}: {name} has {values}, expected at least two times that increase")
     if not np.isfinite(time).all():
         row = int(np.argmin(np.isfinite(time))) + 1
         raise RecordingError(
