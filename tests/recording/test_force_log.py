@@ -61,7 +61,10 @@ def test_jitter_is_removed_and_empty_cells_stay_empty(tmp_path: Path) -> None:
         ("time_s,Fx_N,Fy_N,Fz_N\n0,1,2,3\n", ["at least two times"]),
         ("time_s,Fx_N,Fy_N,Fz_N\n0,1,2,3\n1,1,2,3\n1,1,2,3\n", ["increase"]),
         ("time_s,Fx_N,Fy_N,Fz_N\n0,1,2,3\n,1,2,3\n2,1,2,3\n", ["from row to row"]),
-        ("time_s,Fx_N,Fy_N,Fz_N\n0,1,2,3\n.1,1,2,3\n.2,1,2,3\n.5,1,2,3\n.6,1,2,3\n", ["row", "not even", "without gaps"]),
+        (
+            "time_s,Fx_N,Fy_N,Fz_N\n0,1,2,3\n.1,1,2,3\n.2,1,2,3\n.5,1,2,3\n.6,1,2,3\n",
+            ["row", "not even", "without gaps"],
+        ),
         ("time_s,Fx_N,Fy_N,Fz_N\n0,1,two,3\n1,1,2,3\n", ["two", "expected a number"]),
         ("", ["not a CSV table"]),
     ],

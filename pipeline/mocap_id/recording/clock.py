@@ -83,7 +83,9 @@ def check_times(
     if same and (not repeated or same == len(steps)):
         remedy = "remove the repeated rows"
         if same > _MANY_REPEATED * len(steps):
-            remedy = "they are rounded too coarsely, for example to whole seconds; export them with three decimals or more"
+            remedy = (
+                "they are rounded too coarsely, for example to whole seconds; export them with three decimals or more"
+            )
         raise RecordingError(
             f"{source}: {name} does not increase from row to row: {same} of {len(time)} rows repeat the time of the "
             f"row before (first {time[k]:.10g}); expected times in seconds that increase: {remedy}"

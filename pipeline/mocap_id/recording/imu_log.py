@@ -15,7 +15,9 @@ from mocap_id.recording.text_tables import TextTable, check_end, check_unique, r
 
 _OWN = ("time_s", "gyro_x", "gyro_y", "gyro_z", "acc_x", "acc_y", "acc_z")
 _XSENS = ("Gyr_X", "Gyr_Y", "Gyr_Z", "Acc_X", "Acc_Y", "Acc_Z")
-_DELSYS = re.compile(r"(?!.*time series)(?P<sensor>.*?)[ :.]*(?P<kind>ACC|GYRO)[ .]*(?P<axis>[XYZ])\b.*?\((?P<unit>[^()]+)\)\s*$", re.I)
+_DELSYS = re.compile(
+    r"(?!.*time series)(?P<sensor>.*?)[ :.]*(?P<kind>ACC|GYRO)[ .]*(?P<axis>[XYZ])\b.*?\((?P<unit>[^()]+)\)\s*$", re.I
+)
 _UNITS = {
     **{"deg/s": np.pi / 180, "°/s": np.pi / 180, "dps": np.pi / 180, "rad/s": 1.0},
     **{"g": 9.80665, "m/s^2": 1.0, "m/s²": 1.0, "m/s2": 1.0},
@@ -24,9 +26,9 @@ _HEADER = 40  # largest number of lines above the names of the columns
 _LEAST_ROWS = 50
 _FASTEST = 100.0  # rad/s, more than any sensor measures
 _RATE = re.compile(r"Update Rate:\s*([0-9.]+)")
-_DELSYS_TIME = re.compile(r"time series|(?:^|\W)(?:x|time) *[\[(] *s *[\])]$", re.I)
+_DELSYS_TIME = re.compile(r"\btime|(?:^|\W)x *[\[(] *s *[\])]", re.I)
 _RATES_LINE = re.compile(r"^[^0-9]*[0-9.,e+-]+ *(?:Hz|s)\b", re.I)  # the rates or steps of the channels
-_HERTZ = re.compile(r"([0-9]+(?:\.[0-9]+)?) *Hz", re.I)
+_HERTZ = re.compile(r"\W*([0-9]+(?:\.[0-9]+)?) *Hz\W*", re.I)
 _MAX_RATE_ERROR = 0.02
 _TICKS = {"dot": 1e-6, "mtw": 1e-4}  # s, one step of SampleTimeFine
 _WRAPS = {"SampleTimeFine": 2.0**32, "PacketCounter": 2.0**16}
@@ -80,7 +82,12 @@ def read_imu(path: Path, rate: float | None = None) -> ImuLog:
     values = table.numbers()
     columns = dict(zip(names, values.T, strict=True))
     if delsys:
-        declared = [float(hertz) for line in lines[start + 1 : below] for hertz in _HERTZ.findall(line)]
+        declared = {
+            k: float(found[1])
+            for line in lines[start + 1 : below]
+            for k, cell in enumerate(line.split(separator))
+            if (found := _HERTZ.fullmatch(cell.replace(",", ".") if separator != "," else cell))
+        }
         log = _read_delsys(path, names, values, declared, rate)
     elif set(names) >= set(_OWN):
         log = _keep_complete_rows(columns[_OWN[0]], np.stack([columns[name] for name in _OWN[1:]], axis=1))
@@ -93,8 +100,8 @@ def read_imu(path: Path, rate: float | None = None) -> ImuLog:
         own = 1.0 / float(np.median(np.diff(log.time)))
         if abs(own / rate - 1.0) > _MAX_RATE_ERROR:
             raise RecordingError(
-                f"{path}: `rate_hz` is {rate:g} in the configuration, but the times of the file have {own:.6g} Hz; remove "
-                "`rate_hz`"
+                f"{path}: `rate_hz` is {rate:g} in the configuration, but the times of the file have {own:.6g} Hz; "
+                "remove `rate_hz`"
             )
     if np.abs(log.gyro).max() > _FASTEST:
         raise RecordingError(
@@ -135,9 +142,7 @@ def _read_xsens(path: Path, columns: dict[str, FloatArray], head: str, rate: flo
             f"`imus: {{SEGMENT: {{file: {path.name}, rate_hz: …}}}}`"
         )
     check_rate(path, hertz, "its rate", SENSOR_HZ)
-    counter = columns.get("PacketCounter")
-    if counter is None or not np.isfinite(counter).all():
-        counter = np.arange(float(len(values)))
+    counter = columns.get("PacketCounter", np.arange(float(len(values))))
     return _keep_complete_rows(_unwrap(counter, _WRAPS["PacketCounter"]) / hertz, values)
 
 
@@ -150,12 +155,12 @@ def _unwrap(counter: FloatArray, wrap: float) -> FloatArray:
 
 
 def _read_delsys(
-    path: Path, names: list[str], values: FloatArray, declared: list[float], rate: float | None
+    path: Path, names: list[str], values: FloatArray, declared: dict[int, float], rate: float | None
 ) -> ImuLog:
     """Return the channels at the times of the gyroscope.
 
     The last column of times before a channel contains its times. If there is none, ``declared`` are the rates in the
-    lines below the names, Hz, and ``rate`` is the configured rate.
+    lines below the names by column, Hz, and ``rate`` is the configured rate.
     """
     channels: dict[str, tuple[FloatArray, FloatArray]] = {}
     sensors = {match["sensor"].strip() for name in names if (match := _DELSYS.match(name))}
@@ -177,7 +182,7 @@ def _read_delsys(
             raise RecordingError(f"{path}: `{name}` occurs twice, as with several sensors; export only one sensor")
         kept = np.isfinite(values[:, k])
         if clock is None:
-            hertz = rate if len(set(declared)) != 1 else declared[0]
+            hertz = declared.get(k, rate)
             if hertz is None:
                 raise RecordingError(
                     f"{path}: has no column of times before `{name}`: export it with the times (X[s]), or give its "

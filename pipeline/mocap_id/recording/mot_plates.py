@@ -51,8 +51,8 @@ def find_force_columns(path: Path, table: MotionTable) -> list[ForceColumns]:
             axes = found.setdefault(_WORDS.sub("", name), {}).setdefault(what, {})
             if match["axis"] in axes:
                 raise RecordingError(
-                    f"{path}: the columns `{table.columns[axes[match['axis']]]}` and `{column}` are the same quantity of "
-                    "the same plate; remove or rename one of them"
+                    f"{path}: the columns `{table.columns[axes[match['axis']]]}` and `{column}` are the same quantity "
+                    "of the same plate; remove or rename one of them"
                 )
             axes[match["axis"]] = index
     groups = {name: parts for name, parts in found.items() if "force" in parts}

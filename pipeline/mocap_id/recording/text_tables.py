@@ -200,7 +200,9 @@ def read_text(path: Path) -> str:
 def check_encoding(path: Path, data: bytes) -> None:
     """Raise RecordingError if the bytes of a text file are UTF-16 or UTF-32, or contain the character NUL."""
     if data.startswith((b"\xff\xfe", b"\xfe\xff")) or data[:200].count(0) > len(data[:200]) // 4:
-        raise RecordingError(f"{path}: the text is in UTF-16 (Unicode); expected UTF-8. Save it again as UTF-8 or ASCII")
+        raise RecordingError(
+            f"{path}: the text is in UTF-16 (Unicode); expected UTF-8. Save it again as UTF-8 or ASCII"
+        )
     if b"\0" in data:
         raise RecordingError(
             f"{path}: the text contains NUL characters, the first after {data.index(0)} bytes; the file is damaged. "
@@ -303,8 +305,8 @@ def check_unique(path: Path, names: Sequence[str]) -> None:
     for name in filter(None, (name.strip() for name in names)):
         if name.casefold() in seen:
             raise RecordingError(
-                f"{path}: the column `{name[:60]}` occurs twice, so it is not clear which one is meant; remove or rename "
-                "one of them"
+                f"{path}: the column `{name[:60]}` occurs twice, so it is not clear which one is meant; remove or "
+                "rename one of them"
             )
         seen.add(name.casefold())
 
@@ -340,6 +342,6 @@ def check_end(path: Path, table: TextTable, text: str) -> None:
     if has_final_line_end(text) or not table.is_cut():
         return
     raise RecordingError(
-        f"{path}: the file ends within its last line, {table.lines[-1].strip()[-40:]!r}: it has fewer cells or digits than "
-        "the lines above. Copy the file again, or delete this line"
+        f"{path}: the file ends within its last line, {table.lines[-1].strip()[-40:]!r}: it has fewer cells or digits "
+        "than the lines above. Copy the file again, or delete this line"
     )
