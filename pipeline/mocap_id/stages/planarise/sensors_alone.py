@@ -95,9 +95,10 @@ def _find_common_times(sensors: Mapping[str, InertialSensor], window: tuple[floa
     steps = [float(np.median(np.diff(log.time))) for log in logs.values()]
     rate = float(np.clip(round(1.0 / max(steps)), *_RATES))
     if last - first < _LEAST_S:
+        files = ", ".join(sensor.file.name for sensor in sensors.values())
         raise RecordingError(
-            f"{', '.join(sensor.file.name for sensor in sensors.values())}: the sensors have {max(last - first, 0):.1f} s "
-            f"in common, expected at least {_LEAST_S:g} s; use logs of one recording"
+            f"{files}: the sensors have {max(last - first, 0):.1f} s in common, expected at least {_LEAST_S:g} s; use logs "
+            "of one recording"
         )
     start, stop = (first, last) if window is None else (max(first, window[0]), min(last, window[1]))
     if stop - start < _LEAST_S:
