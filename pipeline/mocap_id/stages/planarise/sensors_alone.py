@@ -97,8 +97,8 @@ def _find_common_times(sensors: Mapping[str, InertialSensor], window: tuple[floa
     if last - first < _LEAST_S:
         files = ", ".join(sensor.file.name for sensor in sensors.values())
         raise RecordingError(
-            f"{files}: the sensors have {max(last - first, 0):.1f} s in common, expected at least {_LEAST_S:g} s; use logs "
-            "of one recording"
+            f"{files}: the sensors have {max(last - first, 0):.1f} s in common, expected at least {_LEAST_S:g} s; use "
+            "logs of one recording"
         )
     start, stop = (first, last) if window is None else (max(first, window[0]), min(last, window[1]))
     if stop - start < _LEAST_S:
