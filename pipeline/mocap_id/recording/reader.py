@@ -82,7 +82,7 @@ def read(
     _check_kinds(markers, forces)
     with open_recording(markers) as stream:
         start = stream.read(_HEAD_BYTES)
-        if start.startswith((b"\xff\xfe", b"\xfe\xff")):
+        if start.startswith((b"\xff\xfe", b"\xfe\xff")):  # no binary format starts so
             check_encoding(markers, start)
         parse = None if start.startswith(MAGIC) else _choose_parser(markers, start)
         if parse is None:
@@ -108,6 +108,11 @@ def _choose_parser(path: Path, start: bytes) -> Parser | None:
     if parse is None and path.suffix.lower() == ".trc":
         return parse_trc  # its error says what is wrong
     if parse is None and path.suffix.lower() in _TEXTS:
+        check_encoding(path, start)
+        if _find_parser(start.replace(b";", b",")) is not None:
+            raise RecordingError(
+                f"{path}: its cells are separated by semicolons (;): export it with commas and with decimal points"
+            )
         raise RecordingError(
             f"{path}: neither a QTM TSV, Motive CSV nor Nexus CSV export with its header; export it again with the "
             "header, or as C3D or TRC. The skeleton log of a depth camera goes into `recording: {skeleton: FILE}`"

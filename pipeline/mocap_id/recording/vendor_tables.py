@@ -19,7 +19,7 @@ NEXUS_SECTIONS = frozenset(("trajectories", "devices", "joints", "model outputs"
 
 _HEADER_LINES = 1000
 _QTM_KEY = re.compile(r"[A-Z][A-Z_]+(\t|$)")
-_NUMBER = re.compile(r"[-+.\d][-+.\deE]*|NULL|NaN", re.IGNORECASE)
+_NUMBER = re.compile(r"[-+.,\d][-+.,\deE]*|NULL|NaN", re.IGNORECASE)  # decimal commas are an error of their own
 _PADDING = ",;\t \ufeff"  # characters that spreadsheets add to short lines
 
 
