@@ -120,6 +120,16 @@ def test_delsys_times_are_not_taken_from_another_channel(tmp_path: Path) -> None
     check(write(tmp_path / "delsys.csv", [",".join(names)], [TIME, np.cos(9 * TIME), *IN_UNITS]))
 
 
+def test_delsys_times_of_a_faster_channel_are_refused(tmp_path: Path) -> None:
+    head = ",".join(["EMG 1 Time Series (s)", "EMG 1 (mV)", *(f"{name} ({unit})" for name, unit in CHANNELS)])
+    rows = [
+        [f"{k / 1000:.4f}", "0.5", *("" if k >= ROWS else f"{value[k]:.6f}" for value in IN_UNITS)] for k in range(600)
+    ]
+    (tmp_path / "emg.csv").write_text("\n".join([head, *map(",".join, rows)]) + "\n")
+    with pytest.raises(RecordingError, match="times of a faster channel"):
+        read_imu(tmp_path / "emg.csv")
+
+
 def test_delsys_without_times_needs_a_rate(tmp_path: Path) -> None:
     path = write(tmp_path / "delsys.csv", [",".join(f"{name} ({unit})" for name, unit in CHANNELS)], IN_UNITS)
     with pytest.raises(RecordingError, match=r"no column of times.*rate_hz"):

@@ -192,7 +192,13 @@ def _read_delsys(
             time = np.arange(len(values)) / hertz
         else:
             time = values[:, clock]
+            stamped = np.flatnonzero(np.isfinite(time))
             kept &= np.isfinite(time)
+            if kept.any() and np.flatnonzero(kept)[-1] < 0.5 * stamped[-1]:
+                raise RecordingError(
+                    f"{path}: `{name}` ends after {np.count_nonzero(kept)} rows, but `{names[clock]}` after "
+                    f"{len(stamped)}: these are the times of a faster channel; export each channel with its own times"
+                )
         if kept.any():
             check_times(path, time[kept], f"the time of `{name}`", SENSOR_HZ)
         channels[channel] = (time[kept], factor * values[kept, k])
