@@ -126,3 +126,13 @@ def test_harmless_differences_between_files_are_accepted(tmp_path: Path, change:
     text = {"\ufeff": "\ufeff" + CSV, "\r\n": CSV.replace("\n", "\r\n")}.get(change, CSV.replace("\n", "\n\n") + "\n\n")
     (tmp_path / "hand.csv").write_bytes(text.encode())
     np.testing.assert_allclose(read_force_log(tmp_path / "hand.csv").force, FORCE, atol=1e-6)
+
+
+@pytest.mark.parametrize("cell", ["1", "12", "123"])
+def test_a_cut_number_is_found_among_numbers_with_varying_digits(tmp_path: Path, cell: str) -> None:
+    """Whole numbers are in the column, and numbers as short as the cut one."""
+    values = [98, 98.5, 99, 99.25, *np.round(np.linspace(99.5, 1234.56, len(TIME) - 4), 2)]
+    lines = ["time_s,Fx_N,Fy_N,Fz_N", *(f"{t:.3f},1,2,{value:g}" for t, value in zip(TIME, values, strict=True))]
+    assert len(read_force_log(written(tmp_path, "\n".join(lines))).force) == len(TIME)
+    with pytest.raises(RecordingError, match="the file ends within its last line"):
+        read_force_log(written(tmp_path, "\n".join([*lines[:-1], lines[-1].rsplit(",", 1)[0] + f",{cell}"])))

@@ -96,6 +96,8 @@ def check_times(
         if (steps == 1).all():
             found.insert(0, "frame numbers")
         guess = f"They may be {' or '.join(found[:2])}. " if found else ""
+        if same > _MANY_REPEATED * len(steps):
+            guess = "They seem to be rounded too coarsely. "
         raise RecordingError(
             f"{source}: {name} has a usual step of {step:.4g}; in seconds, this is {1 / step:.4g} Hz, but expected are "
             f"{SLOWEST_HZ:g} to {fastest:,.0f} Hz. {guess}Export the times in seconds with at least three decimals"

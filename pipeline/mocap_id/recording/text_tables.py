@@ -124,8 +124,8 @@ class TextTable:
 
         A whole last line without a line end is common. The line is cut if it has fewer cells than all lines above, or
         if its last number cannot belong to its column: it has fewer decimals than all numbers above. If their number
-        of decimals varies, or they are whole numbers, it differs from the number above by more than three times the
-        largest step of the column.
+        of decimals varies, or they are whole numbers, it is shorter than the number above and differs from it by more
+        than three times the largest step of the column.
         """
         rows = [line.strip(" \r").split(self.separator) for line in self.lines if line.strip()]
         if len(rows) < 4:
@@ -145,7 +145,7 @@ class TextTable:
         except ValueError:
             return False  # the cell that is not a number is an error of its own
         largest = float(np.abs(np.diff(others)).max(initial=0.0))
-        return abs(value - others[0]) > 3.0 * largest and len(cell) < min(map(len, column))
+        return abs(value - others[0]) > 3.0 * largest and len(cell) < len(column[-1])
 
     def _line_number(self, row: int) -> int:
         """Return the line number of a row in the file, from 1."""
