@@ -114,6 +114,24 @@ def test_trigno_discover(tmp_path: Path, form: dict[str, bool]) -> None:
     check(discover(tmp_path / "discover.csv", **form))
 
 
+def test_trigno_discover_without_times_has_rates_below_the_names(tmp_path: Path) -> None:
+    """The channel of the muscle is faster and has more rows."""
+    lines = ["Application:, Trigno Discover (1.7.0)", "EMG 01 (88016), , ", "sensor mode: 55, , "]
+    lines += [", ".join(["EMG 1 (mV)", *(f"{name} ({unit})" for name, unit in CHANNELS)])]
+    lines += [", ".join(["1259.2593 Hz", *["100 Hz" for _ in CHANNELS]])]
+    for k in range(500):
+        lines.append(", ".join(["0.5", *(f"{value[k]:.9f}" if k < ROWS else "" for value in IN_UNITS)]))
+    (tmp_path / "discover.csv").write_text("\n".join(lines) + "\n")
+    check(tmp_path / "discover.csv")
+
+
+def test_channels_without_units_are_refused(tmp_path: Path) -> None:
+    head = ",".join(f'X[s],"Avanti sensor 2: {kind}.{axis} 2"' for kind in ("ACC", "GYRO") for axis in "XYZ")
+    path = write(tmp_path / "emgworks.csv", [head], [each for value in IN_UNITS for each in (TIME, value)])
+    with pytest.raises(RecordingError, match="contain no units"):
+        read_imu(path)
+
+
 def test_delsys_times_are_not_taken_from_another_channel(tmp_path: Path) -> None:
     """A channel of the muscle stands between the times and the sensor's channels."""
     names = ["X[s]", "EMG 1 (mV)", *(f"{name} ({unit})" for name, unit in CHANNELS)]

@@ -60,6 +60,11 @@ def read_imu(path: Path, rate: float | None = None) -> ImuLog:
     lines = split_lines(text)
     start = next((k for k, line in enumerate(lines[:_HEADER]) if _is_header(line)), None)
     if start is None:
+        if any(re.search(r"GYRO[ .]*[XYZ]\b", line, re.IGNORECASE) for line in lines[:_HEADER]):
+            raise RecordingError(
+                f"{path}: the names of its channels contain no units; expected names such as `ACC.X (g)` and "
+                "`GYRO.X (deg/s)`: export with units, or add them to the names"
+            )
         raise RecordingError(f"{path}: no columns of an inertial sensor; {_EXPECTED}")
     separator = next((each for each in "\t;," if each in lines[start]), ",")
     names = [name.strip().strip('"').strip() for name in lines[start].split(separator)]
