@@ -12,6 +12,7 @@ from pydantic import Field
 from mocap_id.config import build_schema, load
 from mocap_id.errors import ConfigError
 from mocap_id.stages.base import Context, Outputs, Settings, Stage
+from mocap_id.stages.trial_keys import InertialSensor, list_sensors
 
 
 class FilterSettings(Settings):
@@ -206,3 +207,26 @@ def test_the_schema_knows_every_key_and_both_forms_of_a_recording() -> None:
     assert found["anyOf"] == [{"required": ["recording"]}, {"required": ["imus", "calibration"]}]
     assert [choice["type"] for choice in found["properties"]["recording"]["anyOf"]] == ["string", "object"]
     assert found["$defs"]["FilterSettings"]["properties"]["cutoff"]["description"] == "low-pass, Hz"
+
+
+@pytest.mark.parametrize(
+    ("given", "lines"),
+    [
+        ("{forearm: {flie: a.csv}}", ["`imus.forearm.file` is missing", "`imus.forearm.flie`: did you mean `file`?"]),
+        ("{forearm: {file: a.csv, rate_hz: -1}}", ["`imus.forearm.rate_hz` is -1, expected greater than 0"]),
+        ("{forearm: 3}", ["`imus.forearm` is 3, expected text"]),
+    ],
+)
+def test_a_mistake_in_one_of_two_forms_is_told_for_that_form(write, given: str, lines: list[str]) -> None:
+    """A sensor is a file, or keys with a file and a rate."""
+    told = complaint(write(f"{LEAST}space: 3d\nimus: {given}\n")).splitlines()
+    assert len(told) == len(lines)
+    for line, words in zip(told, lines, strict=True):
+        assert words in line
+
+
+def test_a_sensor_may_have_a_rate(write, tmp_path: Path) -> None:
+    given = "imus: {hand: b.csv, forearm: {file: a.csv, rate_hz: 60}}"
+    sensors = list_sensors(load(write(f"{LEAST}space: 3d\n{given}\n"), STAGES).keys.imus)
+    assert sensors["forearm"] == InertialSensor(file=tmp_path / "a.csv", rate_hz=60)
+    assert sensors["hand"] == InertialSensor(file=tmp_path / "b.csv")

@@ -97,3 +97,12 @@ def test_it_is_butterworth_s_filter_forwards_and_backwards(cutoff: float, rate: 
     reach = lowpass.reach_samples
     assert off.max() < 3e-3
     assert off[reach:-reach].max() < 3e-5
+
+
+@pytest.mark.parametrize(("cutoff", "rate"), [(10.0, 5.0), (10.0, 8.0), (60.0, 100.0), (3.0, 1.0)])
+def test_a_cutoff_above_the_frequencies_of_the_samples_passes_them(cutoff: float, rate: float) -> None:
+    filter_ = LowPass(cutoff, rate)
+    time = np.arange(200) / rate
+    wave = np.sin(2 * np.pi * 0.1 * rate * time)[:, None]
+    assert filter_.reach_samples >= 1
+    np.testing.assert_allclose(filter_(wave)[60:-60], wave[60:-60], atol=2e-3)

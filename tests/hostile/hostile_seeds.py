@@ -132,11 +132,26 @@ def csv() -> tuple[Seed, ...]:
     force += [f"{k / 100:.2f},{k % 3},{k % 5}.5,{-k},0.1,0.2," for k in range(100)]
     angles = ["time_s,knee_deg,hip_rad", *(f"{k / 100:.2f},{k},{k / 50}" for k in range(100))]
     encoder = ["time_s,position_rad,velocity_rad_s,torque_Nm", *(f"{k / 100:.2f},{k / 50},2.0,0.5" for k in range(100))]
-    return (
-        Seed("force.csv", "\n".join([*force, ""]).encode(), 100),
-        Seed("angles.csv", "\n".join([*angles, ""]).encode(), 100),
-        Seed("encoder.csv", "\n".join([*encoder, ""]).encode(), 100),
-    )
+    own = [
+        "time_s,gyro_x,gyro_y,gyro_z,acc_x,acc_y,acc_z",
+        *(f"{k / 100:.2f},0.1,{k % 5},0.2,1.5,2,9.8" for k in range(100)),
+    ]
+    mtw = ["// Update Rate: 100.0Hz", "PacketCounter\tAcc_X\tAcc_Y\tAcc_Z\tGyr_X\tGyr_Y\tGyr_Z"]
+    mtw += [f"{k}\t1.5\t2\t9.8\t0.1\t{k % 5}\t0.2" for k in range(100)]
+    channels = [(f"{kind} {axis}", unit) for kind, unit in (("ACC", "G"), ("GYRO", "deg/s")) for axis in "XYZ"]
+    delsys = ["Application:,Trigno Discover", "Sensor 1 (75651),,", "sensor mode: 609,,"]
+    delsys += [",".join(f"{name} Time Series (s),{name} ({unit})" for name, unit in channels) + ",Type,Label"]
+    delsys += [",".join(", 100 Hz" for _ in channels), ",".join(", 0.01 s" for _ in channels)]
+    delsys += [",".join(f"{k / 100:.2f},{k % 7}.5" for _ in channels) + ",General,x" for k in range(100)]
+    board = ["time_s,tl_kg,tr_kg,bl_kg,br_kg", *(f"{k / 90:.4f},20.1,{k % 3},15.2,15.3" for k in range(100))]
+    joints = [
+        "time_s,A_x,A_y,A_z,A_state,B_x,B_y,B_z",
+        *(f"{k / 30:.3f},{k / 99},0.5,2,2,0.1,1.2,2" for k in range(100)),
+    ]
+    kinect = [" ".join(f"{0.1 * (k % 25) + 0.5:.2f}" for k in range(75))] * 30
+    logs = {"force": force, "angles": angles, "encoder": encoder, "imu-own": own, "imu-mtw": mtw, "imu-delsys": delsys}
+    logs |= {"board": board, "skeleton": joints, "skeleton-kinect": kinect}
+    return tuple(Seed(f"{name}.csv", "\n".join([*lines, ""]).encode(), 100) for name, lines in logs.items())
 
 
 @functools.cache

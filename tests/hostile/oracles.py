@@ -22,6 +22,8 @@ from mocap_id import recording, runner
 from mocap_id.config import load
 from mocap_id.config.study import load_study
 from mocap_id.errors import MocapIdError, NumericalError
+from mocap_id.recording.imu_log import read_imu
+from mocap_id.recording.skeleton_log import read_skeleton
 from mocap_id.recording.text_tables import read_table
 from mocap_id.runner.dependencies import FileHashes
 from mocap_id.stages import STAGES
@@ -267,12 +269,21 @@ def _read_csv(bench: Bench, case: Case) -> str:
     path = bench.place / case.name
     path.write_bytes(case.data)
     rows = _rows(case.data, lambda line: True) - 1
+    if case.name.startswith("imu"):
+        read_imu(path)
+        return ""
+    if case.name.startswith("skeleton"):
+        read_skeleton(path)
+        return ""
+    if case.name == "board.csv":
+        recording.read_board(path)
+        return ""
     if case.name == "force.csv":
         count = len(recording.read_force_log(path).force)
     elif case.name == "angles.csv":
         count = len(recording.read_angles(path, ["knee_deg", "hip_rad"]).time)
     else:
-        count = len(recording.read_angles(path, ["position_rad"]).time)
+        count = len(recording.read_encoder(path).time)
     return "" if count == rows else f"{count} rows read of {rows}"
 
 

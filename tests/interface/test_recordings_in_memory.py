@@ -239,7 +239,7 @@ def test_a_file_of_kinetics_toolkit_as_documented(tmp_path: Path) -> None:
         ({"Points": {"class__": "ktk.TimeSeries", "time": [0, 1]}}, "damaged file"),
         (as_series({"A": [[1, 2, 3, 1]]}, [0, 1], {}), "A has 1 samples for 2 times"),
         (as_series({"A": [1, 2]}, [0, 1], {}), "no TimeSeries contains points"),
-        (as_series({"A": [[1, 2, 3, 1]] * 2}, [0, 0], {"A": "m"}), "times of Points do not increase"),
+        (as_series({"A": [[1, 2, 3, 1]] * 2}, [0, 0], {"A": "m"}), "time of Points does not increase"),
         (as_series({"A": [[1, 2, 3, 1]] * 2}, [0, 0.01], {}), "no length unit"),
     ],
 )

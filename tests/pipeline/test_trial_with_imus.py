@@ -5,17 +5,30 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from mocap_id.config import load
 from mocap_id.errors import ConfigError
+from mocap_id.recording.imu_log import read_imu
 from mocap_id.runner.execution import run
 from mocap_id.simulation import Options, simulate
 from mocap_id.simulation.arm import ArmOptions, write_arm
 
 
 def test_a_left_arm_with_sensors(tmp_path: Path) -> None:
+    """The sensor of the upper arm is an export without times, whose rate the configuration gives."""
     file = write_arm(tmp_path / "trial", ArmOptions(seed=12, cycles=1, side="left", imus=True))
+    log = read_imu(file.parent / "imu_upper_arm.csv")
+    rate = round(1.0 / float(np.median(np.diff(log.time))))
+    rows = np.column_stack([np.round((log.time - log.time[0]) * rate), log.gyro, log.acc])
+    names = ["PacketCounter", "Gyr_X", "Gyr_Y", "Gyr_Z", "Acc_X", "Acc_Y", "Acc_Z"]
+    lines = ["\t".join(names), *("\t".join(f"{value:.6f}" for value in row) for row in rows)]
+    (file.parent / "upper_arm.txt").write_text("\n".join(lines) + "\n", "utf-8")
+    text = file.read_text("utf-8")
+    given = f"upper_arm: {{file: upper_arm.txt, rate_hz: {rate}}}"
+    file.write_text(text.replace("upper_arm: imu_upper_arm.csv", given), "utf-8")
+    assert file.read_text("utf-8") != text
     trial = load(file)
     run(trial)
     summary = json.loads((trial.out / "summary.json").read_text("utf-8"))

@@ -69,7 +69,7 @@ def test_known_loads_give_zeros_and_gains() -> None:
     ("change", "words"),
     [
         (lambda rows: rows[:5], "at least"),
-        (lambda rows: rows[::-1], "goes back"),
+        (lambda rows: rows[::-1], "does not increase"),
         (lambda rows: rows * [1, 1000, 1, 1, 1], "not raw counts"),
     ],
 )

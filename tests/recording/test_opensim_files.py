@@ -245,12 +245,14 @@ def test_forces_with_another_number_of_rows_are_read_with_a_note(tmp_path: Path)
     ("forces", "reason"),
     [
         (mot(force_columns(), rows=99)[:-30], "declares 99 rows"),
-        (mot(force_columns()).replace("\n0.02\t", "\n0.2\t"), "do not increase"),
-        ("\n".join(mot(force_columns()).splitlines()[:8]), "has only one row"),
+        (mot(force_columns()).replace("\n0.02\t", "\n0.2\t"), "does not increase"),
+        ("\n".join(mot(force_columns()).splitlines()[:8]), "has 1 value,"),
         (mot({"knee_angle": FORCE[:, 0]}), "no column is a ground force"),
         (mot({"ground_force_vx": FORCE[:, 0]}), "only the components"),
         ("a\tb\n1\t2\n", "endheader"),
         (mot(force_columns()).replace("time\t", "zeit\t"), "expected 'time'"),
+        (mot(force_columns()).replace("force_1_vz", "force_1_vx"), "`ground_force_1_vx` occurs twice"),
+        (mot({**force_columns(), "plate1_vx": FORCE[:, 0]}), "are the same quantity"),
     ],
 )
 def test_broken_mot_files_are_refused(tmp_path: Path, forces: str, reason: str) -> None:

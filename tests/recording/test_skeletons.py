@@ -94,8 +94,8 @@ def test_a_trc_file_of_markerless_software_is_a_skeleton(tmp_path: Path) -> None
     [
         ("a,b\n1,2\n", "JOINT_x"),
         ("1 2 3\n4 5 6\n", "25 joints"),
-        ("time_s,A_x,A_y,A_z\n" + "0,1,2,3\n" * 30, "increasing times"),
-        ("time_s,A_x,A_y,A_z\n1,1,2,3\n0,1,2,3\n", "must be numbers that increase"),
+        ("time_s,A_x,A_y,A_z\n" + "0,1,2,3\n" * 30, "repeat the time"),
+        ("time_s,A_x,A_y,A_z\n1,1,2,3\n0,1,2,3\n", "does not increase"),
     ],
 )
 def test_what_is_no_skeleton_is_refused_with_what_was_expected(tmp_path: Path, text: str, says: str) -> None:
@@ -124,3 +124,41 @@ def test_joints_are_found_by_the_names_of_usual_programs(names: tuple[str, ...])
 def test_middle_joints_and_hips_are_told_apart() -> None:
     roles = find_roles(["Hip", "RHip", "LHip", "Neck", "Head", "SpineShoulder", "SpineMid"], "left")
     assert roles == {"pelvis": 0, "far_hip": 1, "near_hip": 2, "neck": 3, "head": 4, "spine_top": 5, "spine": 6}
+
+
+def kinect_rows(count: int = 30) -> list[str]:
+    values = np.random.default_rng(0).uniform(0.1, 2.0, (count, 75))
+    return [" ".join(f"{value:.4f}" for value in row) for row in values]
+
+
+@pytest.mark.parametrize("blank", [[0], [10], [30], [0, 10, 10, 30, 31]])
+def test_blank_lines_in_the_text_of_a_kinect_are_ignored(tmp_path: Path, blank: list[int]) -> None:
+    path, lines = tmp_path / "k.txt", kinect_rows()
+    path.write_text("\n".join(lines) + "\n")
+    whole = read_skeleton(path).recording
+    for at in blank:
+        lines.insert(at, "")
+    path.write_text("\n".join(lines) + "\n\n")
+    np.testing.assert_array_equal(read_skeleton(path).recording.positions, whole.positions)
+
+
+def test_text_of_a_kinect_that_ends_within_its_last_row_is_refused(tmp_path: Path) -> None:
+    text = "\n".join(kinect_rows())
+    (tmp_path / "k.txt").write_text(text)
+    assert len(read_skeleton(tmp_path / "k.txt").recording.time) == 30
+    for lost in (1, 4, 200):
+        (tmp_path / "k.txt").write_text(text[:-lost])
+        with pytest.raises(RecordingError, match="ends within its last line"):
+            read_skeleton(tmp_path / "k.txt")
+
+
+def test_a_joint_that_occurs_twice_is_refused(tmp_path: Path) -> None:
+    row = ",1,2,3,4,5,6\n"
+    path = tmp_path / "s.csv"
+    path.write_text("time_s,A_x,A_y,A_z,a_X,A_y,A_z\n" + "".join(f"{k / 30:.4f}{row}" for k in range(30)))
+    with pytest.raises(RecordingError, match="`a_X` occurs twice"):
+        read_skeleton(path)
+    write_trc(tmp_path / "s.trc", ("A", "B"), np.random.default_rng(0).uniform(0, 1, (30, 2, 3)), 30)
+    (tmp_path / "s.trc").write_text((tmp_path / "s.trc").read_text().replace("\tB", "\tA"))
+    with pytest.raises(RecordingError, match="`A` occurs twice"):
+        read_skeleton(tmp_path / "s.trc")

@@ -215,3 +215,31 @@ def test_markers_of_an_export_with_forces(tmp_path: Path) -> None:
     found = recording.read(tmp_path / "sts.tsv", tmp_path / "sts.mot")
     assert (found.format, found.vertical) == ("QTM TSV + MOT", "Y")
     assert found.plates[0].mean_vertical() == pytest.approx(700)
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "words"),
+    [
+        ("a.tsv", qtm(timed=True).replace(".", ",").encode(), "decimal commas"),
+        ("a.tsv", qtm(timed=False).replace(".", ",").encode(), "decimal commas"),
+        ("a.csv", motive().replace(",", ";").encode(), "separated by semicolons"),
+        *((name, text.encode(code), "UTF-16") for code in ("utf-16", "utf-16-le")
+          for name, text in (("a.tsv", qtm(timed=True)), ("a.csv", motive()), ("b.csv", nexus()))),
+    ],
+)  # fmt: skip
+def test_decimal_commas_and_other_encodings_are_named(tmp_path: Path, name: str, data: bytes, words: str) -> None:
+    (tmp_path / name).write_bytes(data)
+    with pytest.raises(RecordingError, match=words):
+        recording.read(tmp_path / name)
+
+
+def test_the_last_number_may_have_lost_digits_although_the_number_of_rows_is_right(tmp_path: Path) -> None:
+    path, whole = tmp_path / "a.tsv", qtm(timed=True).rstrip()
+    path.write_text(whole)
+    found = recording.read(path)
+    assert np.isfinite(found.positions[-1]).all()
+    assert not any("last row" in note for note in found.oddities)
+    path.write_text(whole[:-2])
+    found = recording.read(path)
+    assert np.isnan(found.positions[-1, -1]).any()
+    assert any("its last number may have lost digits" in note for note in found.oddities)

@@ -19,7 +19,10 @@ _Model = TypeVar("_Model", bound=BaseModel)
 
 _MAX_LINES = 12
 _MAX_CONTRADICTIONS = 30
-_ALTERNATIVE = re.compile(r"str|int|tuple\[.*\]")  # names that pydantic adds to a location for each type of a union
+_FILE = re.compile(r"lax-or-strict\[.*\]")  # name that pydantic gives to the path of a file in a union
+_ALTERNATIVE = re.compile(
+    rf"str|int|tuple\[.*\]|{_FILE.pattern}"
+)  # names that pydantic adds to a location for each type of a union
 _NUMBERS = {
     "float_type": "expected a number",
     "float_parsing": "expected a number",
@@ -45,7 +48,14 @@ def parse(
     try:  # as JSON: types are strict, yet lists become tuples and texts become paths
         return model.model_validate_json(json.dumps(complete(source.data)), strict=True)
     except ValidationError as error:
-        lines = [_describe_mistake(detail, model, source) for detail in error.errors(include_url=False)]
+        mistakes = error.errors(include_url=False)
+        either = [each for each in mistakes if any(_FILE.fullmatch(str(step)) for step in each["loc"])]
+        for each in either:  # a file or keys: tell only the mistakes in the form that was given
+            above = each["loc"][:-1]
+            keys = isinstance(each["input"], dict)
+            mistakes = [one for one in mistakes if one is not each if keys or one["loc"][: len(above)] != above]
+            mistakes += [] if keys else [each]
+        lines = [_describe_mistake(detail, model, source) for detail in mistakes]
         raise ConfigError(_join_lines(lines, _MAX_LINES)) from error
 
 
@@ -75,9 +85,12 @@ def suggest_name(name: str, known: Sequence[str]) -> str:
 
 def _describe_mistake(detail: ErrorDetails, model: type[BaseModel], source: Source) -> str:
     """Return the message about one mistake that pydantic found."""
-    location: Location = tuple(detail["loc"])
-    if detail["type"] != "extra_forbidden":
-        location = tuple(step for step in location if not _ALTERNATIVE.fullmatch(str(step)))
+    location: Location = ()
+    for k, step in enumerate(detail["loc"], start=1):
+        here = _find_model(model, location)
+        unknown = detail["type"] == "extra_forbidden" and k == len(detail["loc"])
+        if unknown or not (_ALTERNATIVE.fullmatch(str(step)) or (location and here and step == here.__name__)):
+            location = (*location, step)
     key = "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in location).lstrip(".")
     where = source.where(location)
     if detail["type"] == "extra_forbidden":

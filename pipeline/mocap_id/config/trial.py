@@ -192,7 +192,10 @@ def _find_calibration(source: Source, given: str, stages: Sequence[Stage], *, al
                 f"{where}: calibration: {file} has no `imus`; a trial without markers needs one with markers and the "
                 "same sensors, worn in the same way"
             )
-        imus = {segment: str(path) for segment, path in trial.keys.imus.items()}
+        imus = {
+            segment: str(each) if isinstance(each, Path) else each.model_dump(mode="json")
+            for segment, each in trial.keys.imus.items()
+        }
         return files | {"states": str(trial.out / "states.parquet"), "imus": imus}
     if trial.keys.space != "3d":
         raise ConfigError(f"{where}: calibration: {file} is a trial in the plane; expected `space: 3d`")

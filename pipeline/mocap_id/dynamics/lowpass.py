@@ -17,6 +17,7 @@ from mocap_id.arrays import BoolArray, FloatArray, IntArray, chunks, find_comple
 
 _SHARE, _MARGIN, _LOWEST, _HIGHEST = 0.999, 2.0, 3.0, 10.0
 _OVERSAMPLED = 10
+_PASSES_ALL = 0.49  # cut-off as a fraction of the rate; a higher one passes every frequency that the samples contain
 _COLUMNS = 8  # number of columns filtered at a time, to limit the memory
 
 
@@ -40,8 +41,8 @@ class LowPass:
 
     @property
     def reach_samples(self) -> int:
-        """Number of samples in :attr:`reach`."""
-        return round(self.reach * self.rate)
+        """Number of samples in :attr:`reach`, at least 1."""
+        return max(1, round(self.reach * self.rate))
 
     @property
     def step(self) -> int:
@@ -74,7 +75,7 @@ class LowPass:
         rest[:count] = signal - line
         rest[count : count + beyond], rest[-beyond:] = -rest[count - beyond - 1 : count - 1][::-1], -rest[beyond:0:-1]
         tangent = np.tan(np.pi * np.fft.rfftfreq(len(rest)))
-        gain = 1.0 / (1.0 + (tangent / np.tan(np.pi * self.cutoff / self.rate)) ** 4)
+        gain = 1.0 / (1.0 + (tangent / np.tan(np.pi * min(self.cutoff / self.rate, _PASSES_ALL))) ** 4)
         line += irfft(gain[:, None] * rfft(rest, axis=0), len(rest), axis=0)[:count]
         return line
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.errors import RecordingError
+from mocap_id.recording.clock import SENSOR_HZ, check_times
 from mocap_id.recording.text_tables import read_csv
 
 TIME, CELLS = "time_s", ("tl_kg", "tr_kg", "bl_kg", "br_kg")
@@ -59,9 +60,7 @@ def read_board(path: Path, loads: Path | None = None) -> BoardLog:
     time, cells = values[:, 0], values[:, 1:]
     if len(time) < _LEAST_ROWS or np.ptp(time) <= 0.0:
         raise RecordingError(f"{path}: has {len(time)} complete rows, expected at least {_LEAST_ROWS} different times")
-    if (np.diff(time) < 0.0).any():
-        row = int(np.argmax(np.diff(time) < 0.0))
-        raise RecordingError(f"{path}: `{TIME}` goes back after {time[row]:g} s: sort the rows by time")
+    check_times(path, time, f"`{TIME}`", SENSOR_HZ, repeated=True)
     if np.abs(cells).max() > _LARGEST_KG:
         raise RecordingError(
             f"{path}: a cell reads {np.abs(cells).max():g} kg, expected at most {_LARGEST_KG:g}: the columns must "

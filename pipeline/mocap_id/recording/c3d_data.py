@@ -12,6 +12,7 @@ import numpy as np
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
 from mocap_id.recording.c3d_file import BLOCK, C3DFile, convert_floats, endian
+from mocap_id.recording.clock import check_rate
 
 _PADDING = 2 * BLOCK
 """Largest padding at the end of a file, bytes: writers pad the last block, and some add another block."""
@@ -100,10 +101,7 @@ def _read_scale_and_rate(file: C3DFile, oddities: list[str]) -> tuple[float, flo
         raise RecordingError(
             f"{file.path}: POINT:SCALE is {scale}, expected a non-zero number; the file is corrupt, export it again"
         )
-    if not (np.isfinite(rate) and 0.1 <= rate <= 1e5):
-        raise RecordingError(
-            f"{file.path}: the frame rate is {rate} Hz, expected 0.1 to 100,000 Hz; export the file again with its rate"
-        )
+    check_rate(file.path, rate, "the frame rate")
     return scale, rate
 
 

@@ -9,10 +9,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from mocap_id.arrays import FloatArray, is_time_axis
+from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
 from mocap_id.extras import optional
 from mocap_id.recording.axes import check_axis, to_z_up
+from mocap_id.recording.clock import SENSOR_HZ, check_rate, check_times
 from mocap_id.recording.lab_plates import rotate_plate
 from mocap_id.recording.model import Plate, Recording
 from mocap_id.recording.units import check_length_unit
@@ -30,7 +31,7 @@ def plate_from_arrays(
 ) -> Plate:
     """Return a plate; parameters and errors as for :meth:`mocap_id.recording.Plate.from_arrays`."""
     metres, newtons = check_length_unit(units), _check_shape("force", force)
-    _check_rate(rate)
+    check_rate("plate", rate, "`rate`", SENSOR_HZ)
     counts = {"moment": len(newtons), "cop": len(newtons), "free_moment": len(newtons), "corners": 4}
     arrays = {
         name: metres * _check_shape(name, values, counts[name])
@@ -68,7 +69,7 @@ def recording_from_arrays(
         )
     if len(set(labels)) < len(labels):
         raise RecordingError("labels: a name occurs twice; expected a unique name for each marker")
-    _check_rate(rate)
+    check_rate("recording", rate, "`rate`")
     axis = check_axis(vertical)
     if axis != "Z":
         rotation = to_z_up(axis)
@@ -181,8 +182,10 @@ def _list_pairs(columns: Iterable[Any]) -> list[tuple[Any, ...]]:
 
 def _measure_clock(owner: str, time: FloatArray) -> tuple[float, float]:
     """Return rate (Hz) and start (s) of evenly spaced times; RecordingError if they are not evenly spaced."""
-    if time.dtype.kind not in "fiu" or not is_time_axis(np.asarray(time, np.float64)):
-        raise RecordingError(f"{owner}: its times do not increase; expected the time of each frame in s")
+    if time.dtype.kind not in "fiu":
+        raise RecordingError(f"{owner}: its times are not numbers; expected the time of each frame in s")
+    time = np.asarray(time, np.float64)
+    check_times(owner, time, "its time", SENSOR_HZ, pauses=True)
     rate = (len(time) - 1) / float(time[-1] - time[0])
     even = float(time[0]) + np.arange(len(time)) / rate
     if np.abs(time - even).max() * rate > _EVEN:
@@ -197,8 +200,3 @@ def _check_shape(name: str, values: ArrayLike | None, count: int | None = None) 
         expected = "(samples, 3)" if count is None else f"({count}, 3)"
         raise RecordingError(f"plate: `{name}` has the shape {array.shape}; expected {expected}")
     return array
-
-
-def _check_rate(rate: float) -> None:
-    if not (np.isfinite(rate) and rate > 0):
-        raise RecordingError(f"rate: it is {rate}; expected a positive number of samples or frames per second")

@@ -14,10 +14,11 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray, is_time_axis
+from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
+from mocap_id.recording.clock import MARKER_HZ, SENSOR_HZ, EvenClock, fit_even_clock
 from mocap_id.recording.lab_plates import reverse_force_on_plate, rotate_plate
-from mocap_id.recording.marker_table import EvenClock, MarkerTable, ReadingOptions, assemble_recording, fit_even_clock
+from mocap_id.recording.marker_table import MarkerTable, ReadingOptions, assemble_recording
 from mocap_id.recording.model import Plate, Recording
 from mocap_id.recording.units import ForceUnits, find_force_scale, find_length_scale, find_moment_scale
 
@@ -59,7 +60,7 @@ def read_ktk(path: Path, stream: BinaryIO, options: ReadingOptions) -> Recording
     oddities: list[str] = []
     series = read_series(path, stream)
     points = _find_points(path, series)
-    clock = _fit_clock(path, points, oddities)
+    clock = _fit_clock(path, points, MARKER_HZ, oddities)
     labels = points.points
     declared = {points.units[name] for name in labels}
     if len({find_length_scale(unit) for unit in declared}) > 1:
@@ -142,10 +143,8 @@ def _find_points(path: Path, found: Mapping[str, Series]) -> Series:
     return chosen[0]
 
 
-def _fit_clock(path: Path, series: Series, oddities: list[str]) -> EvenClock:
-    if not is_time_axis(series.time):
-        raise RecordingError(f"{path}: the times of {series.name} do not increase from sample to sample")
-    clock = fit_even_clock(path, series.time)
+def _fit_clock(path: Path, series: Series, fastest: float, oddities: list[str]) -> EvenClock:
+    clock = fit_even_clock(path, series.time, name=f"the time of {series.name}", fastest=fastest)
     if clock.rounding_note:
         oddities.append(f"{series.name}: {clock.rounding_note}")
     return clock
@@ -154,7 +153,7 @@ def _fit_clock(path: Path, series: Series, oddities: list[str]) -> EvenClock:
 def _read_plates(path: Path, series: Series, units: ForceUnits, oddities: list[str]) -> list[Plate]:
     """Return the platforms in the axes of the file, with moments about the origin."""
     names = [match[1] for name in series.data if (match := _FORCE.fullmatch(name))]
-    clock = _fit_clock(path, series, oddities) if names else None
+    clock = _fit_clock(path, series, SENSOR_HZ, oddities) if names else None
     plates = []
     for index, name in enumerate(names, 1):
         assert clock is not None

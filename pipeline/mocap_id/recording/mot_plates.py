@@ -10,8 +10,8 @@ import numpy as np
 
 from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
+from mocap_id.recording.clock import SENSOR_HZ, EvenClock, fit_even_clock
 from mocap_id.recording.lab_plates import reverse_force_on_plate
-from mocap_id.recording.marker_table import EvenClock, fit_even_clock
 from mocap_id.recording.model import Plate
 from mocap_id.recording.saturation import find_clipped
 from mocap_id.recording.text_tables import MotionTable
@@ -36,7 +36,7 @@ def find_force_columns(path: Path, table: MotionTable) -> list[ForceColumns]:
 
     Accepted names are ``ground_force_1_vx / _px / _mx``, ``1_ground_force_vx``, ``ground_force_vx``,
     ``ground_force_r_vx``, and for the moment ``ground_torque_x``, ``1_ground_torque_x``, ``ground_torque_1_x``. Raises
-    RecordingError if there is no force column, or if a force lacks a component.
+    RecordingError if there is no force column, if a force lacks a component, or if two columns are the same quantity.
     """
     found: dict[str, dict[str, dict[str, int]]] = {}
     for index, column in enumerate(table.columns):
@@ -48,7 +48,13 @@ def find_force_columns(path: Path, table: MotionTable) -> list[ForceColumns]:
         if what is None:
             what = "moment" if re.search("torque|moment|grm", name) else None
         if what is not None:
-            found.setdefault(_WORDS.sub("", name), {}).setdefault(what, {}).setdefault(match["axis"], index)
+            axes = found.setdefault(_WORDS.sub("", name), {}).setdefault(what, {})
+            if match["axis"] in axes:
+                raise RecordingError(
+                    f"{path}: the columns `{table.columns[axes[match['axis']]]}` and `{column}` are the same quantity "
+                    "of the same plate; remove or rename one of them"
+                )
+            axes[match["axis"]] = index
     groups = {name: parts for name, parts in found.items() if "force" in parts}
     if not groups:
         raise RecordingError(
@@ -84,7 +90,7 @@ def read_mot_plates(
     A plate without a point of application is unusable. ``rotation`` (3, 3) rotates vectors from the table's axes to the
     axes of the lab (Z up). The units of the table are m, N and N·m unless ``units`` configures others.
     """
-    clock = fit_even_clock(path, table.time)
+    clock = fit_even_clock(path, table.time, fastest=SENSOR_HZ)
     if clock.rounding_note:
         oddities.append(f"{path.name}: {clock.rounding_note}")
     return tuple(

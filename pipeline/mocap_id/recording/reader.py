@@ -17,7 +17,7 @@ from mocap_id.recording.ktk_file import MAGIC, read_ktk
 from mocap_id.recording.marker_table import MarkerTable, ReadingOptions, assemble_recording
 from mocap_id.recording.model import Recording
 from mocap_id.recording.mot_plates import find_force_columns, read_mot_plates
-from mocap_id.recording.text_tables import open_recording, read_table, read_text
+from mocap_id.recording.text_tables import check_encoding, open_recording, read_table, read_text
 from mocap_id.recording.trc_table import parse_trc
 from mocap_id.recording.units import ForceUnits
 from mocap_id.recording.vendor_tables import NEXUS_SECTIONS, parse_motive, parse_nexus, parse_qtm
@@ -82,6 +82,8 @@ def read(
     _check_kinds(markers, forces)
     with open_recording(markers) as stream:
         start = stream.read(_HEAD_BYTES)
+        if start.startswith((b"\xff\xfe", b"\xfe\xff")):  # no binary format starts so
+            check_encoding(markers, start)
         parse = None if start.startswith(MAGIC) else _choose_parser(markers, start)
         if parse is None:
             if forces is not None:
@@ -106,6 +108,11 @@ def _choose_parser(path: Path, start: bytes) -> Parser | None:
     if parse is None and path.suffix.lower() == ".trc":
         return parse_trc  # its error says what is wrong
     if parse is None and path.suffix.lower() in _TEXTS:
+        check_encoding(path, start)
+        if _find_parser(start.replace(b";", b",")) is not None:
+            raise RecordingError(
+                f"{path}: its cells are separated by semicolons (;): export it with commas and with decimal points"
+            )
         raise RecordingError(
             f"{path}: neither a QTM TSV, Motive CSV nor Nexus CSV export with its header; export it again with the "
             "header, or as C3D or TRC. The skeleton log of a depth camera goes into `recording: {skeleton: FILE}`"

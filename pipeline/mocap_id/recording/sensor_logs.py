@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from mocap_id.arrays import FloatArray, is_time_axis
+from mocap_id.arrays import FloatArray
 from mocap_id.errors import ConfigError, RecordingError
+from mocap_id.recording.clock import SENSOR_HZ, check_times
 from mocap_id.recording.text_tables import read_csv, read_table
 
 TIME, POSITION, VELOCITY, TORQUE = "time_s", "position_rad", "velocity_rad_s", "torque_Nm"
@@ -67,13 +68,7 @@ def read_encoder(path: Path) -> EncoderLog:
                 f"{path}: `{name}` has no number in line {empty[0] + 2} ({len(empty)} such lines): remove these "
                 "lines; the times need not be evenly spaced"
             )
-    back = np.flatnonzero(np.diff(time) <= 0)
-    if len(back):
-        k = int(back[0]) + 1
-        raise RecordingError(
-            f"{path}: `{TIME}` does not increase: line {k + 2} has {time[k]:g} s after {time[k - 1]:g} s; sort the "
-            "rows by time and remove repeated rows"
-        )
+    check_times(path, time, f"`{TIME}`", SENSOR_HZ)
     _check_derivative(path, time, position, velocity)
     return EncoderLog(time, position, velocity, columns.get(TORQUE))
 
@@ -81,8 +76,6 @@ def read_encoder(path: Path) -> EncoderLog:
 def _read_columns(path: Path) -> dict[str, FloatArray]:
     table = read_csv(path)
     names = list(table.names)
-    if len(names) == 1 and ";" in names[0]:
-        raise RecordingError(f"{path}: its cells are separated by `;`: export it with `,` and with decimal points")
     if sorted(names) not in (sorted([TIME, POSITION, VELOCITY]), sorted([TIME, POSITION, VELOCITY, TORQUE])):
         raise RecordingError(
             f"{path}: has the columns {', '.join(names)[:_MAX_SHOWN]}, {_EXPECTED}: convert to the "
@@ -153,8 +146,7 @@ def read_force_log(path: Path) -> ForceLog:
 
 def _space_evenly(path: Path, time: FloatArray) -> FloatArray:
     """Return K evenly spaced times from the first to the last time, s; RecordingError if samples are missing."""
-    if not is_time_axis(time):
-        raise RecordingError(f"{path}: `{TIME}` must contain at least two times that increase from row to row")
+    check_times(path, time, f"`{TIME}`", SENSOR_HZ, pauses=True)
     even = np.linspace(time[0], time[-1], len(time))
     step = float(even[1] - even[0])
     worst = int(np.argmax(np.abs(time - even)))
@@ -200,8 +192,7 @@ def _read_csv_angles(path: Path, columns: Collection[str]) -> AngleTable:
     _check_columns(path, columns, names[1:])
     values = table.numbers()
     time = values[:, 0]
-    if not is_time_axis(time):
-        raise RecordingError(f"{path}: `{names[0]}` must contain at least two increasing times")
+    check_times(path, time, f"`{names[0]}`", SENSOR_HZ, pauses=True)
     return AngleTable(time, {name: values[:, names.index(name, 1)] * _find_factor(path, name) for name in columns})
 
 

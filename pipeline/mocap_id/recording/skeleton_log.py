@@ -7,12 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from mocap_id.arrays import BoolArray, FloatArray, is_time_axis
+from mocap_id.arrays import BoolArray, FloatArray
 from mocap_id.errors import RecordingError
 from mocap_id.recording.axes import check_axis
+from mocap_id.recording.clock import SKELETON_HZ, check_times
 from mocap_id.recording.marker_positions import clean_positions, resolve_length_unit, rotate_z_up
 from mocap_id.recording.model import Recording
-from mocap_id.recording.text_tables import TextTable, read_csv, read_text
+from mocap_id.recording.text_tables import TextTable, check_end, check_unique, read_csv, read_text, split_lines
 from mocap_id.recording.trc_table import parse_trc
 
 KINECT_V2 = (
@@ -29,7 +30,7 @@ _INFERRED = 1
 _LONGEST_STEP = 1.75  # largest step between two rows, in usual steps, that is interpolated
 _ON_ROW = 0.02  # a time that is closer to a row than this, in usual steps, takes the values of the row
 _LEAST_ROWS = 20
-_FASTEST = 500.0  # Hz
+_MANY_REPEATED = 0.1  # share of rows
 
 
 @dataclass(frozen=True)
@@ -92,6 +93,7 @@ def _read_rows(path: Path, oddities: list[str]) -> _Rows:
     text = read_text(path)
     if text[:400].lower().startswith("pathfiletype"):
         table = parse_trc(path, text, oddities)
+        check_unique(path, table.labels)
         inferred = np.zeros(table.positions.shape[:2], dtype=np.bool_)
         return _Rows("skeleton (TRC)", tuple(table.labels), table.time, table.positions, inferred, table.units)
     first = text[:20000].lstrip("\ufeff \t\r\n").split("\n", 1)[0]
@@ -102,8 +104,8 @@ def _read_rows(path: Path, oddities: list[str]) -> _Rows:
 
 def _read_kinect_rows(path: Path, text: str, oddities: list[str]) -> _Rows:
     """Return the rows of a text file of a Kinect v2, which has no header and no times."""
-    lines = [line.replace(",", " ") for line in text.splitlines()]
-    width = len(lines[0].split())
+    lines = [line.replace(",", " ") for line in split_lines(text)]
+    width = len(next(line for line in lines if line.strip()).split())
     joints = len(KINECT_V2)
     if width not in (3 * joints, 7 * joints):
         raise RecordingError(
@@ -111,7 +113,10 @@ def _read_kinect_rows(path: Path, text: str, oddities: list[str]) -> _Rows:
             f"JOINT_y, JOINT_z, or rows of the {joints} joints of a Kinect v2 ({3 * joints} or {7 * joints} numbers)"
         )
     names = [str(k) for k in range(width)]
-    values = TextTable(path, names, lines, 1, None).numbers().reshape(len(lines), joints, -1)
+    table = TextTable(path, names, lines, 1, None)
+    check_end(path, table, text)
+    values = table.numbers()
+    values = values.reshape(len(values), joints, -1)
     if len(values) < _LEAST_ROWS:
         raise RecordingError(f"{path}: has {len(values)} rows, expected at least {_LEAST_ROWS}")
     oddities.append(f"{path.name} has no times: {_KINECT_RATE:.0f} rows per second are assumed, as a Kinect v2 has")
@@ -151,13 +156,10 @@ def _interpolate(path: Path, rows: _Rows, oddities: list[str]) -> tuple[FloatArr
     Positions are interpolated linearly between rows; they are NaN where rows are missing.
     """
     rows = _drop_repeated_times(path, rows, oddities)
+    if len(rows.time) < _LEAST_ROWS:
+        raise RecordingError(f"{path}: has {len(rows.time)} rows with different times, expected at least {_LEAST_ROWS}")
     steps = np.diff(rows.time)
-    usual = float(np.median(steps)) if len(steps) else 0.0
-    if not is_time_axis(rows.time) or len(rows.time) < _LEAST_ROWS or usual < 1 / _FASTEST:
-        raise RecordingError(
-            f"{path}: expected at least {_LEAST_ROWS} rows with increasing times in seconds and a median step of at "
-            f"least {1 / _FASTEST:g} s; found {len(rows.time)} rows with a median step of {usual:g} s"
-        )
+    usual = float(np.median(steps))
     count = int(np.floor((rows.time[-1] - rows.time[0]) / usual + 1e-6)) + 1
     time = rows.time[0] + usual * np.arange(count)
     after = np.searchsorted(rows.time, time - 1e-9).clip(1, len(rows.time) - 1)
@@ -181,12 +183,18 @@ def _interpolate(path: Path, rows: _Rows, oddities: list[str]) -> tuple[FloatArr
 
 
 def _drop_repeated_times(path: Path, rows: _Rows, oddities: list[str]) -> _Rows:
-    """Return the rows without repeated times; RecordingError if the times decrease or are not numbers."""
-    if not np.isfinite(rows.time).all() or (np.diff(rows.time) < 0).any():
-        k = int(np.argmax(~(np.isfinite(rows.time) & (np.diff(rows.time, prepend=-np.inf) >= 0))))
-        raise RecordingError(f"{path}: the times must be numbers that increase; row {k + 1} of the data does not")
+    """Return the rows without repeated times; RecordingError if they are not the times of a skeleton."""
+    check_times(path, rows.time, "the time", SKELETON_HZ, repeated=True)
     keep = np.diff(rows.time, prepend=-np.inf) > 0
     if keep.all():
         return rows
-    oddities.append(f"{path.name}: {np.count_nonzero(~keep)} rows repeat the time of the row before and were left out")
+    again = np.flatnonzero(~keep)
+    same = (rows.positions[again] == rows.positions[again - 1]) | np.isnan(rows.positions[again])
+    others = int(np.count_nonzero(~same.all(axis=(1, 2))))
+    if others > _MANY_REPEATED * len(keep):
+        raise RecordingError(
+            f"{path}: {others} of {len(keep)} rows have the time of the row before, but other positions: the times are "
+            "rounded too coarsely; expected a time for each row. Export them in seconds with at least three decimals"
+        )
+    oddities.append(f"{path.name}: {len(again)} rows repeat the time of the row before and were left out")
     return replace(rows, time=rows.time[keep], positions=rows.positions[keep], inferred=rows.inferred[keep])

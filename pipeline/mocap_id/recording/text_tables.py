@@ -15,8 +15,9 @@ import pyarrow as pa
 from pyarrow import csv as arrow
 
 from mocap_id import plain_files
-from mocap_id.arrays import FloatArray, is_time_axis
+from mocap_id.arrays import FloatArray
 from mocap_id.errors import RecordingError
+from mocap_id.recording.clock import SENSOR_HZ, check_times
 
 _HEADER_LINES = 100
 _MAX_DECLARED = 10**9  # a larger number of rows in a header is an error
@@ -26,6 +27,7 @@ _MAX_OMITTED_CELLS = 10_000_000
 _TIME = ("time", "times")
 _WHOLE = re.compile("[0-9]+")
 _DECIMAL = re.compile(r"-?[0-9]{1,9}(\.[0-9]{0,9})?")
+_DECIMAL_COMMA = re.compile(r"[-+]?[0-9]+,[0-9]+(e[-+]?[0-9]+)?", re.IGNORECASE)
 _HEADER_VALUE = re.compile(r"\s*(?P<key>[A-Za-z]\w*)\s*(?:=|\s)(?P<value>.*)")
 _ARROW_ERROR = re.compile("column #([0-9]+): Row #([0-9]+): .*?'(.*)'", re.DOTALL)
 """Pattern of Arrow's message for a cell that is not a number."""
@@ -57,9 +59,10 @@ class TextTable:
             return np.empty((0, width))
         if max(breaks) >= width:
             worst = breaks.index(max(breaks))
+            comma = "; a decimal comma also separates cells: export with decimal points"
             raise RecordingError(
                 f"{self.path}: line {self._line_number(worst)} has {breaks[worst] + 1} cells, expected at most "
-                f"{width}; export it again"
+                f"{width}{comma if between == ',' else '; export it again'}"
             )
         if width * len(rows) > _MAX_OMITTED_CELLS + sum(map(len, rows)):
             raise RecordingError(f"{self.path}: {len(rows)} lines omit most of {width} columns; export it again")
@@ -96,6 +99,10 @@ class TextTable:
         numbers differ and the last row is incomplete, or if the declared number is impossible.
         """
         count = len(values)
+        if count and declared == count and not ended and self.is_cut():
+            row = next(line for line in reversed(self.lines) if line.strip())
+            values[-1, len(row.rstrip().split(self.separator)) - 1] = np.nan
+            return ["the file ends within its last row: its last number may have lost digits and was set to missing"]
         if declared == count or not count or (declared is None and ended):
             return []
         stated = "no number of" if declared is None else str(declared)
@@ -112,6 +119,34 @@ class TextTable:
         values[-1, -1] = np.nan
         return [f"{found}: all were read; the file may end within the last cell, which was set to missing"]
 
+    def is_cut(self) -> bool:
+        """Return whether the last line, which no line end follows, seems to have lost cells or digits.
+
+        A whole last line without a line end is common. The line is cut if it has fewer cells than all lines above, or
+        if its last number cannot belong to its column: it has fewer decimals than all numbers above. If their number
+        of decimals varies, or they are whole numbers, it is shorter than the number above and differs from it by more
+        than three times the largest step of the column.
+        """
+        rows = [line.strip(" \r").split(self.separator) for line in self.lines if line.strip()]
+        if len(rows) < 4:
+            return False
+        last, above = rows[-1], rows[:-1]
+        if len(last) < min(map(len, above)):
+            return True
+        column = [row[len(last) - 1].strip() for row in above if len(row) >= len(last)]
+        cell, column = last[-1].strip(), [each for each in column if each]  # blank if the file ends with a separator
+        decimals = {len(each.partition(".")[2]) for each in column}
+        if not column or not cell or len(cell.partition(".")[2]) < min(decimals):
+            return bool(column and cell)
+        if len(decimals) == 1 and 0 not in decimals:
+            return False
+        try:
+            value, *others = (float(each) for each in (cell, *column[-1:-200:-1]))
+        except ValueError:
+            return False  # the cell that is not a number is an error of its own
+        largest = float(np.abs(np.diff(others)).max(initial=0.0))
+        return abs(value - others[0]) > 3.0 * largest and len(cell) < len(column[-1])
+
     def _line_number(self, row: int) -> int:
         """Return the line number of a row in the file, from 1."""
         return [number for number, line in enumerate(self.lines, self.first) if line.strip()][row]
@@ -122,7 +157,10 @@ class TextTable:
         if match is None:
             return " ".join(arrow_message.split())[:160]
         name, line = self.names[int(match[1])], self._line_number(int(match[2]) - 1)
-        return f"`{name}` is {match[3].strip()[:40]!r} in line {line}; expected a number or an empty cell"
+        remedy = ""
+        if _DECIMAL_COMMA.fullmatch(match[3].strip()):
+            remedy = ". Its numbers have decimal commas: export it with decimal points"
+        return f"`{name}` is {match[3].strip()[:40]!r} in line {line}; expected a number or an empty cell{remedy}"
 
 
 @dataclass(frozen=True)
@@ -149,13 +187,27 @@ def read_table(path: Path) -> MotionTable:
 
 
 def read_text(path: Path) -> str:
-    """Read a text file as UTF-8 or, if it is not UTF-8, as Latin-1."""
+    """Read a text file as UTF-8 or, if it is not UTF-8, as Latin-1; RecordingError if it is UTF-16 or no text."""
     with open_recording(path) as stream:
         data = stream.read()
+    check_encoding(path, data)
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:
         return data.decode("latin-1")
+
+
+def check_encoding(path: Path, data: bytes) -> None:
+    """Raise RecordingError if the bytes of a text file are UTF-16 or UTF-32, or contain the character NUL."""
+    if data.startswith((b"\xff\xfe", b"\xfe\xff")) or data[:200].count(0) > len(data[:200]) // 4:
+        raise RecordingError(
+            f"{path}: the text is in UTF-16 (Unicode); expected UTF-8. Save it again as UTF-8 or ASCII"
+        )
+    if b"\0" in data:
+        raise RecordingError(
+            f"{path}: the text contains NUL characters, the first after {data.index(0)} bytes; the file is damaged. "
+            "Copy or export it again"
+        )
 
 
 def has_final_line_end(text: str) -> bool:
@@ -198,6 +250,7 @@ def parse_table(path: Path, text: str) -> MotionTable:
         raise RecordingError(f"{path}: the table is empty")
     separator = "\t" if "\t" in sample.rstrip() else None
     names = [name.strip() for name in lines[start].rstrip().split(separator)]
+    check_unique(path, names)
     table = TextTable(path, names, lines[start + 1 :], start + 2, separator)
     values = table.numbers()
     declared = parse_count(keys.get("nrows") or keys.get("datarows"))
@@ -206,9 +259,7 @@ def parse_table(path: Path, text: str) -> MotionTable:
     columns, values = [names[column] for column in filled], values[:, filled]
     columns, values = _put_time_first(path, columns, values, keys.get("range", ""), notes)
     time = values[:, 0]
-    if not is_time_axis(time):
-        problem = "the table has only one row" if len(time) == 1 else "the times do not increase from row to row"
-        raise RecordingError(f"{path}: {problem}; export a trial with at least two rows of increasing time")
+    check_times(path, time, "`time`", SENSOR_HZ, pauses=True)
     in_degrees = keys.get("indegrees", "no").lower() == "yes"
     return MotionTable(time, tuple(columns[1:]), values[:, 1:], in_degrees, tuple(notes))
 
@@ -248,17 +299,49 @@ def parse_count(declared: str | None) -> int | None:
     return int(digits) if len(digits) < 19 else 10**18  # more than any file contains
 
 
+def check_unique(path: Path, names: Sequence[str]) -> None:
+    """Raise RecordingError if a column name occurs twice, in small or capital letters; names may be empty."""
+    seen: set[str] = set()
+    for name in filter(None, (name.strip() for name in names)):
+        if name.casefold() in seen:
+            raise RecordingError(
+                f"{path}: the column `{name[:60]}` occurs twice, so it is not clear which one is meant; remove or "
+                "rename one of them"
+            )
+        seen.add(name.casefold())
+
+
 def read_csv(path: Path) -> TextTable:
     """Read a CSV table with the column names in the first line that is not blank.
 
-    Raises RecordingError if the file is missing, empty or not a CSV table.
+    Raises RecordingError if the file is missing, empty or not a CSV table, if a column name occurs twice, or if the
+    file ends within its last line.
     """
-    lines = split_lines(read_text(path))
+    text = read_text(path)
+    lines = split_lines(text)
     start = next((i for i, line in enumerate(lines) if line.strip()), None)
     if start is None:
         raise RecordingError(f"{path}: not a CSV table: the file is empty")
+    for separator, word in ((";", "semicolons (;)"), ("\t", "tabs")):
+        if "," not in lines[start] and separator in lines[start].strip():
+            raise RecordingError(
+                f"{path}: its cells are separated by {word}: export it with commas and with decimal points"
+            )
     try:
         names = next(csv.reader([lines[start].rstrip()], skipinitialspace=True))
     except csv.Error as error:
         raise RecordingError(f"{path}: not a CSV table ({error})") from None
-    return TextTable(path, [name.strip() for name in names], lines[start + 1 :], start + 2, ",")
+    check_unique(path, names)
+    table = TextTable(path, [name.strip() for name in names], lines[start + 1 :], start + 2, ",")
+    check_end(path, table, text)
+    return table
+
+
+def check_end(path: Path, table: TextTable, text: str) -> None:
+    """Raise RecordingError if a log ends within its last line, so that the last number may have lost digits."""
+    if has_final_line_end(text) or not table.is_cut():
+        return
+    raise RecordingError(
+        f"{path}: the file ends within its last line, {table.lines[-1].strip()[-40:]!r}: it has fewer cells or digits "
+        "than the lines above. Copy the file again, or delete this line"
+    )

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from mocap_id.errors import RecordingError
+from mocap_id.recording.clock import check_rate
 from mocap_id.recording.marker_table import MarkerTable, check_frame_numbers, fit_clock, parse_rate
 from mocap_id.recording.text_tables import TextTable, has_final_line_end, parse_count, split_lines
 
@@ -18,7 +19,7 @@ NEXUS_SECTIONS = frozenset(("trajectories", "devices", "joints", "model outputs"
 
 _HEADER_LINES = 1000
 _QTM_KEY = re.compile(r"[A-Z][A-Z_]+(\t|$)")
-_NUMBER = re.compile(r"[-+.\d][-+.\deE]*|NULL|NaN", re.IGNORECASE)
+_NUMBER = re.compile(r"[-+.,\d][-+.,\deE]*|NULL|NaN", re.IGNORECASE)  # decimal commas are an error of their own
 _PADDING = ",;\t \ufeff"  # characters that spreadsheets add to short lines
 
 
@@ -214,6 +215,7 @@ def _compute_times(path: Path, frames: np.ndarray, declared: str, name: str) -> 
     rate = parse_rate(path, declared.split(",", maxsplit=1)[0], name)
     if rate is None:
         raise RecordingError(f"{path}: {name} is {declared[:40]!r}, expected a number in Hz; export it with the times")
+    check_rate(path, rate, name)
     if len(frames) < 2:
         raise RecordingError(f"{path}: the file contains one frame, expected at least two")
     return frames / rate, rate

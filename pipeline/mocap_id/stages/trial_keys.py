@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any, Literal, TypeAlias
 
@@ -117,6 +118,15 @@ class ExternalForce(Settings):
     )
 
 
+class InertialSensor(Settings):
+    """Log of an inertial sensor."""
+
+    file: Path = Field(description="CSV with time_s, gyro_x … (rad/s), acc_x … (m/s²), or an export of Xsens or Delsys")
+    rate_hz: float | None = Field(
+        None, gt=0, description="rows per second, Hz, for an export without times, such as Xsens without `Update Rate`"
+    )
+
+
 Protocol: TypeAlias = Literal["free", "sit-to-stand", "robot-joint", "reach", "curl"]
 IN_PLANE: tuple[Protocol, ...] = ("sit-to-stand", "robot-joint")
 IN_SPACE: tuple[Protocol, ...] = ("reach", "curl")
@@ -153,7 +163,9 @@ class Calibration(Settings):
     trial: Path = Field(description="YAML file of the calibration trial")
     chain: Path = Field(description="chain.h5 of the calibration trial")
     states: Path | None = Field(None, description="states.parquet of the calibration trial")
-    imus: dict[str, Path] = Field({}, description="files of the inertial sensors in the calibration trial, by segment")
+    imus: dict[str, Path | InertialSensor] = Field(
+        {}, description="files of the inertial sensors in the calibration trial, by segment"
+    )
 
 
 class TrialKeys(Settings):
@@ -215,11 +227,12 @@ class TrialKeys(Settings):
         "markers; in the plane, for inertial sensors without markers, a trial with markers and the same sensors",
     )
     curl: CurlKeys = Field(CurlKeys(), description="curls: loads, device, metronome and the rules of the analysis")
-    imus: dict[str, Path] = Field(
+    imus: dict[str, Path | InertialSensor] = Field(
         {},
         validate_default=True,
         description="files of inertial sensors by segment: CSV with time_s, gyro_x … (rad/s), acc_x … (m/s²), or an "
-        "export of Xsens or Delsys; every sensor may have its own clock",
+        "export of Xsens or Delsys; every sensor may have its own clock. For an export without times, give "
+        "{file: …, rate_hz: …}",
     )
     compare: Compare | None = Field(None, description="joint angles from another system, for comparison")
     external: tuple[ExternalForce, ...] = Field((), description="other force sensors that act on the body")
@@ -234,7 +247,9 @@ class TrialKeys(Settings):
 
     @field_validator("imus")
     @classmethod
-    def _imus_with_markers(cls, value: dict[str, Path], info: ValidationInfo) -> dict[str, Path]:
+    def _imus_with_markers(
+        cls, value: dict[str, Path | InertialSensor], info: ValidationInfo
+    ) -> dict[str, Path | InertialSensor]:
         files = info.data.get("recording")
         if value and files is not None and files.skeleton is not None:
             raise ValueError("inertial sensors can be used with markers, not with a skeleton")
@@ -311,6 +326,13 @@ def get_recording(trial: TrialKeys) -> Files:
     """Return the recording of a trial that has markers or a skeleton."""
     assert trial.recording is not None
     return trial.recording
+
+
+def list_sensors(imus: Mapping[str, Path | InertialSensor]) -> dict[str, InertialSensor]:
+    """Return the inertial sensors under ``imus:`` by segment, also if only their files are given."""
+    return {
+        name: each if isinstance(each, InertialSensor) else InertialSensor(file=each) for name, each in imus.items()
+    }
 
 
 def get_landmark_labels(trial: TrialKeys) -> dict[str, str]:

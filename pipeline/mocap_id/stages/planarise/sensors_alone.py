@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from mocap_id.stages.calibration_trial import FORMAT, get_calibration, read_chai
 from mocap_id.stages.planarise.plate_reasons import describe_plates
 from mocap_id.stages.planarise.used_part import UsedPart
 from mocap_id.stages.planarise.wrenches import ExternalWrenches, compute_ground_wrench
-from mocap_id.stages.trial_keys import TrialKeys
+from mocap_id.stages.trial_keys import InertialSensor, TrialKeys, list_sensors
 from mocap_id.store import LongTable, Table
 from mocap_id.store.schemas import PLANAR, WRENCH
 
@@ -38,13 +37,13 @@ def planarise_sensors(context: Context) -> Outputs:
     """
     tree = read_chain(get_calibration(context.trial))
     _check_complete(context.trial, tree.texts("segments/name"))
-    files = context.trial.imus
-    time = _find_common_times(files, context.trial.window)
+    sensors = list_sensors(context.trial.imus)
+    time = _find_common_times(sensors, context.trial.window)
     labels = tree.texts("markers/name")
     rate = 1.0 / float(time[1] - time[0])
     missing = np.full((len(time), len(labels)), np.nan)
     source = Recording(
-        files=tuple(files.values()),
+        files=tuple(sensor.file for sensor in sensors.values()),
         format=FORMAT,
         labels=tuple(labels),
         positions=np.repeat(missing[..., None], 3, axis=2),
@@ -89,16 +88,17 @@ def _check_complete(trial: TrialKeys, segments: Sequence[str]) -> None:
         )
 
 
-def _find_common_times(files: Mapping[str, Path], window: tuple[float, float] | None) -> FloatArray:
+def _find_common_times(sensors: Mapping[str, InertialSensor], window: tuple[float, float] | None) -> FloatArray:
     """Return times with a constant step, s, that all sensors cover, on the assumption that their clocks agree."""
-    logs = {segment: read_imu(file) for segment, file in files.items()}
+    logs = {segment: read_imu(sensor.file, sensor.rate_hz) for segment, sensor in sensors.items()}
     first, last = max(log.time[0] for log in logs.values()), min(log.time[-1] for log in logs.values())
     steps = [float(np.median(np.diff(log.time))) for log in logs.values()]
     rate = float(np.clip(round(1.0 / max(steps)), *_RATES))
     if last - first < _LEAST_S:
+        files = ", ".join(sensor.file.name for sensor in sensors.values())
         raise RecordingError(
-            f"{', '.join(file.name for file in files.values())}: the sensors have {max(last - first, 0):.1f} s in "
-            f"common, expected at least {_LEAST_S:g} s; use logs of one recording"
+            f"{files}: the sensors have {max(last - first, 0):.1f} s in common, expected at least {_LEAST_S:g} s; use "
+            "logs of one recording"
         )
     start, stop = (first, last) if window is None else (max(first, window[0]), min(last, window[1]))
     if stop - start < _LEAST_S:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from mocap_id import __version__
 from mocap_id.reporting.report_data import ReportData
 from mocap_id.stages.base import Context, Outputs
-from mocap_id.stages.trial_keys import BalanceBoard, TrialKeys
+from mocap_id.stages.trial_keys import BalanceBoard, TrialKeys, list_sensors
 from mocap_id.verdict import Reason
 
 
@@ -40,7 +40,8 @@ def _describe_trial(trial: TrialKeys) -> dict[str, str]:
     """Return the keys of the trial that are not empty, as texts; file names are without folders."""
     forces = None if trial.recording is None else trial.recording.forces
     forces = forces.balance_board if isinstance(forces, BalanceBoard) else forces
-    motion = trial.imus.values() if trial.recording is None else (trial.recording.motion,)
+    worn = [sensor.file for sensor in list_sensors(trial.imus).values()]
+    motion = worn if trial.recording is None else (trial.recording.motion,)
     files = [path.name for path in (*motion, forces) if path is not None]
     subject = trial.subject.model_dump(exclude_none=True)
     plates = trial.plates.model_dump(exclude_defaults=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from mocap_id.errors import ConfigError
 from mocap_id.estimation.inertial import SensorResult, SensorSignals
 from mocap_id.estimation.inertial.clock import OBSERVABLE_SD
 from mocap_id.recording.imu_log import read_imu
+from mocap_id.stages.trial_keys import InertialSensor
 from mocap_id.verdict import Reason
 
 _SATURATED = 3e-3  # fraction of saturated samples above which they are reported
@@ -24,10 +24,12 @@ def check_method(method: str, engine: str) -> None:
         raise ConfigError("imus: inertial sensors need `ukf-smooth: {method: rts, engine: compiled}`")
 
 
-def read_sensors(names: Sequence[str], files: Mapping[str, Path], mirrored: bool = False) -> dict[int, SensorSignals]:
+def read_sensors(
+    names: Sequence[str], sensors: Mapping[str, InertialSensor], mirrored: bool = False
+) -> dict[int, SensorSignals]:
     """Read the log of each sensor; return the signals by the index of the segment in ``names``.
 
-    ``files`` are the logs by segment, and ``mirrored`` is as for :func:`read_sensor`.
+    ``sensors`` are the logs by segment, and ``mirrored`` is as for :func:`read_sensor`.
 
     Raises
     ------
@@ -36,34 +38,36 @@ def read_sensors(names: Sequence[str], files: Mapping[str, Path], mirrored: bool
     RecordingError
         A log cannot be read.
     """
-    for name in files:
+    for name in sensors:
         if name not in names:
             raise ConfigError(
                 f"imus: there is no segment {name!r}; the segments are {', '.join(names)}. If the motion is too small "
                 "to separate all segments, name a trial in which all joints move as `calibration:`"
             )
-    return {names.index(name): read_sensor(file, mirrored) for name, file in files.items()}
+    return {names.index(name): read_sensor(sensor, mirrored) for name, sensor in sensors.items()}
 
 
 def describe_sensors(
-    names: Sequence[str], files: Mapping[str, Path], results: Mapping[int, SensorResult]
+    names: Sequence[str], sensors: Mapping[str, InertialSensor], results: Mapping[int, SensorResult]
 ) -> tuple[dict[str, dict[str, Any]], tuple[Reason, ...]]:
     """Return the facts of all sensors for the summary, by segment, and the reasons for the verdict.
 
-    ``names`` are the segments, ``files`` the logs by segment, and ``results`` the results by index of the segment.
+    ``names`` are the segments, ``sensors`` the logs by segment, and ``results`` the results by index of the segment.
     """
     facts = {names[s]: describe_sensor(result) for s, result in results.items()}
-    reasons = [reason for s, result in results.items() for reason in _reasons(names, s, files[names[s]].name, result)]
+    reasons = [
+        reason for s, result in results.items() for reason in _reasons(names, s, sensors[names[s]].file.name, result)
+    ]
     return facts, tuple(reasons)
 
 
-def read_sensor(file: Path, mirrored: bool = False) -> SensorSignals:
+def read_sensor(sensor: InertialSensor, mirrored: bool = False) -> SensorSignals:
     """Read the log of a sensor.
 
     If ``mirrored``, as for a left arm, the signs of the force along z of the sensor and of the rotations about its x
     and y are reversed.
     """
-    log = read_imu(file)
+    log = read_imu(sensor.file, sensor.rate_hz)
     if not mirrored:
         return SensorSignals(log.time, log.gyro, log.acc)
     return SensorSignals(log.time, log.gyro * np.array([-1.0, -1.0, 1.0]), log.acc * np.array([1.0, 1.0, -1.0]))

@@ -19,6 +19,7 @@ from mocap_id.kinematics import SkinModel
 from mocap_id.kinematics.rigid_body import count_positions
 from mocap_id.stages import skin_artefact
 from mocap_id.stages.base import Context, Outputs
+from mocap_id.stages.trial_keys import list_sensors
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
 from mocap_id.stages.ukf_smooth.checks import (
     UNKNOWN_SD_HZ,
@@ -118,19 +119,19 @@ def _smooth(
     ``observed`` (F, K, 2) becomes NaN, in place, where a marker is not used; a copy would double the memory. ``names``
     are the segments, base first.
     """
-    settings, files = _filter_settings(context.settings, chain), context.trial.imus
+    settings, worn = _filter_settings(context.settings, chain), list_sensors(context.trial.imus)
     geometry, outcome = (chain.centres, chain.segment, chain.local), _SensorOutcome()
-    if files:
+    if worn:
         from mocap_id.estimation import inertial_smoothing  # noqa: PLC0415  only with sensors
         from mocap_id.stages.ukf_smooth.inertial import check_method, describe_sensors, read_sensors  # noqa: PLC0415
 
         check_method(settings.method, settings.engine)
         states, results = inertial_smoothing.smooth_with_sensors(
-            observed, view.time, *geometry, sensors=read_sensors(names, files), settings=settings
+            observed, view.time, *geometry, sensors=read_sensors(names, worn), settings=settings
         )
         used = [0, *(s for s, each in results.items() if each.used is not None)]
         has_sensor = np.isin(np.arange(len(names)), used)
-        outcome = _SensorOutcome(has_sensor[1:] & has_sensor[:-1], *describe_sensors(names, files, results))
+        outcome = _SensorOutcome(has_sensor[1:] & has_sensor[:-1], *describe_sensors(names, worn, results))
     else:
         states = smooth(observed, view.rate, *geometry, settings=settings, overwrite=True)
     observed[~states.used] = np.nan

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,6 +21,7 @@ from mocap_id.geometry.planar import marker_positions
 from mocap_id.stages import skin_artefact
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.calibration_trial import get_calibration, read_states
+from mocap_id.stages.trial_keys import InertialSensor, list_sensors
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
 from mocap_id.stages.ukf_smooth.columns import state_columns
 from mocap_id.stages.ukf_smooth.encoder_states import empty_encoder_table
@@ -61,7 +61,8 @@ def states_of_sensors(context: Context) -> Outputs:
     skeleton = Skeleton.from_tree(context.tree("chain.h5"))
     view = Trajectories(context.long("planar.parquet"))
     names = skeleton.segments[1:]
-    signals = [_read_complete_log(context.trial.imus[name], view.time) for name in names]
+    worn = list_sensors(context.trial.imus)
+    signals = [_read_complete_log(worn[name], view.time) for name in names]
     chain, snap = _calibrate_chain(context, skeleton)
     tracked = track_without_markers(signals, view.time, chain)
     worst = int(np.argmax(tracked.reckoning.residual))
@@ -101,16 +102,16 @@ def states_of_sensors(context: Context) -> Outputs:
     )
 
 
-def _read_complete_log(file: Path, time: FloatArray) -> SensorSignals:
+def _read_complete_log(sensor: InertialSensor, time: FloatArray) -> SensorSignals:
     """Return the log of a sensor; raise RecordingError if it has a long gap within the trial."""
-    log = read_sensor(file)
+    log = read_sensor(sensor)
     inside = log.time[(log.time >= time[0]) & (log.time <= time[-1])]
     gaps = np.diff(np.concatenate([[time[0]], inside, [time[-1]]]))
     if gaps.max() > _LONGEST_GAP:
         at = float(np.concatenate([[time[0]], inside])[np.argmax(gaps)])
         raise RecordingError(
-            f"{file}: there are no samples for {gaps.max():.1f} s after {at:.1f} s, and without markers this gap "
-            "cannot be bridged. Choose a part of the trial without gaps by `window:`"
+            f"{sensor.file}: there are no samples for {gaps.max():.1f} s after {at:.1f} s, and without markers this "
+            "gap cannot be bridged. Choose a part of the trial without gaps by `window:`"
         )
     return log
 
@@ -126,11 +127,12 @@ def _calibrate_chain(context: Context, skeleton: Skeleton) -> tuple[CalibratedCh
     chain = MarkerChain(skeleton.centres.copy(), skeleton.marker_segment, skeleton.local)
     noise = FilterNoise(np.nan, snap)
     states = States(mean, joints.sd, joints.observed, np.zeros((0, 0), np.bool_), noise, np.nan, chain)
-    sensors = {s: read_sensor(calibration.imus[name]) for s, name in enumerate(skeleton.segments[1:], start=1)}
+    worn = list_sensors(calibration.imus)
+    sensors = {s: read_sensor(worn[name]) for s, name in enumerate(skeleton.segments[1:], start=1)}
     try:
         return calibrate_chain(states, joints.time, sensors, snap**2 * dt), snap
     except NumericalError as error:
-        files = ", ".join(file.name for file in calibration.imus.values())
+        files = ", ".join(sensor.file.name for sensor in worn.values())
         message = f"its inertial sensors ({files}) do not fit its markers ({error}); check their segments and files"
         raise RecordingError(f"{calibration.trial}: {message}") from error
 

@@ -22,6 +22,7 @@ from mocap_id.estimation.space import SpatialSettings, SpatialStates, smooth_in_
 from mocap_id.geometry import so3
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.skin_motion import add_axial_rotation_errors, correct_axial_rotation, correct_cluster_slides
+from mocap_id.stages.trial_keys import list_sensors
 from mocap_id.stages.ukf_smooth import UkfSmoothSettings
 from mocap_id.stages.ukf_smooth.arm_checks import check_arm_motion
 from mocap_id.stages.ukf_smooth.checks import (
@@ -73,10 +74,10 @@ def smooth_rotations(context: Context) -> Outputs:
         from mocap_id.estimation.space.inertial_fusion import smooth_with_sensors  # noqa: PLC0415  only with sensors
         from mocap_id.stages.ukf_smooth.inertial import describe_sensors, read_sensors  # noqa: PLC0415
 
-        names, files = list(skeleton.segments), context.trial.imus
-        sensors = read_sensors(names, files, mirrored=view.planar.facts.get("side") == "left")
+        names, worn = list(skeleton.segments), list_sensors(context.trial.imus)
+        sensors = read_sensors(names, worn, mirrored=view.planar.facts.get("side") == "left")
         states, results = smooth_with_sensors(points, view.time, skeleton.chain, sensors, given)
-        imus, sensor_reasons = describe_sensors(names, files, results)
+        imus, sensor_reasons = describe_sensors(names, worn, results)
         missed = {skeleton.segments.index(s): abs(each["skin_share"]) for s, each in imus.items() if each["used"]}
         states = add_axial_rotation_errors(states, skeleton.chain, common=_COMMON_WITH_IMUS, missed=missed)
     else:

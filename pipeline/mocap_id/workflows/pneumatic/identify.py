@@ -13,6 +13,7 @@ from mocap_id.config.device import DeviceConfig
 from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.pneumatics.cylinder import Setting
 from mocap_id.pneumatics.identification import ESTIMATED, TorqueLog, identify_cylinder
+from mocap_id.recording.clock import SENSOR_HZ, check_times
 from mocap_id.recording.text_tables import read_csv
 from mocap_id.store import Table
 from mocap_id.workflows.run_folder import open_run
@@ -124,10 +125,7 @@ def _read_csv_log(config: DeviceConfig, path: Path) -> tuple[TorqueLog, int]:
         )
     velocity = columns.get(VELOCITY)
     if velocity is None and TIME in columns:
-        if not np.all(np.diff(columns[TIME]) > 0):
-            raise RecordingError(
-                f"{path}: `{TIME}` does not increase everywhere; each condition must begin after the end of the last"
-            )
+        check_times(path, columns[TIME], f"`{TIME}`", SENSOR_HZ, pauses=True)
         velocity = np.gradient(columns[ANGLE], columns[TIME])
     if PRESSURES[0] in columns:
         pairs, which = np.unique(np.stack([columns[name] for name in PRESSURES], axis=1), axis=0, return_inverse=True)

@@ -17,6 +17,7 @@ from mocap_id.dynamics.clock_offset import SampledWrench
 from mocap_id.geometry import so3
 from mocap_id.plates import GRAVITY
 from mocap_id.recording.imu_log import ImuLog, format_imu_csv, read_imu
+from mocap_id.stages.trial_keys import list_sensors
 from mocap_id.store import Table
 from mocap_id.workflows.sensitivity.kinds import ALL, COMPONENTS
 from mocap_id.workflows.sensitivity.plan import Perturbation
@@ -119,10 +120,12 @@ def _add_error(trial: TrialInputs, component: str, error: float | FloatArray) ->
 def perturb_logs(trial: TrialInputs, change: Perturbation, folder: Path) -> TrialInputs:
     """Write perturbed logs of all inertial sensors to ``folder``, and return the trial with these logs."""
     files = {}
-    for number, (segment, file) in enumerate(trial.source.keys.imus.items()):
+    for number, (segment, sensor) in enumerate(list_sensors(trial.source.keys.imus).items()):
         rng = np.random.default_rng([number, *change.rng().integers(2**32, size=4)])
         files[segment] = folder / f"{number}.csv"
-        files[segment].write_bytes(format_imu_csv(LOG_CHANGES[change.kind](read_imu(file), change.level, rng)))
+        files[segment].write_bytes(
+            format_imu_csv(LOG_CHANGES[change.kind](read_imu(sensor.file, sensor.rate_hz), change.level, rng))
+        )
     keys = trial.source.keys.model_copy(update={"imus": files})
     return replace(trial, source=replace(trial.source, keys=keys))
 
