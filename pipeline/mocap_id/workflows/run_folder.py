@@ -9,7 +9,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mocap_id import runner
+from mocap_id import plain_files, runner
 from mocap_id.config import Trial, load
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.store import ArtefactSet, Folder, Provenance
@@ -83,7 +83,10 @@ def open_run(path: Path, progress: runner.Progress = lambda step: None) -> RunFo
         As for :func:`mocap_id.runner.run`. A refused trial raises nothing; its run folder describes the refusal.
     """
     if not path.exists():
-        raise ConfigError(f"{path}: no such file or folder; expected a trial's YAML file or a run folder, runs/<trial>")
+        raise ConfigError(
+            f"{path}: no such file or folder; expected a trial's YAML file or a run folder, runs/<trial>"
+            f"{plain_files.suggest(path)}"
+        )
     run_folder = path if path.is_dir() else runner.run(load(path), progress=progress).folder
     folder = Folder(run_folder)
     files = _list_artefacts(folder)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from pydantic import BaseModel
 
+from mocap_id import plain_files
 from mocap_id.config import Trial, load
 from mocap_id.config.source import Source, read
 from mocap_id.config.study import load_study
@@ -85,7 +86,10 @@ def _find_files(name: str) -> Iterator[tuple[Path, Source | None]]:
         files = dict.fromkeys(Path(file).absolute() for file in matches)
     if not files:
         what = "this folder contains no trial's YAML file" if path.is_dir() else "no file has this name"
-        raise ConfigError(f"{name}: {what}; expected a trial's or a study's YAML file, a folder of them, or a pattern")
+        raise ConfigError(
+            f"{name}: {what}; expected a trial's or a study's YAML file, a folder of them, or a pattern"
+            f"{plain_files.suggest(path)}"
+        )
     yield from files.items()
 
 

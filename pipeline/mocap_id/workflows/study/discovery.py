@@ -7,12 +7,14 @@ listed with the reason.
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from mocap_id.errors import ConfigError
+from mocap_id.plain_files import suggest
 from mocap_id.recording import is_marker_text
 from mocap_id.workflows.study.patterns import COMMON_PATTERNS, PathLabels, Pattern, choose_pattern
 from mocap_id.workflows.study.reaches import Reach, find_session, read_reach
@@ -79,7 +81,9 @@ def discover(
         There is no such folder, it contains no recording, or no recording fits the pattern.
     """
     if not folder.is_dir():
-        raise ConfigError(f"{folder}: no such folder; expected a folder with the recordings of a study")
+        raise ConfigError(
+            f"{folder}: no such folder; expected a folder with the recordings of a study{suggest(folder)}"
+        )
     files = sorted(
         (path for path in folder.rglob("*") if path.is_file() and not _is_hidden(path, folder)), key=_sort_key
     )
@@ -188,10 +192,15 @@ def find_forces(markers: Path, files: Iterable[Path]) -> Path | None:
     """Return the MOT file that belongs to a text file with markers; None if there is no such MOT file."""
     if markers.suffix.lower() == ".c3d":
         return None
-    stems = [f"{markers.stem}{suffix}".casefold() for suffix in _FORCE_SUFFIXES]
+    stems = [_fold(f"{markers.stem}{suffix}") for suffix in _FORCE_SUFFIXES]
     beside = [path for path in files if path.parent == markers.parent and path.suffix.lower() == ".mot"]
-    fitting = [path for path in beside if path.stem.casefold() in stems]
-    return min(fitting, key=lambda path: stems.index(path.stem.casefold()), default=None)
+    fitting = [path for path in beside if _fold(path.stem) in stems]
+    return min(fitting, key=lambda path: stems.index(_fold(path.stem)), default=None)
+
+
+def _fold(name: str) -> str:
+    """Return a name without the differences of capital letters and of the encoding of accents."""
+    return unicodedata.normalize("NFC", name).casefold()
 
 
 def _make_ids(names: Iterable[str], keep_names: bool, known: Mapping[str, str]) -> dict[str, str]:
