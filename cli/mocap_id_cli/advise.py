@@ -9,6 +9,7 @@ import typer
 
 from mocap_id.design.proposal import Objective
 from mocap_id.workflows import advice
+from mocap_id.workflows.run_folder import find_owner
 from mocap_id_cli import progress
 from mocap_id_cli.console import AsJson, Quiet, TrialPath, Verbose, log_to_stderr, print_result
 
@@ -66,5 +67,5 @@ def advise(
     found = advice.advise(trial, options, progress.report_stages(quiet))
     output = advice.make_output(found)
     if out is not None:
-        output.write(out)
+        output.write(out, find_owner(trial))
     print_result(as_json, output.document, advice.format_text(found))

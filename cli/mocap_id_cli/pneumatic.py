@@ -14,6 +14,7 @@ from mocap_id.config.device import load_device
 from mocap_id.errors import ConfigError
 from mocap_id.stages.device import Condition
 from mocap_id.workflows import pneumatic as workflow
+from mocap_id.workflows.run_folder import find_owner
 from mocap_id_cli.console import AsJson, align, make_group, print_json
 
 Device = Annotated[
@@ -57,7 +58,7 @@ def _curve(
             raise ConfigError(f"--flexion and --extension: expected pressures above 0 Pa, not {changed}")
         state = Condition(**(state.model_dump() | changed | {"worn": True}))
     found = workflow.device_curve(config, state, polytropic, angles)
-    files = () if out is None else found.write(out)
+    files = () if out is None else found.write(out, find_owner(device))
     if as_json:
         print_json(found.document)
         return

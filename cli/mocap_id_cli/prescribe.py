@@ -15,6 +15,7 @@ from mocap_id.errors import Refused
 from mocap_id.workflows import prescribe as workflow
 from mocap_id.workflows.prescribe.result import Timed
 from mocap_id.workflows.prescribe.spring_map import SpringMap
+from mocap_id.workflows.run_folder import find_owner
 from mocap_id_cli import progress
 from mocap_id_cli.console import AsJson, Quiet, Verbose, log_to_stderr, print_json
 
@@ -51,7 +52,7 @@ def prescribe(
 
     found = workflow.prescribe_from(load_prescription(config), out, progress.report_stages(quiet), tell)
     output = workflow.prescription_output(found)
-    files = () if out is None else output.write(out)
+    files = () if out is None else output.write(out, find_owner(config))
     if as_json:
         print_json(output.document)
     else:

@@ -11,6 +11,7 @@ import typer
 
 from mocap_id.prescription.workspace import Overlay
 from mocap_id.workflows import workspace as workflow
+from mocap_id.workflows.run_folder import find_owner
 from mocap_id_cli import progress
 from mocap_id_cli.console import AsJson, Quiet, Verbose, log_to_stderr, print_json
 
@@ -58,7 +59,7 @@ def workspace(
     change = workflow.compare(*reaches) if compare is not None else None
     later = reaches[1] if compare is not None else None
     result = workflow.workspace_result(reaches[0], later, change)
-    files = () if out is None else result.write(out)
+    files = () if out is None else result.write(out, find_owner(*paths))
     if as_json:
         print_json(result.document)
         return

@@ -106,7 +106,7 @@ def suggest(path: Path) -> str:
             if part == ".." or (here / part).exists():
                 here /= part
                 continue
-            alike = [each for each in sorted(os.listdir(here)) if _fold(each) == _fold(part)]
+            alike = [each for each in sorted(entry.name for entry in here.iterdir()) if _fold(each) == _fold(part)]
             if not alike:
                 return ""
             here /= next((each for each in alike if each.casefold() == part.casefold()), alike[0])

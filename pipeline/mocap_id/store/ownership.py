@@ -118,13 +118,6 @@ def hash_texts(texts: Sequence[str]) -> str:
     return hash_bytes(json.dumps(list(texts)).encode())
 
 
-def find_owner(path: Path, name: str) -> Owner:
-    """Return the owner of results that are made from a run folder, a page in it, or the file of a trial or study."""
-    stored = read_owner(path if path.is_dir() else path.parent)
-    contents = () if stored is None else tuple(hash_texts([name, content]) for content in stored.contents)
-    return Owner(name, path, contents)
-
-
 def _find_record(output: str) -> str:
     return f".mocap-id/owner-{output}.json" if output else OWNER_FILE
 

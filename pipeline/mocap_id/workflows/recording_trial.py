@@ -86,7 +86,7 @@ def make_trial(recording: Path | Recording, given: Mapping[str, Any], save: Path
     return load(file)
 
 
-def _choose_folder(  # noqa: PLR0917
+def _choose_folder(
     recording: Path, content: str, keys: Mapping[str, Any], base: Path, save: Path | None, *, arrays: bool = False
 ) -> tuple[str, Path]:
     """Return the trial's name and its run folder, by default ``base/runs/<name>``.

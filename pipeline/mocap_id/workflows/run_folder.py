@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 from mocap_id import plain_files, runner
 from mocap_id.config import Trial, load
 from mocap_id.errors import ConfigError, StoreError
-from mocap_id.store import ArtefactSet, Folder, Provenance
+from mocap_id.store import ArtefactSet, Folder, Provenance, hash_file
+from mocap_id.store.ownership import Owner, hash_texts, read_owner
 from mocap_id.store.schemas import SCHEMAS
 
 if TYPE_CHECKING:
@@ -189,3 +190,23 @@ def check_provenance(folder: Folder, files: Iterable[str]) -> dict[str, Provenan
             if needed in provenance and provenance[needed].origin.key != key:
                 raise _report_mismatch(folder, file, needed)
     return provenance
+
+
+def find_owner(*sources: Path) -> Owner:
+    """Return the owner of results that are made from run folders, folders of studies, trials' files, or other files."""
+    names: list[str] = []
+    contents: list[str] = []
+    folders = [source if source.is_dir() else _find_run_folder(source) for source in sources]
+    for folder in folders:
+        stored = read_owner(folder) or read_owner(folder, "study.json")
+        names.append(folder.stem if stored is None else stored.name)
+        contents += [hash_file(folder)] if folder.is_file() else [] if stored is None else stored.contents
+    return Owner(", ".join(names), folders[0], (hash_texts([*names, *contents]),) if contents else ())
+
+
+def _find_run_folder(file: Path) -> Path:
+    """Return the run folder of a trial's file; for any other file, the file itself."""
+    try:
+        return load(file).out
+    except ConfigError:
+        return file

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from mocap_id.store import hash_bytes
 from mocap_id.store.atomic import write_files
+from mocap_id.store.ownership import Owner, check_owner, store_owner
 
 if TYPE_CHECKING:
     from mocap_id.reporting.results.columns import ResultTable
@@ -46,16 +47,18 @@ class Result:
         head = {"schema": f"mocap-id/{self.kind}", "version": 1, **self.content}
         return head | {"files": {name: hash_bytes(file) for name, file in self.files.items()}} if self.hashed else head
 
-    def write(self, folder: Path) -> tuple[str, ...]:
+    def write(self, folder: Path, owner: Owner) -> tuple[str, ...]:
         """Write all files, or none if one cannot be written; return their names, the document first.
 
         Raises
         ------
         StoreError
-            The folder cannot be written.
+            The folder cannot be written, or contains this document of another ``owner``.
         """
+        check_owner(folder, owner, self.file)
         text = json.dumps(self.document, indent=self.indent, ensure_ascii=False, allow_nan=False) + self.end
         write_files(folder, {**self.files, self.file: text.encode()})
+        store_owner(folder, owner, self.file)
         return (self.file, *self.files)
 
 

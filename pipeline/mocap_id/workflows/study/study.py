@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,6 +17,7 @@ from mocap_id.reporting.results.result import Result
 from mocap_id.reporting.study.page_data import PAGE_FILE, CohortData
 from mocap_id.stages import STAGES
 from mocap_id.store import Folder, dumps, hash_bytes, hash_file
+from mocap_id.store.ownership import Owner, check_owner, hash_texts, store_owner
 from mocap_id.workflows.parallel import LocalBackend, TrialCallback, TrialRun, run_trials
 from mocap_id.workflows.study.tables import make_tables
 from mocap_id.workflows.study.trial_results import read_trial_result
@@ -74,10 +76,13 @@ def run_study(
     ConfigError
         The file is wrong; no trial was run.
     StoreError
-        The study's folder is in use or cannot be written. The failure of a trial raises nothing; it is in the tables.
+        The study's folder is in use, cannot be written, or belongs to another study. The failure of a trial raises
+        nothing; it is in the tables.
     """
     study = load_study(file)
+    owner = _find_owner(study)
     with Folder(study.folder).locked():
+        check_owner(study.folder, owner, DOCUMENT)
         begin(len(study.trials))
         runs = run_trials([one.trial for one in study.trials], LocalBackend(jobs), tell)
         for first, other in find_same_recordings(study):
@@ -85,10 +90,22 @@ def run_study(
         key = _hash_content(study, runs)
         document = _read_if_current(study.folder, key)
         if document is not None:
+            store_owner(study.folder, owner, DOCUMENT)
             return StudyResult(study, runs, document, reused=True)
         result = _make_result(study, runs, key)
-        result.write(study.folder)
+        result.write(study.folder, owner)
     return StudyResult(study, runs, result.document, reused=False)
+
+
+def _find_owner(study: Study) -> Owner:
+    """Return the owner of the study's tables: its name with one of its recordings is enough to know it again."""
+    contents = []
+    for one in study.trials:
+        keys = one.trial.keys
+        files = [*keys.imus.values()] if keys.recording is None else [keys.recording.motion]
+        place = [os.path.relpath(file, study.file.parent) for file in files]
+        contents.append(hash_texts([study.name, one.name, *place]))
+    return Owner(study.name, study.file, tuple(contents))
 
 
 def find_same_recordings(study: Study) -> Iterator[tuple[str, str]]:
