@@ -13,9 +13,11 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from mocap_id.errors import ConfigError
+from mocap_id.errors import ConfigError, RecordingError
 from mocap_id.plain_files import suggest
 from mocap_id.recording import is_marker_text
+from mocap_id.recording.mot_plates import find_force_columns
+from mocap_id.recording.text_tables import read_table
 from mocap_id.workflows.study.patterns import COMMON_PATTERNS, PathLabels, Pattern, choose_pattern
 from mocap_id.workflows.study.reaches import Reach, find_session, read_reach
 
@@ -194,8 +196,17 @@ def find_forces(markers: Path, files: Iterable[Path]) -> Path | None:
         return None
     stems = [_fold(f"{markers.stem}{suffix}") for suffix in _FORCE_SUFFIXES]
     beside = [path for path in files if path.parent == markers.parent and path.suffix.lower() == ".mot"]
-    fitting = [path for path in beside if _fold(path.stem) in stems]
-    return min(fitting, key=lambda path: stems.index(_fold(path.stem)), default=None)
+    fitting = sorted(path for path in beside if _fold(path.stem) in stems)
+    fitting.sort(key=lambda path: stems.index(_fold(path.stem)))
+    # A MOT file with the same name may also contain joint angles.
+    return next((path for path in fitting if _fold(path.stem) != stems[0] or _has_forces(path)), None)
+
+
+def _has_forces(path: Path) -> bool:
+    try:
+        return bool(find_force_columns(path, read_table(path)))
+    except RecordingError:
+        return False
 
 
 def _fold(name: str) -> str:
