@@ -78,19 +78,15 @@ def check_owner(folder: Path, owner: Owner, output: str = "") -> None:
     """Raise StoreError if a folder, or the output of this name in it, belongs to another recording."""
     stored = read_owner(folder, output)
     if stored is not None and is_other(stored, owner, folder):
-        raise StoreError(describe_conflict(folder / output, stored.describe(), describe_owner(owner)))
-
-
-def describe_owner(owner: Owner) -> str:
-    """Return the name, the file and the recording of an owner as text."""
-    return _describe(owner.name, owner.file, "" if owner.recording is None else str(owner.recording))
+        own = _describe(owner.name, owner.file, "" if owner.recording is None else str(owner.recording))
+        raise StoreError(describe_conflict(folder / output, stored.describe(), own))
 
 
 def describe_conflict(path: Path, stored: str, found: str) -> str:
-    """Return the message for results that belong to another recording; ``stored`` and ``found`` describe both."""
+    """Return the message for results of another recording or study; ``stored`` and ``found`` describe both."""
     return (
-        f"{path} belongs to another recording: it contains the results of {stored}. The results of {found} would "
-        "replace them: choose another folder (`out:` or `--out`), or delete this one if you no longer need it"
+        f"{path} belongs to another recording or study: it contains the results of {stored}. The results of {found} "
+        "would replace them: choose another folder (`out:` or `--out`), or delete this one if you no longer need it"
     )
 
 
