@@ -27,6 +27,7 @@ def find_user_files(trial: Trial, stage: Stage) -> dict[str, Path]:
 def find_owner(trial: Trial, files: FileHashes) -> Owner:
     """Return the owner of a trial's run folder; without a readable recording, only its path and the trial count."""
     recording = next(iter(trial.keys.imus.values())) if trial.keys.recording is None else trial.keys.recording.motion
+    contents: tuple[str, ...]
     try:
         contents = (files.read("recording", recording),)
     except RecordingError:

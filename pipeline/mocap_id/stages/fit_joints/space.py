@@ -65,6 +65,7 @@ def fit_chain_in_space(context: Context) -> Outputs:
         from mocap_id.stages.fit_joints.skeleton import fit_skeleton_chain  # noqa: PLC0415  only skeletons need it
 
         (tree,) = fit_skeleton_chain(context)
+        assert isinstance(tree, Tree)
         unused = explain_unused_pointers(context.trial, (), "a skeleton has no markers on its segments")
         return (replace(tree, reasons=(*tree.reasons, *unused)),)
     view = Trajectories(context.long("planar.parquet"), segments.facts.get("bad_stretches", ()))

@@ -84,8 +84,8 @@ class Pattern:
 
     def match(self, path: PurePosixPath) -> PathLabels | None:
         """Return person and strategy of a path; None if the pattern does not fit."""
-        text = str(path) if self._has_ending else str(path.with_suffix(""))
-        joined = _PERSON.sub(lambda found: found[1] + found[2].translate(_KEPT) + found[3], text)
+        whole = str(path) if self._has_ending else str(path.with_suffix(""))
+        joined = _PERSON.sub(lambda found: found[1] + found[2].translate(_KEPT) + found[3], whole)
         match = self._regex.fullmatch(joined)
         if match is None:
             return None
