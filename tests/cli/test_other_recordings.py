@@ -19,7 +19,7 @@ from mocap_id.plain_files import suggest
 from mocap_id.recording.writer import write_trc
 from mocap_id.reporting.results.result import Result
 from mocap_id.workflows.recording_trial import make_trial
-from mocap_id.workflows.run_folder import find_owner
+from mocap_id.workflows.run_folder import describe_sources
 from swinging_link import LABELS, RATE, pendulum
 
 RUN = ("--protocol", "free", "--space", "plane", "-q")
@@ -123,24 +123,28 @@ def test_outputs_of_another_trial_are_refused(lab: Path, cli: Callable[..., Any]
 
 
 def test_the_document_of_another_trial_is_refused(lab: Path) -> None:
-    result = Result("workspace", "workspace.json", {})
+    def write(source: str) -> None:
+        sources = describe_sources(lab / "out", Path(source))
+        Result("workspace", "workspace.json", {}, made_from=sources).write(lab / "out")
+
     for _ in range(2):
-        result.write(lab / "out", find_owner(Path("runs/sts")))
-    with pytest.raises(mocap_id.StoreError, match=r"(?s)`sts` .*`p2-sts`"):
-        result.write(lab / "out", find_owner(Path("runs/p2-sts")))
+        write("runs/sts")
+    with pytest.raises(mocap_id.StoreError, match=r"the results of sts\. The results of p2-sts"):
+        write("runs/p2-sts")
     shutil.move(lab / "runs" / "sts", lab / "elsewhere")
-    result.write(lab / "out", find_owner(Path("elsewhere")))
+    write("elsewhere")
+    shutil.copytree(lab / "runs" / "p2-sts", lab / "elsewhere", dirs_exist_ok=True)
+    write("elsewhere")
 
 
-def test_files_of_two_people_with_one_name_are_not_mixed(lab: Path, cli: Callable[..., Any]) -> None:
-    keys = {"trial": "sts", "recording": "p2/sts.trc", "out": "other"}
-    (lab / "sts.yaml").write_text(json.dumps(keys))
+def test_exported_files_of_another_trial_are_refused(lab: Path, cli: Callable[..., Any]) -> None:
+    (lab / "sts.yaml").write_text(json.dumps({"trial": "sts", "recording": "p2/sts.trc", "out": "other"}))
     assert cli("export", "runs/sts", "--to", "trc", "--out", "exports").code == 0
-    said = cli("export", "sts.yaml", "--to", "csv", "--out", "exports", "-q")
+    before = (lab / "exports" / "sts.trc").read_bytes()
+    said = cli("export", "sts.yaml", "--to", "trc", "--out", "exports", "-q")
     assert said.code == 6
-    assert "belongs to another" in said.err
-    assert [path.name for path in (lab / "exports").iterdir() if path.suffix == ".csv"] == []
-    assert cli("export", "runs/sts", "--to", "csv", "--out", "exports").code == 0
+    assert "exists already" in said.err
+    assert (lab / "exports" / "sts.trc").read_bytes() == before
 
 
 def test_a_demo_or_simulation_never_takes_the_folder_of_a_trial(lab: Path, cli: Callable[..., Any]) -> None:

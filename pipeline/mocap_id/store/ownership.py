@@ -114,12 +114,17 @@ def hash_texts(texts: Sequence[str]) -> str:
     return hash_bytes(json.dumps(list(texts)).encode())
 
 
+def hash_path(path: Path, folder: Path) -> str:
+    """Return a hash of the path relative to a folder."""
+    return hash_texts([_make_relative(path, folder)])
+
+
 def _find_record(output: str) -> str:
     return f".mocap-id/owner-{output}.json" if output else OWNER_FILE
 
 
 def _hash_place(owner: Owner, folder: Path) -> str:
-    return "" if owner.recording is None else hash_texts([_make_relative(owner.recording, folder)])
+    return "" if owner.recording is None else hash_path(owner.recording, folder)
 
 
 def _make_relative(path: Path, folder: Path) -> str:

@@ -13,7 +13,7 @@ from mocap_id import plain_files, runner
 from mocap_id.config import Trial, load
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.store import ArtefactSet, Folder, Provenance, hash_file
-from mocap_id.store.ownership import Owner, hash_texts, read_owner
+from mocap_id.store.ownership import Owner, hash_path, hash_texts, read_owner
 from mocap_id.store.schemas import SCHEMAS
 
 if TYPE_CHECKING:
@@ -202,6 +202,15 @@ def find_owner(*sources: Path) -> Owner:
         names.append(folder.stem if stored is None else stored.name)
         contents += [hash_file(folder)] if folder.is_file() else [] if stored is None else stored.contents
     return Owner(", ".join(names), folders[0], (hash_texts([*names, *contents]),) if contents else ())
+
+
+def describe_sources(out: Path, *sources: Path) -> dict[str, list[str]]:
+    """Return names and hashes of what the outputs in a folder are made from, for a document in the folder.
+
+    Results of the same sources have a hash in common: of their content, or of the path of the first.
+    """
+    owner = find_owner(*sources)
+    return {"names": owner.name.split(", "), "hashes": [*owner.contents, hash_path(owner.file, out)]}
 
 
 def _find_run_folder(file: Path) -> Path:

@@ -62,13 +62,15 @@ def check_format(file: Path) -> None:
         raise ConfigError(f"--out {file}: expected a file name that ends in .csv")
 
 
-def write(rows: tuple[Difference, ...], file: Path, owner: Owner) -> None:
+def write(rows: tuple[Difference, ...], file: Path, owner: Owner | None = None) -> None:
     """Write rows to a CSV file; raise StoreError if it cannot be written, or if it is a table of another ``owner``."""
-    check_owner(file.parent, owner, file.name)
+    if owner is not None:
+        check_owner(file.parent, owner, file.name)
     columns = list(Difference.__dataclass_fields__)
     text = pd.DataFrame([asdict(row) for row in rows], columns=columns).to_csv(index=False, lineterminator="\n")
     write_files(file.parent, {file.name: text.encode()})
-    store_owner(file.parent, owner, file.name)
+    if owner is not None:
+        store_owner(file.parent, owner, file.name)
 
 
 def as_json(comparison: Comparison, rows: tuple[Difference, ...]) -> dict[str, Any]:

@@ -10,7 +10,6 @@ from typing import TypeAlias
 from mocap_id import runner
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.store.atomic import write_files
-from mocap_id.store.ownership import check_owner, store_owner
 from mocap_id.workflows.export.files import ExportFiles
 from mocap_id.workflows.export.forces import export_forces
 from mocap_id.workflows.export.free_bodies import export_free_model, export_free_poses, export_free_states
@@ -27,7 +26,7 @@ from mocap_id.workflows.export.motions import (
 )
 from mocap_id.workflows.export.spatial_model import export_spatial_model
 from mocap_id.workflows.export.spreadsheets import export_spatial_tables, export_tables
-from mocap_id.workflows.run_folder import RunFolder, find_owner, open_run
+from mocap_id.workflows.run_folder import RunFolder, open_run
 
 Exporters: TypeAlias = Mapping[str, tuple[Callable[[RunFolder], ExportFiles], ...]]
 """Functions that return the files of each format, by the name of the format."""
@@ -110,9 +109,5 @@ def export(
             f"{existing[0]} exists already: choose another folder with `out=` or `--out`, or overwrite it with "
             "`force=True` or `--force`"
         )
-    owner, output = find_owner(run.path), f"export-{run.name}"
-    if not force:
-        check_owner(folder, owner, output)
     write_files(folder, made.files)
-    store_owner(folder, owner, output)
     return Export(tuple(folder / name for name in made.files), made.notes)

@@ -19,7 +19,7 @@ from mocap_id.simulation import RobotSet, simulate_robot_set
 from mocap_id.simulation.robot_set import FILE, robot_set_yaml
 from mocap_id.store import Folder
 from mocap_id.store.atomic import converting_errors, write_files
-from mocap_id.store.ownership import check_owner
+from mocap_id.store.ownership import check_owner, store_owner
 from mocap_id.workflows.parallel import LocalBackend, TrialCallback, TrialRun, run_trials
 from mocap_id.workflows.robot_study.figure_data import average_wrench, collect_recovery, collect_traces, select_cell
 from mocap_id.workflows.robot_study.methods import CAMERAS, run_all_methods
@@ -104,7 +104,8 @@ def validate_robot(
         data = _collect_page_data(study, trials, tables)
         content = _describe_study(study, trials, tables)
         result = Result("robot-study", DOCUMENT, content, tables, lambda: _make_pages(data))
-        result.write(out, owner)
+        result.write(out)
+        store_owner(out, owner, DOCUMENT)
     if page is not None and text is not None:
         _replace_tables(page, text, data)
     return RobotStudyResult(out, trials, {name: table.frame for name, table in tables.items()}, result.document)

@@ -88,11 +88,11 @@ def run_study(
         runs = run_trials([one.trial for one in study.trials], LocalBackend(jobs), tell)
         key = _hash_content(study, runs)
         document = _read_if_current(study.folder, key)
+        store_owner(study.folder, owner, DOCUMENT)
         if document is not None:
-            store_owner(study.folder, owner, DOCUMENT)
             return StudyResult(study, runs, document, reused=True)
         result = _make_result(study, runs, key)
-        result.write(study.folder, owner)
+        result.write(study.folder)
     return StudyResult(study, runs, result.document, reused=False)
 
 

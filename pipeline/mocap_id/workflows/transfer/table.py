@@ -30,7 +30,7 @@ def check_format(file: Path) -> None:
         raise ConfigError(f"--out {file}: expected a file name that ends in {' or '.join(FORMATS)}")
 
 
-def write(result: Transfer, file: Path, owner: Owner) -> None:
+def write(result: Transfer, file: Path, owner: Owner | None = None) -> None:
     """Write the table as CSV or Parquet; the units are in the Parquet file's field metadata.
 
     Raises
@@ -38,7 +38,8 @@ def write(result: Transfer, file: Path, owner: Owner) -> None:
     StoreError
         The file cannot be written, or is a table of another ``owner``.
     """
-    check_owner(file.parent, owner, file.name)
+    if owner is not None:
+        check_owner(file.parent, owner, file.name)
     table = pa.Table.from_pandas(as_frame(result), preserve_index=False)
     fields = [field.with_metadata({"unit": _find_unit(field.name)}) for field in table.schema]
     table, stream = table.cast(pa.schema(fields)), io.BytesIO()
@@ -47,7 +48,8 @@ def write(result: Transfer, file: Path, owner: Owner) -> None:
     else:
         pyarrow.parquet.write_table(table, stream)
     write_files(file.parent, {file.name: stream.getvalue()})
-    store_owner(file.parent, owner, file.name)
+    if owner is not None:
+        store_owner(file.parent, owner, file.name)
 
 
 def as_frame(result: Transfer) -> pd.DataFrame:
