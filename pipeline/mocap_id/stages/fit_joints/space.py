@@ -64,10 +64,10 @@ def fit_chain_in_space(context: Context) -> Outputs:
     if is_skeleton(context.long("planar.parquet").facts):
         from mocap_id.stages.fit_joints.skeleton import fit_skeleton_chain  # noqa: PLC0415  only skeletons need it
 
-        (tree,) = fit_skeleton_chain(context)
-        assert isinstance(tree, Tree)
+        (skeleton,) = fit_skeleton_chain(context)
+        assert isinstance(skeleton, Tree)
         unused = explain_unused_pointers(context.trial, (), "a skeleton has no markers on its segments")
-        return (replace(tree, reasons=(*tree.reasons, *unused)),)
+        return (replace(skeleton, reasons=(*skeleton.reasons, *unused)),)
     view = Trajectories(context.long("planar.parquet"), segments.facts.get("bad_stretches", ()))
     assigned = np.flatnonzero(segments["segment"] >= 0)
     labels, segment = [str(label) for label in segments["marker"][assigned]], segments["segment"][assigned]
