@@ -71,6 +71,18 @@ def test_a_second_format_of_a_recording_has_its_own_results(lab: Path) -> None:
     assert make_trial(Path("p1/sts.tsv"), {"protocol": "free", "space": "plane"}).out.name == "p1-sts"
 
 
+def test_folders_that_are_links_to_one_disk_stay_apart(
+    lab: Path, cli: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (lab / "disk").mkdir()
+    for person in ("p1", "p2"):
+        (lab / person / "runs").symlink_to(Path("..", "disk"), target_is_directory=True)
+    for person, name in (("p1", "sts"), ("p2", "p2-sts"), ("p1", "sts")):
+        monkeypatch.chdir(lab / person)
+        assert cli("run", "sts.trc", *RUN).code == 0
+        assert recording_of(lab / "disk" / name) == Path(person, "sts.trc")
+
+
 @pytest.mark.parametrize("option", ["--out", "--save"])
 def test_a_folder_or_file_of_another_recording_is_refused(lab: Path, cli: Callable[..., Any], option: str) -> None:
     target = "runs/sts" if option == "--out" else "saved.yaml"

@@ -113,7 +113,8 @@ def _choose_folder(
         others[name] = _find_other(out, owner)
     if save is not None and _is_ours(save):
         previous = _read_recording(save)
-        own = previous in (recording, *(out / previous.name for out in folders.values()))
+        places = (recording, *(out / previous.name for out in folders.values()))
+        own = previous.resolve() in [place.resolve() for place in places]
         if not own and not (previous.is_file() and hash_file(previous) == content):
             raise StoreError(
                 f"{save} belongs to another recording: it contains the settings of {previous}. Those of {recording} "
@@ -148,7 +149,7 @@ def _find_other(out: Path, owner: Owner) -> str:
     if not _is_ours(out / FILE) or owner.file == out / FILE:
         return ""
     previous = _read_recording(out / FILE)
-    own = previous == owner.file or not previous.is_file() or hash_file(previous) in owner.contents
+    own = previous.resolve() == owner.file.resolve() or not previous.is_file() or hash_file(previous) in owner.contents
     return "" if own else str(previous)
 
 
@@ -157,7 +158,7 @@ def _read_recording(file: Path) -> Path:
     lines = file.read_text("utf-8").splitlines()
     named = json.loads(next(line for line in lines if line.startswith("recording: ")).partition(" ")[2])
     named = named if isinstance(named, str) else named.get("markers") or named["skeleton"]
-    return Path(os.path.normpath(file.absolute().parent / named))
+    return Path(os.path.normpath(file.parent.resolve() / named))
 
 
 def _complete(recording: Path, given: dict[str, Any], out: Path) -> Trial:
@@ -273,6 +274,8 @@ _ALWAYS = ("trial", "recording", "space", "protocol", "side", "out")
 def _relative(value: Any, folder: Path) -> Any:
     """Return a value as JSON values; paths in the value become relative to ``folder``."""
     if isinstance(value, PurePath):
+        if folder.resolve() != folder:  # `..` leads out of the folder that a link names, not out of the link
+            value, folder = Path(value).parent.resolve() / value.name, folder.resolve()
         return PurePath(os.path.relpath(value, folder)).as_posix()
     if isinstance(value, Mapping):
         return {str(key): _relative(one, folder) for key, one in value.items()}
