@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -9,6 +10,7 @@ import typer
 
 from mocap_id.design.proposal import Objective
 from mocap_id.workflows import advice
+from mocap_id.workflows.run_folder import describe_sources
 from mocap_id_cli import progress
 from mocap_id_cli.console import AsJson, Quiet, TrialPath, Verbose, log_to_stderr, print_result
 
@@ -66,5 +68,6 @@ def advise(
     found = advice.advise(trial, options, progress.report_stages(quiet))
     output = advice.make_output(found)
     if out is not None:
+        output = replace(output, made_from=describe_sources(out, trial))
         output.write(out)
     print_result(as_json, output.document, advice.format_text(found))

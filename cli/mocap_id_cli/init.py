@@ -69,6 +69,7 @@ def _lines(found: Discovery, folder: Path) -> Iterator[str]:
             f"note: {named[0].markers.name} contains the name of {named[0].subject}, and the report of a trial shows "
             "the name of its file: rename such files before you give reports to others"
         )
+    yield from (f"note: {doubt}" for doubt in found.doubts)
     yield f"{len(found.trials)} trials of {len(found.names)} people, {counts}"
     for path, why in found.left_out.items():
         yield f"left out: {path.relative_to(folder).as_posix()}: {why}"

@@ -10,19 +10,25 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from mocap_id import recording
 from mocap_id.recording.c3d_package import compare_with_package
-from mocap_id.workflows.recording_summary import describe_recording
+from mocap_id.workflows.recording_summary import describe_recording, read_recording
 from mocap_id_cli.console import AsJson, print_json
 
 
 def inspect(
     file: Annotated[
         Path,
-        typer.Argument(metavar="FILE", help="C3D or TRC file, or a QTM, Motive or Nexus export.", show_default=False),
+        typer.Argument(
+            metavar="FILE", help="C3D or TRC file, a QTM, Motive or Nexus export, or a skeleton.", show_default=False
+        ),
     ],
     *,
-    forces: Annotated[Path | None, typer.Option(metavar="MOT", help="MOT file with the ground forces.")] = None,
+    forces: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="MOT", help="MOT file with the ground forces; default: the MOT file of the same name beside it."
+        ),
+    ] = None,
     units: Annotated[str | None, typer.Option(help="Length unit, if the file does not declare it.")] = None,
     vertical: Annotated[
         str | None, typer.Option(help="Axis that points up, such as Z or -Y; detected if omitted.")
@@ -36,15 +42,7 @@ def inspect(
     These are markers, rates, gaps, force plates and irregularities of the file.
     """
     found = describe_recording(
-        recording.read(
-            file,
-            forces,
-            units=units,
-            vertical=vertical,
-            force_unit=force_unit,
-            moment_unit=moment_unit,
-            unit_required=False,
-        )
+        read_recording(file, forces, units=units, vertical=vertical, force_unit=force_unit, moment_unit=moment_unit)
     )
     if found["format"].startswith("C3D"):
         found["oddities"] += compare_with_package(file)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,6 +15,7 @@ from mocap_id.config.device import load_device
 from mocap_id.errors import ConfigError
 from mocap_id.stages.device import Condition
 from mocap_id.workflows import pneumatic as workflow
+from mocap_id.workflows.run_folder import describe_sources
 from mocap_id_cli.console import AsJson, align, make_group, print_json
 
 Device = Annotated[
@@ -57,6 +59,8 @@ def _curve(
             raise ConfigError(f"--flexion and --extension: expected pressures above 0 Pa, not {changed}")
         state = Condition(**(state.model_dump() | changed | {"worn": True}))
     found = workflow.device_curve(config, state, polytropic, angles)
+    if out is not None:
+        found = replace(found, made_from=describe_sources(out, device))
     files = () if out is None else found.write(out)
     if as_json:
         print_json(found.document)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -15,6 +16,7 @@ from mocap_id.errors import Refused
 from mocap_id.workflows import prescribe as workflow
 from mocap_id.workflows.prescribe.result import Timed
 from mocap_id.workflows.prescribe.spring_map import SpringMap
+from mocap_id.workflows.run_folder import describe_sources
 from mocap_id_cli import progress
 from mocap_id_cli.console import AsJson, Quiet, Verbose, log_to_stderr, print_json
 
@@ -51,6 +53,8 @@ def prescribe(
 
     found = workflow.prescribe_from(load_prescription(config), out, progress.report_stages(quiet), tell)
     output = workflow.prescription_output(found)
+    if out is not None:
+        output = replace(output, made_from=describe_sources(out, config))
     files = () if out is None else output.write(out)
     if as_json:
         print_json(output.document)

@@ -17,13 +17,15 @@ from mocap_id_cli.console import AsJson, TrialFiles, count_trials, print_json, s
 def status(named: TrialFiles, *, as_json: AsJson = False) -> None:
     """Show what is done, what has to be computed, and what failed.
 
-    Nothing is computed or written.
+    A folder stands for the files of trials and studies in it, and for the run folders in it. Nothing is computed or
+    written.
     """
-    trials, unreadable = find_trials(named)
+    trials, unreadable = find_trials(named, runs=True)
     states = [(trial, runner.status(trial)) for trial in trials]
     if as_json:
         entries = [
-            {"trial": trial.name, "folder": shorten(trial.out), "done": one.done, **asdict(one)}
+            {"trial": trial.name, "folder": shorten(trial.out), "done": _describe(one) == "done"}
+            | {"refused": _describe(one) == "refused", **asdict(one)}
             for trial, one in states
         ]
         entries += [{"trial": None, "file": shorten(one.file), "failure": str(one.error)} for one in unreadable]
@@ -34,9 +36,14 @@ def status(named: TrialFiles, *, as_json: AsJson = False) -> None:
         typer.echo("\n".join(_lines(trial, one, width)))
     for wrong in unreadable:
         typer.echo(str(wrong.error))
-    counts = Counter("done" if one.done else "to do" for _, one in states) + Counter({"unreadable": len(unreadable)})
+    counts = Counter(_describe(one) for _, one in states) + Counter({"unreadable": len(unreadable)})
     text = ", ".join(f"{count} {state}" for state, count in counts.items())
     typer.echo(f"{count_trials(len(states) + len(unreadable))}: {text}")
+
+
+def _describe(one: runner.TrialStatus) -> str:
+    """Return ``done``, ``to do``, or ``refused`` for a trial that a run would refuse again."""
+    return "to do" if not one.done else "refused" if any(stage.state == "refused" for stage in one.stages) else "done"
 
 
 def _lines(trial: Trial, one: runner.TrialStatus, width: int) -> Iterator[str]:
@@ -44,7 +51,7 @@ def _lines(trial: Trial, one: runner.TrialStatus, width: int) -> Iterator[str]:
         yield f"{trial.name:<{width}}  is running at the moment"
     states = Counter(stage.state for stage in one.stages)
     if one.done:
-        yield f"{trial.name:<{width}}  {'refused' if states['refused'] else 'done'}"
+        yield f"{trial.name:<{width}}  {_describe(one)}"
         return
     yield f"{trial.name:<{width}}  {states['done']} of {len(one.stages)} stages done"
     for stage in one.stages:

@@ -45,6 +45,7 @@ def _lines(result: StudyResult) -> Iterator[str]:
         yield f"{trial['trial']:<{width}}  {describe_verdict(trial)}"
         if run.message is not None:  # unlike the document, it names the files, which the user has to find
             yield from (f"{'':<{width}}    {line}" for line in run.message.splitlines())
+    yield from (f"note: {remark}" for remark in result.document["remarks"])
     yield f"{len(trials) - len(result.failed)} of {len(trials)} trials have results"
     yield f"tables: {shorten(result.study.folder)}"
     yield f"page: {shorten(result.page)}"

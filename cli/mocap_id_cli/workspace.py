@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +12,7 @@ import typer
 
 from mocap_id.prescription.workspace import Overlay
 from mocap_id.workflows import workspace as workflow
+from mocap_id.workflows.run_folder import describe_sources
 from mocap_id_cli import progress
 from mocap_id_cli.console import AsJson, Quiet, Verbose, log_to_stderr, print_json
 
@@ -58,6 +60,8 @@ def workspace(
     change = workflow.compare(*reaches) if compare is not None else None
     later = reaches[1] if compare is not None else None
     result = workflow.workspace_result(reaches[0], later, change)
+    if out is not None:
+        result = replace(result, made_from=describe_sources(out, *paths))
     files = () if out is None else result.write(out)
     if as_json:
         print_json(result.document)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import errno
 import os
 import stat
+import unicodedata
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -91,3 +92,36 @@ def _with_cause(path: Path, error: OSError, links: bool) -> OSError:
     if error.errno == errno.ENXIO:
         return OSError(errno.ENXIO, "it is a socket, or a device that does not exist", str(path))
     return error
+
+
+def suggest(path: Path) -> str:
+    """Return the end of a message about a missing file: the file that was probably meant, or an empty text.
+
+    The names differ in capital letters, in the encoding of accents (NFC and NFD), or in backslashes.
+    """
+    try:
+        wanted = path if os.sep == "\\" else Path(str(path).replace("\\", "/"))
+        here = Path(wanted.anchor)
+        for part in wanted.relative_to(wanted.anchor).parts:
+            if part == ".." or (here / part).exists():
+                here /= part
+                continue
+            alike = [each for each in sorted(entry.name for entry in here.iterdir()) if _fold(each) == _fold(part)]
+            if not alike:
+                return ""
+            here /= next((each for each in alike if each.casefold() == part.casefold()), alike[0])
+    except (OSError, ValueError):
+        return ""
+    if here == path:
+        return ""
+    if here == wanted:
+        why = "write its path with / instead of \\"
+    elif str(here).casefold() == str(wanted).casefold():
+        why = "this system distinguishes capital and small letters"
+    else:
+        why = "the name looks the same, but its accents are stored differently: copy the name, or rename the file"
+    return f"; there is {here}: {why}"
+
+
+def _fold(name: str) -> str:
+    return unicodedata.normalize("NFC", name).casefold()

@@ -10,7 +10,8 @@ import pytest
 
 from mocap_id.config import load
 from mocap_id.recording import read
-from mocap_id.runner import run
+from mocap_id.runner import run, run_to
+from mocap_id.store import Folder
 
 pytestmark = pytest.mark.recordings
 
@@ -81,6 +82,21 @@ def flexion_ranges(file: Path) -> tuple[float, float]:
         values = np.sort(np.abs(np.degrees(angle[np.isfinite(angle)])))
         found.append(float(values[-5] - values[4]))
     return found[0], found[1]
+
+
+def test_pointers_without_named_segments_are_reported(recordings: Path, tmp_path: Path) -> None:
+    folder = recordings / "upper-limb" / "ulema"
+    if not folder.is_dir():
+        pytest.skip(f"no recordings of arms at {folder}")
+    pointers = ", ".join(f"{landmark}: {folder}/cal{file}.c3d" for landmark, file in POINTERS.items())
+    text = TRIAL.format(name="RF1", folder=folder, pointers=pointers)
+    file = tmp_path / "RF1.yaml"
+    file.write_text("".join(line for line in text.splitlines(keepends=True) if not line.startswith("segment:")))
+    chain = Folder(run_to(load(file), "fit-joints").folder).tree("chain.h5")
+    told = {reason.code: reason for reason in chain.reasons}
+    assert told["pointers-unused"].value == len(POINTERS)
+    assert "EL, EM" in told["pointers-unused"].message
+    assert "segment: {names: [thorax, upper_arm, forearm, hand]}" in told["pointers-unused"].message
 
 
 def rigid_place(axes: list[np.ndarray], point: np.ndarray) -> np.ndarray:

@@ -184,3 +184,26 @@ def test_names_may_be_kept(tmp_path: Path) -> None:
     assert load_study(file).trials[0].name == "Bob-B-normal-1"
     with pytest.raises(ConfigError, match="several folders give the id `Bob-B`"):
         discover(touched(folder, "Bob-B/normal.c3d"), keep_names=True)
+
+
+@pytest.mark.parametrize(
+    ("layout", "people"),
+    [
+        (["normal/subject_01.c3d", "fast/subject_01.c3d", "normal/subject_02.c3d"], {"subject_01", "subject_02"}),
+        (["P_01_normal.c3d", "P_01_fast.c3d", "P_02_normal.c3d"], {"P_01", "P_02"}),
+        (["sub-01_normal.c3d", "sub-02_normal.c3d"], {"sub-01", "sub-02"}),
+        (["clinic/p1/normal1.c3d", "clinic/p2/normal1.c3d"], {"p1", "p2"}),
+        (["clinic/2024/p1/sts.c3d", "clinic/2024/p2/sts.c3d"], {"p1", "p2"}),
+    ],
+)
+def test_numbered_people_are_not_one_person(tmp_path: Path, layout: list[str], people: set[str]) -> None:
+    found = discover(touched(tmp_path, *layout))
+    assert set(found.names.values()) == people
+    assert len({trial.subject for trial in found.trials}) == len(people)
+    assert not found.doubts
+
+
+def test_an_id_that_may_be_two_people_is_reported(tmp_path: Path) -> None:
+    folder = touched(tmp_path, *(f"{site}/{person}/normal1.c3d" for site in ("A", "B") for person in ("p1", "p2")))
+    assert "p1 is a name in the folders A, B" in discover(folder).doubts[0]
+    assert "the paths of its recordings contain p1, p2" in discover(folder, "{subject}/*/{strategy}*").doubts[0]

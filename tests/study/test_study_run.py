@@ -21,9 +21,10 @@ from mocap_id.store import Folder
 from mocap_id.workflows.identified_trial import open_identified_trial
 from mocap_id.workflows.parallel import LocalBackend, TrialRun, run_trials
 from mocap_id.workflows.study import run_study
-from mocap_id.workflows.study.study import find_same_recordings
+from mocap_id.workflows.study.study import find_remarks, find_same_recordings
 from mocap_id.workflows.study.tables import TABLES
 from mocap_id.workflows.transfer import SERIES, apply_model
+from mocap_id.workflows.trial_outcome import TrialOutcome
 
 
 def table(ran: Ran, name: str) -> pd.DataFrame:
@@ -58,6 +59,42 @@ def test_a_copied_recording_is_found(ran: Ran) -> None:
 
     assert list(find_same_recordings(trials("s01-normal-1", "s01-dynamic-1", "s01-gone"))) == []
     assert list(find_same_recordings(trials("s01-normal-1", "s01-dynamic-1", "s01-normal-1"))) == [("0", "2")]
+
+
+def test_two_people_under_one_id_are_reported(tmp_path: Path) -> None:
+    def remarks(*values: tuple[str, float | None, float]) -> list[str]:
+        trials = [
+            SimpleNamespace(name=f"t{k}", subject=subject, trial=SimpleNamespace(out=tmp_path / str(k)))
+            for k, (subject, _, _) in enumerate(values)
+        ]
+        summaries = [
+            {"dynamics": {"mass_kg": mass}, "lengths_m": {"shank": {"value": shank, "sd": 0.003}, "thigh": None}}
+            for _, mass, shank in values
+        ]
+        outcomes = [TrialOutcome(run=None, summary=summary) for summary in summaries]  # type: ignore[arg-type]
+        study = SimpleNamespace(subjects={"s01": None, "s02": None}, trials=trials)
+        return list(find_remarks(study, outcomes))  # type: ignore[arg-type]
+
+    assert remarks(("s01", 70.0, 0.40), ("s01", 72.5, 0.42), ("s02", 55.0, 0.35)) == []
+    (mass,) = remarks(("s01", 70.0, 0.40), ("s01", 71.0, 0.40), ("s01", 58.0, 0.40))
+    assert "s01 may be two people: the mass is 58 kg in t2 and 71 kg in t1" in mass
+    (length,) = remarks(("s01", None, 0.40), ("s01", None, 0.46))
+    assert "the length of the shank is 0.4 m in t0 and 0.46 m in t1" in length
+
+
+def test_another_study_does_not_replace_the_tables(ran: Ran, tmp_path: Path) -> None:
+    file = ran.copy(tmp_path / "copy")
+    before = {path: path.read_bytes() for path in file.parent.rglob("*") if path.is_file() and path.suffix != ".log"}
+    other = file.with_name("other.yaml")
+    other.write_text(
+        "study: another\nsubjects: {s01: {}}\ndefaults: {protocol: sit-to-stand}\n"
+        f"trials: [{{trial: x, subject: s01, strategy: normal, recording: {NAME}/{NAME}-dynamic.c3d}}]\n"
+    )
+    with pytest.raises(StoreError, match=r"belongs to another .*`small` .*study\.yaml.*`another` .*other\.yaml"):
+        run_study(other)
+    assert before == {path: path.read_bytes() for path in before}
+    renamed = file.rename(file.with_name("renamed.yaml"))
+    assert run_study(renamed).study.name == "small"
 
 
 def test_who_runs_it_is_told_which_file_is_broken(ran: Ran) -> None:

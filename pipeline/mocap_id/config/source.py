@@ -79,7 +79,8 @@ def _read_text(file: Path) -> str:
     try:
         return plain_files.read(file, largest=_MAX_BYTES).decode("utf-8")
     except FileNotFoundError as error:
-        raise ConfigError(f"{file}: no such file; expected a YAML file such as trial.yaml") from error
+        hint = plain_files.suggest(file)
+        raise ConfigError(f"{file}: no such file; expected a YAML file such as trial.yaml{hint}") from error
     except UnicodeDecodeError as error:
         raise ConfigError(f"{file}: not a text file in UTF-8; expected a YAML file such as trial.yaml") from error
     except OSError as error:

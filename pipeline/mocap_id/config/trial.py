@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, Field, WithJsonSchema, create_model
 
+from mocap_id import plain_files
 from mocap_id.config.parsing import build_json_schema, parse, raise_mistakes
 from mocap_id.config.source import Location, Source, read
 from mocap_id.errors import ConfigError
@@ -208,6 +209,7 @@ def _find_file(source: Source, location: Location, given: str, kind: str) -> Pat
     if not file.exists():
         raise ConfigError(
             f"{source.where(location)}: {location[-1]}: there is no file {file}; expected the YAML file of {kind}"
+            f"{plain_files.suggest(file)}"
         )
     return file
 

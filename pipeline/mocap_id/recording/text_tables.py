@@ -228,7 +228,7 @@ def open_recording(path: Path) -> Iterator[BinaryIO]:
         with plain_files.open_file(path) as stream:
             yield stream
     except FileNotFoundError:
-        raise RecordingError(f"{path}: no such file; check the path") from None
+        raise RecordingError(f"{path}: no such file; check the path{plain_files.suggest(path)}") from None
     except IsADirectoryError:
         raise RecordingError(f"{path}: is a folder, expected a recording (.c3d, .trc or .mot)") from None
     except PermissionError:

@@ -9,10 +9,12 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from mocap_id import plain_files
 from mocap_id.config import Trial
 from mocap_id.errors import RecordingError, Refused
 from mocap_id.stages import Stage
 from mocap_id.store import dumps, hash_bytes, hash_file
+from mocap_id.store.ownership import Owner
 
 
 def find_user_files(trial: Trial, stage: Stage) -> dict[str, Path]:
@@ -20,6 +22,17 @@ def find_user_files(trial: Trial, stage: Stage) -> dict[str, Path]:
     return {
         role: path for key in stage.keys_of(trial.keys) for role, path in _find_paths(getattr(trial.keys, key), key)
     }
+
+
+def find_owner(trial: Trial, files: FileHashes) -> Owner:
+    """Return the owner of a trial's run folder; without a readable recording, only its path and the trial count."""
+    recording = next(iter(trial.keys.imus.values())) if trial.keys.recording is None else trial.keys.recording.motion
+    contents: tuple[str, ...]
+    try:
+        contents = (files.read("recording", recording),)
+    except RecordingError:
+        contents = ()
+    return Owner(trial.name, trial.file, contents, recording)
 
 
 def collect_parameters(trial: Trial, stage: Stage) -> dict[str, Any]:
@@ -109,7 +122,7 @@ class FileHashes:
         try:
             return hash_file(path)
         except FileNotFoundError as error:
-            raise RecordingError(f"{path}: no such file, {named}") from error
+            raise RecordingError(f"{path}: no such file, {named}{plain_files.suggest(path)}") from error
         except OSError as error:
             raise RecordingError(f"{path}: cannot be read ({error.strerror}), {named}") from error
 

@@ -27,6 +27,7 @@ from mocap_id.runner.dependencies import (
     FileHashes,
     collect_parameters,
     compute_cache_key,
+    find_owner,
     find_unneeded,
     find_user_files,
 )
@@ -36,6 +37,7 @@ from mocap_id.stages import STAGES, Stage
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.store import Document, Folder, Origin
 from mocap_id.store.atomic import replace_together
+from mocap_id.store.ownership import check_owner, store_owner
 
 LOG_FILE = "failure.log"  # in the run folder: the traceback of an unexpected failure
 
@@ -126,9 +128,11 @@ def _start_run(trial: Trial, stages: Sequence[Stage], progress: Progress, wait: 
         this_run.files.read(role, path)
         if path.resolve() in outputs:
             raise ConfigError(f"{trial.file}: the run would overwrite `{role}`, {path}: choose another `out:`")
-    with this_run.folder.locked(wait), keep_log(trial.out, trial.name, files) as log, this_run.writer:
-        this_run.log = log
-        yield this_run
+    with this_run.folder.locked(wait):
+        check_owner(trial.out, this_run.owner)
+        with keep_log(trial.out, trial.name, files) as log, this_run.writer:
+            this_run.log = log
+            yield this_run
 
 
 class _Run:
@@ -138,6 +142,7 @@ class _Run:
         self.trial, self.stages, self.progress = trial, stages, progress
         self.folder = Folder(trial.out)
         self.files = FileHashes(trial)
+        self.owner = find_owner(trial, self.files)
         self.log = _log
         self.writer = BackgroundWriter()
         self._steps: list[Step] = []
@@ -156,6 +161,7 @@ class _Run:
                 break
             self.folder.release(find_unneeded(self.stages, stages[number + 1 :], self.folder.size))
         self.writer.wait()
+        store_owner(self.trial.out, self.owner)
         self.folder.remove([LOG_FILE])
         self.log.info(describe_verdict(self.trial.out))
         return Outcome(self.trial.out, tuple(self._steps), refused)
@@ -181,6 +187,7 @@ class _Run:
         try:
             return self.compute(stage, hashes)
         except Refused as refused:
+            store_owner(self.trial.out, self.owner)
             store_refusal(self.trial.out, stage.name, key, refused)
             raise
 
@@ -208,6 +215,7 @@ class _Run:
         except NumericalError:
             self.delete_outputs_from(stage)
             raise
+        store_owner(self.trial.out, self.owner)
         self.writer.submit(partial(self.write, stage, kept, origin))
         return origin
 
@@ -255,6 +263,7 @@ class _Run:
             log = self.trial.out / LOG_FILE
             text = "".join(traceback.format_exception(error))
             try:
+                store_owner(self.trial.out, self.owner)
                 replace_together(self.trial.out, {LOG_FILE: text.encode("utf-8", "backslashreplace")})
                 where = f"the details are in {log}; please report them"
             except StoreError as problem:

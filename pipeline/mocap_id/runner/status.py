@@ -11,13 +11,14 @@ from filelock import Timeout
 
 from mocap_id.config import Trial
 from mocap_id.errors import MocapIdError, StoreError
-from mocap_id.runner.dependencies import FileHashes, collect_parameters, compute_cache_key
+from mocap_id.runner.dependencies import FileHashes, collect_parameters, compute_cache_key, find_owner
 from mocap_id.runner.execution import LOG_FILE
 from mocap_id.runner.log import RUN_LOG, read_last_failure
 from mocap_id.runner.refusals import forget_refusal, read_refusal
 from mocap_id.stages import STAGES, Stage
 from mocap_id.store import Folder, Origin
 from mocap_id.store.locking import LOCK, create_lock
+from mocap_id.store.ownership import check_owner
 
 State: TypeAlias = Literal["done", "stale", "missing", "damaged", "refused", "waiting"]
 
@@ -51,14 +52,17 @@ class TrialStatus:
 
 def status(trial: Trial, stages: Sequence[Stage] = STAGES) -> TrialStatus:
     """Return the status of a trial without computing or writing anything."""
-    folder = Folder(trial.out)
+    folder, files = Folder(trial.out), FileHashes(trial)
     try:
-        folder.is_present()
+        if folder.is_present():
+            check_owner(trial.out, find_owner(trial, files))
     except StoreError as error:
         first, *later = (stage.name for stage in stages)
         waiting = (StageStatus(name, "waiting", f"for {first}") for name in later)
         return TrialStatus((StageStatus(first, "damaged", str(error)), *waiting), False, None)
-    return TrialStatus(tuple(_find_states(trial, folder, stages)), _is_locked(trial.out), read_last_failure(trial.out))
+    return TrialStatus(
+        tuple(_find_states(trial, folder, files, stages)), _is_locked(trial.out), read_last_failure(trial.out)
+    )
 
 
 def clean(trial: Trial, first: str | None = None, stages: Sequence[Stage] = STAGES) -> None:
@@ -75,12 +79,13 @@ def clean(trial: Trial, first: str | None = None, stages: Sequence[Stage] = STAG
     Raises
     ------
     StoreError
-        A run has locked the folder, or it cannot be read or changed.
+        A run has locked the folder, it cannot be read or changed, or it belongs to another recording.
     """
     folder, names = Folder(trial.out), [stage.name for stage in stages]
     if not folder.is_present():
         return
     with folder.locked():
+        check_owner(trial.out, find_owner(trial, FileHashes(trial)))
         for stage in stages[0 if first is None else names.index(first) :]:
             folder.remove_outputs(stage.name, stage.outputs)
         forget_refusal(trial.out)
@@ -89,8 +94,8 @@ def clean(trial: Trial, first: str | None = None, stages: Sequence[Stage] = STAG
             folder.remove_if_empty()
 
 
-def _find_states(trial: Trial, folder: Folder, stages: Sequence[Stage]) -> Iterator[StageStatus]:
-    files, before = FileHashes(trial), None
+def _find_states(trial: Trial, folder: Folder, files: FileHashes, stages: Sequence[Stage]) -> Iterator[StageStatus]:
+    before = None
     for stage in stages:
         if before is not None:
             yield StageStatus(stage.name, "waiting", f"for {before}")

@@ -57,9 +57,13 @@ def write_trial(folder: Path, make: Callable[[str], Mapping[str, bytes]]) -> Pat
 
     StoreError is raised if the folder already contains a trial, or cannot be written.
     """
-    if (folder / "trial.c3d").exists():
+    if (folder / "trial.c3d").exists() or (folder / "trial.yaml").exists():
         raise StoreError(f"{folder} already contains a trial: remove the trial or choose a different folder")
-    write_files(folder, make(folder.resolve().name))
+    contents = make(folder.resolve().name)
+    existing = [folder / name for name in contents if (folder / name).exists()]
+    if existing:
+        raise StoreError(f"{existing[0]} exists already: remove the file or choose a different folder")
+    write_files(folder, contents)
     return folder / "trial.yaml"
 
 

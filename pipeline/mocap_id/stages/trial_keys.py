@@ -314,6 +314,13 @@ class TrialKeys(Settings):
             raise ValueError("this key needs `space: 3d`")
         return value
 
+    @field_validator("pointer")
+    @classmethod
+    def _pointer_has_recordings(cls, value: dict[str, float], info: ValidationInfo) -> dict[str, float]:
+        if value and "pointers" in info.data and not info.data["pointers"]:
+            raise ValueError("this key has no effect without `pointers`, the recordings in which it touches landmarks")
+        return value
+
     @field_validator("static", "window")
     @classmethod
     def _window_runs_forwards(cls, value: tuple[float, float] | None) -> tuple[float, float] | None:

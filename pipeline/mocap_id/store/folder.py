@@ -25,6 +25,7 @@ from mocap_id.store.atomic import (
     resolve_path,
 )
 from mocap_id.store.locking import LOCK, MARKER, create_lock
+from mocap_id.store.ownership import OWNER_FILE
 from mocap_id.store.provenance import INVALID_RECORD, Checksum, Document, Origin, Provenance, Record
 from mocap_id.store.schemas import SCHEMAS
 
@@ -226,21 +227,25 @@ class Folder:
     def remove_if_empty(self) -> None:
         """Delete the folder if nothing is left in it; call this only while holding its lock."""
         with contextlib.suppress(OSError):
-            for name in (LOCK, MARKER):
-                (self.path / _HIDDEN / name).unlink(missing_ok=True)
+            for path in self._list_bookkeeping():
+                path.unlink(missing_ok=True)
             (self.path / _HIDDEN).rmdir()
             for folder in (*filter(Path.is_dir, self.path.iterdir()), self.path):
                 folder.rmdir()
 
     def _remove_created(self, made: Sequence[Path]) -> None:
         """Delete the folders that a run created, innermost first, if the run wrote nothing."""
-        locks = [self.path / _HIDDEN / name for name in (LOCK, MARKER)]
-        if made and not any(path.is_file() and path not in locks for path in self.path.rglob("*")):
+        own = self._list_bookkeeping()
+        if made and not any(path.is_file() and path not in own for path in self.path.rglob("*")):
             with contextlib.suppress(OSError):  # another program may have written there meanwhile
-                for lock in locks:
-                    lock.unlink(missing_ok=True)
+                for path in own:
+                    path.unlink(missing_ok=True)
                 for folder in made:
                     folder.rmdir()
+
+    def _list_bookkeeping(self) -> list[Path]:
+        """Return the paths of the files that say who uses the folder, without results."""
+        return [self.path / name for name in (f"{_HIDDEN}/{LOCK}", f"{_HIDDEN}/{MARKER}", OWNER_FILE)]
 
     def _find_read_record(self, file: str) -> Record | None:
         """Return the record that lists an artefact; None if there is no such record with the present schema version.

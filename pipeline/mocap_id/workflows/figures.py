@@ -13,6 +13,8 @@ from mocap_id.reporting.embedding import read_figures
 from mocap_id.reporting.figure import Drawings
 from mocap_id.reporting.study.page_data import PAGE_FILE as COHORT
 from mocap_id.store.atomic import write_files
+from mocap_id.store.ownership import check_owner, store_owner
+from mocap_id.workflows.run_folder import find_owner
 
 _PAGES = (PAGE_FILE, COHORT, "robot.html", "sensitivity.html")
 """Names of the pages with figures."""
@@ -36,15 +38,19 @@ def write_figures(source: Path, out: Path | None = None, pdf_fonts: PdfFonts = "
     ConfigError
         There is no page.
     StoreError
-        The page contains no figures, or the folder cannot be written.
+        The page contains no figures, or the folder cannot be written or contains the figures of another page.
     """
     from mocap_id.reporting import paper_figures  # noqa: PLC0415  imports matplotlib
 
     page = _find_page(source)
     with _explain_unreadable(page):
         files = paper_figures.make_figure_files(_read_drawings(page), pdf_fonts)
-    folder = page.parent if out is None else out
+    folder, owner = page.parent if out is None else out, find_owner(page.parent)
+    if out is not None:
+        check_owner(folder, owner, "figures")
     write_files(folder, files)
+    if out is not None:
+        store_owner(folder, owner, "figures")
     return tuple(folder / file for file in files)
 
 

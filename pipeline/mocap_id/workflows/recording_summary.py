@@ -2,12 +2,43 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from mocap_id.errors import RecordingError
 from mocap_id.plates import GRAVITY
+from mocap_id.recording import read
 from mocap_id.recording.model import Plate, Recording
+from mocap_id.recording.skeleton_log import read_skeleton
+from mocap_id.workflows.study.discovery import find_forces
+
+_TEXTS = (".csv", ".txt", ".tsv")  # endings of files that may be skeletons
+
+
+def read_recording(file: Path, forces: Path | None = None, **options: Any) -> Recording:
+    """Read the files that `mocap-id run` would use: also the MOT file beside a text file, and skeletons.
+
+    ``options`` are those of :func:`mocap_id.recording.read` and :func:`mocap_id.recording.skeleton_log.read_skeleton`.
+    Raises the errors of these functions.
+    """
+    found = find_forces(file, file.parent.iterdir()) if forces is None and file.is_file() else None
+    try:
+        content = read(file, forces or found, **options, unit_required=False)
+    except RecordingError as error:
+        if file.suffix.lower() not in _TEXTS:
+            raise
+        try:
+            units, vertical = options.get("units"), options.get("vertical")
+            return read_skeleton(file, units=units, vertical=vertical).recording
+        except RecordingError as other:
+            raise RecordingError(f"{error}. As a skeleton it cannot be read either: {other}") from error
+    note = (
+        () if found is None else (f"the forces are from {found.name}, which is beside it; `mocap-id run` uses it too",)
+    )
+    return replace(content, oddities=(*note, *content.oddities))
 
 
 def describe_recording(recording: Recording) -> dict[str, Any]:

@@ -6,18 +6,22 @@ import json
 import logging
 import os
 import re
+import tempfile
+import unicodedata
 import zlib
 from collections.abc import Mapping
 from pathlib import Path, PurePath, PurePosixPath
 from typing import Any
 
+from mocap_id import plain_files
 from mocap_id.config import Trial, load
 from mocap_id.config.source import Source
 from mocap_id.config.trial import compose
 from mocap_id.errors import ConfigError, RecordingError, StoreError
 from mocap_id.recording import Recording, write_recording, write_recording_as_text
 from mocap_id.stages.trial_keys import IN_PLANE, IN_SPACE
-from mocap_id.store.atomic import converting_errors, write_files
+from mocap_id.store.atomic import converting_errors, hash_file, write_files
+from mocap_id.store.ownership import Owner, describe_conflict, is_other, read_owner
 from mocap_id.workflows.study.discovery import find_forces
 from mocap_id.workflows.study.reaches import read_reach
 
@@ -25,6 +29,8 @@ FILE = "trial.yaml"
 _ARRAYS, _ARRAYS_AS_TEXT = "recording.c3d", "recording.trc"
 _HEAD = "# Made by `mocap-id run` from a recording. Paths are relative to this file.\n"
 _CHECKSUM = "# Checksum {:08x}: mocap-id does not replace this file once you have edited it.\n"
+
+_LONGEST = 100  # characters of a trial's name
 
 _log = logging.getLogger(__name__)
 
@@ -49,38 +55,121 @@ def make_trial(recording: Path | Recording, given: Mapping[str, Any], save: Path
     RecordingError
         There is no such recording, or the arrays cannot be written with their times and plates.
     StoreError
-        The file exists and was edited or not written by this function, or the folder has results of another trial.
+        The file exists and was edited or not written by this function, or the file or the folder belongs to another
+        recording or trial.
     """
     if not isinstance(recording, Path | Recording):
         raise ConfigError(
             f"a {type(recording).__name__} is not a trial; expected the path of a trial's YAML file or of a recording, "
             "or a mocap_id.Recording"
         )
-    named = recording.files[:1] if isinstance(recording, Recording) else (recording,)
-    stem = re.sub(r"[^\w.+-]+", "-", named[0].stem if named else "arrays").strip("-.+") or "trial"
+    base = Path.cwd() if save is None else save.absolute().parent
     keys = {name.replace("_", "-"): value for name, value in given.items() if value is not None}
-    keys = {"trial": stem, **keys}
-    usual = (Path.cwd() if save is None else save.absolute().parent) / "runs" / str(keys["trial"])
-    out = Path(keys.get("out", usual)).absolute()
-    if save is None:
-        _check_available(out)
-    if isinstance(recording, Recording):
-        recording = _write_arrays(recording, out)
-    if not recording.is_file():
-        raise RecordingError(f"{recording}: no such file; expected a recording or a trial's YAML file")
-    trial = _complete(recording.absolute(), keys, out)
+    if isinstance(recording, Path):
+        if not recording.is_file():
+            hint = plain_files.suggest(recording)
+            raise RecordingError(f"{recording}: no such file; expected a recording or a trial's YAML file{hint}")
+        recording = recording.absolute()
+        keys["trial"], out = _choose_folder(recording, hash_file(recording), keys, base, save)
+    else:
+        with tempfile.TemporaryDirectory() as scratch:
+            written = _write_arrays(recording, Path(scratch))
+            source = recording.files[0] if recording.files else Path("arrays")
+            keys["trial"], out = _choose_folder(source, hash_file(written), keys, base, save, arrays=True)
+            write_files(out, {file.name: file.read_bytes() for file in Path(scratch).iterdir()})
+        recording = out / written.name
+    trial = _complete(recording, keys, out)
     file = out / FILE if save is None else save.absolute()
-    _write(file, _format_trial(trial, keys, file, usual))
+    _write(file, _format_trial(trial, keys, file, base / "runs" / str(keys["trial"])))
     if file != trial.out / FILE and _is_ours(trial.out / FILE):
         (trial.out / FILE).unlink()  # a run folder has one file
     return load(file)
+
+
+def _choose_folder(
+    recording: Path, content: str, keys: Mapping[str, Any], base: Path, save: Path | None, *, arrays: bool = False
+) -> tuple[str, Path]:
+    """Return the trial's name and its run folder, by default ``base/runs/<name>``.
+
+    If the user gave neither, the name is that of the recording. If that folder belongs to another recording, the names
+    of the folders above the recording are put before the name: ``p1/sts.c3d`` and ``p2/sts.c3d`` have separate results.
+    For arrays in memory, a part of the hash ``content`` is put after the name instead. Raises StoreError if the folder,
+    or the file ``save``, belongs to another recording.
+    """
+    stem = _clean(recording.stem) or "trial"
+    names = [stem, f"{stem}-{content[:8]}"] if arrays else [stem]
+    if not arrays:
+        for parent in recording.parents[:3]:
+            names += [f"{_clean(parent.name)}-{names[-1]}"] if _clean(parent.name) else []
+        names += [f"{name}-{recording.suffix.lower()[1:]}" for name in names]
+    given = bool({"trial", "out"} & keys.keys())
+    names = [str(keys.get("trial", stem))] if given else [name for name in names if len(name) <= _LONGEST]
+    folders = {name: Path(keys.get("out", base / "runs" / name)).absolute() for name in names}
+    others = {}
+    for name, out in folders.items():
+        file = out / FILE if save is None else save.absolute()
+        # Under a name that the user gave, arrays may change. A file that this module wrote does not identify a trial.
+        owner = Owner(name, file if arrays and given else recording, (content,), None if arrays else recording)
+        others[name] = _find_other(out, owner)
+    if save is not None and _is_ours(save):
+        previous = _read_recording(save)
+        places = (recording, *(out / previous.name for out in folders.values()))
+        own = previous.resolve() in [place.resolve() for place in places]
+        if not own and not (previous.is_file() and hash_file(previous) == content):
+            raise StoreError(
+                f"{save} belongs to another recording: it contains the settings of {previous}. Those of {recording} "
+                "would replace them: choose another name with `--save`"
+            )
+    free = [name for name, other in others.items() if not other]
+    if not free:
+        raise StoreError(describe_conflict(folders[names[0]], others[names[0]], str(recording)))
+    chosen = next((name for name in free if (folders[name] / ".mocap-id").exists()), free[0])
+    if save is None:
+        _check_available(folders[chosen])
+    if others[names[0]]:
+        _log.warning(
+            f"{folders[names[0]]} contains the results of {others[names[0]]}; the results of {recording} are in "
+            f"{folders[chosen]}"
+        )
+    return chosen, folders[chosen]
+
+
+def _clean(name: str) -> str:
+    """Return a name with only the characters that a trial's name may have."""
+    return re.sub(r"[^\w.+-]+", "-", unicodedata.normalize("NFC", name)).strip("-.+")
+
+
+def _find_other(out: Path, owner: Owner) -> str:
+    """Return a description of the other recording whose results a run folder contains; empty if there is none."""
+    stored = read_owner(out)
+    if stored is not None:
+        if not is_other(stored, owner, out):
+            return ""
+        return str(_read_recording(stored.file)) if _is_ours(stored.file) else stored.describe()
+    if not _is_ours(out / FILE) or owner.file == out / FILE:
+        return ""
+    previous = _read_recording(out / FILE)
+    own = previous.resolve() == owner.file.resolve() or not previous.is_file() or hash_file(previous) in owner.contents
+    return "" if own else str(previous)
+
+
+def _read_recording(file: Path) -> Path:
+    """Return the absolute path of the recording in a file that this module wrote."""
+    lines = file.read_text("utf-8").splitlines()
+    named = json.loads(next(line for line in lines if line.startswith("recording: ")).partition(" ")[2])
+    named = named if isinstance(named, str) else named.get("markers") or named["skeleton"]
+    return Path(os.path.normpath(file.parent.resolve() / named))
 
 
 def _complete(recording: Path, given: dict[str, Any], out: Path) -> Trial:
     """Return the checked trial with guesses for missing keys; a warning lists the guesses."""
     keys = dict(given)
     beside = sorted(recording.parent.iterdir())
-    forces = keys.pop("forces", None) or find_forces(recording, beside)
+    forces = keys.pop("forces", None)
+    if forces is None:
+        forces = find_forces(recording, beside)
+        if forces is not None:
+            _log.warning("%s: the forces are from %s beside it", recording.name, forces.name)
     guessed, files = _guess(recording, forces if forces is None else Path(str(forces)), keys)
     reported = [name for name in guessed if name != "space" or keys.get("protocol", "free") == "free"]
     if reported:
@@ -152,7 +241,6 @@ def _write_arrays(recording: Recording, out: Path) -> Path:
             "of none"
         )
     with converting_errors(out):
-        out.mkdir(parents=True, exist_ok=True)
         if not any(without_corners.values()):
             write_recording(out / _ARRAYS, recording)
             return out / _ARRAYS
@@ -186,6 +274,8 @@ _ALWAYS = ("trial", "recording", "space", "protocol", "side", "out")
 def _relative(value: Any, folder: Path) -> Any:
     """Return a value as JSON values; paths in the value become relative to ``folder``."""
     if isinstance(value, PurePath):
+        if folder.resolve() != folder:  # `..` leads out of the folder that a link names, not out of the link
+            value, folder = Path(value).parent.resolve() / value.name, folder.resolve()
         return PurePath(os.path.relpath(value, folder)).as_posix()
     if isinstance(value, Mapping):
         return {str(key): _relative(one, folder) for key, one in value.items()}

@@ -9,10 +9,11 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from mocap_id import runner
+from mocap_id import plain_files, runner
 from mocap_id.config import Trial, load
 from mocap_id.errors import ConfigError, StoreError
-from mocap_id.store import ArtefactSet, Folder, Provenance
+from mocap_id.store import ArtefactSet, Folder, Provenance, hash_file
+from mocap_id.store.ownership import Owner, hash_path, hash_texts, read_owner
 from mocap_id.store.schemas import SCHEMAS
 
 if TYPE_CHECKING:
@@ -83,7 +84,10 @@ def open_run(path: Path, progress: runner.Progress = lambda step: None) -> RunFo
         As for :func:`mocap_id.runner.run`. A refused trial raises nothing; its run folder describes the refusal.
     """
     if not path.exists():
-        raise ConfigError(f"{path}: no such file or folder; expected a trial's YAML file or a run folder, runs/<trial>")
+        raise ConfigError(
+            f"{path}: no such file or folder; expected a trial's YAML file or a run folder, runs/<trial>"
+            f"{plain_files.suggest(path)}"
+        )
     run_folder = path if path.is_dir() else runner.run(load(path), progress=progress).folder
     folder = Folder(run_folder)
     files = _list_artefacts(folder)
@@ -186,3 +190,32 @@ def check_provenance(folder: Folder, files: Iterable[str]) -> dict[str, Provenan
             if needed in provenance and provenance[needed].origin.key != key:
                 raise _report_mismatch(folder, file, needed)
     return provenance
+
+
+def find_owner(*sources: Path) -> Owner:
+    """Return the owner of results that are made from run folders, folders of studies, trials' files, or other files."""
+    names: list[str] = []
+    contents: list[str] = []
+    folders = [source if source.is_dir() else _find_run_folder(source) for source in sources]
+    for folder in folders:
+        stored = read_owner(folder) or read_owner(folder, "study.json")
+        names.append(folder.stem if stored is None else stored.name)
+        contents += [hash_file(folder)] if folder.is_file() else [] if stored is None else stored.contents
+    return Owner(", ".join(names), folders[0], (hash_texts([*names, *contents]),) if contents else ())
+
+
+def describe_sources(out: Path, *sources: Path) -> dict[str, list[str]]:
+    """Return names and hashes of what the outputs in a folder are made from, for a document in the folder.
+
+    Results of the same sources have a hash in common: of their content, or of the path of the first.
+    """
+    owner = find_owner(*sources)
+    return {"names": owner.name.split(", "), "hashes": [*owner.contents, hash_path(owner.file, out)]}
+
+
+def _find_run_folder(file: Path) -> Path:
+    """Return the run folder of a trial's file; for any other file, the file itself."""
+    try:
+        return load(file).out
+    except ConfigError:
+        return file

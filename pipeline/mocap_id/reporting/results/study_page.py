@@ -77,16 +77,17 @@ def render_study_page(
     """Return the page of a study of people as HTML in UTF-8; its first sentences say how the trials ended."""
     trials = data.trials
     counts = {words: sum(trial.ending == ending for trial in trials) for ending, words in ENDINGS.items()}
+    remarks = [to_sentence(remark) for remark in data.remarks]
     endings = to_sentence(", ".join(f"{count} {words}" for words, count in counts.items() if count))
     return Page(
         name=data.study,
         headline=count_passed(trials),
-        lead=f"{endings} Tables and figures are about the trials that have results.",
+        lead=" ".join([endings, "Tables and figures are about the trials that have results.", *remarks]),
         command="study",
         sections=tuple(sections),
         figures=figures,
         footer=footer,
-        level="ok" if all(trial.ending == "ok" for trial in trials) else "caution",
+        level="ok" if all(trial.ending == "ok" for trial in trials) and not remarks else "caution",
         key_numbers=tuple(key_numbers),
         trials=trials,
     ).render()

@@ -23,6 +23,7 @@ class CohortData:
     study: str  # name of the study
     trials: tuple[TrialEntry, ...]
     tables: Mapping[str, pd.DataFrame]  # the study's tables by name
+    remarks: tuple[str, ...] = ()  # sentences about trials that may be of another person
 
     @property
     def subjects(self) -> tuple[str, ...]:

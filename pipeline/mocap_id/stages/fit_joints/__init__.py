@@ -59,7 +59,7 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="fit-joints",
-    version=17,
+    version=18,
     inputs=("planar.parquet", "segments.parquet"),
     outputs=("chain.h5",),
     uses=("space", "side", "landmarks", "pointers", "pointer", "static", "calibration"),

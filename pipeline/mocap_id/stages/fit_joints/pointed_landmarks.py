@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from mocap_id import recording
 from mocap_id.anatomy.frames import mirror_points
+from mocap_id.anatomy.landmark_names import SEGMENTS
 from mocap_id.anatomy.pointer import Pointer, calibrate_pointer, find_pointer_markers, locate_pointed_landmark
 from mocap_id.anatomy.still_pose import LandmarkPosition
 from mocap_id.arrays import FloatArray
@@ -80,6 +81,19 @@ def read_pointed_landmarks(
         positions[name] = landmark.position
         reasons += [Reason(each.code, f"{name}: {each.message}.", each.value, each.limit) for each in landmark.reasons]
     return positions, tuple(reasons)
+
+
+def explain_unused_pointers(trial: TrialKeys, names: Sequence[str], why: str = "") -> tuple[Reason, ...]:
+    """Return a caution that names the landmarks under ``pointers:`` that have no effect; ``names`` are the segments."""
+    missing = [str(name) for name in trial.pointers if SEGMENTS[str(name)] not in names]
+    if not missing:
+        return ()
+    wanted = " or ".join(dict.fromkeys(SEGMENTS[name] for name in missing))
+    why = why or (
+        f"no segment is called {wanted}. The segments are called {', '.join(names)}: give their anatomical names, base "
+        "first, such as `segment: {names: [thorax, upper_arm, forearm, hand]}`"
+    )
+    return (Reason("pointers-unused", f"{', '.join(missing)} under `pointers:` have no effect: {why}.", len(missing)),)
 
 
 def _read_touch(

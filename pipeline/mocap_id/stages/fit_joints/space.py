@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -18,6 +19,7 @@ from mocap_id.stages.calibration_trial import read_chain
 from mocap_id.stages.fit_joints import FitJointsSettings
 from mocap_id.stages.fit_joints.anatomy import AnatomicalChain, find_points_near_joints, fit_anatomical_frames
 from mocap_id.stages.fit_joints.plane import explain_estimator, explain_uncertain_centre
+from mocap_id.stages.fit_joints.pointed_landmarks import explain_unused_pointers
 from mocap_id.stages.skin_motion import correct_axial_rotation, fit_cluster_poses
 from mocap_id.stages.trial_keys import get_landmark_labels
 from mocap_id.store import Tree
@@ -54,13 +56,18 @@ _RIGID_MARKERS = (
 def fit_chain_in_space(context: Context) -> Outputs:
     """Return chain.h5 of a trial in space."""
     if context.trial.calibration is not None:
-        return (_use_calibration(context),)
+        tree = _use_calibration(context)
+        unused = explain_unused_pointers(context.trial, (), "the chain and its landmarks are from the calibration")
+        return (replace(tree, reasons=(*tree.reasons, *unused)),)
     settings: FitJointsSettings = context.settings
     segments = context.table("segments.parquet")
     if is_skeleton(context.long("planar.parquet").facts):
         from mocap_id.stages.fit_joints.skeleton import fit_skeleton_chain  # noqa: PLC0415  only skeletons need it
 
-        return fit_skeleton_chain(context)
+        (skeleton,) = fit_skeleton_chain(context)
+        assert isinstance(skeleton, Tree)
+        unused = explain_unused_pointers(context.trial, (), "a skeleton has no markers on its segments")
+        return (replace(skeleton, reasons=(*skeleton.reasons, *unused)),)
     view = Trajectories(context.long("planar.parquet"), segments.facts.get("bad_stretches", ()))
     assigned = np.flatnonzero(segments["segment"] >= 0)
     labels, segment = [str(label) for label in segments["marker"][assigned]], segments["segment"][assigned]
@@ -91,7 +98,7 @@ def fit_chain_in_space(context: Context) -> Outputs:
         **anatomical.facts,
     }
     reasons = explain_estimator(settings) + _explain_weak_joints(fit, joint_names, settings) + anatomical.reasons
-    reasons += _explain_parallel_axes(fit, joint_names, kinds)
+    reasons += _explain_parallel_axes(fit, joint_names, kinds) + explain_unused_pointers(context.trial, names)
     return (Tree(CHAIN, _make_data(anatomical, labels, names, joint_names), facts, reasons),)
 
 

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import logging
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import pyarrow.parquet as pq
+
 from mocap_id.config import Trial
+from mocap_id.errors import StoreError
 from mocap_id.reporting.results.columns import ResultColumn as Column
 from mocap_id.reporting.results.columns import ResultTable, count, number, text, whole
 from mocap_id.store import TableSchema
@@ -117,10 +120,12 @@ def run_batch(
     ConfigError
         A name matches nothing, two trials have the same run folder, or the backend is not available. No trial was run.
     StoreError
-        The table cannot be written; the results of the trials remain in their run folders.
+        The table cannot be written, and the results of the trials remain in their run folders; or the file is a table
+        of other trials, or of another kind, and no trial was run.
     """
     trials, unreadable = find_trials(named)
     table = table.absolute()
+    _check_table(table, trials)
     with converting_errors(table):
         table.parent.mkdir(parents=True, exist_ok=True)
     if len(trials) == 1 and isinstance(backend, DaskBackend):
@@ -133,6 +138,30 @@ def run_batch(
     rows = [make_row(entry) for entry in entries]
     write_files(table.parent, {table.name: ResultTable.of(BATCH, rows).parquet("batch")})
     return Batch(rows, messages, table)
+
+
+def _check_table(table: Path, trials: Sequence[Trial]) -> None:
+    """Raise StoreError if a file exists that is not a table of a batch with at least one of the trials."""
+    if not table.exists():
+        return
+    try:
+        rows = pq.read_table(table, columns=["trial", "file", "folder"]).to_pylist()
+        before = {row["trial"]: {(table.parent / row[key]).resolve() for key in ("file", "folder")} for row in rows}
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise StoreError(
+            f"{table} exists and is not a table of `mocap-id batch`: choose another file with `--out`"
+        ) from error
+    now = {path.resolve() for trial in trials for path in (trial.file, trial.out)}
+    if trials and before and not any(paths & now for paths in before.values()):
+        raise StoreError(
+            f"{table} is the table of other trials ({_list_some(before)}), and the table of this batch "
+            f"({_list_some([trial.name for trial in trials])}) would replace it: choose another file with `--out`"
+        )
+
+
+def _list_some(names: Iterable[str]) -> str:
+    first, rest = [*names][:3], [*names][3:]
+    return ", ".join(first) + (" …" if rest else "")
 
 
 def read_trial(trial: Trial, run: TrialRun, folder: Path) -> BatchTrial:

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import glob
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from pydantic import BaseModel
 
+from mocap_id import plain_files
 from mocap_id.config import Trial, load
 from mocap_id.config.source import Source, read
 from mocap_id.config.study import load_study
 from mocap_id.config.trial import build_trial_model, compose
 from mocap_id.errors import ConfigError
+from mocap_id.store.ownership import OWNER_FILE, read_owner
 
 _TRIAL_FILES = ("*.yaml", "*.yml")
 
@@ -26,14 +28,16 @@ class UnreadableFile:
     error: ConfigError
 
 
-def find_trials(named: Sequence[str]) -> tuple[list[Trial], list[UnreadableFile]]:
+def find_trials(named: Sequence[str], *, runs: bool = False) -> tuple[list[Trial], list[UnreadableFile]]:
     """Return the named trials, each once, and the files that cannot be read as trials.
 
     Parameters
     ----------
     named : sequence of str
-        Files of trials or studies; folders with files of trials at any depth; patterns such as ``lab/*/trial.yaml``
-        (``**`` matches folders at any depth).
+        Files of trials or studies; folders with such files at any depth; patterns such as ``lab/*/trial.yaml`` (``**``
+        matches folders at any depth).
+    runs : bool
+        Whether a folder also stands for the trials whose run folders it contains; their files may be elsewhere.
 
     Raises
     ------
@@ -43,11 +47,11 @@ def find_trials(named: Sequence[str]) -> tuple[list[Trial], list[UnreadableFile]
     trials: dict[Path, Trial] = {}
     unreadable: list[UnreadableFile] = []
     model = build_trial_model()  # once, because making it takes as long as reading a file
-    for file, source in dict(one for name in named for one in _find_files(name)).items():
+    for file, source in dict(one for name in named for one in _find_files(name, runs)).items():
         try:
             for trial in _read_trials(file, source, model):
                 other = trials.setdefault(trial.out.resolve(), trial)
-                if (other.file, other.name) != (trial.file, trial.name):
+                if (other.file.resolve(), other.name) != (trial.file.resolve(), trial.name):
                     raise _SharedFolder(
                         f"{trial.file} and {other.file} share the folder {trial.out}: give one of them a different "
                         "`out:`"
@@ -71,13 +75,18 @@ class _SharedFolder(ConfigError):
     """Two trials have the same run folder, so neither of them may be run."""
 
 
-def _find_files(name: str) -> Iterator[tuple[Path, Source | None]]:
+def _find_files(name: str, runs: bool) -> Iterator[tuple[Path, Source | None]]:
     """Yield the absolute path of each file that matches a name, and its content if it was read, else None."""
     path = Path(name).expanduser()
-    files: Mapping[Path, Source | None]
+    files: dict[Path, Source | None]
     if path.is_dir():
         below = sorted(file for pattern in _TRIAL_FILES for file in path.absolute().rglob(pattern))
         files = dict(one for file in below for one in _read_if_trial(file))
+        known = {file.resolve() for file in files}
+        for record in sorted(path.absolute().rglob(OWNER_FILE)) if runs else ():
+            owner = read_owner(record.parents[1])
+            if owner is not None and owner.file not in known:
+                files |= {owner.file: None}
     elif path.exists() or not glob.has_magic(name):
         files = {path.absolute(): None}
     else:
@@ -85,19 +94,23 @@ def _find_files(name: str) -> Iterator[tuple[Path, Source | None]]:
         files = dict.fromkeys(Path(file).absolute() for file in matches)
     if not files:
         what = "this folder contains no trial's YAML file" if path.is_dir() else "no file has this name"
-        raise ConfigError(f"{name}: {what}; expected a trial's or a study's YAML file, a folder of them, or a pattern")
+        raise ConfigError(
+            f"{name}: {what}; expected a trial's or a study's YAML file, a folder of them, or a pattern"
+            f"{plain_files.suggest(path)}"
+        )
     yield from files.items()
 
 
 def _read_if_trial(file: Path) -> Iterator[tuple[Path, Source | None]]:
-    """Yield a YAML file with its content if it describes a trial; with None if it is unreadable but named ``trial``."""
+    """Yield a YAML file with its content if it describes trials; with None if it is unreadable but named ``trial``."""
     try:
         source = read(file)
     except ConfigError:
         if file.stem == "trial":
             yield file, None
     else:
-        if isinstance(source.data, dict) and "trial" in source.data and "recording" in source.data:
+        keys = source.data.keys() if isinstance(source.data, dict) else set()
+        if {"trial", "recording"} <= keys or {"trial", "imus"} <= keys or {"study", "subjects", "trials"} <= keys:
             yield file, source
 
 

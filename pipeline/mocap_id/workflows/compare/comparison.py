@@ -11,6 +11,7 @@ import pandas as pd
 from mocap_id import runner
 from mocap_id.errors import ConfigError, StoreError
 from mocap_id.store.atomic import write_files
+from mocap_id.store.ownership import Owner, check_owner, store_owner
 from mocap_id.workflows.compare.difference import Difference
 from mocap_id.workflows.compare.origins import compare_artefacts, compare_origins
 from mocap_id.workflows.compare.results import compare_results
@@ -61,11 +62,15 @@ def check_format(file: Path) -> None:
         raise ConfigError(f"--out {file}: expected a file name that ends in .csv")
 
 
-def write(rows: tuple[Difference, ...], file: Path) -> None:
-    """Write rows to a CSV file; raise StoreError if the file cannot be written."""
+def write(rows: tuple[Difference, ...], file: Path, owner: Owner | None = None) -> None:
+    """Write rows to a CSV file; raise StoreError if it cannot be written, or if it is a table of another ``owner``."""
+    if owner is not None:
+        check_owner(file.parent, owner, file.name)
     columns = list(Difference.__dataclass_fields__)
     text = pd.DataFrame([asdict(row) for row in rows], columns=columns).to_csv(index=False, lineterminator="\n")
     write_files(file.parent, {file.name: text.encode()})
+    if owner is not None:
+        store_owner(file.parent, owner, file.name)
 
 
 def as_json(comparison: Comparison, rows: tuple[Difference, ...]) -> dict[str, Any]:

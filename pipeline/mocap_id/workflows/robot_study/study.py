@@ -19,11 +19,13 @@ from mocap_id.simulation import RobotSet, simulate_robot_set
 from mocap_id.simulation.robot_set import FILE, robot_set_yaml
 from mocap_id.store import Folder
 from mocap_id.store.atomic import converting_errors, write_files
+from mocap_id.store.ownership import check_owner, store_owner
 from mocap_id.workflows.parallel import LocalBackend, TrialCallback, TrialRun, run_trials
 from mocap_id.workflows.robot_study.figure_data import average_wrench, collect_recovery, collect_traces, select_cell
 from mocap_id.workflows.robot_study.methods import CAMERAS, run_all_methods
 from mocap_id.workflows.robot_study.tables import TABLES, make_tables
 from mocap_id.workflows.robot_study.trial_results import RobotTrialResult, read_trial_result
+from mocap_id.workflows.run_folder import find_owner
 
 PAGE, DOCUMENT, MARKDOWN = "robot.html", "validation.json", "robot.md"
 _BEGIN, _END = "<!-- tables: written by `mocap-id validate robot` -->", "<!-- end of tables -->"
@@ -88,11 +90,14 @@ def validate_robot(
     """
     out = out.absolute()
     text = None if page is None else _read_page(page)
-    study = load_robot_study(tuple(files) or (_simulate(out, generated or RobotSet()),))
+    files = tuple(files) or (_simulate(out, generated or RobotSet()),)
+    study = load_robot_study(files)
+    owner = find_owner(*files)
     configs = [replace(one, trial=replace(one.trial, out=out / "runs" / one.trial.name)) for one in study.trials]
     with converting_errors(out):
         out.mkdir(parents=True, exist_ok=True)
     with Folder(out).locked():
+        check_owner(out, owner, DOCUMENT)
         runs = run_trials([one.trial for one in configs], LocalBackend(jobs), tell, run=run_all_methods)
         trials = tuple(read_trial_result(one, run, study.reference) for one, run in zip(configs, runs, strict=True))
         tables = make_tables(trials)
@@ -100,6 +105,7 @@ def validate_robot(
         content = _describe_study(study, trials, tables)
         result = Result("robot-study", DOCUMENT, content, tables, lambda: _make_pages(data))
         result.write(out)
+        store_owner(out, owner, DOCUMENT)
     if page is not None and text is not None:
         _replace_tables(page, text, data)
     return RobotStudyResult(out, trials, {name: table.frame for name, table in tables.items()}, result.document)

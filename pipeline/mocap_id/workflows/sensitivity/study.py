@@ -17,7 +17,9 @@ from mocap_id.reporting.results.result import Result
 from mocap_id.reporting.sensitivity.page_data import ParameterEntry, SensitivityData
 from mocap_id.stages.calibration_trial import has_no_markers
 from mocap_id.store import Folder
+from mocap_id.store.ownership import check_owner, store_owner
 from mocap_id.store.views import Skeleton
+from mocap_id.workflows.run_folder import find_owner
 from mocap_id.workflows.sensitivity.kinds import KINDS
 from mocap_id.workflows.sensitivity.plan import KindSelection, SensitivityOptions, plan
 from mocap_id.workflows.sensitivity.responses import Estimates, Parameter, read_estimates
@@ -109,11 +111,14 @@ def sensitivity(
     perturbations = plan(selections, trial.joints, options.seed)
     numbers = count(1)
     with Folder(folder).locked():
+        owner = find_owner(source.folder)
+        check_owner(folder, owner, DOCUMENT)
         runs = run_perturbations(source, perturbations, jobs, lambda run: tell(run, next(numbers), len(perturbations)))
         notes = "; ".join(filter(None, (note, describe_failures(runs))))
         result = SensitivityResult(source.name, options, read_estimates(trial), runs, notes)
         output = _make_output(result)
         output.write(folder)
+        store_owner(folder, owner, DOCUMENT)
     return SensitivityOutput(result, folder, output.document)
 
 

@@ -7,14 +7,18 @@ listed with the reason.
 from __future__ import annotations
 
 import re
+import unicodedata
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from mocap_id.errors import ConfigError
+from mocap_id.errors import ConfigError, RecordingError
+from mocap_id.plain_files import suggest
 from mocap_id.recording import is_marker_text
-from mocap_id.workflows.study.patterns import COMMON_PATTERNS, PathLabels, Pattern, choose_pattern
+from mocap_id.recording.mot_plates import find_force_columns
+from mocap_id.recording.text_tables import read_table
+from mocap_id.workflows.study.patterns import COMMON_PATTERNS, PathLabels, Pattern, choose_pattern, find_mixed_people
 from mocap_id.workflows.study.reaches import Reach, find_session, read_reach
 
 _RECORDINGS = (".c3d", ".trc")
@@ -45,6 +49,7 @@ class Discovery:
     pattern: str  # the path pattern that was used
     trials: tuple[FoundRecording, ...]
     left_out: Mapping[Path, str]  # reason for each file that is not used
+    doubts: tuple[str, ...] = ()  # why an id may stand for two people
     tried: tuple[str, ...] = ()  # the patterns that were compared; empty if the user gave a pattern
 
     @property
@@ -79,7 +84,9 @@ def discover(
         There is no such folder, it contains no recording, or no recording fits the pattern.
     """
     if not folder.is_dir():
-        raise ConfigError(f"{folder}: no such folder; expected a folder with the recordings of a study")
+        raise ConfigError(
+            f"{folder}: no such folder; expected a folder with the recordings of a study{suggest(folder)}"
+        )
     files = sorted(
         (path for path in folder.rglob("*") if path.is_file() and not _is_hidden(path, folder)), key=_sort_key
     )
@@ -98,7 +105,22 @@ def discover(
     ids = _make_ids([label.subject for label in labels.values()], keep_names, known or {})
     trials = _make_trials(labels, {path: reaches[path] for path in labels if path in reaches}, paths, ids, files)
     trials.sort(key=lambda trial: (_sort_key(trial.subject), trial.subject))
-    return Discovery(chosen.text, tuple(trials), left_out, () if pattern is not None else COMMON_PATTERNS)
+    named = {paths[path]: label for path, label in labels.items()}
+    doubts = tuple(f"{ids[subject]} may stand for several people: {why}" for subject, why in _doubt_people(named))
+    return Discovery(chosen.text, tuple(trials), left_out, doubts, () if pattern is not None else COMMON_PATTERNS)
+
+
+def _doubt_people(labels: Mapping[PurePosixPath, PathLabels]) -> Iterator[tuple[str, str]]:
+    """Yield the names of people whose recordings may be of several people, each with the reason."""
+    advice = "If so, give the position of the names with --pattern, or correct the ids in the file"
+    for subject, people in find_mixed_people(labels).items():
+        yield subject, f"the paths of its recordings contain {', '.join(people)}. {advice}"
+    above: dict[str, dict[str, None]] = {}
+    for label in labels.values():
+        above.setdefault(label.subject, {})[label.above] = None
+    for subject, folders in above.items():
+        if len(folders) > 1:
+            yield subject, f"{subject} is a name in the folders {', '.join(folders)}. {advice}"
 
 
 def _find_recordings(files: Sequence[Path]) -> tuple[list[Path], dict[Path, str]]:
@@ -188,10 +210,29 @@ def find_forces(markers: Path, files: Iterable[Path]) -> Path | None:
     """Return the MOT file that belongs to a text file with markers; None if there is no such MOT file."""
     if markers.suffix.lower() == ".c3d":
         return None
-    stems = [f"{markers.stem}{suffix}".casefold() for suffix in _FORCE_SUFFIXES]
+    stems = [_fold(f"{markers.stem}{suffix}") for suffix in _FORCE_SUFFIXES]
     beside = [path for path in files if path.parent == markers.parent and path.suffix.lower() == ".mot"]
-    fitting = [path for path in beside if path.stem.casefold() in stems]
-    return min(fitting, key=lambda path: stems.index(path.stem.casefold()), default=None)
+    fitting = sorted(path for path in beside if _fold(path.stem) in stems)
+    fitting.sort(key=lambda path: stems.index(_fold(path.stem)))
+    # A MOT file with the same name may also contain joint angles.
+    return next((path for path in fitting if _fold(path.stem) != stems[0] or _has_forces(path)), None)
+
+
+def _has_forces(path: Path) -> bool:
+    """Return whether a table has ground forces; also True for an unreadable file, whose reader reports the error."""
+    try:
+        table = read_table(path)
+    except RecordingError:
+        return True
+    try:
+        return bool(find_force_columns(path, table))
+    except RecordingError:
+        return False
+
+
+def _fold(name: str) -> str:
+    """Return a name without the differences of capital letters and of the encoding of accents."""
+    return unicodedata.normalize("NFC", name).casefold()
 
 
 def _make_ids(names: Iterable[str], keep_names: bool, known: Mapping[str, str]) -> dict[str, str]:

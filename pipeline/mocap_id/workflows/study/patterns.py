@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import PurePosixPath
 
@@ -24,8 +24,16 @@ _PLAIN = ("{subject}/{strategy}*", "{subject}/{strategy}/*", "{subject}/**/{stra
 _BY_STRATEGY = ("{strategy}/{subject}*", "{strategy}/{subject}/*")
 _FLAT = ("{subject}_{strategy}*", "{subject}-{strategy}*", "{subject} {strategy}*")
 _ONE_PERSON = "{strategy}*"
-COMMON_PATTERNS = (*_FLAT, *_BY_STRATEGY, *_PLAIN, "{subject}/**/*", _ONE_PERSON)
+COMMON_PATTERNS = (*_FLAT, *_BY_STRATEGY, *_PLAIN, "{subject}/**/*", _ONE_PERSON, "**/{subject}/{strategy}*")
 """The common patterns, in the order in which they are tried."""
+_PERSON = re.compile(
+    r"(?<![^\W_])(subject|subj|sub|participant|person|patient|pat|pt|proband|vp|id|p|s)([\s_.-]?)(\d+)(?![^\W_])",
+    re.IGNORECASE,
+)
+"""Words that are a person only together with the number that follows: subject_01, P 2, sub-03."""
+_KEPT = str.maketrans("_-. ", "\ue000\ue001\ue002\ue003")
+_RESTORED = str.maketrans("\ue000\ue001\ue002\ue003", "_-. ")
+"""Signs between such a word and its number, which a pattern must not separate; private characters stand for them."""
 _PIECES = {
     "{subject}": r"(?P<subject>[^/]+?)",
     "{strategy}": r"(?P<strategy>[^/]*[^\W\d_][^/]*?)",
@@ -40,6 +48,7 @@ class PathLabels:
 
     subject: str  # name of the person in the path; empty if the pattern has no ``{subject}``
     strategy: str  # words joined by hyphens
+    above: str = ""  # folders above the person that the pattern does not name
 
 
 class Pattern:
@@ -70,20 +79,42 @@ class Pattern:
         self._regex = re.compile(greedy, re.IGNORECASE)
         self._numbered = "{subject}*" in text
         self._has_subject = people > 0
+        self._below_any = text.partition("{subject}")[0].strip("*/") == ""
         self._has_ending = bool(re.search(r"\.\w+$", text))
 
     def match(self, path: PurePosixPath) -> PathLabels | None:
         """Return person and strategy of a path; None if the pattern does not fit."""
-        match = self._regex.fullmatch(str(path) if self._has_ending else str(path.with_suffix("")))
+        whole = str(path) if self._has_ending else str(path.with_suffix(""))
+        joined = _PERSON.sub(lambda found: found[1] + found[2].translate(_KEPT) + found[3], whole)
+        match = self._regex.fullmatch(joined)
         if match is None:
             return None
         groups = match.groupdict()
         subject, text = groups.get("subject", ""), groups.get("strategy")
+        above = joined[: match.start("subject")] if self._has_subject and self._below_any else ""
         subject = (_NUMBERED.sub("", subject) if self._numbered else subject).strip(" _-.")
         strategy = UNNAMED if text is None else _clean_strategy(PurePosixPath(text).name, subject)
         if not self._has_subject and strategy in _COUNTERS:
             strategy = UNNAMED  # of names such as trial1
-        return PathLabels(subject, strategy) if bool(subject) == self._has_subject and strategy else None
+        if bool(subject) != self._has_subject or not strategy:
+            return None
+        return PathLabels(subject.translate(_RESTORED), strategy, above.translate(_RESTORED).strip("/"))
+
+
+def find_mixed_people(labels: Mapping[PurePosixPath, PathLabels]) -> dict[str, tuple[str, ...]]:
+    """Return the names of people under which the paths name several people, with the latter.
+
+    Examples
+    --------
+    >>> find_mixed_people({PurePosixPath(f"a/p{k}/normal.c3d"): PathLabels("a", "normal") for k in (1, 2)})
+    {'a': ('p1', 'p2')}
+    """
+    found: dict[str, dict[str, str]] = {}
+    for path, label in labels.items():
+        person = next(filter(None, map(_PERSON.search, path.with_suffix("").parts)), None)
+        if person is not None:
+            found.setdefault(label.subject, {}).setdefault(f"{person[1]}{int(person[3])}".casefold(), person[0])
+    return {subject: tuple(people.values()) for subject, people in found.items() if len(people) > 1}
 
 
 def choose_pattern(paths: Sequence[PurePosixPath]) -> Pattern:
@@ -96,7 +127,10 @@ def _rate(pattern: Pattern, paths: Sequence[PurePosixPath]) -> float:
 
     The rating is halved for the two most general patterns, and 0 if the labels are wrong.
     """
-    labels = [label for label in map(pattern.match, paths) if label is not None]
+    matched = {path: label for path in paths if (label := pattern.match(path)) is not None}
+    labels = [*matched.values()]
+    if find_mixed_people(matched):
+        return 0.0
     if pattern.text in _BY_STRATEGY and any(not _is_strategy(label.strategy) for label in labels):
         return 0.0
     if any(_LEVEL.fullmatch(label.strategy) for label in labels):

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-import logging
+import math
+import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,14 +17,16 @@ from mocap_id.reporting.results.result import Result
 from mocap_id.reporting.study.page_data import PAGE_FILE, CohortData
 from mocap_id.stages import STAGES
 from mocap_id.store import Folder, dumps, hash_bytes, hash_file
+from mocap_id.store.ownership import Owner, check_owner, hash_texts, store_owner
 from mocap_id.workflows.parallel import LocalBackend, TrialCallback, TrialRun, run_trials
 from mocap_id.workflows.study.tables import make_tables
 from mocap_id.workflows.study.trial_results import read_trial_result
-
-_log = logging.getLogger(__name__)
+from mocap_id.workflows.trial_outcome import TrialOutcome
 
 DOCUMENT = "study.json"
-_VERSION = 4  # raised whenever the same trials would give other tables or another page
+_SAME_MASS, _SAME_LENGTH = 0.10, 0.12  # largest relative differences between two trials of one person
+_SURE = 4.0  # standard deviations by which two lengths of different people differ
+_VERSION = 5  # raised whenever the same trials would give other tables or another page
 _ABOUT = (
     "Each table is a CSV and a Parquet file (units and meanings in the field metadata). A row with the subject "
     "`cohort` is about all people. A missing value is empty in CSV and NaN in Parquet."
@@ -74,21 +77,34 @@ def run_study(
     ConfigError
         The file is wrong; no trial was run.
     StoreError
-        The study's folder is in use or cannot be written. The failure of a trial raises nothing; it is in the tables.
+        The study's folder is in use, cannot be written, or belongs to another study. The failure of a trial raises
+        nothing; it is in the tables.
     """
     study = load_study(file)
+    owner = _find_owner(study)
     with Folder(study.folder).locked():
+        check_owner(study.folder, owner, DOCUMENT)
         begin(len(study.trials))
         runs = run_trials([one.trial for one in study.trials], LocalBackend(jobs), tell)
-        for first, other in find_same_recordings(study):
-            _log.warning(f"{file}: the trials {first} and {other} have the same recording; one file is probably a copy")
         key = _hash_content(study, runs)
         document = _read_if_current(study.folder, key)
+        store_owner(study.folder, owner, DOCUMENT)
         if document is not None:
             return StudyResult(study, runs, document, reused=True)
         result = _make_result(study, runs, key)
         result.write(study.folder)
     return StudyResult(study, runs, result.document, reused=False)
+
+
+def _find_owner(study: Study) -> Owner:
+    """Return the owner of the study's tables: its name with one of its recordings is enough to know it again."""
+    contents = []
+    for one in study.trials:
+        keys = one.trial.keys
+        files = [*keys.imus.values()] if keys.recording is None else [keys.recording.motion]
+        place = [os.path.relpath(file, study.file.parent) for file in files]
+        contents.append(hash_texts([study.name, one.name, *place]))
+    return Owner(study.name, study.file, tuple(contents))
 
 
 def find_same_recordings(study: Study) -> Iterator[tuple[str, str]]:
@@ -104,6 +120,35 @@ def find_same_recordings(study: Study) -> Iterator[tuple[str, str]]:
             if content in first_trials:
                 yield first_trials[content], one.name
             first_trials.setdefault(content, one.name)
+
+
+def find_remarks(study: Study, trials: Sequence[TrialOutcome]) -> Iterator[str]:
+    """Yield sentences about trials that may be of another person than their id says.
+
+    Two trials of one id differ in mass or segment length more than one person's trials do, or two trials have the same
+    recording. ``trials`` are the outcomes in the order of the study.
+    """
+    for first, second in find_same_recordings(study):
+        yield f"the trials {first} and {second} have the same recording; one file is probably a copy"
+    for subject in study.subjects:
+        own = [(one.name, trial) for one, trial in zip(study.trials, trials, strict=True) if one.subject == subject]
+        masses = [(float(mass), 0.0, name) for name, trial in own if (mass := trial.value("dynamics", "mass_kg"))]
+        found = [("the mass", "kg", masses, _SAME_MASS)]
+        for segment in dict.fromkeys(segment for _, trial in own for segment in trial.value("lengths_m") or ()):
+            lengths = [(trial.value("lengths_m", segment), name) for name, trial in own]
+            known = [(float(each["value"]), float(each["sd"] or 0.0), name) for each, name in lengths if each]
+            found.append((f"the length of the {segment.replace('_', ' ')}", "m", known, _SAME_LENGTH))
+        for what, unit, values, limit in found:
+            (low, low_sd, first), (high, high_sd, second) = min(values, default=_NONE), max(values, default=_NONE)
+            if high - low > max(limit * (high + low) / 2, _SURE * math.hypot(low_sd, high_sd)):
+                yield (
+                    f"{subject} may be two people: {what} is {low:.3g} {unit} in {first} and {high:.3g} {unit} in "
+                    f"{second}. Check the ids of these trials; the numbers of {subject} are means over both"
+                )
+                break
+
+
+_NONE = (0.0, 0.0, "")
 
 
 @dataclass(frozen=True)
@@ -142,6 +187,7 @@ def _make_result(study: Study, runs: Sequence[TrialRun], key: str) -> Result:
     kind = _choose_kind(study)
     trials = [kind.read(study, one, run) for one, run in zip(study.trials, runs, strict=True)]
     labels = [{name: getattr(trial, name) for name in kind.labels} for trial in trials]
+    remarks = tuple(find_remarks(study, trials))
     tables = kind.tables(trials)
 
     def make_page() -> dict[str, bytes]:
@@ -150,7 +196,7 @@ def _make_result(study: Study, runs: Sequence[TrialRun], key: str) -> Result:
             for one, own in zip(trials, labels, strict=True)
         )
         frames = {name: table.frame for name, table in tables.items()}
-        return {PAGE_FILE: kind.page(CohortData(study.name, entries, frames), trials)}
+        return {PAGE_FILE: kind.page(CohortData(study.name, entries, frames, remarks), trials)}
 
     content = {
         "study": study.name,
@@ -161,6 +207,7 @@ def _make_result(study: Study, runs: Sequence[TrialRun], key: str) -> Result:
             subject: [trial.name for trial in trials if trial.subject == subject] for subject in study.subjects
         },
         "trials": [_describe(trial, own) for trial, own in zip(trials, labels, strict=True)],
+        "remarks": list(remarks),
         "tables": {name: table.description for name, table in tables.items()},
         "key": key,
     }

@@ -16,6 +16,7 @@ from mocap_id.dynamics.comparison import Agreement
 from mocap_id.errors import ConfigError
 from mocap_id.reporting.results.columns import to_finite
 from mocap_id.store.atomic import write_files
+from mocap_id.store.ownership import Owner, check_owner, store_owner
 from mocap_id.workflows.transfer.model_transfer import BodyErrors, Transfer, TrialTransfer, rms_error
 from mocap_id.workflows.transfer.support import AT_HOME, SERIES, Support
 
@@ -29,14 +30,16 @@ def check_format(file: Path) -> None:
         raise ConfigError(f"--out {file}: expected a file name that ends in {' or '.join(FORMATS)}")
 
 
-def write(result: Transfer, file: Path) -> None:
+def write(result: Transfer, file: Path, owner: Owner | None = None) -> None:
     """Write the table as CSV or Parquet; the units are in the Parquet file's field metadata.
 
     Raises
     ------
     StoreError
-        The file cannot be written.
+        The file cannot be written, or is a table of another ``owner``.
     """
+    if owner is not None:
+        check_owner(file.parent, owner, file.name)
     table = pa.Table.from_pandas(as_frame(result), preserve_index=False)
     fields = [field.with_metadata({"unit": _find_unit(field.name)}) for field in table.schema]
     table, stream = table.cast(pa.schema(fields)), io.BytesIO()
@@ -45,6 +48,8 @@ def write(result: Transfer, file: Path) -> None:
     else:
         pyarrow.parquet.write_table(table, stream)
     write_files(file.parent, {file.name: stream.getvalue()})
+    if owner is not None:
+        store_owner(file.parent, owner, file.name)
 
 
 def as_frame(result: Transfer) -> pd.DataFrame:
