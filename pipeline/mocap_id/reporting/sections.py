@@ -44,6 +44,7 @@ def make_sections(data: ReportData, summary: Summary) -> list[Section]:
             ("wrench",),
             needs="wrench.parquet",
         ),
+        *_make_torque_section(summary),
         *make_motion_section(data, summary),
         Section(
             "parameters",
@@ -106,6 +107,14 @@ def _make_planar_sections(data: ReportData, summary: Summary, filtering: Grid, s
             needs="events.parquet",
         ),
     ]
+
+
+def _make_torque_section(summary: Summary) -> list[Section]:
+    """Return the section on the joint torques in the plane; empty without an identification."""
+    if not summary.dynamics.torques:
+        return []
+    grid = tables.list_torques(summary)
+    return [Section("torques", "Joint torques", (grid,), ("torques",), needs="dynamics.parquet")]
 
 
 def _make_sensor_section(summary: Summary) -> list[Section]:
