@@ -65,7 +65,7 @@ def test_axes_carry_units(entry: FigureEntry) -> None:
         "skeleton": ["(m)"], "recovery": ["(m)"],
         "states": ["(deg)", "(deg/s)", "(deg/s²)", "(s)"], "repetitions": ["(deg)", "(%)"],
         "residuals": ["(mm)"], "wrench": ["(N)", "(N·m)", "(m)", "(s)"], "parameters": ["kg", "kg·m", "kg·m²"],
-        "point_masses": ["(m)", "(kg)"], "phases": ["(N)", "(N·m)", "(m)", "(%)"],
+        "point_masses": ["(m)", "(kg)"], "phases": ["(N)", "(N·m)", "(m)", "(%)"], "torques": ["(N·m)", "(s)"],
     }  # fmt: skip
     text = told(shown(entry.name, Trial().artefacts()))
     assert [unit for unit in units[entry.name] if unit not in text] == []

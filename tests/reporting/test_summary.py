@@ -203,7 +203,9 @@ def test_cautions_affect_the_verdict_and_notes_do_not() -> None:
 def test_without_a_plate_the_kinematics_are_complete() -> None:
     summary = summary_of(Trial().artefacts(plates=False))
     dynamics = summary["dynamics"]
-    assert {key for key, value in dynamics.items() if value is not None} == {"rivals", "held_out", "pins", "why"}
+    known = {key for key, value in dynamics.items() if value is not None}
+    assert known == {"rivals", "held_out", "pins", "legs", "torques", "why"}
+    assert dynamics["torques"] == {}
     assert dynamics["rivals"] == {}
     assert dynamics["why"] == "the recording has no force plate"
     assert summary["joints"] and summary["repetitions"]

@@ -248,7 +248,7 @@ def _summarise_torques(data: ReportData, base: list[BaseEntry] | None, mass: flo
     for j, name in enumerate(skeleton.joints, start=1):
         torque, sd = table[f"tau_{j}"], table[f"sd_tau_{j}"]
         known = np.isfinite(torque) & np.isfinite(sd)
-        free = known & ~table["contact"]
+        free = known & ~data.contact
         used = np.flatnonzero(free & (sd <= _WIDE * np.median(sd[free]))) if free.any() else np.zeros(0, dtype=int)
         found: dict[str, float | None] = {}
         for end, pick in (("highest", np.argmax), ("lowest", np.argmin)):

@@ -46,7 +46,7 @@ def draw_torques(data: ReportData) -> Figure | str:
         torque, half = table[f"tau_{j}"], NORMAL_95 * table[f"sd_tau_{j}"]
         colour, name = style.pick_colour(j), style.clean(names[j - 1], 20)
         items = (
-            *draw_shades(time, table["contact"]),
+            *draw_shades(time, data.contact),
             Band(*thin_band(time, torque - half, torque + half), colour),
             Line(*thin_curve(time, torque), colour, name),
         )

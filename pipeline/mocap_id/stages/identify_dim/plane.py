@@ -46,6 +46,7 @@ from mocap_id.stages.identify_dim.trial_inputs import TrialInputs, describe_gaps
 from mocap_id.stages.identify_dim.wrench_checks import check_sensors, make_gain_facts
 from mocap_id.store import Table, Tree
 from mocap_id.store.schemas import DYNAMICS_TABLE, DYNAMICS_TREE
+from mocap_id.store.views import joint_columns
 from mocap_id.verdict import Reason
 
 _SEAT_LEVER = 0.04  # m, horizontal distance between the hip and the part of the chair's force that acts on the pelvis
@@ -122,6 +123,8 @@ def _make_events(context: Context, inputs: TrialInputs, prepared: PreparedTrial 
         compute_missing_force(prepared, dynamics.columns),
         share=context.settings.seat_off_share,
         seat_measured=recorded.seat is not None,
+        # the speed is a norm of joint velocities, so its standard deviation is at most the largest of theirs
+        speed_sd=joint_columns(context.table("states.parquet"), "sd_dtheta", recorded.q.shape[1]).max(axis=1),
     )
 
 

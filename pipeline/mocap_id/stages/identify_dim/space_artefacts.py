@@ -61,7 +61,7 @@ def make_columns(
         found |= {f"{name}{suffix}": absent for name in ("Fx", "Fy", "tauz", "cop_x")}
     for j in range(torque.shape[1]):
         found[f"tau_{j + 1}"], found[f"sd_tau_{j + 1}"] = torque[:, j], torque_sd[:, j]
-    return found | {"in_fit": in_fit, "contact": np.zeros(len(time), dtype=np.bool_)}
+    return found | {"in_fit": in_fit}
 
 
 def make_data(trial: SpatialTrial, found: SpatialIdentification, excited: Excitation) -> dict[str, dict[str, Any]]:

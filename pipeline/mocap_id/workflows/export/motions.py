@@ -60,7 +60,7 @@ def export_torques(run: RunFolder) -> ExportFiles:
         note = f"sto: no torques, no modelled wrench: {run.why_missing('dynamics.h5')}"
         return parts + ExportFiles(notes=(note,))
     names = [f"{name}_moment" for name in name_coordinates(skeleton)]
-    if table["contact"].any():
+    if "contact" in table.names and table["contact"].any():
         note = (
             f"sto: while a chair or support that no plate measures may carry the body ({table['contact'].mean():.0%} of "
             "the samples, column `contact` of dynamics.parquet), torques are unknown; do not use OpenSim's interpolation "
