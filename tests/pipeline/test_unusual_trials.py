@@ -62,6 +62,11 @@ def test_a_hand_on_a_rail_is_reported(tmp_path: Path) -> None:
     events, summary, _ = done(tmp_path / "trial", seed=5301003, rail=0.12)
     assert codes(summary) & UNUSUAL == {"support-unexplained"}
     assert events["support"].between(0.05, 0.2).all()
+    dynamics = pd.read_parquet(tmp_path / "trial" / "runs" / summary["trial"] / "dynamics.parquet")
+    for start, stand in zip(events["start"], events["stand"], strict=True):
+        rising = dynamics["time"].between(start, stand)
+        assert dynamics["contact"][rising].all()
+        assert dynamics.loc[rising, ["tau_1", "tau_2", "tau_3", "sd_tau_3"]].isna().all(axis=None)
 
 
 def test_a_recording_that_starts_in_mid_rise_keeps_the_rest(tmp_path: Path) -> None:

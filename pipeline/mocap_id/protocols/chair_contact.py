@@ -79,6 +79,7 @@ def find_contact(
 
 def find_contact_by_seat_plate(prepared: PreparedTrial, posture: Posture) -> Contact:
     """Find the chair contact by the chair's own plate; all samples are usable because all forces are measured."""
+    assert prepared.recorded.seat is not None
     everything = np.ones(len(prepared.recorded.time), dtype=bool)
     offset = fit(prepared, everything).offset if determines_parameters(prepared, everything) else 0.0
     seat = prepared.external(offset)[[each.name for each in prepared.recorded.external].index(SEAT)][:, 1]
@@ -89,7 +90,7 @@ def find_contact_by_seat_plate(prepared: PreparedTrial, posture: Posture) -> Con
     with np.errstate(invalid="ignore"):
         above_noise = contact_rules.find_contact_in_low_phases(posture, seat > threshold)
         touching = contact_rules.extend_contact_to_release(prepared.recorded.time, above_noise, seat)
-    unmeasured = ~np.isfinite(seat) & ~contact_rules.find_samples_off_chair(posture)
+    unmeasured = ~np.isfinite(prepared.recorded.seat.wrench[:, 1]) & ~contact_rules.find_samples_off_chair(posture)
     return Contact(
         bool(touching.any()),
         touching,

@@ -49,6 +49,7 @@ from mocap_id.store.schemas import DYNAMICS_TABLE, DYNAMICS_TREE
 from mocap_id.store.views import joint_columns
 from mocap_id.verdict import Reason
 
+_LET_GO = 0.4  # s after `stand`: in simulations, a person comes to rest up to 0.37 s later
 _SEAT_LEVER = 0.04  # m, horizontal distance between the hip and the part of the chair's force that acts on the pelvis
 
 
@@ -151,9 +152,11 @@ def _mark_contact(
     shared = (each for each in tree.reasons if each.code == "load-shared")
     by_hand = np.full(len(time), any(each.value < each.limit for each in shared))
     if "support" in events.names:
-        for start, stand, support in events.stack(["start", "stand", "support"]):
+        seated = -np.inf  # the hand may push from the end of the repetition before
+        for stand, end, support in events.stack(["stand", "end", "support"]):
             if support > SUPPORT_LIMIT:
-                by_hand |= ~((time < start) | (time > stand))  # an unknown start or end excludes nothing
+                by_hand |= (time > seated) & ~(time > stand + _LET_GO)
+            seated = np.nanmax([seated, stand, end])
     on_chair = inputs.movement.carried
     columns: dict[str, Any] = {"contact": on_chair | by_hand}
     late = np.zeros((len(time), len(segments) - 1))
