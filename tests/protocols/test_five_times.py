@@ -66,7 +66,7 @@ def test_events_outside_the_recording_are_null_with_a_reason() -> None:
 
 
 def test_the_standard_deviation_is_that_of_both_events() -> None:
-    """An event whose speed is steep is known to a frame; noise adds the time in which it could have crossed the limit."""
+    """An event at a steep speed is known to a frame; noise adds the time in which it may have passed the limit."""
     recorded, _ = sit_to_stand(5)
     posture = compute_posture(recorded.q, recorded.dq, CENTRES)
     found = find_sit_to_stand_repetitions(recorded.time, posture, None, chair=None)

@@ -36,7 +36,7 @@ def name_directions(joints: Sequence[str], facing: int) -> dict[str, list[str]]:
     >>> name_directions(["knee", "joint 2"], -1)
     {'knee': ['extension', 'flexion']}
     """
-    return {name: list(_DIRECTIONS[name][:: -facing]) for name in joints if name in _DIRECTIONS}
+    return {name: list(_DIRECTIONS[name][::-facing]) for name in joints if name in _DIRECTIONS}
 
 
 def name_bodies(protocol: str, count: int, *, foot_turns: bool = False) -> tuple[tuple[str, ...], tuple[str, ...]]:

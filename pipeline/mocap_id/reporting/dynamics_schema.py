@@ -160,7 +160,7 @@ class DynamicsEntry(Entry):
     repetitions. ``consistency`` is the set of bodies considered physically consistent. ``rivals`` contains the
     reference bodies by the names of their allometric tables; empty if no table applies. ``motion`` describes the motion
     of the masses, and ``pins`` the effect of pinned joints. ``legs`` is "both" if wrench and torques are sums over both
-    legs of a person, else "none". ``torques`` has an entry for each joint in the plane; empty without an identification.
+    legs of a person, else "none". ``torques`` has an entry for each joint in the plane; it is empty without a model.
     """
 
     base: list[BaseEntry] | None

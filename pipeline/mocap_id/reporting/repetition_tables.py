@@ -85,8 +85,9 @@ def list_test_times(summary: Summary) -> Grid:
         "why unknown": found.why,
     }
     caption = (
-        "Five-times sit-to-stand test by both stop rules, from the start of the first rise, ± one standard deviation of "
-        "the measurement; of the cycle, over the cycles. A stopwatch, which starts at the command, shows longer times"
+        "Five-times sit-to-stand test by both stop rules, from the start of the first rise, ± one standard deviation "
+        "of the measurement (of the cycle: over the cycles). A stopwatch, which starts at the command, shows longer "
+        "times"
     )
     return to_grid(caption, {name: value for name, value in rows.items() if value}, [text("value", str)], "quantity")
 

@@ -86,7 +86,9 @@ def list_torques(summary: Summary) -> Grid:
     columns = (
         text("joint", lambda row: row[0]),
         text("torque towards", lambda row: row[2]),
-        GridColumn("largest (N·m)", lambda row: show_with_sd(scale(row[3], -1 if row[3] and row[3] < 0 else 1), row[4])),
+        GridColumn(
+            "largest (N·m)", lambda row: show_with_sd(scale(row[3], -1 if row[3] and row[3] < 0 else 1), row[4])
+        ),
         GridColumn("N·m/kg", lambda row: show_fixed(None if row[5] is None else abs(row[5]), 2)),
         number("at (s)", lambda row: row[6], 2),
         text("remark", lambda row: row[1]),

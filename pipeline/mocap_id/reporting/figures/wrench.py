@@ -39,7 +39,9 @@ def draw_torques(data: ReportData) -> Figure | str:
     table, names = data.table("dynamics.parquet"), data.skeleton.joints if data.skeleton is not None else ()
     known = [j for j in range(1, len(names) + 1) if table is not None and np.isfinite(table[f"tau_{j}"]).any()]
     if table is None or not known:
-        return f"No joint torques: {style.clean(data.facts('dynamics.h5').get('why') or data.why_missing('dynamics.h5'))}."
+        return (
+            f"No joint torques: {style.clean(data.facts('dynamics.h5').get('why') or data.why_missing('dynamics.h5'))}."
+        )
     time, words = table["time"], data.facts("dynamics.parquet").get("positive") or {}
     panels = []
     for j in known:

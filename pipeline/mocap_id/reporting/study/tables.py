@@ -17,7 +17,7 @@ BY_STRATEGY = "By strategy (thesis table 6.2): mean ± sd over the people"
 BY_PERSON = "By person and strategy: mean ± sd over the person's trials"
 MODELS = (
     "Every model on every action of the same person (thesis table 6.3), model minus measurement off the chair, bias ± "
-    "sd over all people; torques minus the torques of the action's own model"
+    "sd over all people; torques of both legs together minus those of the action's own model"
 )
 MODELS_BY_PERSON = "Every model on every trial of the same person, model minus measurement off the chair, bias ± sd"
 VARIATION = (

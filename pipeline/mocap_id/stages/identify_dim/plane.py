@@ -135,11 +135,11 @@ def _mark_contact(
     """Return dynamics.parquet with the column ``contact``; torques that are unknown there become NaN.
 
     The torque of a joint is the moment of all forces that the motion of the segments beyond it needs, so a force on
-    these segments that no plate measures makes it unknown. A chair pushes on the thigh (`seat_segment`): the joints from
-    the ground to the knee are unknown. Unless the setting says so, part of the chair's force may act on the pelvis; the
-    standard deviation of the next joint, the hip, includes the moment of the whole missing force with
-    :data:`_SEAT_LEVER`. A hand on an unmeasured support is beyond all joints. If the movement gives a smaller mass than
-    standing (`load-shared`), something carries the body at unknown times, so every sample counts as contact.
+    these segments that no plate measures makes it unknown. A chair pushes on the thigh (`seat_segment`): the joints
+    from the ground to the knee are unknown. Unless the setting says so, part of the chair's force may act on the
+    pelvis; the standard deviation of the next joint, the hip, includes the moment of the whole missing force with
+    :data:`_SEAT_LEVER`. A hand on an unmeasured support is beyond all joints. If the movement gives a smaller mass
+    than standing (`load-shared`), something carries the body at unknown times, so every sample counts as contact.
 
     Within the reach of the low-pass after contact, the smoothed motion follows a sudden release too late. The standard
     deviations there include the moment of the difference between modelled and measured wrench.
