@@ -189,6 +189,19 @@ def test_where_the_plates_are_silent_a_chair_may_carry_the_body(seated: Finished
     assert done.frame["contact"][low].all() and np.isnan(done.torques()[low][:, :2]).all()
 
 
+def test_without_plates_in_standing_a_chair_may_be_there_whenever_the_hips_are_low(seated: Finished) -> None:
+    """Reason `contact-unknown`: nobody knows whether there is a chair."""
+    stands = seated.true("chair_force")[:, 1] < 1.0
+
+    def lose(frame: pd.DataFrame) -> pd.DataFrame:
+        return frame.assign(plate_ok=frame["plate_ok"] & ~stands)
+
+    done = again(seated, lose, seat_plate=False)
+    assert "contact-unknown" in done.codes
+    assert done.frame["contact"][seated.on_chair].all()
+    assert np.isnan(done.torques()[seated.on_chair][:, :2]).all()
+
+
 def test_without_a_protocol_that_knows_chairs_no_torque_is_given_on_one(seated: Finished) -> None:
     """The movement gives a smaller mass than standing, so something carries the body at unknown times."""
     folder = Folder(seated.folder)

@@ -97,7 +97,7 @@ def _show_time(seconds: float | None, sd: float | None) -> str:
     shown = show_fixed(seconds, 2)
     if seconds is None or sd is None:
         return shown
-    return f"{shown} ± {show_fixed(sd, 2)}" if sd >= 0.005 else f"{show_fixed(seconds, 3)} ± {show_fixed(sd, 3)}"
+    return f"{shown} ± {show_fixed(sd, 2)}" if sd >= 0.02 else f"{show_fixed(seconds, 3)} ± {show_fixed(sd, 3)}"
 
 
 def list_published_times(summary: Summary) -> Grid:
