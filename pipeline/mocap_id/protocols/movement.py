@@ -76,7 +76,8 @@ def find_movement(
 def find_facing(recorded: TrialData) -> int:
     """Return 1 if the person faces x in the plane's axes, else -1; this is the sign of the mean knee angle."""
     knee: FloatArray = recorded.q[:, min(recorded.knee, recorded.q.shape[1] - 1)]
-    return -1 if not np.nanmean(knee) > 0.0 else 1
+    known = knee[np.isfinite(knee)]
+    return 1 if len(known) and known.mean() > 0.0 else -1
 
 
 def _describe_missing_rise(body: Posture, stands: bool, seat_measured: bool) -> Reason:

@@ -46,7 +46,6 @@ from mocap_id.stages.identify_dim.trial_inputs import TrialInputs, describe_gaps
 from mocap_id.stages.identify_dim.wrench_checks import check_sensors, make_gain_facts
 from mocap_id.store import Table, Tree
 from mocap_id.store.schemas import DYNAMICS_TABLE, DYNAMICS_TREE
-from mocap_id.store.views import joint_columns
 from mocap_id.verdict import Reason
 
 _LET_GO = 0.4  # s after `stand`: in simulations, a person comes to rest up to 0.37 s later
@@ -117,6 +116,7 @@ def _make_events(context: Context, inputs: TrialInputs, prepared: PreparedTrial 
     movement, recorded = inputs.movement, inputs.recorded
     if movement.posture is None:
         return make_events(movement.repetitions)
+    states, names = context.table("states.parquet"), [f"sd_dtheta_{j + 1}" for j in range(recorded.q.shape[1])]
     return make_sit_to_stand_events(
         context.table("wrench.parquet"),
         recorded,
@@ -125,7 +125,7 @@ def _make_events(context: Context, inputs: TrialInputs, prepared: PreparedTrial 
         share=context.settings.seat_off_share,
         seat_measured=recorded.seat is not None,
         # the speed is a norm of joint velocities, so its standard deviation is at most the largest of theirs
-        speed_sd=joint_columns(context.table("states.parquet"), "sd_dtheta", recorded.q.shape[1]).max(axis=1),
+        speed_sd=states.stack(names).max(axis=1) if set(names) <= set(states.names) else None,
     )
 
 
@@ -148,7 +148,8 @@ def _mark_contact(
     """
     events, dynamics, tree = found
     segments, time = inputs.chain.segments, dynamics["time"]
-    seat = find_seat_segment(context, segments) if inputs.movement.posture is not None else 0
+    given = context.settings.seat_segment
+    seat = inputs.recorded.knee + 1 if given is None else find_seat_segment(context, segments)  # from 0, the base
     shared = (each for each in tree.reasons if each.code == "load-shared")
     by_hand = np.full(len(time), any(each.value < each.limit for each in shared))
     if "support" in events.names:
@@ -159,16 +160,17 @@ def _mark_contact(
             seated = np.nanmax([seated, stand, end])
     on_chair = inputs.movement.carried
     columns: dict[str, Any] = {"contact": on_chair | by_hand}
-    late = np.zeros((len(time), len(segments) - 1))
+    joints = inputs.recorded.q.shape[1]
+    late = np.zeros((len(time), joints))
     if prepared is not None and on_chair.any():
         near = np.convolve(on_chair, np.ones(2 * prepared.lowpass.reach_samples + 1), "same") > 0
         wrong = dynamics.stack(WRENCH_COMPONENTS) - dynamics.stack([f"{name}_model" for name in WRENCH_COMPONENTS])
         moment = np.einsum("tcj,tc->tj", prepared.motion.jacobian, np.nan_to_num(wrong))
         late = np.where((near & ~dynamics["in_fit"])[:, None], np.nan_to_num(moment), 0.0)
-    for j in range(1, len(segments)):
+    for j in range(1, joints + 1):
         unknown = by_hand | (on_chair & (j <= seat))
         torque, sd = dynamics[f"tau_{j}"], np.hypot(dynamics[f"sd_tau_{j}"], late[:, j - 1])
-        if j == seat + 1 and seat and context.settings.seat_segment is None:
+        if j == seat + 1 and given is None:
             missing = dynamics["Fy_model"] - np.nan_to_num(dynamics["Fy"], nan=0.0)
             sd = np.where(on_chair, np.hypot(dynamics[f"sd_tau_{j}"], _SEAT_LEVER * missing), sd)
         columns |= {f"tau_{j}": np.where(unknown, np.nan, torque), f"sd_tau_{j}": np.where(unknown, np.nan, sd)}
