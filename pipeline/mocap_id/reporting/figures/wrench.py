@@ -47,7 +47,7 @@ def draw_torques(data: ReportData) -> Figure | str:
     for j in known:
         torque, half = table[f"tau_{j}"], NORMAL_95 * table[f"sd_tau_{j}"]
         colour, name = style.pick_colour(j), style.clean(names[j - 1], 20)
-        items = (
+        items: tuple[Item, ...] = (
             *draw_shades(time, data.contact),
             Band(*thin_band(time, torque - half, torque + half), colour),
             Line(*thin_curve(time, torque), colour, name),

@@ -150,8 +150,8 @@ def _mark_contact(
     segments, time = inputs.chain.segments, dynamics["time"]
     given = context.settings.seat_segment
     seat = inputs.recorded.knee + 1 if given is None else find_seat_segment(context, segments)  # from 0, the base
-    shared = (each for each in tree.reasons if each.code == "load-shared")
-    by_hand = np.full(len(time), any(each.value < each.limit for each in shared))
+    masses = [(each.value, each.limit) for each in tree.reasons if each.code == "load-shared"]
+    by_hand = np.full(len(time), any(moving and standing and moving < standing for moving, standing in masses))
     if "support" in events.names:
         seated = -np.inf  # the hand may push from the end of the repetition before
         for stand, end, support in events.stack(["stand", "end", "support"]):
