@@ -72,10 +72,11 @@ def compute_five_times(
     events = (last.stand, last.seat_on, last.end)
     stand, contact, seated = (None if np.isnan(event - start) else float(event - start) for event in events)
     sds: dict[str, float | None] = dict.fromkeys(("stand", "seat_on", "end"))
-    for name in sds if event_sd is not None else ():
-        # noise and frames shift the start and the end apart alike, so their standard deviations add
-        spread = float(event_sd["start"][first] + event_sd[name][fifth])
-        sds[name] = None if np.isnan(spread) else spread
+    if event_sd is not None:
+        for name in sds:
+            # noise and frames shift the start and the end apart alike, so their standard deviations add
+            spread = float(event_sd["start"][first] + event_sd[name][fifth])
+            sds[name] = None if np.isnan(spread) else spread
     return FiveTimes(
         len(counted),
         stand,
