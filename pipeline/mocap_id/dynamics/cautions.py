@@ -176,12 +176,13 @@ def _check_load(prepared: PreparedTrial, result: Identification, standing: float
     total = get_identified_mass(prepared, result)
     if total is None or standing is None or abs(total / standing - 1) <= _MASS_APART:
         return None
+    unknown = ". Until then, the joint torques are unknown (NaN)" if total < standing else ""
     return Reason(
         "load-shared",
         f"the movement gives a mass of {total:.1f} kg, but the plates measure {standing:.1f} kg while the person "
         "stands: in some of the fitted samples, something other than the plates carries a part of the body. If a "
         "chair is used, set `protocol: sit-to-stand`, which leaves its contact out; otherwise look for a hand on a "
-        "support, or exclude the contact with `window:`",
+        f"support, or exclude the contact with `window:`{unknown}",
         value=total,
         limit=standing,
     )

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 
 from mocap_id.design.recommendation import describe_recommendations, recommend_if_doubtful
@@ -13,7 +16,10 @@ from mocap_id.dynamics.identification import Identification, identify
 from mocap_id.dynamics.point_grid import PointGrid
 from mocap_id.dynamics.prediction import Prediction, estimate_chain_noise, predict
 from mocap_id.dynamics.preparation import PreparedTrial
-from mocap_id.protocols.movement import Movement
+from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
+from mocap_id.protocols.body_names import name_directions
+from mocap_id.protocols.movement import Movement, find_facing
+from mocap_id.protocols.repetitions import SUPPORT_LIMIT
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.identify_dim import IdentifyDimSettings, validation
 from mocap_id.stages.identify_dim import dynamics_artefacts as artefacts
@@ -30,12 +36,20 @@ from mocap_id.stages.identify_dim.sit_to_stand_events import (
     make_events,
     make_sit_to_stand_events,
 )
-from mocap_id.stages.identify_dim.trial_data import read_cop_threshold, read_joint_names, read_kinematic_error
+from mocap_id.stages.identify_dim.trial_data import (
+    find_seat_segment,
+    read_cop_threshold,
+    read_joint_names,
+    read_kinematic_error,
+)
 from mocap_id.stages.identify_dim.trial_inputs import TrialInputs, describe_gaps, read_inputs
 from mocap_id.stages.identify_dim.wrench_checks import check_sensors, make_gain_facts
 from mocap_id.store import Table, Tree
 from mocap_id.store.schemas import DYNAMICS_TABLE, DYNAMICS_TREE
 from mocap_id.verdict import Reason
+
+_LET_GO = 0.4  # s after `stand`: in simulations, a person comes to rest up to 0.37 s later
+_SEAT_LEVER = 0.04  # m, horizontal distance between the hip and the part of the chair's force that acts on the pelvis
 
 
 def identify_dim(context: Context) -> Outputs:
@@ -48,6 +62,7 @@ def identify_dim(context: Context) -> Outputs:
     else:
         table, tree, prepared = _identify(context, inputs, prepared)
     events = _make_events(context, inputs, prepared, table)
+    table = _mark_contact(context, inputs, prepared, (events, table, tree))
     return events, table, tree, average_signals(context, events, table)
 
 
@@ -101,6 +116,7 @@ def _make_events(context: Context, inputs: TrialInputs, prepared: PreparedTrial 
     movement, recorded = inputs.movement, inputs.recorded
     if movement.posture is None:
         return make_events(movement.repetitions)
+    states, names = context.table("states.parquet"), [f"sd_dtheta_{j + 1}" for j in range(recorded.q.shape[1])]
     return make_sit_to_stand_events(
         context.table("wrench.parquet"),
         recorded,
@@ -108,7 +124,60 @@ def _make_events(context: Context, inputs: TrialInputs, prepared: PreparedTrial 
         compute_missing_force(prepared, dynamics.columns),
         share=context.settings.seat_off_share,
         seat_measured=recorded.seat is not None,
+        # the speed is a norm of joint velocities, so its standard deviation is at most the largest of theirs
+        speed_sd=states.stack(names).max(axis=1) if set(names) <= set(states.names) else None,
     )
+
+
+def _mark_contact(
+    context: Context, inputs: TrialInputs, prepared: PreparedTrial | None, found: tuple[Table, Table, Tree]
+) -> Table:
+    """Return dynamics.parquet with the column ``contact``; torques that are unknown there become NaN.
+
+    The torque of a joint is the moment of all forces that the motion of the segments beyond it needs, so a force on
+    these segments that no plate measures makes it unknown. A chair pushes on the thigh (`seat_segment`): the joints
+    from the ground to the knee are unknown. Unless the setting says so, part of the chair's force may act on the
+    pelvis; the standard deviation of the next joint, the hip, includes the moment of the whole missing force with
+    :data:`_SEAT_LEVER`. A hand on an unmeasured support is beyond all joints. If the movement gives a smaller mass
+    than standing (`load-shared`), something carries the body at unknown times, so every sample counts as contact.
+
+    Within the reach of the low-pass after contact, the smoothed motion follows a sudden release too late. The standard
+    deviations there include the moment of the difference between modelled and measured wrench.
+
+    ``found`` are events.parquet, dynamics.parquet and dynamics.h5.
+    """
+    events, dynamics, tree = found
+    segments, time = inputs.chain.segments, dynamics["time"]
+    given = context.settings.seat_segment
+    seat = inputs.recorded.knee + 1 if given is None else find_seat_segment(context, segments)  # from 0, the base
+    masses = [(each.value, each.limit) for each in tree.reasons if each.code == "load-shared"]
+    by_hand = np.full(len(time), any(moving and standing and moving < standing for moving, standing in masses))
+    if "support" in events.names:
+        seated = -np.inf  # the hand may push from the end of the repetition before
+        for stand, end, support in events.stack(["stand", "end", "support"]):
+            if support > SUPPORT_LIMIT:
+                by_hand |= (time > seated) & ~(time > stand + _LET_GO)
+            seated = np.nanmax([seated, stand, end])
+    on_chair = inputs.movement.carried
+    columns: dict[str, Any] = {"contact": on_chair | by_hand}
+    joints = inputs.recorded.q.shape[1]
+    late = np.zeros((len(time), joints))
+    if prepared is not None and on_chair.any():
+        near = np.convolve(on_chair, np.ones(2 * prepared.lowpass.reach_samples + 1), "same") > 0
+        wrong = dynamics.stack(WRENCH_COMPONENTS) - dynamics.stack([f"{name}_model" for name in WRENCH_COMPONENTS])
+        moment = np.einsum("tcj,tc->tj", prepared.motion.jacobian, np.nan_to_num(wrong))
+        late = np.where((near & ~dynamics["in_fit"])[:, None], np.nan_to_num(moment), 0.0)
+    for j in range(1, joints + 1):
+        unknown = by_hand | (on_chair & (j <= seat))
+        torque, sd = dynamics[f"tau_{j}"], np.hypot(dynamics[f"sd_tau_{j}"], late[:, j - 1])
+        if j == seat + 1 and given is None:
+            missing = dynamics["Fy_model"] - np.nan_to_num(dynamics["Fy"], nan=0.0)
+            sd = np.where(on_chair, np.hypot(dynamics[f"sd_tau_{j}"], _SEAT_LEVER * missing), sd)
+        columns |= {f"tau_{j}": np.where(unknown, np.nan, torque), f"sd_tau_{j}": np.where(unknown, np.nan, sd)}
+    facts: dict[str, Any] = {"legs": "none"}
+    if context.trial.protocol != "robot-joint":
+        facts = {"legs": "both", "positive": name_directions(inputs.chain.joint_names, find_facing(inputs.recorded))}
+    return replace(dynamics.with_columns(**columns), facts=facts)
 
 
 def _identify(context: Context, inputs: TrialInputs, prepared: PreparedTrial) -> tuple[Table, Tree, PreparedTrial]:

@@ -25,6 +25,7 @@ from mocap_id.protocols.repetitions import (
     measure_paused_time,
     measure_support,
 )
+from mocap_id.protocols.sit_to_stand import estimate_event_sd
 from mocap_id.store import Column, Table
 from mocap_id.store.schemas import EVENTS, RISE
 
@@ -37,6 +38,7 @@ def make_sit_to_stand_events(
     *,
     share: float,
     seat_measured: bool,
+    speed_sd: FloatArray | None = None,
 ) -> Table:
     """Return events.parquet of a sit-to-stand with a known posture; ``plates`` is wrench.parquet.
 
@@ -49,6 +51,8 @@ def make_sit_to_stand_events(
         Share of the standing weight under the feet at seat-off, by the rule of the thesis.
     seat_measured : bool
         Whether the chair's force is measured and therefore not part of ``missing``.
+    speed_sd : (T,) array, optional
+        Standard deviation of the speed in the posture, rad/s; without it, those of the five-times test are unknown.
     """
     assert movement.posture is not None
     posture, repetitions, contact = movement.posture, movement.repetitions, movement.contact
@@ -79,7 +83,18 @@ def make_sit_to_stand_events(
             for each, rise in zip(repetitions, rises, strict=True)
         )
     facts = {
-        "five_times": _describe_five_times(compute_five_times(repetitions, rises, chair=chair)),
+        "five_times": _describe_five_times(
+            compute_five_times(
+                repetitions,
+                rises,
+                chair=chair,
+                event_sd=None
+                if speed_sd is None or chair is False
+                else estimate_event_sd(
+                    recorded.time, posture, repetitions, speed_sd, None if contact is None else contact.above_noise
+                ),
+            )
+        ),
         "attempts": [_describe_attempt(attempt) for attempt in attempts],
         "load_share": _describe_load_share(shared),
     }
@@ -180,6 +195,9 @@ def _describe_five_times(found: FiveTimes) -> dict[str, Any]:
         "to_fifth_stand_s": found.to_fifth_stand,
         "to_fifth_seat_contact_s": found.to_fifth_seat_contact,
         "to_fifth_seated_s": found.to_fifth_seated,
+        "to_fifth_stand_sd_s": found.to_fifth_stand_sd,
+        "to_fifth_seat_contact_sd_s": found.to_fifth_seat_contact_sd,
+        "to_fifth_seated_sd_s": found.to_fifth_seated_sd,
         "mean_cycle_s": found.mean_cycle,
         "cycle_sd_s": found.cycle_sd,
         "failed_attempts": found.attempts,

@@ -92,12 +92,18 @@ def _read_external_wrenches(context: Context, segments: Sequence[str], measures:
         if fact["name"] == SEAT:
             if not settings.seat_plate:
                 continue
-            given, key = settings.seat_segment, "identify-dim: seat_segment"
-            given = _find_thigh(segments) if given is None else given
+            given, key = find_seat_segment(context, segments), "identify-dim: seat_segment"
         wrench = table.stack([f"{component}_{fact['columns']}" for component in WRENCH_COMPONENTS])
         segment = _find_segment_number(segments, given, key)
         wrenches.append(ExternalWrench(fact["name"], segment, wrench, by_plates=fact["clock"] == "plates"))
     return tuple(wrenches)
+
+
+def find_seat_segment(context: Context, segments: Sequence[str]) -> int:
+    """Return the number of the segment on which the chair pushes; ConfigError if the setting names no segment."""
+    given = context.settings.seat_segment
+    given = _find_thigh(segments) if given is None else given
+    return _find_segment_number(segments, given, "identify-dim: seat_segment")
 
 
 def _find_segment_number(names: Sequence[str], given: str | int, key: str) -> int:
