@@ -164,9 +164,9 @@ class DynamicsEntry(Entry):
     repetitions. ``condition_number`` belongs to the regressor of the chain's base parameters (eq. 6.1) over the samples
     of the fit, also where the bodies move as measured. ``consistency`` is the set of bodies considered physically
     consistent. ``rivals`` contains the reference bodies by the names of their allometric tables; empty if no table
-    applies. ``motion`` describes the motion of the masses, and ``pins`` the effect of pinned joints. ``legs`` is "both" if
-    wrench and torques are sums over both legs of a person, else "none". ``torques`` has an entry for each joint in the
-    plane; it is empty without a model.
+    applies. ``motion`` describes the motion of the masses, and ``pins`` the effect of pinned joints. ``legs`` is "both"
+    if wrench and torques are sums over both legs of a person, else "none". ``torques`` has an entry for each joint in
+    the plane; it is empty without a model.
     """
 
     base: list[BaseEntry] | None
