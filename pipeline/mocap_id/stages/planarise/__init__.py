@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import ClassVar, Literal
 
 from pydantic import Field
 
+from mocap_id.errors import Refused
 from mocap_id.stages import STAGE_HELP
 from mocap_id.stages.base import Context, Only, Outputs, Settings, Stage
+from mocap_id.verdict import Reason
 
 
 class PlanariseSettings(Settings):
@@ -44,7 +47,41 @@ class PlanariseSettings(Settings):
     )
 
 
+_ELSEWHERE = {
+    "walking": "For gait, use a program for gait analysis, such as the gait model of the camera software or OpenSim. "
+    "It finds heel strike and toe-off, lets the pelvis move freely, and gives the angles and moments of each leg",
+    "jumping": "For jumps, use a program for force plates: it gives height, power and impulse. For joint moments, use "
+    "one that lets the pelvis move freely, such as OpenSim",
+}
+"""Advice for movements without a base that stands."""
+
+
 def _planarise(context: Context) -> Outputs:
+    guess = context.trial.guessed
+    if guess is None:
+        return _planarise_in_its_space(context)
+    if guess.movement in _ELSEWHERE:
+        raise Refused(
+            guess.movement,
+            f"this is {guess.movement}: {guess.evidence}. mocap-id needs feet, or another base, that stand. "
+            f"{_ELSEWHERE[guess.movement]}. If only a part of the recording is of interest, give `window:`; if the "
+            "movement is another one, give its protocol (`--protocol`)",
+        )
+    what = " and ".join(f"`{name}: {getattr(context.trial, name)}`" for name in guess.keys)
+    note = Reason(
+        "guessed",
+        f"{what} {'were' if len(guess.keys) > 1 else 'was'} guessed, because {guess.evidence}. If this is wrong, give "
+        "the right values (`--protocol`, `--space`, `--side`)",
+        level="ok",
+    )
+    from mocap_id.store import LongTable  # noqa: PLC0415  loads numpy
+
+    planar, *others = _planarise_in_its_space(context)
+    assert isinstance(planar, LongTable)
+    return replace(planar, reasons=(note, *planar.reasons)), *others
+
+
+def _planarise_in_its_space(context: Context) -> Outputs:
     if context.trial.space == "3d":
         from mocap_id.stages.planarise.space import planarise_in_space  # noqa: PLC0415
 
@@ -60,10 +97,10 @@ def _planarise(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="planarise",
-    version=9,
+    version=10,
     inputs=(),
     outputs=("planar.parquet", "wrench.parquet"),
-    uses=("recording", "space", "side", "landmarks", "protocol", "window", "plates", "external"),
+    uses=("recording", "space", "side", "landmarks", "protocol", "window", "plates", "external", "guessed"),
     settings=PlanariseSettings,
     function=_planarise,
     help=STAGE_HELP["planarise"],
