@@ -59,10 +59,10 @@ def _function(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="fit-joints",
-    version=17,
+    version=18,
     inputs=("planar.parquet", "segments.parquet"),
     outputs=("chain.h5",),
-    uses=("space", "side", "landmarks", "pointers", "pointer", "static", "calibration"),
+    uses=("space", "side", "landmarks", "pointers", "pointer", "static", "calibration", "subject"),
     settings=FitJointsSettings,
     function=_function,
     help=STAGE_HELP["fit-joints"],

@@ -62,7 +62,7 @@ def _planarise(context: Context) -> Outputs:
         return _planarise_in_its_space(context)
     if guess.movement in _ELSEWHERE:
         raise Refused(
-            guess.movement,
+            "walking" if guess.movement == "walking" else "jumping",
             f"this is {guess.movement}: {guess.evidence}. mocap-id needs feet, or another base, that stand. "
             f"{_ELSEWHERE[guess.movement]}. If only a part of the recording is of interest, give `window:`; if the "
             "movement is another one, give its protocol (`--protocol`)",
