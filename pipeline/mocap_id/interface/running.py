@@ -46,8 +46,8 @@ def run(
         Called with each step of the run.
     **settings
         Keys of a trial's YAML file, such as ``protocol="free"``, ``window=(1, 5)``, ``subject={"mass": 70}`` or
-        ``fit_joints={...}``; only with a recording. Space and protocol are guessed from the motion if they are not given;
-        the log and the note ``guessed`` of the verdict contain the guesses.
+        ``fit_joints={...}``; only with a recording. Space and protocol are guessed from the motion if they are not
+        given; the log and the note ``guessed`` of the verdict contain the guesses.
 
     Raises
     ------

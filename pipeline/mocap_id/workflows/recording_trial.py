@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import logging
 import os
@@ -84,16 +85,24 @@ def _complete(recording: Path, given: dict[str, Any], out: Path) -> Trial:
     keys = dict(given)
     beside = sorted(recording.parent.iterdir())
     forces = keys.pop("forces", None) or find_forces(recording, beside)
-    guessed, files = _guess(recording, forces if forces is None else Path(str(forces)), keys)
+
+    def build(more: Mapping[str, Any]) -> Trial:
+        plain = json.loads(json.dumps({**keys, **more, "out": str(out)}, default=_convert))
+        return compose(Source(Path.cwd() / recording.name, plain, {}))
+
+    try:
+        guessed, files = _guess(recording, forces if forces is None else Path(str(forces)), keys)
+    except ConfigError:
+        space = "3d" if keys.keys() & {"static", "landmarks", "calibration", "side", "pointers"} else "plane"
+        build({"space": space, "protocol": "free", "recording": str(recording)})  # a wrong key is reported first
+        raise
     if "guessed" in guessed:
         what = ", ".join(f"`{name}: {guessed[name]}`" for name in guessed["guessed"]["keys"])
         why = guessed["guessed"]["evidence"]
         _log.warning(
             "%s: %s was guessed, because %s; if this is wrong, give the correct values", recording.name, what, why
         )
-    data = {**keys, **guessed, "recording": files, "out": str(out)}
-    plain = json.loads(json.dumps(data, default=_convert))
-    return compose(Source(Path.cwd() / recording.name, plain, {}))
+    return build({**guessed, "recording": files})
 
 
 def _guess(recording: Path, forces: Path | None, given: Mapping[str, Any]) -> tuple[dict[str, Any], dict[str, str]]:
@@ -118,18 +127,24 @@ def _guess(recording: Path, forces: Path | None, given: Mapping[str, Any]) -> tu
         content = skeleton if skeleton is not None else _read_markers(recording, forces, given)
         seen = ThinnedFrames.of(content.positions, content.time, content.rate)
         inside = slice(None)
-        if given.get("window") is not None:
-            first, last = given["window"]
+        with contextlib.suppress(TypeError, ValueError):  # no window, or a wrong one, which is reported later
+            first, last = given.get("window", (-np.inf, np.inf))
             inside = slice(*np.searchsorted(seen.time, [first - 1e-9, last + 1e-9]))
         movement = recognise_movement(content.labels, seen.positions[inside], seen.rate)
         kind = "unknown" if movement.kind == "sit-to-stand" and skeleton is not None else movement.kind
         if protocol is None and space is None and kind in {"unknown", "one-body"}:
-            raise ConfigError(
-                f"{recording.name}: the movement fits no protocol: {movement.evidence}. Give the protocol, on the "
-                "command line `--protocol sit-to-stand` (also squats and lifts: the feet stand), `--protocol reach` or "
-                "`--protocol curl` (one arm), or `--protocol robot-joint` (one link). For any other chain on a base "
-                "that stands, give `--protocol free` with `--space plane` (hinges in a vertical plane) or `--space 3d`"
+            ways = (
+                "Give the protocol, on the command line `--protocol sit-to-stand` (also squats and lifts: the feet "
+                "stand), `--protocol reach` or `--protocol curl` (one arm), or `--protocol robot-joint` (one link). For "
+                "any other chain on a base that stands, give `--protocol free` with `--space plane` (hinges in a "
+                "vertical plane) or `--space 3d`"
             )
+            if skeleton is not None:
+                ways = (
+                    "These are joint positions of a skeleton, of which only an arm can be analysed: give `--protocol "
+                    "reach`, `--protocol curl`, or `--protocol free`, on the command line, all with `--space 3d`"
+                )
+            raise ConfigError(f"{recording.name}: the movement fits no protocol: {movement.evidence}. {ways}")
         guessed["space"] = space or ("3d" if kind in IN_SPACE or skeleton is not None else "plane")
         fits = kind in (IN_PLANE if guessed["space"] == "plane" else IN_SPACE)
         guessed["protocol"] = protocol or (kind if fits else "free")
