@@ -135,8 +135,8 @@ def _guess(recording: Path, forces: Path | None, given: Mapping[str, Any]) -> tu
         if protocol is None and space is None and kind in {"unknown", "one-body"}:
             ways = (
                 "Give the protocol, on the command line `--protocol sit-to-stand` (also squats and lifts: the feet "
-                "stand), `--protocol reach` or `--protocol curl` (one arm), or `--protocol robot-joint` (one link). For "
-                "any other chain on a base that stands, give `--protocol free` with `--space plane` (hinges in a "
+                "stand), `--protocol reach` or `--protocol curl` (one arm), or `--protocol robot-joint` (one link). "
+                "For any other chain on a base that stands, give `--protocol free` with `--space plane` (hinges in a "
                 "vertical plane) or `--space 3d`"
             )
             if skeleton is not None:
