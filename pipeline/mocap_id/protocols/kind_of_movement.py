@@ -114,7 +114,7 @@ class _Tracks:
     @cached_property
     def across(self) -> FloatArray:
         """Horizontal range of every marker (M,), m."""
-        return np.hypot(*self.range[:, :2].T)
+        return np.asarray(np.hypot(self.range[:, 0], self.range[:, 1]))
 
     @cached_property
     def middle(self) -> FloatArray:
@@ -151,7 +151,7 @@ def _find_steps(tracks: _Tracks) -> RecognisedMovement | None:
         return None
     plan = points[:, stepping, :2] - np.nanmean(points[:, stepping, :2], axis=0)
     forwards = np.linalg.svd(np.nan_to_num(plan).reshape(-1, 2), full_matrices=False)[2][0]
-    if np.ma.corrcoef(np.ma.masked_invalid(plan @ forwards), rowvar=False).filled(0).min() > _ALTERNATE:
+    if np.corrcoef(np.nan_to_num(plan @ forwards), rowvar=False).min() > _ALTERNATE:
         return None
     text = "the feet move forwards and backwards in turn under a trunk that stays, as on a treadmill"
     return RecognisedMovement("walking", text)
