@@ -158,6 +158,7 @@ def test_walking_and_jumping_are_called_so_unless_a_protocol_is_given(
     assert run.report.is_file()
     given = mocap_id.run(taken, protocol="free", space="plane", out=tmp_path / "given")
     assert kind not in [reason.code for reason in given.verdict.reasons]
+    assert f"This looks like {kind}" in given.verdict.reasons[0].message
     assert load(tmp_path / "given" / "trial.yaml").keys.guessed is None
 
 

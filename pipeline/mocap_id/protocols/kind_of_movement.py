@@ -47,6 +47,14 @@ _TRUNK_STAYS, _ELBOW_STAYS = 0.5, 0.3  # largest ways of the thorax, and of the 
 _ARM, _THORAX = {"EL", "EM", "RS", "US"}, ("IJ", "PX", "C7", "T8")
 _SIDES: tuple[Side, ...] = ("right", "left")
 
+ELSEWHERE = {
+    "walking": "For gait, use a program for gait analysis, such as the gait model of the camera software or OpenSim: "
+    "it finds heel strike and toe-off, lets the pelvis move freely, and gives the angles and moments of each leg",
+    "jumping": "For jumps, use a program for force plates: it gives height, power and impulse. For joint moments, use "
+    "one that lets the pelvis move freely, such as OpenSim",
+}
+"""Advice for movements without a base that stands."""
+
 
 @dataclass(frozen=True)
 class RecognisedMovement:
@@ -221,6 +229,8 @@ def _find_rise(tracks: _Tracks) -> RecognisedMovement | None:
 
 def _recognise_arm(tracks: _Tracks) -> RecognisedMovement:
     """Return reach or curl if landmarks or joints of an arm move beside a thorax that stays, else unknown."""
+    if any("wheel" in label.lower() for label in tracks.labels):
+        return RecognisedMovement("unknown", "the markers name a wheel, and no protocol is for wheelchairs")
     landmarks = find_landmarks(tracks.labels).markers
     arms = [find_roles(tracks.labels, side) for side in _SIDES]
     roles = max(arms, key=lambda arm: tracks.way[arm["wrist"]] if "wrist" in arm else 0.0)

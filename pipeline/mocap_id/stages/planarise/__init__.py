@@ -47,24 +47,17 @@ class PlanariseSettings(Settings):
     )
 
 
-_ELSEWHERE = {
-    "walking": "For gait, use a program for gait analysis, such as the gait model of the camera software or OpenSim. "
-    "It finds heel strike and toe-off, lets the pelvis move freely, and gives the angles and moments of each leg",
-    "jumping": "For jumps, use a program for force plates: it gives height, power and impulse. For joint moments, use "
-    "one that lets the pelvis move freely, such as OpenSim",
-}
-"""Advice for movements without a base that stands."""
-
-
 def _planarise(context: Context) -> Outputs:
     guess = context.trial.guessed
     if guess is None:
         return _planarise_in_its_space(context)
-    if guess.movement in _ELSEWHERE:
+    if guess.movement in {"walking", "jumping"}:
+        from mocap_id.protocols.kind_of_movement import ELSEWHERE  # noqa: PLC0415  loads numpy
+
         raise Refused(
             "walking" if guess.movement == "walking" else "jumping",
             f"this is {guess.movement}: {guess.evidence}. mocap-id needs feet, or another base, that stand. "
-            f"{_ELSEWHERE[guess.movement]}. If only a part of the recording is of interest, give `window:`; if the "
+            f"{ELSEWHERE[guess.movement]}. If only a part of the recording is of interest, give `window:`; if the "
             "movement is another one, give its protocol (`--protocol`)",
         )
     what = " and ".join(f"`{name}: {getattr(context.trial, name)}`" for name in guess.keys)

@@ -19,6 +19,7 @@ from mocap_id.kinematics import (
     segment_markers,
 )
 from mocap_id.protocols.body_names import LONGEST, name_bodies
+from mocap_id.protocols.kind_of_movement import ELSEWHERE, recognise_movement
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.marker_names import find_markers
 from mocap_id.stages.segment import SegmentSettings
@@ -124,6 +125,10 @@ def _find_segments(
     try:
         done = segment_into(settings.count)
     except Refused as refused:
+        seen = recognise_movement(labels, recorded.read_positions(axes="zxy"), recorded.rate)  # the plane's y is up
+        if longest != LONGEST["robot-joint"] and seen.kind in ELSEWHERE:
+            hint = f"This looks like {seen.kind}: {seen.evidence}. {ELSEWHERE[seen.kind]}"
+            raise Refused(refused.code, f"{refused} {hint}", refused.value, refused.limit) from refused
         planarity = recorded.planar.facts["plane"]["planarity"]
         if planarity <= settings.planarity_caution or refused.code in _NOT_OF_SPACE:
             raise
