@@ -27,7 +27,8 @@ from mocap_id.verdict import Reason
 _MARKED_SD = 0.005  # m; limit for a joint with a marker at it, and for the first joint if its segment has few
 _OFF = 0.25  # largest relative difference of a length from that of the person's height or of the other segment
 _LEG = (0.2, 0.62)  # m; shank and thigh of a child of three years, and of the tallest people
-_ANKLE = 0.2  # largest height of the ankle above the floor, share of the body's height; a knee is at 0.28
+_ANKLE, _ANKLE_M = 0.2, 0.2  # largest height of the ankle above the floor, as share of the body's height (a knee is at
+# 0.28) and in m, for markers on the legs alone
 _FEW_POSITIONS = 3  # smallest sufficient number of different marker positions on the first segment
 
 
@@ -41,7 +42,8 @@ def fit_joints(context: Context) -> Outputs:
     assigned = np.flatnonzero(segments["segment"] >= 0)
     labels, segment = [str(label) for label in segments["marker"][assigned]], segments["segment"][assigned]
     points, own = view.read_plane(), _columns(view, labels)
-    heights = np.nanpercentile(points.imag, [0.5, 99.5])
+    heights = np.where(np.isfinite(points), points.imag, np.nan)
+    top, floor = float(np.nanpercentile(heights, 99.5)), float(np.nanmean(heights[:, own[segment == 0]], axis=0).min())
     joint_names = segments.facts["joint_names"]
     marked: Mapping[str, list[str]] = segments.facts["joint_markers"]
     at_joint = {joint_names.index(name) + 1: _columns(view, about) for name, about in marked.items()}
@@ -58,8 +60,7 @@ def fit_joints(context: Context) -> Outputs:
     names, uncertain = segments.facts["names"], np.nan_to_num(fit.length_sd)
     check_sizes(dict(zip(names[1:-1], zip(fit.lengths, uncertain, strict=True), strict=True)), context.trial.subject)
     if joint_names[0] == "ankle" and names[0] == "foot":
-        floor = float(np.nanmean(points[:, own[segment == 0]].imag, axis=0).min())
-        _check_ankle(float(fit.centres[0].imag) - floor, float(heights[1]) - floor, context.trial.subject.height)
+        _check_ankle(float(fit.centres[0].imag) - floor, top - floor, context.trial.subject.height)
     data = {
         "joints": {
             "name": np.array(joint_names, dtype=object),
@@ -164,7 +165,7 @@ def _check_ankle(height: float, top: float, stature: float | None) -> None:
 
     ``height`` is that of the ankle and ``top`` that of the highest marker above the lowest still marker, m.
     """
-    limit = _ANKLE * (top if stature is None else stature)
+    limit = max(_ANKLE * (top if stature is None else stature), _ANKLE_M)
     if height > limit:
         raise Refused(
             "size-impossible",
