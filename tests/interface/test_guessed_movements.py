@@ -17,6 +17,7 @@ from mocap_id.errors import ConfigError
 from mocap_id.protocols.kind_of_movement import recognise_movement
 from mocap_id.recording import Recording
 from mocap_id.workflows.recording_trial import make_trial
+from mocap_id.workflows.study.reaches import read_reach
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_trials"
 PLANE, REACH, CURL = ("plane", "sit-to-stand"), ("3d", "reach"), ("3d", "curl")
@@ -92,6 +93,21 @@ def _check_guess(file: Path, expected: tuple[str, str] | str | None, out: Path) 
 @pytest.mark.parametrize("file", GUESSES)
 def test_guesses_of_real_and_simulated_recordings(file: str, recordings: Path, tmp_path: Path) -> None:
     _check_guess(recordings / file, GUESSES[file], tmp_path / "run")
+
+
+@pytest.mark.recordings
+@pytest.mark.parametrize("file", ["sit-to-stand/STS1.trc", "lifting/S1.trc", "c3d/shd01.c3d"])
+def test_a_body_with_markers_on_its_arms_is_no_reach_of_a_study(file: str, recordings: Path) -> None:
+    assert read_reach(recordings / file, None) is None
+
+
+def test_a_person_who_walks_to_the_chair_sits_down_and_stands_up() -> None:
+    sample = mocap_id.read(SAMPLES / "sit-to-stand" / "trial.c3d")
+    _, steps = _walk(travels=True)
+    arrival = np.repeat(sample.positions[:1], len(steps), axis=0)
+    arrival[..., 0] += (steps[:, 4, 0] - steps[-1, 4, 0])[:, None]
+    made = np.concatenate([arrival, sample.positions[::2]])
+    assert recognise_movement(sample.labels, made, 50.0).kind == "sit-to-stand"
 
 
 @pytest.mark.parametrize("file", OF_SAMPLES)

@@ -35,6 +35,7 @@ _LIFTED = 0.03  # least rise of feet and trunk in a jump
 _RIGID = 0.012  # largest standard deviation of a distance in one rigid body
 
 # Other limits
+_ENOUGH_HZ = 50.0  # frames per second that show a jump
 _SEEN = 0.3  # least share of the frames in which a marker is visible
 _STILL_M = 0.05
 _TOGETHER = 0.6  # least share of the upper markers that rise with the trunk
@@ -79,6 +80,8 @@ def recognise_movement(labels: Sequence[str], positions: FloatArray, rate: float
     rate : float
         Frames per second.
     """
+    step = max(1, int(rate / _ENOUGH_HZ))
+    positions, rate = positions[::step], rate / step
     with warnings.catch_warnings():
         warnings.filterwarnings(
             "ignore", "All-NaN|Mean of empty", RuntimeWarning
