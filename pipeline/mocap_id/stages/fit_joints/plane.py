@@ -59,7 +59,7 @@ def fit_joints(context: Context) -> Outputs:
     fit = orient_frames(_estimate(points[:, own], segment, tracks, settings, start))
     names, uncertain = segments.facts["names"], np.nan_to_num(fit.length_sd)
     check_sizes(dict(zip(names[1:-1], zip(fit.lengths, uncertain, strict=True), strict=True)), context.trial.subject)
-    if joint_names[0] == "ankle" and names[0] == "foot":
+    if context.trial.protocol == "sit-to-stand" and names[0] == "foot":
         _check_ankle(float(fit.centres[0].imag) - floor, top - floor, context.trial.subject.height)
     data = {
         "joints": {
