@@ -6,11 +6,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from mocap_id.dynamics.allometry import estimate_height, look_up_table
 from mocap_id.dynamics.fit import determines_parameters
 from mocap_id.dynamics.preparation import PreparedTrial, TrialData, measure_arcs
 from mocap_id.dynamics.sample_choice import LEAST_SECONDS, select_samples
 from mocap_id.protocols.movement import Movement
 from mocap_id.stages.base import Context
+from mocap_id.stages.identify_dim.trial_data import read_skeleton
+from mocap_id.verdict import Reason
+
+MASS_CONTRADICTS = 0.2
+"""Relative difference of two masses of one person from which the trial is refused."""
+
+_THIN, _HEAVY = ((1.1, 1.5), (12.0, 14.5)), 45.0
+"""Least body mass index for the heights in the first tuple, and largest one, kg/m²."""
+
+_ABSURD = (10.0, 75.0)
+"""Range of the body mass index outside which a mass is not used."""
 
 
 @dataclass(frozen=True)
@@ -25,10 +37,18 @@ class NotIdentifiable:
 def check_wrench(context: Context, recorded: TrialData) -> NotIdentifiable | None:
     """Return the reason why the data do not suffice for an identification; None if they do."""
     facts = context.table("wrench.parquet").facts
+    if facts.get("unusable"):
+        text = f"the inertial parameters need the moments of the ground's wrench: {facts['unusable']}"
+        return NotIdentifiable("no-wrench", text, facts.get("mass_kg"))
     measured = np.isfinite(recorded.surroundings).all(axis=1)
     if not measured.any():
         why = facts.get("why") or "the recording has no usable force plate"
         return NotIdentifiable("no-wrench", f"the inertial parameters need the ground's wrench: {why}")
+    implausible = judge_mass(context, facts.get("mass_kg"))
+    beside = (facts.get("registration") or {}).get("foot_beside") is not None
+    if implausible is not None and (beside or not _ABSURD[0] <= (implausible.value or 0.0) <= _ABSURD[1]):
+        text = f"the inertial parameters need the whole wrench of the ground: {implausible.message}"
+        return NotIdentifiable("mass-implausible", text)
     known = np.isfinite(recorded.ddq).all(axis=1)
     if (measured & known).sum() < LEAST_SECONDS * recorded.rate:
         return NotIdentifiable(
@@ -38,6 +58,42 @@ def check_wrench(context: Context, recorded: TrialData) -> NotIdentifiable | Non
             facts.get("mass_kg"),
         )
     return None
+
+
+def judge_mass(context: Context, mass: float | None) -> Reason | None:
+    """Return a caution if a mass, kg, does not fit the height of the person; its value is the body mass index, kg/m².
+
+    The height is that in the configuration, or else follows from shank and thigh. Without one of these, or if the given
+    mass of the person confirms the mass, the result is None.
+    """
+    subject, chain = context.trial.subject, read_skeleton(context)
+    if mass is None or context.trial.protocol == "robot-joint":
+        return None
+    if subject.mass is not None and abs(mass / subject.mass - 1.0) <= MASS_CONTRADICTS:
+        return None
+    height, source = subject.height, "`subject: {height: …}`"
+    if height is None:
+        if not {"shank", "thigh"} <= set(chain.segments):
+            return None
+        ends = [chain.centres[chain.segments.index(name)] for name in ("shank", "thigh")]
+        height = estimate_height(look_up_table("winter", None), *(float(np.linalg.norm(end)) for end in ends))
+        source = "the lengths of shank and thigh"
+    index = mass / height**2
+    low = float(np.interp(height, *_THIN))
+    if low <= index <= _HEAVY:
+        return None
+    unit = "the plates measure only a part of the weight, or have a wrong gain or unit"
+    if index > _HEAVY:
+        unit = "the plates have a wrong gain or unit (pounds, or several times the load), or carry something else"
+    return Reason(
+        "mass-implausible",
+        f"the plates measure {mass:.1f} kg, but the height is {height:.2f} m (from {source}): a body mass index of "
+        f"{index:.1f} kg/m², expected {low:g} to {_HEAVY:g}. Probably {unit}; then all forces, masses and torques are "
+        "wrong. Check that both feet are on plates that are used, and the units. If the mass is right, give `subject: "
+        "{mass: …}`",
+        value=index,
+        limit=_HEAVY if index > _HEAVY else low,
+    )
 
 
 def check_excitation(context: Context, prepared: PreparedTrial, movement: Movement) -> NotIdentifiable | None:
