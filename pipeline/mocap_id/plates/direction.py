@@ -26,12 +26,12 @@ _MIN_SHARE = 0.6
 _ANGLES = tuple(np.radians(np.arange(-175, 181, 5)).tolist())
 _MIN_TOTAL_S = 1.0
 
-_RISEN = 0.4
+_RISEN = 0.7
 """Fraction of the rise of the body above which no chair touches it."""
 
 _SLOW_S = 2.0
-"""A mean over this time is subtracted from forces and accelerations: objects that the person takes or puts down, and hands
-on a support, change the force more slowly."""
+"""A mean over this time is subtracted from forces and accelerations: objects that the person takes or puts down, and
+hands on a support, change the force more slowly."""
 
 _LATE_S = 1.0
 """Largest clock offset between the files of one recording that is exported as one."""

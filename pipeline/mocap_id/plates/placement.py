@@ -1,8 +1,8 @@
 """Comparison of the position of a force plate in the file with the markers of the person on it.
 
-The checks need no model of the body. The ground only pushes, so its force acts under the feet: under each foot alone, or
-between the feet if the plates carry both. Feet stand on the surface of the plate. The force under a person who stands
-still is vertical. The direction of horizontal forces is checked in :mod:`mocap_id.plates.direction`.
+The checks need no model of the body. The ground only pushes, so its force acts under the feet, and between them if the
+plates carry both. Feet stand on the surface of the plate. The force under a person who stands still is vertical. The
+direction of horizontal forces is checked in :mod:`mocap_id.plates.direction`.
 """
 
 from __future__ import annotations
@@ -62,15 +62,16 @@ _BESIDE_M = 0.02
 """A foot is beside a plate if the mean of its markers is farther than this outside the outline of the plate."""
 
 _UNDER_M, _UNDER_SHARE = 0.035, 0.2
-"""If the centre of pressure is not farther than this from one foot, towards the other foot, the force acts under that foot
-alone: a length, and a fraction of the distance of the feet. People who load both feet have 0.4 to 0.6."""
+"""If the centre of pressure is not farther than this from one foot, towards the other foot, the force acts under that
+foot alone: a length, and a fraction of the distance of the feet. People who load both feet have 0.4 to 0.6."""
 
 _UNDER_NEARER = 0.3
 """The same fraction, if the other foot is also beside all plates."""
 
 _PINNED_M, _PINNED_STILL_M = 0.008, 0.001
-"""Largest distance of the centre of pressure from the centre of the plate if the moments are missing, while the body rises
-or lowers, and if it does not. Good recordings of a rise have at least 0.025 m. The horizontal force adds up to 0.005 m."""
+"""Largest distance of the centre of pressure from the centre of the plate if the moments are missing: if the body rises
+or lowers, and if it does not. Good recordings of a rise have at least 0.025 m. The horizontal force adds up to 0.005 m.
+"""
 
 
 @dataclass(frozen=True)
@@ -195,9 +196,9 @@ def find_foot_beside(
 ) -> tuple[FloatArray, float, float] | None:
     """Find a standing foot whose load no plate measures: the force acts under the other foot alone.
 
-    ``plates`` and ``samples`` are those of the plates under the feet. A foot is found if it is beside every plate and the
-    centre of pressure of all plates together is nearer to the other foot, or if the centre of pressure is under the other
-    foot. The result is None if there is no such foot, or if the markers do not show two standing feet.
+    ``plates`` and ``samples`` are those of the plates under the feet. A foot is found if it is beside every plate and
+    the centre of pressure of all plates together is nearer to the other foot, or if the centre of pressure is under the
+    other foot. The result is None if there is no such foot, or if the markers do not show two standing feet.
 
     Returns
     -------
@@ -212,7 +213,7 @@ def find_foot_beside(
     force = np.sum([each.force for each in samples], axis=0)
     moment = np.sum([each.moment for each in samples], axis=0)
     surfaces = [plate.centre[2] for plate in plates if plate.centre is not None]
-    surface = float(np.mean(surfaces)) if surfaces else None
+    surface = float(np.mean(surfaces)) if surfaces else 0.0  # without corners, the floor of the lab
     vertical = np.where(np.isfinite(force).all(axis=1), force[:, 2], 0.0)
     stands = find_upright(positions)[0] & (vertical > max(_MIN_FORCE_N, _MIN_SHARE * np.percentile(vertical, 95)))
     if not stands.any():
@@ -220,7 +221,7 @@ def find_foot_beside(
     feet = find_standing_feet(positions, stands, surface, 2)
     if len(feet) != 2:
         return None
-    about = (moment - np.cross([0.0, 0.0, surface or 0.0], force))[stands]
+    about = (moment - np.cross([0.0, 0.0, surface], force))[stands]
     pressure = np.median(np.column_stack([-about[:, 1], about[:, 0]]) / force[stands, 2:], axis=0)
     centres = [foot[:, :2].mean(axis=0) for foot in feet]
     apart = centres[1] - centres[0]
@@ -247,8 +248,8 @@ def _measure_beside(point: FloatArray, plate: Plate) -> float:
 def find_pinned_pressure(plate: Plate, samples: PlateSamples, positions: FloatArray) -> float | None:
     """Return the largest distance of the centre of pressure from the plate's centre, m, if it never leaves the centre.
 
-    The moments are then missing or far too small. The distance is the 95th percentile over the loaded samples. The result
-    is None if the centre of pressure moves. Without corners, the distance is that from its own median.
+    The moments are then missing or far too small. The distance is the 95th percentile over the loaded samples. The
+    result is None if the centre of pressure moves. Without corners, the distance is that from its own median.
     """
     loaded = _find_loaded(samples)
     if not loaded.any():
@@ -257,13 +258,11 @@ def find_pinned_pressure(plate: Plate, samples: PlateSamples, positions: FloatAr
     centre = np.median(points, axis=0) if plate.centre is None else plate.centre[:2]
     away = float(np.percentile(np.linalg.norm(points - centre, axis=1), 95.0))
     moves = find_upright(positions)[1].any()
-    limit = (
-        _PINNED_M
-        if moves and plate.centre is not None
-        else _PINNED_STILL_M
-        if moves or plate.centre is not None
-        else 0.0
-    )
+    limit = _PINNED_STILL_M
+    if moves and plate.centre is not None:
+        limit = _PINNED_M
+    elif not moves and plate.centre is None:
+        limit = 0.0  # a person who stands still moves the centre of pressure by less than a millimetre
     return away if away <= limit else None
 
 

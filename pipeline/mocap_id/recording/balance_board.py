@@ -26,8 +26,8 @@ _LONGEST_GAP_S = 0.15  # in a longer gap the load is not known
 _LEAST_ROWS = 20
 _LARGEST_KG = 400.0
 _MOVED_KG, _DEAD_SHARE = 5.0, 0.1
-"""If the load of a cell varies by at least the first value, kg, each cell varies by at least this fraction of it: 0.5 or
-more in good logs.
+"""If the load of a cell varies by more than the first value, kg, each cell varies by at least this fraction of it; in
+good logs by 0.5 or more.
 """
 _CELL_KG, _CELL_GAIN = 0.05, 0.02  # standard deviations: of a reading, and of a cell's gain before calibration
 

@@ -84,7 +84,7 @@ def judge_mass(context: Context, mass: float | None) -> Reason | None:
         return None
     unit = "the plates measure only a part of the weight, or have a wrong gain or unit"
     if index > _HEAVY:
-        unit = "the plates have a wrong gain or unit (pounds, or several times the load), or carry something else"
+        unit = "the loads have a wrong gain or unit (such as pounds), or the plates carry something else"
     return Reason(
         "mass-implausible",
         f"the plates measure {mass:.1f} kg, but the height is {height:.2f} m (from {source}): a body mass index of "

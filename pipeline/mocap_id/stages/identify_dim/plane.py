@@ -240,7 +240,8 @@ def _find_cautions(context: Context, result: artefacts.IdentifiedDynamics) -> tu
     implausible = judge_mass(context, standing or get_identified_mass(result.prepared, result.found))
     reasons += () if implausible is None else (implausible,)
     reasons += check_sensors(result.chain, result.in_chain.fit)
-    reasons += explain_scales(result.found, given, stands=standing is not None)
+    stands = standing is not None and context.trial.protocol == "sit-to-stand"
+    reasons += explain_scales(result.found, given, stands=stands)
     if undetermined := artefacts.find_undetermined(result):
         text = (
             f"the fitted components {', '.join(context.settings.components)} do not determine "
@@ -272,10 +273,10 @@ def _refuse_other_mass(context: Context) -> None:
     raise Refused(
         "mass-contradiction",
         f"the plates measure {standing:.1f} kg while the person stands, but `subject: {{mass: …}}` is {given:g} kg: a "
-        f"difference of {100 * (standing / given - 1.0):+.0f} %, expected within ± {100 * MASS_CONTRADICTS:.0f} %. No load "
-        f"that is taken up or put down explains it. {cause}Check the mass, that the recording is of this person, that "
-        "both feet are on plates that are used, the units and the calibration of the plates, and whether the person holds "
-        "an object all the time",
+        f"difference of {100 * (standing / given - 1.0):+.0f} %, expected within ± {100 * MASS_CONTRADICTS:.0f} %. No "
+        f"load that is taken up or put down explains it. {cause}Check the mass, that the recording is of this person, "
+        "that both feet are on plates that are used, the units and the calibration of the plates, and whether the "
+        "person holds an object all the time",
         standing,
         given,
     )
@@ -284,9 +285,9 @@ def _refuse_other_mass(context: Context) -> None:
 def _refuse_shared_load(reasons: Sequence[Reason]) -> None:
     """Raise Refused if the identified mass is far from the standing one."""
     for each in reasons:
-        if each.code == "load-shared" and each.value is not None and each.limit:
-            if abs(each.value / each.limit - 1.0) > MASS_CONTRADICTS:
-                raise Refused(each.code, each.message, each.value, each.limit)
+        far = each.value and each.limit and abs(each.value / each.limit - 1.0) > MASS_CONTRADICTS
+        if each.code == "load-shared" and far:
+            raise Refused(each.code, each.message, each.value, each.limit)
 
 
 def _explain_obstacle(context: Context, inputs: TrialInputs, obstacle: NotIdentifiable) -> tuple[Table, Tree]:
@@ -302,6 +303,7 @@ def _explain_obstacle(context: Context, inputs: TrialInputs, obstacle: NotIdenti
     implausible = judge_mass(context, obstacle.mass)
     if implausible is not None:
         reasons = (*reasons, implausible)
-    if obstacle.mass is not None and context.trial.subject.mass is None and context.trial.protocol != "robot-joint":
+    stands = obstacle.mass is not None and context.trial.protocol == "sit-to-stand"
+    if stands and context.trial.subject.mass is None:
         reasons = (*reasons, ON_TRUST)
     return Table(DYNAMICS_TABLE, columns), Tree(DYNAMICS_TREE, data, facts, reasons)

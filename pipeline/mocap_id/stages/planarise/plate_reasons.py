@@ -19,8 +19,8 @@ from mocap_id.stages.trial_keys import BalanceBoard
 from mocap_id.verdict import Reason
 
 _UNRELATED, _DOUBTFUL = 0.6, 0.8
-"""Correlation of vertical force and acceleration below which the two do not belong together, or are doubtful: at least 0.93
-in good recordings, at most 0.55 with the forces of another recording."""
+"""Correlation of vertical force and acceleration below which the two do not belong together, or are doubtful. It is at
+least 0.89 in good recordings, and at most 0.5 with the forces of another movement."""
 
 _BELONGS_LATE = 0.85
 """Correlation from which the forces belong to the markers with a clock offset above 1 s."""
@@ -148,20 +148,20 @@ def judge_course(
     file = forces.balance_board if isinstance(forces, BalanceBoard) else forces
     of = f"{file.name} and {markers[0].name}" if file is not None else f"the forces and markers of {markers[0].name}"
     found = (
-        f"the vertical force does not follow the vertical acceleration of the body: their correlation is "
-        f"{course.correlation:.2f} for clock offsets up to 1 s, and at most {course.correlation_far:.2f} for all others; "
-        "expected above 0.9"
+        "the vertical force does not follow the vertical acceleration of the body: their correlation is "
+        f"{course.correlation:.2f} for clock offsets up to 1 s, and at most {course.correlation_far:.2f} for all "
+        "others, expected above 0.9"
     )
     if course.correlation >= _UNRELATED:
         text = (
-            f"{found}. Check that {of} belong to the same recording, the rates of both, and whether something else than "
-            "the plates carries the person"
+            f"{found}. Check that {of} belong to the same recording, the rates of both, and whether something other "
+            "than the plates carries the person"
         )
         return (Reason("forces-unrelated", text, course.correlation, _DOUBTFUL),)
     raise Refused(
         "forces-unrelated",
-        f"{of} do not belong together: {found}. Give the forces of this recording, check that both have the right rate, "
-        "or leave the forces out to get the kinematics alone",
+        f"{of} do not belong together: {found}. Give the forces of this recording, check that both have the right "
+        "rate, or leave the forces out to get the kinematics alone",
         course.correlation,
         _UNRELATED,
     )

@@ -37,7 +37,7 @@ _COHERENT, _FORCE_N = 0.7, 5.0
 """Smallest coherence with the movement and smallest force for which a direction is judged."""
 
 _WEAK, _EXPECTED_N = 0.15, 6.0
-"""A horizontal force that is smaller than this fraction of the expected one is missing; 0.4 to 1.2 in good recordings. It is
+"""A horizontal force smaller than this fraction of the expected one is missing; good recordings have 0.4 to 1.2. It is
 judged if the expected one is at least the second value, N."""
 
 _ALONG = 0.2
@@ -137,8 +137,8 @@ def _describe_foot_beside(markers: str, beside: float, share: float, others: Seq
     unused = f". Not used: {'; '.join(others)}" if others else ""
     return Reason(
         "foot-off-plate",
-        f"the plates do not measure one foot: the foot with the markers {markers}{outside or ' carries no load'}, and the "
-        f"force acts under the other foot alone ({100 * abs(share):.0f} % of the way to this foot, expected 30 to 70 %)"
+        f"the plates do not measure one foot: the foot with the markers {markers}{outside or ' carries no load'}, and "
+        f"the force acts under the other foot ({100 * abs(share):.0f} % of the way to this foot, expected 30 to 70 %)"
         f"{unused}. Mass, wrench, torques and parameters are then far too small. Record with both feet on plates that "
         "are used; check the unused plates, and `plates: {feet: …}`, and whether the file contains all plates",
         value=abs(share),
@@ -150,9 +150,9 @@ def _describe_pinned(pinned: dict[int, float]) -> Reason:
     numbers = " and ".join(map(str, pinned))
     return Reason(
         "plate-moments-missing",
-        f"the centre of pressure of plate {numbers} never leaves {'the centre' if len(pinned) == 1 else 'their centres'} "
-        f"(by at most {1e3 * max(pinned.values()):.1f} mm), expected some centimetres: the moments of the plate are missing "
-        "or a thousand times too small. Check the moment channels (Mx, My) and their unit, and set `planarise: "
+        f"the centre of pressure never leaves the centre of plate {numbers} (it moves by at most "
+        f"{1e3 * max(pinned.values()):.1f} mm), expected some centimetres: the moments of the plate are missing or a "
+        "thousand times too small. Check the moment channels (Mx, My) and their unit, and set `planarise: "
         "{moment_unit: …}` if the unit in the file is wrong",
         value=max(pinned.values()),
     )
@@ -179,7 +179,7 @@ def _describe_dead(plates: Sequence[Plate], weak: ForceDirection | None, *, alon
         size = f" (it varies by {weak.size:.1f} N, expected about {weak.expected:.0f} N from the movement)"
     return Reason(
         "plate-channel-dead",
-        f"{found}{size}: a channel is dead, not connected or in a wrong unit. Fx is left out, as it is not measured; the "
+        f"{found}{size}: a channel is dead, not connected or in a wrong unit. Fx is left out, as it is unmeasured. The "
         "parameters are fitted to Fy and tauz, and the moment contains an error of Fx times the depth of the plate's "
         "sensors. Check cable, amplifier and `force_unit`",
     )
