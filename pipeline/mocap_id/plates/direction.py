@@ -39,7 +39,7 @@ _LATE_S = 1.0
 _LAG_STEP_S = 0.04
 _MIN_COMPARED_S = 2.0
 _OVERLAP = 0.6
-"""Fraction of the samples that must also be compared at larger clock offsets."""
+"""Fraction of the samples that must be common at larger clock offsets."""
 
 
 @dataclass(frozen=True)
@@ -80,14 +80,15 @@ def compare_courses(vertical: FloatArray, positions: FloatArray, rate: float) ->
     parts, force = _subtract_mean(parts, width), _subtract_mean(force[None], width)[0]
     mass = float(np.nanpercentile(vertical, 90)) / GRAVITY
     expected = mass * float(np.sqrt(np.mean(parts.mean(axis=0)[risen] ** 2)))
-    least = max(_MIN_COMPARED_S * rate, _OVERLAP * risen.sum())
+    least, most = _MIN_COMPARED_S * rate, _OVERLAP * risen.sum()
     step, reach = max(1, round(_LAG_STEP_S * rate)), len(positions) - round(least)
-    best, far = (0.0, 0.0), (0.0, 0.0)
+    best, far = (-1.0, 0.0), (0.0, 0.0)
     for lag in range(-reach // step * step, reach + 1, step):
         chosen = np.flatnonzero(risen)
         chosen = chosen[(chosen + lag >= 0) & (chosen + lag < len(force))]
         chosen = chosen[np.isfinite(force[chosen + lag])]
-        if len(chosen) < least:
+        near = abs(lag) <= _LATE_S * rate
+        if len(chosen) < (least if near else max(least, most)):
             continue
         kept = chosen[:: max(1, half // 2)]  # the averaged signals contain no higher frequencies
         rows, target = parts[:, kept].T, force[kept + lag]
@@ -97,8 +98,10 @@ def compare_courses(vertical: FloatArray, positions: FloatArray, rate: float) ->
         correlation = float(np.sqrt(max(0.0, 1.0 - (residual / max(size, 1e-300)) ** 2)))
         found = (correlation, lag / rate)
         far = max(far, found)
-        if abs(lag) <= _LATE_S * rate:
+        if near:
             best = max(best, found)
+    if best[0] < 0.0:
+        return None
     return ForceCourse(best[0], best[1], far[0], far[1], expected)
 
 
