@@ -18,8 +18,13 @@ from mocap_id.verdict import Reason
 MASS_CONTRADICTS = 0.2
 """Relative difference of two masses of one person from which the trial is refused."""
 
-_THIN, _HEAVY = ((1.1, 1.5), (12.0, 14.5)), 45.0
+_THIN, _HEAVY = ((1.1, 1.5), (12.0, 14.0)), 42.0
 """Least body mass index for the heights in the first tuple, and largest one, kg/m²."""
+
+_BESIDE_M, _BESIDE_SHARE = 0.05, 0.2
+"""A foot this far beside all plates, m, is certainly not measured if the force is also this near to the other foot, as
+a fraction of the distance of the feet.
+"""
 
 _ABSURD = (10.0, 75.0)
 """Range of the body mass index outside which a mass is not used."""
@@ -44,11 +49,21 @@ def check_wrench(context: Context, recorded: TrialData) -> NotIdentifiable | Non
     if not measured.any():
         why = facts.get("why") or "the recording has no usable force plate"
         return NotIdentifiable("no-wrench", f"the inertial parameters need the ground's wrench: {why}")
-    implausible = judge_mass(context, facts.get("mass_kg"))
-    beside = (facts.get("registration") or {}).get("foot_beside") is not None
-    if implausible is not None and (beside or not _ABSURD[0] <= (implausible.value or 0.0) <= _ABSURD[1]):
+    standing, given = facts.get("mass_kg"), context.trial.subject.mass
+    implausible = judge_mass(context, standing)
+    absurd = implausible is not None and not _ABSURD[0] <= (implausible.value or 0.0) <= _ABSURD[1]
+    beside = (facts.get("registration") or {}).get("foot_beside")
+    confirmed = standing is not None and given is not None and abs(standing / given - 1.0) <= MASS_CONTRADICTS
+    clear = beside is not None and (beside["beside_m"] or 0.0) > _BESIDE_M and abs(beside["share"]) < _BESIDE_SHARE
+    if implausible is not None and (absurd or beside is not None):
         text = f"the inertial parameters need the whole wrench of the ground: {implausible.message}"
         return NotIdentifiable("mass-implausible", text)
+    if clear and not confirmed:
+        text = (
+            "the inertial parameters need the whole wrench of the ground, but one foot stands beside the plates "
+            "(`foot-off-plate`). If the corners of the plates are wrong instead, give `subject: {mass: …}`"
+        )
+        return NotIdentifiable("no-wrench", text)
     known = np.isfinite(recorded.ddq).all(axis=1)
     if (measured & known).sum() < LEAST_SECONDS * recorded.rate:
         return NotIdentifiable(

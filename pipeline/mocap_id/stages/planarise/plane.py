@@ -23,7 +23,13 @@ from mocap_id.recording.marker_posture import Facing, find_facing, find_upright
 from mocap_id.stages.base import Context, Outputs
 from mocap_id.stages.planarise import PlanariseSettings, moved_base
 from mocap_id.stages.planarise.balance_board import place_board, read_board_plate
-from mocap_id.stages.planarise.plate_reasons import describe_losses, describe_plates, doubt_units, judge_course
+from mocap_id.stages.planarise.plate_reasons import (
+    FOLLOWS,
+    describe_losses,
+    describe_plates,
+    doubt_units,
+    judge_course,
+)
 from mocap_id.stages.planarise.plate_registration import PlateCheck, check_registration
 from mocap_id.stages.planarise.used_part import (
     UsedPart,
@@ -86,6 +92,10 @@ def planarise(context: Context) -> Outputs:
     thinned = replace(thinned, samples=_mark_missing(thinned.samples, choice, missing[:: thinned.step]))
     kept = _mark_missing(samples, choice, missing)
     wrench = compute_ground_wrench(part.time, kept, choice, frame, threshold) | external.columns
+    course = None
+    if person and feet and find_standing_feet(thinned.positions, find_upright(thinned.positions)[0], None, 2):
+        vertical = sum((thinned.samples[index].force[:, 2] for index in choice.indices("feet")), external.vertical)
+        course = compare_courses(np.asarray(vertical), thinned.positions, thinned.rate)
     check = PlateCheck({}, ())  # a balance board has no position in the file
     if board is None:
         loads = [thinned.samples[index] for index in choice.indices("feet")]
@@ -103,6 +113,7 @@ def planarise(context: Context) -> Outputs:
             yaw=frame.yaw,
             labels=part.labels,
             others=others,
+            follows=course is not None and course.correlation >= FOLLOWS,
         )
         if not check.horizontal:
             wrench["Fx"] = np.full(len(part.time), np.nan)
@@ -113,10 +124,6 @@ def planarise(context: Context) -> Outputs:
         facts, reasons = facts | {"board": board.facts}, (*reasons, *board.reasons)
     facts["registration"] = check.facts
     facts["unusable"], facts["horizontal_measured"] = check.unusable, check.horizontal
-    course = None
-    if person and feet and find_standing_feet(thinned.positions, find_upright(thinned.positions)[0], None, 2):
-        vertical = sum((thinned.samples[index].force[:, 2] for index in choice.indices("feet")), external.vertical)
-        course = compare_courses(np.asarray(vertical), thinned.positions, thinned.rate)
     belonging = judge_course(course, source.files, files.forces)
     across = measure_lateral_cop(thinned.samples, frame, threshold)
     facts["plates"] = [plate | {"across_m": each} for plate, each in zip(facts["plates"], across, strict=True)]

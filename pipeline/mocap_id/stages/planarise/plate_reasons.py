@@ -18,7 +18,7 @@ from mocap_id.stages.planarise.wrenches import ExternalWrenches
 from mocap_id.stages.trial_keys import BalanceBoard
 from mocap_id.verdict import Reason
 
-_UNRELATED, _DOUBTFUL = 0.6, 0.8
+_UNRELATED, FOLLOWS = 0.6, 0.8
 """Correlation of vertical force and acceleration below which the two do not belong together, or are doubtful. It is at
 least 0.89 in good recordings, and at most 0.5 with the forces of another movement."""
 
@@ -141,7 +141,7 @@ def judge_course(
     course: ForceCourse | None, markers: Sequence[Path], forces: Path | BalanceBoard | None
 ) -> tuple[Reason, ...]:
     """Return a caution if the vertical force hardly follows the body; raise Refused if it does not follow it at all."""
-    if course is None or course.expected < _MOVES_N or course.correlation >= _DOUBTFUL:
+    if course is None or course.expected < _MOVES_N or course.correlation >= FOLLOWS:
         return ()
     if course.correlation_far >= _BELONGS_LATE:
         return ()  # the forces belong to the markers; the clock offset is estimated in identify-dim
@@ -157,7 +157,7 @@ def judge_course(
             f"{found}. Check that {of} belong to the same recording, the rates of both, and whether something other "
             "than the plates carries the person"
         )
-        return (Reason("forces-unrelated", text, course.correlation, _DOUBTFUL),)
+        return (Reason("forces-unrelated", text, course.correlation, FOLLOWS),)
     raise Refused(
         "forces-unrelated",
         f"{of} do not belong together: {found}. Give the forces of this recording, check that both have the right "

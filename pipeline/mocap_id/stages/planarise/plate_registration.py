@@ -67,6 +67,7 @@ def check_registration(
     yaw: float = 0.0,
     labels: Sequence[str] = (),
     others: Sequence[str] = (),
+    follows: bool = False,
 ) -> PlateCheck:
     """Compare the feet's plates with the markers.
 
@@ -82,6 +83,8 @@ def check_registration(
         Names of the markers, for messages.
     others : sequence of str
         Each plate that is not used, and why, for messages.
+    follows : bool
+        Whether the vertical force follows the body; then the size of the horizontal force is checked too.
     """
     if not plates:
         return PlateCheck({}, ())
@@ -116,7 +119,7 @@ def check_registration(
     weak = whole is not None and whole.expected >= _EXPECTED_N and whole.size < _WEAK * whole.expected
     direction = np.array([np.cos(yaw), np.sin(yaw), 0.0])
     along = any(abs(axis @ direction) > _ALONG for plate in plates for _, axis in plate.dead)
-    weak = bool(person and weak)
+    weak = bool(follows and weak)
     if weak or any(plate.dead for plate in plates):
         reasons.append(_describe_dead(plates, whole if weak else None, along=along))
     kept = tuple(reason for reason in reasons if reason is not None)
