@@ -278,3 +278,10 @@ def test_plates_without_load_are_not_judged() -> None:
     plate = Plate(1, "mot", None, nothing, nothing, source.ok, RATE)
     assert find_foot_beside([plate], [source], points) is None
     assert compare_courses(nothing[:, 2], points, RATE) is None or judge_course(None, [], None) == ()
+
+
+@pytest.mark.recordings
+def test_a_sum_of_two_sensors_in_one_channel_leaves_the_other_unused(recordings: Path) -> None:
+    """Plates of type 3 that write Fx of all sensors in the first channel and 0 in the second."""
+    plates = recording.read(recordings / "c3d" / "kyowadengyo.c3d").plates
+    assert [(plate.usable, plate.dead) for plate in plates] == [(True, ())] * 3

@@ -199,14 +199,15 @@ class _PlateReader:
             return f"{name or 'channel'} (channel {column + 1})"
 
         horizontal = _HORIZONTAL[self.kind]
-        needed = [k for k in np.flatnonzero(constant) if k >= len(horizontal) and k != _TWIST.get(self.kind)]
+        needed = [k for k in map(int, np.flatnonzero(constant)) if k >= len(horizontal) and k != _TWIST.get(self.kind)]
         if needed:
             listed = ", ".join(f"{describe(k)} reads {values[0, k]:g}" for k in needed)
             raise UnusablePlateError(
                 f"{listed} in every sample although the plate is loaded: the channel is dead or not connected. The "
                 "vertical force or the centre of pressure would be wrong; check cable and amplifier, and export again"
             )
-        return tuple((describe(k), axis) for k, axis in enumerate(horizontal) if constant[k])
+        alive = {axis for k, axis in enumerate(horizontal) if not constant[k]}  # of two channels, one may have the sum
+        return tuple((describe(k), axis) for k, axis in enumerate(horizontal) if axis not in alive)
 
     def _subtract_baseline(self, channels: FloatArray) -> FloatArray:
         """Return ``channels`` (K, C), minus their mean over the baseline frames (ZERO) if these are unloaded."""
