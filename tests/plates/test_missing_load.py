@@ -21,6 +21,7 @@ from mocap_id.recording import Plate, PlateSamples, PlateSignals, ThinnedFrames
 from mocap_id.recording.lab_plates import compute_centre_of_pressure
 from mocap_id.recording.marker_posture import find_upright
 from mocap_id.simulation import Options
+from mocap_id.simulation.options import FaultOptions
 from mocap_id.simulation.simulated_trial import generate
 from mocap_id.stages.base import Context
 from mocap_id.stages.planarise import STAGE, PlanariseSettings
@@ -285,3 +286,21 @@ def test_a_sum_of_two_sensors_in_one_channel_leaves_the_other_unused(recordings:
     """Plates of type 3 that write Fx of all sensors in the first channel and 0 in the second."""
     plates = recording.read(recordings / "c3d" / "kyowadengyo.c3d").plates
     assert [(plate.usable, plate.dead) for plate in plates] == [(True, ())] * 3
+
+
+def test_a_person_who_leans_on_one_foot_on_a_plate_under_both_is_no_fault(tmp_path: Path) -> None:
+    made = generate(
+        "sit-to-stand",
+        Options(seed=36, repetitions=2, rate=RATE, analog_rate=250.0, faults=FaultOptions(plane_tilt_deg=8.0)),
+    )
+    path = tmp_path / "trial.c3d"
+    recording.write_c3d(path, list(made.scene.markers.labels), made.points, RATE, plates=[made.signals])
+    assert "foot-off-plate" not in codes(run_planarise(path))
+
+
+def test_repeated_frames_do_not_separate_forces_and_markers() -> None:
+    options = Options(seed=37, repetitions=2, rate=RATE, analog_rate=250.0, faults=FaultOptions(repeated_share=0.5))
+    made = generate("sit-to-stand", options)
+    vertical = np.abs(made.signals.channels[:, 2])[: 5 * len(made.points)].reshape(-1, 5).mean(axis=1)
+    course = compare_courses(vertical, made.points, RATE)
+    assert judge_course(course, [Path("a.trc")], None) == ()

@@ -33,6 +33,9 @@ _SLOW_S = 2.0
 """A mean over this time is subtracted from forces and accelerations: objects that the person takes or puts down, and
 hands on a support, change the force more slowly."""
 
+_COURSE_STEP_S = 0.15
+"""Time step of the accelerations of the whole course: a longer one, because repeated frames disturb them."""
+
 _LATE_S = 1.0
 """Largest clock offset between the files of one recording that is exported as one."""
 
@@ -59,7 +62,7 @@ def compare_courses(vertical: FloatArray, positions: FloatArray, rate: float) ->
     Only samples are compared in which the body has risen, so that no chair carries a part of it. The result is None if
     there are too few of them, or if the body does not move.
     """
-    half, groups = max(1, round(_STEP_S * rate)), _group_by_height(positions)
+    half, groups = max(1, round(_COURSE_STEP_S * rate)), _group_by_height(positions)
     if len(positions) < 4 * half or not groups or np.isfinite(vertical).sum() < _MIN_COMPARED_S * rate:
         return None
     heights = positions[:, :, 2:]

@@ -198,7 +198,8 @@ def find_foot_beside(
 
     ``plates`` and ``samples`` are those of the plates under the feet. A foot is found if it is beside every plate and
     the centre of pressure of all plates together is nearer to the other foot, or if the centre of pressure is under the
-    other foot. The result is None if there is no such foot, or if the markers do not show two standing feet.
+    other foot and the feet are not both on one plate. The result is None if there is no such foot, or if the markers do
+    not show two standing feet.
 
     Returns
     -------
@@ -235,6 +236,8 @@ def find_foot_beside(
         own = min(_measure_beside(centres[loaded], plate) for plate in plates)
         if own <= _BESIDE_M < beside and share < _UNDER_NEARER:
             return feet[1 - loaded], beside, share
+        if len(plates) == 1 and beside <= _BESIDE_M:
+            return None  # both feet are on the plate, so it measures both, even if one carries nearly all the load
     under = min(_UNDER_M, _UNDER_SHARE * width)
     return (feet[1 - loaded], beside, share) if abs(share) * width < under else None
 

@@ -18,7 +18,7 @@ from mocap_id.stages.planarise.wrenches import ExternalWrenches
 from mocap_id.stages.trial_keys import BalanceBoard
 from mocap_id.verdict import Reason
 
-_UNRELATED, FOLLOWS = 0.6, 0.8
+_UNRELATED, FOLLOWS = 0.55, 0.8
 """Correlation of vertical force and acceleration below which the two do not belong together, or are doubtful. It is at
 least 0.89 in good recordings, and at most 0.5 with the forces of another movement."""
 
