@@ -304,3 +304,26 @@ def test_repeated_frames_do_not_separate_forces_and_markers() -> None:
     vertical = np.abs(made.signals.channels[:, 2])[: 5 * len(made.points)].reshape(-1, 5).mean(axis=1)
     course = compare_courses(vertical, made.points, RATE)
     assert judge_course(course, [Path("a.trc")], None) == ()
+
+
+def test_a_lifted_object_does_not_separate_forces_and_markers() -> None:
+    """A box on the floor and on a table has the largest movements of all markers."""
+    _, points, _ = simulated(34)
+    time = np.arange(len(points)) / RATE
+    corners = np.array([[0.4, 0.0, 0.0], [0.8, 0.0, 0.0], [0.4, 0.4, 0.0], [0.8, 0.4, 0.3]])
+    box = corners + np.array([0.0, 0.0, 1.0]) * np.clip(3 * np.sin(2 * np.pi * time / 5), -1, 1)[:, None, None]
+    course = compare_courses(vertical_force(34), np.concatenate([points, box], axis=1), RATE)
+    assert course is not None and course.correlation > 0.9
+
+
+def test_a_chair_behind_one_marked_foot_is_no_second_foot() -> None:
+    foot = np.array([[0.0, 0.0, 0.04], [0.18, 0.0, 0.04], [0.05, 0.03, 0.08]])
+    legs = np.array([[0.05, 0.0, 0.45], [0.05, 0.0, 0.9], [0.0, 0.0, 1.3]])
+    chair = foot[:2] - [0.40, 0.0, 0.0]
+    marked = np.repeat(np.concatenate([foot, legs, chair])[None], 300, axis=0)
+    force = np.tile([0.0, 0.0, 700.0], (300, 1))
+    sample = PlateSamples(force, np.cross(foot.mean(axis=0), force), np.ones(300, bool))
+    plate = Plate(1, "mot", None, force, sample.moment, sample.ok, RATE)
+    assert find_foot_beside([plate], [sample], marked) is None
+    beside = np.repeat(np.concatenate([foot, legs, foot + np.array([0.0, 0.22, 0.0])])[None], 300, axis=0)
+    assert find_foot_beside([plate], [sample], beside) is not None

@@ -36,6 +36,12 @@ hands on a support, change the force more slowly."""
 _COURSE_STEP_S = 0.15
 """Time step of the accelerations of the whole course: a longer one, because repeated frames disturb them."""
 
+_WITH_BODY = 0.8
+"""Least correlation of the height of a marker on the body with that of the highest markers; a lifted box has 0.5."""
+
+_FRAMES = 3000
+"""Largest number of frames for this correlation."""
+
 _LATE_S = 1.0
 """Largest clock offset between the files of one recording that is exported as one."""
 
@@ -62,6 +68,7 @@ def compare_courses(vertical: FloatArray, positions: FloatArray, rate: float) ->
     Only samples are compared in which the body has risen, so that no chair carries a part of it. The result is None if
     there are too few of them, or if the body does not move.
     """
+    positions = positions[:, _find_rising_markers(positions)]
     half, groups = max(1, round(_COURSE_STEP_S * rate)), _group_by_height(positions)
     if len(positions) < 4 * half or not groups or np.isfinite(vertical).sum() < _MIN_COMPARED_S * rate:
         return None
@@ -106,6 +113,26 @@ def compare_courses(vertical: FloatArray, positions: FloatArray, rate: float) ->
     if best[0] < 0.0:
         return None
     return ForceCourse(best[0], best[1], far[0], far[1], expected)
+
+
+def _find_rising_markers(positions: FloatArray) -> IntArray:
+    """Return the indices of the markers that rise and lower with the highest quarter of the markers; all if none does.
+
+    Markers on objects, such as a box that the person lifts or a table, do not belong to the body.
+    """
+    heights = positions[:: max(1, len(positions) // _FRAMES), :, 2]
+    usual = np.array([np.median(z[np.isfinite(z)]) if np.isfinite(z).any() else -np.inf for z in heights.T])
+    top = np.argsort(-usual)[: max(2, len(usual) // 4)]
+    away = heights[:, top] - usual[top]
+    known = np.isfinite(away)
+    common = np.where(known, away, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+    kept = []
+    for marker, height in enumerate(heights.T):
+        both = np.isfinite(height) & known.any(axis=1)
+        moves = both.sum() > 2 and np.ptp(height[both]) > 0.0 and np.ptp(common[both]) > 0.0
+        if moves and np.corrcoef(height[both], common[both])[0, 1] > _WITH_BODY:
+            kept.append(marker)
+    return np.array(kept or range(positions.shape[1]), dtype=np.int64)
 
 
 def _subtract_mean(values: FloatArray, width: int) -> FloatArray:

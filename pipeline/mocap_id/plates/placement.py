@@ -65,6 +65,9 @@ _UNDER_M, _UNDER_SHARE = 0.035, 0.2
 """If the centre of pressure is not farther than this from one foot, towards the other foot, the force acts under that
 foot alone: a length, and a fraction of the distance of the feet. People who load both feet have 0.4 to 0.6."""
 
+_BEHIND = 0.8
+"""Largest cosine of the angle between a foot and the line from this foot to the other one."""
+
 _UNDER_NEARER = 0.3
 """The same fraction, if the other foot is also beside all plates."""
 
@@ -227,6 +230,11 @@ def find_foot_beside(
     centres = [foot[:, :2].mean(axis=0) for foot in feet]
     apart = centres[1] - centres[0]
     width = float(np.linalg.norm(apart))
+    for foot in feet:
+        if measure_length(foot[:, :2]) >= _BOTH_ENDS_M:
+            along = np.linalg.svd(foot[:, :2] - foot[:, :2].mean(axis=0), full_matrices=False)[2][0]
+            if abs(along @ apart) > _BEHIND * width:
+                return None  # not side by side: a foot and an object behind it, such as a chair, or a long step
     share = float((pressure - centres[0]) @ apart) / width**2
     loaded = 0 if share < 0.5 else 1
     share = min(share, 1.0 - share)

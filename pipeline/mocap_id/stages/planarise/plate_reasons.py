@@ -18,9 +18,9 @@ from mocap_id.stages.planarise.wrenches import ExternalWrenches
 from mocap_id.stages.trial_keys import BalanceBoard
 from mocap_id.verdict import Reason
 
-_UNRELATED, FOLLOWS = 0.55, 0.8
+_UNRELATED, FOLLOWS = 0.62, 0.7
 """Correlation of vertical force and acceleration below which the two do not belong together, or are doubtful. It is at
-least 0.89 in good recordings, and at most 0.5 with the forces of another movement."""
+least 0.86 in good recordings, and at most 0.57 with the forces of another movement."""
 
 _BELONGS_LATE = 0.85
 """Correlation from which the forces belong to the markers with a clock offset above 1 s."""
