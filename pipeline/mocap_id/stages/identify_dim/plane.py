@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -10,13 +11,14 @@ import numpy as np
 from mocap_id.design.recommendation import describe_recommendations, recommend_if_doubtful
 from mocap_id.dynamics.acceleration_noise import correlate_errors
 from mocap_id.dynamics.built_in_sensors import combine_with_sensors
-from mocap_id.dynamics.cautions import find_cautions
+from mocap_id.dynamics.cautions import find_cautions, get_identified_mass
 from mocap_id.dynamics.excitation import WEAK, WEAK_ROBOT, measure_excitation
 from mocap_id.dynamics.identification import Identification, identify
 from mocap_id.dynamics.point_grid import PointGrid
 from mocap_id.dynamics.prediction import Prediction, estimate_chain_noise, predict
 from mocap_id.dynamics.preparation import PreparedTrial
 from mocap_id.dynamics.regressor import WRENCH_COMPONENTS
+from mocap_id.errors import Refused
 from mocap_id.protocols.body_names import name_directions
 from mocap_id.protocols.movement import Movement, find_facing
 from mocap_id.protocols.repetitions import SUPPORT_LIMIT
@@ -25,11 +27,17 @@ from mocap_id.stages.identify_dim import IdentifyDimSettings, validation
 from mocap_id.stages.identify_dim import dynamics_artefacts as artefacts
 from mocap_id.stages.identify_dim.board_position import explain_board
 from mocap_id.stages.identify_dim.few_markers import check_torques, choose_foot_sd, choose_plate_sd, explain_foot_prior
-from mocap_id.stages.identify_dim.identifiability import NotIdentifiable
+from mocap_id.stages.identify_dim.identifiability import MASS_CONTRADICTS, NotIdentifiable, judge_mass
 from mocap_id.stages.identify_dim.motion_comparison import compare_motions, compare_torque, explain_motion
 from mocap_id.stages.identify_dim.reference_bodies import ReferenceBodies, build_reference_bodies
 from mocap_id.stages.identify_dim.repetition_averages import average_signals
-from mocap_id.stages.identify_dim.scales import check_and_calibrate, explain_scales, make_scale_facts, read_calibration
+from mocap_id.stages.identify_dim.scales import (
+    ON_TRUST,
+    check_and_calibrate,
+    explain_scales,
+    make_scale_facts,
+    read_calibration,
+)
 from mocap_id.stages.identify_dim.segment_fit import SegmentFit, fit_segments
 from mocap_id.stages.identify_dim.sit_to_stand_events import (
     compute_missing_force,
@@ -50,10 +58,13 @@ from mocap_id.verdict import Reason
 
 _LET_GO = 0.4  # s after `stand`: in simulations, a person comes to rest up to 0.37 s later
 _SEAT_LEVER = 0.04  # m, horizontal distance between the hip and the part of the chair's force that acts on the pelvis
+_SAME = 0.1
+"""Relative difference of two masses up to which they are the same, while the person stands without a load."""
 
 
 def identify_dim(context: Context) -> Outputs:
     """Return events.parquet, dynamics.parquet, dynamics.h5 and phases.parquet of a trial in the plane."""
+    _refuse_other_mass(context)
     inputs = read_inputs(context)
     prepared = inputs.prepared
     if prepared is None or inputs.obstacle is not None:
@@ -292,8 +303,12 @@ def _find_cautions(context: Context, result: artefacts.IdentifiedDynamics) -> tu
         standing=standing,
         calibration=read_calibration(context),
     )
+    _refuse_shared_load(reasons)
+    implausible = judge_mass(context, standing or get_identified_mass(result.prepared, result.found))
+    reasons += () if implausible is None else (implausible,)
     reasons += check_sensors(result.chain, result.in_chain.fit)
-    reasons += explain_scales(result.found, given)
+    stands = standing is not None and context.trial.protocol == "sit-to-stand"
+    reasons += explain_scales(result.found, given, stands=stands)
     if undetermined := artefacts.find_undetermined(result):
         text = (
             f"the fitted components {', '.join(context.settings.components)} do not determine "
@@ -311,6 +326,37 @@ def _find_cautions(context: Context, result: artefacts.IdentifiedDynamics) -> tu
     return reasons
 
 
+def _refuse_other_mass(context: Context) -> None:
+    """Raise Refused if the given mass is far from the standing one and no load in the hands explains it."""
+    facts, given = context.table("wrench.parquet").facts, context.trial.subject.mass
+    standing = facts.get("mass_kg")
+    if standing is None or given is None or abs(standing / given - 1.0) <= MASS_CONTRADICTS:
+        return
+    lightest, heaviest = facts.get("mass_range_kg") or (standing, standing)
+    if abs(lightest / given - 1.0) <= _SAME and heaviest > (1.0 + _SAME) * lightest:
+        return  # the person stands with and without a load; `mass-contradiction` remains a caution
+    beside = (facts.get("registration") or {}).get("foot_beside") is not None
+    cause = "One foot stands beside the plates. " if beside else ""
+    raise Refused(
+        "mass-contradiction",
+        f"the plates measure {standing:.1f} kg while the person stands, but `subject: {{mass: …}}` is {given:g} kg: a "
+        f"difference of {100 * (standing / given - 1.0):+.0f} %, expected within ± {100 * MASS_CONTRADICTS:.0f} %. No "
+        f"load that is taken up or put down explains it. {cause}Check the mass, that the recording is of this person, "
+        "that both feet are on plates that are used, the units and the calibration of the plates, and whether the "
+        "person holds an object all the time",
+        standing,
+        given,
+    )
+
+
+def _refuse_shared_load(reasons: Sequence[Reason]) -> None:
+    """Raise Refused if the identified mass is far from the standing one."""
+    for each in reasons:
+        far = each.value and each.limit and abs(each.value / each.limit - 1.0) > MASS_CONTRADICTS
+        if each.code == "load-shared" and far:
+            raise Refused(each.code, each.message, each.value, each.limit)
+
+
 def _explain_obstacle(context: Context, inputs: TrialInputs, obstacle: NotIdentifiable) -> tuple[Table, Tree]:
     """Return dynamics.parquet and dynamics.h5 of a trial without an identification."""
     recorded, movement, threshold = inputs.recorded, inputs.movement, read_cop_threshold(context)
@@ -321,4 +367,10 @@ def _explain_obstacle(context: Context, inputs: TrialInputs, obstacle: NotIdenti
     columns = artefacts.make_empty_columns(recorded, reference, threshold)
     data = artefacts.make_empty_data(recorded.centres, inputs.grid, obstacle.mass, references.chosen.parameters)
     reasons = (*movement.reasons, *references.chosen.reasons, Reason(obstacle.code, obstacle.why))
+    implausible = judge_mass(context, obstacle.mass)
+    if implausible is not None:
+        reasons = (*reasons, implausible)
+    stands = obstacle.mass is not None and context.trial.protocol == "sit-to-stand"
+    if stands and context.trial.subject.mass is None:
+        reasons = (*reasons, ON_TRUST)
     return Table(DYNAMICS_TABLE, columns), Tree(DYNAMICS_TREE, data, facts, reasons)

@@ -43,7 +43,8 @@ def read_trial_data(context: Context, chain: Skeleton) -> TrialData:
     time = read_common_time(context, "states.parquet")
     joints, board = len(chain.centres), wrench.facts.get("board")
     ground = wrench.stack(WRENCH_COMPONENTS)
-    if board is not None:
+    vertical_only = board is not None or not wrench.facts.get("horizontal_measured", True)
+    if vertical_only:
         ground[:, 0] = 0.0
     recorded = TrialData(
         time=time,
@@ -57,12 +58,13 @@ def read_trial_data(context: Context, chain: Skeleton) -> TrialData:
         external=_read_external_wrenches(context, chain.segments, "contact"),
         built_in=_read_external_wrenches(context, chain.segments, "beyond"),
         knee=max(0, _find_thigh(chain.segments) - 1),
+        measures=_VERTICAL if vertical_only else (0, 1, 2),
     )
     averaged = recording.compute_averaging_width(wrench.facts["analog_rate_hz"], recorded.rate)
     if board is None:
         return replace(recorded, averaged=averaged)
     averaged, surface = float(np.hypot(averaged, board["averaged_s"])), float(board["cells_below_surface_m"])
-    return replace(recorded, averaged=averaged, measures=_VERTICAL, surface=surface)
+    return replace(recorded, averaged=averaged, surface=surface)
 
 
 def read_common_time(context: Context, file: str) -> FloatArray:
