@@ -60,7 +60,7 @@ def _planarise(context: Context) -> Outputs:
 
 STAGE = Stage(
     name="planarise",
-    version=9,
+    version=10,
     inputs=(),
     outputs=("planar.parquet", "wrench.parquet"),
     uses=("recording", "space", "side", "landmarks", "protocol", "window", "plates", "external"),
