@@ -58,6 +58,9 @@ def find_contact(
     if chair is False:
         nowhere = np.zeros(len(vertical), dtype=bool)
         return Contact(False, nowhere, ~nowhere, weight, None, rule)
+    first = contact_rules.find_samples_off_chair(posture)
+    if rule == "weight" and determines_parameters(prepared, first):  # this rule has no model that finds the clock later
+        vertical = prepared.measured(fit(prepared, first).offset)[:, 1]
     with np.errstate(invalid="ignore"):
         by_weight = contact_rules.find_contact_in_low_phases(posture, vertical < weight_share * weight)
         knee = min(prepared.recorded.knee, prepared.recorded.q.shape[1] - 1)
@@ -66,7 +69,7 @@ def find_contact(
         return Contact(None, None, straight, weight, None, "knee")
     if rule == "knee":
         return Contact(True, by_weight, straight, weight, None, rule)
-    first = contact_rules.find_samples_off_chair(posture) & ~by_weight
+    first = first & ~by_weight
     # the chair force is the Fy missing under the feet, which only a model fitted to Fy can predict
     if rule == "weight" or 1 not in prepared.settings.components or not determines_parameters(prepared, first):
         return Contact(True, by_weight, ~by_weight, weight, None, "weight")

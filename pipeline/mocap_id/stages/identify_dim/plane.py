@@ -30,7 +30,12 @@ from mocap_id.stages.identify_dim.sit_to_stand_events import (
     make_events,
     make_sit_to_stand_events,
 )
-from mocap_id.stages.identify_dim.trial_data import read_cop_threshold, read_joint_names, read_kinematic_error
+from mocap_id.stages.identify_dim.trial_data import (
+    read_cop_threshold,
+    read_joint_names,
+    read_kinematic_error,
+    read_wrench,
+)
 from mocap_id.stages.identify_dim.trial_inputs import TrialInputs, describe_gaps, read_inputs
 from mocap_id.stages.identify_dim.wrench_checks import check_sensors, make_gain_facts
 from mocap_id.store import Table, Tree
@@ -47,7 +52,7 @@ def identify_dim(context: Context) -> Outputs:
         table, tree = _explain_obstacle(context, inputs, inputs.obstacle)
     else:
         table, tree, prepared = _identify(context, inputs, prepared)
-    events = _make_events(context, inputs, prepared, table)
+    events = _make_events(context, inputs, prepared, table, tree)
     return events, table, tree, average_signals(context, events, table)
 
 
@@ -96,18 +101,21 @@ def _fit(
     return found, fit_segments(context, inputs.body_sets, prepared, inputs.movement, pinned=found, tables=references)
 
 
-def _make_events(context: Context, inputs: TrialInputs, prepared: PreparedTrial | None, dynamics: Table) -> Table:
+def _make_events(
+    context: Context, inputs: TrialInputs, prepared: PreparedTrial | None, dynamics: Table, tree: Tree
+) -> Table:
     """Return events.parquet; for sit-to-stand, it contains details of every rise."""
     movement, recorded = inputs.movement, inputs.recorded
     if movement.posture is None:
         return make_events(movement.repetitions)
     return make_sit_to_stand_events(
-        context.table("wrench.parquet"),
+        read_wrench(context)[0],
         recorded,
         movement,
         compute_missing_force(prepared, dynamics.columns),
         share=context.settings.seat_off_share,
         seat_measured=recorded.seat is not None,
+        clock_offset=(tree.facts["clock"] or {}).get("applied_s", 0.0),
     )
 
 
