@@ -86,7 +86,9 @@ def find_clock_offset(
     acceleration = np.full((len(positions), len(groups)), np.nan)
     acceleration[half:-half] = np.stack([average_markers(second[:, group])[:, 2] for group in groups], axis=1)
     stamped = time[0] + np.arange(-beyond, len(time) + beyond) / rate
-    total = sum((decimate(plate, stamped, rate).force[:, 2] for plate in plates), np.zeros(len(stamped)))
+    # saturated samples count, because those without them are not spread evenly over the movement
+    whole = [plate if plate.saturated is None else replace(plate, ok=plate.ok | plate.saturated) for plate in plates]
+    total = sum((decimate(plate, stamped, rate).force[:, 2] for plate in whole), np.zeros(len(stamped)))
     weights = np.concatenate([np.arange(1, half + 1), np.arange(half - 1, 0, -1)]) / half**2
     force = np.full(len(total), np.nan)
     force[half - 1 : len(total) - half + 1] = np.convolve(total, weights, "valid")
