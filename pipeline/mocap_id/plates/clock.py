@@ -42,6 +42,7 @@ recordings, at least 0.7."""
 _EQUAL = 1.25
 """Ratio of costs below which two offsets are equally good. Repetitions of people differ by 1.8 and more."""
 
+_FLOOR = 0.01  # costs that differ by less than this fraction of the usual cost are equal
 _APART_S = 0.2  # minima that are closer belong to the same peak
 _STAYS_M, _TRAVELS_M = 0.1, 0.8  # largest horizontal movements of a marker of the base, and of the usual marker
 _MOVES = 0.02  # smallest rms of force and of inertia, as fractions of the weight, for which a peak is expected
@@ -117,8 +118,18 @@ def find_clock_offset(
     if best > _CLEAR * usual:
         return ClockSearch(why=f"at no offset within ± {_RANGE_S:g} s do the forces follow the movement of the markers")
     # minima that are as good as the best one, the smallest offset first
-    padded = np.pad(np.nan_to_num(cost, nan=np.inf), 1, constant_values=np.inf)
-    good = np.flatnonzero((cost <= padded[:-2]) & (cost <= padded[2:]) & (cost <= _EQUAL * best))
+    before, after = (np.nan_to_num(np.roll(cost, by), nan=np.inf) for by in (1, -1))
+    before[0] = after[-1] = np.inf
+    lowest = np.flatnonzero((cost <= before) & (cost <= after))
+    # between the steps, the square of the cost is a parabola
+    fall, bend = (
+        before[lowest] ** 2 - after[lowest] ** 2,
+        before[lowest] ** 2 + after[lowest] ** 2 - 2 * cost[lowest] ** 2,
+    )
+    least = cost[lowest].copy()
+    inner = np.isfinite(bend) & (bend > 0.0)
+    least[inner] = np.sqrt(np.maximum(least[inner] ** 2 - fall[inner] ** 2 / (8 * bend[inner]), 0.0))
+    good = lowest[least <= _EQUAL * least.min() + _FLOOR * usual]
     peaks: list[int] = []
     for k in good[np.argsort(cost[good])]:
         if all(abs(steps[k] - steps[other]) > _APART_S * rate for other in peaks):
