@@ -75,9 +75,9 @@ def test_a_robot(tmp_path: Path, offset: float) -> None:
 def search(height: np.ndarray, force: np.ndarray, travel: float = 0.0) -> ClockSearch:
     """Return the result for three markers, one at rest and two that move up and down, and a plate (T,)."""
     time = np.arange(len(height)) / RATE
-    base = np.column_stack([travel * time, np.zeros((len(time), 2))])
-    up = np.column_stack([travel * time, np.zeros(len(time)), height])
-    positions = np.stack([base, base + [0.2, 0.0, 0.5] + up, base + [0.0, 0.1, 1.0] + up], axis=1)
+    positions = np.tile([[0.0, 0.0, 0.0], [0.2, 0.0, 0.5], [0.0, 0.1, 1.0]], (len(time), 1, 1))
+    positions[:, :, 0] += travel * time[:, None]
+    positions[:, 1:, 2] += height[:, None]
     load = np.column_stack([np.zeros((len(force), 2)), force])
     plate = Plate(1, "type 2", None, load, 0.0 * load, np.ones(len(force), bool), RATE, 0.0)
     return find_clock_offset([plate], positions, time, RATE, frame_s=1.0 / RATE)

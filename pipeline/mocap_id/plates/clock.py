@@ -122,13 +122,11 @@ def find_clock_offset(
     before[0] = after[-1] = np.inf
     lowest = np.flatnonzero((cost <= before) & (cost <= after))
     # between the steps, the square of the cost is a parabola
-    fall, bend = (
-        before[lowest] ** 2 - after[lowest] ** 2,
-        before[lowest] ** 2 + after[lowest] ** 2 - 2 * cost[lowest] ** 2,
-    )
-    least = cost[lowest].copy()
-    inner = np.isfinite(bend) & (bend > 0.0)
-    least[inner] = np.sqrt(np.maximum(least[inner] ** 2 - fall[inner] ** 2 / (8 * bend[inner]), 0.0))
+    least, left, right = cost[lowest] ** 2, before[lowest] ** 2, after[lowest] ** 2
+    inner = np.isfinite(left) & np.isfinite(right) & (left + right > 2 * least)
+    left, right = left[inner], right[inner]
+    least[inner] -= (left - right) ** 2 / (8 * (left + right - 2 * least[inner]))
+    least = np.sqrt(np.maximum(least, 0.0))
     good = lowest[least <= _EQUAL * least.min() + _FLOOR * usual]
     peaks: list[int] = []
     for k in good[np.argsort(cost[good])]:
