@@ -41,10 +41,12 @@ _CLEAR = 0.65
 """Largest cost at a peak as a fraction of the usual cost. At the right offset it is 0.05 to 0.51 in real and simulated
 recordings."""
 
-_EQUAL = 1.25
-"""Ratio of costs below which two offsets are equally good. Repetitions of people differ by 1.5 and more."""
+_EQUAL, _EQUAL_NEAR_0, _SYNCHRONOUS_S = 1.25, 1.5, 0.15
+"""Ratio of costs below which two offsets are equally good; larger for offsets below the last value, s, which are common. Repetitions of people differ by 1.5 and more."""
 
 _FLOOR = 0.01  # costs that differ by less than this fraction of the usual cost are equal
+# smallest relative cost with the low samples, and largest ratio of that without them, for which they are left out
+_WHOLE, _CLEARER = 0.3, 0.67
 _APART_S = 0.2  # minima that are closer belong to the same peak
 _STAYS_M, _TRAVELS_M = 0.1, 0.8  # largest horizontal movements of a marker of the base, and of the usual marker
 _MOVES = 0.02  # smallest rms of force and of inertia, as fractions of the weight, for which a peak is expected
@@ -114,7 +116,8 @@ def find_clock_offset(
     known = [(rows, used, cost) for rows, used, cost in curves if np.isfinite(cost).sum() > 2]
     if not known:
         return ClockSearch()
-    rows, used, cost = min(known, key=lambda curve: float(np.nanmin(curve[2]) / np.nanmedian(curve[2])))
+    ratios = [float(np.nanmin(cost) / np.nanmedian(cost)) for _, _, cost in known]
+    rows, used, cost = known[-1 if ratios[0] > _WHOLE and ratios[-1] < _CLEARER * ratios[0] else 0]
     usual, best = float(np.nanmedian(cost)), float(np.nanmin(cost))
     weight = float(np.nanmedian(total[beyond:-beyond]))
     inertia = weight / _GRAVITY * float(np.nanstd(acceleration[used].mean(axis=1)))
@@ -132,7 +135,8 @@ def find_clock_offset(
     left, right = left[inner], right[inner]
     least[inner] -= (left - right) ** 2 / (8 * (left + right - 2 * least[inner]))
     least = np.sqrt(np.maximum(least, 0.0))
-    good = lowest[least <= _EQUAL * least.min() + _FLOOR * usual]
+    equal = np.where(np.abs(steps[lowest]) <= _SYNCHRONOUS_S * rate, _EQUAL_NEAR_0, _EQUAL)
+    good = lowest[least <= equal * least.min() + _FLOOR * usual]
     peaks: list[int] = []
     for k in good[np.argsort(cost[good])]:
         if all(abs(steps[k] - steps[other]) > _APART_S * rate for other in peaks):
@@ -175,8 +179,9 @@ def _smooth(values: FloatArray, weights: FloatArray) -> FloatArray:
 def _compute_costs(rows: FloatArray, force: FloatArray, at: IntArray, shifts: IntArray) -> FloatArray:
     """Return the rms (S,) of the force that the rows (R, k) do not explain if the plates are late by ``shifts`` (S,).
 
-    ``force`` (T,) is sampled like the markers, whose samples are at the indices ``at`` (R,). The cost is NaN if too
-    few samples or too little of the movement remain.
+    ``force`` (T,) is sampled like the markers, whose samples are at the indices ``at`` (R,). The rms is divided by the
+    fraction of samples that remain, because a few samples agree by chance. It is NaN if too few samples or too little
+    of the movement remain.
     """
     measured = force[np.clip(at - shifts[:, None], 0, len(force) - 1)]  # (S, R)
     known = np.isfinite(measured)
@@ -192,4 +197,5 @@ def _compute_costs(rows: FloatArray, force: FloatArray, at: IntArray, shifts: In
     rest = square - 2 * np.sum(masses * right, axis=1) + np.einsum("sk,skl,sl->s", masses, normal, masses)
     together = square - (measured @ common) ** 2 / np.maximum(both @ common**2, 1e-12)  # all parts have one mass
     rest = np.where((masses < 0.0).any(axis=1), together, rest)
-    return np.where(enough, np.sqrt(np.maximum(rest, 0.0) / np.maximum(count, 1.0)), np.nan)
+    spread = np.sqrt(np.maximum(rest, 0.0) / np.maximum(count - width, 1.0))
+    return np.where(enough, spread * len(rows) / np.maximum(count, 1.0), np.nan)
