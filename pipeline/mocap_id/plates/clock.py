@@ -42,9 +42,10 @@ _CLEAR = 0.65
 recordings."""
 
 _EQUAL, _EQUAL_NEAR_0, _SYNCHRONOUS_S = 1.25, 1.5, 0.15
-"""Ratio of costs below which two offsets are equally good; larger for offsets below the last value, s, which are common. Repetitions of people differ by 1.5 and more."""
+"""Ratio of costs below which two offsets are equally good; larger for offsets below the last value, s, which are
+common. Repetitions of people differ by 1.5 and more."""
 
-_FLOOR = 0.01  # costs that differ by less than this fraction of the usual cost are equal
+_FLOOR = 0.04  # costs that differ by less than this fraction of the usual cost are equal
 # smallest relative cost with the low samples, and largest ratio of that without them, for which they are left out
 _WHOLE, _CLEARER = 0.3, 0.67
 _APART_S = 0.2  # minima that are closer belong to the same peak
