@@ -45,7 +45,7 @@ _EQUAL, _EQUAL_NEAR_0, _SYNCHRONOUS_S = 1.25, 1.5, 0.15
 """Ratio of costs below which two offsets are equally good; larger for offsets below the last value, s, which are
 common. Repetitions of people differ by 1.5 and more."""
 
-_FLOOR = 0.04  # costs that differ by less than this fraction of the usual cost are equal
+_FLOOR = 0.1  # costs that differ by less than this fraction of the usual cost are equal
 # smallest relative cost with the low samples, and largest ratio of that without them, for which they are left out
 _WHOLE, _CLEARER = 0.3, 0.67
 _APART_S = 0.2  # minima that are closer belong to the same peak
@@ -137,7 +137,7 @@ def find_clock_offset(
     least[inner] -= (left - right) ** 2 / (8 * (left + right - 2 * least[inner]))
     least = np.sqrt(np.maximum(least, 0.0))
     equal = np.where(np.abs(steps[lowest]) <= _SYNCHRONOUS_S * rate, _EQUAL_NEAR_0, _EQUAL)
-    good = lowest[least <= equal * least.min() + _FLOOR * usual]
+    good = lowest[least <= np.maximum(equal * least.min(), least.min() + _FLOOR * usual)]
     peaks: list[int] = []
     for k in good[np.argsort(cost[good])]:
         if all(abs(steps[k] - steps[other]) > _APART_S * rate for other in peaks):
