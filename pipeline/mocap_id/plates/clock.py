@@ -37,20 +37,21 @@ _RISES_M, _OFF_CHAIR = 0.15, 0.4  # smallest rise of a body that sits down, and 
 _NEAR_S = 0.08
 """Smaller coarse offsets are not applied, because the fit finds them; the error of the search is up to 0.04 s."""
 
-_CLEAR = 0.65
-"""Largest cost at a peak as a fraction of the usual cost. At the right offset it is 0.05 to 0.51 in real and simulated
-recordings."""
+_CLEAR, _VERY_CLEAR = 0.65, 0.35
+"""Largest cost at a peak as a fraction of the usual cost; the second value is for small movements, as in quiet standing.
+At the right offset it is 0.05 to 0.51 in real and simulated recordings."""
 
 _EQUAL, _EQUAL_NEAR_0, _SYNCHRONOUS_S = 1.25, 1.5, 0.15
 """Ratio of costs below which two offsets are equally good; larger for offsets below the last value, s, which are
 common. Repetitions of people differ by 1.5 and more."""
 
-_FLOOR = 0.1  # costs that differ by less than this fraction of the usual cost are equal
+_FLOOR = 0.12  # costs that differ by less than this fraction of the usual cost are equal
 # smallest relative cost with the low samples, and largest ratio of that without them, for which they are left out
 _WHOLE, _CLEARER = 0.3, 0.67
 _APART_S = 0.2  # minima that are closer belong to the same peak
 _STAYS_M, _TRAVELS_M = 0.1, 0.8  # largest horizontal movements of a marker of the base, and of the usual marker
-_MOVES = 0.02  # smallest rms of force and of inertia, as fractions of the weight, for which a peak is expected
+# smallest rms of force and inertia, as fractions of the weight: that a peak can be trusted, and that it is expected
+_SEEN, _MOVES = 0.003, 0.02
 
 
 @dataclass(frozen=True)
@@ -122,7 +123,8 @@ def find_clock_offset(
     usual, best = float(np.nanmedian(cost)), float(np.nanmin(cost))
     weight = float(np.nanmedian(total[beyond:-beyond]))
     inertia = weight / _GRAVITY * float(np.nanstd(acceleration[used].mean(axis=1)))
-    if min(float(np.nanstd(force[beyond:-beyond])), inertia) < _MOVES * abs(weight):
+    moves = min(float(np.nanstd(force[beyond:-beyond])), inertia) / max(abs(weight), 1e-9)
+    if moves < _SEEN or (best > _VERY_CLEAR * usual and moves < _MOVES):
         return ClockSearch()
     if best > _CLEAR * usual:
         return ClockSearch(why=f"at no offset within ± {_RANGE_S:g} s do the forces follow the movement of the markers")
