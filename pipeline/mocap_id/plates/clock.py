@@ -38,8 +38,8 @@ _NEAR_S = 0.08
 """Smaller coarse offsets are not applied, because the fit finds them; the error of the search is up to 0.04 s."""
 
 _CLEAR, _VERY_CLEAR = 0.65, 0.35
-"""Largest cost at a peak as a fraction of the usual cost; the second value is for small movements, as in quiet standing.
-At the right offset it is 0.05 to 0.51 in real and simulated recordings."""
+"""Largest cost at a peak as a fraction of the usual cost; the second value is for small movements, as in standing. At
+the right offset it is 0.05 to 0.51 in real and simulated recordings."""
 
 _EQUAL, _EQUAL_NEAR_0, _SYNCHRONOUS_S = 1.25, 1.5, 0.15
 """Ratio of costs below which two offsets are equally good; larger for offsets below the last value, s, which are

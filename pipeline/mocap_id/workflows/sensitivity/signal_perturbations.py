@@ -61,7 +61,7 @@ def clock_offset_ignored(trial: TrialInputs, change: Perturbation) -> TrialInput
     coarse = float((table.facts.get("clock") or {}).get("offset_s") or 0.0)  # already corrected in the table
     corrected = offset - coarse if is_applied and offset is not None else 0.0
     if is_applied and coarse:
-        trial = trial.with_artefacts(replace(table, facts=table.facts | {"clock": None}))
+        trial = trial.with_artefacts(replace(table, facts={**table.facts, "clock": None}))
     delayed = clock_offset(trial, replace(change, level=change.level - corrected))
     return delayed.with_settings(LAST, apply_clock_offset=False)
 
