@@ -28,7 +28,9 @@ from mocap_id.recording.marker_posture import measure_body_height
 _GRAVITY = 9.81  # m/s^2
 _RANGE_S = 5.0  # largest offset that is tried
 _STEP_S = 0.025  # step of the search; the cost is smooth over about 0.1 s
-_AVERAGED_S = 0.1  # accelerations and forces are averaged with triangular weights over this time before and after
+# accelerations and forces are averaged with triangular weights over the first time before and after, s; over the second
+# if the offset is not known otherwise, because the markers may be noisy
+_AVERAGED_S = 0.1, 0.2
 _SLOW_S, _SLOW_SHARE = 1.5, 0.2  # duration of the weighted mean that counts as slow, s, and its share in the cost
 _SAMPLES_HZ = 10.0  # number of averaged samples per second that are compared
 _KEPT = 0.5  # smallest fraction of samples and of movement that is measured by both at an offset
@@ -86,7 +88,18 @@ def find_clock_offset(
     frame_s : float
         The offset is rounded to a multiple of this time, s.
     """
-    half, beyond, groups = max(1, round(_AVERAGED_S * rate)), round(_RANGE_S * rate), group_by_height(positions)
+    searches = (_search(plates, positions, time, rate, frame_s=frame_s, averaged=averaged) for averaged in _AVERAGED_S)
+    first = next(searches)
+    if first.why is None:
+        return first
+    return next((other for other in searches if other.why is None and other.peak_s is not None), first)
+
+
+def _search(
+    plates: Sequence[Plate], positions: FloatArray, time: FloatArray, rate: float, *, frame_s: float, averaged: float
+) -> ClockSearch:
+    """Return the result with accelerations and forces averaged over the time ``averaged``, s, before and after."""
+    half, beyond, groups = max(1, round(averaged * rate)), round(_RANGE_S * rate), group_by_height(positions)
     if not plates or not groups or len(positions) < 4 * half or not _stands(positions):
         return ClockSearch()
     second = (positions[2 * half :] - 2 * positions[half:-half] + positions[: -2 * half]) * (rate / half) ** 2
